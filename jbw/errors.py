@@ -1,0 +1,41 @@
+"""The errors that jbw raises on purpose: what is wrong, why it matters, what to do."""
+
+
+class JbwError(Exception):
+    """Base of every deliberate error; its text is one line each for what, why and remedy.
+
+    Args:
+        what: The field, file, channel or sample, what must hold and what was found.
+        why: Why it matters, when that is not plain.
+        remedy: What the caller can do about it.
+    """
+
+    exit_code = 1
+
+    def __init__(self, what: str, *, why: str = "", remedy: str = "") -> None:
+        self.what, self.why, self.remedy = what, why, remedy
+        super().__init__("\n".join(line for line in (what, why, remedy) if line))
+
+
+class ConfigError(JbwError, ValueError):
+    """A campaign file, an option or a prior that cannot be meant as written."""
+
+    exit_code = 2
+
+
+class DataError(JbwError, ValueError):
+    """A file, channel or record that cannot be used as it is."""
+
+    exit_code = 3
+
+
+class ModelError(JbwError, ValueError):
+    """Parameters or a model that the theory does not admit."""
+
+    exit_code = 2
+
+
+class RunError(JbwError, RuntimeError):
+    """A run's folder, disk or lock that prevents the work."""
+
+    exit_code = 1

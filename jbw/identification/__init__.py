@@ -1,0 +1,1 @@
+"""The procedure of the paper, step by step, and the joint posterior."""

@@ -1,0 +1,1 @@
+"""One reader a file format, and one door that checks what was read."""

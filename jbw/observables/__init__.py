@@ -1,0 +1,1 @@
+"""One module a kind of test: reduce the record, predict it, compare."""

@@ -1,0 +1,1 @@
+"""What the joint does: pure functions of (parameters, coordinate)."""

@@ -1,0 +1,1 @@
+"""Figures and the one-file page; reads results, computes none."""
