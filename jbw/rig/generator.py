@@ -1,0 +1,202 @@
+"""The signal generator: excitations as analog voltages, functions of a continuous time.
+
+Time runs from the moment the generator is switched on; before it the voltage is zero. A record
+starts `settle` seconds later and lasts `duration` seconds.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import singledispatch
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+Samples = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A cosine, A cos(2 pi f t).
+
+    Attributes:
+        frequency_hz: Frequency f [Hz].
+        level: Peak voltage A [V].
+        duration: Length of the record [s].
+        settle: Time before the record starts [s]; whole periods keep the phase.
+    """
+
+    frequency_hz: float
+    level: float
+    duration: float
+    settle: float
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A linear sweep from rest, A sin(phi(t)), faded out by half a cosine, then silence.
+
+    The fade keeps the sampled record band-limited: a sweep cut at 40 Hz is not.
+
+    Attributes:
+        start_hz: Frequency at t = 0 [Hz].
+        stop_hz: Frequency at the end of the burst [Hz].
+        level: Peak voltage A [V].
+        burst: Length of the sweep [s].
+        fade: Length of the fade, the last part of the burst [s].
+        duration: Length of the record, burst and free decay [s].
+        settle: Time before the record starts [s]; zero to record from rest.
+    """
+
+    start_hz: float
+    stop_hz: float
+    level: float
+    burst: float
+    fade: float
+    duration: float
+    settle: float = 0.0
+
+
+@dataclass(frozen=True)
+class Steps:
+    """A stepped sine: each frequency in turn as A cos(2 pi f (t - t_step)), without a pause.
+
+    Whole periods in each dwell keep voltage and slope continuous from step to step.
+
+    Attributes:
+        frequencies_hz: Frequencies in turn [Hz].
+        level: Peak voltage A [V].
+        dwell: Time on each frequency [s].
+        settle: Time before the record starts [s]; zero to record from rest.
+    """
+
+    frequencies_hz: tuple[float, ...]
+    level: float
+    dwell: float
+    settle: float = 0.0
+
+    @property
+    def duration(self) -> float:
+        """Length of the record [s]."""
+        return self.dwell * len(self.frequencies_hz)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """White noise from 0 Hz to the Nyquist frequency: a sum of equal lines of random phase.
+
+    The lines repeat after a period longer than settling and record together, so a record is an
+    ordinary stretch of a stationary signal, periodic in no window.
+
+    Attributes:
+        level: Rms voltage [V].
+        duration: Length of the record [s].
+        settle: Time before the record starts [s].
+    """
+
+    level: float
+    duration: float
+    settle: float
+
+
+Excitation = Tone | Sweep | Steps | Noise
+Voltage = Callable[[int, int], Samples]
+"""voltage(i, j): volts at grid points i .. j - 1 from the moment of switching on."""
+
+
+def analog(
+    excitation: Excitation,
+    rate: float,
+    phases: Samples,
+    *,
+    fs: float,
+    lag: float = 0.0,
+    distortion: float = 0.0,
+) -> Voltage:
+    """The excitation on a regular grid as fine as wanted, t_i = i / rate - lag.
+
+    Args:
+        excitation: What the generator plays.
+        rate: Grid points a second [Hz]; a multiple of `fs` for noise.
+        phases: Phases of the noise, from `draw_phases`; not used by the others [rad].
+        fs: Sampling frequency, twice the bandwidth of the noise [Hz].
+        lag: Delay of the excitation against the grid [s].
+        distortion: Third harmonic of tones, steps and sweeps, relative to the level [-].
+
+    Returns:
+        Volts between two grid indices.
+    """
+    if isinstance(excitation, Noise):
+        period = _play_lines(excitation.level, phases, round(rate / fs), lag * fs)
+        return lambda i, j: period.take(np.arange(i, j), mode="wrap")
+    return lambda i, j: _since_start(excitation, np.arange(i, j) / rate - lag, distortion)
+
+
+def draw_phases(excitation: Excitation, rng: np.random.Generator, fs: float) -> Samples:
+    """Phases of the lines of a noise, uniform [rad]; none for the other excitations."""
+    if not isinstance(excitation, Noise):
+        return np.empty(0)
+    run = excitation.settle + excitation.duration
+    half_period = fft.next_fast_len(int(np.ceil(1.01 * run * fs / 2)), real=True)
+    return rng.uniform(0.0, 2.0 * np.pi, half_period - 1)
+
+
+def _play_lines(level: float, phases: Samples, factor: int, lag_samples: float) -> Samples:
+    """One period of the noise, `factor` points a sample: zero padding in frequency is exact."""
+    num_lines = phases.size
+    num_points = 2 * (num_lines + 1)
+    line = np.arange(1, num_lines + 1)
+    turn = phases - 2.0 * np.pi * line * (lag_samples / num_points)
+    spectrum = np.zeros(num_lines + 1, complex)
+    spectrum[1:] = level / np.sqrt(2.0 * num_lines) * np.exp(1j * turn)
+    return fft.irfft(spectrum, num_points * factor, norm="forward", overwrite_x=True)
+
+
+def _since_start(excitation: Excitation, t: Samples, distortion: float) -> Samples:
+    u = np.zeros_like(t)
+    on = t >= 0.0
+    if on.all():
+        return _volts(excitation, t, distortion)
+    u[on] = _volts(excitation, t[on], distortion)
+    return u
+
+
+@singledispatch
+def _volts(excitation: Excitation, t: Samples, distortion: float) -> Samples:
+    """Volts of a closed-form excitation at times t >= 0."""
+    raise TypeError(f"No closed form for {type(excitation).__name__}.")
+
+
+@_volts.register
+def _(tone: Tone, t: Samples, distortion: float) -> Samples:
+    return tone.level * _cosine(2.0 * np.pi * tone.frequency_hz * t, distortion)
+
+
+@_volts.register
+def _(steps: Steps, t: Samples, distortion: float) -> Samples:
+    last = len(steps.frequencies_hz) - 1
+    step = np.minimum((t / steps.dwell).astype(int), last)
+    frequency = np.asarray(steps.frequencies_hz)[step]
+    return steps.level * _cosine(2.0 * np.pi * frequency * (t - step * steps.dwell), distortion)
+
+
+@_volts.register
+def _(sweep: Sweep, t: Samples, distortion: float) -> Samples:
+    on = t < sweep.burst
+    s = t[on]
+    slope = (sweep.stop_hz - sweep.start_hz) / sweep.burst
+    phase = 2.0 * np.pi * (sweep.start_hz + slope * s / 2.0) * s
+    left = np.minimum((sweep.burst - s) / sweep.fade, 1.0)
+    u = np.zeros_like(t)
+    u[on] = sweep.level * np.sin(np.pi / 2.0 * left) ** 2 * _sine(phase, distortion)
+    return u
+
+
+def _cosine(phase: Samples, distortion: float) -> Samples:
+    wave = np.cos(phase)
+    return wave + distortion * np.cos(3.0 * phase) if distortion else wave
+
+
+def _sine(phase: Samples, distortion: float) -> Samples:
+    wave = np.sin(phase)
+    return wave + distortion * np.sin(3.0 * phase) if distortion else wave

@@ -1,0 +1,150 @@
+"""The campaign into a folder, as a laboratory would leave it: HDF5 files and a campaign file."""
+
+import json
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbw.errors import RunError
+from jbw.measurement.records import Record, Test
+from jbw.rig.acquisition import RigCampaign
+
+_HEAD = """\
+# A campaign of the virtual rig. Each [[test]] is one excitation repeated, one file a repeat.
+# Voltages are those at the shaker; the gain from volts to N/kg is not given, Step 2 finds it.
+# The files also hold `demand`, the voltage asked of the source. truth.json is for judging only.
+
+[campaign]
+name = {name}
+"""
+
+_PURPOSE = {
+    "noise": "White noise: natural frequency, damping and gain (Step 2).",
+    "tone": "Probing tone near a third of the natural frequency: Y(3 omega) (Step 3).",
+    "sweep": "Sweep from rest, then free decay: all parameters (Step 4).",
+    "stepped": "Stepped sine: each frequency in turn; for verification of the FRF.",
+    "loop": "Tone near resonance: hysteresis loops, for validation.",
+}
+
+
+def write(campaign: RigCampaign, folder: str | Path) -> Path:
+    """Writes the campaign's files; the campaign file comes last and marks the folder complete.
+
+    A folder that an interrupted writing left behind is completed; equal campaigns give equal
+    files, byte for byte.
+
+    Args:
+        campaign: What `measure` returned.
+        folder: Where to write; made when absent.
+
+    Returns:
+        Path of `campaign.toml`.
+
+    Raises:
+        RunError: When the folder holds a campaign or other data files, or cannot be written.
+    """
+    folder = Path(folder)
+    target = folder / "campaign.toml"
+    _check_folder(campaign, folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for test in campaign.tests:
+            for record, demand in zip(test.records, campaign.demands[test.name], strict=True):
+                _write_record(folder / f"{record.name}.h5", test, record, demand)
+        _write_text(folder / "truth.json", json.dumps(campaign.truth, indent=2) + "\n")
+        _write_text(target, _campaign_text(campaign))
+    except OSError as error:
+        raise RunError(
+            f"Folder {folder} must be writable, but: {error}.",
+            remedy="Free some space or choose another folder.",
+        ) from error
+    return target
+
+
+def _check_folder(campaign: RigCampaign, folder: Path) -> None:
+    """A finished campaign is never overwritten, and no stranger may match a file pattern."""
+    if (folder / "campaign.toml").exists():
+        raise RunError(
+            f"Folder {folder} must be new or empty, but holds a campaign.",
+            remedy="Choose another folder, or remove this one.",
+        )
+    planned = {f"{record.name}.h5" for test in campaign.tests for record in test.records}
+    strangers = sorted(path.name for path in folder.glob("*.h5") if path.name not in planned)
+    if strangers:
+        raise RunError(
+            f"Folder {folder} must hold no other data, but holds {strangers[0]}.",
+            why="The campaign file's patterns would take it for a repeat.",
+            remedy="Choose an empty folder.",
+        )
+
+
+def _write_record(path: Path, test: Test, record: Record, demand: NDArray[np.float64]) -> None:
+    """One repeat; float32 holds the 24 bits of the converters exactly."""
+    import h5py
+
+    columns = {"demand": (demand, "V")}
+    columns |= {role: (x, record.units[role]) for role, x in record.channels.items()}
+    part = path.with_name(f".{path.name}.part")
+    with h5py.File(part, "w") as file:
+        file.attrs["test"] = test.name
+        file.attrs["name"] = record.name
+        for name, (samples, unit) in columns.items():
+            dataset = file.create_dataset(
+                name, data=samples.astype(np.float32), chunks=(min(samples.size, 65_536),),
+                fletcher32=True, track_times=False,
+            )  # fmt: skip
+            dataset.attrs["unit"] = unit
+            dataset.attrs["fs"] = record.fs
+    os.replace(part, path)
+
+
+def _write_text(path: Path, text: str) -> None:
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(text, encoding="utf-8")
+    os.replace(part, path)
+
+
+def _campaign_text(campaign: RigCampaign) -> str:
+    blocks = [_HEAD.format(name=_toml(campaign.name))]
+    blocks += [_test_text(test) for test in campaign.tests]
+    if campaign.settings:
+        lines = [f"{key} = {_toml(value)}" for key, value in campaign.settings.items()]
+        note = "# Fixed before any fit: what is fitted; the rest is predicted.\n"
+        blocks.append(f"{note}[identify]\n" + "\n".join(lines) + "\n")
+    return "\n".join(blocks)
+
+
+def _test_text(test: Test) -> str:
+    """One [[test]] table, keys that say nothing left out."""
+    record = test.records[0]
+    table = {
+        "name": test.name,
+        "kind": test.kind,
+        "files": f"{test.name}_*.h5",
+        "level": test.level,
+        "fs": record.fs,
+        "tones": list(test.tones_hz) or None,
+        "band": list(test.band_hz) if test.band_hz else None,
+        "dwell": test.dwell if np.isfinite(test.dwell) else None,
+        "settle": test.settle or None,
+        "delay": test.delay or None,
+    }
+    lines = [f"{key} = {_toml(value)}" for key, value in table.items() if value is not None]
+    roles = list(record.channels)
+    lines.append(f"channels = {_inline((role, role) for role in roles)}")
+    lines.append(f"units = {_inline((role, record.units[role]) for role in roles)}")
+    purpose = _PURPOSE.get(test.name.split("_")[0])
+    note = f"# {purpose}\n" if purpose else ""
+    return f"{note}[[test]]\n" + "\n".join(lines) + "\n"
+
+
+def _inline(pairs: Iterable[tuple[str, str]]) -> str:
+    return "{ " + ", ".join(f"{key} = {_toml(value)}" for key, value in pairs) + " }"
+
+
+def _toml(value: str | int | float | list[float]) -> str:
+    """A TOML value; JSON's strings, numbers and lists are all valid TOML."""
+    return json.dumps(value, ensure_ascii=False)
