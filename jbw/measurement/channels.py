@@ -1,0 +1,118 @@
+"""The door of every estimator: channels as float arrays, checked; what a response channel is."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jbw.errors import ConfigError, DataError
+from jbw.measurement.records import RESPONSES
+
+
+def channel(x: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Samples as float64 of shape (time,) or (repeat, time), every one finite.
+
+    Args:
+        x: Samples.
+        name: What to call the channel in messages.
+
+    Returns:
+        The samples as an array.
+
+    Raises:
+        DataError: Not real numbers, not one or two axes, empty, or with NaN or infinity.
+    """
+    try:
+        samples = np.asarray(x)
+        if np.iscomplexobj(samples):
+            raise TypeError
+        samples = samples.astype(np.float64)
+    except (TypeError, ValueError):
+        raise DataError(f"Channel `{name}` must hold real numbers.") from None
+    if samples.ndim not in (1, 2) or samples.size == 0:
+        raise DataError(
+            f"Channel `{name}` must have the shape (time,) or (repeat, time), "
+            f"but its shape is {samples.shape}."
+        )
+    bad = ~np.isfinite(samples)
+    if bad.any():
+        first = tuple(int(i) for i in np.argwhere(bad)[0])
+        where = first[0] if len(first) == 1 else first
+        raise DataError(
+            f"Channel `{name}` must be finite, but {int(bad.sum())} of {samples.size} samples are "
+            f"NaN or infinite; the first is sample {where}.",
+            why="A sum over the record would spread one bad sample over every frequency.",
+            remedy="Use the part of the record that is whole, or repair the file.",
+        )
+    return samples
+
+
+def same_length(**channels: NDArray[np.float64]) -> None:
+    """Refuse channels that were not sampled together.
+
+    Args:
+        **channels: Channels by name.
+
+    Raises:
+        DataError: The shapes differ.
+    """
+    (name, x), *others = channels.items()
+    for other, y in others:
+        if y.shape != x.shape:
+            raise DataError(
+                f"Channels `{name}` and `{other}` must have one shape, "
+                f"but theirs are {x.shape} and {y.shape}.",
+                why="Samples are paired by their index; nothing is cut silently.",
+                remedy="Cut both to the samples they share.",
+            )
+
+
+def sampling(fs: float) -> float:
+    """The sampling frequency as a float [Hz], positive and finite.
+
+    Raises:
+        ConfigError: It is not.
+    """
+    if not (np.isfinite(fs) and fs > 0):
+        raise ConfigError(f"Argument `fs` must be positive [Hz], but it is {fs}.")
+    return float(fs)
+
+
+def passband(band: tuple[float, float], nyquist: float) -> tuple[float, float]:
+    """Lowest and highest frequency [Hz] of a band that is not empty.
+
+    Args:
+        band: The pair as given [Hz].
+        nyquist: Half the sampling frequency [Hz].
+
+    Returns:
+        The pair as floats.
+
+    Raises:
+        ConfigError: Reversed, empty, negative or above Nyquist.
+    """
+    low, high = (float(edge) for edge in band)
+    if not 0 <= low < high or low >= nyquist:
+        raise ConfigError(
+            f"Argument `band` must be an increasing pair between 0 and {nyquist:g} Hz, "
+            f"but it is ({low:g}, {high:g}).",
+            remedy="Give it as (lowest, highest) in hertz, not in rad/s.",
+        )
+    return low, high
+
+
+def derivative_order(response: str) -> int:
+    """How often the displacement was differentiated to give a response: 0, 1 or 2.
+
+    Args:
+        response: displacement, velocity or acceleration.
+
+    Returns:
+        The order p; the response's spectrum is (j omega)^p times the displacement's.
+
+    Raises:
+        ConfigError: Another word.
+    """
+    if response not in RESPONSES:
+        raise ConfigError(
+            f"Argument `response` must be one of {', '.join(RESPONSES)}, but it is {response!r}."
+        )
+    return RESPONSES.index(response)

@@ -1,0 +1,290 @@
+"""Frequency response functions from records, with the variance of the estimate."""
+
+import warnings
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import fft, signal
+
+from jbw.errors import ConfigError, DataError
+from jbw.measurement.channels import (
+    channel,
+    derivative_order,
+    passband,
+    same_length,
+    sampling,
+)
+
+Window = Literal["hann", "boxcar"]
+
+# Width at half power of |W(f)|^2, in bins of 1 / (window length): what two lines need to be apart.
+RESOLUTION_BINS = {"hann": 1.44, "boxcar": 0.89}
+DEFAULT_SEGMENTS = 16
+# Below this many resolutions across a peak its damping, read off the peak, is 5 % too high or more.
+COARSE = 4.0
+
+
+@dataclass(frozen=True)
+class FRF:
+    """An estimated receptance and how it was estimated.
+
+    Attributes:
+        freq: Frequencies, zero excluded [Hz].
+        h: Receptance, displacement per unit of input, exp(+j omega t) convention.
+        coherence: Ordinary coherence, 0 to 1.
+        variance: E|error|^2 of `h`: the *sum* of the variances of its real and imaginary parts,
+            each of which is half of it.
+        input_spectrum: One-sided power spectral density of the input [unit^2/Hz].
+        output_spectrum: The same of the response as it was measured.
+        num_averages: Independent averages that the overlapping segments are worth.
+        num_segments: Segments of each repeat.
+        num_repeats: Repeats averaged.
+        nperseg: Samples in a segment.
+        noverlap: Samples that neighbouring segments share.
+        fs: Sampling frequency [Hz].
+        window: hann or boxcar.
+        estimator: h1 or h2.
+        response: What was measured: displacement, velocity or acceleration.
+    """
+
+    freq: NDArray[np.float64]
+    h: NDArray[np.complex128]
+    coherence: NDArray[np.float64]
+    variance: NDArray[np.float64]
+    input_spectrum: NDArray[np.float64]
+    output_spectrum: NDArray[np.float64]
+    num_averages: float
+    num_segments: int
+    num_repeats: int
+    nperseg: int
+    noverlap: int
+    fs: float
+    window: Window
+    estimator: Literal["h1", "h2"]
+    response: str
+
+    @property
+    def omega(self) -> NDArray[np.float64]:
+        """Angular frequencies [rad/s]."""
+        return 2 * np.pi * self.freq
+
+    @property
+    def window_s(self) -> float:
+        """Duration of a segment [s]."""
+        return self.nperseg / self.fs
+
+    @property
+    def resolution_hz(self) -> float:
+        """Width at half power of the window's own peak [Hz]."""
+        return RESOLUTION_BINS[self.window] / self.window_s
+
+
+def frf(
+    u: ArrayLike,
+    y: ArrayLike,
+    fs: float,
+    *,
+    response: str = "displacement",
+    window: Window = "hann",
+    window_s: float | None = None,
+    nperseg: int | None = None,
+    overlap: float | None = None,
+    estimator: Literal["h1", "h2"] = "h1",
+    delay: float = 0.0,
+    band: tuple[float, float] | None = None,
+) -> FRF:
+    r"""Receptance of a record, by averaging over segments (Welch).
+
+    $$H_1 = S_{uy}/S_{uu}, \quad H_2 = S_{yy}/S_{yu}, \quad
+      \mathrm{E}|\Delta H|^2 = \frac{1-\gamma^2}{\gamma^2}\,\frac{|H|^2}{K-1}$$
+
+    with the coherence gamma^2 and K effective averages. Each segment's mean is removed and
+    frequency zero left out. A velocity is divided by j omega, an acceleration by -omega^2, and a
+    response channel that lags is advanced by exp(+j omega delay).
+
+    With random input the window smears a narrow peak: H1 tends to the receptance convolved with
+    |W|^2, whatever the number of averages; `line_fit` allows for it. Use `window="boxcar"` with a
+    whole number of periods in a segment for a periodic input.
+
+    Args:
+        u: Input, shape (time,) or (repeat, time); repeats are averaged together.
+        y: Response, of the same shape [m, m/s or m/s^2].
+        fs: Sampling frequency [Hz].
+        response: What `y` is: displacement, velocity or acceleration.
+        window: hann for random records, boxcar for periodic ones.
+        window_s: Duration of a segment [s]; by default the longest that gives 16 segments.
+        nperseg: The same in samples.
+        overlap: Shared part of neighbouring segments; by default 0.5 with hann, else 0.
+        estimator: h1 (noise on the response) or h2 (noise on the input).
+        delay: Lag of the response channel behind the input channel [s].
+        band: Lowest and highest frequency to keep [Hz].
+
+    Returns:
+        The estimate. Warns when the window is short for the peak it shows.
+
+    Raises:
+        DataError: NaN, unequal shapes, a dead input, or a record too short for two segments.
+        ConfigError: An option that cannot be meant.
+    """
+    u, y, fs = channel(u, "u"), channel(y, "y"), sampling(fs)
+    same_length(u=u, y=y)
+    u, y = np.atleast_2d(u), np.atleast_2d(y)
+    if np.any(np.ptp(u, axis=-1) == 0):
+        raise DataError("Channel `u` is constant.", why="A dead input excites nothing.")
+    order = derivative_order(response)
+    if window not in RESOLUTION_BINS:
+        raise ConfigError(f"Argument `window` must be hann or boxcar, but it is {window!r}.")
+    if estimator not in ("h1", "h2"):
+        raise ConfigError(f"Argument `estimator` must be h1 or h2, but it is {estimator!r}.")
+    overlap = (0.5 if window == "hann" else 0.0) if overlap is None else float(overlap)
+    if not 0 <= overlap <= 0.9:
+        raise ConfigError(f"Argument `overlap` must lie in [0, 0.9], but it is {overlap:g}.")
+    nperseg = _segment_length(u.shape, fs, window_s, nperseg, overlap)
+    noverlap = int(overlap * nperseg)
+    num_segments = (u.shape[-1] - noverlap) // (nperseg - noverlap)
+    averages = effective_averages(window, nperseg, noverlap, num_segments) * len(u)
+    if averages < 1.5:
+        raise DataError(
+            f"The record must hold two segments, but {u.shape[-1] / fs:g} s hold one of "
+            f"{nperseg / fs:g} s.",
+            why="One segment gives a coherence of one and no variance.",
+            remedy=f"Measure {(2 * nperseg - noverlap) / fs:g} s or shorten `window_s`.",
+        )
+    how = dict(fs=fs, window=window, nperseg=nperseg, noverlap=noverlap, detrend="constant")
+    freq, s_uu = signal.welch(u, **how)
+    s_yy = signal.welch(y, **how)[1].mean(axis=0)
+    s_uy = signal.csd(u, y, **how)[1].mean(axis=0)  # conj(U) Y: a lagging y has negative phase
+    low, high = passband(band or (0.0, fs / 2), fs / 2)
+    keep = (freq > 0) & (freq >= low) & (freq <= high)
+    if not keep.any():
+        raise ConfigError(
+            f"Argument `band` = ({low:g}, {high:g}) Hz holds no line of the {fs / nperseg:g} Hz grid."
+        )
+    freq, s_uu, s_yy, s_uy = freq[keep], s_uu.mean(axis=0)[keep], s_yy[keep], s_uy[keep]
+    to_receptance = np.exp(2j * np.pi * freq * delay) / (2j * np.pi * freq) ** order
+    coherence, raw = _ratios(s_uu, s_yy, s_uy, estimator)
+    h = raw * to_receptance
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variance = (1 - coherence) / coherence * np.abs(h) ** 2 / (averages - 1)
+    estimate = FRF(
+        freq, h, coherence, np.where(coherence > 0, variance, np.inf), s_uu, s_yy,
+        float(averages), num_segments, len(u), nperseg, noverlap, fs, window, estimator, response,
+    )  # fmt: skip
+    _warn_when_coarse(estimate)
+    return estimate
+
+
+def effective_averages(window: str, nperseg: int, noverlap: int, num_segments: int) -> float:
+    r"""Independent averages that overlapping segments are worth.
+
+    $$K = N \Big/ \Big(1 + 2\sum_m \frac{N-m}{N}\,\rho_m^2\Big)$$
+
+    with rho_m the window's correlation with itself m segments later.
+
+    Args:
+        window: hann or boxcar.
+        nperseg: Samples in a segment.
+        noverlap: Samples that neighbours share.
+        num_segments: Segments N.
+
+    Returns:
+        Effective averages K.
+
+    Reference:
+        P. D. Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70-73.
+    """
+    w = signal.get_window(window, nperseg)
+    step = nperseg - noverlap
+    lags = np.arange(1, min(num_segments, -(-nperseg // step)))
+    rho = np.array([w[m * step :] @ w[: nperseg - m * step] for m in lags]) / (w @ w)
+    return num_segments / (1 + 2 * np.sum((num_segments - lags) / num_segments * rho**2))
+
+
+def half_power_bandwidth(freq: NDArray[np.float64], h: NDArray[np.complex128]) -> float:
+    """Width of the highest peak at half its power [Hz]; infinite when it does not fall so low.
+
+    Args:
+        freq: Frequencies [Hz].
+        h: Receptance.
+
+    Returns:
+        Width between the two crossings, linear between lines [Hz].
+    """
+    power = np.abs(h) ** 2
+    top = int(np.argmax(power))
+    below = power < power[top] / 2
+    left, right = np.flatnonzero(below[:top]), np.flatnonzero(below[top:])
+    if not (left.size and right.size):
+        return np.inf
+
+    def crossing(inside: int, outside: int) -> float:
+        part = (power[inside] - power[top] / 2) / (power[inside] - power[outside])
+        return freq[inside] + part * (freq[outside] - freq[inside])
+
+    i, j = int(left[-1]), top + int(right[0])
+    return float(crossing(j - 1, j) - crossing(i + 1, i))
+
+
+def _segment_length(
+    shape: tuple[int, ...],
+    fs: float,
+    window_s: float | None,
+    nperseg: int | None,
+    overlap: float,
+) -> int:
+    """Samples in a segment: as asked, or the longest that gives 16 segments in all."""
+    num_repeats, num_samples = shape
+    if window_s is not None and nperseg is not None:
+        raise ConfigError("Give `window_s` or `nperseg`, not both.")
+    if window_s is not None:
+        nperseg = round(window_s * fs)
+    if nperseg is None:
+        each = max(3, -(-DEFAULT_SEGMENTS // num_repeats))
+        longest = int(num_samples / (each - (each - 1) * overlap))
+        nperseg = fft.prev_fast_len(longest, real=True) if longest >= 8 else longest
+    if not 8 <= nperseg <= num_samples:
+        raise DataError(
+            f"A segment must have at least 8 samples and fit in the record, but it has {nperseg} "
+            f"({nperseg / fs:g} s) and the record {num_samples} ({num_samples / fs:g} s).",
+            remedy=f"Measure {max(nperseg, 128) / fs:g} s or more, or shorten `window_s`.",
+        )
+    return int(nperseg)
+
+
+def _ratios(
+    s_uu: NDArray[np.float64],
+    s_yy: NDArray[np.float64],
+    s_uy: NDArray[np.complex128],
+    estimator: str,
+) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+    """Coherence and the H1 or H2 of the response as measured."""
+    if np.any(s_uu <= 0):
+        raise DataError(
+            "Channel `u` must excite every line of the band, but some have no power at all.",
+            remedy="Narrow `band` to what was excited.",
+        )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        coherence = np.where(s_yy > 0, np.abs(s_uy) ** 2 / (s_uu * s_yy), 0.0)
+        h = s_uy / s_uu if estimator == "h1" else np.where(s_uy != 0, s_yy / s_uy.conj(), np.inf)
+    return np.clip(coherence, 0.0, 1.0), h
+
+
+def _warn_when_coarse(estimate: FRF) -> None:
+    """Warn when the highest peak is hardly wider than the window's own."""
+    power = np.abs(estimate.h) ** 2
+    seen = half_power_bandwidth(estimate.freq, estimate.h)
+    # A flat or noisy estimate has no peak to judge.
+    if power.max() < 10 * np.median(power) or seen > COARSE * estimate.resolution_hz:
+        return
+    peak = estimate.freq[np.argmax(power)]
+    natural = max(seen - estimate.resolution_hz, seen / 4)  # the two widths nearly add
+    longer = COARSE * RESOLUTION_BINS[estimate.window] / natural
+    warnings.warn(
+        f"The {estimate.window_s:g} s {estimate.window} window resolves "
+        f"{estimate.resolution_hz:.3g} Hz, and the peak at {peak:.4g} Hz is {seen:.3g} Hz wide at "
+        f"half power (damping {seen / (2 * peak):.2%} as it is seen): it is smeared. A longer "
+        f"`window_s` ({longer:.3g} s or more) shows it truer; line_fit allows for the window.",
+        stacklevel=3,
+    )
