@@ -1,0 +1,231 @@
+"""Least squares in the box, from many starts: the optimum, its covariance, what is weak."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Key, PyTree
+from numpy.typing import NDArray
+
+from jbw.errors import ConfigError, ModelError
+from jbw.inference.box import Box, from_unit, to_unit
+from jbw.inference.identifiability import WeakDirection, weak_direction
+from jbw.inference.sampling import require_float64
+
+Residual = Callable[[Mapping[str, Array], Any], Float[Array, " residual"]]
+BOX_STD = 1 / np.sqrt(12)  # of a uniform x
+NEAR_BOUND = 0.01  # of the box, where the optimum may lie beyond the bound
+START_MARGIN = 1e-3  # of the box: on a bound itself the logit is infinite and its slope zero
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The best of many least-squares fits.
+
+    Attributes:
+        theta: Optimum by name, in the parameters' units.
+        x: Optimum in the unit coordinate, in the order of the box.
+        cost: Half the sum of squared residuals.
+        num_residuals: Length of the residual.
+        covariance: Gauss-Newton covariance in the parameters' units, for residuals in units of
+            their standard deviation; directions known worse than the box have the box's.
+        singular_values: Of the Jacobian with respect to x, largest first.
+        converged: Whether the best fit met its tolerance.
+        at_bound: Parameters whose optimum lies on or beyond a bound: "lower" or "upper".
+        weak: What the data do not determine, or None.
+        waterfall: Costs reached from all starts, lowest first; infinite where a start failed.
+    """
+
+    theta: dict[str, float]
+    x: NDArray[np.float64]
+    cost: float
+    num_residuals: int
+    covariance: NDArray[np.float64]
+    singular_values: NDArray[np.float64]
+    converged: bool
+    at_bound: dict[str, str]
+    weak: WeakDirection | None
+    waterfall: NDArray[np.float64]
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value of the Jacobian with respect to x."""
+        smallest = self.singular_values[-1]
+        return float(self.singular_values[0] / smallest) if smallest > 0 else float("inf")
+
+    @property
+    def chi_square(self) -> tuple[float, int]:
+        """Sum of squared residuals and its degrees of freedom."""
+        return 2 * self.cost, self.num_residuals - len(self.x)
+
+
+class _Solution(NamedTuple):
+    x: Float[Array, "start parameter"]
+    cost: Float[Array, " start"]
+    converged: Bool[Array, " start"]
+
+
+def fit(
+    residual: Residual,
+    box: Box,
+    data: PyTree = None,
+    *,
+    starts: int | Mapping[str, Float[Any, "..."] | float] = 8,
+    key: Key[Array, ""] | None = None,
+    max_steps: int = 256,
+    rtol: float = 1e-9,
+    atol: float = 1e-9,
+) -> Fit:
+    r"""Minimise a sum of squares in the box by Levenberg-Marquardt from many starts.
+
+    $$\min_u \tfrac12 |r(\theta_{min} + (\theta_{max} - \theta_{min})\,\mathrm{sigmoid}(u))|^2$$
+
+    Compiled once for a `residual`, names and shapes.
+
+    Args:
+        residual: (theta, data) to real residuals in units of their standard deviation; stack the
+            real and imaginary parts of complex ones.
+        box: Bounds.
+        data: Whatever `residual` takes.
+        starts: How many starts to draw uniformly in the box, or the starts by name.
+        key: Random key of drawn starts.
+        max_steps: Steps from each start at most.
+        rtol: Relative tolerance on the cost and the logit u.
+        atol: Absolute tolerance on the same.
+
+    Returns:
+        The best fit.
+
+    Raises:
+        ConfigError: No usable starts, complex residuals, or a float32 session.
+        ModelError: The residual is finite at no start.
+
+    Reference:
+        Section 3.1, in place of its sequential quadratic programming.
+    """
+    require_float64()
+    x_starts = _starts(starts, box, key)
+    tolerances = jnp.array([rtol, atol])
+    solution = jax.device_get(_solve(residual, box, data, x_starts, tolerances, max_steps))
+    costs = np.where(np.isfinite(solution.cost), solution.cost, np.inf)
+    best = int(np.argmin(costs))
+    if not np.isfinite(costs[best]):
+        raise ModelError(
+            f"The residual is finite at none of the {len(costs)} fits' ends.",
+            remedy="Check the data for NaN, and the bounds for parameters that cannot be solved.",
+        )
+    r, jacobian = jax.device_get(_linearise(residual, box, data, jnp.asarray(solution.x[best])))
+    x = solution.x[best]
+    covariance_x, singular_values = _covariance(jacobian)
+    width = np.asarray(box.upper - box.lower)
+    covariance = covariance_x * np.outer(width, width)
+    theta = {name: float(value) for name, value in from_unit(jnp.asarray(x), box).items()}
+    return Fit(
+        theta=theta,
+        x=x,
+        cost=float(costs[best]),
+        num_residuals=len(r),
+        covariance=covariance,
+        singular_values=singular_values,
+        converged=bool(solution.converged[best]),
+        at_bound=_at_bound(x, jacobian, r, box.names),
+        weak=weak_direction(theta, covariance, box),
+        waterfall=np.sort(costs),
+    )
+
+
+def _starts(
+    starts: int | Mapping[str, Any], box: Box, key: Key[Array, ""] | None
+) -> Float[Array, "start parameter"]:
+    if not isinstance(starts, Mapping):
+        if starts < 1 or key is None:
+            raise ConfigError(
+                f"Argument `starts` must be positive and come with a `key`, but is {starts}.",
+                remedy="Pass key=jax.random.key(0), or the starts by name.",
+            )
+        x = jax.random.uniform(key, (starts, len(box.names)))
+    else:
+        if set(starts) != set(box.names):
+            raise ConfigError(
+                f"Argument `starts` must name {', '.join(box.names)}, "
+                f"but it names {', '.join(map(str, starts))}."
+            )
+        values = np.broadcast_arrays(*(np.atleast_1d(starts[name]) for name in box.names))
+        x = to_unit(dict(zip(box.names, map(jnp.asarray, values), strict=True)), box)
+    return jnp.clip(x, START_MARGIN, 1 - START_MARGIN)
+
+
+@eqx.filter_jit
+def _solve(
+    residual: Residual,
+    box: Box,
+    data: PyTree,
+    x_starts: Float[Array, "start parameter"],
+    tolerances: Float[Array, "2"],
+    max_steps: int,
+) -> _Solution:
+    solver = optx.LevenbergMarquardt(rtol=tolerances[0], atol=tolerances[1])
+
+    def of_logit(u: Array, data: PyTree) -> Array:
+        return _real(residual(from_unit(jax.nn.sigmoid(u), box), data))
+
+    def one(x: Array) -> _Solution:
+        u = jax.scipy.special.logit(x)
+        found = optx.least_squares(of_logit, solver, u, data, max_steps=max_steps, throw=False)
+        r = of_logit(found.value, data)
+        success = found.result == optx.RESULTS.successful
+        return _Solution(jax.nn.sigmoid(found.value), 0.5 * jnp.sum(r**2), success)
+
+    return jax.vmap(one)(x_starts)
+
+
+@eqx.filter_jit
+def _linearise(
+    residual: Residual, box: Box, data: PyTree, x: Float[Array, " parameter"]
+) -> tuple[Float[Array, " residual"], Float[Array, "residual parameter"]]:
+    def of_unit(x: Array) -> Array:
+        return _real(residual(from_unit(x, box), data))
+
+    return of_unit(x), jax.jacfwd(of_unit)(x)
+
+
+def _real(residual: Array) -> Float[Array, " residual"]:
+    if jnp.iscomplexobj(residual):
+        raise ConfigError(
+            "The residual must be real, but it is complex.",
+            remedy="Return jnp.concatenate([r.real, r.imag]).",
+        )
+    return residual.ravel()
+
+
+def _covariance(
+    jacobian: Float[NDArray[np.float64], "residual parameter"],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Inverse of J^T J, with no direction wider than the box, and the singular values of J."""
+    _, values, rows = np.linalg.svd(jacobian, full_matrices=True)
+    values = np.concatenate([values, np.zeros(len(rows) - len(values))])
+    root = rows.T * np.minimum(1 / np.maximum(values, 1 / BOX_STD), BOX_STD)
+    return root @ root.T, values
+
+
+def _at_bound(
+    x: NDArray[np.float64],
+    jacobian: Float[NDArray[np.float64], "residual parameter"],
+    residual: Float[NDArray[np.float64], " residual"],
+    names: tuple[str, ...],
+) -> dict[str, str]:
+    """Parameters near a bound whose own Newton step leads onto it or beyond."""
+    curvature = np.sum(jacobian**2, axis=0)
+    step = -(jacobian.T @ residual) / np.where(curvature > 0, curvature, np.inf)
+    found = {}
+    for i, name in enumerate(names):
+        if x[i] < NEAR_BOUND and x[i] + step[i] <= 0:
+            found[name] = "lower"
+        if x[i] > 1 - NEAR_BOUND and x[i] + step[i] >= 1:
+            found[name] = "upper"
+    return found

@@ -1,0 +1,132 @@
+r"""Gaussian log likelihoods of repeats, through their sufficient statistics.
+
+K repeats d_k enter only by their mean, their within-repeat sum of squares and K:
+
+$$\sum_k |d_k - m|^2 = K |\bar d - m|^2 + S, \qquad S = \sum_k |d_k - \bar d|^2$$
+"""
+
+import math
+
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float
+
+Real = Float[Array, "..."] | float
+LOG_TWO_PI = math.log(2 * math.pi)
+
+
+def complex_gaussian_log_likelihood(
+    mean: Complex[Array, "..."],
+    within_ss: Real,
+    num_repeats: int,
+    model: Complex[Array, "..."],
+    noise_std: Real,
+) -> Float[Array, "..."]:
+    r"""Log likelihood of K repeats of complex data, one term a point.
+
+    $$\log L = -K \log(2\pi\sigma^2) - \frac{K |\bar d - m|^2 + S}{2\sigma^2}$$
+
+    The transpose in (34) is the conjugate one, and sigma is the standard deviation of each real
+    component, as 2 sigma^2 requires.
+
+    Args:
+        mean: Mean of the repeats.
+        within_ss: Sum of squares S of the repeats about their mean, at each point.
+        num_repeats: K.
+        model: Prediction m.
+        noise_std: Standard deviation of the real, and of the imaginary, part of one repeat.
+
+    Returns:
+        Log likelihood of each point [nats].
+
+    Reference:
+        Eqs. (34), (36).
+    """
+    variance = jnp.square(noise_std)
+    misfit = num_repeats * _squared_modulus(mean - model) + within_ss
+    return -num_repeats * (LOG_TWO_PI + jnp.log(variance)) - misfit / (2 * variance)
+
+
+def gaussian_log_likelihood(
+    mean: Float[Array, "..."],
+    within_ss: Real,
+    num_repeats: int,
+    model: Float[Array, "..."],
+    noise_std: Real,
+) -> Float[Array, "..."]:
+    r"""Log likelihood of K repeats of real data, one term a sample.
+
+    $$\log L = -\tfrac K2 \log(2\pi\sigma^2) - \frac{K (\bar d - m)^2 + S}{2\sigma^2}$$
+
+    Args:
+        mean: Mean of the repeats, such as the velocity [m/s].
+        within_ss: Sum of squares S of the repeats about their mean, at each sample.
+        num_repeats: K.
+        model: Prediction m.
+        noise_std: Standard deviation of the noise of one repeat.
+
+    Returns:
+        Log likelihood of each sample [nats]; sum it over a record.
+
+    Reference:
+        Eq. (37), with the velocity of (41) in place of y.
+    """
+    variance = jnp.square(noise_std)
+    misfit = num_repeats * jnp.square(mean - model) + within_ss
+    return -num_repeats / 2 * (LOG_TWO_PI + jnp.log(variance)) - misfit / (2 * variance)
+
+
+def complex_gaussian_marginal_log_likelihood(
+    mean: Complex[Array, " point"],
+    within_ss: Real,
+    num_repeats: int,
+    model: Complex[Array, " point"],
+) -> Float[Array, ""]:
+    r"""Log likelihood of complex repeats with the unknown common noise integrated out.
+
+    $$\log p = -N K \log \sum_{i,k} |d_{ik} - m_i|^2 + \mathrm{const}$$
+
+    Args:
+        mean: Mean of the repeats.
+        within_ss: Sum of squares S: at each point, or in all.
+        num_repeats: K.
+        model: Prediction m.
+
+    Returns:
+        One number [nats], up to a constant: the points share the noise, so there are no
+        independent terms.
+
+    Reference:
+        Eq. (36) under the Jeffreys prior 1/sigma.
+    """
+    total = jnp.sum(num_repeats * _squared_modulus(mean - model)) + jnp.sum(within_ss)
+    return -mean.size * num_repeats * jnp.log(total)
+
+
+def gaussian_marginal_log_likelihood(
+    mean: Float[Array, " sample"],
+    within_ss: Real,
+    num_repeats: int,
+    model: Float[Array, " sample"],
+) -> Float[Array, ""]:
+    r"""Log likelihood of real repeats with the unknown common noise integrated out.
+
+    $$\log p = -\tfrac{N K}{2} \log \sum_{i,k} (d_{ik} - m_i)^2 + \mathrm{const}$$
+
+    Args:
+        mean: Mean of the repeats.
+        within_ss: Sum of squares S: at each sample, or in all.
+        num_repeats: K.
+        model: Prediction m.
+
+    Returns:
+        One number [nats], up to a constant.
+
+    Reference:
+        Eq. (37) under the Jeffreys prior 1/sigma.
+    """
+    total = jnp.sum(num_repeats * jnp.square(mean - model)) + jnp.sum(within_ss)
+    return -mean.size * num_repeats / 2 * jnp.log(total)
+
+
+def _squared_modulus(value: Complex[Array, "..."]) -> Float[Array, "..."]:
+    return jnp.square(value.real) + jnp.square(value.imag)

@@ -1,0 +1,211 @@
+"""Draw from a posterior in a box: one call, any sampler, one container."""
+
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, get_args
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float, Key, PyTree
+from numpy.typing import NDArray
+
+from jbw.errors import ConfigError, ModelError
+from jbw.inference.box import Box
+from jbw.inference.chains import (
+    advance_chains,
+    evaluate_chains,
+    num_devices_for,
+    start_chains,
+)
+from jbw.inference.kernels import ChainMethod, Draw, Problem, Settings
+from jbw.inference.model import LogLikelihood, LogPrior
+from jbw.inference.posterior import posterior_tree
+from jbw.inference.random_walk import PAPER
+from jbw.inference.start import chain_starts
+
+Sampler = Literal["nuts", "random_walk", "random_walk_paper"]
+Progress = Callable[[int, int], None]
+DEFAULT_DRAWS = 1000  # of warm-up, and kept, in each chain
+CHUNK = 250  # draws between two looks at the clock; short enough for a progress bar
+
+
+def sample(
+    key: Key[Array, ""],
+    log_likelihood: LogLikelihood,
+    box: Box,
+    data: PyTree = None,
+    *,
+    sampler: Sampler = "nuts",
+    num_warmup: int | None = None,
+    num_samples: int | None = None,
+    num_chains: int = 4,
+    chain_method: ChainMethod = "sequential",
+    start: Mapping[str, Float[Any, "..."] | float] | None = None,
+    covariance: Float[NDArray, "parameter parameter"] | None = None,
+    log_prior: LogPrior | None = None,
+    target_accept: float | None = None,
+    step_size: float | None = None,
+    adapt_mass: bool | None = None,
+    forward_mode: bool = False,
+    max_tree_depth: int = 10,
+    attrs: Mapping[str, Mapping[str, str]] | None = None,
+    progress: Progress | None = None,
+) -> xr.DataTree:
+    """Sample the posterior of a log likelihood and a uniform prior in a box.
+
+    Compiled once for a `log_likelihood`, names, shapes and options: further calls with the same
+    function object run at once on other data or bounds. Under `vectorized` all chains wait for the
+    longest trajectory, so where a likelihood is slow (an ODE) prefer `parallel` or `sequential`.
+    Equal keys give equal draws for one chain method, machine and set of versions.
+
+    Args:
+        key: Random key.
+        log_likelihood: (theta, data) to independent terms [nats], whose sum is the log likelihood;
+            non-finite where a solve failed. Every draw stores its terms: return one a record or a
+            point, not one a sample of a long record.
+        box: Prior bounds.
+        data: Whatever `log_likelihood` takes, arrays in any pytree.
+        sampler: "nuts", "random_walk" (tuned), or "random_walk_paper" (fixed step, 85 + 765).
+        num_warmup: Steps of adaptation in each chain, discarded; 1000 when None.
+        num_samples: Draws kept of each chain; 1000 when None.
+        num_chains: Chains.
+        chain_method: "sequential", "vectorized", or "parallel" over the devices of JAX.
+        start: Start by name, one value for all or one a chain; None: uniform in the box.
+        covariance: Laplace covariance at `start` in the parameters' units: sampling is whitened by
+            it and chains start two of its standard deviations out.
+        log_prior: theta to a further log prior density [nats].
+        target_accept: Acceptance to tune to; 0.8 for NUTS and 0.5 for the walk when None.
+        step_size: Fixed step of a random walk in x; tuned when None.
+        adapt_mass: Whether NUTS learns a mass matrix; when None, only without `covariance`.
+        forward_mode: Whether gradients are taken in forward mode.
+        max_tree_depth: Doublings of a NUTS trajectory at most.
+        attrs: `units` and `long_name` by parameter, kept beside the draws.
+        progress: Called with (steps done, steps in all) after every chunk.
+
+    Returns:
+        Groups posterior, sample_stats, log_likelihood, log_prior and timing. `failed` counts the
+        walk's proposals whose likelihood was not finite; a trajectory of NUTS that meets one is
+        `diverging`.
+
+    Raises:
+        ConfigError: An option, start or covariance that cannot be used, or a float32 session.
+        ModelError: No possible start.
+
+    Reference:
+        Eqs. (32), (33), (35), (36), (37).
+    """
+    require_float64()
+    paper = sampler == "random_walk_paper"
+    draws = _default(num_samples, PAPER.num_samples if paper else DEFAULT_DRAWS)
+    settings = Settings(
+        sampler="nuts" if sampler == "nuts" else "random_walk",
+        num_warmup=_default(num_warmup, PAPER.num_warmup if paper else DEFAULT_DRAWS),
+        chain_method=_available(chain_method, num_chains),
+        target_accept=_default(target_accept, 0.8 if sampler == "nuts" else 0.5),
+        step_size=_default(step_size, PAPER.step_size) if paper else step_size,
+        adapt_mass=_default(adapt_mass, covariance is None),
+        whitened=covariance is not None,
+        forward_mode=forward_mode,
+        max_tree_depth=max_tree_depth,
+    )
+    _check_options(sampler, draws, settings.num_warmup, num_chains)
+    clock = time.perf_counter()
+    centre, spread, whitening = chain_starts(start, covariance, box, num_chains)
+    problem = Problem(log_likelihood, log_prior, box, data, whitening)
+    theta, stats = _run(key, centre, spread, draws, problem, settings, progress)
+    terms, extra = evaluate_chains(theta, problem, settings)
+    seed = [int(word) for word in np.ravel(jax.random.key_data(key))]
+    facts = {"sampler": sampler, "seed": seed, **settings_as_attributes(settings)}
+    return posterior_tree(
+        theta,
+        stats,
+        np.asarray(terms),
+        np.asarray(extra) - float(jnp.sum(jnp.log(box.upper - box.lower))),
+        box,
+        attrs=attrs or {},
+        facts=facts,
+        wall_time=time.perf_counter() - clock,
+    )
+
+
+def require_float64() -> None:
+    """Refuse a float32 session.
+
+    Raises:
+        ConfigError: JAX runs in float32.
+    """
+    if not jax.config.jax_enable_x64:
+        raise ConfigError(
+            "Inference needs float64, but JAX runs in float32.",
+            why="Posteriors as narrow as 1e-6 of the box are lost in single precision.",
+            remedy="Call jbw.enable_x64() before any array is made.",
+        )
+
+
+def settings_as_attributes(settings: Settings) -> dict[str, str | int | float]:
+    """The settings as netCDF can store them: truth values as 0 and 1, absent ones left out."""
+    values = {name: v for name, v in settings._asdict().items() if v is not None}
+    del values["sampler"]  # the caller's word says more
+    return {name: int(v) if isinstance(v, bool) else v for name, v in values.items()}
+
+
+def _default(value: Any, otherwise: Any) -> Any:
+    return otherwise if value is None else value
+
+
+def _available(method: ChainMethod, num_chains: int) -> ChainMethod:
+    if method != "parallel" or num_devices_for(num_chains) > 1 or num_chains == 1:
+        return method
+    warnings.warn(
+        f"Chain method `parallel` needs devices that share {num_chains} chains evenly, but JAX has "
+        f"{jax.device_count()}: the chains run one after the other. Set XLA_FLAGS="
+        "--xla_force_host_platform_device_count=2 before JAX starts to use two processor cores.",
+        stacklevel=3,
+    )
+    return "sequential"
+
+
+def _check_options(sampler: str, num_samples: int, num_warmup: int, num_chains: int) -> None:
+    if sampler not in get_args(Sampler):
+        raise ConfigError(
+            f"Argument `sampler` must be one of {', '.join(get_args(Sampler))}, "
+            f"but {sampler!r} was given."
+        )
+    least = {"num_samples": 1, "num_warmup": 0, "num_chains": 1}
+    given = {"num_samples": num_samples, "num_warmup": num_warmup, "num_chains": num_chains}
+    for name, value in given.items():
+        if value < least[name]:
+            raise ConfigError(f"Argument `{name}` must be at least {least[name]}, but is {value}.")
+
+
+def _run(
+    key: Key[Array, ""],
+    centre: Float[Array, "chain parameter"],
+    spread: Float[Array, ""],
+    num_samples: int,
+    problem: Problem,
+    settings: Settings,
+    progress: Progress | None,
+) -> Draw:
+    keys = jax.random.split(key, len(centre))
+    states, possible = start_chains(keys, centre, spread, problem, settings)
+    if not np.all(possible):
+        raise ModelError(
+            f"The log likelihood is not finite at the start of {np.sum(~np.asarray(possible))} of "
+            f"{len(centre)} chains.",
+            why="A sampler cannot leave a point that the model calls impossible.",
+            remedy="Check the data for NaN, the noise for zero, and the prior for parameters that "
+            "the model cannot solve.",
+        )
+    total, kept = settings.num_warmup + num_samples, []
+    for done in range(0, total, CHUNK):
+        count = min(CHUNK, total - done)
+        states, draws = advance_chains(states, jnp.asarray(count), CHUNK, problem, settings)
+        first = max(0, settings.num_warmup - done)
+        kept.append(jax.tree.map(lambda row: np.asarray(row)[:, first:count], draws))  # noqa: B023
+        if progress is not None:
+            progress(done + count, total)
+    return jax.tree.map(lambda *rows: np.concatenate(rows, axis=1), *kept)

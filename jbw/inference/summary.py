@@ -1,0 +1,202 @@
+"""What a posterior says: a row of numbers for every quantity, bands, densities, running means."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import gaussian_kde
+
+from jbw.inference.box import Box
+from jbw.inference.divergence import kl_from_uniform
+
+Row = dict[str, float]
+
+
+def summarise(tree: xr.DataTree, box: Box | None = None, prob: float = 0.99) -> dict[str, Row]:
+    """Summary of every scalar quantity of a posterior.
+
+    Args:
+        tree: Groups posterior and sample_stats, as `sample` leaves them.
+        box: Prior bounds; when None, those stored beside the parameters.
+        prob: Probability of the central interval.
+
+    Returns:
+        Quantity to its row: map, mean, sd, cv, the two quantiles (q005 and q995 for 0.99), kl
+        [nats from the prior], ess_bulk, ess_tail, r_hat. A number that cannot be had is NaN. The
+        map is the draw of the highest posterior density.
+    """
+    posterior = tree["posterior"].to_dataset()
+    lp = tree["sample_stats"]["lp"].values
+    bounds = _bounds(posterior, box)
+    scalars = [name for name, var in posterior.items() if var.dims == ("chain", "draw")]
+    return {
+        str(name): _row(posterior[name].values, lp, bounds.get(str(name)), prob) for name in scalars
+    }
+
+
+def _bounds(posterior: xr.Dataset, box: Box | None) -> dict[str, tuple[float, float]]:
+    if box is not None:
+        pairs = zip(box.lower, box.upper, strict=True)
+        return {n: (float(a), float(b)) for n, (a, b) in zip(box.names, pairs, strict=True)}
+    return {
+        str(name): (var.attrs["lower"], var.attrs["upper"])
+        for name, var in posterior.items()
+        if "lower" in var.attrs
+    }
+
+
+def _row(
+    draws: Float[NDArray[np.float64], "chain draw"],
+    lp: Float[NDArray[np.float64], "chain draw"],
+    bounds: tuple[float, float] | None,
+    prob: float,
+) -> Row:
+    tail = (1 - prob) / 2
+    low, high = (float(q) for q in np.quantile(draws, [tail, 1 - tail]))
+    mean, sd = float(np.mean(draws)), float(np.std(draws, ddof=1))
+    row = {
+        "map": float(draws.ravel()[np.argmax(lp)]),
+        "mean": mean,
+        "sd": sd,
+        "cv": sd / abs(mean) if mean else float("nan"),
+        quantile_name(tail): low,
+        quantile_name(1 - tail): high,
+        "kl": float("nan"),
+        **diagnose(draws),
+    }
+    if bounds is not None and np.all(np.isfinite(draws)):
+        lower, upper = bounds
+        row["kl"] = kl_from_uniform(np.ravel((draws - lower) / (upper - lower)))
+    return {name: value if np.isfinite(value) else float("nan") for name, value in row.items()}
+
+
+def quantile_name(probability: float) -> str:
+    """Name of a quantile in thousandths: 0.005 is q005, 0.995 is q995."""
+    return f"q{round(1000 * probability):03d}"
+
+
+def diagnose(draws: Float[NDArray[np.float64], "chain draw"]) -> Row:
+    """Effective sample sizes and split R-hat of one quantity, NaN where there are none.
+
+    Args:
+        draws: Draws of every chain.
+
+    Returns:
+        ess_bulk, ess_tail, r_hat (rank-normalised). All NaN for non-finite draws or where a chain
+        never moved; r_hat NaN for one chain.
+
+    Reference:
+        Vehtari et al. (2021), Bayesian Analysis 16, 667.
+    """
+    from arviz_stats.base import array_stats
+
+    nothing = float("nan")
+    if draws.shape[1] < 4 or not np.all(np.isfinite(draws)) or np.any(np.ptp(draws, axis=1) == 0):
+        return {"ess_bulk": nothing, "ess_tail": nothing, "r_hat": nothing}
+    return {
+        "ess_bulk": float(array_stats.ess(draws, method="bulk")),
+        "ess_tail": float(array_stats.ess(draws, method="tail")),
+        "r_hat": float(array_stats.rhat(draws)) if len(draws) > 1 else nothing,
+    }
+
+
+def correlations(tree: xr.DataTree) -> dict[str, dict[str, float]]:
+    """Posterior correlations of the scalar quantities.
+
+    Args:
+        tree: Group posterior, as `sample` leaves it.
+
+    Returns:
+        Quantity to quantity to correlation.
+    """
+    columns = {
+        str(name): var.values.ravel()
+        for name, var in tree["posterior"].to_dataset().items()
+        if var.dims == ("chain", "draw")
+    }
+    matrix = np.atleast_2d(np.corrcoef(np.array(list(columns.values()))))
+    return {
+        name: dict(zip(columns, row.tolist(), strict=True))
+        for name, row in zip(columns, matrix, strict=True)
+    }
+
+
+def running_mean(values: Float[NDArray[np.float64], "draw *rest"]) -> NDArray[np.float64]:
+    r"""Mean of the first n values, for every n.
+
+    $$\mathrm{conv}(n) = \frac1n \sum_{i \le n} q_i$$
+
+    Not a convergence test by itself: a chain that does not mix has a smooth running mean too.
+
+    Args:
+        values: One value a draw, such as the integral of |H_3|^2 over the band.
+
+    Returns:
+        Running means, of the same shape.
+
+    Reference:
+        Eq. (40).
+    """
+    count = np.arange(1, len(values) + 1).reshape(-1, *(1,) * (np.ndim(values) - 1))
+    return np.cumsum(values, axis=0) / count
+
+
+def band(
+    draws: Float[NDArray[np.float64], "draw *rest"], prob: float = 0.99
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Pointwise central band of a response over draws.
+
+    Args:
+        draws: Response of each draw.
+        prob: Probability inside the band, at each point by itself.
+
+    Returns:
+        Lower bound, median, upper bound.
+    """
+    tail = (1 - prob) / 2
+    lower, median, upper = np.quantile(draws, [tail, 0.5, 1 - tail], axis=0)
+    return lower, median, upper
+
+
+def marginal_density(
+    draws: ArrayLike, lower: float, upper: float, num_points: int = 256
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Density of a marginal posterior in its prior interval, by a kernel estimate.
+
+    Draws are mirrored at both bounds, so that a flat posterior has a flat density.
+
+    Args:
+        draws: Draws in any shape, in the parameter's unit.
+        lower: Lower bound of the prior.
+        upper: Upper bound of the prior.
+        num_points: Points of the grid.
+
+    Returns:
+        Grid over the draws' range widened to at most the bounds, and the density there.
+    """
+    inside = np.ravel(draws)
+    estimate = gaussian_kde(inside)
+    reach = 4 * np.sqrt(estimate.covariance[0, 0])
+    grid = np.linspace(
+        max(lower, inside.min() - reach), min(upper, inside.max() + reach), num_points
+    )
+    density = estimate(grid) + estimate(2 * lower - grid) + estimate(2 * upper - grid)
+    return grid, density
+
+
+def as_plain(rows: Mapping[str, Row]) -> dict[str, dict[str, Any]]:
+    """Rows for JSON, which has no NaN: None instead.
+
+    Args:
+        rows: Rows of `summarise`.
+
+    Returns:
+        The same with None for NaN.
+    """
+    return {
+        name: {key: None if np.isnan(value) else value for key, value in row.items()}
+        for name, row in rows.items()
+    }
