@@ -2,8 +2,8 @@
 
 Nothing here is shared with the solvers of the identification: classical Runge-Kutta steps, sixteen
 to a sample, under the force as it is between the samples, not under any hold of the samples. With
-the paper's joint the sampled velocity is right to 2e-7 of its rms (0.03 um/s in a sweep of 3 N/kg),
-three hundred times below what 48 averaged repeats of a 50 um/s laser can resolve.
+the paper's joint the velocity of a sweep is right to 2e-7 of its rms, at most 0.02 um/s in the
+laboratory's: 300 times below what 48 averaged repeats of a laser with 50 um/s can resolve.
 """
 
 from collections.abc import Callable

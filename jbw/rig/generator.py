@@ -7,10 +7,11 @@ starts `settle` seconds later and lasts `duration` seconds.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import singledispatch
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
+from scipy.fft import next_fast_len
 
 Samples = NDArray[np.float64]
 
@@ -137,7 +138,7 @@ def draw_phases(excitation: Excitation, rng: np.random.Generator, fs: float) -> 
     if not isinstance(excitation, Noise):
         return np.empty(0)
     run = excitation.settle + excitation.duration
-    half_period = fft.next_fast_len(int(np.ceil(1.01 * run * fs / 2)), real=True)
+    half_period = cast(int, next_fast_len(int(np.ceil(1.01 * run * fs / 2)), real=True))
     return rng.uniform(0.0, 2.0 * np.pi, half_period - 1)
 
 
@@ -149,7 +150,7 @@ def _play_lines(level: float, phases: Samples, factor: int, lag_samples: float) 
     turn = phases - 2.0 * np.pi * line * (lag_samples / num_points)
     spectrum = np.zeros(num_lines + 1, complex)
     spectrum[1:] = level / np.sqrt(2.0 * num_lines) * np.exp(1j * turn)
-    return fft.irfft(spectrum, num_points * factor, norm="forward", overwrite_x=True)
+    return np.fft.irfft(spectrum, num_points * factor, norm="forward")
 
 
 def _since_start(excitation: Excitation, t: Samples, distortion: float) -> Samples:
