@@ -1,0 +1,73 @@
+"""What the public functions of the joint check when called with concrete numbers."""
+
+import jax
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import ArrayLike
+
+from jbw.errors import ModelError
+from jbw.oscillator.parameters import BoucWen
+
+
+def is_concrete(*values: object) -> bool:
+    """Whether none of the values (arrays or records) is being traced by a transformation."""
+    return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
+
+
+def require_closed_form(joint: BoucWen) -> None:
+    """Raise unless nu = 1, the exponent whose hysteresis has a closed form.
+
+    Args:
+        joint: Bouc-Wen parameters; `nu` is static, so it is checked under tracing too.
+
+    Raises:
+        ModelError: `nu` is not 1.
+    """
+    if joint.nu != 1.0:
+        raise ModelError(
+            f"Parameter `nu` must be 1 for the closed-form hysteresis, but nu = {joint.nu:g}.",
+            remedy="Integrate `hysteresis_rate`, which holds for every nu, or set nu = 1.",
+        )
+
+
+def require_finite(joint: BoucWen, **arguments: ArrayLike) -> None:
+    """Raise where a parameter of the joint or an argument is NaN or infinite; trust tracers.
+
+    Args:
+        joint: Bouc-Wen parameters.
+        **arguments: The other arguments by name.
+
+    Raises:
+        ModelError: A parameter or an argument is not finite.
+    """
+    names = ("omega_n", "zeta", "alpha", "delta", "gamma")
+    parameters = {name: getattr(joint, name) for name in names}
+    for kind, group in (("Parameter", parameters), ("Argument", arguments)):
+        for name, value in group.items():
+            if is_concrete(value) and not np.all(np.isfinite(value)):
+                raise ModelError(f"{kind} `{name}` must be finite, but it is {_first_bad(value)}.")
+
+
+def require_at_least(name: str, value: ArrayLike, bound: float, *, open_end: bool = False) -> None:
+    """Raise where a concrete argument lies below its bound.
+
+    Args:
+        name: Name of the argument.
+        value: Its value; trusted when traced.
+        bound: The smallest value allowed.
+        open_end: Whether the bound itself is excluded.
+
+    Raises:
+        ModelError: The argument is below the bound, or on it where that is excluded.
+    """
+    if not is_concrete(value):
+        return
+    least = float(np.min(value))
+    if least < bound or (open_end and least == bound):
+        relation = "greater than" if open_end else "at least"
+        raise ModelError(f"Argument `{name}` must be {relation} {bound:g}, but it is {least:g}.")
+
+
+def _first_bad(value: ArrayLike) -> str:
+    flat = np.ravel(np.asarray(value))
+    return str(flat[~np.isfinite(flat)][0])
