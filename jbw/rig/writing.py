@@ -3,12 +3,14 @@
 import json
 import os
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import RunError
+from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record, Test
 from jbw.rig.acquisition import RigCampaign
 
@@ -53,7 +55,9 @@ def write(campaign: RigCampaign, folder: str | Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         for test in campaign.tests:
             for record, demand in zip(test.records, campaign.demands[test.name], strict=True):
-                _write_record(folder / f"{record.name}.h5", test, record, demand)
+                # float32 holds the 24 bits of the converters exactly.
+                filed = _with_demand(record, demand)
+                write_hdf5(folder / f"{record.name}.h5", filed, dtype=np.float32)
         _write_text(folder / "truth.json", json.dumps(campaign.truth, indent=2) + "\n")
         _write_text(target, _campaign_text(campaign))
     except OSError as error:
@@ -81,24 +85,10 @@ def _check_folder(campaign: RigCampaign, folder: Path) -> None:
         )
 
 
-def _write_record(path: Path, test: Test, record: Record, demand: NDArray[np.float64]) -> None:
-    """One repeat; float32 holds the 24 bits of the converters exactly."""
-    import h5py
-
-    columns = {"demand": (demand, "V")}
-    columns |= {role: (x, record.units[role]) for role, x in record.channels.items()}
-    part = path.with_name(f".{path.name}.part")
-    with h5py.File(part, "w") as file:
-        file.attrs["test"] = test.name
-        file.attrs["name"] = record.name
-        for name, (samples, unit) in columns.items():
-            dataset = file.create_dataset(
-                name, data=samples.astype(np.float32), chunks=(min(samples.size, 65_536),),
-                fletcher32=True, track_times=False,
-            )  # fmt: skip
-            dataset.attrs["unit"] = unit
-            dataset.attrs["fs"] = record.fs
-    os.replace(part, path)
+def _with_demand(record: Record, demand: NDArray[np.float64]) -> Record:
+    """The record as filed: the voltage asked of the source beside the one measured."""
+    channels = {"demand": demand, **record.channels}
+    return replace(record, channels=channels, units={"demand": "V", **record.units})
 
 
 def _write_text(path: Path, text: str) -> None:
