@@ -1,0 +1,176 @@
+"""Text columns in their dialects: delimiter, decimal comma, header lines, byte order marks."""
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from jbw.errors import ConfigError, DataError
+from jbw.measurement.files.tree import Contents, Node, leaf
+from jbw.units import quantity_of
+
+DIALECTS = (("\t", "."), ("\t", ","), (";", "."), (";", ","), (",", "."), (None, "."), (None, ","))
+WORDS = {None: "spaces", "\t": "tab", ";": "semicolon", ",": "comma"}
+LOOKED_AT = 400  # lines, to find the dialect
+LEAST_LINES = 2  # of numbers, before a dialect is believed
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How the numbers are written.
+
+    Attributes:
+        delimiter: Between the fields; None is any white space.
+        decimal: Decimal mark.
+        first: Line of the first numbers, counted from zero.
+        columns: Fields in a line.
+    """
+
+    delimiter: str | None
+    decimal: str
+    first: int
+    columns: int
+
+
+@contextmanager
+def contents(path: Path) -> Iterator[Contents]:
+    """Open a text file of columns; without a header they are `column[0]`, `column[1]`, ..."""
+    text = _decode(path.read_bytes())
+    lines = text.splitlines()
+    dialect = sniff(lines[:LOOKED_AT], path.name)
+    table = _numbers(lines[dialect.first :], dialect)
+    header = _header(lines[: dialect.first], dialect)
+    root: dict[str, Node] = {"column": leaf(table.T)}
+    root |= {name: leaf(table[:, i], unit=unit) for i, (name, unit) in header.items()}
+    notes = {
+        "delimiter": WORDS[dialect.delimiter],
+        "decimal mark": dialect.decimal,
+        "header lines": str(dialect.first),
+    }
+    yield Contents(root, "CSV", notes=notes)
+
+
+def sniff(lines: Sequence[str], file: str) -> Dialect:
+    """The dialect that reads most lines as numbers, in at least two columns.
+
+    Args:
+        lines: First lines of the file.
+        file: Its name, for messages.
+
+    Raises:
+        DataError: Nothing reads as two columns or more, or two readings are possible.
+    """
+    tried = [_trial(lines, delimiter, decimal) for delimiter, decimal in DIALECTS]
+    best = max(tried, key=lambda trial: trial[0])
+    if best[0] < LEAST_LINES:
+        shown = " | ".join(line[:60] for line in lines[:3])
+        raise DataError(
+            f"File `{file}` does not read as two or more columns of numbers; it begins: {shown!r}.",
+            why="A single column is usually a wrong delimiter or decimal mark.",
+            remedy="Export columns with a tab or a semicolon between, and a decimal point.",
+        )
+    dialect = best[1]
+    if _is_ambiguous(lines, dialect):
+        raise DataError(
+            f"File `{file}` may hold two columns of integers or one with a decimal comma; "
+            f"it begins: {lines[dialect.first][:60]!r}.",
+            remedy="Add a header line with the names of the columns, or use semicolons.",
+        )
+    return dialect
+
+
+def _trial(lines: Sequence[str], delimiter: str | None, decimal: str) -> tuple[int, Dialect]:
+    """Lines that read as numbers in the last block of one width, and the dialect if believed."""
+    widths = [_width(line, delimiter, decimal) for line in lines]
+    while widths and widths[-1] < 0:  # blank lines at the end
+        widths.pop()
+    columns = widths[-1] if widths else 0
+    first = len(widths)
+    while first > 0 and widths[first - 1] == columns:
+        first -= 1
+    count = len(widths) - first if columns > 1 else 0
+    return count, Dialect(delimiter, decimal, first, columns)
+
+
+def _width(line: str, delimiter: str | None, decimal: str) -> int:
+    """Numbers in a line; 0 when some field is no number, -1 when the line is blank."""
+    if not line.strip():
+        return -1
+    fields = _fields(line, delimiter)
+    if any(text.count('"') % 2 for text in line.split(delimiter)):
+        return 0  # the delimiter cuts a quoted field, such as "1,5"
+    try:
+        for text in fields:
+            float(_pointed(text, decimal))
+    except ValueError:
+        return 0
+    return len(fields)
+
+
+def _pointed(text: str, decimal: str) -> str:
+    """A number with a decimal point; a point beside a decimal comma makes it unreadable."""
+    if decimal == ".":
+        return text
+    return text.replace(".", "?").replace(",", ".")
+
+
+def _fields(line: str, delimiter: str | None) -> list[str]:
+    fields = [text.strip().strip('"') for text in line.split(delimiter)]
+    return fields[:-1] if delimiter and len(fields) > 1 and not fields[-1] else fields
+
+
+def _is_ambiguous(lines: Sequence[str], dialect: Dialect) -> bool:
+    """`1,5` alone on a line: two integers, or one number with a decimal comma."""
+    if dialect.delimiter != "," or dialect.columns % 2:
+        return False
+    body = [line for line in lines[dialect.first :] if line.strip()]
+    if not all(text.strip("+-").isdigit() for line in body for text in _fields(line, ",")):
+        return False
+    above = len(_fields(lines[dialect.first - 1], ",")) if dialect.first else 0
+    return above == dialect.columns // 2 or (dialect.columns == 2 and above != 2)
+
+
+def _numbers(lines: Sequence[str], dialect: Dialect) -> np.ndarray:
+    """The table, as float64; a short or broken line raises with its number."""
+    body = "\n".join(line.rstrip(dialect.delimiter) for line in lines).replace('"', "")
+    if dialect.decimal == ",":
+        body = body.replace(",", ".")
+    return np.loadtxt(io.StringIO(body), delimiter=dialect.delimiter, comments=None, ndmin=2)
+
+
+def _header(lines: Sequence[str], dialect: Dialect) -> dict[int, tuple[str, str]]:
+    """Column to its name and unit, from the last header lines of the table's width."""
+    rows = [_fields(line.lstrip("#% "), dialect.delimiter) for line in lines[-2:]]
+    rows = [row for row in rows if len(row) == dialect.columns]
+    if not rows:
+        return {}
+    has_units = len(rows) == 2 and all(_is_unit(text) for text in rows[1])
+    units = [text.strip("[]()") if has_units else "" for text in rows[-1]]
+    titles = rows[0] if has_units else rows[-1]
+    # A name that is given twice would be a guess; its columns keep their numbers only.
+    return {
+        i: (title, unit)
+        for i, (title, unit) in enumerate(zip(titles, units, strict=True))
+        if title and titles.count(title) == 1
+    }
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        quantity_of(text.strip("[]()"))
+    except ConfigError:
+        return False
+    return True
+
+
+def _decode(data: bytes) -> str:
+    """Text of a file, by its byte order mark, else UTF-8, else Latin-1."""
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return data.decode("utf-16")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")

@@ -1,0 +1,125 @@
+"""HDF5: lazy reading that never leaves the file, and a writer with checksums."""
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import DTypeLike
+
+from jbw.errors import DataError
+from jbw.measurement.files.tree import Contents, Node, Opaque, leaf
+from jbw.measurement.records import Record
+
+
+@contextmanager
+def contents(path: Path) -> Iterator[Contents]:
+    """Open an HDF5 file: groups are names, datasets stay on disk until loaded."""
+    with h5py.File(path, "r") as file:
+        yield Contents(group_tree(file), "HDF5", fs=fs_of(file.attrs))
+
+
+def write_hdf5(
+    path: str | Path,
+    record: Record,
+    *,
+    names: Mapping[str, str] | None = None,
+    dtype: DTypeLike = np.float64,
+) -> None:
+    """Write a record: one checksummed dataset a channel, with attributes `unit` and `fs`.
+
+    The file appears complete or not at all, and an existing one is replaced only then.
+
+    Args:
+        path: File to write.
+        record: What to write, in SI.
+        names: Role to the dataset's name, as a laboratory calls it; the role itself when absent.
+        dtype: float32 or float64; 24-bit samples fit in float32.
+    """
+    path = Path(path)
+    partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with h5py.File(partial, "w") as file:
+            file.attrs["fs"] = record.fs
+            file.attrs["name"] = record.name
+            for role, samples in record.channels.items():
+                name = (names or {}).get(role, role)
+                data = np.asarray(samples, dtype=dtype)
+                dataset = file.create_dataset(name, data=data, fletcher32=True, shuffle=True)
+                dataset.attrs.update(unit=record.units[role], fs=record.fs, role=role)
+        with partial.open("rb+") as stream:
+            os.fsync(stream.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def group_tree(group: h5py.Group) -> dict[str, Node]:
+    """Names of a group and what they hold, links resolved inside the file only."""
+    return {name: _node(group, name) for name in group if not name.startswith("#")}
+
+
+def fs_of(attributes: Mapping[str, Any]) -> float | None:
+    """Sampling frequency [Hz] among attributes: `fs`, or `dt` [s]."""
+    for name, to_fs in (("fs", lambda fs: fs), ("dt", lambda dt: 1 / dt)):
+        if name in attributes and np.size(attributes[name]) == 1:
+            value = float(np.ravel(attributes[name])[0])
+            return to_fs(value) if value > 0 else None
+    return None
+
+
+def inside(dataset: h5py.Dataset) -> h5py.Dataset:
+    """A dataset whose samples lie in its own file; any other is refused."""
+    virtual = dataset.is_virtual and any(s.file_name != "." for s in dataset.virtual_sources())
+    if dataset.external or virtual:
+        raise _outside(dataset.name or "dataset")
+    return dataset
+
+
+def _node(group: h5py.Group, name: str) -> Node:
+    link = group.get(name, getlink=True)
+    if isinstance(link, h5py.ExternalLink):
+        raise _outside(f"{group.name}/{name}")
+    if isinstance(link, h5py.SoftLink):
+        return _behind(group, name, link.path)
+    item = group[name]
+    if isinstance(item, h5py.Group):
+        return group_tree(item)
+    if not isinstance(item, h5py.Dataset) or not np.issubdtype(item.dtype, np.number):
+        return Opaque("not numeric", "Store the samples as a dataset of floats or integers.")
+    unit = item.attrs.get("unit", item.attrs.get("units", ""))
+    return leaf(inside(item), fs=fs_of(item.attrs), unit=_text(unit))
+
+
+def _behind(group: h5py.Group, name: str, target: str) -> Node:
+    """What a soft link points at, if every step of its path stays in the file."""
+    here = group.file if target.startswith("/") else group
+    *folders, last = [part for part in target.split("/") if part not in ("", ".")]
+    for folder in folders:
+        # A link behind a link is refused too: it could lead out, or round in a circle.
+        if not isinstance(here.get(folder, getlink=True), h5py.HardLink):
+            raise _outside(f"{group.name}/{name}")
+        here = here[folder]
+    if not isinstance(here, h5py.Group) or not isinstance(
+        here.get(last, getlink=True), h5py.HardLink
+    ):
+        raise _outside(f"{group.name}/{name}")
+    found = here[last]
+    if isinstance(found, h5py.Group):
+        return Opaque("a soft link to a group", f"Use the group's own path `{target}`.")
+    return _node(here, last)
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+def _outside(name: str) -> DataError:
+    return DataError(
+        f"`{name.replace('//', '/')}` links out of the HDF5 file, or to a link.",
+        why="Following links could read other files than the one that is named and hashed.",
+        remedy="Copy the data into the file, for example with h5repack or h5copy.",
+    )

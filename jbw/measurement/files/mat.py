@@ -1,0 +1,125 @@
+"""MATLAB files: v5 to v7 through scipy, v7.3 through h5py; structs, struct arrays and cells."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import scipy.io
+
+from jbw.errors import DataError
+from jbw.measurement.files.hdf5 import fs_of, inside
+from jbw.measurement.files.tree import MAX_BYTES, Contents, Leaf, Node, Opaque, leaf
+
+HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+USER_BLOCK = 512  # bytes of MATLAB's own header before the HDF5 part of a v7.3 file
+EXPORT = "In MATLAB, export plain arrays: table2array(T), timetable2table(T), or struct(object)."
+
+
+@contextmanager
+def contents(path: Path) -> Iterator[Contents]:
+    """Open a MATLAB file of any version since 5."""
+    with path.open("rb") as stream:
+        head = stream.read(USER_BLOCK + len(HDF5_MAGIC))
+    if HDF5_MAGIC in (head[:8], head[USER_BLOCK:]):
+        with h5py.File(path, "r") as file:
+            root = {name: _node73(file, name) for name in file if not name.startswith("#")}
+            yield Contents(root, "MATLAB v7.3", fs=fs_of(file.attrs))
+    else:
+        _refuse_bomb(path)
+        loaded = scipy.io.loadmat(path, simplify_cells=True)
+        root = {name: _node(x) for name, x in loaded.items() if not name.startswith("__")}
+        yield Contents(root, "MATLAB v5")
+
+
+def _refuse_bomb(path: Path) -> None:
+    """Sum the declared sizes, which takes only the headers."""
+    size = sum(8 * np.prod(shape, dtype=np.float64) for _, shape, _ in scipy.io.whosmat(path))
+    if size > MAX_BYTES:
+        raise DataError(
+            f"File `{path.name}` declares {size / 2**30:.1f} GiB of variables, "
+            f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
+            remedy="Save it with -v7.3, which is read in parts, or save fewer variables.",
+        )
+
+
+def _node(value: Any) -> Node:
+    """A tree from what scipy hands over: dicts, lists, object arrays, numbers."""
+    if isinstance(value, scipy.io.matlab.MatlabOpaque | scipy.io.matlab.MatlabFunction):
+        return Opaque("a MATLAB table, object or function handle", EXPORT)
+    if isinstance(value, dict):
+        if {"s0", "s1", "s2", "arr"} <= set(value):
+            return Opaque("a MATLAB table, object or function handle", EXPORT)
+        return {name: _node(item) for name, item in value.items()}
+    if isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
+        return _cells([_node(item) for item in np.ravel(_objects(value))], _objects(value).shape)
+    array = np.asarray(value)
+    if not np.issubdtype(array.dtype, np.number):
+        return Opaque("text" if array.dtype.kind in "US" else "not numeric")
+    return leaf(array)
+
+
+def _objects(value: Any) -> np.ndarray:
+    """Items of a list, or of an object array, without looking into them."""
+    if isinstance(value, np.ndarray):
+        return value
+    items = np.empty(len(value), dtype=object)
+    items[:] = value
+    return items
+
+
+def _cells(nodes: list[Node], shape: tuple[int, ...]) -> np.ndarray:
+    cells = np.empty(len(nodes), dtype=object)
+    for i, node in enumerate(nodes):
+        cells[i] = node
+    return cells.reshape(shape)
+
+
+def _node73(group: h5py.Group, name: str) -> Node:
+    """A tree from MATLAB's conventions in HDF5: references for cells, axes in reverse."""
+    link = group.get(name, getlink=True)
+    if not isinstance(link, h5py.HardLink):
+        raise DataError(
+            f"`{group.name}/{name}` is a link, which MATLAB does not write.",
+            remedy="Copy the data into the file.",
+        )
+    return _item73(group[name])
+
+
+def _item73(item: Any) -> Node:
+    kind = item.attrs.get("MATLAB_class", b"").decode()
+    if "MATLAB_object_decode" in item.attrs or kind in ("table", "function_handle", "string"):
+        return Opaque("a MATLAB table, object or function handle", EXPORT)
+    if isinstance(item, h5py.Group):
+        fields = {name: _node73(item, name) for name in item}
+        return _structs(fields) if _is_struct_array(item) else fields
+    if h5py.check_ref_dtype(item.dtype) is h5py.Reference:
+        references = np.asarray(item[()]).T
+        shape = tuple(n for n in references.shape if n != 1)
+        nodes = [_item73(item.file[reference]) for reference in references.ravel()]
+        return _cells(nodes, shape) if shape else nodes[0]
+    if kind == "char" or not np.issubdtype(item.dtype, np.number):
+        return Opaque("text" if kind == "char" else "not numeric")
+    if item.attrs.get("MATLAB_empty", 0):
+        return Opaque("empty")
+    axes = [axis for axis in reversed(range(item.ndim)) if item.shape[axis] != 1]
+    return Leaf(inside(item), tuple(axes))
+
+
+def _is_struct_array(group: h5py.Group) -> bool:
+    """Each field of a struct array is an array of references, without a class of its own."""
+    return len(group) > 0 and all(
+        isinstance(item, h5py.Dataset)
+        and h5py.check_ref_dtype(item.dtype) is h5py.Reference
+        and "MATLAB_class" not in item.attrs
+        for item in group.values()
+    )
+
+
+def _structs(fields: dict[str, Any]) -> Node:
+    """Struct array of fields turned into an array of structs, as v5 files have it."""
+    shape = np.shape(next(iter(fields.values())))
+    structs = [{name: cells[i] for name, cells in fields.items()} for i in np.ndindex(shape)]
+    return _cells(structs, shape)

@@ -1,0 +1,41 @@
+"""NumPy archives, without pickle: an object array is refused."""
+
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from jbw.errors import DataError
+from jbw.measurement.files.tree import MAX_BYTES, Contents, Node, Opaque, leaf
+
+
+@contextmanager
+def contents(path: Path) -> Iterator[Contents]:
+    """Open an .npz archive, or an .npy array under the name `data`."""
+    if path.suffix.lower() == ".npy":
+        yield Contents({"data": _node(np.load(path, mmap_mode="r", allow_pickle=False))}, "npy")
+        return
+    _refuse_bomb(path)
+    with np.load(path, allow_pickle=False) as archive:
+        # A damaged member fails its CRC here, before any of its samples is used.
+        yield Contents({name: _node(archive[name]) for name in archive.files}, "npz")
+
+
+def _node(array: np.ndarray) -> Node:
+    if np.issubdtype(array.dtype, np.number):
+        return leaf(array)
+    return Opaque("text" if array.dtype.kind in "US" else "not numeric")
+
+
+def _refuse_bomb(path: Path) -> None:
+    """Sum the sizes that the archive declares before anything is unpacked."""
+    with zipfile.ZipFile(path) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > MAX_BYTES:
+        raise DataError(
+            f"File `{path.name}` unpacks to {size / 2**30:.1f} GiB, "
+            f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
+            remedy="Save it as HDF5, which is read in parts.",
+        )

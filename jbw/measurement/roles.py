@@ -1,0 +1,38 @@
+"""What a channel can be: roles, and the quantity that each measures."""
+
+from jbw.errors import ConfigError
+from jbw.measurement.records import RESPONSES
+from jbw.units import FACTORS, plain, quantity_of, si_unit
+
+# A role may admit several quantities: a source is a voltage, or already a force per modal mass.
+QUANTITIES: dict[str, tuple[str, ...]] = {
+    "input": ("voltage", "force per mass"),
+    "force": ("force",),
+    "displacement": ("displacement",),
+    "velocity": ("velocity",),
+    "acceleration": ("acceleration",),
+    "restoring_force": ("force",),
+    "frequency": ("frequency",),  # axis of a measured FRF, which has no sampling frequency
+    "phase": ("angle",),  # of the response relative to the force, in a measured FRF
+    "time": ("time",),  # gives the sampling frequency; not kept as a channel
+}
+ROLES = tuple(QUANTITIES)
+
+
+def si_of(role: str, unit: str) -> tuple[float, str]:
+    """Factor to SI and SI unit of a role whose channel is in `unit`.
+
+    Raises:
+        ConfigError: The unit is unknown or measures something else than the role.
+    """
+    try:
+        quantity = quantity_of(unit, QUANTITIES[role])
+    except ConfigError as error:
+        what = f"Role `{role}`: {error.what}"
+        raise ConfigError(what, why=error.why, remedy=error.remedy) from None
+    return FACTORS[quantity][plain(unit)], si_unit(quantity)
+
+
+def is_response(role: str) -> bool:
+    """Whether a role is a motion of the structure."""
+    return role in RESPONSES

@@ -1,0 +1,66 @@
+"""Units: factors by definition (BIPM, NIST SP 811), spellings, refusals."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from jbw.errors import ConfigError
+from jbw.units import FACTORS, quantity_of, si_unit, to_si
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "quantity", "expected"),
+    [
+        (250.0, "mV", "voltage", 0.25),
+        (2.0, "kN", "force", 2000.0),
+        (1.0, "lbf", "force", 4.4482216152605),  # NIST SP 811, table B.8
+        (1.0, "kip", "force", 4448.2216152605),
+        (3.0, "um", "displacement", 3e-6),
+        (1.0, "in", "displacement", 0.0254),
+        (1.0, "in/s", "velocity", 0.0254),
+        (5.0, "mm/s", "velocity", 0.005),
+        (2.0, "g", "acceleration", 19.6133),
+        (1.0, "mm/s^2", "acceleration", 1e-3),
+        (180.0, "deg", "angle", np.pi),
+        (2 * np.pi, "rad/s", "frequency", 1.0),
+        (2.0, "N/kg", "force per mass", 2.0),
+    ],
+)
+def test_factor(value, unit, quantity, expected):
+    np.testing.assert_allclose(to_si(value, unit, quantity), expected, rtol=1e-15)
+
+
+@pytest.mark.parametrize("written", ["µm/s²", "μm/s^2", "um/s2", "um / s**2"])
+def test_spellings_of_one_unit(written):
+    assert to_si(1.0, written, "acceleration") == 1e-6
+
+
+@pytest.mark.parametrize(
+    ("written", "quantity", "meant"),
+    [("m/sec", "velocity", "m/s"), ("mm\\s", "velocity", "mm/s"), ("Volt", "voltage", "V")],
+)
+def test_unknown_unit_names_the_nearest(written, quantity, meant):
+    with pytest.raises(ConfigError) as caught:
+        to_si(1.0, written, quantity)
+    assert f"`{written}`" in caught.value.what
+    assert f"Did you mean `{meant}`?" in caught.value.remedy
+
+
+def test_unit_of_another_quantity_is_refused():
+    with pytest.raises(ConfigError, match=r"`V` measures a voltage, but a velocity is needed"):
+        to_si(1.0, "V", "velocity")
+
+
+def test_quantity_among_those_that_a_place_admits():
+    assert quantity_of("N/kg", ("voltage", "force per mass")) == "force per mass"
+
+
+def test_first_unit_is_si():
+    assert all(FACTORS[quantity][si_unit(quantity)] == 1.0 for quantity in FACTORS)
+
+
+def test_units_need_no_jax():
+    code = "import sys, jbw.units; sys.exit('jax' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
