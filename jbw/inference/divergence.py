@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import NDArray
 from scipy.special import digamma, log_ndtr, ndtri
 from scipy.stats import rankdata
 
-Draws = Float[NDArray[np.float64], " draw"]
+Draws = Float[np.ndarray, " draw"]
 
 
 def kl_from_uniform(x: Draws, window: int | None = None) -> float:
@@ -41,7 +40,7 @@ def kl_from_uniform(x: Draws, window: int | None = None) -> float:
     return float(-np.mean(log_spacing - digamma(last - first) + digamma(n + 1)))
 
 
-def joint_kl_from_uniform(x: Float[NDArray[np.float64], "draw parameter"]) -> float:
+def joint_kl_from_uniform(x: Float[np.ndarray, "draw parameter"]) -> float:
     r"""Divergence of the joint posterior from the uniform box, through a Gaussian copula.
 
     $$D = \sum_i D_i - \tfrac12 \log\det R$$

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from jbw.errors import ConfigError, ModelError
 from jbw.inference.box import Box, from_unit, to_unit
 from jbw.inference.identifiability import WeakDirection, weak_direction
-from jbw.inference.sampling import require_float64
+from jbw.inference.precision import require_float64
 
 Residual = Callable[[Mapping[str, Array], Any], Float[Array, " residual"]]
 BOX_STD = 1 / np.sqrt(12)  # of a uniform x
@@ -110,8 +110,7 @@ def fit(
     """
     require_float64()
     x_starts = _starts(starts, box, key)
-    tolerances = jnp.array([rtol, atol])
-    solution = jax.device_get(_solve(residual, box, data, x_starts, tolerances, max_steps))
+    solution = _solve(residual, box, data, x_starts, rtol, atol, max_steps)
     costs = np.where(np.isfinite(solution.cost), solution.cost, np.inf)
     best = int(np.argmin(costs))
     if not np.isfinite(costs[best]):
@@ -119,8 +118,8 @@ def fit(
             f"The residual is finite at none of the {len(costs)} fits' ends.",
             remedy="Check the data for NaN, and the bounds for parameters that cannot be solved.",
         )
-    r, jacobian = jax.device_get(_linearise(residual, box, data, jnp.asarray(solution.x[best])))
-    x = solution.x[best]
+    r, jacobian = map(np.asarray, _linearise(residual, box, data, solution.x[best]))
+    x = np.asarray(solution.x[best])
     covariance_x, singular_values = _covariance(jacobian)
     width = np.asarray(box.upper - box.lower)
     covariance = covariance_x * np.outer(width, width)
@@ -166,10 +165,11 @@ def _solve(
     box: Box,
     data: PyTree,
     x_starts: Float[Array, "start parameter"],
-    tolerances: Float[Array, "2"],
+    rtol: float,
+    atol: float,
     max_steps: int,
 ) -> _Solution:
-    solver = optx.LevenbergMarquardt(rtol=tolerances[0], atol=tolerances[1])
+    solver = optx.LevenbergMarquardt(rtol=rtol, atol=atol)
 
     def of_logit(u: Array, data: PyTree) -> Array:
         return _real(residual(from_unit(jax.nn.sigmoid(u), box), data))
@@ -204,19 +204,21 @@ def _real(residual: Array) -> Float[Array, " residual"]:
 
 
 def _covariance(
-    jacobian: Float[NDArray[np.float64], "residual parameter"],
+    jacobian: Float[np.ndarray, "residual parameter"],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Inverse of J^T J, with no direction wider than the box, and the singular values of J."""
-    _, values, rows = np.linalg.svd(jacobian, full_matrices=True)
-    values = np.concatenate([values, np.zeros(len(rows) - len(values))])
-    root = rows.T * np.minimum(1 / np.maximum(values, 1 / BOX_STD), BOX_STD)
+    num_parameters = jacobian.shape[1]
+    # Rows of zeros make a wide Jacobian square: a direction without data has the singular value 0.
+    padding = np.zeros((max(0, num_parameters - len(jacobian)), num_parameters))
+    _, values, rows = np.linalg.svd(np.vstack([jacobian, padding]), full_matrices=False)
+    root = rows.T / np.maximum(values, 1 / BOX_STD)
     return root @ root.T, values
 
 
 def _at_bound(
     x: NDArray[np.float64],
-    jacobian: Float[NDArray[np.float64], "residual parameter"],
-    residual: Float[NDArray[np.float64], " residual"],
+    jacobian: Float[np.ndarray, "residual parameter"],
+    residual: Float[np.ndarray, " residual"],
     names: tuple[str, ...],
 ) -> dict[str, str]:
     """Parameters near a bound whose own Newton step leads onto it or beyond."""

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +13,7 @@ from scipy.linalg import eigh, qr
 
 from jbw.inference.box import Box
 
-Matrix = Float[NDArray[np.float64], "parameter parameter"]
+Matrix = Float[np.ndarray, "parameter parameter"]
 UNLEARNT = 0.5  # posterior over prior standard deviation from which a direction counts as unlearnt
 PRESENT = 0.3  # a parameter belongs to a direction from this share of its largest component on
 NEAR = 0.2  # an exponent this close to a multiple of 1/2 is written as that
@@ -100,7 +101,7 @@ def _prior_std(lower: float, upper: float, positive: bool) -> float:
 
 
 def _in_words(
-    names: tuple[str, ...], directions: Float[NDArray[np.float64], "parameter weak"], logs: bool
+    names: tuple[str, ...], directions: Float[np.ndarray, "parameter weak"], logs: bool
 ) -> str:
     if len(names) <= directions.shape[1]:
         return f"{_listed(names)} {'is' if len(names) == 1 else 'are'} not determined by the data"
@@ -111,11 +112,12 @@ def _in_words(
 
 
 def _determined(
-    directions: Float[NDArray[np.float64], "parameter weak"],
-) -> Float[NDArray[np.float64], "combination parameter"]:
+    directions: Float[np.ndarray, "parameter weak"],
+) -> Float[np.ndarray, "combination parameter"]:
     """Exponents orthogonal to the weak directions, each with one parameter of exponent 1."""
-    # Row scaling keeps an early, strong parameter as the one that all combinations share.
-    _, _, order = qr(directions.T, pivoting=True)
+    # The parameters that move most along the weak directions are those that combinations share.
+    decomposition: Any = qr(directions.T, mode="r", pivoting=True)
+    order = decomposition[1]
     num_weak = directions.shape[1]
     shared, own = order[:num_weak], np.sort(order[num_weak:])
     mixing = np.linalg.solve(directions[shared].T, directions[own].T).T

@@ -178,6 +178,7 @@ def read_draw(state: PyTree, problem: Problem, settings: Settings) -> Draw:
                 "diverging": state.diverging,
                 "acceptance_rate": state.accept_prob,
                 "n_steps": state.num_steps,
+                "reached_max_tree_depth": state.num_steps >= 2**settings.max_tree_depth - 1,
                 "energy": state.energy,
                 "step_size": state.adapt_state.step_size,
             },

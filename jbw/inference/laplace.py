@@ -36,7 +36,7 @@ def no_whitening(num_parameters: int) -> Whitening:
 
 
 def laplace_whitening(
-    start: Mapping[str, float], covariance: Float[NDArray, "parameter parameter"], box: Box
+    start: Mapping[str, float], covariance: Float[np.ndarray, "parameter parameter"], box: Box
 ) -> Whitening:
     r"""Whitening in which a Gaussian of this covariance about `start` is standard normal.
 

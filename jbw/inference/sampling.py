@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Key, PyTree
-from numpy.typing import NDArray
 
 from jbw.errors import ConfigError, ModelError
 from jbw.inference.box import Box
@@ -23,6 +22,7 @@ from jbw.inference.chains import (
 from jbw.inference.kernels import ChainMethod, Draw, Problem, Settings
 from jbw.inference.model import LogLikelihood, LogPrior
 from jbw.inference.posterior import posterior_tree
+from jbw.inference.precision import require_float64
 from jbw.inference.random_walk import PAPER
 from jbw.inference.start import chain_starts
 
@@ -44,7 +44,7 @@ def sample(
     num_chains: int = 4,
     chain_method: ChainMethod = "sequential",
     start: Mapping[str, Float[Any, "..."] | float] | None = None,
-    covariance: Float[NDArray, "parameter parameter"] | None = None,
+    covariance: Float[np.ndarray, "parameter parameter"] | None = None,
     log_prior: LogPrior | None = None,
     target_accept: float | None = None,
     step_size: float | None = None,
@@ -118,7 +118,7 @@ def sample(
     theta, stats = _run(key, centre, spread, draws, problem, settings, progress)
     terms, extra = evaluate_chains(theta, problem, settings)
     seed = [int(word) for word in np.ravel(jax.random.key_data(key))]
-    facts = {"sampler": sampler, "seed": seed, **settings_as_attributes(settings)}
+    facts = {"sampler": sampler, "seed": seed, **_settings_as_attributes(settings)}
     return posterior_tree(
         theta,
         stats,
@@ -131,21 +131,7 @@ def sample(
     )
 
 
-def require_float64() -> None:
-    """Refuse a float32 session.
-
-    Raises:
-        ConfigError: JAX runs in float32.
-    """
-    if not jax.config.jax_enable_x64:
-        raise ConfigError(
-            "Inference needs float64, but JAX runs in float32.",
-            why="Posteriors as narrow as 1e-6 of the box are lost in single precision.",
-            remedy="Call jbw.enable_x64() before any array is made.",
-        )
-
-
-def settings_as_attributes(settings: Settings) -> dict[str, str | int | float]:
+def _settings_as_attributes(settings: Settings) -> dict[str, str | int | float]:
     """The settings as netCDF can store them: truth values as 0 and 1, absent ones left out."""
     values = {name: v for name, v in settings._asdict().items() if v is not None}
     del values["sampler"]  # the caller's word says more

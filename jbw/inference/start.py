@@ -6,7 +6,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from numpy.typing import NDArray
 
 from jbw.errors import ConfigError
 from jbw.inference.box import Box, from_unit, to_unit
@@ -18,7 +17,7 @@ EDGE = 1e-6  # of the box: the logit of a start on a bound would be infinite
 
 def chain_starts(
     start: Mapping[str, Any] | None,
-    covariance: Float[NDArray, "parameter parameter"] | None,
+    covariance: Float[np.ndarray, "parameter parameter"] | None,
     box: Box,
     num_chains: int,
 ) -> tuple[Float[Array, "chain parameter"], Float[Array, ""], Whitening]:

@@ -29,7 +29,7 @@ def summarise(tree: xr.DataTree, box: Box | None = None, prob: float = 0.99) -> 
         map is the draw of the highest posterior density.
     """
     posterior = tree["posterior"].to_dataset()
-    lp = tree["sample_stats"]["lp"].values
+    lp = tree["sample_stats"].to_dataset()["lp"].values
     bounds = _bounds(posterior, box)
     scalars = [name for name, var in posterior.items() if var.dims == ("chain", "draw")]
     return {
@@ -49,8 +49,8 @@ def _bounds(posterior: xr.Dataset, box: Box | None) -> dict[str, tuple[float, fl
 
 
 def _row(
-    draws: Float[NDArray[np.float64], "chain draw"],
-    lp: Float[NDArray[np.float64], "chain draw"],
+    draws: Float[np.ndarray, "chain draw"],
+    lp: Float[np.ndarray, "chain draw"],
     bounds: tuple[float, float] | None,
     prob: float,
 ) -> Row:
@@ -78,7 +78,7 @@ def quantile_name(probability: float) -> str:
     return f"q{round(1000 * probability):03d}"
 
 
-def diagnose(draws: Float[NDArray[np.float64], "chain draw"]) -> Row:
+def diagnose(draws: Float[np.ndarray, "chain draw"]) -> Row:
     """Effective sample sizes and split R-hat of one quantity, NaN where there are none.
 
     Args:
@@ -91,15 +91,16 @@ def diagnose(draws: Float[NDArray[np.float64], "chain draw"]) -> Row:
     Reference:
         Vehtari et al. (2021), Bayesian Analysis 16, 667.
     """
-    from arviz_stats.base import array_stats
+    from arviz_stats.base.array import array_stats  # a second of imports, needed only here
 
+    stats: Any = array_stats  # its annotations admit tuples that it never returns here
     nothing = float("nan")
     if draws.shape[1] < 4 or not np.all(np.isfinite(draws)) or np.any(np.ptp(draws, axis=1) == 0):
         return {"ess_bulk": nothing, "ess_tail": nothing, "r_hat": nothing}
     return {
-        "ess_bulk": float(array_stats.ess(draws, method="bulk")),
-        "ess_tail": float(array_stats.ess(draws, method="tail")),
-        "r_hat": float(array_stats.rhat(draws)) if len(draws) > 1 else nothing,
+        "ess_bulk": float(stats.ess(draws, method="bulk")),
+        "ess_tail": float(stats.ess(draws, method="tail", prob=(0.05, 0.95))),
+        "r_hat": float(stats.rhat(draws)) if len(draws) > 1 else nothing,
     }
 
 
@@ -124,7 +125,7 @@ def correlations(tree: xr.DataTree) -> dict[str, dict[str, float]]:
     }
 
 
-def running_mean(values: Float[NDArray[np.float64], "draw *rest"]) -> NDArray[np.float64]:
+def running_mean(values: Float[np.ndarray, "draw *rest"]) -> NDArray[np.float64]:
     r"""Mean of the first n values, for every n.
 
     $$\mathrm{conv}(n) = \frac1n \sum_{i \le n} q_i$$
@@ -145,7 +146,7 @@ def running_mean(values: Float[NDArray[np.float64], "draw *rest"]) -> NDArray[np
 
 
 def band(
-    draws: Float[NDArray[np.float64], "draw *rest"], prob: float = 0.99
+    draws: Float[np.ndarray, "draw *rest"], prob: float = 0.99
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Pointwise central band of a response over draws.
 

@@ -1,0 +1,242 @@
+"""The verdict on a posterior: ok, failed or not assessed, with reasons and what to do."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from jbw.inference.box import Box
+from jbw.inference.identifiability import weak_direction_of_draws
+from jbw.inference.summary import diagnose
+
+Status = Literal["ok", "failed", "not assessed"]
+Draws = dict[str, Float[np.ndarray, "chain draw"]]
+
+R_HAT = 1.01
+ESS = 400.0
+BFMI = 0.3
+FAILED_SOLVES = 0.01
+TREE_SHARE = 0.05  # of trajectories cut at the greatest depth
+EDGE, PILE = 0.01, 2.0  # share of the box at a bound; excess over a uniform posterior there
+CHI_SQUARE = (0.2, 5.0)  # a degree of freedom
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at.
+
+    Attributes:
+        code: Short name, such as "r_hat".
+        status: ok, failed or not assessed.
+        reason: One sentence with the worst quantity by name.
+        number: The worst number; NaN where there is none.
+        action: What to do; empty when ok.
+    """
+
+    code: str
+    status: Status
+    reason: str
+    number: float
+    action: str = ""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Everything that was looked at, and what follows.
+
+    Attributes:
+        status: failed if any finding failed, else not assessed if any could not be, else ok.
+        findings: In the order they were looked at.
+    """
+
+    status: Status
+    findings: tuple[Finding, ...]
+
+
+def judge(findings: Iterable[Finding]) -> Verdict:
+    """The verdict that follows from findings; one that says nothing is not assessed.
+
+    Args:
+        findings: What was looked at, here and elsewhere.
+
+    Returns:
+        The verdict.
+    """
+    found = tuple(findings)
+    statuses = {finding.status for finding in found}
+    if "failed" in statuses:
+        return Verdict("failed", found)
+    return Verdict("ok" if statuses == {"ok"} else "not assessed", found)
+
+
+def verdict(tree: xr.DataTree, box: Box, *, chi_square: tuple[float, int] | None = None) -> Verdict:
+    """Judge a posterior that `sample` left.
+
+    Args:
+        tree: Groups posterior and sample_stats.
+        box: Prior bounds of the parameters; further scalar quantities of the posterior are judged
+            for convergence only.
+        chi_square: Chi-square of the best fit and its degrees of freedom, where known.
+
+    Returns:
+        The verdict, with R-hat < 1.01 and effective sample sizes >= 400 for every quantity.
+
+    Reference:
+        Vehtari et al. (2021), Bayesian Analysis 16, 667; Betancourt (2016), arXiv:1604.00695.
+    """
+    draws: Draws = {
+        str(name): np.asarray(variable.values)
+        for name, variable in tree["posterior"].to_dataset().items()
+        if variable.dims == ("chain", "draw")
+    }
+    findings = [_finite(draws)]
+    if findings[0].status == "ok":
+        findings += [_moving(draws), *_convergence(draws)]
+        findings += [*_bounds(draws, box), _identified(draws, box)]
+    findings += _trajectories(tree["sample_stats"].to_dataset())
+    if chi_square is not None:
+        findings.append(_fit(*chi_square))
+    return judge(findings)
+
+
+def _finite(draws: Draws) -> Finding:
+    counts = {name: int(np.sum(~np.isfinite(values))) for name, values in draws.items()}
+    name = max(counts, key=counts.__getitem__)
+    reason = f"{counts[name]} draws of {name} are not finite."
+    return _limited("non_finite", reason, counts[name], 0, "Check the data for NaN.")
+
+
+def _moving(draws: Draws) -> Finding:
+    frozen = {name: int(np.sum(np.ptp(values, axis=1) == 0)) for name, values in draws.items()}
+    name = max(frozen, key=frozen.__getitem__)
+    reason = f"{frozen[name]} of {len(draws[name])} chains never moved in {name}."
+    action = "Start elsewhere, lengthen the warm-up, or doubt a noise that is far too small."
+    return _limited("frozen_chain", reason, frozen[name], 0, action)
+
+
+def _convergence(draws: Draws) -> list[Finding]:
+    rows = {name: diagnose(values) for name, values in draws.items()}
+    more = "Draw more, or start from a fit with its covariance."
+    found = []
+    for code, low in (("ess_bulk", True), ("ess_tail", True), ("r_hat", False)):
+        values = {name: row[code] for name, row in rows.items()}
+        if code == "r_hat" and all(len(value) == 1 for value in draws.values()):
+            found.append(
+                Finding(
+                    code,
+                    "not assessed",
+                    "One chain cannot be compared with itself.",
+                    float("nan"),
+                    "Run at least two chains, better four.",
+                )
+            )
+            continue
+        # A number that cannot be had is the worst of all.
+        worst = {n: (-v if low else v) if np.isfinite(v) else np.inf for n, v in values.items()}
+        name = max(worst, key=worst.__getitem__)
+        value = values[name]
+        good = value >= ESS if low else value < R_HAT
+        limit = f"at least {ESS:g}" if low else f"below {R_HAT:g}"
+        reason = f"{code} of {name} is {value:.4g}; it must be {limit}."
+        found.append(Finding(code, "ok" if good else "failed", reason, value, "" if good else more))
+    return found
+
+
+def _bounds(draws: Draws, box: Box) -> list[Finding]:
+    found = []
+    for name, lower, upper in zip(box.names, box.lower, box.upper, strict=True):
+        x = (draws[name] - float(lower)) / float(upper - lower)
+        for side, share in (("lower", np.mean(x < EDGE)), ("upper", np.mean(x > 1 - EDGE))):
+            if share > PILE * EDGE:
+                found.append(
+                    Finding(
+                        "at_bound",
+                        "failed",
+                        f"{share:.1%} of the posterior of {name} lie within {EDGE:.0%} of its "
+                        f"{side} bound.",
+                        float(share),
+                        f"Widen {name} {side}, or doubt the model.",
+                    )
+                )
+    return found or [Finding("at_bound", "ok", "No parameter piles up at its bounds.", 0.0)]
+
+
+def _identified(draws: Draws, box: Box) -> Finding:
+    weak = weak_direction_of_draws(draws, box)
+    if weak is None:
+        return Finding("unidentified", "ok", "The data narrow every direction.", 0.0)
+    return Finding(
+        "unidentified",
+        "failed",
+        f"{weak.text[0].upper()}{weak.text[1:]}: along one direction of {', '.join(weak.names)} "
+        f"the posterior has {weak.ratio:.2f} of the prior's standard deviation.",
+        weak.ratio,
+        "Report the combination, fix one of the parameters, or add tests at higher amplitude.",
+    )
+
+
+def _trajectories(stats: xr.Dataset) -> list[Finding]:
+    found = []
+    if "diverging" in stats:
+        count = int(stats["diverging"].sum())
+        reason = (
+            f"{count} of {stats['diverging'].size} trajectories diverged or met a failed solve."
+        )
+        action = "Raise target_accept, or look where in the prior the model cannot be solved."
+        found.append(_limited("divergences", reason, count, 0, action))
+    if "failed" in stats:
+        share = float(stats["failed"].mean())
+        reason = f"{share:.2%} of the proposals met a failed solve."
+        action = "Narrow the prior to where the model can be solved, or solve it more finely."
+        found.append(_limited("failed_solves", reason, share, FAILED_SOLVES, action))
+    if "reached_max_tree_depth" in stats:
+        share = float(stats["reached_max_tree_depth"].mean())
+        reason = f"{share:.1%} of the trajectories were cut at the greatest tree depth."
+        action = "Start from a fit with its covariance, or raise max_tree_depth."
+        found.append(_limited("tree_depth", reason, share, TREE_SHARE, action))
+    if "energy" in stats and stats.sizes["draw"] > 1:
+        lowest = float(np.min(bfmi(stats["energy"].values)))
+        good = lowest >= BFMI
+        reason = f"E-BFMI of the worst chain is {lowest:.2f}; it must be at least {BFMI:g}."
+        action = "" if good else "Reparametrise: the tails are not explored."
+        found.append(Finding("e_bfmi", "ok" if good else "failed", reason, lowest, action))
+    return found
+
+
+def bfmi(energy: Float[np.ndarray, "chain draw"]) -> Float[np.ndarray, " chain"]:
+    r"""Energy Bayesian fraction of missing information of each chain.
+
+    $$\frac{\sum_n (E_n - E_{n-1})^2}{\sum_n (E_n - \bar E)^2}$$
+
+    Args:
+        energy: Energy of every draw [nats].
+
+    Returns:
+        The fraction; below 0.3 the momenta do not explore the energies of the posterior.
+
+    Reference:
+        Betancourt (2016), arXiv:1604.00695.
+    """
+    centred = energy - energy.mean(axis=1, keepdims=True)
+    return np.sum(np.diff(energy, axis=1) ** 2, axis=1) / np.sum(centred**2, axis=1)
+
+
+def _fit(chi_square: float, dof: int) -> Finding:
+    ratio = chi_square / dof if dof > 0 else float("nan")
+    low, high = CHI_SQUARE
+    good = low <= ratio <= high
+    return Finding(
+        "chi_square",
+        "ok" if good else "failed",
+        f"Chi-square a degree of freedom is {ratio:.3g}; it must be within {low:g} and {high:g}.",
+        ratio,
+        "" if good else "Doubt the noise, or the model.",
+    )
+
+
+def _limited(code: str, reason: str, number: float, limit: float, action: str) -> Finding:
+    good = number <= limit
+    return Finding(code, "ok" if good else "failed", reason, number, "" if good else action)
