@@ -1,0 +1,128 @@
+"""The third harmonic of a probing tone, and the kernel H3 measured and predicted."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from jbw.errors import DataError
+from jbw.report.linear import wrap_band, wrap_degrees
+from jbw.report.result import branch, frequency
+from jbw.report.style import BLUE, INK, VERMILLION, Panels, legend, panels, title
+from jbw.report.text import axis_label
+
+SAMPLERS = {"paper": ("walk as published", VERMILLION), "nuts": ("NUTS", BLUE)}
+
+
+def harmonic_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw the spectrum of one probing tone, and the measured H3 of every repeat.
+
+    Panels: amplitude spectrum, magnitude of H3, phase of H3 (3 axes).
+    """
+    spectrum = branch(tree, "verification/spectrum", "amplitude")
+    kernel = branch(tree, "verification/h3", "measured_magnitude", "measured_phase")
+    axes = panels(ax, 1, 3, height=2.7, width_ratios=[1.6, 1, 1])
+    _spectrum(axes[0, 0], spectrum)
+    _measured_kernel(axes[0, 1], axes[0, 2], kernel, label="one repeat")
+    for each in axes[0, 1:]:
+        each.set_xlabel("probing frequency [Hz]")
+        each.margins(x=0.12, y=0.12)
+    legend(axes, ax)
+    return axes
+
+
+def _spectrum(ax: Any, spectrum: xr.Dataset) -> None:
+    """Draw the amplitude over frequency, the tone and its third harmonic marked."""
+    freq, amplitude = frequency(spectrum), np.asarray(spectrum["amplitude"], float)
+    tone = float(spectrum.attrs.get("tone_hz", freq[int(np.nanargmax(amplitude[1:])) + 1]))
+    shown = (freq > 0.2 * tone) & (freq < 6.0 * tone)
+    ax.plot(freq[shown], amplitude[shown], color=INK, lw=0.7)
+    for order, text, colour in ((1, "ω", BLUE), (3, "3ω", VERMILLION)):
+        at = int(np.argmin(np.abs(freq - order * tone)))
+        ax.plot(freq[at], amplitude[at], "o", ms=5, mfc="none", color=colour, mew=1.3)
+        ax.annotate(
+            text,
+            (freq[at], amplitude[at]),
+            xytext=(5, 1),
+            textcoords="offset points",
+            color=colour,
+            fontsize=9,
+        )
+    unit = str(spectrum["amplitude"].attrs.get("units", ""))
+    ax.set(yscale="log", xlabel="frequency [Hz]", ylabel=axis_label("response amplitude", unit))
+    title(ax, f"tone of {tone:g} Hz")
+
+
+def _measured_kernel(upper: Any, lower: Any, kernel: xr.Dataset, label: str) -> None:
+    """Draw the magnitude and phase of H3 of every repeat."""
+    freq = frequency(kernel)
+    magnitude = kernel["measured_magnitude"].transpose("repeat", ...)
+    phase = kernel["measured_phase"].transpose("repeat", ...)
+    dots = {"color": INK, "marker": "o", "mfc": "none", "mew": 0.6, "ms": 3.2, "lw": 0}
+    for each, values in ((upper, magnitude), (lower, wrap_degrees(phase))):
+        lines = each.plot(freq, np.asarray(values).T, **dots)
+        lines[0].set_label(label)
+    upper.set(yscale="log")
+    upper.set_ylabel(axis_label("|H₃|", str(magnitude.attrs.get("units", ""))))
+    lower.set_ylabel("arg H₃ [°]")
+
+
+def kernel_bands(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw the measured H3 against the 99 % parameter bands of both samplers.
+
+    Panels: magnitude, phase; below, both against the median of NUTS (4 axes). The bands are drawn
+    at the probing frequencies only, side by side, since nothing was measured between them.
+    """
+    kernel = branch(tree, "verification/h3", "measured_magnitude", "measured_phase")
+    present = [name for name in SAMPLERS if f"{name}_magnitude" in kernel]
+    if not present:
+        raise DataError("The group /verification/h3 holds no band of the model.")
+    axes = panels(ax, 2, 2, height=4.6, sharex=True)
+    freq = frequency(kernel)
+    step = np.min(np.diff(np.sort(freq))) if freq.size > 1 else 1.0
+    for row, shown in zip(axes, (kernel, relative_to_median(kernel, present[-1])), strict=True):
+        _measured_kernel(row[0], row[1], shown, label="measured, each repeat")
+        for name, side in zip(present, (0.22, -0.22), strict=False):
+            _intervals(row, freq + side * step, shown, name)
+        for each in row:
+            each.margins(x=0.08, y=0.12)
+    axes[1, 0].set(yscale="linear", ylabel="|H₃| over median [-]")
+    axes[1, 1].set_ylabel("arg H₃ less median [°]")
+    for each in axes[1]:
+        each.set_xlabel("probing frequency [Hz]")
+    legend(axes, ax)
+    return axes
+
+
+def relative_to_median(kernel: xr.Dataset, name: str) -> xr.Dataset:
+    """Return magnitudes over, and phases less, the median of the sampler `name`."""
+    middle = kernel.isel(quantile=1, drop=True)
+    magnitude, phase = middle[f"{name}_magnitude"], middle[f"{name}_phase"]
+    relative = {
+        key: values / magnitude if str(key).endswith("magnitude") else _turn(values - phase)
+        for key, values in kernel.data_vars.items()
+        if str(key).endswith(("magnitude", "phase"))
+    }
+    return kernel.assign(relative)
+
+
+def _turn(phase: xr.DataArray) -> xr.DataArray:
+    """Return differences of phase within half a turn."""
+    return (phase + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def _intervals(pair: Panels, x: Float[np.ndarray, " freq"], kernel: xr.Dataset, name: str) -> None:
+    """Draw one sampler's 99 % intervals and medians of magnitude and phase."""
+    called, colour = SAMPLERS[name]
+    magnitude = np.asarray(kernel[f"{name}_magnitude"].transpose("quantile", ...), float)
+    phase = wrap_band(np.asarray(kernel[f"{name}_phase"].transpose("quantile", ...), float))
+    for each, (low, middle, high) in zip(pair, (magnitude, phase), strict=True):
+        bars = each.vlines(x, low, high, color=colour, lw=4, alpha=0.45)
+        bars.set_label(f"99 % parameter band, {called}")
+        each.plot(x, middle, "_", color=INK, ms=6, mew=0.9)
+
+
+def source_correction(tree: xr.DataTree) -> Float[np.ndarray, " freq"]:
+    """Return the part of Y(3 omega) that came from the source, by probing frequency [-]."""
+    return np.abs(np.asarray(branch(tree, "verification/h3", "correction")["correction"], float))

@@ -1,0 +1,153 @@
+"""How every figure looks: one palette, one width, units on the axes, no display needed."""
+
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from jbw.errors import ConfigError
+
+# Okabe and Ito's palette, told apart with any colour vision and in grey.
+BLUE, VERMILLION, GREEN = "#0072b2", "#d55e00", "#009e73"
+ORANGE, SKY, PURPLE = "#e69f00", "#56b4e9", "#cc79a7"
+INK, SOFT, GRID = "#20242a", "#68707a", "#d9dde2"
+
+# The same role has the same colour in every figure.
+MEASURED, REPEATS, MODEL, PREDICTIVE = INK, SKY, VERMILLION, ORANGE
+LEVELS = (BLUE, GREEN, ORANGE, VERMILLION, PURPLE, SKY)
+
+Panels = np.ndarray
+"""Axes of a figure, as rows and columns of an array of objects."""
+
+WIDTH = 7.2
+"""Width of a figure [in]: two columns of a paper, one column of the page."""
+
+RC: Any = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": SOFT,
+    "axes.facecolor": "none",
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "text.color": INK,
+}
+
+
+def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) -> Panels:
+    """Return axes in `rows` by `columns`: the given ones, or those of a new figure.
+
+    Args:
+        ax: Axes of the caller, in reading order, or None for a figure of our own.
+        rows: Rows of panels.
+        columns: Columns of panels.
+        height: Height of a new figure [in].
+        **layout: Passed to `Figure.subplots` (sharex, width_ratios, ...).
+
+    Raises:
+        ConfigError: If the number of axes given is not the number of panels.
+    """
+    if ax is not None:
+        given = np.asarray(ax, dtype=object).reshape(-1)
+        if given.size != rows * columns:
+            raise ConfigError(
+                f"Argument `ax` must hold {rows * columns} axes for this figure, "
+                f"but {given.size} came.",
+                remedy="Leave `ax` out and the figure makes its own axes.",
+            )
+        return given.reshape(rows, columns)
+    with matplotlib.rc_context(RC):
+        figure = Figure(figsize=(WIDTH, height), layout="constrained")
+        axes = figure.subplots(rows, columns, squeeze=False, **layout)
+    for each in axes.flat:
+        _dress(each)
+    return axes
+
+
+def stacks(
+    ax: Any, count: int, rows: int, *, height: float, across: int = 3, **layout: Any
+) -> tuple[Panels, list[Panels]]:
+    """Return all axes, and one stack of `rows` panels for each of `count` tests.
+
+    The stacks stand side by side, `across` of them at most, and then go on below; axes are
+    given and returned row by row.
+
+    Args:
+        ax: Axes of the caller, or None.
+        count: Number of tests.
+        rows: Panels in a stack.
+        height: Height of one line of stacks [in].
+        across: Stacks side by side at most.
+        **layout: Passed to `panels`; `height_ratios` are those of one stack.
+    """
+    columns = min(count, across)
+    lines = -(-count // columns)
+    if "height_ratios" in layout:
+        layout["height_ratios"] = list(layout["height_ratios"]) * lines
+    axes = panels(ax, rows * lines, columns, height=height * lines, **layout)
+    found = [
+        axes[rows * line : rows * (line + 1), column]
+        for line in range(lines)
+        for column in range(columns)
+    ]
+    for spare in found[count:]:
+        for each in spare:
+            each.set_visible(False)
+    return axes, found[:count]
+
+
+def _dress(ax: Axes) -> None:
+    """Fix the looks of ticks and grid now: matplotlib makes them late, in the caller's style."""
+    ax.tick_params(which="major", labelsize=8, color=SOFT, labelcolor=INK, width=0.7, length=3)
+    ax.tick_params(which="minor", color=SOFT, labelcolor=INK, labelsize=8, width=0.5, length=2)
+    ax.grid(True, color=GRID, linewidth=0.6)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.get_offset_text().set(fontsize=8, color=INK)
+
+
+def legend(axes: Panels, ax: Any) -> None:
+    """Put one legend above the panels of our own figure, or into the caller's first axes."""
+    entries: dict[str, Any] = {}
+    for each in axes.flat:
+        for handle, label in zip(*each.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    if not entries:
+        return
+    look = {"frameon": False, "fontsize": 8, "labelcolor": INK, "handlelength": 1.6}
+    first = axes.flat[0]
+    if ax is not None:
+        first.legend(list(entries.values()), list(entries), **look)
+        return
+    longest = max(len(label) for label in entries)
+    # At 8 points a line of the figure holds some 120 letters; a handle takes seven.
+    first.figure.legend(
+        list(entries.values()),
+        list(entries),
+        loc="outside upper left",
+        ncols=max(1, min(len(entries), 120 // (longest + 7))),
+        **look,
+    )
+
+
+def title(ax: Axes, text: str, size: float = 9.0) -> None:
+    """Set a panel's title, at its left."""
+    ax.set_title(text, loc="left", fontsize=size, color=INK)
+
+
+def plain(name: object) -> str:
+    """Return a name from a file as plain text: a dollar sign starts no formula."""
+    return str(name).replace("$", r"\$")
+
+
+def shade(ax: Axes, x: Any, lower: Any, upper: Any, colour: str, label: str, **look: Any) -> None:
+    """Fill the band between `lower` and `upper`, without an edge."""
+    ax.fill_between(x, lower, upper, **{"color": colour, "alpha": 0.35, "lw": 0, **look}).set_label(
+        label
+    )

@@ -1,0 +1,195 @@
+"""Rows of the report's tables: numbers from the summary, ready to print."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from jbw.errors import DataError
+from jbw.report.kernel import source_correction
+from jbw.report.linear import resonance_window
+from jbw.report.result import branch, frequency, node
+from jbw.report.text import NOTHING, number, percent, seconds, step_name, symbol, unit_text
+
+STATUS_WORDS = {
+    "ok": "The main posterior can be used.",
+    "doubtful": "The main posterior can be used with care; read the findings first.",
+    "warning": "The main posterior can be used with care; read the findings first.",
+    "failed": "The main posterior must not be used as it is.",
+}
+GOOD, BAD = ("ok", "passed"), ("failed", "fail", "bad", "error")
+
+
+class Badge(NamedTuple):
+    """A status as a word and a kind: good, doubt or bad."""
+
+    word: str
+    kind: str
+
+
+def badge(verdict: Any) -> Badge:
+    """Return the badge of a verdict, a status or nothing."""
+    word = str(verdict.get("status", "") if isinstance(verdict, Mapping) else verdict or "")
+    kind = "good" if word in GOOD else "bad" if word in BAD else "doubt"
+    return Badge(word or "not judged", kind)
+
+
+def findings(verdict: Any) -> list[dict[str, Any]]:
+    """Return a verdict's findings with their badge and their number in print."""
+    found = verdict.get("findings", []) if isinstance(verdict, Mapping) else []
+    return [
+        {**each, "badge": badge(each.get("status")), "number": _number_text(each.get("number"))}
+        for each in found
+    ]
+
+
+def _number_text(value: Any) -> str:
+    """Return a finding's number, empty where there is none."""
+    return "" if value is None else value if isinstance(value, str) else number(value)
+
+
+def step_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return Table 1: for every step its verdict, and a row of text for every parameter."""
+    main = summary.get("main")
+    return [
+        {
+            "name": step_name(name),
+            "main": name == main,
+            "badge": badge(step.get("verdict")),
+            "judged": bool(step.get("verdict")),
+            "findings": findings(step.get("verdict")),
+            "statements": list(step.get("statements") or []),
+            "wall": seconds(step.get("wall_time_s")),
+            "rows": [
+                _parameter_row(key, facts) for key, facts in (step.get("parameters") or {}).items()
+            ],
+            "correlations": _correlations(step.get("correlation")),
+        }
+        for name, step in (summary.get("steps") or {}).items()
+    ]
+
+
+def _parameter_row(name: str, facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return one row of Table 1 as text; digits follow the standard deviation."""
+    sd = facts.get("sd")
+    r_hat, z = facts.get("r_hat"), facts.get("z")
+    return {
+        "symbol": symbol(name),
+        "unit": unit_text(str(facts.get("unit") or "-")),
+        "map": number(facts.get("map"), sd),
+        "mean": number(facts.get("mean"), sd),
+        "sd": number(sd, digits=2),
+        "cv": percent(facts.get("cv"), digits=2),
+        "interval": f"{number(facts.get('q005'), sd)} to {number(facts.get('q995'), sd)}",
+        "kl": number(facts.get("kl"), 0.1),
+        "ess": f"{number(facts.get('ess_bulk'), 10.0)} / {number(facts.get('ess_tail'), 10.0)}",
+        "r_hat": number(r_hat, 0.01),
+        "unmixed": r_hat is None or not r_hat < 1.01,
+        "sampled": facts.get("ess_bulk") is not None or r_hat is not None,
+        "truth": number(facts.get("truth"), sd),
+        "z": number(z, 1.0),
+        "far": z is not None and abs(z) > 2.576,
+    }
+
+
+def _correlations(correlation: Any, strong: float = 0.9) -> list[str]:
+    """Return the strong correlations of a step in words; keys are nested or joined by a comma."""
+    if not isinstance(correlation, Mapping):
+        return []
+    pairs: dict[frozenset[str], float] = {}
+    for first, value in correlation.items():
+        inner = value.items() if isinstance(value, Mapping) else [("", value)]
+        for second, number_ in inner:
+            names = [first, second] if second else str(first).replace(":", ",").split(",")
+            key = frozenset(name.strip() for name in names)
+            if len(key) == 2 and number_ is not None and abs(number_) >= strong:
+                pairs[key] = float(number_)
+    return [
+        f"{' and '.join(symbol(name) for name in sorted(key))}: {number(value, 0.01)}"
+        for key, value in pairs.items()
+    ]
+
+
+def prediction_rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Return the prediction errors, a row a test."""
+    return [
+        {
+            "test": name,
+            "level": f"{facts['level']:g}" if facts.get("level") is not None else NOTHING,
+            "fitted": "fitted" if facts.get("fitted") else "not fitted",
+            "coverage": percent(facts.get("coverage")),
+            "nrmse": percent(facts.get("nrmse"), digits=2),
+        }
+        for name, facts in (summary.get("predictions") or {}).items()
+    ]
+
+
+def loop_rows(summary: Mapping[str, Any], tree: xr.DataTree) -> list[dict[str, str]]:
+    """Return the enclosed areas, a row a test and kind of force."""
+    rows = []
+    for name, own in (summary.get("loops") or {}).items():
+        stored = node(tree, f"validation/loops/{name}")
+        facts = {**(stored.attrs if stored is not None else {}), **own}
+        for ending, force in (("", "elastic and hysteretic"), ("_viscous", "with viscous")):
+            low, high = (facts.get(f"model_area_{end}{ending}") for end in ("lower", "upper"))
+            measured = facts.get(f"measured_area{ending}")
+            if measured is None or low is None or high is None:
+                continue
+            sd = (high - low) / 5.2
+            rows.append(
+                {
+                    "test": name,
+                    "force": force,
+                    "measured": number(measured, sd),
+                    "median": number(facts.get(f"model_area_median{ending}"), sd),
+                    "band": f"{number(low, sd)} to {number(high, sd)}",
+                    "inside": "inside" if low <= measured <= high else "outside",
+                }
+            )
+    return rows
+
+
+def data_rows(tree: xr.DataTree) -> list[dict[str, str]]:
+    """Return what the records themselves say: coherence, spread of repeats, the source."""
+    rows = []
+    for check in (_coherence, _spread, _correction):
+        try:
+            rows.extend(check(tree))
+        except DataError:
+            # The step was not run; its figure says so on the page.
+            continue
+    return rows
+
+
+def _coherence(tree: xr.DataTree) -> list[dict[str, str]]:
+    """Return the lowest coherence within the resonance."""
+    line = branch(tree, "steps/linear", "coherence", "h_magnitude")
+    freq = frequency(line)
+    low, high = resonance_window(freq, np.asarray(line["h_magnitude"], float), depth=0.3)
+    inside = np.asarray(line["coherence"], float)[(freq >= low) & (freq <= high)]
+    text = "near 1 where the records are long enough for the damping and free of noise"
+    return [_row("lowest coherence at the resonance", number(np.nanmin(inside)), text)]
+
+
+def _spread(tree: xr.DataTree) -> list[dict[str, str]]:
+    """Return the variation of the linear parameters between repeats."""
+    facts = branch(tree, "steps/linear").attrs
+    text = "between repeats; set it against the standard deviations of Table 1"
+    return [
+        _row(f"variation of {symbol(name)}", percent(facts[f"cv_{name}"], digits=2), text)
+        for name in ("omega_n", "zeta", "gain")
+        if f"cv_{name}" in facts
+    ]
+
+
+def _correction(tree: xr.DataTree) -> list[dict[str, str]]:
+    """Return the largest part of Y(3 omega) that came from the source."""
+    largest = percent(np.nanmax(source_correction(tree)), digits=2)
+    text = "of Y(3ω), taken out with the measured input"
+    return [_row("largest third harmonic of the source", largest, text)]
+
+
+def _row(what: str, value: str, meaning: str) -> dict[str, str]:
+    """Return one row of the data checks."""
+    return {"what": what, "value": value or NOTHING, "meaning": meaning}

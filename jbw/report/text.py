@@ -1,0 +1,101 @@
+"""Numbers, units and names in the form that people read."""
+
+# Greek letters and the true minus sign are meant.
+# ruff: noqa: RUF001
+
+import math
+import re
+from typing import Any
+
+SYMBOLS = {
+    "omega_n": "ωₙ",
+    "zeta": "ζ",
+    "alpha": "α",
+    "delta": "δ",
+    "gamma": "γ",
+    "gain": "gain",
+    "noise_std": "noise sd",
+}
+
+STEPS = {
+    "linear": "Step 2: linear regime, line fit",
+    "third_order_paper": "Step 3: third-order kernel, random walk as published",
+    "third_order_walk": "Step 3: third-order kernel, tuned random walk",
+    "third_order_nuts": "Step 3: third-order kernel, NUTS",
+    "opening_paper": "Step 4: opening of the loop, random walk as published",
+    "opening_walk": "Step 4: opening of the loop, tuned random walk",
+    "opening_nuts": "Step 4: opening of the loop, NUTS",
+    "joint": "Step 4: all parameters together",
+}
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+NOTHING = "–"
+
+
+def symbol(name: str) -> str:
+    """Return a parameter's symbol: omega_n as ωₙ, noise_std[0.2] as noise sd at 0.2."""
+    stem, bracket, index = name.partition("[")
+    called = SYMBOLS.get(stem, stem)
+    return f"{called} at {index.removesuffix(']')}" if bracket else called
+
+
+def step_name(name: str) -> str:
+    """Return what a step and its sampler are called."""
+    return STEPS.get(name, name)
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit with raised exponents: m/s^2 as m/s²."""
+    return re.sub(r"\^(-?\d+)", lambda found: found[1].translate(_RAISED), unit)
+
+
+def axis_label(what: str, unit: str) -> str:
+    """Return an axis label with its unit in brackets, [-] where there is none."""
+    return f"{what} [{unit_text(unit) or '-'}]"
+
+
+def number(value: Any, sd: Any = None, digits: int = 3) -> str:
+    """Return a number to two significant digits of its `sd`, or else to `digits` of its own.
+
+    A missing or undefined value is a dash; very large and very small ones carry a power of ten.
+    """
+    value, sd = _float(value), _float(sd)
+    if value is None:
+        return NOTHING
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    last = _exponent(sd) - 1 if sd else _exponent(value) - digits + 1
+    lead = max(_exponent(value), last)
+    if -3 <= lead <= 5:
+        text = f"{round(value, -last):.{max(0, -last)}f}"
+        return text.replace("-", "−")
+    mantissa = f"{value / 10.0**lead:.{min(15, max(0, lead - last))}f}"
+    return f"{mantissa}×10{str(lead).translate(_RAISED)}".replace("-", "−")
+
+
+def percent(value: Any, digits: int = 3) -> str:
+    """Return a ratio in percent."""
+    ratio = _float(value)
+    return NOTHING if ratio is None else f"{number(100.0 * ratio, digits=digits)} %"
+
+
+def seconds(value: Any) -> str:
+    """Return a wall time in seconds, or in minutes and seconds."""
+    time = _float(value)
+    if time is None:
+        return NOTHING
+    minutes, rest = divmod(round(time), 60)
+    return f"{minutes} min {rest:02d} s" if minutes else f"{number(time, digits=2)} s"
+
+
+def _float(value: Any) -> float | None:
+    """Return a finite or infinite number, None for what is missing or undefined."""
+    if value is None or isinstance(value, str):
+        return None
+    found = float(value)
+    return None if math.isnan(found) else found
+
+
+def _exponent(value: float) -> int:
+    """Return the decimal exponent of a number."""
+    return math.floor(math.log10(abs(value))) if value else 0
