@@ -1,1 +1,101 @@
-"""TODO."""
+"""The command line: a group whose commands load when called, and a boundary for errors.
+
+Results go to stdout, progress and messages to stderr. Exit codes: 0 ok, 1 internal, 2 usage or
+configuration, 3 data, 4 finished but not trustworthy, 5 interrupted.
+"""
+
+import os
+import sys
+from collections.abc import Sequence
+from difflib import get_close_matches
+from importlib import import_module
+from typing import Any
+
+import click
+
+from jbw import __version__
+from jbw.errors import JbwError
+
+INTERRUPTED = 5
+
+# Command to the place of its function, and its line in `jbw --help`; read without importing it.
+COMMANDS = {
+    "demo": ("jbw.cli.demo:demo", "Measure the virtual rig and identify it, start to finish."),
+    "init": ("jbw.cli.init:init", "Write a commented campaign file for a folder of records."),
+    "check": ("jbw.cli.check:check", "Check a campaign, channel by channel."),
+    "identify": ("jbw.cli.identify:identify", "Identify the joint from a campaign."),
+}
+
+
+class LazyGroup(click.Group):
+    """A group that imports a command's module only when the command is called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of the commands, in the order of the work."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command, imported now."""
+        if cmd_name not in COMMANDS:
+            return None
+        module, _, function = COMMANDS[cmd_name][0].partition(":")
+        return getattr(import_module(module), function)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command that the arguments name; a misspelt one is answered with the nearest."""
+        if args[0] not in COMMANDS and not args[0].startswith("-"):
+            nearest = get_close_matches(args[0], COMMANDS, n=1)
+            guess = f" Did you mean '{nearest[0]}'?" if nearest else ""
+            ctx.fail(f"No such command '{args[0]}'.{guess}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The list of commands in the help, from the table alone."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="jbw")
+def cli() -> None:
+    """Identify bolted joints from vibration records."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Console entry: run a command, end with its exit code, never with a bare traceback."""
+    sys.exit(run(arguments))
+
+
+def run(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code.
+
+    Args:
+        arguments: Command line without the program's name; the process's own when None.
+    """
+    try:
+        code: Any = cli.main(arguments, prog_name="jbw", standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("Interrupted.", err=True)
+        return INTERRUPTED
+    except JbwError as error:
+        click.echo(f"Error: {error}", err=True)
+        return error.exit_code
+    except BrokenPipeError:  # the reader of stdout left, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:  # the boundary: anything else is a fault of jbw
+        return _internal(error)
+    return code if isinstance(code, int) else 0
+
+
+def _internal(error: Exception) -> int:
+    if os.environ.get("JBW_TRACEBACK"):
+        raise error
+    click.echo(f"Internal error: {type(error).__name__}: {error}", err=True)
+    click.echo("Set JBW_TRACEBACK=1 and run again to see where; please report it.", err=True)
+    return JbwError.exit_code

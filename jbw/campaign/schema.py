@@ -1,0 +1,256 @@
+"""The campaign file's schema: every key in one table, checked strictly, all errors at once."""
+
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from jbw.campaign.values import (
+    a_prior,
+    a_repeat_list,
+    a_whole_number,
+    level_list,
+    modes,
+    non_negative,
+    number,
+    one_of,
+    positive,
+    positive_list,
+    rising_pair,
+    role_numbers,
+    role_paths,
+    role_units,
+    sampling,
+    strings,
+    text,
+    unlike,
+)
+from jbw.errors import ConfigError
+
+KINDS = ("noise", "multisine", "tones", "stepped", "sweep", "decay", "frf", "loop")
+RESPONSES = {"displacement", "velocity", "acceleration"}
+SOURCES = {"input", "force"}
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key: how its value is checked, whether it must be there, and what it means."""
+
+    check: Callable[[Any], Any]
+    says: str
+    required: bool = False
+
+
+@dataclass(frozen=True)
+class TestSpec:
+    """One [[test]] table, checked; the fields are its keys."""
+
+    __test__ = False  # not a pytest class
+
+    kind: str
+    files: tuple[str, ...]
+    channels: Mapping[str, str]
+    units: Mapping[str, str] = field(default_factory=dict)
+    scale: Mapping[str, float] = field(default_factory=dict)
+    name: str = ""
+    level: float = float("nan")
+    fs: float | str | None = None
+    band: tuple[float, float] | None = None
+    tones: tuple[float, ...] = ()
+    dwell: float = float("nan")
+    settle: float = 0.0
+    delay: float = 0.0
+    assembly: str = ""
+    run: str = ""
+    repeats: str = "files"
+    exclude: tuple[int | str, ...] = ()
+    span: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class CampaignSpec:
+    """A campaign file, checked; no measurement file has been opened yet."""
+
+    name: str
+    tests: tuple[TestSpec, ...]
+    gain: float | None = None
+    modal_mass: float | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+CAMPAIGN = {
+    "name": Key(text, "a short name"),
+    "gain": Key(positive, "force per modal mass for one volt [N/kg/V]"),
+    "modal_mass": Key(positive, "[kg], for a measured force"),
+}
+TEST = {
+    "kind": Key(one_of(*KINDS), f"one of {', '.join(KINDS)}", required=True),
+    "files": Key(strings, "file or pattern, or a list of them", required=True),
+    "channels": Key(role_paths, "role = channel's name or path in the file", required=True),
+    "units": Key(role_units, "role = unit"),
+    "scale": Key(role_numbers, "role = calibration factor, before the unit"),
+    "name": Key(text, "a short name, unique"),
+    "level": Key(non_negative, "nominal level, in the unit of the input"),
+    "fs": Key(sampling, "sampling frequency [Hz], or the path of a scalar in the file"),
+    "band": Key(rising_pair, "lowest and highest frequency to use [Hz]"),
+    "tones": Key(positive_list, "frequencies present at once, or in turn if stepped [Hz]"),
+    "dwell": Key(positive, "duration of each step of a stepped test [s]"),
+    "settle": Key(non_negative, "time to discard before the steady state [s]"),
+    "delay": Key(number, "lag of the response channel behind the input [s]"),
+    "assembly": Key(text, "which assembly of the joint"),
+    "run": Key(text, "which day or run"),
+    "repeats": Key(one_of("files", "rows"), "one repeat a file, or one a row"),
+    "exclude": Key(a_repeat_list, "repeats to drop: numbers counted from zero, or file names"),
+    "span": Key(rising_pair, "first and last second to read"),
+}
+IDENTIFY = {
+    "fit_levels": Key(level_list, "sweep levels to fit; the others are predicted"),
+    "fit_repeats": Key(a_whole_number(1), "so many repeats are fitted, the rest held out"),
+    "substeps": Key(a_whole_number(1), "solver steps a sample"),
+    "sampler": Key(one_of("nuts", "random_walk", "random_walk_paper"), "how to sample"),
+    "num_chains": Key(a_whole_number(1), "chains"),
+    "num_samples": Key(a_whole_number(1), "draws kept a chain"),
+    "num_warmup": Key(a_whole_number(0), "draws to adapt with, a chain"),
+    "seed": Key(a_whole_number(0), "of the random numbers"),
+    "modes": Key(modes, "frequencies of the modes in the band [Hz], the joint's own first"),
+    "prior": Key(a_prior, "parameter = [lower, upper], in SI"),
+}
+TABLES = {"campaign": CAMPAIGN, "test": TEST, "identify": IDENTIFY}
+
+
+def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
+    """Check the text of a campaign file against the schema.
+
+    Args:
+        source: TOML text.
+        file: Its name, for messages.
+
+    Raises:
+        ConfigError: Not TOML, or anything unknown, missing or of the wrong type; all at once.
+    """
+    try:
+        document = tomllib.loads(source)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ConfigError(
+            f"{file} is not valid TOML: {error or 'nested too deeply'}.",
+            remedy="See https://toml.io; strings need quotes, and each key stands once.",
+        ) from None
+    errors: list[str] = []
+    spec = _campaign(document, errors)
+    if errors:
+        count = "an error" if len(errors) == 1 else f"{len(errors)} errors"
+        raise ConfigError("\n  ".join([f"{file} has {count}:", *errors]))
+    return spec
+
+
+def read_spec(path: Path) -> CampaignSpec:
+    """Read and check a campaign file.
+
+    Raises:
+        ConfigError: No such file, not UTF-8 TOML, or against the schema.
+    """
+    if not path.is_file():
+        raise ConfigError(
+            f"Campaign file `{path}` does not exist.",
+            remedy="Write one with: jbw init FOLDER",
+        )
+    try:
+        return parse(path.read_text(encoding="utf-8-sig"), path.name)
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            f"{path.name} is not UTF-8: byte {error.start}.", remedy="Save it as UTF-8."
+        ) from None
+
+
+def _campaign(document: Mapping[str, Any], errors: list[str]) -> CampaignSpec:
+    for key in document:
+        if key not in TABLES:
+            errors.append(f"[{key}]: unknown table{unlike(key, TABLES)}.")
+    head = _table(document.get("campaign", {}), CAMPAIGN, "[campaign]", errors)
+    if {"gain", "modal_mass"} <= set(head):
+        errors.append("[campaign]: give gain or modal_mass, not both; they say the same.")
+    tables = document.get("test", [])
+    if not isinstance(tables, list) or not tables:
+        errors.append("[[test]]: at least one test is needed, each under its own [[test]].")
+        tables = []
+    tests = [_test(table, f"[[test]] {i + 1}", errors) for i, table in enumerate(tables)]
+    settings = _table(document.get("identify", {}), IDENTIFY, "[identify]", errors)
+    specs = [test for test in tests if test is not None]
+    if len(specs) == len(tests):
+        _unique_names(specs, errors)
+        _levels_exist(specs, settings, errors)
+    head.setdefault("name", "campaign")
+    return CampaignSpec(tests=tuple(specs), settings=settings, **head)
+
+
+def _table(table: Any, keys: Mapping[str, Key], where: str, errors: list[str]) -> dict[str, Any]:
+    """The checked values of a table; what is wrong is added to the errors."""
+    if not isinstance(table, dict):
+        errors.append(f"{where}: must be a table, but is {table!r}.")
+        return {}
+    checked = {}
+    for name, value in table.items():
+        if name not in keys:
+            errors.append(f"{where} {name}: unknown key{unlike(name, keys)}.")
+            continue
+        try:
+            checked[name] = keys[name].check(value)
+        except ValueError as error:
+            errors += [f"{where} {name}: {line}" for line in str(error).splitlines()]
+    errors += [
+        f"{where} {name}: missing; {key.says}."
+        for name, key in keys.items()
+        if key.required and name not in table
+    ]
+    return checked
+
+
+def _test(table: Any, where: str, errors: list[str]) -> TestSpec | None:
+    before = len(errors)
+    checked = _table(table, TEST, where, errors)
+    if len(errors) > before:
+        return None
+    test = TestSpec(**checked)
+    errors += [f"{where} {message}" for message in _needs(test)]
+    return test if len(errors) == before else None
+
+
+def _needs(test: TestSpec) -> list[str]:
+    """What a test's kind needs and its table lacks, and what contradicts."""
+    roles = set(test.channels)
+    told = [
+        f"{key} names role `{role}`, which channels does not."
+        for key, names in (("units:", test.units), ("scale:", test.scale))
+        for role in names
+        if role not in roles
+    ]
+    if not roles & RESPONSES:
+        told.append(f"channels: needs a response, one of {', '.join(sorted(RESPONSES))}.")
+    if test.kind not in ("decay", "loop") and not roles & SOURCES:
+        told.append(f"channels: kind `{test.kind}` needs `input` or `force`.")
+    if test.kind == "loop" and not roles & {"restoring_force", "force"}:
+        told.append("channels: kind `loop` needs `restoring_force`.")
+    if test.kind == "frf" and not {"frequency", "phase"} <= roles:
+        told.append("channels: kind `frf` needs `frequency` and `phase` beside the amplitudes.")
+    if test.kind != "frf" and roles & {"frequency", "phase"}:
+        told.append("channels: `frequency` and `phase` belong to kind `frf`.")
+    if test.kind in ("tones", "stepped") and not test.tones:
+        told.append(f"tones: missing; kind `{test.kind}` needs the frequencies [Hz].")
+    if test.kind == "stepped" and not test.dwell > 0:
+        told.append("dwell: missing; kind `stepped` needs the duration of each step [s].")
+    return told
+
+
+def _unique_names(tests: list[TestSpec], errors: list[str]) -> None:
+    given = [test.name for test in tests if test.name]
+    for name in sorted({name for name in given if given.count(name) > 1}):
+        errors.append(f"[[test]] name: {name!r} is given to {given.count(name)} tests.")
+
+
+def _levels_exist(tests: list[TestSpec], settings: Mapping[str, Any], errors: list[str]) -> None:
+    levels = sorted({test.level for test in tests if test.level == test.level})
+    for level in settings.get("fit_levels", ()):
+        if level not in levels:
+            listed = ", ".join(f"{known:g}" for known in levels) or "none"
+            errors.append(f"[identify] fit_levels: no test has level {level:g}; levels: {listed}.")

@@ -1,0 +1,59 @@
+"""`jbw check`: one table, channel by channel."""
+
+import json
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from jbw.campaign.checking import Check, Row, as_json, check_campaign
+
+COLOURS = {"ok": "green", "warning": "yellow", "error": "bold red"}
+PIPE_WIDTH = 160  # columns, when stdout is no terminal and has no width of its own
+
+
+@click.command()
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.option("--json", "json_", is_flag=True, help="Print JSON instead of a table.")
+@click.option("--allow-outside", is_flag=True, help="Read files outside the campaign's folder.")
+def check(campaign: Path, json_: bool, allow_outside: bool) -> int:
+    """Check the campaign file CAMPAIGN and all of its channels.
+
+    Ends with 0 when it can be identified, 2 when the campaign file must change, 3 when data must.
+    """
+    found = check_campaign(campaign, allow_outside=allow_outside)
+    if json_:
+        click.echo(json.dumps(as_json(found), indent=2, ensure_ascii=False))
+    else:
+        _print(found)
+    return found.exit_code
+
+
+def _print(found: Check) -> None:
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=PIPE_WIDTH)
+    table = Table(title=f"Campaign {found.campaign}", title_justify="left")
+    for heading in ("test", "channel", "role", "unit"):
+        table.add_column(heading, overflow="fold")
+    table.add_column("fs", justify="right")
+    table.add_column("repeats", justify="right")
+    table.add_column("status")
+    for row in found.rows:
+        table.add_row(*_cells(row))
+    console.print(table)
+    for row in found.rows:
+        for finding in row.findings:
+            # Text, not markup: names come from files.
+            console.print(Text(f"{finding.severity}", COLOURS[finding.severity]), end=" ")
+            console.print(Text(f"{row.test}, {row.channel}: {finding.what}"))
+            for line in filter(None, (finding.why, finding.remedy)):
+                console.print(Text(f"    {line}"))
+
+
+def _cells(row: Row) -> list[Text]:
+    fs = "" if row.fs is None else f"{row.fs:.7g} Hz"
+    plain = [Text(cell) for cell in (row.test, row.channel, row.role, row.unit, fs)]
+    return [*plain, Text(str(row.repeats)), Text(row.status, COLOURS[row.status])]
