@@ -89,11 +89,9 @@ def advance_chains(
         def step(i: Array, carry: tuple[PyTree, Draw]) -> tuple[PyTree, Draw]:
             state, rows = carry
             state = kernel.sample(state, model_args, {})
-            draw = read_draw(state, problem, settings)
-            return state, jax.tree.map(lambda row, value: row.at[i].set(value), rows, draw)
+            return state, _set_row(rows, i, read_draw(state, problem, settings))
 
-        shapes = jax.eval_shape(lambda s: read_draw(s, problem, settings), state)
-        rows = jax.tree.map(lambda s: jnp.zeros((capacity, *s.shape), s.dtype), shapes)
+        rows = _empty_rows(lambda: read_draw(state, problem, settings), capacity)
         return jax.lax.fori_loop(0, count, step, (state, rows))
 
     return _over_chains(advance, settings.chain_method)(states, (problem, count))
@@ -101,12 +99,18 @@ def advance_chains(
 
 @eqx.filter_jit
 def evaluate_chains(
-    theta: dict[str, Float[Array, "chain draw"]], problem: Problem, settings: Settings
+    theta: dict[str, Float[Array, "chain draw"]],
+    first: Int[Array, ""],
+    last: Int[Array, ""],
+    problem: Problem,
+    settings: Settings,
 ) -> tuple[Float[Array, "chain draw term"], Float[Array, "chain draw"]]:
-    """Terms of the log likelihood, and the further log prior, at every draw.
+    """Terms of the log likelihood, and the further log prior, at the draws of a chunk.
 
     Args:
         theta: Draws by name.
+        first: First draw to evaluate.
+        last: One past the last; the other rows of the result are zero.
         problem: The posterior.
         settings: What is compiled in; only the chain method matters.
 
@@ -114,15 +118,19 @@ def evaluate_chains(
         Independent terms [nats], and the log prior [nats] without the box's constant.
     """
 
-    def evaluate(theta: dict[str, Array], problem: Problem) -> tuple[Array, Array]:
-        def one(theta: dict[str, Array]) -> tuple[Array, Array]:
-            terms = jnp.atleast_1d(problem.log_likelihood(theta, problem.data)).ravel()
-            prior = jnp.zeros(()) if problem.log_prior is None else problem.log_prior(theta)
-            return terms, prior
+    def evaluate(theta: dict[str, Array], shared: tuple[Problem, Array, Array]) -> PyTree:
+        problem, first, last = shared
 
-        return jax.lax.map(one, theta)
+        def one(i: Array) -> tuple[Array, Array]:
+            point = {name: values[i] for name, values in theta.items()}
+            terms = jnp.ravel(problem.log_likelihood(point, problem.data))
+            prior = 0.0 if problem.log_prior is None else problem.log_prior(point)
+            return terms, jnp.asarray(prior)
 
-    return _over_chains(evaluate, settings.chain_method)(theta, problem)
+        capacity = len(next(iter(theta.values())))
+        return _filled(one, first, last, capacity)
+
+    return _over_chains(evaluate, settings.chain_method)(theta, (problem, first, last))
 
 
 def num_devices_for(num_chains: int) -> int:
@@ -150,6 +158,21 @@ def _over_chains(f: Callable[..., PyTree], method: ChainMethod) -> Callable[...,
         return jax.shard_map(in_turn, mesh=mesh, check_vma=False, **specs)(chains, arrays)
 
     return mapped
+
+
+def _empty_rows(f: Callable[[], PyTree], capacity: int) -> PyTree:
+    shapes = jax.eval_shape(f)
+    return jax.tree.map(lambda s: jnp.zeros((capacity, *s.shape), s.dtype), shapes)
+
+
+def _set_row(rows: PyTree, i: Array, values: PyTree) -> PyTree:
+    return jax.tree.map(lambda row, value: row.at[i].set(value), rows, values)
+
+
+def _filled(f: Callable[[Array], PyTree], first: Array, last: Array, capacity: int) -> PyTree:
+    """Rows first to last - 1 of f(i), zero elsewhere, for bounds known only when run."""
+    rows = _empty_rows(lambda: f(jnp.asarray(0)), capacity)
+    return jax.lax.fori_loop(first, last, lambda i, rows: _set_row(rows, i, f(i)), rows)
 
 
 def _possible_start(

@@ -134,7 +134,8 @@ def _combination(names: tuple[str, ...], exponents: NDArray[np.float64], logs: b
         if abs(exponent) > NEAR / 2
     ]
     if not logs:
-        return " + ".join(f"{exponent:g} {name}" for name, exponent in parts).replace("+ -", "- ")
+        terms = [name if factor == 1 else f"{factor:g} {name}" for name, factor in parts]
+        return " + ".join(terms).replace("+ -", "- ")
     over = [_power(name, exponent) for name, exponent in parts if exponent > 0]
     under = [_power(name, -exponent) for name, exponent in parts if exponent < 0]
     return "*".join(over) + "".join(f"/{factor}" for factor in under)

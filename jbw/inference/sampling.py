@@ -115,15 +115,14 @@ def sample(
     clock = time.perf_counter()
     centre, spread, whitening = chain_starts(start, covariance, box, num_chains)
     problem = Problem(log_likelihood, log_prior, box, data, whitening)
-    theta, stats = _run(key, centre, spread, draws, problem, settings, progress)
-    terms, extra = evaluate_chains(theta, problem, settings)
+    (theta, stats), terms, extra = _run(key, centre, spread, draws, problem, settings, progress)
     seed = [int(word) for word in np.ravel(jax.random.key_data(key))]
     facts = {"sampler": sampler, "seed": seed, **_settings_as_attributes(settings)}
     return posterior_tree(
         theta,
         stats,
-        np.asarray(terms),
-        np.asarray(extra) - float(jnp.sum(jnp.log(box.upper - box.lower))),
+        terms,
+        extra - float(jnp.sum(jnp.log(box.upper - box.lower))),
         box,
         attrs=attrs or {},
         facts=facts,
@@ -175,7 +174,7 @@ def _run(
     problem: Problem,
     settings: Settings,
     progress: Progress | None,
-) -> Draw:
+) -> tuple[Draw, np.ndarray, np.ndarray]:
     keys = jax.random.split(key, len(centre))
     states, possible = start_chains(keys, centre, spread, problem, settings)
     if not np.all(possible):
@@ -190,8 +189,15 @@ def _run(
     for done in range(0, total, CHUNK):
         count = min(CHUNK, total - done)
         states, draws = advance_chains(states, jnp.asarray(count), CHUNK, problem, settings)
-        first = max(0, settings.num_warmup - done)
-        kept.append(jax.tree.map(lambda row: np.asarray(row)[:, first:count], draws))  # noqa: B023
+        first = min(count, max(0, settings.num_warmup - done))
+        if first < count:
+            bounds = jnp.asarray(first), jnp.asarray(count)
+            terms = evaluate_chains(draws.theta, *bounds, problem, settings)
+            kept.append(_rows((draws, *terms), first, count))
         if progress is not None:
             progress(done + count, total)
     return jax.tree.map(lambda *rows: np.concatenate(rows, axis=1), *kept)
+
+
+def _rows(tree: PyTree, first: int, last: int) -> PyTree:
+    return jax.tree.map(lambda row: np.asarray(row)[:, first:last], tree)

@@ -58,7 +58,7 @@ def test_detailed_balance_between_three_states(seed):
     np.add.at(flow, (np.digitize(before, edges), np.digitize(after, edges)), 1)
     upper = np.triu_indices(3, 1)
     there, back = flow[upper], flow.T[upper]
-    assert np.all(there > 1000)
+    assert np.all(there > 500)
     assert chi2(3).sf(np.sum((there - back) ** 2 / (there + back))) > 1e-4
 
 
@@ -125,7 +125,7 @@ def ridge(theta, data):
 
 def test_the_published_settings_do_not_mix(golden):
     """Section 6 of the theory: CVs near 1 % whatever the data, acceptance above 0.9."""
-    model = golden["eq31_model"]
+    model = golden["bayes"]["eq31_model"]
     truth = {name: model[name] for name in ("zeta", "alpha", "delta")}
     # Half widths that give the prior CVs of 11.6, 9.4 and 11.6 %.
     half = {"zeta": 0.201, "alpha": 0.163, "delta": 0.201}

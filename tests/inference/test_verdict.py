@@ -1,0 +1,165 @@
+"""The verdict is never ok by accident: every pathology has its finding."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jbw.inference.box import box
+from jbw.inference.verdict import Finding, bfmi, judge, verdict
+
+BOX = box({"alpha": (1.0, 2.0), "delta": (1.0, 2.0)})
+
+
+def healthy(num_chains=4, num_draws=1000, seed=0):
+    rng = np.random.default_rng(seed)
+    shape = (num_chains, num_draws)
+    draws = {name: rng.normal(1.5, 0.05, size=shape) for name in BOX.names}
+    stats = {
+        "diverging": np.zeros(shape, bool),
+        "failed": np.zeros(shape, bool),
+        "reached_max_tree_depth": np.zeros(shape, bool),
+        "energy": rng.normal(size=shape),
+    }
+    return draws, stats
+
+
+def judged(draws, stats, **options):
+    dims = ("chain", "draw")
+    groups = {"posterior": draws, "sample_stats": stats}
+    tree = xr.DataTree.from_dict(
+        {
+            group: xr.Dataset({name: (dims, values) for name, values in variables.items()})
+            for group, variables in groups.items()
+        }
+    )
+    return verdict(tree, BOX, **options)
+
+
+def status_of(result, code):
+    return next(finding.status for finding in result.findings if finding.code == code)
+
+
+def test_a_healthy_posterior_is_ok():
+    result = judged(*healthy(), chi_square=(95.0, 100))
+    assert result.status == "ok", result
+    assert not any(finding.action for finding in result.findings)
+
+
+def _frozen(draws, stats):
+    draws["alpha"][2] = 1.4
+
+
+def _nan(draws, stats):
+    draws["delta"][0, 7] = np.nan
+
+
+def _apart(draws, stats):
+    draws["alpha"][0] += 0.2
+
+
+def _two_modes(draws, stats):
+    draws["alpha"][:2] = 1.2 + 0.1 * (draws["alpha"][:2] - 1.5)
+    draws["alpha"][2:] = 1.8 + 0.1 * (draws["alpha"][2:] - 1.5)
+
+
+def _sticky(draws, stats):
+    draws["delta"][:] = np.repeat(draws["delta"][:, ::20], 20, axis=1)
+
+
+def _piled(draws, stats):
+    draws["alpha"][:] = 2 - 0.05 * np.random.default_rng(0).exponential(size=(4, 1000))
+
+
+def _ridge(draws, stats):
+    rng = np.random.default_rng(0)
+    along = rng.uniform(-0.33, 0.33, size=(4, 1000))
+    draws["alpha"][:] = 1.4 * np.exp(along)
+    draws["delta"][:] = 1.4 * np.exp(-along + 0.01 * rng.normal(size=along.shape))
+
+
+def _diverging(draws, stats):
+    stats["diverging"][1, 10] = True
+
+
+def _failing(draws, stats):
+    stats["failed"][:, ::50] = True
+
+
+def _shallow(draws, stats):
+    stats["reached_max_tree_depth"][:, ::10] = True
+
+
+def _heavy(draws, stats):
+    stats["energy"][:] = np.cumsum(stats["energy"], axis=1)
+
+
+PATHOLOGIES = {
+    "frozen_chain": _frozen,
+    "non_finite": _nan,
+    "r_hat": _apart,
+    "ess_bulk": _sticky,
+    "at_bound": _piled,
+    "unidentified": _ridge,
+    "divergences": _diverging,
+    "failed_solves": _failing,
+    "tree_depth": _shallow,
+    "e_bfmi": _heavy,
+}
+
+
+@pytest.mark.parametrize("code", PATHOLOGIES)
+def test_every_pathology_fails_with_what_to_do(code):
+    draws, stats = healthy()
+    PATHOLOGIES[code](draws, stats)
+    result = judged(draws, stats)
+    assert result.status == "failed"
+    finding = next(f for f in result.findings if f.code == code)
+    assert finding.status == "failed"
+    assert finding.action
+    assert finding.reason.endswith(".")
+
+
+def test_chains_in_two_modes_fail():
+    draws, stats = healthy()
+    _two_modes(draws, stats)
+    assert status_of(judged(draws, stats), "r_hat") == "failed"
+
+
+def test_the_bound_is_named_with_its_side():
+    draws, stats = healthy()
+    _piled(draws, stats)
+    finding = next(f for f in judged(draws, stats).findings if f.code == "at_bound")
+    assert "alpha" in finding.reason
+    assert finding.action.startswith("Widen alpha upper")
+
+
+def test_the_ridge_is_named():
+    draws, stats = healthy()
+    _ridge(draws, stats)
+    finding = next(f for f in judged(draws, stats).findings if f.code == "unidentified")
+    assert "nly the product alpha*delta is determined" in finding.reason
+
+
+def test_one_chain_is_not_assessed():
+    draws, stats = healthy(num_chains=1, num_draws=4000)
+    result = judged(draws, stats)
+    assert result.status == "not assessed"
+    assert status_of(result, "r_hat") == "not assessed"
+
+
+@pytest.mark.parametrize("ratio", [0.01, 9.0, float("nan")])
+def test_a_chi_square_out_of_range_fails(ratio):
+    result = judged(*healthy(), chi_square=(100 * ratio, 100))
+    assert status_of(result, "chi_square") == "failed"
+
+
+def test_nothing_looked_at_is_not_ok():
+    assert judge([]).status == "not assessed"
+    fine = Finding("a", "ok", "Fine.", 0.0)
+    assert judge([fine, Finding("b", "failed", "Bad.", 1.0, "Act.")]).status == "failed"
+
+
+def test_energy_fraction_of_white_noise_is_two():
+    energy = np.random.default_rng(0).normal(size=(2, 20_000))
+    # The variance of a difference is twice the variance; 20,000 draws know it to 2 %.
+    np.testing.assert_allclose(bfmi(energy), 2.0, rtol=0.05)
