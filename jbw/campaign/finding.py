@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.files.tree import closest
+from jbw.measurement.files.paths import closest
 
 
 def found_files(

@@ -7,13 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jbw.campaign.finding import found_files
 from jbw.campaign.schema import CampaignSpec, TestSpec, read_spec
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.measurement.checks import Finding, inspect
-from jbw.measurement.files.assembling import Wanted
 from jbw.measurement.files.door import records, report
+from jbw.measurement.files.sampling import Wanted
+from jbw.measurement.plausibility import doubts
 from jbw.measurement.records import Record, Test
 
 
@@ -189,7 +191,13 @@ def fits_test(record: Record, test: TestSpec) -> tuple[Finding, ...]:
                 remedy="Correct settle, dwell or tones, or give the whole record.",
             )
         )
+    if test.kind in ("noise", "multisine") and not any(map(_is_broken, record.channels.values())):
+        found += doubts(record, test.band)
     return tuple(found)
+
+
+def _is_broken(samples: NDArray[np.float64]) -> bool:
+    return not np.isfinite(samples).all() or np.ptp(samples) == 0
 
 
 def _test(spec: TestSpec, name: str, kept: tuple[Record, ...]) -> Test:

@@ -1,45 +1,14 @@
-"""The campaign file's schema: every key in one table, checked strictly, all errors at once."""
+"""From the text of a campaign file to its checked values; all errors at once."""
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from jbw.campaign.values import (
-    a_prior,
-    a_repeat_list,
-    a_whole_number,
-    level_list,
-    modes,
-    non_negative,
-    number,
-    one_of,
-    positive,
-    positive_list,
-    rising_pair,
-    role_numbers,
-    role_paths,
-    role_units,
-    sampling,
-    strings,
-    text,
-    unlike,
-)
+from jbw.campaign.keys import CAMPAIGN, IDENTIFY, RESPONSES, SOURCES, TABLES, TEST, Key
+from jbw.campaign.values import unlike
 from jbw.errors import ConfigError
-
-KINDS = ("noise", "multisine", "tones", "stepped", "sweep", "decay", "frf", "loop")
-RESPONSES = {"displacement", "velocity", "acceleration"}
-SOURCES = {"input", "force"}
-
-
-@dataclass(frozen=True)
-class Key:
-    """One key: how its value is checked, whether it must be there, and what it means."""
-
-    check: Callable[[Any], Any]
-    says: str
-    required: bool = False
 
 
 @dataclass(frozen=True)
@@ -77,46 +46,6 @@ class CampaignSpec:
     gain: float | None = None
     modal_mass: float | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
-
-
-CAMPAIGN = {
-    "name": Key(text, "a short name"),
-    "gain": Key(positive, "force per modal mass for one volt [N/kg/V]"),
-    "modal_mass": Key(positive, "[kg], for a measured force"),
-}
-TEST = {
-    "kind": Key(one_of(*KINDS), f"one of {', '.join(KINDS)}", required=True),
-    "files": Key(strings, "file or pattern, or a list of them", required=True),
-    "channels": Key(role_paths, "role = channel's name or path in the file", required=True),
-    "units": Key(role_units, "role = unit"),
-    "scale": Key(role_numbers, "role = calibration factor, before the unit"),
-    "name": Key(text, "a short name, unique"),
-    "level": Key(non_negative, "nominal level, in the unit of the input"),
-    "fs": Key(sampling, "sampling frequency [Hz], or the path of a scalar in the file"),
-    "band": Key(rising_pair, "lowest and highest frequency to use [Hz]"),
-    "tones": Key(positive_list, "frequencies present at once, or in turn if stepped [Hz]"),
-    "dwell": Key(positive, "duration of each step of a stepped test [s]"),
-    "settle": Key(non_negative, "time to discard before the steady state [s]"),
-    "delay": Key(number, "lag of the response channel behind the input [s]"),
-    "assembly": Key(text, "which assembly of the joint"),
-    "run": Key(text, "which day or run"),
-    "repeats": Key(one_of("files", "rows"), "one repeat a file, or one a row"),
-    "exclude": Key(a_repeat_list, "repeats to drop: numbers counted from zero, or file names"),
-    "span": Key(rising_pair, "first and last second to read"),
-}
-IDENTIFY = {
-    "fit_levels": Key(level_list, "sweep levels to fit; the others are predicted"),
-    "fit_repeats": Key(a_whole_number(1), "so many repeats are fitted, the rest held out"),
-    "substeps": Key(a_whole_number(1), "solver steps a sample"),
-    "sampler": Key(one_of("nuts", "random_walk", "random_walk_paper"), "how to sample"),
-    "num_chains": Key(a_whole_number(1), "chains"),
-    "num_samples": Key(a_whole_number(1), "draws kept a chain"),
-    "num_warmup": Key(a_whole_number(0), "draws to adapt with, a chain"),
-    "seed": Key(a_whole_number(0), "of the random numbers"),
-    "modes": Key(modes, "frequencies of the modes in the band [Hz], the joint's own first"),
-    "prior": Key(a_prior, "parameter = [lower, upper], in SI"),
-}
-TABLES = {"campaign": CAMPAIGN, "test": TEST, "identify": IDENTIFY}
 
 
 def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:

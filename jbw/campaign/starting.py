@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
-from jbw.campaign.schema import CAMPAIGN, IDENTIFY, KINDS, RESPONSES, SOURCES, TEST, Key
+from jbw.campaign.keys import CAMPAIGN, IDENTIFY, KINDS, RESPONSES, SOURCES, TEST, Key
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.measurement.files.door import channels_of
 from jbw.measurement.files.opening import READERS
@@ -173,9 +173,11 @@ def _units(
     path: Path, roles: Mapping[str, str], leaves: Mapping[str, Leaf], notes: list[str]
 ) -> list[str]:
     units = {
-        role: leaves[name].unit or si_unit(QUANTITIES[role][0]) for role, name in roles.items()
+        role: leaves[name].unit or si_unit(QUANTITIES[role][0])
+        for role, name in roles.items()
+        if role != "time" or leaves[name].unit  # seconds, unless the file says otherwise
     }
-    guessed = [role for role, name in roles.items() if not leaves[name].unit]
+    guessed = [role for role in units if not leaves[roles[role]].unit]
     if not guessed:
         return [f"units = {_inline(units)}"]
     notes += [f"{path.name}: unit of {role} assumed to be {units[role]}." for role in guessed]
@@ -220,12 +222,11 @@ def _head(folder: Path) -> str:
 
 
 def _foot() -> str:
-    keys = [key for key in IDENTIFY if key != "prior"]
-    return "\n".join(["# [identify]", *_commented(IDENTIFY, keys)]) + "\n"
+    return "\n".join(["# [identify]", *_commented(IDENTIFY, list(IDENTIFY))]) + "\n"
 
 
 def _commented(keys: Mapping[str, Key], names: Sequence[str]) -> list[str]:
-    return [f"# {name} = ...  # {keys[name].says}" for name in names]
+    return [f"# {name} = {keys[name].example}  # {keys[name].says}" for name in names]
 
 
 def _listed(found: Sequence[str] | Mapping[str, Leaf]) -> str:

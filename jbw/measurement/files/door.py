@@ -6,9 +6,11 @@ from pathlib import Path
 
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.checks import Finding, inspect
-from jbw.measurement.files.assembling import Wanted, records_of
+from jbw.measurement.files.assembling import records_of
 from jbw.measurement.files.opening import opened, sha256
-from jbw.measurement.files.tree import Leaf, closest, names
+from jbw.measurement.files.paths import closest
+from jbw.measurement.files.sampling import Wanted
+from jbw.measurement.files.tree import Leaf, names
 from jbw.measurement.records import Record
 from jbw.measurement.roles import QUANTITIES, ROLES
 

@@ -59,7 +59,7 @@ def write_hdf5(
 
 def group_tree(group: h5py.Group) -> dict[str, Node]:
     """Names of a group and what they hold, links resolved inside the file only."""
-    return {name: _node(group, name) for name in group if not name.startswith("#")}
+    return {name: _node(group, name) for name in map(str, group) if not name.startswith("#")}
 
 
 def fs_of(attributes: Mapping[str, Any]) -> float | None:
@@ -88,6 +88,10 @@ def _node(group: h5py.Group, name: str) -> Node:
     item = group[name]
     if isinstance(item, h5py.Group):
         return group_tree(item)
+    return _array(item)
+
+
+def _array(item: Any) -> Node:
     if not isinstance(item, h5py.Dataset) or not np.issubdtype(item.dtype, np.number):
         return Opaque("not numeric", "Store the samples as a dataset of floats or integers.")
     unit = item.attrs.get("unit", item.attrs.get("units", ""))
@@ -96,21 +100,19 @@ def _node(group: h5py.Group, name: str) -> Node:
 
 def _behind(group: h5py.Group, name: str, target: str) -> Node:
     """What a soft link points at, if every step of its path stays in the file."""
-    here = group.file if target.startswith("/") else group
-    *folders, last = [part for part in target.split("/") if part not in ("", ".")]
-    for folder in folders:
+    here: Any = group.file if target.startswith("/") else group
+    steps = [part for part in target.split("/") if part not in ("", ".")]
+    for step in steps:
         # A link behind a link is refused too: it could lead out, or round in a circle.
-        if not isinstance(here.get(folder, getlink=True), h5py.HardLink):
+        is_hard = isinstance(here, h5py.Group) and isinstance(
+            here.get(step, getlink=True), h5py.HardLink
+        )
+        if not is_hard:
             raise _outside(f"{group.name}/{name}")
-        here = here[folder]
-    if not isinstance(here, h5py.Group) or not isinstance(
-        here.get(last, getlink=True), h5py.HardLink
-    ):
-        raise _outside(f"{group.name}/{name}")
-    found = here[last]
-    if isinstance(found, h5py.Group):
-        return Opaque("a soft link to a group", f"Use the group's own path `{target}`.")
-    return _node(here, last)
+        here = here[step]
+    if isinstance(here, h5py.Dataset):
+        return _array(here)
+    return Opaque("a soft link to a group", f"Use the group's own path `{target}`.")
 
 
 def _text(value: Any) -> str:

@@ -1,6 +1,6 @@
 """MATLAB files: v5 to v7 through scipy, v7.3 through h5py; structs, struct arrays and cells."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,9 @@ def contents(path: Path) -> Iterator[Contents]:
         head = stream.read(USER_BLOCK + len(HDF5_MAGIC))
     if HDF5_MAGIC in (head[:8], head[USER_BLOCK:]):
         with h5py.File(path, "r") as file:
-            root = {name: _node73(file, name) for name in file if not name.startswith("#")}
+            root = {
+                name: _node73(file, name) for name in map(str, file) if not name.startswith("#")
+            }
             yield Contents(root, "MATLAB v7.3", fs=fs_of(file.attrs))
     else:
         _refuse_bomb(path)
@@ -70,7 +72,7 @@ def _objects(value: Any) -> np.ndarray:
     return items
 
 
-def _cells(nodes: list[Node], shape: tuple[int, ...]) -> np.ndarray:
+def _cells(nodes: Sequence[Node], shape: tuple[int, ...]) -> np.ndarray:
     cells = np.empty(len(nodes), dtype=object)
     for i, node in enumerate(nodes):
         cells[i] = node
@@ -93,7 +95,7 @@ def _item73(item: Any) -> Node:
     if "MATLAB_object_decode" in item.attrs or kind in ("table", "function_handle", "string"):
         return Opaque("a MATLAB table, object or function handle", EXPORT)
     if isinstance(item, h5py.Group):
-        fields = {name: _node73(item, name) for name in item}
+        fields = {name: _node73(item, name) for name in map(str, item)}
         return _structs(fields) if _is_struct_array(item) else fields
     if h5py.check_ref_dtype(item.dtype) is h5py.Reference:
         references = np.asarray(item[()]).T

@@ -7,7 +7,8 @@ from importlib import import_module
 from pathlib import Path
 
 from jbw.errors import DataError, JbwError
-from jbw.measurement.files.tree import Contents, closest
+from jbw.measurement.files.paths import closest
+from jbw.measurement.files.tree import Contents
 
 # Suffix to reader module, imported when first needed; each has `contents(path)`.
 READERS = {

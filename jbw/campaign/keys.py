@@ -1,0 +1,91 @@
+"""Every key of a campaign file in one table: its check, its meaning, an example."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from jbw.campaign.values import (
+    a_prior,
+    a_repeat_list,
+    a_whole_number,
+    level_list,
+    modes,
+    non_negative,
+    number,
+    one_of,
+    positive,
+    positive_list,
+    rising_pair,
+    role_numbers,
+    role_paths,
+    role_units,
+    sampling,
+    strings,
+    text,
+)
+
+KINDS = ("noise", "multisine", "tones", "stepped", "sweep", "decay", "frf", "loop")
+RESPONSES = {"displacement", "velocity", "acceleration"}
+SOURCES = {"input", "force"}
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key: how its value is checked, whether it must be there, and what it means."""
+
+    check: Callable[[Any], Any]
+    says: str
+    required: bool = False
+    example: str = "..."
+
+
+CAMPAIGN = {
+    "name": Key(text, "a short name", example='"beam"'),
+    "gain": Key(positive, "force per modal mass for one volt [N/kg/V]", example="15.0"),
+    "modal_mass": Key(positive, "[kg], for a measured force", example="1.93"),
+}
+TEST = {
+    "kind": Key(one_of(*KINDS), f"one of {', '.join(KINDS)}", required=True),
+    "files": Key(strings, "file or pattern, or a list of them", required=True),
+    "channels": Key(role_paths, "role = channel's name or path in the file", required=True),
+    "units": Key(role_units, "role = unit"),
+    "scale": Key(role_numbers, "role = calibration factor, before the unit"),
+    "name": Key(text, "a short name, unique"),
+    "level": Key(non_negative, "nominal level, in the unit of the input", example="0.20"),
+    "fs": Key(sampling, "sampling frequency [Hz], or the path of a scalar in the file"),
+    "band": Key(rising_pair, "lowest and highest frequency to use [Hz]", example="[5.0, 40.0]"),
+    "tones": Key(positive_list, "frequencies present at once, or in turn if stepped [Hz]"),
+    "dwell": Key(positive, "duration of each step of a stepped test [s]"),
+    "settle": Key(non_negative, "time to discard before the steady state [s]"),
+    "delay": Key(number, "lag of the response channel behind the input [s]", example="0.0"),
+    "assembly": Key(text, "which assembly of the joint", example='"first"'),
+    "run": Key(text, "which day or run", example='"monday"'),
+    "repeats": Key(one_of("files", "rows"), "one repeat a file, or one a row"),
+    "exclude": Key(
+        a_repeat_list,
+        "repeats to drop: numbers counted from zero, or file names",
+        example='[2, "bad_*.h5"]',
+    ),
+    "span": Key(rising_pair, "first and last second to read", example="[0.0, 8.0]"),
+}
+IDENTIFY = {
+    "fit_levels": Key(
+        level_list, "sweep levels to fit; the others are predicted", example="[0.05, 0.20]"
+    ),
+    "fit_repeats": Key(
+        a_whole_number(1), "so many repeats are fitted; the rest held out", example="32"
+    ),
+    "substeps": Key(a_whole_number(1), "solver steps a sample", example="2"),
+    "sampler": Key(
+        one_of("nuts", "random_walk", "random_walk_paper"), "how to sample", example='"nuts"'
+    ),
+    "num_chains": Key(a_whole_number(1), "chains", example="4"),
+    "num_samples": Key(a_whole_number(1), "draws kept a chain", example="1000"),
+    "num_warmup": Key(a_whole_number(0), "draws to adapt with, a chain", example="500"),
+    "seed": Key(a_whole_number(0), "of the random numbers", example="0"),
+    "modes": Key(
+        modes, "frequencies of the modes in the band [Hz], the joint's own first", example="[18.8]"
+    ),
+    "prior": Key(a_prior, "parameter = [lower, upper], in SI", example="{ zeta = [0.003, 0.006] }"),
+}
+TABLES = {"campaign": CAMPAIGN, "test": TEST, "identify": IDENTIFY}
