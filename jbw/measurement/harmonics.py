@@ -7,10 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jbw.errors import ConfigError, DataError
 from jbw.measurement.channels import channel, derivative_order, sampling
+from jbw.measurement.sine_fit import (
+    amplitude_covariance,
+    check_length,
+    check_tone,
+    half_drift,
+    refined_frequency,
+    sine_fit,
+)
 
-NEAREST_BINS = 64  # of the residual's spectrum, from which the noise at a harmonic is read
 DRIFT_LIMIT = 0.01
 
 
@@ -88,23 +94,22 @@ def harmonics(
         ConfigError: An option that cannot be meant.
     """
     y, fs, order = channel(y, "y"), sampling(fs), derivative_order(response)
-    _check_tone(omega, num_harmonics, fs)
+    check_tone(omega, num_harmonics, fs)
     skip = round(start * fs)
     t = np.arange(skip, y.shape[-1]) / fs
-    _check_length(len(t) / fs, y.shape[-1] / fs, start, omega, len(t), num_harmonics, also)
+    check_length(len(t) / fs, y.shape[-1] / fs, start, omega, len(t), num_harmonics, also)
     y = y[..., skip:]
     if refine:
-        omega = _refined(y, t, omega, num_harmonics, also)
+        omega = refined_frequency(y, t, omega, num_harmonics, also)
     n = np.arange(1, num_harmonics + 1)
-    fitted = _fit(y, t, omega, num_harmonics, also)
+    fitted = sine_fit(y, t, omega, num_harmonics, also)
     to_displacement = np.exp(1j * n * omega * delay) / (1j * n * omega) ** order
-    half = len(t) // 2
-    drift, drift_std = _drift(y, t, half, omega, num_harmonics, also)
+    drift, drift_std = half_drift(y, t, omega, num_harmonics, also)
     cycles = omega * len(t) / (2 * np.pi * fs)
     result = Harmonics(
         omega=float(omega),
         amplitudes=fitted.amplitudes * to_displacement,
-        covariance=_rotated(_covariance(fitted, fs, n * omega), to_displacement),
+        covariance=_rotated(amplitude_covariance(fitted, fs, n * omega), to_displacement),
         drift=drift,
         drift_std=drift_std,
         residual_std=np.sqrt(np.sum(fitted.residual**2, axis=-1) / fitted.dof),
@@ -113,75 +118,6 @@ def harmonics(
     )
     _warn_when_drifting(result)
     return result
-
-
-@dataclass(frozen=True)
-class _Fit:
-    """A least-squares sine fit in the unit measured, the residual it leaves, and (X^T X)^-1."""
-
-    amplitudes: NDArray[np.complex128]
-    residual: NDArray[np.float64]
-    inverse: NDArray[np.float64]
-    tones: NDArray[np.float64]
-    dof: int
-
-
-def _fit(
-    y: NDArray[np.float64],
-    t: NDArray[np.float64],
-    omega: float,
-    num_harmonics: int,
-    also: Sequence[float] = (),
-) -> _Fit:
-    """Fit constant, trend and tones; the columns are cos and -sin, so c + js is the amplitude."""
-    tones = np.concatenate([omega * np.arange(1, num_harmonics + 1), np.asarray(also, float)])
-    angle = np.outer(t, tones)
-    middle, span = t.mean(), np.ptp(t)
-    pairs = np.stack([np.cos(angle), -np.sin(angle)], axis=-1).reshape(len(t), -1)
-    design = np.column_stack([pairs, np.ones_like(t), (t - middle) / span])
-    q, r = np.linalg.qr(design)
-    if np.linalg.cond(r) > 1e8:
-        raise DataError(
-            "The tones cannot be told apart in a record of this length.",
-            why="Two of the frequencies fitted nearly coincide.",
-            remedy="Lengthen the record or leave one of `also` out.",
-        )
-    r_inverse = np.linalg.inv(r)
-    solution = (y @ q) @ r_inverse.T
-    # A second pass on the residual recovers the digits that the first one rounds off.
-    residual = y - solution @ design.T
-    solution = solution + (residual @ q) @ r_inverse.T
-    residual = y - solution @ design.T
-    kept = slice(0, 2 * num_harmonics)
-    amplitudes = solution[..., kept][..., 0::2] + 1j * solution[..., kept][..., 1::2]
-    inverse = (r_inverse @ r_inverse.T)[kept, kept]
-    return _Fit(amplitudes, residual, inverse, tones, len(t) - design.shape[1])
-
-
-def _covariance(fit: _Fit, fs: float, omega: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(X^T X)^-1 scaled by the residual's level beside each harmonic, as if white there."""
-    level = np.repeat(np.sqrt(_local_level(fit, fs, omega)), 2, axis=-1)
-    return level[..., :, None] * fit.inverse * level[..., None, :]
-
-
-def _local_level(
-    fit: _Fit, fs: float, omega: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Variance that white noise with the residual's spectral density at each omega would have."""
-    num_samples = fit.residual.shape[-1]
-    # The Hann window keeps strong remains elsewhere (hum, other tones) out of the local bins.
-    w = np.sin(np.pi * (np.arange(num_samples) + 0.5) / num_samples) ** 2
-    power = np.abs(np.fft.rfft(fit.residual * w)) ** 2 / np.sum(w**2)
-    bins = np.arange(power.shape[-1])
-    to_bins = num_samples / (2 * np.pi * fs)
-    # Within two bins of a fitted tone, and of the constant, the fit has taken the noise as well.
-    free = np.all(np.abs(bins[:, None] - fit.tones * to_bins) > 2, axis=-1) & (bins > 2)
-    free = np.flatnonzero(free[:-1])
-    if free.size < 4:
-        white = np.sum(fit.residual**2, axis=-1) / fit.dof
-        return np.broadcast_to(white[..., None], (*white.shape, len(omega)))
-    nearest = [free[np.argsort(np.abs(free - o * to_bins))[:NEAREST_BINS]] for o in omega]
-    return np.stack([power[..., local].mean(axis=-1) for local in nearest], axis=-1)
 
 
 def _rotated(
@@ -194,79 +130,6 @@ def _rotated(
     return turn @ covariance @ turn.T
 
 
-def _drift(
-    y: NDArray[np.float64],
-    t: NDArray[np.float64],
-    half: int,
-    omega: float,
-    num_harmonics: int,
-    also: Sequence[float],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Relative change of the first harmonic between the halves, and its noise."""
-    parts = [_fit(y[..., s], t[s], omega, num_harmonics, also) for s in (slice(half), slice(half, None))]
-    first, second = (part.amplitudes[..., 0] for part in parts)
-    size = np.maximum(np.abs(first), np.finfo(float).tiny)
-    fs = 1 / (t[1] - t[0])
-    noise = sum(
-        _covariance(part, fs, np.array([omega] * num_harmonics))[..., :2, :2].trace(axis1=-2, axis2=-1)
-        for part in parts
-    )
-    return np.abs(second - first) / size, np.sqrt(noise) / size
-
-
-def _refined(
-    y: NDArray[np.float64],
-    t: NDArray[np.float64],
-    omega: float,
-    num_harmonics: int,
-    also: Sequence[float],
-) -> float:
-    """Frequency at which the mean phase of the first harmonic stands still from half to half."""
-    half = len(t) // 2
-    for _ in range(4):
-        first = _fit(y[..., :half], t[:half], omega, num_harmonics, also).amplitudes[..., 0]
-        second = _fit(y[..., half:], t[half:], omega, num_harmonics, also).amplitudes[..., 0]
-        turn = np.angle(np.sum(second * first.conj()))
-        omega += turn / (t[half:].mean() - t[:half].mean())
-    return float(omega)
-
-
-def _check_tone(omega: float, num_harmonics: int, fs: float) -> None:
-    if not (np.isfinite(omega) and omega > 0):
-        raise ConfigError(f"Argument `omega` must be positive [rad/s], but it is {omega}.")
-    if num_harmonics < 1:
-        raise ConfigError(f"Argument `num_harmonics` must be at least 1, but it is {num_harmonics}.")
-    highest = num_harmonics * omega / (2 * np.pi)
-    if highest >= fs / 2:
-        raise DataError(
-            f"Harmonic {num_harmonics} of {omega / (2 * np.pi):.4g} Hz lies at {highest:.4g} Hz, "
-            f"but a record at {fs:g} Hz ends at {fs / 2:g} Hz.",
-            why="Above half the sampling frequency a harmonic folds back onto another frequency.",
-            remedy=f"Sample above {2 * highest:.4g} Hz, or ask for fewer harmonics.",
-        )
-
-
-def _check_length(
-    duration: float,
-    total: float,
-    start: float,
-    omega: float,
-    num_samples: int,
-    num_harmonics: int,
-    also: Sequence[float],
-) -> None:
-    # Each half must hold a period for the drift, and more samples than the fit has unknowns.
-    unknowns = 2 * (num_harmonics + len(also)) + 2
-    fs = num_samples / duration if duration > 0 else np.inf
-    needed = max(4 * np.pi / omega, 2 * (unknowns + 1) / fs)
-    if duration < needed * (1 - 1e-9):
-        raise DataError(
-            f"The record must last {start + needed:.4g} s (two periods after the {start:g} s "
-            f"discarded), but it lasts {total:.4g} s.",
-            remedy="Measure longer, or discard less.",
-        )
-
-
 def _warn_when_drifting(result: Harmonics) -> None:
     drifting = (result.drift > DRIFT_LIMIT) & (result.drift > 3 * result.drift_std)
     if np.any(drifting):
@@ -276,3 +139,52 @@ def _warn_when_drifting(result: Harmonics) -> None:
             "left, or the frequency is not exact. Discard more with `start`.",
             stacklevel=3,
         )
+
+
+@dataclass(frozen=True)
+class ThirdOrder:
+    """Third-order kernel on its leading diagonal, as measured at one probing frequency.
+
+    Amplitudes are complex peak values; the input's unit is that of `u` (volts if `u` is in volts).
+
+    Attributes:
+        omega: Probing frequency [rad/s].
+        h3: H3 = 4 Y(3 omega) / A^3, one a repeat [m per unit^3].
+        amplitude: A, the input's first harmonic, its phase included, one a repeat [unit].
+        u_3: The input's third harmonic, one a repeat [unit]; NaN when the input was not measured.
+        y_1: Y(omega), one a repeat [m].
+        y_3: Y(3 omega), less the source's part where that was taken out, one a repeat [m].
+        y_peak: Largest displacement over a period, one a repeat [m].
+        source: removed, measured (but not removed: `h1_3omega` was not given) or unmeasured.
+        source_ratio: |H1(3 omega) U(3 omega)| / |Y_3|, largest over the repeats; NaN if unknown.
+        std: Scatter of `h3` over repeats, per real component; NaN with one repeat.
+        std_expected: The same as the records' noise makes it.
+        covariance: Of (Re, Im) of the mean of `h3`; from the scatter when there are repeats.
+        above_noise: Whether |mean Y_3| exceeds three standard errors.
+        notes: What a reader of the result must know, in words.
+    """
+
+    omega: float
+    h3: NDArray[np.complex128]
+    amplitude: NDArray[np.complex128]
+    u_3: NDArray[np.complex128]
+    y_1: NDArray[np.complex128]
+    y_3: NDArray[np.complex128]
+    y_peak: NDArray[np.float64]
+    source: str
+    source_ratio: float
+    std: float
+    std_expected: float
+    covariance: NDArray[np.float64]
+    above_noise: bool
+    notes: tuple[str, ...]
+
+    @property
+    def mean(self) -> complex:
+        """Mean of H3 over the repeats [m per unit^3]."""
+        return complex(self.h3.mean())
+
+    @property
+    def usable(self) -> bool:
+        """Whether the frequency may enter a fit."""
+        return self.above_noise

@@ -1,0 +1,151 @@
+"""The measured third-order kernel of a probing test: harmonic filtering, the source taken out."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jbw.errors import DataError
+from jbw.measurement.channels import channel, same_length, sampling
+from jbw.measurement.harmonics import Harmonics, ThirdOrder, harmonics
+
+PERIOD_POINTS = 4096  # of one period; a peak between two of them is missed by 3e-7 n^2 at most
+LARGE_SOURCE = 0.1
+NOISE_FLOOR = 3.0  # standard errors
+
+
+def third_order_kernel(
+    u: ArrayLike | None,
+    y: ArrayLike,
+    fs: float,
+    omega: float,
+    *,
+    amplitude: complex | None = None,
+    h1_3omega: complex | None = None,
+    response: str = "displacement",
+    delay: float = 0.0,
+    start: float = 0.0,
+    num_harmonics: int = 7,
+    also: Sequence[float] = (),
+) -> ThirdOrder:
+    r"""Third-order kernel on its leading diagonal, from a probing test with one tone.
+
+    $$H_3(\omega) = \frac{4\,[Y(3\omega) - H_1(3\omega)\,U(3\omega)]}{A^3}, \qquad A = U(\omega)$$
+
+    A is complex, so the phase is referred to the input. The second term is what the source's own
+    third harmonic puts into the response; at -60 dB it rivals the joint's. "H3" depends on the
+    amplitude (Bouc-Wen is not analytic): keep `y_peak` beside it.
+
+    Args:
+        u: Measured input, shape (time,) or (repeat, time); None when it was not measured.
+        y: Response, of the same shape.
+        fs: Sampling frequency [Hz].
+        omega: Probing frequency [rad/s].
+        amplitude: Demanded input amplitude, used only when `u` is None [unit].
+        h1_3omega: Receptance at 3 omega, per unit of `u` [m per unit].
+        response: What `y` is: displacement, velocity or acceleration.
+        delay: Lag of the response channel behind the input channel [s].
+        start: Time to discard first [s].
+        num_harmonics: Highest order fitted where the sampling carries it; at least 3.
+        also: Angular frequencies present besides the tone [rad/s].
+
+    Returns:
+        The kernel of each repeat, its scatter, and whether it stands above the noise.
+
+    Raises:
+        DataError: Bad channels, 3 omega above the Nyquist frequency, no input amplitude.
+
+    Reference:
+        Eqs. (29), (30).
+    """
+    y = np.atleast_2d(channel(y, "y"))
+    num_harmonics = max(3, min(num_harmonics, int(0.999 * np.pi * sampling(fs) / omega)))
+    filtering = {"start": start, "also": also}
+    filtered = harmonics(y, fs, omega, num_harmonics, response=response, delay=delay, **filtering)
+    y_1, y_3 = filtered.amplitudes[:, 0], filtered.amplitudes[:, 2]
+    variance = filtered.variance[:, 2]
+    if u is None:
+        u_1, u_3 = _demanded(amplitude, len(y)), np.full(len(y), np.nan + 0j)
+        relative = np.zeros(len(y))
+    else:
+        u = np.atleast_2d(channel(u, "u"))
+        same_length(u=u, y=y)
+        source = harmonics(u, fs, omega, num_harmonics, **filtering)
+        u_1, u_3 = source.amplitudes[:, 0], source.amplitudes[:, 2]
+        if np.any(np.abs(u_1) ** 2 <= NOISE_FLOOR**2 * source.variance[:, 0]):
+            raise DataError(
+                f"Channel `u` holds no tone at {omega / (2 * np.pi):.4g} Hz above its noise.",
+                remedy="Check `omega` (rad/s) and which channel is the input.",
+            )
+        relative = 9 * source.variance[:, 0] / np.abs(u_1) ** 2
+        if h1_3omega is not None:
+            y_3 = y_3 - h1_3omega * u_3
+            variance = variance + np.abs(h1_3omega) ** 2 * source.variance[:, 2]
+    part = np.nan if h1_3omega is None else h1_3omega
+    ratio = float(np.max(np.abs(part * u_3) / np.abs(y_3)))
+    handling = "unmeasured" if u is None else "measured" if h1_3omega is None else "removed"
+    h3 = 4 * y_3 / u_1**3
+    expected = np.mean(16 * variance / np.abs(u_1) ** 6 + relative * np.abs(h3) ** 2) / 2
+    std = float(np.sqrt(np.var(h3, ddof=1) / 2)) if len(h3) > 1 else np.nan
+    above = _stands_out(y_3, variance)
+    return ThirdOrder(
+        omega=float(omega), h3=h3, amplitude=u_1, u_3=u_3, y_1=y_1, y_3=y_3,
+        y_peak=peak_displacement(filtered), source=handling, source_ratio=ratio, std=std,
+        std_expected=float(np.sqrt(expected)),
+        covariance=np.eye(2) * (std**2 if len(h3) > 1 else expected) / len(h3),
+        above_noise=above, notes=_notes(omega, handling, ratio, above),
+    )  # fmt: skip
+
+
+def peak_displacement(filtered: Harmonics) -> NDArray[np.float64]:
+    """Largest displacement over a period, rebuilt from the harmonics, shape (...) [m].
+
+    Args:
+        filtered: Harmonics of the displacement.
+
+    Returns:
+        max |y|, free of the noise between the harmonics.
+    """
+    n = np.arange(1, filtered.amplitudes.shape[-1] + 1)
+    turn = np.exp(2j * np.pi * np.outer(n, np.arange(PERIOD_POINTS) / PERIOD_POINTS))
+    return np.max(np.abs((filtered.amplitudes @ turn).real), axis=-1)
+
+
+def _demanded(amplitude: complex | None, num_repeats: int) -> NDArray[np.complex128]:
+    """The demanded amplitude for every repeat."""
+    if amplitude is None or not abs(amplitude) > 0:
+        raise DataError(
+            "The input's amplitude must be known, but neither `u` nor `amplitude` was given.",
+            why="H3 is Y(3 omega) over the cube of it.",
+            remedy="Measure the input beside the response, or give the demanded `amplitude`.",
+        )
+    return np.full(num_repeats, complex(amplitude))
+
+
+def _stands_out(y_3: NDArray[np.complex128], variance: NDArray[np.float64]) -> bool:
+    """Whether the mean of Y_3 exceeds three standard errors, by noise and by scatter."""
+    per_repeat = np.mean(variance) / 2
+    if len(y_3) > 1:
+        per_repeat = max(per_repeat, np.var(y_3, ddof=1) / 2)
+    return bool(np.abs(y_3.mean()) > NOISE_FLOOR * np.sqrt(per_repeat / len(y_3)))
+
+
+def _notes(omega: float, handling: str, ratio: float, above: bool) -> tuple[str, ...]:
+    """What the numbers do not say by themselves."""
+    f = f"{omega / (2 * np.pi):.4g} Hz"
+    notes = []
+    if handling == "unmeasured":
+        notes.append(
+            f"{f}: the input was not measured, so its third harmonic may be part of Y(3 omega); "
+            "no verdict on the joint is possible from this frequency alone."
+        )
+    if handling == "measured":
+        notes.append(f"{f}: the source's third harmonic was measured but not taken out.")
+    if ratio > LARGE_SOURCE:
+        notes.append(
+            f"{f}: the source's third harmonic put {ratio:.0%} of the joint's Y(3 omega) into the "
+            "response; what is left leans on H1(3 omega)."
+        )
+    if not above:
+        notes.append(f"{f}: Y(3 omega) does not stand above the noise; leave it out.")
+    return tuple(notes)

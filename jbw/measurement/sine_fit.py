@@ -1,0 +1,206 @@
+"""Least-squares sine fit of simultaneous tones, and the noise it leaves beside each of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbw.errors import ConfigError, DataError
+
+NEAREST_BINS = 64  # of the residual's spectrum, from which the noise at a harmonic is read
+
+
+@dataclass(frozen=True)
+class SineFit:
+    """A fit of constant, trend and tones to samples of shape (..., time).
+
+    Attributes:
+        amplitudes: Complex peak amplitudes of the harmonics, shape (..., harmonic).
+        residual: What the fit leaves, shape (..., time).
+        inverse: (X^T X)^-1 for (Re Y_1, Im Y_1, Re Y_2, ...).
+        tones: Angular frequencies of all tones fitted [rad/s].
+        dof: Samples less unknowns.
+    """
+
+    amplitudes: NDArray[np.complex128]
+    residual: NDArray[np.float64]
+    inverse: NDArray[np.float64]
+    tones: NDArray[np.float64]
+    dof: int
+
+
+def sine_fit(
+    y: NDArray[np.float64],
+    t: NDArray[np.float64],
+    omega: float,
+    num_harmonics: int,
+    also: Sequence[float] = (),
+) -> SineFit:
+    """Fit a constant, a trend, the harmonics of omega and the tones `also`.
+
+    Args:
+        y: Samples, shape (..., time).
+        t: Times [s].
+        omega: Angular frequency of the first harmonic [rad/s].
+        num_harmonics: Highest order.
+        also: Other angular frequencies present [rad/s].
+
+    Returns:
+        The fit; the columns are cos and -sin, so that c + js is the complex amplitude.
+
+    Raises:
+        DataError: Two tones too close for the record's length.
+    """
+    tones = np.concatenate([omega * np.arange(1, num_harmonics + 1), np.asarray(also, float)])
+    angle = np.outer(t, tones)
+    middle, span = t.mean(), np.ptp(t)
+    pairs = np.stack([np.cos(angle), -np.sin(angle)], axis=-1).reshape(len(t), -1)
+    design = np.column_stack([pairs, np.ones_like(t), (t - middle) / span])
+    q, r = np.linalg.qr(design)
+    if np.linalg.cond(r) > 1e8:
+        raise DataError(
+            "The tones cannot be told apart in a record of this length.",
+            why="Two of the frequencies fitted nearly coincide.",
+            remedy="Lengthen the record or leave one of `also` out.",
+        )
+    r_inverse = np.linalg.inv(r)
+    solution = (y @ q) @ r_inverse.T
+    # A second pass on the residual recovers the digits that the first one rounds off.
+    residual = y - solution @ design.T
+    solution = solution + (residual @ q) @ r_inverse.T
+    residual = y - solution @ design.T
+    kept = slice(0, 2 * num_harmonics)
+    amplitudes = solution[..., kept][..., 0::2] + 1j * solution[..., kept][..., 1::2]
+    inverse = (r_inverse @ r_inverse.T)[kept, kept]
+    return SineFit(amplitudes, residual, inverse, tones, len(t) - design.shape[1])
+
+
+def amplitude_covariance(fit: SineFit, fs: float, omega: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance of (Re Y_1, Im Y_1, ...) for noise that may be coloured.
+
+    (X^T X)^-1, scaled by the residual's level beside each harmonic as if it were white there.
+
+    Args:
+        fit: The fit.
+        fs: Sampling frequency [Hz].
+        omega: Angular frequency of each harmonic [rad/s].
+
+    Returns:
+        Covariance, shape (..., 2 harmonic, 2 harmonic).
+    """
+    level = np.repeat(np.sqrt(local_level(fit, fs, omega)), 2, axis=-1)
+    return level[..., :, None] * fit.inverse * level[..., None, :]
+
+
+def local_level(
+    fit: SineFit, fs: float, omega: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Variance that white noise with the residual's spectral density at each omega would have.
+
+    Args:
+        fit: The fit.
+        fs: Sampling frequency [Hz].
+        omega: Angular frequencies [rad/s].
+
+    Returns:
+        Variance, shape (..., harmonic).
+    """
+    num_samples = fit.residual.shape[-1]
+    # The Hann window keeps strong remains elsewhere (hum, other tones) out of the local bins.
+    w = np.sin(np.pi * (np.arange(num_samples) + 0.5) / num_samples) ** 2
+    power = np.abs(np.fft.rfft(fit.residual * w)) ** 2 / np.sum(w**2)
+    bins = np.arange(power.shape[-1])
+    to_bins = num_samples / (2 * np.pi * fs)
+    # Within two bins of a fitted tone, and of the constant, the fit has taken the noise as well.
+    free = np.all(np.abs(bins[:, None] - fit.tones * to_bins) > 2, axis=-1) & (bins > 2)
+    free = np.flatnonzero(free[:-1])
+    if free.size < 4:
+        white = np.sum(fit.residual**2, axis=-1) / fit.dof
+        return np.broadcast_to(white[..., None], (*white.shape, len(omega)))
+    nearest = [free[np.argsort(np.abs(free - o * to_bins))[:NEAREST_BINS]] for o in omega]
+    return np.stack([power[..., local].mean(axis=-1) for local in nearest], axis=-1)
+
+
+def half_drift(
+    y: NDArray[np.float64],
+    t: NDArray[np.float64],
+    omega: float,
+    num_harmonics: int,
+    also: Sequence[float],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Relative change of the first harmonic from half to half, and what noise alone makes of it."""
+    half = len(t) // 2
+    parts = [sine_fit(y[..., s], t[s], omega, num_harmonics, also) for s in (slice(half), slice(half, None))]
+    first, second = (part.amplitudes[..., 0] for part in parts)
+    size = np.maximum(np.abs(first), np.finfo(float).tiny)
+    fs = 1 / (t[1] - t[0])
+    noise = sum(
+        amplitude_covariance(part, fs, np.array([omega] * num_harmonics))[..., :2, :2].trace(axis1=-2, axis2=-1)
+        for part in parts
+    )
+    return np.abs(second - first) / size, np.sqrt(noise) / size
+
+
+def refined_frequency(
+    y: NDArray[np.float64],
+    t: NDArray[np.float64],
+    omega: float,
+    num_harmonics: int,
+    also: Sequence[float],
+) -> float:
+    """Frequency at which the mean phase of the first harmonic stands still from half to half."""
+    half = len(t) // 2
+    for _ in range(4):
+        first = sine_fit(y[..., :half], t[:half], omega, num_harmonics, also).amplitudes[..., 0]
+        second = sine_fit(y[..., half:], t[half:], omega, num_harmonics, also).amplitudes[..., 0]
+        turn = np.angle(np.sum(second * first.conj()))
+        omega += turn / (t[half:].mean() - t[:half].mean())
+    return float(omega)
+
+
+def check_tone(omega: float, num_harmonics: int, fs: float) -> None:
+    """Refuse a tone whose highest harmonic the sampling does not carry.
+
+    Raises:
+        ConfigError: `omega` or `num_harmonics` is not positive.
+        DataError: The highest harmonic is above the Nyquist frequency.
+    """
+    if not (np.isfinite(omega) and omega > 0):
+        raise ConfigError(f"Argument `omega` must be positive [rad/s], but it is {omega}.")
+    if num_harmonics < 1:
+        raise ConfigError(f"Argument `num_harmonics` must be at least 1, but it is {num_harmonics}.")
+    highest = num_harmonics * omega / (2 * np.pi)
+    if highest >= fs / 2:
+        raise DataError(
+            f"Harmonic {num_harmonics} of {omega / (2 * np.pi):.4g} Hz lies at {highest:.4g} Hz, "
+            f"but a record at {fs:g} Hz ends at {fs / 2:g} Hz.",
+            why="Above half the sampling frequency a harmonic folds back onto another frequency.",
+            remedy=f"Sample above {2 * highest:.4g} Hz, or ask for fewer harmonics.",
+        )
+
+
+def check_length(
+    duration: float,
+    total: float,
+    start: float,
+    omega: float,
+    num_samples: int,
+    num_harmonics: int,
+    also: Sequence[float],
+) -> None:
+    """Refuse a record too short for the fit, naming the duration it needs.
+
+    Raises:
+        DataError: It is.
+    """
+    # Each half must hold a period for the drift, and more samples than the fit has unknowns.
+    unknowns = 2 * (num_harmonics + len(also)) + 2
+    fs = num_samples / duration if duration > 0 else np.inf
+    needed = max(4 * np.pi / omega, 2 * (unknowns + 1) / fs)
+    if duration < needed * (1 - 1e-9):
+        raise DataError(
+            f"The record must last {start + needed:.4g} s (two periods after the {start:g} s "
+            f"discarded), but it lasts {total:.4g} s.",
+            remedy="Measure longer, or discard less.",
+        )
