@@ -9,7 +9,7 @@ from jaxtyping import Float
 from jbw.errors import DataError
 from jbw.report.linear import wrap_band, wrap_degrees
 from jbw.report.result import branch, frequency
-from jbw.report.style import BLUE, INK, VERMILLION, Panels, legend, panels, title
+from jbw.report.style import BLUE, INK, VERMILLION, Panels, legend, log_y, panels, title
 from jbw.report.text import axis_label
 
 SAMPLERS = {"paper": ("walk as published", VERMILLION), "nuts": ("NUTS", BLUE)}
@@ -38,6 +38,7 @@ def _spectrum(ax: Any, spectrum: xr.Dataset) -> None:
     tone = float(spectrum.attrs.get("tone_hz", freq[int(np.nanargmax(amplitude[1:])) + 1]))
     shown = (freq > 0.2 * tone) & (freq < 6.0 * tone)
     ax.plot(freq[shown], amplitude[shown], color=INK, lw=0.7)
+    ax.margins(y=0.12)
     for order, text, colour in ((1, "ω", BLUE), (3, "3ω", VERMILLION)):
         at = int(np.argmin(np.abs(freq - order * tone)))
         ax.plot(freq[at], amplitude[at], "o", ms=5, mfc="none", color=colour, mew=1.3)
@@ -63,7 +64,7 @@ def _measured_kernel(upper: Any, lower: Any, kernel: xr.Dataset, label: str) -> 
     for each, values in ((upper, magnitude), (lower, wrap_degrees(phase))):
         lines = each.plot(freq, np.asarray(values).T, **dots)
         lines[0].set_label(label)
-    upper.set(yscale="log")
+    log_y(upper)
     upper.set_ylabel(axis_label("|H₃|", str(magnitude.attrs.get("units", ""))))
     lower.set_ylabel("arg H₃ [°]")
 

@@ -15,6 +15,7 @@ from jbw.report.style import (
     REPEATS,
     Panels,
     legend,
+    log_y,
     panels,
     plain,
     shade,
@@ -104,7 +105,8 @@ def softening(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
         only.plot(freq, magnitude, color=colour, lw=1.1, label=_level_label(test, freq[peak]))
         only.plot(freq[peak], magnitude[peak], "v", color=colour, ms=5)
     unit = str(found[0][1]["measured_magnitude"].attrs.get("units", ""))
-    only.set(xlim=(low, high), yscale="log", xlabel="frequency [Hz]")
+    log_y(only)
+    only.set(xlim=(low, high), xlabel="frequency [Hz]")
     only.set_ylabel(axis_label("receptance", unit))
     legend(axes, ax)
     return only
@@ -169,7 +171,7 @@ def _frf_column(column: Panels, test: xr.Dataset) -> None:
         strict=True,
     ):
         _frf_panel(each, frequency(test), repeats, model)
-    column[0].set(yscale="log")
+    log_y(column[0])
     column[1].set(ylim=(-230, 50), yticks=[-180, -90, 0])
     column[2].set(xlabel="frequency [Hz]")
     fitted = "fitted" if test.attrs.get("fitted") else "not fitted"

@@ -122,14 +122,8 @@ def _label(values: xr.DataArray, rest: list[Any], index: int) -> str:
         values[dim].values[at] if dim in values.coords else at
         for dim, at in zip(rest, place, strict=True)
     ]
-    return (
-        "["
-        + ", ".join(
-            f"{mark:g}" if isinstance(mark, (int, float, np.number)) else str(mark)
-            for mark in marks
-        )
-        + "]"
-    )
+    texts = [str(mark) if isinstance(mark, str) else f"{mark:g}" for mark in marks]
+    return f"[{', '.join(texts)}]"
 
 
 def _element(value: Any, index: int) -> float | None:

@@ -6,6 +6,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
 from jbw.errors import ConfigError
 
@@ -139,6 +140,13 @@ def legend(axes: Panels, ax: Any) -> None:
 def title(ax: Axes, text: str, size: float = 9.0) -> None:
     """Set a panel's title, at its left."""
     ax.set_title(text, loc="left", fontsize=size, color=INK)
+
+
+def log_y(ax: Axes) -> None:
+    """Make the ordinate logarithmic, labelled at 1, 2 and 5 where it spans few decades."""
+    ax.set_yscale("log")
+    ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+    ax.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2.0, 2.0)))
 
 
 def plain(name: object) -> str:

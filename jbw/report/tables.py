@@ -14,11 +14,10 @@ from jbw.report.text import NOTHING, number, percent, seconds, step_name, symbol
 
 STATUS_WORDS = {
     "ok": "The main posterior can be used.",
-    "doubtful": "The main posterior can be used with care; read the findings first.",
-    "warning": "The main posterior can be used with care; read the findings first.",
+    "not assessed": "Some checks could not be made: hold the main posterior as provisional.",
     "failed": "The main posterior must not be used as it is.",
 }
-GOOD, BAD = ("ok", "passed"), ("failed", "fail", "bad", "error")
+KINDS = {"ok": "good", "failed": "bad"}
 
 
 class Badge(NamedTuple):
@@ -31,22 +30,22 @@ class Badge(NamedTuple):
 def badge(verdict: Any) -> Badge:
     """Return the badge of a verdict, a status or nothing."""
     word = str(verdict.get("status", "") if isinstance(verdict, Mapping) else verdict or "")
-    kind = "good" if word in GOOD else "bad" if word in BAD else "doubt"
-    return Badge(word or "not judged", kind)
+    return Badge(word or "not judged", KINDS.get(word, "doubt"))
 
 
 def findings(verdict: Any) -> list[dict[str, Any]]:
-    """Return a verdict's findings with their badge and their number in print."""
+    """Return a verdict's findings, the bad ones first, with their number in print."""
     found = verdict.get("findings", []) if isinstance(verdict, Mapping) else []
-    return [
-        {**each, "badge": badge(each.get("status")), "number": _number_text(each.get("number"))}
+    listed = [
+        {
+            "badge": badge(each.get("status")),
+            "reason": str(each.get("reason") or each.get("code") or ""),
+            "number": number(each.get("number")).replace(NOTHING, ""),
+            "action": str(each.get("action") or ""),
+        }
         for each in found
     ]
-
-
-def _number_text(value: Any) -> str:
-    """Return a finding's number, empty where there is none."""
-    return "" if value is None else value if isinstance(value, str) else number(value)
+    return sorted(listed, key=lambda each: ("bad", "doubt", "good").index(each["badge"].kind))
 
 
 def step_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:

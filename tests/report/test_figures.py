@@ -1,0 +1,124 @@
+"""Every figure draws what the contract of the result says, and says what it cannot draw."""
+
+import sys
+
+import matplotlib
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+from PIL import Image
+
+from jbw.errors import ConfigError, DataError
+from jbw.report import figures
+from jbw.report.figures import FIGURES, PLATES, figure_of, save_figures, svg
+
+NUMBERED = [f"figure_{number}" for number in range(4, 14)]
+
+
+@pytest.fixture(scope="module")
+def drawn(tree):
+    return {plate.name: figure_of(plate.draw(tree)) for plate in PLATES}
+
+
+def test_the_papers_figures_are_there_by_number():
+    assert set(NUMBERED) <= set(FIGURES)
+    assert all(getattr(figures, name) is FIGURES[name] for name in NUMBERED)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_axis_says_its_unit(drawn, name):
+    # Panels of one row or column share the label of the first or the last.
+    for shown in (ax for ax in drawn[name].axes if ax.get_visible()):
+        labels = [shown.get_xlabel(), shown.get_ylabel()]
+        assert all("[" in label for label in labels if label)
+    assert any(ax.get_xlabel() for ax in drawn[name].axes)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_texts_stay_on_the_figure_and_apart(drawn, name):
+    figure = drawn[name]
+    figure.draw_without_rendering()
+    canvas = figure.bbox.padded(2.0)
+    texts = [ax.title for ax in figure.axes] + [ax._left_title for ax in figure.axes]
+    texts += [axis.label for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)]
+    texts += [text for legend in figure.legends for text in legend.get_texts()]
+    boxes = [each.get_window_extent() for each in texts if each.get_text() and each.get_visible()]
+    for box in boxes:
+        assert canvas.x0 <= box.x0
+        assert box.x1 <= canvas.x1
+        assert canvas.y0 <= box.y0
+        assert box.y1 <= canvas.y1
+    for first, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[first + 1 :])
+
+
+def test_no_display_and_no_heavy_library_is_touched(drawn):
+    assert all(type(figure) is Figure for figure in drawn.values())
+    assert "matplotlib.pyplot" not in sys.modules or not matplotlib.pyplot.get_fignums()
+
+
+def test_the_callers_axes_are_used_and_returned(tree):
+    figure = Figure()
+    ax = figure.subplots()
+    assert FIGURES["figure_5"](tree, ax=ax) is ax
+    pair = figure.subplots(1, 2)
+    assert list(FIGURES["ridge"](tree, ax=pair).flat) == list(pair)
+    with pytest.raises(ConfigError, match="must hold 6 axes"):
+        FIGURES["figure_4"](tree, ax=pair)
+
+
+def test_bands_are_named_for_what_they_are(drawn):
+    labels = [text.get_text() for text in drawn["figure_12"].legends[0].get_texts()]
+    assert "99 % parameter band" in labels
+    assert "99 % predictive band (noise included)" in labels
+    assert "99 % band of the repeats" in labels
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_missing_group_is_one_sentence(name):
+    with pytest.raises(DataError, match="result has no"):
+        FIGURES[name](xr.DataTree())
+
+
+def test_a_missing_variable_is_named(tree):
+    bare = xr.DataTree.from_dict(
+        {"/verification/spectrum": tree["verification/spectrum"].to_dataset()}
+    )
+    bare["verification/h3"] = xr.DataTree(
+        tree["verification/h3"].to_dataset().drop_vars("measured_phase")
+    )
+    with pytest.raises(DataError, match="lacks measured_phase"):
+        FIGURES["figure_6"](bare)
+
+
+def test_files_are_named_in_order_and_are_pictures(tree, tmp_path):
+    part = xr.DataTree.from_dict(
+        {
+            "/steps/linear": tree["steps/linear"].to_dataset(),
+            "/steps/opening_nuts/posterior": tree["steps/opening_nuts/posterior"].to_dataset(),
+        }
+    )
+    paths = save_figures(part, tmp_path / "figures")
+    names = ["figure_04_linear_frf.png", "figure_10_opening_posterior.png", "extra_routes.png"]
+    assert [path.name for path in paths] == names
+    with Image.open(paths[0]) as picture:
+        assert picture.width == round(7.2 * 130)
+
+
+def test_the_measured_peak_falls_with_the_level(drawn):
+    # The toy resonances lie at 18.8 Hz (1 - 0.15 level): 18.66, 18.52, 18.24 Hz.
+    labels = [text.get_text() for text in drawn["figure_5"].legends[0].get_texts()]
+    peaks = [float(label.split("peak at ")[1].removesuffix(" Hz")) for label in labels]
+    # Half a line of the spectrum, 1/128 Hz, and as much again for the noise on a flat peak.
+    np.testing.assert_allclose(peaks, [18.659, 18.518, 18.236], atol=0.05)
+
+
+def test_svg_follows_the_theme_and_keeps_its_ids_to_itself(drawn):
+    text = svg(drawn["figure_10"], "figure_10")
+    assert text.startswith("<svg")
+    assert "var(--ink)" in text
+    assert "#0072b2" not in text
+    assert 'id="figure_10-' in text
+    assert "url(#figure_10-" in text
+    assert text == svg(drawn["figure_10"], "figure_10")

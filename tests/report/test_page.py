@@ -1,0 +1,168 @@
+"""The page stands by itself, says the verdict first and trusts no name from a file."""
+
+# Greek letters and the true minus sign are meant.
+# ruff: noqa: RUF001
+
+import json
+import re
+import time
+from html.parser import HTMLParser
+
+import pytest
+import xarray as xr
+from click.testing import CliRunner
+
+from jbw.cli.report import report
+from jbw.report import page
+from jbw.report.figures import PLATES
+from jbw.report.page import render_page, write_page
+
+HOSTILE = '<script>alert(1)<script> $x_{ & "q"'
+
+
+class Outline(HTMLParser):
+    """Collects tags in order and checks that they close."""
+
+    VOID = ("meta", "br", "link", "img", "hr")
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.tags, self.texts = [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.texts.append(data)
+
+
+def outline(text):
+    parser = Outline()
+    parser.feed(text)
+    parser.close()
+    assert parser.open == []
+    return parser
+
+
+@pytest.fixture(scope="module")
+def small(tree):
+    """A result with one quick figure; the others are named as missing."""
+    name = "steps/opening_nuts/posterior"
+    return xr.DataTree.from_dict({f"/{name}": tree[name].to_dataset()})
+
+
+def test_the_whole_page(tree, summary, tmp_path):
+    path = tmp_path / "report.html"
+    began = time.process_time()
+    write_page(summary, tree, path)
+    # Four seconds on one free core; the limit leaves room for a slower one.
+    assert time.process_time() - began < 20.0
+    assert path.stat().st_size < 8e6
+    assert list(tmp_path.iterdir()) == [path]
+    text = path.read_text(encoding="utf-8")
+    parsed = outline(text)
+    figures = [facts["id"] for tag, facts in parsed.tags if tag == "figure"]
+    assert figures == [plate.slug for plate in PLATES]
+    identities = re.findall(r'\bid="([^"]+)"', text)
+    assert len(identities) == len(set(identities))
+
+
+def test_nothing_comes_from_the_network(tree, summary):
+    parsed = outline(render_page(summary, tree))
+    assert not {"script", "link", "iframe", "img"} & {tag for tag, _ in parsed.tags}
+    for _, facts in parsed.tags:
+        for key in ("href", "src", "xlink:href"):
+            assert str(facts.get(key, "#")).startswith(("#", "data:image/png;base64,"))
+
+
+def test_the_verdict_comes_first_then_what_is_known(small, summary):
+    text = "".join(outline(render_page(summary, small)).texts)
+    order = [
+        "Some checks could not be made",
+        "What to do: Look at figure 12",
+        "R-hat is at most 1.004",
+        "What was identified, and what was not",
+        "Only the product alpha*delta is determined",
+        "Strong correlations: α and δ: −0.994",
+        "Table 1",
+        "340.3",
+        "Figures",
+        "Not drawn",
+        "The result has no group /steps/linear.",
+        "Prediction errors",
+        "points inside the 99 % predictive band",
+        "Provenance",
+        "jbw identify campaign.toml --out run --seed 7",
+        "ab" * 32,
+    ]
+    places = [text.find(each) for each in order]
+    assert -1 not in places
+    assert places == sorted(places)
+
+
+def test_names_from_files_are_escaped(tree, summary):
+    summary["campaign"] = HOSTILE
+    summary["predictions"] = {HOSTILE: summary["predictions"]["sweep_0p05"]}
+    summary["inputs"] = {HOSTILE: "ef" * 32}
+    summary["steps"][HOSTILE] = summary["steps"].pop("joint")
+    summary["steps"][HOSTILE]["statements"] = [HOSTILE]
+    name = f"/verification/sweep/{HOSTILE}"
+    sweep = tree["verification/sweep/sweep_0p10"].to_dataset()
+    sweep.attrs["level_unit"] = HOSTILE
+    text = render_page(summary, xr.DataTree.from_dict({name: sweep}))
+    assert "<script" not in text.lower()
+    assert text.count("&lt;script&gt;") >= 5
+    assert "script" not in {tag for tag, _ in outline(text).tags}
+
+
+def test_the_loops_areas_stand_beside_each_other(tree, summary):
+    loops = xr.DataTree.from_dict({"/validation/loops": tree["validation/loops"]})
+    text = "".join(outline(render_page(summary, loops)).texts)
+    assert "Areas of the hysteresis loops" in text
+    # pi * 0.12 * 4 mm * 500 1/s^2 * 4 mm: the toy's ellipse at 0.2 V.
+    assert "0.003016" in text
+    assert "with viscous" in text
+
+
+@pytest.mark.parametrize("status", ["ok", "failed", "not assessed", "unheard of"])
+def test_every_status_has_words(small, summary, status):
+    summary["verdict"] = {"status": status, "findings": []}
+    assert status in render_page(summary, small)
+
+
+def test_a_bare_summary_still_makes_a_page():
+    text = render_page({}, xr.DataTree())
+    assert "not judged" in text
+    assert text.count("<li>Figure") == 10
+
+
+def test_a_failed_page_leaves_the_old_one(small, summary, tmp_path, monkeypatch):
+    path = tmp_path / "report.html"
+    path.write_text("old")
+
+    def refuse(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(page.os, "replace", refuse)
+    with pytest.raises(OSError, match="disk full"):
+        write_page(summary, small, path)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_command_writes_the_page(small, summary, tmp_path):
+    (tmp_path / "summary.json").write_text(json.dumps(summary))
+    small.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
+    done = CliRunner().invoke(report, [str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert done.output.strip() == str(tmp_path / "report.html")
+    done = CliRunner().invoke(report, [str(tmp_path), "--out", str(tmp_path / "other.html")])
+    assert (tmp_path / "other.html").is_file()
