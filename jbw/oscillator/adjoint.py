@@ -1,0 +1,126 @@
+r"""Derivatives of the hysteresis-exact solve: one function for forward and reverse mode.
+
+The primal is the diffrax solve, its states saved at the samples. The tangent needs no second
+solve: the derivatives of all steps at the saved states are independent of each other and are
+taken for many samples at once; only the recurrence $\dot x_{n+1} = J_n \dot x_n + b_n$ with its
+3 x 3 matrices is sequential. It is linear in the tangents, so JAX transposes it for `jax.grad`.
+"""
+
+from functools import partial
+
+import diffrax
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jbw.oscillator.exact_step import State, advance
+from jbw.oscillator.solver import HysteresisExact, Stepping
+
+Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Float[Array, " time"]]
+# Samples whose steps are differentiated at once: the intermediate arrays stay in the cache, and
+# the memory of a gradient does not grow with the record.
+_CHUNK = 1024
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
+    """States at the samples, differentiable in the stepping and the initial state.
+
+    Args:
+        substeps: Substeps per sample interval.
+        stepping: Constants of the step and the input's pushes.
+        initial: (y, v, z) at the first sample.
+
+    Returns:
+        y [m], v [m/s], z [N/kg] at the samples, `initial` first.
+    """
+    num_steps = stepping.push[0].shape[0]
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(_unused_field),
+        HysteresisExact(),
+        t0=0.0,
+        t1=num_steps / substeps,
+        dt0=1.0 / substeps,
+        y0=initial,
+        args=stepping,
+        saveat=diffrax.SaveAt(t0=True, steps=substeps),
+        adjoint=diffrax.ForwardMode(),
+        max_steps=num_steps,
+        throw=False,
+    )
+    num_samples = num_steps // substeps + 1
+    return tuple(x[:num_samples] for x in solution.ys)  # pyright: ignore
+
+
+def _unused_field(tau, state, stepping):
+    """Stands where diffrax wants a vector field; `HysteresisExact` steps by its `args` alone."""
+    return state
+
+
+@solve.defjvp
+def _solve_jvp(substeps, primals, tangents):
+    stepping, initial = primals
+    trajectory = solve(substeps, stepping, initial)
+    return trajectory, _tangent(substeps, stepping, trajectory, *tangents)
+
+
+def _tangent(
+    substeps: int,
+    stepping: Stepping,
+    trajectory: Trajectory,
+    stepping_dot: Stepping,
+    initial_dot: State,
+) -> Trajectory:
+    """Tangent of the trajectory: chunks of samples one after another."""
+    num_intervals = trajectory[0].shape[0] - 1
+    size = min(_CHUNK, num_intervals)
+
+    def chunks(x, width=1):
+        pad = (-num_intervals % size) * width
+        return jnp.pad(x, (0, pad)).reshape(-1, size, width)
+
+    starts = tuple(chunks(x[:-1])[..., 0] for x in trajectory)
+    push, push_dot = (tuple(chunks(p, substeps) for p in s.push) for s in (stepping, stepping_dot))
+
+    @jax.checkpoint
+    def chunk(x_dot, inputs):
+        starts, push, push_dot = inputs
+        matrices, offsets = _linearised(
+            (stepping.step, starts, push), (stepping_dot.step, push_dot)
+        )
+        return jax.lax.scan(_recurrence, x_dot, (matrices, offsets))
+
+    _, ys = jax.lax.scan(chunk, initial_dot, (starts, push, push_dot))
+    ys = tuple(y.reshape(-1)[:num_intervals] for y in ys)
+    return tuple(jnp.concatenate([x[None], y]) for x, y in zip(initial_dot, ys, strict=True))
+
+
+def _linearised(primals, tangents):
+    """Matrices J_n and offsets b_n of a chunk's intervals, all at once."""
+
+    def interval(step, states, push):
+        def substep(states, push):
+            return advance(step, states, push, branch=False), None
+
+        pushes = tuple(p.T for p in push)
+        return jax.lax.scan(substep, states, pushes)[0]
+
+    step, starts, push = primals
+    step_dot, push_dot = tangents
+    _, derivative = jax.linearize(interval, step, starts, push)
+    none, unit = jnp.zeros_like(starts[0]), jnp.ones_like(starts[0])
+    fixed = jax.tree.map(jnp.zeros_like, (step, push))
+    basis = [tuple(unit if i == j else none for i in range(3)) for j in range(3)]
+    matrices = tuple(derivative(fixed[0], direction, fixed[1]) for direction in basis)
+    offsets = derivative(step_dot, (none, none, none), push_dot)
+    return matrices, offsets
+
+
+def _recurrence(x_dot: State, inputs) -> tuple[State, State]:
+    """One interval of the tangent recurrence; matrices come column by column."""
+    columns, offset = inputs
+    x_dot = tuple(
+        sum((column[i] * x for column, x in zip(columns, x_dot, strict=True)), offset[i])
+        for i in range(3)
+    )
+    return x_dot, x_dot

@@ -1,0 +1,96 @@
+r"""Exact linear propagation over one step, from a series: no linear algebra, any damping.
+
+The input within a step is a polynomial, $f(s) = \sum_j f_j (s/h)^j$; its effect is a sum of
+moments of the impulse response.
+"""
+
+from math import comb, factorial
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jbw.oscillator.parameters import Scalar
+
+_NUM_TERMS = 16
+_NUM_DOUBLINGS = 4
+
+
+class Moments(eqx.Module):
+    r"""Free motion and input moments of $\ddot y + c\dot y + \kappa y = f$ over one step h.
+
+    $$q(h) = E\,q(0) + \sum_j W_j f_j, \qquad q = (y, v)$$
+
+    Attributes:
+        e_11: Entry of E = exp(L h) [-].
+        e_12: Entry of E [s].
+        e_21: Entry of E [1/s].
+        e_22: Entry of E [-].
+        y: Displacement part of W_j [s^2], last axis j.
+        v: Velocity part of W_j [s], last axis j.
+    """
+
+    e_11: Scalar
+    e_12: Scalar
+    e_21: Scalar
+    e_22: Scalar
+    y: Float[Array, "... moment"]
+    v: Float[Array, "... moment"]
+
+
+def impulse_moments(stiffness: Scalar, damping: Scalar, dt: Scalar, num: int) -> Moments:
+    r"""Moments of the impulse response over one step, for any damping.
+
+    $$W_j = \int_0^h e^{L(h-s)} \begin{bmatrix}0\\1\end{bmatrix} (s/h)^j ds
+          = h \sum_k \frac{j!}{(j+k+1)!} (Lh)^k \begin{bmatrix}0\\1\end{bmatrix},
+      \quad L = \begin{bmatrix}0&1\\-\kappa&-c\end{bmatrix}$$
+
+    The series is summed for h/16 and the step doubled four times, which keeps full precision up
+    to about omega h = 8; it works in (y, h v), whose entries are all of order one.
+
+    Args:
+        stiffness: Stiffness kappa [1/s^2].
+        damping: Damping c [1/s].
+        dt: Step h [s].
+        num: Number of moments.
+
+    Returns:
+        The moments.
+    """
+    part = dt / 2**_NUM_DOUBLINGS
+    kappa, c = stiffness * part**2, damping * part
+    terms = [(jnp.zeros_like(kappa), jnp.ones_like(kappa))]
+    for _ in range(_NUM_TERMS - 1):
+        y, v = terms[-1]
+        terms.append((v, -kappa * y - c * v))
+    y, v = (jnp.stack(entries, axis=-1) for entries in zip(*terms, strict=True))
+    free = np.array([1.0 / factorial(k) for k in range(_NUM_TERMS)])
+    weights = np.array(
+        [[factorial(j) / factorial(j + k + 1) for j in range(num)] for k in range(_NUM_TERMS)]
+    )
+    e_12, e_22 = y @ free, v @ free
+    w_y, w_v = y @ weights, v @ weights
+    for _ in range(_NUM_DOUBLINGS):
+        e_12, e_22, w_y, w_v = _double(kappa, c, e_12, e_22, w_y, w_v)
+        kappa, c = 4.0 * kappa, 2.0 * c
+    e_11, e_21 = e_22 + c * e_12, -kappa * e_12
+    dt = jnp.asarray(dt)
+    return Moments(e_11, dt * e_12, e_21 / dt, e_22, dt[..., None] ** 2 * w_y, dt[..., None] * w_v)
+
+
+def _double(kappa, c, e_12, e_22, w_y, w_v):
+    r"""From one step to two: $W_j \leftarrow 2^{-j}(E W_j + \sum_i \binom{j}{i} W_i)$.
+
+    In the scaled state (y, h v), whose unit of velocity doubles with the step.
+    """
+    num = w_y.shape[-1]
+    shift = np.array([[comb(j, i) for j in range(num)] for i in range(num)], float)
+    halves = 0.5 ** np.arange(num)
+    e_11, e_21 = e_22 + c * e_12, -kappa * e_12
+    moved_y = e_11[..., None] * w_y + e_12[..., None] * w_v
+    moved_v = e_21[..., None] * w_y + e_22[..., None] * w_v
+    w_y, w_v = halves * (moved_y + w_y @ shift), halves * (moved_v + w_v @ shift)
+    # E^2, then (y, h v) -> (y, 2 h v); the moments carry h^2 -> 4 h^2.
+    doubled_12, doubled_22 = e_11 * e_12 + e_12 * e_22, e_21 * e_12 + e_22**2
+    return doubled_12 / 2.0, doubled_22, w_y / 4.0, w_v / 2.0
