@@ -1,0 +1,82 @@
+"""The polynomial oscillator: quadratic and cubic springs with constant coefficients."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Inexact
+
+from jbw.oscillator.parameters import BoucWen, Scalar
+from jbw.oscillator.smoothing import Smoothing
+
+
+class PolynomialOscillator(eqx.Module):
+    r"""Oscillator with a quadratic and a cubic spring, per unit mass.
+
+    $$\ddot y + 2\zeta\omega_n\dot y + \omega_0^2\,y + \rho\,y^2 + \lambda_3\,y^3 = u$$
+
+    The coefficients are constant. In the smoothed joint `rho` switches with the sign of the
+    velocity; there a steady response has no even harmonics, and `rho = 0` is the system to probe.
+
+    Attributes:
+        damping: Viscous damping, 2 zeta omega_n [1/s]; omega_n need not be omega_0.
+        stiffness: Linear stiffness, omega_0^2 = k + lambda_1 [1/s^2].
+        rho: Quadratic stiffness [1/(m s^2)].
+        lambda_3: Cubic stiffness [1/(m^2 s^2)].
+
+    Reference:
+        Eqs. (14), (26).
+    """
+
+    damping: Scalar
+    stiffness: Scalar
+    rho: Scalar
+    lambda_3: Scalar
+
+
+def nearly_closed(joint: BoucWen, polynomial: Smoothing) -> PolynomialOscillator:
+    r"""Cubic oscillator equivalent to a joint whose loop hardly opens.
+
+    $$\ddot y + 2\zeta\omega_n\dot y + (k + \lambda_1)\,y + \lambda_3\,y^3 = u$$
+
+    Args:
+        joint: Bouc-Wen parameters.
+        polynomial: Coefficients that smooth its loop; only lambda_1 and lambda_3 are used.
+
+    Returns:
+        The cubic oscillator, with `rho` zero.
+
+    Reference:
+        Eq. (26).
+    """
+    return PolynomialOscillator(
+        damping=2.0 * joint.zeta * joint.omega_n,
+        stiffness=joint.k + polynomial.lambda_1,
+        rho=0.0,
+        lambda_3=polynomial.lambda_3,
+    )
+
+
+def nonlinear_force(
+    system: PolynomialOscillator, parts: Sequence[Inexact[Array, "..."]]
+) -> Inexact[Array, "..."]:
+    r"""Part of homogeneous order n in the force $\rho y^2 + \lambda_3 y^3$.
+
+    $$f_n = \rho\sum_{i+k=n} y_i y_k + \lambda_3\sum_{i+k+l=n} y_i y_k y_l$$
+
+    It needs the parts of y of lower order only, and drives the next: $y_n = -h_1 * f_n$.
+
+    Args:
+        system: Polynomial oscillator.
+        parts: The parts of y of orders 1 to n - 1 [m].
+
+    Returns:
+        The force of order n [N/kg].
+
+    Reference:
+        Eq. (17).
+    """
+    y, order = dict(enumerate(parts, start=1)), len(parts) + 1
+    square = sum(y[i] * y[order - i] for i in y)
+    cube = sum(y[i] * y[k] * y[order - i - k] for i in y for k in y if i + k < order)
+    return jnp.asarray(system.rho * square + system.lambda_3 * cube)
