@@ -6,7 +6,7 @@ from typing import Literal
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Real
 
-from jbw.errors import ModelError
+from jbw.errors import ConfigError
 from jbw.oscillator.checks import require_closed_form, require_finite
 from jbw.oscillator.parameters import BoucWen, Scalar
 from jbw.oscillator.relaxation import lag, phi
@@ -42,8 +42,8 @@ def branch(
         Hysteretic force [N/kg].
 
     Raises:
-        ModelError: `nu` is not 1, `path` is not 1 to 4, `order` is below 1, or a concrete argument
-            is not finite.
+        ModelError: `nu` is not 1, or a concrete argument is not finite.
+        ConfigError: `path` is not 1 to 4, or `order` is below 1.
 
     Reference:
         Eqs. (3)-(6).
@@ -51,9 +51,9 @@ def branch(
     require_closed_form(joint)
     require_finite(joint, y=y, y_open=y_open)
     if path not in (1, 2, 3, 4):
-        raise ModelError(f"Argument `path` must be 1, 2, 3 or 4, but it is {path}.")
+        raise ConfigError(f"Argument `path` must be 1, 2, 3 or 4, but it is {path}.")
     if order is not None and order < 1:
-        raise ModelError(f"Argument `order` must be at least 1, but it is {order}.")
+        raise ConfigError(f"Argument `order` must be at least 1, but it is {order}.")
     y, y_open = jnp.asarray(y), jnp.asarray(y_open)
     rate = joint.delta - joint.gamma if path in (1, 3) else joint.delta + joint.gamma
     sign = 1.0 if path in (1, 4) else -1.0

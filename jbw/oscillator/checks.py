@@ -5,7 +5,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import ArrayLike
 
-from jbw.errors import ModelError
+from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.parameters import BoucWen
 
 
@@ -58,14 +58,14 @@ def require_at_least(name: str, value: ArrayLike, bound: float, *, open_end: boo
         open_end: Whether the bound itself is excluded.
 
     Raises:
-        ModelError: The argument is below the bound, or on it where that is excluded.
+        ConfigError: The argument is below the bound, or on it where that is excluded.
     """
     if not is_concrete(value):
         return
     least = float(np.min(value))
     if least < bound or (open_end and least == bound):
         relation = "greater than" if open_end else "at least"
-        raise ModelError(f"Argument `{name}` must be {relation} {bound:g}, but it is {least:g}.")
+        raise ConfigError(f"Argument `{name}` must be {relation} {bound:g}, but it is {least:g}.")
 
 
 def _first_bad(value: ArrayLike) -> str:

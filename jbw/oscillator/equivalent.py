@@ -5,7 +5,7 @@ from typing import Literal
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Complex, Float, Real
 
-from jbw.errors import ModelError
+from jbw.errors import ConfigError
 from jbw.oscillator.checks import require_at_least
 from jbw.oscillator.parameters import BoucWen, Scalar
 from jbw.oscillator.smoothing import Smoothing, smoothed_force
@@ -35,13 +35,13 @@ def square_wave(
         Force u_0, on the side of the restoring forces [N/kg].
 
     Raises:
-        ModelError: The variant is unknown or `num_terms` is below 1.
+        ConfigError: The variant is unknown or `num_terms` is below 1.
 
     Reference:
         Eq. (15).
     """
     if variant not in ("corrected", "printed"):
-        raise ModelError(
+        raise ConfigError(
             f'Argument `variant` must be "corrected" or "printed", but it is "{variant}".'
         )
     require_at_least("num_terms", num_terms, 1)

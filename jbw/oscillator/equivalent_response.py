@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from jbw.errors import ModelError
+from jbw.errors import ConfigError
 from jbw.oscillator.checks import require_at_least, require_finite
 from jbw.oscillator.equivalent import equivalent_acceleration, equivalent_force
 from jbw.oscillator.parameters import BoucWen, Scalar
@@ -70,7 +70,8 @@ def simulate_equivalent(
         Response at t = n/fs, sample 0 being `initial`.
 
     Raises:
-        ModelError: A concrete argument is not finite or out of range, or `num_samples` is missing.
+        ModelError: A concrete argument is not finite.
+        ConfigError: An argument is out of range, or `num_samples` is missing or not that of `u`.
 
     Reference:
         Eq. (14).
@@ -80,7 +81,7 @@ def simulate_equivalent(
     require_finite(joint, fs=fs, y=initial[0], v=initial[1])
     if callable(u):
         if num_samples is None:
-            raise ModelError("Argument `num_samples` must be given when `u` is a function.")
+            raise ConfigError("Argument `num_samples` must be given when `u` is a function.")
     else:
         require_finite(joint, u=u)
         u = jnp.asarray(u, float)
@@ -97,12 +98,12 @@ def simulate_equivalent(
 def _length(u: Array, num_samples: int | None) -> int:
     """Number of samples of a sampled input."""
     if u.ndim != 1:
-        raise ModelError(
+        raise ConfigError(
             f"Argument `u` must have one axis, time, but its shape is {u.shape}.",
             remedy="Use `jax.vmap` for several inputs.",
         )
     if num_samples not in (None, u.size):
-        raise ModelError(
+        raise ConfigError(
             f"Argument `num_samples` must equal the {u.size} samples of `u`, but it is "
             f"{num_samples}."
         )

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float, Real
 
+from jbw.errors import ModelError
 from jbw.oscillator.checks import (
     is_concrete,
     require_at_least,
@@ -73,7 +74,8 @@ def hysteresis_rate(
     Reference:
         Eq. (2).
     """
-    require_at_least("nu", joint.nu, 0.0, open_end=True)
+    if not joint.nu > 0.0:
+        raise ModelError(f"Parameter `nu` must be greater than 0, but nu = {joint.nu:g}.")
     v, z = jnp.asarray(v), jnp.asarray(z)
     size, signed = jnp.abs(z), z
     if joint.nu != 1.0:
@@ -155,7 +157,8 @@ def steady_loop(joint: BoucWen, y_peak: Real[ArrayLike, "..."]) -> SteadyLoop:
         The loop, its harmonics and its equivalent stiffness and damping.
 
     Raises:
-        ModelError: `nu` is not 1, or a concrete argument is not finite or `y_peak` is negative.
+        ModelError: `nu` is not 1, or a concrete argument is not finite.
+        ConfigError: A concrete `y_peak` is negative.
 
     Reference:
         Closes Eqs. (3)-(6), which leave the threshold y_0 open.

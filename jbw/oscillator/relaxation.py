@@ -1,20 +1,55 @@
 r"""The exponential approach of z to its bound, in forms without 0/0 and without lost digits."""
 
 import math
+from functools import partial
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Real
 
-# Taylor coefficients of (exp(-s) - 1 + s)/s^2; the first one left out is below 1e-17 at |s| = 1.
-_LAG = tuple((-1) ** n / math.factorial(n + 2) for n in range(18))
 # atanh(r)/r in r^2; at |s| = 1/2, r^2 <= 1/9 and the first one left out is below 1e-17.
 _ATANH = tuple(1 / (2 * n + 1) for n in range(17))
+# Terms of E_k; at |s| = 1 the first one left out is below 1e-17.
+_NUM_TERMS = 18
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def exponential_remainder(k: int, s: Float[Array, "..."]) -> Float[Array, "..."]:
+    r"""Remainder of the exponential after k terms, over its leading power.
+
+    $$E_k(s) = \sum_{n \ge 0} \frac{(-s)^n}{(n+k)!}, \qquad
+      E_1 = \frac{1 - e^{-s}}{s}, \quad E_{k+1} = \frac{1/k! - E_k}{s}$$
+
+    Its derivatives are exact too, by E_k' = k E_{k+1} - E_k.
+
+    Args:
+        k: Number of terms taken off, at least 1.
+        s: Argument, of either sign.
+
+    Returns:
+        E_k, positive.
+    """
+    near = jnp.abs(s) < 1.0
+    coefficients = tuple((-1) ** n / math.factorial(n + k) for n in range(_NUM_TERMS))
+    # Each side of a `where` sees a safe argument.
+    far_s = jnp.where(near, 1.0, s)
+    far = -jnp.expm1(-far_s) / far_s
+    for j in range(1, k):
+        far = (1.0 / math.factorial(j) - far) / far_s
+    return jnp.where(near, _horner(jnp.where(near, s, 0.0), coefficients), far)
+
+
+@exponential_remainder.defjvp
+def _remainder_jvp(k: int, primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    (s,), (s_dot,) = primals, tangents
+    value = exponential_remainder(k, s)
+    return value, (k * exponential_remainder(k + 1, s) - value) * s_dot
 
 
 def lag(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
     r"""What relaxation takes from the move x.
 
-    $$x - \phi(c, x) = c\,x^2\,\frac{e^{-s} - 1 + s}{s^2}, \qquad s = c\,x$$
+    $$x - \phi(c, x) = s\,x\,E_2(s), \qquad s = c\,x$$
 
     Holds its relative accuracy down to c x = 0, where x - phi would cancel.
 
@@ -26,17 +61,13 @@ def lag(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, ".
         Lag [m].
     """
     s = jnp.asarray(c * x)
-    near = jnp.abs(s) < 1.0
-    # Each side of a `where` sees a safe argument, so that no derivative is 0 * inf.
-    far_s = jnp.where(near, 1.0, s)
-    series = _horner(jnp.where(near, s, 0.0), _LAG)
-    return s * x * jnp.where(near, series, (jnp.expm1(-far_s) + far_s) / far_s**2)
+    return s * x * exponential_remainder(2, s)
 
 
 def phi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
     r"""Relaxed distance, the solution of phi' = 1 - c phi from zero.
 
-    $$\phi(c, x) = \frac{1 - e^{-c x}}{c}, \qquad \phi(0, x) = x$$
+    $$\phi(c, x) = \frac{1 - e^{-c x}}{c} = x\,E_1(c x), \qquad \phi(0, x) = x$$
 
     Args:
         c: Rate of relaxation [1/m], of either sign.
@@ -45,11 +76,7 @@ def phi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, ".
     Returns:
         Relaxed distance [m].
     """
-    s, x = jnp.asarray(c * x), jnp.asarray(x)
-    near = jnp.abs(s) < 1.0
-    far_s = jnp.where(near, 1.0, s)
-    series = 1.0 - s * _horner(jnp.where(near, s, 0.0), _LAG)
-    return x * jnp.where(near, series, -jnp.expm1(-far_s) / far_s)
+    return jnp.asarray(x) * exponential_remainder(1, jnp.asarray(c * x))
 
 
 def psi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Real
 
-from jbw.errors import ModelError
+from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.branches import unloading_lag
 from jbw.oscillator.checks import (
     is_concrete,
@@ -74,15 +74,16 @@ def smoothing(
         Coefficients of the smoothed force.
 
     Raises:
-        ModelError: `nu` is not 1, the variant is unknown, or a concrete argument is not finite,
-            `y_peak` is not positive or `y_open` lies outside the loop.
+        ModelError: `nu` is not 1, a concrete argument is not finite, or `y_open` lies outside the
+            loop.
+        ConfigError: The variant is unknown, or a concrete `y_peak` is not positive.
 
     Reference:
         Eqs. (7)-(13), (24), (25).
     """
     if variant not in get_args(Variant):
         known = ", ".join(f'"{name}"' for name in get_args(Variant))
-        raise ModelError(f'Argument `variant` must be one of {known}, but it is "{variant}".')
+        raise ConfigError(f'Argument `variant` must be one of {known}, but it is "{variant}".')
     require_closed_form(joint)
     require_finite(joint, y_peak=y_peak)
     require_at_least("y_peak", y_peak, 0.0, open_end=True)

@@ -36,11 +36,12 @@ def opening_and_area(
     return jnp.sum(weights * density, -1), 4.0 * jnp.sum(weights * density * relaxed, -1)
 
 
+@jax.custom_jvp
 def half_width(d: Float[Array, "..."], g: Float[Array, "..."]) -> Float[Array, "..."]:
     r"""Half-width x = 1 + |y_0|/Y, the root of x - 1 - opening(x).
 
     The residual is concave and increasing, so Newton's iteration from x = 1 is monotone; its
-    slope lies in [1/2, 1].
+    slope lies in [1/2, 1]. Derivatives follow from the root's equation, not from the iteration.
 
     Args:
         d: delta Y [-].
@@ -49,19 +50,30 @@ def half_width(d: Float[Array, "..."], g: Float[Array, "..."]) -> Float[Array, "
     Returns:
         Half-width [-].
     """
-    b = d + g
 
-    def newton(x: Array, b: Array, g: Array) -> Array:
-        relaxed = phi(b, x)
-        slope = 1.0 - g * relaxed / (jnp.exp(-b * x) + 2.0 * g * relaxed)
-        return x - (x - 1.0 - opening_and_area(x, b, g)[0]) / slope
+    def newton(_: int, x: Array) -> Array:
+        opening, _area = opening_and_area(x, d + g, g)
+        return x - (x - 1.0 - opening) / _slope(x, d + g, g)
 
-    fixed_b, fixed_g = jax.lax.stop_gradient((b, g))
-    x = jax.lax.fori_loop(
-        0, _NUM_NEWTON, lambda _, x: newton(x, fixed_b, fixed_g), jnp.ones_like(b)
+    return jax.lax.fori_loop(0, _NUM_NEWTON, newton, jnp.ones_like(d))
+
+
+@half_width.defjvp
+def _half_width_jvp(
+    primals: tuple[Array, Array], tangents: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    (d, g), (d_dot, g_dot) = primals, tangents
+    x = half_width(d, g)
+    _, opening_dot = jax.jvp(
+        lambda b, g: opening_and_area(x, b, g)[0], (d + g, g), (d_dot + g_dot, g_dot)
     )
-    # At the root two more steps change no digit and carry the derivatives, up to the third.
-    return newton(newton(jax.lax.stop_gradient(x), b, g), b, g)
+    return x, opening_dot / _slope(x, d + g, g)
+
+
+def _slope(x: Array, b: Array, g: Array) -> Array:
+    """Slope of x - 1 - opening(x)."""
+    relaxed = phi(b, x)
+    return 1.0 - g * relaxed / (jnp.exp(-b * x) + 2.0 * g * relaxed)
 
 
 def loop_harmonics(
