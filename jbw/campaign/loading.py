@@ -181,13 +181,14 @@ def fits_test(record: Record, test: TestSpec) -> tuple[Finding, ...]:
             )
         )
     length = record.num_samples / record.fs
-    needed = test.settle + (test.dwell * len(test.tones) if test.kind == "stepped" else 0.0)
+    needed = test.dwell * len(test.tones) if test.kind == "stepped" else test.settle
     if needed > length:
+        told = "the steps take" if test.kind == "stepped" else "`settle` alone takes"
         found.append(
             Finding(
                 "error",
                 role,
-                f"The record lasts {length:.4g} s, but `settle` and `dwell` need {needed:.4g} s.",
+                f"The record lasts {length:.4g} s, but {told} {needed:.4g} s.",
                 remedy="Correct settle, dwell or tones, or give the whole record.",
             )
         )

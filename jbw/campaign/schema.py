@@ -168,6 +168,10 @@ def _needs(test: TestSpec) -> list[str]:
         told.append(f"tones: missing; kind `{test.kind}` needs the frequencies [Hz].")
     if test.kind == "stepped" and not test.dwell > 0:
         told.append("dwell: missing; kind `stepped` needs the duration of each step [s].")
+    if test.settle >= test.dwell:  # never when dwell is not given: it is NaN then
+        told.append(
+            f"settle: must be shorter than dwell ({test.dwell:g} s), but is {test.settle:g}."
+        )
     return told
 
 

@@ -163,10 +163,12 @@ def _agrees(role: str, unit: str) -> bool:
 def _kind(path: Path, roles: Mapping[str, str]) -> tuple[str, bool]:
     """Kind of a test by its file's name, and whether the name says so."""
     name = path.stem.lower()
+    driven = bool(SOURCES & set(roles))
+    fitting = {"decay": True, "loop": "restoring_force" in roles, "frf": "phase" in roles}
     for hint, kind in {**{kind: kind for kind in KINDS}, **KIND_HINTS}.items():
-        if hint in name and (kind in ("decay", "loop") or SOURCES & set(roles)):
+        if hint in name and fitting.get(kind, driven):
             return kind, True
-    return ("sweep" if SOURCES & set(roles) else "decay"), False
+    return ("sweep" if driven else "decay"), False
 
 
 def _units(

@@ -98,6 +98,8 @@ def _unit(role: str, item: Leaf, path: Path, wanted: Wanted) -> str:
             why="A wrong unit gives a wrong joint without any sign of it.",
             remedy=f'Say it: units = {{ {role} = "..." }}.',
         )
+    if given:
+        si_of(role, given)  # an unknown unit is the first thing to say
     if given and item.unit and plain(given) != plain(item.unit):
         raise DataError(
             f"{path.name}: role `{role}` is in `{given}` by the campaign "

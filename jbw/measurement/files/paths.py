@@ -42,11 +42,12 @@ def closest(path: str, found: Sequence[str]) -> str:
 
 def _steps(root: Node, path: str) -> list[Step]:
     """Path taken apart; a name that the file has as written is never split at its dots."""
-    head = path if isinstance(root, Mapping) and path in root else path.split("[")[0]
-    if isinstance(root, Mapping) and head in root:
-        return [head, *_indices(path[len(head) :], path)]
-    steps: list[Step] = []
-    for part in re.split(r"[./](?![^\[]*\])", path.strip("./")):
+    path = path.strip("/")
+    whole = [str(name) for name in root] if isinstance(root, Mapping) else []
+    fitting = (n for n in whole if path == n or path.startswith((f"{n}[", f"{n}.", f"{n}/")))
+    first = max(fitting, key=len, default="")
+    steps: list[Step] = [first] if first else []
+    for part in re.split(r"[./](?![^\[]*\])", path[len(first) :]):
         name, bracket, rest = part.partition("[")
         steps += [name] if name else []
         steps += _indices(bracket + rest, path)

@@ -1,0 +1,154 @@
+"""The campaign file: strict, all errors at once, each with its key and remedy."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jbw.campaign.keys import IDENTIFY, KINDS, TEST
+from jbw.campaign.schema import parse
+from jbw.errors import ConfigError
+
+GOOD = """
+[campaign]
+name = "beam"
+gain = 15.0
+[[test]]
+kind = "sweep"
+files = "sweep_*.h5"
+level = 0.2
+channels = { input = "shaker", velocity = "laser" }
+units = { input = "V", velocity = "mm/s" }
+band = [5.0, 40.0]
+[identify]
+fit_levels = [0.2]
+num_chains = 4
+[identify.prior]
+omega_n = [100.0, 130.0]
+alpha = [400.0, 600.0]
+"""
+
+
+def refused(text):
+    with pytest.raises(ConfigError) as caught:
+        parse(text)
+    return str(caught.value)
+
+
+def changed(old, new):
+    assert old in GOOD
+    return GOOD.replace(old, new)
+
+
+def test_good_file():
+    spec = parse(GOOD)
+    assert (spec.name, spec.gain, spec.modal_mass) == ("beam", 15.0, None)
+    (test,) = spec.tests
+    assert (test.kind, test.files, test.band) == ("sweep", ("sweep_*.h5",), (5.0, 40.0))
+    assert spec.settings["prior"] == {"omega_n": (100.0, 130.0), "alpha": (400.0, 600.0)}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("gain =", "gian =", "[campaign] gian: unknown key; did you mean `gain`"),
+        ("level =", "levle =", "[[test]] 1 levle: unknown key; did you mean `level`"),
+        ("num_chains", "num_chain", "did you mean `num_chains`"),
+        ("[identify]", "[identfy]", "unknown table; did you mean `identify`"),
+        ('"sweep"', '"sweeep"', "kind: 'sweeep' is unknown; did you mean `sweep`"),
+        ('velocity = "laser"', 'velocty = "laser"', "role `velocty` is unknown; did you mean"),
+        ("15.0", '"15"', "[campaign] gain: must be a number, but is '15'"),
+        ("15.0", "-1.0", "gain: must be positive, but is -1.0"),
+        ("15.0", "nan", "gain: must be finite"),
+        ("15.0", "true", "gain: must be a number, but is True"),
+        ("gain = 15.0", "gain = 15.0\nmodal_mass = 2.0", "gain or modal_mass, not both"),
+        ("[5.0, 40.0]", "[40.0, 5.0]", "band: must be [lower, upper] with lower < upper"),
+        ("num_chains = 4", "num_chains = 0", "whole number from 1 on, but is 0"),
+        ("num_chains = 4", "num_chains = 2.5", "whole number from 1 on, but is 2.5"),
+        ('"mm/s"', '"mm\\\\s"', "Did you mean `mm/s`?"),
+        ('"mm/s"', '"V"', "`V` measures a voltage, but a velocity is needed"),
+        ("[0.2]", "[0.3]", "no test has level 0.3; levels: 0.2"),
+        ("[100.0, 130.0]", "[130.0, 100.0]", "prior: omega_n: must be [lower, upper]"),
+        ("[100.0, 130.0]", "[100.0, nan]", "prior: omega_n: must be finite"),
+        ("[100.0, 130.0]", "[100.0, 100.0]", "prior: omega_n: must be [lower, upper]"),
+        ("[100.0, 130.0]", "[-1.0, 130.0]", "omega_n: must be positive"),
+        ("[400.0, 600.0]", "[400.0, 10000.0]", "alpha < omega_n^2 must hold"),
+        ("omega_n =", "omega =", "unknown parameter; did you mean `omega_n`"),
+        ('files = "sweep_*.h5"', "files = 3", "files: must be a string or a list of strings"),
+        ('files = "sweep_*.h5"', "", "files: missing"),
+        ('input = "shaker", ', "", "kind `sweep` needs `input` or `force`"),
+        ('"sweep"', '"tones"', "tones: missing"),
+        ('"sweep"', '"stepped"', "dwell: missing"),
+        ('"sweep"', '"loop"', "needs `restoring_force`"),
+        ('"sweep"', '"frf"', "needs `frequency` and `phase`"),
+        ('name = "beam"', 'name = "beam"\nname = "b"', "not valid TOML"),
+        ("[campaign]", "!!python/object:os.system", "not valid TOML"),
+    ],
+)
+def test_each_error_names_key_and_remedy(old, new, says):
+    assert says in refused(changed(old, new))
+
+
+def test_all_errors_at_once():
+    text = changed("gain", "gian").replace('"mm/s"', '"m/sec"').replace("= 4", "= -4")
+    message = refused(text)
+    assert "3 errors" in message
+    assert all(word in message for word in ("gian", "m/sec", "num_chains"))
+
+
+def test_no_test_at_all():
+    assert "[[test]]: at least one" in refused("[campaign]\nname = 'x'")
+
+
+def test_repeated_names():
+    block = GOOD[GOOD.index("[[test]]") : GOOD.index("[identify]")] + 'name = "a"\n'
+    assert "'a' is given to 2 tests" in refused(f"{block}\n{block}")
+
+
+VALUES = st.recursive(
+    st.one_of(
+        st.integers(-(2**40), 2**40), st.floats(), st.booleans(), st.sampled_from(["", "V", "x"])
+    ),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3),
+        st.dictionaries(st.sampled_from(["input", "velocity", "zeta", "q"]), inner, max_size=3),
+    ),
+    max_leaves=6,
+)
+
+
+def toml(value):
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    test=st.dictionaries(st.sampled_from([*TEST, "knd"]), VALUES, max_size=6),
+    identify=st.dictionaries(st.sampled_from([*IDENTIFY, "sed"]), VALUES, max_size=4),
+    kind=st.sampled_from(KINDS),
+)
+def test_any_values_are_accepted_or_refused_plainly(test, identify, kind):
+    lines = [
+        "[[test]]",
+        *(f"{key} = {toml(value)}" for key, value in ({"kind": kind} | test).items()),
+    ]
+    lines += ["[identify]", *(f"{key} = {toml(value)}" for key, value in identify.items())]
+    try:
+        spec = parse("\n".join(lines))
+    except ConfigError:
+        return
+    assert set(identify) <= set(IDENTIFY)
+    assert set(test) <= set(TEST)
+    assert spec.tests[0].channels
+
+
+@settings(max_examples=60, deadline=None)
+@given(text=st.text(max_size=80))
+def test_any_text_is_refused_plainly(text):
+    with pytest.raises(ConfigError):
+        parse(text)

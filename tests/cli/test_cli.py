@@ -1,0 +1,144 @@
+"""The command line: what loads, exit codes, what goes to stdout and what to stderr."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import jbw.cli
+from jbw.cli import run
+from jbw.errors import ModelError, RunError
+from jbw.measurement.files.hdf5 import write_hdf5
+from jbw.measurement.records import Record
+
+UNITS = {"input": "V", "velocity": "m/s"}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    rng = np.random.default_rng(0)
+    for i in (1, 2):
+        samples = {role: rng.normal(size=2000) for role in UNITS}
+        write_hdf5(tmp_path / f"noise_{i}.h5", Record(1024.0, samples, UNITS))
+    return tmp_path
+
+
+def loaded_by(*arguments):
+    """Modules of interest that a command loads, in a fresh process."""
+    code = (
+        "import sys\nfrom jbw.cli import run\n"
+        f"code = run({list(arguments)!r})\n"
+        "heavy = ('jax', 'arviz', 'arviz_base', 'matplotlib', 'numpy', 'scipy', 'rich', 'h5py')\n"
+        "print([m for m in heavy if m in sys.modules], code, file=sys.stderr)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return ended.stderr.strip().splitlines()[-1]
+
+
+def test_help_loads_click_only():
+    assert loaded_by("--help") == "[] 0"
+
+
+def test_check_loads_neither_jax_nor_plots(folder):
+    assert run(["init", str(folder)]) == 0
+    loaded = loaded_by("check", str(folder / "campaign.toml"))
+    assert loaded.endswith(" 0")
+    assert not any(name in loaded for name in ("jax", "arviz", "matplotlib"))
+
+
+def test_help_and_version(capsys):
+    assert run(["--help"]) == 0
+    out = capsys.readouterr().out
+    assert all(name in out for name in jbw.cli.COMMANDS)
+    assert run(["--version"]) == 0
+    assert capsys.readouterr().out == f"jbw, version {jbw.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["chek"], "Did you mean 'check'?"),
+        (["check"], "Missing argument"),
+        (["check", "--jsn", "x"], "--json"),
+        (["check", "none.toml"], "jbw init"),
+    ],
+)
+def test_usage_and_configuration_end_with_2(capsys, arguments, says):
+    assert run(arguments) == 2
+    streams = capsys.readouterr()
+    assert says in streams.err
+    assert "Traceback" not in streams.err
+
+
+def test_init_then_check(folder, capsys):
+    assert run(["init", str(folder)]) == 0
+    assert capsys.readouterr().out.strip() == str(folder / "campaign.toml")
+    assert run(["check", str(folder / "campaign.toml")]) == 0
+    streams = capsys.readouterr()
+    assert "1024 Hz" in streams.out
+    assert streams.err == ""
+    assert run(["init", str(folder)]) == 2
+    assert "not overwritten" in capsys.readouterr().err
+
+
+def test_init_print_writes_nothing(folder, capsys):
+    before = sorted(folder.iterdir())
+    assert run(["init", "--print", str(folder)]) == 0
+    assert "[[test]]" in capsys.readouterr().out
+    assert sorted(folder.iterdir()) == before
+
+
+def test_data_errors_end_with_3_and_json_says_where(folder, capsys):
+    run(["init", str(folder)])
+    samples = {"input": np.ones(2000), "velocity": np.full(2000, np.nan)}
+    write_hdf5(folder / "noise_2.h5", Record(1024.0, samples, UNITS))
+    capsys.readouterr()
+    assert run(["check", str(folder / "campaign.toml"), "--json"]) == 3
+    found = json.loads(capsys.readouterr().out)
+    assert found["status"] == "error"
+    for channel, word in zip(found["channels"], ("constant", "2000 of 2000"), strict=True):
+        assert channel["status"] == "error"
+        assert word in channel["findings"][0]["what"]
+        assert "noise_2.h5" in channel["findings"][0]["what"]
+        assert "exclude" in channel["findings"][0]["remedy"]
+    assert run(["check", str(folder / "campaign.toml")]) == 3
+    assert "exclude" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "says"),
+    [
+        (ModelError("What is wrong.", remedy="Do this."), 2, "Error: What is wrong.\nDo this."),
+        (RunError("Disk full."), 1, "Error: Disk full."),
+        (ZeroDivisionError("by zero"), 1, "Internal error: ZeroDivisionError: by zero"),
+        (KeyboardInterrupt(), 5, "Interrupted"),
+    ],
+)
+def test_errors_become_messages_and_exit_codes(monkeypatch, capsys, error, code, says):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.delenv("JBW_TRACEBACK", raising=False)
+    monkeypatch.setattr("jbw.cli.check.check_campaign", fail)
+    assert run(["check", "x.toml"]) == code
+    streams = capsys.readouterr()
+    assert says in streams.err
+    assert "Traceback" not in streams.err
+
+
+def test_internal_error_tells_how_to_see_more(monkeypatch, capsys):
+    monkeypatch.setattr("jbw.cli.check.check_campaign", lambda *_, **__: 1 / 0)
+    run(["check", "x.toml"])
+    assert "JBW_TRACEBACK=1" in capsys.readouterr().err
+    monkeypatch.setenv("JBW_TRACEBACK", "1")
+    with pytest.raises(ZeroDivisionError):
+        run(["check", "x.toml"])
+
+
+def test_a_command_returns_its_exit_code(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["jbw", "--version"])
+    with pytest.raises(SystemExit) as caught:
+        jbw.cli.main()
+    assert caught.value.code == 0
