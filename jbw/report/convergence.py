@@ -1,5 +1,6 @@
 """Whether the chains can be trusted: running means, traces and ranks."""
 
+import textwrap
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from jbw.report.style import LEVELS, SOFT, Panels, legend, panels, plain, title
 from jbw.report.text import axis_label, symbol
 
 BINS = 20
+MOST = 12
+"""Parameters drawn at most; the first are the joint's, Table 1 has the others."""
 
 
 def running_means(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -60,15 +63,15 @@ def trace_rank(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Panels: trace and ranks of every parameter in turn (2 axes a parameter).
     """
-    found = parameters(branch(tree, "posterior"))
+    found = parameters(branch(tree, "posterior"))[:MOST]
     axes = panels(ax, len(found), 2, height=0.5 + 0.85 * len(found), sharex="col")
     for (left, right), each in zip(axes, found, strict=True):
         _trace(left, each.draws)
         _ranks(right, each.draws)
-        label = plain(axis_label(symbol(each.name), each.unit))
-        left.set_ylabel(label.replace(" [", "\n["), rotation=0, ha="right", va="center", labelpad=9)
+        label = textwrap.fill(plain(axis_label(symbol(each.name), each.unit)), 15)
+        left.set_ylabel(label, rotation=0, ha="right", va="center", labelpad=9, fontsize=8)
     title(axes[0, 0], "traces, one line a chain")
-    title(axes[0, 1], "ranks: a chain's share of each twentieth")
+    title(axes[0, 1], "ranks, in twentieths of all draws")
     axes[-1, 0].set_xlabel("draw [-]")
     axes[-1, 1].set_xlabel("rank among all draws [-]")
     return axes

@@ -129,6 +129,13 @@ def level_text(test: xr.Dataset) -> str:
     return f"{float(test.attrs.get('level', np.nan)):g} {unit}".strip()
 
 
+def fitted_text(test: xr.Dataset) -> str:
+    """Return whether a test was fitted, empty where the run does not say."""
+    if "fitted" not in test.attrs:
+        return ""
+    return "fitted" if test.attrs["fitted"] else "not fitted"
+
+
 def verification_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Draw measured FRFs with the range of their repeats against the model's 99 % band.
 
@@ -174,8 +181,8 @@ def _frf_column(column: Panels, test: xr.Dataset) -> None:
     log_y(column[0])
     column[1].set(ylim=(-230, 50), yticks=[-180, -90, 0])
     column[2].set(xlabel="frequency [Hz]")
-    fitted = "fitted" if test.attrs.get("fitted") else "not fitted"
-    title(column[0], f"{level_text(test)} {plain(test.attrs.get('kind', ''))}, {fitted}")
+    what = f"{level_text(test)} {plain(test.attrs.get('kind', ''))}"
+    title(column[0], ", ".join(filter(None, (what, fitted_text(test)))))
 
 
 def _frf_panel(

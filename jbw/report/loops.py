@@ -1,6 +1,8 @@
-"""Measured and predicted hysteresis loops."""
+"""Measured and predicted hysteresis loops, and the areas that they enclose."""
 
-from typing import Any
+# Greek letters are meant.
+
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -10,10 +12,49 @@ from numpy.typing import NDArray
 
 from jbw.report.linear import BAND, level_text
 from jbw.report.result import tests
-from jbw.report.style import INK, MODEL, SOFT, Panels, legend, plain, stacks, title
-from jbw.report.text import number
+from jbw.report.style import INK, MODEL, REPEATS, SOFT, Panels, legend, plain, shade, stacks, title
+from jbw.report.text import number, unit_text
 
-MM = 1e3
+MILLI = 1e3
+BAND_SDS = 5.15
+"""Width of a normal variable's 99 % interval in standard deviations."""
+
+
+class Areas(NamedTuple):
+    """Areas that a loop encloses, each as lower, median and upper of its 99 % band [J/kg].
+
+    Args:
+        measured: Of the measured loop; the three agree where no band is known.
+        model: Of the predicted loops.
+    """
+
+    measured: tuple[float, float, float]
+    model: tuple[float, float, float]
+
+
+def enclosed_areas(test: xr.Dataset, ending: str = "") -> Areas | None:
+    """Return the areas of a test's loops, from its variables or its attributes.
+
+    Args:
+        test: One test of the validation.
+        ending: "_viscous" for the loops with the viscous force.
+
+    Returns:
+        The areas [J/kg], or None where the run did not write them.
+    """
+    ends = [f"model_area_{end}{ending}" for end in ("lower", "median", "upper")]
+    measured, model = f"measured_area{ending}", f"model_area{ending}"
+    if measured in test and model in test:
+        return Areas(_three(test[measured].values), _three(test[model].values))
+    if {measured, *ends} <= set(test.attrs):
+        return Areas(_three(test.attrs[measured]), _three([test.attrs[end] for end in ends]))
+    return None
+
+
+def _three(values: Any) -> tuple[float, float, float]:
+    """Return lower, median and upper; one number stands for all of them."""
+    lower, median, upper = np.broadcast_to(np.asarray(values, float).reshape(-1), 3).tolist()
+    return lower, median, upper
 
 
 def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -29,13 +70,12 @@ def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     for (upper, lower), (_, test) in zip(stack, found, strict=True):
         y = np.asarray(test["measured_y"], float)
         secant = _secant(y, np.asarray(test["measured_force"], float))
-        _loop(upper, test, 0.0)
-        _loop(lower, test, secant)
-        tone = number(test.attrs.get("tone_hz"))
-        title(upper, f"{level_text(test)}, {tone} Hz")
-        title(lower, _areas(test.attrs), size=8)
+        _loops(upper, test, 0.0)
+        _loops(lower, test, secant)
+        title(upper, f"{level_text(test)}, {number(test.attrs.get('tone_hz'))} Hz")
+        title(lower, _areas_text(enclosed_areas(test)), size=8)
         lower.set_xlabel("displacement [mm]")
-    unit = plain(str(found[0][1]["measured_force"].attrs.get("units", "N/kg")))
+    unit = plain(unit_text(str(found[0][1]["measured_force"].attrs.get("units", "N/kg"))))
     for upper, lower in zip(axes[::2, 0], axes[1::2, 0], strict=True):
         upper.set_ylabel(f"restoring force [{unit}]")
         lower.set_ylabel(f"less its secant [{unit}]")
@@ -49,39 +89,55 @@ def _secant(y: Float[np.ndarray, " phase"], force: Float[np.ndarray, " phase"]) 
     return float((force[top] - force[bottom]) / (y[top] - y[bottom]))
 
 
-def _areas(facts: Any) -> str:
+def _areas_text(areas: Areas | None) -> str:
     """Return the enclosed areas in words."""
-    low, high = facts.get("model_area_lower"), facts.get("model_area_upper")
-    sd = None if low is None or high is None else (high - low) / 5.2
-    measured = number(facts.get("measured_area"), sd)
-    return f"area {measured} J/kg,\nmodel {number(low, sd)} to {number(high, sd)}"
+    if areas is None:
+        return ""
+    low, _, high = (MILLI * each for each in areas.model)
+    sd = (high - low) / BAND_SDS
+    measured = number(MILLI * areas.measured[1], sd)
+    return f"area {measured} mJ/kg,\nmodel {number(low, sd)} to {number(high, sd)} mJ/kg"
 
 
-def _loop(ax: Axes, test: xr.Dataset, secant: float) -> None:
-    """Draw one test's loops, less a line of slope `secant`."""
+def _loops(ax: Axes, test: xr.Dataset, secant: float) -> None:
+    """Draw one test's loops and bands, less a line of slope `secant`."""
     y = np.asarray(test["measured_y"], float)
+    model_y = np.asarray(test["model_y"].transpose("quantile", "phase"), float)[1]
+    if "measured_force_band" in test:
+        label = "99 % band of the measured loop, from ζ and gain"
+        _ring(ax, y, _forces(test, "measured_force_band") - secant * y, REPEATS, label)
+    band = _forces(test, "model_force") - secant * model_y
+    _ring(ax, model_y, band, MODEL, f"{BAND} of the model")
     if "measured_force_viscous" in test:
         force = np.asarray(test["measured_force_viscous"], float) - secant * y
-        look = {"color": SOFT, "lw": 0.9, "ls": ":", "label": "measured, viscous force included"}
-        ax.plot(_closed(y) * MM, _closed(force), **look)
-    model_y = np.asarray(test["model_y"].transpose("quantile", "phase"), float)[1]
-    band = np.asarray(test["model_force"].transpose("quantile", "phase"), float)
-    low, middle, high = band - secant * model_y
-    for part in strokes(model_y):
-        filled = ax.fill_between(
-            model_y[part] * MM, low[part], high[part], color=MODEL, alpha=0.4, lw=0
-        )
-    filled.set_label(BAND + " of the model")
-    ax.plot(
-        _closed(model_y) * MM, _closed(middle), color=MODEL, lw=0.9, label="median of the model"
-    )
+        _cycle(ax, y, force, color=SOFT, lw=0.9, ls=":", label="measured, viscous force included")
+    _cycle(ax, model_y, band[1], color=MODEL, lw=0.9, label="median of the model")
     force = np.asarray(test["measured_force"], float) - secant * y
-    ax.plot(_closed(y) * MM, _closed(force), color=INK, lw=1.1, ls="--", label="measured")
+    _cycle(ax, y, force, color=INK, lw=1.1, ls="--", label="measured")
 
 
-def _closed(values: Float[np.ndarray, " phase"]) -> Float[np.ndarray, " closed"]:
-    """Return a cycle with its first point repeated at the end."""
-    return np.append(values, values[0])
+def _forces(test: xr.Dataset, name: str) -> Float[np.ndarray, "quantile phase"]:
+    """Return a band of force."""
+    return np.asarray(test[name].transpose("quantile", "phase"), float)
+
+
+def _cycle(
+    ax: Axes, y: Float[np.ndarray, " phase"], force: Float[np.ndarray, " phase"], **look: Any
+) -> None:
+    """Draw a closed loop."""
+    ax.plot(np.append(y, y[0]) * MILLI, np.append(force, force[0]), **look)
+
+
+def _ring(
+    ax: Axes,
+    y: Float[np.ndarray, " phase"],
+    band: Float[np.ndarray, "quantile phase"],
+    colour: str,
+    label: str,
+) -> None:
+    """Fill a band of force around a loop, its falling and its rising half in turn."""
+    for part, name in zip(strokes(y), (label, "_rising"), strict=True):
+        shade(ax, y[part] * MILLI, band[0][part], band[2][part], colour, name, alpha=0.4)
 
 
 def strokes(y: Float[np.ndarray, " phase"]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from jbw.report.linear import BAND, level_text
+from jbw.report.linear import BAND, fitted_text, level_text
 from jbw.report.result import tests
 from jbw.report.style import (
     INK,
@@ -42,12 +42,10 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None) -> Panels:
         _whole(whole, test)
         _bands(zoom, part, 0.0)
         _bands(rest, part, np.asarray(part["model_band"].isel(quantile=1), float))
-        measured = test["measured"].attrs
-        what = plain(measured.get("long_name", "velocity"))
-        what = what if len(what) <= 16 else "response"
-        whole.set_ylabel(axis_label(what, str(measured.get("units", "m/s"))))
-        fitted = "fitted" if test.attrs.get("fitted") else "not fitted"
-        title(whole, f"{short(plain(name))}, {level_text(test)}, {fitted}", size=8)
+        unit = str(test["measured"].attrs.get("units", ""))
+        whole.set_ylabel(axis_label(plain(test.attrs.get("response", "response")), unit))
+        words = (short(plain(name)), level_text(test), fitted_text(test))
+        title(whole, ", ".join(filter(None, words)), size=8)
         title(zoom, "at the resonance", size=8)
         title(rest, "less the model's median", size=8)
     for each in axes[-1]:

@@ -9,6 +9,7 @@ import xarray as xr
 from jbw.errors import DataError
 from jbw.report.kernel import source_correction
 from jbw.report.linear import resonance_window
+from jbw.report.loops import BAND_SDS, MILLI, Areas, enclosed_areas
 from jbw.report.result import branch, frequency, node
 from jbw.report.text import NOTHING, number, percent, seconds, step_name, symbol, unit_text
 
@@ -75,7 +76,7 @@ def _parameter_row(name: str, facts: Mapping[str, Any]) -> dict[str, Any]:
     r_hat, z = facts.get("r_hat"), facts.get("z")
     return {
         "symbol": symbol(name),
-        "unit": unit_text(str(facts.get("unit") or "-")),
+        "unit": unit_text(str(facts.get("unit") or "")) or "-",
         "map": number(facts.get("map"), sd),
         "mean": number(facts.get("mean"), sd),
         "sd": number(sd, digits=2),
@@ -127,26 +128,33 @@ def prediction_rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
 def loop_rows(summary: Mapping[str, Any], tree: xr.DataTree) -> list[dict[str, str]]:
     """Return the enclosed areas, a row a test and kind of force."""
     rows = []
-    for name, own in (summary.get("loops") or {}).items():
+    parent = node(tree, "validation/loops")
+    listed = dict.fromkeys(parent.children if parent is not None else ())
+    listed |= summary.get("loops") or {}
+    for name, facts in listed.items():
+        own = facts if isinstance(facts, Mapping) else {}
         stored = node(tree, f"validation/loops/{name}")
-        facts = {**(stored.attrs if stored is not None else {}), **own}
+        test = xr.Dataset() if stored is None else stored.to_dataset()
+        test = test.assign_attrs({key: value for key, value in own.items() if key != "level"})
         for ending, force in (("", "elastic and hysteretic"), ("_viscous", "with viscous")):
-            low, high = (facts.get(f"model_area_{end}{ending}") for end in ("lower", "upper"))
-            measured = facts.get(f"measured_area{ending}")
-            if measured is None or low is None or high is None:
-                continue
-            sd = (high - low) / 5.2
-            rows.append(
-                {
-                    "test": name,
-                    "force": force,
-                    "measured": number(measured, sd),
-                    "median": number(facts.get(f"model_area_median{ending}"), sd),
-                    "band": f"{number(low, sd)} to {number(high, sd)}",
-                    "inside": "inside" if low <= measured <= high else "outside",
-                }
-            )
+            areas = enclosed_areas(test, ending)
+            if areas is not None:
+                rows.append({"test": name, "force": force, **_area_row(areas)})
     return rows
+
+
+def _area_row(areas: Areas) -> dict[str, str]:
+    """Return the areas of one loop in print [mJ/kg], to the digits of the model's band."""
+    low, middle, high = (MILLI * each for each in areas.model)
+    lowest, measured, highest = (MILLI * each for each in areas.measured)
+    sd = (high - low) / BAND_SDS
+    spread = f" ({number(lowest, sd)} to {number(highest, sd)})" if lowest < highest else ""
+    return {
+        "measured": number(measured, sd) + spread,
+        "median": number(middle, sd),
+        "band": f"{number(low, sd)} to {number(high, sd)}",
+        "meet": "yes" if low <= highest and lowest <= high else "no",
+    }
 
 
 def data_rows(tree: xr.DataTree) -> list[dict[str, str]]:

@@ -13,7 +13,8 @@ SYMBOLS = {
     "alpha": "α",
     "delta": "δ",
     "gamma": "γ",
-    "gain": "gain",
+    "alpha_delta": "α δ",
+    "alpha_gamma": "α γ",
     "noise_std": "noise sd",
 }
 
@@ -45,8 +46,15 @@ def step_name(name: str) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """Return a unit with raised exponents: m/s^2 as m/s²."""
-    return re.sub(r"\^(-?\d+)", lambda found: found[1].translate(_RAISED), unit)
+    """Return a unit with raised exponents: m/s^2 as m/s², s-2 as s⁻²; a plain 1 as nothing."""
+    if unit == "1":
+        return ""
+    return re.sub(r"\^(-?\d+)|(?<=[A-Za-z])(-?\d+)", _raise, unit)
+
+
+def _raise(found: re.Match[str]) -> str:
+    """Return an exponent in raised figures."""
+    return (found[1] or found[2]).translate(_RAISED)
 
 
 def axis_label(what: str, unit: str) -> str:

@@ -7,8 +7,8 @@ import xarray as xr
 QUANTILE = np.array([0.005, 0.5, 0.995])
 SPREAD = np.array([-2.576, 0.0, 2.576])
 TRUTH = {"omega_n": 118.1239, "zeta": 0.00444, "alpha": 497.40, "delta": 340.21, "gamma": 32.84}
-UNITS = {"omega_n": "rad/s", "zeta": "", "alpha": "1/s^2", "delta": "1/m", "gamma": "1/m"}
-UNITS |= {"gain": "N/kg/V", "noise_std": "m/s", "conv": "1"}
+UNITS = {"omega_n": "rad s-1", "zeta": "1", "alpha": "s-2", "delta": "m-1", "gamma": "m-1"}
+UNITS |= {"gain": "N kg-1 per unit of input", "noise_std": "m s-1"}
 BOX = {
     "omega_n": (110.0, 126.0),
     "zeta": (0.00352, 0.00528),
@@ -18,6 +18,7 @@ BOX = {
     "gain": (10.0, 20.0),
 }
 LEVELS = (0.05, 0.10, 0.20)
+MEASURED_BAND, MODEL_BAND = (0.99, 1.0, 1.01), (0.97, 1.005, 1.04)
 
 
 def variable(dims, values, units="", long_name="", **attrs):
@@ -149,13 +150,13 @@ def verification_sweep(rng, level, size=16384):
     spread = 0.03 * level * SPREAD[:, None]
     dims = ("quantile", "time")
     found = {
-        "measured": variable(("time",), clean + noise, "m/s", "velocity"),
+        "measured": variable(("time",), clean + noise, "m/s", "mean measured velocity"),
         "measured_band": variable(dims, clean + spread, "m/s"),
         "model_band": variable(dims, clean + width, "m/s"),
         "predictive_band": variable(dims, clean + width + spread, "m/s"),
     }
     attrs = {"level": level, "level_unit": "V", "fitted": int(level != 0.10)}
-    attrs |= {"coverage": 0.9893, "nrmse": 0.0312}
+    attrs |= {"coverage": 0.9893, "nrmse": 0.0312, "response": "velocity"}
     return xr.Dataset(found, {"time": time, "quantile": QUANTILE}, attrs)
 
 
@@ -175,11 +176,12 @@ def validation_loop(rng, level):
         "model_y": variable(dims, y + 0.002 * peak * SPREAD[:, None] * np.cos(phase), "m"),
         "model_force": variable(dims, force + width, "N/kg"),
     }
-    attrs = {"level": level, "level_unit": "V", "tone_hz": 18.0, "measured_area": area}
+    found["measured_force_band"] = variable(dims, force + 0.3 * width, "N/kg")
+    attrs = {"level": level, "level_unit": "V", "tone_hz": 18.0}
     for ending, scale in (("", 1.0), ("_viscous", 1.8)):
-        attrs[f"measured_area{ending}"] = area * scale
-        for end, factor in (("lower", 0.97), ("median", 1.005), ("upper", 1.04)):
-            attrs[f"model_area_{end}{ending}"] = area * factor * scale
+        measured, model = (scale * area * np.array(each) for each in (MEASURED_BAND, MODEL_BAND))
+        found[f"measured_area{ending}"] = variable(("quantile",), measured, "J/kg")
+        found[f"model_area{ending}"] = variable(("quantile",), model, "J/kg")
     return xr.Dataset(found, {"phase": phase, "quantile": QUANTILE}, attrs)
 
 

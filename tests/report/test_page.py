@@ -16,6 +16,7 @@ from jbw.cli.report import report
 from jbw.report import page
 from jbw.report.figures import PLATES
 from jbw.report.page import render_page, write_page
+from jbw.report.tables import loop_rows
 
 HOSTILE = '<script>alert(1)<script> $x_{ & "q"'
 
@@ -127,9 +128,16 @@ def test_the_loops_areas_stand_beside_each_other(tree, summary):
     loops = xr.DataTree.from_dict({"/validation/loops": tree["validation/loops"]})
     text = "".join(outline(render_page(summary, loops)).texts)
     assert "Areas of the hysteresis loops" in text
-    # pi * 0.12 * 4 mm * 500 1/s^2 * 4 mm: the toy's ellipse at 0.2 V.
-    assert "0.003016" in text
+    # pi * 0.12 * 4 mm * 500 1/s^2 * 4 mm = 3.016 mJ/kg: the toy's ellipse.
+    assert "3.016 (2.986 to 3.046)" in text
     assert "with viscous" in text
+    # The same in attributes, out of the band and without a band of their own.
+    facts = {"measured_area": 9.0, "model_area_lower": 1.0, "model_area_median": 2.0}
+    summary["loops"] = {"other": facts | {"model_area_upper": 3.0}}
+    rows = loop_rows(summary, xr.DataTree())
+    assert [(row["test"], row["measured"], row["meet"]) for row in rows] == [
+        ("other", "9000", "no")
+    ]
 
 
 @pytest.mark.parametrize("status", ["ok", "failed", "not assessed", "unheard of"])

@@ -130,6 +130,8 @@ def test_words():
     assert symbol("noise_std[0.05]") == "noise sd at 0.05"
     assert symbol("y_0") == "y_0"
     assert unit_text("m^-2 s^6") == "m⁻² s⁶"
+    assert unit_text("N kg-1 per unit of input") == "N kg⁻¹ per unit of input"
+    assert unit_text("1") == ""
     assert percent(0.0123) == "1.23 %"
     assert seconds(83.4) == "1 min 23 s"
     assert step_name("third_order_nuts") == "Step 3: third-order kernel, NUTS"
