@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -49,7 +50,7 @@ def box(bounds: Mapping[str, tuple[float, float]]) -> Box:
     return Box(tuple(pairs), jnp.asarray(lower), jnp.asarray(upper))
 
 
-def _checked(name: str, pair: tuple[float, float]) -> tuple[float, float]:
+def _checked(name: str, pair: Any) -> tuple[float, float]:
     try:
         lower, upper = (float(bound) for bound in pair)
     except (TypeError, ValueError):

@@ -14,7 +14,6 @@ from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
 from jbw.inference.kernels import (
-    ChainMethod,
     Draw,
     Problem,
     Settings,
@@ -138,7 +137,7 @@ def num_devices_for(num_chains: int) -> int:
     return max(n for n in range(1, jax.device_count() + 1) if num_chains % n == 0)
 
 
-def _over_chains(f: Callable[..., PyTree], method: ChainMethod) -> Callable[..., PyTree]:
+def _over_chains(f: Callable[..., PyTree], method: str) -> Callable[..., PyTree]:
     """Map f(of one chain, shared) over the leading axis of its first argument."""
 
     def mapped(chains: PyTree, shared: PyTree) -> PyTree:

@@ -75,7 +75,7 @@ def fit(
     box: Box,
     data: PyTree = None,
     *,
-    starts: int | Mapping[str, Float[Any, "..."] | float] = 8,
+    starts: int | Mapping[str, Any] = 8,
     key: Key[Array, ""] | None = None,
     max_steps: int = 256,
     rtol: float = 1e-9,

@@ -56,7 +56,7 @@ def weak_direction(mean: Mapping[str, float], covariance: Matrix, box: Box) -> W
     centre = np.array([float(mean[name]) for name in box.names])
     slope = np.where(positive, 1 / np.where(positive, centre, 1.0), 1.0)
     posterior = covariance * np.outer(slope, slope)
-    prior = np.array([_prior_std(a, b, p) for a, b, p in zip(lower, upper, positive, strict=True)])
+    prior = np.array([_prior_std(a, b) for a, b in zip(lower, upper, strict=True)])
     squares, scaled = eigh(posterior / np.outer(prior, prior))
     weak = scaled[:, squares > UNLEARNT**2]
     if weak.shape[1] == 0:
@@ -88,16 +88,18 @@ def weak_direction_of_draws(
     return weak_direction(means, np.atleast_2d(np.cov(columns)), box)
 
 
-def _prior_std(lower: float, upper: float, positive: bool) -> float:
-    r"""Standard deviation of theta, or of log theta, for theta uniform in [lower, upper]."""
-    if not positive:
+def _prior_std(lower: float, upper: float) -> float:
+    """Standard deviation of log theta (of theta, unless positive) for theta uniform in a box."""
+    if lower <= 0:
         return (upper - lower) / math.sqrt(12)
     # In units of the geometric mean, theta runs from 1/r to r.
     r = math.sqrt(upper / lower)
     log_r, width = math.log(r), r - 1 / r
+    if log_r < 1e-3:  # the moments below cancel; the logarithm is uniform to one in a million
+        return log_r / math.sqrt(3)
     first = (r + 1 / r) * log_r / width - 1
     second = log_r**2 + 2 - 2 * (r + 1 / r) * log_r / width
-    return math.sqrt(max(second - first**2, 0.0)) or (upper - lower) / lower / math.sqrt(12)
+    return math.sqrt(second - first**2)
 
 
 def _in_words(

@@ -38,7 +38,7 @@ class Settings(NamedTuple):
 
     sampler: str
     num_warmup: int
-    chain_method: ChainMethod
+    chain_method: str
     target_accept: float
     step_size: float | None
     adapt_mass: bool

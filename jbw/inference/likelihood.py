@@ -8,17 +8,20 @@ $$\sum_k |d_k - m|^2 = K |\bar d - m|^2 + S, \qquad S = \sum_k |d_k - \bar d|^2$
 import math
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Complex, Float
 
-Real = Float[Array, "..."] | float
+Reals = Float[Array, "..."] | Float[np.ndarray, "..."]
+Complexes = Complex[Array, "..."] | Complex[np.ndarray, "..."]
+Real = Reals | float
 LOG_TWO_PI = math.log(2 * math.pi)
 
 
 def complex_gaussian_log_likelihood(
-    mean: Complex[Array, "..."],
+    mean: Complexes,
     within_ss: Real,
     num_repeats: int,
-    model: Complex[Array, "..."],
+    model: Complexes,
     noise_std: Real,
 ) -> Float[Array, "..."]:
     r"""Log likelihood of K repeats of complex data, one term a point.
@@ -47,10 +50,10 @@ def complex_gaussian_log_likelihood(
 
 
 def gaussian_log_likelihood(
-    mean: Float[Array, "..."],
+    mean: Reals,
     within_ss: Real,
     num_repeats: int,
-    model: Float[Array, "..."],
+    model: Reals,
     noise_std: Real,
 ) -> Float[Array, "..."]:
     r"""Log likelihood of K repeats of real data, one term a sample.
@@ -76,10 +79,10 @@ def gaussian_log_likelihood(
 
 
 def complex_gaussian_marginal_log_likelihood(
-    mean: Complex[Array, " point"],
+    mean: Complexes,
     within_ss: Real,
     num_repeats: int,
-    model: Complex[Array, " point"],
+    model: Complexes,
 ) -> Float[Array, ""]:
     r"""Log likelihood of complex repeats with the unknown common noise integrated out.
 
@@ -103,10 +106,10 @@ def complex_gaussian_marginal_log_likelihood(
 
 
 def gaussian_marginal_log_likelihood(
-    mean: Float[Array, " sample"],
+    mean: Reals,
     within_ss: Real,
     num_repeats: int,
-    model: Float[Array, " sample"],
+    model: Reals,
 ) -> Float[Array, ""]:
     r"""Log likelihood of real repeats with the unknown common noise integrated out.
 
@@ -128,5 +131,5 @@ def gaussian_marginal_log_likelihood(
     return -mean.size * num_repeats / 2 * jnp.log(total)
 
 
-def _squared_modulus(value: Complex[Array, "..."]) -> Float[Array, "..."]:
-    return jnp.square(value.real) + jnp.square(value.imag)
+def _squared_modulus(value: Complexes) -> Float[Array, "..."]:
+    return jnp.square(jnp.real(value)) + jnp.square(jnp.imag(value))

@@ -3,7 +3,7 @@
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import jax
 import jax.numpy as jnp
@@ -26,7 +26,7 @@ from jbw.inference.precision import require_float64
 from jbw.inference.random_walk import PAPER
 from jbw.inference.start import chain_starts
 
-Sampler = Literal["nuts", "random_walk", "random_walk_paper"]
+SAMPLERS = ("nuts", "random_walk", "random_walk_paper")
 Progress = Callable[[int, int], None]
 DEFAULT_DRAWS = 1000  # of warm-up, and kept, in each chain
 CHUNK = 250  # draws between two looks at the clock; short enough for a progress bar
@@ -38,12 +38,12 @@ def sample(
     box: Box,
     data: PyTree = None,
     *,
-    sampler: Sampler = "nuts",
+    sampler: str = "nuts",
     num_warmup: int | None = None,
     num_samples: int | None = None,
     num_chains: int = 4,
-    chain_method: ChainMethod = "sequential",
-    start: Mapping[str, Float[Any, "..."] | float] | None = None,
+    chain_method: str = "sequential",
+    start: Mapping[str, Any] | None = None,
     covariance: Float[np.ndarray, "parameter parameter"] | None = None,
     log_prior: LogPrior | None = None,
     target_accept: float | None = None,
@@ -100,9 +100,11 @@ def sample(
     require_float64()
     paper = sampler == "random_walk_paper"
     draws = _default(num_samples, PAPER.num_samples if paper else DEFAULT_DRAWS)
+    warmup = _default(num_warmup, PAPER.num_warmup if paper else DEFAULT_DRAWS)
+    _check_options(sampler, chain_method, draws, warmup, num_chains)
     settings = Settings(
         sampler="nuts" if sampler == "nuts" else "random_walk",
-        num_warmup=_default(num_warmup, PAPER.num_warmup if paper else DEFAULT_DRAWS),
+        num_warmup=warmup,
         chain_method=_available(chain_method, num_chains),
         target_accept=_default(target_accept, 0.8 if sampler == "nuts" else 0.5),
         step_size=_default(step_size, PAPER.step_size) if paper else step_size,
@@ -111,7 +113,6 @@ def sample(
         forward_mode=forward_mode,
         max_tree_depth=max_tree_depth,
     )
-    _check_options(sampler, draws, settings.num_warmup, num_chains)
     clock = time.perf_counter()
     centre, spread, whitening = chain_starts(start, covariance, box, num_chains)
     problem = Problem(log_likelihood, log_prior, box, data, whitening)
@@ -141,7 +142,7 @@ def _default(value: Any, otherwise: Any) -> Any:
     return otherwise if value is None else value
 
 
-def _available(method: ChainMethod, num_chains: int) -> ChainMethod:
+def _available(method: str, num_chains: int) -> str:
     if method != "parallel" or num_devices_for(num_chains) > 1 or num_chains == 1:
         return method
     warnings.warn(
@@ -153,12 +154,15 @@ def _available(method: ChainMethod, num_chains: int) -> ChainMethod:
     return "sequential"
 
 
-def _check_options(sampler: str, num_samples: int, num_warmup: int, num_chains: int) -> None:
-    if sampler not in get_args(Sampler):
-        raise ConfigError(
-            f"Argument `sampler` must be one of {', '.join(get_args(Sampler))}, "
-            f"but {sampler!r} was given."
-        )
+def _check_options(
+    sampler: str, chain_method: str, num_samples: int, num_warmup: int, num_chains: int
+) -> None:
+    for name, word, known in (
+        ("sampler", sampler, SAMPLERS),
+        ("chain_method", chain_method, get_args(ChainMethod)),
+    ):
+        if word not in known:
+            raise ConfigError(f"Argument `{name}` must be one of {', '.join(known)}, not {word!r}.")
     least = {"num_samples": 1, "num_warmup": 0, "num_chains": 1}
     given = {"num_samples": num_samples, "num_warmup": num_warmup, "num_chains": num_chains}
     for name, value in given.items():

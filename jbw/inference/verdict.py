@@ -237,6 +237,8 @@ def _fit(chi_square: float, dof: int) -> Finding:
     )
 
 
-def _limited(code: str, reason: str, number: float, limit: float, action: str) -> Finding:
+def _limited(
+    code: str, reason: str, number: float | int, limit: float | int, action: str
+) -> Finding:
     good = number <= limit
-    return Finding(code, "ok" if good else "failed", reason, number, "" if good else action)
+    return Finding(code, "ok" if good else "failed", reason, float(number), "" if good else action)

@@ -220,6 +220,8 @@ def test_starts_that_cannot_be_meant_are_refused():
         draw(0, 6.0, start={"a": 0.0, "b": 0.0}, covariance=np.ones((2, 2)))
     with pytest.raises(ConfigError, match="one of nuts"):
         draw(0, 6.0, sampler="gibbs")
+    with pytest.raises(ConfigError, match="one of sequential"):
+        draw(0, 6.0, chain_method="lockstep")
     with pytest.raises(ConfigError, match="`num_chains`"):
         draw(0, 6.0, num_chains=0)
 
