@@ -40,6 +40,11 @@ class Record:
         """The role of the response channel: displacement, velocity or acceleration."""
         return next(role for role in RESPONSES if role in self.channels)
 
+    @property
+    def source(self) -> str:
+        """The role of the excitation channel: input or force."""
+        return next(role for role in INPUTS if role in self.channels)
+
 
 @dataclass(frozen=True)
 class Test:

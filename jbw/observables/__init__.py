@@ -1,1 +1,1 @@
-"""One module a kind of test: reduce the record, predict it, compare."""
+"""One module a kind of test: reduce its records, predict them, weigh the difference."""

@@ -1,0 +1,142 @@
+"""Step 4 with all parameters set to update: the joint posterior from the sweeps."""
+
+from collections.abc import Mapping
+from time import perf_counter
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Key
+
+from jbw.identification.accuracy import residual_findings, solver_finding
+from jbw.identification.linear import PooledFit
+from jbw.identification.opening import OpeningData, draw_noise_std, log_likelihood, residual
+from jbw.identification.priors import joint_box
+from jbw.identification.step import ATTRS, Step, finished
+from jbw.inference.box import Box, from_unit
+from jbw.inference.fitting import Fit, fit
+from jbw.inference.sampling import sample
+
+NUM_STARTS = 8
+PRODUCTS = {
+    "alpha_delta": ("alpha", "delta", "softening at small amplitude, alpha * delta"),
+    "alpha_gamma": ("alpha", "gamma", "opening at small amplitude, alpha * gamma"),
+}
+
+
+def joint_step(
+    key: Key,
+    data: OpeningData,
+    linear: PooledFit,
+    earlier: Mapping[str, Step],
+    settings: Mapping[str, Any],
+) -> Step:
+    """Joint posterior of all parameters of the joint, the gain and the noise, from the sweeps.
+
+    Started from the earlier steps, and from points all over the box so that a worse optimum is
+    seen: the waterfall of costs stays in the fit.
+
+    Args:
+        key: Random key.
+        data: The sweeps, nothing held but a gain that the campaign states.
+        linear: Step 2.
+        earlier: The paper's steps, when they were run.
+        settings: The campaign's [identify] table.
+
+    Returns:
+        The step "joint"; its posterior holds `noise_std` by level and the products alpha*delta and
+        alpha*gamma besides the parameters.
+
+    Reference:
+        Eq. (37), with every parameter set to update.
+    """
+    started = perf_counter()
+    keys = jax.random.split(key, 3)
+    known = None if "gain" in data.held else (linear.gain, float(data.gain_std))
+    omega = linear.omega_n
+    y_peak = float(jnp.max(jnp.abs(data.records.mean))) / omega ** _order(data)
+    prior = joint_box(settings, omega, linear.zeta, known, y_peak)
+    best = fit_joint(keys[0], data, prior, linear, earlier)
+    posterior = sample_joint(keys[1], data, prior, best, settings)
+    findings = [*residual_findings(best.theta, data)]
+    findings.append(solver_finding(posterior["posterior"].to_dataset(), data))
+    complete = with_derived(keys[2], posterior, data)
+    return finished("joint", complete, prior, best, started, findings=findings)
+
+
+def fit_joint(
+    key: Key,
+    data: OpeningData,
+    prior: Box,
+    linear: PooledFit,
+    earlier: Mapping[str, Step],
+) -> Fit:
+    """Least squares over all parameters from the earlier steps and from all over the box."""
+    centre = {"omega_n": linear.omega_n, "zeta": linear.zeta, "gain": linear.gain}
+    x = jax.random.uniform(key, (NUM_STARTS, len(prior.names)))
+    starts = {name: np.array(values) for name, values in from_unit(x, prior).items()}
+    for name in ("omega_n", "gain"):
+        if name in starts:  # Step 2 knows them far better than the box
+            starts[name][:] = centre[name]
+    for step in ("third_order_nuts", "opening_nuts"):
+        if step in earlier:
+            group = earlier[step].posterior["posterior"]
+            centre |= {str(n): float(v.mean()) for n, v in group.data_vars.items()}
+    for name in prior.names:
+        if name in centre:
+            starts[name][0] = centre[name]
+    inside = {
+        name: np.clip(starts[name], prior.lower[i], prior.upper[i])
+        for i, name in enumerate(prior.names)
+    }
+    return fit(residual, prior, data, starts=inside)
+
+
+def sample_joint(
+    key: Key, data: OpeningData, prior: Box, best: Fit, settings: Mapping[str, Any]
+) -> xr.DataTree:
+    """NUTS in the coordinate whitened by the fit's covariance."""
+    return sample(
+        key,
+        log_likelihood,
+        prior,
+        data,
+        num_warmup=settings.get("num_warmup", 100),
+        num_samples=settings.get("num_samples", 250),
+        num_chains=settings.get("num_chains", 4),
+        chain_method="parallel" if jax.device_count() > 1 else "sequential",
+        start=best.theta,
+        covariance=best.covariance,
+        attrs=ATTRS,
+    )
+
+
+def with_derived(key: Key, tree: xr.DataTree, data: OpeningData) -> xr.DataTree:
+    """The posterior with the noise of each level and the two products beside its parameters."""
+    posterior = tree["posterior"].to_dataset()
+    noise = draw_noise_std(key, posterior, data)
+    unit = {"displacement": "m", "velocity": "m s-1", "acceleration": "m s-2"}
+    derived = {
+        "noise_std": (
+            ("chain", "draw", "level"),
+            noise,
+            {"units": unit[data.records.response], "long_name": "noise of one repeat"},
+        )
+    }
+    for name, (first, second, long_name) in PRODUCTS.items():
+        product = (posterior[first] * posterior[second]).values
+        attrs = {"units": "m-1 s-2", "long_name": long_name}
+        derived[name] = (("chain", "draw"), product, attrs)
+    groups = {path.strip("/"): node.to_dataset() for path, node in tree.subtree_with_keys}
+    groups["posterior"] = posterior.assign(derived)
+    complete = xr.DataTree.from_dict(
+        {name or "/": ds for name, ds in groups.items() if name != "."}
+    )
+    complete.attrs.update(tree.attrs)
+    return complete
+
+
+def _order(data: OpeningData) -> int:
+    return ("displacement", "velocity", "acceleration").index(data.records.response)

@@ -1,0 +1,85 @@
+"""Step 2 on a campaign: the FRF of its most linear noise test, fitted repeat by repeat."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from jbw.identification.linear import LineFit, PooledFit, line_fit, pool
+from jbw.measurement.records import Test
+from jbw.measurement.spectra import FRF, frf
+from jbw.observables.response import advance
+from jbw.oscillator.volterra import h1
+
+NAMES = ("omega_n", "zeta", "gain")
+
+
+@dataclass(frozen=True)
+class LinearStep:
+    """What Step 2 gives.
+
+    Attributes:
+        test: The noise test it read.
+        fits: The line fit of each repeat.
+        pooled: Mean, covariance and CV over the repeats.
+        frf: FRF of all repeats together.
+        y_rms: Displacement of the test, rms [m]: the amplitude that the result holds for.
+    """
+
+    test: Test
+    fits: tuple[LineFit, ...]
+    pooled: PooledFit
+    frf: FRF
+    y_rms: float
+
+
+def linear_step(test: Test, gain: float | None = None) -> LinearStep:
+    """Natural frequency, damping and gain of the linear regime.
+
+    Args:
+        test: Noise or multisine test at a low level.
+        gain: Gain to hold, when the campaign knows it [N/kg per unit of the input].
+
+    Returns:
+        The fits, per repeat and pooled.
+    """
+    fs, response = test.records[0].fs, test.records[0].response
+    u = np.stack([(gain or 1.0) * record.channels[record.source] for record in test.records])
+    y = np.stack([advance(r.channels[response], test.delay, fs) for r in test.records])
+    fits = tuple(
+        line_fit(frf(one_u, one_y, fs, response=response), test.band_hz)
+        for one_u, one_y in zip(u, y, strict=True)
+    )
+    together = frf(u, y, fs, response=response)
+    pooled = pool(fits)
+    rms = float(np.sqrt(np.mean(y**2)))
+    power = ("displacement", "velocity", "acceleration").index(response)
+    return LinearStep(test, fits, pooled, together, rms / pooled.omega_n**power)
+
+
+def linear_dataset(step: LinearStep) -> xr.Dataset:
+    """The step as labelled arrays: fits by repeat, and the FRF in the fitted band."""
+    pooled = step.pooled
+    low, high = step.fits[0].band_hz
+    keep = (step.frf.freq >= low) & (step.frf.freq <= high)
+    freq, h = step.frf.freq[keep], step.frf.h[keep]
+    model = pooled.gain * np.asarray(h1(2 * np.pi * freq, pooled.omega_n, pooled.zeta))
+    units = {"omega_n": "rad/s", "zeta": "1", "gain": "N/kg per unit of input"}
+    variables: dict = {}
+    for i, name in enumerate(NAMES):
+        attrs = {"units": units[name]}
+        variables[name] = ("repeat", [fit.theta[i] for fit in step.fits], attrs)
+        variables[f"{name}_sd"] = ("repeat", [fit.std[i] for fit in step.fits], attrs)
+    for prefix, value in (("h", h), ("fit", model)):
+        variables[f"{prefix}_magnitude"] = ("freq", np.abs(value), {"units": "m per unit of input"})
+        variables[f"{prefix}_phase"] = ("freq", np.angle(value), {"units": "rad"})
+    variables["coherence"] = ("freq", step.frf.coherence[keep], {"units": "1"})
+    std = np.sqrt(np.diag(pooled.covariance))
+    attrs = {"test": step.test.name, "y_rms": step.y_rms}
+    for i, name in enumerate(NAMES):
+        attrs |= {
+            f"pooled_{name}": float(pooled.mean[i]),
+            f"pooled_{name}_sd": float(std[i]),
+            f"cv_{name}": float(pooled.cv[i]),
+        }
+    return xr.Dataset(variables, {"freq": ("freq", freq, {"units": "Hz"})}, attrs)

@@ -1,0 +1,101 @@
+"""Which test feeds which step; what is fitted and what is held out, fixed before any fit."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from jbw.errors import ConfigError
+from jbw.measurement.records import Test
+
+THIRD = (0.2, 0.45)  # of the natural frequency: where a tone probes the third-order kernel
+
+
+@dataclass(frozen=True)
+class Sweeps:
+    """The sweeps, split before anything is fitted.
+
+    Attributes:
+        fitted: Fitted levels, each with its fitted repeats only.
+        held_out: Every level with the repeats that no fit sees; all of them at unfitted levels.
+    """
+
+    fitted: tuple[Test, ...]
+    held_out: tuple[Test, ...]
+
+
+def linear_test(tests: Sequence[Test]) -> Test | None:
+    """The noise or multisine test of the lowest level: the most linear one, for Step 2."""
+    noise = [test for test in tests if test.kind in ("noise", "multisine")]
+    return min(noise, key=lambda test: test.level) if noise else None
+
+
+def probing_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
+    """Tests with one tone around a third of the natural frequency, by frequency, for Step 3.
+
+    Args:
+        tests: The campaign's tests.
+        natural_hz: Natural frequency of Step 2 [Hz].
+
+    Returns:
+        The probing tests, lowest frequency first.
+    """
+    single = [test for test in tests if test.kind == "tones" and len(test.tones_hz) == 1]
+    low, high = (part * natural_hz for part in THIRD)
+    return tuple(
+        sorted((t for t in single if low < t.tones_hz[0] < high), key=lambda t: t.tones_hz[0])
+    )
+
+
+def loop_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
+    """Tests with one tone near the resonance, lowest level first, for the validation by loops."""
+    probing = {test.name for test in probing_tests(tests, natural_hz)}
+    single = [t for t in tests if t.kind == "tones" and len(t.tones_hz) == 1]
+    return tuple(sorted((t for t in single if t.name not in probing), key=lambda t: t.level))
+
+
+def sweep_tests(tests: Sequence[Test], settings: Mapping[str, Any]) -> Sweeps | None:
+    """Sweeps split into what is fitted and what is held out.
+
+    `fit_levels` names the levels to fit; by default the lowest and the highest of three or more,
+    all of fewer. `fit_repeats` is how many repeats of them are fitted, half by default.
+
+    Args:
+        tests: The campaign's tests.
+        settings: The campaign's [identify] table.
+
+    Returns:
+        The split, or None without sweeps.
+
+    Raises:
+        ConfigError: A level that no sweep has, or more repeats than there are.
+    """
+    sweeps = sorted((test for test in tests if test.kind == "sweep"), key=lambda test: test.level)
+    if not sweeps:
+        return None
+    levels = [test.level for test in sweeps]
+    chosen = settings.get("fit_levels", [levels[0], levels[-1]] if len(levels) > 2 else levels)
+    unknown = [level for level in chosen if level not in levels]
+    if unknown:
+        raise ConfigError(
+            f"Setting `fit_levels` must name levels of sweeps, but holds {unknown}.",
+            remedy=f"The sweeps have the levels {levels}.",
+        )
+    fitted, held_out = [], []
+    for test in sweeps:
+        count = _fitted_repeats(test, settings) if test.level in chosen else 0
+        if count:
+            fitted.append(replace(test, records=test.records[:count]))
+        if test.records[count:]:
+            held_out.append(replace(test, records=test.records[count:]))
+    return Sweeps(tuple(fitted), tuple(held_out))
+
+
+def _fitted_repeats(test: Test, settings: Mapping[str, Any]) -> int:
+    total = len(test.records)
+    count = settings.get("fit_repeats", total // 2 if total >= 4 else total)
+    if not 1 <= count <= total:
+        raise ConfigError(
+            f"Setting `fit_repeats` must lie between 1 and the {total} repeats of `{test.name}`, "
+            f"but is {count}."
+        )
+    return count

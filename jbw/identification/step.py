@@ -1,0 +1,86 @@
+"""What every posterior of the procedure ends as."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from time import perf_counter
+
+import xarray as xr
+
+from jbw.inference.box import Box
+from jbw.inference.fitting import Fit
+from jbw.inference.verdict import Finding, Verdict, judge, verdict
+
+ATTRS = {
+    "omega_n": {"units": "rad s-1", "long_name": "natural frequency at small amplitude"},
+    "zeta": {"units": "1", "long_name": "damping ratio"},
+    "alpha": {"units": "s-2", "long_name": "stiffness of the hysteretic part"},
+    "delta": {"units": "m-1", "long_name": "softening of the hysteresis"},
+    "gamma": {"units": "m-1", "long_name": "opening of the hysteresis loop"},
+    "gain": {"units": "N kg-1 per unit of input", "long_name": "gain of the source"},
+}
+
+
+@dataclass(frozen=True)
+class Step:
+    """One posterior of the procedure.
+
+    Attributes:
+        name: Its name in the results, such as "third_order_nuts".
+        posterior: The groups that the sampler left.
+        verdict: How far it can be trusted.
+        fit: The least-squares fit it started from.
+        box: Its prior.
+        statements: What it identifies and what it does not, in words.
+        wall_s: Duration, compiling included [s].
+    """
+
+    name: str
+    posterior: xr.DataTree
+    verdict: Verdict
+    fit: Fit
+    box: Box
+    statements: tuple[str, ...]
+    wall_s: float
+
+
+def finished(
+    name: str,
+    posterior: xr.DataTree,
+    box: Box,
+    fit: Fit,
+    started: float,
+    *,
+    findings: Iterable[Finding] = (),
+    statements: Iterable[str] = (),
+) -> Step:
+    """Judge a posterior and put it beside what it came from.
+
+    Args:
+        name: Name of the step.
+        posterior: The groups that the sampler left.
+        box: Its prior.
+        fit: The fit it started from, whose chi-square is judged too.
+        started: `perf_counter()` at the start of the step [s].
+        findings: What else was looked at.
+        statements: Sentences besides those that the fit itself gives.
+
+    Returns:
+        The step.
+    """
+    judged = verdict(posterior, box, chi_square=fit.chi_square)
+    said = [*statements]
+    if fit.weak is not None:
+        said.append(f"By the initial fit, {fit.weak.text}.")
+    said += [
+        f"The best fit of {parameter} lies at the {side} bound of its prior."
+        for parameter, side in fit.at_bound.items()
+    ]
+    return Step(
+        name,
+        posterior,
+        judge((*judged.findings, *findings)),
+        fit,
+        box,
+        tuple(said),
+        perf_counter() - started,
+    )
