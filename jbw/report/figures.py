@@ -92,7 +92,8 @@ PLATES = (
         figure_8,
         "figure_08_kernel_bands",
         "Does the model reproduce the measured kernel?",
-        "Measured H₃ of every repeat beside the 99 % parameter bands of each sampler. The bands "
+        "Measured H₃ of every repeat beside the 99 % parameter bands of each sampler; below, both "
+        "against a sampler's median, where small differences show. The bands "
         "carry the parameters' uncertainty only, no noise: single repeats scatter beyond them, "
         "but their middle should not lie outside.",
     ),
@@ -119,15 +120,16 @@ PLATES = (
         "figure_11_verification_frf",
         "Does the model predict the frequency response at every level?",
         "Measured FRFs against the 99 % parameter band of the model, each draw simulated under "
-        "the measured input and passed through the same estimator. Tests marked as not fitted "
-        "are predictions.",
+        "the measured input and passed through the same estimator; the lowest row is the "
+        "magnitude over the model's median. Tests marked as not fitted are predictions.",
     ),
     Plate(
         "figure_12",
         figure_12,
         "figure_12_verification_sweep",
-        "Does the model predict sweeps that it never saw?",
-        "Left the whole record, right some periods around the largest response. The parameter "
+        "Does the model predict repeats that it never saw?",
+        "From the left: the whole record, some periods around the largest response, and the same "
+        "less the model's median, at a scale that shows the bands. The parameter "
         "band holds the model's uncertainty, the predictive band adds the noise and is the one "
         "that should hold 99 % of the measured points.",
     ),
