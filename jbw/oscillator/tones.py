@@ -8,6 +8,7 @@ from itertools import combinations_with_replacement
 from math import factorial, prod
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float, Inexact, Int
@@ -90,12 +91,22 @@ def tone_terms(
     exponents = (slots[:, :, None] == np.arange(2 * omega.size)).sum(axis=1)
     weight = np.array([factorial(order) // prod(map(factorial, row)) for row in exponents.tolist()])
     combination = exponents[:, 0::2] - exponents[:, 1::2]
+    coefficient = _coefficients(system, omega, amplitude, slots, weight)
+    return Terms(exponents, weight, combination, jnp.asarray(combination) @ omega, coefficient)
+
+
+@jax.jit
+def _coefficients(
+    system: PolynomialOscillator,
+    omega: Float[Array, "tone"],
+    amplitude: Inexact[Array, "tone"],
+    slots: Int[ArrayLike, "term order"],
+    weight: Int[ArrayLike, "term"],
+) -> Complex[Array, "term"]:
+    """Coefficients of the terms that take these slots of (A, A*, B, B*, ...)."""
     signed = jnp.stack([omega, -omega], axis=1).ravel()
     half = jnp.stack([amplitude, jnp.conj(amplitude)], axis=1).ravel() / 2.0
-    coefficient = (
-        jnp.asarray(weight) * jnp.prod(half[slots], axis=1) * kernel(system, *signed[slots].T)
-    )
-    return Terms(exponents, weight, combination, jnp.asarray(combination) @ omega, coefficient)
+    return jnp.asarray(weight) * jnp.prod(half[slots], axis=1) * kernel(system, *signed[slots].T)
 
 
 def tone_response(

@@ -3,6 +3,7 @@
 from math import factorial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -135,7 +136,7 @@ def test_cross_kernels_carry_the_sign_of_u0(inputs):
 def test_nonlinear_force_collects_one_order():
     # (1 + x)-type check: y = sum_i x^i has y^2 = sum (n - 1) x^n, y^3 = sum C(n - 1, 2) x^n.
     system = PolynomialOscillator(0.0, 1.0, 10.0, 100.0)
-    forces = [float(nonlinear_force(system, [np.float64(1)] * (n - 1))) for n in (2, 3, 4, 5)]
+    forces = [float(nonlinear_force(system, [jnp.ones(())] * (n - 1))) for n in (2, 3, 4, 5)]
     assert forces == [10.0, 120.0, 330.0, 640.0]
 
 

@@ -1,4 +1,5 @@
 import jax
+import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
@@ -43,7 +44,7 @@ def test_step_is_exact(stiffness, damping, dt):
 
 def test_free_mass_under_a_cubic_input():
     # y'' = 1 + s + s^2 + s^3 from rest over 2 s, in steps of 1/4 s: integrated by hand.
-    t = np.linspace(0.0, 2.0, 9)
+    t = jnp.linspace(0.0, 2.0, 9)
     y, v = propagate(
         propagator(0.0, 0.0, 0.25),
         hermite_input(1 + t + t**2 + t**3, 1 + 2 * t + 3 * t**2, 0.25),
@@ -53,7 +54,7 @@ def test_free_mass_under_a_cubic_input():
 
 
 def test_holds_of_a_ramp():
-    t = np.linspace(0.0, 2.0, 9)
+    t = jnp.linspace(0.0, 2.0, 9)
     step = propagator(0.0, 0.0, 0.25)
     first, _ = propagate(step, held_input(t, "first"))
     np.testing.assert_allclose(first, t**3 / 6, rtol=1e-13)

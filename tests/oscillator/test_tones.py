@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import root
 
 from jbw.errors import ConfigError
 from jbw.oscillator.polynomial import PolynomialOscillator
@@ -103,12 +104,45 @@ def test_truncation_of_the_cubic_oscillator(golden):
         bracket = 1.5 * three + 2.25 * one
         ratio = 1 - lambda_3 * amplitude**2 * abs(one) ** 2 * bracket
         np.testing.assert_allclose(line(third, 3), leading, rtol=1e-12)
+        true_ratio = complex(*case["Y3"]) / line(third, 3)
+        np.testing.assert_allclose(true_ratio, complex(*case["Y3_over_leading"]), rtol=1e-10)
         np.testing.assert_allclose(line(fifth, 3) / leading, ratio, rtol=1e-12)
         np.testing.assert_allclose(ratio, complex(*case["Y3_ratio_first_order"]), rtol=1e-11)
         fundamental = amplitude * one
         fundamental += 0.75 * amplitude**3 * complex(*case["H3_wwmw"])
         fundamental += 0.625 * amplitude**5 * kernel(system, w, w, w, -w, -w)
         np.testing.assert_allclose(line(fifth, 1), fundamental, rtol=1e-12)
+
+
+def periodic_harmonics(case):
+    """Harmonics of the cubic oscillator's steady state by shooting over one period.
+
+    In units of time 1 / w and displacement |Y1|, so that one tolerance serves y and v.
+    """
+    omega_0, w = case["omega0"], case["w"]
+    size = abs(complex(*case["Y1"]))
+    damping, stiffness = 2 * case["zeta"] * omega_0 / w, (omega_0 / w) ** 2
+    cubic, drive = case["lambda3"] * (size / w) ** 2, case["A"] / (w**2 * size)
+    instants = 2 * np.pi * np.arange(33) / 32
+
+    def rate(t, state):
+        y, v = state
+        return [v, drive * np.cos(t) - damping * v - stiffness * y - cubic * y**3]
+
+    def period(start):
+        options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
+        return solve_ivp(rate, (0, 2 * np.pi), start, t_eval=instants, **options).y
+
+    start = root(lambda start: period(start)[:, -1] - start, [1.0, 0.0], tol=1e-13).x
+    return np.fft.rfft(period(start)[0, :-1]) / 16 * size
+
+
+def test_golden_solution_of_the_cubic_oscillator_by_shooting(golden):
+    for case in golden["cubic_equivalent_steady"]["cases"]:
+        found = periodic_harmonics(case)[[1, 3, 5]]
+        expected = np.array([complex(*case[name]) for name in ("Y1", "Y3", "Y5")])
+        # Shooting divides the integrator's 1e-12 by how little one period damps, 0.1.
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * abs(expected[0]))
 
 
 def test_series_meets_the_full_solution_of_the_cubic_oscillator(golden):
@@ -124,6 +158,7 @@ def test_series_meets_the_full_solution_of_the_cubic_oscillator(golden):
         fifth = tone_response(system, np.array([w]), np.array([amplitude]), max_order=5)
         assert abs(line(fifth, 1) / complex(*case["Y1"]) - 1) < small**2
         assert abs(line(fifth, 3) / complex(*case["Y3"]) - 1) < 3 * small**2
+        assert abs(line(fifth, 5) / complex(*case["Y5"]) - 1) < 3 * small
 
 
 def test_tones_at_one_and_three_times_a_frequency_merge():

@@ -95,7 +95,7 @@ def test_h3_defaults_to_least_squares_and_rejects_unknown_variants():
 
 
 def test_nearly_closed_oscillator_is_equation_26():
-    polynomial = Smoothing(0.1, 480.0, 7.0, -6.7e7)
+    polynomial = Smoothing(*map(jnp.asarray, (0.1, 480.0, 7.0, -6.7e7)))
     system = nearly_closed(JOINT, polynomial)
     assert system.damping == pytest.approx(2 * 0.00444 * OMEGA_N, rel=1e-15)
     assert system.stiffness == pytest.approx(OMEGA_N**2 - 497.40 + 480.0, rel=1e-15)
