@@ -47,6 +47,7 @@ def test_an_unbounded_site_is_refused_by_name():
         uniform_start(jax.random.key(0), lambda: numpyro.sample("free", dist.Normal()), (), {})
 
 
+@pytest.mark.slow
 def test_the_model_runs_under_plain_numpyro():
     mcmc = MCMC(NUTS(box_model(gaussian, BOX)), num_warmup=300, num_samples=500, progress_bar=False)
     mcmc.run(jax.random.key(0), jnp.array([1.0, 3.0]))
