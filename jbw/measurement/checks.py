@@ -74,9 +74,10 @@ def _lengths(record: Record) -> Finding | None:
 
 
 def _finite(role: str, x: NDArray[np.float64]) -> Finding | None:
-    bad = np.flatnonzero(~np.isfinite(x))
-    if not len(bad):
+    # NaN passes through min and max, which need no copy of a long record.
+    if np.isfinite(_extremes(x)).all():
         return None
+    bad = np.flatnonzero(~np.isfinite(x))
     first = ", ".join(str(i) for i in bad[:5])
     return Finding(
         "error",
@@ -90,7 +91,7 @@ def _finite(role: str, x: NDArray[np.float64]) -> Finding | None:
 def _magnitude(role: str, x: NDArray[np.float64]) -> Finding | None:
     if not len(x):
         return Finding("error", role, "The channel is empty.", remedy="Export the record again.")
-    largest = float(np.abs(x).max())
+    largest = _largest(x)
     if largest <= LARGEST:
         return None
     return Finding(
@@ -100,6 +101,15 @@ def _magnitude(role: str, x: NDArray[np.float64]) -> Finding | None:
         "A damaged file reads like this.",
         "Copy or export the file again, and check the unit.",
     )
+
+
+def _extremes(x: NDArray[np.float64]) -> tuple[float, float]:
+    return (float(x.min()), float(x.max())) if len(x) else (0.0, 0.0)
+
+
+def _largest(x: NDArray[np.float64]) -> float:
+    """Largest absolute value."""
+    return max(map(abs, _extremes(x)))
 
 
 def _ordered(role: str, x: NDArray[np.float64]) -> Finding | None:
@@ -115,10 +125,11 @@ def _ordered(role: str, x: NDArray[np.float64]) -> Finding | None:
 
 
 def _dead(role: str, x: NDArray[np.float64]) -> Finding | None:
-    span = float(np.ptp(x))
+    lowest, highest = _extremes(x)
+    span = highest - lowest
     two_levels = len(np.unique(x[:LEVELS_FROM])) <= 2 and len(x) > 2
     # A source may switch between two values; one that toggles its last bit is dead.
-    toggles = two_levels and (role in RESPONSES or span <= 1e-3 * float(np.abs(x).max()))
+    toggles = two_levels and (role in RESPONSES or span <= 1e-3 * _largest(x))
     if span > 0 and not toggles:
         return None
     return Finding(
@@ -165,9 +176,9 @@ def clipped_runs(x: NDArray[np.float64], step: float) -> list[tuple[int, int]]:
     """
     found = []
     for extreme in (x.max(), x.min()):
-        at = np.concatenate([[False], x == extreme, [False]])
-        edges = np.flatnonzero(np.diff(at.astype(np.int8)))
-        for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        at = np.flatnonzero(x == extreme)
+        for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
+            start, stop = run[0], run[-1] + 1
             outside = [x[i] for i in (start - 1, stop) if 0 <= i < len(x)]
             fall = max((abs(value - extreme) for value in outside), default=0.0)
             if stop - start >= CLIP_RUN and fall > 2 * step:
@@ -188,7 +199,7 @@ def _quantised(role: str, x: NDArray[np.float64], levels: NDArray[np.float64]) -
 
 
 def _plausible(role: str, x: NDArray[np.float64]) -> Finding | None:
-    largest = float(np.abs(x).max())
+    largest = _largest(x)
     if largest <= PLAUSIBLE.get(role, np.inf):
         return None
     return Finding(

@@ -128,7 +128,7 @@ def rows_of(
 
     `exact` asks for float64; a time column keeps its own type, whose last bit is its resolution.
     """
-    loaded = load(item, start, stop)
+    loaded = load(item, start, stop, np.float64 if exact else None)
     where = (wanted.channels or {}).get(role, role)
     if loaded.ndim > (2 if wanted.repeats == "rows" else 1):
         raise DataError(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from jbw.errors import DataError
 
@@ -107,13 +107,16 @@ def names(root: Node, prefix: str = "") -> Iterator[tuple[str, Leaf | Opaque]]:
             yield from names(root[index], prefix + "".join(f"[{i}]" for i in index))
 
 
-def load(source: Leaf, start: int = 0, stop: int | None = None) -> NDArray[Any]:
+def load(
+    source: Leaf, start: int = 0, stop: int | None = None, dtype: DTypeLike | None = None
+) -> NDArray[Any]:
     """Read a leaf, samples `start` to `stop` along its last open axis.
 
     Args:
         source: What to read; axes of length one are dropped.
         start: First sample.
         stop: One past the last sample; the end when None.
+        dtype: Type to convert to while reading; as stored when None, or when complex.
 
     Returns:
         Array of one axis (time) or two (repeat, time).
@@ -128,7 +131,10 @@ def load(source: Leaf, start: int = 0, stop: int | None = None) -> NDArray[Any]:
     if axes:
         index[axes[-1]] = slice(start, stop)
     _fits(source, axes, start, stop)
-    loaded = np.asarray(source.array[tuple(index)])
+    array: Any = source.array
+    if dtype is not None and array.dtype.kind != "c" and not isinstance(array, np.ndarray):
+        array = array.astype(dtype)  # h5py converts as it reads, without a second copy
+    loaded = np.asarray(array[tuple(index)])
     return np.atleast_1d(loaded.transpose(np.argsort(np.argsort(axes))))
 
 
