@@ -1,0 +1,216 @@
+"""A run's posterior tree made of closed-form toy numbers, as large as a real one."""
+
+import numpy as np
+import xarray as xr
+
+QUANTILE = np.array([0.005, 0.5, 0.995])
+SPREAD = np.array([-2.576, 0.0, 2.576])
+TRUTH = {"omega_n": 118.1239, "zeta": 0.00444, "alpha": 497.40, "delta": 340.21, "gamma": 32.84}
+UNITS = {"omega_n": "rad s-1", "zeta": "1", "alpha": "s-2", "delta": "m-1", "gamma": "m-1"}
+UNITS |= {"gain": "N kg-1 per unit of input", "noise_std": "m s-1"}
+BOX = {
+    "omega_n": (110.0, 126.0),
+    "zeta": (0.00352, 0.00528),
+    "alpha": (425.0, 575.0),
+    "delta": (275.0, 410.0),
+    "gamma": (10.0, 60.0),
+    "gain": (10.0, 20.0),
+}
+LEVELS = (0.05, 0.10, 0.20)
+MEASURED_BAND, MODEL_BAND = (0.99, 1.0, 1.01), (0.97, 1.005, 1.04)
+
+
+def variable(dims, values, units="", long_name="", **attrs):
+    return (dims, values, {"units": units, "long_name": long_name, **attrs})
+
+
+def posterior(rng, sds, chains=4, draws=500, offset=0.0):
+    found = {}
+    for name, sd in sds.items():
+        shift = offset * rng.standard_normal((chains, 1))
+        values = TRUTH.get(name, 15.0) + sd * (rng.standard_normal((chains, draws)) + shift)
+        low, high = BOX[name]
+        facts = {"lower": low, "upper": high, "truth": TRUTH.get(name, 15.0)}
+        values = np.clip(values, low, high)
+        found[name] = variable(("chain", "draw"), values, UNITS[name], name, **facts)
+    return xr.Dataset(found)
+
+
+def ridge_posterior(rng, chains=4, draws=500, mix=True):
+    if mix:
+        delta = rng.uniform(300, 400, (chains, draws))
+    else:
+        walk = np.cumsum(0.15 * rng.standard_normal((chains, draws)), axis=1)
+        delta = rng.uniform(300, 395, (chains, 1)) + walk
+    product = TRUTH["alpha"] * TRUTH["delta"]
+    alpha = product / delta * (1 + 0.005 * rng.standard_normal((chains, draws)))
+    zeta = 0.0050 + 0.00012 * rng.standard_normal((chains, draws))
+    values = {"zeta": zeta, "alpha": alpha, "delta": delta}
+    return xr.Dataset(
+        {
+            name: variable(
+                ("chain", "draw"),
+                np.clip(each, *BOX[name]),
+                UNITS[name],
+                name,
+                lower=BOX[name][0],
+                upper=BOX[name][1],
+                truth=TRUTH[name],
+            )
+            for name, each in values.items()
+        }
+    )
+
+
+def statistics(rng, level, chains=4, draws=500, offset=0.02):
+    each = 1 + offset * rng.standard_normal((chains, 1))
+    noise = np.cumsum(0.2 * rng.standard_normal((chains, draws)), 1) / np.arange(1, draws + 1)
+    conv = level * (each + noise)
+    return xr.Dataset({"conv": variable(("chain", "draw"), conv, "m^-4 s^11")})
+
+
+def receptance(freq, omega_n, zeta):
+    omega = 2 * np.pi * freq
+    return 1 / (omega_n**2 - omega**2 + 2j * zeta * omega_n * omega)
+
+
+def linear(rng):
+    freq = np.arange(0, 4097) / 8.0 / 8.0
+    h = receptance(freq, TRUTH["omega_n"], TRUTH["zeta"])
+    noisy = h * (1 + 0.02 * (rng.standard_normal(freq.size) + 1j * rng.standard_normal(freq.size)))
+    near = np.abs(freq - 18.8) < 4
+    dims = ("freq",)
+    found = {
+        "h_magnitude": variable(dims, np.abs(noisy), "m/(N/kg)"),
+        "h_phase": variable(dims, np.angle(noisy), "rad"),
+        "coherence": variable(dims, 1 - 0.3 * np.exp(-(((freq - 18.8) / 0.05) ** 2)), ""),
+        "fit_magnitude": variable(dims, np.where(near, np.abs(h), np.nan), "m/(N/kg)"),
+        "fit_phase": variable(dims, np.where(near, np.angle(h), np.nan), "rad"),
+        "omega_n": variable(("repeat",), 118.12 + 0.01 * rng.standard_normal(8), "rad/s"),
+    }
+    attrs = {"pooled_omega_n": 118.12, "cv_omega_n": 1.8e-5, "cv_zeta": 0.004, "cv_gain": 0.002}
+    return xr.Dataset(found, {"freq": freq}, attrs)
+
+
+def kernel(rng):
+    freq = np.array([5.0, 5.5, 6.0, 6.5, 6.75])
+    h1, h1_3 = (receptance(n * freq, TRUTH["omega_n"], TRUTH["zeta"]) for n in (1, 3))
+    h3 = 7.0e6 * h1**3 * h1_3
+    noise = rng.standard_normal((8, 5)) + 1j * rng.standard_normal((8, 5))
+    measured = h3 * np.exp(0.12j) * (1 + 0.05 * noise)
+    found = {
+        "measured_magnitude": variable(("repeat", "freq_hz"), np.abs(measured), "m^-2 s^6"),
+        "measured_phase": variable(("repeat", "freq_hz"), np.angle(measured), "rad"),
+        "correction": variable(("freq_hz",), np.linspace(0.02, 0.3, 5)),
+        "y_peak": variable(("freq_hz",), np.full(5, 8e-4), "m"),
+    }
+    for name, width in (("paper", 0.012), ("nuts", 0.02)):
+        scale = 1 + width * SPREAD[:, None]
+        dims = ("quantile", "freq_hz")
+        phase = np.angle(h3) + width * SPREAD[:, None]
+        found[f"{name}_magnitude"] = variable(dims, np.abs(h3) * scale, "m^-2 s^6")
+        found[f"{name}_phase"] = variable(dims, phase, "rad")
+    return xr.Dataset(found, {"freq_hz": freq, "quantile": QUANTILE})
+
+
+def spectrum(rng):
+    freq = np.arange(2049) / 64.0
+    floor = 2e-9 * np.abs(rng.standard_normal(freq.size) + 1j * rng.standard_normal(freq.size))
+    lines = 8e-4 * np.exp(-(((freq - 6) * 40) ** 2)) + 6e-6 * np.exp(-(((freq - 18) * 40) ** 2))
+    amplitude = variable(("freq",), floor + lines, "m")
+    return xr.Dataset({"amplitude": amplitude}, {"freq": freq}, {"tone_hz": 6.0})
+
+
+def verification_frf(rng, level):
+    freq = np.arange(160, 1440) / 64.0 + 2.0
+    omega_n, zeta = TRUTH["omega_n"] * (1 - 0.15 * level), 0.0044 + 0.03 * level
+    h = receptance(freq, omega_n, zeta)
+    noise = rng.standard_normal((12, freq.size)) + 1j * rng.standard_normal((12, freq.size))
+    measured = h * (1 + 0.04 * noise)
+    band = np.abs(h) * (1 + 0.015 * SPREAD[:, None])
+    phase = np.angle(h) + 0.02 * SPREAD[:, None]
+    found = {
+        "measured_magnitude": variable(("repeat", "freq"), np.abs(measured), "m/(N/kg)"),
+        "measured_phase": variable(("repeat", "freq"), np.angle(measured), "rad"),
+        "model_magnitude": variable(("quantile", "freq"), band, "m/(N/kg)"),
+        "model_phase": variable(("quantile", "freq"), phase, "rad"),
+    }
+    attrs = {"level": level, "level_unit": "V", "fitted": int(level != 0.10), "kind": "sweep"}
+    return xr.Dataset(found, {"freq": freq, "quantile": QUANTILE}, attrs)
+
+
+def verification_sweep(rng, level, size=16384):
+    time = np.arange(size) / 1024.0
+    swept = np.where(time < 8, 2.5 * time**2, 160 + 18.8 * (time - 8))
+    envelope = 1 / (1 + ((time - 4.0) / 0.25) ** 2) + 0.3 * np.exp(-0.5 * (time - 4)) * (time > 4)
+    clean = 8 * level * envelope * np.cos(2 * np.pi * swept)
+    noise = 0.01 * level * rng.standard_normal(size)
+    width = np.abs(clean)[None] * 0.02 * SPREAD[:, None]
+    spread = 0.03 * level * SPREAD[:, None]
+    dims = ("quantile", "time")
+    found = {
+        "measured": variable(("time",), clean + noise, "m/s", "mean measured velocity"),
+        "measured_band": variable(dims, clean + spread, "m/s"),
+        "model_band": variable(dims, clean + width, "m/s"),
+        "predictive_band": variable(dims, clean + width + spread, "m/s"),
+    }
+    attrs = {"level": level, "level_unit": "V", "fitted": int(level != 0.10)}
+    attrs |= {"coverage": 0.9893, "nrmse": 0.0312, "response": "velocity"}
+    return xr.Dataset(found, {"time": time, "quantile": QUANTILE}, attrs)
+
+
+def validation_loop(rng, level):
+    phase = np.linspace(0, 2 * np.pi, 256, endpoint=False)
+    peak = 0.02 * level
+    y, lag = peak * np.cos(phase), 0.12 * peak * np.sin(phase)
+    force = 13_456 * y + 400 * (y - 30 * np.abs(y) * y) - 500 * lag
+    noise = 0.0002 * np.max(np.abs(force)) * rng.standard_normal(256)
+    width = 0.0003 * np.max(np.abs(force)) * SPREAD[:, None] * (0.2 + np.abs(np.sin(phase)))
+    dims = ("quantile", "phase")
+    area = np.pi * 0.12 * peak * 500 * peak
+    found = {
+        "measured_y": variable(("phase",), y, "m"),
+        "measured_force": variable(("phase",), force + noise, "N/kg"),
+        "measured_force_viscous": variable(("phase",), force + noise - 124 * lag, "N/kg"),
+        "model_y": variable(dims, y + 0.002 * peak * SPREAD[:, None] * np.cos(phase), "m"),
+        "model_force": variable(dims, force + width, "N/kg"),
+    }
+    found["measured_force_band"] = variable(dims, force + 0.3 * width, "N/kg")
+    attrs = {"level": level, "level_unit": "V", "tone_hz": 18.0}
+    for ending, scale in (("", 1.0), ("_viscous", 1.8)):
+        measured, model = (scale * area * np.array(each) for each in (MEASURED_BAND, MODEL_BAND))
+        found[f"measured_area{ending}"] = variable(("quantile",), measured, "J/kg")
+        found[f"model_area{ending}"] = variable(("quantile",), model, "J/kg")
+    return xr.Dataset(found, {"phase": phase, "quantile": QUANTILE}, attrs)
+
+
+def result_tree():
+    rng = np.random.default_rng(0)
+    main = posterior(
+        rng,
+        {"omega_n": 0.004, "zeta": 8e-6, "alpha": 2.1, "delta": 2.4, "gamma": 0.3, "gain": 0.01},
+    )
+    noise = np.array([5e-5, 6e-5]) * (1 + 0.01 * rng.standard_normal((4, 500, 2)))
+    main["noise_std"] = variable(("chain", "draw", "level"), noise, "m/s")
+    main = main.assign_coords(level=[0.05, 0.20])
+    groups = {
+        "/posterior": main,
+        "/steps/linear": linear(rng),
+        "/steps/third_order_nuts/posterior": ridge_posterior(rng),
+        "/steps/third_order_walk/posterior": ridge_posterior(rng),
+        "/steps/third_order_paper/posterior": ridge_posterior(rng, draws=765, mix=False),
+        "/steps/third_order_nuts/sample_stats": statistics(rng, 3e-14, offset=0.002),
+        "/steps/third_order_paper/sample_stats": statistics(rng, 3e-14, draws=765),
+        "/steps/opening_nuts/posterior": posterior(rng, {"gamma": 1.4}),
+        "/steps/opening_paper/posterior": posterior(rng, {"gamma": 0.6}, draws=765, offset=3),
+        "/steps/opening_nuts/sample_stats": statistics(rng, 2.0, offset=0.002),
+        "/steps/opening_paper/sample_stats": statistics(rng, 2.0, draws=765),
+        "/verification/h3": kernel(rng),
+        "/verification/spectrum": spectrum(rng),
+    }
+    for level in LEVELS:
+        name = f"sweep_{level:.2f}".replace(".", "p")
+        groups[f"/verification/frf/{name}"] = verification_frf(rng, level)
+        groups[f"/verification/sweep/{name}"] = verification_sweep(rng, level)
+        groups[f"/validation/loops/loop_{name[6:]}"] = validation_loop(rng, level)
+    return xr.DataTree.from_dict(groups)
