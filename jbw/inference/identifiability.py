@@ -14,7 +14,7 @@ from scipy.linalg import eigh, qr
 from jbw.inference.box import Box
 
 Matrix = Float[np.ndarray, "parameter parameter"]
-UNLEARNT = 0.5  # posterior over prior standard deviation from which a direction counts as unlearnt
+UNLEARNT = 0.7  # posterior over prior standard deviation: the data have not halved the variance
 PRESENT = 0.3  # a parameter belongs to a direction from this share of its largest component on
 NEAR = 0.2  # an exponent this close to a multiple of 1/2 is written as that
 
@@ -37,7 +37,7 @@ class WeakDirection:
 def weak_direction(mean: Mapping[str, float], covariance: Matrix, box: Box) -> WeakDirection | None:
     r"""Find the directions along which the posterior is nearly as wide as the prior.
 
-    $$\Sigma_{post} v = \rho^2 \Sigma_{prior} v, \qquad \rho > 1/2$$
+    $$\Sigma_{post} v = \rho^2 \Sigma_{prior} v, \qquad \rho > 0.7$$
 
     in the logarithms of the parameters whose box is positive, so that products appear, and in the
     parameters themselves otherwise. The combinations orthogonal to all such directions are what
