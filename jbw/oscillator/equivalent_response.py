@@ -51,8 +51,8 @@ def simulate_equivalent(
     """Time response of the equivalent system.
 
     Tsit5 with a fixed step of 1/(substeps fs); a sampled input is linear between its samples. The
-    force jumps at every turning point, by as much as lambda_0 and lambda_2 y^2 differ there, so
-    the error falls with the first power of the step where the two are far apart.
+    force jumps at every turning point, by 2 (lambda_0 - lambda_2 y^2): little near the peak Y of
+    the fit, more elsewhere, and there the error falls with the first power of the step only.
 
     Args:
         joint: Bouc-Wen parameters; k, zeta and omega_n are used.

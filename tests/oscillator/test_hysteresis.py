@@ -357,7 +357,8 @@ def test_loop_gradients(delta, gamma, y_peak):
         for name in NAMES:
             slope = complex((up[name] - down[name]) / (2 * h))
             # 1e-11: quadrature error of derivatives, which are rougher than the values.
-            size = abs(complex(up[name])) + abs(slope) * scale
+            # Where gamma = 0, y_open and energy vanish, in the reference up to 1e-35.
+            size = abs(complex(up[name])) + abs(slope) * scale + 1e-20
             assert abs(complex(forward[name][i]) - slope) * scale < 1e-11 * size, (name, i)
 
 
