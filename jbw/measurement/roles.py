@@ -1,7 +1,6 @@
 """What a channel can be: roles, and the quantity that each measures."""
 
 from jbw.errors import ConfigError
-from jbw.measurement.records import RESPONSES
 from jbw.units import FACTORS, plain, quantity_of, si_unit
 
 # A role may admit several quantities: a source is a voltage, or already a force per modal mass.
@@ -31,8 +30,3 @@ def si_of(role: str, unit: str) -> tuple[float, str]:
         what = f"Role `{role}`: {error.what}"
         raise ConfigError(what, why=error.why, remedy=error.remedy) from None
     return FACTORS[quantity][plain(unit)], si_unit(quantity)
-
-
-def is_response(role: str) -> bool:
-    """Whether a role is a motion of the structure."""
-    return role in RESPONSES
