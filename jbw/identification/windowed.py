@@ -66,7 +66,7 @@ def smeared(
 
 
 def _hann_transform(p: Complex, window_s: float) -> Complex:
-    """Integral of exp(p tau) times the Hann window's own correlation, from 0 to the window's end."""
+    """Integral from 0 to T of exp(p tau) w_a(tau)."""
     turn = 2j * np.pi / window_s
 
     def ramp(q: Complex) -> Complex:  # of (1 - tau / T) exp(q tau)
@@ -95,7 +95,7 @@ class LineErrors:
     @property
     def variance(self) -> Real:
         """E|d_i|^2 of each line."""
-        return self.hermitian[len(self.hermitian) // 2].real
+        return np.abs(self.hermitian[len(self.hermitian) // 2])
 
     def of_sum(self, weights: Complex) -> Real:
         """Covariance of Re sum_i G_ai d_i.
@@ -114,7 +114,7 @@ class LineErrors:
             mine, theirs = weights[:, i], weights[:, i + q]
             total += (mine * self.hermitian[q + reach, i]) @ theirs.conj().T
             total += (mine * self.symmetric[q + reach, i]) @ theirs.T
-        return (total + total.T).real / 4
+        return np.real(total + total.T) / 4
 
 
 def line_errors(
@@ -130,7 +130,8 @@ def line_errors(
 
     R holds what leaks in through the window (known from the oscillator), noise of the sensor
     (white in the response measured) and disturbing forces (white, through the oscillator); the
-    levels of the last two are read from the coherence.
+    levels of the last two are read from the coherence. Where both are far below the leakage the
+    reading errs upwards, and with it the errors of omega_n and gain (not of zeta).
 
     Args:
         frf: The estimate, Hann window, its lines evenly spaced.
@@ -152,9 +153,9 @@ def line_errors(
     lags = np.arange(-int(np.ceil(1 / step)) + 1, int(np.ceil(1 / step)))
     lags = lags[np.abs(lags) < frf.num_segments]
     share = (frf.num_segments - np.abs(lags)) / (frf.num_segments**2 * frf.num_repeats)
-    phase = np.exp(2j * np.pi * np.outer(offset, lags * step))
+    phase: Complex = np.exp(2j * np.pi * np.outer(offset, lags * step))
     kernels = [
-        (_hann(offset) * _hann(offset - q))[:, None] * phase / per_bin
+        phase * (_hann(offset) * _hann(offset - q) / per_bin)[:, None]
         for q in range(-NEIGHBOURS, NEIGHBOURS + 1)
     ]
     own = np.sum(_hann(offset) ** 2) / per_bin

@@ -101,7 +101,7 @@ def harmonics(
     y = y[..., skip:]
     if refine:
         omega = refined_frequency(y, t, omega, num_harmonics, also)
-    n = np.arange(1, num_harmonics + 1)
+    n = np.arange(1.0, num_harmonics + 1)
     fitted = sine_fit(y, t, omega, num_harmonics, also)
     to_displacement = np.exp(1j * n * omega * delay) / (1j * n * omega) ** order
     drift, drift_std = half_drift(y, t, omega, num_harmonics, also)

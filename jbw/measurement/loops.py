@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.channels import channel, passband, same_length, sampling
+from jbw.measurement.continuation import continued
 from jbw.measurement.sine_fit import check_length, check_tone, sine_fit
 
 ROLL_OFF = 0.2  # of each edge of the band, outside of it
@@ -25,7 +27,8 @@ def integrate(
         fs: Sampling frequency [Hz].
         band: Lowest and highest frequency to keep [Hz]; the lowest must exceed zero.
         periodic: Whether the record holds whole periods (then exact to rounding). Otherwise it is
-            continued by point reflection, and the first and last 1 / band[0] are doubtful.
+            continued by linear prediction: steady or decaying tones come out to about 1e-3, worst
+            at the ends.
 
     Returns:
         The integral with zero mean.
@@ -207,7 +210,7 @@ def _in_band(
     fs: float,
     band: tuple[float, float],
     periodic: bool,
-    factor: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
+    factor: Callable[[NDArray[np.float64]], NDArray[Any]],
 ) -> NDArray[np.float64]:
     """Multiply the spectrum by factor(omega) inside the band."""
     x, fs = channel(x, "x"), sampling(fs)
@@ -219,23 +222,13 @@ def _in_band(
             f"{num_samples / fs:.4g} s.",
             remedy="Raise the band's lower edge, or measure longer.",
         )
-    extended, start = (x, 0) if periodic else _reflected(x, fs, low)
+    reach = 0 if periodic else int(4 * fs / low) if low > 0 else num_samples
+    extended = continued(x, reach) if reach else x
     omega = 2 * np.pi * np.fft.rfftfreq(extended.shape[-1], 1 / fs)
     gain = np.zeros(omega.shape, complex)
     gain[1:] = factor(omega[1:]) * _gain(omega[1:] / (2 * np.pi), low, high)
     filtered = np.fft.irfft(np.fft.rfft(extended) * gain, extended.shape[-1])
-    return filtered[..., start : start + num_samples]
-
-
-def _reflected(
-    x: NDArray[np.float64], fs: float, low: float
-) -> tuple[NDArray[np.float64], int]:
-    """The record continued at both ends by point reflection, fading to its end values."""
-    reach = min(x.shape[-1] - 1, int(4 * fs / low) if low > 0 else x.shape[-1] - 1)
-    fade = np.cos(np.linspace(0, np.pi / 2, reach, endpoint=False)) ** 2
-    before = x[..., :1] - fade * (x[..., 1 : reach + 1] - x[..., :1])
-    after = x[..., -1:] - fade * (x[..., -2 : -reach - 2 : -1] - x[..., -1:])
-    return np.concatenate([before[..., ::-1], x, after], axis=-1), reach
+    return filtered[..., reach : reach + num_samples]
 
 
 def _gain(f: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:

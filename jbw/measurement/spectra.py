@@ -2,11 +2,11 @@
 
 import warnings
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import fft, signal
+from scipy import signal
 
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.channels import (
@@ -16,12 +16,12 @@ from jbw.measurement.channels import (
     same_length,
     sampling,
 )
+from jbw.measurement.segments import effective_averages, segment_length
 
 Window = Literal["hann", "boxcar"]
 
 # Width at half power of |W(f)|^2, in bins of 1 / (window length): what two lines need to be apart.
 RESOLUTION_BINS = {"hann": 1.44, "boxcar": 0.89}
-DEFAULT_SEGMENTS = 16
 # Below this many resolutions across a peak its damping, read off the peak, is 5 % too high or more.
 COARSE = 4.0
 
@@ -134,14 +134,8 @@ def frf(
     if np.any(np.ptp(u, axis=-1) == 0):
         raise DataError("Channel `u` is constant.", why="A dead input excites nothing.")
     order = derivative_order(response)
-    if window not in RESOLUTION_BINS:
-        raise ConfigError(f"Argument `window` must be hann or boxcar, but it is {window!r}.")
-    if estimator not in ("h1", "h2"):
-        raise ConfigError(f"Argument `estimator` must be h1 or h2, but it is {estimator!r}.")
-    overlap = (0.5 if window == "hann" else 0.0) if overlap is None else float(overlap)
-    if not 0 <= overlap <= 0.9:
-        raise ConfigError(f"Argument `overlap` must lie in [0, 0.9], but it is {overlap:g}.")
-    nperseg = _segment_length(u.shape, fs, window_s, nperseg, overlap)
+    overlap = _checked(window, estimator, overlap)
+    nperseg = segment_length(u.shape, fs, window_s, nperseg, overlap)
     noverlap = int(overlap * nperseg)
     num_segments = (u.shape[-1] - noverlap) // (nperseg - noverlap)
     averages = effective_averages(window, nperseg, noverlap, num_segments) * len(u)
@@ -152,54 +146,20 @@ def frf(
             why="One segment gives a coherence of one and no variance.",
             remedy=f"Measure {(2 * nperseg - noverlap) / fs:g} s or shorten `window_s`.",
         )
-    how = dict(fs=fs, window=window, nperseg=nperseg, noverlap=noverlap, detrend="constant")
-    freq, s_uu = signal.welch(u, **how)
-    s_yy = signal.welch(y, **how)[1].mean(axis=0)
-    s_uy = signal.csd(u, y, **how)[1].mean(axis=0)  # conj(U) Y: a lagging y has negative phase
-    low, high = passband(band or (0.0, fs / 2), fs / 2)
-    keep = (freq > 0) & (freq >= low) & (freq <= high)
-    if not keep.any():
-        raise ConfigError(
-            f"Argument `band` = ({low:g}, {high:g}) Hz holds no line of the {fs / nperseg:g} Hz grid."
-        )
-    freq, s_uu, s_yy, s_uy = freq[keep], s_uu.mean(axis=0)[keep], s_yy[keep], s_uy[keep]
-    to_receptance = np.exp(2j * np.pi * freq * delay) / (2j * np.pi * freq) ** order
-    coherence, raw = _ratios(s_uu, s_yy, s_uy, estimator)
-    h = raw * to_receptance
+    how = {"fs": fs, "window": window, "nperseg": nperseg, "noverlap": noverlap}
+    freq, s_uu, s_yy, s_uy = _spectra(u, y, band, how)
+    coherence, h = _ratios(s_uu, s_yy, s_uy, estimator)
+    h = h * np.exp(2j * np.pi * freq * delay) / (2j * np.pi * freq) ** order
     with np.errstate(divide="ignore", invalid="ignore"):
         variance = (1 - coherence) / coherence * np.abs(h) ** 2 / (averages - 1)
     estimate = FRF(
-        freq, h, coherence, np.where(coherence > 0, variance, np.inf), s_uu, s_yy,
-        float(averages), num_segments, len(u), nperseg, noverlap, fs, window, estimator, response,
+        freq=freq, h=h, coherence=coherence, variance=np.where(coherence > 0, variance, np.inf),
+        input_spectrum=s_uu, output_spectrum=s_yy, num_averages=float(averages),
+        num_segments=num_segments, num_repeats=len(u), nperseg=nperseg, noverlap=noverlap, fs=fs,
+        window=window, estimator=estimator, response=response,
     )  # fmt: skip
     _warn_when_coarse(estimate)
     return estimate
-
-
-def effective_averages(window: str, nperseg: int, noverlap: int, num_segments: int) -> float:
-    r"""Independent averages that overlapping segments are worth.
-
-    $$K = N \Big/ \Big(1 + 2\sum_m \frac{N-m}{N}\,\rho_m^2\Big)$$
-
-    with rho_m the window's correlation with itself m segments later.
-
-    Args:
-        window: hann or boxcar.
-        nperseg: Samples in a segment.
-        noverlap: Samples that neighbours share.
-        num_segments: Segments N.
-
-    Returns:
-        Effective averages K.
-
-    Reference:
-        P. D. Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70-73.
-    """
-    w = signal.get_window(window, nperseg)
-    step = nperseg - noverlap
-    lags = np.arange(1, min(num_segments, -(-nperseg // step)))
-    rho = np.array([w[m * step :] @ w[: nperseg - m * step] for m in lags]) / (w @ w)
-    return num_segments / (1 + 2 * np.sum((num_segments - lags) / num_segments * rho**2))
 
 
 def half_power_bandwidth(freq: NDArray[np.float64], h: NDArray[np.complex128]) -> float:
@@ -227,30 +187,38 @@ def half_power_bandwidth(freq: NDArray[np.float64], h: NDArray[np.complex128]) -
     return float(crossing(j - 1, j) - crossing(i + 1, i))
 
 
-def _segment_length(
-    shape: tuple[int, ...],
-    fs: float,
-    window_s: float | None,
-    nperseg: int | None,
-    overlap: float,
-) -> int:
-    """Samples in a segment: as asked, or the longest that gives 16 segments in all."""
-    num_repeats, num_samples = shape
-    if window_s is not None and nperseg is not None:
-        raise ConfigError("Give `window_s` or `nperseg`, not both.")
-    if window_s is not None:
-        nperseg = round(window_s * fs)
-    if nperseg is None:
-        each = max(3, -(-DEFAULT_SEGMENTS // num_repeats))
-        longest = int(num_samples / (each - (each - 1) * overlap))
-        nperseg = fft.prev_fast_len(longest, real=True) if longest >= 8 else longest
-    if not 8 <= nperseg <= num_samples:
-        raise DataError(
-            f"A segment must have at least 8 samples and fit in the record, but it has {nperseg} "
-            f"({nperseg / fs:g} s) and the record {num_samples} ({num_samples / fs:g} s).",
-            remedy=f"Measure {max(nperseg, 128) / fs:g} s or more, or shorten `window_s`.",
+def _checked(window: str, estimator: str, overlap: float | None) -> float:
+    """The overlap, after a look at the words."""
+    if window not in RESOLUTION_BINS:
+        raise ConfigError(f"Argument `window` must be hann or boxcar, but it is {window!r}.")
+    if estimator not in ("h1", "h2"):
+        raise ConfigError(f"Argument `estimator` must be h1 or h2, but it is {estimator!r}.")
+    if overlap is None:
+        return 0.5 if window == "hann" else 0.0
+    if not 0 <= overlap <= 0.9:
+        raise ConfigError(f"Argument `overlap` must lie in [0, 0.9], but it is {overlap:g}.")
+    return float(overlap)
+
+
+def _spectra(
+    u: NDArray[np.float64],
+    y: NDArray[np.float64],
+    band: tuple[float, float] | None,
+    how: dict[str, Any],
+) -> tuple[NDArray[Any], ...]:
+    """Frequencies of the band, S_uu, S_yy and S_uy = E[conj(U) Y], averaged over repeats."""
+    freq, s_uu = signal.welch(u, detrend="constant", **how)
+    s_yy = signal.welch(y, detrend="constant", **how)[1]
+    s_uy = signal.csd(u, y, detrend="constant", **how)[1]  # a lagging y has negative phase
+    nyquist = how["fs"] / 2
+    low, high = passband(band or (0.0, nyquist), nyquist)
+    keep = (freq > 0) & (freq >= low) & (freq <= high)
+    if not keep.any():
+        raise ConfigError(
+            f"Argument `band` = ({low:g}, {high:g}) Hz holds no line of the "
+            f"{how['fs'] / how['nperseg']:g} Hz grid."
         )
-    return int(nperseg)
+    return freq[keep], *(s.mean(axis=0)[keep] for s in (s_uu, s_yy, s_uy))
 
 
 def _ratios(

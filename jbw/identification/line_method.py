@@ -1,0 +1,133 @@
+"""The line-fit method: a linear oscillator from the inverse of its FRF."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbw.errors import DataError
+from jbw.identification.weighted import floored
+from jbw.measurement.channels import derivative_order, passband
+from jbw.measurement.spectra import FRF
+
+NEAR_PEAK = 0.2  # default band, of the peak's frequency to either side
+
+
+@dataclass(frozen=True)
+class LineFit:
+    """A linear oscillator fitted to an FRF.
+
+    Attributes:
+        omega_n: Natural frequency [rad/s].
+        zeta: Damping ratio [-].
+        gain: Force per unit mass and unit of input [N/kg per unit].
+        covariance: Of (omega_n, zeta, gain), residual terms left free.
+        upper: Constant receptance of the modes above, zero when not fitted [m per unit].
+        lower: Coefficient of 1 / omega^2 of the modes below, zero when not fitted [N/kg per unit].
+        chi_square: Sum of squared misfits, real and imaginary, over their variance. Neighbouring
+            lines are correlated, so it scatters more than a chi-square about `dof`.
+        dof: Real data less parameters.
+        num_lines: Lines fitted.
+        band_hz: The lowest and highest of them [Hz].
+        smeared: Whether the window's smearing was part of the model.
+    """
+
+    omega_n: float
+    zeta: float
+    gain: float
+    covariance: NDArray[np.float64]
+    upper: float
+    lower: float
+    chi_square: float
+    dof: int
+    num_lines: int
+    band_hz: tuple[float, float]
+    smeared: bool
+
+    @property
+    def theta(self) -> NDArray[np.float64]:
+        """The vector (omega_n, zeta, gain)."""
+        return np.array([self.omega_n, self.zeta, self.gain])
+
+    @property
+    def std(self) -> NDArray[np.float64]:
+        """Standard deviations of (omega_n, zeta, gain)."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def line_fit_start(frf: FRF, band: tuple[float, float] | None = None) -> LineFit:
+    r"""The line-fit method: the inverse receptance is linear in its parameters.
+
+    $$\frac1H = \frac{\omega_n^2}{g} - \frac{\omega^2}{g} + j\omega\,\frac{2\zeta\omega_n}{g}$$
+
+    Weighted by |H|^4 over the variance, which is what 1/H inherits. Reads the FRF as it stands, so
+    a short window reads too high a damping. No covariance (NaN): a start for `line_fit`.
+
+    Args:
+        frf: Estimated receptance.
+        band: Lowest and highest frequency to fit [Hz]; by default 20 % about the peak.
+
+    Returns:
+        The fit.
+
+    Raises:
+        DataError: Fewer than 4 lines, or no resonance that loses energy.
+    """
+    lines = lines_of(frf, band)
+    omega, h = frf.omega[lines], frf.h[lines]
+    scale = omega.mean()
+    x = omega / scale
+    weight = np.abs(h) ** 2 / np.sqrt(floored(frf.variance[lines], h))
+    zero = np.zeros_like(x)
+    design = np.block([[np.ones_like(x), zero], [-(x**2), zero], [zero, x]]).T
+    target = np.concatenate([(1 / h).real, (1 / h).imag])
+    both = np.tile(weight / weight.max(), 2)
+    a, b, c = np.linalg.lstsq(design * both[:, None], target * both)[0]
+    if not (a / b > 0 and c / b > 0 and c**2 < 4 * a * b):
+        peak = frf.freq[lines][np.argmax(np.abs(h))]
+        raise DataError(
+            f"The FRF must show a resonance that loses energy near {peak:.4g} Hz, but its inverse "
+            "fits none.",
+            why="Swapped channels, a delay of the response channel or a band without the peak do "
+            "this.",
+            remedy="Check which channel is the input, `delay` and `band`.",
+        )
+    root = np.sqrt(a / b)
+    band_hz = float(frf.freq[lines][0]), float(frf.freq[lines][-1])
+    return LineFit(
+        omega_n=float(root * scale), zeta=float(c / b / (2 * root)), gain=float(scale**2 / b),
+        covariance=np.full((3, 3), np.nan), upper=0.0, lower=0.0, chi_square=np.nan,
+        dof=2 * len(h) - 3, num_lines=len(h), band_hz=band_hz, smeared=False,
+    )  # fmt: skip
+
+
+def lines_of(frf: FRF, band: tuple[float, float] | None) -> slice:
+    """Lines of the FRF inside the band; by default 20 % to either side of the peak.
+
+    Args:
+        frf: Estimated receptance.
+        band: Lowest and highest frequency [Hz].
+
+    Returns:
+        The slice of its lines.
+
+    Raises:
+        DataError: Fewer than 4 lines.
+        ConfigError: An empty band.
+    """
+    if band is None:
+        # In the response as measured, whose noise does not rise towards low frequencies.
+        size = np.abs(frf.h) * frf.omega ** derivative_order(frf.response) * frf.coherence
+        peak = float(frf.freq[np.argmax(size)])
+        band = ((1 - NEAR_PEAK) * peak, (1 + NEAR_PEAK) * peak)
+        low, high = band
+    else:
+        low, high = passband(band, frf.fs / 2)
+    first, last = np.searchsorted(frf.freq, [low, high * (1 + 1e-12)])
+    if last - first < 4:
+        raise DataError(
+            f"The band {low:.4g} to {high:.4g} Hz must hold at least 4 lines, "
+            f"but it holds {last - first} of the {1 / frf.window_s:.3g} Hz grid.",
+            remedy="Widen `band`, or lengthen the windows of the estimate.",
+        )
+    return slice(int(first), int(last))

@@ -1,0 +1,152 @@
+import numpy as np
+import pytest
+
+from jbw.errors import ConfigError, DataError
+from jbw.measurement.continuation import continued
+from jbw.measurement.loops import (
+    differentiate,
+    enclosed_area,
+    integrate,
+    mean_cycle,
+    restoring_force,
+)
+
+FS = 1024.0
+
+
+def loop_force(y, falling, case):
+    """Z on the steady loop by the paper's exponential branches, in their closed form."""
+    a, b = case["delta"] - case["gamma"], case["delta"] + case["gamma"]
+
+    def phi(c, x):
+        return -np.expm1(-c * x) / c if c else x
+
+    def downward(y):  # paths AC (Z > 0) and CD (Z < 0)
+        distance = y - case["y0"]
+        return case["alpha"] * np.where(distance > 0, phi(a, distance), -phi(b, -distance))
+
+    return np.where(falling, downward(y), -downward(-y))
+
+
+def test_area_of_a_viscous_ellipse():
+    c, omega, amplitude = 0.8, 2 * np.pi * 5, 1.3e-3
+    theta = 2 * np.pi * 3 * np.arange(600) / 600
+    y, v = amplitude * np.cos(theta), -omega * amplitude * np.sin(theta)
+    expected = np.pi * c * omega * amplitude**2
+    assert enclosed_area(y, 4000 * y + c * v, cycles=3) == pytest.approx(expected, rel=1e-12)
+    # An elastic force, linear or not, encloses nothing, and the sign follows the sense.
+    assert abs(enclosed_area(y, 4000 * y + 1e9 * y**3, cycles=3)) < 1e-12 * expected
+    assert enclosed_area(y, -c * v, cycles=3) == pytest.approx(-expected, rel=1e-12)
+
+
+def test_area_of_golden_loops(golden):
+    theta = 2 * np.pi * np.arange(2048) / 2048
+    for case in golden["steady_loop"]["cases"]:
+        y = case["Y"] * np.cos(theta)
+        z = loop_force(y, np.sin(theta) > 0, case)
+        # The loop's corners alias into its first harmonic as N^-3.
+        scale = case["Zmax"] * case["Y"]
+        assert enclosed_area(y, z) == pytest.approx(case["E_cycle"], abs=1e-7 * scale)
+
+
+def test_mean_cycle_averages_noise_away(golden):
+    case = golden["steady_loop"]["cases"][0]
+    omega, t = 2 * np.pi * 5.03, np.arange(16384) / FS
+    theta = omega * t + 0.4
+    y = case["Y"] * np.cos(theta)
+    z = loop_force(y, np.sin(theta) > 0, case)
+    rng = np.random.default_rng(1)
+    noise = [std * rng.standard_normal((2, t.size)) for std in (1e-6, 1e-3)]
+    cycle = mean_cycle(y + noise[0] + 0.01, z + noise[1], FS, omega, num_points=512)
+    np.testing.assert_allclose(cycle.y, [case["Y"] * np.cos(cycle.phase + 0.4)] * 2, atol=3e-7)
+    np.testing.assert_allclose(cycle.y_residual_std, 1e-6, rtol=0.03)
+    np.testing.assert_allclose(cycle.force_residual_std, 1e-3, rtol=0.03)
+    # Error of the area pi Y std(Im F_1) = pi Y 1e-3 sqrt(2 / 16384), four of them.
+    tolerance = 4 * np.pi * case["Y"] * 1e-3 * np.sqrt(2 / t.size)
+    np.testing.assert_allclose(enclosed_area(cycle.y, cycle.force), case["E_cycle"], atol=tolerance)
+
+
+@pytest.mark.parametrize("shape", ["one", "repeats"])
+def test_periodic_calculus_is_exact_inside_the_band(shape):
+    t = np.arange(4096) / FS
+    y = sum(np.cos(2 * np.pi * f * t + f) / f for f in (2, 7.25, 61))
+    v = sum(-2 * np.pi * np.sin(2 * np.pi * f * t + f) for f in (2, 7.25, 61))
+    if shape == "repeats":
+        y, v = np.stack([y, 2 * y]), np.stack([v, 2 * v])
+    drifting = v + 3.0  # an offset must not become a drift
+    np.testing.assert_allclose(integrate(drifting, FS, (1, 100), periodic=True), y, atol=1e-12)
+    np.testing.assert_allclose(differentiate(y + 1, FS, (1, 100), periodic=True), v, atol=1e-9)
+
+
+@pytest.mark.parametrize("phase", [0.0, 1.2])
+def test_record_of_broken_periods_has_no_edges(phase):
+    t = np.arange(8192) / FS
+    omega = 2 * np.pi * 5.03
+    y, v = np.cos(omega * t + phase), -omega * np.sin(omega * t + phase)
+    inner = slice(2048, -2048)
+    # What the linear prediction misses sits at the ends; without one the error is 1 there.
+    for part, tolerance in ((slice(None), 2e-3), (inner, 1e-4)):
+        integral = integrate(v + 0.5, FS, (2, 100))
+        np.testing.assert_allclose(integral[part], y[part], atol=tolerance)
+        for low in (0, 2):
+            slope = differentiate(y + 5, FS, (low, 100))
+            np.testing.assert_allclose(slope[part], v[part], atol=tolerance * omega)
+
+
+def test_continuation_of_decaying_tones():
+    t = np.arange(-512, 2560) / FS
+    x = np.exp(-t / 3) * np.cos(90 * t) + 0.2 * np.exp(-t) * np.cos(300 * t + 1)
+    found = continued(np.stack([x[512:-512], 2 * x[512:-512]]), 512)
+    assert found.shape == (2, 3072)
+    fade = np.cos(np.linspace(0, np.pi / 2, 512)) ** 2
+    mean = x[512:-512].mean()
+    expected = mean + fade * (x[-512:] - mean)
+    # Burg's poles are slightly off, and the mean taken out is no decaying tone.
+    np.testing.assert_allclose(found[0, -512:], expected, atol=0.03)
+    np.testing.assert_allclose(found[1], 2 * found[0], atol=1e-12)
+
+
+def test_burst_that_starts_and_ends_at_rest():
+    t = np.arange(8192) / FS
+    swing, hump = np.sin(2 * np.pi * 10 * (t - 4)), np.exp(-((t - 4) ** 2))
+    y = swing * hump
+    v = (2 * np.pi * 10 * np.cos(2 * np.pi * 10 * (t - 4)) - 2 * (t - 4) * swing) * hump
+    # The burst has no content below 2 Hz to 1e-9; the hump at the ends is 1e-7 itself.
+    np.testing.assert_allclose(integrate(v, FS, (2, 200)), y, atol=1e-6)
+    np.testing.assert_allclose(differentiate(y, FS, (0, 200)), v, atol=1e-4)
+
+
+def test_restoring_force_of_a_linear_oscillator():
+    zeta, omega_n, omega, amplitude = 0.02, 118.0, 60.0, 1e-3
+    t = np.arange(512) / FS
+    y, v = amplitude * np.cos(omega * t), -omega * amplitude * np.sin(omega * t)
+    a = -(omega**2) * y
+    u = a + 2 * zeta * omega_n * v + omega_n**2 * y
+    elastic = restoring_force(u, a, v, zeta, omega_n)
+    np.testing.assert_allclose(elastic, omega_n**2 * y, atol=1e-13 * omega_n**2)
+    whole = restoring_force(u, a, v, zeta, omega_n, viscous=True)
+    np.testing.assert_allclose(whole - elastic, 2 * zeta * omega_n * v, atol=1e-12)
+
+
+def test_bad_input_is_refused():
+    x = np.ones(1000)
+    with pytest.raises(ConfigError, match="start above zero"):
+        integrate(x, FS, (0, 100))
+    with pytest.raises(ConfigError, match="increasing pair"):
+        differentiate(x, FS, (100, 50))
+    with pytest.raises(ConfigError, match="between 0 and 512 Hz"):
+        differentiate(x, FS, (600, 700))
+    with pytest.raises(DataError, match=r"lowest frequency, 2 s, but it lasts 0.9766 s"):
+        integrate(x, FS, (0.5, 100))
+    with pytest.raises(DataError, match="1 of 1000 samples"):
+        integrate(np.where(np.arange(1000) == 3, np.nan, x), FS, (5, 100))
+    with pytest.raises(DataError, match="one shape"):
+        restoring_force(x, x, x[1:], 0.01, 100.0)
+    with pytest.raises(DataError, match="one shape"):
+        enclosed_area(x, x[1:])
+    with pytest.raises(DataError, match="at least 8 samples"):
+        enclosed_area(x, x, cycles=200)
+    with pytest.raises(ConfigError, match="at least 1"):
+        enclosed_area(x, x, cycles=0)
+    with pytest.raises(DataError, match="must last"):
+        mean_cycle(x, x, FS, 2 * np.pi)
