@@ -8,21 +8,85 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from jbw import rig
+    from jbw.campaign.loading import Campaign, load_campaign
     from jbw.errors import ConfigError, DataError, JbwError, ModelError, RunError
+    from jbw.identification.linear import line_fit
+    from jbw.measurement.files.door import read
+    from jbw.measurement.harmonics import harmonics
+    from jbw.measurement.probing import third_order_kernel
+    from jbw.measurement.records import Record, Test
+    from jbw.measurement.spectra import frf
+    from jbw.oscillator.hysteresis import hysteresis_map, steady_loop
     from jbw.oscillator.parameters import BoucWen
+    from jbw.oscillator.response import Response, simulate
+    from jbw.oscillator.smoothing import smoothing
+    from jbw.oscillator.steady import steady_state
+    from jbw.oscillator.volterra import h1, h3, third_harmonic
+    from jbw.study.identify import Study, identify
 
 __version__ = "0.1.0"
 
+# Public name to its home, read only when the name is first used.
 _HOME = {
-    "BoucWen": "jbw.oscillator.parameters",
-    "ConfigError": "jbw.errors",
-    "DataError": "jbw.errors",
-    "JbwError": "jbw.errors",
-    "ModelError": "jbw.errors",
-    "RunError": "jbw.errors",
+    "BoucWen": "oscillator.parameters",
+    "Campaign": "campaign.loading",
+    "ConfigError": "errors",
+    "DataError": "errors",
+    "JbwError": "errors",
+    "ModelError": "errors",
+    "Record": "measurement.records",
+    "Response": "oscillator.response",
+    "RunError": "errors",
+    "Study": "study.identify",
+    "Test": "measurement.records",
+    "frf": "measurement.spectra",
+    "h1": "oscillator.volterra",
+    "h3": "oscillator.volterra",
+    "harmonics": "measurement.harmonics",
+    "hysteresis_map": "oscillator.hysteresis",
+    "identify": "study.identify",
+    "line_fit": "identification.linear",
+    "load_campaign": "campaign.loading",
+    "read": "measurement.files.door",
+    "simulate": "oscillator.response",
+    "smoothing": "oscillator.smoothing",
+    "steady_loop": "oscillator.hysteresis",
+    "steady_state": "oscillator.steady",
+    "third_harmonic": "oscillator.volterra",
+    "third_order_kernel": "measurement.probing",
 }
 
-__all__ = ["BoucWen", "ConfigError", "DataError", "JbwError", "ModelError", "RunError", "enable_x64"]
+__all__ = [
+    "BoucWen",
+    "Campaign",
+    "ConfigError",
+    "DataError",
+    "JbwError",
+    "ModelError",
+    "Record",
+    "Response",
+    "RunError",
+    "Study",
+    "Test",
+    "enable_x64",
+    "frf",
+    "h1",
+    "h3",
+    "harmonics",
+    "hysteresis_map",
+    "identify",
+    "line_fit",
+    "load_campaign",
+    "read",
+    "rig",
+    "simulate",
+    "smoothing",
+    "steady_loop",
+    "steady_state",
+    "third_harmonic",
+    "third_order_kernel",
+]
 
 
 def enable_x64() -> None:
@@ -33,10 +97,12 @@ def enable_x64() -> None:
 
 
 def __getattr__(name: str) -> Any:
+    if name == "rig":
+        return import_module("jbw.rig")
     if name in _HOME:
-        return getattr(import_module(_HOME[name]), name)
+        return getattr(import_module(f"jbw.{_HOME[name]}"), name)
     raise AttributeError(f"module 'jbw' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return sorted({*globals(), *__all__})

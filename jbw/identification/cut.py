@@ -59,7 +59,7 @@ def opening_steps(
         ("opening_paper", keys[1], {"sampler": "random_walk_paper", "chain_method": "vectorized"}),
     ):
         tree = sample(one, log_likelihood, prior, cut, attrs=ATTRS, **options)
-        steps[name] = finished(name, tree, prior, best, started, statements=said)
+        steps[name] = finished(name, tree, prior, best, started, statements=said, held=held)
         started = perf_counter()
     return steps
 

@@ -63,7 +63,15 @@ def joint_step(
     findings = [*residual_findings(best.theta, data)]
     findings.append(solver_finding(posterior["posterior"].to_dataset(), data))
     complete = with_derived(keys[2], posterior, data)
-    return finished("joint", complete, prior, best, started, findings=findings)
+    return finished(
+        "joint",
+        complete,
+        prior,
+        best,
+        started,
+        findings=findings,
+        held={n: float(v) for n, v in data.held.items()},
+    )
 
 
 def fit_joint(
@@ -129,11 +137,8 @@ def with_derived(key: Key, tree: xr.DataTree, data: OpeningData) -> xr.DataTree:
         product = (posterior[first] * posterior[second]).values
         attrs = {"units": "m-1 s-2", "long_name": long_name}
         derived[name] = (("chain", "draw"), product, attrs)
-    groups = {path.strip("/"): node.to_dataset() for path, node in tree.subtree_with_keys}
-    groups["posterior"] = posterior.assign(derived)
-    complete = xr.DataTree.from_dict(
-        {name or "/": ds for name, ds in groups.items() if name != "."}
-    )
+    groups = {name: node.to_dataset() for name, node in tree.children.items()}
+    complete = xr.DataTree.from_dict({**groups, "posterior": posterior.assign(derived)})
     complete.attrs.update(tree.attrs)
     return complete
 

@@ -27,18 +27,23 @@ class Identification:
     """Everything that the procedure found on a campaign.
 
     Attributes:
-        linear: Step 2, when there was noise to read it from.
+        linear: Step 2.
         kernel: Step 3's measured kernels and initial fit, when there were probing tones.
         sweeps: The split of the sweeps, when there were any.
         data: The data of Step 4 with nothing held.
         steps: Every posterior by name; the joint one is named "joint".
     """
 
-    linear: LinearStep | None = None
+    linear: LinearStep
     kernel: third_order.KernelFit | None = None
     sweeps: Sweeps | None = None
     data: OpeningData | None = None
     steps: dict[str, Step] = field(default_factory=dict)
+
+    @property
+    def main(self) -> Step:
+        """The posterior that the verdict is about: the joint one where there are sweeps."""
+        return self.steps.get("joint") or self.steps["third_order_nuts"]
 
 
 Report = Callable[[str], None]

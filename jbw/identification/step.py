@@ -1,6 +1,6 @@
 """What every posterior of the procedure ends as."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -31,6 +31,7 @@ class Step:
         fit: The least-squares fit it started from.
         box: Its prior.
         statements: What it identifies and what it does not, in words.
+        held: Parameters of the joint that were not updated, at the values they were held at.
         wall_s: Duration, compiling included [s].
     """
 
@@ -40,6 +41,7 @@ class Step:
     fit: Fit
     box: Box
     statements: tuple[str, ...]
+    held: dict[str, float]
     wall_s: float
 
 
@@ -52,6 +54,7 @@ def finished(
     *,
     findings: Iterable[Finding] = (),
     statements: Iterable[str] = (),
+    held: Mapping[str, float] | None = None,
 ) -> Step:
     """Judge a posterior and put it beside what it came from.
 
@@ -63,6 +66,7 @@ def finished(
         started: `perf_counter()` at the start of the step [s].
         findings: What else was looked at.
         statements: Sentences besides those that the fit itself gives.
+        held: Parameters that were not updated.
 
     Returns:
         The step.
@@ -82,5 +86,6 @@ def finished(
         fit,
         box,
         tuple(said),
+        {name: float(value) for name, value in (held or {}).items()},
         perf_counter() - started,
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from time import perf_counter
 from typing import Any
 
 import jax
@@ -11,6 +12,7 @@ from jaxtyping import Key
 
 from jbw.identification.linear import PooledFit
 from jbw.identification.priors import PAPER_HALF_WIDTH, about, physical, stated
+from jbw.identification.step import ATTRS, Step, finished
 from jbw.inference.box import Box, box
 from jbw.inference.fitting import Fit, fit
 from jbw.inference.sampling import sample
@@ -22,11 +24,6 @@ from jbw.observables.kernel import KernelData
 from jbw.oscillator.volterra import h1
 
 NAMES = ("zeta", "alpha", "delta")
-ATTRS = {
-    "zeta": {"units": "1", "long_name": "damping ratio"},
-    "alpha": {"units": "s-2", "long_name": "stiffness of the hysteretic part"},
-    "delta": {"units": "m-1", "long_name": "softening of the hysteresis"},
-}
 
 
 @dataclass(frozen=True)
@@ -107,27 +104,55 @@ def fit_kernel(
     return KernelFit(kernels, data, fit(kernel.residual, prior, data, starts=16, key=key), prior)
 
 
-def sample_kernel(key: Key, step: KernelFit, sampler: str, **options: Any) -> xr.DataTree:
-    """Posterior of zeta, alpha and delta by (36), started as the sampler asks for it.
+def third_order_steps(key: Key, step: KernelFit, settings: Mapping[str, Any]) -> dict[str, Step]:
+    """Posterior of zeta, alpha and delta by (36): NUTS, the paper's walk, and a tuned walk.
 
-    "nuts" starts dispersed over the box; the paper's walk too, so that its chains can be compared:
-    from one optimum they would agree with each other and with nothing else.
+    All chains start dispersed over the box, so that their comparison can tell: the paper's chain,
+    started at one optimum, agrees with itself and says nothing.
 
     Args:
         key: Random key.
         step: The initial fit.
-        sampler: "nuts", "random_walk" or "random_walk_paper".
-        options: Further options of `jbw.inference.sampling.sample`.
+        settings: The campaign's [identify] table.
 
     Returns:
-        The posterior.
+        The steps "third_order_nuts", "third_order_paper" and "third_order_walk".
 
     Reference:
         Eqs. (35), (36).
     """
-    return sample(
-        key, kernel.log_likelihood, step.box, step.data, sampler=sampler, attrs=ATTRS, **options
-    )  # fmt: skip
+    options = {
+        "third_order_nuts": {"sampler": "nuts", "num_warmup": 500, "num_samples": 500},
+        "third_order_paper": {"sampler": "random_walk_paper"},
+        "third_order_walk": {"sampler": "random_walk", "num_warmup": 2000, "num_samples": 20_000},
+    }
+    steps = {}
+    for one, (name, chosen) in zip(jax.random.split(key, 3), options.items(), strict=True):
+        started = perf_counter()
+        chains = settings.get("num_chains", 4)
+        tree = sample(
+            one, kernel.log_likelihood, step.box, step.data,
+            num_chains=chains, chain_method="vectorized", attrs=ATTRS, **chosen,
+        )  # fmt: skip
+        said = (*_products(tree, step), *_notes(step))
+        steps[name] = finished(name, tree, step.box, step.fit, started, statements=said)
+    return steps
+
+
+def _products(tree: xr.DataTree, step: KernelFit) -> tuple[str, ...]:
+    """What the kernel does determine, with its interval."""
+    posterior = tree["posterior"].to_dataset()
+    product = (posterior["alpha"] * posterior["delta"]).values
+    low, high = np.quantile(product, [0.005, 0.995])
+    return (
+        f"The kernel determines lambda_3 and with it the product alpha*delta: {product.mean():.6g} "
+        f"m^-1 s^-2, 99 % interval [{low:.6g}, {high:.6g}]; alpha and delta apart come from the "
+        "box and from the error of the model (31).",
+    )
+
+
+def _notes(step: KernelFit) -> tuple[str, ...]:
+    return tuple(note for measured in step.kernels for note in measured.notes)
 
 
 def integrals(posterior: xr.Dataset, data: KernelData) -> np.ndarray:

@@ -16,7 +16,7 @@ from jbw.oscillator.parameters import BoucWen
 from jbw.rig.bench import GRID, respond
 from jbw.rig.conditions import Conditions, check, joint_of_days, stream
 from jbw.rig.generator import Noise, Steps, Tone, analog, draw_phases
-from jbw.rig.presets import TRUTH, Plan, Preset, plans_named, preset_named
+from jbw.rig.presets import PRIOR, TRUTH, Plan, Preset, plans_named, preset_named
 from jbw.rig.sensors import digitise
 
 
@@ -211,7 +211,7 @@ def _tones(plan: Plan) -> tuple[float, ...]:
 
 
 def _settings(plans: Sequence[Plan]) -> dict[str, Any]:
-    """Held out before any fit: the middle sweep level, and half of many repeats."""
+    """Held out before any fit: the middle sweep level, and half of many repeats. The prior."""
     sweeps = sorted((p for p in plans if p.kind == "sweep"), key=lambda p: p.excitation.level)
     settings: dict[str, Any] = {}
     if len(sweeps) >= 3:
@@ -219,7 +219,7 @@ def _settings(plans: Sequence[Plan]) -> dict[str, Any]:
         settings["fit_levels"] = [levels[0], levels[-1]]
     if sweeps and min(p.repeats for p in sweeps) >= 8:
         settings["fit_repeats"] = min(p.repeats for p in sweeps) // 2
-    return settings
+    return {**settings, "prior": {name: list(pair) for name, pair in PRIOR.items()}}
 
 
 def _truth(

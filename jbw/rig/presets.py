@@ -22,6 +22,16 @@ from jbw.rig.generator import Excitation, Noise, Steps, Sweep, Tone
 TRUTH = BoucWen(omega_n=2 * np.pi * 18.8, zeta=0.00444, alpha=497.40, delta=340.21, gamma=32.84)
 """The cantilever of the paper, Table 1 (the identified values, taken as the truth)."""
 
+PRIOR: Mapping[str, tuple[float, float]] = MappingProxyType(
+    {
+        "zeta": (0.00352, 0.00528),
+        "alpha": (425.0, 590.0),
+        "delta": (272.0, 408.0),
+        "gamma": (20.0, 48.0),
+    }
+)
+"""The paper's boxes, as far as the stated bounds and coefficients of variation give them."""
+
 PROBING_HZ = (5.0, 5.5, 6.0, 6.5, 6.75)
 """Probing tones, around omega_n / 3 [Hz]."""
 LOOP_HZ = 18.5

@@ -2,9 +2,10 @@
 
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,10 +102,19 @@ def _campaign_text(campaign: RigCampaign) -> str:
     blocks = [_HEAD.format(name=_toml(campaign.name))]
     blocks += [_test_text(test) for test in campaign.tests]
     if campaign.settings:
-        lines = [f"{key} = {_toml(value)}" for key, value in campaign.settings.items()]
-        note = "# Fixed before any fit: what is fitted; the rest is predicted.\n"
-        blocks.append(f"{note}[identify]\n" + "\n".join(lines) + "\n")
+        blocks.append(_settings_text(campaign.settings))
     return "\n".join(blocks)
+
+
+def _settings_text(settings: Mapping[str, Any]) -> str:
+    """The [identify] table, and the prior below it."""
+    plain = {key: value for key, value in settings.items() if key != "prior"}
+    lines = ["# Fixed before any fit: what is fitted; the rest is predicted.", "[identify]"]
+    lines += [f"{key} = {_toml(value)}" for key, value in plain.items()]
+    if "prior" in settings:
+        lines += ["", "# Uniform priors, lower and upper bound in SI.", "[identify.prior]"]
+        lines += [f"{name} = {_toml(list(pair))}" for name, pair in settings["prior"].items()]
+    return "\n".join(lines) + "\n"
 
 
 def _test_text(test: Test) -> str:

@@ -1,0 +1,29 @@
+"""`jbw identify CAMPAIGN.toml`: the whole procedure on any campaign."""
+
+from pathlib import Path
+
+import click
+
+from jbw.cli.running import identify_into, prepare_jax
+
+
+@click.command()
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder for the results, new or empty."
+)
+@click.option("--seed", type=int, help="Seed of everything random; the campaign's when left out.")
+@click.option("--json", "json_", is_flag=True, help="Print the summary as JSON.")
+@click.option("--allow-outside", is_flag=True, help="Read files outside the campaign's folder.")
+def identify(
+    campaign: Path, out: Path | None, seed: int | None, json_: bool, allow_outside: bool
+) -> int:
+    """Identify the joint from the campaign file CAMPAIGN.
+
+    Ends with 0 when the verdict of the main posterior is ok, with 4 when it is not.
+    """
+    prepare_jax()
+    from jbw.study.storage import claim
+
+    folder = claim(out or Path(f"{campaign.stem}-run"))
+    return identify_into(campaign, folder, seed=seed, json_=json_, allow_outside=allow_outside)

@@ -1,0 +1,134 @@
+"""What `demo` and `identify` share: set up JAX, run with progress, save, print, exit code."""
+
+import json
+import logging
+import os
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+NOT_TRUSTED = 4
+PIPE_WIDTH = 160  # columns, when stdout is no terminal
+COLUMNS = ("map", "mean", "sd", "cv", "kl", "ess_bulk", "r_hat", "truth", "z")
+STATUS = {"ok": "green", "failed": "bold red", "not assessed": "yellow"}
+
+
+def prepare_jax() -> None:
+    """Two host devices, so that chains run side by side, and float64; before JAX starts."""
+    flags = os.environ.get("XLA_FLAGS", "")
+    if "host_platform_device_count" not in flags and (os.cpu_count() or 1) > 1:
+        os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count=2".strip()
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    logging.getLogger("jax").setLevel(logging.ERROR)
+
+
+def identify_into(
+    campaign: Path,
+    out: Path,
+    *,
+    seed: int | None = None,
+    json_: bool = False,
+    allow_outside: bool = False,
+    truth: Mapping[str, float] | None = None,
+) -> int:
+    """Identify a campaign and leave everything in a claimed folder.
+
+    Args:
+        campaign: The campaign file.
+        out: The run's folder, as `claim` left it.
+        seed: Seed; the campaign's when None.
+        json_: Print the summary as JSON instead of tables.
+        allow_outside: Read files outside the campaign's folder.
+        truth: True parameters of a virtual joint, shown beside the results.
+
+    Returns:
+        Exit code: 0, or 4 when the verdict of the main posterior is not ok.
+    """
+    from jbw.campaign.loading import load_campaign
+    from jbw.study.identify import identify
+    from jbw.study.storage import save_run
+
+    with progress() as say:
+        say(f"Reading {campaign}")
+        loaded = load_campaign(campaign, allow_outside=allow_outside)
+        study = identify(loaded, seed=seed, truth=truth, report=say)
+        say("Writing figures and report")
+        save_run(out, study.tree, study.record)
+    if json_:
+        click.echo(json.dumps(study.record, indent=1, ensure_ascii=False))
+    else:
+        print_summary(study.record)
+        click.echo(f"Report: {out / 'report.html'}")
+    return 0 if study.verdict.status == "ok" else NOT_TRUSTED
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[str], None]]:
+    """One line a stage on stderr, with the seconds since the start; warnings in the same place."""
+    console = Console(stderr=True, highlight=False)
+    started = perf_counter()
+
+    def say(stage: str) -> None:
+        console.print(Text(f"[{perf_counter() - started:5.1f} s] {stage}"))
+
+    def show(message: Any, *_: Any) -> None:
+        say(f"warning: {message}")
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show  # restored with the filters
+        yield say
+
+
+def print_summary(summary: Mapping[str, Any]) -> None:
+    """The paper's Table 1, the statements and the verdict, on stdout."""
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, width=PIPE_WIDTH)
+    console.print(_table(summary))
+    for name, step in summary["steps"].items():
+        for statement in step["statements"]:
+            console.print(Text(f"{name}: {statement}"))
+    for test, row in summary["predictions"].items():
+        kind = "fitted level, held-out repeats" if row["fitted"] else "level never fitted"
+        console.print(
+            f"{test} ({kind}): {row['coverage']:.1%} inside the 99 % band, "
+            f"error {row['nrmse']:.2g} of the response"
+        )
+    verdict = summary["verdict"]
+    console.print(
+        Text.assemble("Verdict: ", (verdict["status"], STATUS[verdict["status"]])), style="bold"
+    )
+    for finding in verdict["findings"]:
+        if finding["status"] != "ok":
+            console.print(Text(f"  {finding['reason']} {finding['action']}"))
+
+
+def _table(summary: Mapping[str, Any]) -> Table:
+    table = Table(title=f"Campaign {summary['campaign']}", title_justify="left")
+    table.add_column("step")
+    table.add_column("parameter")
+    for column in COLUMNS:
+        table.add_column(column, justify="right")
+    table.add_column("verdict")
+    for name, step in summary["steps"].items():
+        status = step.get("verdict", {}).get("status", "")
+        for i, (parameter, row) in enumerate(step["parameters"].items()):
+            cells = [_number(row.get(column)) for column in COLUMNS]
+            first = (name, Text(status, STATUS.get(status, ""))) if i == 0 else ("", Text(""))
+            table.add_row(first[0], parameter, *cells, first[1])
+        table.add_section()
+    return table
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.5g}"

@@ -1,0 +1,1 @@
+"""A campaign from its tests to everything that is kept of it."""

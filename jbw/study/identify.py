@@ -1,0 +1,141 @@
+"""`jbw.identify`: a campaign in, a posterior with its verdict, bands and report out."""
+
+import logging
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import jax
+import xarray as xr
+
+from jbw.campaign.loading import Campaign
+from jbw.errors import ConfigError
+from jbw.identification.procedure import Identification, Report, run_procedure
+from jbw.inference.precision import require_float64
+from jbw.inference.verdict import Verdict
+from jbw.prediction import thin
+from jbw.study.collecting import NUM_DRAWS, collect
+from jbw.study.storage import claim, save_run
+from jbw.study.summary import summarise_study
+from jbw.verification import sweep_verification
+
+logger = logging.getLogger("jbw")
+
+
+@dataclass(frozen=True)
+class Study:
+    """Result of `identify`.
+
+    Attributes:
+        campaign: What was identified.
+        identification: Every step with its fit, posterior and verdict.
+        tree: What `posterior.nc` holds: the main posterior in ArviZ's groups at the root, the
+            other steps under `steps`, then `verification` and `validation`.
+        record: What `summary.json` holds.
+    """
+
+    campaign: Campaign
+    identification: Identification
+    tree: xr.DataTree
+    record: dict[str, Any]
+
+    @property
+    def posterior(self) -> xr.DataTree:
+        """The main posterior, in ArviZ's groups."""
+        return self.identification.main.posterior
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict on the main posterior."""
+        return self.identification.main.verdict
+
+    def summary(self) -> dict[str, Any]:
+        """Every step and parameter in numbers, and in words what is identified."""
+        return self.record
+
+    def predict(self, test: str, num_draws: int = NUM_DRAWS, seed: int = 0) -> xr.Dataset:
+        """Bands of the main posterior on a sweep of the campaign, beside its repeats.
+
+        Args:
+            test: Name of a sweep.
+            num_draws: Draws carried through the model.
+            seed: Seed of the predictive noise.
+
+        Returns:
+            As `jbw.verification.sweep_verification`.
+
+        Raises:
+            ConfigError: If the campaign has no such sweep.
+        """
+        sweeps = {one.name: one for one in self.campaign.tests if one.kind == "sweep"}
+        if test not in sweeps:
+            raise ConfigError(
+                f"Argument `test` must name a sweep of the campaign, but is {test!r}.",
+                remedy=f"The sweeps are {', '.join(sweeps) or 'none'}.",
+            )
+        main = self.identification.main
+        posterior = main.posterior["posterior"].to_dataset()
+        noise = float(posterior["noise_std"].mean())
+        draws = thin(posterior, num_draws, main.held)
+        return sweep_verification(sweeps[test], draws, noise, jax.random.key(seed))
+
+    def save(self, folder: str | Path) -> None:
+        """Write posterior.nc, summary.json, figures and report.html into a new or empty folder."""
+        save_run(claim(Path(folder)), self.tree, self.record)
+
+
+def identify(
+    campaign: Campaign,
+    *,
+    seed: int | None = None,
+    truth: Mapping[str, float] | None = None,
+    report: Report = logger.info,
+) -> Study:
+    """Identify the joint from a campaign: the procedure, verification and validation.
+
+    Args:
+        campaign: From `jbw.load_campaign` or the virtual rig.
+        seed: Seed of everything random; the campaign's, or 0, when None.
+        truth: True parameters of a virtual joint, written beside the results; never used.
+        report: Called with one sentence at every stage.
+
+    Returns:
+        The study.
+
+    Raises:
+        ConfigError: A float32 session, or settings that do not fit the tests.
+        DataError: Tests that do not allow the procedure.
+
+    Reference:
+        Fig. 2, the procedure.
+    """
+    require_float64()
+    started = perf_counter()
+    seed = int(campaign.settings.get("seed", 0)) if seed is None else seed
+    found = run_procedure(
+        campaign.tests, campaign.settings, gain=_gain(campaign), seed=seed, report=report
+    )
+    tree = collect(campaign.tests, found, seed, truth, report)
+    record = summarise_study(
+        campaign.name, found, tree,
+        seed=seed, inputs=_hashes(campaign), truth=truth,
+        command=" ".join(["jbw", *sys.argv[1:]]), wall_s=perf_counter() - started,
+    )  # fmt: skip
+    return Study(campaign, found, tree, record)
+
+
+def _gain(campaign: Campaign) -> float | None:
+    """Force per unit mass for one unit of the input, where the campaign knows it."""
+    if campaign.modal_mass is not None:
+        return 1.0 / campaign.modal_mass
+    return campaign.gain
+
+
+def _hashes(campaign: Campaign) -> dict[str, str]:
+    """File to hash, of everything that was read."""
+    records = [record for test in campaign.tests for record in test.records]
+    known = [r.provenance for r in records if "sha256" in r.provenance]
+    return {one.get("path", ""): one["sha256"] for one in known}

@@ -1,0 +1,73 @@
+"""A run's folder, written whole or not at all."""
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from jbw.errors import RunError
+from jbw.report.figures import save_figures
+from jbw.report.page import write_page
+
+
+def claim(folder: Path) -> Path:
+    """Make sure that a run may be written to a folder, before any work is done.
+
+    Args:
+        folder: New or empty folder.
+
+    Returns:
+        The folder, made.
+
+    Raises:
+        RunError: If it holds something, or cannot be written.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise RunError(
+            f"The output folder {folder} cannot be written: {error.strerror or error}.",
+            remedy="Choose another with --out.",
+        ) from error
+    if any(folder.iterdir()):
+        raise RunError(
+            f"The output folder {folder} must be new or empty, but it holds "
+            f"{sorted(path.name for path in folder.iterdir())[0]}.",
+            why="Results of two runs must not be mixed.",
+            remedy="Choose another with --out, or empty it.",
+        )
+    return folder
+
+
+def save_run(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
+    """Write posterior.nc, summary.json, figures/ and report.html.
+
+    Everything is made in a hidden folder beside its place and moved there when complete, the
+    summary last: a folder with `summary.json` is whole.
+
+    Args:
+        folder: The run's folder, as `claim` left it.
+        tree: The collected result.
+        summary: What `summary.json` is to hold.
+    """
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as name:
+        part = Path(name)
+        tree.to_netcdf(part / "posterior.nc", engine="h5netcdf")
+        (part / "figures").mkdir()
+        save_figures(tree, part / "figures")
+        write_page(summary, tree, part / "report.html")
+        text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False)
+        (part / "summary.json").write_text(text + "\n", encoding="utf-8")
+        for made in ("posterior.nc", "figures", "report.html", "summary.json"):
+            target = folder / made
+            if target.is_dir():
+                shutil.rmtree(target)
+            os.replace(part / made, target)

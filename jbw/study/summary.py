@@ -1,0 +1,145 @@
+"""What `summary.json` holds: every step and parameter in numbers, and what they mean in words."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from jbw.identification.linear_step import NAMES, LinearStep
+from jbw.identification.procedure import Identification
+from jbw.identification.step import Step
+from jbw.inference.summary import as_plain, correlations, summarise
+from jbw.inference.verdict import Verdict
+
+VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy", "scipy")
+UNITS = {"omega_n": "rad/s", "zeta": "1", "gain": "N/kg per unit of input"}
+
+
+def summarise_study(
+    name: str,
+    found: Identification,
+    tree: xr.DataTree,
+    *,
+    seed: int,
+    inputs: Mapping[str, str],
+    truth: Mapping[str, float] | None,
+    command: str,
+    wall_s: float,
+) -> dict[str, Any]:
+    """The summary of a study, plain values only.
+
+    Args:
+        name: The campaign's name.
+        found: What the procedure found.
+        tree: The collected result.
+        seed: Seed of the run.
+        inputs: Input files and their hashes.
+        truth: True parameters where the campaign is virtual.
+        command: What was typed.
+        wall_s: Duration of the whole study [s].
+
+    Returns:
+        A dictionary for JSON.
+    """
+    truth = truth or {}
+    steps = {"linear": _linear(found.linear, truth)}
+    steps |= {key: _step(step, truth) for key, step in found.steps.items()}
+    return {
+        "campaign": name,
+        "verdict": _verdict(found.main.verdict),
+        "main": found.main.name,
+        "steps": steps,
+        "predictions": _predictions(tree),
+        "loops": _loops(tree),
+        "versions": {package: version(package) for package in VERSIONED},
+        "seed": seed,
+        "inputs": dict(inputs),
+        "command": command,
+        "wall_time_s": round(wall_s, 2),
+    }
+
+
+def _verdict(found: Verdict) -> dict[str, Any]:
+    findings = [asdict(finding) for finding in found.findings]
+    for finding in findings:
+        finding["number"] = _plain(finding["number"])
+    return {"status": found.status, "findings": findings}
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
+    """Step 2 in the form of the others: a Gaussian about the pooled mean."""
+    std = np.sqrt(np.diag(step.pooled.covariance))
+    parameters = {
+        name: {
+            "map": float(mean),
+            "mean": float(mean),
+            "sd": float(sd),
+            "cv": float(cv),
+            "q005": float(mean - 2.5758 * sd),
+            "q995": float(mean + 2.5758 * sd),
+            "unit": UNITS[name],
+            "truth": truth.get(name),
+        }
+        for name, mean, sd, cv in zip(NAMES, step.pooled.mean, std, step.pooled.cv, strict=True)
+    }
+    words = (
+        f"Read at {step.y_rms:.2g} m rms of displacement: omega_n is the oscillator's at that "
+        f"amplitude, which the joint's softening lowers; CV is over {step.pooled.num_repeats} "
+        "repeats.",
+    )
+    return {"parameters": parameters, "statements": list(words)}
+
+
+def _step(step: Step, truth: Mapping[str, float]) -> dict[str, Any]:
+    rows = as_plain(summarise(step.posterior, step.box))
+    posterior = step.posterior["posterior"].to_dataset()
+    for name, row in rows.items():
+        row["unit"] = posterior[name].attrs.get("units", "")
+        row["truth"] = truth.get(name)
+        known = row["truth"] is not None and row["sd"]
+        row["z"] = (row["mean"] - row["truth"]) / row["sd"] if known else None
+    return {
+        "verdict": _verdict(step.verdict),
+        "parameters": rows,
+        "statements": list(step.statements),
+        "correlation": correlations(step.posterior),
+        "wall_time_s": round(step.wall_s, 2),
+    }
+
+
+def _predictions(tree: xr.DataTree) -> dict[str, Any]:
+    if "verification/sweep" not in tree:
+        return {}
+    return {
+        name: {
+            "level": float(node.attrs["level"]),
+            "fitted": bool(node.attrs["fitted"]),
+            "coverage": float(node.attrs["coverage"]),
+            "nrmse": float(node.attrs["nrmse"]),
+        }
+        for name, node in tree["verification/sweep"].children.items()
+    }
+
+
+def _loops(tree: xr.DataTree) -> dict[str, Any]:
+    if "validation/loops" not in tree:
+        return {}
+    return {
+        name: {
+            "level": float(node.attrs["level"]),
+            "tone_hz": float(node.attrs["tone_hz"]),
+            **{
+                str(key): [float(value) for value in area.values]
+                for key, area in node.data_vars.items()
+                if "area" in str(key)
+            },
+        }
+        for name, node in tree["validation/loops"].children.items()
+    }
