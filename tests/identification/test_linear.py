@@ -72,8 +72,8 @@ def test_short_window_reads_damping_too_high_unless_smearing_is_modelled():
     u, y = (np.array(x) for x in zip(*[stationary(rng, 512) for _ in range(8)], strict=True))
     found = frf(u, y, FS, window_s=8)
     as_seen, fit = line_fit(found, smear=False), line_fit(found)
-    half_power = frf(u, y, FS, window_s=8, band=(17, 21))
-    peak = np.abs(half_power.h).max() / (GAIN / (2 * ZETA * OMEGA_N**2))
+    near = frf(u, y, FS, window_s=8, band=(17, 21))
+    peak = np.abs(near.h).max() / (GAIN / (2 * ZETA * OMEGA_N**2))
     assert ZETA / peak > 0.0065  # the damping that the height of the peak tells
     assert as_seen.zeta > 0.0055
     assert abs(fit.zeta - ZETA) < 4 * fit.std[1]
