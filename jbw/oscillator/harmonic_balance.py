@@ -1,0 +1,183 @@
+r"""Harmonic balance of the joint in its dimensionless form: residual and Newton's iteration.
+
+With time in units of 1/omega_n and displacement in units of A/omega_n^2 the oscillator under
+u = A cos(omega t) is the joint of omega_n = 1 under cos(Omega theta), its alpha over omega_n^2,
+its delta and gamma times A/omega_n^2. The load A enters through delta and gamma alone, so A = 0 is
+the linear oscillator and an ordinary point.
+
+Harmonics are stored as real arrays of shape (2, harmonic): real and imaginary parts of the odd
+orders 1, 3, 5, ... of y = Re sum q_n exp(j n theta).
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix
+from jax.lax import stop_gradient
+from jaxtyping import Array, Bool, Complex, Float, Int
+
+from jbw.oscillator import closed_path, folded_path
+from jbw.oscillator.parameters import BoucWen, Scalar
+from jbw.oscillator.waveform import orders
+
+Packed = Float[Array, "2 harmonic"]
+
+# Newton's last step measures the error of the iterate before it; the convergence is quadratic, so
+# what is returned is good to roundoff.
+_TOLERANCE = 1e-10
+_MAX_NEWTON = 16
+_MAX_LOADS = 64
+_LEAST_LOAD_STEP = 1e-3
+
+
+def dimensionless(
+    joint: BoucWen, omega: Scalar, amplitude: Scalar
+) -> tuple[BoucWen, Scalar, Scalar]:
+    r"""Joint, frequency and unit of displacement of the dimensionless problem.
+
+    $$\Omega = \omega/\omega_n, \quad \alpha/\omega_n^2, \quad \delta A/\omega_n^2, \quad
+      \gamma A/\omega_n^2, \quad y = (A/\omega_n^2)\, q$$
+
+    Args:
+        joint: Bouc-Wen parameters.
+        omega: Angular frequency [rad/s].
+        amplitude: Amplitude A of the force [N/kg].
+
+    Returns:
+        Dimensionless joint, Omega, A/omega_n^2 [m].
+    """
+    length = amplitude / joint.omega_n**2
+    unit = BoucWen(
+        jnp.ones_like(length),
+        joint.zeta,
+        joint.alpha / joint.omega_n**2,
+        joint.delta * length,
+        joint.gamma * length,
+    )
+    return unit, omega / joint.omega_n, length
+
+
+def pack(q: Complex[Array, "harmonic"]) -> Packed:
+    """Real and imaginary parts of complex amplitudes."""
+    return jnp.stack([q.real, q.imag])
+
+
+def unpack(packed: Packed) -> Complex[Array, "harmonic"]:
+    """Complex amplitudes from their real and imaginary parts."""
+    return jax.lax.complex(packed[0], packed[1])
+
+
+def linear_response(joint: BoucWen, omega: Scalar, num_harmonics: int) -> Packed:
+    r"""Response of the sticking joint to a unit load, q_1 = 1/(1 - Omega^2 + 2 j zeta Omega).
+
+    Args:
+        joint: Dimensionless joint; alpha, delta and gamma have no influence.
+        omega: Omega [-].
+        num_harmonics: Number of odd harmonics.
+
+    Returns:
+        Packed harmonics [-].
+    """
+    first = np.arange(num_harmonics) == 0
+    return pack(jnp.where(first, 1.0 / _dynamic_stiffness(joint, omega, np.ones(1)), 0.0))
+
+
+def residual(packed: Packed, problem: tuple[BoucWen, Scalar], max_turns: int) -> Packed:
+    r"""Residual of the balance, harmonic by harmonic.
+
+    $$R_n = (1 - n^2\Omega^2 + 2j\zeta n\Omega)\,q_n + \alpha\, r_n - \delta_{n1}$$
+
+    where r = z/alpha - y, so that the stiffness omega_n^2 of the sticking joint is not split into
+    k and alpha. The force's harmonics r_n come by quadrature between the turning points and
+    zeros of z, whose steady value at the turning points is solved for, not marched.
+
+    Args:
+        packed: Packed harmonics of y [-].
+        problem: Dimensionless joint and Omega.
+        max_turns: Turning points of y allowed in a period.
+
+    Returns:
+        Packed residuals [-].
+    """
+    joint, omega = problem
+    q = unpack(packed)
+    n = orders(q.shape[0])
+    if max_turns == 2:
+        force = closed_path.relaxed_force(q, joint.delta, joint.gamma)
+    else:
+        force = folded_path.relaxed_force(q, joint.delta, joint.gamma, max_turns)
+    return pack(_dynamic_stiffness(joint, omega, n) * q + joint.alpha * force - (n == 1))
+
+
+def solve(
+    joint: BoucWen, omega: Scalar, start: Packed, max_turns: int
+) -> tuple[Packed, Bool[Array, ""]]:
+    """Root of the residual by Newton's iteration from `start`, with implicit derivatives.
+
+    Args:
+        joint: Dimensionless joint.
+        omega: Omega [-].
+        start: Packed harmonics to start from; carries no derivative.
+        max_turns: Turning points of y allowed in a period.
+
+    Returns:
+        Packed harmonics and whether the iteration converged.
+    """
+    solution = optimistix.root_find(
+        lambda packed, problem: residual(packed, problem, max_turns),
+        optimistix.Newton(rtol=_TOLERANCE, atol=_TOLERANCE),
+        stop_gradient(start),
+        (joint, omega),
+        max_steps=_MAX_NEWTON,
+        throw=False,
+    )
+    converged = solution.result == optimistix.RESULTS.successful
+    return solution.value, converged & jnp.all(jnp.isfinite(solution.value))
+
+
+def load(joint: BoucWen, omega: Scalar, start: Packed, max_turns: int) -> Packed:
+    """Harmonics near the root at full load, by loading in as few steps as Newton allows.
+
+    The full load is tried at once from `start`; where Newton fails, the load restarts from the
+    linear response in smaller steps, halved on failure and doubled on success.
+
+    Args:
+        joint: Dimensionless joint.
+        omega: Omega [-].
+        start: Packed harmonics for the first try.
+        max_turns: Turning points of y allowed in a period.
+
+    Returns:
+        Packed harmonics at the largest load reached, without derivatives.
+    """
+    joint, omega, start = stop_gradient((joint, omega, start))
+    linear = linear_response(joint, omega, start.shape[1])
+
+    def unfinished(state: tuple) -> Array:
+        done, step, _, tries = state
+        return (done < 1.0) & (tries < _MAX_LOADS) & (step > _LEAST_LOAD_STEP)
+
+    def advance(state: tuple) -> tuple:
+        done, step, packed, tries = state
+        level = jnp.minimum(done + step, 1.0)
+        partly = BoucWen(
+            joint.omega_n, joint.zeta, joint.alpha, level * joint.delta, level * joint.gamma
+        )
+        tried, ok = solve(partly, omega, packed, max_turns)
+        kept = jnp.where(done > 0.0, packed, linear)
+        return (
+            jnp.where(ok, level, done),
+            jnp.where(ok, 2.0 * step, 0.5 * step),
+            jnp.where(ok, tried, kept),
+            tries + 1,
+        )
+
+    none = jnp.zeros_like(omega)
+    tries: Int[Array, ""] = jnp.array(0)
+    return jax.lax.while_loop(unfinished, advance, (none, none + 1.0, start, tries))[2]
+
+
+def _dynamic_stiffness(
+    joint: BoucWen, omega: Scalar, n: Float[np.ndarray, "..."]
+) -> Complex[Array, "..."]:
+    return 1.0 - (n * omega) ** 2 + 2j * joint.zeta * n * omega

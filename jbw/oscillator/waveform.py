@@ -1,0 +1,102 @@
+r"""Half-wave symmetric periodic motions y = Re sum q_n exp(j n theta) of odd orders n."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.lax import stop_gradient
+from jaxtyping import Array, Complex, Float, Int
+
+# Newton's steps from the grid; the grid's cell of the extremum is at most 0.05 rad wide.
+_NUM_NEWTON = 4
+_POINTS_PER_HARMONIC = 8
+_LEAST_POINTS = 64
+
+
+def orders(num_harmonics: int) -> Float[np.ndarray, "harmonic"]:
+    """The odd orders 1, 3, 5, ..."""
+    return 2.0 * np.arange(num_harmonics) + 1.0
+
+
+def exponentials(theta: Float[Array, "..."], num_harmonics: int) -> Complex[Array, "... harmonic"]:
+    r"""The basis exp(j n theta), by products, doubling the number of orders each time.
+
+    Args:
+        theta: Angles [rad].
+        num_harmonics: Number of odd orders.
+
+    Returns:
+        exp(j n theta) along a new last axis.
+    """
+    powers = jnp.exp(1j * theta)[..., None]
+    while (known := powers.shape[-1]) < num_harmonics:
+        shift = jnp.exp(2j * known * theta)[..., None]
+        powers = jnp.concatenate([powers, shift * powers[..., : num_harmonics - known]], -1)
+    return powers
+
+
+def synthesis(
+    q: Complex[Array, "harmonic"], theta: Float[Array, "..."], derivative: int = 0
+) -> Float[Array, "..."]:
+    r"""Motion or a derivative by theta, Re sum (j n)^m q_n exp(j n theta).
+
+    Args:
+        q: Complex amplitudes of the odd orders.
+        theta: Angles [rad].
+        derivative: Order m of the derivative.
+
+    Returns:
+        The motion, in the unit of `q`.
+    """
+    basis = exponentials(theta, q.shape[0])
+    return jnp.sum(basis * (1j * orders(q.shape[0])) ** derivative * q, -1).real
+
+
+def crest(q: Complex[Array, "harmonic"]) -> Float[Array, ""]:
+    r"""Angle of the largest displacement.
+
+    Its first derivative by `q` is exact; with it, so are two derivatives of y at the crest.
+
+    Args:
+        q: Complex amplitudes of the odd orders.
+
+    Returns:
+        Angle theta_t, modulo 2 pi, where y' = 0 and y = max |y| [rad].
+    """
+    theta, basis = _half_grid(q.shape[0])
+    y = (basis @ q).real
+    top = jnp.argmax(jnp.abs(y))
+    angle = jnp.asarray(theta)[top] + jnp.where(y[top] < 0.0, jnp.pi, 0.0)
+    fixed = stop_gradient(q)
+    angle = jax.lax.fori_loop(0, _NUM_NEWTON, lambda _, angle: flatter(fixed, angle), angle)
+    return flatter(q, stop_gradient(angle))
+
+
+def num_turns(q: Complex[Array, "harmonic"]) -> Int[Array, ""]:
+    """Number of turning points of y in a period, counted on a grid.
+
+    Args:
+        q: Complex amplitudes of the odd orders.
+
+    Returns:
+        Sign changes of y'; 2 for a simple loop.
+    """
+    _, basis = _half_grid(q.shape[0])
+    slope = (basis @ (1j * orders(q.shape[0]) * q)).real
+    rising = jnp.append(slope, -slope[0]) > 0.0
+    return 2 * jnp.sum(rising[1:] != rising[:-1])
+
+
+def _half_grid(
+    num_harmonics: int,
+) -> tuple[Float[np.ndarray, "grid"], Complex[np.ndarray, "grid harmonic"]]:
+    """Angles over half a period and the basis there."""
+    points = max(_LEAST_POINTS, _POINTS_PER_HARMONIC * num_harmonics)
+    theta = np.pi * np.arange(points) / points
+    return theta, np.exp(1j * theta[:, None] * orders(num_harmonics))
+
+
+def flatter(q: Complex[Array, "harmonic"], theta: Float[Array, ""]) -> Float[Array, ""]:
+    """One step of Newton's iteration for y' = 0."""
+    curvature = synthesis(q, theta, 2)
+    safe = jnp.where(curvature == 0.0, 1.0, curvature)
+    return theta - synthesis(q, theta, 1) / safe
