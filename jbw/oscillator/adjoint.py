@@ -19,7 +19,7 @@ from jbw.oscillator.solver import HysteresisExact, Stepping
 Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Float[Array, " time"]]
 # Samples whose steps are differentiated at once: the intermediate arrays stay in the cache, and
 # the memory of a gradient does not grow with the record.
-_CHUNK = 1024
+_CHUNK = 64
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -107,12 +107,12 @@ def _linearised(primals, tangents):
 
     step, starts, push = primals
     step_dot, push_dot = tangents
-    _, derivative = jax.linearize(interval, step, starts, push)
     none, unit = jnp.zeros_like(starts[0]), jnp.ones_like(starts[0])
-    fixed = jax.tree.map(jnp.zeros_like, (step, push))
-    basis = [tuple(unit if i == j else none for i in range(3)) for j in range(3)]
-    matrices = tuple(derivative(fixed[0], direction, fixed[1]) for direction in basis)
-    offsets = derivative(step_dot, (none, none, none), push_dot)
+    _, by_state = jax.linearize(lambda states: interval(step, states, push), starts)
+    matrices = tuple(by_state(tuple(unit if i == j else none for i in range(3))) for j in range(3))
+    _, offsets = jax.jvp(
+        lambda step, push: interval(step, starts, push), (step, push), (step_dot, push_dot)
+    )
     return matrices, offsets
 
 

@@ -14,11 +14,11 @@ from jaxtyping import Array, Bool
 
 from jbw.oscillator.moments import impulse_moments
 from jbw.oscillator.parameters import BoucWen, Scalar
-from jbw.oscillator.signed_map import cross, exact_move, signed, smooth_move
+from jbw.oscillator.signed_map import distance, move, signed, smooth_move
 
 NUM_MOMENTS = 6
 State = tuple[Scalar, Scalar, Scalar]
-Push = tuple[Scalar, Scalar]
+Pair = tuple[Scalar, Scalar]
 
 
 class ExactStep(eqx.Module):
@@ -73,7 +73,7 @@ def exact_step(joint: BoucWen, dt: Scalar) -> tuple[ExactStep, Array, Array]:
     return jax.tree.map(jnp.asarray, step), m.y, m.v
 
 
-def advance(step: ExactStep, state: State, push: Push, *, branch: bool) -> State:
+def advance(step: ExactStep, state: State, push: Pair, *, branch: bool) -> State:
     r"""One hysteresis-exact step.
 
     $$q_1 = E q + p - W_0 r - W_1 h\dot r, \quad z_1 = M(z, y_1 - y), \quad
@@ -96,29 +96,22 @@ def advance(step: ExactStep, state: State, push: Push, *, branch: bool) -> State
     rate = -step.dt * c * v * z
     y_1 = step.e_11 * y + step.e_12 * v + push[0] - step.r_y * r - step.s_y * rate
     v_1 = step.e_21 * y + step.e_22 * v + push[1] - step.r_v * r - step.s_v * rate
-    dy = y_1 - y
-    z_1 = smooth_move(step.alpha, c, z, dy)
-    kinked = (v * v_1 <= 0.0) | (z * z_1 <= 0.0) | (jnp.abs(c * dy) > 1.0)
-
-    def with_kinks():
-        return _through_kinks(step, state, y_1, v_1)
-
-    def without():
-        return z_1, c, jnp.zeros_like(v_1)
-
     if branch:
-        z_1, c_1, kick = jax.lax.cond(kinked, with_kinks, without)
+        dy = y_1 - y
+        z_1 = smooth_move(step.alpha, c, z, dy)
+        kinked = (v * v_1 <= 0.0) | (z * z_1 <= 0.0) | (jnp.abs(c * dy) > 1.0)
+        z_1, c_1, kick = jax.lax.cond(
+            kinked,
+            lambda: _through_kinks(step, state, y_1, v_1),
+            lambda: (z_1, c, jnp.zeros_like(v_1)),
+        )
     else:
-        z_1, c_1, kick = _select(kinked, with_kinks(), without())
+        z_1, c_1, kick = _through_kinks(step, state, y_1, v_1)
     change = z_1 - step.alpha * y_1 - r
     rate_1 = -step.dt * c_1 * v_1 * z_1
     dy = -(step.d_y * change + step.a_y * rate + step.b_y * rate_1)
     dv = kick - (step.d_v * change + step.a_v * rate + step.b_v * rate_1)
     return y_1 + dy, v_1 + dv, z_1 + (step.alpha - c_1 * z_1) * dy
-
-
-def _select(pred: Bool[Array, "..."], yes: tuple, no: tuple) -> tuple:
-    return tuple(jnp.where(pred, a, b) for a, b in zip(yes, no, strict=True))
 
 
 def _through_kinks(step: ExactStep, state: State, y_1: Scalar, v_1: Scalar) -> State:
@@ -131,10 +124,7 @@ def _through_kinks(step: ExactStep, state: State, y_1: Scalar, v_1: Scalar) -> S
     y, v, z = state
     turns = v * v_1 < 0.0
     fraction, before, after = _turning_point(turns, step.dt * v, step.dt * v_1, y_1 - y)
-    direction = jnp.where(v == 0.0, v_1, v)
-    z_turn = exact_move(step.alpha, step.delta, step.gamma, z, before, direction)
-    z_1 = exact_move(step.alpha, step.delta, step.gamma, z_turn, after, v_1)
-    z_1 = jnp.where(turns, z_1, z_turn)
+    z_turn, z_1 = _two_moves(step, z, (before, after), (jnp.where(v == 0.0, v_1, v), v_1))
     h_6 = step.dt**2 / 6.0
     kick = h_6 * step.gamma * jnp.abs(v_1 - v) * z_turn * _kink_weight(1.0 - fraction)
     crosses = z * z_1 < 0.0
@@ -143,6 +133,30 @@ def _through_kinks(step: ExactStep, state: State, y_1: Scalar, v_1: Scalar) -> S
     zero = step.dt * h_6 * step.delta * step.alpha * v_zero * jnp.abs(v_zero)
     kick = jnp.where(turns, kick, 0.0) + jnp.where(crosses, zero * _kink_weight(remaining), 0.0)
     return z_1, signed(step.gamma, v_1) + signed(step.delta, z_1), kick
+
+
+def _two_moves(step: ExactStep, z: Scalar, moves: Pair, directions: Pair) -> Pair:
+    """Force z after each of two monotone moves, of which one may lead through z = 0.
+
+    Three legs: the first move as if z kept its sign; what is left of it after a zero, or else the
+    second move; what is left of that after a zero, or else the second move.
+    """
+    alpha, delta = step.alpha, step.delta
+    first, second = (signed(step.gamma, direction) for direction in directions)
+    c = first + signed(delta, jnp.where(z == 0.0, directions[0], z))
+    z_a = move(alpha, c, z, moves[0])
+    early = z * z_a < 0.0
+    c_b = jnp.where(early, first + signed(delta, directions[0]), second + signed(delta, z_a))
+    # Signed distance from zero to z_a along the first leg's branch, or the second's.
+    c_zero = jnp.where(early, c, c_b)
+    heading_to_zero = early | (z_a * directions[1] < 0.0)
+    d = distance(c_zero, jnp.where(heading_to_zero, z_a, 0.0) / alpha)
+    z_b = move(alpha, c_b, jnp.where(early, 0.0, z_a), jnp.where(early, d, moves[1]))
+    late = ~early & (z_a * z_b < 0.0)
+    c_c = second + jnp.where(late, signed(delta, directions[1]), signed(delta, z_b))
+    rest = jnp.where(late, moves[1] + d, jnp.where(early, moves[1], 0.0))
+    z_c = move(alpha, c_c, jnp.where(late, 0.0, z_b), rest)
+    return jnp.where(early, z_b, z_a), z_c
 
 
 def _kink_weight(x: Scalar) -> Scalar:
@@ -160,5 +174,5 @@ def _turning_point(
     a = start + end - 2.0 * rise
     root = jnp.sqrt(jnp.where(turns, jnp.maximum(b**2 - 3.0 * a * start, 1e-300), 1.0))
     s = start / jnp.where(turns, signed(root, start) - b, 1.0)
-    before = s * (start + s * (b + s * a))
-    return jnp.where(turns, s, 1.0), jnp.where(turns, before, rise), rise - before
+    before = jnp.where(turns, s * (start + s * (b + s * a)), rise)
+    return jnp.where(turns, s, 1.0), before, rise - before

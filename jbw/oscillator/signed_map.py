@@ -5,18 +5,31 @@ so a signed move dy gives $z + (\alpha - c z)\,dy\,P(c\,dy)$, $P(x) = (1 - e^{-x
 values, no 0/0, and no logarithm unless z changes sign.
 """
 
+from collections.abc import Callable
+from functools import partial
+
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 from numpy.polynomial import Chebyshev, Polynomial
 
 from jbw.oscillator.parameters import Scalar
 
-# Chebyshev interpolation of P on [-1, 1]; the error is below 2e-13 (degree 11).
-_P = Chebyshev.interpolate(lambda x: -np.expm1(-x) / x, 11).convert(kind=Polynomial).coef
-# Below this, -log(1 - x)/x goes by its series (AD of the quotient loses digits there).
-_SMALL = 2e-2
-_LOG_SERIES = tuple(1.0 / (n + 1.0) for n in range(9))
+
+def _interpolated(function: Callable, upper: float, degree: int, lower: float = 0.0) -> list[float]:
+    """Power coefficients of the Chebyshev interpolant of a function on [lower, upper]."""
+    fit = Chebyshev.interpolate(function, degree, domain=[lower, upper])
+    return [float(c) for c in fit.convert(kind=Polynomial).coef]
+
+
+# P on [-1, 1]; error 2e-13.
+_P = _interpolated(lambda x: -np.expm1(-x) / x, 1.0, 11, -1.0)
+# Its derivative on the same interval, in gradients only; error 1e-11.
+_P_SLOPE = _interpolated(lambda x: (np.expm1(-x) + x * np.exp(-x)) / x**2, 1.0, 9, -1.0)
+# atanh(t)/t as a function of t^2, t up to tanh(1/2); error 1e-13.
+_ATANH = _interpolated(lambda s: np.arctanh(np.sqrt(s)) / np.sqrt(s), np.tanh(0.5) ** 2, 9)
 
 
 def signed(magnitude: Scalar, sign: Scalar) -> Float[Array, "..."]:
@@ -24,68 +37,102 @@ def signed(magnitude: Scalar, sign: Scalar) -> Float[Array, "..."]:
     return jnp.where(sign < 0.0, -magnitude, magnitude)
 
 
-def saturation(x: Scalar) -> Float[Array, "..."]:
-    """P(x) = (1 - exp(-x))/x for |x| <= 1, by Estrin's scheme."""
-    terms = [float(c) for c in _P]
+def _polynomial(terms: list, x: Scalar) -> Scalar:
+    """Sum of terms[n] x^n by Estrin's scheme: few dependent operations."""
     while len(terms) > 1:
-        terms = [terms[i] + terms[i + 1] * x for i in range(0, len(terms) - 1, 2)] + (
-            terms[-1:] if len(terms) % 2 else []
-        )
+        odd = terms[-1:] if len(terms) % 2 else []
+        terms = [a + b * x for a, b in zip(terms[::2], terms[1::2], strict=False)] + odd
         x = x * x
-    return terms[0]  # pyright: ignore[reportReturnType]
+    return terms[0]
 
 
-def smooth_move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Float[Array, "..."]:
-    r"""z after a move dy along one branch, $|c\,dy| \le 1$.
+def saturation(x: Scalar) -> Scalar:
+    """P(x) = (1 - exp(-x))/x for |x| <= 1."""
+    return _polynomial(_P, x)
+
+
+def _far_saturation(x: Scalar) -> Scalar:
+    """P(x) for |x| <= 4, through P(2x) = P(x) (1 - x P(x)/2)."""
+    x = 0.25 * x
+    p = saturation(x)
+    p = p * (1.0 - 0.5 * x * p)
+    return p * (1.0 - x * p)
+
+
+def _far_slope(x: Scalar) -> Scalar:
+    """P'(x) for |x| <= 4, through 2 P'(2x) = P'(x) (1 - x P(x)) - P(x)^2/2."""
+    x = 0.25 * x
+    p, slope = saturation(x), _polynomial(_P_SLOPE, x)
+    slope = 0.5 * slope * (1.0 - x * p) - 0.25 * p**2
+    p = p * (1.0 - 0.5 * x * p)
+    return 0.5 * slope * (1.0 - 2.0 * x * p) - 0.25 * p**2
+
+
+def smooth_move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
+    r"""Force z after a move dy along one branch, $|c\,dy| \le 1$.
 
     $$z + (\alpha - c z)\,dy\,P(c\,dy)$$
     """
     return z + (alpha - c * z) * dy * saturation(c * dy)
 
 
-def exact_move(
-    alpha: Scalar, delta: Scalar, gamma: Scalar, z: Scalar, dy: Scalar, direction: Scalar
-) -> Float[Array, "..."]:
-    """z after any monotone move dy, through z = 0 where it lies on the way.
+@jax.custom_jvp
+def move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
+    r"""Force z after a move dy along one branch, $|c\,dy| \le 4$; with the flow's derivatives.
 
-    Args:
-        alpha: Stiffness [1/s^2].
-        delta: Softening [1/m].
-        gamma: Opening [1/m].
-        z: Hysteretic force [N/kg].
-        dy: Move [m].
-        direction: Anything with the sign of dy.
-
-    Returns:
-        z after the move [N/kg].
+    $$z_1 = z + (\alpha - c z)\,\phi, \quad \phi = dy\,P(c\,dy), \qquad
+      \partial_{dy} z_1 = \alpha - c z_1, \quad \partial_z z_1 = 1 - c\phi$$
     """
-    along = signed(gamma, direction)
-    away = along + signed(delta, direction)
-    c = along + jnp.where(z == 0.0, signed(delta, direction), signed(delta, z))
-    z_1 = z + (alpha - c * z) * _distance(c, dy)
-    return jnp.where(z * z_1 < 0.0, cross(alpha, c, away, z * z_1 < 0.0, z_1), z_1)
+    return z + (alpha - c * z) * dy * _far_saturation(c * dy)
 
 
-def cross(
-    alpha: Scalar, c: Scalar, away: Scalar, crosses: Scalar, z_1: Scalar
-) -> Float[Array, "..."]:
-    r"""z after a move that crossed zero, from the value z_1 that the branch before would reach.
+@partial(move.defjvp, symbolic_zeros=True)
+def _move_jvp(primals, tangents):
+    alpha, c, z, dy = primals
+    phi = dy * _far_saturation(c * dy)
+    z_1 = z + (alpha - c * z) * phi
+    return z_1, _total(
+        z_1,
+        tangents,
+        lambda: phi,
+        lambda: (alpha - c * z) * dy**2 * _far_slope(c * dy) - z * phi,
+        lambda: 1.0 - c * phi,
+        lambda: alpha - c * z_1,
+    )
 
-    What is left of the move beyond zero is $d = -\log(1 - c z_1/\alpha)/c$; the branch after zero
-    gives $\alpha\,d\,P(c' d)$.
+
+@jax.custom_jvp
+def distance(c: Scalar, w: Scalar) -> Scalar:
+    r"""Distance d from z = 0 to $z = \alpha w$ along one branch, $|c d| \le 4$.
+
+    $$d = -\frac{\log(1 - c w)}{c}$$
+
+    With $q = (1 - c w)^{1/4}$ it is $8 w\,\mathrm{atanh}(t)/t / ((1 + q)^2 (1 + q^2))$,
+    $t = (1 - q)/(1 + q)$: no cancellation at c w = 0.
     """
-    w = z_1 / jnp.where(crosses, alpha, 1.0)
-    x = jnp.where(crosses, c * w, 0.0)
-    small = jnp.abs(x) < _SMALL
-    x_large, x_small = jnp.where(small, 0.5, x), jnp.where(small, x, 0.0)
-    series = sum(term * x_small**n for n, term in enumerate(_LOG_SERIES))
-    left = w * jnp.where(small, series, -jnp.log1p(-x_large) / x_large)
-    return alpha * _distance(away, jnp.where(crosses, left, 0.0))
+    q_2 = jnp.sqrt(1.0 - c * w)
+    q = jnp.sqrt(q_2)
+    scale = 1.0 / ((1.0 + q) ** 2 * (1.0 + q_2))
+    return 8.0 * w * scale * _polynomial(_ATANH, (c * w * scale) ** 2)
 
 
-def _distance(c: Scalar, dy: Scalar) -> Float[Array, "..."]:
-    """(1 - exp(-c dy))/c for any c dy."""
-    x = c * dy
-    small = jnp.abs(x) <= 1.0
-    large = jnp.where(small, 2.0, x)
-    return dy * jnp.where(small, saturation(jnp.where(small, x, 0.0)), -jnp.expm1(-large) / large)
+@partial(distance.defjvp, symbolic_zeros=True)
+def _distance_jvp(primals, tangents):
+    c, w = primals
+    d = distance(c, w)
+    return d, _total(
+        d,
+        tangents,
+        lambda: -(d**2) * _far_slope(c * d) / (1.0 - c * w),
+        lambda: 1.0 / (1.0 - c * w),
+    )
+
+
+def _total(out: Scalar, tangents: tuple, *partials: Callable[[], Scalar]) -> Scalar:
+    """Total derivative: only the partial derivatives that are asked for are computed."""
+    terms = [
+        derivative() * tangent
+        for derivative, tangent in zip(partials, tangents, strict=True)
+        if not isinstance(tangent, SymbolicZero)
+    ]
+    return sum(terms, jnp.zeros_like(out))

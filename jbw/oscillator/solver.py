@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jbw.oscillator.exact_step import ExactStep, Push, State, advance, exact_step
+from jbw.oscillator.exact_step import ExactStep, Pair, State, advance, exact_step
 from jbw.oscillator.parameters import BoucWen, Scalar
 from jbw.oscillator.reconstruction import substep_matrices
 
@@ -106,7 +106,7 @@ class HysteresisExact(diffrax.AbstractSolver):
 
     def step(self, terms, t0, t1, y0, args: Stepping, solver_state, made_jump):
         """One substep."""
-        push: Push = tuple(p[solver_state] for p in args.push)
+        push: Pair = tuple(p[solver_state] for p in args.push)
         y1 = advance(args.step, y0, push, branch=True)
         dense_info = dict(y0=y0, y1=y1)
         return y1, None, dense_info, solver_state + 1, diffrax.RESULTS.successful
