@@ -1,0 +1,72 @@
+"""What the periodic responses refuse before they start, and report after; tracers are trusted."""
+
+import jax
+import numpy as np
+from jaxtyping import Array, ArrayLike, Complex, Int
+
+from jbw.errors import ModelError
+from jbw.oscillator.checks import is_concrete, require_closed_form, require_finite
+from jbw.oscillator.parameters import BoucWen
+
+
+def require_float64() -> None:
+    """Raise in a float32 session.
+
+    Raises:
+        ModelError: JAX runs in float32.
+    """
+    if not jax.config.jax_enable_x64:
+        raise ModelError(
+            "The periodic response needs float64, but JAX runs in float32.",
+            why="Near resonance the balance cancels half of float32's digits.",
+            remedy="Call jbw.enable_x64() before any array is made.",
+        )
+
+
+def require_sense(
+    joint: BoucWen,
+    omega: ArrayLike,
+    amplitude: ArrayLike,
+    num_harmonics: int,
+    max_turns: int,
+) -> None:
+    """Refuse arguments that cannot be meant; trust traced ones."""
+    require_closed_form(joint)
+    require_finite(joint, omega=omega, amplitude=amplitude)
+    require_float64()
+    if num_harmonics < 1:
+        raise ModelError(f"Argument `num_harmonics` must be at least 1, but is {num_harmonics}.")
+    if max_turns < 2 or max_turns % 2:
+        raise ModelError(f"Argument `max_turns` must be even, 2 or more, but is {max_turns}.")
+    for name, value in (("omega", omega), ("amplitude", amplitude)):
+        least = -np.inf if not is_concrete(value) else float(np.min(value))
+        if is_concrete(value) and (least < 0.0 or (name == "omega" and least == 0.0)):
+            raise ModelError(f"Argument `{name}` must be positive, but it is {least:g}.")
+
+
+def require_converged(
+    joint: BoucWen,
+    omega: ArrayLike,
+    amplitude: ArrayLike,
+    harmonics: Complex[Array, "... harmonic"],
+    turns: Int[Array, "..."],
+) -> None:
+    """Raise with the first tone whose response was not found."""
+    failed = np.isnan(np.asarray(harmonics)).any(axis=-1)
+    if not failed.any():
+        return
+    shape = failed.shape
+    first = np.unravel_index(np.argmax(failed), shape)
+    leaves = {"omega": omega, "amplitude": amplitude, **joint.__dict__}
+    values = {
+        name: float(np.broadcast_to(np.asarray(leaf), shape)[first])
+        for name, leaf in leaves.items()
+        if name != "nu"
+    }
+    text = ", ".join(f"{name} = {value:g}" for name, value in values.items())
+    raise ModelError(
+        f"The periodic response did not converge for {failed.sum()} of {failed.size} tones, the "
+        f"first at {text} ({int(np.asarray(turns)[first])} turning points a period).",
+        why="Several periodic responses may exist there, or none that turns so rarely.",
+        remedy="Lower `amplitude`, follow the branch with `response_curve`, or raise `max_turns`.",
+    )
