@@ -88,3 +88,15 @@ def check_bounded(joint: BoucWen, y: Any) -> None:
         "more than one turning point in a step does the same.",
         remedy="Check the parameters and the input's scale; raise `substeps`.",
     )
+
+
+def check_settled(residual: Any) -> None:
+    """Report a periodic record whose steady state Newton did not find."""
+    if _traced(residual) or np.all(np.asarray(residual) < 1e-8):
+        return
+    raise ModelError(
+        f"No steady state was found: the state changes by {np.max(residual):.1e} of its largest "
+        "value over the period.",
+        why="The response may not be periodic with the input's period.",
+        remedy="Give a nearer `initial`, or simulate several periods with `periodic=False`.",
+    )

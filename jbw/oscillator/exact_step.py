@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool
 
 from jbw.oscillator.moments import impulse_moments
 from jbw.oscillator.parameters import BoucWen, Scalar
-from jbw.oscillator.signed_map import distance, move, signed, smooth_move
+from jbw.oscillator.signed_map import distance, kept, move, signed, smooth_move
 
 NUM_MOMENTS = 6
 State = tuple[Scalar, Scalar, Scalar]
@@ -106,10 +106,14 @@ def advance(step: ExactStep, state: State, push: Pair, *, branch: bool) -> State
             lambda: (z_1, c, jnp.zeros_like(v_1)),
         )
     else:
-        z_1, c_1, kick = _through_kinks(step, state, y_1, v_1)
-    change = z_1 - step.alpha * y_1 - r
-    rate_1 = -step.dt * c_1 * v_1 * z_1
+        y_1, v_1, r, rate = kept((y_1, v_1, r, rate))
+        z_1, c_1, kick = kept(_through_kinks(step, state, y_1, v_1))
+    change, rate_1 = z_1 - step.alpha * y_1 - r, -step.dt * c_1 * v_1 * z_1
+    if not branch:
+        change, rate_1 = kept((change, rate_1))
     dy = -(step.d_y * change + step.a_y * rate + step.b_y * rate_1)
+    if not branch:
+        dy = kept(dy)
     dv = kick - (step.d_v * change + step.a_v * rate + step.b_v * rate_1)
     return y_1 + dy, v_1 + dv, z_1 + (step.alpha - c_1 * z_1) * dy
 
@@ -124,12 +128,13 @@ def _through_kinks(step: ExactStep, state: State, y_1: Scalar, v_1: Scalar) -> S
     y, v, z = state
     turns = v * v_1 < 0.0
     fraction, before, after = _turning_point(turns, step.dt * v, step.dt * v_1, y_1 - y)
+    fraction, before, after = kept((fraction, before, after))
     z_turn, z_1 = _two_moves(step, z, (before, after), (jnp.where(v == 0.0, v_1, v), v_1))
     h_6 = step.dt**2 / 6.0
     kick = h_6 * step.gamma * jnp.abs(v_1 - v) * z_turn * _kink_weight(1.0 - fraction)
     crosses = z * z_1 < 0.0
-    remaining = z_1 / jnp.where(crosses, z_1 - z, 1.0)
-    v_zero = v + (v_1 - v) * (1.0 - remaining)
+    remaining = kept(z_1 / jnp.where(crosses, z_1 - z, 1.0))
+    v_zero = kept(v + (v_1 - v) * (1.0 - remaining))
     zero = step.dt * h_6 * step.delta * step.alpha * v_zero * jnp.abs(v_zero)
     kick = jnp.where(turns, kick, 0.0) + jnp.where(crosses, zero * _kink_weight(remaining), 0.0)
     return z_1, signed(step.gamma, v_1) + signed(step.delta, z_1), kick
@@ -149,6 +154,7 @@ def _two_moves(step: ExactStep, z: Scalar, moves: Pair, directions: Pair) -> Pai
     c_b = jnp.where(early, first + signed(delta, directions[0]), second + signed(delta, z_a))
     # Signed distance from zero to z_a along the first leg's branch, or the second's.
     c_zero = jnp.where(early, c, c_b)
+    c_b, c_zero = kept((c_b, c_zero))
     heading_to_zero = early | (z_a * directions[1] < 0.0)
     d = distance(c_zero, jnp.where(heading_to_zero, z_a, 0.0) / alpha)
     z_b = move(alpha, c_b, jnp.where(early, 0.0, z_a), jnp.where(early, d, moves[1]))
@@ -172,7 +178,7 @@ def _turning_point(
     """
     b = 3.0 * rise - 2.0 * start - end
     a = start + end - 2.0 * rise
-    root = jnp.sqrt(jnp.where(turns, jnp.maximum(b**2 - 3.0 * a * start, 1e-300), 1.0))
-    s = start / jnp.where(turns, signed(root, start) - b, 1.0)
+    root = kept(jnp.sqrt(jnp.where(turns, jnp.maximum(b**2 - 3.0 * a * start, 1e-300), 1.0)))
+    s = kept(start / jnp.where(turns, signed(root, start) - b, 1.0))
     before = jnp.where(turns, s * (start + s * (b + s * a)), rise)
     return jnp.where(turns, s, 1.0), before, rise - before

@@ -1,7 +1,6 @@
 """Time response of the bolted joint's oscillator to a sampled or callable input."""
 
 from collections.abc import Callable
-
 from functools import partial
 from typing import NamedTuple
 
@@ -18,10 +17,17 @@ from diffrax import (
 )
 from jaxtyping import Array, Float
 
-from jbw.oscillator.admission import check_bounded, check_input, check_options, check_state
-from jbw.oscillator.adjoint import solve
+from jbw.oscillator.adjoint import Trajectory, solve
+from jbw.oscillator.admission import (
+    check_bounded,
+    check_input,
+    check_options,
+    check_settled,
+    check_state,
+)
 from jbw.oscillator.exact_step import State
 from jbw.oscillator.parameters import BoucWen, Scalar
+from jbw.oscillator.periodic import steady_period
 from jbw.oscillator.reconstruction import input_polynomials
 from jbw.oscillator.solver import sampled_input, stepping
 from jbw.oscillator.stock import solve_stock
@@ -38,6 +44,8 @@ class Response(eqx.Module):
         v: Velocity [m/s].
         z: Hysteretic force per unit mass [N/kg].
         a: Acceleration [m/s^2].
+        residual: For a periodic record, what the state still changes over one period relative to
+            its largest value in it; 0 otherwise [-].
     """
 
     t: Float[Array, " time"]
@@ -45,6 +53,7 @@ class Response(eqx.Module):
     v: Float[Array, "... time"]
     z: Float[Array, "... time"]
     a: Float[Array, "... time"]
+    residual: Float[Array, "..."]
 
 
 def simulate(
@@ -65,11 +74,11 @@ def simulate(
     $$\ddot y + 2\zeta\omega_n\dot y + k y + Z = u$$
 
     A sampled input at nu = 1 goes through the hysteresis-exact step (order 4, one step a sample
-    unless `substeps` says more; two are advised where gradients are taken). Everything else, and
-    any `solver` given, goes through that stock diffrax solver: with `substeps` equal steps a
-    sample, or under an adaptive `controller`. Leaves of the joint, of `initial` and of `u` before
-    the time axis broadcast. Differentiable in the joint, `u` and `initial`; works under jit,
-    vmap, grad and jvp.
+    unless `substeps` says more; two are advised where gradients are taken). Everything else goes
+    through a stock diffrax solver: the given one with `substeps` equal steps a sample or under an
+    adaptive `controller`, or else Dopri8, adaptive to 1e-9. Leaves of the joint, of `initial` and
+    of `u` before the time axis broadcast. Differentiable in the joint, `u` and `initial`; works
+    under jit, vmap, grad and jvp.
 
     A trajectory that diverges (possible where delta < |gamma|) is nan or inf from there on; the
     eager call raises.
@@ -84,9 +93,8 @@ def simulate(
         substeps: Integration steps per sample interval.
         periodic: Whether u is one period of a steady test: the steady state is returned.
         num_samples: Number of samples; needed for a callable input, otherwise the length of u.
-        solver: Diffrax solver; None chooses.
-        controller: Diffrax step-size controller for a stock solver; None keeps the steps equal
-            for a sampled input and adapts them to 1e-8 for a callable one.
+        solver: Stock diffrax solver; None chooses.
+        controller: Diffrax step-size controller for a stock solver.
 
     Returns:
         The response at t = n / fs.
@@ -94,7 +102,8 @@ def simulate(
     Raises:
         ConfigError: An option that cannot be meant, or a float32 session.
         DataError: An input that is not finite or has no time axis.
-        ModelError: An initial z that the joint cannot hold, or a diverging trajectory.
+        ModelError: An initial z that the joint cannot hold, a diverging trajectory, or a periodic
+            record whose steady state was not found.
 
     Reference:
         Eqs. (1), (2).
@@ -107,6 +116,7 @@ def simulate(
     route = _Route(fs, hold, substeps, periodic, num_samples, solver, controller)
     response = _broadcast(partial(_simulate, route), joint, u, tuple(initial))
     check_bounded(joint, response.y)
+    check_settled(response.residual)
     return response
 
 
@@ -143,36 +153,50 @@ def _broadcast(one: Callable, joint: BoucWen, u: Input, initial: State) -> Respo
         response = jax.vmap(lambda joint, initial: one(joint, u, initial))(joint, initial)
     else:
         response = jax.vmap(one, in_axes=(0, axis, 0))(joint, u, initial)
-    t, motion = response.t[0], (response.y, response.v, response.z, response.a)
-    return Response(t, *(x.reshape(*batch, -1) for x in motion))
+    motion = (response.y, response.v, response.z, response.a)
+    return Response(
+        response.t[0],
+        *(x.reshape(*batch, -1) for x in motion),
+        response.residual.reshape(batch),
+    )
 
 
 def _simulate(route: _Route, joint: BoucWen, u: Input, initial: State) -> Response:
     """One oscillator under one input."""
     num_samples = route.num_samples if callable(u) else u.shape[-1]
-    t = np.arange(num_samples) / route.fs
+    t = jnp.asarray(np.arange(num_samples) / route.fs)
     if callable(u):
-        at_samples, trajectory = jax.vmap(u)(jnp.asarray(t)), None
-        tau_input = lambda tau: u(tau / route.fs)  # noqa: E731
+        trajectory_from = partial(_stock, route, joint, lambda tau: u(tau / route.fs), num_samples)
+        u_sampled = jax.vmap(u)(t)
     else:
-        at_samples = u
         polynomials = input_polynomials(u, route.hold, periodic=route.periodic)
-        tau_input = partial(sampled_input, polynomials)
-    exact = route.solver is None and joint.nu == 1.0 and not callable(u)
-    if exact:
-        steps = stepping(joint, polynomials, route.fs, route.substeps)
-        y, v, z = solve(route.substeps, steps, initial)
+        u_sampled = u
+        if route.solver is None and joint.nu == 1.0:
+            steps = stepping(joint, polynomials, route.fs, route.substeps)
+            trajectory_from = partial(solve, route.substeps, steps)
+        else:
+            held = partial(sampled_input, polynomials)
+            trajectory_from = partial(_stock, route, joint, held, num_samples)
+    if route.periodic:
+        (y, v, z), residual = steady_period(trajectory_from, initial, joint.omega_n)
     else:
-        adaptive = PIDController(rtol=1e-8, atol=1e-11) if callable(u) else ConstantStepSize()
-        y, v, z = solve_stock(
-            joint,
-            tau_input,
-            num_samples,
-            route.fs,
-            initial,
-            route.substeps,
-            route.solver or Dopri8(),
-            route.controller or adaptive,
-        )
-    a = at_samples - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - z
-    return Response(jnp.asarray(t), y, v, z, a)
+        (y, v, z), residual = trajectory_from(initial), jnp.zeros(())
+    a = u_sampled - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - z
+    return Response(t, y, v, z, a, residual)
+
+
+def _stock(
+    route: _Route, joint: BoucWen, u: Callable, num_samples: int, initial: State
+) -> Trajectory:
+    """Trajectory through a stock solver; a periodic one goes on to the next period's start."""
+    default = ConstantStepSize() if route.solver else PIDController(rtol=1e-9, atol=1e-12)
+    return solve_stock(
+        joint,
+        u,
+        num_samples + 1 if route.periodic else num_samples,
+        route.fs,
+        initial,
+        route.substeps,
+        route.solver or Dopri8(),
+        route.controller or default,
+    )

@@ -7,6 +7,7 @@ values, no 0/0, and no logarithm unless z changes sign.
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -37,6 +38,12 @@ def signed(magnitude: Scalar, sign: Scalar) -> Float[Array, "..."]:
     return jnp.where(sign < 0.0, -magnitude, magnitude)
 
 
+def kept(values: Any) -> Any:
+    """The values, computed once: XLA would fuse and recompute them in each of their uses."""
+    # One by one: a barrier over several values cannot be transposed when not all are linear.
+    return jax.tree.map(jax.lax.optimization_barrier, values)
+
+
 def _polynomial(terms: list, x: Scalar) -> Scalar:
     """Sum of terms[n] x^n by Estrin's scheme: few dependent operations."""
     while len(terms) > 1:
@@ -54,18 +61,18 @@ def saturation(x: Scalar) -> Scalar:
 def _far_saturation(x: Scalar) -> Scalar:
     """P(x) for |x| <= 4, through P(2x) = P(x) (1 - x P(x)/2)."""
     x = 0.25 * x
-    p = saturation(x)
+    p = kept(saturation(x))
     p = p * (1.0 - 0.5 * x * p)
-    return p * (1.0 - x * p)
+    return kept(p * (1.0 - x * p))
 
 
 def _far_slope(x: Scalar) -> Scalar:
     """P'(x) for |x| <= 4, through 2 P'(2x) = P'(x) (1 - x P(x)) - P(x)^2/2."""
     x = 0.25 * x
-    p, slope = saturation(x), _polynomial(_P_SLOPE, x)
+    p, slope = kept((saturation(x), _polynomial(_P_SLOPE, x)))
     slope = 0.5 * slope * (1.0 - x * p) - 0.25 * p**2
     p = p * (1.0 - 0.5 * x * p)
-    return 0.5 * slope * (1.0 - 2.0 * x * p) - 0.25 * p**2
+    return kept(0.5 * slope * (1.0 - 2.0 * x * p) - 0.25 * p**2)
 
 
 def smooth_move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
@@ -83,14 +90,14 @@ def move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
     $$z_1 = z + (\alpha - c z)\,\phi, \quad \phi = dy\,P(c\,dy), \qquad
       \partial_{dy} z_1 = \alpha - c z_1, \quad \partial_z z_1 = 1 - c\phi$$
     """
-    return z + (alpha - c * z) * dy * _far_saturation(c * dy)
+    return kept(z + (alpha - c * z) * dy * _far_saturation(c * dy))
 
 
 @partial(move.defjvp, symbolic_zeros=True)
 def _move_jvp(primals, tangents):
     alpha, c, z, dy = primals
     phi = dy * _far_saturation(c * dy)
-    z_1 = z + (alpha - c * z) * phi
+    z_1 = kept(z + (alpha - c * z) * phi)
     return z_1, _total(
         z_1,
         tangents,
@@ -113,7 +120,8 @@ def distance(c: Scalar, w: Scalar) -> Scalar:
     q_2 = jnp.sqrt(1.0 - c * w)
     q = jnp.sqrt(q_2)
     scale = 1.0 / ((1.0 + q) ** 2 * (1.0 + q_2))
-    return 8.0 * w * scale * _polynomial(_ATANH, (c * w * scale) ** 2)
+    scale = kept(scale)
+    return kept(8.0 * w * scale * _polynomial(_ATANH, (c * w * scale) ** 2))
 
 
 @partial(distance.defjvp, symbolic_zeros=True)
@@ -131,7 +139,7 @@ def _distance_jvp(primals, tangents):
 def _total(out: Scalar, tangents: tuple, *partials: Callable[[], Scalar]) -> Scalar:
     """Total derivative: only the partial derivatives that are asked for are computed."""
     terms = [
-        derivative() * tangent
+        kept(derivative()) * tangent
         for derivative, tangent in zip(partials, tangents, strict=True)
         if not isinstance(tangent, SymbolicZero)
     ]
