@@ -1,11 +1,14 @@
 """Which files a test means: patterns resolved inside the campaign's folder, in natural order."""
 
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
 
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.paths import closest
+
+DATA_FOLDER = "$JBW_DATA"
 
 
 def found_files(
@@ -14,17 +17,19 @@ def found_files(
     """Files that the patterns name, each once, in the order of the patterns.
 
     Args:
-        patterns: File names or patterns with * and ?, relative to the folder.
+        patterns: File names or patterns with * and ?, relative to the folder; $JBW_DATA at their
+            beginning is the folder of that environment variable.
         folder: The campaign file's folder.
         allow_outside: Let them lead out of the folder.
 
     Raises:
-        ConfigError: A URL, or a path out of the folder.
+        ConfigError: A URL, a path out of the folder, or $JBW_DATA where it is not set.
         DataError: Nothing matches.
     """
     found: list[Path] = []
-    for pattern in patterns:
-        _refuse_url(pattern)
+    for written in patterns:
+        _refuse_url(written)
+        pattern = _with_data_folder(written)
         # First the pattern itself, so that nothing outside is even looked at; then the links.
         _stay_inside(folder / pattern, pattern, folder, allow_outside)
         for file in _matching(pattern, folder):
@@ -41,6 +46,19 @@ def _stay_inside(path: Path, pattern: str, folder: Path, allow_outside: bool) ->
             why="A campaign file from elsewhere must not read your other files.",
             remedy="Move the data beside the campaign file, or pass --allow-outside.",
         )
+
+
+def _with_data_folder(pattern: str) -> str:
+    """The pattern with the data folder of this machine in the place of $JBW_DATA."""
+    if not pattern.startswith(DATA_FOLDER):
+        return pattern
+    folder = os.environ.get(DATA_FOLDER[1:])
+    if not folder:
+        raise ConfigError(
+            f"`files` = {pattern!r} begins with {DATA_FOLDER}, which is not set.",
+            remedy=f"Set the environment variable {DATA_FOLDER[1:]} to the folder of your data.",
+        )
+    return str(Path(folder).absolute()) + pattern[len(DATA_FOLDER) :]
 
 
 def _refuse_url(pattern: str) -> None:

@@ -90,6 +90,55 @@ def sweep_tests(tests: Sequence[Test], settings: Mapping[str, Any]) -> Sweeps | 
     return Sweeps(tuple(fitted), tuple(held_out))
 
 
+@dataclass(frozen=True)
+class DecaySplit:
+    """The free decays, split before anything is fitted.
+
+    Attributes:
+        fitted: The decays to fit, of all tests together.
+        together: All decays, the fitted ones first.
+        names: Name of each of them: its test, and its number in the test counted from one.
+    """
+
+    fitted: Test
+    together: Test
+    names: tuple[str, ...]
+
+
+def decay_tests(tests: Sequence[Test], settings: Mapping[str, Any]) -> DecaySplit | None:
+    """Free decays split into what is fitted and what is held out.
+
+    Args:
+        tests: The campaign's tests.
+        settings: The campaign's [identify] table; `fit_repeats` of each test are fitted, half by
+            default.
+
+    Returns:
+        The split, or None without decays.
+
+    Raises:
+        ConfigError: Tests of different bands, or more repeats than there are.
+    """
+    decays = [test for test in tests if test.kind == "decay"]
+    if not decays:
+        return None
+    forms = {(t.band_hz, t.settle, t.records[0].fs, t.records[0].response) for t in decays}
+    if len(forms) > 1:
+        raise ConfigError(
+            "Tests of kind decay must share band, settle, sampling frequency and response, but "
+            f"{len(forms)} combinations were found.",
+            remedy="Make one campaign of each mode.",
+        )
+    chosen, rest = [], []
+    for test in decays:
+        count = _fitted_repeats(test, settings)
+        for i, record in enumerate(test.records):
+            (chosen if i < count else rest).append((record, f"{test.name} {i + 1}"))
+    fitted = replace(decays[0], records=tuple(record for record, _ in chosen))
+    together = replace(decays[0], records=tuple(record for record, _ in (*chosen, *rest)))
+    return DecaySplit(fitted, together, tuple(name for _, name in (*chosen, *rest)))
+
+
 def _fitted_repeats(test: Test, settings: Mapping[str, Any]) -> int:
     total = len(test.records)
     count = settings.get("fit_repeats", total // 2 if total >= 4 else total)

@@ -120,6 +120,30 @@ def fit(
         )
     r, jacobian = map(np.asarray, _linearise(residual, box, data, solution.x[best]))
     x = np.asarray(solution.x[best])
+    return describe_optimum(x, r, jacobian, box, costs, bool(solution.converged[best]))
+
+
+def describe_optimum(
+    x: NDArray[np.float64],
+    residual: Float[np.ndarray, " residual"],
+    jacobian: Float[np.ndarray, "residual parameter"],
+    box: Box,
+    costs: NDArray[np.float64],
+    converged: bool,
+) -> Fit:
+    """The record of an optimum, however it was found.
+
+    Args:
+        x: Optimum in the unit coordinate.
+        residual: Residuals there, in units of their standard deviation.
+        jacobian: Their derivatives with respect to x.
+        box: Bounds.
+        costs: Half the sums of squares reached from all starts.
+        converged: Whether the fit met its tolerance.
+
+    Returns:
+        The fit.
+    """
     covariance_x, singular_values = _covariance(jacobian)
     width = np.asarray(box.upper - box.lower)
     covariance = covariance_x * np.outer(width, width)
@@ -127,12 +151,12 @@ def fit(
     return Fit(
         theta=theta,
         x=x,
-        cost=float(costs[best]),
-        num_residuals=len(r),
+        cost=float(np.min(costs)),
+        num_residuals=len(residual),
         covariance=covariance,
         singular_values=singular_values,
-        converged=bool(solution.converged[best]),
-        at_bound=_at_bound(x, jacobian, r, box.names),
+        converged=converged,
+        at_bound=_at_bound(x, jacobian, residual, box.names),
         weak=weak_direction(theta, covariance, box),
         waterfall=np.sort(costs),
     )
@@ -181,7 +205,8 @@ def _solve(
         success = found.result == optx.RESULTS.successful
         return _Solution(jax.nn.sigmoid(found.value), 0.5 * jnp.sum(r**2), success)
 
-    return jax.vmap(one)(x_starts)
+    # One after another: each start takes its own number of steps, and a solver runs unbatched.
+    return jax.lax.map(one, x_starts)
 
 
 @eqx.filter_jit

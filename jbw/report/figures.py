@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from jbw.errors import DataError
 from jbw.report import style
 from jbw.report.convergence import running_means, trace_rank
+from jbw.report.decay import amplitude_curves, verification_decay
 from jbw.report.kernel import harmonic_spectrum, kernel_bands
 from jbw.report.linear import linear_frf, softening, verification_frf
 from jbw.report.loops import validation_loops
@@ -141,6 +142,24 @@ PLATES = (
         "Restoring force against displacement; below, less the secant of the measured loop, "
         "which shows its opening. The enclosed area is the energy lost in the joint per cycle "
         "and per unit mass.",
+    ),
+    Plate(
+        "decay",
+        verification_decay,
+        "extra_decay",
+        "Does the model predict free decays that it never saw?",
+        "From the left: the whole record in the band of the mode, some late periods, and what is "
+        "left less the model's median. Of a held-out record the model sees the first part, up to "
+        "the dashed line, and predicts the rest; an error of frequency builds up towards its end.",
+    ),
+    Plate(
+        "amplitude",
+        amplitude_curves,
+        "extra_amplitude",
+        "How do frequency and damping depend on the amplitude?",
+        "Points are read from the envelopes without any model of the joint; the bands are the "
+        "model's, from the equivalent stiffness and the energy lost in its steady loop. Points "
+        "that leave the band on a curve tell of a joint that the law does not describe.",
     ),
     Plate(
         "ridge",

@@ -16,6 +16,9 @@ SYMBOLS = {
     "alpha_delta": "α δ",
     "alpha_gamma": "α γ",
     "noise_std": "noise sd",
+    "softening": "α δ / ωₙ²",
+    "opening": "α γ / ωₙ²",
+    "share": "α / ωₙ²",
 }
 
 STEPS = {
@@ -27,6 +30,7 @@ STEPS = {
     "opening_walk": "Step 4: opening of the loop, tuned random walk",
     "opening_nuts": "Step 4: opening of the loop, NUTS",
     "joint": "Step 4: all parameters together",
+    "decay": "Free decays",
 }
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

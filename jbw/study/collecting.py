@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import xarray as xr
 
+from jbw.decay_verification import amplitude_verification, decay_verification, thin_decay
 from jbw.identification.linear_step import linear_dataset
 from jbw.identification.procedure import Identification, Report
 from jbw.identification.selection import linear_test, loop_tests, probing_tests
@@ -47,7 +48,9 @@ def collect(
     Returns:
         The tree that is saved as `posterior.nc`.
     """
-    groups: Groups = {"/steps/linear": linear_dataset(found.linear)}
+    groups: Groups = {}
+    if found.linear is not None:
+        groups["/steps/linear"] = linear_dataset(found.linear)
     for name, step in found.steps.items():
         place = "" if name == found.main.name else f"/steps/{name}"
         groups |= {f"{place}/{part}": ds for part, ds in _groups(step, truth or {}).items()}
@@ -58,6 +61,9 @@ def collect(
         groups |= _verification_groups(tests, found, seed)
         report("Validation: hysteresis loops")
         groups |= _validation_groups(tests, found)
+    if found.decays is not None:
+        report("Verification: free decays, frequency and damping against amplitude")
+        groups |= _decay_groups(found, seed)
     tree = xr.DataTree.from_dict(groups)
     tree.attrs.update(found.main.posterior.attrs)
     return tree
@@ -155,3 +161,21 @@ def _validation_groups(tests: tuple[Test, ...], found: Identification) -> Groups
         f"/validation/loops/{test.name}": loop_validation(test, draws)
         for test in loop_tests(tests, natural_hz)
     }
+
+
+def _decay_groups(found: Identification, seed: int) -> Groups:
+    """Decays: every record against its bands, and the curves of frequency and damping."""
+    posterior = found.decay.posterior["posterior"].to_dataset()
+    draws = thin_decay(posterior, NUM_DRAWS)
+    split = found.decays
+    num_fitted = len(split.fitted.records)
+    noise_std = posterior["noise_std"].mean(("chain", "draw")).values
+    compared = decay_verification(
+        split.together, num_fitted, draws, found.decay_data, noise_std, jax.random.key(seed)
+    )
+    groups: Groups = {
+        f"/verification/decay/{name}": dataset
+        for name, dataset in zip(split.names, compared, strict=True)
+    }
+    groups["/verification/amplitude"] = amplitude_verification(split.together, num_fitted, draws)
+    return groups

@@ -45,7 +45,7 @@ def summarise_study(
         A dictionary for JSON.
     """
     truth = truth or {}
-    steps = {"linear": _linear(found.linear, truth)}
+    steps = {} if found.linear is None else {"linear": _linear(found.linear, truth)}
     steps |= {key: _step(step, truth) for key, step in found.steps.items()}
     return {
         "campaign": name,
@@ -115,8 +115,13 @@ def _step(step: Step, truth: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:
-    if "verification/sweep" not in tree:
-        return {}
+    """Coverage and error by sweep, and by free decay."""
+    nodes = {
+        name: node
+        for kind in ("sweep", "decay")
+        if f"verification/{kind}" in tree
+        for name, node in tree[f"verification/{kind}"].children.items()
+    }
     return {
         name: {
             "level": float(node.attrs["level"]),
@@ -124,7 +129,7 @@ def _predictions(tree: xr.DataTree) -> dict[str, Any]:
             "coverage": float(node.attrs["coverage"]),
             "nrmse": float(node.attrs["nrmse"]),
         }
-        for name, node in tree["verification/sweep"].children.items()
+        for name, node in nodes.items()
     }
 
 

@@ -1,0 +1,141 @@
+"""One mode out of a free decay: its complex envelope in a band, its frequency and damping."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Complex, Float
+from numpy.typing import NDArray
+from scipy.signal import fftconvolve, firwin, kaiser_beta, kaiserord
+
+from jbw.errors import DataError
+
+ATTENUATION = 80.0  # dB, of what lies outside the band
+LEAST_PER_PERIOD = 11  # samples of the fastest motion in the band that a solver is given
+
+
+@dataclass(frozen=True)
+class BandFilter:
+    """A linear-phase filter that moves a band about its centre to zero frequency.
+
+    Attributes:
+        band_hz: Where its gain is one half [Hz]; gone half a band further out.
+        fs: Sampling frequency [Hz].
+        taps: Impulse response of the low-pass part; an odd number, sum 1.
+        stride: Every so-many-th sample and tap give the same envelope, for a cheaper model.
+        step: Samples between two envelope values that white noise leaves almost independent.
+    """
+
+    band_hz: tuple[float, float]
+    fs: float
+    taps: NDArray[np.float64]
+    stride: int
+    step: int
+
+    @property
+    def centre_hz(self) -> float:
+        """Frequency that becomes zero [Hz]."""
+        return sum(self.band_hz) / 2
+
+    @property
+    def half(self) -> int:
+        """Samples on either side of the middle tap: what the filter needs around a value."""
+        return len(self.taps) // 2
+
+    @property
+    def step_s(self) -> float:
+        """Time between two envelope values [s]."""
+        return self.step / self.fs
+
+
+def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
+    r"""Design the filter of a band.
+
+    A Kaiser window of 80 dB; values are taken apart by the inverse of the equivalent noise
+    bandwidth, so that there are as many of them as white noise has degrees of freedom in the band:
+
+    $$B_{eq} = f_s\,\sum h^2 / (\sum h)^2$$
+
+    Args:
+        band_hz: Band of the mode [Hz].
+        fs: Sampling frequency [Hz].
+
+    Returns:
+        The filter.
+    """
+    half_band = (band_hz[1] - band_hz[0]) / 2
+    stride = max(1, int(fs / (LEAST_PER_PERIOD * band_hz[1])))
+    length, _ = kaiserord(ATTENUATION, half_band / (fs / 2))
+    half = -(-length // (2 * stride)) * stride
+    taps = firwin(2 * half + 1, half_band, window=("kaiser", kaiser_beta(ATTENUATION)), fs=fs)
+    step = stride * max(1, round(1 / (stride * np.sum(taps**2))))
+    return BandFilter(band_hz, fs, taps, stride, step)
+
+
+def demodulate(
+    x: Float[np.ndarray, " time"], chosen: BandFilter
+) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+    r"""Complex envelope of a record in a band, where the filter lies wholly inside the record.
+
+    $$x(t) = \mathrm{Re}\,X(t)\,e^{j\omega_0 t}$$
+
+    Args:
+        x: Samples of a response.
+        chosen: The filter.
+
+    Returns:
+        Time from the first sample [s] and envelope, peak amplitude in the unit of `x`.
+
+    Raises:
+        DataError: If the record is shorter than the filter.
+    """
+    if len(x) <= 2 * chosen.half:
+        raise DataError(
+            f"A band of {chosen.band_hz[1] - chosen.band_hz[0]:g} Hz takes a record longer than "
+            f"{2 * chosen.half / chosen.fs:.3g} s, but {len(x) / chosen.fs:.3g} s are left of one.",
+            remedy="Widen `band`, shorten `settle`, or drop the record with `exclude`.",
+        )
+    n = np.arange(len(x))
+    carrier = np.exp(-2j * np.pi * chosen.centre_hz / chosen.fs * n)
+    envelope = 2 * fftconvolve(x * carrier, chosen.taps, mode="valid")
+    return n[chosen.half : len(x) - chosen.half] / chosen.fs, envelope
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Frequency and damping along a decay, read without any model of the joint.
+
+    Attributes:
+        amplitude: Peak amplitude, in the unit of the response.
+        frequency_hz: Instantaneous frequency [Hz].
+        damping: Decay rate over angular frequency [-].
+    """
+
+    amplitude: NDArray[np.float64]
+    frequency_hz: NDArray[np.float64]
+    damping: NDArray[np.float64]
+
+
+def read_decay(
+    envelope: Complex[np.ndarray, " time"], step_s: float, centre_hz: float, window_s: float
+) -> Reading:
+    r"""Frequency and damping of a decay from parabolas through the logarithm of its envelope.
+
+    $$\frac{d}{dt}\log X = -\zeta\omega + j(\omega - \omega_0)$$
+
+    Args:
+        envelope: Envelope, evenly spaced.
+        step_s: Time between its values [s].
+        centre_hz: Frequency that it is referred to [Hz].
+        window_s: Length of each parabola [s]; they do not overlap.
+
+    Returns:
+        The reading in the middle of each window.
+    """
+    log = np.log(np.abs(envelope)) + 1j * np.unwrap(np.angle(envelope))
+    size = min(len(log), max(5, round(window_s / step_s)))
+    x = (np.arange(size) - (size - 1) / 2) * step_s
+    design = np.linalg.pinv(np.vander(x, 3, increasing=True))
+    pieces = log[: len(log) // size * size].reshape(-1, size)
+    level, slope, _ = design @ pieces.T
+    omega = 2 * np.pi * centre_hz + slope.imag
+    return Reading(np.exp(level.real), omega / (2 * np.pi), -slope.real / omega)
