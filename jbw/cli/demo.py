@@ -40,5 +40,6 @@ def demo(out: Path, seed: int, preset: str, json_: bool) -> int:
         say("Measuring the virtual rig")
         measured = rig.measure(preset, seed=seed)
         path = rig.write(measured, out / "campaign")
-    truth = {**measured.truth["joint"], "gain": measured.truth["gain"]}
-    return identify_into(path, out, seed=seed, json_=json_, truth=truth)
+        truth = {**measured.truth["joint"], "gain": measured.truth["gain"]}
+        del measured  # the identification reads the files, as for anyone
+        return identify_into(path, out, seed=seed, json_=json_, truth=truth, say=say)

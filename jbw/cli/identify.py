@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from jbw.cli.running import identify_into, prepare_jax
+from jbw.cli.running import identify_into, prepare_jax, progress
 
 
 @click.command()
@@ -26,4 +26,7 @@ def identify(
     from jbw.study.storage import claim
 
     folder = claim(out or Path(f"{campaign.stem}-run"))
-    return identify_into(campaign, folder, seed=seed, json_=json_, allow_outside=allow_outside)
+    with progress() as say:
+        return identify_into(
+            campaign, folder, seed=seed, json_=json_, allow_outside=allow_outside, say=say
+        )

@@ -40,6 +40,7 @@ def identify_into(
     json_: bool = False,
     allow_outside: bool = False,
     truth: Mapping[str, float] | None = None,
+    say: Callable[[str], None],
 ) -> int:
     """Identify a campaign and leave everything in a claimed folder.
 
@@ -50,6 +51,7 @@ def identify_into(
         json_: Print the summary as JSON instead of tables.
         allow_outside: Read files outside the campaign's folder.
         truth: True parameters of a virtual joint, shown beside the results.
+        say: Called with one sentence at every stage.
 
     Returns:
         Exit code: 0, or 4 when the verdict of the main posterior is not ok.
@@ -58,12 +60,12 @@ def identify_into(
     from jbw.study.identify import identify
     from jbw.study.storage import save_run
 
-    with progress() as say:
-        say(f"Reading {campaign}")
-        loaded = load_campaign(campaign, allow_outside=allow_outside)
-        study = identify(loaded, seed=seed, truth=truth, report=say)
-        say("Writing figures and report")
-        save_run(out, study.tree, study.record)
+    say(f"Reading {campaign}")
+    loaded = load_campaign(campaign, allow_outside=allow_outside)
+    study = identify(loaded, seed=seed, truth=truth, report=say)
+    say("Writing figures and report")
+    save_run(out, study.tree, study.record)
+    say("Done")
     if json_:
         click.echo(json.dumps(study.record, indent=1, ensure_ascii=False))
     else:

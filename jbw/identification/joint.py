@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Key
+from jaxtyping import Array, Float, Key
 
 from jbw.identification.accuracy import residual_findings, solver_finding
 from jbw.identification.linear import PooledFit
@@ -17,9 +17,13 @@ from jbw.identification.priors import joint_box
 from jbw.identification.step import ATTRS, Step, finished
 from jbw.inference.box import Box, from_unit
 from jbw.inference.fitting import Fit, fit
+from jbw.inference.quadratic import driven_by_quadratic, quadratic
 from jbw.inference.sampling import sample
+from jbw.inference.verdict import verdict
 
-NUM_STARTS = 8
+NUM_SCREENED = 32  # points of the box whose cost is looked at
+NUM_STARTS = 3  # of them, with the earlier steps' point, fitted
+MAX_STEPS = 60
 PRODUCTS = {
     "alpha_delta": ("alpha", "delta", "softening at small amplitude, alpha * delta"),
     "alpha_gamma": ("alpha", "gamma", "opening at small amplitude, alpha * gamma"),
@@ -81,44 +85,62 @@ def fit_joint(
     linear: PooledFit,
     earlier: Mapping[str, Step],
 ) -> Fit:
-    """Least squares over all parameters from the earlier steps and from all over the box."""
-    centre = {"omega_n": linear.omega_n, "zeta": linear.zeta, "gain": linear.gain}
-    x = jax.random.uniform(key, (NUM_STARTS, len(prior.names)))
-    starts = {name: np.array(values) for name, values in from_unit(x, prior).items()}
-    for name in ("omega_n", "gain"):
-        if name in starts:  # Step 2 knows them far better than the box
-            starts[name][:] = centre[name]
+    """Least squares over all parameters, from the earlier steps and the best of many points.
+
+    Points all over the box are screened by their cost first: a solve costs far less than a fit.
+    """
+    known = {"omega_n": linear.omega_n, "zeta": linear.zeta, "gain": linear.gain}
     for step in ("third_order_nuts", "opening_nuts"):
         if step in earlier:
             group = earlier[step].posterior["posterior"]
-            centre |= {str(n): float(v.mean()) for n, v in group.data_vars.items()}
-    for name in prior.names:
-        if name in centre:
-            starts[name][0] = centre[name]
-    inside = {
-        name: np.clip(starts[name], prior.lower[i], prior.upper[i])
+            known |= {str(n): float(v.mean()) for n, v in group.data_vars.items()}
+    x = jax.random.uniform(key, (NUM_SCREENED, len(prior.names)))
+    points = from_unit(x, prior)
+    for name in ("omega_n", "gain"):
+        if name in points:  # Step 2 knows them far better than the box
+            points[name] = jnp.full(NUM_SCREENED, known[name])
+    earlier_point = {name: known.get(name, float(points[name][0])) for name in prior.names}
+    best = np.argsort(np.asarray(_costs(points, data)))[: NUM_STARTS - 1]
+    starts = {
+        name: np.clip(
+            np.append(earlier_point[name], np.asarray(points[name])[best]),
+            prior.lower[i],
+            prior.upper[i],
+        )
         for i, name in enumerate(prior.names)
     }
-    return fit(residual, prior, data, starts=inside)
+    return fit(residual, prior, data, starts=starts, max_steps=MAX_STEPS)
+
+
+@jax.jit
+def _costs(points: Mapping[str, Array], data: OpeningData) -> Float[Array, " point"]:
+    costs = jax.lax.map(lambda theta: jnp.sum(residual(theta, data) ** 2), dict(points))
+    return jnp.where(jnp.isfinite(costs), costs, jnp.inf)
 
 
 def sample_joint(
     key: Key, data: OpeningData, prior: Box, best: Fit, settings: Mapping[str, Any]
 ) -> xr.DataTree:
-    """NUTS in the coordinate whitened by the fit's covariance."""
-    return sample(
-        key,
-        log_likelihood,
-        prior,
-        data,
-        num_warmup=settings.get("num_warmup", 100),
-        num_samples=settings.get("num_samples", 250),
-        num_chains=settings.get("num_chains", 4),
-        chain_method="parallel" if jax.device_count() > 1 else "sequential",
-        start=best.theta,
-        covariance=best.covariance,
-        attrs=ATTRS,
-    )
+    """NUTS in the coordinate whitened by the fit's covariance.
+
+    Trajectories follow the gradient of the Laplace approximation, which costs nothing, and are
+    weighed by the exact likelihood; where the posterior is too far from Gaussian for that, the
+    model's own gradient takes over.
+    """
+    options = {
+        "num_warmup": settings.get("num_warmup", 100),
+        "num_samples": settings.get("num_samples", 250),
+        "num_chains": settings.get("num_chains", 4),
+        "chain_method": "parallel" if jax.device_count() > 1 else "sequential",
+        "start": best.theta,
+        "covariance": best.covariance,
+        "attrs": ATTRS,
+    }
+    cheap = driven_by_quadratic(log_likelihood)
+    tree = sample(key, cheap, prior, quadratic(data, best), **options)
+    if verdict(tree, prior).status == "ok":
+        return tree
+    return sample(key, log_likelihood, prior, data, **options)
 
 
 def with_derived(key: Key, tree: xr.DataTree, data: OpeningData) -> xr.DataTree:

@@ -55,6 +55,7 @@ def finished(
     findings: Iterable[Finding] = (),
     statements: Iterable[str] = (),
     held: Mapping[str, float] | None = None,
+    chi_square: tuple[float, int] | None = None,
 ) -> Step:
     """Judge a posterior and put it beside what it came from.
 
@@ -67,11 +68,12 @@ def finished(
         findings: What else was looked at.
         statements: Sentences besides those that the fit itself gives.
         held: Parameters that were not updated.
+        chi_square: Chi-square and its degrees of freedom; the fit's when None.
 
     Returns:
         The step.
     """
-    judged = verdict(posterior, box, chi_square=fit.chi_square)
+    judged = verdict(posterior, box, chi_square=chi_square or fit.chi_square)
     said = [*statements]
     if fit.weak is not None:
         said.append(f"By the initial fit, {fit.weak.text}.")

@@ -131,18 +131,15 @@ def describe_optimum(
     costs: NDArray[np.float64],
     converged: bool,
 ) -> Fit:
-    """The record of an optimum, however it was found.
+    """The record of an optimum x, however it was found.
 
     Args:
         x: Optimum in the unit coordinate.
         residual: Residuals there, in units of their standard deviation.
         jacobian: Their derivatives with respect to x.
         box: Bounds.
-        costs: Half the sums of squares reached from all starts.
+        costs: Reached from all starts.
         converged: Whether the fit met its tolerance.
-
-    Returns:
-        The fit.
     """
     covariance_x, singular_values = _covariance(jacobian)
     width = np.asarray(box.upper - box.lower)

@@ -149,11 +149,13 @@ def predict(theta: Mapping[str, Array], data: Records) -> Float[Array, "level ti
     Returns:
         Predicted response, in the unit of the measured one.
     """
-    return jax.vmap(
+    # One level after another, not as lanes: alone, the solver skips the work of rare events.
+    return jax.lax.map(
         lambda source: response_to(
             theta, source, data.fs, response=data.response, substeps=data.substeps
-        )
-    )(data.source)
+        ),
+        data.source,
+    )
 
 
 def squares(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
@@ -199,7 +201,13 @@ def residual(theta: Mapping[str, Array], data: Records) -> Float[Array, " values
     Reference:
         Eq. (41), weighted by the noise of each level instead of the response's power.
     """
-    size = data.mean.shape[-1]
-    noise_std = jnp.sqrt(data.within / (size * (data.num_repeats - 1)))
-    weight = jnp.sqrt(data.num_repeats) / noise_std
+    weight = jnp.sqrt(data.num_repeats) / noise_std(data)
     return (weight[:, None] * (data.mean - predict(theta, data))).ravel()
+
+
+def noise_std(data: Records) -> Float[Array, " level"]:
+    r"""Noise of one repeat of each level, from the scatter of the repeats.
+
+    $$\sigma^2 = \frac{S}{N (K - 1)}$$
+    """
+    return jnp.sqrt(data.within / (data.mean.shape[-1] * (data.num_repeats - 1)))
