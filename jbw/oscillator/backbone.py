@@ -11,10 +11,9 @@ from jbw.oscillator.batching import batched
 from jbw.oscillator.checks import is_concrete
 from jbw.oscillator.harmonic_balance import (
     Packed,
+    balance,
     dimensionless,
     linear_response,
-    load,
-    solve,
     unpack,
 )
 from jbw.oscillator.hysteresis import steady_loop
@@ -128,17 +127,13 @@ def _sweep(
     def level(joint: BoucWen, amplitude: Array) -> tuple[Array, Array]:
         unit, ratio, length = dimensionless(joint, omega, amplitude)
 
-        def tone(before: Packed, ratio: Array) -> tuple[Packed, Packed]:
-            near = load(unit, ratio, before, max_turns)
-            usable = jnp.all(jnp.isfinite(near))
-            near = jnp.where(usable, near, linear_response(unit, ratio, num_harmonics))
-            return near, near
+        def tone(before: Packed, ratio: Array) -> tuple[Packed, tuple[Array, Array]]:
+            packed, load = balance(unit, ratio, before, max_turns)
+            q = unpack(packed)
+            turns = num_turns(q)
+            good = (load == 1.0) & (turns <= max_turns)
+            return packed, (jnp.where(good, length * q, jnp.nan), turns)
 
-        _, starts = jax.lax.scan(tone, linear_response(unit, ratio[0], num_harmonics), ratio)
-        packed, converged = jax.vmap(lambda r, s: solve(unit, r, s, max_turns))(ratio, starts)
-        q = jax.vmap(unpack)(packed)
-        turns = jax.vmap(num_turns)(q)
-        good = converged & (turns <= max_turns)
-        return jnp.where(good[:, None], length * q, jnp.nan), turns
+        return jax.lax.scan(tone, linear_response(unit, ratio[0], num_harmonics), ratio)[1]
 
     return batched(level, joint, amplitude)

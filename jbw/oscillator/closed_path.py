@@ -51,6 +51,7 @@ def relaxed_force(
         Complex amplitudes of r, in the unit of `q`.
     """
     num_harmonics = q.shape[0]
+    delta, gamma = jnp.asarray(delta), jnp.asarray(gamma)
     start = crest(q)
     y_open = opening(synthesis(q, start), delta, gamma)
     start_fixed = stop_gradient(start)
@@ -84,6 +85,7 @@ def force_over_period(
     Returns:
         z/alpha, in the unit of `q`.
     """
+    delta, gamma = jnp.asarray(delta), jnp.asarray(gamma)
     y_open = opening(synthesis(q, crest(q)), delta, gamma)
     # Loading mirrors unloading.
     side = jnp.where(synthesis(q, theta, 1) > 0.0, -1.0, 1.0)

@@ -9,11 +9,10 @@ from jaxtyping import Array, Complex, Float
 
 from jbw.errors import ModelError
 from jbw.oscillator.harmonic_balance import (
+    balance,
     dimensionless,
     linear_response,
-    load,
     residual,
-    solve,
     unpack,
 )
 from jbw.oscillator.parameters import BoucWen
@@ -117,9 +116,9 @@ def _first_point(
     unit: BoucWen, ratio: Array, side: float, num_harmonics: int, max_turns: int
 ) -> tuple[Point, Point]:
     """The response at the first frequency and the direction there; NaN where not found."""
-    start = load(unit, ratio, linear_response(unit, ratio, num_harmonics), max_turns)
-    packed, converged = solve(unit, ratio, start, max_turns)
-    x = jnp.where(converged, jnp.append(packed.ravel(), ratio), jnp.nan)
+    start = linear_response(unit, ratio, num_harmonics)
+    packed, load = balance(unit, ratio, start, max_turns)
+    x = jnp.where(load == 1.0, jnp.append(packed.ravel(), ratio), jnp.nan)
     ahead = jnp.zeros_like(x).at[-1].set(side)
     return x, _tangent(unit, x, ahead, max_turns)
 
@@ -132,12 +131,12 @@ def _advance(
     scale = _scale(x)
     predicted = x + arc * direction * scale
 
-    def equations(tried: Point, _: None) -> Point:
-        off_plane = jnp.dot(direction, (tried - predicted) / scale)
-        return jnp.append(_balance(unit, tried, max_turns), off_plane)
+    def on_plane(tried: Point, _: None) -> Point:
+        off = jnp.dot(direction, (tried - predicted) / scale)
+        return jnp.append(_equations(unit, tried, max_turns), off)
 
     solution = optimistix.root_find(
-        equations,
+        on_plane,
         optimistix.Newton(rtol=_TOLERANCE, atol=_TOLERANCE),
         predicted,
         max_steps=_MAX_NEWTON,
@@ -151,14 +150,14 @@ def _advance(
     return tried, ahead, good & jnp.all(jnp.isfinite(ahead))
 
 
-def _balance(unit: BoucWen, x: Point, max_turns: int) -> Float[Array, "equation"]:
+def _equations(unit: BoucWen, x: Point, max_turns: int) -> Float[Array, "equation"]:
     return residual(x[:-1].reshape(2, -1), (unit, x[-1]), max_turns).ravel()
 
 
 def _tangent(unit: BoucWen, x: Point, previous: Point, max_turns: int) -> Point:
     """Unit tangent of the curve, scaled, on the side of the previous one."""
     scale = _scale(x)
-    jacobian = jax.jacfwd(lambda x: _balance(unit, x, max_turns))(x) * scale
+    jacobian = jax.jacfwd(lambda x: _equations(unit, x, max_turns))(x) * scale
     bordered = jnp.concatenate([jacobian, previous[None]])
     end = jnp.zeros_like(x).at[-1].set(1.0)
     tangent = jnp.linalg.solve(bordered, end)

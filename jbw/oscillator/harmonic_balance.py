@@ -9,12 +9,13 @@ Harmonics are stored as real arrays of shape (2, harmonic): real and imaginary p
 orders 1, 3, 5, ... of y = Re sum q_n exp(j n theta).
 """
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
-from jax.lax import stop_gradient
-from jaxtyping import Array, Bool, Complex, Float, Int
+from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator import closed_path, folded_path
 from jbw.oscillator.parameters import BoucWen, Scalar
@@ -30,9 +31,7 @@ _MAX_LOADS = 64
 _LEAST_LOAD_STEP = 1e-3
 
 
-def dimensionless(
-    joint: BoucWen, omega: Scalar, amplitude: Scalar
-) -> tuple[BoucWen, Scalar, Scalar]:
+def dimensionless(joint: BoucWen, omega: Scalar, amplitude: Scalar) -> tuple[BoucWen, Array, Array]:
     r"""Joint, frequency and unit of displacement of the dimensionless problem.
 
     $$\Omega = \omega/\omega_n, \quad \alpha/\omega_n^2, \quad \delta A/\omega_n^2, \quad
@@ -46,7 +45,7 @@ def dimensionless(
     Returns:
         Dimensionless joint, Omega, A/omega_n^2 [m].
     """
-    length = amplitude / joint.omega_n**2
+    length = jnp.asarray(amplitude / joint.omega_n**2)
     unit = BoucWen(
         jnp.ones_like(length),
         joint.zeta,
@@ -54,7 +53,7 @@ def dimensionless(
         joint.delta * length,
         joint.gamma * length,
     )
-    return unit, omega / joint.omega_n, length
+    return unit, jnp.asarray(omega / joint.omega_n), length
 
 
 def pack(q: Complex[Array, "harmonic"]) -> Packed:
@@ -109,15 +108,73 @@ def residual(packed: Packed, problem: tuple[BoucWen, Scalar], max_turns: int) ->
     return pack(_dynamic_stiffness(joint, omega, n) * q + joint.alpha * force - (n == 1))
 
 
-def solve(
+@partial(jax.custom_jvp, nondiff_argnums=(3,))
+def balance(
     joint: BoucWen, omega: Scalar, start: Packed, max_turns: int
-) -> tuple[Packed, Bool[Array, ""]]:
-    """Root of the residual by Newton's iteration from `start`, with implicit derivatives.
+) -> tuple[Packed, Float[Array, ""]]:
+    """Root of the residual, by loading in as few steps as Newton's iteration allows.
+
+    The full load is tried at once from `start`; where that fails, the load rises from the linear
+    response in steps, halved on failure and doubled on success. The derivatives are implicit, so
+    they cost one linear solve and know nothing of the path.
 
     Args:
         joint: Dimensionless joint.
         omega: Omega [-].
-        start: Packed harmonics to start from; carries no derivative.
+        start: Packed harmonics for the first try; carries no derivative.
+        max_turns: Turning points of y allowed in a period.
+
+    Returns:
+        Packed harmonics at the largest load reached, and that load, 1 where converged [-].
+    """
+    linear = linear_response(joint, omega, start.shape[1])
+
+    def unfinished(state: tuple) -> Array:
+        load, step, _, tries = state
+        return (load < 1.0) & (tries < _MAX_LOADS) & (step > _LEAST_LOAD_STEP)
+
+    def advance(state: tuple) -> tuple:
+        load, step, packed, tries = state
+        next_load = jnp.minimum(load + step, 1.0)
+        tried, ok = newton(_loaded(joint, next_load), omega, packed, max_turns)
+        kept = jnp.where(load > 0.0, packed, linear)
+        return (
+            jnp.where(ok, next_load, load),
+            jnp.where(ok, 2.0 * step, 0.5 * step),
+            jnp.where(ok, tried, kept),
+            tries + 1,
+        )
+
+    none = jnp.zeros_like(omega)
+    load, _, packed, _ = jax.lax.while_loop(unfinished, advance, (none, none + 1.0, start, 0))
+    return packed, load
+
+
+@balance.defjvp
+def _balance_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple:
+    """Implicit differentiation: R_q dq = -(dR along the parameters)."""
+    joint, omega, start = primals
+    packed, load = balance(joint, omega, start, max_turns)
+    _, change = jax.jvp(
+        lambda joint, omega: residual(packed, (joint, omega), max_turns),
+        (joint, omega),
+        tangents[:2],
+    )
+    jacobian = jax.jacfwd(residual)(packed, (joint, omega), max_turns)
+    size = packed.size
+    step = jnp.linalg.solve(jacobian.reshape(size, size), -change.ravel())
+    return (packed, load), (step.reshape(packed.shape), jnp.zeros_like(load))
+
+
+def newton(
+    joint: BoucWen, omega: Scalar, start: Packed, max_turns: int
+) -> tuple[Packed, Bool[Array, ""]]:
+    """Newton's iteration for the residual from `start`, at full load.
+
+    Args:
+        joint: Dimensionless joint.
+        omega: Omega [-].
+        start: Packed harmonics to start from.
         max_turns: Turning points of y allowed in a period.
 
     Returns:
@@ -126,7 +183,7 @@ def solve(
     solution = optimistix.root_find(
         lambda packed, problem: residual(packed, problem, max_turns),
         optimistix.Newton(rtol=_TOLERANCE, atol=_TOLERANCE),
-        stop_gradient(start),
+        start,
         (joint, omega),
         max_steps=_MAX_NEWTON,
         throw=False,
@@ -135,49 +192,13 @@ def solve(
     return solution.value, converged & jnp.all(jnp.isfinite(solution.value))
 
 
-def load(joint: BoucWen, omega: Scalar, start: Packed, max_turns: int) -> Packed:
-    """Harmonics near the root at full load, by loading in as few steps as Newton allows.
-
-    The full load is tried at once from `start`; where Newton fails, the load restarts from the
-    linear response in smaller steps, halved on failure and doubled on success.
-
-    Args:
-        joint: Dimensionless joint.
-        omega: Omega [-].
-        start: Packed harmonics for the first try.
-        max_turns: Turning points of y allowed in a period.
-
-    Returns:
-        Packed harmonics at the largest load reached, without derivatives.
-    """
-    joint, omega, start = stop_gradient((joint, omega, start))
-    linear = linear_response(joint, omega, start.shape[1])
-
-    def unfinished(state: tuple) -> Array:
-        done, step, _, tries = state
-        return (done < 1.0) & (tries < _MAX_LOADS) & (step > _LEAST_LOAD_STEP)
-
-    def advance(state: tuple) -> tuple:
-        done, step, packed, tries = state
-        level = jnp.minimum(done + step, 1.0)
-        partly = BoucWen(
-            joint.omega_n, joint.zeta, joint.alpha, level * joint.delta, level * joint.gamma
-        )
-        tried, ok = solve(partly, omega, packed, max_turns)
-        kept = jnp.where(done > 0.0, packed, linear)
-        return (
-            jnp.where(ok, level, done),
-            jnp.where(ok, 2.0 * step, 0.5 * step),
-            jnp.where(ok, tried, kept),
-            tries + 1,
-        )
-
-    none = jnp.zeros_like(omega)
-    tries: Int[Array, ""] = jnp.array(0)
-    return jax.lax.while_loop(unfinished, advance, (none, none + 1.0, start, tries))[2]
+def _loaded(joint: BoucWen, load: Scalar) -> BoucWen:
+    """The joint under a part of its load, which enters through delta and gamma alone."""
+    return BoucWen(joint.omega_n, joint.zeta, joint.alpha, load * joint.delta, load * joint.gamma)
 
 
 def _dynamic_stiffness(
     joint: BoucWen, omega: Scalar, n: Float[np.ndarray, "..."]
 ) -> Complex[Array, "..."]:
-    return 1.0 - (n * omega) ** 2 + 2j * joint.zeta * n * omega
+    frequency = jnp.asarray(omega) * n
+    return 1.0 - frequency**2 + 2j * joint.zeta * frequency

@@ -1,6 +1,7 @@
 r"""Periodic response by half-period shooting in time: the check of the harmonic balance."""
 
 from functools import partial
+from typing import Any
 
 import diffrax
 import equinox as eqx
@@ -142,7 +143,7 @@ def _half_period(
     law = BoucWen(one, one, one, unit.delta, unit.gamma)
     n = orders(num_harmonics)
 
-    def rate(theta: Scalar, state: tuple, _: None) -> tuple:
+    def rate(theta: Any, state: tuple, _: None) -> tuple:
         (y, p, z), _, _ = state
         force = jnp.cos(theta) - (1.0 - unit.alpha) * y - unit.alpha * z
         curvature = (force - 2.0 * unit.zeta * ratio * p) / ratio**2

@@ -11,13 +11,7 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Inexact, Int, Real
 from jbw.oscillator import closed_path, folded_path
 from jbw.oscillator.batching import batched
 from jbw.oscillator.checks import is_concrete, require_closed_form
-from jbw.oscillator.harmonic_balance import (
-    dimensionless,
-    linear_response,
-    load,
-    solve,
-    unpack,
-)
+from jbw.oscillator.harmonic_balance import balance, dimensionless, linear_response, unpack
 from jbw.oscillator.parameters import BoucWen
 from jbw.oscillator.steady_checks import require_converged, require_sense
 from jbw.oscillator.waveform import num_turns, synthesis
@@ -149,10 +143,10 @@ def _steady(
 
     def tone(joint: BoucWen, omega: Array, amplitude: Array) -> tuple[Array, Array]:
         unit, ratio, length = dimensionless(joint, omega, amplitude)
-        start = load(unit, ratio, linear_response(unit, ratio, num_harmonics), max_turns)
-        packed, converged = solve(unit, ratio, start, max_turns)
+        start = linear_response(unit, ratio, num_harmonics)
+        packed, load = balance(unit, ratio, start, max_turns)
         q = unpack(packed)
         turns = num_turns(q)
-        return jnp.where(converged & (turns <= max_turns), length * q, jnp.nan), turns
+        return jnp.where((load == 1.0) & (turns <= max_turns), length * q, jnp.nan), turns
 
     return batched(tone, joint, omega, amplitude)

@@ -63,7 +63,7 @@ def crest(q: Complex[Array, "harmonic"]) -> Float[Array, ""]:
         Angle theta_t, modulo 2 pi, where y' = 0 and y = max |y| [rad].
     """
     theta, basis = _half_grid(q.shape[0])
-    y = (basis @ q).real
+    y = jnp.real(basis @ q)
     top = jnp.argmax(jnp.abs(y))
     angle = jnp.asarray(theta)[top] + jnp.where(y[top] < 0.0, jnp.pi, 0.0)
     fixed = stop_gradient(q)
@@ -81,7 +81,7 @@ def num_turns(q: Complex[Array, "harmonic"]) -> Int[Array, ""]:
         Sign changes of y'; 2 for a simple loop.
     """
     _, basis = _half_grid(q.shape[0])
-    slope = (basis @ (1j * orders(q.shape[0]) * q)).real
+    slope = jnp.real(basis @ (1j * orders(q.shape[0]) * q))
     rising = jnp.append(slope, -slope[0]) > 0.0
     return 2 * jnp.sum(rising[1:] != rising[:-1])
 
