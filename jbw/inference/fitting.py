@@ -146,17 +146,11 @@ def describe_optimum(
     covariance = covariance_x * np.outer(width, width)
     theta = {name: float(value) for name, value in from_unit(jnp.asarray(x), box).items()}
     return Fit(
-        theta=theta,
-        x=x,
-        cost=float(np.min(costs)),
-        num_residuals=len(residual),
-        covariance=covariance,
-        singular_values=singular_values,
-        converged=converged,
+        theta, x, float(np.min(costs)), len(residual), covariance, singular_values, converged,
         at_bound=_at_bound(x, jacobian, residual, box.names),
         weak=weak_direction(theta, covariance, box),
         waterfall=np.sort(costs),
-    )
+    )  # fmt: skip
 
 
 def _starts(

@@ -13,6 +13,7 @@ from jbw.identification.procedure import Identification
 from jbw.identification.step import Step
 from jbw.inference.summary import as_plain, correlations, summarise
 from jbw.inference.verdict import Verdict
+from jbw.report.result import node
 
 VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy", "scipy")
 UNITS = {"omega_n": "rad/s", "zeta": "1", "gain": "N/kg per unit of input"}
@@ -116,26 +117,19 @@ def _step(step: Step, truth: Mapping[str, float]) -> dict[str, Any]:
 
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:
     """Coverage and error by sweep, and by free decay."""
-    nodes = {
-        name: node
-        for kind in ("sweep", "decay")
-        if f"verification/{kind}" in tree
-        for name, node in tree[f"verification/{kind}"].children.items()
-    }
+    nodes = {**_tests(tree, "verification/sweep"), **_tests(tree, "verification/decay")}
     return {
         name: {
-            "level": float(node.attrs["level"]),
-            "fitted": bool(node.attrs["fitted"]),
-            "coverage": float(node.attrs["coverage"]),
-            "nrmse": float(node.attrs["nrmse"]),
+            "level": float(test.attrs["level"]),
+            "fitted": bool(test.attrs["fitted"]),
+            "coverage": float(test.attrs["coverage"]),
+            "nrmse": float(test.attrs["nrmse"]),
         }
-        for name, node in nodes.items()
+        for name, test in nodes.items()
     }
 
 
 def _loops(tree: xr.DataTree) -> dict[str, Any]:
-    if "validation/loops" not in tree:
-        return {}
     return {
         name: {
             "level": float(node.attrs["level"]),
@@ -146,5 +140,11 @@ def _loops(tree: xr.DataTree) -> dict[str, Any]:
                 if "area" in str(key)
             },
         }
-        for name, node in tree["validation/loops"].children.items()
+        for name, node in _tests(tree, "validation/loops").items()
     }
+
+
+def _tests(tree: xr.DataTree, path: str) -> dict[str, xr.DataTree]:
+    """The tests under a group, none where the group is absent."""
+    found = node(tree, path)
+    return {} if found is None else dict(found.children)

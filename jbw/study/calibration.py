@@ -1,0 +1,94 @@
+"""Is the joint posterior calibrated? Many campaigns of the virtual rig, z-scores of the truth."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import kstest
+
+from jbw import rig
+from jbw.identification.linear_step import linear_step
+from jbw.identification.opening import log_likelihood, opening_data, residual
+from jbw.identification.priors import joint_box
+from jbw.inference.fitting import fit
+from jbw.inference.importance import importance
+from jbw.observables import response
+
+FITTED = ("sweep_0p05V", "sweep_0p20V")
+NOISE = "noise_0p005V"
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What many campaigns say of the posterior's intervals.
+
+    Attributes:
+        names: Parameters.
+        z: (posterior mean - truth) / posterior sd, shape (campaign, parameter).
+        p_values: Of a Kolmogorov-Smirnov test of each parameter's z against the standard normal.
+        khat: Pareto shape of the importance weights of each campaign.
+        chi_square: Chi-square of the fit over its degrees of freedom, each campaign.
+    """
+
+    names: tuple[str, ...]
+    z: NDArray[np.float64]
+    p_values: dict[str, float]
+    khat: NDArray[np.float64]
+    chi_square: NDArray[np.float64]
+
+
+def calibrate(
+    num_campaigns: int = 50,
+    *,
+    repeats: int = 24,
+    noise_ratio: float | None = None,
+    substeps: int = 2,
+    report: Callable[[int], None] = lambda done: None,
+) -> Calibration:
+    """Measure campaigns with seeds 0, 1, 2, ... and identify each jointly from two levels.
+
+    The posterior's mean and sd come from importance sampling of its Laplace approximation, whose
+    Pareto shape is returned: below 0.7 they are the posterior's own.
+
+    Args:
+        num_campaigns: Campaigns.
+        repeats: Repeats of each level of the sweeps.
+        noise_ratio: Noise as a share of each record's rms; the laser's 50 um/s when None.
+        substeps: Steps of the solver between samples.
+        report: Called with the number of campaigns done.
+
+    Returns:
+        The z-scores and their test.
+    """
+    rows = []
+    for seed in range(num_campaigns):
+        rows.append(_campaign(seed, repeats, noise_ratio, substeps))
+        report(seed + 1)
+    names = tuple(rows[0][0])
+    z = np.array([list(row[0].values()) for row in rows])
+    p_values = {name: float(kstest(z[:, i], "norm").pvalue) for i, name in enumerate(names)}
+    khat, chi_square = np.array([row[1:] for row in rows]).T
+    return Calibration(names, z, p_values, khat, chi_square)
+
+
+def _campaign(
+    seed: int, repeats: int, noise_ratio: float | None, substeps: int
+) -> tuple[dict[str, float], float, float]:
+    """z-scores of one campaign, k-hat, chi-square a degree of freedom."""
+    quiet = rig.measure(seed=seed, tests=[NOISE], repeats=2)
+    swept = rig.measure(seed=seed, tests=FITTED, repeats=repeats, noise_ratio=noise_ratio)
+    linear = linear_step(quiet.tests[0]).pooled
+    known = (linear.gain, float(np.sqrt(linear.covariance[2, 2])))
+    data = opening_data(response.reduce(swept.tests, substeps=substeps), {}, known)
+    prior = joint_box(swept.settings, linear.omega_n, linear.zeta, known, y_peak=5e-3)
+    centre = {
+        n: float(v) for n, v in zip(prior.names, (prior.lower + prior.upper) / 2, strict=True)
+    }
+    best = fit(residual, prior, data, starts=centre, max_steps=60)
+    found = importance(jax.random.key(seed), log_likelihood, prior, data, best)
+    truth = {**swept.truth["joint"], "gain": swept.truth["gain"]}
+    z = {name: (found.mean(name) - truth[name]) / found.sd(name) for name in prior.names}
+    chi_square, dof = best.chi_square
+    return z, found.khat, chi_square / dof

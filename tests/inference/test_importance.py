@@ -1,0 +1,85 @@
+"""Importance sampling and quadratic gradients, against closed-form posteriors."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jbw.inference.box import box
+from jbw.inference.fitting import fit
+from jbw.inference.importance import importance
+from jbw.inference.quadratic import driven_by_quadratic, quadratic
+from jbw.inference.sampling import sample
+
+# Names whose sorted order differs from the box's: JAX sorts dictionaries.
+NAMES = ("omega_n", "zeta", "alpha")
+CENTRE = np.array([118.0, 0.0044, 497.0])
+STD = np.array([4e-6, 1.5e-8, 1.6e-2])
+CORRELATION = np.array([[1.0, 0.6, -0.3], [0.6, 1.0, 0.4], [-0.3, 0.4, 1.0]])
+ROOT = np.linalg.inv(np.linalg.cholesky(CORRELATION * np.outer(STD, STD)))
+PRIOR = box({name: (0.8 * c, 1.2 * c) for name, c in zip(NAMES, CENTRE, strict=True)})
+
+
+def residual(theta, data):
+    return ROOT @ (jnp.stack([theta[name] for name in NAMES]) - CENTRE)
+
+
+def gaussian(theta, data):
+    return -0.5 * residual(theta, data) ** 2
+
+
+def skewed(theta, data):
+    """A Gaussian in exp(t / 10), t = the whitened first coordinate: skewed by a known amount."""
+    r = residual(theta, data)
+    return -0.5 * jnp.array([100 * jnp.expm1(r[0] / 10) ** 2 - r[0] / 5, r[1] ** 2, r[2] ** 2])
+
+
+@pytest.fixture(scope="module")
+def best():
+    starts = {name: 1.01 * c for name, c in zip(NAMES, CENTRE, strict=True)}
+    return fit(residual, PRIOR, None, starts=starts)
+
+
+def test_a_gaussian_posterior_has_equal_weights(best):
+    found = importance(jax.random.key(0), gaussian, PRIOR, None, best)
+    # The weights are constant to the rounding of theta, 1e-16 of 118 against a std of 4e-6.
+    np.testing.assert_allclose(found.weights, 1 / 200, rtol=1e-4)
+    for name, centre, std in zip(NAMES, CENTRE, STD, strict=True):
+        assert abs(found.mean(name) - centre) < 4 * std / np.sqrt(200)
+        assert abs(found.sd(name) / std - 1) < 4 / np.sqrt(2 * 200)
+
+
+def test_weights_turn_the_laplace_approximation_into_the_posterior(best):
+    found = importance(jax.random.key(1), skewed, PRIOR, None, best, num_draws=4000)
+    t = ROOT[0, 0] * (found.theta["omega_n"] - CENTRE[0])
+    mean = np.sum(found.weights * t)
+    # Exact: x = exp(t/10) is N(1, 1/100); E[10 log x] by quadrature.
+    x = np.linspace(1e-6, 3, 200_001)
+    density = np.exp(-50 * (x - 1) ** 2)
+    exact = np.trapezoid(10 * np.log(x) * density, x) / np.trapezoid(density, x)
+    assert found.khat < 0.7
+    assert abs(mean - exact) < 4 / np.sqrt(found.ess)
+
+
+@pytest.mark.parametrize("wrong", [1.0, 1.3])
+def test_nuts_draws_the_exact_posterior_along_a_wrong_gradient(best, wrong):
+    approximate = quadratic(None, best)
+    approximate = type(approximate)(
+        None, approximate.names, approximate.centre, wrong * approximate.precision
+    )
+    tree = sample(
+        jax.random.key(2),
+        driven_by_quadratic(gaussian),
+        PRIOR,
+        approximate,
+        num_warmup=200,
+        num_samples=1000,
+        start=best.theta,
+        covariance=best.covariance,
+    )
+    posterior = tree["posterior"].to_dataset()
+    for name, centre, std in zip(NAMES, CENTRE, STD, strict=True):
+        draws = posterior[name].values.ravel()
+        # At least 1000 of the 4000 draws are effective: four standard errors of mean and sd.
+        assert abs(draws.mean() - centre) < 4 * std / np.sqrt(1000)
+        assert abs(draws.std() / std - 1) < 4 / np.sqrt(2 * 1000)
