@@ -29,9 +29,9 @@ def gaussian(theta, data):
 
 
 def skewed(theta, data):
-    """A Gaussian in exp(t / 10), t = the whitened first coordinate: skewed by a known amount."""
+    """A Gaussian in exp(t / 30), t = the whitened first coordinate: skewed by a known amount."""
     r = residual(theta, data)
-    return -0.5 * jnp.array([100 * jnp.expm1(r[0] / 10) ** 2 - r[0] / 5, r[1] ** 2, r[2] ** 2])
+    return -0.5 * jnp.array([900 * jnp.expm1(r[0] / 30) ** 2 - r[0] / 15, r[1] ** 2, r[2] ** 2])
 
 
 @pytest.fixture(scope="module")
@@ -53,10 +53,10 @@ def test_weights_turn_the_laplace_approximation_into_the_posterior(best):
     found = importance(jax.random.key(1), skewed, PRIOR, None, best, num_draws=4000)
     t = ROOT[0, 0] * (found.theta["omega_n"] - CENTRE[0])
     mean = np.sum(found.weights * t)
-    # Exact: x = exp(t/10) is N(1, 1/100); E[10 log x] by quadrature.
+    # Exact: x = exp(t/30) is N(1, 1/900); E[30 log x] by quadrature.
     x = np.linspace(1e-6, 3, 200_001)
-    density = np.exp(-50 * (x - 1) ** 2)
-    exact = np.trapezoid(10 * np.log(x) * density, x) / np.trapezoid(density, x)
+    density = np.exp(-450 * (x - 1) ** 2)
+    exact = np.trapezoid(30 * np.log(x) * density, x) / np.trapezoid(density, x)
     assert found.khat < 0.7
     assert abs(mean - exact) < 4 / np.sqrt(found.ess)
 
