@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,7 +15,6 @@ from numpy.typing import NDArray
 from jbw.measurement.records import Test
 from jbw.observables.decay import LETTER, Decays, envelopes, filter_of, readings, reduce
 from jbw.observables.decay_entry import Entry, follow, match
-from jbw.observables.decay_likelihood import covariance_of
 from jbw.observables.decay_model import decay_of, joint_of
 from jbw.oscillator.hysteresis import steady_loop
 from jbw.prediction import QUANTILES, band
@@ -68,7 +68,9 @@ def decay_verification(
         size = max(8, round(SEEN / data.step_s)) if held_out else data.envelope.shape[1]
         noise = float(noise_std[i] if not held_out else noise_std.mean())
         steps = jnp.arange(len(whole)) / chosen.step
-        seen = replace(data, envelope=data.envelope[i : i + 1, :size])
+        seen = replace(
+            data, envelope=data.envelope[i : i + 1, :size], noise_std=jnp.asarray([noise])
+        )
         keys = jax.random.split(jax.random.fold_in(key, i))
         model = np.asarray(_entered(keys[0], decays, seen, steps))
         time = np.arange(len(whole)) / chosen.fs
@@ -80,7 +82,7 @@ def decay_verification(
             "fitted": int(not held_out),
             "seen_s": float(size * data.step_s) if held_out else 0.0,
         }
-        measured, predicted = (whole * carrier).real, (model * carrier).real
+        measured, predicted = np.real(whole * carrier), np.real(model * carrier)
         found.append(_compared(measured, predicted, time, start, noise, keys[1], attrs))
     return found
 
@@ -103,11 +105,11 @@ def _entered(
         key, decay = pair
         found = jax.vmap(lambda e: match(decay, e, seen.step_s))(seen.envelope)
         entry = jax.tree.map(lambda x: x[0], found.entry)
-        precision = jnp.linalg.inv(covariance_of(found, seen)[0])
+        # A short beginning says little of its own noise; that of the fitted records stands for it.
+        precision = found.precision[0] * seen.worth / seen.noise_std[0] ** 2
         # The shift's own prior holds it where a short beginning would not.
         both = jnp.linalg.inv(precision.at[2, 2].add(1 / seen.shift_std**2))
-        centre = both @ (precision @ jnp.array([0.0, 0.0, 1.0])) * entry.shift
-        centre = centre - jnp.array([0.0, 0.0, 1.0]) * entry.shift
+        centre = -both[:, 2] * entry.shift / seen.shift_std**2
         change = centre + jnp.linalg.cholesky(both) @ jax.random.normal(key, (3,))
         moved = Entry(
             entry.place + change[0] / found.rate[0],
@@ -126,7 +128,7 @@ def _compared(
     start: float,
     noise_std: float,
     key: Key[Array, ""],
-    attrs: Mapping[str, float | str],
+    attrs: Mapping[str, Any],
 ) -> xr.Dataset:
     model_band = band(model)
     noise = noise_std * np.asarray(jax.random.normal(key, model.shape))
@@ -200,12 +202,13 @@ def _backbone(
 ) -> tuple[Float[Array, "draw amplitude"], Float[Array, "draw amplitude"]]:
     def one(theta: Mapping[str, Array]) -> tuple[Array, Array]:
         joint = joint_of(theta)
-        omega = centre
+        omega = jnp.full_like(amplitude, centre)
+        y_peak = amplitude / omega**order
         for _ in range(3):  # the displacement of an amplitude depends weakly on the frequency
-            y_peak = amplitude / omega**order
             loop = steady_loop(joint, y_peak)
             omega = jnp.sqrt(joint.k + loop.k_eq)
-        added = loop.energy / (2 * jnp.pi * omega**2 * y_peak**2)
+            y_peak = amplitude / omega**order
+        added = steady_loop(joint, y_peak).energy / (2 * jnp.pi * omega**2 * y_peak**2)
         return omega / (2 * jnp.pi), joint.zeta * joint.omega_n / omega + added
 
     return jax.vmap(one)(draws)

@@ -13,8 +13,8 @@ from jaxtyping import Array, Complex, Float
 from jbw.identification.accuracy import COLOURED, NUM_DRAWS, SHIFT
 from jbw.inference.verdict import Finding
 from jbw.observables.decay import Decays
-from jbw.observables.decay_likelihood import log_likelihood, matches
 from jbw.observables.decay_entry import Match
+from jbw.observables.decay_likelihood import log_likelihood, matches
 
 LEAST_WORTH = 8  # independent values of a record, below which nothing could be integrated out
 MISFIT = 0.05  # of a record: more is another motion than the model's

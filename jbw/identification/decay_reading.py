@@ -1,4 +1,4 @@
-"""A first reading of the joint from frequency and damping against amplitude, without a model run."""
+"""A first reading of the joint from frequency and damping against amplitude, no model run."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,7 @@
 """One mode out of a free decay: its complex envelope in a band, its frequency and damping."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -66,8 +67,9 @@ def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
     stride = max(1, int(fs / (LEAST_PER_PERIOD * band_hz[1])))
     length, _ = kaiserord(ATTENUATION, half_band / (fs / 2))
     half = -(-length // (2 * stride)) * stride
-    taps = firwin(2 * half + 1, half_band, window=("kaiser", kaiser_beta(ATTENUATION)), fs=fs)
-    step = stride * max(1, round(1 / (stride * np.sum(taps**2))))
+    window: Any = ("kaiser", kaiser_beta(ATTENUATION))
+    taps = np.asarray(firwin(2 * half + 1, half_band, window=window, fs=fs), dtype=np.float64)
+    step = stride * max(1, round(1 / (stride * float(np.sum(taps**2)))))
     return BandFilter(band_hz, fs, taps, stride, step)
 
 

@@ -102,6 +102,6 @@ def residual(theta: Mapping[str, Array], data: Decays) -> Float[Array, " values"
     """Residuals in standard deviations of the noise and of the shifts, for least squares."""
     found = matches(theta, data)
     left: Complex[Array, "record step"] = found.residual / data.noise_std[:, None]
-    return jnp.concatenate(
-        [left.real.ravel(), left.imag.ravel(), found.entry.shift / data.shift_std]
-    )
+    # Every value counts whole here, so the shifts count as much more as the values are worth less.
+    shifts = found.entry.shift / (data.shift_std * jnp.sqrt(data.worth))
+    return jnp.concatenate([left.real.ravel(), left.imag.ravel(), shifts])

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tests.observables.decays import (
+from decays import (
     BAND,
     FS,
     OMEGA_N,
@@ -21,7 +21,7 @@ from jbw.measurement.records import Record, Test
 from jbw.observables.decay import reduce
 from jbw.observables.decay_entry import match
 from jbw.observables.decay_likelihood import matches
-from jbw.observables.decay_model import along
+from jbw.observables.decay_model import along, decay_of
 
 THETA = {name: jnp.asarray(value) for name, value in TRUTH.items()}
 
@@ -92,18 +92,12 @@ def test_one_decay_holds_every_record_whatever_its_initial_state():
     # Entering one decay by place and rotation is exact but for the joint's memory of its start.
     assert np.max(np.sqrt(found.misfit) / size) < 1e-3
     assert np.max(np.abs(found.entry.shift)) / OMEGA_N < 1e-6
-    amplitude = np.exp(np.asarray([_size_at(data, e) for e in found.entry.place]))
+    decay = decay_of(THETA, data)
+    amplitude = np.exp(np.asarray(along(decay, found.entry.place)[0].real))
     np.testing.assert_allclose(amplitude, np.abs(np.asarray(data.envelope[:, 0])), rtol=1e-3)
 
 
-def _size_at(data, place):
-    from jbw.observables.decay_model import decay_of
-
-    return float(along(decay_of(THETA, data), jnp.asarray([place]))[0][0].real)
-
-
 def test_entry_is_the_initial_state():
-    # Without joint nonlinearity the motion is known in closed form at every time.
     y0, v0 = STATES[1]
     v = free_velocity(y0, v0, 1.0)
     assert len(v) == 512

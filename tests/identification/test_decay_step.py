@@ -6,15 +6,17 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from tests.observables.decays import TRUTH, decay_test
+from decays import TRUTH, decay_test
 
 import jbw
 from jbw.errors import ConfigError
-from jbw.identification.decay import NAMES, decay_box, decay_step, fit_decay
+from jbw.identification.decay import NAMES, decay_step
 from jbw.identification.decay_accuracy import matched, worth_of
+from jbw.identification.decay_fit import decay_box, fit_decay
 from jbw.identification.decay_reading import first_reading
 from jbw.identification.selection import decay_tests
 from jbw.inference.summary import summarise
+from jbw.measurement.records import Record, Test
 from jbw.observables.decay import reduce
 
 MEASURED = Path(__file__).parents[2] / "notebooks" / "campaigns" / "bolted_double_beam.toml"
@@ -83,7 +85,8 @@ def test_prior_on_the_joint_bounds_the_products(fitted):
 
 
 def test_split_holds_later_records_out():
-    test = decay_test(states=((1e-3, 0.0),) * 4)
+    record = Record(512.0, {"velocity": np.ones(64)}, {"velocity": "m/s"})
+    test = Test("decay", (record,) * 4, "impacts", band_hz=(14.0, 26.0))
     split = decay_tests((test,), {"fit_repeats": 3})
     assert len(split.fitted.records) == 3
     assert split.together.records == test.records
