@@ -1,4 +1,4 @@
-"""What `simulate` refuses before it starts, and what it reports after; traced values are trusted."""
+"""What `simulate` refuses before it starts and what it reports after; tracers are trusted."""
 
 from typing import Any
 

@@ -82,7 +82,7 @@ def _norm(x: Float[Array, "3"]) -> Float[Array, ""]:
 
 
 def _detached(gap: Callable, x: Float[Array, "3"]) -> Callable:
-    """The gap without derivatives in what it closes over, which a while loop could not transpose."""
+    """The gap without derivatives in what it closes over: a while loop cannot transpose."""
     converted, constants = jax.closure_convert(gap, x)
     constants = jax.lax.stop_gradient(constants)
     return lambda x: converted(x, *constants)

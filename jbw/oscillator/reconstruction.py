@@ -10,6 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+# One-sided second difference of order 4.
+_END_CURVATURE = (15 / 4, -77 / 6, 107 / 6, -13.0, 61 / 12, -5 / 6)
+_BUMP_WIDTH = 8.0
 HOLDS = ("first", "zero", "band_limited")
 
 
@@ -95,16 +98,33 @@ def record_derivatives(
 ) -> tuple[Float[Array, "... time"], Float[Array, "... time"]]:
     """Slope and curvature per sample of a record that is not periodic.
 
-    The line from the first to the last sample is taken off and the rest continued as an odd
-    function about both ends; this continuation has no jump in value or slope, so what the unknown
-    outside does to the reconstruction fades within a few samples of the ends.
+    The line from the first to the last sample and a bump with the curvature of either end are
+    taken off and the rest is continued as an odd function about both ends. That continuation is
+    smooth up to its third derivative, so what the unknown outside does to the reconstruction stays
+    small and fades within a few samples of the ends.
     """
     num = u.shape[-1]
-    slope = (u[..., -1:] - u[..., :1]) / (num - 1)
-    rest = u - (u[..., :1] + slope * np.arange(num))
+    n = np.arange(num)
+    start, end = _bump(n), _bump(num - 1 - n)
+    bend = np.zeros(num)
+    bend[: len(_END_CURVATURE)] = _END_CURVATURE if num > len(_END_CURVATURE) else 0.0
+    curvatures = (u @ bend)[..., None], (u @ bend[::-1])[..., None]
+    rest = u - curvatures[0] * start[0] - curvatures[1] * end[0]
+    slope = (rest[..., -1:] - rest[..., :1]) / (num - 1)
+    rest = rest - (rest[..., :1] + slope * n)
     odd = jnp.concatenate([rest, -rest[..., -2:0:-1]], axis=-1)
     first, second = periodic_derivatives(odd)
-    return first[..., :num] + slope, second[..., :num]
+    return (
+        first[..., :num] + slope + curvatures[0] * start[1] - curvatures[1] * end[1],
+        second[..., :num] + curvatures[0] * start[2] + curvatures[1] * end[2],
+    )
+
+
+def _bump(n: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bump n^2 exp(-(n/w)^2)/2 of unit curvature at n = 0, with its slope and curvature."""
+    s = (n / _BUMP_WIDTH) ** 2
+    fall = np.exp(-s)
+    return 0.5 * n**2 * fall, n * (1.0 - s) * fall, (1.0 - 5.0 * s + 2.0 * s**2) * fall
 
 
 def substep_matrices(num_powers: int, substeps: int) -> Float[np.ndarray, "substep power power"]:
