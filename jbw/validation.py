@@ -69,7 +69,12 @@ def loop_validation(test: Test, draws: Draws) -> xr.Dataset:
     return xr.Dataset(
         variables,
         {"phase": ("phase", phase, {"units": "rad"}), "quantile": list(QUANTILES)},
-        {"level": test.level, "tone_hz": test.tones_hz[0], "num_repeats": len(test.records)},
+        {
+            "level": test.level,
+            "level_unit": test.records[0].units[test.records[0].source],
+            "tone_hz": test.tones_hz[0],
+            "num_repeats": len(test.records),
+        },
     )
 
 

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import jax
 import numpy as np
 import xarray as xr
-from jaxtyping import Key
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from jbw.measurement.channels import derivative_order
 from jbw.measurement.harmonics import ThirdOrder
@@ -22,15 +22,18 @@ SPECTRUM = 4.2  # of the tone: the highest frequency of its spectrum shown
 
 
 def sweep_verification(
-    test: Test, draws: Draws, noise_std: float, key: Key, *, substeps: int = 2
+    test: Test, draws: Draws, noise_std: float, *, substeps: int = 2
 ) -> xr.Dataset:
-    """Measured repeats of a sweep against the bands of the model.
+    r"""Measured repeats of a sweep against the bands of the model.
+
+    The predictive band is that of a Gaussian with the draws' variance and the noise's together,
+
+    $$m(t) \pm 2.576 \sqrt{\mathrm{var}_\theta[v(t; \theta)] + \sigma^2}$$
 
     Args:
         test: The repeats to compare with; none of them fitted.
         draws: Parameters of the joint and gain.
         noise_std: Standard deviation of the noise of one repeat, for the predictive band.
-        key: Random key of that noise.
         substeps: Steps of the solver between samples.
 
     Returns:
@@ -42,9 +45,8 @@ def sweep_verification(
     measured = np.stack([advance(r.channels[response], test.delay, fs) for r in test.records])
     model = predict_record(draws, record, substeps=substeps)
     model_band = band(model)
-    # Gaussian noise on top of a band this narrow beside it, or this wide: both exactly sampled.
-    noise = noise_std * np.asarray(jax.random.normal(key, (8, *model.shape)))
-    predictive = band((model + noise).reshape(-1, model.shape[-1]))
+    reach = norm.ppf(QUANTILES[-1]) * np.sqrt(model.var(axis=0) + noise_std**2)
+    predictive = model_band[1] + np.array([[-1.0], [0.0], [1.0]]) * reach
     mean = measured.mean(axis=0)
     inside = (measured >= predictive[0]) & (measured <= predictive[-1])
     unit = record.units[response]
@@ -59,6 +61,7 @@ def sweep_verification(
         {"time": ("time", np.arange(len(mean)) / fs, {"units": "s"}), "quantile": list(QUANTILES)},
         {
             "level": test.level,
+            "level_unit": record.units[record.source],
             "response": response,
             "num_repeats": len(test.records),
             "coverage": float(inside.mean()),

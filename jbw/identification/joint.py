@@ -22,7 +22,8 @@ from jbw.inference.sampling import sample
 from jbw.inference.verdict import verdict
 
 NUM_SCREENED = 32  # points of the box whose cost is looked at
-NUM_STARTS = 3  # of them, with the earlier steps' point, fitted
+NUM_STARTS = 3  # of them fitted
+EXPLAINED = 5.0  # chi-square a degree of freedom below which a fit explains the data
 MAX_STEPS = 60
 PRODUCTS = {
     "alpha_delta": ("alpha", "delta", "softening at small amplitude, alpha * delta"),
@@ -38,9 +39,6 @@ def joint_step(
     settings: Mapping[str, Any],
 ) -> Step:
     """Joint posterior of all parameters of the joint, the gain and the noise, from the sweeps.
-
-    Started from the earlier steps, and from points all over the box so that a worse optimum is
-    seen: the waterfall of costs stays in the fit.
 
     Args:
         key: Random key.
@@ -85,31 +83,36 @@ def fit_joint(
     linear: PooledFit,
     earlier: Mapping[str, Step],
 ) -> Fit:
-    """Least squares over all parameters, from the earlier steps and the best of many points.
+    """Least squares over all parameters, from the earlier steps.
 
-    Points all over the box are screened by their cost first: a solve costs far less than a fit.
+    Where that fit does not explain the data, also from the best of many points all over the box:
+    their costs are looked at first, for a solve costs far less than a fit.
     """
     known = {"omega_n": linear.omega_n, "zeta": linear.zeta, "gain": linear.gain}
     for step in ("third_order_nuts", "opening_nuts"):
         if step in earlier:
             group = earlier[step].posterior["posterior"]
             known |= {str(n): float(v.mean()) for n, v in group.data_vars.items()}
-    x = jax.random.uniform(key, (NUM_SCREENED, len(prior.names)))
-    points = from_unit(x, prior)
-    for name in ("omega_n", "gain"):
-        if name in points:  # Step 2 knows them far better than the box
-            points[name] = jnp.full(NUM_SCREENED, known[name])
-    earlier_point = {name: known.get(name, float(points[name][0])) for name in prior.names}
-    best = np.argsort(np.asarray(_costs(points, data)))[: NUM_STARTS - 1]
-    starts = {
-        name: np.clip(
-            np.append(earlier_point[name], np.asarray(points[name])[best]),
-            prior.lower[i],
-            prior.upper[i],
-        )
+    middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
+    start = {name: known.get(name, float(middle[name])) for name in prior.names}
+    first = fit(residual, prior, data, starts=_inside(start, prior), max_steps=MAX_STEPS)
+    chi_square, dof = first.chi_square
+    if chi_square < EXPLAINED * dof:
+        return first
+    points = from_unit(jax.random.uniform(key, (NUM_SCREENED, len(prior.names))), prior)
+    for name in {"omega_n", "gain"} & set(points):  # Step 2 knows them far better than the box
+        points[name] = jnp.full(NUM_SCREENED, known[name])
+    order = np.argsort(np.asarray(_costs(points, data)))[:NUM_STARTS]
+    starts = {name: np.asarray(values)[order] for name, values in points.items()}
+    second = fit(residual, prior, data, starts=_inside(starts, prior), max_steps=MAX_STEPS)
+    return min(first, second, key=lambda one: one.cost)
+
+
+def _inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
+    return {
+        name: np.clip(starts[name], prior.lower[i], prior.upper[i])
         for i, name in enumerate(prior.names)
     }
-    return fit(residual, prior, data, starts=starts, max_steps=MAX_STEPS)
 
 
 @jax.jit
@@ -129,7 +132,7 @@ def sample_joint(
     """
     options = {
         "num_warmup": settings.get("num_warmup", 100),
-        "num_samples": settings.get("num_samples", 250),
+        "num_samples": settings.get("num_samples", 500),
         "num_chains": settings.get("num_chains", 4),
         "chain_method": "parallel" if jax.device_count() > 1 else "sequential",
         "start": best.theta,
@@ -148,7 +151,7 @@ def with_derived(key: Key, tree: xr.DataTree, data: OpeningData) -> xr.DataTree:
     posterior = tree["posterior"].to_dataset()
     noise = draw_noise_std(key, posterior, data)
     unit = {"displacement": "m", "velocity": "m s-1", "acceleration": "m s-2"}
-    derived = {
+    derived: dict[str, Any] = {
         "noise_std": (
             ("chain", "draw", "level"),
             noise,

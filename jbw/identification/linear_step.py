@@ -32,6 +32,11 @@ class LinearStep:
     frf: FRF
     y_rms: float
 
+    @property
+    def natural_hz(self) -> float:
+        """Natural frequency [Hz]."""
+        return self.pooled.omega_n / (2 * np.pi)
+
 
 def linear_step(test: Test, gain: float | None = None) -> LinearStep:
     """Natural frequency, damping and gain of the linear regime.

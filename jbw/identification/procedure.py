@@ -129,7 +129,7 @@ def _forced_steps(
         raise DataError(
             "The campaign has neither tones near a third of the resonance nor sweeps.",
             why="Steps 3 and 4 read the joint from them.",
-            remedy=f"Add tones near {natural_hz / 3:.3g} Hz, or a sweep through {natural_hz:.3g} Hz.",
+            remedy=f"Add tones near {natural_hz / 3:.3g} Hz, or a sweep through the resonance.",
         )
     steps: dict[str, Step] = {}
     kernel_fit = None

@@ -76,7 +76,7 @@ def importance(
     Reference:
         Vehtari et al. (2024), JMLR 25, 72.
     """
-    from arviz_stats.base import array_stats
+    from arviz_stats.base.array import array_stats  # a second of imports, needed only here
 
     root = np.linalg.cholesky(best.covariance)
     white = np.asarray(jax.random.normal(key, (num_draws, len(box.names))))

@@ -20,7 +20,7 @@ LOG_TWO_PI = math.log(2 * math.pi)
 def complex_gaussian_log_likelihood(
     mean: Complexes,
     within_ss: Real,
-    num_repeats: int,
+    num_repeats: Real,
     model: Complexes,
     noise_std: Real,
 ) -> Float[Array, "..."]:
@@ -44,7 +44,7 @@ def complex_gaussian_log_likelihood(
     Reference:
         Eqs. (34), (36).
     """
-    variance = jnp.square(noise_std)
+    num_repeats, variance = jnp.asarray(num_repeats), jnp.square(noise_std)
     misfit = num_repeats * _squared_modulus(mean - model) + within_ss
     return -num_repeats * (LOG_TWO_PI + jnp.log(variance)) - misfit / (2 * variance)
 
@@ -52,7 +52,7 @@ def complex_gaussian_log_likelihood(
 def gaussian_log_likelihood(
     mean: Reals,
     within_ss: Real,
-    num_repeats: int,
+    num_repeats: Real,
     model: Reals,
     noise_std: Real,
 ) -> Float[Array, "..."]:
@@ -73,7 +73,7 @@ def gaussian_log_likelihood(
     Reference:
         Eq. (37), with the velocity of (41) in place of y.
     """
-    variance = jnp.square(noise_std)
+    num_repeats, variance = jnp.asarray(num_repeats), jnp.square(noise_std)
     misfit = num_repeats * jnp.square(mean - model) + within_ss
     return -num_repeats / 2 * (LOG_TWO_PI + jnp.log(variance)) - misfit / (2 * variance)
 
@@ -81,7 +81,7 @@ def gaussian_log_likelihood(
 def complex_gaussian_marginal_log_likelihood(
     mean: Complexes,
     within_ss: Real,
-    num_repeats: int,
+    num_repeats: Real,
     model: Complexes,
 ) -> Float[Array, ""]:
     r"""Log likelihood of complex repeats with the unknown common noise integrated out.
@@ -102,13 +102,13 @@ def complex_gaussian_marginal_log_likelihood(
         Eq. (36) under the Jeffreys prior 1/sigma.
     """
     total = jnp.sum(num_repeats * _squared_modulus(mean - model)) + jnp.sum(within_ss)
-    return -mean.size * num_repeats * jnp.log(total)
+    return -mean.size * jnp.asarray(num_repeats) * jnp.log(total)
 
 
 def gaussian_marginal_log_likelihood(
     mean: Reals,
     within_ss: Real,
-    num_repeats: int,
+    num_repeats: Real,
     model: Reals,
 ) -> Float[Array, ""]:
     r"""Log likelihood of real repeats with the unknown common noise integrated out.
@@ -128,7 +128,7 @@ def gaussian_marginal_log_likelihood(
         Eq. (37) under the Jeffreys prior 1/sigma.
     """
     total = jnp.sum(num_repeats * jnp.square(mean - model)) + jnp.sum(within_ss)
-    return -mean.size * num_repeats / 2 * jnp.log(total)
+    return -mean.size * jnp.asarray(num_repeats) / 2 * jnp.log(total)
 
 
 def _squared_modulus(value: Complexes) -> Float[Array, "..."]:

@@ -105,7 +105,8 @@ def advance(samples: np.ndarray, delay: float, fs: float) -> np.ndarray:
 
 def joint_of(theta: Mapping[str, Array]) -> BoucWen:
     """The joint among the parameters of a likelihood."""
-    return BoucWen(**{name: theta[name] for name in JOINT})
+    omega_n, zeta, alpha, delta, gamma = (theta[name] for name in JOINT)
+    return BoucWen(omega_n, zeta, alpha, delta, gamma)
 
 
 def response_to(

@@ -7,13 +7,14 @@ import numpy as np
 import xarray as xr
 
 from jbw.decay_verification import amplitude_verification, decay_verification, thin_decay
-from jbw.identification.linear_step import linear_dataset
+from jbw.identification.linear_step import LinearStep, linear_dataset
 from jbw.identification.procedure import Identification, Report
-from jbw.identification.selection import linear_test, loop_tests, probing_tests
+from jbw.identification.selection import DecaySplit, Sweeps, loop_tests, probing_tests
 from jbw.identification.step import Step
-from jbw.identification.third_order import integrals
+from jbw.identification.third_order import KernelFit, integrals
 from jbw.inference.summary import running_mean
 from jbw.measurement.records import Test
+from jbw.observables.decay import Decays
 from jbw.prediction import Draws, predict_record, thin
 from jbw.validation import loop_validation
 from jbw.verification import (
@@ -54,16 +55,17 @@ def collect(
     for name, step in found.steps.items():
         place = "" if name == found.main.name else f"/steps/{name}"
         groups |= {f"{place}/{part}": ds for part, ds in _groups(step, truth or {}).items()}
-    groups |= _kernel_groups(tests, found)
-    if found.sweeps is not None:
-        groups |= _conv_of_velocity(groups, found)
+    if found.linear is not None and found.kernel is not None:
+        groups |= _kernel_groups(tests, found.linear, found.kernel, found.steps)
+    if found.linear is not None and found.sweeps is not None:
+        groups |= _conv_of_velocity(found.steps, found.sweeps)
         report("Verification: FRFs and sweeps under the measured inputs")
-        groups |= _verification_groups(tests, found, seed)
+        groups |= _verification_groups(tests, found.linear, found.sweeps, found.main)
         report("Validation: hysteresis loops")
-        groups |= _validation_groups(tests, found)
-    if found.decays is not None:
+        groups |= _validation_groups(tests, found.linear, found.main)
+    if found.decays is not None and found.decay is not None and found.decay_data is not None:
         report("Verification: free decays, frequency and damping against amplitude")
-        groups |= _decay_groups(found, seed)
+        groups |= _decay_groups(found.decays, found.decay, found.decay_data, seed)
     tree = xr.DataTree.from_dict(groups)
     tree.attrs.update(found.main.posterior.attrs)
     return tree
@@ -79,23 +81,18 @@ def _groups(step: Step, truth: Mapping[str, float]) -> Groups:
     return {**groups, "posterior": posterior}
 
 
-def _kernel_groups(tests: tuple[Test, ...], found: Identification) -> Groups:
+def _kernel_groups(
+    tests: tuple[Test, ...], linear: LinearStep, kernel: KernelFit, steps: Mapping[str, Step]
+) -> Groups:
     """Step 3: measured kernel against its bands, a spectrum, conv(n) of the kernel."""
-    if found.kernel is None:
-        return {}
-    natural_hz = found.linear.pooled.omega_n / (2 * np.pi)
-    probing = probing_tests(tests, natural_hz)
-    posteriors = {}
+    probing = probing_tests(tests, linear.natural_hz)
     groups: Groups = {"/verification/spectrum": tone_spectrum(probing[len(probing) // 2])}
+    posteriors = {}
     for name, prefix in (("third_order_nuts", "nuts"), ("third_order_paper", "paper")):
-        step = found.steps[name]
-        posterior = step.posterior["posterior"].to_dataset()
-        posteriors[prefix] = posterior
-        energy = integrals(posterior, found.kernel.data)
-        groups[f"/steps/{name}/sample_stats"] = _with_conv(step, energy, "rad m^-4 s^11")
-    groups["/verification/h3"] = kernel_verification(
-        found.kernel.kernels, found.kernel.data, posteriors
-    )
+        posteriors[prefix] = steps[name].posterior["posterior"].to_dataset()
+        energy = integrals(posteriors[prefix], kernel.data)
+        groups[f"/steps/{name}/sample_stats"] = _with_conv(steps[name], energy, "rad m^-4 s^11")
+    groups["/verification/h3"] = kernel_verification(kernel.kernels, kernel.data, posteriors)
     return groups
 
 
@@ -105,77 +102,67 @@ def _with_conv(step: Step, energy: np.ndarray, unit: str) -> xr.Dataset:
     return step.posterior["sample_stats"].to_dataset().assign(conv=(("chain", "draw"), conv, attrs))
 
 
-def _conv_of_velocity(groups: Groups, found: Identification) -> Groups:
-    """conv(n) of the velocity for gamma alone: on a grid of gamma, for one response is smooth."""
+def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
+    """conv(n) of the velocity for gamma alone: its energy is a smooth function of gamma."""
+    record = sweeps.fitted[-1].records[0]
     added: Groups = {}
-    for name in ("opening_nuts", "opening_paper"):
-        step = found.steps.get(name)
-        if step is None:
-            continue
-        gamma = step.posterior["posterior"]["gamma"].values
+    for name in {"opening_nuts", "opening_paper"} & set(steps):
+        gamma = np.asarray(steps[name].posterior["posterior"].to_dataset()["gamma"])
         grid = np.linspace(gamma.min(), gamma.max(), 9)
-        draws = {n: np.full(9, v) for n, v in _held(found, step).items()} | {"gamma": grid}
-        record = found.sweeps.fitted[-1].records[0]
+        draws = {n: np.full(9, v) for n, v in steps[name].held.items()} | {"gamma": grid}
         energy = np.sum(predict_record(draws, record) ** 2, axis=-1) / record.fs
         smooth = np.polynomial.Polynomial.fit(grid, energy, 4)
-        added[f"/steps/{name}/sample_stats"] = _with_conv(step, smooth(gamma), "m^2 s^-1")
+        added[f"/steps/{name}/sample_stats"] = _with_conv(steps[name], smooth(gamma), "m^2 s^-1")
     return added
 
 
-def _held(found: Identification, step: Step) -> dict[str, float]:
-    return {name: float(value) for name, value in step.held.items()}
-
-
-def _verification_groups(tests: tuple[Test, ...], found: Identification, seed: int) -> Groups:
-    main = found.main.posterior["posterior"].to_dataset()
-    draws = thin(main, NUM_DRAWS, found.main.held)
-    few = thin(main, NUM_NOISE_DRAWS, found.main.held)
-    noise_std = main["noise_std"].mean(("chain", "draw")).values
-    fitted = {test.name: i for i, test in enumerate(found.sweeps.fitted)}
-    natural_hz = found.linear.pooled.omega_n / (2 * np.pi)
-    band_hz = (BAND[0] * natural_hz, BAND[1] * natural_hz)
-    key = jax.random.key(seed)
+def _verification_groups(
+    tests: tuple[Test, ...], linear: LinearStep, sweeps: Sweeps, main: Step
+) -> Groups:
+    """FRFs of noise and sweeps, and the sweeps, that were not fitted, against their bands."""
+    posterior = main.posterior["posterior"].to_dataset()
+    draws, few = (thin(posterior, n, main.held) for n in (NUM_DRAWS, NUM_NOISE_DRAWS))
+    noise_std = posterior["noise_std"].mean(("chain", "draw")).values
+    fitted = {test.name: i for i, test in enumerate(sweeps.fitted)}
+    band_hz = (BAND[0] * linear.natural_hz, BAND[1] * linear.natural_hz)
     groups: Groups = {}
-    for i, test in enumerate(found.sweeps.held_out):
+    for test in sweeps.held_out:
         level = fitted.get(test.name)
         # An unfitted level has no noise of its own: the fitted ones' mean stands for it.
         noise = float(noise_std[level] if level is not None else noise_std.mean())
-        sweep = sweep_verification(test, draws, noise, jax.random.fold_in(key, i))
-        frfs = frf_verification(test, draws, band_hz)
-        for kind, dataset in (("sweep", sweep), ("frf", frfs)):
-            dataset.attrs["fitted"] = int(level is not None)
-            groups[f"/verification/{kind}/{test.name}"] = dataset
+        groups[f"/verification/sweep/{test.name}"] = sweep_verification(test, draws, noise)
+        groups[f"/verification/frf/{test.name}"] = frf_verification(test, draws, band_hz)
     for test in tests:
         if test.kind in ("noise", "multisine"):
             dataset = frf_verification(test, few, band_hz, substeps=1)
-            dataset.attrs["fitted"] = int(test is linear_test(tests))
             groups[f"/verification/frf/{test.name}"] = dataset
+    read = {*fitted, linear.test.name}
+    for path, dataset in groups.items():
+        dataset.attrs["fitted"] = int(path.rsplit("/", 1)[-1] in read)
     return groups
 
 
-def _validation_groups(tests: tuple[Test, ...], found: Identification) -> Groups:
-    natural_hz = found.linear.pooled.omega_n / (2 * np.pi)
-    main = found.main.posterior["posterior"].to_dataset()
-    draws: Draws = thin(main, NUM_DRAWS, found.main.held)
+def _validation_groups(tests: tuple[Test, ...], linear: LinearStep, main: Step) -> Groups:
+    """Hysteresis loops of every tone near the resonance."""
+    draws: Draws = thin(main.posterior["posterior"].to_dataset(), NUM_DRAWS, main.held)
     return {
         f"/validation/loops/{test.name}": loop_validation(test, draws)
-        for test in loop_tests(tests, natural_hz)
+        for test in loop_tests(tests, linear.natural_hz)
     }
 
 
-def _decay_groups(found: Identification, seed: int) -> Groups:
+def _decay_groups(decays: DecaySplit, step: Step, data: Decays, seed: int) -> Groups:
     """Decays: every record against its bands, and the curves of frequency and damping."""
-    posterior = found.decay.posterior["posterior"].to_dataset()
+    posterior = step.posterior["posterior"].to_dataset()
     draws = thin_decay(posterior, NUM_DRAWS)
-    split = found.decays
-    num_fitted = len(split.fitted.records)
+    num_fitted = len(decays.fitted.records)
     noise_std = posterior["noise_std"].mean(("chain", "draw")).values
     compared = decay_verification(
-        split.together, num_fitted, draws, found.decay_data, noise_std, jax.random.key(seed)
+        decays.together, num_fitted, draws, data, noise_std, jax.random.key(seed)
     )
     groups: Groups = {
         f"/verification/decay/{name}": dataset
-        for name, dataset in zip(split.names, compared, strict=True)
+        for name, dataset in zip(decays.names, compared, strict=True)
     }
-    groups["/verification/amplitude"] = amplitude_verification(split.together, num_fitted, draws)
+    groups["/verification/amplitude"] = amplitude_verification(decays.together, num_fitted, draws)
     return groups

@@ -8,7 +8,6 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import jax
 import xarray as xr
 
 from jbw.campaign.loading import Campaign
@@ -56,13 +55,12 @@ class Study:
         """Every step and parameter in numbers, and in words what is identified."""
         return self.record
 
-    def predict(self, test: str, num_draws: int = NUM_DRAWS, seed: int = 0) -> xr.Dataset:
+    def predict(self, test: str, num_draws: int = NUM_DRAWS) -> xr.Dataset:
         """Bands of the main posterior on a sweep of the campaign, beside its repeats.
 
         Args:
             test: Name of a sweep.
             num_draws: Draws carried through the model.
-            seed: Seed of the predictive noise.
 
         Returns:
             As `jbw.verification.sweep_verification`.
@@ -80,7 +78,7 @@ class Study:
         posterior = main.posterior["posterior"].to_dataset()
         noise = float(posterior["noise_std"].mean())
         draws = thin(posterior, num_draws, main.held)
-        return sweep_verification(sweeps[test], draws, noise, jax.random.key(seed))
+        return sweep_verification(sweeps[test], draws, noise)
 
     def save(self, folder: str | Path) -> None:
         """Write posterior.nc, summary.json, figures and report.html into a new or empty folder."""
