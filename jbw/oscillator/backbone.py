@@ -59,7 +59,8 @@ def backbone(joint: BoucWen, y_peak: Real[ArrayLike, "..."]) -> Backbone:
         The backbone at each amplitude.
 
     Raises:
-        ModelError: `nu` is not 1, or a concrete argument is not finite or `y_peak` is negative.
+        ModelError: `nu` is not 1, or a concrete argument is not finite.
+        ConfigError: `y_peak` is negative.
 
     Reference:
         Z_1 and E close Eqs. (3)-(6).
@@ -99,7 +100,7 @@ def frequency_response(
         Complex peak amplitudes of orders 1, 3, 5, ... [m]; NaN where not converged.
 
     Raises:
-        ModelError: As for `steady_state`.
+        ModelError, ConfigError: As for `steady_state`.
 
     Reference:
         In place of Eqs. (19)-(31).

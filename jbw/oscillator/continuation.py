@@ -82,6 +82,7 @@ def response_curve(
     Raises:
         ModelError: The first point does not converge, the step has shrunk to nothing, the points
             do not reach `omega_stop`, or as for `steady_state`.
+        ConfigError: As for `steady_state`.
     """
     require_sense(joint, omega_start, amplitude, num_harmonics, max_turns)
     unit, first, length = dimensionless(*jax.tree.map(_scalar, (joint, omega_start, amplitude)))

@@ -25,7 +25,7 @@ Packed = Float[Array, "2 harmonic"]
 
 # Newton's last step measures the error of the iterate before it; the convergence is quadratic, so
 # what is returned is good to roundoff.
-_TOLERANCE = 1e-10
+_TOLERANCE = 1e-8
 _MAX_NEWTON = 16
 _MAX_LOADS = 64
 _LEAST_LOAD_STEP = 1e-3

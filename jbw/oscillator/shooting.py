@@ -71,8 +71,8 @@ def shooting(
         The orbit; NaN where the iteration did not converge.
 
     Raises:
-        ModelError: The iteration did not converge, nu is not 1, an argument is not finite or not
-            positive.
+        ModelError: The iteration did not converge, nu is not 1, or an argument is not finite.
+        ConfigError: An argument is not positive, or JAX runs in float32.
 
     Reference:
         Eqs. (1), (2).

@@ -75,8 +75,8 @@ def steady_state(
         iteration did not converge.
 
     Raises:
-        ModelError: Some response did not converge, nu is not 1, an argument is not finite or
-            `omega` not positive, or JAX runs in float32.
+        ModelError: Some response did not converge, nu is not 1, or an argument is not finite.
+        ConfigError: An argument is out of its range, or JAX runs in float32.
 
     Reference:
         In place of Eqs. (19)-(31), which hold for weak nonlinearity.

@@ -4,8 +4,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Int
 
-from jbw.errors import ModelError
-from jbw.oscillator.checks import is_concrete, require_closed_form, require_finite
+from jbw.errors import ConfigError, ModelError
+from jbw.oscillator.checks import require_at_least, require_closed_form, require_finite
 from jbw.oscillator.parameters import BoucWen
 
 
@@ -13,10 +13,10 @@ def require_float64() -> None:
     """Raise in a float32 session.
 
     Raises:
-        ModelError: JAX runs in float32.
+        ConfigError: JAX runs in float32.
     """
     if not jax.config.jax_enable_x64:
-        raise ModelError(
+        raise ConfigError(
             "The periodic response needs float64, but JAX runs in float32.",
             why="Near resonance the balance cancels half of float32's digits.",
             remedy="Call jbw.enable_x64() before any array is made.",
@@ -30,18 +30,28 @@ def require_sense(
     num_harmonics: int,
     max_turns: int,
 ) -> None:
-    """Refuse arguments that cannot be meant; trust traced ones."""
+    """Raise where an argument cannot be meant; trust traced ones.
+
+    Args:
+        joint: Bouc-Wen parameters.
+        omega: Angular frequencies [rad/s].
+        amplitude: Force amplitudes [N/kg].
+        num_harmonics: Number of odd harmonics.
+        max_turns: Turning points of y allowed in a period.
+
+    Raises:
+        ConfigError: An argument is out of its range, or JAX runs in float32.
+        ModelError: nu is not 1, or an argument is not finite.
+    """
     require_closed_form(joint)
     require_finite(joint, omega=omega, amplitude=amplitude)
     require_float64()
     if num_harmonics < 1:
-        raise ModelError(f"Argument `num_harmonics` must be at least 1, but is {num_harmonics}.")
+        raise ConfigError(f"Argument `num_harmonics` must be at least 1, but is {num_harmonics}.")
     if max_turns < 2 or max_turns % 2:
-        raise ModelError(f"Argument `max_turns` must be even, 2 or more, but is {max_turns}.")
-    for name, value in (("omega", omega), ("amplitude", amplitude)):
-        least = -np.inf if not is_concrete(value) else float(np.min(value))
-        if is_concrete(value) and (least < 0.0 or (name == "omega" and least == 0.0)):
-            raise ModelError(f"Argument `{name}` must be positive, but it is {least:g}.")
+        raise ConfigError(f"Argument `max_turns` must be even, 2 or more, but is {max_turns}.")
+    require_at_least("omega", omega, 0.0, open_end=True)
+    require_at_least("amplitude", amplitude, 0.0)
 
 
 def require_converged(
@@ -51,7 +61,18 @@ def require_converged(
     harmonics: Complex[Array, "... harmonic"],
     turns: Int[Array, "..."],
 ) -> None:
-    """Raise with the first tone whose response was not found."""
+    """Raise with the first tone whose response was not found.
+
+    Args:
+        joint: Bouc-Wen parameters.
+        omega: Angular frequencies [rad/s].
+        amplitude: Force amplitudes [N/kg].
+        harmonics: What was found; NaN where nothing was.
+        turns: Turning points a period of what the iteration ended at.
+
+    Raises:
+        ModelError: Some response was not found.
+    """
     failed = np.isnan(np.asarray(harmonics)).any(axis=-1)
     if not failed.any():
         return

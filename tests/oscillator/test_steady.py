@@ -1,11 +1,13 @@
 """The steady response against golden numbers, shooting in time, limits and energy balance."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jbw.errors import ModelError
+from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.parameters import BoucWen
 from jbw.oscillator.shooting import shooting
 from jbw.oscillator.steady import steady_cycle, steady_state
@@ -43,9 +45,15 @@ def relative(found, wanted):
     return np.max(np.abs(found - wanted) / np.abs(wanted), axis=0)
 
 
-def test_golden_steady_state(cases):
-    joint, omega, amplitude = batch(cases)
-    harmonics = steady_state(joint, omega, amplitude, num_harmonics=32)
+@pytest.fixture(scope="module")
+def resolved(cases):
+    """All cases with as many harmonics as the golden numbers have."""
+    return np.asarray(steady_state(*batch(cases), num_harmonics=32))
+
+
+def test_golden_steady_state(cases, resolved):
+    joint, omega, _ = batch(cases)
+    harmonics = resolved
     # The golden file states 1e-9 or better; both sides are balances with 32 odd harmonics.
     assert np.all(relative(harmonics[:, :3], golden_harmonics(cases)) < 1e-11)
     cycle = steady_cycle(joint, harmonics, omega, num_points=8192)
@@ -59,22 +67,26 @@ def test_golden_steady_state(cases):
 
 
 @pytest.mark.parametrize(
-    ("num_harmonics", "bounds"), [(2, (9e-6, 4e-4)), (4, (2e-6, 4e-6)), (8, (5e-8, 8e-8))]
+    ("num_harmonics", "bounds"),
+    [
+        (2, (9e-6, 4e-4)),
+        pytest.param(4, (2e-6, 4e-6), marks=pytest.mark.slow),
+        (8, (5e-8, 8e-8)),
+    ],
 )
 def test_truncation_is_as_stated(cases, num_harmonics, bounds):
     harmonics = steady_state(*batch(cases), num_harmonics=num_harmonics)
     assert np.all(relative(harmonics[:, :2], golden_harmonics(cases)[:, :2]) < bounds)
 
 
-@pytest.mark.parametrize(("f_hz", "amplitude"), [(6.25, 10.0), (18.5, 2.0)])
-def test_agrees_with_shooting_in_time(f_hz, amplitude):
-    omega = 2 * np.pi * f_hz
+@pytest.mark.parametrize("place", [3, 9])
+def test_agrees_with_shooting_in_time(cases, resolved, place):
+    omega, amplitude = 2 * np.pi * cases[place]["f_hz"], cases[place]["A"]
     orbit = shooting(PAPER, omega, amplitude)
-    harmonics = steady_state(PAPER, omega, amplitude, num_harmonics=32)
     # Of Y_1: what 32 harmonics leave out, and the integrator's error at the kinks (tolerance
     # 1e-12) over the damping.
-    assert np.max(np.abs(orbit.harmonics - harmonics[:8])) < 2e-10 * np.abs(harmonics[0])
-    cycle = steady_cycle(PAPER, harmonics, omega, num_points=4)
+    assert np.max(np.abs(orbit.harmonics - resolved[place, :8])) < 2e-10 * abs(resolved[place, 0])
+    cycle = steady_cycle(PAPER, resolved[place], omega, num_points=256)
     assert orbit.initial[2] == pytest.approx(float(cycle.z[0]), rel=1e-7)
     assert np.all(np.abs(orbit.multipliers) < 1.0)
 
@@ -90,7 +102,9 @@ def test_motion_that_turns_six_times_a_period():
     assert orbit.initial[2] == pytest.approx(float(cycle.z[0]), rel=1e-4)
     check_energy(STRONG, omega, amplitude, harmonics, cycle)
     # Under jit there is no second try, and no wrong number either.
-    assert np.all(np.isnan(jax.jit(steady_state)(STRONG, omega, amplitude)))
+    assert np.all(
+        np.isnan(jax.jit(partial(steady_state, num_harmonics=3))(STRONG, omega, amplitude))
+    )
 
 
 def check_energy(joint, omega, amplitude, harmonics, cycle):
@@ -110,10 +124,9 @@ def test_energy_balance():
     check_energy(PAPER, omega, amplitude, harmonics, cycle)
 
 
-def test_cycle_satisfies_the_equation_of_motion():
-    omega, amplitude = 2 * np.pi * 6.0, 10.0
-    harmonics = steady_state(PAPER, omega, amplitude, num_harmonics=32)
-    theta, y, v, a, z = steady_cycle(PAPER, harmonics, omega)
+def test_cycle_satisfies_the_equation_of_motion(cases, resolved):
+    omega, amplitude = 2 * np.pi * cases[2]["f_hz"], cases[2]["A"]
+    theta, y, v, a, z = steady_cycle(PAPER, resolved[2], omega)
     force = a + 2 * PAPER.zeta * PAPER.omega_n * v + PAPER.k * y + z
     # z beyond the 63rd harmonic, which falls as n^-2 from its kinks, is unbalanced.
     assert np.max(np.abs(force - amplitude * np.cos(theta))) < 1e-6 * amplitude
@@ -132,7 +145,7 @@ def test_without_hysteresis_it_is_the_linear_oscillator():
 
 
 def test_invariances_in_amplitude_and_time():
-    omega, amplitude, s, c = 2 * np.pi * 18.5, 2.0, 7.3, 3.1
+    omega, amplitude, s, c = float(2 * np.pi * 18.5), 2.0, 7.3, 3.1
     reference = np.asarray(steady_state(PAPER, omega, amplitude))
     larger = BoucWen(OMEGA_N, 0.00444, 497.4, 340.21 / s, 32.84 / s)
     slower = BoucWen(OMEGA_N / c, 0.00444, 497.4 / c**2, 340.21, 32.84)
@@ -175,11 +188,11 @@ def test_derivatives_forward_reverse_and_by_differences():
 def test_broadcasts_joints_frequencies_and_levels():
     joints = BoucWen(OMEGA_N, np.array([0.004, 0.005])[:, None, None], 497.4, 340.21, 32.84)
     omega, amplitude = 2 * np.pi * np.array([5.0, 18.7, 20.0]), np.array([0.5, 2.0])[:, None]
-    harmonics = steady_state(joints, omega, amplitude, num_harmonics=3)
-    assert harmonics.shape == (2, 2, 3, 3)
+    harmonics = steady_state(joints, omega, amplitude)
+    assert harmonics.shape == (2, 2, 3, 8)
     one = BoucWen(OMEGA_N, 0.005, 497.4, 340.21, 32.84)
-    single = steady_state(one, omega[1], 2.0, num_harmonics=3)
-    assert single.shape == (3,)
+    single = steady_state(one, float(omega[1]), 2.0)
+    assert single.shape == (8,)
     np.testing.assert_allclose(harmonics[1, 1, 1], single, rtol=1e-12)
     cycle = steady_cycle(joints, harmonics, omega, num_points=16)
     assert cycle.z.shape == (2, 2, 3, 16)
@@ -189,8 +202,8 @@ def test_broadcasts_joints_frequencies_and_levels():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"omega": 0.0}, "`omega` must be positive"),
-        ({"amplitude": -1.0}, "`amplitude` must be positive"),
+        ({"omega": 0.0}, "`omega` must be greater than 0"),
+        ({"amplitude": -1.0}, "`amplitude` must be at least 0"),
         ({"amplitude": np.nan}, "`amplitude` must be finite"),
         ({"num_harmonics": 0}, "`num_harmonics`"),
         ({"max_turns": 3}, "`max_turns`"),
@@ -199,12 +212,12 @@ def test_broadcasts_joints_frequencies_and_levels():
 )
 def test_refuses_what_cannot_be_meant(change, words):
     arguments = {"joint": PAPER, "omega": 30.0, "amplitude": 1.0} | change
-    with pytest.raises(ModelError, match=words):
+    with pytest.raises((ConfigError, ModelError), match=words):
         steady_state(**arguments)
 
 
 def test_refuses_float32():
-    with jax.enable_x64(False), pytest.raises(ModelError, match="float64"):
+    with jax.enable_x64(False), pytest.raises(ConfigError, match="float64"):
         steady_state(PAPER, 30.0, 1.0)
 
 
