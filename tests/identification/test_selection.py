@@ -1,0 +1,70 @@
+"""What feeds which step, and what is held out before any fit."""
+
+import numpy as np
+import pytest
+
+from jbw.errors import ConfigError
+from jbw.identification.priors import PAPER_HALF_WIDTH, about, joint_box
+from jbw.identification.selection import linear_test, loop_tests, probing_tests, sweep_tests
+from jbw.measurement.records import Record, Test
+
+
+def a_test(kind, level, name="", tones=(), repeats=4):
+    samples = {"input": np.zeros(8), "velocity": np.zeros(8)}
+    record = Record(1024.0, samples, {"input": "V", "velocity": "m/s"})
+    return Test(kind, (record,) * repeats, name or f"{kind} {level:g}", level, tuple(tones))
+
+
+SWEEPS = [a_test("sweep", level, repeats=8) for level in (0.20, 0.05, 0.10)]
+
+
+def test_step_2_reads_the_lowest_noise_level():
+    tests = [a_test("noise", 0.05), a_test("noise", 0.005), a_test("sweep", 0.001)]
+    assert linear_test(tests).level == 0.005
+    assert linear_test([a_test("sweep", 0.1)]) is None
+
+
+def test_probing_tones_lie_around_a_third_of_the_resonance():
+    tests = [a_test("tones", 0.6, f"{f}", [f]) for f in (6.75, 5.0, 18.5)]
+    tests.append(a_test("tones", 0.6, "two", [5.0, 6.0]))
+    assert [t.name for t in probing_tests(tests, 18.8)] == ["5.0", "6.75"]
+    assert [t.name for t in loop_tests(tests, 18.8)] == ["18.5"]
+
+
+def test_the_middle_level_and_half_of_the_repeats_are_never_fitted():
+    split = sweep_tests(SWEEPS, {})
+    assert [(t.level, len(t.records)) for t in split.fitted] == [(0.05, 4), (0.20, 4)]
+    assert [(t.level, len(t.records)) for t in split.held_out] == [(0.05, 4), (0.10, 8), (0.20, 4)]
+
+
+def test_the_campaign_decides_when_it_says_so():
+    split = sweep_tests(SWEEPS, {"fit_levels": (0.10,), "fit_repeats": 6})
+    assert [(t.level, len(t.records)) for t in split.fitted] == [(0.10, 6)]
+    assert sum(len(t.records) for t in split.held_out) == 18
+
+
+@pytest.mark.parametrize(
+    ("settings", "field"),
+    [({"fit_levels": (0.3,)}, "fit_levels"), ({"fit_repeats": 9}, "fit_repeats")],
+)
+def test_settings_that_do_not_fit_the_sweeps_are_named(settings, field):
+    with pytest.raises(ConfigError, match=field):
+        sweep_tests(SWEEPS, settings)
+
+
+def test_boxes_of_the_papers_widths_have_the_papers_coefficients_of_variation():
+    centre = {"zeta": 0.0044, "alpha": 500.0, "delta": 340.0, "gamma": 33.0}
+    # Prior CVs of theory: 11.6, 9.4, 11.6 and 23.9 %; a uniform of half width h has h / sqrt(3).
+    for (name, pair), cv in zip(
+        about(centre, PAPER_HALF_WIDTH).items(), (0.116, 0.094, 0.116, 0.239), strict=True
+    ):
+        low, high = pair
+        assert (high - low) / np.sqrt(12) / centre[name] == pytest.approx(cv, rel=0.02)
+
+
+def test_the_joint_box_takes_the_campaigns_bounds_where_it_states_them():
+    prior = joint_box({"prior": {"alpha": (425, 590)}}, 118.0, 0.0044, (15.0, 0.001), 5e-3)
+    bounds = dict(zip(prior.names, zip(prior.lower, prior.upper, strict=True), strict=True))
+    assert tuple(map(float, bounds["alpha"])) == (425.0, 590.0)
+    assert prior.names == ("omega_n", "zeta", "alpha", "delta", "gamma", "gain")
+    assert "gain" not in joint_box({}, 118.0, 0.0044, None, 5e-3).names

@@ -1,0 +1,97 @@
+"""Reduction and likelihood of records under a measured input."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from jbw.errors import DataError
+from jbw.measurement.records import Record, Test
+from jbw.observables import response
+
+FS = 256.0
+TRUTH = {
+    "omega_n": 118.0,
+    "zeta": 0.01,
+    "alpha": 500.0,
+    "delta": 300.0,
+    "gamma": 30.0,
+    "gain": 15.0,
+}
+
+
+def theta(**changes):
+    return {name: jnp.asarray(value) for name, value in {**TRUTH, **changes}.items()}
+
+
+@pytest.fixture(scope="module")
+def tests():
+    rng = np.random.default_rng(1)
+    t = np.arange(512) / FS
+    u = 0.1 * np.sin(2 * np.pi * 18 * t) * np.sin(np.pi * t / 2) ** 2
+    clean = np.asarray(response.response_to(theta(), jnp.asarray(u), FS))
+    records = tuple(
+        Record(FS, {"input": u, "velocity": clean + 1e-3 * rng.normal(size=512)},
+               {"input": "V", "velocity": "m/s"})
+        for _ in range(5)
+    )  # fmt: skip
+    return (Test("sweep", records, "sweep", 0.1),)
+
+
+def test_squares_are_those_of_every_repeat(tests):
+    data = response.reduce(tests)
+    model = np.asarray(response.predict(theta(gamma=40.0), data))[0]
+    direct = sum(np.sum((r.channels["velocity"] - model) ** 2) for r in tests[0].records)
+    # Sums of 2560 squares in another order: rounding only.
+    np.testing.assert_allclose(response.squares(theta(gamma=40.0), data)[0], direct, rtol=1e-12)
+
+
+def test_marginal_likelihood_integrates_the_noise_out(tests):
+    data = response.reduce(tests)
+
+    def integrated(one):
+        q, n = float(response.squares(one, data)[0]), 5 * 512
+        sigma = np.sqrt(q / n) * np.exp(np.linspace(-0.3, 0.3, 4001))
+        log_p = -n * np.log(sigma) - q / (2 * sigma**2)
+        return log_p.max() + np.log(np.trapezoid(np.exp(log_p - log_p.max()), np.log(sigma)))
+
+    pair = [theta(), theta(delta=320.0)]
+    exact = integrated(pair[1]) - integrated(pair[0])
+    found = [float(response.log_likelihood(one, data)[0]) for one in pair]
+    # Quadrature over ln sigma on a grid of 1.5e-4: good to 1e-7 of the log likelihood's change.
+    np.testing.assert_allclose(found[1] - found[0], exact, rtol=1e-6, atol=1e-6)
+
+
+def test_noise_of_the_repeats_and_its_draws(tests):
+    data = response.reduce(tests)
+    # 2048 degrees of freedom: the estimate has a standard error of 1.6 %.
+    assert float(response.noise_std(data)[0]) == pytest.approx(1e-3, rel=0.07)
+    keys = jax.random.split(jax.random.key(0), 400)
+    draws = jax.vmap(lambda key: response.draw_noise_std(key, theta(), data))(keys)
+    spread = float(jnp.std(draws) / jnp.mean(draws))
+    # sd of sigma given n = 2560 residuals is 1 / sqrt(2 n); 400 draws know it to 3.5 %.
+    assert spread == pytest.approx(1 / np.sqrt(2 * 2560), rel=4 * 0.035)
+
+
+def test_residuals_at_the_truth_are_standard_normal(tests):
+    r = np.asarray(response.residual(theta(), response.reduce(tests)))
+    assert abs(r.std() - 1) < 4 / np.sqrt(2 * len(r))
+    assert abs(np.mean(np.abs(r) < norm.ppf(0.995)) - 0.99) < 4 * np.sqrt(0.99 * 0.01 / len(r))
+
+
+def test_a_delay_is_undone():
+    t = np.arange(1024) / FS
+    pulse = np.exp(-0.5 * ((t - 2.0) / 0.05) ** 2)
+    late = np.exp(-0.5 * ((t - 2.0 - 0.0037) / 0.05) ** 2)
+    # A Gaussian of 50 ms is band-limited far below 128 Hz: exact to rounding.
+    np.testing.assert_allclose(response.advance(late, 0.0037, FS), pulse, atol=1e-12)
+
+
+def test_one_repeat_and_unlike_records_are_refused(tests):
+    (test,) = tests
+    with pytest.raises(DataError, match="at least 2 repeats"):
+        response.reduce([Test("sweep", test.records[:1], "alone", 0.1)])
+    other = Record(512.0, test.records[0].channels, test.records[0].units)
+    with pytest.raises(DataError, match="sampling frequency"):
+        response.reduce([test, Test("sweep", (other, other), "fast", 0.2)])
