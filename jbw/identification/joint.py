@@ -149,7 +149,8 @@ def sample_joint(
 def with_derived(key: Key, tree: xr.DataTree, data: OpeningData) -> xr.DataTree:
     """The posterior with the noise of each level and the two products beside its parameters."""
     posterior = tree["posterior"].to_dataset()
-    noise = draw_noise_std(key, posterior, data)
+    terms = tree["log_likelihood"].to_dataset()["terms"].values
+    noise = draw_noise_std(key, terms, data)
     unit = {"displacement": "m", "velocity": "m s-1", "acceleration": "m s-2"}
     derived: dict[str, Any] = {
         "noise_std": (

@@ -6,11 +6,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 from jaxtyping import Array, Float, Key
 
 from jbw.observables import response
-from jbw.observables.response import JOINT, Records
+from jbw.observables.response import Records
 
 
 class OpeningData(eqx.Module):
@@ -81,35 +80,24 @@ def _gain_residual(theta: Mapping[str, Array], data: OpeningData) -> Float[Array
 
 
 def draw_noise_std(
-    key: Key[Array, ""], posterior: xr.Dataset, data: OpeningData
+    key: Key[Array, ""], terms: Float[np.ndarray, "chain draw term"], data: OpeningData
 ) -> Float[np.ndarray, "chain draw level"]:
-    """One exact draw of each level's noise for every draw of the parameters.
+    r"""One exact draw of each level's noise for every draw of the parameters.
+
+    $$\sigma^2 \mid \theta \sim Q(\theta) / \chi^2_{NK}, \qquad
+      \log p = -\tfrac{NK}{2} \log Q$$
+
+    so that Q is read off the stored terms of the log likelihood, without another solve.
 
     Args:
         key: Random key.
-        posterior: Draws of the parameters that were updated.
+        terms: Terms of the log likelihood of every draw; a level each, then the gain's.
         data: The data of Step 4.
 
     Returns:
         Standard deviation of the noise of one repeat [unit of the response].
     """
-    theta = {name: jnp.asarray(posterior[name].values).ravel() for name in posterior.data_vars}
-    size = len(next(iter(theta.values())))
-    noise = _draw_all(jax.random.split(key, size), theta, data)
-    shape = (posterior.sizes["chain"], posterior.sizes["draw"], -1)
-    return np.asarray(noise).reshape(shape)
-
-
-@jax.jit
-def _draw_all(
-    keys: Key[Array, " draw"], theta: Mapping[str, Array], data: OpeningData
-) -> Float[Array, "draw level"]:
-    def one(pair: tuple[Array, Mapping[str, Array]]) -> Float[Array, " level"]:
-        key, some = pair
-        return response.draw_noise_std(key, {**data.held, **some}, data.records)
-
-    return jax.lax.map(one, (keys, dict(theta)), batch_size=8)
-
-
-UPDATED = (*JOINT, "gain")
-"""Parameters of the joint route: all of the joint, and the gain."""
+    count = np.asarray(data.records.num_repeats) * data.records.mean.shape[-1]
+    levels = terms[..., : len(count)]
+    chi_square = np.asarray(jax.random.chisquare(key, count, shape=levels.shape))
+    return np.sqrt(np.exp(-2 * levels / count) / chi_square)

@@ -179,23 +179,6 @@ def log_likelihood(theta: Mapping[str, Array], data: Records) -> Float[Array, " 
     )
 
 
-def draw_noise_std(key: Array, theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
-    r"""Exact draw of the noise of each level, given everything else.
-
-    $$\sigma^2 \mid \theta \sim Q(\theta) / \chi^2_{N K}$$
-
-    Args:
-        key: Random key.
-        theta: The joint's five parameters and `gain`.
-        data: The reduced records.
-
-    Returns:
-        Standard deviation of the noise of one repeat, in the unit of the response.
-    """
-    degrees = data.num_repeats * data.mean.shape[-1]
-    return jnp.sqrt(squares(theta, data) / jax.random.chisquare(key, degrees))
-
-
 def residual(theta: Mapping[str, Array], data: Records) -> Float[Array, " values"]:
     """Residuals of the means in units of their standard error, for least squares.
 

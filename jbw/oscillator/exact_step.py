@@ -3,15 +3,16 @@ r"""The hysteresis-exact step: true order 4 through the kinks at v = 0 and z = 0
 With the stiffness alpha y moved to the exactly solved linear part, the joint acts through the
 small residual force $r = z - \alpha y$, whose rate $\dot r = -v z\,(\gamma\,\mathrm{sgn}\,v +
 \delta\,\mathrm{sgn}\,z)$ is continuous. One step predicts (y, v) with r and its rate, moves z
-exactly, and corrects (y, v) with the cubic through r and its rate at both ends. The jumps of the
-second derivative of r at a kink inside the step are paid back as one impulse on v.
+exactly, and corrects (y, v) with the cubic through r and its rate at both ends. What that cubic
+misses of a kink inside the step is paid back as a kick on v and y.
 """
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array
 
+from jbw.oscillator.kinks import hermite, kick, passage, turning_point
 from jbw.oscillator.moments import impulse_moments
 from jbw.oscillator.parameters import BoucWen, Scalar
 from jbw.oscillator.signed_map import distance, kept, move, signed, smooth_move
@@ -100,51 +101,75 @@ def advance(step: ExactStep, state: State, push: Pair, *, branch: bool) -> State
         dy = y_1 - y
         z_1 = smooth_move(step.alpha, c, z, dy)
         kinked = (v * v_1 <= 0.0) | (z * z_1 <= 0.0) | (jnp.abs(c * dy) > 1.0)
-        z_1, c_1, kick = jax.lax.cond(
+        z_1, c_1, kick_v, kick_y = jax.lax.cond(
             kinked,
             lambda: _through_kinks(step, state, y_1, v_1),
-            lambda: (z_1, c, jnp.zeros_like(v_1)),
+            lambda: (z_1, c, jnp.zeros_like(v_1), jnp.zeros_like(v_1)),
         )
     else:
         y_1, v_1, r, rate = kept((y_1, v_1, r, rate))
-        z_1, c_1, kick = kept(_through_kinks(step, state, y_1, v_1))
+        z_1, c_1, kick_v, kick_y = kept(_through_kinks(step, state, y_1, v_1))
     change, rate_1 = z_1 - step.alpha * y_1 - r, -step.dt * c_1 * v_1 * z_1
     if not branch:
         change, rate_1 = kept((change, rate_1))
-    dy = -(step.d_y * change + step.a_y * rate + step.b_y * rate_1)
+    dy = kick_y - (step.d_y * change + step.a_y * rate + step.b_y * rate_1)
     if not branch:
         dy = kept(dy)
-    dv = kick - (step.d_v * change + step.a_v * rate + step.b_v * rate_1)
+    dv = kick_v - (step.d_v * change + step.a_v * rate + step.b_v * rate_1)
     return y_1 + dy, v_1 + dv, z_1 + (step.alpha - c_1 * z_1) * dy
 
 
-def _through_kinks(step: ExactStep, state: State, y_1: Scalar, v_1: Scalar) -> State:
-    r"""End of a step with a turning point or a zero of z: z, its slope constant, the kick on v.
+def _through_kinks(
+    step: ExactStep, state: State, y_1: Scalar, v_1: Scalar
+) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    r"""End of a step that may hold a turning point, a zero of z, or both.
 
-    A jump J of the second derivative of r when a fraction x of the step remains leaves the cubic
-    an error that kicks v by $-(h^3/12)\,J\,x(2x-1)(x-1)$; J is $-2\gamma|\dot v| z$ at a turning
-    point and $-2\delta\alpha v|v|$ at a zero of z.
+    The residual force has jumps of its second and third derivative: at a turning point
+    $J_2 = -2\gamma|\dot v|z$, $J_3 = -2\gamma\,\mathrm{sgn}(v_1)\,\ddot v z$; at a zero of z
+    $J_2 = -2\alpha\delta v|v|$, $J_3 = -6\alpha\delta|v|\dot v + 4\alpha\gamma\delta v^3$.
+    They are paid back as kicks on v and y: with J_2 the state is of order 4, with the rest its
+    derivatives are too.
+
+    Returns:
+        z at the end, its slope constant c there, and the kicks on v and y.
     """
     y, v, z = state
+    h = step.dt
     turns = v * v_1 < 0.0
-    fraction, before, after = _turning_point(turns, step.dt * v, step.dt * v_1, y_1 - y)
-    fraction, before, after = kept((fraction, before, after))
-    z_turn, z_1 = _two_moves(step, z, (before, after), (jnp.where(v == 0.0, v_1, v), v_1))
-    h_6 = step.dt**2 / 6.0
-    kick = h_6 * step.gamma * jnp.abs(v_1 - v) * z_turn * _kink_weight(1.0 - fraction)
+    path = kept(hermite(h * v, h * v_1, y_1 - y))
+    fraction, sharpness = turning_point(turns, path)
+    before = kept(jnp.where(turns, path.move(fraction), y_1 - y))
+    directions = jnp.where(v == 0.0, v_1, v), v_1
+    z_turn, z_1, past_zero = _two_moves(step, z, (before, y_1 - y - before), directions)
+    at_turn = jnp.where(turns, -2.0 * h * z_turn, 0.0)
+    turn_v, turn_y = kick(
+        1.0 - fraction,
+        at_turn * step.gamma * sharpness,
+        at_turn * signed(step.gamma, v_1) * 6.0 * path.c_3,
+    )
     crosses = z * z_1 < 0.0
-    remaining = kept(z_1 / jnp.where(crosses, z_1 - z, 1.0))
-    v_zero = kept(v + (v_1 - v) * (1.0 - remaining))
-    zero = step.dt * h_6 * step.delta * step.alpha * v_zero * jnp.abs(v_zero)
-    kick = jnp.where(turns, kick, 0.0) + jnp.where(crosses, zero * _kink_weight(remaining), 0.0)
-    return z_1, signed(step.gamma, v_1) + signed(step.delta, z_1), kick
+    guess = z / jnp.where(crosses, z - z_1, 1.0)
+    s = passage(crosses & ~turns, path, guess, before - past_zero)
+    speed = kept(path.slope(s))
+    at_zero = jnp.where(crosses, -2.0 * h * step.alpha * step.delta, 0.0)
+    zero_v, zero_y = kick(
+        1.0 - s,
+        at_zero * speed * jnp.abs(speed),
+        at_zero * (3.0 * jnp.abs(speed) * path.bend(s) - 2.0 * step.gamma * speed**3),
+    )
+    c_1 = signed(step.gamma, v_1) + signed(step.delta, z_1)
+    return z_1, c_1, turn_v + zero_v, h * (turn_y + zero_y)
 
 
-def _two_moves(step: ExactStep, z: Scalar, moves: Pair, directions: Pair) -> Pair:
+def _two_moves(step: ExactStep, z: Scalar, moves: Pair, directions: Pair) -> State:
     """Force z after each of two monotone moves, of which one may lead through z = 0.
 
     Three legs: the first move as if z kept its sign; what is left of it after a zero, or else the
     second move; what is left of that after a zero, or else the second move.
+
+    Returns:
+        z after the first and after the second move, and the signed distance from the zero of z
+        back to the end of the first move (where z passes zero).
     """
     alpha, delta = step.alpha, step.delta
     first, second = (signed(step.gamma, direction) for direction in directions)
@@ -162,23 +187,4 @@ def _two_moves(step: ExactStep, z: Scalar, moves: Pair, directions: Pair) -> Pai
     c_c = second + jnp.where(late, signed(delta, directions[1]), signed(delta, z_b))
     rest = jnp.where(late, moves[1] + d, jnp.where(early, moves[1], 0.0))
     z_c = move(alpha, c_c, jnp.where(late, 0.0, z_b), rest)
-    return jnp.where(early, z_b, z_a), z_c
-
-
-def _kink_weight(x: Scalar) -> Scalar:
-    return x * (2.0 * x - 1.0) * (x - 1.0)
-
-
-def _turning_point(
-    turns: Bool[Array, "..."], start: Scalar, end: Scalar, rise: Scalar
-) -> tuple[Scalar, Scalar, Scalar]:
-    """Extremum of the cubic with given end slopes and rise: its place, the moves on either side.
-
-    The one root in (0, 1) of C + 2 B s + 3 A s^2, where C and the slope at s = 1 differ in sign.
-    """
-    b = 3.0 * rise - 2.0 * start - end
-    a = start + end - 2.0 * rise
-    root = kept(jnp.sqrt(jnp.where(turns, jnp.maximum(b**2 - 3.0 * a * start, 1e-300), 1.0)))
-    s = kept(start / jnp.where(turns, signed(root, start) - b, 1.0))
-    before = jnp.where(turns, s * (start + s * (b + s * a)), rise)
-    return jnp.where(turns, s, 1.0), before, rise - before
+    return jnp.where(early, z_b, z_a), z_c, d

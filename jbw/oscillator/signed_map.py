@@ -1,8 +1,9 @@
 r"""Exact monotone moves of z for nu = 1 in signed form, cheap enough for a time step.
 
-On one branch $dz/dy = \alpha - c z$ with $c = \gamma\,\mathrm{sgn}\,\dot y +
-\delta\,\mathrm{sgn}\,z$, so a signed move dy gives $z + (\alpha - c z)\,dy\,P(c\,dy)$, $P(x) = (1 - e^{-x})/x$: no absolute
-values, no 0/0, and no logarithm unless z changes sign.
+On one branch $dz/dy = \alpha - c z$ with
+$c = \gamma\,\mathrm{sgn}\,\dot y + \delta\,\mathrm{sgn}\,z$, so a signed move dy gives
+$z + (\alpha - c z)\,dy\,P(c\,dy)$, $P(x) = (1 - e^{-x})/x$: no absolute values, no 0/0, and no
+logarithm unless z changes sign.
 """
 
 from collections.abc import Callable

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from jbw.errors import DataError
+from jbw.identification.opening import draw_noise_std, log_likelihood, opening_data
 from jbw.measurement.records import Record, Test
 from jbw.observables import response
 
@@ -63,15 +64,22 @@ def test_marginal_likelihood_integrates_the_noise_out(tests):
     np.testing.assert_allclose(found[1] - found[0], exact, rtol=1e-6, atol=1e-6)
 
 
-def test_noise_of_the_repeats_and_its_draws(tests):
+def test_noise_of_the_repeats(tests):
     data = response.reduce(tests)
     # 2048 degrees of freedom: the estimate has a standard error of 1.6 %.
     assert float(response.noise_std(data)[0]) == pytest.approx(1e-3, rel=0.07)
-    keys = jax.random.split(jax.random.key(0), 400)
-    draws = jax.vmap(lambda key: response.draw_noise_std(key, theta(), data))(keys)
-    spread = float(jnp.std(draws) / jnp.mean(draws))
-    # sd of sigma given n = 2560 residuals is 1 / sqrt(2 n); 400 draws know it to 3.5 %.
-    assert spread == pytest.approx(1 / np.sqrt(2 * 2560), rel=4 * 0.035)
+
+
+def test_draws_of_the_noise_come_from_the_stored_likelihood(tests):
+    data = opening_data(response.reduce(tests), {}, (15.0, 0.01))
+    terms = np.asarray(log_likelihood(theta(), data))
+    draws = draw_noise_std(jax.random.key(0), np.broadcast_to(terms, (4, 100, 2)), data)
+    squares = float(response.squares(theta(), data.records)[0])
+    # sigma^2 = Q / chi^2_n with n = 2560: mean sqrt(Q / n) to 1e-3, sd 1 / sqrt(2 n) of it, which
+    # 400 draws know to 3.5 %.
+    assert draws.shape == (4, 100, 1)
+    assert draws.mean() == pytest.approx(np.sqrt(squares / 2560), rel=0.004)
+    assert draws.std() / draws.mean() == pytest.approx(1 / np.sqrt(2 * 2560), rel=4 * 0.035)
 
 
 def test_residuals_at_the_truth_are_standard_normal(tests):
