@@ -18,6 +18,7 @@ from jbw.observables import response
 
 FITTED = ("sweep_0p05V", "sweep_0p20V")
 NOISE = "noise_0p005V"
+NUM_DRAWS = 500
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def _campaign(
         n: float(v) for n, v in zip(prior.names, (prior.lower + prior.upper) / 2, strict=True)
     }
     best = fit(residual, prior, data, starts=centre, max_steps=60)
-    found = importance(jax.random.key(seed), log_likelihood, prior, data, best)
+    found = importance(jax.random.key(seed), log_likelihood, prior, data, best, NUM_DRAWS)
     truth = {**swept.truth["joint"], "gain": swept.truth["gain"]}
     z = {name: (found.mean(name) - truth[name]) / found.sd(name) for name in prior.names}
     chi_square, dof = best.chi_square
