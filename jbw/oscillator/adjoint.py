@@ -91,8 +91,12 @@ def _tangent(
         return jax.lax.scan(_recurrence, x_dot, (matrices, offsets))
 
     _, ys = jax.lax.scan(chunk, initial_dot, (starts, push, push_dot))
-    ys = tuple(y.reshape(-1)[:num_intervals] for y in ys)
-    return tuple(jnp.concatenate([x[None], y]) for x, y in zip(initial_dot, ys, strict=True))
+
+    def joined(first, following):
+        return jnp.concatenate([jnp.asarray(first)[None], following.reshape(-1)[:num_intervals]])
+
+    y, v, z = (joined(*pair) for pair in zip(initial_dot, ys, strict=True))
+    return y, v, z
 
 
 def _linearised(primals, tangents):
@@ -119,8 +123,8 @@ def _linearised(primals, tangents):
 def _recurrence(x_dot: State, inputs) -> tuple[State, State]:
     """One interval of the tangent recurrence; matrices come column by column."""
     columns, offset = inputs
-    x_dot = tuple(
-        sum((column[i] * x for column, x in zip(columns, x_dot, strict=True)), offset[i])
+    y, v, z = (
+        offset[i] + sum(column[i] * x for column, x in zip(columns, x_dot, strict=True))
         for i in range(3)
     )
-    return x_dot, x_dot
+    return (y, v, z), (y, v, z)

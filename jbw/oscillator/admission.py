@@ -5,6 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jbw.errors import ConfigError, DataError, ModelError
 from jbw.oscillator.parameters import BoucWen
@@ -12,7 +13,7 @@ from jbw.oscillator.reconstruction import HOLDS
 
 
 def _traced(*values: Any) -> bool:
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(values))
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
 
 
 def check_options(

@@ -149,7 +149,7 @@ def _through_kinks(
     )
     crosses = z * z_1 < 0.0
     guess = z / jnp.where(crosses, z - z_1, 1.0)
-    s = passage(crosses & ~turns, path, guess, before - past_zero)
+    s = passage(jnp.logical_and(crosses, ~turns), path, guess, before - past_zero)
     speed = kept(path.slope(s))
     at_zero = jnp.where(crosses, -2.0 * h * step.alpha * step.delta, 0.0)
     zero_v, zero_y = kick(

@@ -28,7 +28,7 @@ def sampled(u: Input, fs: float, num_samples: int) -> Float[Array, " time"]:
     Returns:
         Samples, in the unit of u.
     """
-    return jax.vmap(u)(jnp.asarray(np.arange(num_samples) / fs))
+    return jnp.asarray(jax.vmap(u)(jnp.asarray(np.arange(num_samples) / fs)))
 
 
 def tone(amplitude: Scalar, omega: Scalar, phase: Scalar = 0.0) -> Input:

@@ -113,71 +113,68 @@ def simulate(
     if not callable(u):
         u = jnp.asarray(u, float)
         check_input(u, num_samples)
-    route = _Route(fs, hold, substeps, periodic, num_samples, solver, controller)
-    response = _broadcast(partial(_simulate, route), joint, u, tuple(initial))
+        num_samples = u.shape[-1]
+    options = _Options(hold, substeps, periodic, num_samples or 0, solver, controller)
+    joint, fs, start = jax.tree.map(lambda x: jnp.asarray(x, float), (joint, fs, initial))
+    response = _simulate_batch(options, joint, u, fs, start)
     check_bounded(joint, response.y)
     check_settled(response.residual)
     return response
 
 
-class _Route(NamedTuple):
-    """The options of `simulate` that are no arrays."""
+class _Options(NamedTuple):
+    """What is no array among the arguments of `simulate`."""
 
-    fs: Scalar
     hold: str
     substeps: int
     periodic: bool
-    num_samples: int | None
+    num_samples: int
     solver: AbstractSolver | None
     controller: AbstractStepSizeController | None
 
 
-def _broadcast(one: Callable, joint: BoucWen, u: Input, initial: State) -> Response:
-    """`one` over the common batch shape of the joint, the input and the initial state."""
-    joint, initial = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), (joint, initial))
-    shapes = [leaf.shape for leaf in jax.tree.leaves((joint, initial))]
+@eqx.filter_jit
+def _simulate_batch(
+    options: _Options, joint: BoucWen, u: Input, fs: Scalar, initial: State
+) -> Response:
+    """Response over the common batch shape of the joint, the input and the initial state."""
     lead = () if callable(u) else u.shape[:-1]
+    shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves((joint, initial))]
     batch = jnp.broadcast_shapes(*shapes, lead)
     if not batch:
-        return one(joint, u, initial)
+        return _simulate(options, joint, u, fs, initial)
 
-    def lanes(leaf):
-        return jnp.broadcast_to(leaf, batch).reshape(-1)
+    def lanes(leaf, *rest):
+        return jnp.broadcast_to(leaf, (*batch, *rest)).reshape(-1, *rest)
+
+    if not callable(u) and lead:
+        u = lanes(u, u.shape[-1])
+
+    def one(joint, initial, own):
+        return _simulate(options, joint, own if lead else u, fs, initial)
 
     joint, initial = jax.tree.map(lanes, (joint, initial))
-    axis = None
-    if lead:
-        u = jnp.broadcast_to(u, (*batch, u.shape[-1])).reshape(-1, u.shape[-1])
-        axis = 0
-    if callable(u):
-        response = jax.vmap(lambda joint, initial: one(joint, u, initial))(joint, initial)
-    else:
-        response = jax.vmap(one, in_axes=(0, axis, 0))(joint, u, initial)
-    motion = (response.y, response.v, response.z, response.a)
-    return Response(
-        response.t[0],
-        *(x.reshape(*batch, -1) for x in motion),
-        response.residual.reshape(batch),
-    )
+    response = jax.vmap(one)(joint, initial, u if lead else joint.omega_n)
+    unflat = jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), response)
+    return eqx.tree_at(lambda r: r.t, unflat, response.t[0])
 
 
-def _simulate(route: _Route, joint: BoucWen, u: Input, initial: State) -> Response:
+def _simulate(options: _Options, joint: BoucWen, u: Input, fs: Scalar, initial: State) -> Response:
     """One oscillator under one input."""
-    num_samples = route.num_samples if callable(u) else u.shape[-1]
-    t = jnp.asarray(np.arange(num_samples) / route.fs)
+    t = jnp.asarray(np.arange(options.num_samples) / fs)
     if callable(u):
-        trajectory_from = partial(_stock, route, joint, lambda tau: u(tau / route.fs), num_samples)
-        u_sampled = jax.vmap(u)(t)
+        u_sampled = jnp.asarray(jax.vmap(u)(t))
+        trajectory_from = partial(_stock, options, joint, lambda tau: u(tau / fs), fs)
     else:
-        polynomials = input_polynomials(u, route.hold, periodic=route.periodic)
         u_sampled = u
-        if route.solver is None and joint.nu == 1.0:
-            steps = stepping(joint, polynomials, route.fs, route.substeps)
-            trajectory_from = partial(solve, route.substeps, steps)
+        polynomials = input_polynomials(u, options.hold, periodic=options.periodic)
+        if options.solver is None and joint.nu == 1.0:
+            steps = stepping(joint, polynomials, fs, options.substeps)
+            trajectory_from = partial(solve, options.substeps, steps)
         else:
             held = partial(sampled_input, polynomials)
-            trajectory_from = partial(_stock, route, joint, held, num_samples)
-    if route.periodic:
+            trajectory_from = partial(_stock, options, joint, held, fs)
+    if options.periodic:
         (y, v, z), residual = steady_period(trajectory_from, initial, joint.omega_n)
     else:
         (y, v, z), residual = trajectory_from(initial), jnp.zeros(())
@@ -186,17 +183,17 @@ def _simulate(route: _Route, joint: BoucWen, u: Input, initial: State) -> Respon
 
 
 def _stock(
-    route: _Route, joint: BoucWen, u: Callable, num_samples: int, initial: State
+    options: _Options, joint: BoucWen, u: Callable, fs: Scalar, initial: State
 ) -> Trajectory:
     """Trajectory through a stock solver; a periodic one goes on to the next period's start."""
-    default = ConstantStepSize() if route.solver else PIDController(rtol=1e-9, atol=1e-12)
+    default = ConstantStepSize() if options.solver else PIDController(rtol=1e-9, atol=1e-12)
     return solve_stock(
         joint,
         u,
-        num_samples + 1 if route.periodic else num_samples,
-        route.fs,
+        options.num_samples + 1 if options.periodic else options.num_samples,
+        fs,
         initial,
-        route.substeps,
-        route.solver or Dopri8(),
-        route.controller or default,
+        options.substeps,
+        options.solver or Dopri8(),
+        options.controller or default,
     )

@@ -106,7 +106,8 @@ class HysteresisExact(diffrax.AbstractSolver):
 
     def step(self, terms, t0, t1, y0, args: Stepping, solver_state, made_jump):
         """One substep."""
-        push: Pair = tuple(p[solver_state] for p in args.push)
+        push_y, push_v = args.push
+        push: Pair = push_y[solver_state], push_v[solver_state]
         y1 = advance(args.step, y0, push, branch=True)
         dense_info = dict(y0=y0, y1=y1)
         return y1, None, dense_info, solver_state + 1, diffrax.RESULTS.successful

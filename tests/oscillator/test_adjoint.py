@@ -36,7 +36,7 @@ run = jax.jit(simulate, static_argnames=("hold", "substeps"))
 
 
 def golden_gradient_errors(case, substeps):
-    """Errors of the four golden gradients, relative to their scale-free sizes."""
+    """Relative errors of the four golden gradients, number by number."""
     t = np.arange(case["N"] + 1) / case["fs"]
     u = case["A"] * np.sin(2 * np.pi * (case["f0"] * t + case["rate_hz_per_s"] * t**2 / 2))
     joint, truth = as_joint(case["params"]), as_joint(case["params_data"])
@@ -51,12 +51,10 @@ def golden_gradient_errors(case, substeps):
         "dv_end": (none, end),
         "dy_mid": (middle, none),
     }
-    scale = np.array([case["params"][name] for name in NAMES])
     errors = {}
     for name, pair in weights.items():
         gradient = np.asarray(pull(joint, u, case["fs"], *pair, hold=hold, substeps=substeps))
-        expected = np.array(case[name])
-        errors[name] = np.abs((gradient - expected) * scale) / np.abs(expected * scale).max()
+        errors[name] = np.abs(gradient / np.array(case[name]) - 1.0)
     return errors
 
 
@@ -64,22 +62,26 @@ def label(case):
     return f"{case['input']}-{case['A']:g}"
 
 
-@pytest.mark.parametrize("case", [SWEEPS[0], SWEEPS[1], SWEEPS[2]], ids=label)
+@pytest.mark.parametrize("case", SWEEPS[:3], ids=label)
 def test_golden_gradients_at_four_substeps(case):
     for name, error in golden_gradient_errors(case, 4).items():
-        # dJ1/d(omega_n) is what two large contributions leave: 3e-5; all others are below 2e-6.
-        assert error.max() < 5e-5, (name, error)
-        assert np.median(error) < 2e-6, (name, error)
+        # dJ1/d(omega_n) is what two large contributions leave of each other.
+        assert error.max() < 1e-5, (name, error)
+        assert np.median(error) < 1e-6, (name, error)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", SWEEPS, ids=label)
-def test_golden_gradients_converge(case):
-    coarse, fine = (golden_gradient_errors(case, m) for m in (3, 16))
-    for name, error in coarse.items():
-        assert error.max() < 5e-5, (name, error)
-        # The gradients' own errors at the kinks fall with the third power or faster.
-        assert fine[name].max() < 1e-6, (name, fine[name])
+def test_golden_gradients_converge_with_order_4(case):
+    substeps = (1, 2, 4)
+    errors = [
+        np.concatenate(list(golden_gradient_errors(case, m).values())) for m in substeps
+    ]  # fmt: skip
+    # The golden gradients are good to 1e-9; single errors may cross zero on their way.
+    logs = np.mean(np.log(np.maximum(errors, 1e-9)), axis=1)
+    order = -np.polyfit(np.log(substeps), logs, 1)[0]
+    assert 3.6 < order < 4.5, (order, errors)
+    assert np.max(errors[-1]) < 1e-5
 
 
 @pytest.fixture(scope="module")
@@ -143,6 +145,7 @@ def test_jacfwd_equals_jacrev(setting):
     np.testing.assert_allclose(forward, reverse, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_lanes_equal_a_loop(setting):
     joint, u, initial = setting
     theta = jnp.stack([getattr(joint, name) for name in NAMES])

@@ -1,0 +1,108 @@
+r"""Kinks inside one time step: where v or z passes zero, and what the step's cubics miss there.
+
+Displacement within a step of length h is a cubic in $s \in [0, 1]$; slopes are per step.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.signed_map import kept, signed
+
+
+class Cubic(NamedTuple):
+    r"""Path $y(s) - y(0) = c_1 s + c_2 s^2 + c_3 s^3$ [m]."""
+
+    c_1: Scalar
+    c_2: Scalar
+    c_3: Scalar
+
+    def move(self, s: Scalar) -> Scalar:
+        """Move from the start of the step [m]."""
+        return s * (self.c_1 + s * (self.c_2 + s * self.c_3))
+
+    def slope(self, s: Scalar) -> Scalar:
+        """First derivative, h v [m]."""
+        return self.c_1 + s * (2.0 * self.c_2 + 3.0 * s * self.c_3)
+
+    def bend(self, s: Scalar) -> Scalar:
+        """Second derivative, h^2 dv/dt [m]."""
+        return 2.0 * self.c_2 + 6.0 * s * self.c_3
+
+
+def hermite(start: Scalar, end: Scalar, rise: Scalar) -> Cubic:
+    """Cubic with given slopes at both ends and a given rise between them.
+
+    Args:
+        start: Slope at s = 0, h v [m].
+        end: Slope at s = 1 [m].
+        rise: Move over the step [m].
+
+    Returns:
+        The path.
+    """
+    return Cubic(start, 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise)
+
+
+def turning_point(turns: Bool[Array, "..."] | bool, path: Cubic) -> tuple[Scalar, Scalar]:
+    r"""Where the path turns, $y'(s) = 0$, and how sharply.
+
+    Of the two roots $s = c_1/(-c_2 \pm \sqrt{c_2^2 - 3 c_1 c_3})$ the one in (0, 1), given slopes
+    of opposite signs at the ends; the square root is half the size of y'' there.
+
+    Args:
+        turns: Whether there is such a point.
+        path: Path within the step.
+
+    Returns:
+        s (1 where the path does not turn) and |y''| [m].
+    """
+    square = path.c_2**2 - 3.0 * path.c_1 * path.c_3
+    root = kept(jnp.sqrt(jnp.where(turns, jnp.maximum(square, 1e-300), 1.0)))
+    s = path.c_1 / jnp.where(turns, signed(root, path.c_1) - path.c_2, 1.0)
+    return kept(jnp.where(turns, s, 1.0)), 2.0 * root
+
+
+def passage(
+    steady: Bool[Array, "..."] | bool, path: Cubic, guess: Scalar, target: Scalar
+) -> Scalar:
+    """Fraction s of the step at which a path reaches a target, by one Newton step.
+
+    Args:
+        steady: Whether the path does not turn, so that it may be inverted.
+        path: Path within the step.
+        guess: First guess, good to order h; it is kept where not `steady`.
+        target: Move to reach [m].
+
+    Returns:
+        s, good to order h^3.
+    """
+    slope = jnp.where(steady, path.slope(guess), 1.0)
+    return kept(guess - jnp.where(steady, (path.move(guess) - target) / slope, 0.0))
+
+
+def kick(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> tuple[Scalar, Scalar]:
+    r"""What the cubic through r and its rate at both ends misses of a kink inside the step.
+
+    With jumps J_2, J_3 of the second and third derivative of r when a fraction x remains,
+
+    $$\int_0^h (r - H)\,ds = \tfrac{h^3}{12} J_2\,x(1-x)(1-2x) + \tfrac{h^4}{24} J_3\,x^2(1-x)^2$$
+    $$\int_0^h (h - s)(r - H)\,ds = \tfrac{h^4}{120} J_2\,x(1-x)(4 - 5x - 5x^2)$$
+
+    and the response of v and y to a force r is minus these. All weights vanish at x = 0 and 1, so
+    the step stays continuous in its parameters.
+
+    Args:
+        x: Fraction of the step after the kink.
+        jump_2: h^3 J_2 [m/s].
+        jump_3: h^4 J_3 [m/s].
+
+    Returns:
+        Kicks on v [m/s] and on y / h [m/s].
+    """
+    weight = x * (1.0 - x)
+    kick_v = -weight * (jump_2 * (1.0 - 2.0 * x) / 12.0 + jump_3 * weight / 24.0)
+    kick_y = -weight * jump_2 * (4.0 - 5.0 * x - 5.0 * x**2) / 120.0
+    return kick_v, kick_y
