@@ -25,18 +25,19 @@ Pair = tuple[Scalar, Scalar]
 class ExactStep(eqx.Module):
     """Constants of the step, made once per set of parameters; all leaves are scalars.
 
-    `e_*` move (y, v) freely; `r_*`, `s_*` are the effect of r and of h times its rate in the
-    predictor; `d_*`, `a_*`, `b_*` those of the change of r and of its two rates in the corrector.
+    `f_*` are what (y, v) change by freely; `r_*`, `s_*` are the effect of r and of h times its
+    rate in the predictor; `d_*`, `a_*`, `b_*` those of the change of r and of its two rates in
+    the corrector.
     """
 
     alpha: Scalar
     delta: Scalar
     gamma: Scalar
     dt: Scalar
-    e_11: Scalar
-    e_12: Scalar
-    e_21: Scalar
-    e_22: Scalar
+    f_11: Scalar
+    f_12: Scalar
+    f_21: Scalar
+    f_22: Scalar
     r_y: Scalar
     r_v: Scalar
     s_y: Scalar
@@ -65,7 +66,7 @@ def exact_step(joint: BoucWen, dt: Scalar) -> tuple[ExactStep, Array, Array]:
     )
     # fmt: off
     step = ExactStep(
-        joint.alpha, joint.delta, joint.gamma, dt, m.e_11, m.e_12, m.e_21, m.e_22,
+        joint.alpha, joint.delta, joint.gamma, dt, m.f_11, m.f_12, m.f_21, m.f_22,
         r_y=y_0, r_v=v_0, s_y=y_1, s_v=v_1,
         d_y=3.0 * y_2 - 2.0 * y_3, d_v=3.0 * v_2 - 2.0 * v_3,
         a_y=y_3 - 2.0 * y_2, a_v=v_3 - 2.0 * v_2, b_y=y_3 - y_2, b_v=v_3 - v_2,
@@ -95,8 +96,8 @@ def advance(step: ExactStep, state: State, push: Pair, *, branch: bool) -> State
     c = signed(step.gamma, v) + signed(step.delta, z)
     r = z - step.alpha * y
     rate = -step.dt * c * v * z
-    y_1 = step.e_11 * y + step.e_12 * v + push[0] - step.r_y * r - step.s_y * rate
-    v_1 = step.e_21 * y + step.e_22 * v + push[1] - step.r_v * r - step.s_v * rate
+    y_1 = y + (step.f_11 * y + step.f_12 * v + push[0] - step.r_y * r - step.s_y * rate)
+    v_1 = v + (step.f_21 * y + step.f_22 * v + push[1] - step.r_v * r - step.s_v * rate)
     if branch:
         dy = y_1 - y
         z_1 = smooth_move(step.alpha, c, z, dy)

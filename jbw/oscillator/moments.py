@@ -23,18 +23,19 @@ class Moments(eqx.Module):
     $$q(h) = E\,q(0) + \sum_j W_j f_j, \qquad q = (y, v)$$
 
     Attributes:
-        e_11: Entry of E = exp(L h) [-].
-        e_12: Entry of E [s].
-        e_21: Entry of E [1/s].
-        e_22: Entry of E [-].
+        f_11: Entry of F = E - 1, E = exp(L h) [-]; E itself would hide the phase of a short step
+            behind its ones.
+        f_12: Entry of F [s].
+        f_21: Entry of F [1/s].
+        f_22: Entry of F [-].
         y: Displacement part of W_j [s^2], last axis j.
         v: Velocity part of W_j [s], last axis j.
     """
 
-    e_11: Scalar
-    e_12: Scalar
-    e_21: Scalar
-    e_22: Scalar
+    f_11: Scalar
+    f_12: Scalar
+    f_21: Scalar
+    f_22: Scalar
     y: Float[Array, "... moment"]
     v: Float[Array, "... moment"]
 
@@ -65,21 +66,21 @@ def impulse_moments(stiffness: Scalar, damping: Scalar, dt: Scalar, num: int) ->
         y, v = terms[-1]
         terms.append((v, -kappa * y - c * v))
     y, v = (jnp.stack(entries, axis=-1) for entries in zip(*terms, strict=True))
-    free = np.array([1.0 / factorial(k) for k in range(_NUM_TERMS)])
+    free = np.array([0.0] + [1.0 / factorial(k) for k in range(1, _NUM_TERMS)])
     weights = np.array(
         [[factorial(j) / factorial(j + k + 1) for j in range(num)] for k in range(_NUM_TERMS)]
     )
-    e_12, e_22 = y @ free, v @ free
+    f_12, f_22 = y @ free, v @ free
     w_y, w_v = y @ weights, v @ weights
     for _ in range(_NUM_DOUBLINGS):
-        e_12, e_22, w_y, w_v = _double(kappa, c, e_12, e_22, w_y, w_v)
+        f_12, f_22, w_y, w_v = _double(kappa, c, f_12, f_22, w_y, w_v)
         kappa, c = 4.0 * kappa, 2.0 * c
-    e_11, e_21 = e_22 + c * e_12, -kappa * e_12
+    f_11, f_21 = f_22 + c * f_12, -kappa * f_12
     dt = jnp.asarray(dt)
-    return Moments(e_11, dt * e_12, e_21 / dt, e_22, dt[..., None] ** 2 * w_y, dt[..., None] * w_v)
+    return Moments(f_11, dt * f_12, f_21 / dt, f_22, dt[..., None] ** 2 * w_y, dt[..., None] * w_v)
 
 
-def _double(kappa, c, e_12, e_22, w_y, w_v):
+def _double(kappa, c, f_12, f_22, w_y, w_v):
     r"""From one step to two: $W_j \leftarrow 2^{-j}(E W_j + \sum_i \binom{j}{i} W_i)$.
 
     In the scaled state (y, h v), whose unit of velocity doubles with the step.
@@ -87,10 +88,11 @@ def _double(kappa, c, e_12, e_22, w_y, w_v):
     num = w_y.shape[-1]
     shift = np.array([[comb(j, i) for j in range(num)] for i in range(num)], float)
     halves = 0.5 ** np.arange(num)
-    e_11, e_21 = e_22 + c * e_12, -kappa * e_12
-    moved_y = e_11[..., None] * w_y + e_12[..., None] * w_v
-    moved_v = e_21[..., None] * w_y + e_22[..., None] * w_v
+    f_11, f_21 = f_22 + c * f_12, -kappa * f_12
+    moved_y = w_y + f_11[..., None] * w_y + f_12[..., None] * w_v
+    moved_v = w_v + f_21[..., None] * w_y + f_22[..., None] * w_v
     w_y, w_v = halves * (moved_y + w_y @ shift), halves * (moved_v + w_v @ shift)
-    # E^2, then (y, h v) -> (y, 2 h v); the moments carry h^2 -> 4 h^2.
-    doubled_12, doubled_22 = e_11 * e_12 + e_12 * e_22, e_21 * e_12 + e_22**2
+    # E^2 - 1 = F^2 + 2 F, then (y, h v) -> (y, 2 h v); the moments carry h^2 -> 4 h^2.
+    doubled_12 = f_12 * (2.0 + f_11 + f_22)
+    doubled_22 = f_21 * f_12 + f_22 * (2.0 + f_22)
     return doubled_12 / 2.0, doubled_22, w_y / 4.0, w_v / 2.0

@@ -73,14 +73,14 @@ def test_golden_gradients_at_four_substeps(case):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", SWEEPS, ids=label)
 def test_golden_gradients_converge_with_order_4(case):
-    substeps = (1, 2, 4)
+    substeps = (2, 4, 8)
     errors = [
         np.concatenate(list(golden_gradient_errors(case, m).values())) for m in substeps
     ]  # fmt: skip
-    # The golden gradients are good to 1e-9; single errors may cross zero on their way.
-    logs = np.mean(np.log(np.maximum(errors, 1e-9)), axis=1)
+    # The golden gradients are good to some 1e-10; single errors may cross zero on their way.
+    logs = np.mean(np.log(np.maximum(errors, 1e-10)), axis=1)
     order = -np.polyfit(np.log(substeps), logs, 1)[0]
-    assert 3.6 < order < 4.5, (order, errors)
+    assert 3.5 < order < 4.5, (order, errors)
     assert np.max(errors[-1]) < 1e-5
 
 
