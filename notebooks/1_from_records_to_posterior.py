@@ -34,7 +34,7 @@ truth = rig.TRUTH
 # ## Step 2: the linear regime
 #
 # At 5 mV the joint sticks. The line fit reads natural frequency, damping and gain off the FRF; the
-# window's smearing is part of the fitted model, so even a short window does not inflate the damping.
+# window's smearing is part of the fitted model: even a short window does not inflate the damping.
 
 # %%
 noise = tests["noise_0p005V"].records[0]

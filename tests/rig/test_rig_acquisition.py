@@ -259,8 +259,14 @@ def test_sweep_peaks_are_those_the_presets_state():
 def test_held_out_before_any_fit():
     sweeps = ["sweep_0p05V", "sweep_0p10V", "sweep_0p20V"]
     whole = measure(tests=sweeps)
-    assert dict(whole.settings) == {"fit_levels": [0.05, 0.20], "fit_repeats": 24}
-    assert dict(measure(tests=sweeps[:1], repeats=4).settings) == {}
+    settings = dict(whole.settings)
+    prior = settings.pop("prior")
+    assert settings == {"fit_levels": [0.05, 0.20], "fit_repeats": 24}
+    assert set(measure(tests=sweeps[:1], repeats=4).settings) == {"prior"}
+    # The paper's prior CVs; its box of gamma is known by this number alone, to two digits.
+    for name, cv in {"zeta": 0.116, "alpha": 0.094, "delta": 0.116, "gamma": 0.239}.items():
+        low, high = prior[name]
+        assert (high - low) / np.sqrt(12) / ((low + high) / 2) == pytest.approx(cv, rel=0.01)
 
 
 @pytest.mark.parametrize(

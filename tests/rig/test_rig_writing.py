@@ -42,7 +42,8 @@ def test_files_give_back_the_records_exactly(campaign, folder):
 def test_campaign_file_states_the_tests(campaign, folder):
     table = tomllib.loads((folder / "campaign.toml").read_text())
     assert table["campaign"] == {"name": "virtual rig, laboratory"}
-    assert table["identify"] == {"fit_levels": [0.05, 0.2]}
+    assert table["identify"]["fit_levels"] == [0.05, 0.2]
+    assert table["identify"]["prior"]["alpha"] == [425.0, 590.0]
     assert [test["name"] for test in table["test"]] == [test.name for test in campaign.tests]
     for test in table["test"]:
         assert len(list(folder.glob(test["files"]))) == 2
@@ -100,7 +101,6 @@ def test_a_file_in_the_way_is_a_plain_error(campaign, tmp_path):
         write(campaign, tmp_path / "file" / "folder")
 
 
-@pytest.mark.skipif("load_campaign" not in jbw.__all__, reason="no campaign loader")
 def test_the_door_of_every_campaign_reads_it(campaign, folder):
     loaded = jbw.load_campaign(folder / "campaign.toml")
     assert (loaded.name, loaded.gain, loaded.modal_mass) == (campaign.name, None, None)
