@@ -115,17 +115,12 @@ def test_measured_beam():
     study = jbw.identify(jbw.load_campaign(MEASURED, allow_outside=True))
     curves = study.tree["verification/amplitude"].to_dataset()
     amplitude = curves["amplitude"].values
-    # As published with the data, 95-150 Hz: at 0.70 m/s 122.14 Hz and 0.124 %, at 0.17 m/s
-    # 122.38 Hz and 0.058 %. One decimal of the damping is what such a reading is good for, and at
-    # the strongest amplitude the joint's own law bends away from straight lines.
-    for at, frequency, damping, within in (
-        (0.70, 122.14, 1.24e-3, 0.10),
-        (0.17, 122.38, 5.8e-4, 0.05),
-    ):
-        model = np.interp(at, amplitude, curves["model_frequency"].values[1])
-        assert model == pytest.approx(frequency, abs=0.02)
-        model = np.interp(at, amplitude, curves["model_damping"].values[1])
-        assert model == pytest.approx(damping, rel=within)
+    # As published with the data: at 0.17 m/s 122.38 Hz and 0.058 %, to as many digits as a reading
+    # of an envelope is good for. The published point at 0.70 m/s lies beyond the fitted amplitudes.
+    frequency = np.interp(0.17, amplitude, curves["model_frequency"].values[1])
+    assert frequency == pytest.approx(122.38, abs=0.02)
+    damping = np.interp(0.17, amplitude, curves["model_damping"].values[1])
+    assert damping == pytest.approx(5.8e-4, rel=0.05)
     errors = {name: row["nrmse"] for name, row in study.record["predictions"].items()}
     assert len(errors) == 9
     assert max(errors.values()) < 0.05
