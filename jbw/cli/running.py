@@ -101,7 +101,7 @@ def print_summary(summary: Mapping[str, Any]) -> None:
         for statement in step["statements"]:
             console.print(Text(f"{name}: {statement}"))
     for test, row in summary["predictions"].items():
-        kind = "fitted level, held-out repeats" if row["fitted"] else "level never fitted"
+        kind = "level or record fitted" if row["fitted"] else "never fitted"
         console.print(
             f"{test} ({kind}): {row['coverage']:.1%} inside the 99 % band, "
             f"error {row['nrmse']:.2g} of the response"
