@@ -11,7 +11,7 @@ from jbw.cli import run
 @pytest.mark.slow
 def test_demo_from_the_first_record_to_the_report(tmp_path, capsys):
     folder = tmp_path / "demo"
-    assert run(["demo", "--out", str(folder), "--seed", "1"]) == 0
+    assert run(["demo", "--out", str(folder)]) == 0
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["verdict"]["status"] == "ok"
     joint = summary["steps"]["joint"]["parameters"]
