@@ -73,13 +73,13 @@ def test_golden_gradients_at_four_substeps(case):
 @pytest.mark.slow
 @pytest.mark.parametrize("case", SWEEPS, ids=label)
 def test_golden_gradients_converge_with_order_4(case):
-    substeps = (2, 4, 8)
+    substeps = (1, 2, 4)
     errors = [
         np.concatenate(list(golden_gradient_errors(case, m).values())) for m in substeps
     ]  # fmt: skip
-    # The golden gradients are good to some 1e-10; single errors may cross zero on their way.
-    logs = np.mean(np.log(np.maximum(errors, 1e-10)), axis=1)
-    order = -np.polyfit(np.log(substeps), logs, 1)[0]
+    # The median of 20 numbers: single ones cross zero on their way. (From 8 substeps on the golden
+    # gradients, good to 1e-9, are no nearer to the truth.)
+    order = -np.polyfit(np.log(substeps), np.log(np.median(errors, axis=1)), 1)[0]
     assert 3.5 < order < 4.5, (order, errors)
     assert np.max(errors[-1]) < 1e-5
 
