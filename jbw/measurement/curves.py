@@ -1,0 +1,127 @@
+"""What is measured without a time history of the oscillator: response curves and forced loops."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbw.errors import DataError
+from jbw.measurement.channels import derivative_order
+from jbw.measurement.records import INPUTS, RESPONSES, Record
+
+
+@dataclass(frozen=True)
+class ResponseCurve:
+    """Measured harmonic response at one level: amplitudes against frequency, line by line.
+
+    The excitation may vary along the curve, as it does where a controller holds the response.
+
+    Attributes:
+        freq_hz: Excitation frequencies, in the order of the file [Hz].
+        source: Peak amplitude of the excitation at each line, whose phase is zero.
+        response: Complex peak amplitude X of the response x(t) = Re X exp(j order omega t).
+        source_kind: `input` or `force`.
+        response_kind: displacement, velocity or acceleration.
+        source_unit: SI unit of `source`: V, N/kg or N.
+        order: Harmonic of the excitation frequency at which the response was read.
+        name: What to call it in messages.
+        provenance: As in the record it came from.
+    """
+
+    freq_hz: NDArray[np.float64]
+    source: NDArray[np.float64]
+    response: NDArray[np.complex128]
+    source_kind: str
+    response_kind: str
+    source_unit: str
+    order: int = 1
+    name: str = ""
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ForcedLoop:
+    """A joint driven through a prescribed displacement while its force is measured.
+
+    Attributes:
+        fs: Sampling frequency [Hz].
+        displacement: Prescribed displacement [m].
+        force: Restoring force of the joint [N], positive against positive displacement.
+        name: What to call it in messages.
+        provenance: As in the record it came from.
+    """
+
+    fs: float
+    displacement: NDArray[np.float64]
+    force: NDArray[np.float64]
+    name: str = ""
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+
+def response_curve(record: Record, order: int = 1) -> ResponseCurve:
+    r"""The curve that a record of kind `frf` holds.
+
+    $$X = x \exp(j \varphi)$$
+
+    with x the response channel and phi the phase of the response relative to the excitation.
+
+    Args:
+        record: Channels `frequency`, `phase`, `force` or `input`, and a response, line by line.
+        order: Harmonic at which the response was read.
+
+    Raises:
+        DataError: A channel is missing.
+    """
+    _must_have(record, (("frequency",), ("phase",), INPUTS, RESPONSES), "a response curve")
+    x, phase = record.channels[record.response], record.channels["phase"]
+    return ResponseCurve(
+        freq_hz=record.channels["frequency"],
+        source=record.channels[record.source],
+        response=np.asarray(x * np.exp(1j * phase), dtype=np.complex128),
+        source_kind=record.source,
+        response_kind=record.response,
+        source_unit=record.units[record.source],
+        order=order,
+        name=record.name,
+        provenance=record.provenance,
+    )
+
+
+def displacement_of(curve: ResponseCurve) -> NDArray[np.complex128]:
+    r"""Complex peak displacement of a curve [m].
+
+    $$Y = X / (j n \omega)^p$$
+
+    with n the harmonic order and p = 0, 1, 2 for a displacement, velocity or acceleration.
+    """
+    omega = 2 * np.pi * curve.order * curve.freq_hz
+    return curve.response / (1j * omega) ** derivative_order(curve.response_kind)
+
+
+def forced_loop(record: Record) -> ForcedLoop:
+    """The prescribed displacement and the force that a record of kind `loop` holds.
+
+    Raises:
+        DataError: A channel is missing.
+    """
+    forces = ("restoring_force", "force")
+    _must_have(record, (("displacement",), forces), "a forced loop")
+    force = next(role for role in forces if role in record.channels)
+    return ForcedLoop(
+        record.fs,
+        record.channels["displacement"],
+        record.channels[force],
+        record.name,
+        record.provenance,
+    )
+
+
+def _must_have(record: Record, wanted: tuple[tuple[str, ...], ...], what: str) -> None:
+    for roles in wanted:
+        if not any(role in record.channels for role in roles):
+            raise DataError(
+                f"{record.name}: {what} needs a channel `{' or '.join(roles)}`, "
+                f"but the record has {', '.join(record.channels)}.",
+                remedy="Name it under channels.",
+            )
