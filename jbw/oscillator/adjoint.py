@@ -1,8 +1,8 @@
 r"""Derivatives of the hysteresis-exact solve: one function for forward and reverse mode.
 
-The primal is the diffrax solve, its states saved at the samples. The tangent needs no second
+The primal is the diffrax solve, its states saved at every substep. The tangent needs no second
 solve: the derivatives of all steps at the saved states are independent of each other and are
-taken for many samples at once; only the recurrence $\dot x_{n+1} = J_n \dot x_n + b_n$ with its
+taken for many steps at once; only the recurrence $\dot x_{n+1} = J_n \dot x_n + b_n$ with its
 3 x 3 matrices is sequential. It is linear in the tangents, so JAX transposes it for `jax.grad`.
 """
 
@@ -17,22 +17,22 @@ from jbw.oscillator.exact_step import State, advance
 from jbw.oscillator.solver import HysteresisExact, Stepping
 
 Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Float[Array, " time"]]
-# Samples whose steps are differentiated at once: the intermediate arrays stay in the cache, and
+# Steps that are differentiated at once: the intermediate arrays stay in the cache, and
 # the memory of a gradient does not grow with the record.
 _CHUNK = 64
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
-    """States at the samples, differentiable in the stepping and the initial state.
+    """States after every substep, differentiable in the stepping and the initial state.
 
     Args:
-        substeps: Substeps per sample interval.
+        substeps: Substeps per sample interval; they only set the unit of time.
         stepping: Constants of the step and the input's pushes.
         initial: (y, v, z) at the first sample.
 
     Returns:
-        y [m], v [m/s], z [N/kg] at the samples, `initial` first.
+        y [m], v [m/s], z [N/kg], `initial` first and then after every substep.
     """
     num_steps = stepping.push[0].shape[0]
     solution = diffrax.diffeqsolve(
@@ -43,13 +43,12 @@ def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
         dt0=1.0 / substeps,
         y0=initial,
         args=stepping,
-        saveat=diffrax.SaveAt(t0=True, steps=substeps),
+        saveat=diffrax.SaveAt(t0=True, steps=True),
         adjoint=diffrax.ForwardMode(),
         max_steps=num_steps,
         throw=False,
     )
-    num_samples = num_steps // substeps + 1
-    return tuple(x[:num_samples] for x in solution.ys)  # pyright: ignore
+    return tuple(x[: num_steps + 1] for x in solution.ys)  # pyright: ignore
 
 
 def _unused_field(tau, state, stepping):
@@ -61,26 +60,21 @@ def _unused_field(tau, state, stepping):
 def _solve_jvp(substeps, primals, tangents):
     stepping, initial = primals
     trajectory = solve(substeps, stepping, initial)
-    return trajectory, _tangent(substeps, stepping, trajectory, *tangents)
+    return trajectory, _tangent(stepping, trajectory, *tangents)
 
 
 def _tangent(
-    substeps: int,
-    stepping: Stepping,
-    trajectory: Trajectory,
-    stepping_dot: Stepping,
-    initial_dot: State,
+    stepping: Stepping, trajectory: Trajectory, stepping_dot: Stepping, initial_dot: State
 ) -> Trajectory:
-    """Tangent of the trajectory: chunks of samples one after another."""
-    num_intervals = trajectory[0].shape[0] - 1
-    size = min(_CHUNK, num_intervals)
+    """Tangent of the trajectory: chunks of steps one after another."""
+    num_steps = trajectory[0].shape[0] - 1
+    size = min(_CHUNK, num_steps)
 
-    def chunks(x, width=1):
-        pad = (-num_intervals % size) * width
-        return jnp.pad(x, (0, pad)).reshape(-1, size, width)
+    def chunks(x):
+        return jnp.pad(x, (0, -num_steps % size)).reshape(-1, size)
 
-    starts = tuple(chunks(x[:-1])[..., 0] for x in trajectory)
-    push, push_dot = (tuple(chunks(p, substeps) for p in s.push) for s in (stepping, stepping_dot))
+    starts = tuple(chunks(x[:-1]) for x in trajectory)
+    push, push_dot = (tuple(chunks(p) for p in s.push) for s in (stepping, stepping_dot))
 
     @jax.checkpoint
     def chunk(x_dot, inputs):
@@ -93,35 +87,31 @@ def _tangent(
     _, ys = jax.lax.scan(chunk, initial_dot, (starts, push, push_dot))
 
     def joined(first, following):
-        return jnp.concatenate([jnp.asarray(first)[None], following.reshape(-1)[:num_intervals]])
+        return jnp.concatenate([jnp.asarray(first)[None], following.reshape(-1)[:num_steps]])
 
     y, v, z = (joined(*pair) for pair in zip(initial_dot, ys, strict=True))
     return y, v, z
 
 
 def _linearised(primals, tangents):
-    """Matrices J_n and offsets b_n of a chunk's intervals, all at once."""
+    """Matrices J_n and offsets b_n of a chunk's steps, all at once."""
 
-    def interval(step, states, push):
-        def substep(states, push):
-            return advance(step, states, push, branch=False), None
-
-        pushes = tuple(p.T for p in push)
-        return jax.lax.scan(substep, states, pushes)[0]
+    def stepped(step, states, push):
+        return advance(step, states, push, branch=False)
 
     step, starts, push = primals
     step_dot, push_dot = tangents
     none, unit = jnp.zeros_like(starts[0]), jnp.ones_like(starts[0])
-    _, by_state = jax.linearize(lambda states: interval(step, states, push), starts)
+    _, by_state = jax.linearize(lambda states: stepped(step, states, push), starts)
     matrices = tuple(by_state(tuple(unit if i == j else none for i in range(3))) for j in range(3))
     _, offsets = jax.jvp(
-        lambda step, push: interval(step, starts, push), (step, push), (step_dot, push_dot)
+        lambda step, push: stepped(step, starts, push), (step, push), (step_dot, push_dot)
     )
     return matrices, offsets
 
 
 def _recurrence(x_dot: State, inputs) -> tuple[State, State]:
-    """One interval of the tangent recurrence; matrices come column by column."""
+    """One step of the tangent recurrence; matrices come column by column."""
     columns, offset = inputs
     y, v, z = (
         offset[i] + sum(column[i] * x for column, x in zip(columns, x_dot, strict=True))

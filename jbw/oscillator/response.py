@@ -29,7 +29,7 @@ from jbw.oscillator.exact_step import State
 from jbw.oscillator.parameters import BoucWen, Scalar
 from jbw.oscillator.periodic import steady_period
 from jbw.oscillator.reconstruction import input_polynomials
-from jbw.oscillator.solver import sampled_input, stepping
+from jbw.oscillator.solver import Stepping, sampled_input, stepping
 from jbw.oscillator.stock import solve_stock
 
 Input = Float[Array, "... time"] | Callable[[Scalar], Scalar]
@@ -170,7 +170,7 @@ def _simulate(options: _Options, joint: BoucWen, u: Input, fs: Scalar, initial: 
         polynomials = input_polynomials(u, options.hold, periodic=options.periodic)
         if options.solver is None and joint.nu == 1.0:
             steps = stepping(joint, polynomials, fs, options.substeps)
-            trajectory_from = partial(solve, options.substeps, steps)
+            trajectory_from = partial(_exact, options.substeps, steps)
         else:
             held = partial(sampled_input, polynomials)
             trajectory_from = partial(_stock, options, joint, held, fs)
@@ -180,6 +180,12 @@ def _simulate(options: _Options, joint: BoucWen, u: Input, fs: Scalar, initial: 
         (y, v, z), residual = trajectory_from(initial), jnp.zeros(())
     a = u_sampled - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - z
     return Response(t, y, v, z, a, residual)
+
+
+def _exact(substeps: int, steps: Stepping, initial: State) -> Trajectory:
+    """Trajectory by the hysteresis-exact step, at the samples."""
+    y, v, z = (x[::substeps] for x in solve(substeps, steps, initial))
+    return y, v, z
 
 
 def _stock(
