@@ -1,0 +1,147 @@
+"""The standard sweep, which most benchmarks solve, and how diffrax solves it without jbw's step."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ClassVar
+
+import diffrax
+import jax.numpy as jnp
+import numpy as np
+import yardstick
+
+from jbw import BoucWen, simulate
+from jbw.oscillator.solver import oscillate
+
+GOLDEN = Path(__file__).parent.parent / "tests" / "golden.json"
+PAPER = (2 * np.pi * 18.8, 0.00444, 497.4, 340.21, 32.84)
+FS, NUM = 1024.0, 16384
+TIME = np.arange(NUM) / FS
+# 0 to 40 Hz in 16 s; peak displacement 4.80 mm.
+U = 2.053397886 * np.sin(np.pi * 2.5 * TIME**2)
+
+
+def joint() -> BoucWen:
+    """The paper's joint."""
+    return BoucWen(*(jnp.asarray(p) for p in PAPER))
+
+
+def lanes(num: int) -> BoucWen:
+    """`num` joints within 5 % of the paper's; that one itself when there is one."""
+    spread = 1.0 + 0.05 * np.linspace(-1.0, 1.0, num) * (num > 1)
+    return BoucWen(*(jnp.asarray(p * spread) for p in PAPER))
+
+
+def exact_velocity() -> np.ndarray:
+    """Velocity of the standard sweep, good to about 1e-10 [m/s]."""
+    if yardstick.library() is None:
+        return np.asarray(simulate(joint(), U, FS, substeps=64).v)
+    return yardstick.reference(PAPER, U, FS)
+
+
+def relative_error(found: Any, exact: np.ndarray) -> float:
+    """Relative L2 error."""
+    return float(np.linalg.norm(np.asarray(found) - exact) / np.linalg.norm(exact))
+
+
+def golden_sweep() -> tuple[dict, np.ndarray]:
+    """The sweep of tests/golden.json under a first-order hold at A = 2, and its input [N/kg]."""
+    case = json.loads(GOLDEN.read_text())["sweep"]["cases"][0]
+    t = np.arange(case["N"] + 1) / case["fs"]
+    return case, case["A"] * np.sin(np.pi * case["rate_hz_per_s"] * t**2)
+
+
+class SampledRK4(diffrax.AbstractSolver):
+    """Classical RK4 from input sample to input sample; `args` are (joint, u, dt)."""
+
+    term_structure: ClassVar = diffrax.AbstractTerm
+    interpolation_cls: ClassVar[Callable] = diffrax.LocalLinearInterpolation
+
+    def order(self, terms):
+        """Order for a smooth field."""
+        return 4
+
+    def init(self, terms, t0, t1, y0, args):
+        """Index of the sample."""
+        return jnp.zeros((), jnp.int32)
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        """One sample."""
+        joint, u, dt = args
+        u_0, u_1 = u[solver_state], u[solver_state + 1]
+        middle = 0.5 * (u_0 + u_1)
+
+        def moved(h, rates):
+            return tuple(x + h * rate for x, rate in zip(y0, rates, strict=True))
+
+        a = oscillate(joint, u_0, y0)
+        b = oscillate(joint, middle, moved(0.5 * dt, a))
+        c = oscillate(joint, middle, moved(0.5 * dt, b))
+        d = oscillate(joint, u_1, moved(dt, c))
+        mean = tuple((p + 2 * q + 2 * r + s) / 6 for p, q, r, s in zip(a, b, c, d, strict=True))
+        y1 = moved(dt, mean)
+        return y1, None, dict(y0=y0, y1=y1), solver_state + 1, diffrax.RESULTS.successful
+
+    def func(self, terms, t0, y0, args):
+        """The vector field."""
+        return terms.vf(t0, y0, args)
+
+
+def rk4_velocity(joint, u, fs, adjoint: diffrax.AbstractAdjoint | None = None):
+    """Velocity through diffrax, one RK4 step a sample [m/s]."""
+    num = u.shape[0] - 1
+    zero = jnp.zeros(())
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(lambda tau, state, args: state),  # unused: the solver knows its field
+        SampledRK4(),
+        t0=0.0,
+        t1=float(num),
+        dt0=1.0,
+        y0=(zero, zero, zero),
+        args=(joint, u, 1.0 / fs),
+        saveat=diffrax.SaveAt(t0=True, steps=True, fn=lambda t, state, args: state[1]),
+        adjoint=diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint,
+        max_steps=num,
+        throw=False,
+    )
+    return solution.ys[: num + 1]  # pyright: ignore
+
+
+def indexed_tsit5_velocity(joint, u, fs, substeps: int):
+    """Velocity through diffrax's Tsit5, time in samples and the input found by index [m/s]."""
+    num = u.shape[0] - 1
+
+    def field(tau, state, args):
+        n = jnp.clip(jnp.floor(tau).astype(jnp.int32), 0, num - 1)
+        held = u[n] + (tau - n) * (u[n + 1] - u[n])
+        return tuple(rate / fs for rate in oscillate(joint, held, state))
+
+    zero = jnp.zeros(())
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(field),
+        diffrax.Tsit5(),
+        t0=0.0,
+        t1=float(num),
+        dt0=1.0 / substeps,
+        y0=(zero, zero, zero),
+        saveat=diffrax.SaveAt(t0=True, steps=substeps, fn=lambda t, state, args: state[1]),
+        max_steps=num * substeps,
+        throw=False,
+    )
+    return solution.ys[: num + 1]  # pyright: ignore
+
+
+def newcomers_velocity(joint, t, u, substeps: int = 1):
+    """Velocity as a newcomer to diffrax writes it: interpolated input, packed state, `ts` [m/s]."""
+    held = diffrax.LinearInterpolation(t, u)
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(lambda t, x, _: jnp.stack(oscillate(joint, held.evaluate(t), x))),
+        diffrax.Tsit5(),
+        t0=t[0],
+        t1=t[-1],
+        dt0=(t[1] - t[0]) / substeps,
+        y0=jnp.zeros(3),
+        saveat=diffrax.SaveAt(ts=t),
+        max_steps=2 * substeps * t.size,
+    )
+    return solution.ys[:, 1]  # pyright: ignore
