@@ -5,10 +5,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from jbw.campaign.loading import alike, fits_test, repeats_of, test_names
+from jbw.campaign.agreement import findings
+from jbw.campaign.loading import force_per_unit, test_names
+from jbw.campaign.repeats import repeats_of
 from jbw.campaign.schema import TestSpec, read_spec
 from jbw.errors import ConfigError, DataError, JbwError
-from jbw.measurement.checks import Finding, inspect, worst
+from jbw.measurement.checks import Finding, worst
 from jbw.measurement.records import Record
 
 
@@ -73,7 +75,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
     rows: list[Row] = []
     codes = {0}
     for test, name in zip(spec.tests, test_names(spec), strict=True):
-        seen = _looked_at(test, name, folder, allow_outside)
+        seen = _looked_at(test, name, folder, allow_outside, force_per_unit(spec))
         rows += seen.rows(test, name)
         codes |= seen.codes()
     return Check(spec.name, tuple(rows), min(codes - {0}, default=0))
@@ -107,13 +109,16 @@ class _Seen:
         for role, channel in test.channels.items():
             found = tuple(finding for finding in self.findings if finding.channel == role)
             found += () if rows else failed  # once a test, in its first channel's row
+            found = tuple(sorted(found, key=lambda finding: finding.severity))
             unit = test.units.get(role, "")
             rows.append(Row(name, channel, role, unit, self.fs, self.repeats, worst(found), found))
         return rows
 
 
-def _looked_at(test: TestSpec, name: str, folder: Path, allow_outside: bool) -> _Seen:
-    findings: list[Finding] = []
+def _looked_at(
+    test: TestSpec, name: str, folder: Path, allow_outside: bool, per_unit: float | None
+) -> _Seen:
+    placed: list[Finding] = []
     failures: list[JbwError] = []
     first: list[Record] = []
     repeats = 0
@@ -125,11 +130,11 @@ def _looked_at(test: TestSpec, name: str, folder: Path, allow_outside: bool) -> 
         if isinstance(item, JbwError):
             raise item
         repeats += 1
-        found = (*inspect(item), *fits_test(item, test), *alike(item, first))
-        findings += [_placed(finding, item.name) for finding in found]
+        found = findings(item, test, first, per_unit=per_unit)
+        placed += [_placed(finding, item.name) for finding in found]
         first = first or [_without_samples(item)]
     fs = first[0].fs if first and first[0].fs == first[0].fs else None
-    return _Seen(findings, failures, fs, repeats)
+    return _Seen(placed, failures, fs, repeats)
 
 
 def _placed(finding: Finding, record: str) -> Finding:

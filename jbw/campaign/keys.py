@@ -8,6 +8,7 @@ from jbw.campaign.values import (
     a_prior,
     a_repeat_list,
     a_whole_number,
+    files,
     level_list,
     modes,
     non_negative,
@@ -20,10 +21,12 @@ from jbw.campaign.values import (
     role_paths,
     role_units,
     sampling,
-    strings,
     text,
 )
 
+# Kinds whose likelihood leaves out the samples that a record masks. The others need every sample:
+# a transform spreads one bad sample over all frequencies, a simulation needs all of its input.
+MASKABLE = ("frf",)
 KINDS = ("noise", "multisine", "tones", "stepped", "sweep", "decay", "frf", "loop")
 RESPONSES = {"displacement", "velocity", "acceleration"}
 SOURCES = {"input", "force"}
@@ -46,12 +49,27 @@ CAMPAIGN = {
 }
 TEST = {
     "kind": Key(one_of(*KINDS), f"one of {', '.join(KINDS)}", required=True),
-    "files": Key(strings, "file or pattern, or a list of them", required=True),
-    "channels": Key(role_paths, "role = channel's name or path in the file", required=True),
+    "files": Key(
+        files,
+        "file or pattern, or a list of them; or a table role = file, where each role has its own",
+        required=True,
+    ),
+    "channels": Key(
+        role_paths,
+        "role = channel's name or path in the file: [3] counts from zero, (4) and {4} from one as "
+        "in MATLAB, [:] takes all, and 'a - b' is a difference",
+        required=True,
+    ),
     "units": Key(role_units, "role = unit"),
     "scale": Key(role_numbers, "role = calibration factor, before the unit"),
     "name": Key(text, "a short name, unique"),
-    "level": Key(non_negative, "nominal level, in the unit of the input", example="0.20"),
+    "level": Key(
+        non_negative, "nominal level, in the unit of what the rig held constant", example="0.20"
+    ),
+    "amplitudes": Key(
+        one_of("peak", "rms"), "what the amplitudes of kind frf are", example='"peak"'
+    ),
+    "periods": Key(a_whole_number(1), "whole periods of the excitation in a record", example="4"),
     "fs": Key(sampling, "sampling frequency [Hz], or the path of a scalar in the file"),
     "band": Key(rising_pair, "lowest and highest frequency to use [Hz]", example="[5.0, 40.0]"),
     "tones": Key(positive_list, "frequencies present at once, or in turn if stepped [Hz]"),
@@ -65,6 +83,11 @@ TEST = {
         a_repeat_list,
         "repeats to drop: numbers counted from zero, or file names",
         example='[2, "bad_*.h5"]',
+    ),
+    "gaps": Key(
+        one_of("refuse", "mask"),
+        "what to do with samples that are NaN; mask leaves out these lines of kind frf",
+        example='"refuse"',
     ),
     "span": Key(rising_pair, "first and last second to read", example="[0.0, 8.0]"),
 }

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from jbw.campaign.keys import CAMPAIGN, IDENTIFY, RESPONSES, SOURCES, TABLES, TEST, Key
+from jbw.campaign.keys import CAMPAIGN, IDENTIFY, MASKABLE, RESPONSES, SOURCES, TABLES, TEST, Key
 from jbw.campaign.values import unlike
 from jbw.errors import ConfigError
 
@@ -18,7 +18,7 @@ class TestSpec:
     __test__ = False  # not a pytest class
 
     kind: str
-    files: tuple[str, ...]
+    files: tuple[str, ...] | Mapping[str, tuple[str, ...]]
     channels: Mapping[str, str]
     units: Mapping[str, str] = field(default_factory=dict)
     scale: Mapping[str, float] = field(default_factory=dict)
@@ -35,6 +35,9 @@ class TestSpec:
     repeats: str = "files"
     exclude: tuple[int | str, ...] = ()
     span: tuple[float, float] | None = None
+    amplitudes: str = "peak"
+    periods: int = 1
+    gaps: str = "refuse"
 
 
 @dataclass(frozen=True)
@@ -160,10 +163,11 @@ def _needs(test: TestSpec) -> list[str]:
         told.append(f"channels: kind `{test.kind}` needs `input` or `force`.")
     if test.kind == "loop" and not roles & {"restoring_force", "force"}:
         told.append("channels: kind `loop` needs `restoring_force`.")
-    if test.kind == "frf" and not {"frequency", "phase"} <= roles:
-        told.append("channels: kind `frf` needs `frequency` and `phase` beside the amplitudes.")
+    if test.kind == "frf" and "frequency" not in roles:
+        told.append("channels: kind `frf` needs `frequency`, and `phase` beside real amplitudes.")
     if test.kind != "frf" and roles & {"frequency", "phase"}:
         told.append("channels: `frequency` and `phase` belong to kind `frf`.")
+    told += _contradictions(test, roles)
     if test.kind in ("tones", "stepped") and not test.tones:
         told.append(f"tones: missing; kind `{test.kind}` needs the frequencies [Hz].")
     if test.kind == "stepped" and not test.dwell > 0:
@@ -171,6 +175,24 @@ def _needs(test: TestSpec) -> list[str]:
     if test.settle >= test.dwell:  # never when dwell is not given: it is NaN then
         told.append(
             f"settle: must be shorter than dwell ({test.dwell:g} s), but is {test.settle:g}."
+        )
+    return told
+
+
+def _contradictions(test: TestSpec, roles: set[str]) -> list[str]:
+    """Keys that are given, but not meant for the test's kind or channels."""
+    told = []
+    if test.kind != "frf" and test.amplitudes != "peak":
+        told.append("amplitudes: for kind `frf` only; the samples of a record are what they are.")
+    if test.gaps == "mask" and test.kind not in MASKABLE:
+        told.append(
+            f"gaps: kind `{test.kind}` needs every sample, only {', '.join(MASKABLE)} can mask; "
+            "keep a clean part with span, or drop the repeat with exclude."
+        )
+    if isinstance(test.files, Mapping) and set(test.files) != roles:
+        told.append(
+            f"files: as a table it must name a file for each role ({', '.join(sorted(roles))}), "
+            f"but names {', '.join(sorted(test.files))}."
         )
     return told
 

@@ -85,6 +85,13 @@ def strings(value: Any) -> tuple[str, ...]:
     return tuple(items)
 
 
+def files(value: Any) -> tuple[str, ...] | dict[str, tuple[str, ...]]:
+    """Patterns of files, or role to patterns where the channels of a record lie in several."""
+    if not isinstance(value, dict):
+        return strings(value)
+    return _roles(value, lambda _, item: strings(item))
+
+
 def _numbers(value: Any, check: Callable[[Any], float]) -> tuple[float, ...]:
     if not isinstance(value, list) or not value:
         raise ValueError(f"must be a list of numbers, but is {value!r}.")

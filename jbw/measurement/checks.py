@@ -37,11 +37,20 @@ class Finding:
     remedy: str = ""
 
 
-def inspect(record: Record) -> tuple[Finding, ...]:
-    """Everything that the checks below find in a record, errors first."""
+def inspect(record: Record, *, masked: bool = False) -> tuple[Finding, ...]:
+    """Everything that the checks below find in a record, errors first.
+
+    Args:
+        record: What was read.
+        masked: Whether samples that are NaN are left out by their mask instead of refused.
+    """
     found: list[Finding | None] = [_lengths(record)]
     for role, x in record.channels.items():
-        broken = _finite(role, x) or _magnitude(role, x)
+        gaps = _finite(role, x)
+        if masked and gaps and np.isfinite(x).sum() > len(x) / 2:
+            found.append(_masked(role, x))
+            x, gaps = x[np.isfinite(x)], None
+        broken = gaps or _magnitude(role, x)
         found.append(broken)
         if not broken and role == "frequency":
             found.append(_ordered(role, x))
@@ -84,7 +93,18 @@ def _finite(role: str, x: NDArray[np.float64]) -> Finding | None:
         role,
         f"Samples must be finite, but {len(bad)} of {len(x)} are not; the first at {first}.",
         "Filling gaps would invent data.",
-        "Drop the repeat with exclude, or keep a clean part with span = [start, stop].",
+        "Drop the repeat with exclude, or keep a clean part with span = [start, stop]; kind frf "
+        'leaves such lines out with gaps = "mask".',
+    )
+
+
+def _masked(role: str, x: NDArray[np.float64]) -> Finding:
+    bad = int((~np.isfinite(x)).sum())
+    return Finding(
+        "warning",
+        role,
+        f"{bad} of {len(x)} samples are not finite, and masked.",
+        remedy="Nothing, if that is what was meant.",
     )
 
 

@@ -65,6 +65,7 @@ def response_curve(record: Record, order: int = 1) -> ResponseCurve:
     $$X = x \exp(j \varphi)$$
 
     with x the response channel and phi the phase of the response relative to the excitation.
+    Lines that the record masks are left out.
 
     Args:
         record: Channels `frequency`, `phase`, `force` or `input`, and a response, line by line.
@@ -74,11 +75,12 @@ def response_curve(record: Record, order: int = 1) -> ResponseCurve:
         DataError: A channel is missing.
     """
     _must_have(record, (("frequency",), ("phase",), INPUTS, RESPONSES), "a response curve")
-    x, phase = record.channels[record.response], record.channels["phase"]
+    lines = {role: samples[record.valid] for role, samples in record.channels.items()}
+    turn = np.exp(1j * lines["phase"])
     return ResponseCurve(
-        freq_hz=record.channels["frequency"],
-        source=record.channels[record.source],
-        response=np.asarray(x * np.exp(1j * phase), dtype=np.complex128),
+        freq_hz=lines["frequency"],
+        source=lines[record.source],
+        response=np.asarray(lines[record.response] * turn, dtype=np.complex128),
         source_kind=record.source,
         response_kind=record.response,
         source_unit=record.units[record.source],

@@ -18,7 +18,8 @@ class Record:
         fs: Sampling frequency [Hz].
         channels: Role to samples in SI units; every channel has the same length. Roles:
             `input` (source voltage [V], or per unit mass [N/kg]), `force` [N], `displacement` [m],
-            `velocity` [m/s], `acceleration` [m/s^2], `restoring_force` [N].
+            `velocity` [m/s], `acceleration` [m/s^2], `restoring_force` [N]; in a measured response
+            curve, whose `fs` is NaN, also `frequency` [Hz] and `phase` [rad].
         units: Role to the SI unit of its samples.
         name: What to call it in messages: the file, and the row where a file holds several.
         provenance: Path, sha256, reader and what was converted or snapped at the door.
@@ -34,6 +35,11 @@ class Record:
     def num_samples(self) -> int:
         """Samples in each channel."""
         return len(next(iter(self.channels.values())))
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Samples at which every channel is finite, of shape (time,): the record's mask."""
+        return np.logical_and.reduce([np.isfinite(x) for x in self.channels.values()])
 
     @property
     def response(self) -> str:
@@ -54,7 +60,8 @@ class Test:
         kind: noise, multisine, tones, stepped, sweep, decay, frf or loop.
         records: The repeats, in the order of their files.
         name: A short name, unique in the campaign.
-        level: Nominal level of the excitation, in the unit of the input channel.
+        level: Nominal level, in the unit of what the rig held: the input channel as a rule, the
+            response of a response-controlled curve.
         tones_hz: Frequencies present at once (tones), or in turn (stepped) [Hz].
         band_hz: Lowest and highest frequency to use [Hz], when given.
         dwell: Duration of each step of a stepped test [s].
@@ -62,6 +69,7 @@ class Test:
         delay: Lag of the response channel behind the input channel [s].
         assembly: Which assembly of the joint; empty when there was one.
         run: Which day or run; empty when there was one.
+        periods: Whole periods of the excitation in each record; 1 when none were said.
     """
 
     __test__ = False  # not a pytest class
@@ -77,3 +85,4 @@ class Test:
     delay: float = 0.0
     assembly: str = ""
     run: str = ""
+    periods: int = 1

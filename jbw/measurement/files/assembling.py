@@ -1,6 +1,6 @@
 """From the arrays of an open file to records: repeats, sampling frequency, units, provenance."""
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +9,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.sampling import Repeats, Wanted, cut, rows_of, sampling_of
 from jbw.measurement.files.tree import Contents, Leaf, names
-from jbw.measurement.records import Record
+from jbw.measurement.records import INPUTS, RESPONSES, Record
 from jbw.measurement.roles import ROLES, si_of
 from jbw.units import plain
 
@@ -31,15 +31,78 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
         unit = _unit(role, items[0], path, wanted)
         factor, units[role] = si_of(role, unit)
         factor *= _calibration(role, contents, path, wanted)
-        rows = [row for item in items for row in rows_of(item, role, path, wanted, start, stop)]
+        if wanted.amplitudes == "rms" and role in (*RESPONSES, *INPUTS):
+            factor *= np.sqrt(2)  # amplitudes are peak inside jbw
+        curve = "frequency" in sources and role in RESPONSES
+        rows = [
+            row
+            for item in items
+            for row in rows_of(item, role, path, wanted, start, stop, curve=curve)
+        ]
         # Most files are in SI already: no copy of a long record then.
         channels[role] = rows if factor == 1.0 else [row * factor for row in rows]
         said[f"unit of {role}"] = unit if factor == 1.0 else f"{unit}, times {factor:.10g}"
+        if any(np.iscomplexobj(row) for row in rows):
+            said["phase"] = _split(role, sources, channels, units, path)
     provenance = {"path": str(path), "sha256": digest, "reader": contents.reader}
     provenance |= {"fs": sampling.said, **contents.notes, **said}
     if wanted.span:
         provenance["span"] = f"{wanted.span[0]:g}-{wanted.span[1]:g} s"
     return _repeats(channels, units, sampling.fs, path, provenance)
+
+
+def _split(
+    role: str,
+    given: Container[str],
+    channels: dict[str, Repeats],
+    units: dict[str, str],
+    path: Path,
+) -> str:
+    """Make amplitude and phase of a complex response, and say so."""
+    if "phase" in given:
+        raise DataError(
+            f"{path.name}: role `{role}` is complex, but `phase` is given too.",
+            remedy="Leave `phase` out of the channels.",
+        )
+    channels["phase"] = [np.angle(row) for row in channels[role]]
+    channels[role] = [np.abs(row) for row in channels[role]]
+    units["phase"] = "rad"
+    return f"angle of the complex {role}"
+
+
+def joined(parts: Sequence[Sequence[Record]]) -> tuple[Record, ...]:
+    """Records whose channels lie in several files, put together repeat by repeat.
+
+    Raises:
+        DataError: The files differ in sampling frequency or in the number of repeats.
+    """
+    heads = [part[0] for part in parts]
+    if len({len(part) for part in parts}) != 1:
+        listed = ", ".join(f"{part[0].name} has {len(part)}" for part in parts)
+        raise DataError(f"Files of one test must have equally many repeats, but {listed}.")
+    for head in heads[1:]:
+        if head.fs != heads[0].fs and not (np.isnan(head.fs) and np.isnan(heads[0].fs)):
+            raise DataError(
+                f"Channels of one record must have one sampling frequency, but {heads[0].name} has "
+                f"{heads[0].fs:.7g} Hz and {head.name} has {head.fs:.7g} Hz.",
+                remedy="Resample them to one rate where they were measured.",
+            )
+    return tuple(_merged(records) for records in zip(*parts, strict=True))
+
+
+def _merged(records: Sequence[Record]) -> Record:
+    provenance: dict[str, str] = {}
+    for record in records:
+        for key, value in record.provenance.items():
+            known = provenance.get(key, value)
+            provenance[key] = value if known == value else f"{known}; {value}"
+    return Record(
+        records[0].fs,
+        {role: x for record in records for role, x in record.channels.items()},
+        {role: unit for record in records for role, unit in record.units.items()},
+        " + ".join(record.name for record in records),
+        provenance,
+    )
 
 
 def _repeats(

@@ -1,9 +1,11 @@
 """Paths into a file's tree.
 
-A path is `group.sub.name`, with `/` allowed for `.`. In brackets, one index an axis, from zero:
-`[3]` takes an item and drops the axis, `[:]` keeps it, `[:, 1]` is short for `[:][1]`. A `[:]`
-over cells or a struct array visits every item, and each gives one repeat. Axes of length one are
-dropped in MATLAB files.
+A path is `group.sub.name`, with `/` allowed for `.`. Brackets hold one index an axis, counted from
+zero as in Python: `[3]` takes the fourth item and drops the axis, `[:]` keeps it, `[:, 1]` is short
+for `[:][1]`. Parentheses and braces count from one, as in MATLAB, so that a path can be copied from
+there: `FR.Level(4).force` is `FR.Level[3].force`, and `xData{:, 2}` is `xData[:, 1]`. A `[:]` over
+cells or a struct array visits every item, and each gives one repeat. Axes of length one are dropped
+in MATLAB files. `a - b`, with spaces around the sign, is the difference of two channels.
 """
 
 import re
@@ -12,12 +14,15 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import DataError
 from jbw.measurement.files.tree import Leaf, Node, Opaque, names
 
-Step = str | int | None  # a name, an index, or None for [:]
+INDICES = re.compile(r"\s*(:|-?\d+)(\s*,\s*(:|-?\d+))*\s*")
+CLOSING = {"[": "]", "(": ")", "{": "}"}
+MINUS = " - "
 
 
 def select(root: Node, path: str) -> Leaf | list[Leaf]:
@@ -25,12 +30,20 @@ def select(root: Node, path: str) -> Leaf | list[Leaf]:
 
     Args:
         root: The file's tree.
-        path: Path to the channel.
+        path: Path to the channel, or `a - b` for the difference of two.
 
     Raises:
         DataError: Nothing is there, or it is no array of numbers.
     """
-    return _walk(root, _steps(root, path), path, root)
+    if MINUS not in path or (isinstance(root, Mapping) and path in root):
+        return _walk(root, path.strip("/"), path, root)
+    first, _, second = path.partition(MINUS)
+    picked = [_walk(root, part.strip(" /"), part.strip(), root) for part in (first, second)]
+    left, right = (item if isinstance(item, list) else [item] for item in picked)
+    if len(left) != len(right):
+        raise DataError(f"`{path}` subtracts {len(right)} channels from {len(left)}.")
+    differences = [replace(x, minus=y) for x, y in zip(left, right, strict=True)]
+    return differences if isinstance(picked[0], list) else differences[0]
 
 
 def closest(path: str, found: Sequence[str]) -> str:
@@ -40,73 +53,121 @@ def closest(path: str, found: Sequence[str]) -> str:
     return lowered[nearest[0]] if nearest else ""
 
 
-def _steps(root: Node, path: str) -> list[Step]:
-    """Path taken apart; a name that the file has as written is never split at its dots."""
-    path = path.strip("/")
-    whole = [str(name) for name in root] if isinstance(root, Mapping) else []
-    fitting = (n for n in whole if path == n or path.startswith((f"{n}[", f"{n}.", f"{n}/")))
-    first = max(fitting, key=len, default="")
-    steps: list[Step] = [first] if first else []
-    for part in re.split(r"[./](?![^\[]*\])", path[len(first) :]):
-        name, bracket, rest = part.partition("[")
-        steps += [name] if name else []
-        steps += _indices(bracket + rest, path)
-    return steps
+def _walk(node: Node, rest: str, path: str, root: Node) -> Leaf | list[Leaf]:
+    """Follow the rest of a path from a node."""
+    if isinstance(node, Opaque):
+        raise DataError(f"`{path}` is {node.kind}, not an array of numbers.", remedy=node.remedy)
+    if not rest:
+        if isinstance(node, Leaf):
+            return node
+        what = "is a group" if isinstance(node, Mapping) else f"has {_count(node)} items"
+        raise _absent(path, root, f"{what}, not an array")
+    if rest[0] in CLOSING:
+        indices, after = _indices(rest, path)
+        return _index(node, indices, after, path, root)
+    if isinstance(node, Leaf):
+        raise _absent(path, root, f"goes on after an array of shape {node.array.shape}")
+    if not isinstance(node, Mapping):
+        raise _absent(path, root, f"has {_count(node)} items before `{rest}`: index them")
+    rest = rest.lstrip("./")
+    # A name that the file has as written is never split at its dots or brackets.
+    fitting = (n for n in map(str, node) if rest == n or _continues(rest, n))
+    name = max(fitting, key=len, default="")
+    if not name:
+        raise _absent(path, root)
+    return _walk(node[name], rest[len(name) :], path, root)
 
 
-def _indices(brackets: str, path: str) -> list[Step]:
-    """The indices of `[3][:]` or `[:, 1]`."""
-    if not re.fullmatch(r"(\[\s*(:|-?\d+)(\s*,\s*(:|-?\d+))*\s*\])*", brackets):
+def _continues(rest: str, name: str) -> bool:
+    return rest.startswith(name) and rest[len(name)] in "./[({"
+
+
+def _indices(rest: str, path: str) -> tuple[list[int | None], str]:
+    """The indices in the brackets that `rest` begins with, from zero, and what follows them."""
+    inside, closed, after = rest[1:].partition(CLOSING[rest[0]])
+    if not (closed and INDICES.fullmatch(inside)):
         raise DataError(
-            f"Path `{path}` has indices `{brackets}` that cannot be read.",
-            remedy="Write [3] for an item, counted from zero, and [:] for all.",
+            f"Path `{path}` has indices `{rest}` that cannot be read.",
+            remedy="Write [3] for an item, counted from zero, or (4), counted from one as in "
+            "MATLAB; [:] is all of them.",
         )
-    return [None if step == ":" else int(step) for step in re.findall(r":|-?\d+", brackets)]
+    first = 0 if rest[0] == "[" else 1
+    found = [None if text == ":" else int(text) for text in re.findall(r":|-?\d+", inside)]
+    if first and any(i is not None and i < first for i in found):
+        raise DataError(
+            f"Path `{path}` has an index below 1 in `{rest[0]}{inside}{closed}`.",
+            why="Parentheses and braces count from one, as in MATLAB; brackets from zero.",
+            remedy="Write (1) or [0] for the first item.",
+        )
+    return [None if i is None else i - first for i in found], after
 
 
-def _walk(node: Node, steps: list[Step], path: str, root: Node) -> Leaf | list[Leaf]:
+def _index(
+    node: Node, indices: Sequence[int | None], after: str, path: str, root: Node
+) -> Leaf | list[Leaf]:
+    """Apply indices to a node, then follow what comes after them."""
     if isinstance(node, Opaque):
         raise DataError(f"`{path}` is {node.kind}, not an array of numbers.", remedy=node.remedy)
     if isinstance(node, Leaf):
-        return _pick(node, steps, path, root)
-    if not steps:
-        raise _absent(path, root, "is a group, not an array")
-    step, *rest = steps
+        positions, after = _all_indices(indices, after, path)
+        if after:
+            raise _absent(path, root, f"goes on after an array of shape {node.array.shape}")
+        return _pick(node, positions, path, root)
+    if not indices:
+        return _walk(node, after, path, root)
+    step, *others = indices
     if isinstance(node, Mapping):
-        if isinstance(step, str) and step in node:
-            return _walk(node[step], rest, path, root)
         if step in (0, None):  # a struct array of one is a struct
-            return _walk(node, rest, path, root)
-        raise _absent(path, root)
-    if isinstance(step, str):
-        raise _absent(path, root, f"has {node.shape} items before `{step}`: index them")
+            return _index(node, others, after, path, root)
+        raise _absent(path, root, f"{_said(step)}, but there is one item")
     if step is None:
-        return _spread(node, rest, path, root)
+        return _spread(node, others, after, path, root)
     if not -len(node) <= step < len(node):
-        raise _absent(path, root, f"has index {step}, but there are {len(node)} items")
-    return _walk(node[step], rest, path, root)
+        raise _absent(path, root, f"{_said(step)}, but there are {len(node)} items")
+    return _index(node[step], others, after, path, root)
 
 
-def _spread(cells: NDArray[Any], steps: list[Step], path: str, root: Node) -> list[Leaf]:
+def _all_indices(
+    indices: Sequence[int | None], after: str, path: str
+) -> tuple[list[int | None], str]:
+    """The indices of all brackets in a row."""
+    found = list(indices)
+    while after and after[0] in CLOSING:
+        more, after = _indices(after, path)
+        found += more
+    return found, after
+
+
+def _said(step: int | None) -> str:
+    return f"asks for item [{step}], counted from zero"
+
+
+def _count(cells: NDArray[Any]) -> str:
+    return " x ".join(map(str, np.shape(cells)))
+
+
+def _spread(
+    cells: NDArray[Any], indices: Sequence[int | None], after: str, path: str, root: Node
+) -> list[Leaf]:
     """Every item along the first axis of the cells, in order."""
-    found = [_walk(cells[i], steps, path, root) for i in range(len(cells))]
+    found = [_index(cells[i], indices, after, path, root) for i in range(len(cells))]
     if any(isinstance(item, list) for item in found):
         raise DataError(f"Path `{path}` runs over cells twice.", remedy="Keep one [:] over cells.")
     return [item for item in found if isinstance(item, Leaf)]
 
 
-def _pick(node: Leaf, steps: list[Step], path: str, root: Node) -> Leaf:
+def _pick(node: Leaf, steps: Sequence[int | None], path: str, root: Node) -> Leaf:
     """Apply indices to the open axes of an array, in the user's order."""
     position = 0
     for step in steps:
-        if isinstance(step, str) or position >= len(node.axes):
+        if position >= len(node.axes):
             raise _absent(path, root, f"goes on after an array of shape {node.array.shape}")
         if step is None:
             position += 1
             continue
         axis = node.axes[position]
         if not -node.array.shape[axis] <= step < node.array.shape[axis]:
-            raise _absent(path, root, f"has index {step} on an axis of {node.array.shape[axis]}")
+            raise _absent(path, root, f"{_said(step)}, on an axis of {node.array.shape[axis]}")
         axes = node.axes[:position] + node.axes[position + 1 :]
         taken = step % node.array.shape[axis]
         node = replace(node, axes=axes, fixed={**node.fixed, axis: taken})

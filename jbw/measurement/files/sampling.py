@@ -26,6 +26,7 @@ class Wanted:
     scale: Mapping[str, float] = field(default_factory=dict)
     repeats: str = "files"
     span: tuple[float, float] | None = None
+    amplitudes: str = "peak"
 
 
 @dataclass(frozen=True)
@@ -123,8 +124,9 @@ def rows_of(
     stop: int | None,
     *,
     exact: bool = True,
+    curve: bool = False,
 ) -> Repeats:
-    """The repeats of one array: itself, or its rows.
+    """The repeats of one array: itself, or its rows; complex ones only in a response curve.
 
     `exact` asks for float64; a time column keeps its own type, whose last bit is its resolution.
     """
@@ -136,9 +138,12 @@ def rows_of(
             remedy=f"Take one with `{where}[0]` or `{where}[:, 0]`, or set repeats = 'rows'.",
         )
     if np.iscomplexobj(loaded):
+        if curve:
+            return list(np.atleast_2d(loaded))
         raise DataError(
             f"{path.name}: channel `{where}` is complex.",
-            remedy="Give amplitude and phase as two real channels.",
+            why="A time record is real; only the response of a measured FRF may be complex.",
+            remedy="Name the real channel, or its `frequency` when it is a measured FRF.",
         )
     if exact:
         loaded = loaded.astype(np.float64, copy=False)

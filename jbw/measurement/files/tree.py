@@ -41,6 +41,7 @@ class Leaf:
         fixed: Stored axis to the index taken along it.
         fs: Sampling frequency that the file gives for it [Hz], if any.
         unit: Unit that the file gives for it, if any.
+        minus: What to subtract from it, if it is a difference of two channels.
     """
 
     array: Stored
@@ -48,6 +49,7 @@ class Leaf:
     fixed: Mapping[int, int] = field(default_factory=dict)
     fs: float | None = None
     unit: str = ""
+    minus: "Leaf | None" = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -135,7 +137,26 @@ def load(
     if dtype is not None and array.dtype.kind != "c" and not isinstance(array, np.ndarray):
         array = array.astype(dtype)  # h5py converts as it reads, without a second copy
     loaded = np.asarray(array[tuple(index)])
-    return np.atleast_1d(loaded.transpose(np.argsort(np.argsort(axes))))
+    loaded = np.atleast_1d(loaded.transpose(np.argsort(np.argsort(axes))))
+    if source.minus is None:
+        return loaded
+    _subtractable(source, source.minus)
+    # In float64, so that integers do not wrap around.
+    subtracted = load(source.minus, start, stop)
+    return np.subtract(loaded, subtracted, dtype=np.result_type(loaded, subtracted, np.float64))
+
+
+def _subtractable(first: Leaf, second: Leaf) -> None:
+    facts = [
+        f"shape {leaf.shape}, unit `{leaf.unit}`, fs {leaf.fs or 'unstated'}"
+        for leaf in (first, second)
+    ]
+    if facts[0] != facts[1]:
+        raise DataError(
+            f"Channels that are subtracted must agree, but one has {facts[0]}, "
+            f"the other {facts[1]}.",
+            remedy="Subtract channels that were sampled together, in one unit.",
+        )
 
 
 def _fits(source: Leaf, axes: Sequence[int], start: int, stop: int | None) -> None:
