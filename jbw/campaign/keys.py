@@ -22,6 +22,7 @@ from jbw.campaign.values import (
     role_units,
     sampling,
     text,
+    yes_or_no,
 )
 
 # Kinds whose likelihood leaves out the samples that a record masks. The others need every sample:
@@ -83,6 +84,9 @@ TEST = {
         a_repeat_list,
         "repeats to drop: numbers counted from zero, or file names",
         example='[2, "bad_*.h5"]',
+    ),
+    "remove_mean": Key(
+        yes_or_no, "take the mean out of input and response, for offsets", example="true"
     ),
     "gaps": Key(
         one_of("refuse", "mask"),

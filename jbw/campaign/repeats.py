@@ -59,6 +59,7 @@ def _file_sets(test: TestSpec, name: str, folder: Path, allow_outside: bool) -> 
         test.repeats,
         test.span,
         test.amplitudes,
+        test.remove_mean,
     )
     if not isinstance(test.files, Mapping):
         files = found_files(test.files, folder, allow_outside=allow_outside)

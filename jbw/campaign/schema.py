@@ -37,6 +37,7 @@ class TestSpec:
     span: tuple[float, float] | None = None
     amplitudes: str = "peak"
     periods: int = 1
+    remove_mean: bool = False
     gaps: str = "refuse"
 
 
@@ -184,6 +185,8 @@ def _contradictions(test: TestSpec, roles: set[str]) -> list[str]:
     told = []
     if test.kind != "frf" and test.amplitudes != "peak":
         told.append("amplitudes: for kind `frf` only; the samples of a record are what they are.")
+    if test.kind == "frf" and test.remove_mean:
+        told.append("remove_mean: for records in time, not for kind `frf`.")
     if test.gaps == "mask" and test.kind not in MASKABLE:
         told.append(
             f"gaps: kind `{test.kind}` needs every sample, only {', '.join(MASKABLE)} can mask; "

@@ -66,6 +66,13 @@ def a_whole_number(least: int) -> Callable[[Any], int]:
     return check
 
 
+def yes_or_no(value: Any) -> bool:
+    """True or false."""
+    if not isinstance(value, bool):
+        raise ValueError(f"must be true or false, but is {value!r}.")
+    return value
+
+
 def one_of(*words: str) -> Callable[[Any], str]:
     """Check for one of a few words."""
 

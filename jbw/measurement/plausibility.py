@@ -14,10 +14,11 @@ LOOKED_AT = 2**21  # samples; a stationary record shows its faults in them
 SEGMENTS = 8  # of the spectra: coarse, but a resonance still stands out
 LONGEST = 4  # windows in a record at the least, for the finest look at the resonance
 FLOOR = 1e-4  # of the largest density: lines below it are outside the excitation
+CLEAR = 4.0  # times the median of the band: a resonance in it
 PEAKED = 10.0  # times more peaked than the response: an input that looks like a response
 RESOLVED = 1.2  # times the window's own width: a narrower peak is the window's, not the joint's
 LOW_COHERENCE = 0.5  # median over the lines that carry the response
-MASS_FACTOR = 3.0  # between the modal mass seen and the one given: more is a wrong unit
+MASS_FACTOR = 3.0  # between the modal mass seen and the one given; more is a wrong unit
 
 
 def doubts(
@@ -30,7 +31,7 @@ def doubts(
     """What is doubtful in a record under broad-band excitation.
 
     Wrong fs or band, channels swapped, input and response that have little to do with each other,
-    a record too short to resolve the damping, and a response of the wrong size.
+    a record too short to resolve the damping, a response of the wrong size or sign.
 
     Args:
         record: A noise or multisine record.
@@ -48,8 +49,7 @@ def doubts(
         return (Finding("warning", record.response, error.what, error.why, error.remedy),)
     found = [_outside_band(record.response, coarse, band_hz), _swapped(source, coarse)]
     found += [_incoherent(record.response, coarse), _unresolved(record, fine, band_hz)]
-    if per_unit is not None:
-        found.append(_missized(record.response, fine, band_hz, per_unit))
+    found.append(_missized(record.response, fine, band_hz, per_unit))
     return tuple(finding for finding in found if finding)
 
 
@@ -71,8 +71,15 @@ def _frf(record: Record, source: str, segments: int, delay: float) -> FRF:
 
 
 def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None) -> Finding | None:
-    peak = float(estimate.freq[estimate.output_spectrum.argmax()])
+    freq, density = estimate.freq, estimate.output_spectrum
+    peak = float(freq[density.argmax()])
     if band_hz is None or band_hz[0] <= peak <= band_hz[1]:
+        return None
+    inside = density[(freq >= band_hz[0]) & (freq <= band_hz[1])]
+    # A structure may have a stronger mode elsewhere, beside a clear one in the band.
+    if len(inside) > SEGMENTS and inside[1:-1].max() > max(
+        CLEAR * np.median(inside), *inside[[0, -1]]
+    ):
         return None
     centre = sum(band_hz) / 2
     return Finding(
@@ -144,15 +151,26 @@ def _unresolved(
 
 
 def _missized(
-    role: str, estimate: FRF, band_hz: tuple[float, float] | None, per_unit: float
+    role: str, estimate: FRF, band_hz: tuple[float, float] | None, per_unit: float | None
 ) -> Finding | None:
-    r"""Force per modal mass as the resonance shows it, |H| 2 zeta omega_n^2, beside the given."""
+    r"""Force per modal mass as the response shows it, whatever the damping, beside the given one.
+
+    $$g = \frac{2}{\pi} \int \mathrm{Re}[j \omega H(\omega)]\,d\omega$$
+    """
     freq, h = _inside(estimate, band_hz)
     if len(freq) < SEGMENTS or not _stands_out(h):
         return None
-    omega_n = 2 * np.pi * float(freq[np.abs(h).argmax()])
-    seen = float(np.abs(h).max()) * omega_n * 2 * np.pi * half_power_bandwidth(freq, h)
-    ratio = seen / per_unit
+    omega = 2 * np.pi * freq
+    seen = 2 / np.pi * float(np.trapezoid(np.real(1j * omega * h), omega))
+    if seen < 0 and band_hz is not None:  # without a band another mode may have the other sign
+        return Finding(
+            "warning",
+            role,
+            "At its resonance the response moves against the input: the gain is negative.",
+            "The polarity of one channel is turned, or the response was taken the other way round.",
+            f"Turn it: scale = {{ {role} = -1.0 }}.",
+        )
+    ratio = 1.0 if per_unit is None else seen / per_unit
     if 1 / MASS_FACTOR < ratio < MASS_FACTOR:
         return None
     return Finding(

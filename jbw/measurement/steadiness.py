@@ -13,6 +13,7 @@ from jbw.measurement.probing import NOISE_FLOOR
 from jbw.measurement.records import Record
 
 THIRD = 3  # the highest order looked at
+LISTED = 6  # tones named in a message
 
 
 def unsteady(
@@ -31,19 +32,20 @@ def unsteady(
         dwell: Duration of each step [s]; None when all tones are present at once.
     """
     y = record.channels[record.response]
-    found: list[Finding] = []
+    fitted, refused = [], []
     for i, tone in enumerate(tones_hz):
         part, others = y, [f for f in tones_hz if f != tone]
         if dwell is not None:
             part, others = y[round(i * dwell * record.fs) : round((i + 1) * dwell * record.fs)], []
         try:
-            fitted = _fitted(part, record, tone, settle, others)
+            fitted.append(_fitted(part, record, tone, settle, others))
         except JbwError as error:
             what = f"Tone {tone:.4g} Hz: {error.what}"
-            found.append(Finding("error", record.response, what, error.why, error.remedy))
-            continue
-        found += [f for f in (_drifts(fitted, record), _buried(fitted, record)) if f]
-    return tuple(found)
+            refused.append(Finding("error", record.response, what, error.why, error.remedy))
+    found = [*refused[:1], _drifting(fitted, record.response)]
+    # Only a probing test, whose tones are all present at once, is read for its third harmonic.
+    found += [] if dwell is not None else [_buried(fitted, record.response)]
+    return tuple(finding for finding in found if finding)
 
 
 def _fitted(
@@ -64,29 +66,46 @@ def _fitted(
         )
 
 
-def _drifts(fitted: Harmonics, record: Record) -> Finding | None:
-    drift = float(fitted.drift)
-    if drift <= DRIFT_LIMIT or drift <= NOISE_FLOOR * float(fitted.drift_std):
+def _drifting(fitted: Sequence[Harmonics], role: str) -> Finding | None:
+    drifting = [
+        one
+        for one in fitted
+        if one.drift > DRIFT_LIMIT and one.drift > NOISE_FLOOR * float(one.drift_std)
+    ]
+    if not drifting:
         return None
+    worst = max(float(one.drift) for one in drifting)
     return Finding(
         "warning",
-        record.response,
-        f"Tone {fitted.omega / (2 * np.pi):.4g} Hz: its amplitude changes by {drift:.1%} from one "
-        "half of the record to the other.",
+        role,
+        f"{_named(drifting)}: the amplitude changes by {worst:.1%} from one half of the record to "
+        "the other.",
         "A transient is left, or the frequency is not exact.",
         "Raise settle, or correct tones.",
     )
 
 
-def _buried(fitted: Harmonics, record: Record) -> Finding | None:
-    third, std = abs(fitted.amplitudes[-1]), np.sqrt(fitted.variance[-1] / 2)
-    if third > NOISE_FLOOR * std:
+def _buried(fitted: Sequence[Harmonics], role: str) -> Finding | None:
+    buried = [one for one in fitted if abs(one.amplitudes[-1]) < NOISE_FLOOR * _third_std(one)]
+    if not buried:
         return None
+    third, std = abs(buried[0].amplitudes[-1]), _third_std(buried[0])
     return Finding(
         "warning",
-        record.response,
-        f"Tone {fitted.omega / (2 * np.pi):.4g} Hz: the third harmonic ({third:.2g} m) does not "
-        f"stand above the noise ({std:.2g} m).",
+        role,
+        f"{_named(buried)}: the third harmonic ({third:.2g} m) does not stand above the noise "
+        f"({std:.2g} m).",
         "This record alone then says nothing of the joint's third-order kernel.",
         "Raise the level, measure longer, or leave the tone out.",
     )
+
+
+def _third_std(fitted: Harmonics) -> float:
+    """Standard deviation of each component of the third harmonic [m]."""
+    return float(np.sqrt(fitted.variance[-1] / 2))
+
+
+def _named(fitted: Sequence[Harmonics]) -> str:
+    tones = ", ".join(f"{one.omega / (2 * np.pi):.4g}" for one in fitted[:LISTED])
+    more = f" and {len(fitted) - LISTED} more" if len(fitted) > LISTED else ""
+    return f"Tone {tones} Hz{more}"

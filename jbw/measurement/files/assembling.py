@@ -13,6 +13,8 @@ from jbw.measurement.records import INPUTS, RESPONSES, Record
 from jbw.measurement.roles import ROLES, si_of
 from jbw.units import plain
 
+CENTRED = (*INPUTS, *RESPONSES, "restoring_force")  # roles whose mean may be taken out
+
 
 def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> tuple[Record, ...]:
     """Records of an open file, one a repeat.
@@ -24,24 +26,26 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
     sources = _sources(contents, path, wanted)
     sampling = sampling_of(contents, sources, path, wanted)
     start, stop = cut(sampling, wanted.span, path)
-    channels, units, said = {}, {}, {}
-    for role, items in sources.items():
-        if role == "time":
-            continue
-        unit = _unit(role, items[0], path, wanted)
-        factor, units[role] = si_of(role, unit)
-        factor *= _calibration(role, contents, path, wanted)
-        if wanted.amplitudes == "rms" and role in (*RESPONSES, *INPUTS):
-            factor *= np.sqrt(2)  # amplitudes are peak inside jbw
+    channels: dict[str, Repeats] = {}
+    units: dict[str, str] = {}
+    said: dict[str, str] = {}
+    for role in (role for role in sources if role != "time"):
+        unit = _unit(role, sources[role][0], path, wanted)
+        factor, units[role] = _factor(role, unit, contents, path, wanted)
         curve = "frequency" in sources and role in RESPONSES
         rows = [
             row
-            for item in items
+            for item in sources[role]
             for row in rows_of(item, role, path, wanted, start, stop, curve=curve)
         ]
         # Most files are in SI already: no copy of a long record then.
         channels[role] = rows if factor == 1.0 else [row * factor for row in rows]
+        said[f"channel of {role}"] = (wanted.channels or {}).get(role, role)
         said[f"unit of {role}"] = unit if factor == 1.0 else f"{unit}, times {factor:.10g}"
+        if wanted.remove_mean and role in CENTRED:
+            means = [float(row.mean()) for row in channels[role]]
+            channels[role] = [row - m for row, m in zip(channels[role], means, strict=True)]
+            said[f"mean of {role} removed"] = ", ".join(f"{mean:.6g}" for mean in means)
         if any(np.iscomplexobj(row) for row in rows):
             said["phase"] = _split(role, sources, channels, units, path)
     provenance = {"path": str(path), "sha256": digest, "reader": contents.reader}
@@ -49,6 +53,17 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
     if wanted.span:
         provenance["span"] = f"{wanted.span[0]:g}-{wanted.span[1]:g} s"
     return _repeats(channels, units, sampling.fs, path, provenance)
+
+
+def _factor(
+    role: str, unit: str, contents: Contents, path: Path, wanted: Wanted
+) -> tuple[float, str]:
+    """What to multiply a channel by, and the SI unit that it has then."""
+    factor, si = si_of(role, unit)
+    factor *= _calibration(role, contents, path, wanted)
+    if wanted.amplitudes == "rms" and role in (*RESPONSES, *INPUTS):
+        factor *= np.sqrt(2)  # amplitudes are peak inside jbw
+    return factor, si
 
 
 def _split(

@@ -27,6 +27,7 @@ class Wanted:
     repeats: str = "files"
     span: tuple[float, float] | None = None
     amplitudes: str = "peak"
+    remove_mean: bool = False
 
 
 @dataclass(frozen=True)
