@@ -13,13 +13,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jbw.oscillator.exact_step import State, advance
+from jbw.oscillator.exact_step import ExactStep, Pair, State, advance
 from jbw.oscillator.solver import HysteresisExact, Stepping
 
 Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Float[Array, " time"]]
 # Steps that are differentiated at once: the intermediate arrays stay in the cache, and
 # the memory of a gradient does not grow with the record.
-_CHUNK = 64
+_CHUNK = 128
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -75,14 +75,14 @@ def _tangent(
 
     starts = tuple(chunks(x[:-1]) for x in trajectory)
     push, push_dot = (tuple(chunks(p) for p in s.push) for s in (stepping, stepping_dot))
+    # One copy a lane: transposed, the lanes are summed once and not in every chunk.
+    step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), stepping_dot.step)
 
     @jax.checkpoint
     def chunk(x_dot, inputs):
         starts, push, push_dot = inputs
-        matrices, offsets = _linearised(
-            (stepping.step, starts, push), (stepping_dot.step, push_dot)
-        )
-        return jax.lax.scan(_recurrence, x_dot, (matrices, offsets))
+        linearised = jax.vmap(partial(_linearised, stepping.step))
+        return jax.lax.scan(_recurrence, x_dot, linearised(starts, push, step_dot, push_dot))
 
     _, ys = jax.lax.scan(chunk, initial_dot, (starts, push, push_dot))
 
@@ -93,21 +93,24 @@ def _tangent(
     return y, v, z
 
 
-def _linearised(primals, tangents):
-    """Matrices J_n and offsets b_n of a chunk's steps, all at once."""
+def _linearised(
+    step: ExactStep, start: State, push: Pair, step_dot: ExactStep, push_dot: Pair
+) -> tuple[tuple[State, State, State], State]:
+    """Columns of the matrix J_n, and the offset b_n, of one step."""
 
-    def stepped(step, states, push):
-        return advance(step, states, push, branch=False)
+    def stepped(step, start, push):
+        return advance(step, start, push, branch=False)
 
-    step, starts, push = primals
-    step_dot, push_dot = tangents
-    none, unit = jnp.zeros_like(starts[0]), jnp.ones_like(starts[0])
-    _, by_state = jax.linearize(lambda states: stepped(step, states, push), starts)
-    matrices = tuple(by_state(tuple(unit if i == j else none for i in range(3))) for j in range(3))
-    _, offsets = jax.jvp(
-        lambda step, push: stepped(step, starts, push), (step, push), (step_dot, push_dot)
+    none, unit = jnp.zeros_like(start[0]), jnp.ones_like(start[0])
+    _, by_state = jax.linearize(lambda start: stepped(step, start, push), start)
+    _, offset = jax.jvp(
+        lambda step, push: stepped(step, start, push), (step, push), (step_dot, push_dot)
     )
-    return matrices, offsets
+    return (
+        by_state((unit, none, none)),
+        by_state((none, unit, none)),
+        by_state((none, none, unit)),
+    ), offset
 
 
 def _recurrence(x_dot: State, inputs) -> tuple[State, State]:

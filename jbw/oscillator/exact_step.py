@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jbw.oscillator.kinks import hermite, kick, passage, turning_point
+from jbw.oscillator.kinked_step import kinked_step
 from jbw.oscillator.moments import impulse_moments
 from jbw.oscillator.parameters import BoucWen, Scalar
-from jbw.oscillator.signed_map import distance, kept, move, signed, smooth_move
+from jbw.oscillator.signed_map import kept, signed, smooth_move
 
 NUM_MOMENTS = 6
 State = tuple[Scalar, Scalar, Scalar]
@@ -123,69 +123,15 @@ def advance(step: ExactStep, state: State, push: Pair, *, branch: bool) -> State
 def _through_kinks(
     step: ExactStep, state: State, y_1: Scalar, v_1: Scalar
 ) -> tuple[Scalar, Scalar, Scalar, Scalar]:
-    r"""End of a step that may hold a turning point, a zero of z, or both.
-
-    The residual force has jumps of its second and third derivative: at a turning point
-    $J_2 = -2\gamma|\dot v|z$, $J_3 = -2\gamma\,\mathrm{sgn}(v_1)\,\ddot v z$; at a zero of z
-    $J_2 = -2\alpha\delta v|v|$, $J_3 = -6\alpha\delta|v|\dot v + 4\alpha\gamma\delta v^3$.
-    They are paid back as kicks on v and y: with J_2 the state is of order 4, with the rest its
-    derivatives are too.
+    """End of a step that may hold a turning point, a zero of z, or both.
 
     Returns:
         z at the end, its slope constant c there, and the kicks on v and y.
     """
     y, v, z = state
     h = step.dt
-    turns = v * v_1 < 0.0
-    path = kept(hermite(h * v, h * v_1, y_1 - y))
-    fraction, sharpness = turning_point(turns, path)
-    before = kept(jnp.where(turns, path.move(fraction), y_1 - y))
-    directions = jnp.where(v == 0.0, v_1, v), v_1
-    z_turn, z_1, past_zero = _two_moves(step, z, (before, y_1 - y - before), directions)
-    at_turn = jnp.where(turns, -2.0 * h * z_turn, 0.0)
-    turn_v, turn_y = kick(
-        1.0 - fraction,
-        at_turn * step.gamma * sharpness,
-        at_turn * signed(step.gamma, v_1) * 6.0 * path.c_3,
-    )
-    crosses = z * z_1 < 0.0
-    guess = z / jnp.where(crosses, z - z_1, 1.0)
-    s = passage(jnp.logical_and(crosses, ~turns), path, guess, before - past_zero)
-    speed = kept(path.slope(s))
-    at_zero = jnp.where(crosses, -2.0 * h * step.alpha * step.delta, 0.0)
-    zero_v, zero_y = kick(
-        1.0 - s,
-        at_zero * speed * jnp.abs(speed),
-        at_zero * (3.0 * jnp.abs(speed) * path.bend(s) - 2.0 * step.gamma * speed**3),
+    z_1, kick_v, kick_y = kinked_step(
+        (step.alpha, step.delta, step.gamma), z, (h * v, h * v_1, y_1 - y)
     )
     c_1 = signed(step.gamma, v_1) + signed(step.delta, z_1)
-    return z_1, c_1, turn_v + zero_v, h * (turn_y + zero_y)
-
-
-def _two_moves(step: ExactStep, z: Scalar, moves: Pair, directions: Pair) -> State:
-    """Force z after each of two monotone moves, of which one may lead through z = 0.
-
-    Three legs: the first move as if z kept its sign; what is left of it after a zero, or else the
-    second move; what is left of that after a zero, or else the second move.
-
-    Returns:
-        z after the first and after the second move, and the signed distance from the zero of z
-        back to the end of the first move (where z passes zero).
-    """
-    alpha, delta = step.alpha, step.delta
-    first, second = (signed(step.gamma, direction) for direction in directions)
-    c = first + signed(delta, jnp.where(z == 0.0, directions[0], z))
-    z_a = move(alpha, c, z, moves[0])
-    early = z * z_a < 0.0
-    c_b = jnp.where(early, first + signed(delta, directions[0]), second + signed(delta, z_a))
-    # Signed distance from zero to z_a along the first leg's branch, or the second's.
-    c_zero = jnp.where(early, c, c_b)
-    c_b, c_zero = kept((c_b, c_zero))
-    heading_to_zero = early | (z_a * directions[1] < 0.0)
-    d = distance(c_zero, jnp.where(heading_to_zero, z_a, 0.0) / alpha)
-    z_b = move(alpha, c_b, jnp.where(early, 0.0, z_a), jnp.where(early, d, moves[1]))
-    late = ~early & (z_a * z_b < 0.0)
-    c_c = second + jnp.where(late, signed(delta, directions[1]), signed(delta, z_b))
-    rest = jnp.where(late, moves[1] + d, jnp.where(early, moves[1], 0.0))
-    z_c = move(alpha, c_c, jnp.where(late, 0.0, z_b), rest)
-    return jnp.where(early, z_b, z_a), z_c, d
+    return z_1, c_1, h * kick_v, h**2 * kick_y

@@ -46,6 +46,25 @@ def hermite(start: Scalar, end: Scalar, rise: Scalar) -> Cubic:
     return Cubic(start, 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise)
 
 
+class PathSlopes(NamedTuple):
+    """Derivatives by a Hermite path's slope at the start, at the end, and by its rise."""
+
+    start: Scalar
+    end: Scalar
+    rise: Scalar
+
+
+def hermite_basis(s: Scalar) -> tuple[PathSlopes, PathSlopes, PathSlopes]:
+    """Derivatives of a Hermite path's move, slope and bend at s by what defines the path."""
+    s_2 = s * s
+    s_3 = s * s_2
+    return (
+        PathSlopes(s - 2.0 * s_2 + s_3, s_3 - s_2, 3.0 * s_2 - 2.0 * s_3),
+        PathSlopes(1.0 - 4.0 * s + 3.0 * s_2, 3.0 * s_2 - 2.0 * s, 6.0 * (s - s_2)),
+        PathSlopes(6.0 * s - 4.0, 6.0 * s - 2.0, 6.0 - 12.0 * s),
+    )
+
+
 def turning_point(turns: Bool[Array, "..."] | bool, path: Cubic) -> tuple[Scalar, Scalar]:
     r"""Where the path turns, $y'(s) = 0$, and how sharply.
 
@@ -83,7 +102,16 @@ def passage(
     return kept(guess - jnp.where(steady, (path.move(guess) - target) / slope, 0.0))
 
 
-def kick(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> tuple[Scalar, Scalar]:
+class Kick(NamedTuple):
+    """Kicks on v [m/s] and on y / h [m/s], each with its derivatives by x and the jumps."""
+
+    v: Scalar
+    y: Scalar
+    v_slopes: tuple[Scalar, Scalar, Scalar]
+    y_slopes: tuple[Scalar, Scalar]
+
+
+def kick(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> Kick:
     r"""What the cubic through r and its rate at both ends misses of a kink inside the step.
 
     With jumps J_2, J_3 of the second and third derivative of r when a fraction x remains,
@@ -100,9 +128,11 @@ def kick(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> tuple[Scalar, Scalar]:
         jump_3: h^4 J_3 [m/s].
 
     Returns:
-        Kicks on v [m/s] and on y / h [m/s].
+        The kicks.
     """
     weight = x * (1.0 - x)
-    kick_v = -weight * (jump_2 * (1.0 - 2.0 * x) / 12.0 + jump_3 * weight / 24.0)
-    kick_y = -weight * jump_2 * (4.0 - 5.0 * x - 5.0 * x**2) / 120.0
-    return kick_v, kick_y
+    v_2, v_3 = -weight * (1.0 - 2.0 * x) / 12.0, -(weight**2) / 24.0
+    y_2 = -weight * (4.0 - 5.0 * x - 5.0 * x**2) / 120.0
+    v_x = jump_2 * (weight / 2.0 - 1.0 / 12.0) - jump_3 * weight * (1.0 - 2.0 * x) / 12.0
+    y_x = -jump_2 * (4.0 - 18.0 * x + 20.0 * x**3) / 120.0
+    return Kick(v_2 * jump_2 + v_3 * jump_3, y_2 * jump_2, (v_x, v_2, v_3), (y_x, y_2))

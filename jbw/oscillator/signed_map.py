@@ -72,7 +72,7 @@ def _far_saturation(x: Scalar) -> Scalar:
     return kept(p * (1.0 - x * p))
 
 
-def _far_slope(x: Scalar) -> Scalar:
+def leg_bend(x: Scalar) -> Scalar:
     """P'(x) for |x| <= 4, through 2 P'(2x) = P'(x) (1 - x P(x)) - P(x)^2/2."""
     x = 0.25 * x
     p, slope = kept((saturation(x), _polynomial(_P_SLOPE, x)))
@@ -89,29 +89,15 @@ def smooth_move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
     return z + (alpha - c * z) * dy * saturation(c * dy)
 
 
-@jax.custom_jvp
-def move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
-    r"""Force z after a move dy along one branch, $|c\,dy| \le 4$; with the flow's derivatives.
+def leg(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> tuple[Scalar, Scalar]:
+    r"""Force z after a move dy along one branch, $|c\,dy| \le 4$, and $\phi$.
 
     $$z_1 = z + (\alpha - c z)\,\phi, \quad \phi = dy\,P(c\,dy), \qquad
-      \partial_{dy} z_1 = \alpha - c z_1, \quad \partial_z z_1 = 1 - c\phi$$
+      \partial_{dy} z_1 = \alpha - c z_1, \quad \partial_z z_1 = 1 - c\phi, \quad
+      \partial_c z_1 = (\alpha - c z)\,dy^2 P'(c\,dy) - z\phi$$
     """
-    return kept(z + (alpha - c * z) * dy * _far_saturation(c * dy))
-
-
-@partial(move.defjvp, symbolic_zeros=True)
-def _move_jvp(primals, tangents):
-    alpha, c, z, dy = primals
     phi = dy * _far_saturation(c * dy)
-    z_1 = kept(z + (alpha - c * z) * phi)
-    return z_1, _total(
-        z_1,
-        tangents,
-        lambda: phi,
-        lambda: (alpha - c * z) * dy**2 * _far_slope(c * dy) - z * phi,
-        lambda: 1.0 - c * phi,
-        lambda: alpha - c * z_1,
-    )
+    return kept((z + (alpha - c * z) * phi, phi))
 
 
 @jax.custom_jvp
@@ -137,7 +123,7 @@ def _distance_jvp(primals, tangents):
     return d, _total(
         d,
         tangents,
-        lambda: -(d**2) * _far_slope(c * d) / (1.0 - c * w),
+        lambda: -(d**2) * leg_bend(c * d) / (1.0 - c * w),
         lambda: 1.0 / (1.0 - c * w),
     )
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from jbw.oscillator.moments import impulse_moments
 from jbw.oscillator.reconstruction import input_polynomials, quintic, substep_matrices
-from jbw.oscillator.signed_map import distance, move, saturation, smooth_move
+from jbw.oscillator.signed_map import distance, leg, saturation, smooth_move
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,9 @@ def test_moments_of_a_free_particle_are_powers():
 # XLA flushes subnormal numbers to zero; products must not fall there.
 RATES = st.floats(-400, 400).filter(lambda c: c == 0 or abs(c) > 1e-100)
 MOVES = st.floats(-4, 4).filter(lambda x: x == 0 or abs(x) > 1e-100)
-move_fn, smooth_fn, distance_fn = (jax.jit(f) for f in (move, smooth_move, distance))
+move_fn, smooth_fn, distance_fn = (
+    jax.jit(f) for f in (lambda *args: leg(*args)[0], smooth_move, distance)
+)
 
 
 def _exact_move(alpha, c, z, dy):
