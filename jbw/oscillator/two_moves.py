@@ -140,14 +140,14 @@ def _legs(
 
     first, second = (signed(1.0, direction) for direction in directions)
     a = along(first, jnp.where(z == 0.0, first, signed(1.0, z)), z, moves[0])
-    early = z * a.end < 0.0
+    early = jnp.asarray(z * a.end < 0.0)
     sign_b = jnp.where(early, first, second), jnp.where(early, first, signed(1.0, a.end))
     # Signed distance from zero to a.end along the first leg's branch, or the second's.
     c_zero = kept(jnp.where(early, a.c, sign_b[0] * gamma + sign_b[1] * delta))
     heading_to_zero = early | (a.end * second < 0.0)
     past = distance(c_zero, jnp.where(heading_to_zero, a.end, 0.0) / alpha)
     b = along(*sign_b, jnp.where(early, 0.0, a.end), jnp.where(early, past, moves[1]))
-    late = ~early & (a.end * b.end < 0.0)
+    late = ~early & jnp.asarray(a.end * b.end < 0.0)
     sign_c = jnp.where(late, second, signed(1.0, b.end))
     rest = jnp.where(late, moves[1] + past, jnp.where(early, moves[1], 0.0))
     c = along(second, sign_c, jnp.where(late, 0.0, b.end), rest)

@@ -14,7 +14,7 @@ CASES = {
     "turning": (0.3, 1e-3, -0.7e-3, 0.2e-3),
     "turning the other way": (0.25, -1e-3, 0.4e-3, -0.4e-3),
     "zero": (-0.2, 1e-3, 1e-3, 1e-3),
-    "zero downwards": (0.3, -2e-3, -2e-3, -2e-3),
+    "zero downwards": (0.2, -1e-3, -1e-3, -1e-3),
     "zero, then turning": (-0.05, 1e-3, -0.7e-3, 0.25e-3),
     "turning, then zero": (0.02, 0.5e-3, -1.5e-3, -0.6e-3),
 }
