@@ -9,6 +9,7 @@ from typing import Any
 from jbw.campaign.keys import CAMPAIGN, IDENTIFY, MASKABLE, RESPONSES, SOURCES, TABLES, TEST, Key
 from jbw.campaign.values import unlike
 from jbw.errors import ConfigError
+from jbw.measurement.roles import ratio_of
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,10 @@ def _needs(test: TestSpec) -> list[str]:
     ]
     if not roles & RESPONSES:
         told.append(f"channels: needs a response, one of {', '.join(sorted(RESPONSES))}.")
-    if test.kind not in ("decay", "loop") and not roles & SOURCES:
+    ratios = [role for role, unit in test.units.items() if ratio_of(role, unit) is not None]
+    if ratios and test.kind != "frf":
+        told.append(f"units: `{test.units[ratios[0]]}` of `{ratios[0]}` is for kind `frf` only.")
+    if test.kind not in ("decay", "loop") and not (roles & SOURCES or ratios):
         told.append(f"channels: kind `{test.kind}` needs `input` or `force`.")
     if test.kind == "loop" and not roles & {"restoring_force", "force"}:
         told.append("channels: kind `loop` needs `restoring_force`.")

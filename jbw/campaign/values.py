@@ -6,7 +6,7 @@ from math import isfinite
 from typing import Any
 
 from jbw.errors import ConfigError
-from jbw.measurement.roles import ROLES, si_of
+from jbw.measurement.roles import ROLES, ratio_of, si_of
 
 # Prior names, and the least value that each admits; None where the sign is free.
 LEAST: dict[str, float | None] = {
@@ -183,7 +183,8 @@ def role_units(value: Any) -> dict[str, str]:
     def unit(role: str, item: Any) -> str:
         if not isinstance(item, str):
             raise ValueError(f"role `{role}` needs a unit, but has {item!r}.")
-        si_of(role, item)
+        if ratio_of(role, item) is None:  # a measured FRF may be per unit of excitation
+            si_of(role, item)
         return item
 
     return _roles(value, unit)

@@ -25,6 +25,8 @@ class ResponseCurve:
         response_kind: displacement, velocity or acceleration.
         source_unit: SI unit of `source`: V, N/kg or N.
         order: Harmonic of the excitation frequency at which the response was read.
+        is_ratio: Whether the file holds the response per unit of excitation, at an amplitude that
+            it does not tell; `source` is 1 then, and the curve is that of the linear regime.
         name: What to call it in messages.
         provenance: As in the record it came from.
     """
@@ -36,6 +38,7 @@ class ResponseCurve:
     response_kind: str
     source_unit: str
     order: int = 1
+    is_ratio: bool = False
     name: str = ""
     provenance: Mapping[str, str] = field(default_factory=dict)
 
@@ -85,6 +88,7 @@ def response_curve(record: Record, order: int = 1) -> ResponseCurve:
         response_kind=record.response,
         source_unit=record.units[record.source],
         order=order,
+        is_ratio="ratio" in record.provenance,
         name=record.name,
         provenance=record.provenance,
     )

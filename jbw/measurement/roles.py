@@ -1,6 +1,7 @@
 """What a channel can be: roles, and the quantity that each measures."""
 
 from jbw.errors import ConfigError
+from jbw.measurement.records import RESPONSES
 from jbw.units import FACTORS, plain, quantity_of, si_unit
 
 # A role may admit several quantities: a source is a voltage, or already a force per modal mass.
@@ -16,6 +17,29 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "time": ("time",),  # gives the sampling frequency; not kept as a channel
 }
 ROLES = tuple(QUANTITIES)
+
+
+def ratio_of(role: str, unit: str) -> tuple[float, str] | None:
+    """Factor to SI of a unit such as `m/s^2/N`, and the role of what it divides by.
+
+    Args:
+        role: The response's role.
+        unit: Its unit in the file.
+
+    Returns:
+        The factor and `force` or `input`; None when the unit is no ratio of that kind.
+    """
+    if role not in RESPONSES:
+        return None
+    above, _, below = plain(unit).rpartition("/")
+    above = above.strip("()")
+    below = below.strip("()")
+    for source in ("force", "input"):
+        for quantity in QUANTITIES[source]:
+            if below in FACTORS[quantity] and above in FACTORS[QUANTITIES[role][0]]:
+                factor = FACTORS[QUANTITIES[role][0]][above] / FACTORS[quantity][below]
+                return factor, source
+    return None
 
 
 def si_of(role: str, unit: str) -> tuple[float, str]:

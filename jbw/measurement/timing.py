@@ -7,7 +7,7 @@ from jbw.errors import DataError
 
 REGULARITY = 1e-3  # of a sampling interval: the largest deviation of a sample from the even grid
 LOOSEST_SNAP = 2e-5  # relative: however coarse the times are printed
-SNAP = 1e-6  # relative: what six printed digits of a sampling interval lose
+SNAP = 5e-6  # relative: what six printed digits of a sampling interval lose
 
 EVEN = "Spectra and sampled inputs need even samples."
 

@@ -10,8 +10,8 @@ from jbw.measurement.files.paths import select
 from jbw.measurement.files.sampling import Repeats, Wanted, cut, rows_of, sampling_of
 from jbw.measurement.files.tree import Contents, Leaf, names
 from jbw.measurement.records import INPUTS, RESPONSES, Record
-from jbw.measurement.roles import ROLES, si_of
-from jbw.units import plain
+from jbw.measurement.roles import QUANTITIES, ROLES, ratio_of, si_of
+from jbw.units import plain, si_unit
 
 CENTRED = (*INPUTS, *RESPONSES, "restoring_force")  # roles whose mean may be taken out
 
@@ -46,6 +46,9 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
             means = [float(row.mean()) for row in channels[role]]
             channels[role] = [row - m for row, m in zip(channels[role], means, strict=True)]
             said[f"mean of {role} removed"] = ", ".join(f"{mean:.6g}" for mean in means)
+        ratio = ratio_of(role, unit) if curve else None
+        if ratio is not None:
+            said["ratio"] = _unit_source(ratio[1], sources, channels, units, path)
         if any(np.iscomplexobj(row) for row in rows):
             said["phase"] = _split(role, sources, channels, units, path)
     provenance = {"path": str(path), "sha256": digest, "reader": contents.reader}
@@ -59,11 +62,30 @@ def _factor(
     role: str, unit: str, contents: Contents, path: Path, wanted: Wanted
 ) -> tuple[float, str]:
     """What to multiply a channel by, and the SI unit that it has then."""
-    factor, si = si_of(role, unit)
+    ratio = ratio_of(role, unit)
+    factor, si = si_of(role, unit) if ratio is None else (ratio[0], si_unit(QUANTITIES[role][0]))
     factor *= _calibration(role, contents, path, wanted)
     if wanted.amplitudes == "rms" and role in (*RESPONSES, *INPUTS):
         factor *= np.sqrt(2)  # amplitudes are peak inside jbw
     return factor, si
+
+
+def _unit_source(
+    source: str,
+    given: Container[str],
+    channels: dict[str, Repeats],
+    units: dict[str, str],
+    path: Path,
+) -> str:
+    """Excitation of amplitude 1 for a response that is given per unit of it, and say so."""
+    if any(role in given for role in INPUTS):
+        raise DataError(
+            f"{path.name}: the response is per unit of excitation, but `{source}` is given too.",
+            remedy="Leave the excitation out, or name the response's amplitude and its unit.",
+        )
+    channels[source] = [np.ones(len(row)) for rows in channels.values() for row in rows][:1]
+    units[source] = si_unit(QUANTITIES[source][0])
+    return f"response per {units[source]} of {source}"
 
 
 def _split(
@@ -176,7 +198,7 @@ def _unit(role: str, item: Leaf, path: Path, wanted: Wanted) -> str:
             why="A wrong unit gives a wrong joint without any sign of it.",
             remedy=f'Say it: units = {{ {role} = "..." }}.',
         )
-    if given:
+    if given and ratio_of(role, given) is None:
         si_of(role, given)  # an unknown unit is the first thing to say
     if given and item.unit and plain(given) != plain(item.unit):
         raise DataError(

@@ -27,6 +27,7 @@ READERS = {
     ".wav": "wav",
     ".uff": "uff",
     ".unv": "uff",
+    ".tdms": "tdms",
 }
 PICKLES = (".pkl", ".pickle", ".p", ".joblib", ".pt")
 EMPTY = "The file is empty: copy or export it again."

@@ -1,0 +1,114 @@
+"""SEP-005, the time-series dictionaries of the sdypy community: taken in, and given out."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jbw.errors import DataError
+from jbw.measurement.checks import inspect
+from jbw.measurement.files.assembling import records_of
+from jbw.measurement.files.door import report
+from jbw.measurement.files.sampling import Wanted
+from jbw.measurement.files.tree import Contents, Leaf, leaf
+from jbw.measurement.records import Record
+from jbw.measurement.roles import ROLES
+from jbw.measurement.timing import sampling_frequency
+
+# The standard's letter for what a series measures, by role.
+QUANTITIES = {"force": "f", "acceleration": "a", "velocity": "v", "displacement": "d"}
+NEEDED = ("name", "data", "unit_str")
+
+
+def from_sep005(
+    series: Sequence[Mapping[str, Any]],
+    channels: Mapping[str, str] | None = None,
+    *,
+    name: str = "SEP-005",
+) -> Record:
+    """A record of SEP-005 series that were sampled together.
+
+    Args:
+        series: Dictionaries with `name`, `data`, `unit_str`, and `fs` or `time`.
+        channels: Role to the name of its series; when None, series named like a role, or else
+            those whose `quantity` tells it.
+        name: What to call the record in messages.
+
+    Returns:
+        The record, in SI and checked.
+
+    Raises:
+        DataError: A key is missing, two series have one name, or a check finds an error.
+        ConfigError: A unit is not known.
+    """
+    leaves = [_leaf(one, i) for i, one in enumerate(series)]
+    names = [str(one["name"]) for one in series]
+    repeated = sorted({one for one in names if names.count(one) > 1})
+    if repeated:
+        raise DataError(
+            f"{name}: the name {repeated[0]!r} is given to {names.count(repeated[0])} series.",
+            remedy="Names must differ, so that a channel can be told by its name.",
+        )
+    digest = hashlib.sha256(b"".join(np.asarray(one["data"]).tobytes() for one in series))
+    contents = Contents(dict(zip(names, leaves, strict=True)), "SEP-005")
+    wanted = Wanted(_roles(series) if channels is None else channels)
+    (record,) = records_of(contents, Path(name), wanted, digest.hexdigest())
+    report(record, inspect(record))
+    return record
+
+
+def to_sep005(record: Record, names: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
+    """The channels of a record as SEP-005 dictionaries, in SI.
+
+    Args:
+        record: A record in time.
+        names: Role to the name of its series; the role itself when absent.
+
+    Raises:
+        DataError: The record is a response curve, which has no time.
+    """
+    if np.isnan(record.fs):
+        raise DataError(f"{record.name}: SEP-005 holds time series, but this is a response curve.")
+    found = []
+    for role, samples in record.channels.items():
+        name, unit = (names or {}).get(role, role), record.units[role]
+        one = {"name": name, "data": samples, "fs": record.fs, "unit_str": unit}
+        quantity = {"quantity": QUANTITIES[role]} if role in QUANTITIES else {}
+        found.append({**one, **quantity, "group": record.name})
+    return found
+
+
+def _leaf(one: Mapping[str, Any], i: int) -> Leaf:
+    missing = [key for key in NEEDED if key not in one]
+    if missing:
+        raise DataError(
+            f"SEP-005 series [{i}] has no `{missing[0]}`.",
+            remedy=f"Each needs {', '.join(NEEDED)}, and fs or time.",
+        )
+    data = np.asarray(one["data"])
+    if data.ndim != 1 or not np.issubdtype(data.dtype, np.number):
+        raise DataError(
+            f"SEP-005 series {one['name']!r}: `data` must be one axis of numbers, "
+            f"but has shape {data.shape} and type {data.dtype}."
+        )
+    fs = one.get("fs")
+    if one.get("time") is not None:
+        time = np.asarray(one["time"])
+        if time.shape != data.shape:
+            raise DataError(
+                f"SEP-005 series {one['name']!r}: `time` has {time.size} values, "
+                f"`data` {data.size}."
+            )
+        fs = sampling_frequency(time, f"{one['name']}, time")[0] if fs is None else fs
+    return leaf(data, fs=None if fs is None else float(fs), unit=str(one["unit_str"]))
+
+
+def _roles(series: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    named = {str(one["name"]): str(one["name"]) for one in series if str(one["name"]) in ROLES}
+    told = {letter: role for role, letter in QUANTITIES.items()}
+    by_quantity = {
+        told[one["quantity"]]: str(one["name"]) for one in series if one.get("quantity") in told
+    }
+    return named or by_quantity

@@ -1,0 +1,70 @@
+"""TDMS through npTDMS, an optional extra: samples stay on disk until asked for."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from jbw.errors import DataError
+from jbw.measurement.files.tree import Contents, Node, Opaque, leaf
+
+UNITS = ("unit_string", "NI_UnitDescription", "unit")  # properties that hold a channel's unit
+INTERVAL = "wf_increment"  # property that holds the sampling interval [s]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A TDMS channel as an array that is read on demand."""
+
+    stored: Any
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+
+    def __getitem__(self, index: Any, /) -> Any:
+        """Read a slice of the samples."""
+        found = self.stored[index[0] if isinstance(index, tuple) else index]
+        return np.asarray(found, dtype=self.dtype)
+
+    def astype(self, dtype: DTypeLike) -> "Channel":
+        """The same channel, converted as it is read."""
+        return replace(self, dtype=np.dtype(dtype))
+
+
+@contextmanager
+def contents(path: Path) -> Iterator[Contents]:
+    """Open a TDMS file: groups hold channels, with their interval and unit."""
+    try:
+        nptdms = import_module("nptdms")
+    except ImportError:
+        raise DataError(
+            f"File `{path.name}` needs the package npTDMS to be read.",
+            remedy="Install it: pip install jbw[tdms]",
+        ) from None
+    with nptdms.TdmsFile.open(path) as file:
+        groups = file.groups()
+        if file.file_status.incomplete_final_segment or not groups:
+            found = sum(len(channel) for group in groups for channel in group.channels())
+            raise DataError(
+                f"File `{path}` ({path.stat().st_size} bytes) is cut short: only {found} samples "
+                "of its channels can be read by the tdms reader.",
+                remedy="Copy the file again; the recorder may not have closed it.",
+            )
+        root: dict[str, Node] = {
+            group.name: {channel.name: _node(channel) for channel in group.channels()}
+            for group in groups
+        }
+        yield Contents(root, "TDMS")
+
+
+def _node(channel: Any) -> Node:
+    if not np.issubdtype(channel.dtype, np.number):
+        return Opaque("text" if channel.dtype == object else "not numeric")
+    interval = float(channel.properties.get(INTERVAL) or 0.0)
+    unit = next((str(channel.properties[key]) for key in UNITS if channel.properties.get(key)), "")
+    array = Channel(channel, (len(channel),), np.dtype(channel.dtype))
+    return leaf(array, fs=1 / interval if interval > 0 else None, unit=unit.strip())
