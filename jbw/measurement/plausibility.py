@@ -16,7 +16,7 @@ LONGEST = 4  # windows in a record at the least, for the finest look at the reso
 FLOOR = 1e-4  # of the largest density: lines below it are outside the excitation
 CLEAR = 4.0  # times the median of the band: a resonance in it
 PEAKED = 10.0  # times more peaked than the response: an input that looks like a response
-RESOLVED = 1.2  # times the window's own width: a narrower peak is the window's, not the joint's
+RESOLVED = 1.5  # times the window's own width; a narrower peak shows the window, T 2 zeta f_n < 2
 LOW_COHERENCE = 0.5  # median over the lines that carry the response
 MASS_FACTOR = 3.0  # between the modal mass seen and the one given; more is a wrong unit
 
@@ -47,9 +47,15 @@ def doubts(
         coarse, fine = (_frf(record, source, n, delay) for n in (SEGMENTS, LONGEST))
     except DataError as error:  # a record of a few samples
         return (Finding("warning", record.response, error.what, error.why, error.remedy),)
-    found = [_outside_band(record.response, coarse, band_hz), _swapped(source, coarse)]
-    found += [_incoherent(record.response, coarse), _unresolved(record, fine, band_hz)]
-    found.append(_missized(record.response, fine, band_hz, per_unit))
+    # The first two leave no FRF whose size or width would mean anything.
+    broken = _swapped(source, coarse) or _incoherent(record.response, coarse)
+    if broken:
+        return (broken,)
+    found = (
+        _outside_band(record.response, coarse, band_hz),
+        _unresolved(record, fine, band_hz),
+        _missized(record.response, fine, band_hz, per_unit),
+    )
     return tuple(finding for finding in found if finding)
 
 

@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from jbw.errors import ConfigError, DataError
+from jbw.errors import ConfigError, DataError, JbwError
 from jbw.measurement.checks import Finding, inspect
 from jbw.measurement.files.assembling import records_of
 from jbw.measurement.files.opening import opened, sha256
@@ -72,8 +72,15 @@ def records(path: Path, wanted: Wanted) -> tuple[Record, ...]:
             raise ConfigError(
                 f"Role `{role}` is not known.", remedy=f"{guess}Known: {', '.join(ROLES)}."
             )
-    with opened(path) as contents:
-        return records_of(contents, path, wanted, sha256(path))
+    try:
+        with opened(path) as contents:
+            return records_of(contents, path, wanted, sha256(path))
+    except JbwError as error:
+        if path.name in error.what:
+            raise
+        # Some of what is refused inside a reader does not know the file's name.
+        what = f"{path.name}: {error.what}"
+        raise type(error)(what, why=error.why, remedy=error.remedy) from None
 
 
 def channels_of(path: Path) -> dict[str, Leaf]:
