@@ -3,12 +3,45 @@
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.io.wavfile
+from numpy.typing import NDArray
 
 from jbw.measurement.files.tree import Contents, leaf
+
+
+@dataclass(frozen=True)
+class FullScale:
+    """Stored samples as parts of full scale, converted only as they are read."""
+
+    stored: NDArray[Any]  # (channel, time), integers or floats
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Channels and samples."""
+        return self.stored.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the samples as they are read."""
+        return np.dtype(np.float64)
+
+    def astype(self, dtype: Any) -> "FullScale":
+        """Itself: samples are read in double precision."""
+        return self
+
+    def __getitem__(self, index: Any, /) -> Any:
+        """Read a selection."""
+        samples = self.stored[index].astype(np.float64)
+        if self.stored.dtype == np.uint8:  # 8-bit WAV is unsigned with its zero at 128
+            return (samples - 128) / 128
+        if np.issubdtype(self.stored.dtype, np.integer):
+            return samples / 2.0 ** (8 * self.stored.dtype.itemsize - 1)
+        return samples
 
 
 @contextmanager
@@ -18,16 +51,10 @@ def contents(path: Path) -> Iterator[Contents]:
         # scipy only warns when the data chunk is cut short, and hands over half the samples.
         warnings.simplefilter("error", scipy.io.wavfile.WavFileWarning)
         warnings.filterwarnings("ignore", message=".*not understood.*")
-        rate, samples = scipy.io.wavfile.read(path)
-    channels = np.atleast_2d(samples.T)
+        try:
+            rate, samples = scipy.io.wavfile.read(path, mmap=True)
+        except ValueError:  # 24 bits cannot be mapped; a damaged file fails again below
+            rate, samples = scipy.io.wavfile.read(path)
+    array = FullScale(np.atleast_2d(samples.T))
     notes = {"full scale": str(samples.dtype)}
-    yield Contents({"channel": leaf(_full_scale(channels))}, "WAV", fs=float(rate), notes=notes)
-
-
-def _full_scale(samples: np.ndarray) -> np.ndarray:
-    """Samples over full scale; 8-bit WAV is unsigned with its zero at 128."""
-    if samples.dtype == np.uint8:
-        return (samples.astype(np.float64) - 128) / 128
-    if np.issubdtype(samples.dtype, np.integer):
-        return samples / float(2 ** (8 * samples.dtype.itemsize - 1))
-    return samples
+    yield Contents({"channel": leaf(array)}, "WAV", fs=float(rate), notes=notes)
