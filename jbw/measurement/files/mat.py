@@ -1,5 +1,8 @@
 """MATLAB files: v5 to v7 through scipy, v7.3 through h5py; structs, struct arrays and cells."""
 
+import struct
+import warnings
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,6 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 import scipy.io
+import scipy.sparse
 
 from jbw.errors import DataError
 from jbw.measurement.files.hdf5 import fs_of, inside
@@ -15,6 +19,14 @@ from jbw.measurement.files.tree import MAX_BYTES, Contents, Leaf, Node, Opaque, 
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 USER_BLOCK = 512  # bytes of MATLAB's own header before the HDF5 part of a v7.3 file
+HEADER = 128  # bytes of a v5 file before its first variable
+COMPRESSED = 15  # data type of a packed variable
+# What MATLAB keeps as its own objects: they hold no arrays that can be told from outside.
+OPAQUE = (
+    scipy.io.matlab.MatlabOpaque,
+    scipy.io.matlab.MatlabFunction,
+    scipy.io.matlab.MatlabObject,
+)
 EXPORT = "In MATLAB, export plain arrays: table2array(T), timetable2table(T), or struct(object)."
 
 
@@ -31,14 +43,17 @@ def contents(path: Path) -> Iterator[Contents]:
             yield Contents(root, "MATLAB v7.3", fs=fs_of(file.attrs))
     else:
         _refuse_bomb(path)
-        loaded = scipy.io.loadmat(path, simplify_cells=True)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of sparse matrices, not read here
+            # Objects have no name of their own in the file; two of them look like a repetition.
+            warnings.filterwarnings("ignore", message='Duplicate variable name "None"')
+            loaded = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
         root = {name: _node(x) for name, x in loaded.items() if not name.startswith("__")}
         yield Contents(root, "MATLAB v5")
 
 
 def _refuse_bomb(path: Path) -> None:
-    """Sum the declared sizes, which takes only the headers."""
-    size = sum(8 * np.prod(shape, dtype=np.float64) for _, shape, _ in scipy.io.whosmat(path))
+    size = _declared_size(path)
     if size > MAX_BYTES:
         raise DataError(
             f"File `{path.name}` declares {size / 2**30:.1f} GiB of variables, "
@@ -47,29 +62,43 @@ def _refuse_bomb(path: Path) -> None:
         )
 
 
+def _declared_size(path: Path) -> int:
+    """Bytes that the variables of a file take once unpacked, from their headers alone.
+
+    Reference:
+        MATLAB, MAT-File Format, level 5: data elements and their tags.
+    """
+    with path.open("rb") as stream:
+        header = stream.read(HEADER)
+        if header[-2:] not in (b"IM", b"MI"):  # version 4, which packs nothing
+            return path.stat().st_size
+        order = "<" if header[-2:] == b"IM" else ">"
+        size = 0
+        while len(tag := stream.read(8)) == 8:
+            kind, length = struct.unpack(f"{order}II", tag)
+            after = stream.tell() + length
+            if kind == COMPRESSED:
+                inner = zlib.decompressobj().decompress(stream.read(min(length, 256)), 8)
+                length = struct.unpack(f"{order}II", inner)[1]
+            size += length
+            stream.seek(after)
+    return size
+
+
 def _node(value: Any) -> Node:
-    """A tree from what scipy hands over: dicts, lists, object arrays, numbers."""
-    if isinstance(value, scipy.io.matlab.MatlabOpaque | scipy.io.matlab.MatlabFunction):
+    """A tree from what scipy hands over: structs, object arrays, numbers."""
+    if isinstance(value, OPAQUE):
         return Opaque("a MATLAB table, object or function handle", EXPORT)
-    if isinstance(value, dict):
-        if {"s0", "s1", "s2", "arr"} <= set(value):
-            return Opaque("a MATLAB table, object or function handle", EXPORT)
-        return {name: _node(item) for name, item in value.items()}
-    if isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype == object):
-        return _cells([_node(item) for item in np.ravel(_objects(value))], _objects(value).shape)
+    if isinstance(value, scipy.io.matlab.mat_struct):
+        return {name: _node(vars(value)[name]) for name in vars(value)["_fieldnames"]}
+    if isinstance(value, np.ndarray) and value.dtype == object:
+        return _cells([_node(item) for item in value.ravel()], value.shape)
+    if scipy.sparse.issparse(value):
+        return Opaque("a sparse matrix", "In MATLAB, export full(x).")
     array = np.asarray(value)
     if not np.issubdtype(array.dtype, np.number):
         return Opaque("text" if array.dtype.kind in "US" else "not numeric")
     return leaf(array)
-
-
-def _objects(value: Any) -> np.ndarray:
-    """Items of a list, or of an object array, without looking into them."""
-    if isinstance(value, np.ndarray):
-        return value
-    items = np.empty(len(value), dtype=object)
-    items[:] = value
-    return items
 
 
 def _cells(nodes: Sequence[Node], shape: tuple[int, ...]) -> np.ndarray:
