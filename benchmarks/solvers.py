@@ -42,8 +42,10 @@ SLOW_CALLS = 3
 # Okabe and Ito's colours, told apart by the colour-blind.
 COLOURS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#E69F00", "#56B4E9", "#CC79A7", "#7F7F7F")
 MARKERS = "osD^vP*X<"
-# Labels that stand beside the last point; the others stand above the first.
-AT_THE_END = ("C RK4", "jbw", "diffrax Tsit5, input by index", "scipy RK45", "scipy DOP853")
+# Labels stand above a line's first point unless a better place is known.
+BESIDE = (-1, (8, -4))
+PLACES = {"SUNDIALS CVODE": (-1, (-112, -4)), "scipy RK45": BESIDE, "scipy DOP853": BESIDE}
+PLACES |= {"C RK4": BESIDE, "jbw": BESIDE, "diffrax Tsit5, input by index": BESIDE}
 
 
 class Solver(NamedTuple):
@@ -76,17 +78,17 @@ def exact_step() -> list[Solver]:
     def run(m):
         return compiled(lambda p, u: jbw.simulate(p, u, FS, substeps=m).v, joint(), jnp.asarray(U))
 
-    return [Solver("jbw", steps(m), run(m)[0]) for m in (1, 2, 4, 8)]
+    return [Solver("jbw", steps(m), run(m)) for m in (1, 2, 4, 8)]
 
 
 def diffrax_tsit5() -> list[Solver]:
     t, u = jnp.asarray(TIME), jnp.asarray(U)
 
     def indexed(m):
-        return compiled(lambda p, u: indexed_tsit5_velocity(p, u, FS, m), joint(), u)[0]
+        return compiled(lambda p, u: indexed_tsit5_velocity(p, u, FS, m), joint(), u)
 
     def interpolated(m):
-        return compiled(lambda p, t, u: newcomers_velocity(p, t, u, m), joint(), t, u)[0]
+        return compiled(lambda p, t, u: newcomers_velocity(p, t, u, m), joint(), t, u)
 
     return [
         *[Solver("diffrax Tsit5, input by index", steps(m), indexed(m)) for m in (1, 2, 4)],
@@ -223,7 +225,7 @@ def plot(rows: Sequence[tuple], file: Path) -> None:
         colour = COLOURS[index % len(COLOURS)]
         marker = MARKERS[index % len(MARKERS)]
         axes.loglog(*zip(*points, strict=True), color=colour, marker=marker, markersize=5)
-        where, offset = (-1, (8, -4)) if name in AT_THE_END else (0, (-4, 7))
+        where, offset = PLACES.get(name, (0, (-4, 7)))
         axes.annotate(name, points[where], offset, textcoords="offset points", color=colour)
     axes.set_xlabel("time of the standard sweep [ms]")
     axes.set_ylabel("relative error of velocity [-]")

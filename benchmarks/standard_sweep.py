@@ -37,13 +37,13 @@ def contenders():
     u, t = jnp.asarray(U), jnp.asarray(TIME)
 
     def exact(substeps):
-        return compiled(lambda p, u: jbw.simulate(p, u, FS, substeps=substeps).v, joint(), u)[0]
+        return compiled(lambda p, u: jbw.simulate(p, u, FS, substeps=substeps).v, joint(), u)
 
     runs = {
         EXACT_1: exact(1),
         EXACT_2: exact(2),
-        RK4: compiled(lambda p, u: rk4_velocity(p, u, FS), joint(), u)[0],
-        NAIVE: compiled(newcomers_velocity, joint(), t, u)[0],
+        RK4: compiled(lambda p, u: rk4_velocity(p, u, FS), joint(), u),
+        NAIVE: compiled(newcomers_velocity, joint(), t, u),
     }
     if yardstick.library() is None:
         return runs

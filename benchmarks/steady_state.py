@@ -1,147 +1,99 @@
-"""How long does the periodic response at five probing tones take, and how exact is it?
+"""What does the periodic response at five probing tones cost, and how exact is it?
 
-    python benchmarks/steady_state.py
+The harmonic balance against integrating from rest until the transient has died, in C and through
+`simulate`, and against shooting. Each turn is three calls, of which the first finds the caches
+cold.
 
-One table: the harmonic balance against integrating from rest until the transient has died, in C
-(compiled here when a C compiler is found) and through `simulate`, and against shooting. All
-alternate in one process, so the ratios hold on a shared machine; each turn is three calls, of which
-the first finds the caches cold, and the least time of all counts.
+    python benchmarks/steady_state.py [--calls 93] [--json FILE]
 """
 
-import ctypes
-import shutil
-import subprocess
-import tempfile
-import time
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+import yardstick
+from problem import PAPER, joint
+from timing import Table, Target, options, show, take_turns, targets
 
-from jbw.oscillator.parameters import BoucWen
-from jbw.oscillator.response import simulate
+import jbw
 from jbw.oscillator.shooting import shooting
-from jbw.oscillator.steady import steady_state
 
-JOINT = BoucWen(2 * np.pi * 18.8, 0.00444, 497.40, 340.21, 32.84)
 TONES = 2 * np.pi * np.array([5.0, 5.5, 6.0, 6.5, 6.75])
 AMPLITUDE = 9.0
 FS, NUM_SAMPLES = 1024, 65536
 # The last 32 s hold whole periods of every tone.
 LAST = 32 * FS
-REPEATS, CALLS = 31, 3
-
-C_SOURCE = r"""
-#include <math.h>
-static void rate(const double *p, double u, const double *x, double *r) {
-    r[0] = x[1];
-    r[1] = u - 2 * p[1] * p[0] * x[1] - (p[0] * p[0] - p[2]) * x[0] - x[2];
-    r[2] = p[2] * x[1] - p[4] * fabs(x[1]) * x[2] - p[3] * x[1] * fabs(x[2]);
-}
-void tone(const double *p, double omega, double amplitude, int n, double fs, double *y) {
-    double x[3] = {0, 0, 0}, h = 1 / fs, a[3], b[3], c[3], d[3], s[3];
-    double u0 = amplitude, um, u1;
-    for (int i = 0; i < n; i++) {
-        y[i] = x[0];
-        um = amplitude * cos(omega * (i + 0.5) * h);
-        u1 = amplitude * cos(omega * (i + 1) * h);
-        rate(p, u0, x, a);
-        for (int j = 0; j < 3; j++) s[j] = x[j] + 0.5 * h * a[j];
-        rate(p, um, s, b);
-        for (int j = 0; j < 3; j++) s[j] = x[j] + 0.5 * h * b[j];
-        rate(p, um, s, c);
-        for (int j = 0; j < 3; j++) s[j] = x[j] + h * c[j];
-        rate(p, u1, s, d);
-        for (int j = 0; j < 3; j++) x[j] += h / 6 * (a[j] + 2 * b[j] + 2 * c[j] + d[j]);
-        u0 = u1;
-    }
-}
-"""
+C_ROUTE, BALANCE = "C RK4, 64 s from rest", "harmonic balance, 8 harmonics"
+COLUMNS = {"route": "", "min, ms": ".2f", "median, ms": ".2f", "/ C": ".3f"}
+COLUMNS |= {"error of Y_1": ".0e", "error of Y_3": ".0e"}
 
 
-def compiled_tone(folder: Path) -> Callable[[], np.ndarray] | None:
-    compiler = shutil.which("gcc") or shutil.which("cc")
-    if compiler is None:
-        return None
-    (folder / "tone.c").write_text(C_SOURCE)
-    target = folder / "tone.so"
-    command = [compiler, "-O3", "-march=native", "-shared", "-fPIC", "-o", target, "tone.c", "-lm"]
-    subprocess.run(command, cwd=folder, check=True)
-    tone = ctypes.CDLL(str(target)).tone
-    pointer = np.ctypeslib.ndpointer(float)
-    tone.argtypes = [
-        pointer,
-        ctypes.c_double,
-        ctypes.c_double,
-        ctypes.c_int,
-        ctypes.c_double,
-        pointer,
-    ]
-    tone.restype = None
-    parameters = np.array([JOINT.omega_n, JOINT.zeta, JOINT.alpha, JOINT.delta, JOINT.gamma])
-    y = np.empty((TONES.size, NUM_SAMPLES))
+class Route(NamedTuple):
+    """A way to the periodic response, and Y_1 and Y_3 of what it returns."""
 
-    def run() -> np.ndarray:
-        for row, omega in zip(y, TONES, strict=True):
-            tone(parameters, omega, AMPLITUDE, NUM_SAMPLES, FS, row)
-        return y
-
-    return run
+    run: Callable[[], Any]
+    harmonics: Callable[[Any], np.ndarray]
 
 
-def harmonics_of(y: np.ndarray) -> np.ndarray:
+def integrated_harmonics(y: Any) -> np.ndarray:
     """Y_1 and Y_3 by Fourier's integral over the last whole periods."""
     t = np.arange(NUM_SAMPLES - LAST, NUM_SAMPLES) / FS
     orders = np.array([1, 3])
     basis = np.exp(-1j * TONES[:, None, None] * orders[:, None] * t)
-    return 2.0 * np.mean(y[:, None, -LAST:] * basis, axis=-1)
+    return 2.0 * np.mean(np.asarray(y)[:, None, -LAST:] * basis, axis=-1)
 
 
-def rows(folder: Path) -> dict[str, tuple[Callable[[], object], Callable[[object], np.ndarray]]]:
-    t = np.arange(NUM_SAMPLES) / FS
-    u = AMPLITUDE * np.cos(TONES[:, None] * t)
-    shoot = jax.jit(jax.vmap(lambda omega: shooting(JOINT, omega, AMPLITUDE).harmonics))
-    routes = {
-        "harmonic balance, 8 harmonics": (lambda: steady_state(JOINT, TONES, AMPLITUDE), None),
-        "harmonic balance, 4 harmonics": (lambda: steady_state(JOINT, TONES, AMPLITUDE, 4), None),
-        "shooting": (lambda: shoot(TONES), None),
-        "simulate, 64 s from rest": (lambda: simulate(JOINT, u, FS).y, harmonics_of),
+def first_two(harmonics: Any) -> np.ndarray:
+    return np.asarray(harmonics)[:, :2]
+
+
+def c_integration() -> list[np.ndarray]:
+    return [yardstick.rk4_tone(PAPER, omega, AMPLITUDE, NUM_SAMPLES, FS) for omega in TONES]
+
+
+def routes() -> dict[str, Route]:
+    one = joint()
+    u = jnp.asarray(AMPLITUDE * np.cos(TONES[:, None] * np.arange(NUM_SAMPLES) / FS))
+    shoot = jax.jit(jax.vmap(lambda omega: shooting(one, omega, AMPLITUDE).harmonics))
+
+    def balance(num_harmonics):
+        return lambda: jbw.steady_state(one, TONES, AMPLITUDE, num_harmonics)
+
+    found = {
+        BALANCE: Route(balance(8), first_two),
+        "harmonic balance, 4 harmonics": Route(balance(4), first_two),
+        "shooting": Route(lambda: shoot(TONES), first_two),
+        "simulate, 64 s from rest": Route(lambda: jbw.simulate(one, u, FS).y, integrated_harmonics),
     }
-    run = compiled_tone(folder)
-    if run is not None:
-        routes["C RK4, 64 s from rest"] = (run, harmonics_of)
-    return {
-        name: (call, reduce or (lambda found: found[:, :2]))
-        for name, (call, reduce) in routes.items()
-    }
+    if yardstick.library() is not None:
+        found[C_ROUTE] = Route(c_integration, integrated_harmonics)
+    return found
 
 
-def main() -> None:
-    jax.config.update("jax_enable_x64", True)
-    exact = np.asarray(steady_state(JOINT, TONES, AMPLITUDE, num_harmonics=32))[:, :2]
-    with tempfile.TemporaryDirectory() as folder:
-        routes = rows(Path(folder))
-        times = {name: [] for name in routes}
-        errors = {}
-        for name, (call, reduce) in routes.items():
-            found = reduce(np.asarray(call()))
-            errors[name] = np.max(np.abs(found - exact) / np.abs(exact), axis=0)
-        for _ in range(REPEATS):
-            for name, (call, _) in routes.items():
-                for _ in range(CALLS):
-                    start = time.perf_counter()
-                    jax.block_until_ready(call())
-                    times[name].append(time.perf_counter() - start)
-    least = {name: min(elapsed) for name, elapsed in times.items()}
-    reference = least[list(least)[-1]]
-    print(f"jax {jax.__version__}, {REPEATS} alternating turns, five tones at {AMPLITUDE:g} N/kg\n")
-    print(f"| route | min, ms | / {list(least)[-1]} | error of Y_1 | error of Y_3 |")
-    print("|---|---|---|---|---|")
-    for name, value in least.items():
-        first, third = errors[name]
-        ratio = value / reference
-        print(f"| {name} | {1e3 * value:.2f} | {ratio:.3f} | {first:.0e} | {third:.0e} |")
+def tables(calls: int) -> list[Table]:
+    exact = first_two(jbw.steady_state(joint(), TONES, AMPLITUDE, num_harmonics=32))
+    found = routes()
+    times = take_turns({name: route.run for name, route in found.items()}, calls, in_a_row=3)
+    base = times[C_ROUTE].least if C_ROUTE in times else None
+    rows = []
+    for name, (run, harmonics) in found.items():
+        least, median = times[name]
+        relative = least / base if base else None
+        errors = np.max(np.abs(harmonics(run()) / exact - 1.0), axis=0)
+        rows.append((name, 1e3 * least, 1e3 * median, relative, *errors))
+    if base is None:
+        rows.append((C_ROUTE, "no C compiler", *[None] * 4))
+    measured = times[BALANCE].least / base if base else None
+    entries = [Target("harmonic balance of 5 tones / C integration", measured, 0.2, 0.1)]
+    return [Table(f"Five tones of {AMPLITUDE:g} N/kg", COLUMNS, rows), targets(entries)]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    chosen = options(__doc__, calls=93).parse_args(arguments)
+    jbw.enable_x64()
+    show(tables(chosen.calls), file=chosen.json)
 
 
 if __name__ == "__main__":

@@ -77,11 +77,17 @@ def take_turns(contenders: Contenders, calls: int, in_a_row: int = 1) -> dict[st
     return {name: Times(min(t), float(np.median(t))) for name, t in elapsed.items()}
 
 
-def compiled(function: Callable, *arguments: Any) -> tuple[Callable[[], Any], float]:
-    """The call function(*arguments), compiled ahead, and the seconds that took."""
+def ahead(function: Callable, *arguments: Any) -> tuple[Callable, float]:
+    """The function compiled for such arguments, and the seconds that took."""
     start = time.perf_counter()
     run = jax.jit(function).lower(*arguments).compile()
-    return lambda: run(*arguments), time.perf_counter() - start
+    return run, time.perf_counter() - start
+
+
+def compiled(function: Callable, *arguments: Any) -> Callable[[], Any]:
+    """The call function(*arguments), compiled ahead."""
+    run, _ = ahead(function, *arguments)
+    return lambda: run(*arguments)
 
 
 def targets(entries: Sequence[Target]) -> Table:
