@@ -8,27 +8,20 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
-from jbw.campaign.keys import CAMPAIGN, IDENTIFY, KINDS, RESPONSES, SOURCES, TEST, Key
+from jbw.campaign.guessing import kind_of, last_name, records_in, roles_of, series_in
+from jbw.campaign.keys import CAMPAIGN, IDENTIFY, RESPONSES, TEST, Key
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.measurement.files.door import channels_of
 from jbw.measurement.files.opening import READERS
 from jbw.measurement.files.tree import Leaf
-from jbw.measurement.roles import QUANTITIES, ROLES, si_of
+from jbw.measurement.roles import QUANTITIES
 from jbw.units import si_unit
 
-# A channel's name to its role, most telling first.
-HINTS = (
-    (r"^t$|time|zeit", "time"),
-    (r"restoring|friction", "restoring_force"),
-    (r"vel|laser|vib|^v$|ldv", "velocity"),
-    (r"acc", "acceleration"),
-    (r"dis[pl]|lvdt|^[yx]$|pos", "displacement"),
-    (r"force|load|^f$", "force"),
-    (r"input|shaker|volt|drive|source|amp|^u$|^v1$", "input"),
-)
-KIND_HINTS = {"step": "stepped", "tone": "tones", "hammer": "decay", "impact": "decay"}
 NAMED = "campaign.toml"
 LISTED = 12  # channels named in a comment
+MOST_BLOCKS = 40  # tests drafted from one file
+# Keys of a test that are offered in a comment.
+OPTIONAL = ("level", "band", "delay", "assembly", "run", "exclude", "span")
 
 
 @dataclass(frozen=True)
@@ -56,8 +49,8 @@ def start_campaign(folder: str | Path) -> Draft:
     if not folder.is_dir():
         raise DataError(f"Folder `{folder}` does not exist.", remedy="Name the folder of records.")
     assumed: list[str] = []
-    blocks = [_block(files, assumed) for files in _groups(folder)]
-    if not any(block.startswith("[[test]]") for block in blocks):
+    blocks = [block for files in _groups(folder) for block in _blocks(files, assumed)]
+    if not any("[[test]]" in block for block in blocks):
         raise DataError(
             f"Folder `{folder}` has no measurement file that can be read.",
             remedy=" ".join(["Suffixes: " + ", ".join(READERS) + ".", *assumed]),
@@ -96,79 +89,67 @@ def _stem(path: Path) -> tuple[str, str]:
     return re.sub(r"\d+$", "", path.stem), path.suffix.lower()
 
 
-def _block(files: Sequence[Path], assumed: list[str]) -> str:
-    """One [[test]] table, or a comment where the files cannot be a test."""
+def _blocks(files: Sequence[Path], assumed: list[str]) -> list[str]:
+    """The [[test]] tables of some files, or a comment where they cannot be a test."""
     first = files[0]
     try:
-        leaves = {name: leaf for name, leaf in channels_of(first).items() if _is_series(leaf)}
+        leaves = channels_of(first)
     except JbwError as error:
         assumed.append(error.what)
-        return "".join(f"# {line}\n" for line in error.what.splitlines())
-    roles = _roles(leaves)
+        return ["".join(f"# {line}\n" for line in error.what.splitlines())]
+    found = records_in(series_in(leaves))
+    blocks = [_block(files, series, leaves, assumed) for series in found[:MOST_BLOCKS]]
+    if len(found) > MOST_BLOCKS:
+        blocks.append(f"# {len(found) - MOST_BLOCKS} more groups like these are in the file.\n")
+    return blocks
+
+
+def _block(
+    files: Sequence[Path],
+    series: Mapping[str, Leaf],
+    leaves: Mapping[str, Leaf],
+    assumed: list[str],
+) -> str:
+    """One [[test]] table; as a comment where no channel is named like a response."""
+    first, roles = files[0], roles_of(series)
     if not RESPONSES & set(roles):
         assumed.append(f"{first.name}: no channel is named like a response.")
-        return f"# {_toml(first.name)}: name the channels by hand, from {_listed(leaves)}.\n"
-    kind, known = _kind(first, roles)
+        return _skeleton(files, series or leaves)
+    kind, known = kind_of(first, roles)
     notes = [] if known else [f"{first.name}: kind {kind!r} is a guess."]
+    guessed = [role for role, name in roles.items() if "ampl" in last_name(name)]
+    notes += [f"{first.name}: role {role} of {roles[role]} is a guess." for role in guessed]
     lines = [
         "[[test]]",
-        f"kind = {_toml(kind)}" + ("" if known else "  # CHECK"),
+        f"kind = {_toml(kind)}" + ("" if known else "  # CHECK: a guess"),
         f"files = {_toml(_pattern(files))}  # {len(files)} file(s), one repeat each",
-        f"channels = {_inline(roles)}",
+        f"channels = {_inline(roles)}"
+        + (f"  # CHECK: {', '.join(guessed)} is a guess" if guessed else ""),
     ]
-    lines += _units(first, roles, leaves, notes)
-    lines += _sampling(first, roles, leaves, notes)
+    lines += _units(first, roles, series, notes)
+    lines += [] if kind == "frf" else _sampling(first, roles, series, leaves, notes)
     if kind in ("tones", "stepped"):
         lines += ["tones = [1.0]  # CHECK: frequencies [Hz]"]
         notes.append(f"{first.name}: tones must be given.")
         lines += ["dwell = 1.0  # CHECK: duration of each step [s]"] if kind == "stepped" else []
-    others = [name for name in leaves if name not in roles.values()]
+    others = [name for name in series if name not in roles.values()]
     lines += [f"# not used: {_listed(others)}"] if others else []
     assumed += notes
-    optional = ("level", "band", "delay", "assembly", "run", "exclude", "span")
-    return "\n".join([*lines, *_commented(TEST, optional)]) + "\n"
+    return "\n".join([*lines, *_commented(TEST, OPTIONAL)]) + "\n"
 
 
-def _is_series(leaf: Leaf) -> bool:
-    return sum(length > 1 for length in leaf.shape) == 1
-
-
-def _roles(leaves: Mapping[str, Leaf]) -> dict[str, str]:
-    """Role to channel, by the channels' names, and by their units where the file gives them."""
-    roles: dict[str, str] = {}
-    for name, leaf in leaves.items():
-        role = _role(name, leaf.unit)
-        if role and role not in roles:
-            roles[role] = name
-    return roles
-
-
-def _role(name: str, unit: str) -> str:
-    last = re.split(r"[./]", name)[-1].lower()
-    by_name = [last] if last in ROLES else []
-    by_name += [role for pattern, role in HINTS if re.search(pattern, last)]
-    return next((role for role in by_name if _agrees(role, unit)), "")
-
-
-def _agrees(role: str, unit: str) -> bool:
-    if not unit:
-        return True
-    try:
-        si_of(role, unit)
-    except ConfigError:
-        return False
-    return True
-
-
-def _kind(path: Path, roles: Mapping[str, str]) -> tuple[str, bool]:
-    """Kind of a test by its file's name, and whether the name says so."""
-    name = path.stem.lower()
-    driven = bool(SOURCES & set(roles))
-    fitting = {"decay": True, "loop": "restoring_force" in roles, "frf": "phase" in roles}
-    for hint, kind in {**{kind: kind for kind in KINDS}, **KIND_HINTS}.items():
-        if hint in name and fitting.get(kind, driven):
-            return kind, True
-    return ("sweep" if driven else "decay"), False
+def _skeleton(files: Sequence[Path], found: Mapping[str, Leaf]) -> str:
+    """A [[test]] table to be filled in by hand, commented out."""
+    lines = [
+        f"# CHECK: name the channels of {_toml(files[0].name)} by hand, from {_listed(found)}.",
+        "# [[test]]",
+        '# kind = "sweep"',
+        f"# files = {_toml(_pattern(files))}",
+        '# channels = { input = "...", velocity = "..." }',
+        '# units = { input = "V", velocity = "m/s" }',
+        "# fs = 1024.0",
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _units(
@@ -187,19 +168,20 @@ def _units(
 
 
 def _sampling(
-    path: Path, roles: Mapping[str, str], leaves: Mapping[str, Leaf], notes: list[str]
+    path: Path,
+    roles: Mapping[str, str],
+    series: Mapping[str, Leaf],
+    leaves: Mapping[str, Leaf],
+    notes: list[str],
 ) -> list[str]:
-    if "time" in roles or any(leaves[name].fs for name in roles.values()):
+    if "time" in roles or any(series[name].fs for name in roles.values()):
         return []
-    scalar = next((n for n in _scalars(path) if n.lower().strip("_") in ("fs", "fs_hz")), "")
+    scalars = [name for name, leaf in leaves.items() if all(n == 1 for n in leaf.shape)]
+    scalar = next((n for n in scalars if n.lower().strip("_") in ("fs", "fs_hz")), "")
     if scalar:
         return [f"fs = {_toml(scalar)}  # the scalar of that name in the file"]
     notes.append(f"{path.name}: the sampling frequency fs must be given.")
     return ["# fs = 1024.0  # CHECK: sampling frequency [Hz], not in the file"]
-
-
-def _scalars(path: Path) -> list[str]:
-    return [name for name, leaf in channels_of(path).items() if all(n == 1 for n in leaf.shape)]
 
 
 def _pattern(files: Sequence[Path]) -> str | list[str]:
@@ -216,6 +198,8 @@ def _head(folder: Path) -> str:
     lines = [
         "# Campaign file of jbw. Lines marked CHECK hold what the records do not say.",
         "# See what jbw makes of it: jbw check campaign.toml",
+        "# Channels are paths, such as group.name: [3] is the fourth item, counted from zero; (4)",
+        "# and {4} are it counted from one, as in MATLAB; [:] takes all; 'a - b' is a difference.",
         "",
         "[campaign]",
         f"name = {_toml(name)}",

@@ -1,0 +1,71 @@
+"""`jbw init` on folders as laboratories leave them: structs, tables, files without names."""
+
+import tomllib
+
+import numpy as np
+import pytest
+import scipy.io
+
+from jbw.campaign.loading import load_campaign
+from jbw.campaign.starting import start_campaign, write_campaign
+
+FREQ = np.linspace(79.0, 81.0, 41)
+
+
+def test_struct_array_of_curves_is_a_test_each(tmp_path):
+    phase = np.linspace(-0.1, -3.0, 41)
+    levels = [
+        {"frequency": FREQ, "force": np.full(41, k), "amplitude": k * np.ones(41), "phase": phase}
+        for k in (1.0, 2.0, 3.0)
+    ]
+    scipy.io.savemat(tmp_path / "Curves.mat", {"FR": {"Control": levels}})
+    draft = start_campaign(tmp_path)
+    tables = tomllib.loads(draft.text)["test"]
+    assert [table["kind"] for table in tables] == ["frf"] * 3
+    assert tables[2]["channels"]["acceleration"] == "FR.Control[2].amplitude"
+    assert "role acceleration of FR.Control[0].amplitude is a guess" in " ".join(draft.assumed)
+    assert "CHECK: acceleration is a guess" in draft.text
+    with pytest.warns(UserWarning, match="passive"):  # the guess is checked like everything else
+        tests = load_campaign(write_campaign(draft, tmp_path)).tests
+    np.testing.assert_array_equal(tests[1].records[0].channels["force"], 2.0)
+
+
+@pytest.mark.parametrize("along_rows", [True, False])
+def test_rows_and_columns_of_tables_are_channels(tmp_path, along_rows):
+    rng = np.random.default_rng(0)
+    table = rng.normal(size=(3, 4000) if along_rows else (4000, 3))
+    np.savez(
+        tmp_path / "sinesweep_1.npz", Force=rng.normal(size=4000), Acceleration=table, Fs=400.0
+    )
+    draft = start_campaign(tmp_path)
+    (test,) = tomllib.loads(draft.text)["test"]
+    expected = "Acceleration[0]" if along_rows else "Acceleration[:, 0]"
+    assert test["channels"] == {"force": "Force", "acceleration": expected}
+    assert (test["kind"], test["fs"]) == ("sweep", "Fs")
+    (loaded,) = load_campaign(write_campaign(draft, tmp_path)).tests
+    first = table[0] if along_rows else table[:, 0]
+    np.testing.assert_array_equal(loaded.records[0].channels["acceleration"], first)
+
+
+def test_channels_without_telling_names_leave_a_form_to_fill_in(tmp_path):
+    np.savez(tmp_path / "run1.npz", a=np.arange(100.0), b=np.arange(100.0))
+    draft = start_campaign(tmp_path)
+    assert "test" not in tomllib.loads(draft.text)
+    assert '# CHECK: name the channels of "run1.npz" by hand, from "a", "b".' in draft.text
+    assert "# [[test]]" in draft.text
+
+
+def test_a_loop_is_told_by_its_channels(tmp_path):
+    y = np.sin(np.arange(2000) * 0.01)
+    np.savez(tmp_path / "run.npz", displacement=y, friction_force=y**3, fs=1024.0)
+    (test,) = tomllib.loads(start_campaign(tmp_path).text)["test"]
+    assert test["kind"] == "loop"
+    assert test["channels"]["restoring_force"] == "friction_force"
+
+
+def test_a_draft_explains_indices_and_marks_kinds_as_guesses(tmp_path):
+    np.savez(tmp_path / "run.npz", velocity=np.sin(np.arange(2000) * 0.01), fs=1024.0)
+    text = start_campaign(tmp_path).text
+    assert "counted from zero" in text
+    assert "as in MATLAB" in text
+    assert 'kind = "decay"  # CHECK: a guess' in text
