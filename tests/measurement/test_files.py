@@ -233,6 +233,19 @@ def test_csv_with_a_broken_line(tmp_path):
     assert "csv reader" in error.what
 
 
+@pytest.mark.parametrize("cut", [1, 3, 9, 12])
+def test_csv_cut_in_its_last_number_is_refused(tmp_path, cut):
+    path = tmp_path / "a.csv"
+    whole = "a,b\n" + "\n".join(f"{t:.9f},{v:+.9e}" for t, v in zip(T, LASER, strict=True))
+    path.write_text(whole)
+    (record,) = read(path, {"time": "a", "velocity": "b"}, UNITS_V)
+    assert record.num_samples == N
+    path.write_text(whole[:-cut])
+    error = refused(path, {"time": "a", "velocity": "b"}, UNITS_V)
+    assert f"({path.stat().st_size} bytes)" in error.what
+    assert "again" in error.remedy
+
+
 # No exotic characters: the dialect is what is tried here, not the decoding.
 NUMBERS = st.floats(-1e6, 1e6, allow_nan=False, width=32).map(lambda x: round(x, 6) + 0.5**20)
 

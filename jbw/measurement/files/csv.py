@@ -41,6 +41,7 @@ def contents(path: Path) -> Iterator[Contents]:
     text = _decode(path.read_bytes())
     lines = text.splitlines()
     dialect = sniff(lines[:LOOKED_AT], path.name)
+    _refuse_cut(text, lines[dialect.first :], path)
     table = _numbers(lines[dialect.first :], dialect)
     header = _header(lines[: dialect.first], dialect)
     root: dict[str, Node] = {"column": leaf(table.T)}
@@ -51,6 +52,19 @@ def contents(path: Path) -> Iterator[Contents]:
         "header lines": str(dialect.first),
     }
     yield Contents(root, "CSV", notes=notes)
+
+
+def _refuse_cut(text: str, body: Sequence[str], path: Path) -> None:
+    """A last line without its end, shorter than all others: its last number may lack digits."""
+    if text.endswith(("\n", "\r")) or len(body) < 2:
+        return
+    if len(body[-1]) < min(map(len, body[:-1])):
+        raise DataError(
+            f"File `{path}` ({path.stat().st_size} bytes) ends in the middle of a line for the csv "
+            f"reader: {body[-1][:60]!r} has no end and is shorter than every other line.",
+            why="The last number may lack digits.",
+            remedy="Copy the file again; if it is whole, end its last line.",
+        )
 
 
 def sniff(lines: Sequence[str], file: str) -> Dialect:

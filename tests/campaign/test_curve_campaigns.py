@@ -1,0 +1,190 @@
+"""Measured curves and loops as campaigns: amplitudes, phases, signs, channels in several files."""
+
+import numpy as np
+import pytest
+
+from jbw.campaign.loading import load_campaign
+from jbw.errors import ConfigError, DataError
+from jbw.measurement.curves import displacement_of, response_curve
+from jbw.measurement.passivity import impassive
+from jbw.measurement.records import Record
+
+FREQ = np.linspace(78.0, 82.0, 81)
+OMEGA, OMEGA_N = 2 * np.pi * FREQ, 2 * np.pi * 80.0
+Y = 1 / 1.9 / (OMEGA_N**2 - OMEGA**2 + 2j * 0.002 * OMEGA_N * OMEGA)  # for a force of 1 N
+FORCE = np.linspace(0.5, 0.3, 81)
+CHANNELS = {"frequency": "f", "force": "F", "acceleration": "A", "phase": "phi"}
+UNITS = {"frequency": "Hz", "force": "N", "acceleration": "m/s^2", "phase": "rad"}
+
+
+def toml(value):
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + " }"
+    return f'"{value}"' if isinstance(value, str) else str(value).lower()
+
+
+def campaign(folder, arrays, channels=CHANNELS, units=UNITS, kind="frf", files="a.npz", **keys):
+    if isinstance(files, str):
+        np.savez(folder / files, **arrays)
+    table = {"kind": kind, "files": files, "channels": channels, "units": units, **keys}
+    lines = [f"{key} = {toml(value)}" for key, value in table.items()]
+    (folder / "campaign.toml").write_text("\n".join(["[[test]]", *lines]))
+    return folder / "campaign.toml"
+
+
+def arrays(response=-(OMEGA**2) * Y * FORCE):
+    return {"f": FREQ, "F": FORCE, "A": np.abs(response), "phi": np.angle(response)}
+
+
+def curve_of(path):
+    return response_curve(load_campaign(path).tests[0].records[0])
+
+
+def test_amplitude_and_phase(tmp_path, recwarn):
+    curve = curve_of(campaign(tmp_path, arrays()))
+    np.testing.assert_allclose(displacement_of(curve), Y * FORCE, rtol=1e-13)
+    assert not recwarn.list
+
+
+def test_rms_amplitudes_become_peak(tmp_path):
+    rms = arrays() | {"F": FORCE / np.sqrt(2), "A": arrays()["A"] / np.sqrt(2)}
+    curve = curve_of(campaign(tmp_path, rms, amplitudes="rms"))
+    np.testing.assert_allclose(curve.source, FORCE)
+    np.testing.assert_allclose(displacement_of(curve), Y * FORCE, rtol=1e-13)
+
+
+def test_degrees_and_rad_per_second(tmp_path):
+    other = arrays() | {"f": OMEGA, "phi": np.degrees(arrays()["phi"])}
+    units = UNITS | {"frequency": "rad/s", "phase": "deg"}
+    curve = curve_of(campaign(tmp_path, other, units=units))
+    np.testing.assert_allclose(curve.freq_hz, FREQ)
+    np.testing.assert_allclose(displacement_of(curve), Y * FORCE, rtol=1e-12)
+
+
+def test_complex_response_needs_no_phase(tmp_path):
+    complex_ = {"f": FREQ, "F": FORCE, "A": -(OMEGA**2) * Y * FORCE}
+    channels = {role: CHANNELS[role] for role in ("frequency", "force", "acceleration")}
+    units = {role: UNITS[role] for role in channels}
+    curve = curve_of(campaign(tmp_path, complex_, channels, units))
+    np.testing.assert_allclose(displacement_of(curve), Y * FORCE, rtol=1e-13)
+    with pytest.raises(DataError, match=r"a\.npz: role `acceleration` is complex, but `phase`"):
+        load_campaign(campaign(tmp_path, complex_ | {"phi": FREQ}))
+
+
+def test_response_per_unit_force(tmp_path):
+    ratio = {"f": FREQ, "A": -(OMEGA**2) * Y * 1e3}
+    channels = {"frequency": "f", "acceleration": "A"}
+    units = {"frequency": "Hz", "acceleration": "mm/s^2/N"}
+    curve = curve_of(campaign(tmp_path, ratio, channels, units))
+    assert curve.is_ratio
+    np.testing.assert_array_equal(curve.source, 1.0)
+    np.testing.assert_allclose(displacement_of(curve), Y, rtol=1e-12)
+    with pytest.raises(ConfigError, match="is for kind `frf` only"):
+        load_campaign(campaign(tmp_path, ratio, {"acceleration": "A"},
+                               {"acceleration": "m/s^2/N"}, kind="decay"))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("channels", "change", "says"),
+    [
+        ({r: CHANNELS[r] for r in ("frequency", "force", "acceleration")}, {}, "has no phase"),
+        (CHANNELS, {"f": FREQ[::-1] * (FREQ < 80)}, "positive and go one way"),
+        (CHANNELS, {"F": -FORCE}, "amplitude must be positive"),
+        (CHANNELS, {"phi": FREQ[:-1]}, "equal lengths"),
+        (CHANNELS, {name: x[:3] for name, x in arrays().items()}, "has 3 lines"),
+    ],
+)
+def test_faults_of_curves(tmp_path, channels, change, says):
+    units = {role: UNITS[role] for role in channels}
+    with pytest.raises(DataError, match=says):
+        load_campaign(campaign(tmp_path, arrays() | change, channels, units))
+
+
+def test_band_beside_the_curve(tmp_path):
+    with pytest.raises(DataError, match=r"No line of the curve, 78 to 82 Hz, lies in `band`"):
+        load_campaign(campaign(tmp_path, arrays(), band=[490.0, 510.0]))
+
+
+def test_phase_in_degrees_read_as_radians_is_doubted(tmp_path):
+    with pytest.warns(UserWarning, match='units = { phase = "deg" }'):
+        load_campaign(campaign(tmp_path, arrays() | {"phi": np.degrees(arrays()["phi"])}))
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("conjugate", [False, True])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_signs_are_told_apart(order, conjugate, sign):
+    """Any turned sign is found, and the remedy that is given turns it back."""
+    role = ("displacement", "velocity", "acceleration")[order]
+    x = sign * (1j * OMEGA) ** order * Y * FORCE
+    x = np.conj(x) if conjugate else x
+
+    def findings(amplitude, phase):
+        channels = {"frequency": FREQ, "force": FORCE, role: amplitude, "phase": phase}
+        return impassive(response_curve(Record(np.nan, channels, {"force": "N"})))
+
+    found = findings(np.abs(x), np.angle(x))
+    assert bool(found) == (conjugate or sign < 0)
+    if found:
+        phase = -1 if "phase = -1.0" in found[0].remedy else 1
+        turned = -1 if f"{role} = -1.0" in found[0].remedy else 1
+        assert not findings(turned * np.abs(x), phase * np.angle(x))
+
+
+# --- several files, offsets, periods ---
+
+
+def pair(folder, names=("u_1", "u_2", "y_1", "y_2"), fs=(750.0, 750.0)):
+    rng = np.random.default_rng(0)
+    for name in names:
+        samples = rng.normal(size=4096) + 0.5
+        np.savez(folder / f"{name}.npz", x=samples, fs=fs[name.startswith("y")])
+
+
+TWO = {
+    "files": {"force": "u_*.npz", "displacement": "y_*.npz"},
+    "channels": {"force": "x", "displacement": "x"},
+    "units": {"force": "N", "displacement": "mm"},
+    "kind": "sweep",
+}
+
+
+def test_channels_in_files_of_their_own_are_paired_in_order(tmp_path):
+    pair(tmp_path)
+    (test,) = load_campaign(campaign(tmp_path, {}, **TWO, fs="fs")).tests
+    assert [r.name for r in test.records] == ["u_1.npz + y_1.npz", "u_2.npz + y_2.npz"]
+    with np.load(tmp_path / "y_2.npz") as archive:
+        np.testing.assert_array_equal(test.records[1].channels["displacement"], archive["x"] * 1e-3)
+    assert test.records[0].provenance["sha256"].count(";") == 1
+    (test,) = load_campaign(campaign(tmp_path, {}, **TWO, fs="fs", exclude="u_1*")).tests
+    assert [r.name for r in test.records] == ["u_2.npz + y_2.npz"]
+
+
+def test_files_that_do_not_pair(tmp_path):
+    pair(tmp_path, ("u_1", "u_2", "y_1"))
+    with pytest.raises(DataError, match=r"equally many files for each role, but has u_1\.npz: 2"):
+        load_campaign(campaign(tmp_path, {}, **TWO, fs="fs"))
+
+
+def test_files_of_two_rates(tmp_path):
+    pair(tmp_path, fs=(750.0, 1024.0))
+    with pytest.raises(DataError, match=r"u_1\.npz has 750 Hz and y_1\.npz has 1024 Hz"):
+        load_campaign(campaign(tmp_path, {}, **TWO, fs="fs"))
+
+
+def test_mean_is_removed_and_said(tmp_path):
+    pair(tmp_path)
+    (test,) = load_campaign(campaign(tmp_path, {}, **TWO, fs="fs", remove_mean=True)).tests
+    for samples in test.records[0].channels.values():
+        assert abs(samples.mean()) < 1e-15
+    with np.load(tmp_path / "u_1.npz") as archive:
+        said = float(test.records[0].provenance["mean of force removed"])
+        np.testing.assert_allclose(said, archive["x"].mean(), rtol=1e-5)  # six digits are said
+
+
+def test_periods_must_be_whole(tmp_path):
+    pair(tmp_path)
+    (test,) = load_campaign(campaign(tmp_path, {}, **TWO, fs="fs", periods=4)).tests
+    assert test.periods == 4
+    with pytest.raises(DataError, match="4096 samples are not 5 whole periods"):
+        load_campaign(campaign(tmp_path, {}, **TWO, fs="fs", periods=5))
