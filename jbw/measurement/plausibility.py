@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import DataError
+from jbw.measurement.bandwidth import half_power_bandwidth
 from jbw.measurement.checks import Finding
 from jbw.measurement.records import INPUTS, Record
-from jbw.measurement.spectra import FRF, frf, half_power_bandwidth
+from jbw.measurement.spectra import FRF, frf
 
 LOOKED_AT = 2**21  # samples; a stationary record shows its faults in them
 SEGMENTS = 8  # of the spectra: coarse, but a resonance still stands out

@@ -60,8 +60,9 @@ def third_order_kernel(
     """
     y = np.atleast_2d(channel(y, "y"))
     num_harmonics = max(3, min(num_harmonics, int(0.999 * np.pi * sampling(fs) / omega)))
-    filtering = {"start": start, "also": also}
-    filtered = harmonics(y, fs, omega, num_harmonics, response=response, delay=delay, **filtering)
+    filtered = harmonics(
+        y, fs, omega, num_harmonics, response=response, delay=delay, start=start, also=also
+    )
     y_1, y_3 = filtered.amplitudes[:, 0], filtered.amplitudes[:, 2]
     variance = filtered.variance[:, 2]
     if u is None:
@@ -70,13 +71,8 @@ def third_order_kernel(
     else:
         u = np.atleast_2d(channel(u, "u"))
         same_length(u=u, y=y)
-        source = harmonics(u, fs, omega, num_harmonics, **filtering)
+        source = _measured_input(u, fs, omega, num_harmonics, start, also)
         u_1, u_3 = source.amplitudes[:, 0], source.amplitudes[:, 2]
-        if np.any(np.abs(u_1) ** 2 <= NOISE_FLOOR**2 * source.variance[:, 0]):
-            raise DataError(
-                f"Channel `u` holds no tone at {omega / (2 * np.pi):.4g} Hz above its noise.",
-                remedy="Check `omega` (rad/s) and which channel is the input.",
-            )
         relative = 9 * source.variance[:, 0] / np.abs(u_1) ** 2
         if h1_3omega is not None:
             y_3 = y_3 - h1_3omega * u_3
@@ -95,6 +91,24 @@ def third_order_kernel(
         covariance=np.eye(2) * (std**2 if len(h3) > 1 else expected) / len(h3),
         above_noise=above, notes=_notes(omega, handling, ratio, above),
     )  # fmt: skip
+
+
+def _measured_input(
+    u: NDArray[np.float64],
+    fs: float,
+    omega: float,
+    num_harmonics: int,
+    start: float,
+    also: Sequence[float],
+) -> Harmonics:
+    """Harmonics of the measured input, whose first must stand above its noise."""
+    source = harmonics(u, fs, omega, num_harmonics, start=start, also=also)
+    if np.any(np.abs(source.amplitudes[:, 0]) ** 2 <= NOISE_FLOOR**2 * source.variance[:, 0]):
+        raise DataError(
+            f"Channel `u` holds no tone at {omega / (2 * np.pi):.4g} Hz above its noise.",
+            remedy="Check `omega` (rad/s) and which channel is the input.",
+        )
+    return source
 
 
 def peak_displacement(filtered: Harmonics) -> NDArray[np.float64]:

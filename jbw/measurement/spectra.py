@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
 from jbw.errors import ConfigError, DataError
+from jbw.measurement.bandwidth import half_power_bandwidth
 from jbw.measurement.channels import (
     channel,
     derivative_order,
@@ -160,31 +161,6 @@ def frf(
     )  # fmt: skip
     _warn_when_coarse(estimate)
     return estimate
-
-
-def half_power_bandwidth(freq: NDArray[np.float64], h: NDArray[np.complex128]) -> float:
-    """Width of the highest peak at half its power [Hz]; infinite when it does not fall so low.
-
-    Args:
-        freq: Frequencies [Hz].
-        h: Receptance.
-
-    Returns:
-        Width between the two crossings, linear between lines [Hz].
-    """
-    power = np.abs(h) ** 2
-    top = int(np.argmax(power))
-    below = power < power[top] / 2
-    left, right = np.flatnonzero(below[:top]), np.flatnonzero(below[top:])
-    if not (left.size and right.size):
-        return np.inf
-
-    def crossing(inside: int, outside: int) -> float:
-        part = (power[inside] - power[top] / 2) / (power[inside] - power[outside])
-        return freq[inside] + part * (freq[outside] - freq[inside])
-
-    i, j = int(left[-1]), top + int(right[0])
-    return float(crossing(j - 1, j) - crossing(i + 1, i))
 
 
 def _checked(window: str, estimator: str, overlap: float | None) -> float:

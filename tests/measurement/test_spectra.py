@@ -5,7 +5,8 @@ import pytest
 from scipy import signal
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.spectra import frf, half_power_bandwidth
+from jbw.measurement.bandwidth import half_power_bandwidth
+from jbw.measurement.spectra import frf
 
 OMEGA_N, GAIN, FS = 2 * np.pi * 18.8, 60.0, 128.0
 
