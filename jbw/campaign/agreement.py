@@ -6,8 +6,8 @@ import numpy as np
 
 from jbw.campaign.schema import TestSpec
 from jbw.measurement.checks import Finding, inspect
-from jbw.measurement.curves import response_curve
-from jbw.measurement.passivity import impassive, phase_in_degrees
+from jbw.measurement.curves import forced_loop, response_curve
+from jbw.measurement.passivity import gives_energy, impassive, phase_in_degrees, undecaying
 from jbw.measurement.plausibility import doubts, swapped
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.steadiness import unsteady
@@ -126,3 +126,7 @@ def _believable(record: Record, test: TestSpec, per_unit: float | None) -> Itera
     elif test.kind == "frf":
         yield from phase_in_degrees(record.channels["phase"])
         yield from impassive(response_curve(record))
+    elif test.kind == "loop":
+        yield from gives_energy(forced_loop(record))
+    elif test.kind == "decay":
+        yield from undecaying(record, test.settle)

@@ -166,8 +166,10 @@ def _needs(test: TestSpec) -> list[str]:
         told.append(f"units: `{test.units[ratios[0]]}` of `{ratios[0]}` is for kind `frf` only.")
     if test.kind not in ("decay", "loop") and not (roles & SOURCES or ratios):
         told.append(f"channels: kind `{test.kind}` needs `input` or `force`.")
-    if test.kind == "loop" and not roles & {"restoring_force", "force"}:
-        told.append("channels: kind `loop` needs `restoring_force`.")
+    if test.kind == "loop" and not (
+        "displacement" in roles and roles & {"restoring_force", "force"}
+    ):
+        told.append("channels: kind `loop` needs `displacement` and `restoring_force`.")
     if test.kind == "frf" and "frequency" not in roles:
         told.append("channels: kind `frf` needs `frequency`, and `phase` beside real amplitudes.")
     if test.kind != "frf" and roles & {"frequency", "phase"}:

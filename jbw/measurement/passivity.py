@@ -1,14 +1,16 @@
-"""Whether a measured response curve can belong to a structure that only loses energy."""
+"""Whether curves, loops and decays can belong to a structure that only loses energy."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from jbw.measurement.checks import Finding
-from jbw.measurement.curves import ResponseCurve, displacement_of
+from jbw.measurement.curves import ForcedLoop, ResponseCurve, displacement_of
+from jbw.measurement.records import Record
 
 DEGREES = 20.0  # [rad]; a phase beyond three turns was written in degrees
 FEWEST_LINES = 4
+DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
 
 
 def impassive(curve: ResponseCurve) -> tuple[Finding, ...]:
@@ -24,6 +26,46 @@ def impassive(curve: ResponseCurve) -> tuple[Finding, ...]:
         return (_in_phase(curve),)
     found = [_negative(curve), _reversed(curve)]
     return tuple(finding for finding in found if finding)
+
+
+def gives_energy(loop: ForcedLoop) -> tuple[Finding, ...]:
+    r"""The doubt that a forced loop is traversed the wrong way round.
+
+    $$W = \int F\,dy$$
+
+    is what the joint takes in; over whole loops it cannot be negative.
+    """
+    work = float(np.trapezoid(loop.force, loop.displacement))
+    stored = float(np.ptp(loop.force) * np.ptp(loop.displacement)) / 8  # of a spring, at its most
+    if work > -stored:
+        return ()
+    return (
+        Finding(
+            "warning",
+            "displacement",
+            f"The joint gives out {-work:.3g} J over the record.",
+            "Force or displacement has its sign turned: a joint takes energy in.",
+            "Turn one: scale = { displacement = -1.0 }.",
+        ),
+    )
+
+
+def undecaying(record: Record, settle: float = 0.0) -> tuple[Finding, ...]:
+    """The doubt that a free decay does not decay: its last quarter against its first."""
+    x = record.channels[record.response][round(settle * record.fs) :]
+    quarter = len(x) // 4
+    first, last = (float(np.std(part)) for part in (x[:quarter], x[len(x) - quarter :]))
+    if quarter == 0 or last < DECAYED * first:
+        return ()
+    return (
+        Finding(
+            "warning",
+            record.response,
+            f"The response of the last quarter is {last / first:.2g} times that of the first.",
+            "A free decay falls; this record may be driven, or begin before the impact.",
+            "Correct kind, or cut the record with span or settle.",
+        ),
+    )
 
 
 def phase_in_degrees(phase: np.ndarray) -> tuple[Finding, ...]:

@@ -78,7 +78,7 @@ def test_good_file():
         ('input = "shaker", ', "", "kind `sweep` needs `input` or `force`"),
         ('"sweep"', '"tones"', "tones: missing"),
         ('"sweep"', '"stepped"', "dwell: missing"),
-        ('"sweep"', '"loop"', "needs `restoring_force`"),
+        ('"sweep"', '"loop"', "needs `displacement` and `restoring_force`"),
         ('"sweep"', '"frf"', "kind `frf` needs `frequency`"),
         ("level = 0.2", 'amplitudes = "rms"', "amplitudes: for kind `frf` only"),
         ("level = 0.2", 'gaps = "mask"', "gaps: kind `sweep` needs every sample"),

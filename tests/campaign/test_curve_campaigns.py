@@ -131,6 +131,26 @@ def test_signs_are_told_apart(order, conjugate, sign):
         assert not findings(turned * np.abs(x), phase * np.angle(x))
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_loop_takes_energy_in(tmp_path, sign, recwarn):
+    phase = np.arange(4000) * 2 * np.pi / 1000
+    # Elastic and frictional: the force leads the displacement; it takes in pi * 0.3 a turn.
+    loop = {"y": np.sin(phase), "F": sign * (np.sin(phase) + 0.3 * np.cos(phase))}
+    channels = {"displacement": "y", "restoring_force": "F"}
+    units = {"displacement": "mm", "restoring_force": "N"}
+    load_campaign(campaign(tmp_path, loop, channels, units, kind="loop", fs=1000.0))
+    assert ["gives out" in str(told.message) for told in recwarn.list] == [True] * (sign < 0)
+
+
+@pytest.mark.parametrize("rate", [1.0, -1.0])
+def test_a_decay_falls(tmp_path, rate, recwarn):
+    t = np.arange(4000) / 1000.0
+    decay = {"v": 1e-3 * np.exp(-rate * t) * np.cos(100 * t)}
+    path = campaign(tmp_path, decay, {"velocity": "v"}, {"velocity": "m/s"}, "decay", fs=1000.0)
+    load_campaign(path)
+    assert ["last quarter" in str(told.message) for told in recwarn.list] == [True] * (rate < 0)
+
+
 # --- several files, offsets, periods ---
 
 

@@ -29,10 +29,11 @@ def read(
     """Records of one measurement file, in SI and checked.
 
     Args:
-        path: The file: .mat (any version), .h5, .npz, .csv and other text, .wav, .uff.
+        path: The file: .mat (any version), .h5, .npz, .csv and other text, .wav, .uff, .tdms.
         channels: Role to the channel's path in the file, such as
-            {"force": "FRdata.ResponseControl[3].force"}; indices count from zero, and `[:]` over
-            cells gives a repeat an item. The role `time` gives the sampling frequency. When None,
+            {"force": "FRdata.ResponseControl[3].force"}; brackets count from zero, parentheses and
+            braces from one as in MATLAB, and `[:]` over cells gives a repeat an item. `a - b` is
+            the difference of two channels. The role `time` gives the sampling frequency. When None,
             the channels whose names are roles.
         units: Role to unit, such as {"velocity": "mm/s"}; a file that states units needs none.
         fs: Sampling frequency [Hz], or the path of a scalar that holds it; when None, from the
