@@ -1,0 +1,186 @@
+"""Faults of channels: each is found, named and given a remedy."""
+
+import h5py
+import numpy as np
+import pytest
+from tone_file import DRIVE, FS, LASER, ROLES, UNITS, UNITS_V, N, T, refused
+
+from jbw.errors import ConfigError
+from jbw.measurement.files.door import read
+
+
+@pytest.mark.parametrize("share", [1, 30, N])
+def test_nan_is_counted_and_placed(tmp_path, share):
+    laser = LASER.copy()
+    laser[7 : 7 + share] = np.nan
+    np.savez(tmp_path / "a.npz", laser=laser)
+    error = refused(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V, fs=FS)
+    assert "`velocity`" in error.what
+    assert f"{min(share, N - 7)} of {N}" in error.what
+    assert "first at 7" in error.what
+    assert "exclude" in error.remedy
+
+
+@pytest.mark.parametrize("laser", [np.zeros(N), np.full(N, 0.3), 0.3 + (np.arange(N) % 2) * 1e-7])
+def test_dead_channel(tmp_path, laser):
+    np.savez(tmp_path / "a.npz", laser=laser)
+    error = refused(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V, fs=FS)
+    assert "`velocity`: The channel is constant" in error.what
+    assert "exclude" in error.remedy
+
+
+def test_missing_sampling_frequency(tmp_path):
+    np.savez(tmp_path / "a.npz", laser=LASER)
+    error = refused(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V)
+    assert "sampling frequency is missing" in error.what
+    assert "fs = <Hz>" in error.remedy
+
+
+@pytest.mark.parametrize(
+    ("where", "what"), [("attribute", "`shaker` is 2048"), ("argument", "the argument is 2048")]
+)
+def test_sampling_frequencies_that_disagree(h5, where, what):
+    if where == "attribute":
+        with h5py.File(h5, "a") as file:
+            file["shaker"].attrs["fs"] = 2048.0
+    error = refused(h5, ROLES, fs=None if where == "attribute" else 2048.0)
+    assert what in error.what
+    assert "is 1024 Hz" in error.what
+    assert "resample" in error.remedy
+
+
+def test_rounded_interval_is_snapped_and_said(h5):
+    with h5py.File(h5, "a") as file:
+        for name in ("shaker", "laser"):
+            del file[name].attrs["fs"]
+            file[name].attrs["dt"] = 0.000976562  # six digits, as UFF keeps them
+    (record,) = read(h5, ROLES)
+    assert abs((N - 1) / record.fs - (N - 1) / 1024.0) < 1e-9  # drift [s]
+    assert "snapped from 1024.0005" in record.provenance["fs"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "what", "remedy"),
+    [
+        (lambda t: t[[*range(100), 101, 100, *range(102, N)]], "sample 101", "span"),
+        (lambda t: np.insert(t, 100, t[100])[:N], "sample 101", "span"),
+        (lambda t: np.delete(np.append(t, N / FS), 100), "1 gap(s): 0.0966797-0.0986328", "span"),
+        (lambda t: t + 0.02 / FS * np.sin(np.arange(N) * 7.0), "0.0131 off", "Resample"),
+        (lambda t: np.where(np.arange(N) == 5, np.nan, t), "sample 5", ""),
+    ],
+)
+def test_bad_time_column(tmp_path, spoil, what, remedy):
+    np.savez(tmp_path / "a.npz", t=spoil(T.copy()), laser=LASER)
+    error = refused(tmp_path / "a.npz", {"time": "t", "velocity": "laser"}, UNITS_V)
+    assert "`t`" in error.what
+    assert what in error.what
+    assert remedy in error.remedy
+
+
+@pytest.mark.parametrize(("fs", "form"), [(1024.0, "%.6f"), (1000.0, "%.3f"), (51200.0, "%.8f")])
+def test_printed_time_column_gives_the_round_rate(tmp_path, fs, form):
+    path = tmp_path / "a.csv"
+    lines = (f"{form % (n / fs)},{v:.6f}" for n, v in enumerate(LASER))
+    path.write_text("time,laser\n" + "\n".join(lines))
+    (record,) = read(path, {"time": "time", "velocity": "laser"}, UNITS_V)
+    assert record.fs == fs
+
+
+def test_unit_is_required_known_and_not_contradicted(tmp_path, h5):
+    np.savez(tmp_path / "a.npz", laser=LASER)
+    error = refused(tmp_path / "a.npz", {"velocity": "laser"}, fs=FS, error=ConfigError)
+    assert "unit of role `velocity` is missing" in error.what
+    error = refused(h5, ROLES, {"velocity": "m/sec"}, error=ConfigError)
+    assert "Role `velocity`: Unit `m/sec`" in error.what
+    assert "`m/s`" in error.remedy
+    error = refused(h5, ROLES, {"velocity": "mm/s"})
+    assert "`mm/s` by the campaign but in `m/s` by the file" in error.what
+
+
+def test_units_are_converted_and_said(tmp_path):
+    np.savez(tmp_path / "a.npz", laser=LASER)
+    (record,) = read(tmp_path / "a.npz", {"velocity": "laser"}, {"velocity": "mm/s"}, fs=FS)
+    np.testing.assert_array_equal(record.channels["velocity"], LASER * 1e-3)
+    assert record.units == {"velocity": "m/s"}
+    assert record.provenance["unit of velocity"] == "mm/s, times 0.001"
+
+
+def test_implausible_unit_is_doubted(tmp_path):
+    np.savez(tmp_path / "a.npz", laser=LASER * 1e3)  # mm/s, taken for m/s
+    with pytest.warns(UserWarning, match="is the file in mm/s"):
+        read(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V, fs=FS)
+
+
+def test_missing_channel_lists_what_is_there(h5):
+    error = refused(h5, {"velocity": "lazer"}, UNITS_V)
+    assert "role `velocity`: Channel `lazer` is not in the file" in error.what
+    assert "Did you mean `laser`?" in error.remedy
+    assert "shaker" in error.remedy
+
+
+def test_unknown_role(h5):
+    error = refused(h5, {"speed": "laser"}, error=ConfigError)
+    assert "Role `speed`" in error.what
+    assert "velocity" in error.remedy
+
+
+@pytest.mark.parametrize("length", [N - 1, N + 1, N // 2])
+def test_unequal_lengths(tmp_path, length):
+    np.savez(tmp_path / "a.npz", shaker=DRIVE, laser=np.resize(LASER, length))
+    error = refused(tmp_path / "a.npz", ROLES, UNITS, fs=FS)
+    assert f"`input` has {N}" in error.what
+    assert f"`velocity` has {length}" in error.what
+
+
+def test_clipped_channel(tmp_path):
+    np.savez(tmp_path / "a.npz", laser=np.clip(LASER, -1, 0.27))
+    error = refused(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V, fs=FS)
+    assert "% of the samples are clipped, at " in error.what
+    assert "exclude" in error.remedy
+    once = np.concatenate([LASER, 2 * LASER[:3] / LASER[:3] * 0.3, LASER])
+    np.savez(tmp_path / "a.npz", laser=once)
+    with pytest.warns(UserWarning, match=r"0\.05 % of the samples are clipped, at 2\.930-2\.933 s"):
+        read(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V, fs=FS)
+
+
+def test_smooth_peak_of_few_bits_is_not_clipped_but_quantised(tmp_path):
+    np.savez(tmp_path / "a.npz", laser=np.round(LASER / 0.3 * 100) * 0.003)
+    with pytest.warns(UserWarning, match="distinct values, fewer than 256") as caught:
+        read(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V, fs=FS)
+    assert len(caught) == 1
+
+
+def test_pulse_train_source_is_no_fault(tmp_path, recwarn):
+    np.savez(tmp_path / "a.npz", shaker=np.sign(DRIVE), laser=LASER)
+    read(tmp_path / "a.npz", ROLES, UNITS, fs=FS)
+    assert not recwarn.list
+
+
+def test_missing_file_names_the_nearest(h5):
+    error = refused(h5.parent / "swep.h5", ROLES)
+    assert "does not exist" in error.what
+    assert "Did you mean `sweep.h5`?" in error.remedy
+
+
+def test_rows_are_repeats(tmp_path):
+    rows = np.stack([LASER, 2 * LASER, 3 * LASER])
+    np.savez(tmp_path / "a.npz", laser=rows, t=T)
+    error = refused(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V, fs=FS)
+    assert f"(3, {N})" in error.what
+    assert "`laser[0]`" in error.remedy
+    roles = {"time": "t", "velocity": "laser"}
+    repeats = read(tmp_path / "a.npz", roles, UNITS_V, repeats="rows", exclude=[1])
+    assert [record.name for record in repeats] == ["a.npz[0]", "a.npz[2]"]
+    np.testing.assert_array_equal(repeats[1].channels["velocity"], 3 * LASER)
+
+
+def test_paths_with_spaces_and_other_scripts(tmp_path, h5):
+    folder = tmp_path / "Prüfstand 振动"
+    folder.mkdir()
+    moved = h5.rename(folder / "mess ung ü.h5")
+    assert read(moved, ROLES)[0].name == "mess ung ü.h5"
+
+
+@pytest.mark.parametrize("path", ["laser[9999999]", "laser[x]", "laser[0].a", "laser[0][0]", ""])
+def test_paths_that_lead_nowhere(h5, path):
+    assert "velocity" in refused(h5, {"velocity": path}, UNITS_V).what
