@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jbw.oscillator.exact_step import ExactStep, Pair, State, advance
+from jbw.oscillator.exact_step import ExactStep, Push, State, advance
 from jbw.oscillator.solver import HysteresisExact, Stepping
 
 Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Float[Array, " time"]]
@@ -94,7 +94,7 @@ def _tangent(
 
 
 def _linearised(
-    step: ExactStep, start: State, push: Pair, step_dot: ExactStep, push_dot: Pair
+    step: ExactStep, start: State, push: Push, step_dot: ExactStep, push_dot: Push
 ) -> tuple[tuple[State, State, State], State]:
     """Columns of the matrix J_n, and the offset b_n, of one step."""
 

@@ -19,7 +19,7 @@ from jbw.oscillator.signed_map import kept, signed, smooth_move
 
 NUM_MOMENTS = 6
 State = tuple[Scalar, Scalar, Scalar]
-Pair = tuple[Scalar, Scalar]
+Push = tuple[Scalar, Scalar, Scalar]
 
 
 class ExactStep(eqx.Module):
@@ -33,6 +33,8 @@ class ExactStep(eqx.Module):
     alpha: Scalar
     delta: Scalar
     gamma: Scalar
+    stiffness: Scalar
+    damping: Scalar
     dt: Scalar
     f_11: Scalar
     f_12: Scalar
@@ -60,13 +62,15 @@ def exact_step(joint: BoucWen, dt: Scalar) -> tuple[ExactStep, Array, Array]:
     Returns:
         The constants, and the input moments W_j of displacement [s^2] and velocity [s].
     """
-    m = impulse_moments(joint.omega_n**2, 2.0 * joint.zeta * joint.omega_n, dt, NUM_MOMENTS)
+    stiffness, damping = joint.omega_n**2, 2.0 * joint.zeta * joint.omega_n
+    m = impulse_moments(stiffness, damping, dt, NUM_MOMENTS)
     (y_0, y_1, y_2, y_3), (v_0, v_1, v_2, v_3) = (
         tuple(w[..., j] for j in range(4)) for w in (m.y, m.v)
     )
     # fmt: off
     step = ExactStep(
-        joint.alpha, joint.delta, joint.gamma, dt, m.f_11, m.f_12, m.f_21, m.f_22,
+        joint.alpha, joint.delta, joint.gamma, stiffness, damping, dt,
+        m.f_11, m.f_12, m.f_21, m.f_22,
         r_y=y_0, r_v=v_0, s_y=y_1, s_v=v_1,
         d_y=3.0 * y_2 - 2.0 * y_3, d_v=3.0 * v_2 - 2.0 * v_3,
         a_y=y_3 - 2.0 * y_2, a_v=v_3 - 2.0 * v_2, b_y=y_3 - y_2, b_v=v_3 - v_2,
@@ -75,7 +79,7 @@ def exact_step(joint: BoucWen, dt: Scalar) -> tuple[ExactStep, Array, Array]:
     return jax.tree.map(jnp.asarray, step), m.y, m.v
 
 
-def advance(step: ExactStep, state: State, push: Pair, *, branch: bool) -> State:
+def advance(step: ExactStep, state: State, push: Push, *, branch: bool) -> State:
     r"""One hysteresis-exact step.
 
     $$q_1 = E q + p - W_0 r - W_1 h\dot r, \quad z_1 = M(z, y_1 - y), \quad
@@ -86,7 +90,7 @@ def advance(step: ExactStep, state: State, push: Pair, *, branch: bool) -> State
     Args:
         step: Constants of the step.
         state: (y, v, z) at its start.
-        push: What the input adds to (y, v) in this step.
+        push: What the input adds to (y, v) in this step, and the input at its start.
         branch: Whether the kinks are handled under `lax.cond` (quick for scalars) or always.
 
     Returns:
@@ -102,14 +106,14 @@ def advance(step: ExactStep, state: State, push: Pair, *, branch: bool) -> State
         dy = y_1 - y
         z_1 = smooth_move(step.alpha, c, z, dy)
         kinked = (v * v_1 <= 0.0) | (z * z_1 <= 0.0) | (jnp.abs(c * dy) > 1.0)
-        z_1, c_1, kick_v, kick_y = jax.lax.cond(
+        y_1, v_1, z_1, c_1, kick_v, kick_y = jax.lax.cond(
             kinked,
-            lambda: _through_kinks(step, state, y_1, v_1),
-            lambda: (z_1, c, jnp.zeros_like(v_1), jnp.zeros_like(v_1)),
+            lambda: _through_kinks(step, state, push[2], y_1, v_1),
+            lambda: (y_1, v_1, z_1, c, jnp.zeros_like(v_1), jnp.zeros_like(v_1)),
         )
     else:
         y_1, v_1, r, rate = kept((y_1, v_1, r, rate))
-        z_1, c_1, kick_v, kick_y = kept(_through_kinks(step, state, y_1, v_1))
+        y_1, v_1, z_1, c_1, kick_v, kick_y = kept(_through_kinks(step, state, push[2], y_1, v_1))
     change, rate_1 = z_1 - step.alpha * y_1 - r, -step.dt * c_1 * v_1 * z_1
     if not branch:
         change, rate_1 = kept((change, rate_1))
@@ -121,17 +125,36 @@ def advance(step: ExactStep, state: State, push: Pair, *, branch: bool) -> State
 
 
 def _through_kinks(
-    step: ExactStep, state: State, y_1: Scalar, v_1: Scalar
-) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    step: ExactStep, state: State, u: Scalar, y_1: Scalar, v_1: Scalar
+) -> tuple[Scalar, ...]:
     """End of a step that may hold a turning point, a zero of z, or both.
 
     Returns:
-        z at the end, its slope constant c there, and the kicks on v and y.
+        Predicted y and v at the end, z there, its slope constant c, and what is still to be added
+        to the predicted v and y: the kicks, less what the predictor already holds.
     """
     y, v, z = state
     h = step.dt
-    z_1, kick_v, kick_y = kinked_step(
-        (step.alpha, step.delta, step.gamma), z, (h * v, h * v_1, y_1 - y)
-    )
+    shift_y, shift_v, a = _second_order(step, state, u)
+    turns = (v * v_1 < 0.0) & (v * (v_1 + shift_v) < 0.0)
+    shift_y, shift_v = (jnp.where(turns, x, 0.0) for x in (shift_y, shift_v))
+    y_1, v_1 = kept((y_1 + shift_y, v_1 + shift_v))
+    start, end, rise = h * v, h * v_1, y_1 - y
+    lift = kept(jnp.where(turns, 0.5 * h**2 * a - (3.0 * rise - 2.0 * start - end), 0.0))
+    law = (step.alpha, step.delta, step.gamma)
+    z_1, kick_v, kick_y = kinked_step(law, z, (start, end, rise), lift)
     c_1 = signed(step.gamma, v_1) + signed(step.delta, z_1)
-    return z_1, c_1, h * kick_v, h**2 * kick_y
+    return y_1, v_1, z_1, c_1, h * kick_v - shift_v, h**2 * kick_y - shift_y
+
+
+def _second_order(step: ExactStep, state: State, u: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+    r"""What $\ddot r$ on the branch of the start adds to y and v, and the acceleration there.
+
+    A turning point is of the motion before it, so that this predicts it.
+    """
+    y, v, z = state
+    c = signed(step.gamma, v) + signed(step.delta, z)
+    a = u - step.damping * v - step.stiffness * y - (z - step.alpha * y)
+    half = -0.5 * step.dt**2 * c * (a * z + v**2 * (step.alpha - c * z))
+    # W_2 = b - a of the corrector's constants.
+    return kept(((step.a_y - step.b_y) * half, (step.a_v - step.b_v) * half, a))

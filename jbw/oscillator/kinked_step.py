@@ -28,7 +28,7 @@ from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.signed_map import kept, signed
 from jbw.oscillator.two_moves import MoveSlopes, TwoMoves, two_moves
 
-# Derivatives by delta, gamma, z and the path's start, end and rise.
+# Derivatives by delta, gamma, z, the path's start, end and rise, and its lift.
 Slopes = tuple[Scalar, ...]
 Law = tuple[Scalar, Scalar, Scalar]
 Ends = tuple[Scalar, Scalar, Scalar]
@@ -52,26 +52,28 @@ class _Motion(NamedTuple):
 
 
 @jax.custom_jvp
-def kinked_step(law: Law, z: Scalar, ends: Ends) -> tuple[Scalar, Scalar, Scalar]:
+def kinked_step(law: Law, z: Scalar, ends: Ends, lift: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     """Force z at the end of a step and what its kinks give to the motion.
 
     Args:
         law: alpha [1/s^2], delta [1/m] and gamma [1/m].
         z: Force at the start [N/kg].
         ends: Slopes h v of the step's cubic path at its start and end, and its rise [m].
+        lift: Quartic term of the path, (h d/dt)^4 y / 24 [m]: without it the turning point would
+            be of order 4 only, and its derivatives, which move it within the step, of order 3.
 
     Returns:
         z at the end [N/kg], the kick on v over h [m/s^2], and that on y over h^2 [m/s^2].
     """
-    return _kinked(law, z, ends).values
+    return _kinked(law, z, ends, lift).values
 
 
 @kinked_step.defjvp
 def _kinked_step_jvp(primals, tangents):
-    (alpha, *_), z, _ = primals
-    (alpha_dot, delta_dot, gamma_dot), z_dot, ends_dot = tangents
+    (alpha, *_), z, *_ = primals
+    (alpha_dot, delta_dot, gamma_dot), z_dot, ends_dot, lift_dot = tangents
     values, slopes = _kinked(*primals)
-    dots = (delta_dot, gamma_dot, z_dot, *ends_dot)
+    dots = (delta_dot, gamma_dot, z_dot, *ends_dot, lift_dot)
 
     def total(value, slopes):
         # All results scale with (alpha, z).
@@ -81,35 +83,38 @@ def _kinked_step_jvp(primals, tangents):
     return values, tuple(total(*pair) for pair in zip(values, slopes, strict=True))
 
 
-def _kinked(law: Law, z: Scalar, ends: Ends) -> _Kinked:
+def _kinked(law: Law, z: Scalar, ends: Ends, lift: Scalar) -> _Kinked:
     """Values and derivatives; what is not asked for is not computed under jit."""
-    motion = _motion(law, z, ends)
-    fraction_slopes, sharpness_slopes, by_path = _turn_slopes(motion, ends)
+    motion = _motion(law, z, ends, lift)
+    fraction_slopes, sharpness_slopes, by_path, by_lift = _turn_slopes(motion, ends, lift)
     z_1 = motion.moves.end
-    turn_slopes = _along(motion.moves.turn_slopes, by_path)
-    end_slopes = _along(motion.moves.end_slopes, by_path)
+    turn_slopes = _along(motion.moves.turn_slopes, by_path, by_lift)
+    end_slopes = _along(motion.moves.end_slopes, by_path, by_lift)
     turn, turn_kicks = _turn_kick(law, ends, motion, turn_slopes, sharpness_slopes, fraction_slopes)
     zero, zero_kicks = _zero_kick(law, z, motion, end_slopes)
     kicks = (kept(_sum(*pair)) for pair in zip(turn_kicks, zero_kicks, strict=True))
     return _Kinked((z_1, turn.v + zero.v, turn.y + zero.y), (end_slopes, *kicks))
 
 
-def _motion(law: Law, z: Scalar, ends: Ends) -> _Motion:
+def _motion(law: Law, z: Scalar, ends: Ends, lift: Scalar) -> _Motion:
     """Where the path turns, and z along it."""
     start, end, rise = ends
     turns = jnp.asarray(start * end < 0.0)
     path = kept(hermite(*ends))
     fraction, sharpness = turning_point(turns, path)
-    before = kept(jnp.where(turns, path.move(fraction), rise))
+    weight = (fraction * (1.0 - fraction)) ** 2
+    before = kept(jnp.where(turns, path.move(fraction) + lift * weight, rise))
     directions = jnp.where(start == 0.0, end, start), end
     moves = two_moves(*law, z, (before, rise - before), directions)
     return _Motion(path, turns, fraction, sharpness, moves)
 
 
-def _turn_slopes(motion: _Motion, ends: Ends) -> tuple[PathSlopes, PathSlopes, PathSlopes]:
+def _turn_slopes(
+    motion: _Motion, ends: Ends, lift: Scalar
+) -> tuple[PathSlopes, PathSlopes, PathSlopes, Scalar]:
     """Derivatives by the path of where it turns, of how sharply, and of the move until then.
 
-    The path being flat there, the move depends on the path alone and not on where it turns.
+    The cubic being flat there, its move depends on the path alone and not on where it turns.
     """
     move, slope, bend = hermite_basis(motion.fraction)
     per_bend = kept(jnp.where(motion.turns, signed(1.0 / motion.sharpness, ends[0]), 0.0))
@@ -117,15 +122,24 @@ def _turn_slopes(motion: _Motion, ends: Ends) -> tuple[PathSlopes, PathSlopes, P
     sign = -signed(1.0, ends[0])
     twist = 6.0 * motion.path.c_3
     sharpness = (sign * (b + twist * f) for b, f in zip(bend, fraction, strict=True))
-    return fraction, PathSlopes(*kept(tuple(sharpness))), PathSlopes(*kept(tuple(move)))
+    s = motion.fraction
+    weight = s * (1.0 - s)
+    shift = 2.0 * lift * weight * (1.0 - 2.0 * s)
+    move = (m + shift * f for m, f in zip(move, fraction, strict=True))
+    return (
+        fraction,
+        PathSlopes(*kept(tuple(sharpness))),
+        PathSlopes(*kept(tuple(move))),
+        kept(weight**2),
+    )
 
 
-def _along(moves: MoveSlopes, by_path: PathSlopes) -> Slopes:
+def _along(moves: MoveSlopes, by_path: PathSlopes, by_lift: Scalar) -> Slopes:
     """Derivatives by the path instead of by the two moves along it."""
     delta, gamma, z, first, second = moves
     more = first - second
     start, end, rise = (more * x for x in by_path)
-    return kept((delta, gamma, z, start, end, rise + second))
+    return kept((delta, gamma, z, start, end, rise + second, more * by_lift))
 
 
 def _turn_kick(
@@ -150,16 +164,16 @@ def _turn_kick(
         by_gamma = twice * z * (by_2 * sharpness + by_3 * twist)
         by_2, by_3 = twice * gamma * z * by_2, twice * gamma * z * by_3
         by_z, by_gamma, by_2, by_3 = kept((by_z, by_gamma, by_2, by_3))
-        delta, gamma_, z_, *path = (by_z * x for x in z_slopes)
+        delta, gamma_, z_, *path, lift = (by_z * x for x in z_slopes)
         path = (
             p + by_2 * a + by_3 * b - by_fraction * s
             for p, a, b, s in zip(
                 path, sharpness_slopes, twist_slopes, fraction_slopes, strict=True
             )
         )
-        return delta, gamma_ + by_gamma, z_, *path
+        return delta, gamma_ + by_gamma, z_, *path, lift
 
-    return found, (by_path(found.v_slopes), by_path((*found.y_slopes, 0.0)))
+    return found, (by_path(found.v_slopes), by_path(found.y_slopes))
 
 
 def _zero_kick(
@@ -184,7 +198,7 @@ def _zero_kick(
     per_speed = kept(jnp.where(steady, 1.0 / jnp.where(steady, speed, 1.0), 0.0))
     chord = jnp.where(steady, 0.0, share**2)
     zero = motion.moves.zero_slopes
-    targets = (zero.delta, zero.gamma, zero.z, *(-x for x in move_basis))
+    targets = (zero.delta, zero.gamma, zero.z, *(-x for x in move_basis), 0.0)
     s_slopes = tuple(
         per_speed * a + chord * z * b for a, b in zip(targets, end_slopes, strict=True)
     )
@@ -199,16 +213,16 @@ def _zero_kick(
         by_bend = scale * by_3 * 3.0 * size
         by_s = by_speed * bend + by_bend * 6.0 * path.c_3 - by_fraction
         by_speed, by_bend, by_s = kept((by_speed, by_bend, by_s))
-        by_delta, by_gamma, by_z, *by_path = (by_s * x for x in s_slopes)
+        by_delta, by_gamma, by_z, *by_path, by_lift = (by_s * x for x in s_slopes)
         by_path = (
             x + by_speed * a + by_bend * b
             for x, a, b in zip(by_path, slope_basis, bend_basis, strict=True)
         )
         by_delta = by_delta + by_2 * shape_2 + by_3 * shape_3
         by_gamma = by_gamma - 2.0 * scale * by_3 * speed**3
-        return by_delta, by_gamma, by_z, *by_path
+        return by_delta, by_gamma, by_z, *by_path, by_lift
 
-    return found, (by_all(found.v_slopes), by_all((*found.y_slopes, 0.0)))
+    return found, (by_all(found.v_slopes), by_all(found.y_slopes))
 
 
 def _sum(first: Sequence[Scalar], second: Sequence[Scalar]) -> Slopes:

@@ -108,7 +108,7 @@ class Kick(NamedTuple):
     v: Scalar
     y: Scalar
     v_slopes: tuple[Scalar, Scalar, Scalar]
-    y_slopes: tuple[Scalar, Scalar]
+    y_slopes: tuple[Scalar, Scalar, Scalar]
 
 
 def kick(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> Kick:
@@ -117,7 +117,8 @@ def kick(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> Kick:
     With jumps J_2, J_3 of the second and third derivative of r when a fraction x remains,
 
     $$\int_0^h (r - H)\,ds = \tfrac{h^3}{12} J_2\,x(1-x)(1-2x) + \tfrac{h^4}{24} J_3\,x^2(1-x)^2$$
-    $$\int_0^h (h - s)(r - H)\,ds = \tfrac{h^4}{120} J_2\,x(1-x)(4 - 5x - 5x^2)$$
+    $$\int_0^h (h - s)(r - H)\,ds = \tfrac{h^4}{120} J_2\,x(1-x)(4 - 5x - 5x^2)
+      + \tfrac{h^5}{120} J_3\,x^2(1-x)^2(2 + x)$$
 
     and the response of v and y to a force r is minus these. All weights vanish at x = 0 and 1, so
     the step stays continuous in its parameters.
@@ -133,6 +134,11 @@ def kick(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> Kick:
     weight = x * (1.0 - x)
     v_2, v_3 = -weight * (1.0 - 2.0 * x) / 12.0, -(weight**2) / 24.0
     y_2 = -weight * (4.0 - 5.0 * x - 5.0 * x**2) / 120.0
+    y_3 = -(weight**2) * (2.0 + x) / 120.0
     v_x = jump_2 * (weight / 2.0 - 1.0 / 12.0) - jump_3 * weight * (1.0 - 2.0 * x) / 12.0
-    y_x = -jump_2 * (4.0 - 18.0 * x + 20.0 * x**3) / 120.0
-    return Kick(v_2 * jump_2 + v_3 * jump_3, y_2 * jump_2, (v_x, v_2, v_3), (y_x, y_2))
+    y_x = (
+        -(jump_2 * (4.0 - 18.0 * x + 20.0 * x**3) + jump_3 * weight * (4.0 - 5.0 * x - 5.0 * x**2))
+        / 120.0
+    )
+    kick_v, kick_y = v_2 * jump_2 + v_3 * jump_3, y_2 * jump_2 + y_3 * jump_3
+    return Kick(kick_v, kick_y, (v_x, v_2, v_3), (y_x, y_2, y_3))

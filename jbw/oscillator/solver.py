@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jbw.oscillator.exact_step import ExactStep, Pair, State, advance, exact_step
+from jbw.oscillator.exact_step import ExactStep, Push, State, advance, exact_step
 from jbw.oscillator.parameters import BoucWen, Scalar
 from jbw.oscillator.reconstruction import substep_matrices
 
@@ -22,11 +22,12 @@ class Stepping(eqx.Module):
 
     Attributes:
         step: Constants of the step.
-        push: What the input adds to y [m] and to v [m/s] in each substep, in order of time.
+        push: What the input adds to y [m] and to v [m/s] in each substep, in order of time, and
+            the input at its start [N/kg].
     """
 
     step: ExactStep
-    push: tuple[Float[Array, " substep"], Float[Array, " substep"]]
+    push: tuple[Float[Array, " substep"], Float[Array, " substep"], Float[Array, " substep"]]
 
 
 def stepping(
@@ -47,11 +48,13 @@ def stepping(
     num_powers = polynomials.shape[-1]
     parts = substep_matrices(num_powers, substeps)
 
-    def push(moments: Float[Array, "moment"]) -> Float[Array, " substep"]:
-        weights = jnp.einsum("l,ilj->ij", moments[:num_powers], parts)
+    def weighted(weights: Float[Array, "power"]) -> Float[Array, " substep"]:
+        weights = jnp.einsum("l,ilj->ij", weights, parts)
         return jnp.einsum("nj,ij->ni", polynomials, weights).reshape(-1)
 
-    return Stepping(step, (push(moments_y), push(moments_v)))
+    push_y, push_v = (weighted(moments[:num_powers]) for moments in (moments_y, moments_v))
+    start = weighted(jnp.zeros(num_powers).at[0].set(1.0))
+    return Stepping(step, (push_y, push_v, start))
 
 
 def sampled_input(polynomials: Float[Array, "interval power"], tau: Scalar) -> Scalar:
@@ -106,8 +109,8 @@ class HysteresisExact(diffrax.AbstractSolver):
 
     def step(self, terms, t0, t1, y0, args: Stepping, solver_state, made_jump):
         """One substep."""
-        push_y, push_v = args.push
-        push: Pair = push_y[solver_state], push_v[solver_state]
+        push_y, push_v, u = args.push
+        push: Push = push_y[solver_state], push_v[solver_state], u[solver_state]
         y1 = advance(args.step, y0, push, branch=True)
         dense_info = dict(y0=y0, y1=y1)
         return y1, None, dense_info, solver_state + 1, diffrax.RESULTS.successful

@@ -7,7 +7,7 @@ import pytest
 
 from jbw.oscillator.kinked_step import kinked_step
 
-ALPHA, DELTA, GAMMA = 500.0, 340.0, 33.0
+ALPHA, DELTA, GAMMA, LIFT = 500.0, 340.0, 33.0, 1e-5
 # (z, slope at the start, slope at the end, rise) in N/kg and m.
 CASES = {
     "smooth": (0.3, 1e-3, 1.2e-3, 1.1e-3),
@@ -21,7 +21,7 @@ CASES = {
 
 
 def step(p):
-    return jnp.stack(kinked_step((p[0], p[1], p[2]), p[3], (p[4], p[5], p[6])))
+    return jnp.stack(kinked_step((p[0], p[1], p[2]), p[3], (p[4], p[5], p[6]), p[7]))
 
 
 value, slopes = jax.jit(step), jax.jit(jax.jacfwd(step))
@@ -30,7 +30,7 @@ value, slopes = jax.jit(step), jax.jit(jax.jacfwd(step))
 @pytest.mark.parametrize(("delta", "gamma"), [(DELTA, GAMMA), (-90.0, 80.0), (50.0, -20.0)])
 @pytest.mark.parametrize("name", CASES)
 def test_slopes_match_differences(name, delta, gamma):
-    p = np.array([ALPHA, delta, gamma, *CASES[name]])
+    p = np.array([ALPHA, delta, gamma, *CASES[name], LIFT])
     expected = np.stack(
         [(value(p + h) - value(p - h)) / 2e-6 for h in np.diag(1e-6 * np.abs(p))], axis=1
     )
@@ -44,5 +44,5 @@ def test_slopes_match_differences(name, delta, gamma):
 
 
 def test_smooth_steps_get_no_kick():
-    _, kick_v, kick_y = value(np.array([ALPHA, DELTA, GAMMA, *CASES["smooth"]]))
+    _, kick_v, kick_y = value(np.array([ALPHA, DELTA, GAMMA, *CASES["smooth"], LIFT]))
     assert kick_v == kick_y == 0.0
