@@ -6,7 +6,8 @@ import sys
 
 import numpy as np
 import pytest
-from faulty_folder import FAULTS, FS, N, good, tone, write_folder
+from faulty_folder import FAULTS, write_folder
+from faulty_records import FS, N, good, tone
 
 from jbw.campaign.loading import load_campaign
 from jbw.campaign.schema import parse

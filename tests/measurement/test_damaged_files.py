@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.io.wavfile
-from tone_file import FS, LASER, ROLES, UNITS, UNITS_V, N, refused
+from tone_file import FS, LASER, ROLES, UNITS, UNITS_V, N, T, refused
 
 from jbw.measurement.files.door import read
 from jbw.measurement.files.hdf5 import write_hdf5
@@ -30,24 +30,31 @@ def damaged(path: Path, how: str) -> None:
 
 
 @pytest.mark.parametrize("how", ["half", "junk", "empty", "flipped"])
-@pytest.mark.parametrize("suffix", [".h5", ".mat", ".npz", ".wav"])
+@pytest.mark.parametrize("suffix", [".h5", ".mat", ".npz", ".npy", ".wav", ".csv"])
 def test_damaged_file_is_refused(tmp_path, suffix, how):
     path = tmp_path / f"record{suffix}"
-    roles = {"velocity": "channel" if suffix == ".wav" else "laser"}
+    roles = {"velocity": {".wav": "channel", ".npy": "data"}.get(suffix, "laser")}
     if suffix == ".h5":
         write_hdf5(path, Record(FS, {"velocity": LASER}, UNITS), names=roles)
     elif suffix == ".mat":
         scipy.io.savemat(path, {"laser": LASER}, do_compression=True)
     elif suffix == ".npz":
         np.savez_compressed(path, laser=LASER)
+    elif suffix == ".npy":
+        np.save(path, LASER)
+    elif suffix == ".csv":
+        np.savetxt(path, np.stack([T, LASER], axis=1), delimiter=",", header="t,laser", comments="")
     else:
         scipy.io.wavfile.write(path, 1024, LASER.astype(np.float32))
     damaged(path, how)
-    if (suffix, how) == (".wav", "flipped"):
-        return  # WAV has no checksum; a flipped sample is a sample
+    if how == "flipped" and suffix in (".wav", ".npy", ".csv"):
+        return  # without a checksum a flipped sample is a sample, judged by its size alone
     size = path.stat().st_size
     error = refused(path, roles, UNITS_V, fs=FS, scale={"velocity": 1.0})
     assert "record" in error.what
+    if (suffix, how) == (".csv", "junk"):  # any text may be a table; this one is not
+        assert "columns of numbers" in error.what
+        return
     assert f"({size} bytes)" in error.what
     assert "reader" in error.what
     assert "again" in error.remedy
