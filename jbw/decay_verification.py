@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from jbw.measurement.records import Test
 from jbw.observables.decay import LETTER, Decays, envelopes, filter_of, readings, reduce
 from jbw.observables.decay_entry import Entry, follow, match
-from jbw.observables.decay_model import decay_of, joint_of
+from jbw.observables.decay_model import decay_of
+from jbw.observables.joint import joint_of
 from jbw.oscillator.hysteresis import steady_loop
 from jbw.prediction import QUANTILES, band
 

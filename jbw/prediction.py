@@ -11,7 +11,8 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.measurement.records import Record
-from jbw.observables.response import JOINT, response_to
+from jbw.observables.joint import JOINT
+from jbw.observables.response import response_to
 
 QUANTILES = (0.005, 0.5, 0.995)
 Draws = dict[str, NDArray[np.float64]]

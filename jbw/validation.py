@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from jbw.measurement.loops import differentiate, enclosed_area, integrate, mean_cycle
 from jbw.measurement.records import Record, Test
-from jbw.observables.response import advance, joint_of
+from jbw.observables.joint import joint_of
+from jbw.observables.response import advance
 from jbw.oscillator.response import simulate
 from jbw.prediction import QUANTILES, Draws, band
 

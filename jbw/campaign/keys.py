@@ -21,6 +21,8 @@ from jbw.campaign.values import (
     role_paths,
     role_units,
     sampling,
+    some_of,
+    strings,
     text,
     yes_or_no,
 )
@@ -102,7 +104,21 @@ IDENTIFY = {
     "fit_repeats": Key(
         a_whole_number(1), "so many repeats are fitted; the rest held out", example="32"
     ),
-    "substeps": Key(a_whole_number(1), "solver steps a sample", example="2"),
+    "fit": Key(some_of(*KINDS), f"kinds to fit, among {', '.join(KINDS)}; all by default"),
+    "hold_out": Key(strings, "names of tests that no fit sees"),
+    "offsets": Key(
+        one_of("auto", "runs", "none"),
+        "whether each run has an omega_n and a zeta of its own; auto: where the data show it",
+        example='"auto"',
+    ),
+    "coordinates": Key(
+        one_of("auto", "paper", "products"),
+        "sample alpha, delta, gamma or their products; auto: products where no more is known",
+        example='"auto"',
+    ),
+    "substeps": Key(
+        a_whole_number(1), "solver steps a sample; by default as many as the data take"
+    ),
     "sampler": Key(
         one_of("nuts", "random_walk", "random_walk_paper"), "how to sample", example='"nuts"'
     ),

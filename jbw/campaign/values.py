@@ -84,6 +84,12 @@ def one_of(*words: str) -> Callable[[Any], str]:
     return check
 
 
+def some_of(*words: str) -> Callable[[Any], tuple[str, ...]]:
+    """Check for words among a few."""
+    check = one_of(*words)
+    return lambda value: tuple(check(word) for word in strings(value))
+
+
 def strings(value: Any) -> tuple[str, ...]:
     """A string, or a list of at least one."""
     items = value if isinstance(value, list) else [value]

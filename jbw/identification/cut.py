@@ -16,7 +16,6 @@ import xarray as xr
 from jaxtyping import Array, Float, Key
 
 from jbw.identification.linear import PooledFit
-from jbw.identification.opening import OpeningData
 from jbw.identification.priors import stated
 from jbw.identification.step import ATTRS, Step, finished
 from jbw.inference.box import Box, box
@@ -73,12 +72,11 @@ def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> Op
     gamma = lower + (s + 1) / 2 * (upper - lower)
     values = np.asarray(_misfits(jnp.asarray(gamma), _arrays(held), records))
     coefficients = np.polynomial.chebyshev.chebfit(s, values, NODES - 1).T
-    size = records.mean.shape[-1]
     return OpeningCurve(
         coefficients=jnp.asarray(coefficients),
-        within=records.within,
-        num_values=records.num_repeats * size,
-        noise_std=response.noise_std(records),
+        within=records.repeats.within,
+        num_values=records.repeats.num_values,
+        noise_std=records.repeats.noise_std,
         lower=prior.lower[0],
         upper=prior.upper[0],
     )
@@ -89,7 +87,7 @@ def _misfits(
     gamma: Float[Array, " node"], held: Mapping[str, Array], records: Records
 ) -> Float[Array, "node level"]:
     def one(value: Float[Array, ""]) -> Float[Array, " level"]:
-        return response.squares({**held, "gamma": value}, records) - records.within
+        return response.squares({**held, "gamma": value}, records) - records.repeats.within
 
     return jax.lax.map(one, gamma)
 
@@ -128,7 +126,7 @@ def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " 
 
 def opening_steps(
     key: Key,
-    data: OpeningData,
+    records: Records,
     linear: PooledFit,
     third_order: Step,
     settings: Mapping[str, Any],
@@ -137,7 +135,7 @@ def opening_steps(
 
     Args:
         key: Random key.
-        data: The sweeps.
+        records: The reduced sweeps.
         linear: Step 2: omega_n and gain.
         third_order: Step 3: zeta, alpha and delta, taken at their means.
         settings: The campaign's [identify] table.
@@ -152,10 +150,10 @@ def opening_steps(
     means = {n: float(v.mean()) for n, v in third_order.posterior["posterior"].data_vars.items()}
     held = {"omega_n": linear.omega_n, "gain": linear.gain, **means}
     prior = box({"gamma": stated(settings).get("gamma", (0.0, REACH * means["delta"]))})
-    curve = opening_curve(data.records, held, prior)
+    curve = opening_curve(records, held, prior)
     fit_key, *keys = jax.random.split(key, 3)
     best = fit(residual, prior, curve, starts=8, key=fit_key)
-    chi_square = (2 * best.cost, data.records.mean.size)
+    chi_square = (2 * best.cost, records.mean.size)
     said = (
         "Gamma is conditional on the means of Steps 2 and 3: their errors are in it, "
         "not in its interval.",
@@ -167,7 +165,7 @@ def opening_steps(
             num_chains=settings.get("num_chains", 4), chain_method="vectorized", attrs=ATTRS,
             **options,
         )  # fmt: skip
-        found = [_series_finding(tree["posterior"].to_dataset(), curve, held, data.records)]
+        found = [_series_finding(tree["posterior"].to_dataset(), curve, held, records)]
         steps[name] = finished(
             name, tree, prior, best, started,
             findings=found, statements=said, held=held, chi_square=chi_square,

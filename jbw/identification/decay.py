@@ -29,7 +29,7 @@ from jbw.observables.decay_likelihood import (
     log_likelihood,
     matches,
 )
-from jbw.observables.decay_model import joint_of
+from jbw.observables.joint import joint_of
 
 NAMES = ("omega_n", "zeta", "softening", "opening", "share")
 DECAY_ATTRS = {
@@ -84,7 +84,8 @@ def decay_step(
     posterior = with_joint(keys[2], tree, data)
     draws = posterior["posterior"].to_dataset()
     findings = [residual_finding(best.theta, data), shape_finding(best.theta, data)]
-    findings.append(solver_finding(draws, data))
+    if (error := solver_finding(draws, data)) is not None:
+        findings.append(error)
     words = statements(draws, best, data)
     return finished(
         name, posterior, prior, best, started, findings=findings, statements=words

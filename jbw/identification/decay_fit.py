@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Array, Key
 from scipy.optimize import OptimizeResult, least_squares
 
-from jbw.identification.decay_accuracy import matched, worth_of
+from jbw.identification.accuracy import worth_of
+from jbw.identification.decay_accuracy import matched
 from jbw.identification.decay_reading import FirstReading
 from jbw.identification.priors import stated
 from jbw.inference.box import Box, box, from_unit, to_unit

@@ -1,128 +1,201 @@
-"""Step 4 with all parameters set to update: the joint posterior from the sweeps."""
+"""All parameters set to update: the joint posterior of everything that was measured."""
 
 from collections.abc import Mapping
 from time import perf_counter
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Key
 
-from jbw.identification.accuracy import residual_findings, solver_finding
-from jbw.identification.linear import PooledFit
-from jbw.identification.opening import OpeningData, draw_noise_std, log_likelihood, residual
-from jbw.identification.priors import joint_box
+from jbw.identification.accuracy import (
+    NUM_DRAWS,
+    SHIFT,
+    halved,
+    residual_findings,
+    solver_change,
+    solver_finding,
+    worth_by_label,
+)
+from jbw.identification.coordinates import box_of, by_products, product_box, products_of
+from jbw.identification.noise import with_derived
+from jbw.identification.shifts import sentence_of, shifts_of, wanted, with_offsets
+from jbw.identification.starts import MAX_STEPS, fit_from, inside, linear_look
 from jbw.identification.step import ATTRS, Step, finished
-from jbw.inference.box import Box, from_unit
+from jbw.inference.box import Box
 from jbw.inference.fitting import Fit, fit
 from jbw.inference.quadratic import driven_by_quadratic, quadratic
 from jbw.inference.sampling import sample
 from jbw.inference.verdict import verdict
+from jbw.observables.decay import Decays
+from jbw.observables.evidence import (
+    Evidence,
+    log_likelihood,
+    residual,
+    with_fitted_noise,
+    with_worth,
+)
+from jbw.observables.linear import READ, LineReading
 
-NUM_SCREENED = 32  # points of the box whose cost is looked at
-NUM_STARTS = 3  # of them fitted
-EXPLAINED = 5.0  # chi-square a degree of freedom below which a fit explains the data
-MAX_STEPS = 60
-PRODUCTS = {
-    "alpha_delta": ("alpha", "delta", "softening at small amplitude, alpha * delta"),
-    "alpha_gamma": ("alpha", "gamma", "opening at small amplitude, alpha * gamma"),
-}
+MOST_SUBSTEPS = 16
 
 
 def joint_step(
-    key: Key,
-    data: OpeningData,
-    linear: PooledFit,
+    key: Key[Array, ""],
+    data: Evidence,
     earlier: Mapping[str, Step],
     settings: Mapping[str, Any],
-) -> Step:
-    """Joint posterior of all parameters of the joint, the gain and the noise, from the sweeps.
+) -> tuple[Step, Evidence]:
+    """Joint posterior of all parameters of the joint, the gain and the noise.
 
     Args:
         key: Random key.
-        data: The sweeps, nothing held but a gain that the campaign states.
-        linear: Step 2.
+        data: What was measured.
         earlier: The paper's steps, when they were run.
         settings: The campaign's [identify] table.
 
     Returns:
-        The step "joint"; its posterior holds `noise_std` by level and the products alpha*delta and
-        alpha*gamma besides the parameters.
+        The step "joint", its posterior with the noise by group and the products alpha*delta and
+        alpha*gamma besides the parameters; and the evidence as it was sampled: with the offsets
+        of the runs, the worth of coloured residuals, and the solver's steps that it took.
 
     Reference:
         Eq. (37), with every parameter set to update.
     """
     started = perf_counter()
-    keys = jax.random.split(key, 3)
-    known = None if "gain" in data.held else (linear.gain, float(data.gain_std))
-    omega = linear.omega_n
-    y_peak = float(jnp.max(jnp.abs(data.records.mean))) / omega ** _order(data)
-    prior = joint_box(settings, omega, linear.zeta, known, y_peak)
-    best = fit_joint(keys[0], data, prior, linear, earlier)
-    posterior = sample_joint(keys[1], data, prior, best, settings)
-    findings = [*residual_findings(best.theta, data)]
-    findings.append(solver_finding(posterior["posterior"].to_dataset(), data))
-    complete = with_derived(keys[2], posterior, data)
-    return finished(
+    keys = jax.random.split(key, 4)
+    known = {**linear_look(data), **_means(earlier)}
+    prior = box_of(settings, data, known)
+    first = fit_from(keys[0], data, prior, known)
+    chi_square = explained(first, data)
+    prior, best, data, words = settled(keys[1], data, prior, first, settings)
+    posterior = sample_joint(keys[2], data, prior, best, settings)
+    draws = posterior["posterior"].to_dataset()
+    worth = worth_by_label(best.theta, data)
+    findings = residual_findings(best.theta, data, worth)
+    if (error := solver_finding(draws, data)) is not None:
+        findings.append(error)
+    step = finished(
         "joint",
-        complete,
+        with_derived(keys[3], posterior, data),
         prior,
         best,
         started,
         findings=findings,
+        statements=words,
         held={n: float(v) for n, v in data.held.items()},
+        chi_square=chi_square,
     )
+    return step, data
 
 
-def fit_joint(
-    key: Key,
-    data: OpeningData,
-    prior: Box,
-    linear: PooledFit,
-    earlier: Mapping[str, Step],
-) -> Fit:
-    """Least squares over all parameters, from the earlier steps.
-
-    Where that fit does not explain the data, also from the best of many points all over the box:
-    their costs are looked at first, for a solve costs far less than a fit.
-    """
-    known = {"omega_n": linear.omega_n, "zeta": linear.zeta, "gain": linear.gain}
+def _means(earlier: Mapping[str, Step]) -> dict[str, float]:
+    """Posterior means of the paper's steps, which are where to start."""
+    found: dict[str, float] = {}
     for step in ("third_order_nuts", "opening_nuts"):
         if step in earlier:
             group = earlier[step].posterior["posterior"]
-            known |= {str(n): float(v.mean()) for n, v in group.data_vars.items()}
-    middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
-    start = {name: known.get(name, float(middle[name])) for name in prior.names}
-    first = fit(residual, prior, data, starts=_inside(start, prior), max_steps=MAX_STEPS)
-    chi_square, dof = first.chi_square
-    if chi_square < EXPLAINED * dof:
-        return first
-    points = from_unit(jax.random.uniform(key, (NUM_SCREENED, len(prior.names))), prior)
-    for name in {"omega_n", "gain"} & set(points):  # Step 2 knows them far better than the box
-        points[name] = jnp.full(NUM_SCREENED, known[name])
-    order = np.argsort(np.asarray(_costs(points, data)))[:NUM_STARTS]
-    starts = {name: np.asarray(values)[order] for name, values in points.items()}
-    second = fit(residual, prior, data, starts=_inside(starts, prior), max_steps=MAX_STEPS)
-    return min(first, second, key=lambda one: one.cost)
+            found |= {str(n): float(v.mean()) for n, v in group.data_vars.items()}
+    return found
 
 
-def _inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
-    return {
-        name: np.clip(starts[name], prior.lower[i], prior.upper[i])
-        for i, name in enumerate(prior.names)
-    }
+def explained(first: Fit, data: Evidence) -> tuple[float, int] | None:
+    """Chi-square of a fit over the groups whose noise is known from repeats, and its degrees."""
+    rows, position = [], 0
+    for part in data.parts:
+        if isinstance(part, Decays):
+            continue
+        sizes, counted, width = np.array([len(READ)]), np.array([True]), len(READ)
+        if not isinstance(part, LineReading):
+            sizes = np.asarray(part.repeats.size)
+            counted = np.asarray(part.repeats.num_repeats) > 1
+            width = part.repeats.directions.shape[-1]
+        block = first.residual[position : position + len(sizes) * width].reshape(-1, width)
+        rows += list(zip(np.sum(block[counted] ** 2, axis=1), sizes[counted], strict=True))
+        position += block.size
+    if not rows:
+        return None
+    total, count = (sum(column) for column in zip(*rows, strict=True))
+    return float(total), max(int(count) - len(first.x), 1)
 
 
-@jax.jit
-def _costs(points: Mapping[str, Array], data: OpeningData) -> Float[Array, " point"]:
-    costs = jax.lax.map(lambda theta: jnp.sum(residual(theta, data) ** 2), dict(points))
-    return jnp.where(jnp.isfinite(costs), costs, jnp.inf)
+def settled(
+    key: Key[Array, ""],
+    data: Evidence,
+    prior: Box,
+    first: Fit,
+    settings: Mapping[str, Any],
+) -> tuple[Box, Fit, Evidence, list[str]]:
+    """Noise, worth and offsets as the first fit shows them, coordinates and steps that they take.
+
+    Args:
+        key: Random key.
+        data: What was measured.
+        prior: The box.
+        first: The first fit.
+        settings: The campaign's [identify] table.
+
+    Returns:
+        The box and the fit in the coordinates to sample in, the evidence, and what was found, in
+        words.
+    """
+    worth = worth_by_label(first.theta, data)
+    data = with_worth(worth, with_fitted_noise(first.theta, data))
+    best = again(first, prior, data)
+    words = []
+    shifts = shifts_of(best, prior.names, data)
+    if shifts is not None and wanted(shifts, settings):
+        data = with_offsets(best, shifts, data)
+        best = again(best, prior, data)
+        data = with_fitted_noise(best.theta, data)
+        best = again(best, prior, data)
+        words.append(sentence_of(shifts))
+    if by_products(best, settings):
+        prior = product_box(prior, best.theta)
+        best = again(best, prior, data, theta=products_of(best.theta))
+        words.append(
+            "The data know alpha, delta and gamma by their products alone: alpha*delta and "
+            "alpha*gamma are sampled, and alpha's share of the stiffness beside them."
+        )
+    if "substeps" not in settings:
+        finer = refined(key, data, prior, best)
+        if finer is not data:
+            data, best = finer, again(best, prior, finer)
+    return prior, best, data, words
+
+
+def again(
+    best: Fit, prior: Box, data: Evidence, *, theta: Mapping[str, float] | None = None
+) -> Fit:
+    """The fit again, from where it ended."""
+    start = inside(theta or best.theta, prior)
+    return fit(residual, prior, data, starts=start, max_steps=MAX_STEPS)
+
+
+def refined(key: Key[Array, ""], data: Evidence, prior: Box, best: Fit) -> Evidence:
+    """The evidence with so many steps of the solver that halving them would not matter.
+
+    Args:
+        key: Random key of draws from the fit's Gaussian.
+        data: The evidence.
+        prior: The box.
+        best: The fit.
+    """
+    draws = np.random.default_rng(np.asarray(jax.random.key_data(key))).multivariate_normal(
+        list(best.theta.values()), best.covariance, NUM_DRAWS, method="svd"
+    )
+    theta = inside(dict(zip(best.theta, draws.T, strict=True)), prior)
+    for _ in range(int(np.log2(MOST_SUBSTEPS)) - 1):
+        change = solver_change(theta, data)
+        if change is None or np.std(change) < SHIFT:
+            break
+        data = halved(data) or data
+    return data
 
 
 def sample_joint(
-    key: Key, data: OpeningData, prior: Box, best: Fit, settings: Mapping[str, Any]
+    key: Key[Array, ""], data: Evidence, prior: Box, best: Fit, settings: Mapping[str, Any]
 ) -> xr.DataTree:
     """NUTS in the coordinate whitened by the fit's covariance.
 
@@ -143,31 +216,5 @@ def sample_joint(
     tree = sample(key, cheap, prior, quadratic(data, best), **options)
     if verdict(tree, prior).status == "ok":
         return tree
+    options |= {"num_warmup": settings.get("num_warmup", 300), "adapt_mass": True}
     return sample(key, log_likelihood, prior, data, **options)
-
-
-def with_derived(key: Key, tree: xr.DataTree, data: OpeningData) -> xr.DataTree:
-    """The posterior with the noise of each level and the two products beside its parameters."""
-    posterior = tree["posterior"].to_dataset()
-    terms = tree["log_likelihood"].to_dataset()["terms"].values
-    noise = draw_noise_std(key, terms, data)
-    unit = {"displacement": "m", "velocity": "m s-1", "acceleration": "m s-2"}
-    derived: dict[str, Any] = {
-        "noise_std": (
-            ("chain", "draw", "level"),
-            noise,
-            {"units": unit[data.records.response], "long_name": "noise of one repeat"},
-        )
-    }
-    for name, (first, second, long_name) in PRODUCTS.items():
-        product = (posterior[first] * posterior[second]).values
-        attrs = {"units": "m-1 s-2", "long_name": long_name}
-        derived[name] = (("chain", "draw"), product, attrs)
-    groups = {name: node.to_dataset() for name, node in tree.children.items()}
-    complete = xr.DataTree.from_dict({**groups, "posterior": posterior.assign(derived)})
-    complete.attrs.update(tree.attrs)
-    return complete
-
-
-def _order(data: OpeningData) -> int:
-    return ("displacement", "velocity", "acceleration").index(data.records.response)

@@ -39,6 +39,8 @@ class Fit:
         at_bound: Parameters whose optimum lies on or beyond a bound: "lower" or "upper".
         weak: What the data do not determine, or None.
         waterfall: Costs reached from all starts, lowest first; infinite where a start failed.
+        residual: Residuals at the optimum, in units of their standard deviation.
+        jacobian: Their derivatives by the parameters, in the order of the box.
     """
 
     theta: dict[str, float]
@@ -51,6 +53,8 @@ class Fit:
     at_bound: dict[str, str]
     weak: WeakDirection | None
     waterfall: NDArray[np.float64]
+    residual: Float[np.ndarray, " residual"]
+    jacobian: Float[np.ndarray, "residual parameter"]
 
     @property
     def condition(self) -> float:
@@ -149,7 +153,7 @@ def describe_optimum(
         theta, x, float(np.min(costs)), len(residual), covariance, singular_values, converged,
         at_bound=_at_bound(x, jacobian, residual, box.names),
         weak=weak_direction(theta, covariance, box),
-        waterfall=np.sort(costs),
+        waterfall=np.sort(costs), residual=residual, jacobian=jacobian / width,
     )  # fmt: skip
 
 

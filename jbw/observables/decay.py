@@ -33,6 +33,7 @@ class Decays(eqx.Module):
         num_samples: Samples of the simulated decay; static.
         response: displacement, velocity or acceleration; static.
         substeps: Steps of the solver between samples; static.
+        names: Name of each record; static.
     """
 
     envelope: Complex[Array, "record step"]
@@ -48,6 +49,7 @@ class Decays(eqx.Module):
     num_samples: int = eqx.field(static=True)
     response: str = eqx.field(static=True, default="velocity")
     substeps: int = eqx.field(static=True, default=1)
+    names: tuple[str, ...] = eqx.field(static=True, default=())
 
 
 def filter_of(test: Test) -> BandFilter:
@@ -125,6 +127,7 @@ def reduce(test: Test, *, substeps: int = 1) -> Decays:
         num_samples=round(duration * chosen.fs / chosen.stride) + len(taps),
         response=test.records[0].response,
         substeps=substeps,
+        names=tuple(f"{test.name} {i + 1}" for i in range(len(test.records))),
     )
 
 

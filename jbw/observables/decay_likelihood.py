@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Key
 
+from jbw.inference.offsets import Estimate, log_density_of_offsets
 from jbw.observables.decay import Decays
 from jbw.observables.decay_entry import Match, match
 from jbw.observables.decay_model import decay_of
@@ -37,8 +38,9 @@ def matches(theta: Mapping[str, Array], data: Decays) -> Match:
 def log_likelihood(theta: Mapping[str, Array], data: Decays) -> Float[Array, " term"]:
     r"""Terms of the log likelihood: one a record, then the scatter of their frequencies.
 
-    $$\log p_i = -\frac{n - 3}{2} \log Q_i - \frac12 \log |A_i|, \qquad
-      \log p = \sum_i \log p_i + \log \int p(s) \prod_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$$
+    $$\log p_i = -\frac{n - 3}{2} \log Q_i - \frac12 \log |A_i| - \log e_i, \qquad
+      \log p = \sum_i \log p_i
+      + \log \int p(s) \prod_i e_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$$
 
     where Q is what the best initial state and shift leave, A their normal matrix, n the number of
     independent real values, and the shift's estimate has the standard error e. The noise is
@@ -55,14 +57,28 @@ def log_likelihood(theta: Mapping[str, Array], data: Decays) -> Float[Array, " t
     Reference:
         Eq. (37) on the envelope, initial states and noise inferred.
     """
+    found = estimate_of(theta, data)
+    scatters = SCATTERS[:, None] * theta["omega_n"]
+    each_its_own = tuple(range(len(data.envelope)))
+    return jnp.append(found.log_density, log_density_of_offsets(found, each_its_own, scatters))
+
+
+def estimate_of(theta: Mapping[str, Array], data: Decays, num_own: int = 1) -> Estimate:
+    """What every record says of the shift of its natural frequency.
+
+    Args:
+        theta: As `log_likelihood`.
+        data: The reduced decays.
+        num_own: Offsets of a run; a record knows the first, the shift, alone.
+    """
     found = matches(theta, data)
     size = _num_values(data)
     _, log_det = jnp.linalg.slogdet(found.precision)
-    records = -(size - NUM_OWN) / 2 * jnp.log(found.misfit) - 0.5 * log_det
-    scatter = SCATTERS * theta["omega_n"]
-    variance = scatter[:, None] ** 2 + shift_errors(found, data) ** 2
-    each = -0.5 * (found.entry.shift**2 / variance + jnp.log(variance))
-    return jnp.append(records, jax.nn.logsumexp(jnp.sum(each, axis=1)))
+    error = shift_errors(found, data)
+    log_density = -(size - NUM_OWN) / 2 * jnp.log(found.misfit) - 0.5 * log_det - jnp.log(error)
+    first = jnp.eye(num_own)[0]
+    precision = jnp.outer(first, first) / error[:, None, None] ** 2
+    return Estimate(log_density, found.entry.shift[:, None] * first, precision)
 
 
 def _num_values(data: Decays) -> Float[Array, ""]:

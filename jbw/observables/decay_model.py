@@ -7,31 +7,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from jbw.observables.decay import LETTER, Decays
+from jbw.observables.joint import joint_of
 from jbw.oscillator.hysteresis import steady_loop
-from jbw.oscillator.parameters import BoucWen
 from jbw.oscillator.response import simulate
-
-
-def joint_of(theta: Mapping[str, Array]) -> BoucWen:
-    r"""The joint of the parameters that a decay determines.
-
-    $$\alpha = \kappa\,\omega_n^2, \quad \delta = S / \kappa, \quad \gamma = O / \kappa$$
-
-    Args:
-        theta: omega_n [rad/s], zeta [-], softening S = alpha delta / omega_n^2 [1/m], opening
-            O = alpha gamma / omega_n^2 [1/m] and share kappa = alpha / omega_n^2 [-].
-
-    Returns:
-        The joint.
-    """
-    share = theta["share"]
-    return BoucWen(
-        theta["omega_n"],
-        theta["zeta"],
-        share * theta["omega_n"] ** 2,
-        theta["softening"] / share,
-        theta["opening"] / share,
-    )
 
 
 def decay_of(theta: Mapping[str, Array], data: Decays) -> Complex[Array, " step"]:

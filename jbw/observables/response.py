@@ -9,12 +9,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.errors import DataError
-from jbw.inference.likelihood import gaussian_marginal_log_likelihood
 from jbw.measurement.records import Test
-from jbw.oscillator.parameters import BoucWen
+from jbw.observables.joint import joint_of
+from jbw.observables.repeats import Repeats, repeats
 from jbw.oscillator.response import simulate
 
-JOINT = ("omega_n", "zeta", "alpha", "delta", "gamma")
 _LETTER = {"displacement": "y", "velocity": "v", "acceleration": "a"}
 
 
@@ -24,64 +23,79 @@ class Records(eqx.Module):
     Attributes:
         source: Mean measured input of each level [V, N or N/kg].
         mean: Mean measured response of each level [m, m/s or m/s^2].
-        within: Scatter of the repeats about their mean, summed over repeats and time.
-        num_repeats: Repeats of each level.
+        repeats: Their repeats, a group a level.
         fs: Sampling frequency [Hz]; static.
         response: displacement, velocity or acceleration; static.
         substeps: Steps of the solver between samples; static.
+        periodic: Whether each record is one period of a steady motion; static.
     """
 
     source: Float[Array, "level time"]
     mean: Float[Array, "level time"]
-    within: Float[Array, " level"]
-    num_repeats: Float[Array, " level"]
+    repeats: Repeats
     fs: float = eqx.field(static=True)
     response: str = eqx.field(static=True, default="velocity")
     substeps: int = eqx.field(static=True, default=2)
+    periodic: bool = eqx.field(static=True, default=False)
 
 
-def reduce(tests: Sequence[Test], *, substeps: int = 2) -> Records:
+def reduce(tests: Sequence[Test], *, substeps: int = 2, periodic: bool = False) -> Records:
     """Sufficient statistics of the repeats of each test.
 
     Args:
-        tests: One test a level, all of one length, sampling frequency and response.
+        tests: One test a level, all of one length, sampling frequency and response; of equal
+            inputs in all repeats.
         substeps: Steps of the solver between samples.
+        periodic: Whether each record is one period of a steady motion.
 
     Returns:
         The reduced records.
 
     Raises:
-        DataError: If lengths, sampling frequencies or responses differ, or a test has one repeat.
+        DataError: If lengths, sampling frequencies or responses differ.
     """
-    kinds = {(t.records[0].fs, t.records[0].response, t.records[0].num_samples) for t in tests}
-    if len(kinds) != 1:
+    forms = {form_of(test) for test in tests}
+    if len(forms) != 1:
         raise DataError(
-            f"Tests fitted together must share sampling frequency, response and length, but found "
-            f"{sorted(kinds)}.",
-            remedy="Fit them in separate campaigns, or cut the records to one length.",
+            f"Tests reduced together must share sampling frequency, response and length, but found "
+            f"{sorted(forms)}.",
+            remedy="Reduce them apart, or cut the records to one length.",
         )
-    for test in tests:
-        if len(test.records) < 2:
-            raise DataError(
-                f"Test `{test.name}` needs at least 2 repeats to estimate its noise, "
-                f"but has {len(test.records)}.",
-                remedy="Measure repeats, or leave the test out of `fit_levels`.",
-            )
-    fs, response, _ = kinds.pop()
+    fs, response, length = forms.pop()
     sources = [np.stack([r.channels[r.source] for r in t.records]) for t in tests]
     responses = [
         np.stack([advance(r.channels[response], t.delay, fs) for r in t.records]) for t in tests
     ]
-    means = [r.mean(axis=0) for r in responses]
+    means = np.stack([r.mean(axis=0) for r in responses])
+    within = [np.sum((r - m) ** 2) for r, m in zip(responses, means, strict=True)]
     return Records(
         source=jnp.asarray(np.stack([s.mean(axis=0) for s in sources])),
-        mean=jnp.asarray(np.stack(means)),
-        within=jnp.asarray([np.sum((r - m) ** 2) for r, m in zip(responses, means, strict=True)]),
-        num_repeats=jnp.asarray([float(len(r)) for r in responses]),
+        mean=jnp.asarray(means),
+        repeats=repeats(
+            within=np.array(within),
+            num_repeats=np.array([len(r) for r in responses]),
+            sizes=np.full(len(tests), length),
+            longest=length,
+            labels=tuple(test.name for test in tests),
+            runs=tuple(run_of(test) for test in tests),
+            scale=np.sqrt(np.mean(means**2, axis=1)),
+        ),
         fs=fs,
         response=response,
         substeps=substeps,
+        periodic=periodic,
     )
+
+
+def form_of(test: Test) -> tuple[float, str, int]:
+    """Sampling frequency, response and length, which tests reduced together must share."""
+    record = test.records[0]
+    return record.fs, record.response, record.num_samples
+
+
+def run_of(test: Test) -> str:
+    """The run that a test belongs to: its assembly and day where stated, else the test itself."""
+    return " ".join(part for part in (test.assembly, test.run) if part) or test.name
 
 
 def advance(samples: np.ndarray, delay: float, fs: float) -> np.ndarray:
@@ -103,12 +117,6 @@ def advance(samples: np.ndarray, delay: float, fs: float) -> np.ndarray:
     return np.fft.irfft(np.fft.rfft(samples) * np.exp(1j * omega * delay), len(samples))
 
 
-def joint_of(theta: Mapping[str, Array]) -> BoucWen:
-    """The joint among the parameters of a likelihood."""
-    omega_n, zeta, alpha, delta, gamma = (theta[name] for name in JOINT)
-    return BoucWen(omega_n, zeta, alpha, delta, gamma)
-
-
 def response_to(
     theta: Mapping[str, Array],
     source: Float[Array, " time"],
@@ -116,8 +124,9 @@ def response_to(
     *,
     response: str = "velocity",
     substeps: int = 2,
+    periodic: bool = False,
 ) -> Float[Array, " time"]:
-    """Response of the joint to a measured input, from rest.
+    """Response of the joint to a measured input, from rest or steady.
 
     The input between its samples is the band-limited one that the sampling saw.
 
@@ -127,6 +136,7 @@ def response_to(
         fs: Sampling frequency [Hz].
         response: displacement, velocity or acceleration.
         substeps: Steps of the solver between samples.
+        periodic: Whether the input is one period of a steady test.
 
     Returns:
         Displacement [m], velocity [m/s] or acceleration [m/s^2].
@@ -135,13 +145,18 @@ def response_to(
         Eqs. (1), (2).
     """
     result = simulate(
-        joint_of(theta), theta["gain"] * source, fs, hold="band_limited", substeps=substeps
+        joint_of(theta),
+        theta["gain"] * source,
+        fs,
+        hold="band_limited",
+        substeps=substeps,
+        periodic=periodic,
     )
     return getattr(result, _LETTER[response])
 
 
 def predict(theta: Mapping[str, Array], data: Records) -> Float[Array, "level time"]:
-    """Response of every level to its mean measured input, from rest.
+    """Response of every level to its mean measured input.
 
     Args:
         theta: The joint's five parameters and `gain`.
@@ -153,10 +168,20 @@ def predict(theta: Mapping[str, Array], data: Records) -> Float[Array, "level ti
     # One level after another, not as lanes: alone, the solver skips the work of rare events.
     return jax.lax.map(
         lambda source: response_to(
-            theta, source, data.fs, response=data.response, substeps=data.substeps
+            theta,
+            source,
+            data.fs,
+            response=data.response,
+            substeps=data.substeps,
+            periodic=data.periodic,
         ),
         data.source,
     )
+
+
+def compare(theta: Mapping[str, Array], data: Records) -> Float[Array, "level time"]:
+    """Mean measured response of every level less its prediction."""
+    return data.mean - predict(theta, data)
 
 
 def squares(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
@@ -164,34 +189,5 @@ def squares(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]
 
     $$Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$$
     """
-    misfit = jnp.sum((data.mean - predict(theta, data)) ** 2, axis=-1)
-    return data.num_repeats * misfit + data.within
-
-
-def log_likelihood(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
-    """Log likelihood of each level with its own noise level integrated out.
-
-    Reference:
-        Eq. (37), with velocity in place of displacement and the noise inferred.
-    """
-    return jax.vmap(gaussian_marginal_log_likelihood)(
-        data.mean, data.within, data.num_repeats, predict(theta, data)
-    )
-
-
-def residual(theta: Mapping[str, Array], data: Records) -> Float[Array, " values"]:
-    """Residuals of the means in units of their standard error, for least squares.
-
-    Reference:
-        Eq. (41), weighted by the noise of each level instead of the response's power.
-    """
-    weight = jnp.sqrt(data.num_repeats) / noise_std(data)
-    return (weight[:, None] * (data.mean - predict(theta, data))).ravel()
-
-
-def noise_std(data: Records) -> Float[Array, " level"]:
-    r"""Noise of one repeat of each level, from the scatter of the repeats.
-
-    $$\sigma^2 = \frac{S}{N (K - 1)}$$
-    """
-    return jnp.sqrt(data.within / (data.mean.shape[-1] * (data.num_repeats - 1)))
+    misfit = jnp.sum(compare(theta, data) ** 2, axis=-1)
+    return data.repeats.num_repeats * misfit + data.repeats.within

@@ -81,14 +81,76 @@ def linear_response(joint: BoucWen, omega: Scalar, num_harmonics: int) -> Packed
     return pack(jnp.where(first, 1.0 / _dynamic_stiffness(joint, omega, np.ones(1)), 0.0))
 
 
-def residual(packed: Packed, problem: tuple[BoucWen, Scalar], max_turns: int) -> Packed:
-    r"""Residual of the balance, harmonic by harmonic.
+def imbalance(
+    joint: BoucWen,
+    omega: Scalar,
+    q: Complex[Array, "harmonic"],
+    load: Complex[Array, "harmonic"],
+    max_turns: int = 2,
+) -> Complex[Array, "harmonic"]:
+    r"""What a motion leaves of the balance, harmonic by harmonic, in any units.
 
-    $$R_n = (1 - n^2\Omega^2 + 2j\zeta n\Omega)\,q_n + \alpha\, r_n - \delta_{n1}$$
+    $$R_n = (\omega_n^2 - n^2\omega^2 + 2j\zeta\omega_n n\omega)\,q_n + \alpha\, r_n - f_n$$
 
     where r = z/alpha - y, so that the stiffness omega_n^2 of the sticking joint is not split into
     k and alpha. The force's harmonics r_n come by quadrature between the turning points and
     zeros of z, whose steady value at the turning points is solved for, not marched.
+
+    Args:
+        joint: Bouc-Wen parameters.
+        omega: Angular frequency.
+        q: Complex amplitudes of the odd orders of y.
+        load: Those of the force per unit mass.
+        max_turns: Turning points of y allowed in a period.
+
+    Returns:
+        R_n, in the unit of `load`.
+    """
+    if max_turns == 2:
+        force = closed_path.relaxed_force(q, joint.delta, joint.gamma)
+    else:
+        force = folded_path.relaxed_force(q, joint.delta, joint.gamma, max_turns)
+    return _dynamic_stiffness(joint, omega, orders(q.shape[0])) * q + joint.alpha * force - load
+
+
+def refined(
+    joint: BoucWen,
+    omega: Scalar,
+    start: Complex[Array, "harmonic"],
+    load: Complex[Array, "harmonic"],
+    num_steps: int = 2,
+) -> Complex[Array, "harmonic"]:
+    r"""Motion from a close guess, such as a measured one, by few steps of Newton's iteration.
+
+    $$q \leftarrow q - R_q^{-1} R(q)$$
+
+    The error is squared in each step. The derivatives are those of the last step, which are the
+    implicit ones where it has converged.
+
+    Args:
+        joint: Bouc-Wen parameters.
+        omega: Angular frequency [rad/s].
+        start: Guess of the odd orders of y [m].
+        load: Odd orders of the force per unit mass [N/kg].
+        num_steps: Steps.
+
+    Returns:
+        Odd orders of y [m].
+    """
+
+    def left(packed: Packed) -> Packed:
+        return pack(imbalance(joint, omega, unpack(packed), load))
+
+    packed, size = pack(start), 2 * start.shape[0]
+    for _ in range(num_steps):
+        packed = jax.lax.stop_gradient(packed)
+        slope = jax.lax.stop_gradient(jax.jacfwd(left)(packed)).reshape(size, size)
+        packed -= jnp.linalg.solve(slope, left(packed).ravel()).reshape(packed.shape)
+    return unpack(packed)
+
+
+def residual(packed: Packed, problem: tuple[BoucWen, Scalar], max_turns: int) -> Packed:
+    """Imbalance of the dimensionless joint under cos(Omega theta).
 
     Args:
         packed: Packed harmonics of y [-].
@@ -100,12 +162,7 @@ def residual(packed: Packed, problem: tuple[BoucWen, Scalar], max_turns: int) ->
     """
     joint, omega = problem
     q = unpack(packed)
-    n = orders(q.shape[0])
-    if max_turns == 2:
-        force = closed_path.relaxed_force(q, joint.delta, joint.gamma)
-    else:
-        force = folded_path.relaxed_force(q, joint.delta, joint.gamma, max_turns)
-    return pack(_dynamic_stiffness(joint, omega, n) * q + joint.alpha * force - (n == 1))
+    return pack(imbalance(joint, omega, q, orders(q.shape[0]) == 1, max_turns))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(3,))
@@ -201,4 +258,4 @@ def _dynamic_stiffness(
     joint: BoucWen, omega: Scalar, n: Float[np.ndarray, "..."]
 ) -> Complex[Array, "..."]:
     frequency = jnp.asarray(omega) * n
-    return 1.0 - frequency**2 + 2j * joint.zeta * frequency
+    return joint.omega_n**2 - frequency**2 + 2j * joint.zeta * joint.omega_n * frequency

@@ -39,7 +39,7 @@ LOOP_HZ = 18.5
 STEPPED_HZ = tuple(
     float(f)
     for f in np.concatenate(
-        [np.arange(3.0, 17.5, 0.5), np.arange(17.5, 19.5, 0.0625), np.arange(19.5, 23.25, 0.5)]
+        [np.arange(3.0, 17.0, 2.0), [17.0], np.arange(17.5, 19.5, 0.0625), np.arange(20.0, 24.0)]
     )
 )
 """Frequencies of the stepped sine, dense at the resonance; whole periods in each dwell [Hz]."""
@@ -114,9 +114,12 @@ def sweep_plan(level: float) -> Plan:
 
 
 def stepped_plan(level: float) -> Plan:
-    """A stepped sine for verification: 3-23 Hz, 16 s a step of which 8 s settle, two repeats."""
-    excitation = Steps(STEPPED_HZ, level, dwell=16.0)
-    return Plan(f"stepped_{_volts(level)}", "stepped", excitation, repeats=2, settle=8.0)
+    """A stepped sine: 3-23 Hz, 32 s a step of which 24 s settle, two repeats.
+
+    In 24 s a transient falls to 3e-6 of the change between two steps.
+    """
+    excitation = Steps(STEPPED_HZ, level, dwell=32.0)
+    return Plan(f"stepped_{_volts(level)}", "stepped", excitation, repeats=2, settle=24.0)
 
 
 def loop_plan(level: float) -> Plan:

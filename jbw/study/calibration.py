@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 from scipy.stats import kstest
 
 from jbw import rig
+from jbw.identification.coordinates import box_of
+from jbw.identification.gathering import reading_of
 from jbw.identification.linear_step import linear_step
-from jbw.identification.opening import log_likelihood, opening_data, residual
-from jbw.identification.priors import joint_box
+from jbw.identification.starts import linear_look
 from jbw.inference.fitting import fit
 from jbw.inference.importance import importance
 from jbw.observables import response
+from jbw.observables.evidence import evidence, log_likelihood, residual
 
 FITTED = ("sweep_0p05V", "sweep_0p20V")
 NOISE = "noise_0p005V"
@@ -80,10 +82,9 @@ def _campaign(
     """z-scores of one campaign, k-hat, chi-square a degree of freedom."""
     quiet = rig.measure(seed=seed, tests=[NOISE], repeats=2)
     swept = rig.measure(seed=seed, tests=FITTED, repeats=repeats, noise_ratio=noise_ratio)
-    linear = linear_step(quiet.tests[0]).pooled
-    known = (linear.gain, float(np.sqrt(linear.covariance[2, 2])))
-    data = opening_data(response.reduce(swept.tests, substeps=substeps), {}, known)
-    prior = joint_box(swept.settings, linear.omega_n, linear.zeta, known, y_peak=5e-3)
+    linear = linear_step(quiet.tests[0])
+    data = evidence([reading_of(linear), response.reduce(swept.tests, substeps=substeps)])
+    prior = box_of(swept.settings, data, linear_look(data))
     centre = {
         n: float(v) for n, v in zip(prior.names, (prior.lower + prior.upper) / 2, strict=True)
     }

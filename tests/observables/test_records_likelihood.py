@@ -7,9 +7,10 @@ import pytest
 from scipy.stats import norm
 
 from jbw.errors import DataError
-from jbw.identification.opening import draw_noise_std, log_likelihood, opening_data
+from jbw.identification.noise import draw_noise_std
 from jbw.measurement.records import Record, Test
 from jbw.observables import response
+from jbw.observables.evidence import evidence, log_likelihood, residual
 
 FS = 256.0
 TRUTH = {
@@ -59,7 +60,7 @@ def test_marginal_likelihood_integrates_the_noise_out(tests):
 
     pair = [theta(), theta(delta=320.0)]
     exact = integrated(pair[1]) - integrated(pair[0])
-    found = [float(response.log_likelihood(one, data)[0]) for one in pair]
+    found = [float(log_likelihood(one, evidence([data]))[0]) for one in pair]
     # Quadrature over ln sigma on a grid of 1.5e-4: good to 1e-7 of the log likelihood's change.
     np.testing.assert_allclose(found[1] - found[0], exact, rtol=1e-6, atol=1e-6)
 
@@ -67,23 +68,24 @@ def test_marginal_likelihood_integrates_the_noise_out(tests):
 def test_noise_of_the_repeats(tests):
     data = response.reduce(tests)
     # 2048 degrees of freedom: the estimate has a standard error of 1.6 %.
-    assert float(response.noise_std(data)[0]) == pytest.approx(1e-3, rel=0.07)
+    assert float(data.repeats.noise_std[0]) == pytest.approx(1e-3, rel=0.07)
 
 
 def test_draws_of_the_noise_come_from_the_stored_likelihood(tests):
-    data = opening_data(response.reduce(tests), {}, (15.0, 0.01))
+    data = evidence([response.reduce(tests)])
     terms = np.asarray(log_likelihood(theta(), data))
-    draws = draw_noise_std(jax.random.key(0), np.broadcast_to(terms, (4, 100, 2)), data)
-    squares = float(response.squares(theta(), data.records)[0])
+    stored = np.broadcast_to(terms, (4, 100, 1))
+    draws = draw_noise_std(jax.random.key(0), stored, data)["sweep"]
+    squares = float(response.squares(theta(), data.parts[0])[0])
     # sigma^2 = Q / chi^2_n with n = 2560: mean sqrt(Q / n) to 1e-3, sd 1 / sqrt(2 n) of it, which
     # 400 draws know to 3.5 %.
-    assert draws.shape == (4, 100, 1)
+    assert draws.shape == (4, 100)
     assert draws.mean() == pytest.approx(np.sqrt(squares / 2560), rel=0.004)
     assert draws.std() / draws.mean() == pytest.approx(1 / np.sqrt(2 * 2560), rel=4 * 0.035)
 
 
 def test_residuals_at_the_truth_are_standard_normal(tests):
-    r = np.asarray(response.residual(theta(), response.reduce(tests)))
+    r = np.asarray(residual(theta(), evidence([response.reduce(tests)])))
     assert abs(r.std() - 1) < 4 / np.sqrt(2 * len(r))
     assert abs(np.mean(np.abs(r) < norm.ppf(0.995)) - 0.99) < 4 * np.sqrt(0.99 * 0.01 / len(r))
 
@@ -96,10 +98,8 @@ def test_a_delay_is_undone():
     np.testing.assert_allclose(response.advance(late, 0.0037, FS), pulse, atol=1e-12)
 
 
-def test_one_repeat_and_unlike_records_are_refused(tests):
+def test_unlike_records_are_refused(tests):
     (test,) = tests
-    with pytest.raises(DataError, match="at least 2 repeats"):
-        response.reduce([Test("sweep", test.records[:1], "alone", 0.1)])
     other = Record(512.0, test.records[0].channels, test.records[0].units)
     with pytest.raises(DataError, match="sampling frequency"):
         response.reduce([test, Test("sweep", (other, other), "fast", 0.2)])

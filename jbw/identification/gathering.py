@@ -1,0 +1,153 @@
+"""From the tests of a campaign to the evidence of the joint posterior, kind by kind."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+
+from jbw.errors import ConfigError, DataError
+from jbw.identification.linear_step import LinearStep
+from jbw.identification.selection import DecaySplit, Sweeps, loop_tests
+from jbw.measurement.records import Record, Test
+from jbw.observables import decay, harmonics, loops, response, steady
+from jbw.observables.evidence import Evidence, Part, evidence
+from jbw.observables.linear import LineReading, line_reading
+
+DEFAULT_SUBSTEPS = 2
+
+
+def gather(
+    tests: Sequence[Test],
+    settings: Mapping[str, Any],
+    *,
+    linear: LinearStep | None = None,
+    sweeps: Sweeps | None = None,
+    decays: DecaySplit | None = None,
+    gain: float | None = None,
+) -> Evidence:
+    """Everything that a campaign fits, in one evidence.
+
+    Fitted are all tests but those held out: tones near the resonance (they validate), levels and
+    repeats of sweeps beside `fit_levels` and `fit_repeats`, tests named by `hold_out`, and kinds
+    not among `fit`, where that is given. A multisine of several periods is fitted in time, as
+    steady motion; noise enters by its line fit.
+
+    Args:
+        tests: The campaign's tests.
+        settings: Its [identify] table.
+        linear: Step 2, when there was a noise test.
+        sweeps: The split of the sweeps.
+        decays: The split of the free decays.
+        gain: Force per unit mass and unit of the input, when the campaign knows it.
+
+    Returns:
+        The evidence, without offsets of the runs.
+
+    Raises:
+        DataError: If nothing is left to fit.
+        ConfigError: If `hold_out` names no test.
+    """
+    chosen = fitted(tests, settings)
+    substeps = settings.get("substeps", DEFAULT_SUBSTEPS)
+    parts: list[Part] = []
+    if linear is not None and linear.test.kind == "noise" and linear.test in chosen:
+        parts.append(reading_of(linear, gain))
+    if sweeps is not None:
+        kept = [test for test in sweeps.fitted if test.name in {one.name for one in chosen}]
+        parts += [response.reduce(same, substeps=substeps) for same in by_form(kept)]
+    steady_tests = [periods(test) for test in chosen if test.kind == "multisine"]
+    parts += [
+        response.reduce(same, substeps=substeps, periodic=True)
+        for same in by_form([test for test in steady_tests if test is not None])
+    ]
+    groups = _groups(chosen, None if linear is None else linear.natural_hz)
+    if groups:
+        parts.append(harmonics.gather(groups))
+    forced = [test for test in chosen if test.kind == "loop"]
+    if forced:
+        parts.append(loops.reduce(forced))
+    if decays is not None and decays.fitted.kind in {test.kind for test in chosen}:
+        parts.append(decay.reduce(decays.fitted, substeps=1))
+    if not parts:
+        raise DataError(
+            "The campaign has no test that the joint can be fitted to.",
+            why="Tones near the resonance only validate; noise alone knows nothing of the joint.",
+            remedy="Add sweeps, stepped sines, response curves, loops, free decays or tones near "
+            "a third of the resonance; or shorten `hold_out`.",
+        )
+    return evidence(parts, {} if gain is None else {"gain": gain})
+
+
+def fitted(tests: Sequence[Test], settings: Mapping[str, Any]) -> list[Test]:
+    """Tests that `fit` and `hold_out` leave.
+
+    Raises:
+        ConfigError: If `hold_out` names no test.
+    """
+    names = [test.name for test in tests]
+    held_out = settings.get("hold_out", ())
+    unknown = [name for name in held_out if name not in names]
+    if unknown:
+        raise ConfigError(
+            f"Setting `hold_out` must name tests of the campaign, but holds {unknown}.",
+            remedy=f"The tests are {', '.join(names)}.",
+        )
+    kinds = settings.get("fit", {test.kind for test in tests})
+    return [test for test in tests if test.kind in kinds and test.name not in held_out]
+
+
+def reading_of(linear: LinearStep, gain: float | None = None) -> LineReading:
+    """Step 2 as an observable; its gain in the campaign's units where those are known."""
+    scale = np.array([1.0, 1.0, gain or 1.0])
+    covariance = linear.pooled.covariance * np.outer(scale, scale)
+    run = response.run_of(linear.test)
+    return line_reading(linear.pooled.mean * scale, covariance, linear.y_rms, run)
+
+
+def by_form(tests: Sequence[Test]) -> list[list[Test]]:
+    """Tests in groups of one sampling frequency, response and length."""
+    ordered = sorted(tests, key=response.form_of)
+    return [list(same) for _, same in groupby(ordered, key=response.form_of)]
+
+
+def periods(test: Test) -> Test | None:
+    """The steady periods of a multisine as repeats; None where its period is not known.
+
+    `settle` seconds are left out at the start, rounded up to whole periods.
+    """
+    if test.periods < 2:
+        return None
+    records = []
+    for record in test.records:
+        size, rest = divmod(record.num_samples, test.periods)
+        if rest:
+            raise DataError(
+                f"Record `{record.name}` must hold {test.periods} whole periods, but its "
+                f"{record.num_samples} samples cannot be divided so.",
+                remedy="Correct `periods`, or cut the record with `span`.",
+            )
+        skipped = int(np.ceil(test.settle * record.fs / size))
+        records += [_cut(record, i * size, size) for i in range(skipped, test.periods)]
+    return replace(test, records=tuple(records))
+
+
+def _cut(record: Record, start: int, size: int) -> Record:
+    channels = {role: x[start : start + size] for role, x in record.channels.items()}
+    return replace(record, channels=channels)
+
+
+def _groups(tests: Sequence[Test], natural_hz: float | None) -> list[harmonics.Group]:
+    """Harmonics of tones, stepped sines and response curves."""
+    validating = set()
+    if natural_hz is not None:
+        validating = {test.name for test in loop_tests(tests, natural_hz)}
+    tones = [t for t in tests if t.kind == "tones" and t.name not in validating]
+    groups = steady.tone_groups([test for test in tones if len(test.tones_hz) == 1])
+    for test in tests:
+        if test.kind == "stepped":
+            groups += steady.stepped_groups(test)
+        elif test.kind == "frf":
+            groups.append(steady.curve_group(test))
+    return groups

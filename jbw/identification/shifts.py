@@ -1,0 +1,156 @@
+r"""Do the runs of a campaign shift? Offsets of omega_n and zeta by run, where the data show them.
+
+A structure mounted anew, warmed up or driven harder comes back with another natural frequency. One
+omega_n for all runs then leaves residuals that are no noise, and intervals several times too
+narrow. So every run's own offset is read off the fit's residuals, and where the offsets differ by
+more than chance allows, each run gets its own in the likelihood, with a scatter of the size seen.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+from scipy import stats
+
+from jbw.inference.fitting import Fit
+from jbw.inference.offsets import run_numbers, scatter_grid
+from jbw.observables.decay import Decays
+from jbw.observables.evidence import Evidence, run_names, with_directions
+from jbw.observables.linear import READ, LineReading
+from jbw.observables.repeats import OFFSETS
+
+BY_CHANCE = 1e-3  # probability below which shifts are taken for real
+LEAST, MOST = (1e-7, 1e-4), (1e-2, 0.5)  # scatter of omega_n and zeta, relative
+
+
+@dataclass(frozen=True)
+class Shifts:
+    """Offsets of the runs as a common fit's residuals show them.
+
+    Attributes:
+        runs: Names of the runs.
+        offset: omega_n [rad/s] and zeta [-] of each run less the fit's.
+        std: Standard errors.
+        scatter: Standard deviation over runs of each, the errors' part taken out.
+        p: Probability of such differences by chance.
+    """
+
+    runs: tuple[str, ...]
+    offset: Float[np.ndarray, "run own"]
+    std: Float[np.ndarray, "run own"]
+    scatter: Float[np.ndarray, " own"]
+    p: float
+
+
+def shifts_of(best: Fit, names: tuple[str, ...], data: Evidence) -> Shifts | None:
+    r"""Read the offsets of the runs off the residuals of a fit that knows none.
+
+    $$W_r = J_r^T J_r, \quad \hat b_r = W_r^{-1} J_r^T r, \quad
+      \chi^2 = \sum_r (\hat b_r - \bar b)^T W_r (\hat b_r - \bar b)$$
+
+    Args:
+        best: The fit.
+        names: Parameters in the order of its Jacobian.
+        data: The evidence that was fitted.
+
+    Returns:
+        The shifts; None with fewer than two runs that know their offsets.
+    """
+    columns = [names.index(name) for name in OFFSETS if name in names]
+    if len(columns) < len(OFFSETS):
+        return None
+    runs = np.array(run_numbers(run_names(data)))
+    labels = tuple(dict.fromkeys(run_names(data)))
+    number = _run_of_rows(data, runs)
+    rows = number >= 0
+    precision, pull = np.zeros((len(labels), 2, 2)), np.zeros((len(labels), 2))
+    for run in np.unique(number[rows]):
+        slope = -best.jacobian[number == run][:, columns]
+        precision[run] = slope.T @ slope
+        pull[run] = slope.T @ best.residual[number == run]
+    known = np.array([np.linalg.cond(one) < 1e12 if one.any() else False for one in precision])
+    if known.sum() < 2:
+        return None
+    precision, pull = precision[known], pull[known]
+    offset = np.linalg.solve(precision, pull[..., None])[..., 0]
+    common = np.linalg.solve(precision.sum(axis=0), pull.sum(axis=0))
+    apart = offset - common
+    chi_square = float(np.einsum("ri,rij,rj->", apart, precision, apart))
+    covariance = np.linalg.inv(precision)
+    std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    dof = len(OFFSETS) * (int(known.sum()) - 1)
+    return Shifts(
+        runs=tuple(name for name, one in zip(labels, known, strict=True) if one),
+        offset=offset,
+        std=std,
+        scatter=_scatter(offset, std),
+        p=float(stats.chi2.sf(chi_square, dof)),
+    )
+
+
+def _scatter(
+    offset: Float[np.ndarray, "run own"], std: Float[np.ndarray, "run own"]
+) -> NDArray[np.float64]:
+    """Standard deviation of the runs beyond their errors, at least a tenth of what is seen."""
+    seen = np.var(offset, axis=0, ddof=1)
+    return np.sqrt(np.maximum(seen - np.mean(std**2, axis=0), 0.01 * seen))
+
+
+def _run_of_rows(data: Evidence, runs: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Number of the run of each row of the residual; -1 for decays, whose shifts are their own."""
+    numbers, group = [], 0
+    decays = []
+    for part in data.parts:
+        if isinstance(part, Decays):
+            group += len(part.names)
+            decays.append(np.full(2 * part.envelope.size + len(part.names), -1))
+        elif isinstance(part, LineReading):
+            numbers.append(np.full(len(READ), runs[group]))
+            group += 1
+        else:
+            width = part.repeats.directions.shape[-1]
+            count = len(part.repeats.labels)
+            numbers.append(np.repeat(runs[group : group + count], width))
+            group += count
+    return np.concatenate([*numbers, *decays])
+
+
+def wanted(shifts: Shifts | None, settings: Mapping[str, Any]) -> bool:
+    """Whether runs get offsets: as the campaign says, or where the data show them."""
+    if shifts is None or settings.get("offsets", "auto") == "none":
+        return False
+    return settings.get("offsets") == "runs" or shifts.p < BY_CHANCE
+
+
+def with_offsets(best: Fit, shifts: Shifts, data: Evidence) -> Evidence:
+    """The evidence in which every run has offsets of its own.
+
+    Args:
+        best: The fit, where predictions are linearised.
+        shifts: The offsets seen.
+        data: The evidence.
+    """
+    centre = np.array([best.theta[name] for name in OFFSETS])
+    least, most = (tuple(np.array(part) * centre) for part in (LEAST, MOST))
+    scatter = np.clip(shifts.scatter, least, most)
+    return replace(
+        with_directions(best.theta, data),
+        scatters=jnp.asarray(scatter_grid(least, most)),
+        scatter=jnp.asarray(scatter),
+    )
+
+
+def sentence_of(shifts: Shifts) -> str:
+    """What was seen of the runs, in words."""
+    apart = shifts.offset[:, 0] - shifts.offset[:, 0].mean()
+    seen = ", ".join(
+        f"{name} {b / (2 * np.pi):+.3g} Hz" for name, b in zip(shifts.runs, apart, strict=True)
+    )
+    return (
+        f"The natural frequency differs from run to run by more than chance (p = {shifts.p:.1g}): "
+        f"{seen}. Each run has offsets of omega_n and zeta of its own in the likelihood."
+    )

@@ -1,0 +1,223 @@
+"""Whatever was measured, in one likelihood of one joint."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jbw.inference.offsets import Estimate, log_density_of_offsets, run_numbers, shrunk
+from jbw.observables import decay_likelihood, harmonics, linear, loops, response
+from jbw.observables.decay import Decays
+from jbw.observables.harmonics import Points
+from jbw.observables.linear import LineReading
+from jbw.observables.loops import Loops
+from jbw.observables.repeats import OFFSETS, Repeats, estimate_of, weighted, with_noise
+from jbw.observables.response import Records
+
+Repeated = Records | Points | Loops
+Part = Repeated | LineReading | Decays
+_COMPARE = {Records: response.compare, Points: harmonics.compare, Loops: loops.compare}
+
+
+class Evidence(eqx.Module):
+    """All that the joint posterior is made from.
+
+    Attributes:
+        parts: The reduced data of each kind of test.
+        held: Parameters held at their values, by name; any others are being inferred.
+        scatters: Nodes of the prior of the runs' scatter of omega_n [rad/s] and zeta [-]; no
+            columns where runs have no offsets of their own.
+        scatter: The scatter assumed in least squares.
+    """
+
+    parts: tuple[Part, ...]
+    held: dict[str, Float[Array, ""]]
+    scatters: Float[Array, "node own"]
+    scatter: Float[Array, " own"]
+
+
+def evidence(parts: Sequence[Part], held: Mapping[str, float] | None = None) -> Evidence:
+    """Gather parts whose runs have no offsets of their own.
+
+    Args:
+        parts: The reduced data.
+        held: Parameters that are not updated.
+    """
+    fixed = {name: jnp.asarray(float(value)) for name, value in (held or {}).items()}
+    return Evidence(tuple(parts), fixed, jnp.zeros((1, 0)), jnp.zeros(0))
+
+
+def log_likelihood(theta: Mapping[str, Array], data: Evidence) -> Float[Array, " term"]:
+    """Terms of the log likelihood: one a group, then that of the runs' offsets.
+
+    The noise of every group is integrated out, and so are the offsets.
+
+    Args:
+        theta: Parameters by name.
+        data: The evidence.
+
+    Returns:
+        Terms [nats], up to a constant.
+
+    Reference:
+        Eqs. (36), (37).
+    """
+    everything = {**data.held, **theta}
+    if not offsets_of(data):
+        return jnp.concatenate([_terms_alone(everything, part) for part in data.parts])
+    found = estimates(everything, data)
+    offsets = log_density_of_offsets(found, run_numbers(run_names(data)), data.scatters)
+    return jnp.append(found.log_density, offsets)
+
+
+def _terms_alone(theta: Mapping[str, Array], part: Part) -> Float[Array, " term"]:
+    if isinstance(part, Decays):  # whose records always have a shift of their own
+        return decay_likelihood.log_likelihood(theta, part)
+    return _estimate(theta, part).log_density
+
+
+def estimates(theta: Mapping[str, Array], data: Evidence) -> Estimate:
+    """What every group says of the offsets of its run."""
+    found = [_estimate(theta, part) for part in data.parts]
+    return jax.tree.map(lambda *rows: jnp.concatenate(rows), *found)
+
+
+def _estimate(theta: Mapping[str, Array], part: Part) -> Estimate:
+    if isinstance(part, LineReading):
+        return linear.estimate_of(theta, part)
+    if isinstance(part, Decays):
+        return decay_likelihood.estimate_of(theta, part, len(OFFSETS))
+    return estimate_of(compare(theta, part), part.repeats)
+
+
+def compare(theta: Mapping[str, Array], part: Repeated) -> Float[Array, "group value"]:
+    """Means less predictions of every group of a part."""
+    return _COMPARE[type(part)](theta, part)
+
+
+def residual(theta: Mapping[str, Array], data: Evidence) -> Float[Array, " values"]:
+    """Residuals in standard errors, the runs' offsets at their best, for least squares.
+
+    Reference:
+        Eqs. (38), (41), (42).
+    """
+    everything = {**data.held, **theta}
+    decays = [part for part in data.parts if isinstance(part, Decays)]
+    others = [part for part in data.parts if not isinstance(part, Decays)]
+    pairs = [_weighted(everything, part) for part in others]
+    left = [pair[0] for pair in pairs]
+    if offsets_of(data) and others:
+        names = run_numbers(tuple(name for part in others for name in _runs(part)))
+        left, offsets = shrunk(left, [pair[1] for pair in pairs], names, data.scatter)
+        left = [*left, offsets]
+    rows = [row.ravel() for row in left]
+    rows += [decay_likelihood.residual(everything, part) for part in decays]
+    return jnp.concatenate(rows)
+
+
+def _weighted(
+    theta: Mapping[str, Array], part: Repeated | LineReading
+) -> tuple[Float[Array, "group value"], Float[Array, "group own value"]]:
+    if isinstance(part, LineReading):
+        return linear.whitened(theta, part)[:2]
+    return weighted(compare(theta, part), part.repeats)
+
+
+def offsets_of(data: Evidence) -> bool:
+    """Whether runs have offsets of their own."""
+    return data.scatters.shape[1] > 0
+
+
+def run_names(data: Evidence) -> tuple[str, ...]:
+    """Name of the run of each group, in the order of the terms."""
+    return tuple(name for part in data.parts for name in _runs(part))
+
+
+def labels(data: Evidence) -> tuple[str, ...]:
+    """Name of each group, in the order of the terms."""
+    return tuple(name for part in data.parts for name in _labels(part))
+
+
+def _runs(part: Part) -> tuple[str, ...]:
+    if isinstance(part, LineReading):
+        return (part.run,)
+    if isinstance(part, Decays):
+        return part.names
+    return part.repeats.runs
+
+
+def _labels(part: Part) -> tuple[str, ...]:
+    if isinstance(part, LineReading):
+        return (f"line fit of {part.run}",)
+    if isinstance(part, Decays):
+        return part.names
+    return part.repeats.labels
+
+
+def with_directions(theta: Mapping[str, float], data: Evidence) -> Evidence:
+    """The evidence with the change of every prediction by the offsets of its run, at one point.
+
+    Args:
+        theta: Where to linearise.
+        data: The evidence.
+    """
+    everything = {**data.held, **{name: jnp.asarray(value) for name, value in theta.items()}}
+    return replace(data, parts=tuple(_with_directions(everything, part) for part in data.parts))
+
+
+@eqx.filter_jit
+def _with_directions(theta: Mapping[str, Array], part: Part) -> Part:
+    def shifted(offset: Float[Array, " own"]) -> dict[str, Array]:
+        return {**theta, **{name: theta[name] + b for name, b in zip(OFFSETS, offset, strict=True)}}
+
+    none = jnp.zeros(len(OFFSETS))
+    if isinstance(part, Decays):
+        return part
+    if isinstance(part, LineReading):
+        slope = jax.jacfwd(lambda offset: linear.predict(shifted(offset), part))(none)
+        return replace(part, directions=slope.T)
+    slope = -jax.jacfwd(lambda offset: compare(shifted(offset), part))(none)
+    found = replace(part.repeats, directions=jnp.moveaxis(slope, -1, 1))
+    return replace(part, repeats=found)
+
+
+def with_fitted_noise(theta: Mapping[str, float], data: Evidence) -> Evidence:
+    """The evidence with the noise that a fit leaves in every group.
+
+    Args:
+        theta: The fit's optimum.
+        data: The evidence.
+    """
+    everything = {**data.held, **{name: jnp.asarray(value) for name, value in theta.items()}}
+
+    def fitted(part: Part) -> Part:
+        if isinstance(part, LineReading | Decays):
+            return part
+        return replace(part, repeats=with_noise(residuals(everything, part), part.repeats))
+
+    return replace(data, parts=tuple(fitted(part) for part in data.parts))
+
+
+residuals = eqx.filter_jit(compare)
+
+
+def with_worth(worth: Mapping[str, float], data: Evidence) -> Evidence:
+    """The evidence with as many independent values as the residuals have.
+
+    Args:
+        worth: Share of independent values, by label; 1 where not named.
+        data: The evidence.
+    """
+
+    def counted(part: Part) -> Part:
+        if isinstance(part, LineReading | Decays):
+            return part
+        one: Repeats = part.repeats
+        share = jnp.asarray(np.array([worth.get(label, 1.0) for label in one.labels]))
+        return replace(part, repeats=replace(one, num_values=share * one.size * one.num_repeats))
+
+    return replace(data, parts=tuple(counted(part) for part in data.parts))

@@ -1,0 +1,128 @@
+"""Offsets of runs integrated out, against quadrature, scipy's normal density and least squares."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
+
+from jbw.inference.offsets import (
+    Estimate,
+    estimate,
+    known_estimate,
+    log_density_of_offsets,
+    scatter_grid,
+    shrunk,
+)
+
+RNG = np.random.default_rng(3)
+
+
+def brute_force(r, within, count, directions, scatter):
+    """log of the integral over one offset and the noise, on a grid."""
+    b = np.linspace(-8, 8, 1601)[:, None]
+    log_sigma = np.linspace(-2, 1, 601)[None, :]
+    left = r[None] - b * directions[0][None]
+    q = count * np.sum(left**2, axis=1)[:, None] + within
+    n = count * len(r)
+    log_p = -n * log_sigma - q / (2 * np.exp(2 * log_sigma)) - b**2 / (2 * scatter**2)
+    return logsumexp(log_p) - np.log(scatter)
+
+
+def test_offset_and_noise_are_integrated_out():
+    num, count, scatter = 200, 4, 1.5
+    direction = np.sin(np.linspace(0, 7, num))[None]
+    noise = 0.3 * RNG.normal(size=num)
+    within = 0.09 * num * (count - 1) * 4
+
+    def ours(offset):
+        r = offset * direction[0] + noise
+        found = estimate(
+            jnp.asarray(r)[None], jnp.asarray([within]), jnp.asarray([float(count)]),
+            jnp.asarray([float(num * count)]), jnp.asarray(direction)[None],
+        )  # fmt: skip
+        density = log_density_of_offsets(found, (0,), np.array([[scatter]]))
+        return float(found.log_density[0] + density), r
+
+    pairs = [ours(0.2), ours(2.5)]
+    exact = [brute_force(r, within, count, direction, scatter) for _, r in pairs]
+    # The noise in the offset's precision is taken at its estimate, known to 1 / sqrt(2 n) = 2.5 %;
+    # its effect on the density of an offset of 2.5 is of second order.
+    assert pairs[1][0] - pairs[0][0] == pytest.approx(exact[1] - exact[0], abs=0.02)
+
+
+def test_without_offsets_only_the_noise_is_integrated_out():
+    r = RNG.normal(size=(2, 50))
+    found = estimate(
+        jnp.asarray(r), jnp.asarray([3.0, 4.0]), jnp.asarray([2.0, 3.0]),
+        jnp.asarray([100.0, 150.0]), jnp.zeros((2, 0, 50)),
+    )  # fmt: skip
+    squares = np.array([2.0, 3.0]) * np.sum(r**2, axis=1) + [3.0, 4.0]
+    np.testing.assert_allclose(found.log_density, [-50, -75] * np.log(squares), rtol=1e-13)
+    assert log_density_of_offsets(found, (0, 1), np.zeros((1, 0))) == 0.0
+
+
+def test_density_of_offsets_is_that_of_a_normal_distribution():
+    runs, own = (0, 1, 0, 2), 2
+    roots = RNG.normal(size=(4, own, own)) + 2 * np.eye(own)
+    precision = roots @ np.swapaxes(roots, 1, 2)
+    offset = RNG.normal(size=(4, own))
+    scatters = scatter_grid((0.1, 0.2), (1.0, 3.0))
+    found = Estimate(jnp.zeros(4), jnp.asarray(offset), jnp.asarray(precision))
+
+    def exact(scatter):
+        covariance = np.zeros((4, own, 4, own))
+        for g in range(4):
+            covariance[g, :, g, :] += np.linalg.inv(precision[g])
+            for h in range(4):
+                if runs[g] == runs[h]:
+                    covariance[g, :, h, :] += np.diag(scatter**2)
+        return multivariate_normal(np.zeros(8), covariance.reshape(8, 8)).logpdf(offset.ravel())
+
+    constant = 0.5 * np.sum(np.linalg.slogdet(precision)[1]) - 4 * np.log(2 * np.pi)
+    reference = logsumexp([exact(s) for s in scatters]) - np.log(len(scatters)) - constant
+    ours = float(log_density_of_offsets(found, runs, scatters))
+    assert ours == pytest.approx(reference, rel=1e-10)
+
+
+def test_a_group_that_knows_nothing_of_an_offset_adds_nothing():
+    one = Estimate(jnp.zeros(1), jnp.asarray([[0.3, 0.0]]), jnp.asarray([[[4.0, 0.0], [0.0, 0.0]]]))
+    blank = Estimate(*(jnp.concatenate([x, jnp.zeros_like(x)]) for x in one))
+    scatters = scatter_grid((0.1, 0.1), (1.0, 1.0))
+    alone = float(log_density_of_offsets(one, (0,), scatters))
+    both = float(log_density_of_offsets(blank, (0, 1), scatters))
+    assert both == pytest.approx(alone, rel=1e-12)
+
+
+def test_known_noise_gives_the_least_squares_offset():
+    directions = RNG.normal(size=(1, 2, 30))
+    r = RNG.normal(size=(1, 30))
+    found = known_estimate(jnp.asarray(r), jnp.asarray(directions))
+    best, squares, *_ = np.linalg.lstsq(directions[0].T, r[0])
+    np.testing.assert_allclose(found.offset[0], best, rtol=1e-10)
+    assert float(found.log_density[0]) == pytest.approx(-0.5 * float(squares[0]), rel=1e-10)
+
+
+def test_shrunk_residuals_are_the_minimum_over_the_offsets():
+    residuals = [RNG.normal(size=(2, 40)), RNG.normal(size=(1, 15))]
+    directions = [RNG.normal(size=(2, 2, 40)), RNG.normal(size=(1, 2, 15))]
+    runs, scatter = (0, 1, 0), np.array([0.5, 2.0])
+    left, cost = shrunk(
+        [jnp.asarray(r) for r in residuals], [jnp.asarray(d) for d in directions], runs,
+        jnp.asarray(scatter),
+    )  # fmt: skip
+    rows, target = [], []
+    flat = [(r, d) for rs, ds in zip(residuals, directions, strict=True)
+            for r, d in zip(rs, ds, strict=True)]  # fmt: skip
+    for (r, d), run in zip(flat, runs, strict=True):
+        block = np.zeros((len(r), 4))
+        block[:, 2 * run : 2 * run + 2] = d.T
+        rows.append(block)
+        target.append(r)
+    rows.append(np.diag(1 / np.tile(scatter, 2)))
+    target.append(np.zeros(4))
+    best = np.linalg.lstsq(np.concatenate(rows), np.concatenate(target))[0]
+    minimum = np.sum((np.concatenate(rows) @ best - np.concatenate(target)) ** 2)
+    ours = sum(float(jnp.sum(x**2)) for x in left) + float(jnp.sum(cost**2))
+    assert ours == pytest.approx(minimum, rel=1e-10)
+    np.testing.assert_allclose(np.asarray(cost).ravel() * np.tile(scatter, 2), best, rtol=1e-8)

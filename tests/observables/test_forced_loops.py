@@ -1,0 +1,79 @@
+"""Force loops under a prescribed displacement, against scipy on the law itself."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from jbw.errors import DataError
+from jbw.measurement.records import Record, Test
+from jbw.observables import loops
+
+FS = 256.0
+THETA = {"omega_n": 60.0, "zeta": 0.0, "alpha": 2000.0, "delta": 90.0, "gamma": 150.0}
+MASS = 1.7
+
+
+def theta(**changes):
+    return {n: jnp.asarray(v) for n, v in {**THETA, "gain": 1 / MASS, **changes}.items()}
+
+
+def displacement(t):
+    return 0.01 * np.sin(2 * np.pi * 0.5 * t) * (0.3 + 0.1 * t)
+
+
+def measured(seconds=4.0):
+    """Force by a stock integrator along the displacement as straight lines between samples."""
+    t = np.arange(round(seconds * FS)) / FS
+    y = displacement(t)
+    z, values = 0.0, [0.0]
+    for dy in np.diff(y):
+        s = np.sign(dy)
+
+        def rate(_, z, s=s):
+            return s * (2000.0 - 150.0 * s * z - 90.0 * np.abs(z))
+
+        z = solve_ivp(rate, (0, abs(dy)), [z], rtol=1e-11, atol=1e-13).y[0, -1]
+        values.append(z)
+    return y, MASS * ((60.0**2 - 2000.0) * y + np.array(values))
+
+
+def test_force_follows_the_law_of_the_joint():
+    y, force = measured()
+    record = Record(FS, {"displacement": y, "restoring_force": force},
+                    {"displacement": "m", "restoring_force": "N"})  # fmt: skip
+    data = loops.reduce([Test("loop", (record, record), "loop", 0.01)])
+    left = np.asarray(loops.compare(theta(), data))
+    # scipy's tolerance over a thousand steps.
+    assert np.abs(left).max() < 1e-8 * np.abs(force).max()
+
+
+def test_what_settles_is_predicted_but_not_compared():
+    y, force = measured()
+    record = Record(FS, {"displacement": y, "restoring_force": force + (np.arange(len(y)) < 256)},
+                    {"displacement": "m", "restoring_force": "N"})  # fmt: skip
+    data = loops.reduce([Test("loop", (record,), "loop", 0.01, settle=1.0)])
+    left = np.asarray(loops.compare(theta(), data))
+    assert np.abs(left).max() < 1e-8 * np.abs(force).max()
+    assert float(data.repeats.size[0]) == len(y) - 256
+
+
+def test_tests_of_unlike_lengths_stand_side_by_side():
+    tests = []
+    for seconds in (2.0, 3.0):
+        y, force = measured(seconds)
+        record = Record(FS, {"displacement": y, "restoring_force": force},
+                        {"displacement": "m", "restoring_force": "N"})  # fmt: skip
+        tests.append(Test("loop", (record,), f"{seconds}", 0.01))
+    data = loops.reduce(tests)
+    assert np.abs(np.asarray(loops.compare(theta(), data))).max() < 1e-6
+    np.testing.assert_array_equal(data.repeats.size, [512, 768])
+
+
+def test_repeats_of_unlike_lengths_are_refused():
+    records = tuple(
+        Record(FS, {"displacement": np.ones(n), "restoring_force": np.ones(n)}, {})
+        for n in (10, 11)
+    )
+    with pytest.raises(DataError, match="must be of one length"):
+        loops.reduce([Test("loop", records, "loop", 0.01)])
