@@ -129,6 +129,16 @@ def test_tdms_with_its_rate_and_units(tdms):
     np.testing.assert_array_equal(part.channels["velocity"], LASER[512:1536])
 
 
+def test_stale_index_beside_a_tdms_is_not_believed(tdms):
+    nptdms = pytest.importorskip("nptdms")
+    other = tdms.with_name("other.tdms")
+    with nptdms.TdmsWriter(str(other), index_file=True) as writer:
+        writer.write_segment([nptdms.ChannelObject("Log 1", "laser", LASER[:7])])
+    other.with_name("other.tdms_index").rename(tdms.with_name("a.tdms_index"))
+    (record,) = read(tdms, TDMS_ROLES)
+    np.testing.assert_array_equal(record.channels["velocity"], LASER)
+
+
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("how", ["half", "end", "junk", "empty"])
 def test_damaged_tdms_is_refused(tdms, how):

@@ -2,12 +2,14 @@
 
 import subprocess
 import sys
+import time
 
 import h5py
 import numpy as np
 import pytest
 import scipy.io.wavfile
 
+from jbw.campaign.checking import check_campaign
 from jbw.errors import DataError
 from jbw.measurement.files.door import read
 
@@ -104,3 +106,22 @@ def test_part_is_the_right_one(tmp_path):
         np.testing.assert_allclose(
             record.channels["velocity"], signal(1000 + 5120)[1000:], atol=1 / 30000
         )
+
+
+@pytest.mark.slow
+def test_check_of_one_gibibyte_takes_seconds(tmp_path):
+    samples = 2**26
+    rng = np.random.default_rng(0)
+    with h5py.File(tmp_path / "noise.h5", "w") as file:
+        for name in ("input", "velocity"):
+            file.create_dataset(name, data=rng.normal(size=samples))
+    (tmp_path / "campaign.toml").write_text(
+        '[[test]]\nkind = "noise"\nfiles = "noise.h5"\nfs = 51200\n'
+        'channels = { input = "input", velocity = "velocity" }\n'
+        'units = { input = "V", velocity = "m/s" }\n'
+    )
+    begun = time.perf_counter()
+    found = check_campaign(tmp_path / "campaign.toml")
+    # Seconds on a desktop; the limit allows for a slow disk.
+    assert time.perf_counter() - begun < 60
+    assert found.exit_code == 0

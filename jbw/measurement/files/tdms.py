@@ -45,7 +45,8 @@ def contents(path: Path) -> Iterator[Contents]:
             f"File `{path.name}` needs the package npTDMS to be read.",
             remedy="Install it: pip install jbw[tdms]",
         ) from None
-    with nptdms.TdmsFile.open(path) as file:
+    # By its stream: given the path, npTDMS would believe a stale index file beside it.
+    with path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
         groups = file.groups()
         if file.file_status.incomplete_final_segment or not groups:
             found = sum(len(channel) for group in groups for channel in group.channels())
