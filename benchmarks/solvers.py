@@ -23,10 +23,10 @@ from problem import (
     TIME,
     U,
     exact_velocity,
-    golden_sweep,
     indexed_tsit5_velocity,
     joint,
     newcomers_velocity,
+    reference_line,
     relative_error,
 )
 from scipy.integrate import solve_ivp
@@ -175,16 +175,6 @@ def sundials() -> list[Solver]:
         Solver("SUNDIALS CVODE", f"Adams, rtol {rtol:.0e}", run(rtol), slow=True)
         for rtol in TOLERANCES
     ]
-
-
-def reference_line() -> str:
-    """How far the reference is from the event-located solution, at that one's samples."""
-    case, u = golden_sweep()
-    if yardstick.library() is None:
-        return "Reference: jbw with 64 steps a sample, for want of a C compiler."
-    found = yardstick.reference(list(case["params"].values()), u, case["fs"])
-    error = relative_error(found[case["index"]], np.array(case["v"]))
-    return f"The reference is within {error:.0e} of the event-located velocity of golden.json."
 
 
 def measure(solvers: Sequence[Solver], calls: int) -> list[tuple]:
