@@ -9,7 +9,7 @@ from itertools import groupby
 from pathlib import Path
 
 from jbw.campaign.guessing import kind_of, last_name, records_in, roles_of, series_in
-from jbw.campaign.keys import CAMPAIGN, IDENTIFY, RESPONSES, TEST, Key
+from jbw.campaign.keys import CAMPAIGN, IDENTIFY, RESPONSES, SOURCES, TEST, Key
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.measurement.files.door import channels_of
 from jbw.measurement.files.opening import READERS
@@ -149,6 +149,10 @@ def _skeleton(files: Sequence[Path], found: Mapping[str, Leaf]) -> str:
         '# units = { input = "V", velocity = "m/s" }',
         "# fs = 1024.0",
     ]
+    sources = {role: _pattern(files) for role in roles_of(found) if role in SOURCES}
+    if sources:
+        own = _inline({**sources, "velocity": "..."})
+        lines.append(f"# where the response lies in files of its own: files = {own}")
     return "\n".join(lines) + "\n"
 
 
@@ -222,7 +226,7 @@ def _listed(found: Sequence[str] | Mapping[str, Leaf]) -> str:
     return (", ".join(some) or "nothing") + (f" and {more} more" if more else "")
 
 
-def _inline(table: Mapping[str, str]) -> str:
+def _inline(table: Mapping[str, str | list[str]]) -> str:
     return "{ " + ", ".join(f"{key} = {_toml(value)}" for key, value in table.items()) + " }"
 
 

@@ -55,6 +55,15 @@ def test_channels_without_telling_names_leave_a_form_to_fill_in(tmp_path):
     assert "# [[test]]" in draft.text
 
 
+def test_a_file_of_inputs_alone_shows_how_to_pair_it(tmp_path):
+    for name in ("u", "y"):
+        np.savez(tmp_path / f"{name}_1.npz", **{name: np.sin(np.arange(2000) * 0.01)})
+    text = start_campaign(tmp_path).text
+    assert 'files = { input = "u_1.npz", velocity = "..." }' in text
+    (test,) = tomllib.loads(text)["test"]
+    assert test["files"] == "y_1.npz"
+
+
 def test_a_loop_is_told_by_its_channels(tmp_path):
     y = np.sin(np.arange(2000) * 0.01)
     np.savez(tmp_path / "run.npz", displacement=y, friction_force=y**3, fs=1024.0)
