@@ -1,5 +1,6 @@
 """What `simulate` refuses before it starts and what it reports after; tracers are trusted."""
 
+import warnings
 from typing import Any
 
 import jax
@@ -69,11 +70,62 @@ def check_state(joint: BoucWen, initial: Any) -> None:
     # Beyond alpha/(delta + gamma) z cannot come by itself, and with delta > gamma a z beyond
     # alpha/(delta - gamma) runs away on unloading.
     softening = np.maximum(np.asarray(joint.delta) + np.abs(np.asarray(joint.gamma)), 0.0)
-    if joint.nu == 1.0 and np.any(np.abs(initial[2]) * softening > np.asarray(joint.alpha)):
+    limit = np.maximum(np.asarray(joint.alpha), 0.0)
+    if joint.nu == 1.0 and np.any(np.abs(initial[2]) * softening > limit):
         raise ModelError(
             f"Initial z = {initial[2]} N/kg lies beyond the largest force that the joint holds, "
-            f"alpha/(delta + |gamma|) = {np.asarray(joint.alpha) / softening} N/kg.",
+            f"alpha/(delta + |gamma|) = {limit / softening} N/kg.",
             remedy="Start within it, or from rest.",
+        )
+
+
+def warn_of_unbounded_law(joint: BoucWen) -> None:
+    """Warn of parameters for which nothing bounds z (the motion may stay bounded all the same)."""
+    if _traced(joint):
+        return
+    alpha, delta, gamma = (np.asarray(x) for x in (joint.alpha, joint.delta, joint.gamma))
+    linear = (delta == 0.0) & (gamma == 0.0)
+    conditions = {
+        "alpha > 0": alpha > 0.0,
+        "delta + gamma > 0": (delta + gamma > 0.0) | linear,
+        "gamma >= 0": gamma >= 0.0,
+    }
+    broken = [name for name, holds in conditions.items() if not np.all(holds)]
+    if broken:
+        warnings.warn(
+            f"The joint is bounded for {' and '.join(conditions)}, but alpha = {joint.alpha}, "
+            f"delta = {joint.delta}, gamma = {joint.gamma} break {' and '.join(broken)}: z may "
+            "diverge. Check their signs, or keep the input so small that it does not.",
+            stacklevel=3,
+        )
+
+
+def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:
+    """Warn where the motion turns twice within a step, as the cubic through its ends shows.
+
+    With equal signs of v at both ends, v is least (or largest) at the cubic's inflection; it has
+    turned twice if v has the other sign there, by more than 1 % of the largest velocity.
+    """
+    if _traced(fs, y, v):
+        return
+    y, v = np.asarray(y), np.asarray(v)
+    start, end, rise = v[..., :-1], v[..., 1:], fs * np.diff(y)
+    # v(s) = start + bend s + twist s^2 within an interval.
+    bend, twist = 6.0 * rise - 4.0 * start - 2.0 * end, 3.0 * (start + end) - 6.0 * rise
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = -0.5 * bend / twist
+        least = start + 0.5 * bend * s
+        apart = 2.0 * np.sqrt(-least / twist)
+    deep = (start * end > 0.0) & (least * start < 0.0) & (s > 0.0) & (s < 1.0)
+    deep &= np.abs(least) > 0.01 * np.max(np.abs(v), axis=-1, keepdims=True)
+    count = int(np.sum(deep & (apart * substeps < 1.0)))
+    if count:
+        warnings.warn(
+            f"In {count} of {deep.size} sample intervals the motion turns twice within one step, "
+            f"and only one turning point a step is resolved: `substeps` = {substeps} at `fs` = "
+            f"{fs:g} Hz is too coarse for the input's highest content. Raise `substeps`, or sample "
+            "the input faster.",
+            stacklevel=3,
         )
 
 

@@ -24,6 +24,8 @@ from jbw.oscillator.admission import (
     check_options,
     check_settled,
     check_state,
+    warn_of_long_steps,
+    warn_of_unbounded_law,
 )
 from jbw.oscillator.exact_step import State
 from jbw.oscillator.parameters import BoucWen, Scalar
@@ -110,6 +112,7 @@ def simulate(
     """
     check_options(fs, hold, substeps, num_samples, callable(u))
     check_state(joint, initial)
+    warn_of_unbounded_law(joint)
     if not callable(u):
         u = jnp.asarray(u, float)
         check_input(u, num_samples)
@@ -117,8 +120,10 @@ def simulate(
     options = _Options(hold, substeps, periodic, num_samples or 0, solver, controller)
     joint, fs, start = jax.tree.map(lambda x: jnp.asarray(x, float), (joint, fs, initial))
     response = _simulate_batch(options, joint, u, fs, start)
-    check_bounded(joint, response.y)
     check_settled(response.residual)
+    check_bounded(joint, response.y)
+    if solver is None and joint.nu == 1.0 and not callable(u):
+        warn_of_long_steps(fs, substeps, response.y, response.v)
     return response
 
 

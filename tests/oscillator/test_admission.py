@@ -1,0 +1,75 @@
+"""What `simulate` says of doubtful input: the field at fault and the remedy, and no false alarm."""
+
+import warnings
+
+import jax
+import numpy as np
+import pytest
+
+from jbw.errors import ModelError
+from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.response import simulate
+
+PAPER = dict(omega_n=2 * np.pi * 18.8, zeta=0.00444, alpha=497.4, delta=340.21, gamma=32.84)
+SMALL = 0.1 * np.sin(0.3 * np.arange(50))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"delta": -400.0}, r"delta \+ gamma > 0"),
+        ({"gamma": -10.0}, "gamma >= 0"),
+        ({"alpha": -3.0}, "alpha > 0"),
+    ],
+)
+def test_unbounded_parameters_warn_once_with_their_inequality(change, words):
+    with pytest.warns(UserWarning, match=f"break {words}: z may diverge. Check their") as found:
+        response = simulate(BoucWen(**PAPER | change), SMALL, 512.0)
+    assert len(found) == 1
+    assert np.all(np.isfinite(response.y))
+
+
+@pytest.mark.parametrize("change", [{}, {"delta": 0.0, "gamma": 0.0}], ids=["paper", "linear"])
+def test_bounded_parameters_are_quiet(change):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate(BoucWen(**PAPER | change), SMALL, 512.0)
+
+
+def test_traced_parameters_are_trusted():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        jax.jit(simulate)(BoucWen(**PAPER | {"gamma": -10.0}), SMALL, 512.0)
+
+
+def band_limited(fs, top, num=2048):
+    """White noise up to `top` times the sampling rate."""
+    spectrum = np.fft.rfft(np.random.default_rng(0).normal(size=num))
+    freq = np.fft.rfftfreq(num)
+    return np.fft.irfft(np.where((freq > 0) & (freq <= top), spectrum, 0.0), num)
+
+
+@pytest.mark.parametrize("fs", [128.0, 512.0])
+@pytest.mark.parametrize("hold", ["first", "band_limited"])
+def test_resolved_records_are_quiet(fs, hold):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate(BoucWen(**PAPER), 20.0 * band_limited(fs, 0.4), fs, hold=hold)
+
+
+def test_two_turning_points_in_a_step_are_counted():
+    n = np.arange(512)
+    u = 30.0 * np.sin(2 * np.pi * 10 * n / 128) + 150.0 * np.sin(2 * np.pi * 0.44 * n)
+    words = r"In \d+ of 511 sample intervals .*`substeps` = 1 at `fs` = 128 Hz.*Raise `substeps`"
+    with pytest.warns(UserWarning, match=words):
+        simulate(BoucWen(**PAPER), u, 128.0, hold="band_limited")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate(BoucWen(**PAPER), u, 128.0, hold="band_limited", substeps=4)
+
+
+def test_a_steady_state_that_newton_does_not_find_is_reported(monkeypatch):
+    monkeypatch.setattr("jbw.oscillator.periodic.MAX_ITERATIONS", 0)
+    u = 20.0 * np.cos(2 * np.pi * np.arange(61) / 61)
+    with pytest.raises(ModelError, match=r"(?s)No steady state.*Give a nearer `initial`"):
+        simulate(BoucWen(**PAPER), u, 61 * 18.8, hold="band_limited", periodic=True)
