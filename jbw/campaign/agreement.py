@@ -95,6 +95,7 @@ def _fits_test(record: Record, test: TestSpec) -> Iterator[Finding]:
 
 def _fits_curve(record: Record, test: TestSpec) -> Iterator[Finding]:
     role, freq = record.response, record.channels["frequency"]
+    freq = freq[np.isfinite(freq)]
     if "phase" not in record.channels:
         yield Finding(
             "error",
@@ -103,11 +104,11 @@ def _fits_curve(record: Record, test: TestSpec) -> Iterator[Finding]:
             "An amplitude alone does not tell the damping from the stiffness.",
             "Name the channel `phase`, or one that holds the complex response.",
         )
-    if test.band and not np.any((freq >= test.band[0]) & (freq <= test.band[1])):
+    if test.band and len(freq) and not np.any((freq >= test.band[0]) & (freq <= test.band[1])):
         yield Finding(
             "error",
             role,
-            f"No line of the curve, {np.nanmin(freq):.4g} to {np.nanmax(freq):.4g} Hz, lies in "
+            f"No line of the curve, {freq.min():.4g} to {freq.max():.4g} Hz, lies in "
             f"`band` = [{test.band[0]:g}, {test.band[1]:g}] Hz.",
             remedy="Correct band, or the unit of frequency: it may be rad/s.",
         )

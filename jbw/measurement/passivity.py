@@ -54,14 +54,17 @@ def undecaying(record: Record, settle: float = 0.0) -> tuple[Finding, ...]:
     """The doubt that a free decay does not decay: its last quarter against its first."""
     x = record.channels[record.response][round(settle * record.fs) :]
     quarter = len(x) // 4
-    first, last = (float(np.std(part)) for part in (x[:quarter], x[len(x) - quarter :]))
-    if quarter == 0 or last < DECAYED * first:
+    if quarter == 0:
         return ()
+    first, last = (float(np.std(part)) for part in (x[:quarter], x[len(x) - quarter :]))
+    if last <= DECAYED * first:
+        return ()
+    times = last / first if first else np.inf
     return (
         Finding(
             "warning",
             record.response,
-            f"The response of the last quarter is {last / first:.2g} times that of the first.",
+            f"The response of the last quarter is {times:.2g} times that of the first.",
             "A free decay falls; this record may be driven, or begin before the impact.",
             "Correct kind, or cut the record with span or settle.",
         ),
