@@ -88,8 +88,9 @@ def decay_step(
         findings.append(error)
     words = statements(draws, best, data)
     return finished(
-        name, posterior, prior, best, started, findings=findings, statements=words
-    ), data
+        name, posterior, prior, best, started,
+        findings=findings, statements=words, chi_square=best.chi_square,
+    ), data  # fmt: skip
 
 
 def with_joint(key: Key[Array, ""], tree: xr.DataTree, data: Decays) -> xr.DataTree:

@@ -2,28 +2,26 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Key
-from scipy.optimize import OptimizeResult, least_squares
 
 from jbw.identification.accuracy import worth_of
+from jbw.identification.coordinates import SHARE
 from jbw.identification.decay_accuracy import matched
 from jbw.identification.decay_reading import FirstReading
 from jbw.identification.priors import stated
-from jbw.inference.box import Box, box, from_unit, to_unit
-from jbw.inference.fitting import START_MARGIN, Fit, describe_optimum
+from jbw.inference.box import Box, box, from_unit
+from jbw.inference.costly_fit import costly_fit
+from jbw.inference.fitting import Fit
 from jbw.observables.decay import Decays
 from jbw.observables.decay_likelihood import residual, shift_errors
 
 NUM_STARTS = 3
 MOST_EVALUATIONS = 30  # of a start
-SHARE = (0.002, 0.9)  # of the stiffness: from a joint that hardly carries to nearly all of it
 
 
 def decay_box(settings: Mapping[str, Any], reading: FirstReading) -> Box:
@@ -84,53 +82,10 @@ def fit_decay(
         name: np.clip(starts[name], prior.lower[i], prior.upper[i])
         for i, name in enumerate(prior.names)
     }
-    first = best_fit(data, prior, inside)
+    options = {"starts": inside, "max_evaluations": MOST_EVALUATIONS, "tolerance": 1e-8}
+    first = costly_fit(residual, prior, data, **options)
     data = scaled(first.theta, data)
-    return best_fit(data, prior, inside), data
-
-
-def best_fit(data: Decays, prior: Box, starts: Mapping[str, Any]) -> Fit:
-    """Least squares in the box from several starts, one after the other.
-
-    A trust region of scipy on one compiled function: a handful of evaluations from a good start.
-    """
-    x_starts = np.clip(np.asarray(to_unit(starts, prior)), START_MARGIN, 1 - START_MARGIN)
-
-    @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
-    def at(x: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-        jacobian, left = _linearise(jnp.asarray(x), prior, data)
-        return np.asarray(left), np.asarray(jacobian)
-
-    def linearised(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return at(tuple(x.tolist()))
-
-    def one(x: np.ndarray) -> OptimizeResult:
-        return least_squares(
-            lambda x: linearised(x)[0],
-            x,
-            lambda x: linearised(x)[1],  # pyright: ignore[reportArgumentType]
-            bounds=(0.0, 1.0),
-            x_scale="jac",
-            max_nfev=MOST_EVALUATIONS,
-            ftol=1e-8,
-        )
-
-    found = [one(x) for x in x_starts]
-    costs = np.array([each.cost for each in found])
-    best = found[int(np.argmin(costs))]
-    left, jacobian = linearised(best.x)
-    return describe_optimum(best.x, left, jacobian, prior, costs, bool(best.success))
-
-
-@eqx.filter_jit
-def _linearise(x: Array, prior: Box, data: Decays) -> tuple[Array, Array]:
-    """Jacobian with respect to x and residual, in one pass."""
-
-    def both(x: Array) -> tuple[Array, Array]:
-        left = residual(from_unit(x, prior), data)
-        return left, left
-
-    return jax.jacfwd(both, has_aux=True)(x)
+    return costly_fit(residual, prior, data, **options), data
 
 
 def scaled(theta: Mapping[str, float], data: Decays) -> Decays:

@@ -21,10 +21,11 @@ from jbw.identification.accuracy import (
 from jbw.identification.coordinates import box_of, by_products, product_box, products_of
 from jbw.identification.noise import with_derived
 from jbw.identification.shifts import sentence_of, shifts_of, wanted, with_offsets
-from jbw.identification.starts import MAX_STEPS, fit_from, inside, linear_look
+from jbw.identification.starts import fit_from, inside, linear_look
 from jbw.identification.step import ATTRS, Step, finished
 from jbw.inference.box import Box
-from jbw.inference.fitting import Fit, fit
+from jbw.inference.costly_fit import costly_fit
+from jbw.inference.fitting import Fit
 from jbw.inference.quadratic import driven_by_quadratic, quadratic
 from jbw.inference.sampling import sample
 from jbw.inference.verdict import verdict
@@ -37,8 +38,11 @@ from jbw.observables.evidence import (
     with_worth,
 )
 from jbw.observables.linear import READ, LineReading
+from jbw.observables.response import Records
 
 MOST_SUBSTEPS = 16
+CHEAP_DEPTH = 6  # doublings of a trajectory that follows the Laplace approximation
+LED_ASTRAY = {"frozen_chain", "r_hat", "divergences", "tree_depth", "e_bfmi"}
 
 
 def joint_step(
@@ -170,7 +174,7 @@ def again(
 ) -> Fit:
     """The fit again, from where it ended."""
     start = inside(theta or best.theta, prior)
-    return fit(residual, prior, data, starts=start, max_steps=MAX_STEPS)
+    return costly_fit(residual, prior, data, starts=start)
 
 
 def refined(key: Key[Array, ""], data: Evidence, prior: Box, best: Fit) -> Evidence:
@@ -199,9 +203,9 @@ def sample_joint(
 ) -> xr.DataTree:
     """NUTS in the coordinate whitened by the fit's covariance.
 
-    Trajectories follow the gradient of the Laplace approximation, which costs nothing, and are
-    weighed by the exact likelihood; where the posterior is too far from Gaussian for that, the
-    model's own gradient takes over.
+    Where the solver runs, trajectories first follow the gradient of the Laplace approximation,
+    which costs nothing, and are weighed by the exact likelihood; where the posterior is too far
+    from Gaussian for that, the model's own gradient takes over.
     """
     options = {
         "num_warmup": settings.get("num_warmup", 100),
@@ -212,9 +216,12 @@ def sample_joint(
         "covariance": best.covariance,
         "attrs": ATTRS,
     }
-    cheap = driven_by_quadratic(log_likelihood)
-    tree = sample(key, cheap, prior, quadratic(data, best), **options)
-    if verdict(tree, prior).status == "ok":
-        return tree
+    if any(isinstance(part, Records) for part in data.parts):
+        cheap = driven_by_quadratic(log_likelihood)
+        tree = sample(
+            key, cheap, prior, quadratic(data, best), max_tree_depth=CHEAP_DEPTH, **options
+        )
+        if not LED_ASTRAY & {f.code for f in verdict(tree, prior).findings if f.status != "ok"}:
+            return tree
     options |= {"num_warmup": settings.get("num_warmup", 300), "adapt_mass": True}
     return sample(key, log_likelihood, prior, data, **options)

@@ -10,7 +10,8 @@ from jaxtyping import Array, Float, Key
 from numpy.typing import NDArray
 
 from jbw.inference.box import Box, from_unit
-from jbw.inference.fitting import Fit, fit
+from jbw.inference.costly_fit import costly_fit
+from jbw.inference.fitting import Fit
 from jbw.measurement.channels import derivative_order
 from jbw.observables.evidence import Evidence, residual
 from jbw.observables.harmonics import Points
@@ -21,7 +22,6 @@ from jbw.observables.response import Records
 NUM_SCREENED = 32  # points of the box whose cost is looked at
 NUM_STARTS = 3  # of them fitted
 EXPLAINED = 5.0  # chi-square a degree of freedom below which a fit explains the data
-MAX_STEPS = 60
 NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the linear look uses
 
 
@@ -128,7 +128,7 @@ def fit_from(key: Key[Array, ""], data: Evidence, prior: Box, known: Mapping[str
     """
     middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
     start = {name: known.get(name, float(middle[name])) for name in prior.names}
-    first = fit(residual, prior, data, starts=inside(start, prior), max_steps=MAX_STEPS)
+    first = costly_fit(residual, prior, data, starts=inside(start, prior))
     chi_square, dof = first.chi_square
     if chi_square < EXPLAINED * dof:
         return first
@@ -137,7 +137,7 @@ def fit_from(key: Key[Array, ""], data: Evidence, prior: Box, known: Mapping[str
         points[name] = jnp.full(NUM_SCREENED, known[name])
     order = np.argsort(np.asarray(_costs(points, data)))[:NUM_STARTS]
     starts = {name: np.asarray(values)[order] for name, values in points.items()}
-    second = fit(residual, prior, data, starts=inside(starts, prior), max_steps=MAX_STEPS)
+    second = costly_fit(residual, prior, data, starts=inside(starts, prior))
     return min(first, second, key=lambda one: one.cost)
 
 

@@ -68,12 +68,12 @@ def finished(
         findings: What else was looked at.
         statements: Sentences besides those that the fit itself gives.
         held: Parameters that were not updated.
-        chi_square: Chi-square and its degrees of freedom; the fit's when None.
+        chi_square: Chi-square and its degrees of freedom, where the noise is known from repeats.
 
     Returns:
         The step.
     """
-    judged = verdict(posterior, box, chi_square=chi_square or fit.chi_square)
+    judged = verdict(posterior, box, chi_square=chi_square)
     said = [*statements]
     if fit.weak is not None:
         said.append(f"By the initial fit, {fit.weak.text}.")

@@ -135,7 +135,10 @@ def third_order_steps(key: Key, step: KernelFit, settings: Mapping[str, Any]) ->
             num_chains=chains, chain_method="vectorized", attrs=ATTRS, **chosen,
         )  # fmt: skip
         said = (*_products(tree, step), *_notes(step))
-        steps[name] = finished(name, tree, step.box, step.fit, started, statements=said)
+        steps[name] = finished(
+            name, tree, step.box, step.fit, started,
+            statements=said, chi_square=step.fit.chi_square,
+        )  # fmt: skip
     return steps
 
 

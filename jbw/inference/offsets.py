@@ -82,7 +82,7 @@ def known_estimate(
     """
     precision = jnp.einsum("gin,gjn->gij", directions, directions)
     slope = jnp.einsum("gin,gn->gi", directions, residual)
-    offset = _solve(precision, slope)
+    offset = _solve(precision, slope) if directions.shape[1] else slope
     squares = jnp.sum(residual**2, axis=-1) - jnp.sum(offset * slope, axis=-1)
     return Estimate(-0.5 * squares, offset, precision)
 
@@ -134,19 +134,34 @@ def log_density_of_offsets(
         scaled = scatter[:, None] * precision * scatter + jnp.eye(len(scatter))
         drawn = pull * scatter
         best = jnp.sum(drawn * _solve(scaled, drawn))
-        return 0.5 * (best - jnp.sum(jnp.linalg.slogdet(scaled)[1]))
+        return 0.5 * (best - jnp.sum(jnp.log(_determinant(scaled))))
 
     nodes = jax.vmap(given)(jnp.asarray(scatters))
     return -0.5 * spread + jax.nn.logsumexp(nodes) - np.log(len(scatters))
 
 
+def _determinant(matrix: Float[Array, "group own own"]) -> Float[Array, " group"]:
+    """Determinant of 1 x 1 or 2 x 2 matrices."""
+    if matrix.shape[-1] == 1:
+        return matrix[:, 0, 0]
+    return matrix[:, 0, 0] * matrix[:, 1, 1] - matrix[:, 0, 1] * matrix[:, 1, 0]
+
+
 def _solve(
     matrix: Float[Array, "group own own"], vector: Float[Array, "group own"]
 ) -> Float[Array, "group own"]:
-    """Solution of the normal equations; zero where a group knows nothing of its offsets."""
-    informed = jnp.trace(matrix, axis1=1, axis2=2) > 0
-    safe = jnp.where(informed[:, None, None], matrix, jnp.eye(matrix.shape[-1]))
-    return jnp.where(informed[:, None], jnp.linalg.solve(safe, vector[..., None])[..., 0], 0.0)
+    """Solution of the normal equations; zero where a group knows nothing of its offsets.
+
+    Written out, for a call of LAPACK costs more than all of it.
+    """
+    if matrix.shape[-1] == 1:
+        known = matrix[:, 0] != 0
+        return jnp.where(known, vector / jnp.where(known, matrix[:, 0], 1.0), 0.0)
+    determinant = _determinant(matrix)
+    known = determinant != 0
+    (a, b), (c, d) = jnp.moveaxis(matrix, 0, -1)
+    solved = jnp.stack([d * vector[:, 0] - b * vector[:, 1], a * vector[:, 1] - c * vector[:, 0]])
+    return jnp.where(known, solved / jnp.where(known, determinant, 1.0), 0.0).T
 
 
 def run_numbers(runs: tuple[str, ...]) -> tuple[int, ...]:
@@ -184,7 +199,7 @@ def shrunk(
         [jnp.einsum("gin,gn->gi", one, r) for one, r in zip(slopes, residuals, strict=True)]
     )
     normal = jnp.einsum("gr,gij->rij", member, precision) + jnp.eye(len(scatter))
-    offset = jnp.linalg.solve(normal, jnp.einsum("gr,gi->ri", member, pull)[..., None])[..., 0]
+    offset = _solve(normal, jnp.einsum("gr,gi->ri", member, pull))
     ends = np.cumsum([len(r) for r in residuals])[:-1]
     own = jnp.split(member @ offset, ends)
     left = [

@@ -13,7 +13,7 @@ from jbw.identification.coordinates import box_of
 from jbw.identification.gathering import reading_of
 from jbw.identification.linear_step import linear_step
 from jbw.identification.starts import linear_look
-from jbw.inference.fitting import fit
+from jbw.inference.costly_fit import costly_fit
 from jbw.inference.importance import importance
 from jbw.observables import response
 from jbw.observables.evidence import evidence, log_likelihood, residual
@@ -88,7 +88,7 @@ def _campaign(
     centre = {
         n: float(v) for n, v in zip(prior.names, (prior.lower + prior.upper) / 2, strict=True)
     }
-    best = fit(residual, prior, data, starts=centre, max_steps=60)
+    best = costly_fit(residual, prior, data, starts=centre)
     found = importance(jax.random.key(seed), log_likelihood, prior, data, best, NUM_DRAWS)
     truth = {**swept.truth["joint"], "gain": swept.truth["gain"]}
     z = {name: (found.mean(name) - truth[name]) / found.sd(name) for name in prior.names}

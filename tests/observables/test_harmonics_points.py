@@ -82,6 +82,15 @@ def test_a_held_response_is_compared_by_its_force():
     assert left.max() < 1e-9 * np.abs(force).max() / GAIN
 
 
+def test_the_equivalent_stiffness_of_many_amplitudes_is_that_of_each():
+    y = jnp.geomspace(1e-4, 1e-3, 40)
+    each = jax.vmap(lambda one: steady_loop(JOINT, one).z_1 / one)(y)
+    # Sixteen nodes over a decade; what converges is what the loop leaves of alpha.
+    np.testing.assert_allclose(
+        harmonics.equivalent_stiffness(JOINT, y), each, atol=1e-9 * JOINT.alpha
+    )
+
+
 def test_stepped_sines_are_cut_into_their_steps():
     one, two = tone(5.0, 0.3, repeats=1), tone(6.0, 0.3, repeats=1)
     joined = {

@@ -1,0 +1,109 @@
+"""Least squares for residuals that cost a simulation: one compiled Jacobian, few evaluations.
+
+`jbw.inference.fitting.fit` compiles the whole iteration, which pays where a residual is cheap and
+starts are many. Compiling a solver's derivatives several times over would cost more than the fit.
+"""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+from numpy.typing import NDArray
+from scipy.optimize import OptimizeResult, least_squares
+
+from jbw.errors import ModelError
+from jbw.inference.box import Box, from_unit, to_unit
+from jbw.inference.fitting import START_MARGIN, Fit, Residual, describe_optimum
+from jbw.inference.precision import require_float64
+
+TOLERANCE = 1e-10  # of the cost and of the step, relative
+
+
+def costly_fit(
+    residual: Residual,
+    box: Box,
+    data: PyTree = None,
+    *,
+    starts: Mapping[str, Any],
+    max_evaluations: int = 60,
+    tolerance: float = TOLERANCE,
+) -> Fit:
+    """Minimise a sum of squares in the box by scipy's trust region, one start after the other.
+
+    Residual and Jacobian come from one function, compiled once for a `residual`, names and shapes.
+
+    Args:
+        residual: (theta, data) to real residuals in units of their standard deviation.
+        box: Bounds.
+        data: Whatever `residual` takes.
+        starts: The starts by name, one value or one a start.
+        max_evaluations: Evaluations from each start at most.
+        tolerance: Relative tolerance on the cost and on the step.
+
+    Returns:
+        The best fit.
+
+    Raises:
+        ConfigError: A float32 session.
+        ModelError: The residual is finite at no start.
+
+    Reference:
+        Section 3.1, in place of its sequential quadratic programming; Branch, Coleman and Li
+        (1999), SIAM J. Sci. Comput. 21, 1.
+    """
+    require_float64()
+    values = np.broadcast_arrays(*(np.atleast_1d(starts[name]) for name in box.names))
+    x = to_unit(dict(zip(box.names, map(jnp.asarray, values), strict=True)), box)
+    x_starts = np.clip(np.asarray(x), START_MARGIN, 1 - START_MARGIN)
+
+    @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
+    def at(x: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        jacobian, left = _linearise(residual, jnp.asarray(x), box, data)
+        return np.asarray(left), np.asarray(jacobian)
+
+    def part(x: NDArray[np.float64], which: int) -> NDArray[np.float64]:
+        return at(tuple(x.tolist()))[which]
+
+    def one(x: NDArray[np.float64]) -> OptimizeResult | None:
+        if not np.all(np.isfinite(part(x, 0))):
+            return None
+        return least_squares(
+            lambda x: np.nan_to_num(part(x, 0), nan=1e100, posinf=1e100, neginf=-1e100),
+            x,
+            lambda x: part(x, 1),  # pyright: ignore[reportArgumentType]
+            bounds=(0.0, 1.0),
+            x_scale="jac",
+            max_nfev=max_evaluations,
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=None,
+        )
+
+    found = [one(x) for x in x_starts]
+    costs = np.array([np.inf if each is None else each.cost for each in found])
+    best = found[int(np.argmin(costs))]
+    if best is None:
+        raise ModelError(
+            f"The residual is finite at none of the {len(costs)} starts.",
+            remedy="Check the data for NaN, and the bounds for parameters that cannot be solved.",
+        )
+    end = np.asarray(best.x)
+    return describe_optimum(end, part(end, 0), part(end, 1), box, costs, bool(best.success))
+
+
+@eqx.filter_jit
+def _linearise(
+    residual: Residual, x: Float[Array, " parameter"], box: Box, data: PyTree
+) -> tuple[Float[Array, "residual parameter"], Float[Array, " residual"]]:
+    """Jacobian with respect to x and residual, in one pass."""
+
+    def both(x: Array) -> tuple[Array, Array]:
+        left = residual(from_unit(x, box), data)
+        return left, left
+
+    return jax.jacfwd(both, has_aux=True)(x)
