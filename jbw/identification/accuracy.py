@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from jbw.inference.verdict import Finding
 from jbw.observables.decay import Decays
-from jbw.observables.evidence import Evidence, log_likelihood, residuals
-from jbw.observables.harmonics import Points
+from jbw.observables.evidence import Evidence, log_likelihood
 from jbw.observables.linear import LineReading
 from jbw.observables.response import Records
 
@@ -94,29 +93,7 @@ def _log_likelihoods(theta: Mapping[str, Array], data: Evidence) -> Float[Array,
     def one(some: Mapping[str, Array]) -> Float[Array, ""]:
         return jnp.sum(log_likelihood(some, data))
 
-    return jax.lax.map(one, dict(theta), batch_size=8)
-
-
-def left_of(theta: Mapping[str, float], data: Evidence) -> dict[str, NDArray]:
-    """What a fit leaves of the mean of each group, by its label; complex for harmonics.
-
-    Args:
-        theta: The fit's optimum.
-        data: The evidence.
-    """
-    everything = {**data.held, **{name: jnp.asarray(value) for name, value in theta.items()}}
-    found: dict[str, NDArray] = {}
-    for part in data.parts:
-        if isinstance(part, LineReading | Decays):
-            continue
-        rows = np.asarray(residuals(everything, part))
-        if isinstance(part, Points):
-            real, imaginary = np.split(rows, 2, axis=1)
-            rows = real + 1j * imaginary
-        sizes = np.asarray(part.repeats.size).astype(int) // (2 if np.iscomplexobj(rows) else 1)
-        for label, row, size in zip(part.repeats.labels, rows, sizes, strict=True):
-            found[label] = row[-size:] if not np.any(row[:-size]) else row[:size]
-    return found
+    return jax.lax.map(one, dict(theta))
 
 
 def correlation_at_one(row: Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]) -> float:
@@ -146,7 +123,7 @@ def worth_of(rows: Float[np.ndarray, "row n"] | Complex[np.ndarray, "row n"]) ->
     return float(np.clip(1 / (1 + 2 * total), min(1.0, LEAST_WORTH / n), 1.0))
 
 
-def worth_by_label(theta: Mapping[str, float], data: Evidence) -> dict[str, float]:
+def worth_by_label(left: Mapping[str, np.ndarray], data: Evidence) -> dict[str, float]:
     r"""Share of independent values of each group that is coloured, or misfitted in all repeats.
 
     Misfit of variance tau^2 is the same in all K repeats, so that they are worth
@@ -156,14 +133,13 @@ def worth_by_label(theta: Mapping[str, float], data: Evidence) -> dict[str, floa
     of as many values, w for the colour of the mean's residual.
 
     Args:
-        theta: The fit's optimum.
+        left: What a fit leaves of each group, by its label.
         data: The evidence.
 
     Returns:
         Shares below one, by label.
     """
     found = {}
-    left = left_of(theta, data)
     for part in data.parts:
         if isinstance(part, LineReading | Decays):
             continue
@@ -184,14 +160,11 @@ def worth_by_label(theta: Mapping[str, float], data: Evidence) -> dict[str, floa
     return found
 
 
-def residual_findings(
-    theta: Mapping[str, float], data: Evidence, worth: Mapping[str, float]
-) -> list[Finding]:
+def residual_findings(left: Mapping[str, np.ndarray], worth: Mapping[str, float]) -> list[Finding]:
     """Whether what is left of each group is white, as the likelihood would like it.
 
     Args:
-        theta: The optimum.
-        data: The evidence.
+        left: What a fit leaves of each group, by its label.
         worth: Share of independent values counted, by label; one where not named.
 
     Returns:
@@ -199,7 +172,7 @@ def residual_findings(
     """
     return [
         _whiteness(label, correlation_at_one(row), worth.get(label, 1.0))
-        for label, row in left_of(theta, data).items()
+        for label, row in left.items()
         if len(row) >= 2 * LEAST_WORTH
     ]
 

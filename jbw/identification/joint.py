@@ -32,6 +32,7 @@ from jbw.inference.verdict import verdict
 from jbw.observables.decay import Decays
 from jbw.observables.evidence import (
     Evidence,
+    left_by_label,
     log_likelihood,
     residual,
     with_fitted_noise,
@@ -76,8 +77,8 @@ def joint_step(
     prior, best, data, words = settled(keys[1], data, prior, first, settings)
     posterior = sample_joint(keys[2], data, prior, best, settings)
     draws = posterior["posterior"].to_dataset()
-    worth = worth_by_label(best.theta, data)
-    findings = residual_findings(best.theta, data, worth)
+    left = left_by_label(best.residual, data)
+    findings = residual_findings(left, worth_by_label(left, data))
     if (error := solver_finding(draws, data)) is not None:
         findings.append(error)
     step = finished(
@@ -144,15 +145,15 @@ def settled(
         The box and the fit in the coordinates to sample in, the evidence, and what was found, in
         words.
     """
-    worth = worth_by_label(first.theta, data)
-    data = with_worth(worth, with_fitted_noise(first.theta, data))
+    left = left_by_label(first.residual, data)
+    data = with_worth(worth_by_label(left, data), with_fitted_noise(left, data))
     best = again(first, prior, data)
     words = []
     shifts = shifts_of(best, prior.names, data)
     if shifts is not None and wanted(shifts, settings):
         data = with_offsets(best, shifts, data)
         best = again(best, prior, data)
-        data = with_fitted_noise(best.theta, data)
+        data = with_fitted_noise(left_by_label(best.residual, data), data)
         best = again(best, prior, data)
         words.append(sentence_of(shifts))
     if by_products(best, settings):

@@ -52,10 +52,10 @@ def linear_step(test: Test, gain: float | None = None) -> LinearStep:
     u = np.stack([(gain or 1.0) * record.channels[record.source] for record in test.records])
     y = np.stack([advance(r.channels[response], test.delay, fs) for r in test.records])
     fits = tuple(
-        line_fit(frf(one_u, one_y, fs, response=response), test.band_hz)
+        line_fit(frf(one_u, one_y, fs, response=response, band=test.band_hz), test.band_hz)
         for one_u, one_y in zip(u, y, strict=True)
     )
-    together = frf(u, y, fs, response=response)
+    together = frf(u, y, fs, response=response, band=test.band_hz)
     pooled = pool(fits)
     rms = float(np.sqrt(np.mean(y**2)))
     power = ("displacement", "velocity", "acceleration").index(response)

@@ -81,7 +81,7 @@ def costly_fit(
             max_nfev=max_evaluations,
             ftol=tolerance,
             xtol=tolerance,
-            gtol=None,
+            gtol=1e-15,
         )
 
     found = [one(x) for x in x_starts]

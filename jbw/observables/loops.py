@@ -116,3 +116,8 @@ def predict(theta: Mapping[str, Array], data: Loops) -> Float[Array, "test time"
 def compare(theta: Mapping[str, Array], data: Loops) -> Float[Array, "test time"]:
     """Mean measured force of every test less its prediction."""
     return data.mean - data.counted * predict(theta, data)
+
+
+def counted_of(data: Loops) -> list[np.ndarray]:
+    """Which samples of each test are compared."""
+    return list(np.asarray(data.counted) > 0)

@@ -1,7 +1,5 @@
 """Repeats of groups of data: what a likelihood needs beside their means and the prediction."""
 
-from dataclasses import replace
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -103,9 +101,3 @@ def weighted(
     # n / N is K where all values are independent.
     weight = jnp.sqrt(data.num_values / data.size) / data.noise_std
     return weight[:, None] * residual, weight[:, None, None] * data.directions
-
-
-def with_noise(residual: Float[Array, "group value"], data: Repeats) -> Repeats:
-    r"""The repeats with the noise that a fit's residual leaves, $\sigma^2 = Q / (N K)$."""
-    squares = data.num_repeats * jnp.sum(residual**2, axis=-1) + data.within
-    return replace(data, noise_std=jnp.sqrt(squares / (data.size * data.num_repeats)))
