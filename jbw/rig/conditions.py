@@ -22,7 +22,8 @@ class Conditions:
         noise_std: Laser noise over 0 .. fs/2 [m/s].
         noise_ratio: Laser noise as a fraction of the rms velocity of each record [-]; it takes
             the place of `noise_std` when given.
-        input_noise_std: Noise of the input channel [V].
+        input_noise_std: Noise of the source's channel [V or N].
+        force_noise_std: Noise of restoring forces [N].
         bits: Bits of the converters, sign included.
         distortion_db: Third harmonic of the source against its fundamental [dB]; None for a pure
             source.
@@ -36,6 +37,7 @@ class Conditions:
     noise_std: float
     noise_ratio: float | None
     input_noise_std: float
+    force_noise_std: float
     bits: int
     distortion_db: float | None
     delay: float
@@ -91,7 +93,10 @@ def check(conditions: Conditions) -> None:
         raise ConfigError(f"Argument `bits` must be 2 to 24, but is {conditions.bits}.")
     if not conditions.fs > 0.0:
         raise ConfigError(f"Argument `fs` must be positive, but is {conditions.fs}.")
-    names = "seed noise_std noise_ratio input_noise_std delay omega_n_cv zeta_cv".split()
+    names = (
+        "seed", "noise_std", "noise_ratio", "input_noise_std", "force_noise_std", "delay",
+        "omega_n_cv", "zeta_cv",
+    )  # fmt: skip
     for name in names:
         value = getattr(conditions, name)
         if value is not None and not 0.0 <= value < np.inf:

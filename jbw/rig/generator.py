@@ -4,6 +4,7 @@ Time runs from the moment the generator is switched on; before it the voltage is
 starts `settle` seconds later and lasts `duration` seconds.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import singledispatch
@@ -100,7 +101,39 @@ class Noise:
     settle: float
 
 
-Excitation = Tone | Sweep | Steps | Noise
+@dataclass(frozen=True)
+class Multisine:
+    """Harmonics of one period in a band, of equal amplitude and random phase, over and over.
+
+    Attributes:
+        level: Rms voltage [V].
+        period: Period, a whole number of samples [s].
+        low_hz: Lowest frequency [Hz].
+        high_hz: Where the band ends, at most half the sampling frequency [Hz].
+        periods: Periods in the record.
+        settle: Time before the record starts [s].
+    """
+
+    level: float
+    period: float
+    low_hz: float
+    high_hz: float
+    periods: int
+    settle: float
+
+    @property
+    def duration(self) -> float:
+        """Length of the record [s]."""
+        return self.period * self.periods
+
+    @property
+    def lines(self) -> NDArray[np.int64]:
+        """Orders of the harmonics in the band."""
+        first, behind = (math.ceil(f * self.period) for f in (self.low_hz, self.high_hz))
+        return np.arange(first, behind, dtype=np.int64)
+
+
+Excitation = Tone | Sweep | Steps | Noise | Multisine
 Voltage = Callable[[int, int], Samples]
 """voltage(i, j): volts at grid points i .. j - 1 from the moment of switching on."""
 
@@ -118,8 +151,8 @@ def analog(
 
     Args:
         excitation: What the generator plays.
-        rate: Grid points a second [Hz]; a multiple of `fs` for noise.
-        phases: Phases of the noise, from `draw_phases`; not used by the others [rad].
+        rate: Grid points a second [Hz]; a multiple of `fs` for noise and multisine.
+        phases: Phases of noise and multisine, from `draw_phases`; not used by the others [rad].
         fs: Sampling frequency, twice the bandwidth of the noise [Hz].
         lag: Delay of the excitation against the grid [s].
         distortion: Third harmonic of tones, steps and sweeps, relative to the level [-].
@@ -127,14 +160,17 @@ def analog(
     Returns:
         Volts between two grid indices.
     """
-    if isinstance(excitation, Noise):
-        period = _play_lines(excitation.level, phases, round(rate / fs), lag * fs)
+    if isinstance(excitation, Noise | Multisine):
+        comb = _comb(excitation, phases, fs)
+        period = _play_lines(excitation.level, phases, *comb, round(rate / fs), lag * fs)
         return lambda i, j: period.take(np.arange(i, j), mode="wrap")
     return lambda i, j: _since_start(excitation, np.arange(i, j) / rate - lag, distortion)
 
 
 def draw_phases(excitation: Excitation, rng: np.random.Generator, fs: float) -> Samples:
-    """Phases of the lines of a noise, uniform [rad]; none for the other excitations."""
+    """Phases of the lines of noise and multisine, uniform [rad]; none for the others."""
+    if isinstance(excitation, Multisine):
+        return rng.uniform(0.0, 2.0 * np.pi, excitation.lines.size)
     if not isinstance(excitation, Noise):
         return np.empty(0)
     run = excitation.settle + excitation.duration
@@ -142,22 +178,32 @@ def draw_phases(excitation: Excitation, rng: np.random.Generator, fs: float) -> 
     return rng.uniform(0.0, 2.0 * np.pi, half_period - 1)
 
 
-def _play_lines(level: float, phases: Samples, factor: int, lag_samples: float) -> Samples:
-    """One period of the noise, `factor` points a sample: zero padding in frequency is exact."""
-    num_lines = phases.size
-    num_points = 2 * (num_lines + 1)
-    line = np.arange(1, num_lines + 1)
-    turn = phases - 2.0 * np.pi * line * (lag_samples / num_points)
-    spectrum = np.zeros(num_lines + 1, complex)
-    spectrum[1:] = level / np.sqrt(2.0 * num_lines) * np.exp(1j * turn)
+def _comb(
+    excitation: Noise | Multisine, phases: Samples, fs: float
+) -> tuple[NDArray[np.int64], int]:
+    """Orders of the lines, and samples in a period."""
+    if isinstance(excitation, Multisine):
+        return excitation.lines, round(excitation.period * fs)
+    return np.arange(1, phases.size + 1), 2 * (phases.size + 1)
+
+
+def _play_lines(
+    level: float,
+    phases: Samples,
+    lines: NDArray[np.int64],
+    num_points: int,
+    factor: int,
+    lag_samples: float,
+) -> Samples:
+    """One period of the lines, `factor` points a sample: zero padding in frequency is exact."""
+    turn = phases - 2.0 * np.pi * lines * (lag_samples / num_points)
+    spectrum = np.zeros(lines[-1] + 1, complex)
+    spectrum[lines] = level / np.sqrt(2.0 * lines.size) * np.exp(1j * turn)
     return np.fft.irfft(spectrum, num_points * factor, norm="forward")
 
 
 def _since_start(excitation: Excitation, t: Samples, distortion: float) -> Samples:
-    u = np.zeros_like(t)
-    on = t >= 0.0
-    if on.all():
-        return _volts(excitation, t, distortion)
+    u, on = np.zeros_like(t), t >= 0.0
     u[on] = _volts(excitation, t[on], distortion)
     return u
 

@@ -17,8 +17,9 @@ from jbw.rig.acquisition import RigCampaign
 
 _HEAD = """\
 # A campaign of the virtual rig. Each [[test]] is one excitation repeated, one file a repeat.
-# Voltages are those at the shaker; the gain from volts to N/kg is not given, Step 2 finds it.
-# The files also hold `demand`, the voltage asked of the source. truth.json is for judging only.
+# Voltages and forces are those at the shaker; the gain to N/kg, or the modal mass, is not given:
+# the identification finds it. Files of shaken tests also hold `demand`, what was asked of the
+# source. truth.json is for judging only.
 
 [campaign]
 name = {name}
@@ -30,6 +31,10 @@ _PURPOSE = {
     "sweep": "Sweep from rest, then free decay: all parameters (Step 4).",
     "stepped": "Stepped sine: each frequency in turn; for verification of the FRF.",
     "loop": "Tone near resonance: hysteresis loops, for validation.",
+    "multisine": "Multisine, whole periods of a steady motion: all parameters.",
+    "decay": "Free decay after a burst: softening and dissipation, without any force.",
+    "pull": "Loop under a prescribed displacement: stiffness and hysteretic force.",
+    "curve": "Response curve, the response held by a controller.",
 }
 
 
@@ -55,10 +60,12 @@ def write(campaign: RigCampaign, folder: str | Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for test in campaign.tests:
-            for record, demand in zip(test.records, campaign.demands[test.name], strict=True):
-                # float32 holds the 24 bits of the converters exactly.
-                filed = _with_demand(record, demand)
-                write_hdf5(folder / f"{record.name}.h5", filed, dtype=np.float32)
+            demands = campaign.demands.get(test.name, (None,) * len(test.records))
+            for record, demand in zip(test.records, demands, strict=True):
+                filed = record if demand is None else _with_demand(record, demand)
+                # float32 holds the 24 bits of the converters exactly; a curve has no converter.
+                kept = np.float64 if np.isnan(record.fs) else np.float32
+                write_hdf5(folder / f"{record.name}.h5", filed, dtype=kept)
         _write_text(folder / "truth.json", json.dumps(campaign.truth, indent=2) + "\n")
         _write_text(target, _campaign_text(campaign))
     except OSError as error:
@@ -87,9 +94,10 @@ def _check_folder(campaign: RigCampaign, folder: Path) -> None:
 
 
 def _with_demand(record: Record, demand: NDArray[np.float64]) -> Record:
-    """The record as filed: the voltage asked of the source beside the one measured."""
+    """The record as filed: what was asked of the source beside what was measured of it."""
     channels = {"demand": demand, **record.channels}
-    return replace(record, channels=channels, units={"demand": "V", **record.units})
+    unit = record.units[record.source]
+    return replace(record, channels=channels, units={"demand": unit, **record.units})
 
 
 def _write_text(path: Path, text: str) -> None:
@@ -125,12 +133,14 @@ def _test_text(test: Test) -> str:
         "kind": test.kind,
         "files": f"{test.name}_*.h5",
         "level": test.level,
-        "fs": record.fs,
+        "fs": record.fs if np.isfinite(record.fs) else None,
         "tones": list(test.tones_hz) or None,
         "band": list(test.band_hz) if test.band_hz else None,
         "dwell": test.dwell if np.isfinite(test.dwell) else None,
         "settle": test.settle or None,
         "delay": test.delay or None,
+        "periods": test.periods if test.periods > 1 else None,
+        "run": test.run or None,
     }
     lines = [f"{key} = {_toml(value)}" for key, value in table.items() if value is not None]
     roles = list(record.channels)

@@ -189,9 +189,13 @@ def test_days_scatter_as_stated():
 def test_a_day_is_the_same_in_all_tests():
     rig = bench_of(short_sweep("a"), short_sweep("b"))
     campaign = measure(rig, omega_n_cv=0.0018, zeta_cv=0.05, **QUIET)
-    for r in range(3):
-        np.testing.assert_array_equal(velocity(campaign, 0, r), velocity(campaign, 1, r))
-    assert np.std(velocity(campaign, 0, 0) - velocity(campaign, 0, 1)) > 1e-4
+    names = [f"{test}_day{day}" for test in "ab" for day in (1, 2, 3)]
+    assert [test.name for test in campaign.tests] == names
+    assert [test.run for test in campaign.tests] == 2 * ["day 1", "day 2", "day 3"]
+    assert [test.records[0].name for test in campaign.tests] == [f"{name}_01" for name in names]
+    for day in range(3):
+        np.testing.assert_array_equal(velocity(campaign, day), velocity(campaign, 3 + day))
+    assert np.std(velocity(campaign, 0) - velocity(campaign, 1)) > 1e-4
     assert len({day["omega_n"] for day in campaign.truth["days"]}) == 3
 
 
@@ -216,11 +220,21 @@ def test_equal_seeds_give_equal_bits_and_others_other_records():
 
 def test_a_subset_gives_the_records_of_the_whole():
     rig = bench_of(short_noise(), short_sweep(), short_tone())
-    whole = measure(rig, omega_n_cv=0.001)
-    part = measure(rig, tests=["noise", "tone"], repeats=2, omega_n_cv=0.001)
+    whole = measure(rig)
+    part = measure(rig, tests=["noise", "tone"], repeats=2)
     assert [test.name for test in part.tests] == ["noise", "tone"]
     for test, same in ((0, 0), (1, 2)):
         np.testing.assert_array_equal(velocity(part, test, 1), velocity(whole, same, 1))
+
+
+def test_a_subset_of_the_days_gives_their_records():
+    rig = bench_of(short_noise(), short_sweep(), short_tone())
+    whole = measure(rig, omega_n_cv=0.001)
+    part = measure(rig, tests=["noise", "tone"], repeats=2, omega_n_cv=0.001)
+    same = {test.name: test for test in whole.tests}
+    for test in part.tests:
+        expected = same[test.name].records[0].channels["velocity"]
+        np.testing.assert_array_equal(test.records[0].channels["velocity"], expected)
 
 
 # What the presets promise
@@ -272,7 +286,7 @@ def test_held_out_before_any_fit():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"preset": "garage"}, '"laboratory" or "paper"'),
+        ({"preset": "garage"}, '"laboratory", "paper", "mixed"'),
         ({"tests": ["sweep_0p05"]}, "Did you mean sweep_0p05V"),
         ({"tests": []}, "at least one"),
         ({"repeats": 0}, "`repeats`"),
