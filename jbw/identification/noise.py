@@ -83,9 +83,11 @@ def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Evidence) -> xr.D
         if isinstance(part, Records | Points | Loops):
             suffix, dim = SUFFIX[type(part)]
             stacked = np.stack([noise[label] for label in part.repeats.labels], axis=-1)
-            number = sum(str(other).startswith("noise_std") for other in derived)
-            suffix, dim = (suffix, dim) if not number else (f"_{number + 1}", f"{dim}_{number + 1}")
             name = f"noise_std{suffix}"
+            number = 2
+            while name in derived:
+                name, dim = f"noise_std{suffix}_{number}", f"{SUFFIX[type(part)][1]}_{number}"
+                number += 1
             attrs = {"units": _unit(part), "long_name": "noise of one repeat"}
             derived[name] = (("chain", "draw", dim), stacked, attrs)
             derived[dim] = (dim, list(part.repeats.labels))

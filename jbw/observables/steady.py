@@ -16,6 +16,7 @@ from jbw.observables.response import run_of
 ORDERS = (1, 3)  # compared; the others measured are the guess of the motion
 HIGHEST = 2 * NUM_HARMONICS - 1
 BELOW_NYQUIST = 0.45  # of the sampling frequency: the highest harmonic read
+NO_AMPLITUDE = 1e-9  # of the unit of the source
 CONTROLLED = 1 / 3  # of the source's variation along a curve: what a held response varies at most
 
 
@@ -145,13 +146,18 @@ def curve_group(test: Test) -> Group:
             remedy="Make each a test of its own.",
         )
     omega = 2 * np.pi * curves[0].freq_hz
-    source = np.array([one.source for one in curves])
-    motion = np.array([displacement_of(one) for one in curves])
-    held = response_held(curves[0])
-    factor = np.ones(len(omega), complex)
-    values = source.astype(complex)
-    if not held:
-        factor = (1j * omega) ** derivative_order(curves[0].response_kind)
+    # A ratio has no amplitude: it is compared where the joint sticks, at next to none.
+    size = NO_AMPLITUDE if curves[0].is_ratio else 1.0
+    source = size * np.array([one.source for one in curves])
+    motion = size * np.array([displacement_of(one) for one in curves])
+    held = response_held(curves[0]) and not curves[0].is_ratio
+    if held:
+        # Phases are counted from the motion, which is exact here: their noise is the force's.
+        factor = np.ones(len(omega), complex)
+        values = source * np.exp(-1j * np.angle(motion))
+        motion = np.abs(motion)
+    else:
+        factor = (1j * omega) ** derivative_order(curves[0].response_kind) / size
         values = factor * motion
     first = np.arange(NUM_HARMONICS) == 0
     mean = values.mean(axis=0)

@@ -82,6 +82,21 @@ def test_a_held_response_is_compared_by_its_force():
     assert left.max() < 1e-9 * np.abs(force).max() / GAIN
 
 
+def test_an_frf_without_amplitude_is_that_of_the_sticking_joint():
+    freq = np.linspace(17.0, 20.0, 13)
+    omega = 2 * np.pi * freq
+    h = GAIN / (JOINT.omega_n**2 - omega**2 + 2j * JOINT.zeta * JOINT.omega_n * omega)
+    channels = {
+        "frequency": freq, "force": np.ones(13), "displacement": np.abs(h), "phase": np.angle(h)
+    }  # fmt: skip
+    units = {"frequency": "Hz", "force": "N", "displacement": "m", "phase": "rad"}
+    record = Record(float("nan"), channels, units, provenance={"ratio": "m/N"})
+    data = harmonics.gather([steady.curve_group(Test("frf", (record,), "frf", 1.0))])
+    left = np.abs(np.asarray(harmonics.predict(theta(), data) - data.mean))
+    # Softening at an amplitude of 1e-9: alpha delta Y of omega_n^2, amplified 50 times.
+    assert left.max() < 1e-6 * np.abs(h).max()
+
+
 def test_the_equivalent_stiffness_of_many_amplitudes_is_that_of_each():
     y = jnp.geomspace(1e-4, 1e-3, 40)
     each = jax.vmap(lambda one: steady_loop(JOINT, one).z_1 / one)(y)

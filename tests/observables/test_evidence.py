@@ -1,0 +1,220 @@
+"""Several kinds of tests in one likelihood, and the offsets of their runs."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jbw.errors import ConfigError, DataError
+from jbw.identification.accuracy import worth_by_label, worth_of
+from jbw.identification.gathering import gather
+from jbw.identification.joint import joint_step
+from jbw.identification.shifts import shifts_of, wanted, with_offsets
+from jbw.inference.box import box
+from jbw.inference.costly_fit import costly_fit
+from jbw.measurement.records import Record, Test
+from jbw.observables.evidence import (
+    estimates,
+    evidence,
+    left_by_label,
+    log_likelihood,
+    residual,
+    with_fitted_noise,
+    with_worth,
+)
+from jbw.oscillator.hysteresis import hysteresis_map, steady_loop
+from jbw.oscillator.parameters import BoucWen
+
+TRUTH = {"omega_n": 500.0, "zeta": 0.003, "alpha": 4e4, "delta": 900.0, "gamma": 500.0}
+GAIN = 0.5
+NOISE = 2e-3
+
+
+def joint(**changes):
+    return BoucWen(**{**TRUTH, **changes})
+
+
+def curve(level, seed=0, repeats=4, noise=NOISE, omega_n=500.0, name=None):
+    """Force that holds the acceleration at a level, from the closed form of the loop."""
+    rng, one = np.random.default_rng([seed, int(level)]), joint(omega_n=omega_n)
+    freq = np.linspace(77.5, 81.0, 36)
+    omega = 2 * np.pi * freq
+    y = level / omega**2
+    z_1 = np.asarray(jax.vmap(lambda size: steady_loop(one, size).z_1)(jnp.asarray(y)))
+    stiffness = one.k - omega**2 + 2j * one.zeta * one.omega_n * omega
+    force = (stiffness * y + z_1) / GAIN
+    records = []
+    for _ in range(repeats):
+        seen = force + noise * (rng.normal(size=36) + 1j * rng.normal(size=36))
+        # The measured phase is the response's against the force.
+        channels = {
+            "frequency": freq,
+            "force": np.abs(seen),
+            "acceleration": np.abs(-(omega**2) * y * np.exp(-1j * np.angle(seen))),
+            "phase": np.pi - np.angle(seen),
+        }
+        units = {"frequency": "Hz", "force": "N", "acceleration": "m/s^2", "phase": "rad"}
+        records.append(Record(float("nan"), channels, units))
+    return Test("frf", tuple(records), name or f"held at {level:g}", float(level))
+
+
+def loop(seed=0):
+    """Force along a growing displacement, by the exact map."""
+    t = np.arange(400) / 100.0
+    y = 1e-3 * np.sin(2 * np.pi * t) * (0.3 + 0.2 * t)
+    one, z, force = joint(), jnp.zeros(()), []
+    for dy in np.diff(y, prepend=0.0):
+        z = hysteresis_map(one, z, jnp.asarray(dy))
+        force.append(float(z))
+    rng = np.random.default_rng(seed)
+    clean = (one.k * y + np.array(force)) / GAIN
+    records = tuple(
+        Record(100.0, {"displacement": y, "restoring_force": clean + 0.3 * rng.normal(size=400)},
+               {"displacement": "m", "restoring_force": "N"})
+        for _ in range(3)
+    )  # fmt: skip
+    return Test("loop", records, "loop", 1e-3)
+
+
+@pytest.fixture(scope="module")
+def mixed():
+    return gather([curve(5), curve(20), curve(60), loop()], {}, gain=GAIN)
+
+
+def theta(**changes):
+    return {name: jnp.asarray(value) for name, value in {**TRUTH, **changes}.items()}
+
+
+PRIOR = {
+    "omega_n": (490.0, 510.0), "zeta": (0.001, 0.01), "alpha": (1e4, 1e5),
+    "delta": (100.0, 3000.0), "gamma": (100.0, 3000.0),
+}  # fmt: skip
+
+
+def test_terms_of_the_parts_add_up(mixed):
+    both = np.asarray(log_likelihood(theta(), mixed))
+    apart = [
+        np.asarray(log_likelihood(theta(), evidence([part], {"gain": GAIN})))
+        for part in mixed.parts
+    ]
+    np.testing.assert_allclose(both, np.concatenate(apart), rtol=1e-14)
+    assert len(both) == 4
+
+
+def test_least_squares_and_likelihood_agree_about_the_optimum(mixed):
+    """At the optimum of one the other has no slope, and their curvatures agree."""
+    middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
+    best = costly_fit(residual, box(PRIOR), mixed, starts=middle)
+    left = left_by_label(best.residual, mixed)
+    again = costly_fit(residual, box(PRIOR), with_fitted_noise(left, mixed), starts=best.theta)
+    data = with_fitted_noise(left_by_label(again.residual, mixed), mixed)
+    names = list(PRIOR)
+    sd = np.sqrt(np.diag(again.covariance))
+
+    def scaled(u):
+        values = {n: again.theta[n] + sd[i] * u[i] for i, n in enumerate(names)}
+        return jnp.sum(log_likelihood(values, data))
+
+    slope = np.asarray(jax.grad(scaled)(jnp.zeros(5)))
+    # In posterior sds; what is left is the change of noise between two fits.
+    assert np.abs(slope).max() < 0.05
+    curvature = -np.asarray(jax.hessian(scaled)(jnp.zeros(5)))
+    covariance = np.linalg.inv(curvature)
+    # Gauss-Newton leaves out the second derivatives of the residual.
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), 1.0, rtol=0.1)
+    truth = np.array([TRUTH[name] for name in names])
+    apart = truth - np.array([again.theta[name] for name in names])
+    assert apart @ np.linalg.solve(again.covariance, apart) < 25  # chi-square of 5, p = 1e-4
+
+
+def test_what_a_fit_leaves_is_read_off_its_residual(mixed):
+    at_truth = np.asarray(residual({**theta(), "gain": GAIN}, mixed))
+    left = left_by_label(at_truth, mixed)
+    assert set(left) == {"held at 5", "held at 20", "held at 60", "loop"}
+    assert left["held at 5"].shape == (36,)
+    assert left["loop"].shape == (400,)
+    # Means of 4 repeats: complex noise of 2e-3 a component; 72 values know it to 8 %.
+    assert np.std(left["held at 20"].view(float)) == pytest.approx(NOISE / 2, rel=0.35)
+    assert worth_by_label(left, mixed) == {}
+
+
+def test_offsets_of_runs_are_seen_and_let_in():
+    shifted = [500.0, 500.9, 499.2, 500.4]
+    tests = [
+        curve(level, omega_n=w, seed=i)
+        for i, (level, w) in enumerate(zip((5, 20, 40, 60), shifted, strict=True))
+    ]
+    prior = box(PRIOR)
+    data = gather(tests, {}, gain=GAIN)
+    middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
+    best = costly_fit(residual, prior, data, starts=middle)
+    shifts = shifts_of(best, prior.names, data)
+    assert shifts is not None
+    assert wanted(shifts, {})
+    assert not wanted(shifts, {"offsets": "none"})
+    with_own = with_offsets(best, shifts, data)
+    refit = costly_fit(residual, prior, with_own, starts=best.theta)
+    z = [
+        (fit.theta["delta"] - TRUTH["delta"]) / np.sqrt(fit.covariance[3, 3])
+        for fit in (best, refit)
+    ]
+    assert abs(z[0]) > 8  # without offsets: far outside its own interval
+    assert abs(z[1]) < 4
+    found = estimates({**theta(), "gain": jnp.asarray(GAIN)}, with_own)
+    # Offsets at the true common parameters are the shifts put in, to their errors.
+    errors = np.sqrt(np.linalg.inv(np.asarray(found.precision))[:, 0, 0])
+    assert np.all(np.abs(found.offset[:, 0] - np.array(shifted) + 500.0) < 5 * errors + 0.02)
+
+
+def test_runs_that_agree_get_no_offsets():
+    prior = box(PRIOR)
+    data = gather([curve(5), curve(20), curve(60)], {}, gain=GAIN)
+    middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
+    best = costly_fit(residual, prior, data, starts=middle)
+    shifts = shifts_of(best, prior.names, data)
+    assert shifts is not None
+    assert not wanted(shifts, {})
+    assert wanted(shifts, {"offsets": "runs"})
+
+
+def test_correlated_residuals_are_worth_less():
+    rng = np.random.default_rng(5)
+    row = np.zeros(20000)
+    for i, e in enumerate(rng.normal(size=20000)):
+        row[i] = 0.9 * row[i - 1] + e if i else e
+    # AR(1): 1 + 2 sum rho^k = (1 + rho) / (1 - rho) = 19; cut where the estimate first dips.
+    assert worth_of(row[None]) == pytest.approx(1 / 19, rel=0.25)
+    assert worth_of(rng.normal(size=(1, 20000))) > 0.9
+
+
+def test_misfit_shared_by_all_repeats_does_not_count_as_often():
+    tests = [curve(20, repeats=16)]
+    data = gather(tests, {}, gain=GAIN)
+    rows = residual({**theta(zeta=0.0035), "gain": jnp.asarray(GAIN)}, data)
+    worth = worth_by_label(left_by_label(np.asarray(rows), data), data)
+    assert worth["held at 20"] < 0.2
+    counted = with_worth(worth, data).parts[0].repeats.num_values
+    assert float(counted[0]) == pytest.approx(worth["held at 20"] * 72 * 16)
+
+
+def test_hold_out_and_fit_choose_the_tests(mixed):
+    tests = [curve(5), curve(20), loop()]
+    data = gather(tests, {"hold_out": ["held at 5"], "fit": ["frf"]}, gain=GAIN)
+    assert [part.repeats.labels for part in data.parts] == [("held at 20",)]
+    with pytest.raises(ConfigError, match="`hold_out` must name tests"):
+        gather(tests, {"hold_out": ["other"]}, gain=GAIN)
+    with pytest.raises(DataError, match="no test that the joint can be fitted to"):
+        gather(tests, {"fit": ["sweep"]}, gain=GAIN)
+
+
+def test_the_joint_posterior_of_curves_and_a_loop_holds_the_truth(mixed):
+    settings = {"prior": PRIOR, "num_chains": 4, "num_samples": 400, "num_warmup": 200}
+    step, _ = joint_step(jax.random.key(0), mixed, {}, settings)
+    draws = step.posterior["posterior"].to_dataset()
+    for name, value in TRUTH.items():
+        z = (float(draws[name].mean()) - value) / float(draws[name].std())
+        assert abs(z) < 4, name
+    assert step.verdict.status == "ok", [f for f in step.verdict.findings if f.status != "ok"]
+    noise = draws["noise_std_harmonics"].mean(("chain", "draw")).values
+    np.testing.assert_allclose(noise, NOISE, rtol=0.25)  # 288 values a level: 4 %
+    assert float(draws["noise_std_loop"].mean()) == pytest.approx(0.3, rel=0.1)
