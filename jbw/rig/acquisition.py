@@ -114,16 +114,16 @@ def measure(
     return RigCampaign(
         name=f"virtual rig, {rig.name}",
         tests=tuple(test for tests_of_plan, _ in taken for test in tests_of_plan),
-        settings=_settings(plans, conditions),
+        settings=_settings(rig, plans, conditions),
         truth=_truth(rig, joint, days, conditions),
         demands={name: each for _, demands in taken for name, each in demands.items()},
     )
 
 
-def _settings(plans: Sequence[Plan], conditions: Conditions) -> dict[str, Any]:
+def _settings(rig: Preset, plans: Sequence[Plan], conditions: Conditions) -> dict[str, Any]:
     """Held out before any fit: the middle sweep level, and half of many repeats. The prior."""
     sweeps = sorted((p for p in plans if p.kind == "sweep"), key=lambda p: p.excitation.level)
-    settings: dict[str, Any] = {}
+    settings: dict[str, Any] = {"fit": list(rig.fit)} if rig.fit else {}
     if len(sweeps) >= 3:
         levels = [p.excitation.level for p in sweeps]
         settings["fit_levels"] = [levels[0], levels[-1]]

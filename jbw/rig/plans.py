@@ -53,6 +53,7 @@ class Preset:
         source_noise_std: Noise of that channel [V or N].
         displacement_range: Full scale of prescribed displacements, a power of two [m].
         force_range: Full scale of restoring forces, a power of two [N].
+        fit: Kinds that the joint posterior is fitted to, the others verify; all when empty.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Preset:
     source_noise_std: float = 0.5e-6
     displacement_range: float = 1 / 64
     force_range: float = 512.0
+    fit: tuple[str, ...] = ()
 
     @property
     def source_unit(self) -> str:

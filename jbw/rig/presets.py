@@ -64,6 +64,7 @@ LABORATORY = Preset(
     input_range=1.0,
     velocity_range=2.0,
     plans=_programme(0.60, stepped=(0.005, 0.02, 0.05), loops=(0.02, 0.05, 0.10)),
+    fit=("noise", "sweep"),
 )
 PAPER = Preset(
     name="paper",
@@ -71,6 +72,7 @@ PAPER = Preset(
     input_range=1.0,
     velocity_range=16.0,
     plans=_programme(0.15, stepped=(0.05, 0.10, 0.20), loops=(0.05, 0.10, 0.20)),
+    fit=("noise", "sweep"),
 )
 PRESETS: Mapping[str, Preset] = MappingProxyType({p.name: p for p in (LABORATORY, PAPER, MIXED)})
 
