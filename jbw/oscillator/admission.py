@@ -134,11 +134,13 @@ def check_bounded(joint: BoucWen, y: Any) -> None:
     if _traced(joint, y) or np.all(finite := np.isfinite(y)):
         return
     sample = int(np.argwhere(~finite)[0][-1])
+    beside = "" if joint.restoring is None else f", restoring = {joint.restoring}"
     raise ModelError(
         f"The trajectory diverges at sample {sample} for alpha = {joint.alpha}, "
-        f"delta = {joint.delta}, gamma = {joint.gamma}.",
+        f"delta = {joint.delta}, gamma = {joint.gamma}{beside}.",
         why="Nothing bounds z where delta + gamma < 0 or after a start outside the bounded set; "
-        "more than one turning point in a step does the same.",
+        "more than one turning point in a step does the same, and so does a restoring force that "
+        "pushes away from y = 0.",
         remedy="Check the parameters and the input's scale; raise `substeps`.",
     )
 

@@ -1,6 +1,7 @@
 r"""How resonance moves with amplitude, and frequency responses over frequency and level."""
 
 from functools import partial
+from typing import cast
 
 import equinox as eqx
 import jax
@@ -9,18 +10,19 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Real
 
 from jbw.oscillator.batching import batched
 from jbw.oscillator.checks import is_concrete
+from jbw.oscillator.dimensionless import ScaledForce, dimensionless
 from jbw.oscillator.harmonic_balance import (
     Packed,
     balance,
-    dimensionless,
     linear_response,
     unpack,
 )
 from jbw.oscillator.hysteresis import steady_loop
-from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.parameters import BoucWen, Restoring
+from jbw.oscillator.restoring import require_odd
 from jbw.oscillator.steady import MANY_TURNS
 from jbw.oscillator.steady_checks import require_converged, require_sense
-from jbw.oscillator.waveform import num_turns
+from jbw.oscillator.waveform import num_turns, odd_harmonics
 
 
 class Backbone(eqx.Module):
@@ -44,11 +46,12 @@ def backbone(joint: BoucWen, y_peak: Real[ArrayLike, "..."]) -> Backbone:
 
     For y = Y cos(theta) and the balance of the first harmonic alone, phase resonance needs
 
-    $$\omega^2 = k + \frac{\mathrm{Re}\,Z_1}{Y}, \qquad
+    $$\omega^2 = k + \frac{\mathrm{Re}\,Z_1 + f_1}{Y}, \qquad
       A = 2\zeta\omega_n\omega Y + \frac{E}{\pi Y} = 2\zeta_{eq}\,\omega^2 Y$$
     $$\zeta_{eq} = \zeta\,\frac{\omega_n}{\omega} + \frac{E}{2\pi\omega^2 Y^2}$$
 
-    with E the energy that the loop dissipates per cycle. Leaving the higher harmonics out costs
+    with E the energy that the loop dissipates per cycle and f_1 the first harmonic of the restoring
+    force beside it, 3 lambda_3 Y^3/4 for a cubic one. Leaving the higher harmonics out costs
     2e-5 to 2.5e-4 in Y at the paper's parameters.
 
     Args:
@@ -59,19 +62,29 @@ def backbone(joint: BoucWen, y_peak: Real[ArrayLike, "..."]) -> Backbone:
         The backbone at each amplitude.
 
     Raises:
-        ModelError: `nu` is not 1, or a concrete argument is not finite.
+        ModelError: `nu` is not 1, the restoring force has an even part, or a concrete argument is
+            not finite.
         ConfigError: `y_peak` is negative.
 
     Reference:
         Z_1 and E close Eqs. (3)-(6).
     """
+    require_odd(joint)
     loop = steady_loop(joint, y_peak)
     omega_squared = joint.k + loop.k_eq
+    if joint.restoring is not None:
+        omega_squared = omega_squared + batched(_equivalent_stiffness, joint, y_peak)
     omega = jnp.sqrt(omega_squared)
     zeta = joint.zeta * joint.omega_n / omega + loop.c_eq_omega / (2.0 * omega_squared)
     y_peak = jnp.asarray(y_peak, float)
     amplitude = 2.0 * zeta * omega_squared * y_peak
     return Backbone(*jnp.broadcast_arrays(y_peak, omega, zeta, amplitude))
+
+
+def _equivalent_stiffness(joint: BoucWen, y_peak: Array) -> Array:
+    """First harmonic of the restoring force along y = Y cos(theta), over Y [1/s^2]."""
+    force = ScaledForce(cast(Restoring, joint.restoring), y_peak, 1.0)
+    return odd_harmonics(force, jnp.ones(1, complex))[0].real
 
 
 def frequency_response(

@@ -40,12 +40,23 @@ def require_finite(joint: BoucWen, **arguments: ArrayLike) -> None:
     Raises:
         ModelError: A parameter or an argument is not finite.
     """
-    names = ("omega_n", "zeta", "alpha", "delta", "gamma")
-    parameters = {name: getattr(joint, name) for name in names}
-    for kind, group in (("Parameter", parameters), ("Argument", arguments)):
+    for kind, group in (("Parameter", parameters(joint)), ("Argument", arguments)):
         for name, value in group.items():
             if is_concrete(value) and not np.all(np.isfinite(value)):
                 raise ModelError(f"{kind} `{name}` must be finite, but it is {_first_bad(value)}.")
+
+
+def parameters(joint: BoucWen) -> dict[str, ArrayLike]:
+    """Parameters of the joint by name, those of its restoring force as `restoring.lambda_3`.
+
+    Args:
+        joint: Bouc-Wen parameters.
+
+    Returns:
+        The leaves of the record.
+    """
+    leaves = jax.tree_util.tree_leaves_with_path(joint)
+    return {jax.tree_util.keystr(path).removeprefix("."): leaf for path, leaf in leaves}
 
 
 def require_at_least(name: str, value: ArrayLike, bound: float, *, open_end: bool = False) -> None:

@@ -8,9 +8,9 @@ import optimistix
 from jaxtyping import Array, Complex, Float
 
 from jbw.errors import ModelError
+from jbw.oscillator.dimensionless import dimensionless
 from jbw.oscillator.harmonic_balance import (
     balance,
-    dimensionless,
     linear_response,
     residual,
     unpack,

@@ -116,8 +116,10 @@ def equivalent_acceleration(
 
     $$\ddot y = u - 2\zeta\omega_n\dot y - (k+\lambda_1)\,y - \rho\,y^2 - \lambda_3 y^3 - u_0$$
 
+    less the restoring force f(y) of the joint, where it has one.
+
     Args:
-        joint: Bouc-Wen parameters; k, zeta and omega_n are used.
+        joint: Bouc-Wen parameters; k, zeta, omega_n and `restoring` are used.
         smoothing: Coefficients of the smoothed force.
         y: Displacement [m].
         v: Velocity [m/s].
@@ -132,4 +134,5 @@ def equivalent_acceleration(
     """
     y, v, u = jnp.asarray(y), jnp.asarray(v), jnp.asarray(u)
     viscous = 2.0 * joint.zeta * joint.omega_n * v
-    return u - viscous - joint.k * y - equivalent_force(smoothing, y, v, u_0)
+    a = u - viscous - joint.k * y - equivalent_force(smoothing, y, v, u_0)
+    return a if joint.restoring is None else a - joint.restoring(y)

@@ -55,7 +55,7 @@ def simulate_equivalent(
     the fit, more elsewhere, and there the error falls with the first power of the step only.
 
     Args:
-        joint: Bouc-Wen parameters; k, zeta and omega_n are used.
+        joint: Bouc-Wen parameters; k, zeta, omega_n and `restoring` are used.
         smoothing: Scalar coefficients of the smoothed force.
         u: Samples of the input [N/kg], or a function of time [s].
         fs: Sampling frequency [Hz].

@@ -2,10 +2,13 @@ r"""The hysteresis-exact step: true order 4 through the kinks at v = 0 and z = 0
 
 With the stiffness alpha y moved to the exactly solved linear part, the joint acts through the
 small residual force $r = z - \alpha y$, whose rate $\dot r = -v z\,(\gamma\,\mathrm{sgn}\,v +
-\delta\,\mathrm{sgn}\,z)$ is continuous. One step predicts (y, v) with r and its rate, moves z
+\delta\,\mathrm{sgn}\,z)$ is continuous; a smooth restoring force f beside z adds f(y) to r and
+$f'(y)\,v$ to its rate, and no kink. One step predicts (y, v) with r and its rate, moves z
 exactly, and corrects (y, v) with the cubic through r and its rate at both ends. What that cubic
 misses of a kink inside the step is paid back as a kick on v and y.
 """
+
+from typing import cast
 
 import equinox as eqx
 import jax
@@ -14,7 +17,7 @@ from jaxtyping import Array
 
 from jbw.oscillator.kinked_step import kinked_step
 from jbw.oscillator.moments import impulse_moments
-from jbw.oscillator.parameters import BoucWen, Scalar
+from jbw.oscillator.parameters import BoucWen, Restoring, Scalar
 from jbw.oscillator.signed_map import kept, signed, smooth_move
 
 NUM_MOMENTS = 6
@@ -24,6 +27,8 @@ Push = tuple[Scalar, Scalar, Scalar]
 
 class ExactStep(eqx.Module):
     """Constants of the step, made once per set of parameters; all leaves are scalars.
+
+    Without a restoring force beside the hysteretic one nothing is computed for it.
 
     `f_*` are what (y, v) change by freely; `r_*`, `s_*` are the effect of r and of h times its
     rate in the predictor; `d_*`, `a_*`, `b_*` those of the change of r and of its two rates in
@@ -50,6 +55,7 @@ class ExactStep(eqx.Module):
     a_v: Scalar
     b_y: Scalar
     b_v: Scalar
+    restoring: Restoring | None
 
 
 def exact_step(joint: BoucWen, dt: Scalar) -> tuple[ExactStep, Array, Array]:
@@ -74,6 +80,7 @@ def exact_step(joint: BoucWen, dt: Scalar) -> tuple[ExactStep, Array, Array]:
         r_y=y_0, r_v=v_0, s_y=y_1, s_v=v_1,
         d_y=3.0 * y_2 - 2.0 * y_3, d_v=3.0 * v_2 - 2.0 * v_3,
         a_y=y_3 - 2.0 * y_2, a_v=v_3 - 2.0 * v_2, b_y=y_3 - y_2, b_v=v_3 - v_2,
+        restoring=joint.restoring,
     )
     # fmt: on
     return jax.tree.map(jnp.asarray, step), m.y, m.v
@@ -100,6 +107,9 @@ def advance(step: ExactStep, state: State, push: Push, *, branch: bool) -> State
     c = signed(step.gamma, v) + signed(step.delta, z)
     r = z - step.alpha * y
     rate = -step.dt * c * v * z
+    if step.restoring is not None:
+        f, f_rate = kept(_smooth(step, y, v))
+        r, rate = r + f, rate + f_rate
     y_1 = y + (step.f_11 * y + step.f_12 * v + push[0] - step.r_y * r - step.s_y * rate)
     v_1 = v + (step.f_21 * y + step.f_22 * v + push[1] - step.r_v * r - step.s_v * rate)
     if branch:
@@ -115,6 +125,9 @@ def advance(step: ExactStep, state: State, push: Push, *, branch: bool) -> State
         y_1, v_1, r, rate = kept((y_1, v_1, r, rate))
         y_1, v_1, z_1, c_1, kick_v, kick_y = kept(_through_kinks(step, state, push[2], y_1, v_1))
     change, rate_1 = z_1 - step.alpha * y_1 - r, -step.dt * c_1 * v_1 * z_1
+    if step.restoring is not None:
+        f, f_rate = _smooth(step, y_1, v_1)
+        change, rate_1 = change + f, rate_1 + f_rate
     if not branch:
         change, rate_1 = kept((change, rate_1))
     dy = kick_y - (step.d_y * change + step.a_y * rate + step.b_y * rate_1)
@@ -155,6 +168,17 @@ def _second_order(step: ExactStep, state: State, u: Scalar) -> tuple[Scalar, Sca
     y, v, z = state
     c = signed(step.gamma, v) + signed(step.delta, z)
     a = u - step.damping * v - step.stiffness * y - (z - step.alpha * y)
+    if step.restoring is not None:
+        a = a - step.restoring(y)
     half = -0.5 * step.dt**2 * c * (a * z + v**2 * (step.alpha - c * z))
+    if step.restoring is not None:
+        _, bend = jax.jvp(lambda y, v: _smooth(step, y, v)[1], (y, v), (v, a))
+        half = half + 0.5 * step.dt * bend
     # W_2 = b - a of the corrector's constants.
     return kept(((step.a_y - step.b_y) * half, (step.a_v - step.b_v) * half, a))
+
+
+def _smooth(step: ExactStep, y: Scalar, v: Scalar) -> tuple[Scalar, Scalar]:
+    """The restoring force f(y), and h times its rate f'(y) v."""
+    force = cast(Restoring, step.restoring)
+    return jax.jvp(force, (y,), (step.dt * v,))

@@ -1,10 +1,5 @@
 r"""Harmonic balance of the joint in its dimensionless form: residual and Newton's iteration.
 
-With time in units of 1/omega_n and displacement in units of A/omega_n^2 the oscillator under
-u = A cos(omega t) is the joint of omega_n = 1 under cos(Omega theta), its alpha over omega_n^2,
-its delta and gamma times A/omega_n^2. The load A enters through delta and gamma alone, so A = 0 is
-the linear oscillator and an ordinary point.
-
 Harmonics are stored as real arrays of shape (2, harmonic): real and imaginary parts of the odd
 orders 1, 3, 5, ... of y = Re sum q_n exp(j n theta).
 """
@@ -18,8 +13,10 @@ import optimistix
 from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator import closed_path, folded_path
+from jbw.oscillator.dimensionless import loaded
 from jbw.oscillator.parameters import BoucWen, Scalar
-from jbw.oscillator.waveform import orders
+from jbw.oscillator.restoring import require_odd
+from jbw.oscillator.waveform import odd_harmonics, orders
 
 Packed = Float[Array, "2 harmonic"]
 
@@ -29,31 +26,6 @@ _TOLERANCE = 1e-8
 _MAX_NEWTON = 16
 _MAX_LOADS = 64
 _LEAST_LOAD_STEP = 1e-3
-
-
-def dimensionless(joint: BoucWen, omega: Scalar, amplitude: Scalar) -> tuple[BoucWen, Array, Array]:
-    r"""Joint, frequency and unit of displacement of the dimensionless problem.
-
-    $$\Omega = \omega/\omega_n, \quad \alpha/\omega_n^2, \quad \delta A/\omega_n^2, \quad
-      \gamma A/\omega_n^2, \quad y = (A/\omega_n^2)\, q$$
-
-    Args:
-        joint: Bouc-Wen parameters.
-        omega: Angular frequency [rad/s].
-        amplitude: Amplitude A of the force [N/kg].
-
-    Returns:
-        Dimensionless joint, Omega, A/omega_n^2 [m].
-    """
-    length = jnp.asarray(amplitude / joint.omega_n**2)
-    unit = BoucWen(
-        jnp.ones_like(length),
-        joint.zeta,
-        joint.alpha / joint.omega_n**2,
-        joint.delta * length,
-        joint.gamma * length,
-    )
-    return unit, jnp.asarray(omega / joint.omega_n), length
 
 
 def pack(q: Complex[Array, "harmonic"]) -> Packed:
@@ -90,27 +62,29 @@ def imbalance(
 ) -> Complex[Array, "harmonic"]:
     r"""What a motion leaves of the balance, harmonic by harmonic, in any units.
 
-    $$R_n = (\omega_n^2 - n^2\omega^2 + 2j\zeta\omega_n n\omega)\,q_n + \alpha\, r_n - f_n$$
+    $$R_n = (\omega_n^2 - n^2\omega^2 + 2j\zeta\omega_n n\omega)\,q_n + \alpha\, r_n + f_n - u_n$$
 
     where r = z/alpha - y, so that the stiffness omega_n^2 of the sticking joint is not split into
-    k and alpha. The force's harmonics r_n come by quadrature between the turning points and
-    zeros of z, whose steady value at the turning points is solved for, not marched.
+    k and alpha, and f is the restoring force beside the hysteretic one. The harmonics r_n come by
+    quadrature between the turning points and zeros of z, whose steady value at the turning points
+    is solved for, not marched; the f_n by a uniform grid.
 
     Args:
         joint: Bouc-Wen parameters.
         omega: Angular frequency.
         q: Complex amplitudes of the odd orders of y.
-        load: Those of the force per unit mass.
+        load: Those u_n of the input.
         max_turns: Turning points of y allowed in a period.
 
     Returns:
         R_n, in the unit of `load`.
     """
     if max_turns == 2:
-        force = closed_path.relaxed_force(q, joint.delta, joint.gamma)
+        relaxed = closed_path.relaxed_force(q, joint.delta, joint.gamma)
     else:
-        force = folded_path.relaxed_force(q, joint.delta, joint.gamma, max_turns)
-    return _dynamic_stiffness(joint, omega, orders(q.shape[0])) * q + joint.alpha * force - load
+        relaxed = folded_path.relaxed_force(q, joint.delta, joint.gamma, max_turns)
+    left = _dynamic_stiffness(joint, omega, orders(q.shape[0])) * q + joint.alpha * relaxed - load
+    return left if joint.restoring is None else left + odd_harmonics(joint.restoring, q)
 
 
 def refined(
@@ -136,7 +110,11 @@ def refined(
 
     Returns:
         Odd orders of y [m].
+
+    Raises:
+        ModelError: The joint's restoring force has an even part.
     """
+    require_odd(joint)
 
     def left(packed: Packed) -> Packed:
         return pack(imbalance(joint, omega, unpack(packed), load))
@@ -193,7 +171,7 @@ def balance(
     def advance(state: tuple) -> tuple:
         load, step, packed, tries = state
         next_load = jnp.minimum(load + step, 1.0)
-        tried, ok = newton(_loaded(joint, next_load), omega, packed, max_turns)
+        tried, ok = newton(loaded(joint, next_load), omega, packed, max_turns)
         kept = jnp.where(load > 0.0, packed, linear)
         return (
             jnp.where(ok, next_load, load),
@@ -247,11 +225,6 @@ def newton(
     )
     converged = solution.result == optimistix.RESULTS.successful
     return solution.value, converged & jnp.all(jnp.isfinite(solution.value))
-
-
-def _loaded(joint: BoucWen, load: Scalar) -> BoucWen:
-    """The joint under a part of its load, which enters through delta and gamma alone."""
-    return BoucWen(joint.omega_n, joint.zeta, joint.alpha, load * joint.delta, load * joint.gamma)
 
 
 def _dynamic_stiffness(

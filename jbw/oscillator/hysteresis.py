@@ -150,7 +150,7 @@ def steady_loop(joint: BoucWen, y_peak: Real[ArrayLike, "..."]) -> SteadyLoop:
     Accurate to about 1e-14 while (delta + |gamma|) (Y + |y_open|) < 40.
 
     Args:
-        joint: Bouc-Wen parameters with nu = 1; omega_n and zeta have no influence.
+        joint: Bouc-Wen parameters with nu = 1; omega_n, zeta and `restoring` have no influence.
         y_peak: Largest displacement Y [m].
 
     Returns:

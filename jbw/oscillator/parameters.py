@@ -1,9 +1,18 @@
 """The joint: parameters of the single-mode Bouc-Wen oscillator."""
 
+from collections.abc import Callable
+
 import equinox as eqx
+from jax.tree_util import Partial, all_leaves
 from jaxtyping import Array, Float
 
 Scalar = Float[Array, "..."] | float
+Restoring = Callable[[Scalar], Scalar]
+
+
+def _as_pytree(force: Restoring | None) -> Restoring | None:
+    """A plain function as a pytree without leaves; a pytree as it is."""
+    return Partial(force) if callable(force) and all_leaves([force]) else force
 
 
 class BoucWen(eqx.Module):
@@ -13,7 +22,8 @@ class BoucWen(eqx.Module):
     $$\dot Z = \alpha\dot y - \gamma|\dot y||Z|^{\nu-1}Z - \delta\dot y|Z|^\nu$$
 
     `omega_n` is the natural frequency at small amplitude, where the joint sticks. Leaves may be
-    scalars or arrays of one shape (a batch of joints).
+    scalars or arrays of one shape (a batch of joints). A force f(y) of `restoring` is added to
+    the left side of the first equation; None, the default, is the paper's model.
 
     Attributes:
         omega_n: Natural frequency at small amplitude [rad/s].
@@ -22,6 +32,8 @@ class BoucWen(eqx.Module):
         delta: Softening of the hysteresis [1/m for nu = 1].
         gamma: Opening of the hysteresis loop [1/m for nu = 1].
         nu: Smoothness exponent [-]; static.
+        restoring: Smooth force beside the hysteretic one, from y [m] to f(y) [N/kg], such as
+            `Cubic`; a pytree whose leaves are parameters too.
 
     Reference:
         Eqs. (1), (2), (39).
@@ -33,6 +45,7 @@ class BoucWen(eqx.Module):
     delta: Scalar
     gamma: Scalar
     nu: float = eqx.field(default=1.0, static=True)
+    restoring: Restoring | None = eqx.field(default=None, converter=_as_pytree)
 
     @property
     def k(self) -> Scalar:

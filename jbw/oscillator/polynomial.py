@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Inexact
 
 from jbw.oscillator.parameters import BoucWen, Scalar
+from jbw.oscillator.restoring import require_none
 from jbw.oscillator.smoothing import Smoothing
 
 
@@ -46,9 +47,13 @@ def nearly_closed(joint: BoucWen, polynomial: Smoothing) -> PolynomialOscillator
     Returns:
         The cubic oscillator, with `rho` zero.
 
+    Raises:
+        ModelError: The joint has a restoring force beside the hysteretic one.
+
     Reference:
         Eq. (26).
     """
+    require_none(joint, "nearly_closed")
     return PolynomialOscillator(
         damping=2.0 * joint.zeta * joint.omega_n,
         stiffness=joint.k + polynomial.lambda_1,

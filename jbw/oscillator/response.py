@@ -73,16 +73,17 @@ def simulate(
 ) -> Response:
     r"""Response of the oscillator, N samples in and N samples out.
 
-    $$\ddot y + 2\zeta\omega_n\dot y + k y + Z = u$$
+    $$\ddot y + 2\zeta\omega_n\dot y + k y + Z + f(y) = u$$
 
-    A sampled input at nu = 1 goes through the hysteresis-exact step (order 4, one step a sample
-    unless `substeps` says more; two are advised where gradients are taken). Everything else goes
-    through a stock diffrax solver: the given one with `substeps` equal steps a sample or under an
-    adaptive `controller`, or else Dopri8, adaptive to 1e-9. Leaves of the joint, of `initial` and
-    of `u` before the time axis broadcast. Differentiable in the joint, `u` and `initial`; works
-    under jit, vmap, grad and jvp.
+    f is the joint's restoring force, if it has one. A sampled input at nu = 1 goes through the
+    hysteresis-exact step (order 4, one step a sample unless `substeps` says more; two are advised
+    where gradients are taken). Everything else goes through a stock diffrax solver: the given one
+    with `substeps` equal steps a sample or under an adaptive `controller`, or else Dopri8,
+    adaptive to 1e-9. Leaves of the joint, of `initial` and of `u` before the time axis broadcast.
+    Differentiable in the joint, `u` and `initial`; works under jit, vmap, grad and jvp.
 
-    A trajectory that diverges (possible where delta < |gamma|) is nan or inf from there on; the
+    A trajectory that diverges (possible where delta < |gamma|, or under a restoring force that
+    softens without bound) is nan or inf from there on; the
     eager call raises.
 
     Args:
@@ -184,6 +185,8 @@ def _simulate(options: _Options, joint: BoucWen, u: Input, fs: Scalar, initial: 
     else:
         (y, v, z), residual = trajectory_from(initial), jnp.zeros(())
     a = u_sampled - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - z
+    if joint.restoring is not None:
+        a = a - joint.restoring(y)
     return Response(t, y, v, z, a, residual)
 
 

@@ -12,9 +12,10 @@ from jaxtyping import Array, Complex, Float
 
 from jbw.errors import ModelError
 from jbw.oscillator.checks import is_concrete, require_at_least, require_closed_form, require_finite
-from jbw.oscillator.harmonic_balance import dimensionless
+from jbw.oscillator.dimensionless import dimensionless
 from jbw.oscillator.hysteresis import hysteresis_rate
 from jbw.oscillator.parameters import BoucWen, Scalar
+from jbw.oscillator.restoring import require_odd
 from jbw.oscillator.steady_checks import require_float64
 from jbw.oscillator.waveform import orders
 
@@ -71,13 +72,15 @@ def shooting(
         The orbit; NaN where the iteration did not converge.
 
     Raises:
-        ModelError: The iteration did not converge, nu is not 1, or an argument is not finite.
+        ModelError: The iteration did not converge, nu is not 1, the restoring force has an
+            even part, or an argument is not finite.
         ConfigError: An argument is not positive, or JAX runs in float32.
 
     Reference:
         Eqs. (1), (2).
     """
     require_closed_form(joint)
+    require_odd(joint)
     require_finite(joint, omega=omega, amplitude=amplitude)
     require_at_least("omega", omega, 0.0, open_end=True)
     require_at_least("amplitude", amplitude, 0.0, open_end=True)
@@ -146,6 +149,8 @@ def _half_period(
     def rate(theta: Any, state: tuple, _: None) -> tuple:
         (y, p, z), _, _ = state
         force = jnp.cos(theta) - (1.0 - unit.alpha) * y - unit.alpha * z
+        if unit.restoring is not None:
+            force = force - unit.restoring(y)
         curvature = (force - 2.0 * unit.zeta * ratio * p) / ratio**2
         motion = jnp.stack([p, curvature, hysteresis_rate(law, p, z)])
         weight = 2.0 / jnp.pi * y

@@ -65,7 +65,7 @@ def smoothing(
     - `"printed_closed"`: Eqs. (24), (25), the printed ones for y_open = gamma = 0.
 
     Args:
-        joint: Bouc-Wen parameters with nu = 1; omega_n and zeta have no influence.
+        joint: Bouc-Wen parameters with nu = 1; omega_n, zeta and `restoring` have no influence.
         y_peak: Largest displacement Y of the loop [m].
         variant: One of the names above.
         y_open: Threshold y_0 of the loop [m], within (-Y, Y); that of `steady_loop` when None.

@@ -70,7 +70,7 @@ def sampled_input(polynomials: Float[Array, "interval power"], tau: Scalar) -> S
 def oscillate(joint: BoucWen, u: Scalar, state: State) -> State:
     r"""Rates of (y, v, z) [per s], any nu; differentiable at z = 0.
 
-    $$\dot v = u - 2\zeta\omega_n v - k y - z, \qquad
+    $$\dot v = u - 2\zeta\omega_n v - k y - z - f(y), \qquad
       \dot z = \alpha v - (\gamma |v| \,\mathrm{sgn}\,z + \delta v) |z|^\nu$$
 
     Reference:
@@ -78,6 +78,8 @@ def oscillate(joint: BoucWen, u: Scalar, state: State) -> State:
     """
     y, v, z = state
     dv = u - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - z
+    if joint.restoring is not None:
+        dv = dv - joint.restoring(y)
     if joint.nu == 1.0:
         saturation = joint.gamma * jnp.abs(v) * z + joint.delta * v * jnp.abs(z)
     else:

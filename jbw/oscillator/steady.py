@@ -11,7 +11,8 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Inexact, Int, Real
 from jbw.oscillator import closed_path, folded_path
 from jbw.oscillator.batching import batched
 from jbw.oscillator.checks import is_concrete, require_closed_form
-from jbw.oscillator.harmonic_balance import balance, dimensionless, linear_response, unpack
+from jbw.oscillator.dimensionless import dimensionless
+from jbw.oscillator.harmonic_balance import balance, linear_response, unpack
 from jbw.oscillator.parameters import BoucWen
 from jbw.oscillator.steady_checks import require_converged, require_sense
 from jbw.oscillator.waveform import num_turns, synthesis

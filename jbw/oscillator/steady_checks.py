@@ -5,8 +5,14 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Int
 
 from jbw.errors import ConfigError, ModelError
-from jbw.oscillator.checks import require_at_least, require_closed_form, require_finite
+from jbw.oscillator.checks import (
+    parameters,
+    require_at_least,
+    require_closed_form,
+    require_finite,
+)
 from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.restoring import require_odd
 
 
 def require_float64() -> None:
@@ -41,9 +47,11 @@ def require_sense(
 
     Raises:
         ConfigError: An argument is out of its range, or JAX runs in float32.
-        ModelError: nu is not 1, or an argument is not finite.
+        ModelError: nu is not 1, the restoring force has an even part, or an argument is not
+            finite.
     """
     require_closed_form(joint)
+    require_odd(joint)
     require_finite(joint, omega=omega, amplitude=amplitude)
     require_float64()
     if num_harmonics < 1:
@@ -78,11 +86,10 @@ def require_converged(
         return
     shape = failed.shape
     first = np.unravel_index(np.argmax(failed), shape)
-    leaves = {"omega": omega, "amplitude": amplitude, **joint.__dict__}
+    leaves = {"omega": omega, "amplitude": amplitude, **parameters(joint)}
     values = {
         name: float(np.broadcast_to(np.asarray(leaf), shape)[first])
         for name, leaf in leaves.items()
-        if name != "nu"
     }
     text = ", ".join(f"{name} = {value:g}" for name, value in values.items())
     raise ModelError(

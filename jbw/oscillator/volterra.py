@@ -10,6 +10,7 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Inexact
 from jbw.oscillator.hysteresis import steady_loop
 from jbw.oscillator.parameters import BoucWen
 from jbw.oscillator.polynomial import PolynomialOscillator
+from jbw.oscillator.restoring import require_none
 from jbw.oscillator.smoothing import Variant, smoothing
 
 Real = Float[ArrayLike, "..."]
@@ -148,11 +149,13 @@ def h3(
 
     Raises:
         ConfigError: If `variant` is unknown, or a concrete `y_peak` is not positive.
-        ModelError: If nu is not 1, or a concrete argument is not finite.
+        ModelError: If nu is not 1, the joint has a restoring force beside the hysteretic one, or a
+            concrete argument is not finite.
 
     Reference:
         Eqs. (25), (28), (31).
     """
+    require_none(joint, "h3")
     closed: Variant = "printed_closed" if variant == "printed" else variant
     lambda_3 = smoothing(joint, y_peak, variant=closed).lambda_3
     return kernel_31(omega, joint.omega_n, joint.zeta, lambda_3)
@@ -178,9 +181,13 @@ def third_harmonic(
     Returns:
         Complex peak amplitude at 3 omega [m].
 
+    Raises:
+        ModelError: The joint has a restoring force beside the hysteretic one, or as `steady_loop`.
+
     Reference:
         In place of Eqs. (28)-(31).
     """
+    require_none(joint, "third_harmonic")
     y_peak = jnp.abs(y_1)
     ripple = 1.0 / h1(3.0 * jnp.asarray(omega), joint.omega_n, joint.zeta)
     softening = 2.0 * joint.alpha * joint.delta * y_peak / jnp.pi

@@ -6,6 +6,8 @@ import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Array, Complex, Float, Int
 
+from jbw.oscillator.parameters import Restoring
+
 # Newton's steps from the grid; the grid's cell of the extremum is at most 0.05 rad wide.
 _NUM_NEWTON = 4
 _POINTS_PER_HARMONIC = 8
@@ -84,6 +86,26 @@ def num_turns(q: Complex[Array, "harmonic"]) -> Int[Array, ""]:
     slope = jnp.real(basis @ (1j * orders(q.shape[0]) * q))
     rising = jnp.append(slope, -slope[0]) > 0.0
     return 2 * jnp.sum(rising[1:] != rising[:-1])
+
+
+def odd_harmonics(force: Restoring, q: Complex[Array, "harmonic"]) -> Complex[Array, "harmonic"]:
+    r"""Harmonics of an odd force along the motion, from its values on a uniform grid.
+
+    $$f_n = \frac{2}{M}\sum_{j<M} f(y(\theta_j))\,e^{-jn\theta_j}, \qquad
+      \theta_j = \pi j/M, \quad M = \max(64, 8H)$$
+
+    The other half of the period mirrors this one. Exact for polynomials to degree 7; for other
+    smooth forces the error falls exponentially with the number of points.
+
+    Args:
+        force: Odd function of the displacement.
+        q: Complex amplitudes of the H odd orders of y.
+
+    Returns:
+        Complex amplitudes of f, in its unit.
+    """
+    _, basis = _half_grid(q.shape[0])
+    return 2.0 / basis.shape[0] * (jnp.asarray(force(jnp.real(basis @ q))) @ basis.conj())
 
 
 def _half_grid(

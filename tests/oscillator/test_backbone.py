@@ -8,7 +8,8 @@ import pytest
 from jbw.errors import ModelError
 from jbw.oscillator.backbone import backbone, frequency_response
 from jbw.oscillator.continuation import response_curve
-from jbw.oscillator.harmonic_balance import dimensionless, linear_response, newton
+from jbw.oscillator.dimensionless import dimensionless
+from jbw.oscillator.harmonic_balance import linear_response, newton
 from jbw.oscillator.parameters import BoucWen
 from jbw.oscillator.shooting import shooting
 from jbw.oscillator.steady import steady_cycle, steady_state
