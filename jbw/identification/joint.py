@@ -19,6 +19,11 @@ from jbw.identification.accuracy import (
     worth_by_label,
 )
 from jbw.identification.coordinates import box_of, by_products, product_box, products_of
+from jbw.identification.leaving_out import (
+    consistency_finding,
+    leave_one_out,
+    left_out_dataset,
+)
 from jbw.identification.noise import with_derived
 from jbw.identification.shifts import sentence_of, shifts_of, wanted, with_offsets
 from jbw.identification.starts import fit_from, inside, linear_look
@@ -81,9 +86,13 @@ def joint_step(
     findings = residual_findings(left, worth_by_label(left, data))
     if (error := solver_finding(draws, data)) is not None:
         findings.append(error)
+    complete = with_derived(keys[3], posterior, data)
+    if (left_out := leave_one_out(best, prior, data)) is not None:
+        findings.append(consistency_finding(left_out))
+        complete["leave_one_out"] = xr.DataTree(left_out_dataset(left_out))
     step = finished(
         "joint",
-        with_derived(keys[3], posterior, data),
+        complete,
         prior,
         best,
         started,

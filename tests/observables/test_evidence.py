@@ -9,6 +9,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.identification.accuracy import worth_by_label, worth_of
 from jbw.identification.gathering import gather
 from jbw.identification.joint import joint_step
+from jbw.identification.leaving_out import consistency_finding, leave_one_out
 from jbw.identification.shifts import shifts_of, wanted, with_offsets
 from jbw.inference.box import box
 from jbw.inference.costly_fit import costly_fit
@@ -195,6 +196,34 @@ def test_misfit_shared_by_all_repeats_does_not_count_as_often():
     assert worth["held at 20"] < 0.2
     counted = with_worth(worth, data).parts[0].repeats.num_values
     assert float(counted[0]) == pytest.approx(worth["held at 20"] * 72 * 16)
+
+
+def test_leaving_a_run_out_is_a_fit_of_the_others():
+    tests = [curve(5), curve(20), curve(60)]
+    prior = box(PRIOR)
+    data = gather(tests, {}, gain=GAIN)
+    middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
+    best = costly_fit(residual, prior, data, starts=middle)
+    found = leave_one_out(best, prior, data)
+    assert found is not None
+    assert found.runs == ("held at 5", "held at 20", "held at 60")
+    apart = costly_fit(residual, prior, gather(tests[1:], {}, gain=GAIN), starts=middle)
+    change = (found.estimate[0] - list(apart.theta.values())) / found.std[0]
+    # Two iterations along the valley of alpha delta, each to its tolerance.
+    assert np.abs(change).max() < 0.02
+    np.testing.assert_allclose(found.std[0], np.sqrt(np.diag(apart.covariance)), rtol=0.02)
+    assert consistency_finding(found).status == "ok"  # |z| < 4 over 15 numbers: p = 1e-3
+
+
+def test_a_level_that_contradicts_the_others_is_found():
+    tests = [curve(5), curve(20), curve(60, omega_n=501.0)]
+    prior = box(PRIOR)
+    data = gather(tests, {}, gain=GAIN)
+    middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
+    best = costly_fit(residual, prior, data, starts=middle)
+    finding = consistency_finding(leave_one_out(best, prior, data))
+    assert finding.status == "failed"
+    assert finding.number > 4
 
 
 def test_hold_out_and_fit_choose_the_tests(mixed):

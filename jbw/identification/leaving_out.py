@@ -1,0 +1,129 @@
+r"""Leave one run out: does every level tell of the same joint?
+
+Where the law of the joint is wrong, or runs shift, each level asks for parameters of its own, and
+the fit of all is a compromise with a narrow interval. So the fit is repeated without each run, and
+its change compared with what chance allows,
+
+$$z = \frac{\hat\theta_{-r} - \hat\theta}{\sqrt{\sigma_{-r}^2 - \sigma^2}}$$
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from jbw.identification.starts import inside
+from jbw.inference.box import Box
+from jbw.inference.costly_fit import costly_fit
+from jbw.inference.fitting import Fit
+from jbw.inference.verdict import Finding
+from jbw.observables.decay import Decays
+from jbw.observables.evidence import Evidence, Part, residual, run_names
+from jbw.observables.linear import LineReading
+
+DEAF = 1e6  # times its noise: a group that says nothing any more, and keeps its shape
+MOVES = 4.0  # standard deviations of the change: beyond, the runs contradict each other
+LEAST_GAIN = 0.01  # of the variance: what a run must add for its absence to be judged
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Fits without each run.
+
+    Attributes:
+        names: Parameters.
+        runs: The runs, each left out in turn.
+        estimate: Optimum without it, in the parameters' units.
+        std: Standard deviation of it.
+        z: Change over its standard deviation by chance; NaN where the run adds nothing.
+    """
+
+    names: tuple[str, ...]
+    runs: tuple[str, ...]
+    estimate: Float[np.ndarray, "run parameter"]
+    std: Float[np.ndarray, "run parameter"]
+    z: Float[np.ndarray, "run parameter"]
+
+
+def leave_one_out(best: Fit, prior: Box, data: Evidence) -> LeftOut | None:
+    """Fit again without each run of records, harmonics or loops in turn.
+
+    Args:
+        best: The fit of all.
+        prior: Its box.
+        data: The evidence.
+
+    Returns:
+        The fits; None with fewer than two such runs.
+    """
+    own = [part for part in data.parts if not isinstance(part, LineReading | Decays)]
+    runs = tuple(dict.fromkeys(name for part in own for name in part.repeats.runs))
+    if len(runs) < 2 or len(set(run_names(data))) < 3:
+        return None
+    fits = [
+        costly_fit(residual, prior, without(run, data), starts=inside(best.theta, prior))
+        for run in runs
+    ]
+    estimate = np.array([list(one.theta.values()) for one in fits])
+    std = np.array([np.sqrt(np.diag(one.covariance)) for one in fits])
+    variance = np.diag(best.covariance)
+    gained = std**2 - variance
+    known = gained > LEAST_GAIN * variance
+    change = estimate - np.array(list(best.theta.values()))
+    z = np.where(known, change / np.sqrt(np.where(known, gained, 1.0)), np.nan)
+    return LeftOut(tuple(best.theta), runs, estimate, std, z)
+
+
+def without(run: str, data: Evidence) -> Evidence:
+    """The evidence with one run's groups deaf, of the same shapes.
+
+    Args:
+        run: Name of the run.
+        data: The evidence.
+    """
+
+    def deaf(part: Part) -> Part:
+        if isinstance(part, LineReading | Decays):
+            return part
+        loud = np.array([DEAF if name == run else 1.0 for name in part.repeats.runs])
+        noise = part.repeats.noise_std * loud
+        return replace(part, repeats=replace(part.repeats, noise_std=noise))
+
+    return replace(data, parts=tuple(deaf(part) for part in data.parts))
+
+
+def consistency_finding(left_out: LeftOut) -> Finding:
+    """Whether the runs tell of one joint; its number is the largest |z|."""
+    if np.all(np.isnan(left_out.z)):
+        return Finding(
+            "leave_one_out", "ok", "No run alone adds to what the others know.", float("nan")
+        )
+    run, parameter = np.unravel_index(np.nanargmax(np.abs(left_out.z)), left_out.z.shape)
+    worst = float(abs(left_out.z[run, parameter]))
+    ok = worst < MOVES
+    return Finding(
+        "leave_one_out",
+        "ok" if ok else "failed",
+        f"Without {left_out.runs[run]} the fit of {left_out.names[parameter]} moves by {worst:.1f} "
+        f"standard deviations of such a change, more than without any other run; it must be below "
+        f"{MOVES:g}.",
+        worst,
+        ""
+        if ok
+        else "The levels ask for different joints: restrict the levels by `hold_out`, or doubt "
+        "the law.",
+    )
+
+
+def left_out_dataset(left_out: LeftOut) -> xr.Dataset:
+    """The fits without each run as labelled arrays."""
+    dims = ("run", "parameter")
+    return xr.Dataset(
+        {
+            "estimate": (dims, left_out.estimate, {"long_name": "optimum without the run"}),
+            "std": (dims, left_out.std, {"long_name": "its standard deviation"}),
+            "z": (dims, left_out.z, {"units": "1", "long_name": "change over its sd by chance"}),
+        },
+        {"run": list(left_out.runs), "parameter": list(left_out.names)},
+    )
