@@ -11,17 +11,20 @@ if TYPE_CHECKING:
     from jbw import rig
     from jbw.campaign.loading import Campaign, load_campaign
     from jbw.errors import ConfigError, DataError, JbwError, ModelError, RunError
-    from jbw.identification.linear import line_fit
+    from jbw.identification.linear import line_fit, pool
     from jbw.measurement.files.door import read
     from jbw.measurement.harmonics import harmonics
     from jbw.measurement.probing import third_order_kernel
     from jbw.measurement.records import Record, Test
     from jbw.measurement.spectra import frf
-    from jbw.oscillator.hysteresis import hysteresis_map, steady_loop
+    from jbw.oscillator.backbone import backbone, frequency_response
+    from jbw.oscillator.continuation import response_curve
+    from jbw.oscillator.hysteresis import hysteresis_map, hysteresis_rate, steady_loop
     from jbw.oscillator.parameters import BoucWen
     from jbw.oscillator.response import Response, simulate
+    from jbw.oscillator.restoring import Cubic, Polynomial
     from jbw.oscillator.smoothing import smoothing
-    from jbw.oscillator.steady import steady_state
+    from jbw.oscillator.steady import steady_cycle, steady_state
     from jbw.oscillator.volterra import h1, h3, third_harmonic
     from jbw.study.identify import Study, identify
 
@@ -32,25 +35,33 @@ _HOME = {
     "BoucWen": "oscillator.parameters",
     "Campaign": "campaign.loading",
     "ConfigError": "errors",
+    "Cubic": "oscillator.restoring",
     "DataError": "errors",
     "JbwError": "errors",
     "ModelError": "errors",
+    "Polynomial": "oscillator.restoring",
     "Record": "measurement.records",
     "Response": "oscillator.response",
     "RunError": "errors",
     "Study": "study.identify",
     "Test": "measurement.records",
+    "backbone": "oscillator.backbone",
+    "frequency_response": "oscillator.backbone",
     "frf": "measurement.spectra",
     "h1": "oscillator.volterra",
     "h3": "oscillator.volterra",
     "harmonics": "measurement.harmonics",
     "hysteresis_map": "oscillator.hysteresis",
+    "hysteresis_rate": "oscillator.hysteresis",
     "identify": "study.identify",
     "line_fit": "identification.linear",
     "load_campaign": "campaign.loading",
+    "pool": "identification.linear",
     "read": "measurement.files.door",
+    "response_curve": "oscillator.continuation",
     "simulate": "oscillator.response",
     "smoothing": "oscillator.smoothing",
+    "steady_cycle": "oscillator.steady",
     "steady_loop": "oscillator.hysteresis",
     "steady_state": "oscillator.steady",
     "third_harmonic": "oscillator.volterra",
@@ -61,27 +72,35 @@ __all__ = [
     "BoucWen",
     "Campaign",
     "ConfigError",
+    "Cubic",
     "DataError",
     "JbwError",
     "ModelError",
+    "Polynomial",
     "Record",
     "Response",
     "RunError",
     "Study",
     "Test",
+    "backbone",
     "enable_x64",
+    "frequency_response",
     "frf",
     "h1",
     "h3",
     "harmonics",
     "hysteresis_map",
+    "hysteresis_rate",
     "identify",
     "line_fit",
     "load_campaign",
+    "pool",
     "read",
+    "response_curve",
     "rig",
     "simulate",
     "smoothing",
+    "steady_cycle",
     "steady_loop",
     "steady_state",
     "third_harmonic",
