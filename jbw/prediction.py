@@ -1,20 +1,25 @@
 """Draws of the posterior carried through the model to the records of a test, as 99 % bands."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Key, PyTree
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from jbw.measurement.records import Record
 from jbw.observables.joint import JOINT
+from jbw.observables.repeats import OFFSETS, Repeats
 from jbw.observables.response import response_to
 
 QUANTILES = (0.005, 0.5, 0.995)
+UNITS = {"displacement": "m", "velocity": "m s-1", "acceleration": "m s-2"}
 Draws = dict[str, NDArray[np.float64]]
 
 
@@ -64,6 +69,112 @@ def predict_record(draws: Draws, record: Record, *, substeps: int = 2) -> NDArra
     theta = {name: jnp.asarray(values) for name, values in draws.items()}
     source = jnp.asarray(record.channels[record.source])
     return np.asarray(_respond(theta, source, record.fs, record.response, substeps))
+
+
+@eqx.filter_jit
+def _carried(
+    predict: Callable[[Mapping[str, Array], Any], Array], draws: Mapping[str, Array], data: PyTree
+) -> Array:
+    return jax.lax.map(lambda theta: predict(theta, data), dict(draws), batch_size=8)
+
+
+def carry(
+    predict: Callable[[Mapping[str, Array], Any], Array], draws: Draws, data: PyTree
+) -> NDArray[Any]:
+    """Prediction of every draw for the reduced data of a test.
+
+    Args:
+        predict: (theta, data) to what the observable predicts.
+        draws: Parameters of the joint and gain, one value a draw.
+        data: The reduced data.
+
+    Returns:
+        Predictions, the draws along the first axis.
+    """
+    theta = {name: jnp.asarray(values) for name, values in draws.items()}
+    return np.asarray(_carried(predict, theta, data))
+
+
+def scattered(key: Key[Array, ""], draws: Draws, scatter: Float[Array, " own"]) -> Draws:
+    r"""Draws of the joint as a further run would show it, offset from the joint of all runs.
+
+    $$\omega_n + b_1, \quad \zeta + b_2, \qquad b \sim N(0, \mathrm{diag}(s^2))$$
+
+    Args:
+        key: Random key.
+        draws: Parameters of the joint and gain.
+        scatter: Standard deviation over runs of omega_n [rad/s] and zeta [-]; empty where runs
+            have no offsets, and the draws stay as they are.
+    """
+    if not scatter.size:
+        return draws
+    b = np.asarray(scatter * jax.random.normal(key, (len(draws["zeta"]), len(OFFSETS))))
+    moved = {name: draws[name] + b[:, i] for i, name in enumerate(OFFSETS)}
+    # Damping cannot leave the law: an offset beyond it stops at a hundredth of the draw.
+    return {**draws, **moved, "zeta": np.maximum(moved["zeta"], 0.01 * draws["zeta"])}
+
+
+def with_last(draws: Draws, theta: Mapping[str, float]) -> Draws:
+    """Draws with one more behind them, so that both are carried through the model at once."""
+    return {name: np.append(values, theta[name]) for name, values in draws.items()}
+
+
+def beside_linear(
+    predict: Callable[[Mapping[str, Array], Any], Array],
+    draws: Draws,
+    linear: Mapping[str, float] | None,
+    data: PyTree,
+) -> tuple[NDArray[Any], NDArray[Any] | None]:
+    """Predictions of the draws, and of a linear oscillator where there is one."""
+    if linear is None:
+        return carry(predict, draws, data), None
+    values = carry(predict, with_last(draws, linear), data)
+    return values[:-1], values[-1]
+
+
+def noise_of_mean(repeats: Repeats, group: int = 0) -> float | None:
+    """Noise of the mean of a group's repeats; None where there is one repeat only."""
+    count, within = float(repeats.num_repeats[group]), float(repeats.within[group])
+    if count < 2:
+        return None
+    return float(np.sqrt(within / (float(repeats.size[group]) * (count - 1) * count)))
+
+
+def error(measured: NDArray[Any], predicted: NDArray[Any]) -> float:
+    """Error of a prediction, root mean square, over the root mean square of what was measured."""
+    return float(np.linalg.norm(measured - predicted) / np.linalg.norm(measured))
+
+
+def errors(
+    measured: NDArray[np.float64],
+    model: Float[np.ndarray, "draw value"],
+    linear: NDArray[np.float64] | None,
+    noise_std: float | None,
+) -> dict[str, float]:
+    r"""How far a test lies from the model, and from a linear oscillator.
+
+    $$m \pm 2.576 \sqrt{\mathrm{var}_\theta + \sigma^2}$$
+
+    is the predictive band, m the median over draws.
+
+    Args:
+        measured: Mean of the repeats.
+        model: Its prediction by every draw.
+        linear: Its prediction by a linear oscillator.
+        noise_std: Noise of the mean, where it is known.
+
+    Returns:
+        `nrmse`, the error of the median; `nrmse_linear`; and `coverage`, the share of values
+        inside the predictive band.
+    """
+    median = np.median(model, axis=0)
+    found = {"nrmse": error(measured, median)}
+    if linear is not None:
+        found["nrmse_linear"] = error(measured, linear)
+    if noise_std is not None:
+        reach = norm.ppf(QUANTILES[-1]) * np.sqrt(model.var(axis=0) + noise_std**2)
+        found["coverage"] = float(np.mean(np.abs(measured - median) <= reach))
+    return found
 
 
 def band(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -100,12 +100,10 @@ def print_summary(summary: Mapping[str, Any]) -> None:
     for name, step in summary["steps"].items():
         for statement in step["statements"]:
             console.print(Text(f"{name}: {statement}"))
+    for sentence in summary["comparison"].get("statements", ()):
+        console.print(Text(f"routes: {sentence}"))
     for test, row in summary["predictions"].items():
-        kind = "level or record fitted" if row["fitted"] else "never fitted"
-        console.print(
-            f"{test} ({kind}): {row['coverage']:.1%} inside the 99 % band, "
-            f"error {row['nrmse']:.2g} of the response"
-        )
+        console.print(Text(_prediction(test, row)))
     verdict = summary["verdict"]
     console.print(
         Text.assemble("Verdict: ", (verdict["status"], STATUS[verdict["status"]])), style="bold"
@@ -113,6 +111,17 @@ def print_summary(summary: Mapping[str, Any]) -> None:
     for finding in verdict["findings"]:
         if finding["status"] != "ok":
             console.print(Text(f"  {finding['reason']} {finding['action']}"))
+
+
+def _prediction(test: str, row: Mapping[str, Any]) -> str:
+    """One test in a line: error, a linear oscillator's beside it, coverage where it is known."""
+    known = "level or record fitted" if row["fitted"] else "never fitted"
+    parts = [f"error {row['nrmse']:.2g} of the record"]
+    if row.get("nrmse_linear") is not None:
+        parts[0] += f" (linear oscillator {row['nrmse_linear']:.2g})"
+    if row.get("coverage") is not None:
+        parts.append(f"{row['coverage']:.1%} inside the 99 % band")
+    return f"{test} ({known}): {', '.join(parts)}"
 
 
 def _table(summary: Mapping[str, Any]) -> Table:

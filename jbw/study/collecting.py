@@ -1,6 +1,7 @@
 """The run's result as one tree: posteriors, verification and validation, labelled, with units."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import jax
 import numpy as np
@@ -9,25 +10,15 @@ import xarray as xr
 from jbw.decay_verification import amplitude_verification, decay_verification, thin_decay
 from jbw.identification.linear_step import LinearStep, linear_dataset
 from jbw.identification.procedure import Identification, Report
-from jbw.identification.selection import DecaySplit, Sweeps, loop_tests, probing_tests
+from jbw.identification.selection import DecaySplit, Sweeps, probing_tests
 from jbw.identification.step import Step
 from jbw.identification.third_order import KernelFit, integrals
 from jbw.inference.summary import running_mean
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays
-from jbw.prediction import Draws, predict_record, thin
-from jbw.validation import loop_validation
-from jbw.verification import (
-    frf_verification,
-    kernel_verification,
-    sweep_verification,
-    tone_spectrum,
-)
-
-NUM_DRAWS = 100  # carried through the model: outer quantiles of 99 % bands need about as many
-NUM_NOISE_DRAWS = 20  # of them through the long noise records
-BAND = (0.75, 1.25)  # of the natural frequency: where FRFs are shown
-Groups = dict[str, xr.Dataset]
+from jbw.prediction import predict_record
+from jbw.study.verifying import NUM_DRAWS, Groups, forced_groups, place
+from jbw.verification import kernel_verification, tone_spectrum
 
 
 def collect(
@@ -36,6 +27,7 @@ def collect(
     seed: int,
     truth: Mapping[str, float] | None,
     report: Report,
+    settings: Mapping[str, Any] | None = None,
 ) -> xr.DataTree:
     """Gather posteriors, verification and validation into one tree.
 
@@ -45,6 +37,7 @@ def collect(
         seed: Seed of the predictive noise.
         truth: True parameters where the campaign is virtual: only written beside the draws.
         report: Called with one sentence at every stage.
+        settings: The campaign's [identify] table.
 
     Returns:
         The tree that is saved as `posterior.nc`.
@@ -57,12 +50,10 @@ def collect(
         groups |= {f"{place}/{part}": ds for part, ds in _groups(step, truth or {}).items()}
     if found.linear is not None and found.kernel is not None:
         groups |= _kernel_groups(tests, found.linear, found.kernel, found.steps)
-    if found.linear is not None and found.sweeps is not None:
+    if found.sweeps is not None:
         groups |= _conv_of_velocity(found.steps, found.sweeps)
-        report("Verification: FRFs and sweeps under the measured inputs")
-        groups |= _verification_groups(tests, found.linear, found.sweeps, found.main)
-        report("Validation: hysteresis loops")
-        groups |= _validation_groups(tests, found.linear, found.main)
+    if found.data is not None:
+        groups |= forced_groups(tests, settings or {}, found, found.data, seed, report)
     if found.decays is not None and found.decay is not None and found.decay_data is not None:
         report("Verification: free decays, frequency and damping against amplitude")
         groups |= _decay_groups(found.decays, found.decay, found.decay_data, seed)
@@ -116,41 +107,6 @@ def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
     return added
 
 
-def _verification_groups(
-    tests: tuple[Test, ...], linear: LinearStep, sweeps: Sweeps, main: Step
-) -> Groups:
-    """FRFs of noise and sweeps, and the sweeps, that were not fitted, against their bands."""
-    posterior = main.posterior["posterior"].to_dataset()
-    draws, few = (thin(posterior, n, main.held) for n in (NUM_DRAWS, NUM_NOISE_DRAWS))
-    noise_std = posterior["noise_std"].mean(("chain", "draw")).values
-    fitted = {test.name: i for i, test in enumerate(sweeps.fitted)}
-    band_hz = (BAND[0] * linear.natural_hz, BAND[1] * linear.natural_hz)
-    groups: Groups = {}
-    for test in sweeps.held_out:
-        level = fitted.get(test.name)
-        # An unfitted level has no noise of its own: the fitted ones' mean stands for it.
-        noise = float(noise_std[level] if level is not None else noise_std.mean())
-        groups[f"/verification/sweep/{test.name}"] = sweep_verification(test, draws, noise)
-        groups[f"/verification/frf/{test.name}"] = frf_verification(test, draws, band_hz)
-    for test in tests:
-        if test.kind in ("noise", "multisine"):
-            dataset = frf_verification(test, few, band_hz, substeps=1)
-            groups[f"/verification/frf/{test.name}"] = dataset
-    read = {*fitted, linear.test.name}
-    for path, dataset in groups.items():
-        dataset.attrs["fitted"] = int(path.rsplit("/", 1)[-1] in read)
-    return groups
-
-
-def _validation_groups(tests: tuple[Test, ...], linear: LinearStep, main: Step) -> Groups:
-    """Hysteresis loops of every tone near the resonance."""
-    draws: Draws = thin(main.posterior["posterior"].to_dataset(), NUM_DRAWS, main.held)
-    return {
-        f"/validation/loops/{test.name}": loop_validation(test, draws)
-        for test in loop_tests(tests, linear.natural_hz)
-    }
-
-
 def _decay_groups(decays: DecaySplit, step: Step, data: Decays, seed: int) -> Groups:
     """Decays: every record against its bands, and the curves of frequency and damping."""
     posterior = step.posterior["posterior"].to_dataset()
@@ -161,7 +117,7 @@ def _decay_groups(decays: DecaySplit, step: Step, data: Decays, seed: int) -> Gr
         decays.together, num_fitted, draws, data, noise_std, jax.random.key(seed)
     )
     groups: Groups = {
-        f"/verification/decay/{name}": dataset
+        place("verification/decay", name): dataset
         for name, dataset in zip(decays.names, compared, strict=True)
     }
     groups["/verification/amplitude"] = amplitude_verification(decays.together, num_fitted, draws)

@@ -16,9 +16,10 @@ from jbw.identification.procedure import Identification, Report, run_procedure
 from jbw.inference.precision import require_float64
 from jbw.inference.verdict import Verdict
 from jbw.prediction import thin
-from jbw.study.collecting import NUM_DRAWS, collect
+from jbw.study.collecting import collect
 from jbw.study.storage import claim, save_run
 from jbw.study.summary import summarise_study
+from jbw.study.verifying import NUM_DRAWS, noise_of
 from jbw.verification import sweep_verification
 
 logger = logging.getLogger("jbw")
@@ -76,9 +77,8 @@ class Study:
             )
         main = self.identification.main
         posterior = main.posterior["posterior"].to_dataset()
-        noise = float(posterior["noise_std"].mean())
         draws = thin(posterior, num_draws, main.held)
-        return sweep_verification(sweeps[test], draws, noise)
+        return sweep_verification(sweeps[test], draws, noise_of(posterior, sweeps[test]))
 
     def save(self, folder: str | Path) -> None:
         """Write posterior.nc, summary.json, figures and report.html into a new or empty folder."""
@@ -116,7 +116,7 @@ def identify(
     found = run_procedure(
         campaign.tests, campaign.settings, gain=_gain(campaign), seed=seed, report=report
     )
-    tree = collect(campaign.tests, found, seed, truth, report)
+    tree = collect(campaign.tests, found, seed, truth, report, campaign.settings)
     record = summarise_study(
         campaign.name, found, tree,
         seed=seed, inputs=_hashes(campaign), truth=truth,

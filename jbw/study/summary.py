@@ -14,8 +14,10 @@ from jbw.identification.step import Step
 from jbw.inference.summary import as_plain, correlations, summarise
 from jbw.inference.verdict import Verdict
 from jbw.report.result import node
+from jbw.study.routes import compare_routes
 
 VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy", "scipy")
+PREDICTED = ("sweep", "curve", "loop", "multisine", "decay")
 UNITS = {"omega_n": "rad/s", "zeta": "1", "gain": "N/kg per unit of input"}
 
 
@@ -53,6 +55,7 @@ def summarise_study(
         "verdict": _verdict(found.main.verdict),
         "main": found.main.name,
         "steps": steps,
+        "comparison": compare_routes(found),
         "predictions": _predictions(tree),
         "loops": _loops(tree),
         "versions": {package: version(package) for package in VERSIONED},
@@ -116,17 +119,25 @@ def _step(step: Step, truth: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:
-    """Coverage and error by sweep, and by free decay."""
-    nodes = {**_tests(tree, "verification/sweep"), **_tests(tree, "verification/decay")}
-    return {
-        name: {
-            "level": float(test.attrs["level"]),
-            "fitted": bool(test.attrs["fitted"]),
-            "coverage": float(test.attrs["coverage"]),
-            "nrmse": float(test.attrs["nrmse"]),
-        }
-        for name, test in nodes.items()
-    }
+    """Coverage and error by test, beside a linear oscillator's; None where not known."""
+    found = {}
+    for kind in PREDICTED:
+        for name, test in _tests(tree, f"verification/{kind}").items():
+            attrs = test.attrs
+            # Tests of several kinds may share a name with another's group.
+            called = name if name not in found else f"{name} ({kind})"
+            found[called] = {
+                "kind": kind,
+                "level": float(attrs["level"]),
+                "level_unit": str(attrs.get("level_unit", "")),
+                "fitted": bool(attrs["fitted"]),
+                **{key: _known(attrs, key) for key in ("coverage", "nrmse", "nrmse_linear")},
+            }
+    return found
+
+
+def _known(attrs: Mapping[Any, Any], name: str) -> float | None:
+    return _plain(float(attrs[name])) if name in attrs else None
 
 
 def _loops(tree: xr.DataTree) -> dict[str, Any]:

@@ -1,0 +1,127 @@
+"""Verification in time on steady motion: forced loops and periods of a multisine."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from numpy.typing import NDArray
+from scipy.integrate import trapezoid
+
+from jbw.measurement.records import Test
+from jbw.observables import loops, response
+from jbw.prediction import QUANTILES, UNITS, Draws, band, beside_linear, errors, noise_of_mean
+
+MOST_POINTS = 2048  # of a loop, kept for drawing
+
+
+def forced_loop_verification(
+    test: Test, draws: Draws, linear: Mapping[str, float] | None = None
+) -> xr.Dataset:
+    r"""Restoring force along a prescribed displacement beside that of the model.
+
+    The energy lost is the work of the force over the record after `settle`,
+
+    $$W = \int F\,\mathrm{d}y$$
+
+    Args:
+        test: Test of kind loop.
+        draws: Parameters of the joint and gain.
+        linear: A linear spring to compare with.
+
+    Returns:
+        Forces over (point) and (quantile, point), work over (quantile); attributes as of
+        `jbw.prediction.errors`.
+    """
+    data = loops.reduce([test])
+    every, of_linear = beside_linear(loops.predict, draws, linear, data)
+    counted = np.asarray(data.counted[0]) > 0
+    y, measured = (np.asarray(x[0])[counted] for x in (data.displacement, data.mean))
+    model = every[:, 0, counted]
+    alone = None if of_linear is None else of_linear[0, counted]
+    shown = slice(None, None, -(-len(y) // MOST_POINTS))
+    newton, joule, metre = {"units": "N"}, {"units": "J"}, {"units": "m"}
+    variables = {
+        "displacement": ("point", y[shown], metre),
+        "measured_force": ("point", measured[shown], newton),
+        "model_force": (("quantile", "point"), band(model)[:, shown], newton),
+        "measured_work": ((), trapezoid(measured, y), joule),
+        "model_work": ("quantile", band(trapezoid(model, y, axis=-1)), joule),
+    }
+    if alone is not None:
+        variables["linear_force"] = ("point", alone[shown], newton)
+    return xr.Dataset(
+        variables,
+        {"quantile": list(QUANTILES)},
+        {
+            "level": test.level,
+            "level_unit": "m",
+            "kind": test.kind,
+            **errors(measured, model, alone, noise_of_mean(data.repeats)),
+        },
+    )
+
+
+def multisine_verification(
+    test: Test,
+    draws: Draws,
+    linear: Mapping[str, float] | None = None,
+    *,
+    band_hz: tuple[float, float] | None = None,
+    substeps: int = 2,
+) -> xr.Dataset:
+    """Steady response over one period of a multisine beside that of the model.
+
+    Args:
+        test: Multisine whose records are single periods.
+        draws: Parameters of the joint and gain.
+        linear: A linear oscillator to compare with.
+        band_hz: Band of the spectra [Hz]; all of them when None.
+        substeps: Steps of the solver between samples.
+
+    Returns:
+        Response over (time) and (quantile, time); amplitude spectra over (freq) of the measured
+        response, the model's median, the error it leaves, and the linear oscillator's error;
+        attributes as of `jbw.prediction.errors`.
+    """
+    data = response.reduce([test], substeps=substeps, periodic=True)
+    every, of_linear = beside_linear(response.predict, draws, linear, data)
+    measured, model = np.asarray(data.mean[0]), every[:, 0]
+    alone = None if of_linear is None else of_linear[0]
+    record = test.records[0]
+    unit = {"units": UNITS[data.response], "long_name": data.response}
+    freq = np.fft.rfftfreq(len(measured), 1 / data.fs)
+    low, high = band_hz or (freq[1], freq[-1])
+    keep = (freq >= low) & (freq <= high)
+    median = np.median(model, axis=0)
+    spectra = {"measured": measured, "model": median, "error": measured - median}
+    if alone is not None:
+        spectra["linear_error"] = measured - alone
+    variables: dict[str, Any] = {
+        "measured": ("time", measured, unit),
+        "model_band": (("quantile", "time"), band(model), unit),
+    }
+    variables |= {
+        f"{name}_spectrum": ("freq", _amplitudes(x)[keep], unit) for name, x in spectra.items()
+    }
+    return xr.Dataset(
+        variables,
+        {
+            "time": ("time", np.arange(len(measured)) / data.fs, {"units": "s"}),
+            "freq": ("freq", freq[keep], {"units": "Hz"}),
+            "quantile": list(QUANTILES),
+        },
+        {
+            "level": test.level,
+            "level_unit": record.units[record.source],
+            "kind": test.kind,
+            "response": data.response,
+            **errors(measured, model, alone, noise_of_mean(data.repeats)),
+        },
+    )
+
+
+def _amplitudes(x: Float[np.ndarray, " time"]) -> NDArray[np.float64]:
+    """Peak amplitudes of the lines of one period."""
+    return 2 * np.abs(np.fft.rfft(x)) / len(x)

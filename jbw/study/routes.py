@@ -1,0 +1,114 @@
+"""The paper's cut beside the joint posterior: what holding earlier results at their means costs."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from jbw.identification.linear_step import NAMES, LinearStep
+from jbw.identification.procedure import Identification
+from jbw.identification.step import Step
+
+CUT = {"third_order_nuts": ("zeta", "alpha", "delta"), "opening_nuts": ("gamma",)}
+PRODUCTS = {"alpha_delta": "delta", "alpha_gamma": "gamma"}
+Moments = dict[str, tuple[float, float]]
+
+
+def compare_routes(found: Identification) -> dict[str, Any]:
+    """Every parameter that both routes give, side by side.
+
+    Args:
+        found: What the procedure found.
+
+    Returns:
+        `parameters`: name to the mean and sd of either route, `sd_ratio`, the joint posterior's
+        sd over the cut's, and `difference`, cut less joint in sds of the joint; `statements`,
+        what the cut costs in words; `wall_time_s` of either route. Empty without a cut.
+
+    Reference:
+        Section 3, Steps 2-4, against all parameters set to update.
+    """
+    joint = found.steps.get("joint")
+    if joint is None or not CUT.keys() & found.steps.keys():
+        return {}
+    cut, both = _cut(found), _draws_of(joint)
+    rows = {name: _row(cut[name], both[name]) for name in cut if name in both}
+    walls = {
+        "cut": sum(found.steps[name].wall_s for name in CUT if name in found.steps),
+        "joint": joint.wall_s,
+    }
+    return {
+        "parameters": rows,
+        "statements": _statements(rows, walls, found.steps),
+        "wall_time_s": {name: round(wall, 2) for name, wall in walls.items()},
+    }
+
+
+def _cut(found: Identification) -> Moments:
+    """Mean and sd of every parameter by the step of the paper that identifies it."""
+    moments = {} if found.linear is None else _of_linear(found.linear)
+    for name, wanted in CUT.items():
+        if name not in found.steps:
+            continue
+        own = _draws_of(found.steps[name])
+        # A step's own parameter also fixes its product with alpha, which it holds or draws.
+        wanted = {*wanted, *(p for p, factor in PRODUCTS.items() if factor in wanted)}
+        moments |= {one: own[one] for one in own if one in wanted}
+    return moments
+
+
+def _of_linear(linear: LinearStep) -> Moments:
+    sd = np.sqrt(np.diag(linear.pooled.covariance))
+    return {
+        name: (float(m), float(s)) for name, m, s in zip(NAMES, linear.pooled.mean, sd, strict=True)
+    }
+
+
+def _draws_of(step: Step) -> Moments:
+    """Mean and sd of the parameters of a step, and of the products with alpha."""
+    posterior = step.posterior["posterior"].to_dataset()
+    draws = {str(n): np.ravel(v.values) for n, v in posterior.data_vars.items() if v.ndim == 2}
+    alpha = draws.get("alpha", step.held.get("alpha"))
+    for product, factor in PRODUCTS.items():
+        if factor in draws and alpha is not None:
+            draws[product] = alpha * draws[factor]
+    return {name: (float(x.mean()), float(x.std(ddof=1))) for name, x in draws.items()}
+
+
+def _row(cut: tuple[float, float], joint: tuple[float, float]) -> dict[str, Any]:
+    return {
+        "cut": {"mean": cut[0], "sd": cut[1]},
+        "joint": {"mean": joint[0], "sd": joint[1]},
+        "sd_ratio": joint[1] / cut[1] if cut[1] > 0 else None,
+        "difference": (cut[0] - joint[0]) / joint[1] if joint[1] > 0 else None,
+    }
+
+
+def _statements(
+    rows: Mapping[str, Any], walls: Mapping[str, float], steps: Mapping[str, Step]
+) -> list[str]:
+    """What the cut costs, in words."""
+    said = []
+    held = steps["opening_nuts"].held if "opening_nuts" in steps else {}
+    gamma = rows.get("gamma")
+    if gamma is not None and held:
+        names = ", ".join(name for name in held if name != "gain")
+        said.append(
+            f"By the cut, gamma's interval holds only for the values at which {names} were held; "
+            f"the joint posterior's sd of gamma is {_times(gamma['sd_ratio'])} the cut's, and the "
+            f"cut's mean lies {abs(gamma['difference'] or 0.0):.2g} joint sds away."
+        )
+    apart = [name for name, row in rows.items() if abs(row["difference"] or 0.0) > 2.576]
+    if apart:
+        said.append(
+            f"The cut's mean of {', '.join(apart)} lies outside the joint posterior's 99 % interval."
+        )
+    said.append(
+        f"Wall time: {walls['cut']:.3g} s for the cut, {walls['joint']:.3g} s for the joint "
+        "posterior, compiling included."
+    )
+    return said
+
+
+def _times(ratio: float | None) -> str:
+    return "unlike" if ratio is None else f"{ratio:.2g} times"

@@ -1,0 +1,214 @@
+"""Which test is verified how: every test with a measured excitation, fitted or held out."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+import xarray as xr
+
+from jbw.curve_verification import Curve, curve_verification
+from jbw.identification.gathering import fitted, periods
+from jbw.identification.procedure import Identification, Report
+from jbw.identification.selection import Sweeps, loop_tests
+from jbw.linear_reference import linear_reference
+from jbw.measurement.records import Test
+from jbw.observables import steady
+from jbw.observables.evidence import Evidence
+from jbw.observables.response import Records
+from jbw.prediction import Draws, scattered, thin
+from jbw.steady_verification import forced_loop_verification, multisine_verification
+from jbw.validation import loop_validation
+from jbw.verification import frf_verification, sweep_verification
+
+NUM_DRAWS = 100  # carried through the model: outer quantiles of 99 % bands need about as many
+NUM_NOISE_DRAWS = 20  # of them through the long noise records
+BAND = (0.75, 1.25)  # of the natural frequency: where FRFs are shown
+SCATTER_KEY = 200  # of the seed
+Groups = dict[str, xr.Dataset]
+
+
+@dataclass(frozen=True)
+class Carried:
+    """What is carried through the model.
+
+    Attributes:
+        draws: Draws of the main posterior, with the scatter of the runs where they have offsets.
+        few: Some of them, for long records.
+        linear: The best linear oscillator of the same tests, where there is one.
+        fitted: Names of the tests that the posterior was made from.
+        natural_hz: Natural frequency [Hz].
+    """
+
+    draws: Draws
+    few: Draws
+    linear: dict[str, float] | None
+    fitted: frozenset[str]
+    natural_hz: float
+
+
+def place(group: str, name: str) -> str:
+    """Path of a test in the tree."""
+    return f"/{group}/{safe(name)}"
+
+
+def safe(name: str) -> str:
+    """A test's name as one level of the tree: a slash would open another."""
+    return name.replace("/", "\N{DIVISION SLASH}")
+
+
+def forced_groups(
+    tests: tuple[Test, ...],
+    settings: Mapping[str, Any],
+    found: Identification,
+    data: Evidence,
+    seed: int,
+    report: Report,
+) -> Groups:
+    """Verification and validation on every test but free decays.
+
+    Args:
+        tests: The campaign's tests.
+        settings: Its [identify] table.
+        found: What the procedure found.
+        data: What the joint posterior was made from.
+        seed: Seed of the runs' scatter.
+        report: Called with one sentence at every stage.
+    """
+    report("Verification: every test against the model, and against a linear oscillator")
+    chosen = frozenset(test.name for test in fitted(tests, settings))
+    carried = _carried(found, data, chosen, seed)
+    groups = _frfs(tests, found, carried)
+    groups |= _sweeps(found, carried)
+    groups |= _curves(tests, found, carried)
+    for test in tests:
+        if test.kind == "loop":
+            dataset = forced_loop_verification(test, carried.draws, carried.linear)
+            groups[place("verification/loop", test.name)] = dataset
+        elif test.kind == "multisine" and (cut := periods(test)) is not None:
+            groups[place("verification/multisine", test.name)] = multisine_verification(
+                cut, carried.few, carried.linear,
+                band_hz=test.band_hz, substeps=_substeps(data),
+            )  # fmt: skip
+    used = {safe(name) for name in carried.fitted}
+    for path, dataset in groups.items():
+        dataset.attrs.setdefault("fitted", int(path.rsplit("/", 1)[-1] in used))
+        dataset.attrs["offsets"] = int(data.scatter.size > 0)
+    if found.linear is None:
+        return groups
+    report("Validation: hysteresis loops")
+    for test in loop_tests(tests, found.linear.natural_hz):
+        groups[place("validation/loops", test.name)] = loop_validation(test, carried.draws)
+    return groups
+
+
+def _carried(found: Identification, data: Evidence, chosen: frozenset[str], seed: int) -> Carried:
+    posterior = found.main.posterior["posterior"].to_dataset()
+    key = jax.random.fold_in(jax.random.key(seed), SCATTER_KEY)
+    draws, few = (
+        scattered(key, thin(posterior, n, found.main.held), data.scatter)
+        for n in (NUM_DRAWS, NUM_NOISE_DRAWS)
+    )
+    mean = {name: float(np.mean(values)) for name, values in draws.items()}
+    natural_hz = mean["omega_n"] / (2 * np.pi)
+    if found.linear is not None:
+        natural_hz = found.linear.natural_hz
+    if found.sweeps is not None:  # of which some levels are not fitted
+        sweeps = {test.name for test in (*found.sweeps.fitted, *found.sweeps.held_out)}
+        chosen -= sweeps - {test.name for test in found.sweeps.fitted}
+    return Carried(draws, few, linear_reference(data, mean), chosen, natural_hz)
+
+
+def _substeps(data: Evidence) -> int:
+    """Steps of the solver that the data took."""
+    return max((part.substeps for part in data.parts if isinstance(part, Records)), default=2)
+
+
+def _frfs(tests: Sequence[Test], found: Identification, carried: Carried) -> Groups:
+    """FRFs of noise records, and of sweeps with repeats that were not fitted."""
+    band_hz = (BAND[0] * carried.natural_hz, BAND[1] * carried.natural_hz)
+    groups = {}
+    for test in _unseen(found.sweeps, carried.fitted):
+        dataset = frf_verification(test, carried.draws, band_hz)
+        groups[place("verification/frf", test.name)] = dataset
+    for test in tests:
+        if test.kind == "noise" or (test.kind == "multisine" and test.periods < 2):
+            dataset = frf_verification(test, carried.few, band_hz, substeps=1)
+            groups[place("verification/frf", test.name)] = dataset
+    return groups
+
+
+def _sweeps(found: Identification, carried: Carried) -> Groups:
+    """Repeats and levels of sweeps that no fit saw."""
+    posterior = found.main.posterior["posterior"].to_dataset()
+    groups = {}
+    for test in _unseen(found.sweeps, carried.fitted):
+        dataset = sweep_verification(
+            test, carried.draws, noise_of(posterior, test), linear=carried.linear
+        )
+        groups[place("verification/sweep", test.name)] = dataset
+    return groups
+
+
+def _unseen(sweeps: Sweeps | None, chosen: frozenset[str]) -> list[Test]:
+    """Repeats of sweeps that no fit saw; all of them where the campaign holds a test out."""
+    if sweeps is None:
+        return []
+    return [*sweeps.held_out, *(test for test in sweeps.fitted if test.name not in chosen)]
+
+
+def noise_of(posterior: xr.Dataset, test: Test) -> float:
+    """Noise of one repeat of a sweep: its level's own, else the mean of all fitted levels'.
+
+    Args:
+        posterior: The main posterior.
+        test: The sweep.
+    """
+    known = {
+        str(label): float(values.sel({dim: label}).mean())
+        for name, values in posterior.data_vars.items()
+        for dim in values.dims
+        if str(name).startswith("noise_std") and str(dim).startswith("level")
+        for label in values[dim].values
+    }
+    # Without any fitted sweep the scatter of the repeats themselves is all that is known.
+    responses = np.stack([record.channels[record.response] for record in test.records])
+    own = float(responses.std(axis=0, ddof=1).mean()) if len(responses) > 1 else 0.0
+    return known.get(test.name, float(np.mean(list(known.values()))) if known else own)
+
+
+def _curves(tests: Sequence[Test], found: Identification, carried: Carried) -> Groups:
+    """Response curves, stepped sines and tones; tones near the resonance are validated instead."""
+    families = dict(_families(tests, found, carried.fitted))
+    curves = list(families.values())
+    groups = {}
+    datasets = curve_verification(curves, carried.draws, carried.linear)
+    for name, curve, dataset in zip(families, curves, datasets, strict=True):
+        dataset.attrs["fitted"] = int(curve.test.name in carried.fitted)
+        groups[place("verification/curve", name)] = dataset
+    return groups
+
+
+def _families(
+    tests: Sequence[Test], found: Identification, chosen: frozenset[str]
+) -> Iterator[tuple[str, Curve]]:
+    """Every curve by name; the fitted tones of one level make one, and those held out another."""
+    validating = set()
+    if found.linear is not None:
+        validating = {test.name for test in loop_tests(tests, found.linear.natural_hz)}
+    tones: dict[tuple[float, bool], list[Test]] = {}
+    for test in tests:
+        if test.kind == "frf":
+            yield test.name, Curve([steady.curve_group(test)], test)
+        elif test.kind == "stepped":
+            yield test.name, Curve(steady.stepped_groups(test), test)
+        elif test.kind == "tones" and len(test.tones_hz) == 1 and test.name not in validating:
+            tones.setdefault((test.level, test.name in chosen), []).append(test)
+    for (level, known), family in tones.items():
+        name = f"tones {level:g}{'' if known else ' (held out)'}"
+        harmonics = steady.tone_groups(family)
+        width = len(steady.ORDERS)
+        for i in range(0, len(harmonics), width):
+            number = f" {i // width + 1}" if i else ""
+            yield name + number, Curve(harmonics[i : i + width], family[0])
