@@ -4,7 +4,7 @@
 starts are many. Compiling a solver's derivatives several times over would cost more than the fit.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -36,6 +36,8 @@ def costly_fit(
     """Minimise a sum of squares in the box by scipy's trust region, one start after the other.
 
     Residual and Jacobian come from one function, compiled once for a `residual`, names and shapes.
+    The search goes along the logarithms of parameters with positive bounds: what is known only of a
+    product is a straight valley there, and a curved one in the parameters themselves.
 
     Args:
         residual: (theta, data) to real residuals in units of their standard deviation.
@@ -58,24 +60,25 @@ def costly_fit(
     """
     require_float64()
     values = np.broadcast_arrays(*(np.atleast_1d(starts[name]) for name in box.names))
-    x = to_unit(dict(zip(box.names, map(jnp.asarray, values), strict=True)), box)
-    x_starts = np.clip(np.asarray(x), START_MARGIN, 1 - START_MARGIN)
+    x_starts = to_unit(dict(zip(box.names, map(jnp.asarray, values), strict=True)), box)
+    linear, along = _coordinates(box)
 
     @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
-    def at(x: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        x, slope = linear(np.array(s))
         jacobian, left = _linearise(residual, jnp.asarray(x), box, data)
-        return np.asarray(left), np.asarray(jacobian)
+        return np.asarray(left), np.asarray(jacobian) * slope
 
-    def part(x: NDArray[np.float64], which: int) -> NDArray[np.float64]:
-        return at(tuple(x.tolist()))[which]
+    def part(s: NDArray[np.float64], which: int) -> NDArray[np.float64]:
+        return at(tuple(s.tolist()))[which]
 
-    def one(x: NDArray[np.float64]) -> OptimizeResult | None:
-        if not np.all(np.isfinite(part(x, 0))):
+    def one(s: NDArray[np.float64]) -> OptimizeResult | None:
+        if not np.all(np.isfinite(part(s, 0))):
             return None
         return least_squares(
-            lambda x: np.nan_to_num(part(x, 0), nan=1e100, posinf=1e100, neginf=-1e100),
-            x,
-            lambda x: part(x, 1),  # pyright: ignore[reportArgumentType]
+            lambda s: np.nan_to_num(part(s, 0), nan=1e100, posinf=1e100, neginf=-1e100),
+            s,
+            lambda s: part(s, 1),  # pyright: ignore[reportArgumentType]
             bounds=(0.0, 1.0),
             x_scale="jac",
             max_nfev=max_evaluations,
@@ -84,7 +87,8 @@ def costly_fit(
             gtol=1e-15,
         )
 
-    found = [one(x) for x in x_starts]
+    inside = np.clip(along(np.asarray(x_starts)), START_MARGIN, 1 - START_MARGIN)
+    found = [one(s) for s in inside]
     costs = np.array([np.inf if each is None else each.cost for each in found])
     best = found[int(np.argmin(costs))]
     if best is None:
@@ -92,8 +96,36 @@ def costly_fit(
             f"The residual is finite at none of the {len(costs)} starts.",
             remedy="Check the data for NaN, and the bounds for parameters that cannot be solved.",
         )
-    end = np.asarray(best.x)
-    return describe_optimum(end, part(end, 0), part(end, 1), box, costs, bool(best.success))
+    x, slope = linear(np.asarray(best.x))
+    jacobian = part(best.x, 1) / slope
+    return describe_optimum(x, part(best.x, 0), jacobian, box, costs, bool(best.success))
+
+
+def _coordinates(box: Box) -> tuple[Callable, Callable]:
+    r"""Between the unit coordinate x and that of the search, s.
+
+    $$\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$$
+
+    where the bounds are positive, and s = x otherwise.
+
+    Returns:
+        From s to x with dx / ds, and from x to s.
+    """
+    lower, upper = np.asarray(box.lower), np.asarray(box.upper)
+    positive = lower > 0
+    start = np.where(positive, lower, 1.0)
+    log_ratio = np.log(np.where(positive, upper, 2.0) / start)
+    share = start / np.where(positive, upper - lower, 1.0)
+
+    def linear(s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        x = np.where(positive, share * np.expm1(log_ratio * s), s)
+        slope = np.where(positive, share * log_ratio * np.exp(log_ratio * s), 1.0)
+        return np.clip(x, 0.0, 1.0), slope
+
+    def along(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.where(positive, np.log1p(np.where(positive, x / share, 0.0)) / log_ratio, x)
+
+    return linear, along
 
 
 @eqx.filter_jit
