@@ -12,7 +12,8 @@ from markupsafe import Markup
 
 from jbw.errors import DataError
 from jbw.report import tables
-from jbw.report.figures import PLATES, Plate, figure_of, svg
+from jbw.report.figures import figure_of, svg
+from jbw.report.plates import PLATES, Plate
 from jbw.report.text import seconds
 
 
@@ -72,6 +73,8 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         steps=tables.step_rows(summary),
         drawn=[_draw(plate, tree) for plate in PLATES],
         predictions=tables.prediction_rows(summary),
+        routes=tables.route_rows(summary),
+        route_words=list((summary.get("comparison") or {}).get("statements") or []),
         loops=tables.loop_rows(summary, tree),
         checks=tables.data_rows(tree),
         provenance=_provenance(summary),

@@ -116,12 +116,37 @@ def prediction_rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
     return [
         {
             "test": name,
-            "level": f"{facts['level']:g}" if facts.get("level") is not None else NOTHING,
+            "level": _level(facts),
             "fitted": "fitted" if facts.get("fitted") else "not fitted",
             "coverage": percent(facts.get("coverage")),
             "nrmse": percent(facts.get("nrmse"), digits=2),
+            "linear": percent(facts.get("nrmse_linear"), digits=2),
         }
         for name, facts in (summary.get("predictions") or {}).items()
+    ]
+
+
+def _level(facts: Mapping[str, Any]) -> str:
+    """Return a test's level with its unit."""
+    if facts.get("level") is None:
+        return NOTHING
+    return f"{facts['level']:g} {unit_text(str(facts.get('level_unit') or ''))}".strip()
+
+
+def route_rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Return the paper's cut beside the joint posterior, a row a parameter."""
+    comparison = summary.get("comparison") or {}
+    return [
+        {
+            "symbol": symbol(name),
+            "cut": number(row["cut"]["mean"], row["cut"]["sd"]),
+            "cut_sd": number(row["cut"]["sd"], digits=2),
+            "joint": number(row["joint"]["mean"], row["joint"]["sd"]),
+            "joint_sd": number(row["joint"]["sd"], digits=2),
+            "ratio": number(row.get("sd_ratio"), digits=2),
+            "difference": number(row.get("difference"), 1.0),
+        }
+        for name, row in (comparison.get("parameters") or {}).items()
     ]
 
 

@@ -101,7 +101,8 @@ def _statements(
     apart = [name for name, row in rows.items() if abs(row["difference"] or 0.0) > 2.576]
     if apart:
         said.append(
-            f"The cut's mean of {', '.join(apart)} lies outside the joint posterior's 99 % interval."
+            f"The cut's mean of {', '.join(apart)} lies outside the 99 % interval of the joint "
+            "posterior."
         )
     said.append(
         f"Wall time: {walls['cut']:.3g} s for the cut, {walls['joint']:.3g} s for the joint "

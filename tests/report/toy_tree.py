@@ -3,6 +3,7 @@
 import numpy as np
 import xarray as xr
 from toy_decay import decay_groups
+from toy_steady import steady_groups
 
 QUANTILE = np.array([0.005, 0.5, 0.995])
 SPREAD = np.array([-2.576, 0.0, 2.576])
@@ -215,4 +216,5 @@ def result_tree():
         groups[f"/verification/sweep/{name}"] = verification_sweep(rng, level)
         groups[f"/validation/loops/loop_{name[6:]}"] = validation_loop(rng, level)
     groups |= decay_groups(np.random.default_rng(7))
+    groups |= steady_groups(np.random.default_rng(8))
     return xr.DataTree.from_dict(groups)
