@@ -37,7 +37,7 @@ def thin(posterior: xr.Dataset, num_draws: int, held: Mapping[str, float] | None
     total = posterior.sizes["chain"] * posterior.sizes["draw"]
     keep = np.unique(np.linspace(0, total - 1, min(num_draws, total)).round().astype(int))
     fixed = {name: np.full(len(keep), float(value)) for name, value in (held or {}).items()}
-    names = [name for name in (*JOINT, "gain") if name in posterior]
+    names = [name for name in (*JOINT, "gain", "cubic") if name in posterior]
     return {**fixed, **{name: posterior[name].values.ravel()[keep] for name in names}}
 
 

@@ -15,6 +15,8 @@ LEAST: dict[str, float | None] = {
     "alpha": 0.0,
     "delta": None,
     "gamma": None,
+    "gain": 0.0,
+    "cubic": None,
 }
 
 

@@ -32,12 +32,6 @@ from jbw.observables.decay_likelihood import (
 from jbw.observables.joint import joint_of
 
 NAMES = ("omega_n", "zeta", "softening", "opening", "share")
-DECAY_ATTRS = {
-    **ATTRS,
-    "softening": {"units": "m-1", "long_name": "softening, alpha * delta / omega_n^2"},
-    "opening": {"units": "m-1", "long_name": "opening, alpha * gamma / omega_n^2"},
-    "share": {"units": "1", "long_name": "joint's share of the stiffness, alpha / omega_n^2"},
-}
 
 
 def decay_step(
@@ -79,7 +73,7 @@ def decay_step(
         # The fit's optimum often lies at the share's bound, where the correlations are others.
         adapt_mass=True,
         target_accept=0.9,
-        attrs=DECAY_ATTRS,
+        attrs=ATTRS,
     )
     posterior = with_joint(keys[2], tree, data)
     draws = posterior["posterior"].to_dataset()
@@ -99,7 +93,7 @@ def with_joint(key: Key[Array, ""], tree: xr.DataTree, data: Decays) -> xr.DataT
     theta = {name: jnp.asarray(posterior[name].values) for name in NAMES}
     joint = joint_of(theta)
     derived: dict[str, Any] = {
-        name: (("chain", "draw"), np.asarray(getattr(joint, name)), DECAY_ATTRS[name])
+        name: (("chain", "draw"), np.asarray(getattr(joint, name)), ATTRS[name])
         for name in ("alpha", "delta", "gamma")
     }
     flat = {name: values.ravel() for name, values in theta.items()}

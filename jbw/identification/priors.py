@@ -69,11 +69,15 @@ def joint_box(
         y_peak: Largest displacement measured [m].
 
     Returns:
-        The box, in the order omega_n, zeta, alpha, delta, gamma(, gain).
+        The box, in the order omega_n, zeta, alpha, delta, gamma(, gain)(, cubic); a cubic stiffness
+        is there when the campaign bounds it.
     """
     bounds: Bounds = {"omega_n": (0.97 * omega_n, 1.03 * omega_n)}
     bounds |= physical(omega_n, zeta, y_peak)
     if gain is not None:
         reach = max(0.1 * gain[0], 8 * gain[1]) if np.isfinite(gain[1]) else 0.5 * gain[0]
         bounds["gain"] = (gain[0] - reach, gain[0] + reach)
-    return box({name: stated(settings).get(name, pair) for name, pair in bounds.items()})
+    given = stated(settings)
+    if "cubic" in given:
+        bounds["cubic"] = given["cubic"]
+    return box({name: given.get(name, pair) for name, pair in bounds.items()})

@@ -16,6 +16,10 @@ ATTRS = {
     "alpha": {"units": "s-2", "long_name": "stiffness of the hysteretic part"},
     "delta": {"units": "m-1", "long_name": "softening of the hysteresis"},
     "gamma": {"units": "m-1", "long_name": "opening of the hysteresis loop"},
+    "cubic": {"units": "m-2 s-2", "long_name": "cubic stiffness beside the joint"},
+    "softening": {"units": "m-1", "long_name": "softening, alpha * delta / omega_n^2"},
+    "opening": {"units": "m-1", "long_name": "opening, alpha * gamma / omega_n^2"},
+    "share": {"units": "1", "long_name": "joint's share of the stiffness, alpha / omega_n^2"},
     "gain": {"units": "N kg-1 per unit of input", "long_name": "gain of the source"},
 }
 

@@ -18,6 +18,7 @@ from jbw.observables.repeats import Repeats, repeats
 from jbw.oscillator.harmonic_balance import refined
 from jbw.oscillator.hysteresis import steady_loop
 from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.waveform import odd_harmonics
 
 NUM_NODES = 16
 NUM_HARMONICS = 4  # odd orders balanced: what is left out is a part in 1e6 of the first
@@ -160,18 +161,27 @@ def force_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, " point
     return (stiffness + equivalent_stiffness(joint, jnp.abs(y))) * y
 
 
+def first_harmonic(joint: BoucWen, y_peak: Float[Array, ""]) -> Complex[Array, ""]:
+    """First harmonic of the hysteretic force, and of that beside it, for y = Y cos(theta)."""
+    z_1 = steady_loop(joint, y_peak).z_1
+    if joint.restoring is None:
+        return z_1
+    return z_1 + odd_harmonics(joint.restoring, jnp.atleast_1d(y_peak).astype(complex))[0]
+
+
 def equivalent_stiffness(
     joint: BoucWen, y_peak: Float[Array, " point"]
 ) -> Complex[Array, " point"]:
-    """Z_1(Y) / Y of the steady loop at many amplitudes, by a polynomial through a few of them.
+    """Z_1(Y) / Y, and what stands beside it, at many amplitudes.
 
-    It is a smooth function of the amplitude: sixteen Chebyshev nodes give it to 1e-9 over a decade.
+    By a polynomial: it is a smooth function of the amplitude, which sixteen Chebyshev nodes give
+    to 1e-9 over a decade.
     """
     middle, half = 0.5 * (y_peak.max() + y_peak.min()), 0.5 * (y_peak.max() - y_peak.min())
     half = jnp.maximum(half, 1e-6 * middle)
     angle = np.pi * (np.arange(NUM_NODES) + 0.5) / NUM_NODES
     nodes = middle + half * np.cos(angle)
-    values = jax.vmap(lambda y: steady_loop(joint, y).z_1)(nodes) / nodes
+    values = jax.vmap(lambda y: first_harmonic(joint, y))(nodes) / nodes
     order = np.arange(NUM_NODES)
     to_series = 2.0 / NUM_NODES * np.cos(np.outer(order, angle))
     to_series[0] /= 2.0

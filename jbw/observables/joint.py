@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from jaxtyping import Array
 
 from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.restoring import Cubic
 
 JOINT = ("omega_n", "zeta", "alpha", "delta", "gamma")
 PRODUCTS = ("omega_n", "zeta", "softening", "opening", "share")
@@ -18,19 +19,23 @@ def joint_of(theta: Mapping[str, Array]) -> BoucWen:
     Args:
         theta: omega_n [rad/s], zeta [-], and either alpha [1/s^2], delta and gamma [1/m], or
             softening S = alpha delta / omega_n^2 [1/m], opening O = alpha gamma / omega_n^2 [1/m]
-            and share kappa = alpha / omega_n^2 [-].
+            and share kappa = alpha / omega_n^2 [-]. With cubic [1/(m^2 s^2)] among them, a cubic
+            stiffness stands beside the joint.
 
     Returns:
         The joint.
     """
+    omega_n, zeta = theta["omega_n"], theta["zeta"]
+    beside = Cubic(theta["cubic"]) if "cubic" in theta else None
     if "share" not in theta:
-        omega_n, zeta, alpha, delta, gamma = (theta[name] for name in JOINT)
-        return BoucWen(omega_n, zeta, alpha, delta, gamma)
+        alpha, delta, gamma = (theta[name] for name in ("alpha", "delta", "gamma"))
+        return BoucWen(omega_n, zeta, alpha, delta, gamma, restoring=beside)
     share = theta["share"]
     return BoucWen(
-        theta["omega_n"],
-        theta["zeta"],
-        share * theta["omega_n"] ** 2,
+        omega_n,
+        zeta,
+        share * omega_n**2,
         theta["softening"] / share,
         theta["opening"] / share,
+        restoring=beside,
     )

@@ -18,8 +18,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.inference.offsets import Estimate, known_estimate
+from jbw.observables.harmonics import first_harmonic
 from jbw.observables.joint import joint_of
-from jbw.oscillator.hysteresis import steady_loop
 
 MOST = 6.0  # rms: amplitudes beyond have a share of 1e-8
 NUM_NODES = 24
@@ -86,7 +86,7 @@ def predict(theta: Mapping[str, Array], data: LineReading) -> Float[Array, " rea
     size = MOST * (x + 1) / 2
     density = weights * size * np.exp(-(size**2) / 2)
     y = data.y_rms * size
-    z_1 = jax.vmap(lambda one: steady_loop(joint, one).z_1)(y)
+    z_1 = jax.vmap(lambda one: first_harmonic(joint, one))(y)
     share = density * size / np.sum(density * size**2)
     stiffness = share @ z_1 / data.y_rms
     squared = joint.omega_n**2 - joint.alpha + stiffness.real

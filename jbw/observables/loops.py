@@ -88,7 +88,7 @@ def reduce(tests: Sequence[Test]) -> Loops:
 def predict(theta: Mapping[str, Array], data: Loops) -> Float[Array, "test time"]:
     r"""Restoring force along the displacement, the joint unloaded at the start.
 
-    $$F = m\,(k\,y + Z), \qquad m = 1 / g$$
+    $$F = m\,(k\,y + Z + f(y)), \qquad m = 1 / g$$
 
     Args:
         theta: The joint's parameters and `gain`, the inverse of the modal mass [1/kg].
@@ -108,7 +108,8 @@ def predict(theta: Mapping[str, Array], data: Loops) -> Float[Array, "test time"
             return z, z
 
         _, z = jax.lax.scan(move, jnp.zeros(()), jnp.diff(y, prepend=0.0))
-        return joint.k * y + z
+        beside = 0.0 if joint.restoring is None else joint.restoring(y)
+        return joint.k * y + z + beside
 
     return jax.vmap(force)(data.displacement) / theta["gain"]
 

@@ -154,7 +154,7 @@ def curve_group(test: Test) -> Group:
     if held:
         # Phases are counted from the motion, which is exact here: their noise is the force's.
         factor = np.ones(len(omega), complex)
-        values = source * np.exp(-1j * np.angle(motion))
+        values = source = source * np.exp(-1j * np.angle(motion))
         motion = np.abs(motion)
     else:
         factor = (1j * omega) ** derivative_order(curves[0].response_kind) / size

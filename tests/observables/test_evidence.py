@@ -11,6 +11,7 @@ from jbw.identification.gathering import gather
 from jbw.identification.joint import joint_step
 from jbw.identification.leaving_out import consistency_finding, leave_one_out
 from jbw.identification.shifts import shifts_of, wanted, with_offsets
+from jbw.identification.starts import linear_look
 from jbw.inference.box import box
 from jbw.inference.costly_fit import costly_fit
 from jbw.measurement.records import Record, Test
@@ -224,6 +225,14 @@ def test_a_level_that_contradicts_the_others_is_found():
     finding = consistency_finding(leave_one_out(best, prior, data))
     assert finding.status == "failed"
     assert finding.number > 4
+
+
+def test_the_linear_look_reads_a_held_curve():
+    found = linear_look(gather([curve(5), curve(60)], {}, gain=GAIN))
+    # At the lowest level: 10 um on a joint that softens by 4/(3 pi) alpha delta Y, and the noise.
+    assert found["omega_n"] == pytest.approx(500.0, rel=1e-3)
+    assert found["zeta"] == pytest.approx(0.003, rel=0.4)
+    assert found["gain"] == pytest.approx(GAIN, rel=0.1)
 
 
 def test_hold_out_and_fit_choose_the_tests(mixed):

@@ -10,6 +10,7 @@ from jbw.measurement.records import Record, Test
 from jbw.observables import harmonics, steady
 from jbw.oscillator.hysteresis import steady_loop
 from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.restoring import Cubic
 from jbw.oscillator.steady import steady_state
 
 GAIN = 12.0
@@ -80,6 +81,14 @@ def test_a_held_response_is_compared_by_its_force():
     left = np.abs(np.asarray(harmonics.compare(theta(), data)))
     # Quadrature of the loop's harmonic on both sides: rounding, amplified by cancellation.
     assert left.max() < 1e-9 * np.abs(force).max() / GAIN
+
+
+def test_a_cubic_stiffness_beside_the_joint_adds_its_describing_function():
+    r"""$f_1 = \tfrac34 \lambda_3 Y^3$ for $y = Y \cos\theta$."""
+    y = jnp.asarray([2e-4, 8e-4])
+    stiffer = BoucWen(118.0, 0.01, 500.0, 340.0, 60.0, restoring=Cubic(3e8))
+    added = harmonics.equivalent_stiffness(stiffer, y) - harmonics.equivalent_stiffness(JOINT, y)
+    np.testing.assert_allclose(added, 0.75 * 3e8 * y**2, rtol=1e-10)
 
 
 def test_an_frf_without_amplitude_is_that_of_the_sticking_joint():
