@@ -14,7 +14,7 @@ from jbw.observables.linear import LineReading
 from jbw.observables.loops import Loops
 
 # A joint that carries a millionth of a newton per kg at most; none at all has no derivatives.
-SILENT = {"alpha": 1e-6, "delta": 1.0, "gamma": 1.0}
+SILENT = {"alpha": 1e-6, "delta": 1.0, "gamma": 1.0, "cubic": 0.0}
 REACH = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # of the joint's own
 
 

@@ -1,0 +1,170 @@
+"""Steady verification against answers in closed form, and the two routes side by side."""
+
+from types import SimpleNamespace
+
+import jax
+import numpy as np
+import pytest
+import xarray as xr
+
+from jbw.curve_verification import Curve, curve_verification
+from jbw.identification.procedure import Identification
+from jbw.linear_reference import SILENT, linear_reference
+from jbw.measurement.records import Record, Test
+from jbw.observables import harmonics, loops, steady
+from jbw.observables.evidence import evidence
+from jbw.prediction import errors, scattered
+from jbw.steady_verification import forced_loop_verification, multisine_verification
+from jbw.study.routes import compare_routes
+from jbw.study.verifying import place
+
+OMEGA_N, ZETA, GAIN = 120.0, 0.01, 0.5
+LINEAR = {"omega_n": OMEGA_N, "zeta": ZETA, "gain": GAIN, **SILENT}
+# The truth three times: bands of no width.
+DRAWS = {name: np.full(3, value) for name, value in LINEAR.items()}
+
+
+def receptance(omega):
+    return GAIN / (OMEGA_N**2 - omega**2 + 2j * ZETA * OMEGA_N * omega)
+
+
+def held_curve(level):
+    """A linear oscillator whose acceleration a controller holds: force over frequency."""
+    freq = np.linspace(17.0, 21.0, 41)
+    h = -((2 * np.pi * freq) ** 2) * receptance(2 * np.pi * freq)
+    channels = {
+        "frequency": freq,
+        "force": level / np.abs(h),
+        "acceleration": np.full(41, level),
+        "phase": np.angle(h),
+    }
+    units = {"frequency": "Hz", "force": "N", "acceleration": "m/s^2", "phase": "rad"}
+    return Test("frf", (Record(np.nan, channels, units),), f"held at {level:g} m/s^2", level=level)
+
+
+def test_a_made_up_curve_is_met_at_its_truth():
+    tests = [held_curve(level) for level in (1.0, 2.0)]
+    curves = [Curve([steady.curve_group(test)], test) for test in tests]
+    for level, found in zip((1.0, 2.0), curve_verification(curves, DRAWS, LINEAR), strict=True):
+        # The joint carries 1e-6 N/kg at most, of a force of 0.04 N/kg at the resonance.
+        assert found.attrs["nrmse"] < 1e-4
+        assert found.attrs["nrmse_linear"] < 1e-4
+        assert "coverage" not in found.attrs  # one repeat tells no noise
+        assert (found.attrs["quantity"], found.attrs["held"]) == ("force", "acceleration")
+        omega = 2 * np.pi * found["freq"].values
+        force = level / omega**2 / np.abs(receptance(omega))
+        np.testing.assert_allclose(found["measured_magnitude"], force, rtol=1e-12)
+        # The force leads the displacement by the angle of the dynamic stiffness: 0 to 180 degrees.
+        lead = np.angle(1 / receptance(omega))
+        np.testing.assert_allclose(found["measured_phase"], lead, atol=1e-12)
+        np.testing.assert_allclose(found["model_phase"][1], lead, atol=1e-3)
+
+
+def test_the_linear_reference_finds_a_linear_oscillator():
+    groups = [steady.curve_group(held_curve(level)) for level in (1.0, 2.0)]
+    data = evidence([harmonics.gather(groups)])
+    known = {**LINEAR, "omega_n": 1.01 * OMEGA_N, "zeta": 2 * ZETA, "gain": 0.8 * GAIN}
+    found = linear_reference(data, known)
+    for name, truth in (("omega_n", OMEGA_N), ("zeta", ZETA), ("gain", GAIN)):
+        assert found[name] == pytest.approx(truth, rel=1e-3)
+
+
+def pushed():
+    r"""A joint pushed once from rest: z = alpha / s (1 - exp(-s y)), s = gamma + delta."""
+    y = np.linspace(0.0, 0.01, 801)
+    z = 4000.0 / 400.0 * (1 - np.exp(-400.0 * y))
+    force = ((OMEGA_N**2 - 4000.0) * y + z) / GAIN
+    channels = {"displacement": y, "restoring_force": force}
+    units = {"displacement": "m", "restoring_force": "N"}
+    return Test("loop", (Record(100.0, channels, units),), "pushed", level=0.01)
+
+
+def test_a_push_is_met_at_its_truth_and_costs_its_work():
+    truth = {**LINEAR, "alpha": 4000.0, "delta": 300.0, "gamma": 100.0}
+    draws = {name: np.full(3, value) for name, value in truth.items()}
+    spring = linear_reference(evidence([loops.reduce([pushed()])]), truth)
+    found = forced_loop_verification(pushed(), draws, spring)
+    assert found.attrs["nrmse"] < 1e-12
+    y, s = 0.01, 400.0
+    work = (OMEGA_N**2 - 4000.0) * y**2 / 2 + 4000.0 / s * (y - (1 - np.exp(-s * y)) / s)
+    # Trapezia of 801 points: (s h)^2 / 12 = 2e-6 of the curved part.
+    np.testing.assert_allclose(found["model_work"], work / GAIN, rtol=2e-6)
+    channels = pushed().records[0].channels
+    y, force = channels["displacement"], channels["restoring_force"]
+    slope = (force @ y) / (y @ y)  # least squares of a spring by hand
+    left = np.linalg.norm(force - slope * y) / np.linalg.norm(force)
+    assert found.attrs["nrmse_linear"] == pytest.approx(left, rel=1e-9)
+
+
+def test_a_period_of_a_multisine_is_met_by_its_transfer_function():
+    fs, size = 512.0, 512
+    rng = np.random.default_rng(3)
+    omega = 2 * np.pi * np.fft.rfftfreq(size, 1 / fs)
+    lines = np.where((omega > 30) & (omega < 300), np.exp(2j * np.pi * rng.random(257)), 0)
+    u = np.fft.irfft(lines, size)
+    y = np.fft.irfft(lines * receptance(omega), size)
+    units = {"force": "N", "displacement": "m"}
+    records = tuple(
+        Record(fs, {"force": u, "displacement": y + noise}, units)
+        for noise in 1e-3 * y.std() * rng.standard_normal((4, size))
+    )
+    test = Test("multisine", records, "periodic", level=1.0)
+    found = multisine_verification(test, DRAWS, LINEAR, band_hz=(5.0, 45.0))
+    # The mean of four repeats of noise 1e-3 is off by 5e-4; 512 samples say so to 3 %.
+    assert found.attrs["nrmse"] == pytest.approx(5e-4, rel=0.15)
+    assert found.attrs["coverage"] > 0.97
+    top = np.argmax(np.abs(lines * receptance(omega)))
+    expected = 2 * np.abs(lines[top] * receptance(omega[top])) / size
+    assert float(found["measured_spectrum"].max()) == pytest.approx(expected, rel=1e-2)
+
+
+def test_coverage_is_that_of_a_gaussian():
+    rng = np.random.default_rng(1)
+    model = 1.0 + 0.3 * rng.standard_normal((400, 5000))
+    measured = 1.0 + np.hypot(0.3, 0.4) * rng.standard_normal(5000)
+    found = errors(measured, model, None, 0.4)
+    assert found["coverage"] == pytest.approx(0.99, abs=0.005)
+    assert "nrmse_linear" not in found
+
+
+def test_runs_scatter_draws_and_leave_damping_positive():
+    draws = {name: np.full(4000, value) for name, value in LINEAR.items()}
+    assert scattered(jax.random.key(0), draws, np.zeros(0)) is draws
+    moved = scattered(jax.random.key(0), draws, np.array([0.5, 0.02]))
+    # A standard deviation from 4000 draws has a relative error of 1.1 %.
+    assert moved["omega_n"].std() == pytest.approx(0.5, rel=0.05)
+    assert moved["zeta"].min() > 0
+    np.testing.assert_array_equal(moved["gain"], draws["gain"])
+
+
+def a_step(held, **moments):
+    rng = np.random.default_rng(0)
+    unit = rng.standard_normal((2, 200))
+    unit = (unit - unit.mean()) / unit.std(ddof=1)
+    variables = {n: (("chain", "draw"), mean + sd * unit) for n, (mean, sd) in moments.items()}
+    posterior = xr.DataTree.from_dict({"/posterior": xr.Dataset(variables)})
+    return SimpleNamespace(posterior=posterior, held=held, wall_s=2.0)
+
+
+def test_the_routes_stand_side_by_side():
+    steps = {
+        "third_order_nuts": a_step({}, zeta=(0.01, 1e-4), alpha=(500.0, 10.0), delta=(300.0, 6.0)),
+        "opening_nuts": a_step({"alpha": 500.0, "delta": 300.0}, gamma=(33.0, 0.1)),
+        "joint": a_step({}, alpha=(510.0, 5.0), gamma=(32.4, 0.2)),
+    }
+    found = compare_routes(Identification(steps=steps))  # pyright: ignore
+    gamma = found["parameters"]["gamma"]
+    assert gamma["sd_ratio"] == pytest.approx(2.0)
+    assert gamma["difference"] == pytest.approx(3.0)
+    # The cut holds alpha at 500: its product with gamma scales by that alone.
+    assert found["parameters"]["alpha_gamma"]["cut"]["sd"] == pytest.approx(50.0)
+    assert found["wall_time_s"] == {"cut": 4.0, "joint": 2.0}
+    said = " ".join(found["statements"])
+    assert "2 times the cut's" in said
+    assert "3 joint sds away" in said
+    assert compare_routes(Identification(steps={"joint": steps["joint"]})) == {}  # pyright: ignore
+
+
+def test_a_name_with_a_slash_is_one_level_of_the_tree():
+    path = place("verification/curve", "held at 5 m/s^2")
+    assert path.count("/") == 3
