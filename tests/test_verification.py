@@ -96,6 +96,7 @@ def test_a_push_is_met_at_its_truth_and_costs_its_work():
     assert found.attrs["nrmse_linear"] == pytest.approx(left, rel=1e-9)
 
 
+@pytest.mark.slow  # the steady solver compiles for half a minute
 def test_a_period_of_a_multisine_is_met_by_its_transfer_function():
     fs, size = 512.0, 512
     rng = np.random.default_rng(3)
