@@ -1,8 +1,8 @@
 """Do the joint posterior's intervals hold the truth as often as they say?
 
-Prints one table: for same-day repeats at the laser's noise, and for 4 repeats with 1 % noise, the
-mean and standard deviation of the truth's z-scores over many campaigns of the virtual rig, and the
-p-value of a Kolmogorov-Smirnov test against the standard normal.
+Prints one table: for sweeps repeated on one day at the laser's noise and with 1 % noise, and for the
+mixed campaign (noise, tones, stepped sine, sweeps, decays, a forced loop), the mean and standard
+deviation of the truth's z-scores over many campaigns of the virtual rig, and the p-value of a Kolmogorov-Smirnov test against the standard normal.
 
     python benchmarks/joint_calibration.py [number of campaigns]
 """
@@ -18,6 +18,11 @@ from jbw.study.calibration import calibrate  # noqa: E402
 CASES = {
     "24 repeats, 50 um/s": {"repeats": 24},
     "4 repeats, 1 % noise": {"repeats": 4, "noise_ratio": 0.01},
+    "every kind of test, 2 repeats, 2 % noise": {
+        "campaign": "mixed",
+        "repeats": 2,
+        "noise_ratio": 0.02,
+    },
 }
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from jbw.errors import ConfigError
 from jbw.study.calibration import calibrate
 
 CASES = {"laser noise": {"repeats": 24}, "one per cent": {"repeats": 4, "noise_ratio": 0.01}}
@@ -19,3 +20,22 @@ def test_the_truths_z_scores_follow_a_standard_normal(options):
         assert p > 1e-3, f"{name}: {p}"
     # Chi-square of about 32,000 residuals has a relative sd of 0.8 %, its mean over 50 of 0.11 %.
     assert abs(result.chi_square.mean() - 1) < 0.006
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings(
+    "ignore"
+)  # of the short window of Step 2, which the line fit allows for
+def test_every_kind_of_test_together_is_calibrated():
+    result = calibrate(40, campaign="mixed", repeats=2, noise_ratio=0.02)
+    assert np.quantile(result.khat, 0.9) < 0.7
+    for name, p in result.p_values.items():
+        assert p > 1e-3, f"{name}: {p}"
+    # The decays count among the degrees of freedom, 440 of 27,000, though their noise is a first
+    # guess here and far too large; what two repeats say of the noise of few harmonics is rough.
+    assert 0.96 < result.chi_square.mean() < 1.02
+
+
+def test_an_unknown_campaign_is_refused():
+    with pytest.raises(ConfigError, match='"sweeps", "mixed", but is "all"'):
+        calibrate(1, campaign="all")
