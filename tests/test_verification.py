@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
@@ -65,6 +66,7 @@ def test_the_linear_reference_finds_a_linear_oscillator():
     data = evidence([harmonics.gather(groups)])
     known = {**LINEAR, "omega_n": 1.01 * OMEGA_N, "zeta": 2 * ZETA, "gain": 0.8 * GAIN}
     found = linear_reference(data, known)
+    assert found is not None
     for name, truth in (("omega_n", OMEGA_N), ("zeta", ZETA), ("gain", GAIN)):
         assert found[name] == pytest.approx(truth, rel=1e-3)
 
@@ -130,8 +132,8 @@ def test_coverage_is_that_of_a_gaussian():
 
 def test_runs_scatter_draws_and_leave_damping_positive():
     draws = {name: np.full(4000, value) for name, value in LINEAR.items()}
-    assert scattered(jax.random.key(0), draws, np.zeros(0)) is draws
-    moved = scattered(jax.random.key(0), draws, np.array([0.5, 0.02]))
+    assert scattered(jax.random.key(0), draws, jnp.zeros(0)) is draws
+    moved = scattered(jax.random.key(0), draws, jnp.array([0.5, 0.02]))
     # A standard deviation from 4000 draws has a relative error of 1.1 %.
     assert moved["omega_n"].std() == pytest.approx(0.5, rel=0.05)
     assert moved["zeta"].min() > 0
