@@ -1,8 +1,9 @@
 """Do the joint posterior's intervals hold the truth as often as they say?
 
-Prints one table: for sweeps repeated on one day at the laser's noise and with 1 % noise, and for the
-mixed campaign (noise, tones, stepped sine, sweeps, decays, a forced loop), the mean and standard
-deviation of the truth's z-scores over many campaigns of the virtual rig, and the p-value of a Kolmogorov-Smirnov test against the standard normal.
+Prints one table: for sweeps repeated on one day, at the laser's noise and with 1 % noise, and for
+the mixed campaign (noise, tones, stepped sine, sweeps, decays, a forced loop), the mean and the
+standard deviation of the truth's z-scores over many campaigns of the virtual rig, and the p-value
+of a Kolmogorov-Smirnov test against the standard normal.
 
     python benchmarks/joint_calibration.py [number of campaigns]
 """

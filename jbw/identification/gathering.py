@@ -50,12 +50,13 @@ def gather(
         ConfigError: If `hold_out` names no test.
     """
     chosen = fitted(tests, settings)
+    names = {test.name for test in chosen}
     substeps = settings.get("substeps", DEFAULT_SUBSTEPS)
     parts: list[Part] = []
-    if linear is not None and linear.test.kind == "noise" and linear.test in chosen:
+    if linear is not None and linear.test.kind == "noise" and linear.test.name in names:
         parts.append(reading_of(linear, gain))
     if sweeps is not None:
-        kept = [test for test in sweeps.fitted if test.name in {one.name for one in chosen}]
+        kept = [test for test in sweeps.fitted if test.name in names]
         parts += [response.reduce(same, substeps=substeps) for same in by_form(kept)]
     steady_tests = [periods(test) for test in chosen if test.kind == "multisine"]
     parts += [
@@ -77,7 +78,11 @@ def gather(
             remedy="Add sweeps, stepped sines, response curves, loops, free decays or tones near "
             "a third of the resonance; or shorten `hold_out`.",
         )
-    return evidence(parts, {} if gain is None else {"gain": gain})
+    held = {} if gain is None else {"gain": gain}
+    if all(isinstance(part, loops.Loops) for part in parts):
+        # Along a prescribed displacement nothing moves freely: per kilogram, and no damping.
+        held = {"gain": gain or 1.0, "zeta": 0.0}
+    return evidence(parts, held)
 
 
 def fitted(tests: Sequence[Test], settings: Mapping[str, Any]) -> list[Test]:

@@ -23,6 +23,8 @@ from jbw.rig.generator import Multisine, Noise, Steps, Sweep, Tone
 from jbw.rig.machine import Growth, Held
 from tests.campaign.written_formats import FORMATS, FULL_SCALE
 
+pytestmark = pytest.mark.slow  # records of every kind are simulated and written eight times
+
 PLANS = (
     Plan("noise", "noise", Noise(0.15, 32.0, 8.0), 2, band_hz=(17.0, 20.5)),
     Plan("multisine", "multisine", Multisine(0.5, 2.0, 16.0, 21.0, periods=2, settle=24.0), 1),

@@ -103,6 +103,7 @@ def test_terms_of_the_parts_add_up(mixed):
     assert len(both) == 4
 
 
+@pytest.mark.slow
 def test_least_squares_and_likelihood_agree_about_the_optimum(mixed):
     """At the optimum of one the other has no slope, and their curvatures agree."""
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
@@ -245,6 +246,7 @@ def test_hold_out_and_fit_choose_the_tests(mixed):
         gather(tests, {"fit": ["sweep"]}, gain=GAIN)
 
 
+@pytest.mark.slow
 def test_the_joint_posterior_of_curves_and_a_loop_holds_the_truth(mixed):
     settings = {"prior": PRIOR, "num_chains": 4, "num_samples": 400, "num_warmup": 200}
     step, _ = joint_step(jax.random.key(0), mixed, {}, settings)

@@ -39,6 +39,7 @@ def tone(frequency, level, repeats=2, noise=0.0, seed=0):
     return Test("tones", records, f"tone {frequency}", level, tones_hz=(frequency,))
 
 
+@pytest.mark.slow
 def test_tones_are_predicted_where_the_joint_is_true():
     tests = [tone(f, level) for level in (0.3, 0.9) for f in (5.0, 6.0, 18.0)]
     data = harmonics.gather(steady.tone_groups(tests))
@@ -51,6 +52,7 @@ def test_tones_are_predicted_where_the_joint_is_true():
     assert np.all(left.max(axis=1) < 1e-5 * np.abs(data.mean).max(axis=1))
 
 
+@pytest.mark.slow
 def test_a_guess_from_measurement_finds_the_steady_state_of_other_parameters():
     data = harmonics.gather(steady.tone_groups([tone(18.0, 0.5), tone(6.0, 0.5)]))
     # Newton's error is squared twice, from a motion that is off by five in a hundred.
@@ -131,6 +133,7 @@ def test_stepped_sines_are_cut_into_their_steps():
         steady.stepped_groups(short)
 
 
+@pytest.mark.slow
 def test_derivatives_are_the_implicit_ones():
     data = harmonics.gather(steady.tone_groups([tone(18.2, 0.5), tone(6.0, 0.5)]))
 

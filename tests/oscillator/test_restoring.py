@@ -181,6 +181,7 @@ def central(function, x, step):
     return (8.0 * near - far) / (12.0 * step)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [PAPER, LINEAR], ids=["hysteretic", "duffing"])
 def test_derivatives_of_the_response(law):
     def last(lambda_3):
@@ -193,6 +194,7 @@ def test_derivatives_of_the_response(law):
     np.testing.assert_allclose(backward, wanted, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_derivatives_of_the_steady_state():
     def first(lambda_3):
         return jnp.abs(steady_state(joint(lambda_3=lambda_3), 0.9 * OMEGA_N, 5.0, 4)[0])
@@ -201,6 +203,7 @@ def test_derivatives_of_the_steady_state():
     np.testing.assert_allclose(jax.grad(first)(LAMBDA_3), wanted, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_lanes_are_the_single_responses():
     lambda_3 = jnp.array([-LAMBDA_3, 0.0, LAMBDA_3])
     batch = simulate(joint(lambda_3=lambda_3), INPUT, FS)
@@ -256,6 +259,7 @@ def test_curve_of_a_stiffening_joint_leans_to_the_right():
     np.testing.assert_allclose(curve.harmonics[on], tone, rtol=0, atol=1e-9 * np.abs(tone[0]))
 
 
+@pytest.mark.slow
 def test_refined_includes_the_force():
     omega = 0.9 * OMEGA_N
     tone = steady_state(joint(), omega, 5.0, 4)
