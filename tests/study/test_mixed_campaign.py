@@ -7,7 +7,7 @@ import pytest
 from jbw import rig
 from jbw.identification.coordinates import box_of
 from jbw.identification.gathering import gather
-from jbw.identification.joint import joint_step, settled
+from jbw.identification.joint import settled
 from jbw.identification.linear_step import linear_step
 from jbw.identification.selection import decay_tests, linear_test, sweep_tests
 from jbw.identification.starts import fit_from, linear_look
@@ -15,18 +15,26 @@ from jbw.inference.importance import importance
 from jbw.observables.evidence import log_likelihood, offsets_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
-NUMERICAL = {"r_hat", "ess", "divergences", "e_bfmi", "tree_depth", "frozen_chain", "solver_error"}
-CHAINS = {"num_chains": 2, "num_samples": 200}
 
 
 def truth_of(campaign):
     return {**campaign.truth["joint"], "gain": campaign.truth["gain"]}
 
 
+def joint_of(data, settings, seed):
+    """The joint step's fits, and their posterior by importance sampling instead of chains."""
+    known = linear_look(data)
+    prior = box_of(settings, data, known)
+    keys = jax.random.split(jax.random.key(seed), 3)
+    first = fit_from(keys[0], data, prior, known)
+    prior, best, data, _ = settled(keys[1], data, prior, first, settings)
+    return importance(keys[2], log_likelihood, prior, data, best, 200), data
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_truth_lies_within_the_joint_posterior(seed):
     campaign = rig.measure("mixed", seed=seed, repeats=2, noise_ratio=0.02, force_noise_std=0.2)
-    tests, settings = campaign.tests, {**campaign.settings, **CHAINS}
+    tests, settings = campaign.tests, {**campaign.settings, "substeps": 2}
     noise = linear_test(tests)
     assert noise is not None
     data = gather(
@@ -36,13 +44,12 @@ def test_the_truth_lies_within_the_joint_posterior(seed):
         sweeps=sweep_tests(tests, settings),
         decays=decay_tests(tests, settings),
     )
-    step, _ = joint_step(jax.random.key(seed), data, {}, settings)
-    draws = step.posterior["posterior"]
+    found, data = joint_of(data, settings, seed)
+    assert found.khat < 0.7
     for name, value in truth_of(campaign).items():
-        z = (float(draws[name].mean()) - value) / float(draws[name].std())
+        z = (found.mean(name) - value) / found.sd(name)
         assert abs(z) < 4, f"{name}: {z:.1f}"
-    failed = [f for f in step.verdict.findings if f.status == "failed"]
-    assert not [f for f in failed if f.code in NUMERICAL], [f.reason for f in failed]
+    assert not offsets_of(data)  # one assembly, one day: nothing shifts
 
 
 def of_days(offsets):
@@ -53,12 +60,7 @@ def of_days(offsets):
     )  # fmt: skip
     settings = {**campaign.settings, "offsets": offsets, "substeps": 2}
     data = gather(campaign.tests, settings, sweeps=sweep_tests(campaign.tests, settings))
-    known = linear_look(data)
-    prior = box_of(settings, data, known)
-    keys = jax.random.split(jax.random.key(0), 3)
-    first = fit_from(keys[0], data, prior, known)
-    prior, best, data, _ = settled(keys[1], data, prior, first, settings)
-    found = importance(keys[2], log_likelihood, prior, data, best, 200)
+    found, data = joint_of(data, settings, 0)
     sd = found.sd("omega_n")
     days = [day["omega_n"] for day in campaign.truth["days"]]
     return (found.mean("omega_n") - truth_of(campaign)["omega_n"]) / sd, sd, data, days
