@@ -86,4 +86,3 @@ def _solve_linear(linear: Callable, y: Float[Array, "3"]) -> Float[Array, "3"]:
 
 def _norm(x: Float[Array, "3"]) -> Float[Array, ""]:
     return jnp.max(jnp.abs(x))
-
