@@ -84,6 +84,7 @@ def test_match_finds_where_a_record_enters():
     np.testing.assert_allclose(entry.shift, shift, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_one_decay_holds_every_record_whatever_its_initial_state():
     data = reduce(decay_test(noise=0.0, second=0.0), substeps=2)
     found = matches(THETA, data)

@@ -93,6 +93,7 @@ def test_a_cubic_stiffness_beside_the_joint_adds_its_describing_function():
     np.testing.assert_allclose(added, 0.75 * 3e8 * y**2, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_an_frf_without_amplitude_is_that_of_the_sticking_joint():
     freq = np.linspace(17.0, 20.0, 13)
     omega = 2 * np.pi * freq

@@ -136,6 +136,7 @@ def scipy_harmonics(law, force, omega, amplitude, start):
     return np.array([np.sum(weights * y * np.exp(-1j * n * theta)) for n in (1, 3, 5)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("lambda_3", "amplitude"), [(LAMBDA_3, 5.0), (-LAMBDA_3, 2.0)])
 def test_steady_state_is_that_of_shooting_and_of_scipy(lambda_3, amplitude):
     omega = 0.9 * OMEGA_N
@@ -217,6 +218,7 @@ def test_lanes_are_the_single_responses():
         np.testing.assert_allclose(tones[i], tone, rtol=0, atol=1e-12 * np.abs(tone[0]))
 
 
+@pytest.mark.slow
 def test_zero_force_is_the_papers_model():
     paper, zero = BoucWen(*PAPER), joint(lambda_3=0.0)
     for name in ("y", "v", "z", "a"):
