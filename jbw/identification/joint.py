@@ -31,7 +31,6 @@ from jbw.identification.step import ATTRS, Step, finished
 from jbw.inference.box import Box
 from jbw.inference.costly_fit import costly_fit
 from jbw.inference.fitting import Fit
-from jbw.inference.quadratic import driven_by_quadratic, quadratic
 from jbw.inference.sampling import sample
 from jbw.inference.verdict import verdict
 from jbw.observables.decay import Decays
@@ -47,8 +46,7 @@ from jbw.observables.linear import READ, LineReading
 from jbw.observables.response import Records
 
 MOST_SUBSTEPS = 16
-CHEAP_DEPTH = 6  # doublings of a trajectory that follows the Laplace approximation
-LED_ASTRAY = {"frozen_chain", "r_hat", "divergences", "tree_depth", "e_bfmi"}
+STUCK = {"frozen_chain", "r_hat"}  # findings by which NUTS takes over
 
 
 def joint_step(
@@ -211,14 +209,14 @@ def refined(key: Key[Array, ""], data: Evidence, prior: Box, best: Fit) -> Evide
 def sample_joint(
     key: Key[Array, ""], data: Evidence, prior: Box, best: Fit, settings: Mapping[str, Any]
 ) -> xr.DataTree:
-    """NUTS in the coordinate whitened by the fit's covariance.
+    """Draws in the coordinate whitened by the fit's covariance.
 
-    Where the solver runs, trajectories first follow the gradient of the Laplace approximation,
-    which costs nothing, and are weighed by the exact likelihood; where the posterior is too far
-    from Gaussian for that, the model's own gradient takes over.
+    Where the solver runs, by elliptical slices about the Laplace approximation, which take four
+    evaluations a draw; where the posterior is too far from Gaussian for that, and where evaluations
+    are cheap, by NUTS.
     """
     options = {
-        "num_warmup": settings.get("num_warmup", 100),
+        "num_warmup": settings.get("num_warmup", 25),
         "num_samples": settings.get("num_samples", 500),
         "num_chains": settings.get("num_chains", 4),
         "chain_method": "parallel" if jax.device_count() > 1 else "sequential",
@@ -227,11 +225,8 @@ def sample_joint(
         "attrs": ATTRS,
     }
     if any(isinstance(part, Records) for part in data.parts):
-        cheap = driven_by_quadratic(log_likelihood)
-        tree = sample(
-            key, cheap, prior, quadratic(data, best), max_tree_depth=CHEAP_DEPTH, **options
-        )
-        if not LED_ASTRAY & {f.code for f in verdict(tree, prior).findings if f.status != "ok"}:
+        tree = sample(key, log_likelihood, prior, data, sampler="elliptical_slice", **options)
+        if not STUCK & {f.code for f in verdict(tree, prior).findings if f.status != "ok"}:
             return tree
     options |= {"num_warmup": settings.get("num_warmup", 300), "adapt_mass": True}
     return sample(key, log_likelihood, prior, data, **options)

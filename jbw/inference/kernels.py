@@ -14,6 +14,7 @@ from numpyro.infer.mcmc import MCMCKernel
 from numpyro.infer.util import potential_energy
 
 from jbw.inference.box import Box, from_unit
+from jbw.inference.elliptical_slice import EllipticalSlice
 from jbw.inference.laplace import Whitening, from_logit
 from jbw.inference.model import LogLikelihood, LogPrior, box_model
 from jbw.inference.random_walk import RandomWalk
@@ -25,7 +26,7 @@ class Settings(NamedTuple):
     """What is compiled in.
 
     Attributes:
-        sampler: "nuts" or "random_walk".
+        sampler: "nuts", "elliptical_slice" or "random_walk".
         num_warmup: Steps of warm-up, the only ones that adapt.
         chain_method: How chains share the machine.
         target_accept: Acceptance that the step size is tuned to.
@@ -108,6 +109,8 @@ def make_kernel(problem: Problem, settings: Settings) -> tuple[MCMCKernel, tuple
             forward_mode_differentiation=settings.forward_mode,
         )
         return kernel, ()
+    if settings.sampler == "elliptical_slice":
+        return EllipticalSlice(_potential(problem)), ()
     # The published walk, with its fixed step, is the same in every direction.
     shaped = settings.whitened and settings.step_size is None
     scale = _random_walk_scale(problem) if shaped else None
@@ -144,7 +147,7 @@ def bind_kernel(
 
 
 def kernel_position(z: Float[Array, " parameter"], problem: Problem, settings: Settings) -> PyTree:
-    """A point in the kernel's own coordinate: whitened for NUTS, x by site for the walk.
+    """A point in the kernel's own coordinate: x by site for the walk, whitened for the others.
 
     Args:
         z: Logit of the unit coordinate.
@@ -154,9 +157,9 @@ def kernel_position(z: Float[Array, " parameter"], problem: Problem, settings: S
     Returns:
         What the kernel takes as `init_params`.
     """
-    if settings.sampler == "nuts":
-        return jnp.linalg.solve(problem.whitening.factor, z - problem.whitening.centre)
-    return dict(zip(problem.box.names, jax.nn.sigmoid(z), strict=True))
+    if settings.sampler == "random_walk":
+        return dict(zip(problem.box.names, jax.nn.sigmoid(z), strict=True))
+    return jnp.linalg.solve(problem.whitening.factor, z - problem.whitening.centre)
 
 
 def read_draw(state: PyTree, problem: Problem, settings: Settings) -> Draw:
@@ -170,6 +173,9 @@ def read_draw(state: PyTree, problem: Problem, settings: Settings) -> Draw:
     Returns:
         One draw.
     """
+    if settings.sampler == "elliptical_slice":
+        z = problem.whitening.centre + problem.whitening.factor @ state.w
+        return Draw(from_logit(z, problem.box), {"n_steps": state.num_steps})
     if settings.sampler == "nuts":
         z = problem.whitening.centre + problem.whitening.factor @ state.z
         return Draw(

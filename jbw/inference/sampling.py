@@ -26,7 +26,7 @@ from jbw.inference.precision import require_float64
 from jbw.inference.random_walk import PAPER
 from jbw.inference.start import chain_starts
 
-SAMPLERS = ("nuts", "random_walk", "random_walk_paper")
+SAMPLERS = ("nuts", "elliptical_slice", "random_walk", "random_walk_paper")
 Progress = Callable[[int, int], None]
 DEFAULT_DRAWS = 1000  # of warm-up, and kept, in each chain
 CHUNK = 250  # draws between two looks at the clock; short enough for a progress bar
@@ -68,7 +68,9 @@ def sample(
             point, not one a sample of a long record.
         box: Prior bounds.
         data: Whatever `log_likelihood` takes, arrays in any pytree.
-        sampler: "nuts", "random_walk" (tuned), or "random_walk_paper" (fixed step, 85 + 765).
+        sampler: "nuts"; "elliptical_slice" (no gradient, about four evaluations a draw; needs
+            `covariance` and a posterior close to that Gaussian); "random_walk" (tuned); or
+            "random_walk_paper" (fixed step, 85 + 765).
         num_warmup: Steps of adaptation in each chain, discarded; 1000 when None.
         num_samples: Draws kept of each chain; 1000 when None.
         num_chains: Chains.
@@ -102,8 +104,14 @@ def sample(
     draws = _default(num_samples, PAPER.num_samples if paper else DEFAULT_DRAWS)
     warmup = _default(num_warmup, PAPER.num_warmup if paper else DEFAULT_DRAWS)
     _check_options(sampler, chain_method, draws, warmup, num_chains)
+    if sampler == "elliptical_slice" and covariance is None:
+        raise ConfigError(
+            "Argument `covariance` must be given for the sampler elliptical_slice, but is None.",
+            why="It draws from a Gaussian and corrects what the posterior differs from it.",
+            remedy='Pass the start and covariance of a fit, or use sampler="nuts".',
+        )
     settings = Settings(
-        sampler="nuts" if sampler == "nuts" else "random_walk",
+        sampler="random_walk" if paper else sampler,
         num_warmup=warmup,
         chain_method=_available(chain_method, num_chains),
         target_accept=_default(target_accept, 0.8 if sampler == "nuts" else 0.5),
