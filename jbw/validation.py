@@ -15,7 +15,7 @@ from jbw.measurement.records import Record, Test
 from jbw.observables.joint import joint_of
 from jbw.observables.response import advance
 from jbw.oscillator.response import simulate
-from jbw.prediction import QUANTILES, Draws, band
+from jbw.prediction import QUANTILES, Draws, band, over_draws
 
 NUM_POINTS = 512  # of a cycle
 BAND = (0.5, 20.0)  # of the tone: where a record is integrated and differentiated
@@ -128,9 +128,8 @@ def _shifted(cycle: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
 def _predicted_cycles(
     draws: Draws, source: NDArray[np.float64], omega: float
 ) -> tuple[NDArray[np.float64], ...]:
-    theta = {name: jnp.asarray(values) for name, values in draws.items()}
-    cycles = _steady_cycles(theta, jnp.asarray(source), NUM_POINTS * omega / (2 * np.pi))
-    return tuple(np.asarray(part) for part in cycles)
+    fs = NUM_POINTS * omega / (2 * np.pi)
+    return over_draws(lambda theta: _steady_cycles(theta, jnp.asarray(source), fs), draws)
 
 
 @partial(jax.jit, static_argnames=("fs",))

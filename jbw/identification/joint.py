@@ -217,7 +217,7 @@ def sample_joint(
     """
     options = {
         "num_warmup": settings.get("num_warmup", 25),
-        "num_samples": settings.get("num_samples", 500),
+        "num_samples": settings.get("num_samples", 400),
         "num_chains": settings.get("num_chains", 4),
         "chain_method": "parallel" if jax.device_count() > 1 else "sequential",
         "start": best.theta,

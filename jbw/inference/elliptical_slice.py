@@ -14,6 +14,8 @@ MOVES = 3  # ellipses a draw: one leaves w^2 correlated by E[cos^2] = 1/2, three
 
 DEGREES = 5.0  # of freedom of the reference: tails that no chain is lost in, for one look in five
 
+COUNT = jnp.int32
+
 
 class SliceState(NamedTuple):
     """Where one chain is.
@@ -76,7 +78,7 @@ class EllipticalSlice(MCMCKernel):
         model_args: tuple[Any, ...],
         model_kwargs: dict[str, Any],
     ) -> SliceState:
-        """First state of a chain; there is nothing to warm up but the distance from the start.
+        """First state of a chain, from which the first ellipse takes any possible point.
 
         Args:
             rng_key: Random key.
@@ -85,7 +87,7 @@ class EllipticalSlice(MCMCKernel):
             model_args: Not used.
             model_kwargs: Not used.
         """
-        return SliceState(init_params, self._log_ratio(init_params), jnp.array(0), rng_key)
+        return SliceState(init_params, jnp.array(-jnp.inf), jnp.zeros((), COUNT), rng_key)
 
     def sample(
         self, state: SliceState, model_args: tuple[Any, ...], model_kwargs: dict[str, Any]
@@ -109,4 +111,4 @@ class EllipticalSlice(MCMCKernel):
 
         key, *keys = jax.random.split(state.rng_key, 1 + MOVES)
         (w, log_ratio), looked = jax.lax.scan(move, (state.w, state.log_ratio), jnp.stack(keys))
-        return SliceState(w, log_ratio, jnp.sum(looked), key)
+        return SliceState(w, log_ratio, jnp.sum(looked, dtype=COUNT), key)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
 from jbw.errors import ConfigError, DataError
 
@@ -54,28 +55,47 @@ def sine_fit(
     Raises:
         DataError: Two tones too close for the record's length.
     """
-    tones = np.concatenate([omega * np.arange(1, num_harmonics + 1), np.asarray(also, float)])
-    angle = np.outer(t, tones)
-    middle, span = t.mean(), np.ptp(t)
-    pairs = np.stack([np.cos(angle), -np.sin(angle)], axis=-1).reshape(len(t), -1)
-    design = np.column_stack([pairs, np.ones_like(t), (t - middle) / span])
-    q, r = np.linalg.qr(design)
-    if np.linalg.cond(r) > 1e4:
+    return _fitted(y, _design(t, omega, num_harmonics, also), omega, num_harmonics, also)
+
+
+def _fitted(
+    y: NDArray[np.float64],
+    design: NDArray[np.float64],
+    omega: float,
+    num_harmonics: int,
+    also: Sequence[float],
+) -> SineFit:
+    """The fit to rows of a design."""
+    num_samples = design.shape[1]
+    normal = design @ design.T
+    if np.linalg.cond(normal) > 1e8:
         raise DataError(
             "The tones cannot be told apart in a record of this length.",
             why="Two of the frequencies fitted nearly coincide.",
             remedy="Lengthen the record or leave one of `also` out.",
         )
-    r_inverse = np.linalg.inv(r)
-    solution = (y @ q) @ r_inverse.T
-    # A second pass on the residual recovers the digits that the first one rounds off.
-    residual = y - solution @ design.T
-    solution = solution + (residual @ q) @ r_inverse.T
-    residual = y - solution @ design.T
+    factor = cho_factor(normal)
+    solution = cho_solve(factor, design @ y.reshape(-1, num_samples).T).T
+    residual = y - solution.reshape(*y.shape[:-1], -1) @ design
+    # A second pass on the residual recovers the digits that the normal equations round off.
+    change = cho_solve(factor, design @ residual.reshape(-1, num_samples).T).T
+    solution = (solution + change).reshape(*y.shape[:-1], -1)
+    residual = y - solution @ design
     kept = slice(0, 2 * num_harmonics)
     amplitudes = solution[..., kept][..., 0::2] + 1j * solution[..., kept][..., 1::2]
-    inverse = (r_inverse @ r_inverse.T)[kept, kept]
-    return SineFit(amplitudes, residual, inverse, tones, len(t) - design.shape[1])
+    inverse = cho_solve(factor, np.eye(len(design)))[kept, kept]
+    tones = np.concatenate([omega * np.arange(1, num_harmonics + 1), np.asarray(also, float)])
+    return SineFit(amplitudes, residual, inverse, tones, num_samples - len(design))
+
+
+def _design(
+    t: NDArray[np.float64], omega: float, num_harmonics: int, also: Sequence[float]
+) -> NDArray[np.float64]:
+    """Rows cos and -sin of every tone in turn, a constant and a trend, shape (unknown, time)."""
+    turning = np.multiply.accumulate(np.tile(np.exp(-1j * omega * t), (num_harmonics, 1)))
+    others = np.exp(-1j * np.outer(np.asarray(also, float), t))
+    pairs = [row for turn in (*turning, *others) for row in (turn.real, turn.imag)]
+    return np.vstack([*pairs, np.ones_like(t), (t - t.mean()) / np.ptp(t)])
 
 
 def amplitude_covariance(
@@ -132,9 +152,9 @@ def half_drift(
     also: Sequence[float],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Relative change of the first harmonic from half to half, and what noise alone makes of it."""
-    half = len(t) // 2
+    design, half = _design(t, omega, num_harmonics, also), len(t) // 2
     parts = [
-        sine_fit(y[..., s], t[s], omega, num_harmonics, also)
+        _fitted(y[..., s], design[:, s], omega, num_harmonics, also)
         for s in (slice(half), slice(half, None))
     ]
     first, second = (part.amplitudes[..., 0] for part in parts)

@@ -76,30 +76,17 @@ def forced_groups(
         seed: Seed of the runs' scatter.
         report: Called with one sentence at every stage.
     """
-    report("Verification: every test against the model, and against a linear oscillator")
+    report("Verification and validation: every test against the model, and a linear oscillator")
     chosen = frozenset(test.name for test in fitted(tests, settings))
     carried = _carried(found, data, chosen, seed)
-    groups = _frfs(tests, found, carried)
-    groups |= _sweeps(found, carried)
-    groups |= _curves(tests, found, carried)
-    for test in tests:
-        if test.kind == "loop":
-            dataset = forced_loop_verification(test, carried.draws, carried.linear)
-            groups[place("verification/loop", test.name)] = dataset
-        elif test.kind == "multisine" and (cut := periods(test)) is not None:
-            groups[place("verification/multisine", test.name)] = multisine_verification(
-                cut, carried.few, carried.linear,
-                band_hz=test.band_hz, substeps=_substeps(data),
-            )  # fmt: skip
+    groups = _frfs(tests, found, carried) | _sweeps(found, carried)
+    groups |= _curves(tests, found, carried) | _loops(tests, carried)
+    groups |= _multisines(tests, carried, _substeps(data)) | _validations(tests, found, carried)
     used = {safe(name) for name in carried.fitted}
     for path, dataset in groups.items():
-        dataset.attrs.setdefault("fitted", int(path.rsplit("/", 1)[-1] in used))
-        dataset.attrs["offsets"] = int(data.scatter.size > 0)
-    if found.linear is None:
-        return groups
-    report("Validation: hysteresis loops")
-    for test in loop_tests(tests, found.linear.natural_hz):
-        groups[place("validation/loops", test.name)] = loop_validation(test, carried.draws)
+        if path.startswith("/verification"):
+            dataset.attrs.setdefault("fitted", int(path.rsplit("/", 1)[-1] in used))
+            dataset.attrs["offsets"] = int(data.scatter.size > 0)
     return groups
 
 
@@ -118,6 +105,36 @@ def _carried(found: Identification, data: Evidence, chosen: frozenset[str], seed
         sweeps = {test.name for test in (*found.sweeps.fitted, *found.sweeps.held_out)}
         chosen -= sweeps - {test.name for test in found.sweeps.fitted}
     return Carried(draws, few, linear_reference(data, mean), chosen, natural_hz)
+
+
+def _validations(tests: Sequence[Test], found: Identification, carried: Carried) -> Groups:
+    """Hysteresis loops of tones near the resonance."""
+    if found.linear is None:
+        return {}
+    chosen = loop_tests(tests, found.linear.natural_hz)
+    return {place("validation/loops", t.name): loop_validation(t, carried.draws) for t in chosen}
+
+
+def _loops(tests: Sequence[Test], carried: Carried) -> Groups:
+    """Force loops under prescribed displacement."""
+    return {
+        place("verification/loop", test.name): forced_loop_verification(
+            test, carried.draws, carried.linear
+        )
+        for test in tests
+        if test.kind == "loop"
+    }
+
+
+def _multisines(tests: Sequence[Test], carried: Carried, substeps: int) -> Groups:
+    """Periodic multisines with steady periods."""
+    groups = {}
+    for test in tests:
+        if test.kind == "multisine" and (cut := periods(test)) is not None:
+            groups[place("verification/multisine", test.name)] = multisine_verification(
+                cut, carried.few, carried.linear, band_hz=test.band_hz, substeps=substeps
+            )
+    return groups
 
 
 def _substeps(data: Evidence) -> int:
