@@ -149,6 +149,7 @@ def _compared(
         {
             **attrs,
             "coverage": float(inside[later].mean()),
+            "num_values": inside[later].size,
             "nrmse": float(left / np.linalg.norm(measured[later])),
         },
     )

@@ -183,8 +183,8 @@ def errors(
         noise_std: Noise of the mean, where it is known.
 
     Returns:
-        `nrmse`, the error of the median; `nrmse_linear`; and `coverage`, the share of values
-        inside the predictive band.
+        `nrmse`, the error of the median; `nrmse_linear`; and `coverage`, the share of the
+        `num_values` values inside the predictive band.
     """
     median = np.median(model, axis=0)
     found = {"nrmse": error(measured, median)}
@@ -192,7 +192,8 @@ def errors(
         found["nrmse_linear"] = error(measured, linear)
     if noise_std is not None:
         reach = norm.ppf(QUANTILES[-1]) * np.sqrt(model.var(axis=0) + noise_std**2)
-        found["coverage"] = float(np.mean(np.abs(measured - median) <= reach))
+        inside = np.abs(measured - median) <= reach
+        found |= {"coverage": float(np.mean(inside)), "num_values": inside.size}
     return found
 
 

@@ -74,6 +74,7 @@ def sweep_verification(
             "response": response,
             "num_repeats": len(test.records),
             "coverage": float(inside.mean()),
+            "num_values": inside.size,
             "nrmse": error(mean, model_band[1]),
             **({} if linear is None else {"nrmse_linear": error(mean, alone[0])}),
         },

@@ -127,6 +127,7 @@ def test_coverage_is_that_of_a_gaussian():
     measured = 1.0 + np.hypot(0.3, 0.4) * rng.standard_normal(5000)
     found = errors(measured, model, None, 0.4)
     assert found["coverage"] == pytest.approx(0.99, abs=0.005)
+    assert found["num_values"] == measured.size
     assert "nrmse_linear" not in found
 
 

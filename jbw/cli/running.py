@@ -130,7 +130,8 @@ def _prediction(test: str, row: Mapping[str, Any]) -> str:
     if row.get("nrmse_linear") is not None:
         parts[0] += f" (linear oscillator {row['nrmse_linear']:.2g})"
     if row.get("coverage") is not None:
-        parts.append(f"{row['coverage']:.1%} inside the 99 % band")
+        count = f"{row['num_values']:,.0f} values"
+        parts.append(f"{row['coverage']:.1%} of {count} inside the 99 % band")
     return f"{test} ({known}): {', '.join(parts)}"
 
 

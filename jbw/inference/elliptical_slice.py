@@ -10,9 +10,10 @@ from blackjax.mcmc.elliptical_slice import EllipSliceState
 from jaxtyping import Array, Float, Int, Key
 from numpyro.infer.mcmc import MCMCKernel
 
+from jbw.inference.laplace import HEAVY
+
 MOVES = 3  # ellipses a draw: one leaves w^2 correlated by E[cos^2] = 1/2, three by 1/8
 
-DEGREES = 5.0  # of freedom of the reference: tails that no chain is lost in, for one look in five
 
 COUNT = jnp.int32
 
@@ -40,8 +41,8 @@ class EllipticalSlice(MCMCKernel):
     \nu \sim N(0, s I), \qquad w' = w \cos\vartheta + \nu \sin\vartheta$$
     $$\log r(w) = \log p(w \mid D) + \tfrac{\kappa + d}{2} \log(1 + w^T w / \kappa)$$
 
-    The ellipse leaves the normal of variance s as it is, and s the t distribution of kappa degrees
-    of freedom, so that only the ratio r of posterior and reference decides: the angle is drawn
+    The ellipse leaves the normal of variance s as it is, and s the t distribution of kappa = 5
+    degrees of freedom, so that only the ratio r of posterior and reference decides: the angle is drawn
     uniformly and its bracket shrunk until r(w') exceeds a level drawn below r(w). Where the
     posterior is nearly the normal of the whitening almost every first point is taken and draws are
     nearly independent; nothing is tuned and no gradient is needed. The tails of the reference are
@@ -65,7 +66,7 @@ class EllipticalSlice(MCMCKernel):
         return "w"
 
     def _log_ratio(self, w: Float[Array, " parameter"]) -> Float[Array, ""]:
-        reference = 0.5 * (DEGREES + w.size) * jnp.log1p(w @ w / DEGREES)
+        reference = 0.5 * (HEAVY + w.size) * jnp.log1p(w @ w / HEAVY)
         ratio = reference - self._potential(w)
         # The shrinking ends at a comparison that NaN would pass.
         return jnp.where(jnp.isfinite(ratio), ratio, -jnp.inf)
@@ -103,7 +104,7 @@ class EllipticalSlice(MCMCKernel):
         def move(at: tuple[Array, Array], key: Key[Array, ""]) -> tuple[tuple, Array]:
             w, _ = at
             key_scale, key_move = jax.random.split(key)
-            shape, rate = 0.5 * (DEGREES + w.size), 0.5 * (DEGREES + w @ w)
+            shape, rate = 0.5 * (HEAVY + w.size), 0.5 * (HEAVY + w @ w)
             variance = rate / jax.random.gamma(key_scale, shape)
             step = elliptical_slice.build_kernel(variance * jnp.ones_like(w), jnp.zeros_like(w))
             at, info = step(key_move, EllipSliceState(*at), self._log_ratio)

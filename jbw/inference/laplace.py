@@ -15,6 +15,9 @@ from jbw.inference.box import Box
 # A uniform prior in the box is a logistic distribution of the logit, of variance pi^2 / 3.
 LOGIT_PRIOR_PRECISION = 3 / np.pi**2
 
+HEAVY = 5.0
+"""Degrees of freedom of a t distribution of the Laplace covariance: tails beyond a posterior's."""
+
 
 class Whitening(NamedTuple):
     r"""Linear map from the coordinate w of the sampler to the logit z of the unit box.

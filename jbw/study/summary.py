@@ -17,6 +17,7 @@ from jbw.report.result import node
 from jbw.study.routes import compare_routes
 
 VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy", "scipy")
+ERRORS = ("coverage", "num_values", "nrmse", "nrmse_linear")
 PREDICTED = ("sweep", "curve", "loop", "multisine", "decay")
 UNITS = {"omega_n": "rad/s", "zeta": "1", "gain": "N/kg per unit of input"}
 
@@ -131,7 +132,7 @@ def _predictions(tree: xr.DataTree) -> dict[str, Any]:
                 "level": float(attrs["level"]),
                 "level_unit": str(attrs.get("level_unit", "")),
                 "fitted": bool(attrs["fitted"]),
-                **{key: _known(attrs, key) for key in ("coverage", "nrmse", "nrmse_linear")},
+                **{key: _known(attrs, key) for key in ERRORS},
             }
     return found
 

@@ -118,6 +118,7 @@ def test_the_equivalent_stiffness_of_many_amplitudes_is_that_of_each():
     )
 
 
+@pytest.mark.slow
 def test_stepped_sines_are_cut_into_their_steps():
     one, two = tone(5.0, 0.3, repeats=1), tone(6.0, 0.3, repeats=1)
     joined = {

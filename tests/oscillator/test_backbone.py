@@ -50,6 +50,7 @@ def test_backbone_differentiates():
     assert float(slope(340.0)) == pytest.approx(wanted, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_frequency_response_is_the_steady_state_over_frequency_and_level():
     omega = 2 * np.pi * np.linspace(17.0, 20.0, 25)
     amplitude = np.array([0.5, 5.0])

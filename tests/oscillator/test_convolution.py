@@ -76,6 +76,7 @@ def test_cascade_error_against_the_nonlinear_system_is_of_fourth_order():
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.1)
 
 
+@pytest.mark.slow
 def test_cascade_is_the_sum_over_kernels():
     differences = []
     for fs in (8.0, 16.0):

@@ -270,6 +270,7 @@ def test_refined_includes_the_force():
     np.testing.assert_allclose(found, tone, rtol=0, atol=1e-12 * np.abs(tone[0]))
 
 
+@pytest.mark.slow
 def test_rest_is_an_ordinary_point():
     def first(amplitude):
         return steady_state(joint(), 0.9 * OMEGA_N, amplitude, 4)[0].real

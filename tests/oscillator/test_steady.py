@@ -91,6 +91,7 @@ def test_agrees_with_shooting_in_time(cases, resolved, place):
     assert np.all(np.abs(orbit.multipliers) < 1.0)
 
 
+@pytest.mark.slow
 def test_motion_that_turns_six_times_a_period():
     omega, amplitude = STRONG_TONE
     harmonics = steady_state(STRONG, omega, amplitude)
