@@ -42,8 +42,8 @@ class EllipticalSlice(MCMCKernel):
     $$\log r(w) = \log p(w \mid D) + \tfrac{\kappa + d}{2} \log(1 + w^T w / \kappa)$$
 
     The ellipse leaves the normal of variance s as it is, and s the t distribution of kappa = 5
-    degrees of freedom, so that only the ratio r of posterior and reference decides: the angle is drawn
-    uniformly and its bracket shrunk until r(w') exceeds a level drawn below r(w). Where the
+    degrees of freedom, so that only the ratio r of posterior and reference decides: the angle is
+    drawn uniformly and its bracket shrunk until r(w') exceeds a level drawn below r(w). Where the
     posterior is nearly the normal of the whitening almost every first point is taken and draws are
     nearly independent; nothing is tuned and no gradient is needed. The tails of the reference are
     heavier than a posterior's, so that no chain is left far out. A point at which the posterior is
@@ -101,15 +101,17 @@ class EllipticalSlice(MCMCKernel):
             model_kwargs: Not used.
         """
 
-        def move(at: tuple[Array, Array], key: Key[Array, ""]) -> tuple[tuple, Array]:
-            w, _ = at
+        def move(at: EllipSliceState, key: Key[Array, ""]) -> tuple[EllipSliceState, Array]:
+            w = jnp.asarray(at.position)
             key_scale, key_move = jax.random.split(key)
             shape, rate = 0.5 * (HEAVY + w.size), 0.5 * (HEAVY + w @ w)
             variance = rate / jax.random.gamma(key_scale, shape)
             step = elliptical_slice.build_kernel(variance * jnp.ones_like(w), jnp.zeros_like(w))
-            at, info = step(key_move, EllipSliceState(*at), self._log_ratio)
-            return tuple(at), info.subiter
+            at, info = step(key_move, at, self._log_ratio)
+            return at, jnp.asarray(info.subiter)
 
         key, *keys = jax.random.split(state.rng_key, 1 + MOVES)
-        (w, log_ratio), looked = jax.lax.scan(move, (state.w, state.log_ratio), jnp.stack(keys))
+        start = EllipSliceState(state.w, state.log_ratio)
+        end, looked = jax.lax.scan(move, start, jnp.stack(keys))
+        w, log_ratio = jnp.asarray(end.position), jnp.asarray(end.logdensity)
         return SliceState(w, log_ratio, jnp.sum(looked, dtype=COUNT), key)
