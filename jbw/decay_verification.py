@@ -158,7 +158,7 @@ def _compared(
 def amplitude_verification(test: Test, num_fitted: int, draws: Draws) -> xr.Dataset:
     r"""Frequency and damping against amplitude: read from the records, and of the model.
 
-    $$\omega^2 = k + k_{eq}(Y), \qquad
+    $$\omega^2 = k + k_{eq}(Y) + \tfrac34 \kappa_3 Y^2, \qquad
       \zeta_{eq} = \zeta\,\frac{\omega_n}{\omega} + \frac{E(Y)}{2\pi\omega^2 Y^2}$$
 
     Args:
@@ -208,7 +208,8 @@ def _backbone(
         y_peak = amplitude / omega**order
         for _ in range(3):  # the displacement of an amplitude depends weakly on the frequency
             loop = steady_loop(joint, y_peak)
-            omega = jnp.sqrt(joint.k + loop.k_eq)
+            spring = joint.k + loop.k_eq + 0.75 * theta.get("cubic", 0.0) * y_peak**2
+            omega = jnp.sqrt(spring)
             y_peak = amplitude / omega**order
         added = steady_loop(joint, y_peak).energy / (2 * jnp.pi * omega**2 * y_peak**2)
         return omega / (2 * jnp.pi), joint.zeta * joint.omega_n / omega + added

@@ -36,7 +36,7 @@ def loop_validation(test: Test, draws: Draws) -> xr.Dataset:
 
     Returns:
         Loops over (phase) and (quantile, phase), areas over (quantile), one set for
-        $k y + Z$ and one, named `*_viscous`, with $2\zeta\omega_n v$ added.
+        $k y + \kappa_3 y^3 + Z$ and one, named `*_viscous`, with $2\zeta\omega_n v$ added.
 
     Reference:
         Section 4 (validation), Eq. (1).
@@ -48,7 +48,7 @@ def loop_validation(test: Test, draws: Draws) -> xr.Dataset:
     forces = {"": with_viscous - viscosity[:, None] * cycle["v"], "_viscous": with_viscous}
     y, v, z = _predicted_cycles(draws, cycle["u"], omega)
     stiffness = draws["omega_n"] ** 2 - draws["alpha"]
-    elastic = stiffness[:, None] * y + z
+    elastic = stiffness[:, None] * y + draws.get("cubic", 0 * stiffness)[:, None] * y**3 + z
     predicted = {"": elastic, "_viscous": elastic + viscosity[:, None] * v}
     bands = ("quantile", "phase")
     newton, metre = {"units": "N/kg"}, {"units": "m"}

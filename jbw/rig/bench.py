@@ -47,7 +47,8 @@ def respond(
         Displacement [m], velocity [m/s] and hysteretic force z [N/kg], each `(num_samples,)`.
 
     Raises:
-        ModelError: When JAX works in float32, or nu is not 1, or the response is not finite.
+        ModelError: When JAX works in float32, nu is not 1, another force stands beside the joint,
+            or the response is not finite.
     """
     _require(joint)
     leaves = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float64), joint)
@@ -119,3 +120,10 @@ def _require(joint: BoucWen) -> None:
         )
     if joint.nu != 1.0:
         raise ModelError(f"Parameter `joint.nu` of the rig must be 1, but is {joint.nu}.")
+    if joint.restoring is not None:
+        raise ModelError(
+            "Parameter `joint.restoring` of the rig must be None, but is of kind "
+            f"{type(joint.restoring).__name__}.",
+            why="The rig integrates the hysteretic force and a linear spring by a code of its own.",
+            remedy="Make records with `simulate`, which takes every restoring force.",
+        )
