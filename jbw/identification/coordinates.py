@@ -35,7 +35,8 @@ def box_of(settings: Mapping[str, Any], data: Evidence, known: Mapping[str, floa
     zeta = known.get("zeta", 0.01)
     y_peak = largest_displacement(data, omega_n)
     gain = None if "gain" in data.held else (known["gain"], _gain_std(data))
-    prior = joint_box(settings, omega_n, zeta, gain, y_peak)
+    linear = any(isinstance(part, LineReading) for part in data.parts)
+    prior = joint_box(settings, omega_n, zeta, gain, y_peak, linear=linear)
     bounds = {
         name: (float(low), float(high))
         for name, low, high in zip(prior.names, prior.lower, prior.upper, strict=True)

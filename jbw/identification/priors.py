@@ -57,6 +57,8 @@ def joint_box(
     zeta: float,
     gain: tuple[float, float] | None,
     y_peak: float,
+    *,
+    linear: bool = True,
 ) -> Box:
     """Box of the joint route: all parameters of the joint, and the gain.
 
@@ -67,6 +69,8 @@ def joint_box(
         gain: Gain of Step 2 and its standard deviation, or None when it is held at one
             (a known gain or modal mass).
         y_peak: Largest displacement measured [m].
+        linear: Whether omega_n and zeta were read where the joint hardly slips. At a high level
+            they hold its softening and its losses, and tell the oscillator's own only roughly.
 
     Returns:
         The box, in the order omega_n, zeta, alpha, delta, gamma(, gain)(, cubic); a cubic stiffness
@@ -74,6 +78,8 @@ def joint_box(
     """
     bounds: Bounds = {"omega_n": (0.97 * omega_n, 1.03 * omega_n)}
     bounds |= physical(omega_n, zeta, y_peak)
+    if not linear:
+        bounds |= {"omega_n": (0.7 * omega_n, 1.5 * omega_n), "zeta": (0.005 * zeta, 3.0 * zeta)}
     if gain is not None:
         reach = max(0.1 * gain[0], 8 * gain[1]) if np.isfinite(gain[1]) else 0.5 * gain[0]
         bounds["gain"] = (gain[0] - reach, gain[0] + reach)
