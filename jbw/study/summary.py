@@ -78,6 +78,12 @@ def _plain(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
+def _counted(num_repeats: int) -> str:
+    if num_repeats < 2:
+        return "one record has no CV"
+    return f"CV is over {num_repeats} repeats"
+
+
 def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
     """Step 2 in the form of the others: a Gaussian about the pooled mean."""
     std = np.sqrt(np.diag(step.pooled.covariance))
@@ -86,7 +92,7 @@ def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
             "map": float(mean),
             "mean": float(mean),
             "sd": float(sd),
-            "cv": float(cv),
+            "cv": _plain(cv),
             "q005": float(mean - 2.5758 * sd),
             "q995": float(mean + 2.5758 * sd),
             "unit": UNITS[name],
@@ -96,8 +102,7 @@ def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
     }
     words = (
         f"Read at {step.y_rms:.2g} m rms of displacement: omega_n is the oscillator's at that "
-        f"amplitude, which the joint's softening lowers; CV is over {step.pooled.num_repeats} "
-        "repeats.",
+        f"amplitude, which the joint's softening lowers; {_counted(step.pooled.num_repeats)}.",
     )
     return {"parameters": parameters, "statements": list(words)}
 

@@ -87,7 +87,7 @@ def test_refuses_what_it_cannot_integrate():
 
     with pytest.raises(ModelError, match="nu"):
         respond(BoucWen(118.0, 0.004, 497.0, 340.0, 33.0, nu=2.0), pulse, 8, FS)
-    with pytest.raises(ModelError, match="`joint.restoring` of the rig must be None"):
+    with pytest.raises(ModelError, match=r"`joint\.restoring` of the rig must be None"):
         respond(BoucWen(118.0, 0.004, 497.0, 340.0, 33.0, restoring=Cubic(1e9)), pulse, 8, FS)
     with pytest.raises(ModelError, match="finite"):
         respond(TRUTH, pulse, 4096, 1.0)  # omega_n h = 7: beyond stability
