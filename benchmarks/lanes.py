@@ -1,8 +1,8 @@
 """What does a solve cost in lanes, with and without gradient, on one and on two devices?
 
 The standard sweep for 1 to 128 sets of parameters at once, one step a sample; the yardstick is RK4
-in C with 16 sets in the arithmetic units at once. One table; all take turns in one process, which
-splits the processor into two devices of JAX.
+in C with 16 sets in the arithmetic units at once, with 4 steps at jbw's error, and with 1. All take
+turns in one process, which splits the processor into two devices of JAX.
 
     python benchmarks/lanes.py [--calls 31] [--json FILE]
 """
@@ -14,13 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 import yardstick
 from jax.sharding import Mesh, PartitionSpec
-from problem import FS, NUM, PAPER, U, lanes
+from problem import FS, NUM, PAPER, U, lanes, rk4_velocity
 from timing import Table, Target, Times, compiled, options, show, take_turns, targets
 
 import jbw
 
 LANES = (1, 2, 4, 8, 16, 32, 64, 128)
 DEVICES = (1, 2)
+SAME_SCHEME = "diffrax, RK4, 32 lanes"
 COLUMNS = {"lanes": "d", "forward, ns a lane-sample": ".1f", "/ one lane": ".2f"}
 COLUMNS |= {"/ C, 4 steps": ".1f", "two devices, ns": ".1f", "gradient, ns a lane-sample": ".1f"}
 COLUMNS |= {"gradient / forward": ".2f", "gradient, two devices, ns": ".1f"}
@@ -87,6 +88,8 @@ def ratio(over: float | None, under: float | None) -> float | None:
 
 def tables(calls: int) -> list[Table]:
     runs = contenders("forward", velocity) | contenders("gradient", value_and_gradient)
+    rk4 = jax.vmap(lambda joint, u: rk4_velocity(joint, u, FS), in_axes=(0, None))
+    runs[SAME_SCHEME] = compiled(rk4, lanes(32), jnp.asarray(U))
     return summaries(take_turns(runs | c_lanes(), calls))
 
 
@@ -94,7 +97,7 @@ def summaries(times: Mapping[str, Times]) -> list[Table]:
     """The table of lanes, and the targets."""
     c_1, c_4 = (per_lane(times, f"C, {name}", yardstick.WIDTH) for name in ("1 step", "4 steps"))
     forward = {num: per_lane(times, label("forward", num, 1), num) for num in LANES}
-    one = forward[1]
+    one, rk4 = forward[1], per_lane(times, SAME_SCHEME, 32)
     rows = []
     for num in LANES:
         both, gradient, gradient_both = (
@@ -107,7 +110,9 @@ def summaries(times: Mapping[str, Times]) -> list[Table]:
     c_columns = {f"{yardstick.WIDTH} sets at once": "", "ns a lane-sample": ".1f"}
     entries = [
         Target("32 lanes, a lane-sample / one lane", ratio(forward[32], one), 0.6, 0.2),
-        Target("32 lanes, a lane-step / C of 1 step, 16 sets", ratio(forward[32], c_1), 9.0, 5.0),
+        Target("the same, / C of 4 steps, the same error", ratio(forward[32], c_4), 9.0, 5.0),
+        Target("the same, / C of 1 step, 240 times the error", ratio(forward[32], c_1), 9.0, 5.0),
+        Target("32 lanes of RK4 in diffrax / C of 1 step", ratio(rk4, c_1), 9.0, 5.0),
     ]
     absent = [(name, "no C compiler") for name, _ in c_rows]
     return [
