@@ -12,6 +12,7 @@ from jbw.observables.evidence import Evidence, Repeated, evidence, residual
 from jbw.observables.harmonics import Points
 from jbw.observables.linear import LineReading
 from jbw.observables.loops import Loops
+from jbw.observables.response import Records
 
 # A joint that carries a millionth of a newton per kg at most; none at all has no derivatives.
 SILENT = {"alpha": 1e-6, "delta": 1.0, "gamma": 1.0, "cubic": 0.0}
@@ -77,4 +78,6 @@ def _evenly(part: Repeated) -> Repeated:
         num_values=own.size,
         directions=jnp.zeros_like(own.directions[:, :0]),
     )
+    if isinstance(part, Records):
+        return replace(part, repeats=even, origin=part.origin[:, :0])
     return replace(part, repeats=even)

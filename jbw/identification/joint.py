@@ -25,7 +25,13 @@ from jbw.identification.leaving_out import (
     left_out_dataset,
 )
 from jbw.identification.noise import with_derived
-from jbw.identification.shifts import sentence_of, shifts_of, wanted, with_offsets
+from jbw.identification.shifts import (
+    recentred,
+    sentence_of,
+    shifts_of,
+    wanted,
+    with_offsets,
+)
 from jbw.identification.starts import fit_from, inside, linear_look
 from jbw.identification.step import ATTRS, Step, finished
 from jbw.inference.box import Box
@@ -159,6 +165,8 @@ def settled(
     shifts = shifts_of(best, prior.names, data)
     if shifts is not None and wanted(shifts, settings):
         data = with_offsets(best, shifts, data)
+        best = again(best, prior, data)
+        data = recentred(best, data)
         best = again(best, prior, data)
         data = with_fitted_noise(left_by_label(best.residual, data), data)
         best = again(best, prior, data)

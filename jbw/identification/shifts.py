@@ -19,7 +19,7 @@ from scipy import stats
 from jbw.inference.fitting import Fit
 from jbw.inference.offsets import run_numbers, scatter_grid
 from jbw.observables.decay import Decays
-from jbw.observables.evidence import Evidence, run_names, with_directions
+from jbw.observables.evidence import Evidence, best_offsets, run_names, with_directions
 from jbw.observables.linear import READ, LineReading
 from jbw.observables.repeats import OFFSETS
 
@@ -137,11 +137,22 @@ def with_offsets(best: Fit, shifts: Shifts, data: Evidence) -> Evidence:
     centre = np.array([best.theta[name] for name in OFFSETS])
     least, most = (tuple(np.array(part) * centre) for part in (LEAST, MOST))
     scatter = np.clip(shifts.scatter, least, most)
+    own = dict(zip(shifts.runs, shifts.offset, strict=True))
     return replace(
-        with_directions(best.theta, data),
+        with_directions(best.theta, data, own),
         scatters=jnp.asarray(scatter_grid(least, most)),
         scatter=jnp.asarray(scatter),
     )
+
+
+def recentred(best: Fit, data: Evidence) -> Evidence:
+    """The evidence linearised about the runs' offsets as they are now known.
+
+    Args:
+        best: The fit with offsets.
+        data: The evidence, whose runs have offsets.
+    """
+    return with_directions(best.theta, data, best_offsets(best.theta, data))
 
 
 def sentence_of(shifts: Shifts) -> str:

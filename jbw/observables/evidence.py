@@ -106,17 +106,27 @@ def residual(theta: Mapping[str, Array], data: Evidence) -> Float[Array, " value
         Eqs. (38), (41), (42).
     """
     everything = {**data.held, **theta}
-    decays = [part for part in data.parts if isinstance(part, Decays)]
-    others = [part for part in data.parts if not isinstance(part, Decays)]
-    pairs = [_weighted(everything, part) for part in others]
-    left = [pair[0] for pair in pairs]
-    if offsets_of(data) and others:
-        names = run_numbers(tuple(name for part in others for name in _runs(part)))
-        left, offsets = shrunk(left, [pair[1] for pair in pairs], names, data.scatter)
-        left = [*left, offsets]
-    rows = [row.ravel() for row in left]
-    rows += [decay_likelihood.residual(everything, part) for part in decays]
+    left, offsets = _beside_offsets(everything, data)
+    rows = [row.ravel() for row in (*left, offsets)]
+    rows += [
+        decay_likelihood.residual(everything, part)
+        for part in data.parts
+        if isinstance(part, Decays)
+    ]
     return jnp.concatenate(rows)
+
+
+def _beside_offsets(
+    theta: Mapping[str, Array], data: Evidence
+) -> tuple[list[Float[Array, "group value"]], Float[Array, "run own"]]:
+    """Residuals of everything but decays in standard errors, and the runs' offsets over scatter."""
+    others = [part for part in data.parts if not isinstance(part, Decays)]
+    pairs = [_weighted(theta, part) for part in others]
+    left = [pair[0] for pair in pairs]
+    if not (offsets_of(data) and others):
+        return left, jnp.zeros((0, 0))
+    names = run_numbers(tuple(name for part in others for name in _runs(part)))
+    return shrunk(left, [pair[1] for pair in pairs], names, data.scatter)
 
 
 def _weighted(
@@ -158,15 +168,42 @@ def _labels(part: Part) -> tuple[str, ...]:
     return part.repeats.labels
 
 
-def with_directions(theta: Mapping[str, float], data: Evidence) -> Evidence:
+def best_offsets(theta: Mapping[str, float], data: Evidence) -> dict[str, np.ndarray]:
+    """Best offsets of omega_n and zeta of each run but those of decays, at one point.
+
+    Args:
+        theta: Where the joint of all runs is.
+        data: The evidence, whose runs have offsets.
+    """
+    everything = {**data.held, **{name: jnp.asarray(value) for name, value in theta.items()}}
+    _, scaled = _beside_offsets(everything, data)
+    names = [n for part in data.parts if not isinstance(part, Decays) for n in _runs(part)]
+    return dict(zip(dict.fromkeys(names), np.asarray(scaled * data.scatter), strict=True))
+
+
+def with_directions(
+    theta: Mapping[str, float],
+    data: Evidence,
+    offsets: Mapping[str, Float[np.ndarray, " own"]] | None = None,
+) -> Evidence:
     """The evidence with the change of every prediction by the offsets of its run, at one point.
 
     Args:
         theta: Where to linearise.
         data: The evidence.
+        offsets: Offset of each run, by name, about which records are linearised; zero where it is
+            not named.
     """
     everything = {**data.held, **{name: jnp.asarray(value) for name, value in theta.items()}}
-    return replace(data, parts=tuple(_with_directions(everything, part) for part in data.parts))
+    centre, known = np.array([float(everything[name]) for name in OFFSETS]), offsets or {}
+
+    def placed(part: Part) -> Part:
+        if isinstance(part, Records):
+            own = [centre + known.get(run, 0.0) for run in part.repeats.runs]
+            part = replace(part, origin=jnp.asarray(np.stack(own)))
+        return _with_directions(everything, part)
+
+    return replace(data, parts=tuple(placed(part) for part in data.parts))
 
 
 @eqx.filter_jit
@@ -180,7 +217,12 @@ def _with_directions(theta: Mapping[str, Array], part: Part) -> Part:
     if isinstance(part, LineReading):
         slope = jax.jacfwd(lambda offset: linear.predict(shifted(offset), part))(none)
         return replace(part, directions=slope.T)
-    slope = -jax.jacfwd(lambda offset: compare(shifted(offset), part))(none)
+    if isinstance(part, Records):
+        slope = jax.jacfwd(
+            lambda b: response.predict(theta, replace(part, origin=part.origin + b))
+        )(none)
+    else:
+        slope = -jax.jacfwd(lambda offset: compare(shifted(offset), part))(none)
     found = replace(part.repeats, directions=jnp.moveaxis(slope, -1, 1))
     return replace(part, repeats=found)
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from jbw.errors import DataError
 from jbw.measurement.records import Test
 from jbw.observables.joint import joint_of
-from jbw.observables.repeats import Repeats, repeats
+from jbw.observables.repeats import OFFSETS, Repeats, repeats
 from jbw.oscillator.response import simulate
 
 _LETTER = {"displacement": "y", "velocity": "v", "acceleration": "a"}
@@ -24,6 +24,9 @@ class Records(eqx.Module):
         source: Mean measured input of each level [V, N or N/kg].
         mean: Mean measured response of each level [m, m/s or m/s^2].
         repeats: Their repeats, a group a level.
+        origin: omega_n [rad/s] and zeta of each level's own run, where runs have offsets: where the
+            prediction is made and linearised in them. A record follows the phase for so many
+            periods that no line through the common omega_n reaches another day's.
         fs: Sampling frequency [Hz]; static.
         response: displacement, velocity or acceleration; static.
         substeps: Steps of the solver between samples; static.
@@ -33,6 +36,7 @@ class Records(eqx.Module):
     source: Float[Array, "level time"]
     mean: Float[Array, "level time"]
     repeats: Repeats
+    origin: Float[Array, "level own"]
     fs: float = eqx.field(static=True)
     response: str = eqx.field(static=True, default="velocity")
     substeps: int = eqx.field(static=True, default=2)
@@ -80,6 +84,7 @@ def reduce(tests: Sequence[Test], *, substeps: int = 2, periodic: bool = False) 
             runs=tuple(run_of(test) for test in tests),
             scale=np.sqrt(np.mean(means**2, axis=1)),
         ),
+        origin=jnp.zeros((len(tests), 0)),
         fs=fs,
         response=response,
         substeps=substeps,
@@ -156,7 +161,7 @@ def response_to(
 
 
 def predict(theta: Mapping[str, Array], data: Records) -> Float[Array, "level time"]:
-    """Response of every level to its mean measured input.
+    """Response of every level to its mean measured input, at its own origin where it has one.
 
     Args:
         theta: The joint's five parameters and `gain`.
@@ -165,23 +170,35 @@ def predict(theta: Mapping[str, Array], data: Records) -> Float[Array, "level ti
     Returns:
         Predicted response, in the unit of the measured one.
     """
-    # One level after another, not as lanes: alone, the solver skips the work of rare events.
-    return jax.lax.map(
-        lambda source: response_to(
-            theta,
+
+    def one(level: tuple[Array, Array]) -> Float[Array, " time"]:
+        source, origin = level
+        own = dict(zip(OFFSETS, origin, strict=False))  # none where runs have no offsets
+        return response_to(
+            {**theta, **own},
             source,
             data.fs,
             response=data.response,
             substeps=data.substeps,
             periodic=data.periodic,
-        ),
-        data.source,
-    )
+        )
+
+    # One level after another, not as lanes: alone, the solver skips the work of rare events.
+    return jax.lax.map(one, (data.source, data.origin))
 
 
 def compare(theta: Mapping[str, Array], data: Records) -> Float[Array, "level time"]:
-    """Mean measured response of every level less its prediction."""
-    return data.mean - predict(theta, data)
+    r"""Mean measured response of every level less its prediction.
+
+    $$d - m(o) - J^T (\theta - o)$$
+
+    where the level has an origin o of omega_n and zeta.
+    """
+    left = data.mean - predict(theta, data)
+    if not data.origin.shape[1]:
+        return left
+    away = jnp.stack([theta[name] for name in OFFSETS]) - data.origin
+    return left - jnp.einsum("lo,lot->lt", away, data.repeats.directions)
 
 
 def squares(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
