@@ -120,7 +120,9 @@ IDENTIFY = {
         a_whole_number(1), "solver steps a sample; by default as many as the data take"
     ),
     "sampler": Key(
-        one_of("nuts", "random_walk", "random_walk_paper"), "how to sample", example='"nuts"'
+        one_of("auto", "nuts", "elliptical_slice", "random_walk", "random_walk_paper"),
+        "of the joint posterior; auto: elliptical slices where time is stepped through, else NUTS",
+        example='"auto"',
     ),
     "num_chains": Key(a_whole_number(1), "chains", example="4"),
     "num_samples": Key(a_whole_number(1), "draws kept a chain", example="1000"),

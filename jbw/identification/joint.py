@@ -19,6 +19,7 @@ from jbw.identification.accuracy import (
     worth_by_label,
 )
 from jbw.identification.coordinates import box_of, by_products, product_box, products_of
+from jbw.identification.drawing import sample_joint, stuck
 from jbw.identification.leaving_out import (
     consistency_finding,
     leave_one_out,
@@ -33,26 +34,21 @@ from jbw.identification.shifts import (
     with_offsets,
 )
 from jbw.identification.starts import fit_from, inside, linear_look
-from jbw.identification.step import ATTRS, Step, finished
+from jbw.identification.step import Step, finished
 from jbw.inference.box import Box
 from jbw.inference.costly_fit import costly_fit
 from jbw.inference.fitting import Fit
-from jbw.inference.sampling import sample
-from jbw.inference.verdict import verdict
 from jbw.observables.decay import Decays
 from jbw.observables.evidence import (
     Evidence,
     left_by_label,
-    log_likelihood,
     residual,
     with_fitted_noise,
     with_worth,
 )
 from jbw.observables.linear import READ, LineReading
-from jbw.observables.response import Records
 
 MOST_SUBSTEPS = 16
-STUCK = {"frozen_chain", "r_hat"}  # findings by which NUTS takes over
 
 
 def joint_step(
@@ -86,6 +82,7 @@ def joint_step(
     prior, best, data, words = settled(keys[1], data, prior, first, settings)
     posterior = sample_joint(keys[2], data, prior, best, settings)
     draws = posterior["posterior"].to_dataset()
+    words += stuck(posterior, prior)
     left = left_by_label(best.residual, data)
     findings = residual_findings(left, worth_by_label(left, data))
     if (error := solver_finding(draws, data)) is not None:
@@ -212,29 +209,3 @@ def refined(key: Key[Array, ""], data: Evidence, prior: Box, best: Fit) -> Evide
             break
         data = halved(data) or data
     return data
-
-
-def sample_joint(
-    key: Key[Array, ""], data: Evidence, prior: Box, best: Fit, settings: Mapping[str, Any]
-) -> xr.DataTree:
-    """Draws in the coordinate whitened by the fit's covariance.
-
-    Where the solver runs, by elliptical slices about the Laplace approximation, which take four
-    evaluations a draw; where the posterior is too far from Gaussian for that, and where evaluations
-    are cheap, by NUTS.
-    """
-    options = {
-        "num_warmup": settings.get("num_warmup", 25),
-        "num_samples": settings.get("num_samples", 400),
-        "num_chains": settings.get("num_chains", 4),
-        "chain_method": "parallel" if jax.device_count() > 1 else "sequential",
-        "start": best.theta,
-        "covariance": best.covariance,
-        "attrs": ATTRS,
-    }
-    if any(isinstance(part, Records) for part in data.parts):
-        tree = sample(key, log_likelihood, prior, data, sampler="elliptical_slice", **options)
-        if not STUCK & {f.code for f in verdict(tree, prior).findings if f.status != "ok"}:
-            return tree
-    options |= {"num_warmup": settings.get("num_warmup", 300), "adapt_mass": True}
-    return sample(key, log_likelihood, prior, data, **options)

@@ -1,0 +1,83 @@
+"""Draws of the joint posterior by the sampler that suits what was measured."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import xarray as xr
+from jaxtyping import Array, Key
+
+from jbw.identification.step import ATTRS
+from jbw.inference.box import Box
+from jbw.inference.fitting import Fit
+from jbw.inference.sampling import sample
+from jbw.inference.verdict import verdict
+from jbw.observables.evidence import Evidence, log_likelihood
+from jbw.observables.loops import Loops
+from jbw.observables.response import Records
+
+STUCK = {"frozen_chain", "r_hat"}  # findings of a sampler that does not fit the posterior
+DRAWS = {  # of warm-up, and kept of each chain
+    "elliptical_slice": (25, 400),
+    "nuts": (300, 1000),
+    "random_walk": (1000, 1000),
+    "random_walk_paper": (85, 765),
+}
+
+
+def sample_joint(
+    key: Key[Array, ""], data: Evidence, prior: Box, best: Fit, settings: Mapping[str, Any]
+) -> xr.DataTree:
+    """Draws in the coordinate whitened by the fit's covariance.
+
+    Where time is stepped through, by elliptical slices about the Laplace approximation, at a few
+    evaluations a draw; where evaluations are cheap, by NUTS along the model's own gradient.
+
+    Args:
+        key: Random key.
+        data: What was measured.
+        prior: The box.
+        best: The fit, with its covariance.
+        settings: The campaign's [identify] table.
+    """
+    sampler = settings.get("sampler", "auto")
+    if sampler == "auto":
+        sampler = "elliptical_slice" if _stepped(data) else "nuts"
+    num_warmup, num_samples = DRAWS[sampler]
+    return sample(
+        key,
+        log_likelihood,
+        prior,
+        data,
+        sampler=sampler,
+        num_warmup=settings.get("num_warmup", num_warmup),
+        num_samples=settings.get("num_samples", num_samples),
+        num_chains=settings.get("num_chains", 4),
+        chain_method="parallel" if jax.device_count() > 1 else "sequential",
+        start=best.theta,
+        covariance=best.covariance,
+        adapt_mass=True,
+        attrs=ATTRS,
+    )
+
+
+def _stepped(data: Evidence) -> bool:
+    """Whether an evaluation steps through time."""
+    return any(isinstance(part, Records | Loops) for part in data.parts)
+
+
+def stuck(posterior: xr.DataTree, prior: Box) -> list[str]:
+    """What to do where elliptical slices do not mix, in words; nothing where they do.
+
+    Args:
+        posterior: The draws.
+        prior: The box.
+    """
+    failed = {one.code for one in verdict(posterior, prior).findings if one.status != "ok"}
+    if posterior.attrs.get("sampler") != "elliptical_slice" or not failed & STUCK:
+        return []
+    return [
+        "The posterior is too far from the Gaussian about the fit for elliptical slices: "
+        'sampler = "nuts" in [identify] follows the gradient of the model, for some hundred times '
+        "as many evaluations a draw."
+    ]
