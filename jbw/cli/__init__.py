@@ -24,6 +24,7 @@ COMMANDS = {
     "init": ("jbw.cli.init:init", "Write a commented campaign file for a folder of records."),
     "check": ("jbw.cli.check:check", "Check a campaign, channel by channel."),
     "identify": ("jbw.cli.identify:identify", "Identify the joint from a campaign."),
+    "export": ("jbw.cli.export:export", "Write a run's joint for CSV, MATLAB and OpenSees."),
     "report": ("jbw.cli.report:report", "Write the one-file report of a finished run."),
 }
 

@@ -11,6 +11,7 @@ from jbw.decay_verification import amplitude_verification, decay_verification, t
 from jbw.identification.linear_step import LinearStep, linear_dataset
 from jbw.identification.procedure import Identification, Report
 from jbw.identification.selection import DecaySplit, Sweeps, probing_tests
+from jbw.identification.starts import largest_displacement
 from jbw.identification.step import Step
 from jbw.identification.third_order import KernelFit, integrals
 from jbw.inference.summary import running_mean
@@ -59,7 +60,17 @@ def collect(
         groups |= _decay_groups(found.decays, found.decay, found.decay_data, seed)
     tree = xr.DataTree.from_dict(groups)
     tree.attrs.update(found.main.posterior.attrs)
+    tree.attrs["y_peak"] = _largest(found)
     return tree
+
+
+def _largest(found: Identification) -> float:
+    """Largest displacement among what was fitted [m], as far as the joint was seen."""
+    if found.data is None:
+        return float(found.decay_data.y_start) if found.decay_data is not None else 0.0
+    posterior = found.main.posterior["posterior"].to_dataset()
+    omega_n = float(posterior["omega_n"].mean()) if "omega_n" in posterior else 1.0
+    return largest_displacement(found.data, omega_n)
 
 
 def _groups(step: Step, truth: Mapping[str, float]) -> Groups:

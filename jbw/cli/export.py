@@ -1,0 +1,36 @@
+"""The command `jbw export DIR`."""
+
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.argument(
+    "folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path)
+)
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="New or empty folder to write to; DIR/export when left out.",
+)
+@click.option("--mass", type=float, default=1.0, help="Modal mass [kg]; 1 leaves forces per kg.")
+@click.option("--y-max", type=float, help="Largest displacement [m]; by default that measured.")
+def export(folder: Path, out: Path | None, mass: float, y_max: float | None) -> None:
+    """Write the joint of the finished run in DIR for CSV, MATLAB and OpenSees.
+
+    parameters.csv has every parameter in three conventions with 99 % intervals, backbone.csv the
+    frequency and damping against amplitude with 99 % bands, jbw.mat both beside the draws, and
+    joint.tcl a material of OpenSees.
+    """
+    from jbw.cli.running import prepare_jax
+    from jbw.report.result import read_result
+    from jbw.study.storage import claim
+
+    prepare_jax()
+    from jbw.study import exporting
+
+    _, tree = read_result(folder)
+    result = exporting.export(tree, mass, y_max)
+    for path in exporting.write_export(claim(out or folder / "export"), result):
+        click.echo(path)
