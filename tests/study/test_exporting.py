@@ -100,7 +100,9 @@ def test_a_cubic_joint_has_no_material_of_opensees(tmp_path):
         export(tree, MASS, y_max=-1.0)
     made = write_export(tmp_path, export(tree, MASS))
     assert "joint.tcl" not in {path.name for path in made}
-    assert "cubic" in {row["parameter"] for row in rows(tmp_path / "parameters.csv")}
+    found = rows(tmp_path / "parameters.csv")
+    assert {row["convention"] for row in found} == {"jbw"}
+    assert "cubic" in {row["parameter"] for row in found}
 
 
 def test_a_posterior_without_the_joint_is_refused():
