@@ -25,8 +25,9 @@ def summarise(tree: xr.DataTree, box: Box | None = None, prob: float = 0.99) -> 
 
     Returns:
         Quantity to its row: map, mean, sd, cv, the two quantiles (q005 and q995 for 0.99), kl
-        [nats from the prior], ess_bulk, ess_tail, r_hat. A number that cannot be had is NaN. The
-        map is the draw of the highest posterior density.
+        [nats from the prior], contraction (1 less the variance over the prior's), ess_bulk,
+        ess_tail, r_hat. A number that cannot be had is NaN. The map is the draw of the highest
+        posterior density.
     """
     posterior = tree["posterior"].to_dataset()
     lp = tree["sample_stats"].to_dataset()["lp"].values
@@ -65,11 +66,13 @@ def _row(
         quantile_name(tail): low,
         quantile_name(1 - tail): high,
         "kl": float("nan"),
+        "contraction": float("nan"),
         **diagnose(draws),
     }
     if bounds is not None and np.all(np.isfinite(draws)):
         lower, upper = bounds
         row["kl"] = kl_from_uniform(np.ravel((draws - lower) / (upper - lower)))
+        row["contraction"] = 1 - 12 * sd**2 / (upper - lower) ** 2
     return {name: value if np.isfinite(value) else float("nan") for name, value in row.items()}
 
 

@@ -37,7 +37,8 @@ def _normal():
 def test_rows_of_a_normal_posterior(normal):
     row = summarise(normal, BOX)["alpha"]
     assert set(row) == {
-        *("map", "mean", "sd", "cv", "q005", "q995", "kl", "ess_bulk", "ess_tail", "r_hat")
+        *("map", "mean", "sd", "cv", "q005", "q995", "kl", "contraction"),
+        *("ess_bulk", "ess_tail", "r_hat"),
     }
     # 8000 independent draws: mean good to 6e-4, sd to 4e-4, 0.5 % quantiles to 4e-3 (4 errors).
     np.testing.assert_allclose(row["mean"], 0.5, atol=2.4e-3)
@@ -47,6 +48,8 @@ def test_rows_of_a_normal_posterior(normal):
         [row["q005"], row["q995"]], norm(0.5, 0.05).ppf([0.005, 0.995]), atol=0.016
     )
     np.testing.assert_allclose(row["kl"], kl_truncated_normal(0.5, 0.05), atol=0.05)
+    # The sd is a twentieth of the width; a uniform prior's variance is width^2 / 12.
+    np.testing.assert_allclose(row["contraction"], 0.97, atol=2e-3)
     np.testing.assert_allclose(row["map"], 0.5, atol=1e-4)
     np.testing.assert_allclose([row["ess_bulk"], row["ess_tail"]], 8000, rtol=0.15)
     assert row["r_hat"] < 1.005
