@@ -22,7 +22,7 @@ def test_demo_from_the_first_record_to_the_report(tmp_path, capsys):
     # Step 3 by the paper is expected to fail, and to say why.
     assert summary["steps"]["third_order_paper"]["verdict"]["status"] == "failed"
     assert any("alpha*delta" in s for s in summary["steps"]["third_order_paper"]["statements"])
-    # 99 % bands over held-out repeats and levels never fitted, some of only 44 values: four
+    # 99 % bands over held-out repeats and levels never fitted, some of only ten values: four
     # standard errors of the share inside, and 0.5 % for the noise, which is itself estimated.
     for row in summary["predictions"].values():
         assert abs(row["coverage"] - 0.99) < 0.005 + 4 * (0.99 * 0.01 / row["num_values"]) ** 0.5
