@@ -11,7 +11,7 @@ from jbw.identification.step import ATTRS
 from jbw.inference.box import Box
 from jbw.inference.fitting import Fit
 from jbw.inference.sampling import sample
-from jbw.inference.verdict import verdict
+from jbw.inference.verdict import Verdict
 from jbw.observables.evidence import Evidence, log_likelihood
 from jbw.observables.loops import Loops
 from jbw.observables.response import Records
@@ -66,14 +66,14 @@ def _stepped(data: Evidence) -> bool:
     return any(isinstance(part, Records | Loops) for part in data.parts)
 
 
-def stuck(posterior: xr.DataTree, prior: Box) -> list[str]:
+def stuck(posterior: xr.DataTree, found: Verdict) -> list[str]:
     """What to do where elliptical slices do not mix, in words; nothing where they do.
 
     Args:
         posterior: The draws.
-        prior: The box.
+        found: The verdict on them.
     """
-    failed = {one.code for one in verdict(posterior, prior).findings if one.status != "ok"}
+    failed = {one.code for one in found.findings if one.status != "ok"}
     if posterior.attrs.get("sampler") != "elliptical_slice" or not failed & STUCK:
         return []
     return [

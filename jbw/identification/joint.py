@@ -1,6 +1,7 @@
 """All parameters set to update: the joint posterior of everything that was measured."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -82,7 +83,6 @@ def joint_step(
     prior, best, data, words = settled(keys[1], data, prior, first, settings)
     posterior = sample_joint(keys[2], data, prior, best, settings)
     draws = posterior["posterior"].to_dataset()
-    words += stuck(posterior, prior)
     left = left_by_label(best.residual, data)
     findings = residual_findings(left, worth_by_label(left, data))
     if (error := solver_finding(draws, data)) is not None:
@@ -102,7 +102,8 @@ def joint_step(
         held={n: float(v) for n, v in data.held.items()},
         chi_square=chi_square,
     )
-    return step, data
+    words = stuck(step.posterior, step.verdict)
+    return replace(step, statements=(*step.statements, *words)), data
 
 
 def _means(earlier: Mapping[str, Step]) -> dict[str, float]:

@@ -103,13 +103,7 @@ def sample(
     paper = sampler == "random_walk_paper"
     draws = _default(num_samples, PAPER.num_samples if paper else DEFAULT_DRAWS)
     warmup = _default(num_warmup, PAPER.num_warmup if paper else DEFAULT_DRAWS)
-    _check_options(sampler, chain_method, draws, warmup, num_chains)
-    if sampler == "elliptical_slice" and covariance is None:
-        raise ConfigError(
-            "Argument `covariance` must be given for the sampler elliptical_slice, but is None.",
-            why="It draws from a Gaussian and corrects what the posterior differs from it.",
-            remedy='Pass the start and covariance of a fit, or use sampler="nuts".',
-        )
+    _check_options(sampler, chain_method, draws, warmup, num_chains, covariance is not None)
     settings = Settings(
         sampler="random_walk" if paper else sampler,
         num_warmup=warmup,
@@ -163,7 +157,12 @@ def _available(method: str, num_chains: int) -> str:
 
 
 def _check_options(
-    sampler: str, chain_method: str, num_samples: int, num_warmup: int, num_chains: int
+    sampler: str,
+    chain_method: str,
+    num_samples: int,
+    num_warmup: int,
+    num_chains: int,
+    whitened: bool,
 ) -> None:
     for name, word, known in (
         ("sampler", sampler, SAMPLERS),
@@ -176,6 +175,12 @@ def _check_options(
     for name, value in given.items():
         if value < least[name]:
             raise ConfigError(f"Argument `{name}` must be at least {least[name]}, but is {value}.")
+    if sampler == "elliptical_slice" and not whitened:
+        raise ConfigError(
+            "Argument `covariance` must be given for the sampler elliptical_slice, but is None.",
+            why="It draws from a Gaussian and corrects what the posterior differs from it.",
+            remedy='Pass the start and covariance of a fit, or use sampler="nuts".',
+        )
 
 
 def _run(

@@ -144,6 +144,21 @@ def local_level(fit: SineFit, fs: float, omega: NDArray[np.float64]) -> NDArray[
     return np.stack([power[..., local].mean(axis=-1) for local in nearest], axis=-1)
 
 
+def _halves(
+    y: NDArray[np.float64],
+    t: NDArray[np.float64],
+    omega: float,
+    num_harmonics: int,
+    also: Sequence[float],
+) -> tuple[SineFit, SineFit]:
+    """The fits to the first and the second half of the samples, by one design."""
+    design, half = _design(t, omega, num_harmonics, also), len(t) // 2
+    return (
+        _fitted(y[..., :half], design[:, :half], omega, num_harmonics, also),
+        _fitted(y[..., half:], design[:, half:], omega, num_harmonics, also),
+    )
+
+
 def half_drift(
     y: NDArray[np.float64],
     t: NDArray[np.float64],
@@ -152,11 +167,7 @@ def half_drift(
     also: Sequence[float],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Relative change of the first harmonic from half to half, and what noise alone makes of it."""
-    design, half = _design(t, omega, num_harmonics, also), len(t) // 2
-    parts = [
-        _fitted(y[..., s], design[:, s], omega, num_harmonics, also)
-        for s in (slice(half), slice(half, None))
-    ]
+    parts = _halves(y, t, omega, num_harmonics, also)
     first, second = (part.amplitudes[..., 0] for part in parts)
     size = np.maximum(np.abs(first), np.finfo(float).tiny)
     fs = 1 / (t[1] - t[0])
@@ -179,8 +190,8 @@ def refined_frequency(
     """Frequency at which the mean phase of the first harmonic stands still from half to half."""
     half = len(t) // 2
     for _ in range(4):
-        first = sine_fit(y[..., :half], t[:half], omega, num_harmonics, also).amplitudes[..., 0]
-        second = sine_fit(y[..., half:], t[half:], omega, num_harmonics, also).amplitudes[..., 0]
+        parts = _halves(y, t, omega, num_harmonics, also)
+        first, second = (part.amplitudes[..., 0] for part in parts)
         turn = np.angle(np.sum(second * first.conj()))
         omega += turn / (t[half:].mean() - t[:half].mean())
     return float(omega)

@@ -1,7 +1,7 @@
 """A run's posterior in files that other programs read: CSV, MATLAB and a line of OpenSees."""
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jbw.errors import ConfigError, DataError
-from jbw.observables.joint import JOINT
+from jbw.observables.joint import JOINT, joint_of
 from jbw.oscillator.backbone import backbone
 from jbw.oscillator.conventions import opensees, to_baber_noori, to_benchmark
 from jbw.oscillator.parameters import BoucWen
-from jbw.oscillator.restoring import Cubic
 from jbw.prediction import QUANTILES, Draws, band, thin
 
 NUM_DRAWS = 1000  # carried along the backbone
@@ -82,14 +81,9 @@ def export(tree: xr.DataTree, mass: float = 1.0, y_max: float | None = None) -> 
                 f"Argument `{name}` must be positive, but it is {value:g}.",
                 remedy=f"Give it: --{name.replace('_', '-')}.",
             )
-    mean = _joint({name: float(np.mean(values)) for name, values in draws.items()})
+    mean = joint_of({name: jnp.mean(values) for name, values in draws.items()})
     material = None if mean.restoring is not None else opensees(mean, mass)
     return Export(list(_parameters(draws, mass)), _backbone(draws, mass, y_max), draws, material)
-
-
-def _joint(theta: Mapping[str, Any]) -> BoucWen:
-    beside = Cubic(theta["cubic"]) if "cubic" in theta else None
-    return BoucWen(*(theta[name] for name in JOINT), restoring=beside)
 
 
 def _parameters(draws: Draws, mass: float) -> Iterable[dict[str, Any]]:
@@ -117,7 +111,7 @@ def _row(convention: str, name: str, unit: str, values: NDArray[np.float64]) -> 
 
 def _backbone(draws: Draws, mass: float, y_max: float) -> dict[str, NDArray[np.float64]]:
     y_peak = y_max * np.arange(1, NUM_AMPLITUDES + 1) / NUM_AMPLITUDES
-    joint = _joint({name: jnp.asarray(values)[:, None] for name, values in draws.items()})
+    joint = joint_of({name: jnp.asarray(values)[:, None] for name, values in draws.items()})
     found = backbone(joint, jnp.asarray(y_peak))
     curves = {
         "frequency_hz": np.asarray(found.omega) / (2 * np.pi),

@@ -6,6 +6,7 @@ import xarray as xr
 
 from jbw.identification.drawing import stuck
 from jbw.inference.box import box
+from jbw.inference.verdict import verdict
 
 PRIOR = box({"zeta": (0.0, 1.0)})
 
@@ -28,6 +29,7 @@ def chains(apart, sampler):
     [(0.05, "elliptical_slice", True), (0.0, "elliptical_slice", False), (0.05, "nuts", False)],
 )
 def test_slices_that_do_not_mix_point_to_nuts(apart, sampler, told):
-    words = stuck(chains(apart, sampler), PRIOR)
+    tree = chains(apart, sampler)
+    words = stuck(tree, verdict(tree, PRIOR))
     assert bool(words) is told
     assert all('sampler = "nuts"' in sentence for sentence in words)
