@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from jbw.measurement.records import Test
 from jbw.observables import harmonics
 from jbw.observables.harmonics import Group
-from jbw.prediction import QUANTILES, UNITS, Draws, band, beside_linear, errors, noise_of_mean
+from jbw.prediction import QUANTILES, UNITS, Draws, band, beside, carry, errors, noise_of_mean
 
 
 class Curve(NamedTuple):
@@ -31,7 +31,9 @@ class Curve(NamedTuple):
 
 
 def curve_verification(
-    curves: Sequence[Curve], draws: Draws, linear: Mapping[str, float] | None = None
+    curves: Sequence[Curve],
+    draws: Draws,
+    references: Mapping[str, Mapping[str, float]] | None = None,
 ) -> list[xr.Dataset]:
     """Harmonics of response curves, stepped sines or tones beside those of the model.
 
@@ -41,7 +43,7 @@ def curve_verification(
     Args:
         curves: What was measured; all of it is carried through the model at once.
         draws: Parameters of the joint and gain.
-        linear: A linear oscillator to compare with.
+        references: Oscillators to compare with, by name.
 
     Returns:
         For each curve magnitudes and phases over (freq) and (quantile, freq), of the third
@@ -51,13 +53,15 @@ def curve_verification(
     if not curves:
         return []
     data = harmonics.gather([group for curve in curves for group in curve.groups])
-    model, alone = beside_linear(harmonics.predict, draws, linear, data)
+    model, others = beside(
+        lambda some: carry(harmonics.predict, some, data), draws, references or {}
+    )
     found, row = [], 0
     for curve in curves:
         rows = range(row, row + len(curve.groups))
         noises = [noise_of_mean(data.repeats, i) for i in rows]
-        linears = [None if alone is None else alone[i] for i in rows]
-        found.append(_compared(curve, [model[:, i] for i in rows], linears, noises))
+        own = [{name: one[i] for name, one in others.items()} for i in rows]
+        found.append(_compared(curve, [model[:, i] for i in rows], own, noises))
         row = rows.stop
     return found
 
@@ -65,7 +69,7 @@ def curve_verification(
 def _compared(
     curve: Curve,
     models: Sequence[NDArray[np.complex128]],
-    linears: Sequence[NDArray[np.complex128] | None],
+    others: Sequence[Mapping[str, NDArray[np.complex128]]],
     noises: Sequence[float | None],
 ) -> xr.Dataset:
     """One curve beside its predictions."""
@@ -73,18 +77,18 @@ def _compared(
     order, size = np.argsort(omega), len(omega)
     variables: dict[str, Any] = {}
     attrs: dict[str, Any] = {}
-    for group, padded, of_linear, noise in zip(curve.groups, models, linears, noises, strict=True):
+    for group, padded, of_others, noise in zip(curve.groups, models, others, noises, strict=True):
         if not np.any(group.values):
             continue  # a harmonic beyond what the sampling shows
         suffix = "" if group.order == 1 else f"_{group.order}"
         model = padded[:, :size]
         # A linear oscillator has no higher harmonics to compare.
-        linear = None if of_linear is None or group.order > 1 else of_linear[:size]
-        alone = None if linear is None else _parts(linear)
-        far = errors(_parts(group.values), _parts(model), alone, noise)
+        shown = {n: x[:size] for n, x in of_others.items() if group.order == 1 or n != "linear"}
+        parts = {name: _parts(one) for name, one in shown.items()}
+        far = errors(_parts(group.values), _parts(model), parts, noise)
         attrs |= {name + suffix: value for name, value in far.items()}
-        shown = _harmonic(group, curve.test, model[:, order], linear, order)
-        variables |= {name + suffix: variable for name, variable in shown.items()}
+        drawn = _harmonic(group, curve.test, model[:, order], shown, order)
+        variables |= {name + suffix: variable for name, variable in drawn.items()}
     return xr.Dataset(
         variables,
         {
@@ -119,7 +123,7 @@ def _harmonic(
     group: Group,
     test: Test,
     model: Complex[np.ndarray, "draw value"],
-    linear: Complex[np.ndarray, " value"] | None,
+    others: Mapping[str, Complex[np.ndarray, " value"]],
     order: NDArray[np.intp],
 ) -> dict[str, Any]:
     """Variables of one harmonic, in the order of the frequencies."""
@@ -141,10 +145,10 @@ def _harmonic(
         "model_magnitude": (dims, band(np.abs(model)), magnitude),
         "model_phase": (dims, band(_near(model, reference)), phase),
     }
-    if linear is not None:
-        alone = turn * linear[order]
-        found["linear_magnitude"] = ("freq", np.abs(alone), magnitude)
-        found["linear_phase"] = ("freq", _near(alone, reference), phase)
+    for name, values in others.items():
+        alone = turn * values[order]
+        found[f"{name}_magnitude"] = ("freq", np.abs(alone), magnitude)
+        found[f"{name}_phase"] = ("freq", _near(alone, reference), phase)
     return found
 
 

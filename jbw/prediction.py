@@ -133,22 +133,34 @@ def scattered(key: Key[Array, ""], draws: Draws, scatter: Float[Array, " own"]) 
     return {**draws, **moved, "zeta": np.maximum(moved["zeta"], 0.01 * draws["zeta"])}
 
 
-def with_last(draws: Draws, theta: Mapping[str, float]) -> Draws:
-    """Draws with one more behind them, so that both are carried through the model at once."""
-    return {name: np.append(values, theta[name]) for name, values in draws.items()}
-
-
-def beside_linear(
-    predict: Callable[[Mapping[str, Array], Any], Array],
+def beside(
+    carried: Callable[[Draws], NDArray[Any]],
     draws: Draws,
-    linear: Mapping[str, float] | None,
-    data: PyTree,
-) -> tuple[NDArray[Any], NDArray[Any] | None]:
-    """Predictions of the draws, and of a linear oscillator where there is one."""
-    if linear is None:
-        return carry(predict, draws, data), None
-    values = carry(predict, with_last(draws, linear), data)
-    return values[:-1], values[-1]
+    references: Mapping[str, Mapping[str, float]],
+) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
+    """Predictions of the draws, and of every oscillator that they are compared with.
+
+    Args:
+        carried: Draws to their predictions, the draws along the first axis.
+        draws: Parameters of the joint and gain.
+        references: Parameters of the oscillators, by name.
+
+    Returns:
+        Predictions of the draws, and one of each oscillator by its name.
+    """
+    # One that needs no more parameters than the draws goes along with them, compiled already.
+    along = [n for n, one in references.items() if "cubic" in draws or not one.get("cubic")]
+    every = {
+        name: np.append(values, [references[one][name] for one in along])
+        for name, values in draws.items()
+    }
+    values = carried(every)
+    count = len(values) - len(along)
+    others = dict(zip(along, values[count:], strict=True))
+    for name in references.keys() - others.keys():
+        alone = {key: np.array([value]) for key, value in references[name].items()}
+        others[name] = carried(alone)[0]
+    return values[:count], {name: others[name] for name in references}
 
 
 def noise_of_mean(repeats: Repeats, group: int = 0) -> float | None:
@@ -167,10 +179,10 @@ def error(measured: NDArray[Any], predicted: NDArray[Any]) -> float:
 def errors(
     measured: NDArray[np.float64],
     model: Float[np.ndarray, "draw value"],
-    linear: NDArray[np.float64] | None,
+    others: Mapping[str, NDArray[np.float64]],
     noise_std: float | None,
 ) -> dict[str, float]:
-    r"""How far a test lies from the model, and from a linear oscillator.
+    r"""How far a test lies from the model, and from the oscillators it is compared with.
 
     $$m \pm 2.576 \sqrt{\mathrm{var}_\theta + \sigma^2}$$
 
@@ -179,17 +191,16 @@ def errors(
     Args:
         measured: Mean of the repeats.
         model: Its prediction by every draw.
-        linear: Its prediction by a linear oscillator.
+        others: Its prediction by other oscillators, by their names.
         noise_std: Noise of the mean, where it is known.
 
     Returns:
-        `nrmse`, the error of the median; `nrmse_linear`; and `coverage`, the share of the
-        `num_values` values inside the predictive band.
+        `nrmse`, the error of the median; `nrmse_linear` and so on, of the others; and `coverage`,
+        the share of the `num_values` values inside the predictive band.
     """
     median = np.median(model, axis=0)
     found = {"nrmse": error(measured, median)}
-    if linear is not None:
-        found["nrmse_linear"] = error(measured, linear)
+    found |= {f"nrmse_{name}": error(measured, one) for name, one in others.items()}
     if noise_std is not None:
         reach = norm.ppf(QUANTILES[-1]) * np.sqrt(model.var(axis=0) + noise_std**2)
         inside = np.abs(measured - median) <= reach

@@ -11,13 +11,13 @@ from scipy.integrate import trapezoid
 
 from jbw.measurement.records import Test
 from jbw.observables import loops, response
-from jbw.prediction import QUANTILES, UNITS, Draws, band, beside_linear, errors, noise_of_mean
+from jbw.prediction import QUANTILES, UNITS, Draws, band, beside, carry, errors, noise_of_mean
 
 MOST_POINTS = 2048  # of a loop, kept for drawing
 
 
 def forced_loop_verification(
-    test: Test, draws: Draws, linear: Mapping[str, float] | None = None
+    test: Test, draws: Draws, references: Mapping[str, Mapping[str, float]] | None = None
 ) -> xr.Dataset:
     r"""Restoring force along a prescribed displacement beside that of the model.
 
@@ -28,18 +28,18 @@ def forced_loop_verification(
     Args:
         test: Test of kind loop.
         draws: Parameters of the joint and gain.
-        linear: A linear spring to compare with.
+        references: Springs to compare with, by name.
 
     Returns:
         Forces over (point) and (quantile, point), work over (quantile); attributes as of
         `jbw.prediction.errors`.
     """
     data = loops.reduce([test])
-    every, of_linear = beside_linear(loops.predict, draws, linear, data)
+    every, others = beside(lambda some: carry(loops.predict, some, data), draws, references or {})
     counted = np.asarray(data.counted[0]) > 0
     y, measured = (np.asarray(x[0])[counted] for x in (data.displacement, data.mean))
     model = every[:, 0, counted]
-    alone = None if of_linear is None else of_linear[0, counted]
+    others = {name: one[0, counted] for name, one in others.items()}
     shown = slice(None, None, -(-len(y) // MOST_POINTS))
     newton, joule, metre = {"units": "N"}, {"units": "J"}, {"units": "m"}
     variables = {
@@ -49,8 +49,7 @@ def forced_loop_verification(
         "measured_work": ((), trapezoid(measured, y), joule),
         "model_work": ("quantile", band(trapezoid(model, y, axis=-1)), joule),
     }
-    if alone is not None:
-        variables["linear_force"] = ("point", alone[shown], newton)
+    variables |= {f"{n}_force": ("point", one[shown], newton) for n, one in others.items()}
     return xr.Dataset(
         variables,
         {"quantile": list(QUANTILES)},
@@ -58,7 +57,7 @@ def forced_loop_verification(
             "level": test.level,
             "level_unit": "m",
             "kind": test.kind,
-            **errors(measured, model, alone, noise_of_mean(data.repeats)),
+            **errors(measured, model, others, noise_of_mean(data.repeats)),
         },
     )
 
@@ -66,7 +65,7 @@ def forced_loop_verification(
 def multisine_verification(
     test: Test,
     draws: Draws,
-    linear: Mapping[str, float] | None = None,
+    references: Mapping[str, Mapping[str, float]] | None = None,
     *,
     band_hz: tuple[float, float] | None = None,
     substeps: int = 2,
@@ -76,19 +75,21 @@ def multisine_verification(
     Args:
         test: Multisine whose records are single periods.
         draws: Parameters of the joint and gain.
-        linear: A linear oscillator to compare with.
+        references: Oscillators to compare with, by name.
         band_hz: Band of the spectra [Hz]; all of them when None.
         substeps: Steps of the solver between samples.
 
     Returns:
         Response over (time) and (quantile, time); amplitude spectra over (freq) of the measured
-        response, the model's median, the error it leaves, and the linear oscillator's error;
+        response, the model's median, the error it leaves, and the other oscillators' errors;
         attributes as of `jbw.prediction.errors`.
     """
     data = response.reduce([test], substeps=substeps, periodic=True)
-    every, of_linear = beside_linear(response.predict, draws, linear, data)
+    every, others = beside(
+        lambda some: carry(response.predict, some, data), draws, references or {}
+    )
     measured, model = np.asarray(data.mean[0]), every[:, 0]
-    alone = None if of_linear is None else of_linear[0]
+    others = {name: one[0] for name, one in others.items()}
     record = test.records[0]
     unit = {"units": UNITS[data.response], "long_name": data.response}
     freq = np.fft.rfftfreq(len(measured), 1 / data.fs)
@@ -96,8 +97,7 @@ def multisine_verification(
     keep = (freq >= low) & (freq <= high)
     median = np.median(model, axis=0)
     spectra = {"measured": measured, "model": median, "error": measured - median}
-    if alone is not None:
-        spectra["linear_error"] = measured - alone
+    spectra |= {f"{name}_error": measured - one for name, one in others.items()}
     variables: dict[str, Any] = {
         "measured": ("time", measured, unit),
         "model_band": (("quantile", "time"), band(model), unit),
@@ -117,7 +117,7 @@ def multisine_verification(
             "level_unit": record.units[record.source],
             "kind": test.kind,
             "response": data.response,
-            **errors(measured, model, alone, noise_of_mean(data.repeats)),
+            **errors(measured, model, others, noise_of_mean(data.repeats)),
         },
     )
 

@@ -15,7 +15,7 @@ from jbw.measurement.spectra import frf
 from jbw.observables import kernel
 from jbw.observables.kernel import KernelData
 from jbw.observables.response import advance
-from jbw.prediction import QUANTILES, Draws, band, error, predict_record, with_last
+from jbw.prediction import QUANTILES, Draws, band, beside, error, predict_record
 
 SETTLING = 8.0  # s of a noise record during which the unknown start of the motion dies out
 SPECTRUM = 4.2  # of the tone: the highest frequency of its spectrum shown
@@ -26,7 +26,7 @@ def sweep_verification(
     draws: Draws,
     noise_std: float,
     *,
-    linear: Mapping[str, float] | None = None,
+    references: Mapping[str, Mapping[str, float]] | None = None,
     substeps: int = 2,
 ) -> xr.Dataset:
     r"""Measured repeats of a sweep against the bands of the model.
@@ -39,20 +39,20 @@ def sweep_verification(
         test: The repeats to compare with; none of them fitted.
         draws: Parameters of the joint and gain.
         noise_std: Standard deviation of the noise of one repeat, for the predictive band.
-        linear: A linear oscillator to compare with.
+        references: Oscillators to compare with, by name.
         substeps: Steps of the solver between samples.
 
     Returns:
         Variables over (quantile, time); attributes `coverage`, the share of all measured samples
         inside the predictive band, `nrmse`, the error of the median against the mean repeat, and
-        `nrmse_linear`, that of the linear oscillator.
+        `nrmse_linear` and so on, that of the oscillators to compare with.
     """
     record = test.records[0]
     fs, response = record.fs, record.response
     measured = np.stack([advance(r.channels[response], test.delay, fs) for r in test.records])
-    every = draws if linear is None else with_last(draws, linear)
-    model = predict_record(every, record, substeps=substeps)
-    model, alone = model[: len(draws["zeta"])], model[len(draws["zeta"]) :]
+    model, others = beside(
+        lambda some: predict_record(some, record, substeps=substeps), draws, references or {}
+    )
     model_band = band(model)
     reach = norm.ppf(QUANTILES[-1]) * np.sqrt(model.var(axis=0) + noise_std**2)
     predictive = model_band[1] + np.array([[-1.0], [0.0], [1.0]]) * reach
@@ -76,7 +76,7 @@ def sweep_verification(
             "coverage": float(inside.mean()),
             "num_values": inside.size,
             "nrmse": error(mean, model_band[1]),
-            **({} if linear is None else {"nrmse_linear": error(mean, alone[0])}),
+            **{f"nrmse_{name}": error(mean, one) for name, one in others.items()},
         },
     )
 

@@ -10,11 +10,11 @@ import xarray as xr
 
 from jbw.curve_verification import Curve, curve_verification
 from jbw.identification.procedure import Identification
-from jbw.linear_reference import SILENT, linear_reference
 from jbw.measurement.records import Record, Test
 from jbw.observables import harmonics, loops, steady
 from jbw.observables.evidence import evidence
 from jbw.prediction import errors, scattered
+from jbw.reference import SILENT, references
 from jbw.steady_verification import forced_loop_verification, multisine_verification
 from jbw.study.routes import compare_routes
 from jbw.study.verifying import place
@@ -29,10 +29,12 @@ def receptance(omega):
     return GAIN / (OMEGA_N**2 - omega**2 + 2j * ZETA * OMEGA_N * omega)
 
 
-def held_curve(level):
-    """A linear oscillator whose acceleration a controller holds: force over frequency."""
+def held_curve(level, cubic=0.0):
+    """An oscillator whose acceleration a controller holds: force over frequency."""
     freq = np.linspace(17.0, 21.0, 41)
-    h = -((2 * np.pi * freq) ** 2) * receptance(2 * np.pi * freq)
+    omega = 2 * np.pi * freq
+    added = 0.75 * cubic * (level / omega**2) ** 2  # stiffness by one harmonic of the cubic force
+    h = -(omega**2) / (1 / receptance(omega) + added / GAIN)
     channels = {
         "frequency": freq,
         "force": level / np.abs(h),
@@ -46,7 +48,8 @@ def held_curve(level):
 def test_a_made_up_curve_is_met_at_its_truth():
     tests = [held_curve(level) for level in (1.0, 2.0)]
     curves = [Curve([steady.curve_group(test)], test) for test in tests]
-    for level, found in zip((1.0, 2.0), curve_verification(curves, DRAWS, LINEAR), strict=True):
+    compared = curve_verification(curves, DRAWS, {"linear": LINEAR})
+    for level, found in zip((1.0, 2.0), compared, strict=True):
         # The joint carries 1e-6 N/kg at most, of a force of 0.04 N/kg at the resonance.
         assert found.attrs["nrmse"] < 1e-4
         assert found.attrs["nrmse_linear"] < 1e-4
@@ -65,10 +68,19 @@ def test_the_linear_reference_finds_a_linear_oscillator():
     groups = [steady.curve_group(held_curve(level)) for level in (1.0, 2.0)]
     data = evidence([harmonics.gather(groups)])
     known = {**LINEAR, "omega_n": 1.01 * OMEGA_N, "zeta": 2 * ZETA, "gain": 0.8 * GAIN}
-    found = linear_reference(data, known)
-    assert found is not None
+    found = references(data, known, 1e-3)["linear"]
     for name, truth in (("omega_n", OMEGA_N), ("zeta", ZETA), ("gain", GAIN)):
         assert found[name] == pytest.approx(truth, rel=1e-3)
+
+
+def test_the_cubic_reference_finds_a_cubic_oscillator():
+    # 0.75 cubic y^2 is up to 17 % of omega_n^2 here; the third harmonic changes that by 1e-3 of it.
+    groups = [steady.curve_group(held_curve(level, 1e11)) for level in (1.0, 2.0)]
+    data = evidence([harmonics.gather(groups)])
+    found = references(data, LINEAR, 2.0 / (2 * np.pi * 17) ** 2, ("linear", "cubic"))
+    assert found["cubic"]["cubic"] == pytest.approx(1e11, rel=0.01)
+    assert found["cubic"]["omega_n"] == pytest.approx(OMEGA_N, rel=1e-3)
+    assert found["linear"]["cubic"] == 0.0
 
 
 def pushed():
@@ -84,8 +96,8 @@ def pushed():
 def test_a_push_is_met_at_its_truth_and_costs_its_work():
     truth = {**LINEAR, "alpha": 4000.0, "delta": 300.0, "gamma": 100.0}
     draws = {name: np.full(3, value) for name, value in truth.items()}
-    spring = linear_reference(evidence([loops.reduce([pushed()])]), truth)
-    found = forced_loop_verification(pushed(), draws, spring)
+    springs = references(evidence([loops.reduce([pushed()])]), truth, 0.01, ("linear", "cubic"))
+    found = forced_loop_verification(pushed(), draws, springs)
     assert found.attrs["nrmse"] < 1e-12
     y, s = 0.01, 400.0
     work = (OMEGA_N**2 - 4000.0) * y**2 / 2 + 4000.0 / s * (y - (1 - np.exp(-s * y)) / s)
@@ -96,6 +108,10 @@ def test_a_push_is_met_at_its_truth_and_costs_its_work():
     slope = (force @ y) / (y @ y)  # least squares of a spring by hand
     left = np.linalg.norm(force - slope * y) / np.linalg.norm(force)
     assert found.attrs["nrmse_linear"] == pytest.approx(left, rel=1e-9)
+    powers = np.stack([y / y[-1], (y / y[-1]) ** 3], axis=1)
+    cubic = force - powers @ np.linalg.lstsq(powers, force)[0]
+    left = np.linalg.norm(cubic) / np.linalg.norm(force)
+    assert found.attrs["nrmse_cubic"] == pytest.approx(left, rel=1e-6)
 
 
 @pytest.mark.slow  # the steady solver compiles for half a minute
@@ -112,7 +128,7 @@ def test_a_period_of_a_multisine_is_met_by_its_transfer_function():
         for noise in 1e-3 * y.std() * rng.standard_normal((4, size))
     )
     test = Test("multisine", records, "periodic", level=1.0)
-    found = multisine_verification(test, DRAWS, LINEAR, band_hz=(5.0, 45.0))
+    found = multisine_verification(test, DRAWS, {"linear": LINEAR}, band_hz=(5.0, 45.0))
     # The mean of four repeats of noise 1e-3 is off by 5e-4; 512 samples say so to 3 %.
     assert found.attrs["nrmse"] == pytest.approx(5e-4, rel=0.15)
     assert found.attrs["coverage"] > 0.97
@@ -125,7 +141,7 @@ def test_coverage_is_that_of_a_gaussian():
     rng = np.random.default_rng(1)
     model = 1.0 + 0.3 * rng.standard_normal((400, 5000))
     measured = 1.0 + np.hypot(0.3, 0.4) * rng.standard_normal(5000)
-    found = errors(measured, model, None, 0.4)
+    found = errors(measured, model, {}, 0.4)
     assert found["coverage"] == pytest.approx(0.99, abs=0.005)
     assert found["num_values"] == measured.size
     assert "nrmse_linear" not in found

@@ -106,6 +106,11 @@ IDENTIFY = {
     ),
     "fit": Key(some_of(*KINDS), f"kinds to fit, among {', '.join(KINDS)}; all by default"),
     "hold_out": Key(strings, "names of tests that no fit sees"),
+    "compare_with": Key(
+        some_of("linear", "cubic"),
+        "oscillators without hysteresis to compare with; linear by default",
+        example='["linear", "cubic"]',
+    ),
     "offsets": Key(
         one_of("auto", "runs", "none"),
         "whether each run has an omega_n and a zeta of its own; auto: where the data show it",

@@ -124,11 +124,13 @@ def print_summary(summary: Mapping[str, Any]) -> None:
 
 
 def _prediction(test: str, row: Mapping[str, Any]) -> str:
-    """One test in a line: error, a linear oscillator's beside it, coverage where it is known."""
+    """One test in a line: error, other oscillators' beside it, coverage where it is known."""
     known = "level or record fitted" if row["fitted"] else "never fitted"
     parts = [f"error {row['nrmse']:.2g} of the record"]
-    if row.get("nrmse_linear") is not None:
-        parts[0] += f" (linear oscillator {row['nrmse_linear']:.2g})"
+    others = {name: row.get(f"nrmse_{name}") for name in ("linear", "cubic")}
+    beside = [f"{name} oscillator {far:.2g}" for name, far in others.items() if far is not None]
+    if beside:
+        parts[0] += f" ({', '.join(beside)})"
     if row.get("coverage") is not None:
         count = f"{row['num_values']:,.0f} values"
         parts.append(f"{row['coverage']:.1%} of {count} inside the 99 % band")

@@ -189,8 +189,9 @@ def verification_multisine(tree: xr.DataTree, ax: Any = None) -> Panels:
         right.set(xlabel="frequency [Hz]", ylabel=axis_label("amplitude", unit))
         title(left, f"{short(plain(name))}, {fitted_text(test)}", size=8)
         errors = f"error {percent(test.attrs.get('nrmse'), 2)}"
-        if "nrmse_linear" in test.attrs:
-            errors += f", linear {percent(test.attrs['nrmse_linear'], 2)}"
+        for other in ("linear", "cubic"):
+            if f"nrmse_{other}" in test.attrs:
+                errors += f", {other} {percent(test.attrs[f'nrmse_{other}'], 2)}"
         title(right, errors, size=8)
     legend(axes, ax)
     return axes

@@ -121,6 +121,7 @@ def prediction_rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
             "coverage": percent(facts.get("coverage")),
             "nrmse": percent(facts.get("nrmse"), digits=2),
             "linear": percent(facts.get("nrmse_linear"), digits=2),
+            "cubic": percent(cubic, digits=2) if (cubic := facts.get("nrmse_cubic")) else "",
         }
         for name, facts in (summary.get("predictions") or {}).items()
     ]

@@ -12,12 +12,13 @@ from jbw.curve_verification import Curve, curve_verification
 from jbw.identification.gathering import fitted, periods
 from jbw.identification.procedure import Identification, Report
 from jbw.identification.selection import Sweeps, loop_tests
-from jbw.linear_reference import linear_reference
+from jbw.identification.starts import largest_displacement
 from jbw.measurement.records import Test
 from jbw.observables import steady
 from jbw.observables.evidence import Evidence
 from jbw.observables.response import Records
 from jbw.prediction import Draws, scattered, thin
+from jbw.reference import Oscillator, references
 from jbw.steady_verification import forced_loop_verification, multisine_verification
 from jbw.validation import loop_validation
 from jbw.verification import frf_verification, sweep_verification
@@ -25,6 +26,7 @@ from jbw.verification import frf_verification, sweep_verification
 NUM_DRAWS = 100  # carried through the model: outer quantiles of 99 % bands need about as many
 NUM_NOISE_DRAWS = 20  # of them through the long noise records
 BAND = (0.75, 1.25)  # of the natural frequency: where FRFs are shown
+DEFAULT = ("linear",)  # oscillators without hysteresis to compare with
 SCATTER_KEY = 200  # of the seed
 Groups = dict[str, xr.Dataset]
 
@@ -36,14 +38,14 @@ class Carried:
     Attributes:
         draws: Draws of the main posterior, with the scatter of the runs where they have offsets.
         few: Some of them, for long records.
-        linear: The best linear oscillator of the same tests, where there is one.
+        references: The best oscillators without hysteresis of the same tests, by name.
         fitted: Names of the tests that the posterior was made from.
         natural_hz: Natural frequency [Hz].
     """
 
     draws: Draws
     few: Draws
-    linear: dict[str, float] | None
+    references: dict[str, Oscillator]
     fitted: frozenset[str]
     natural_hz: float
 
@@ -76,9 +78,9 @@ def forced_groups(
         seed: Seed of the runs' scatter.
         report: Called with one sentence at every stage.
     """
-    report("Verification and validation: every test against the model, and a linear oscillator")
+    report("Verification and validation: every test against the model, and without hysteresis")
     chosen = frozenset(test.name for test in fitted(tests, settings))
-    carried = _carried(found, data, chosen, seed)
+    carried = _carried(found, data, chosen, seed, settings.get("compare_with", DEFAULT))
     groups = _frfs(tests, found, carried) | _sweeps(found, carried)
     groups |= _curves(tests, found, carried) | _loops(tests, carried)
     groups |= _multisines(tests, carried, _substeps(data)) | _validations(tests, found, carried)
@@ -90,7 +92,13 @@ def forced_groups(
     return groups
 
 
-def _carried(found: Identification, data: Evidence, chosen: frozenset[str], seed: int) -> Carried:
+def _carried(
+    found: Identification,
+    data: Evidence,
+    chosen: frozenset[str],
+    seed: int,
+    kinds: Sequence[str],
+) -> Carried:
     posterior = found.main.posterior["posterior"].to_dataset()
     key = jax.random.fold_in(jax.random.key(seed), SCATTER_KEY)
     draws, few = (
@@ -104,7 +112,8 @@ def _carried(found: Identification, data: Evidence, chosen: frozenset[str], seed
     if found.sweeps is not None:  # of which some levels are not fitted
         sweeps = {test.name for test in (*found.sweeps.fitted, *found.sweeps.held_out)}
         chosen -= sweeps - {test.name for test in found.sweeps.fitted}
-    return Carried(draws, few, linear_reference(data, mean), chosen, natural_hz)
+    others = references(data, mean, largest_displacement(data, mean["omega_n"]), kinds)
+    return Carried(draws, few, others, chosen, natural_hz)
 
 
 def _validations(tests: Sequence[Test], found: Identification, carried: Carried) -> Groups:
@@ -119,7 +128,7 @@ def _loops(tests: Sequence[Test], carried: Carried) -> Groups:
     """Force loops under prescribed displacement."""
     return {
         place("verification/loop", test.name): forced_loop_verification(
-            test, carried.draws, carried.linear
+            test, carried.draws, carried.references
         )
         for test in tests
         if test.kind == "loop"
@@ -132,7 +141,7 @@ def _multisines(tests: Sequence[Test], carried: Carried, substeps: int) -> Group
     for test in tests:
         if test.kind == "multisine" and (cut := periods(test)) is not None:
             groups[place("verification/multisine", test.name)] = multisine_verification(
-                cut, carried.few, carried.linear, band_hz=test.band_hz, substeps=substeps
+                cut, carried.few, carried.references, band_hz=test.band_hz, substeps=substeps
             )
     return groups
 
@@ -162,7 +171,7 @@ def _sweeps(found: Identification, carried: Carried) -> Groups:
     groups = {}
     for test in _unseen(found.sweeps, carried.fitted):
         dataset = sweep_verification(
-            test, carried.draws, noise_of(posterior, test), linear=carried.linear
+            test, carried.draws, noise_of(posterior, test), references=carried.references
         )
         groups[place("verification/sweep", test.name)] = dataset
     return groups
@@ -200,7 +209,7 @@ def _curves(tests: Sequence[Test], found: Identification, carried: Carried) -> G
     families = dict(_families(tests, found, carried.fitted))
     curves = list(families.values())
     groups = {}
-    datasets = curve_verification(curves, carried.draws, carried.linear)
+    datasets = curve_verification(curves, carried.draws, carried.references)
     for name, curve, dataset in zip(families, curves, datasets, strict=True):
         dataset.attrs["fitted"] = int(curve.test.name in carried.fitted)
         groups[place("verification/curve", name)] = dataset
