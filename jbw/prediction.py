@@ -16,7 +16,7 @@ from scipy.stats import norm
 from jbw.measurement.records import Record
 from jbw.observables.joint import JOINT
 from jbw.observables.repeats import OFFSETS, Repeats
-from jbw.observables.response import response_to
+from jbw.observables.response import LETTER, motion_under
 
 QUANTILES = (0.005, 0.5, 0.995)
 UNITS = {"displacement": "m", "velocity": "m s-1", "acceleration": "m s-2"}
@@ -49,9 +49,10 @@ def _respond(
     fs: float,
     response: str,
     substeps: int,
-) -> Float[Array, "draw time"]:
-    def one(theta: Mapping[str, Array]) -> Float[Array, " time"]:
-        return response_to(theta, source, fs, response=response, substeps=substeps)
+) -> tuple[Float[Array, "draw time"], Float[Array, " draw"]]:
+    def one(theta: Mapping[str, Array]) -> tuple[Float[Array, " time"], Float[Array, ""]]:
+        motion = motion_under(theta, source, fs, substeps=substeps)
+        return getattr(motion, LETTER[response]), jnp.max(jnp.abs(motion.y))
 
     return jax.vmap(one)(dict(draws))
 
@@ -85,6 +86,13 @@ def predict_record(draws: Draws, record: Record, *, substeps: int = 2) -> NDArra
     Returns:
         Responses of shape (draw, time), in the unit of the measured response.
     """
+    return predict_motion(draws, record, substeps=substeps)[0]
+
+
+def predict_motion(
+    draws: Draws, record: Record, *, substeps: int = 2
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """As `predict_record`, and beside it the peak displacement of every draw [m]."""
     source = jnp.asarray(record.channels[record.source])
     return over_draws(
         lambda theta: _respond(theta, source, record.fs, record.response, substeps), draws
@@ -184,10 +192,6 @@ def errors(
 ) -> dict[str, float]:
     r"""How far a test lies from the model, and from the oscillators it is compared with.
 
-    $$m \pm 2.576 \sqrt{\mathrm{var}_\theta + \sigma^2}$$
-
-    is the predictive band, m the median over draws.
-
     Args:
         measured: Mean of the repeats.
         model: Its prediction by every draw.
@@ -196,14 +200,14 @@ def errors(
 
     Returns:
         `nrmse`, the error of the median; `nrmse_linear` and so on, of the others; and `coverage`,
-        the share of the `num_values` values inside the predictive band.
+        the share of the `num_values` values inside the predictive band, `gaussian_band`.
     """
     median = np.median(model, axis=0)
     found = {"nrmse": error(measured, median)}
     found |= {f"nrmse_{name}": error(measured, one) for name, one in others.items()}
     if noise_std is not None:
-        reach = norm.ppf(QUANTILES[-1]) * np.sqrt(model.var(axis=0) + noise_std**2)
-        inside = np.abs(measured - median) <= reach
+        low, _, high = gaussian_band(model, noise_std)
+        inside = (measured >= low) & (measured <= high)
         found |= {"coverage": float(np.mean(inside)), "num_values": inside.size}
     return found
 
@@ -211,3 +215,20 @@ def errors(
 def band(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Quantiles 0.5 %, 50 % and 99.5 % along the first axis: a 99 % band about its median."""
     return np.quantile(values, QUANTILES, axis=0)
+
+
+def gaussian_band(model: Float[np.ndarray, "draw *value"], noise_std: float) -> NDArray[np.float64]:
+    r"""The 99 % band of what is to be measured: the draws' variance and the noise's together.
+
+    $$m \pm 2.576 \sqrt{\mathrm{var}_\theta + \sigma^2}$$
+
+    Args:
+        model: Prediction by every draw, whose median over draws is m.
+        noise_std: Noise sigma; 0 for the parameters alone.
+
+    Returns:
+        Lower edge, median and upper edge along a new first axis.
+    """
+    reach = norm.ppf(QUANTILES[-1]) * np.sqrt(model.var(axis=0) + noise_std**2)
+    median = np.median(model, axis=0)
+    return np.stack([median - reach, median, median + reach])

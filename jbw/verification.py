@@ -6,7 +6,6 @@ import jax
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from jbw.measurement.channels import derivative_order
 from jbw.measurement.harmonics import ThirdOrder
@@ -15,7 +14,7 @@ from jbw.measurement.spectra import frf
 from jbw.observables import kernel
 from jbw.observables.kernel import KernelData
 from jbw.observables.response import advance
-from jbw.prediction import QUANTILES, Draws, band, beside, error, predict_record
+from jbw.prediction import QUANTILES, Draws, band, beside, error, gaussian_band, predict_record
 
 SETTLING = 8.0  # s of a noise record during which the unknown start of the motion dies out
 SPECTRUM = 4.2  # of the tone: the highest frequency of its spectrum shown
@@ -48,14 +47,30 @@ def sweep_verification(
         `nrmse_linear` and so on, that of the oscillators to compare with.
     """
     record = test.records[0]
-    fs, response = record.fs, record.response
-    measured = np.stack([advance(r.channels[response], test.delay, fs) for r in test.records])
     model, others = beside(
         lambda some: predict_record(some, record, substeps=substeps), draws, references or {}
     )
-    model_band = band(model)
-    reach = norm.ppf(QUANTILES[-1]) * np.sqrt(model.var(axis=0) + noise_std**2)
-    predictive = model_band[1] + np.array([[-1.0], [0.0], [1.0]]) * reach
+    return compare_records(test, model, noise_std, others)
+
+
+def compare_records(
+    test: Test,
+    model: NDArray[np.float64],
+    noise_std: float,
+    others: Mapping[str, NDArray[np.float64]] | None = None,
+) -> xr.Dataset:
+    """Repeats of one input beside the model's responses to it, as of `sweep_verification`.
+
+    Args:
+        test: The repeats.
+        model: Response by every draw, of shape (draw, time).
+        noise_std: Standard deviation of the noise of one repeat.
+        others: Responses of other oscillators, by name.
+    """
+    record = test.records[0]
+    fs, response = record.fs, record.response
+    measured = np.stack([advance(r.channels[response], test.delay, fs) for r in test.records])
+    predictive = gaussian_band(model, noise_std)
     mean = measured.mean(axis=0)
     inside = (measured >= predictive[0]) & (measured <= predictive[-1])
     unit = record.units[response]
@@ -64,7 +79,7 @@ def sweep_verification(
         {
             "measured": ("time", mean, {"units": unit, "long_name": f"mean measured {response}"}),
             "measured_band": (dims, band(measured), {"units": unit}),
-            "model_band": (dims, model_band, {"units": unit}),
+            "model_band": (dims, band(model), {"units": unit}),
             "predictive_band": (dims, predictive, {"units": unit}),
         },
         {"time": ("time", np.arange(len(mean)) / fs, {"units": "s"}), "quantile": list(QUANTILES)},
@@ -75,8 +90,8 @@ def sweep_verification(
             "num_repeats": len(test.records),
             "coverage": float(inside.mean()),
             "num_values": inside.size,
-            "nrmse": error(mean, model_band[1]),
-            **{f"nrmse_{name}": error(mean, one) for name, one in others.items()},
+            "nrmse": error(mean, predictive[1]),
+            **{f"nrmse_{name}": error(mean, one) for name, one in (others or {}).items()},
         },
     )
 
@@ -95,6 +110,19 @@ def frf_verification(
     Returns:
         Magnitudes and phases, measured over (repeat, freq) and of the model over (quantile, freq).
     """
+    return compare_frfs(test, predict_record(draws, test.records[0], substeps=substeps), band_hz)
+
+
+def compare_frfs(
+    test: Test, model: NDArray[np.float64], band_hz: tuple[float, float]
+) -> xr.Dataset:
+    """FRFs of the repeats and of the model's responses to the first one's input.
+
+    Args:
+        test: Noise or sweep test.
+        model: Response by every draw, of shape (draw, time).
+        band_hz: Band to show [Hz].
+    """
     estimate = _noise_frf if test.kind in ("noise", "multisine") else _sweep_frf
     record = test.records[0]
     source = record.channels[record.source]
@@ -106,21 +134,21 @@ def frf_verification(
     ]
     freq = measured[0][0]
     h = np.stack([one for _, one in measured])
-    simulated = predict_record(draws, record, substeps=substeps)
-    model = np.stack([estimate(source, one, record, band_hz)[1] for one in simulated])
+    simulated = np.stack([estimate(source, one, record, band_hz)[1] for one in model])
     reference = np.angle(h.mean(axis=0))
-    unit = "m/(N/kg)" if "gain" not in draws else f"m/{record.units[record.source]}"
-    magnitude, phase = {"units": unit, "long_name": "receptance"}, {"units": "rad"}
+    unit = record.units[record.source]
+    magnitude = {"units": f"m/({unit})" if "/" in unit else f"m/{unit}", "long_name": "receptance"}
+    phase = {"units": "rad"}
     dims, bands = ("repeat", "freq"), ("quantile", "freq")
     return xr.Dataset(
         {
             "measured_magnitude": (dims, np.abs(h), magnitude),
             "measured_phase": (dims, _phase_near(h, reference), phase),
-            "model_magnitude": (bands, band(np.abs(model)), magnitude),
-            "model_phase": (bands, band(_phase_near(model, reference)), phase),
+            "model_magnitude": (bands, band(np.abs(simulated)), magnitude),
+            "model_phase": (bands, band(_phase_near(simulated, reference)), phase),
         },
         {"freq": ("freq", freq, {"units": "Hz"}), "quantile": list(QUANTILES)},
-        {"level": test.level, "level_unit": record.units[record.source], "kind": test.kind},
+        {"level": test.level, "level_unit": unit, "kind": test.kind},
     )
 
 

@@ -12,9 +12,9 @@ from jbw.errors import DataError
 from jbw.measurement.records import Test
 from jbw.observables.joint import joint_of
 from jbw.observables.repeats import OFFSETS, Repeats, repeats
-from jbw.oscillator.response import simulate
+from jbw.oscillator.response import Response, simulate
 
-_LETTER = {"displacement": "y", "velocity": "v", "acceleration": "a"}
+LETTER = {"displacement": "y", "velocity": "v", "acceleration": "a"}
 
 
 class Records(eqx.Module):
@@ -133,8 +133,6 @@ def response_to(
 ) -> Float[Array, " time"]:
     """Response of the joint to a measured input, from rest or steady.
 
-    The input between its samples is the band-limited one that the sampling saw.
-
     Args:
         theta: The joint's five parameters and `gain` [N/kg per unit of the input].
         source: Measured input [unit of the input].
@@ -149,7 +147,23 @@ def response_to(
     Reference:
         Eqs. (1), (2).
     """
-    result = simulate(
+    motion = motion_under(theta, source, fs, substeps=substeps, periodic=periodic)
+    return getattr(motion, LETTER[response])
+
+
+def motion_under(
+    theta: Mapping[str, Array],
+    source: Float[Array, " time"],
+    fs: float,
+    *,
+    substeps: int = 2,
+    periodic: bool = False,
+) -> Response:
+    """Motion of the joint under a measured input, as of `response_to`.
+
+    The input between its samples is the band-limited one that the sampling saw.
+    """
+    return simulate(
         joint_of(theta),
         theta["gain"] * source,
         fs,
@@ -157,7 +171,6 @@ def response_to(
         substeps=substeps,
         periodic=periodic,
     )
-    return getattr(result, _LETTER[response])
 
 
 def predict(theta: Mapping[str, Array], data: Records) -> Float[Array, "level time"]:
