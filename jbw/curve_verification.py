@@ -15,7 +15,17 @@ from numpy.typing import NDArray
 from jbw.measurement.records import Test
 from jbw.observables import harmonics
 from jbw.observables.harmonics import Group
-from jbw.prediction import QUANTILES, UNITS, Draws, band, beside, carry, errors, noise_of_mean
+from jbw.prediction import (
+    QUANTILES,
+    UNITS,
+    Draws,
+    band,
+    beside,
+    carry,
+    errors,
+    gaussian_band,
+    noise_of_mean,
+)
 
 
 class Curve(NamedTuple):
@@ -61,18 +71,26 @@ def curve_verification(
         rows = range(row, row + len(curve.groups))
         noises = [noise_of_mean(data.repeats, i) for i in rows]
         own = [{name: one[i] for name, one in others.items()} for i in rows]
-        found.append(_compared(curve, [model[:, i] for i in rows], own, noises))
+        found.append(compare_curve(curve, [model[:, i] for i in rows], own, noises))
         row = rows.stop
     return found
 
 
-def _compared(
+def compare_curve(
     curve: Curve,
     models: Sequence[NDArray[np.complex128]],
     others: Sequence[Mapping[str, NDArray[np.complex128]]],
     noises: Sequence[float | None],
 ) -> xr.Dataset:
-    """One curve beside its predictions."""
+    """One curve beside predictions of it, as of `curve_verification`.
+
+    Args:
+        curve: What was measured.
+        models: Values of each harmonic by every draw.
+        others: The same of other oscillators, by name.
+        noises: Noise of the mean of each harmonic, in its real and in its imaginary part, where
+            it is known.
+    """
     omega = curve.groups[0].omega
     order, size = np.argsort(omega), len(omega)
     variables: dict[str, Any] = {}
@@ -87,7 +105,7 @@ def _compared(
         parts = {name: _parts(one) for name, one in shown.items()}
         far = errors(_parts(group.values), _parts(model), parts, noise)
         attrs |= {name + suffix: value for name, value in far.items()}
-        drawn = _harmonic(group, curve.test, model[:, order], shown, order)
+        drawn = _harmonic(group, curve.test, model[:, order], shown, order, noise)
         variables |= {name + suffix: variable for name, variable in drawn.items()}
     return xr.Dataset(
         variables,
@@ -125,6 +143,7 @@ def _harmonic(
     model: Complex[np.ndarray, "draw value"],
     others: Mapping[str, Complex[np.ndarray, " value"]],
     order: NDArray[np.intp],
+    noise: float | None,
 ) -> dict[str, Any]:
     """Variables of one harmonic, in the order of the frequencies."""
     record = test.records[0]
@@ -145,6 +164,12 @@ def _harmonic(
         "model_magnitude": (dims, band(np.abs(model)), magnitude),
         "model_phase": (dims, band(_near(model, reference)), phase),
     }
+    if noise is not None:
+        size, turned = np.abs(model), _near(model, reference)
+        # Across the phasor a noise turns it by its share of the length.
+        angle = noise / np.abs(np.median(size, axis=0))
+        found["predictive_magnitude"] = (dims, gaussian_band(size, noise), magnitude)
+        found["predictive_phase"] = (dims, gaussian_band(turned, angle), phase)
     for name, values in others.items():
         alone = turn * values[order]
         found[f"{name}_magnitude"] = ("freq", np.abs(alone), magnitude)

@@ -217,7 +217,9 @@ def band(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.quantile(values, QUANTILES, axis=0)
 
 
-def gaussian_band(model: Float[np.ndarray, "draw *value"], noise_std: float) -> NDArray[np.float64]:
+def gaussian_band(
+    model: Float[np.ndarray, "draw *value"], noise_std: float | Float[np.ndarray, "*value"]
+) -> NDArray[np.float64]:
     r"""The 99 % band of what is to be measured: the draws' variance and the noise's together.
 
     $$m \pm 2.576 \sqrt{\mathrm{var}_\theta + \sigma^2}$$

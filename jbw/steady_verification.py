@@ -11,7 +11,17 @@ from scipy.integrate import trapezoid
 
 from jbw.measurement.records import Test
 from jbw.observables import loops, response
-from jbw.prediction import QUANTILES, UNITS, Draws, band, beside, carry, errors, noise_of_mean
+from jbw.prediction import (
+    QUANTILES,
+    UNITS,
+    Draws,
+    band,
+    beside,
+    carry,
+    errors,
+    gaussian_band,
+    noise_of_mean,
+)
 
 MOST_POINTS = 2048  # of a loop, kept for drawing
 
@@ -36,10 +46,29 @@ def forced_loop_verification(
     """
     data = loops.reduce([test])
     every, others = beside(lambda some: carry(loops.predict, some, data), draws, references or {})
+    return compare_loop(test, data, every, noise_of_mean(data.repeats), others)
+
+
+def compare_loop(
+    test: Test,
+    data: loops.Loops,
+    every: Float[np.ndarray, "draw 1 time"],
+    noise_std: float | None,
+    others: Mapping[str, Float[np.ndarray, "1 time"]] | None = None,
+) -> xr.Dataset:
+    """A forced loop beside predictions of it, as of `forced_loop_verification`.
+
+    Args:
+        test: Test of kind loop.
+        data: The same reduced.
+        every: Force by every draw [N].
+        noise_std: Noise of the mean, where it is known [N].
+        others: Forces of springs, by name.
+    """
     counted = np.asarray(data.counted[0]) > 0
     y, measured = (np.asarray(x[0])[counted] for x in (data.displacement, data.mean))
     model = every[:, 0, counted]
-    others = {name: one[0, counted] for name, one in others.items()}
+    others = {name: one[0, counted] for name, one in (others or {}).items()}
     shown = slice(None, None, -(-len(y) // MOST_POINTS))
     newton, joule, metre = {"units": "N"}, {"units": "J"}, {"units": "m"}
     variables = {
@@ -49,6 +78,9 @@ def forced_loop_verification(
         "measured_work": ((), trapezoid(measured, y), joule),
         "model_work": ("quantile", band(trapezoid(model, y, axis=-1)), joule),
     }
+    if noise_std is not None:
+        predictive = gaussian_band(model, noise_std)[:, shown]
+        variables["predictive_force"] = (("quantile", "point"), predictive, newton)
     variables |= {f"{n}_force": ("point", one[shown], newton) for n, one in others.items()}
     return xr.Dataset(
         variables,
@@ -57,7 +89,7 @@ def forced_loop_verification(
             "level": test.level,
             "level_unit": "m",
             "kind": test.kind,
-            **errors(measured, model, others, noise_of_mean(data.repeats)),
+            **errors(measured, model, others, noise_std),
         },
     )
 
@@ -88,8 +120,30 @@ def multisine_verification(
     every, others = beside(
         lambda some: carry(response.predict, some, data), draws, references or {}
     )
+    return compare_period(test, data, every, noise_of_mean(data.repeats), others, band_hz=band_hz)
+
+
+def compare_period(
+    test: Test,
+    data: response.Records,
+    every: Float[np.ndarray, "draw 1 time"],
+    noise_std: float | None,
+    others: Mapping[str, Float[np.ndarray, "1 time"]] | None = None,
+    *,
+    band_hz: tuple[float, float] | None = None,
+) -> xr.Dataset:
+    """A period of a multisine beside predictions of it, as of `multisine_verification`.
+
+    Args:
+        test: Multisine whose records are single periods.
+        data: The same reduced.
+        every: Response by every draw.
+        noise_std: Noise of the mean, where it is known.
+        others: Responses of other oscillators, by name.
+        band_hz: Band of the spectra [Hz]; all of them when None.
+    """
     measured, model = np.asarray(data.mean[0]), every[:, 0]
-    others = {name: one[0] for name, one in others.items()}
+    others = {name: one[0] for name, one in (others or {}).items()}
     record = test.records[0]
     unit = {"units": UNITS[data.response], "long_name": data.response}
     freq = np.fft.rfftfreq(len(measured), 1 / data.fs)
@@ -102,6 +156,9 @@ def multisine_verification(
         "measured": ("time", measured, unit),
         "model_band": (("quantile", "time"), band(model), unit),
     }
+    if noise_std is not None:
+        predictive = gaussian_band(model, noise_std)
+        variables["predictive_band"] = (("quantile", "time"), predictive, unit)
     variables |= {
         f"{name}_spectrum": ("freq", _amplitudes(x)[keep], unit) for name, x in spectra.items()
     }
@@ -117,7 +174,7 @@ def multisine_verification(
             "level_unit": record.units[record.source],
             "kind": test.kind,
             "response": data.response,
-            **errors(measured, model, others, noise_of_mean(data.repeats)),
+            **errors(measured, model, others, noise_std),
         },
     )
 

@@ -1,0 +1,169 @@
+"""What a finished run predicts with: its draws, and what it held, fitted and knows of the noise."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from jbw.errors import ConfigError, DataError
+from jbw.identification.procedure import Identification
+from jbw.measurement.records import INPUTS, RESPONSES, Test
+from jbw.observables.joint import JOINT
+from jbw.observables.response import Records
+from jbw.prediction import Draws, scattered, thin
+
+SUBSTEPS = 2  # of the solver a sample, for a run that does not say how many its data took
+SCATTER_KEY = 200  # of the seed
+
+
+class Seen(NamedTuple):
+    """A test of the run's campaign, as far as predictions need it.
+
+    Attributes:
+        kind: Its kind.
+        source: Unit of its source; empty without one.
+        response: Its response.
+    """
+
+    kind: str
+    source: str
+    response: str
+
+
+@dataclass(frozen=True)
+class Basis:
+    """What predictions start from.
+
+    Attributes:
+        posterior: The main posterior, with dimensions (chain, draw).
+        held: Parameters that were not updated.
+        seen: Tests of the run's campaign by name; none where the run does not say.
+        y_peak: Largest displacement among what was fitted [m]; 0 where not known.
+        scatter: Standard deviation of omega_n [rad/s] and zeta over runs; empty without offsets.
+        substeps: Steps of the solver between samples.
+    """
+
+    posterior: xr.Dataset
+    held: Mapping[str, float]
+    seen: Mapping[str, Seen]
+    y_peak: float
+    scatter: tuple[float, ...]
+    substeps: int
+
+    def draws(self, num_draws: int, gain: float | None = None, seed: int = 0) -> Draws:
+        """Parameters of the joint and gain, one value a draw, as a further run would show them.
+
+        Args:
+            num_draws: Draws at most.
+            gain: Gain [N/kg per unit of the source] where it is not the run's.
+            seed: Of the scatter of the runs.
+
+        Raises:
+            DataError: A parameter is neither among the draws nor held.
+            ConfigError: Fewer than two draws.
+        """
+        if num_draws < 2:
+            raise ConfigError(
+                f"Argument `draws` must be at least 2, but is {num_draws}.",
+                why="A band needs draws on both sides.",
+                remedy="Some 100 carry a 99 % band.",
+            )
+        known = thin(self.posterior, num_draws, self.held)
+        size = len(next(iter(known.values()))) if known else 0
+        if gain is not None:
+            known["gain"] = np.full(size, gain)
+        missing = [name for name in (*JOINT, "gain") if name not in known]
+        if missing:
+            raise DataError(
+                f"The run's main posterior lacks {', '.join(missing)}, which a prediction needs.",
+                remedy="State `gain` or `modal_mass` in the campaign of the tests to predict."
+                if missing == ["gain"]
+                else "Identify from tests that move the mass, such as noise, sweeps or tones.",
+            )
+        key = jax.random.fold_in(jax.random.key(seed), SCATTER_KEY)
+        return scattered(key, known, jnp.asarray(self.scatter))
+
+
+def basis_of(tree: xr.DataTree) -> Basis:
+    """What a run's result predicts with.
+
+    Args:
+        tree: The result, as `posterior.nc` holds it.
+
+    Raises:
+        DataError: It has no main posterior.
+    """
+    if "posterior" not in tree.children:
+        raise DataError(
+            "The result has no group /posterior, so there is nothing to predict with.",
+            remedy="Give the folder of a finished run.",
+        )
+    attrs = tree.attrs
+    seen = json.loads(str(attrs.get("tests", "{}")))
+    return Basis(
+        tree["posterior"].to_dataset(),
+        json.loads(str(attrs.get("held", "{}"))),
+        {name: Seen(**facts) for name, facts in seen.items()},
+        float(attrs.get("y_peak", 0.0)),
+        tuple(np.atleast_1d(attrs["scatter"]).tolist()) if "scatter" in attrs else (),
+        int(attrs.get("substeps", SUBSTEPS)),
+    )
+
+
+def basis_attrs(tests: Sequence[Test], found: Identification) -> dict[str, Any]:
+    """The same as attributes of the result, to be read back by `basis_of`.
+
+    Args:
+        tests: The run's campaign.
+        found: What the procedure found.
+    """
+    attrs: dict[str, Any] = {
+        "held": json.dumps(found.main.held),
+        "tests": json.dumps({test.name: seen_of(test)._asdict() for test in tests}),
+    }
+    if found.data is None:
+        return attrs
+    if found.data.scatter.size:
+        attrs["scatter"] = np.asarray(found.data.scatter)
+    steps = [part.substeps for part in found.data.parts if isinstance(part, Records)]
+    return {**attrs, "substeps": max(steps)} if steps else attrs
+
+
+def seen_of(test: Test) -> Seen:
+    """A test's kind, the unit of its source and its response."""
+    record = test.records[0]
+    if test.kind == "loop":
+        return Seen("loop", "N", "restoring_force")
+    source = next((role for role in INPUTS if role in record.channels), "")
+    response = next((role for role in RESPONSES if role in record.channels), "")
+    # A free decay has no source, whatever was recorded beside it.
+    return Seen(test.kind, "" if test.kind == "decay" else record.units.get(source, ""), response)
+
+
+def gain_for(basis: Basis, test: Test, stated: float | None) -> float | None:
+    """Gain for a test's own source; None where it is the run's.
+
+    Args:
+        basis: The run.
+        test: The test to predict.
+        stated: Gain that the test's campaign states, or the inverse of its modal mass.
+
+    Raises:
+        DataError: The source is in another unit than the run's, and no gain is stated.
+    """
+    if stated is not None:
+        return stated
+    unit = seen_of(test).source
+    known = {one.source for one in basis.seen.values()} - {""}
+    if unit and known and unit not in known:
+        raise DataError(
+            f"Test `{test.name}` has its source in {unit}, but the run's gain is per "
+            f"{' or '.join(sorted(known))}.",
+            remedy="State `modal_mass` or `gain` in the campaign of the test.",
+        )
+    return None

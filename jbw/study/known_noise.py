@@ -1,0 +1,107 @@
+"""The noise that a run's posterior knows for a test, fitted or not; never a guess."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from jbw.measurement.records import Record, Test
+from jbw.study.basis import Basis, seen_of
+
+OWN = "of this test, as fitted"
+ALIKE = "mean of the fitted tests of its kind"
+REPEATS = "scatter of the test's own repeats"
+UNKNOWN = "not known: band of the parameters alone"
+LEFT_OUT = "left out, as asked: band of the parameters alone"
+
+
+class Noise(NamedTuple):
+    """Noise of one repeat of a test.
+
+    Attributes:
+        std: Its standard deviation, in the unit of what is compared; None where the band is that
+            of the parameters alone.
+        says: Where it is known from, or why not.
+    """
+
+    std: float | None
+    says: str
+
+
+def noise_of(basis: Basis, test: Test, label: str = "", order: int | None = None) -> Noise:
+    """Noise of one repeat, as the posterior knows it.
+
+    That of the test itself where it was fitted; else the mean over fitted tests of its kind and
+    response; else the scatter of its own repeats of one input; else it is not known.
+
+    Args:
+        basis: The run.
+        test: The test to predict.
+        label: What its group of data is called; the test's name when empty.
+        order: Order of the harmonic, where harmonics are compared.
+    """
+    known = dict(_groups(basis.posterior))
+    if (label or test.name) in known and _same_form(basis, test):
+        return Noise(known[label or test.name], OWN)
+    ending = "" if order is None or test.kind == "frf" else f" order {order}"
+    alike = [
+        std
+        for name, std in known.items()
+        if name.endswith(ending) and _alike(basis, name.removesuffix(ending), test)
+    ]
+    if alike:
+        return Noise(float(np.mean(alike)), ALIKE)
+    return Noise(None, UNKNOWN)
+
+
+def scatter_of(samples: Sequence[np.ndarray]) -> Noise:
+    """Noise of one repeat from the scatter of repeats about their mean."""
+    if len(samples) < 2:
+        return Noise(None, UNKNOWN)
+    rows = np.stack(samples)
+    return Noise(float(np.sqrt(np.mean(rows.var(axis=0, ddof=1)))), REPEATS)
+
+
+def _groups(posterior: xr.Dataset) -> Iterator[tuple[str, float]]:
+    """Each labelled group of data and the mean of its noise."""
+    for name, values in posterior.data_vars.items():
+        dims = [dim for dim in values.dims if dim not in ("chain", "draw")]
+        if not str(name).startswith("noise_std") or len(dims) != 1 or dims[0] not in values.coords:
+            continue
+        for label in values[dims[0]].values:
+            yield str(label), float(values.sel({dims[0]: label}).mean())
+
+
+def _same_form(basis: Basis, test: Test) -> bool:
+    """Whether a test of this name in the run was of this kind, source and response."""
+    return not basis.seen or basis.seen.get(test.name, seen_of(test)) == seen_of(test)
+
+
+def _alike(basis: Basis, name: str, test: Test) -> bool:
+    """Whether a fitted group is of a test's kind and response.
+
+    Tones of one level make one group, called after the level. A run that does not say what its
+    tests were has labels of sweeps alone.
+    """
+    wanted = seen_of(test)
+    if not basis.seen:
+        return test.kind == "sweep"
+    if name.startswith("tones ") and name not in basis.seen:
+        return wanted.kind == "tones"
+    found = basis.seen.get(name)
+    return found is not None and (found.kind, found.response) == (wanted.kind, wanted.response)
+
+
+def repeated(test: Test) -> tuple[Record, ...]:
+    """Repeats of the first record's input; the first alone where every repeat has its own."""
+    first = test.records[0]
+    source = first.channels[first.source]
+    size = 0.1 * np.linalg.norm(source)  # noise of the input channel is far below
+    same = [
+        record
+        for record in test.records
+        if record.num_samples == first.num_samples
+        and np.linalg.norm(record.channels[record.source] - source) <= size
+    ]
+    return tuple(same)
