@@ -61,16 +61,8 @@ def costly_fit(
     require_float64()
     values = np.broadcast_arrays(*(np.atleast_1d(starts[name]) for name in box.names))
     x_starts = to_unit(dict(zip(box.names, map(jnp.asarray, values), strict=True)), box)
-    linear, along = _coordinates(box)
-
-    @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
-    def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        x, slope = linear(np.array(s))
-        jacobian, left = _linearise(residual, jnp.asarray(x), box, data)
-        return np.asarray(left), np.asarray(jacobian) * slope
-
-    def part(s: NDArray[np.float64], which: int) -> NDArray[np.float64]:
-        return at(tuple(s.tolist()))[which]
+    linear, along = coordinates(box)
+    part = evaluator(residual, box, data)
 
     def one(s: NDArray[np.float64]) -> OptimizeResult | None:
         if not np.all(np.isfinite(part(s, 0))):
@@ -101,12 +93,39 @@ def costly_fit(
     return describe_optimum(x, part(best.x, 0), jacobian, box, costs, bool(best.success))
 
 
-def _coordinates(box: Box) -> tuple[Callable, Callable]:
+def evaluator(
+    residual: Residual, box: Box, data: PyTree
+) -> Callable[[NDArray[np.float64], int], NDArray[np.float64]]:
+    """Residual (0) or Jacobian with respect to s (1), as a function of s and which of the two.
+
+    Args:
+        residual: (theta, data) to residuals.
+        box: Bounds.
+        data: Whatever `residual` takes.
+    """
+    linear, _ = coordinates(box)
+
+    @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
+    def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        x, slope = linear(np.array(s))
+        jacobian, left = linearise(residual, jnp.asarray(x), box, data)
+        return np.asarray(left), np.asarray(jacobian) * slope
+
+    def part(s: NDArray[np.float64], which: int) -> NDArray[np.float64]:
+        return at(tuple(s.tolist()))[which]
+
+    return part
+
+
+def coordinates(box: Box) -> tuple[Callable, Callable]:
     r"""Between the unit coordinate x and that of the search, s.
 
     $$\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$$
 
     where the bounds are positive, and s = x otherwise.
+
+    Args:
+        box: Bounds.
 
     Returns:
         From s to x with dx / ds, and from x to s.
@@ -129,7 +148,7 @@ def _coordinates(box: Box) -> tuple[Callable, Callable]:
 
 
 @eqx.filter_jit
-def _linearise(
+def linearise(
     residual: Residual, x: Float[Array, " parameter"], box: Box, data: PyTree
 ) -> tuple[Float[Array, "residual parameter"], Float[Array, " residual"]]:
     """Jacobian with respect to x and residual, in one pass."""

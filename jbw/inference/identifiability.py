@@ -1,7 +1,7 @@
 """Directions of the parameters that the data do not determine, said in words."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -56,7 +56,7 @@ def weak_direction(mean: Mapping[str, float], covariance: Matrix, box: Box) -> W
     centre = np.array([float(mean[name]) for name in box.names])
     slope = np.where(positive, 1 / np.where(positive, centre, 1.0), 1.0)
     posterior = covariance * np.outer(slope, slope)
-    prior = np.array([_prior_std(a, b) for a, b in zip(lower, upper, strict=True)])
+    prior = np.array([prior_std(a, b) for a, b in zip(lower, upper, strict=True)])
     squares, scaled = eigh(posterior / np.outer(prior, prior))
     weak = scaled[:, squares > UNLEARNT**2]
     if weak.shape[1] == 0:
@@ -88,7 +88,7 @@ def weak_direction_of_draws(
     return weak_direction(means, np.atleast_2d(np.cov(columns)), box)
 
 
-def _prior_std(lower: float, upper: float) -> float:
+def prior_std(lower: float, upper: float) -> float:
     """Standard deviation of log theta (of theta, unless positive) for theta uniform in a box."""
     if lower <= 0:
         return (upper - lower) / math.sqrt(12)
@@ -106,11 +106,11 @@ def _in_words(
     names: tuple[str, ...], directions: Float[np.ndarray, "parameter weak"], logs: bool
 ) -> str:
     if len(names) <= directions.shape[1]:
-        return f"{_listed(names)} {'is' if len(names) == 1 else 'are'} not determined by the data"
-    combinations = [_combination(names, row, logs) for row in _determined(directions)]
+        return f"{listed(names)} {'is' if len(names) == 1 else 'are'} not determined by the data"
+    combinations = [combination(names, row, logs) for row in _determined(directions)]
     noun = ("product" if logs else "combination") + ("s" if len(combinations) > 1 else "")
     verb = "are" if len(combinations) > 1 else "is"
-    return f"only the {noun} {_listed(combinations)} {verb} determined"
+    return f"only the {noun} {listed(combinations)} {verb} determined"
 
 
 def _determined(
@@ -129,7 +129,8 @@ def _determined(
     return exponents
 
 
-def _combination(names: tuple[str, ...], exponents: NDArray[np.float64], logs: bool) -> str:
+def combination(names: Sequence[str], exponents: NDArray[np.float64], logs: bool) -> str:
+    """A product of powers, or a sum where not `logs`, in words; exponents near halves rounded."""
     parts = [
         (name, _rounded(float(exponent)))
         for name, exponent in zip(names, exponents, strict=True)
@@ -158,5 +159,6 @@ def _power(name: str, exponent: float) -> str:
     return f"{name}^{text}"
 
 
-def _listed(items: tuple[str, ...] | list[str]) -> str:
+def listed(items: Sequence[str]) -> str:
+    """Names in a sentence."""
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"

@@ -1,0 +1,168 @@
+"""Spectrum, products and box against closed forms and quadrature."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import dblquad
+from scipy.stats import truncnorm
+
+from jbw.errors import ConfigError
+from jbw.inference.box import box
+from jbw.inference.costly_fit import costly_fit
+from jbw.inference.information import information, statements
+from jbw.inference.powers import Product, prior_of
+from jbw.inference.sensitivity import box_sensitivity, contraction, sensitivity_statements
+
+AB = Product("a_b", "a*b", {"a": 1.0, "b": 1.0}, ("a", "b"))
+
+
+def linear(theta, data):
+    design, values = data
+    return design @ jnp.stack(list(theta.values())) - values
+
+
+def of_product(theta, data):
+    return data * theta["a"] * theta["b"] - 6 * data
+
+
+def fitted_product():
+    bounds = box({"a": (1.0, 4.0), "b": (1.0, 9.0)})
+    best = costly_fit(of_product, bounds, jnp.full(25, 10.0), starts={"a": 2.0, "b": 3.0})
+    return best, bounds
+
+
+def test_spectrum_of_a_linear_gaussian_problem():
+    design = jnp.array([[2.0, 1.0, 0.0], [0.0, 3.0, 1.0], [1.0, 0.0, 0.5], [0.3, 0.2, 4.0]])
+    bounds = box({"p": (-1.0, 1.0), "q": (-2.0, 2.0), "r": (-0.5, 0.5)})
+    data = (design, design @ jnp.array([0.1, 0.3, -0.2]))
+    best = costly_fit(linear, bounds, data, starts={"p": 0.0, "q": 0.0, "r": 0.0})
+    found = information(best, bounds)
+    prior = np.diag(np.array([2.0, 4.0, 1.0]) / np.sqrt(12))
+    fisher = np.asarray(design.T @ design)
+    expected = np.sort(np.linalg.eigvals(prior @ prior @ fisher).real)[::-1]
+    np.testing.assert_allclose([d.information for d in found.directions], expected, rtol=1e-10)
+    np.testing.assert_allclose(
+        [d.ratio for d in found.directions], 1 / np.sqrt(1 + expected), rtol=1e-10
+    )
+    # Posterior of a Gaussian prior of the box's variance.
+    covariance = np.linalg.inv(fisher + np.linalg.inv(prior @ prior))
+    for i, name in enumerate("pqr"):
+        sd = np.sqrt(covariance[i, i])
+        assert found.known[name].sd == pytest.approx(sd, rel=1e-10)
+        assert found.known[name].ratio == pytest.approx(sd / prior[i, i], rel=1e-10)
+
+
+def test_a_product_is_known_and_its_factors_are_not():
+    best, bounds = fitted_product()
+    found = information(best, bounds, [AB])
+    strong, none = found.directions
+    # r = 10 (a b - 6), 25 times: d r / d log(ab) = 60, so 300 in all.
+    assert strong.text in ("a*b", "b*a")
+    assert strong.sd == pytest.approx(1 / 300, rel=1e-3)
+    assert none.information == pytest.approx(0.0, abs=1e-6 * strong.information)
+    assert none.ratio == pytest.approx(1.0, abs=1e-6)
+    assert found.known["a_b"].relative == pytest.approx(1 / 300, rel=1e-3)
+    assert found.known["a_b"].value == pytest.approx(6.0, rel=1e-6)
+    # Along a b = const both vary by sa sb / hypot(sa, sb) in logarithms.
+    lower, upper = np.array([1.0, 1.0]), np.array([4.0, 9.0])
+    grid = lower + (upper - lower) * (np.arange(200_000)[:, None] + 0.5) / 200_000
+    sa, sb = np.std(np.log(grid), axis=0)
+    assert found.known["a"].relative == pytest.approx(sa * sb / np.hypot(sa, sb), rel=1e-4)
+    words = " ".join(statements(found, [AB]))
+    assert "1 of the 2 directions" in words
+    assert "Known: a*b to 0.33 %" in words
+    assert "times better than its factors" in words
+
+
+def test_half_the_worth_is_half_the_information():
+    best, bounds = fitted_product()
+    whole, half = (information(best, bounds, worth=w).directions[0] for w in (1.0, 0.5))
+    assert half.information == pytest.approx(0.5 * whole.information, rel=1e-12)
+
+
+def test_a_bound_at_zero_takes_a_logarithm_only_where_the_data_tell_it_from_zero():
+    def residual(theta, data):
+        return jnp.array([data * (theta["c"] - 0.5)])
+
+    bounds = box({"c": (0.0, 1.0)})
+    for weight, prior_sd in ((100.0, 1.0), (1.0, 1 / np.sqrt(12))):
+        best = costly_fit(residual, bounds, jnp.asarray(weight), starts={"c": 0.4})
+        row = information(best, bounds).known["c"]
+        slope = 0.5 * weight if weight == 100 else weight
+        expected = 1 / np.sqrt(1 + (slope * prior_sd) ** 2)
+        assert row.ratio == pytest.approx(expected, rel=1e-6)
+
+
+def test_nothing_measured_leaves_every_direction_to_the_prior():
+    bounds = box({"a": (1.0, 4.0), "b": (1.0, 9.0)})
+    best = costly_fit(of_product, bounds, jnp.zeros(3), starts={"a": 2.0, "b": 3.0})
+    found = information(best, bounds, [AB])
+    assert [d.ratio for d in found.directions] == [1.0, 1.0]
+    assert "Not known beyond the prior: a, b and a*b." in statements(found, [AB])
+
+
+@pytest.mark.parametrize(
+    "powers", [{"a": 1.0, "b": 1.0}, {"a": 1.0, "b": -1.0}, {"a": 1.0, "b": 2.0}]
+)
+def test_prior_of_a_product_against_quadrature(powers):
+    bounds = {"a": (2.0, 5.0), "b": (0.5, 4.0)}
+
+    def moment(n):
+        area = 3.0 * 3.5
+        return dblquad(
+            lambda b, a: (a ** powers["a"] * b ** powers["b"]) ** n / area, 2.0, 5.0, 0.5, 4.0
+        )[0]
+
+    mean, sd = prior_of(Product("p", "p", powers), box(bounds))
+    assert mean == pytest.approx(moment(1), rel=1e-9)
+    assert sd == pytest.approx(np.sqrt(moment(2) - moment(1) ** 2), rel=1e-8)
+
+
+def test_a_quotient_by_a_box_from_zero_has_no_prior_variance():
+    bounds = box({"a": (1.0, 2.0), "b": (0.0, 1.0)})
+    quotient = Product("q", "a/b", {"a": 1.0, "b": -1.0})
+    assert prior_of(quotient, bounds)[1] == np.inf
+    draws = {"a": np.linspace(1.0, 2.0, 9), "b": np.linspace(0.1, 1.0, 9)}
+    assert np.isnan(contraction(draws, bounds, [quotient])["q"])
+
+
+def test_a_product_of_strangers_is_refused():
+    with pytest.raises(ConfigError, match="names b"):
+        prior_of(AB, box({"a": (1.0, 2.0)}))
+
+
+def test_contraction_of_a_product_of_which_nothing_is_known_is_zero():
+    bounds = box({"a": (1.0, 4.0), "b": (1.0, 9.0)})
+    rng = np.random.default_rng(0)
+    draws = {"a": rng.uniform(1, 4, 100_000), "b": rng.uniform(1, 9, 100_000)}
+    # A variance of 1e5 draws is right to about 0.5 %.
+    assert contraction(draws, bounds, [AB])["a_b"] == pytest.approx(0.0, abs=0.03)
+    known = {"a": draws["a"], "b": 6 / draws["a"]}
+    assert contraction(known, bounds, [AB])["a_b"] == pytest.approx(1.0, abs=1e-12)
+
+
+def test_cutting_a_uniform_and_a_truncated_normal():
+    bounds = box({"a": (0.0, 1.0), "b": (0.0, 1.0), "c": (0.0, 1.0)})
+    # Quantiles in the middles of equal probabilities: moments are right to 1e-5.
+    p = (np.arange(100_000) + 0.5) / 100_000
+    lower, upper = (0.0 - 0.25) / 0.2, (1.0 - 0.25) / 0.2
+    normal = truncnorm(lower, upper, 0.25, 0.2)
+    cut = truncnorm((0.1 - 0.25) / 0.2, upper, 0.25, 0.2)
+    narrow = 0.5 + 0.02 * np.sin(np.arange(100_000))
+    draws = {"a": p, "b": np.random.default_rng(0).permutation(normal.ppf(p)), "c": narrow}
+    found = box_sensitivity(draws, bounds)
+    assert found["a"].shift == pytest.approx(0.05 * np.sqrt(12), rel=1e-3)
+    assert found["b"].shift == pytest.approx((cut.mean() - normal.mean()) / normal.std(), rel=1e-3)
+    assert (found["b"].box, found["b"].end) == ("b", "lower")
+    assert found["c"].shift < 0.02  # nothing of it is cut; others' cuts move it by chance alone
+    said = sensitivity_statements(found)[0]
+    assert "a (0.17 sd" in said
+    assert "c (" not in said
+    assert "No mean follows" in sensitivity_statements({"c": found["c"]})[0]
+
+
+def test_a_posterior_in_the_cut_tenth_moves_out_of_everything():
+    draws = {"a": np.linspace(0.01, 0.05, 100)}
+    found = box_sensitivity(draws, box({"a": (0.0, 1.0)}))
+    assert found["a"].shift == np.inf
+    assert "out of the rest of the box" in sensitivity_statements(found)[0]
