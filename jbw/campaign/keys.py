@@ -116,6 +116,12 @@ IDENTIFY = {
         "whether each run has an omega_n and a zeta of its own; auto: where the data show it",
         example='"auto"',
     ),
+    "model_error": Key(
+        one_of("auto", "none"),
+        "auto: coloured residuals, and misfit that all repeats share, count for fewer values; "
+        "none: the law is taken for exact",
+        example='"auto"',
+    ),
     "coordinates": Key(
         one_of("auto", "paper", "products"),
         "sample alpha, delta, gamma or their products; auto: products where no more is known",

@@ -7,19 +7,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
+from jbw.identification.worth import COLOURED, LEAST_WORTH, correlation_at_one
 from jbw.inference.verdict import Finding
 from jbw.observables.decay import Decays
 from jbw.observables.evidence import Evidence, log_likelihood
-from jbw.observables.linear import LineReading
 from jbw.observables.response import Records
 
 SHIFT = 0.1  # of a posterior standard deviation: what the solver may move a posterior mean
-COLOURED = 0.2  # lag-one correlation above which intervals are noticeably too narrow
-MISFIT = 0.5  # of a mean's variance: misfit that repeats do not average out
-LEAST_WORTH = 8  # independent values of a group, below which nothing could be integrated out
 NUM_DRAWS = 32
 
 
@@ -96,82 +93,18 @@ def _log_likelihoods(theta: Mapping[str, Array], data: Evidence) -> Float[Array,
     return jax.lax.map(one, dict(theta))
 
 
-def correlation_at_one(row: Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]) -> float:
-    """Lag-one correlation of a residual."""
-    return float(np.real(np.vdot(row[:-1], row[1:])) / np.real(np.vdot(row, row)))
-
-
-def worth_of(rows: Float[np.ndarray, "row n"] | Complex[np.ndarray, "row n"]) -> float:
-    r"""Share of independent values among correlated ones.
-
-    $$1/w = 1 + 2 \sum_{k \ge 1} \rho_k$$
-
-    with the correlation over all rows, summed until it first falls below zero.
-
-    Args:
-        rows: What a fit leaves of one or more groups.
-
-    Returns:
-        w, at most 1.
-    """
-    n = rows.shape[1]
-    unit = rows / np.linalg.norm(rows, axis=1, keepdims=True)
-    spectrum = np.mean(np.abs(np.fft.fft(unit, 2 * n)) ** 2, axis=0)
-    rho = np.fft.ifft(spectrum).real[1 : n // 2]
-    below = np.flatnonzero(rho < 0)
-    total = float(rho[: below[0] if below.size else len(rho)].sum())
-    return float(np.clip(1 / (1 + 2 * total), min(1.0, LEAST_WORTH / n), 1.0))
-
-
-def worth_by_label(left: Mapping[str, np.ndarray], data: Evidence) -> dict[str, float]:
-    r"""Share of independent values of each group that is coloured, or misfitted in all repeats.
-
-    Misfit of variance tau^2 is the same in all K repeats, so that they are worth
-
-    $$f = w\,\frac{\tau^2 + \sigma^2}{K \tau^2 + \sigma^2}$$
-
-    of as many values, w for the colour of the mean's residual.
-
-    Args:
-        left: What a fit leaves of each group, by its label.
-        data: The evidence.
-
-    Returns:
-        Shares below one, by label.
-    """
-    found = {}
-    for part in data.parts:
-        if isinstance(part, LineReading | Decays):
-            continue
-        own = part.repeats
-        for i, label in enumerate(own.labels):
-            row, count = left[label], float(own.num_repeats[i])
-            size = float(own.size[i])
-            square = float(np.sum(np.abs(row) ** 2)) / size
-            noise = float(own.within[i]) / (size * (count - 1)) if count > 1 else 0.0
-            misfit = max(square - noise / count, 0.0)
-            coloured = len(row) >= 2 * LEAST_WORTH and correlation_at_one(row) > COLOURED
-            misfitted = count > 1 and count * misfit > MISFIT * noise
-            share = worth_of(row[None]) if coloured else 1.0
-            if misfitted:
-                share *= (misfit + noise) / (count * misfit + noise)
-            if share < 1.0:
-                found[label] = share
-    return found
-
-
 def residual_findings(left: Mapping[str, np.ndarray], worth: Mapping[str, float]) -> list[Finding]:
     """Whether what is left of each group is white, as the likelihood would like it.
 
     Args:
         left: What a fit leaves of each group, by its label.
-        worth: Share of independent values counted, by label; one where not named.
+        worth: Share of the values that the likelihood counts, by label.
 
     Returns:
         One finding a group of 16 values or more; its number is the lag-one correlation.
     """
     return [
-        _whiteness(label, correlation_at_one(row), worth.get(label, 1.0))
+        _whiteness(label, correlation_at_one(row), worth[label])
         for label, row in left.items()
         if len(row) >= 2 * LEAST_WORTH
     ]

@@ -1,6 +1,7 @@
 """The joint from free decays: what softens and what dissipates, from records without a force."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -58,6 +59,8 @@ def decay_step(
     reading = first_reading(test)
     prior = decay_box(settings, reading)
     best, data = fit_decay(keys[0], data, prior, reading)
+    if settings.get("model_error") == "none":
+        data = replace(data, worth=jnp.ones(()))
     tree = sample(
         keys[1],
         log_likelihood,

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Key
 
-from jbw.identification.accuracy import worth_of
 from jbw.identification.coordinates import SHARE
 from jbw.identification.decay_accuracy import matched
 from jbw.identification.decay_reading import FirstReading
 from jbw.identification.priors import stated
+from jbw.identification.worth import worth_of
 from jbw.inference.box import Box, box, from_unit
 from jbw.inference.costly_fit import costly_fit
 from jbw.inference.fitting import Fit

@@ -17,7 +17,6 @@ from jbw.identification.accuracy import (
     residual_findings,
     solver_change,
     solver_finding,
-    worth_by_label,
 )
 from jbw.identification.coordinates import box_of, by_products, product_box, products_of
 from jbw.identification.drawing import sample_joint, stuck
@@ -36,6 +35,7 @@ from jbw.identification.shifts import (
 )
 from jbw.identification.starts import fit_from, inside, linear_look
 from jbw.identification.step import Step, finished
+from jbw.identification.worth import counted_by_label, worth_by_label
 from jbw.inference.box import Box
 from jbw.inference.costly_fit import costly_fit
 from jbw.inference.fitting import Fit
@@ -81,10 +81,11 @@ def joint_step(
     first = fit_from(keys[0], data, prior, known)
     chi_square = explained(first, data)
     prior, best, data, words = settled(keys[1], data, prior, first, settings)
+    best = replace(best, waterfall=first.waterfall)  # the later fits have one start
     posterior = sample_joint(keys[2], data, prior, best, settings)
     draws = posterior["posterior"].to_dataset()
     left = left_by_label(best.residual, data)
-    findings = residual_findings(left, worth_by_label(left, data))
+    findings = residual_findings(left, counted_by_label(data))
     if (error := solver_finding(draws, data)) is not None:
         findings.append(error)
     complete = with_derived(keys[3], posterior, data)
@@ -156,8 +157,7 @@ def settled(
         The box and the fit in the coordinates to sample in, the evidence, and what was found, in
         words.
     """
-    left = left_by_label(first.residual, data)
-    data = with_worth(worth_by_label(left, data), with_fitted_noise(left, data))
+    data = weighed(first, data, settings)
     best = again(first, prior, data)
     words = []
     shifts = shifts_of(best, prior.names, data)
@@ -166,7 +166,7 @@ def settled(
         best = again(best, prior, data)
         data = recentred(best, data)
         best = again(best, prior, data)
-        data = with_fitted_noise(left_by_label(best.residual, data), data)
+        data = weighed(best, data, settings)
         best = again(best, prior, data)
         words.append(sentence_of(shifts))
     if by_products(best, settings):
@@ -181,6 +181,14 @@ def settled(
         if finer is not data:
             data, best = finer, again(best, prior, finer)
     return prior, best, data, words
+
+
+def weighed(best: Fit, data: Evidence, settings: Mapping[str, Any]) -> Evidence:
+    """The evidence with the noise that a fit leaves, and as many values as that is worth."""
+    left = with_fitted_noise(left_by_label(best.residual, data), data)
+    if settings.get("model_error", "auto") == "none":
+        return left
+    return with_worth(worth_by_label(best, data), left)
 
 
 def again(

@@ -10,12 +10,12 @@ from decays import TRUTH, decay_test
 
 import jbw
 from jbw.errors import ConfigError
-from jbw.identification.accuracy import worth_of
 from jbw.identification.decay import NAMES, decay_step
 from jbw.identification.decay_accuracy import matched
 from jbw.identification.decay_fit import decay_box, fit_decay
 from jbw.identification.decay_reading import first_reading
 from jbw.identification.selection import decay_tests
+from jbw.identification.worth import worth_of
 from jbw.inference.summary import summarise
 from jbw.measurement.records import Record, Test
 from jbw.observables.decay import reduce

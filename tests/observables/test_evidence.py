@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from jbw.errors import ConfigError, DataError
-from jbw.identification.accuracy import worth_by_label, worth_of
 from jbw.identification.gathering import gather
-from jbw.identification.joint import joint_step
+from jbw.identification.joint import joint_step, weighed
 from jbw.identification.leaving_out import consistency_finding, leave_one_out
 from jbw.identification.shifts import shifts_of, wanted, with_offsets
 from jbw.identification.starts import linear_look
+from jbw.identification.worth import worth_by_label
 from jbw.inference.box import box
 from jbw.inference.costly_fit import costly_fit
 from jbw.measurement.records import Record, Test
@@ -138,7 +138,6 @@ def test_what_a_fit_leaves_is_read_off_its_residual(mixed):
     assert left["loop"].shape == (400,)
     # Means of 4 repeats: complex noise of 2e-3 a component; 72 values know it to 8 %.
     assert np.std(left["held at 20"].view(float)) == pytest.approx(NOISE / 2, rel=0.35)
-    assert worth_by_label(left, mixed) == {}
 
 
 def test_offsets_of_runs_are_seen_and_let_in():
@@ -180,24 +179,23 @@ def test_runs_that_agree_get_no_offsets():
     assert wanted(shifts, {"offsets": "runs"})
 
 
-def test_correlated_residuals_are_worth_less():
-    rng = np.random.default_rng(5)
-    row = np.zeros(20000)
-    for i, e in enumerate(rng.normal(size=20000)):
-        row[i] = 0.9 * row[i - 1] + e if i else e
-    # AR(1): 1 + 2 sum rho^k = (1 + rho) / (1 - rho) = 19; cut where the estimate first dips.
-    assert worth_of(row[None]) == pytest.approx(1 / 19, rel=0.25)
-    assert worth_of(rng.normal(size=(1, 20000))) > 0.9
+def test_a_mixed_campaign_of_the_right_law_counts_in_full(mixed):
+    prior = box(PRIOR)
+    middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
+    assert worth_by_label(costly_fit(residual, prior, mixed, starts=middle), mixed) == {}
 
 
 def test_misfit_shared_by_all_repeats_does_not_count_as_often():
-    tests = [curve(20, repeats=16)]
-    data = gather(tests, {}, gain=GAIN)
-    rows = residual({**theta(zeta=0.0035), "gain": jnp.asarray(GAIN)}, data)
-    worth = worth_by_label(left_by_label(np.asarray(rows), data), data)
+    data = gather([curve(20, repeats=16)], {}, gain=GAIN)
+    prior = box({**PRIOR, "zeta": (0.00349, 0.00351)})  # away from the truth
+    middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
+    best = costly_fit(residual, prior, data, starts={**middle, "zeta": 0.0035})
+    worth = worth_by_label(best, data)
     assert worth["held at 20"] < 0.2
     counted = with_worth(worth, data).parts[0].repeats.num_values
     assert float(counted[0]) == pytest.approx(worth["held at 20"] * 72 * 16)
+    exact = weighed(best, data, {"model_error": "none"})
+    assert float(exact.parts[0].repeats.num_values[0]) == 72 * 16
 
 
 def test_leaving_a_run_out_is_a_fit_of_the_others():

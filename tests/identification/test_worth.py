@@ -1,0 +1,61 @@
+"""What coloured residuals are worth, against the scatter of estimates that they really cause."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from jbw.identification.worth import worth_along, worth_of
+
+SIZE = 4096
+
+
+def autoregressive(rng, *coefficients, size=SIZE):
+    """Noise of unit variance, white noise through 1 / (1 - a_1 q - a_2 q^2)."""
+    noise = lfilter([1.0], [1.0, *(-a for a in coefficients)], rng.standard_normal(size + 2000))
+    return noise[2000:] / noise.std()
+
+
+def narrowband(radius, turn):
+    """Coefficients of a resonance of given pole radius and angle a sample."""
+    return 2 * radius * np.cos(turn), -(radius**2)
+
+
+def bump(turn):
+    """A burst of a carrier: its two quadratures, under one smooth envelope."""
+    t = np.arange(SIZE)
+    envelope = np.exp(-(((t - SIZE / 2) / 600) ** 2))
+    return envelope * np.stack([np.cos(turn * t), np.sin(turn * t)])
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "turn"),
+    [((0.9,), 0.0015), (narrowband(0.99, 0.12), 0.12), (narrowband(0.99, 0.12), 0.4)],
+    ids=["low-pass", "at the carrier", "away from the carrier"],
+)
+def test_the_covariance_is_that_of_least_squares_under_such_noise(coefficients, turn):
+    rng = np.random.default_rng(11)
+    slopes = bump(turn)
+    normal = np.linalg.inv(slopes @ slopes.T)
+    rows = np.stack([autoregressive(rng, *coefficients) for _ in range(400)])
+    estimates = rows @ slopes.T @ normal
+    factor = np.trace(np.cov(estimates.T) @ np.linalg.inv(normal)) / 2  # over white noise's
+    worth = [worth_along(row, slopes, normal) for row in rows[:100]]
+    # One row tells its spectrum over a few dozen lines; away from it noise is worth all and more.
+    assert np.median(worth) == pytest.approx(min(1 / factor, 1.0), rel=0.3)
+
+
+def test_constant_directions_see_the_whole_correlation():
+    rng = np.random.default_rng(5)
+    # AR(1): 1 + 2 sum rho^k = (1 + rho) / (1 - rho) = 19; cut where the estimate first dips.
+    row = autoregressive(rng, 0.9, size=20000)
+    assert worth_of(row[None]) == pytest.approx(1 / 19, rel=0.25)
+    assert worth_of(rng.normal(size=(1, 20000))) > 0.9
+
+
+def test_units_do_not_matter():
+    rng = np.random.default_rng(2)
+    row, slopes = autoregressive(rng, 0.9), bump(0.01)
+    scale = np.diag([1e6, 1e-9])
+    one = worth_along(row, slopes, np.linalg.inv(slopes @ slopes.T))
+    other = worth_along(row, scale @ slopes, np.linalg.inv(scale @ slopes @ slopes.T @ scale))
+    assert other == pytest.approx(one, rel=1e-9)
