@@ -135,6 +135,11 @@ IDENTIFY = {
         "of the joint posterior; auto: elliptical slices where time is stepped through, else NUTS",
         example='"auto"',
     ),
+    "profiles": Key(
+        yes_or_no,
+        "follow every parameter's profile likelihood, at some hundred fits",
+        example="true",
+    ),
     "num_chains": Key(a_whole_number(1), "chains", example="4"),
     "num_samples": Key(a_whole_number(1), "draws kept a chain", example="1000"),
     "num_warmup": Key(a_whole_number(0), "draws to adapt with, a chain", example="500"),

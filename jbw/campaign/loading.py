@@ -75,7 +75,7 @@ def test_names(spec: CampaignSpec) -> list[str]:
     return names
 
 
-def force_per_unit(spec: CampaignSpec) -> float | None:
+def force_per_unit(spec: CampaignSpec | Campaign) -> float | None:
     """Force per modal mass for one unit of the input [1/kg, or N/kg/V], when the campaign says."""
     return spec.gain if spec.modal_mass is None else 1 / spec.modal_mass
 

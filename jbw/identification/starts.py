@@ -1,6 +1,7 @@
 """Starts that find the optimum: a linear look at the data, earlier steps, points of the box."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -124,7 +125,7 @@ def fit_from(key: Key[Array, ""], data: Evidence, prior: Box, known: Mapping[str
         known: Starting values by name; the middle of the box for the others.
 
     Returns:
-        The best fit.
+        The best fit, with the costs from all starts.
     """
     middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
     start = {name: known.get(name, float(middle[name])) for name in prior.names}
@@ -138,7 +139,8 @@ def fit_from(key: Key[Array, ""], data: Evidence, prior: Box, known: Mapping[str
     order = np.argsort(np.asarray(_costs(points, data)))[:NUM_STARTS]
     starts = {name: np.asarray(values)[order] for name, values in points.items()}
     second = costly_fit(residual, prior, data, starts=inside(starts, prior))
-    return min(first, second, key=lambda one: one.cost)
+    best = min(first, second, key=lambda one: one.cost)
+    return replace(best, waterfall=np.sort(np.append(first.waterfall, second.waterfall)))
 
 
 def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:

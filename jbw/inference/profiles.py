@@ -1,6 +1,7 @@
 """Profile likelihoods: how far a parameter can move while all the others make up for it."""
 
 import logging
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -177,7 +178,11 @@ def profile_statements(found: Mapping[str, Profile]) -> list[str]:
 def _sentence(found: Profile) -> str:
     low, high = found.interval
     if found.open == (False, False):
-        return f"By its profile, {found.name} lies within {low:.5g} and {high:.5g} at 99 %."
+        digits = _digits(low, high)
+        return (
+            f"By its profile, {found.name} lies within {low:.{digits}g} and {high:.{digits}g} at "
+            "99 %."
+        )
     rise = float(np.max(found.chi_square))
     if found.open == (True, True):
         flat = "flat" if rise < FLAT else "open on both sides"
@@ -190,3 +195,9 @@ def _sentence(found: Profile) -> str:
             f"By its profile, {found.name} exceeds {low:.4g} at 99 %; the data set no limit above."
         )
     return f"By its profile, {found.name} is below {high:.4g} at 99 %; the data set no limit below."
+
+
+def _digits(low: float, high: float) -> int:
+    """Significant digits that show an interval's width to two of its own."""
+    largest = max(abs(low), abs(high))
+    return 2 + max(0, math.ceil(math.log10(largest / (high - low)))) if high > low else 6

@@ -10,13 +10,15 @@ from typing import Any
 
 import xarray as xr
 
-from jbw.campaign.loading import Campaign
+from jbw.campaign.loading import Campaign, force_per_unit
 from jbw.errors import ConfigError
 from jbw.identification.procedure import Identification, Report, run_procedure
 from jbw.inference.precision import require_float64
 from jbw.inference.verdict import Verdict
 from jbw.prediction import thin
 from jbw.study.collecting import collect
+from jbw.study.identifiability import look_again
+from jbw.study.identifiability_record import as_group
 from jbw.study.storage import claim, save_run
 from jbw.study.summary import summarise_study
 from jbw.study.verifying import NUM_DRAWS, noise_of
@@ -114,22 +116,19 @@ def identify(
     started = perf_counter()
     seed = int(campaign.settings.get("seed", 0)) if seed is None else seed
     found = run_procedure(
-        campaign.tests, campaign.settings, gain=_gain(campaign), seed=seed, report=report
+        campaign.tests, campaign.settings, gain=force_per_unit(campaign), seed=seed, report=report
     )
+    known = look_again(found, campaign.settings, report)
     tree = collect(campaign.tests, found, seed, truth, report, campaign.settings)
     record = summarise_study(
         campaign.name, found, tree,
         seed=seed, inputs=_hashes(campaign), truth=truth,
         command=" ".join(["jbw", *sys.argv[1:]]), wall_s=perf_counter() - started,
     )  # fmt: skip
+    if known is not None:
+        tree["identifiability"] = xr.DataTree(as_group(known))
+        record["identifiability"] = known.summary()
     return Study(campaign, found, tree, record)
-
-
-def _gain(campaign: Campaign) -> float | None:
-    """Force per unit mass for one unit of the input, where the campaign knows it."""
-    if campaign.modal_mass is not None:
-        return 1.0 / campaign.modal_mass
-    return campaign.gain
 
 
 def _hashes(campaign: Campaign) -> dict[str, str]:

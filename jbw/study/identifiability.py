@@ -1,0 +1,135 @@
+"""Which parameters the data know: before sampling by the fit, afterwards by the draws too."""
+
+import logging
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbw.campaign.loading import Campaign, force_per_unit
+from jbw.identification.combinations import combinations
+from jbw.identification.fitted import Fitted, fit_joint, fitted_of
+from jbw.identification.procedure import Identification
+from jbw.inference.identifiability import listed
+from jbw.inference.information import information, statements
+from jbw.inference.powers import alone, value_of
+from jbw.inference.precision import require_float64
+from jbw.inference.profiles import Profile, profile_statements, profiles
+from jbw.inference.sensitivity import box_sensitivity, contraction, sensitivity_statements
+from jbw.study.identifiability_record import Identifiability, reached
+
+logger = logging.getLogger("jbw")
+NARROWED = 0.5  # of the prior's variance
+
+Report = Callable[[str], None]
+
+
+def identifiability(
+    campaign: Campaign,
+    *,
+    profiles: bool = False,
+    seed: int | None = None,
+    report: Report = logger.info,
+) -> Identifiability:
+    """Fit the joint to a campaign and say what the data know of it, without sampling.
+
+    Args:
+        campaign: From `jbw.load_campaign` or the virtual rig.
+        profiles: Whether to follow the profile of every parameter too.
+        seed: Seed of the starts; the campaign's, or 0, when None.
+        report: Called with one sentence at every stage.
+
+    Returns:
+        The information spectrum, the profiles, and both in words.
+
+    Raises:
+        ConfigError: A float32 session, or settings that do not fit the tests.
+        DataError: Tests that the joint cannot be fitted to.
+    """
+    require_float64()
+    settings = campaign.settings
+    seed = int(settings.get("seed", 0)) if seed is None else seed
+    gain = force_per_unit(campaign)
+    fitted = fit_joint(campaign.tests, settings, gain=gain, seed=seed, report=report)
+    return look(fitted, with_profiles=profiles, report=report)
+
+
+def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -> Identifiability:
+    """What a fit says before sampling.
+
+    Args:
+        fitted: The fit.
+        with_profiles: Whether to follow the profile of every parameter too.
+        report: Called with one sentence for every profile.
+    """
+    products = combinations(fitted.box.names)
+    found = information(fitted.fit, fitted.box, products, worth=fitted.worth)
+    followed = _profiles(fitted, report) if with_profiles else {}
+    said = [
+        *fitted.statements,
+        *statements(found, products),
+        *profile_statements(followed),
+        _waterfall_words(fitted.fit.waterfall),
+    ]
+    return Identifiability(fitted, products, found, followed, statements=tuple(said))
+
+
+def _profiles(fitted: Fitted, report: Report) -> dict[str, Profile]:
+    return profiles(
+        fitted.residual, fitted.box, fitted.data, fitted.fit, worth=fitted.worth, report=report
+    )
+
+
+def look_again(
+    found: Identification, settings: Mapping[str, Any], report: Report = logger.info
+) -> Identifiability | None:
+    """What the fit said and what the draws say, of the main posterior of an identification.
+
+    Args:
+        found: What the procedure found.
+        settings: The campaign's [identify] table; with `profiles`, those are followed too.
+        report: Called with one sentence for every profile.
+
+    Returns:
+        The answer; None without a joint posterior.
+    """
+    fitted = fitted_of(found)
+    if fitted is None:
+        return None
+    before = look(fitted, with_profiles=bool(settings.get("profiles", False)), report=report)
+    box, products = fitted.box, before.products
+    group = found.main.posterior["posterior"].to_dataset()
+    draws = {name: group[name].values for name in box.names}
+    looked_at = (*map(alone, box.names), *products)
+    narrowed = contraction(draws, box, looked_at)
+    values = {each.name: value_of(each, draws) for each in looked_at}
+    sensitivity = box_sensitivity(values, box)
+    texts = {each.name: each.text for each in looked_at}
+    said = [
+        *before.statements,
+        *_contraction_words(narrowed, texts),
+        *sensitivity_statements(sensitivity, texts),
+    ]
+    return Identifiability(
+        fitted, products, before.information, before.profiles, narrowed, sensitivity, tuple(said)
+    )
+
+
+def _waterfall_words(costs: NDArray[np.float64]) -> str:
+    if len(costs) == 1:
+        return "The fit had one start, which explained the data."
+    return (
+        f"Of {len(costs)} starts of the fit, {reached(costs)} ended within 1 % of the lowest cost."
+    )
+
+
+def _contraction_words(narrowed: Mapping[str, float], texts: Mapping[str, str]) -> list[str]:
+    """Which marginals the data hardly narrowed, in words."""
+    wide = [f"{texts[name]} ({value:.0%})" for name, value in narrowed.items() if value < NARROWED]
+    if not wide:
+        return ["After sampling, every parameter has less than half of its prior variance left."]
+    return [
+        f"After sampling, the data have taken less than half of the prior variance of "
+        f"{listed(wide)}."
+    ]
