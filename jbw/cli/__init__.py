@@ -23,6 +23,10 @@ COMMANDS = {
     "demo": ("jbw.cli.demo:demo", "Measure the virtual rig and identify it, start to finish."),
     "init": ("jbw.cli.init:init", "Write a commented campaign file for a folder of records."),
     "check": ("jbw.cli.check:check", "Check a campaign, channel by channel."),
+    "identifiability": (
+        "jbw.cli.identifiability:identifiability",
+        "Say which parameters a campaign's data know, before sampling.",
+    ),
     "identify": ("jbw.cli.identify:identify", "Identify the joint from a campaign."),
     "export": ("jbw.cli.export:export", "Write a run's joint for CSV, MATLAB and OpenSees."),
     "report": ("jbw.cli.report:report", "Write the one-file report of a finished run."),
