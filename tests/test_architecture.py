@@ -26,6 +26,7 @@ SEES = {
     "validation": LEAVES | {"observables", "prediction"},
     "rig": {"oscillator", "measurement"},
     "report": {"inference"},
+    "planning": LEAVES | {"campaign", "observables", "prediction"},
 }
 TOP = {"report", "rig", "study", "cli"}
 

@@ -28,6 +28,10 @@ COMMANDS = {
         "Say which parameters a campaign's data know, before sampling.",
     ),
     "identify": ("jbw.cli.identify:identify", "Identify the joint from a campaign."),
+    "plan": (
+        "jbw.cli.plan:plan",
+        "Say which tests a wished accuracy takes.",
+    ),
     "export": ("jbw.cli.export:export", "Write a run's joint for CSV, MATLAB and OpenSees."),
     "report": ("jbw.cli.report:report", "Write the one-file report of a finished run."),
 }

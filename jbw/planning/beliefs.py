@@ -1,0 +1,192 @@
+r"""What is held possible of the joint: before any test by ranges, after a run by its posterior.
+
+The joint is only guessed, and what a test tells depends on it. So every number of a plan is made
+at several joints, and judged by the worst of ten.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from scipy.stats import qmc
+
+from jbw.errors import ConfigError, DataError
+from jbw.inference.box import Box, box
+from jbw.observables.joint import JOINT
+from jbw.prediction import Draws, thin
+
+Range = tuple[float, float]
+# A single value is known to a factor of two; the natural frequency, which a tap shows, far better.
+REACH = {"omega_n": 1.1}
+FACTOR = 2.0
+UNBOUNDED = 10.0  # factor to either side, where a posterior tells nothing of its prior's box
+
+
+@dataclass(frozen=True)
+class Beliefs:
+    """Joints that are held possible, and what is known before the test.
+
+    Attributes:
+        joints: All parameters and `gain`, one value a joint, in their units.
+        names: Those that are inferred.
+        scale: Units of their relative changes, joint by joint.
+        precision: Information that there is already, about the relative changes [-].
+        box: Bounds of the inferred parameters, for telling what stays undetermined.
+    """
+
+    joints: Draws
+    names: tuple[str, ...]
+    scale: Float[np.ndarray, "joint parameter"]
+    precision: Float[np.ndarray, "parameter parameter"]
+    box: Box
+
+    @property
+    def num_joints(self) -> int:
+        """How many joints."""
+        return len(self.scale)
+
+    def each(self) -> Iterator[tuple[dict[str, float], Float[np.ndarray, " parameter"]]]:
+        """Every joint, and the units of its relative changes."""
+        for i, row in enumerate(self.scale):
+            yield {name: float(values[i]) for name, values in self.joints.items()}, row
+
+    def middle(self) -> dict[str, float]:
+        """The medians of the parameters."""
+        return {name: float(np.median(values)) for name, values in self.joints.items()}
+
+
+def before(
+    ranges: Mapping[str, Range], *, held: Mapping[str, float], num_joints: int, seed: int
+) -> Beliefs:
+    r"""Beliefs from ranges, each uniform in the logarithm of its parameter.
+
+    $$\mathrm{sd}(\log\theta) = \log(\theta_{max} / \theta_{min}) / \sqrt{12}$$
+
+    A range without width is a guess: joints are drawn at it, and the prior reaches a factor of two
+    to either side (a tenth for omega_n). `share`, alpha / omega_n^2, may stand for alpha.
+
+    Args:
+        ranges: Lowest and highest value by name, both of one sign: omega_n [rad/s], zeta [-],
+            alpha [1/s^2] or share [-], delta and gamma [1/m], and gain where it is inferred.
+        held: What is known exactly, such as `gain`.
+        num_joints: Joints drawn, by a Latin hypercube.
+        seed: Of the draws.
+
+    Raises:
+        ConfigError: A range that holds zero or does not rise in magnitude or sign.
+    """
+    for name, pair in ranges.items():
+        require_one_sign(name, pair)
+    drawn = _drawn(ranges, num_joints, seed)
+    wide = {name: _widened(name, pair) for name, pair in ranges.items()}
+    std = np.array([np.log(abs(b / a)) for a, b in wide.values()]) / np.sqrt(12)
+    covariance = np.diag(std**2)
+    if "share" in ranges:
+        drawn["alpha"] = drawn.pop("share") * drawn["omega_n"] ** 2
+        low, high = wide["share"]
+        wide["alpha"] = (low * wide["omega_n"][0] ** 2, high * wide["omega_n"][1] ** 2)
+        covariance = _with_alpha_for_share(covariance, list(ranges))
+    given = ["alpha" if name == "share" else name for name in ranges]
+    names = tuple(name for name in (*JOINT, "gain") if name in given)
+    order = [given.index(name) for name in names]
+    fixed = {name: np.full(num_joints, value) for name, value in held.items()}
+    return Beliefs(
+        joints={**fixed, **drawn},
+        names=names,
+        scale=np.stack([drawn[name] for name in names], axis=1),
+        precision=np.linalg.inv(covariance[np.ix_(order, order)]),
+        box=box({name: _rising(wide[name]) for name in names}),
+    )
+
+
+def _with_alpha_for_share(
+    covariance: Float[np.ndarray, "parameter parameter"], given: list[str]
+) -> Float[np.ndarray, "parameter parameter"]:
+    """Covariance with log alpha = log share + 2 log omega_n in the place of log share."""
+    to_alpha = np.eye(len(given))
+    to_alpha[given.index("share"), given.index("omega_n")] = 2.0
+    return to_alpha @ covariance @ to_alpha.T
+
+
+def require_one_sign(name: str, pair: Range) -> None:
+    """Refuse a range within which relative changes have no meaning.
+
+    Raises:
+        ConfigError: It holds zero, or its ends are not in order.
+    """
+    low, high = pair
+    if not (low * high > 0 and low <= high):
+        raise ConfigError(
+            f"Range `{name}` must be [lower, upper] of one sign, but is [{low:g}, {high:g}].",
+            why="A coefficient of variation needs a value that cannot be zero.",
+            remedy="Bound it away from zero.",
+        )
+
+
+def _drawn(ranges: Mapping[str, Range], num_joints: int, seed: int) -> Draws:
+    unit = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed)).random(num_joints)
+    return {
+        name: low * (high / low) ** x
+        for (name, (low, high)), x in zip(ranges.items(), unit.T, strict=True)
+    }
+
+
+def _widened(name: str, pair: Range) -> Range:
+    low, high = pair
+    if low != high:
+        return pair
+    factor = REACH.get(name, FACTOR)
+    return low / factor, high * factor
+
+
+def _rising(pair: Range) -> Range:
+    return min(pair), max(pair)
+
+
+def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> Beliefs:
+    """Beliefs from the main posterior of a run.
+
+    Args:
+        tree: The result, as `posterior.nc` holds it.
+        held: What is known exactly, where the posterior does not hold it, such as `gain`.
+        num_joints: Draws taken, evenly spaced.
+
+    Raises:
+        DataError: The posterior lacks a parameter of the joint.
+    """
+    posterior = tree["posterior"].to_dataset()
+    missing = [name for name in JOINT if name not in posterior]
+    if missing:
+        raise DataError(
+            f"The main posterior must hold all of {', '.join(JOINT)}, but lacks "
+            f"{', '.join(missing)}.",
+            why="Without them no further test can be predicted.",
+            remedy="Plan from ranges: jbw plan PLAN.toml.",
+        )
+    names = tuple(name for name in (*JOINT, "gain", "cubic") if name in posterior)
+    every = {name: posterior[name].values.ravel() for name in names}
+    means = {name: float(values.mean()) for name, values in every.items()}
+    positive = {name: bool((values > 0).all()) for name, values in every.items()}
+    relative = [
+        np.log(values) if positive[name] else values / abs(means[name])
+        for name, values in every.items()
+    ]
+    draws = {name: v for name, v in thin(posterior, num_joints).items() if name in names}
+    count = len(draws["omega_n"])
+    scale = [draws[name] if positive[name] else np.full(count, abs(means[name])) for name in names]
+    return Beliefs(
+        joints={**{name: np.full(count, value) for name, value in held.items()}, **draws},
+        names=names,
+        scale=np.stack(scale, axis=1),
+        precision=np.linalg.inv(np.cov(np.array(relative))),
+        box=box({name: _bounds(posterior[name], means[name]) for name in names}),
+    )
+
+
+def _bounds(values: xr.DataArray, mean: float) -> Range:
+    """Box of a parameter where the run says it, else a wide one."""
+    if "lower" in values.attrs and "upper" in values.attrs:
+        return float(values.attrs["lower"]), float(values.attrs["upper"])
+    return _rising((mean / UNBOUNDED, mean * UNBOUNDED))

@@ -1,0 +1,183 @@
+"""Candidates by default: sweeps, tones and steps that the joint calls for, at useful levels."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+
+from jbw.observables.joint import joint_of
+from jbw.oscillator.backbone import backbone
+from jbw.planning.beliefs import Beliefs
+from jbw.planning.candidates import Candidate, Stepped, Sweep, Tones
+from jbw.planning.prospects import peak_displacement
+
+SHARES = (0.2, 0.45, 0.9)  # of the largest displacement, that levels aim at
+SPAN = (0.5, 1.5)  # of the natural frequency
+PERIODS = (200, 800)  # of the natural frequency in a sweep, on an average
+THIRDS = (0.80, 0.88, 0.96, 1.04, 1.08)  # of omega_n / 3: the paper's probing tones
+NUM_STEPS = 15
+BANDWIDTHS = 4  # to either side of the resonances that a stepped sine passes
+READ_PERIODS = 100  # of the natural frequency, read of each tone
+DECAY = np.log(1000.0)  # what a transient falls by, in nepers, before the next thing is measured
+NUM_TRIES = 4  # of a sweep's level; each brings its peak several times closer
+PER_PERIOD = 40  # samples a period, at least
+DIGITS = 3
+
+
+@dataclass(frozen=True)
+class Grid:
+    """What the candidates of one kind are combined from; None where the joint decides.
+
+    Attributes:
+        levels: Peaks of the input [V, N or N/kg].
+        frequencies_hz: Tones or steps [Hz].
+        span_hz: First and last frequency of sweeps [Hz].
+        rates: Sweep rates [Hz/s].
+        rest: Free decay behind a sweep [s].
+        dwell: Time on each tone [s].
+        settle: Of that, what is discarded [s].
+    """
+
+    levels: tuple[float, ...] | None = None
+    frequencies_hz: tuple[float, ...] | None = None
+    span_hz: tuple[float, float] | None = None
+    rates: tuple[float, ...] | None = None
+    rest: float | None = None
+    dwell: float | None = None
+    settle: float | None = None
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far a test may go.
+
+    Attributes:
+        fs: Sampling frequency [Hz].
+        max_displacement: Largest displacement [m]; levels aim at parts of it.
+        max_input: Largest input [V, N or N/kg]; infinite where there is no limit.
+    """
+
+    fs: float
+    max_displacement: float
+    max_input: float = np.inf
+
+
+def sampling_for(natural_hz: float) -> float:
+    """A power of two with forty samples a period or more [Hz]."""
+    return float(2 ** np.ceil(np.log2(PER_PERIOD * natural_hz)))
+
+
+def displacement_for(beliefs: Beliefs) -> float:
+    r"""Displacement at which the joint slides, $\delta Y = 1$ [m]."""
+    return float(1 / np.abs(np.median(beliefs.joints["delta"])))
+
+
+def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[Candidate]:
+    """Candidates of every kind that is asked for.
+
+    Levels that are not given aim at parts of the largest displacement, at the joint that responds
+    most.
+
+    Args:
+        grids: By kind: sweep, tones, stepped.
+        beliefs: The joints held possible.
+        reach: Sampling frequency and limits.
+    """
+    makers = {"sweep": _sweeps, "tones": _tones, "stepped": _steps}
+    return [one for kind, grid in grids.items() for one in makers[kind](grid, beliefs, reach)]
+
+
+def _sweeps(grid: Grid, beliefs: Beliefs, reach: Reach) -> list[Candidate]:
+    natural = _natural(beliefs)
+    low, high = grid.span_hz or tuple(_rounded(share * natural) for share in SPAN)
+    rates = grid.rates or tuple(_rounded(natural * (high - low) / n) for n in PERIODS)
+    rest = _decay(beliefs) if grid.rest is None else grid.rest
+    shapes = [Sweep(1.0, low, high, rate, rest, reach.fs) for rate in rates]
+    if grid.levels is not None:
+        return [replace(shape, level=level) for shape in shapes for level in grid.levels]
+    steady = _steady_levels(beliefs, reach)
+    found = []
+    for shape in shapes:
+        aimed = [
+            _aimed(shape, level, y, beliefs) for level, y in zip(steady, _goals(reach), strict=True)
+        ]
+        found += [replace(shape, level=level) for level in _within(aimed, reach)]
+    return found
+
+
+def _aimed(shape: Sweep, level: float, y: float, beliefs: Beliefs) -> float:
+    """Level at which a sweep moves the middle joint to y."""
+    middle = beliefs.middle()
+    for _ in range(NUM_TRIES):
+        level *= y / peak_displacement(replace(shape, level=level), middle)
+    return level
+
+
+def _tones(grid: Grid, beliefs: Beliefs, reach: Reach) -> list[Candidate]:
+    third = _natural(beliefs) / 3
+    frequencies = grid.frequencies_hz or tuple(_rounded(share * third) for share in THIRDS)
+    # Far below its resonance the joint is a spring.
+    omega_n, gain = beliefs.joints["omega_n"], beliefs.joints["gain"]
+    per_metre = float(np.min(np.abs(omega_n**2 - (2 * np.pi * max(frequencies)) ** 2) / gain))
+    levels = grid.levels or _within([per_metre * y for y in _goals(reach)], reach)
+    settle, dwell = _times(grid, beliefs)
+    return [Tones(level, frequencies, dwell, settle, reach.fs) for level in levels]
+
+
+def _steps(grid: Grid, beliefs: Beliefs, reach: Reach) -> list[Candidate]:
+    frequencies = grid.frequencies_hz or _about_resonance(beliefs, reach)
+    levels = grid.levels or _within(_steady_levels(beliefs, reach), reach)
+    settle, dwell = _times(grid, beliefs)
+    return [Stepped(level, frequencies, dwell, settle, reach.fs) for level in levels]
+
+
+def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
+    """From below the lowest resonance of the largest motion to above the highest of the least."""
+    sliding = np.asarray(backbone(_joints(beliefs), jnp.asarray(reach.max_displacement)).omega)
+    sticking = beliefs.joints["omega_n"]
+    width = BANDWIDTHS * float(np.max(beliefs.joints["zeta"] * sticking))
+    ends = min(sliding.min(), sticking.min()) - width, max(sliding.max(), sticking.max()) + width
+    return tuple(_rounded(w / (2 * np.pi), 5) for w in np.linspace(*ends, NUM_STEPS))
+
+
+def _steady_levels(beliefs: Beliefs, reach: Reach) -> list[float]:
+    """Inputs that hold the resonance of the joint that responds most at each goal."""
+    gain = beliefs.joints["gain"]
+    forces = [
+        np.asarray(backbone(_joints(beliefs), jnp.asarray(y)).amplitude) for y in _goals(reach)
+    ]
+    return [float(np.min(force / gain)) for force in forces]
+
+
+def _goals(reach: Reach) -> list[float]:
+    return [share * reach.max_displacement for share in SHARES]
+
+
+def _within(levels: Sequence[float], reach: Reach) -> tuple[float, ...]:
+    """Levels in few digits, those beyond the largest input brought down to it."""
+    return tuple(sorted({min(_rounded(level), reach.max_input) for level in levels}))
+
+
+def _times(grid: Grid, beliefs: Beliefs) -> tuple[float, float]:
+    """Settling time and time on each tone [s]."""
+    settle = _decay(beliefs) if grid.settle is None else grid.settle
+    read = READ_PERIODS / _natural(beliefs)
+    return settle, _rounded(settle + read) if grid.dwell is None else grid.dwell
+
+
+def _decay(beliefs: Beliefs) -> float:
+    """Time in which a transient of the least damped joint falls to a thousandth [s]."""
+    return _rounded(float(np.max(DECAY / (beliefs.joints["zeta"] * beliefs.joints["omega_n"]))))
+
+
+def _natural(beliefs: Beliefs) -> float:
+    return float(np.median(beliefs.joints["omega_n"]) / (2 * np.pi))
+
+
+def _joints(beliefs: Beliefs):
+    return joint_of({name: jnp.asarray(values) for name, values in beliefs.joints.items()})
+
+
+def _rounded(value: float, digits: int = DIGITS) -> float:
+    return float(f"{value:.{digits}g}")
