@@ -18,7 +18,7 @@ from jbw.observables.decay_entry import Entry, follow, match
 from jbw.observables.decay_model import decay_of
 from jbw.observables.joint import joint_of
 from jbw.oscillator.hysteresis import steady_loop
-from jbw.prediction import QUANTILES, band
+from jbw.prediction import QUANTILES, band, error
 
 NAMES = ("omega_n", "zeta", "softening", "opening", "share")
 SEEN = 0.5  # s of a held-out record from which its initial state is read
@@ -40,6 +40,7 @@ def decay_verification(
     fitted: Decays,
     noise_std: Float[np.ndarray, " record"],
     key: Key[Array, ""],
+    references: Mapping[str, Mapping[str, float]] | None = None,
 ) -> list[xr.Dataset]:
     """Filtered motion of every record beside the model's, entered at the record's initial state.
 
@@ -53,15 +54,21 @@ def decay_verification(
         fitted: The data that were fitted, with the worth and the scatter found.
         noise_std: Noise of each fitted record; their mean stands for the others.
         key: Random key of initial states and predictive noise.
+        references: Oscillators to compare with, by name.
 
     Returns:
-        One dataset a record over (quantile, time); attributes `coverage` and `nrmse` concern what
-        was predicted: all of a fitted record, a held-out one after `seen_s`.
+        One dataset a record over (quantile, time); attributes `coverage`, `nrmse` and
+        `nrmse_linear` and so on concern what was predicted: all of a fitted record, a held-out one
+        after `seen_s`.
     """
     data = replace(
         reduce(test, substeps=fitted.substeps), worth=fitted.worth, shift_std=fitted.shift_std
     )
     decays = _decays(draws, data)
+    others = {
+        name: _decays({key: jnp.array([value]) for key, value in one.items()}, data)
+        for name, one in (references or {}).items()
+    }
     chosen = filter_of(test)
     found = []
     for i, whole in enumerate(envelopes(test)):
@@ -73,7 +80,9 @@ def decay_verification(
             data, envelope=data.envelope[i : i + 1, :size], noise_std=jnp.asarray([noise])
         )
         keys = jax.random.split(jax.random.fold_in(key, i))
-        model = np.asarray(_entered(keys[0], decays, seen, steps))
+        model, *alone = (
+            np.asarray(_entered(keys[0], some, seen, steps)) for some in (decays, *others.values())
+        )
         time = np.arange(len(whole)) / chosen.fs
         carrier = np.exp(2j * np.pi * chosen.centre_hz * time)
         start = test.settle + chosen.half / chosen.fs
@@ -84,6 +93,11 @@ def decay_verification(
             "seen_s": float(size * data.step_s) if held_out else 0.0,
         }
         measured, predicted = np.real(whole * carrier), np.real(model * carrier)
+        later = time >= attrs["seen_s"]
+        attrs |= {
+            f"nrmse_{name}": error(measured[later], np.real(one[0] * carrier)[later])
+            for name, one in zip(others, alone, strict=True)
+        }
         found.append(_compared(measured, predicted, time, start, noise, keys[1], attrs))
     return found
 
@@ -136,7 +150,6 @@ def _compared(
     predictive = band(model + noise)
     later = time >= float(attrs["seen_s"])
     inside = (measured >= predictive[0]) & (measured <= predictive[-1])
-    left = np.linalg.norm((measured - model_band[1])[later])
     unit = {"displacement": "m", "velocity": "m s-1", "acceleration": "m s-2"}[attrs["response"]]
     dims = ("quantile", "time")
     return xr.Dataset(
@@ -150,7 +163,7 @@ def _compared(
             **attrs,
             "coverage": float(inside[later].mean()),
             "num_values": inside[later].size,
-            "nrmse": float(left / np.linalg.norm(measured[later])),
+            "nrmse": error(measured[later], model_band[1][later]),
         },
     )
 

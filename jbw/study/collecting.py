@@ -1,6 +1,6 @@
 """The run's result as one tree: posteriors, verification and validation, labelled, with units."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -17,8 +17,10 @@ from jbw.identification.third_order import KernelFit, integrals
 from jbw.inference.summary import running_mean
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays
+from jbw.observables.evidence import evidence
 from jbw.prediction import predict_record
-from jbw.study.verifying import NUM_DRAWS, Groups, forced_groups, place
+from jbw.reference import references
+from jbw.study.verifying import DEFAULT, NUM_DRAWS, Groups, forced_groups, place
 from jbw.verification import kernel_verification, tone_spectrum
 
 
@@ -57,7 +59,8 @@ def collect(
         groups |= forced_groups(tests, settings or {}, found, found.data, seed, report)
     if found.decays is not None and found.decay is not None and found.decay_data is not None:
         report("Verification: free decays, frequency and damping against amplitude")
-        groups |= _decay_groups(found.decays, found.decay, found.decay_data, seed)
+        kinds = (settings or {}).get("compare_with", DEFAULT)
+        groups |= _decay_groups(found.decays, found.decay, found.decay_data, seed, kinds)
     tree = xr.DataTree.from_dict(groups)
     tree.attrs.update(found.main.posterior.attrs)
     tree.attrs["y_peak"] = _largest(found)
@@ -118,14 +121,18 @@ def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
     return added
 
 
-def _decay_groups(decays: DecaySplit, step: Step, data: Decays, seed: int) -> Groups:
+def _decay_groups(
+    decays: DecaySplit, step: Step, data: Decays, seed: int, kinds: Sequence[str]
+) -> Groups:
     """Decays: every record against its bands, and the curves of frequency and damping."""
     posterior = step.posterior["posterior"].to_dataset()
     draws = thin_decay(posterior, NUM_DRAWS)
     num_fitted = len(decays.fitted.records)
     noise_std = posterior["noise_std"].mean(("chain", "draw")).values
+    known = {name: float(draws[name].mean()) for name in ("omega_n", "zeta")}
+    others = references(evidence([data]), known, float(data.y_start), kinds)
     compared = decay_verification(
-        decays.together, num_fitted, draws, data, noise_std, jax.random.key(seed)
+        decays.together, num_fitted, draws, data, noise_std, jax.random.key(seed), others
     )
     groups: Groups = {
         place("verification/decay", name): dataset
