@@ -12,13 +12,19 @@ import xarray as xr
 
 from jbw.errors import ConfigError, DataError
 from jbw.identification.procedure import Identification
+from jbw.measurement.curves import response_curve
 from jbw.measurement.records import INPUTS, RESPONSES, Test
 from jbw.observables.joint import JOINT
 from jbw.observables.response import Records
+from jbw.observables.steady import response_held
 from jbw.prediction import Draws, scattered, thin
+from jbw.report.result import node
 
 SUBSTEPS = 2  # of the solver a sample, for a run that does not say how many its data took
 SCATTER_KEY = 200  # of the seed
+
+
+NUM_DRAWS = 100  # outer quantiles of 99 % bands need about as many
 
 
 class Seen(NamedTuple):
@@ -27,12 +33,29 @@ class Seen(NamedTuple):
     Attributes:
         kind: Its kind.
         source: Unit of its source; empty without one.
-        response: Its response.
+        response: What is compared: its response, or the force that a held response takes.
     """
 
     kind: str
     source: str
     response: str
+
+
+@dataclass(frozen=True)
+class Request:
+    """How to predict.
+
+    Attributes:
+        num_draws: Draws of the posterior at most; fewer through long records.
+        noise: Whether bands include the noise, where it is known.
+        gain: Gain that the campaign of the tests states, or the inverse of its modal mass.
+        seed: Of everything random.
+    """
+
+    num_draws: int = NUM_DRAWS
+    noise: bool = True
+    gain: float | None = None
+    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -46,6 +69,9 @@ class Basis:
         y_peak: Largest displacement among what was fitted [m]; 0 where not known.
         scatter: Standard deviation of omega_n [rad/s] and zeta over runs; empty without offsets.
         substeps: Steps of the solver between samples.
+        decay: The posterior of free decays: the main one where there is no other.
+        decay_facts: Of the free decays that were fitted: the `worth` of a value and the scatter
+            `shift_std` of the records' natural frequencies [rad/s]; empty where there were none.
     """
 
     posterior: xr.Dataset
@@ -54,6 +80,22 @@ class Basis:
     y_peak: float
     scatter: tuple[float, ...]
     substeps: int
+    decay: xr.Dataset
+    decay_facts: Mapping[str, float]
+
+    def thinned(self, num_draws: int, posterior: xr.Dataset | None = None) -> Draws:
+        """Evenly spaced draws of the main posterior, or of another, beside what was held.
+
+        Raises:
+            ConfigError: Fewer than two draws.
+        """
+        if num_draws < 2:
+            raise ConfigError(
+                f"Argument `draws` must be at least 2, but is {num_draws}.",
+                why="A band needs draws on both sides.",
+                remedy="Some 100 carry a 99 % band.",
+            )
+        return thin(self.posterior if posterior is None else posterior, num_draws, self.held)
 
     def draws(self, num_draws: int, gain: float | None = None, seed: int = 0) -> Draws:
         """Parameters of the joint and gain, one value a draw, as a further run would show them.
@@ -65,15 +107,8 @@ class Basis:
 
         Raises:
             DataError: A parameter is neither among the draws nor held.
-            ConfigError: Fewer than two draws.
         """
-        if num_draws < 2:
-            raise ConfigError(
-                f"Argument `draws` must be at least 2, but is {num_draws}.",
-                why="A band needs draws on both sides.",
-                remedy="Some 100 carry a 99 % band.",
-            )
-        known = thin(self.posterior, num_draws, self.held)
+        known = self.thinned(num_draws)
         size = len(next(iter(known.values()))) if known else 0
         if gain is not None:
             known["gain"] = np.full(size, gain)
@@ -104,14 +139,18 @@ def basis_of(tree: xr.DataTree) -> Basis:
             remedy="Give the folder of a finished run.",
         )
     attrs = tree.attrs
+    posterior = tree["posterior"].to_dataset()
+    decay = node(tree, "steps/decay/posterior")
     seen = json.loads(str(attrs.get("tests", "{}")))
     return Basis(
-        tree["posterior"].to_dataset(),
+        posterior,
         json.loads(str(attrs.get("held", "{}"))),
         {name: Seen(**facts) for name, facts in seen.items()},
         float(attrs.get("y_peak", 0.0)),
         tuple(np.atleast_1d(attrs["scatter"]).tolist()) if "scatter" in attrs else (),
         int(attrs.get("substeps", SUBSTEPS)),
+        posterior if decay is None else decay.to_dataset(),
+        json.loads(str(attrs.get("decay", "{}"))),
     )
 
 
@@ -126,6 +165,9 @@ def basis_attrs(tests: Sequence[Test], found: Identification) -> dict[str, Any]:
         "held": json.dumps(found.main.held),
         "tests": json.dumps({test.name: seen_of(test)._asdict() for test in tests}),
     }
+    if found.decay_data is not None:
+        facts = {n: float(getattr(found.decay_data, n)) for n in ("worth", "shift_std")}
+        attrs["decay"] = json.dumps(facts)
     if found.data is None:
         return attrs
     if found.data.scatter.size:
@@ -135,12 +177,18 @@ def basis_attrs(tests: Sequence[Test], found: Identification) -> dict[str, Any]:
 
 
 def seen_of(test: Test) -> Seen:
-    """A test's kind, the unit of its source and its response."""
+    """A test's kind, the unit of its source and what is compared."""
     record = test.records[0]
     if test.kind == "loop":
         return Seen("loop", "N", "restoring_force")
     source = next((role for role in INPUTS if role in record.channels), "")
     response = next((role for role in RESPONSES if role in record.channels), "")
+    if test.kind == "frf":
+        curve = response_curve(record)
+        if curve.is_ratio:
+            response = f"{response} ratio"
+        elif response_held(curve):
+            response = source
     # A free decay has no source, whatever was recorded beside it.
     return Seen(test.kind, "" if test.kind == "decay" else record.units.get(source, ""), response)
 

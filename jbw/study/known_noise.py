@@ -1,12 +1,14 @@
 """The noise that a run's posterior knows for a test, fitted or not; never a guess."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from jbw.measurement.records import Record, Test
+from jbw.observables.repeats import Repeats
+from jbw.prediction import noise_of_mean
 from jbw.study.basis import Basis, seen_of
 
 OWN = "of this test, as fitted"
@@ -42,8 +44,9 @@ def noise_of(basis: Basis, test: Test, label: str = "", order: int | None = None
         order: Order of the harmonic, where harmonics are compared.
     """
     known = dict(_groups(basis.posterior))
-    if (label or test.name) in known and _same_form(basis, test):
-        return Noise(known[label or test.name], OWN)
+    label = label or test.name
+    if label in known and _same_form(basis, test):
+        return Noise(known[label], OWN if label.startswith(test.name) else ALIKE)
     ending = "" if order is None or test.kind == "frf" else f" order {order}"
     alike = [
         std
@@ -55,12 +58,18 @@ def noise_of(basis: Basis, test: Test, label: str = "", order: int | None = None
     return Noise(None, UNKNOWN)
 
 
-def scatter_of(samples: Sequence[np.ndarray]) -> Noise:
-    """Noise of one repeat from the scatter of repeats about their mean."""
-    if len(samples) < 2:
-        return Noise(None, UNKNOWN)
-    rows = np.stack(samples)
-    return Noise(float(np.sqrt(np.mean(rows.var(axis=0, ddof=1)))), REPEATS)
+def or_of_repeats(noise: Noise, repeats: Repeats, group: int = 0) -> Noise:
+    """A noise, or where it is not known that of a test's own repeats.
+
+    Args:
+        noise: What the posterior knows.
+        repeats: Repeats of the test's groups.
+        group: Which of them.
+    """
+    found = noise_of_mean(repeats, group)
+    if noise.std is not None or found is None:
+        return noise
+    return Noise(found * float(np.sqrt(repeats.num_repeats[group])), REPEATS)
 
 
 def _groups(posterior: xr.Dataset) -> Iterator[tuple[str, float]]:

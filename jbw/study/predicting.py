@@ -1,0 +1,167 @@
+"""A run's posterior carried through any test, seen or not: bands, errors, how far it reaches."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from jbw.errors import ConfigError
+from jbw.measurement.records import Test
+from jbw.prediction import QUANTILES, band
+from jbw.study.basis import Basis, Request, gain_for, seen_of
+from jbw.study.known_noise import LEFT_OUT
+from jbw.study.planned import predict_planned
+from jbw.study.predicted_records import Predicted, is_measured, predict_records
+from jbw.study.predicted_steady import (
+    predict_curve,
+    predict_decay,
+    predict_loop,
+    predict_periods,
+)
+
+BEYOND = 1.05  # of the fitted displacement: from where on a prediction extrapolates
+HARDLY = 0.01  # of an input's power near the mode: less hardly touches it
+MOST_SAMPLES = 8_000_000  # of all draws of a record together
+FEWEST = 20  # draws through however long a record
+OF_MEASURED = ("measured", "measured_spectrum", "error_spectrum")
+ERRORS = ("coverage", "num_values", "nrmse")
+
+
+def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Dataset:
+    """Bands of a run's posterior on a test that it need never have seen.
+
+    Args:
+        basis: The run.
+        test: A test of any kind; one whose response is NaN throughout is only planned.
+        request: How to predict.
+
+    Returns:
+        Measured values beside bands over `quantile`: `model_*` of the parameters, `predictive_*`
+        with the noise where that is asked for and known; over time, frequency or both.
+        Attributes: `coverage` of the 99 % band and its `num_values`, `nrmse`, `noise` in words,
+        `y_peak` the 99 % band of the peak displacement [m], `extrapolation` its upper edge over
+        the largest displacement among what was fitted, `kind`, `level` and `num_draws`.
+
+    Raises:
+        ConfigError: Too few draws.
+        DataError: A source that the run's gain is not for, or a posterior without the joint.
+    """
+    asked = request or Request()
+    found, size = _predicted(basis, test, asked)
+    attrs = _facts(found, basis, test, asked) | {"num_draws": size}
+    dropped = []
+    if not asked.noise or found.noise.std is None:
+        dropped += [name for name in found.dataset.data_vars if "predictive" in str(name)]
+    if not is_measured(test):
+        dropped += [name for name in found.dataset.data_vars if "measured" in str(name)]
+    dataset = found.dataset.drop_vars(dropped).assign_attrs(attrs)
+    if not is_measured(test):
+        kept = {n: v for n, v in dataset.attrs.items() if str(n).split("_3")[0] not in ERRORS}
+        dataset.attrs = kept
+    return dataset
+
+
+def _predicted(basis: Basis, test: Test, asked: Request) -> tuple[Predicted, int]:
+    """The test by the route of its kind, and the draws that were carried."""
+    if test.kind == "decay":
+        found = predict_decay(basis, test, asked.num_draws, noise=asked.noise, seed=asked.seed)
+        return found, asked.num_draws
+    route = {"frf": predict_curve, "stepped": predict_curve, "loop": predict_loop}.get(
+        test.kind, predict_records
+    )
+    if test.kind == "tones" and len(test.tones_hz) == 1:
+        route = predict_curve
+    if test.kind == "multisine" and test.periods > 1:
+        route = predict_periods
+    if route is predict_curve and not is_measured(test):
+        route = predict_planned
+    most = asked.num_draws
+    if route in (predict_records, predict_periods):
+        most = min(most, max(FEWEST, MOST_SAMPLES // test.records[0].num_samples))
+    draws = basis.draws(most, gain_for(basis, test, asked.gain), asked.seed)
+    return route(basis, test, draws, noise=asked.noise), len(draws["zeta"])
+
+
+def _facts(found: Predicted, basis: Basis, test: Test, asked: Request) -> dict[str, Any]:
+    """What is said of a prediction beside its errors."""
+    noise = found.noise.says if asked.noise else LEFT_OUT
+    facts: dict[str, Any] = {"test": test.name, "kind": test.kind, "level": test.level}
+    facts |= {"level_unit": level_unit(test, found.dataset), "noise": noise}
+    if asked.noise and found.noise.std is not None:
+        facts["noise_std"] = found.noise.std
+    if found.peak is not None:
+        facts["y_peak"] = band(found.peak)
+        if basis.y_peak > 0:
+            facts["y_peak_fitted"] = basis.y_peak
+            facts["extrapolation"] = float(facts["y_peak"][-1]) / basis.y_peak
+    return facts
+
+
+def level_unit(test: Test, dataset: xr.Dataset) -> str:
+    """Unit of a test's level: what its dataset says, else its source's."""
+    return str(dataset.attrs.get("level_unit", seen_of(test).source))
+
+
+def warnings_of(dataset: xr.Dataset) -> list[str]:
+    """What must be known before a prediction is trusted, one sentence each.
+
+    Args:
+        dataset: From `predict`.
+    """
+    attrs, found = dataset.attrs, []
+    if attrs.get("extrapolation", 0.0) > BEYOND:
+        found.append(
+            f"Test `{attrs['test']}` is predicted to reach {attrs['y_peak'][-1]:.3g} m, "
+            f"{attrs['extrapolation']:.2g} times the largest displacement that was fitted "
+            f"({attrs['y_peak_fitted']:.3g} m), where nothing shows that the joint follows the "
+            "law: its bands may be far too narrow; add a test of that level to the campaign and "
+            "identify again."
+        )
+    if attrs.get("input_near_mode", 1.0) < HARDLY:
+        found.append(
+            f"Test `{attrs['test']}` has {attrs['input_near_mode']:.2g} of its input's power "
+            "within 25 % of the natural frequency, so it hardly moves the mode that was "
+            "identified: other modes may rule its response; choose a test around the mode."
+        )
+    return found
+
+
+def row_of(dataset: xr.Dataset) -> dict[str, Any]:
+    """A prediction in plain numbers, None where one is not known.
+
+    Args:
+        dataset: From `predict`.
+    """
+    attrs = dataset.attrs
+    row = {name: attrs.get(name) for name in ("test", "kind", "level", "level_unit", "noise")}
+    row |= {name: attrs.get(name) for name in (*ERRORS, "num_draws")}
+    row["y_peak"] = (
+        dict(zip(map(str, QUANTILES), map(float, attrs["y_peak"]), strict=True))
+        if "y_peak" in attrs
+        else None
+    )
+    row |= {name: attrs.get(name) for name in ("y_peak_fitted", "extrapolation")}
+    row["warnings"] = warnings_of(dataset)
+    plain = {n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in row.items()}
+    return plain
+
+
+def chosen(tests: tuple[Test, ...], names: tuple[str, ...], argument: str) -> tuple[Test, ...]:
+    """Tests by their names; all of them when none is named.
+
+    Args:
+        tests: The campaign's tests.
+        names: Names.
+        argument: What the names were given as, for the message.
+
+    Raises:
+        ConfigError: No test has such a name.
+    """
+    known = {test.name: test for test in tests}
+    missing = [name for name in names if name not in known]
+    if missing:
+        raise ConfigError(
+            f"{argument} must name a test of the campaign, but is {missing[0]!r}.",
+            remedy=f"The tests are {', '.join(known)}.",
+        )
+    return tuple(known[name] for name in names) or tests
