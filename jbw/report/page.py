@@ -13,6 +13,7 @@ from markupsafe import Markup
 from jbw.errors import DataError
 from jbw.report import tables
 from jbw.report.figures import figure_of, svg
+from jbw.report.identifiability_rows import quantity_rows, spectrum_rows, waterfall_words
 from jbw.report.plates import PLATES, Plate
 from jbw.report.text import seconds
 
@@ -73,6 +74,10 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         steps=tables.step_rows(summary),
         drawn=[_draw(plate, tree) for plate in PLATES],
         predictions=tables.prediction_rows(summary),
+        spectrum=spectrum_rows(summary),
+        quantities=quantity_rows(summary),
+        known_words=list((summary.get("identifiability") or {}).get("statements") or []),
+        waterfall=waterfall_words(summary),
         routes=tables.route_rows(summary),
         route_words=list((summary.get("comparison") or {}).get("statements") or []),
         loops=tables.loop_rows(summary, tree),

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from jbw.report.convergence import running_means, trace_rank
 from jbw.report.curves import verification_curves, verification_loops, verification_multisine
 from jbw.report.decay import amplitude_curves, verification_decay
+from jbw.report.identifiability import information_spectrum, profile_curves
 from jbw.report.kernel import harmonic_spectrum, kernel_bands
 from jbw.report.linear import linear_frf, softening, verification_frf
 from jbw.report.loops import validation_loops
@@ -184,6 +185,25 @@ PLATES = (
         "Do the routes agree with each other?",
         "Medians and 99 % intervals of every parameter by every route, within the prior box "
         "(grey). Vertical lines are the truth, where it is known.",
+    ),
+    Plate(
+        "identifiability",
+        information_spectrum,
+        "extra_identifiability",
+        "Which parameters and combinations do the data know?",
+        "Left, the directions in which the data say more than the prior, from the derivatives of "
+        "the fit; at the line of 1 they say nothing. Right, the same for every parameter and for "
+        "the products αδ and αγ, before sampling and after it. A product far to the left of its "
+        "factors is what the data know; the factors are then the prior's.",
+    ),
+    Plate(
+        "profiles",
+        profile_curves,
+        "extra_profiles",
+        "How far can each parameter move while the others make up for it?",
+        "Least χ² with the parameter held, less the least of all. A parabola that passes the "
+        "dashed line on both sides gives a 99 % interval; a curve that stays below it up to the "
+        "bound is a limit that the data do not set.",
     ),
     Plate(
         "trace_rank",

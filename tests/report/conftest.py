@@ -1,6 +1,7 @@
 """A run's result for the report: a toy summary beside the toy tree."""
 
 import pytest
+from toy_identifiability import identifiability_summary
 from toy_tree import LEVELS, TRUTH, UNITS, result_tree
 
 
@@ -63,6 +64,7 @@ def result_summary():
             "statements": ["By the cut, gamma holds only for the held alpha."],
             "wall_time_s": {"cut": 4.0, "joint": 71.0},
         },
+        "identifiability": identifiability_summary(),
         "main": "joint",
         "steps": {
             "linear": {

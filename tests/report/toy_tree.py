@@ -3,6 +3,7 @@
 import numpy as np
 import xarray as xr
 from toy_decay import decay_groups
+from toy_identifiability import identifiability_group
 from toy_steady import steady_groups
 
 QUANTILE = np.array([0.005, 0.5, 0.995])
@@ -197,6 +198,7 @@ def result_tree():
     main = main.assign_coords(level=[0.05, 0.20])
     groups = {
         "/posterior": main,
+        "/identifiability": identifiability_group(),
         "/steps/linear": linear(rng),
         "/steps/third_order_nuts/posterior": ridge_posterior(rng),
         "/steps/third_order_walk/posterior": ridge_posterior(rng),

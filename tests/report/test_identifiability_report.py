@@ -1,0 +1,77 @@
+"""Tables and figures of what the data identify."""
+
+# Greek letters and the true minus sign are meant.
+# ruff: noqa: RUF001
+
+import numpy as np
+import pytest
+import xarray as xr
+from toy_identifiability import RATIO, identifiability_group, identifiability_summary
+
+from jbw.errors import DataError
+from jbw.report.identifiability import information_spectrum, profile_curves, spelled
+from jbw.report.identifiability_rows import quantity_rows, spectrum_rows, waterfall_words
+from jbw.report.page import render_page
+
+
+@pytest.fixture(scope="module")
+def known():
+    return xr.DataTree.from_dict({"/identifiability": identifiability_group()})
+
+
+def test_bars_end_at_the_ratio_of_every_direction(known):
+    left, right = information_spectrum(known).flat
+    ends = [bar.get_x() + bar.get_width() for bar in left.patches]
+    np.testing.assert_allclose(ends, np.sort(RATIO), rtol=1e-12)
+    assert [each.get_text() for each in left.get_yticklabels()][3] == "α·δ"
+    assert [each.get_text() for each in right.get_yticklabels()][-2:] == ["α δ", "α γ"]
+    before, after = right.lines[:2]
+    np.testing.assert_allclose(before.get_xdata()[:6], RATIO)
+    np.testing.assert_allclose(after.get_xdata()[:6], np.sqrt(0.9) * RATIO, rtol=1e-9)
+
+
+def test_before_sampling_there_are_no_draws(known):
+    group = known["identifiability"].to_dataset()
+    bare = group.drop_vars([n for n in group if "contraction" in str(n) or "shift" in str(n)])
+    axes = information_spectrum(xr.DataTree.from_dict({"/identifiability": bare}))
+    labels = [text.get_text() for text in axes.flat[0].figure.legends[0].get_texts()]
+    assert labels == ["by the fit, before sampling"]
+
+
+def test_one_curve_a_parameter_and_a_sentence_without(known):
+    axes = profile_curves(known)
+    assert sum(ax.get_visible() for ax in axes.flat) == 6
+    group = known["identifiability"].to_dataset()
+    bare = group.drop_vars(["profile_value", "profile_chi_square"])
+    with pytest.raises(DataError, match="profiles = true"):
+        profile_curves(xr.DataTree.from_dict({"/identifiability": bare}))
+
+
+def test_names_become_symbols_and_the_rest_stays():
+    assert spelled("alpha^(1/2)*omega_n/delta") == "α^(1/2)·ωₙ/δ"
+    assert spelled("a mixture of gain and gamma") == "a mixture of gain and γ"
+    assert spelled("offset - 0.5 zeta") == "offset − 0.5 ζ"
+
+
+def test_rows_of_the_tables():
+    summary = {"identifiability": identifiability_summary()}
+    rows = {row["symbol"]: row for row in quantity_rows(summary)}
+    assert rows["α"]["shift"] == "0.17 by α lower"
+    assert rows["δ"]["shift"] == "∞ by α upper"
+    assert rows["γ"]["shift"] == "–"
+    assert rows["ζ"]["profile"] == "0.004380 to 0.004500"
+    assert rows["α"]["profile"] == "open to open"
+    assert rows["α δ"]["relative"] == "0.30 %"
+    assert [row["combination"] for row in spectrum_rows(summary)][3] == "α·δ"
+    assert waterfall_words(summary).endswith("412.0, 412.3, 980.0, none.")
+
+
+def test_a_run_without_is_shown_without(summary, tree):
+    assert quantity_rows({}) == spectrum_rows({}) == []
+    assert waterfall_words({"identifiability": {"waterfall": {"costs": [1.0]}}}) == ""
+    bare = xr.DataTree.from_dict({"/steps/linear": tree["steps/linear"].to_dataset()})
+    page = render_page({**summary, "identifiability": {}}, bare)
+    assert "What the data identify" not in page
+    page = render_page(summary, bare)
+    assert "What the data identify" in page
+    assert "&lt;alpha&gt;" in page
