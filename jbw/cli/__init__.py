@@ -32,6 +32,7 @@ COMMANDS = {
         "jbw.cli.plan:plan",
         "Say which tests a wished accuracy takes.",
     ),
+    "predict": ("jbw.cli.predict:predict", "Predict tests from a run, measured or planned."),
     "export": ("jbw.cli.export:export", "Write a run's joint for CSV, MATLAB and OpenSees."),
     "report": ("jbw.cli.report:report", "Write the one-file report of a finished run."),
 }

@@ -132,7 +132,7 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
                     )
         log_y(column[0])
         what = plain(values.attrs.get("long_name", "response"))
-        title(column[0], f"{what} at {suffix.removeprefix('_')}ω, {level_text(dataset)}", size=8)  # noqa: RUF001
+        title(column[0], f"{what} at {suffix.removeprefix('_')}ω, {level_text(dataset)}", size=8)
         unit = unit_text(str(values.attrs.get("units", "")))
         column[0].set_ylabel(axis_label("amplitude", unit))
         column[1].set(xlabel="frequency [Hz]", ylabel="phase [°]")

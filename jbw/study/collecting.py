@@ -20,6 +20,8 @@ from jbw.observables.decay import Decays
 from jbw.observables.evidence import evidence
 from jbw.prediction import predict_record
 from jbw.reference import references
+from jbw.study.basis import basis_attrs
+from jbw.study.reach import mark_reach
 from jbw.study.verifying import DEFAULT, NUM_DRAWS, Groups, forced_groups, place
 from jbw.verification import kernel_verification, tone_spectrum
 
@@ -61,18 +63,20 @@ def collect(
         report("Verification: free decays, frequency and damping against amplitude")
         kinds = (settings or {}).get("compare_with", DEFAULT)
         groups |= _decay_groups(found.decays, found.decay, found.decay_data, seed, kinds)
+    posterior = found.main.posterior["posterior"].to_dataset()
+    omega_n = float(posterior["omega_n"].mean()) if "omega_n" in posterior else 1.0
+    y_peak = _largest(found, omega_n)
+    mark_reach(groups, tests, y_peak, omega_n)
     tree = xr.DataTree.from_dict(groups)
     tree.attrs.update(found.main.posterior.attrs)
-    tree.attrs["y_peak"] = _largest(found)
+    tree.attrs.update(basis_attrs(tests, found), y_peak=y_peak)
     return tree
 
 
-def _largest(found: Identification) -> float:
+def _largest(found: Identification, omega_n: float) -> float:
     """Largest displacement among what was fitted [m], as far as the joint was seen."""
     if found.data is None:
         return float(found.decay_data.y_start) if found.decay_data is not None else 0.0
-    posterior = found.main.posterior["posterior"].to_dataset()
-    omega_n = float(posterior["omega_n"].mean()) if "omega_n" in posterior else 1.0
     return largest_displacement(found.data, omega_n)
 
 

@@ -11,18 +11,17 @@ from typing import Any
 import xarray as xr
 
 from jbw.campaign.loading import Campaign, force_per_unit
-from jbw.errors import ConfigError
 from jbw.identification.procedure import Identification, Report, run_procedure
 from jbw.inference.precision import require_float64
 from jbw.inference.verdict import Verdict
-from jbw.prediction import thin
+from jbw.measurement.records import Test
+from jbw.study.basis import NUM_DRAWS, Request, basis_of
 from jbw.study.collecting import collect
 from jbw.study.identifiability import look_again
 from jbw.study.identifiability_record import as_group
+from jbw.study.predicting import chosen, predict
 from jbw.study.storage import claim, save_run
 from jbw.study.summary import summarise_study
-from jbw.study.verifying import NUM_DRAWS, noise_of
-from jbw.verification import sweep_verification
 
 logger = logging.getLogger("jbw")
 
@@ -58,29 +57,26 @@ class Study:
         """Every step and parameter in numbers, and in words what is identified."""
         return self.record
 
-    def predict(self, test: str, num_draws: int = NUM_DRAWS) -> xr.Dataset:
-        """Bands of the main posterior on a sweep of the campaign, beside its repeats.
+    def predict(
+        self, test: str | Test, num_draws: int = NUM_DRAWS, *, noise: bool = True
+    ) -> xr.Dataset:
+        """Bands of the main posterior on any test, beside what was measured.
 
         Args:
-            test: Name of a sweep.
-            num_draws: Draws carried through the model.
+            test: Name of a test of the campaign, or a test of any kind, seen or not.
+            num_draws: Draws carried through the model; fewer through long records.
+            noise: Whether the bands include the noise, where it is known.
 
         Returns:
-            As `jbw.verification.sweep_verification`.
+            As `jbw.study.predicting.predict`.
 
         Raises:
-            ConfigError: If the campaign has no such sweep.
+            ConfigError: If the campaign has no test of that name.
+            DataError: If the test's source is in another unit than the run's.
         """
-        sweeps = {one.name: one for one in self.campaign.tests if one.kind == "sweep"}
-        if test not in sweeps:
-            raise ConfigError(
-                f"Argument `test` must name a sweep of the campaign, but is {test!r}.",
-                remedy=f"The sweeps are {', '.join(sweeps) or 'none'}.",
-            )
-        main = self.identification.main
-        posterior = main.posterior["posterior"].to_dataset()
-        draws = thin(posterior, num_draws, main.held)
-        return sweep_verification(sweeps[test], draws, noise_of(posterior, sweeps[test]))
+        if isinstance(test, str):
+            (test,) = chosen(self.campaign.tests, (test,), "Argument `test`")
+        return predict(basis_of(self.tree), test, Request(num_draws, noise))
 
     def save(self, folder: str | Path) -> None:
         """Write posterior.nc, summary.json, figures and report.html into a new or empty folder."""

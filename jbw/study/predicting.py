@@ -18,8 +18,8 @@ from jbw.study.predicted_steady import (
     predict_loop,
     predict_periods,
 )
+from jbw.study.reach import BEYOND
 
-BEYOND = 1.05  # of the fitted displacement: from where on a prediction extrapolates
 HARDLY = 0.01  # of an input's power near the mode: less hardly touches it
 MOST_SAMPLES = 8_000_000  # of all draws of a record together
 FEWEST = 20  # draws through however long a record
@@ -141,6 +141,7 @@ def row_of(dataset: xr.Dataset) -> dict[str, Any]:
         else None
     )
     row |= {name: attrs.get(name) for name in ("y_peak_fitted", "extrapolation")}
+    row["beyond"] = attrs.get("extrapolation", 0.0) > BEYOND
     row["warnings"] = warnings_of(dataset)
     plain = {n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in row.items()}
     return plain

@@ -2,17 +2,20 @@
 
 import json
 import os
+import re
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
 from jbw.errors import RunError
-from jbw.report.figures import save_figures
+from jbw.report.figures import figure_of, save_figures
 from jbw.report.page import write_page
+from jbw.report.prediction import prediction
+from jbw.study.verifying import safe
 
 
 def claim(folder: Path) -> Path:
@@ -66,8 +69,39 @@ def save_run(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> Non
         write_page(summary, tree, part / "report.html")
         text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False)
         (part / "summary.json").write_text(text + "\n", encoding="utf-8")
-        for made in ("posterior.nc", "figures", "report.html", "summary.json"):
-            target = folder / made
-            if target.is_dir():
-                shutil.rmtree(target)
-            os.replace(part / made, target)
+        _move(part, folder, ("posterior.nc", "figures", "report.html", "summary.json"))
+
+
+def save_predictions(
+    folder: Path, found: Mapping[str, xr.Dataset], rows: Sequence[Mapping[str, Any]]
+) -> None:
+    """Write predictions.nc, predictions.json and figures/, a figure a test; as `save_run` does.
+
+    Args:
+        folder: New or empty folder, as `claim` left it.
+        found: Each test's bands by its name.
+        rows: The tests in plain numbers.
+    """
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as name:
+        part = Path(name)
+        tree = xr.DataTree.from_dict({f"/{safe(test)}": one for test, one in found.items()})
+        tree.to_netcdf(part / "predictions.nc", engine="h5netcdf")
+        (part / "figures").mkdir()
+        for number, (test, one) in enumerate(found.items(), start=1):
+            slug = re.sub(r"[^\w.-]+", "_", test)
+            figure = figure_of(prediction(test, one))
+            figure.savefig(
+                part / "figures" / f"{number:02d}_{slug}.png", dpi=130, facecolor="white"
+            )
+        text = json.dumps(list(rows), indent=1, ensure_ascii=False, allow_nan=False)
+        (part / "predictions.json").write_text(text + "\n", encoding="utf-8")
+        _move(part, folder, ("figures", "predictions.json", "predictions.nc"))
+
+
+def _move(part: Path, folder: Path, names: Sequence[str]) -> None:
+    """Move what was made to its place, the last name last."""
+    for made in names:
+        target = folder / made
+        if target.is_dir():
+            shutil.rmtree(target)
+        os.replace(part / made, target)

@@ -17,7 +17,7 @@ from jbw.report.result import node
 from jbw.study.routes import compare_routes
 
 VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy", "scipy")
-ERRORS = ("coverage", "num_values", "nrmse", "nrmse_linear", "nrmse_cubic")
+ERRORS = ("coverage", "num_values", "nrmse", "nrmse_linear", "nrmse_cubic", "extrapolation")
 PREDICTED = ("sweep", "curve", "loop", "multisine", "decay")
 UNITS = {"omega_n": "rad/s", "zeta": "1", "gain": "N/kg per unit of input"}
 

@@ -1,0 +1,153 @@
+"""The command `jbw predict DIR`."""
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from jbw.measurement.records import Test
+    from jbw.study.basis import Basis
+
+HEADER = ("test", "level", "kind", "inside the band", "error", "peak displacement [m]", "of fitted")
+NOTHING = "-"
+
+
+class Pair(click.ParamType):
+    """Two numbers with a colon between them."""
+
+    name = "from:to"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        """The two numbers."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            first, last = map(float, str(value).split(":"))
+        except ValueError:
+            self.fail(f"{value!r} must be two numbers in Hz with a colon, as in 10:25.", param, ctx)
+        return first, last
+
+
+@click.command()
+@click.argument(
+    "folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path)
+)
+@click.option("--campaign", type=click.Path(path_type=Path), help="Campaign file of the tests.")
+@click.option("--test", "names", multiple=True, help="A test by name; all when left out.")
+@click.option("--sweep", type=Pair(), help="A sweep nobody measured, from:to [Hz].")
+@click.option("--stepped", type=Pair(), help="A stepped sine nobody measured, from:to [Hz].")
+@click.option("--tone", type=float, help="A tone nobody measured [Hz].")
+@click.option("--level", "levels", type=float, multiple=True, help="Its amplitude, as the run's.")
+@click.option("--duration", type=float, default=64.0, show_default=True, help="Of the sweep [s].")
+@click.option("--fs", type=float, default=1024.0, show_default=True, help="Of the sweep [Hz].")
+@click.option("--without-noise", is_flag=True, help="Bands of the parameters alone.")
+@click.option("--draws", type=int, default=100, show_default=True, help="Draws carried along.")
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="New or empty folder to write to; DIR/predictions when left out.",
+)
+@click.option("--json", "json_", is_flag=True, help="Print the predictions as JSON.")
+@click.option("--allow-outside", is_flag=True, help="Read files outside the campaign's folder.")
+def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
+    """Predict tests from the finished run in DIR: 99 % bands, coverage, error.
+
+    The tests are those of a campaign, which the run need never have seen, or planned ones that
+    nobody measured: a linear sweep from rest, which fades out over its last 2 %, a stepped sine or
+    a tone. predictions.nc has the bands by test, predictions.json the table, figures/ a figure of
+    each. A test beyond the displacements that were fitted is said to be.
+    """
+    from jbw.cli.running import prepare_jax, progress
+
+    prepare_jax()
+    from jbw.campaign.loading import force_per_unit, load_campaign
+    from jbw.report.result import read_result
+    from jbw.study import predicting
+    from jbw.study.basis import Request, basis_of
+    from jbw.study.storage import claim, save_predictions
+
+    _, tree = read_result(folder)
+    basis = basis_of(tree)
+    tests, gain = list(_planned(basis, **options)), None
+    if campaign is not None:
+        loaded = load_campaign(campaign, allow_outside=options["allow_outside"])
+        tests = [*predicting.chosen(loaded.tests, options["names"], "--test"), *tests]
+        gain = force_per_unit(loaded)
+    elif options["names"] or not tests:
+        raise click.UsageError("Give --campaign, or --sweep, --stepped or --tone with --level.")
+    out = claim(options["out"] or folder / "predictions")
+    request = Request(options["draws"], not options["without_noise"], gain)
+    found = {}
+    with progress() as say:
+        for test in tests:
+            say(f"Predicting {test.name}")
+            found[test.name] = predicting.predict(basis, test, request)
+        rows = [predicting.row_of(one) for one in found.values()]
+        for sentence in (sentence for row in rows for sentence in row["warnings"]):
+            say(f"warning: {sentence}")
+        say("Writing figures")
+        save_predictions(out, found, rows)
+    if options["json_"]:
+        click.echo(json.dumps({"run": str(folder), "predictions": rows}, indent=1))
+    else:
+        print_table(rows)
+        click.echo(f"Predictions: {out / 'predictions.nc'}")
+
+
+def _planned(
+    basis: "Basis",
+    *,
+    sweep: tuple[float, float] | None,
+    stepped: tuple[float, float] | None,
+    tone: float | None,
+    levels: Sequence[float],
+    duration: float,
+    fs: float,
+    **_: Any,
+) -> "Iterator[Test]":
+    """The tests that nobody measured, at each level."""
+    from jbw.study import planned
+
+    asked = sweep is not None or stepped is not None or tone is not None
+    if asked != bool(levels):
+        raise click.UsageError("--level goes with --sweep, --stepped or --tone.")
+    for level in levels:
+        if sweep is not None:
+            yield planned.planned_sweep(basis, sweep, level, duration, fs)
+        if stepped is not None:
+            yield planned.planned_tones(basis, planned.steps(stepped), level)
+        if tone is not None:
+            yield planned.planned_tones(basis, (tone,), level)
+
+
+def print_table(rows: Sequence[dict[str, Any]]) -> None:
+    """One line a test on stdout, and below it how the bands are to be read."""
+    cells = [HEADER, *(_cells(row) for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    for line in cells:
+        padded = [cell.ljust(width) for cell, width in zip(line, widths, strict=True)]
+        click.echo("  ".join(padded).rstrip())
+    for noise in dict.fromkeys(row["noise"] for row in rows):
+        named = ", ".join(row["test"] for row in rows if row["noise"] == noise)
+        click.echo(f"Noise {noise} ({named})")
+
+
+def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+    """A test's line of the table."""
+    inside = NOTHING
+    if row["coverage"] is not None:
+        inside = f"{row['coverage']:.1%} of {row['num_values']:,.0f}"
+    peak = reach = NOTHING
+    if row["y_peak"] is not None:
+        low, middle, high = row["y_peak"].values()
+        peak = f"{middle:.4g} [{low:.4g}, {high:.4g}]"
+    if row["extrapolation"] is not None:
+        reach = f"{row['extrapolation']:.2f}" + (" BEYOND" if row["beyond"] else "")
+    level = NOTHING if row["level"] is None else f"{row['level']:g} {row['level_unit']}"
+    far = NOTHING if row["nrmse"] is None else f"{row['nrmse']:.2g}"
+    return row["test"], level, row["kind"], inside, far, peak, reach
