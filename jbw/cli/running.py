@@ -110,6 +110,8 @@ def print_summary(summary: Mapping[str, Any]) -> None:
     for name, step in summary["steps"].items():
         for statement in step["statements"]:
             console.print(Text(f"{name}: {statement}"))
+    for sentence in summary.get("identifiability", {}).get("statements", ()):
+        console.print(Text(f"identifiability: {sentence}"))
     for sentence in summary["comparison"].get("statements", ()):
         console.print(Text(f"routes: {sentence}"))
     for test, row in summary["predictions"].items():

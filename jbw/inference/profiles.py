@@ -198,6 +198,7 @@ def _sentence(found: Profile) -> str:
 
 
 def _digits(low: float, high: float) -> int:
-    """Significant digits that show an interval's width to two of its own."""
+    """Significant digits that show an interval's width to two of its own, four at least."""
     largest = max(abs(low), abs(high))
-    return 2 + max(0, math.ceil(math.log10(largest / (high - low)))) if high > low else 6
+    needed = 2 + math.ceil(math.log10(largest / (high - low))) if high > low else 6
+    return max(4, needed)

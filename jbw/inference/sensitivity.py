@@ -12,7 +12,8 @@ from jbw.inference.box import Box
 from jbw.inference.identifiability import listed
 from jbw.inference.powers import Product, prior_of, value_of
 
-CUT = 0.1  # of the box's width
+CUT = 0.1  # of the box's width, or of the posterior's where that is less
+WIDTH = 8.0  # standard deviations: width of a posterior
 FOLLOWS = 0.1  # standard deviations; a posterior that is its uniform prior moves by 0.17
 LEAST_SHARE = 0.01  # of the draws that a cut must leave for their mean to be one
 
@@ -59,14 +60,16 @@ def box_sensitivity(draws: Draws, box: Box, cut: float = CUT) -> dict[str, Sensi
 
     $$\frac{E[\theta \mid \theta_i \in B'] - E[\theta]}{\mathrm{sd}(\theta)}$$
 
-    The draws that the narrower box B' keeps are draws of its posterior. What is known from data
-    does not move; a parameter as uniform as its prior moves by 0.17, and takes along those that are
-    known only together with it.
+    The draws that the narrower box B' keeps are draws of its posterior. Of a posterior that is far
+    narrower than its box, a tenth of its own eight standard deviations is cut: a larger cut would
+    take the posterior as a whole, and say nothing of the bound. What is known from data does not
+    move; a parameter as uniform as its prior moves by 0.17, one that leans on a bound by more, and
+    either takes along those that are known only together with it.
 
     Args:
         draws: Draws by name: the box's parameters, and whatever else is to be looked at.
         box: The prior box.
-        cut: Share of the box's width.
+        cut: Share of the width of the box or of the posterior, the narrower of the two.
 
     Returns:
         For every name of `draws`, the cut that moves its mean most.
@@ -74,8 +77,10 @@ def box_sensitivity(draws: Draws, box: Box, cut: float = CUT) -> dict[str, Sensi
     flat = {name: np.ravel(values) for name, values in draws.items()}
     found = {name: Sensitivity(0.0, "", "") for name in flat}
     for i, name in enumerate(box.names):
-        x = (flat[name] - float(box.lower[i])) / float(box.upper[i] - box.lower[i])
-        for end, kept in (("lower", x > cut), ("upper", x < 1 - cut)):
+        low, high = float(box.lower[i]), float(box.upper[i])
+        step = cut * min(high - low, WIDTH * float(np.std(flat[name])))
+        kept_by = {"lower": flat[name] > low + step, "upper": flat[name] < high - step}
+        for end, kept in kept_by.items():
             for other, values in flat.items():
                 shift = _shift(values, kept)
                 if shift > found[other].shift:
@@ -104,13 +109,13 @@ def sensitivity_statements(
     called = texts or {}
     following = {n: each for n, each in found.items() if each.shift > FOLLOWS}
     if not following:
-        return ["No mean follows the box: a tenth less of it at either end moves none noticeably."]
+        return ["No mean follows the box: a tenth less of it at either end moves none by 0.1 sd."]
     listed_ = [
         f"{called.get(name, name)} ({_size(each.shift)} by the {each.end} bound of {each.box})"
         for name, each in following.items()
     ]
     return [
-        "A tenth less of the box moves the posterior mean of "
+        "A box narrower by a tenth moves the posterior mean of "
         f"{listed(listed_)}: there the box speaks as well as the data."
     ]
 

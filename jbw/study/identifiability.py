@@ -119,9 +119,13 @@ def look_again(
 def _waterfall_words(costs: NDArray[np.float64]) -> str:
     if len(costs) == 1:
         return "The fit had one start, which explained the data."
-    return (
-        f"Of {len(costs)} starts of the fit, {reached(costs)} ended within 1 % of the lowest cost."
-    )
+    near = reached(costs)
+    if near == 1:
+        return (
+            f"Of {len(costs)} starts of the fit, one alone reached the lowest cost: a lower one "
+            "may have been missed."
+        )
+    return f"{near} of {len(costs)} starts of the fit ended within 1 % of the lowest cost."
 
 
 def _contraction_words(narrowed: Mapping[str, float], texts: Mapping[str, str]) -> list[str]:

@@ -1,0 +1,160 @@
+"""Which parameters a campaign's data know: loops strong and weak, written by the law itself."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from damper_campaign import TRUTH, write_campaign
+
+import jbw.cli.identifiability
+from jbw.campaign.loading import load_campaign
+from jbw.cli import run
+from jbw.identification.combinations import combinations
+from jbw.identification.procedure import Identification
+from jbw.identification.step import Step
+from jbw.inference.powers import value_of
+from jbw.inference.verdict import judge
+from jbw.observables.joint import joint_of
+from jbw.study.identifiability import identifiability, look_again
+from jbw.study.identifiability_record import as_group
+
+PRODUCTS = {"alpha_delta": TRUTH["alpha"] * TRUTH["delta"]}
+PRODUCTS |= {"alpha_gamma": TRUTH["alpha"] * TRUTH["gamma"]}
+
+
+@pytest.fixture(scope="module")
+def weak(tmp_path_factory):
+    path = write_campaign(tmp_path_factory.mktemp("weak"), amplitude=2e-4)
+    return identifiability(load_campaign(path), profiles=True)
+
+
+def test_strong_loops_know_every_parameter(tmp_path):
+    found = identifiability(load_campaign(write_campaign(tmp_path, amplitude=0.01)))
+    known = found.information.known
+    assert found.profiles == {}
+    for name, truth in {**TRUTH, **PRODUCTS}.items():
+        assert known[name].relative < 0.01
+        assert abs(known[name].value - truth) < 4 * known[name].sd
+    assert any(each.startswith("Known: omega_n to") for each in found.statements)
+
+
+def test_weak_loops_know_the_products_and_not_the_factors(weak):
+    known = weak.information.known
+    for name, truth in PRODUCTS.items():
+        assert known[name].relative < 0.05
+        # Along the ridge the products bend by the second order of its width.
+        assert abs(known[name].value / truth - 1) < 0.05
+    assert all(known[name].relative > 0.15 for name in ("alpha", "delta", "gamma"))
+    said = " ".join(weak.statements)
+    assert "alpha*delta is known" in said
+    assert "times better than its factors" in said
+    assert "starts of the fit" in said
+
+
+def test_profiles_hold_the_truth_and_are_far_wider_than_the_products(weak):
+    for name, truth in TRUTH.items():
+        low, high = weak.profiles[name].interval
+        assert low < truth < high
+    low, high = weak.profiles["alpha"].interval
+    assert high / low > 2
+    along = weak.profiles["alpha"].path
+    product = along["alpha"] * along["delta"]
+    assert np.ptp(product) / product.mean() < 0.2 * np.ptp(along["alpha"]) / along["alpha"].mean()
+
+
+def after(weak, draws):
+    """The answer after sampling, from draws made here."""
+    shaped = {name: (("chain", "draw"), values.reshape(2, -1)) for name, values in draws.items()}
+    tree = xr.DataTree.from_dict({"/posterior": xr.Dataset(shaped)})
+    fitted = weak.fitted
+    step = Step("joint", tree, judge([]), fitted.fit, fitted.box, (), {}, 0.0)
+    return look_again(Identification(data=fitted.data, steps={"joint": step}), {})
+
+
+def test_after_sampling_the_box_is_told_from_the_data(weak):
+    rng, box = np.random.default_rng(0), weak.fitted.box
+    bounds = zip(np.asarray(box.lower), np.asarray(box.upper), strict=True)
+    draws = {n: rng.uniform(a, b, 4000) for n, (a, b) in zip(box.names, bounds, strict=True)}
+    draws["omega_n"] = 60 + 0.01 * rng.standard_normal(4000)
+    found = after(weak, draws)
+    assert found is not None
+    assert found.contraction["omega_n"] > 0.99
+    for name in ("alpha", "delta", "gamma", "alpha_delta"):
+        # The variance of 4000 draws is right to some per cent.
+        assert abs(found.contraction[name]) < 0.1
+    # A uniform variable's mean moves by 0.05 sqrt(12); 4000 draws are right to 0.01.
+    assert found.sensitivity["alpha"].shift == pytest.approx(0.173, abs=0.03)
+    assert found.sensitivity["omega_n"].shift < 0.05
+    said = " ".join(found.statements)
+    assert "less than half of the prior variance of alpha (" in said
+    assert "moves the posterior mean of alpha" in said
+
+
+def test_the_record_is_plain_and_the_group_survives_a_file(weak, tmp_path):
+    draws = {name: np.linspace(0.9, 1.1, 100) * v for name, v in weak.fitted.fit.theta.items()}
+    full = after(weak, draws)
+    for found in (weak, full):
+        record = json.loads(json.dumps(found.summary(), allow_nan=False))
+        assert list(record["parameters"]) == list(weak.fitted.box.names)
+        assert list(record["combinations"]) == ["alpha_delta", "alpha_gamma"]
+        assert record["waterfall"]["reached"] >= 1
+        group = as_group(found)
+        assert all({"units", "long_name"} <= set(each.attrs) for each in group.data_vars.values())
+        path = tmp_path / f"{len(found.contraction)}.nc"
+        group.to_netcdf(path, engine="h5netcdf")
+        with xr.open_dataset(path, engine="h5netcdf") as stored:
+            xr.testing.assert_identical(stored.load(), group)
+    assert set(weak.summary()["profiles"]) == set(TRUTH)
+    assert "parameter_contraction" in as_group(full)
+
+
+def test_combinations_are_the_same_in_either_coordinates():
+    theta = {"omega_n": 118.0, "zeta": 0.004, "softening": 12.0, "opening": 1.2, "share": 0.04}
+    joint = joint_of(theta)  # pyright: ignore[reportArgumentType]
+    expected = {name: getattr(joint, name) for name in ("alpha", "delta", "gamma")}
+    expected["alpha_delta"] = expected["alpha"] * expected["delta"]
+    expected["alpha_gamma"] = expected["alpha"] * expected["gamma"]
+    found = {each.name: value_of(each, theta) for each in combinations(theta)}
+    assert found == pytest.approx(expected, rel=1e-12)
+    paper = {each.name: value_of(each, expected) for each in combinations(("alpha", "gamma"))}
+    assert paper == pytest.approx({"alpha_gamma": expected["alpha_gamma"]}, rel=1e-12)
+
+
+@pytest.fixture
+def quiet_jax(monkeypatch):
+    """The tests have set up JAX already."""
+    monkeypatch.setattr(jbw.cli.identifiability, "prepare_jax", lambda: None)
+
+
+def test_the_command_prints_spectrum_and_words(tmp_path, capsys, quiet_jax):
+    path = write_campaign(tmp_path, amplitude=2e-4)
+    assert run(["identifiability", str(path), "--profiles"]) == 0
+    streams = capsys.readouterr()
+    for word in ("Information spectrum", "alpha*delta", "99 % by the profile", "starts of the fit"):
+        assert word in streams.out
+    assert "Profile of gamma" in streams.err
+    assert run(["identifiability", str(path), "--json", "--seed", "1"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["profiles"] == record["contraction"] == {}
+    assert record["spectrum"][0]["ratio"] < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        ([], 2, "Missing argument"),
+        (["none.toml"], 2, "none.toml"),
+        (["CAMPAIGN", "--seed", "x"], 2, "--seed"),
+        (["HELD"], 3, "no test that the joint can be fitted to"),
+    ],
+)
+def test_bad_input_of_the_command(tmp_path, capsys, quiet_jax, arguments, code, says):
+    for name, settings in (("CAMPAIGN", ""), ("HELD", 'hold_out = ["loop"]')):
+        (tmp_path / name).mkdir()
+        path = str(write_campaign(tmp_path / name, 1e-3, settings=settings))
+        arguments = [path if each == name else each for each in arguments]
+    assert run(["identifiability", *arguments]) == code
+    streams = capsys.readouterr()
+    assert says in streams.err
+    assert "Traceback" not in streams.err
