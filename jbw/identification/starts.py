@@ -97,7 +97,7 @@ def _spectrum(
 
 
 def largest_displacement(data: Evidence, omega_n: float) -> float:
-    """Largest displacement that was measured [m]."""
+    """Largest displacement that was measured [m]; of noise, of which the rms is known, that."""
     found = [0.0]
     for part in data.parts:
         if isinstance(part, Records):
@@ -107,7 +107,9 @@ def largest_displacement(data: Evidence, omega_n: float) -> float:
             found.append(float(jnp.max(jnp.abs(part.motion))))
         elif isinstance(part, Loops):
             found.append(float(jnp.max(jnp.abs(part.displacement))))
-        elif not isinstance(part, LineReading):
+        elif isinstance(part, LineReading):
+            found.append(float(part.y_rms))
+        else:
             found.append(float(part.y_start))
     return max(found)
 

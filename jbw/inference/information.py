@@ -15,6 +15,7 @@ from jbw.inference.powers import Product, alone, gradient_of, value_of
 
 RESOLVED = 2.0  # standard deviations from zero: where a logarithm is a coordinate
 CLOSE = 0.1  # of a value: what is known to less than that is known well
+SENSIBLE = 10.0  # an exponent beyond tells of boxes of unlike widths, and of no combination
 TOLD_APART = 0.5  # a product this much better known than its factors is said to tie them
 
 
@@ -159,6 +160,7 @@ def _direction(
     called = tuple(names[i] for i in members)
     ratio = 1 / math.sqrt(1 + value)
     same = bool(np.all(logs[members]) or not np.any(logs[members]))
+    same = same and float(np.max(np.abs(exponents[members]))) < SENSIBLE
     text = (
         combination(called, exponents[members], bool(logs[lead]))
         if same

@@ -192,9 +192,9 @@ def _sentence(found: Profile) -> str:
         )
     if found.open[1]:
         return (
-            f"By its profile, {found.name} exceeds {low:.4g} at 99 %; the data set no limit above."
+            f"By its profile, {found.name} exceeds {low:.5g} at 99 %; the data set no limit above."
         )
-    return f"By its profile, {found.name} is below {high:.4g} at 99 %; the data set no limit below."
+    return f"By its profile, {found.name} is below {high:.5g} at 99 %; the data set no limit below."
 
 
 def _digits(low: float, high: float) -> int:

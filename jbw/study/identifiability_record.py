@@ -15,6 +15,7 @@ from jbw.inference.profiles import Profile
 from jbw.inference.sensitivity import Sensitivity
 
 REACHED = 0.01  # of the best cost: a start that came so near found the optimum
+NOTHING = 0.05  # of cost: a difference of chi-square of 0.1 prefers neither
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,9 @@ class Identifiability:
 
 
 def reached(costs: NDArray[np.float64]) -> int:
-    """How many starts ended within a hundredth of the lowest cost."""
-    return int(np.sum(costs <= (1 + REACHED) * np.min(costs)))
+    """How many starts ended within a hundredth of the lowest cost, or no further than noise."""
+    lowest = float(np.min(costs))
+    return int(np.sum(costs <= lowest + max(REACHED * lowest, NOTHING)))
 
 
 def as_record(found: Identifiability) -> dict[str, Any]:

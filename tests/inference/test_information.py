@@ -39,7 +39,7 @@ def test_spectrum_of_a_linear_gaussian_problem():
     found = information(best, bounds)
     prior = np.diag(np.array([2.0, 4.0, 1.0]) / np.sqrt(12))
     fisher = np.asarray(design.T @ design)
-    expected = np.sort(np.linalg.eigvals(prior @ prior @ fisher).real)[::-1]
+    expected = np.sort(np.linalg.eigvalsh(prior @ fisher @ prior))[::-1]
     np.testing.assert_allclose([d.information for d in found.directions], expected, rtol=1e-10)
     np.testing.assert_allclose(
         [d.ratio for d in found.directions], 1 / np.sqrt(1 + expected), rtol=1e-10

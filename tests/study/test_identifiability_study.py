@@ -8,6 +8,7 @@ import xarray as xr
 from damper_campaign import TRUTH, write_campaign
 
 import jbw.cli.identifiability
+from jbw import rig
 from jbw.campaign.loading import load_campaign
 from jbw.cli import run
 from jbw.identification.combinations import combinations
@@ -17,7 +18,7 @@ from jbw.inference.powers import value_of
 from jbw.inference.verdict import judge
 from jbw.observables.joint import joint_of
 from jbw.study.identifiability import identifiability, look_again
-from jbw.study.identifiability_record import as_group
+from jbw.study.identifiability_record import as_group, reached
 
 PRODUCTS = {"alpha_delta": TRUTH["alpha"] * TRUTH["delta"]}
 PRODUCTS |= {"alpha_gamma": TRUTH["alpha"] * TRUTH["gamma"]}
@@ -63,13 +64,29 @@ def test_profiles_hold_the_truth_and_are_far_wider_than_the_products(weak):
     assert np.ptp(product) / product.mean() < 0.2 * np.ptp(along["alpha"]) / along["alpha"].mean()
 
 
+@pytest.mark.filterwarnings("ignore:The .* hann window resolves")
+def test_noise_alone_knows_nothing_of_the_joint():
+    campaign = rig.measure(seed=1, tests=["noise_0p005V"], repeats=2)
+    known = identifiability(campaign).information.known
+    assert all(known[name].ratio < 0.1 for name in ("omega_n", "zeta", "gain"))
+    for name in ("alpha", "delta", "gamma", "alpha_delta", "alpha_gamma"):
+        assert known[name].ratio > 0.99
+
+
+def test_starts_that_differ_by_nothing_reached_the_same_optimum():
+    assert reached(np.array([1e-20, 1e-12, 0.01, 3.0])) == 3
+    assert reached(np.array([200.0, 201.9, 202.1, np.inf])) == 2
+
+
 def after(weak, draws):
     """The answer after sampling, from draws made here."""
     shaped = {name: (("chain", "draw"), values.reshape(2, -1)) for name, values in draws.items()}
     tree = xr.DataTree.from_dict({"/posterior": xr.Dataset(shaped)})
     fitted = weak.fitted
     step = Step("joint", tree, judge([]), fitted.fit, fitted.box, (), {}, 0.0)
-    return look_again(Identification(data=fitted.data, steps={"joint": step}), {})
+    found = look_again(Identification(data=fitted.data, steps={"joint": step}), {})
+    assert found is not None
+    return found
 
 
 def test_after_sampling_the_box_is_told_from_the_data(weak):
@@ -78,7 +95,6 @@ def test_after_sampling_the_box_is_told_from_the_data(weak):
     draws = {n: rng.uniform(a, b, 4000) for n, (a, b) in zip(box.names, bounds, strict=True)}
     draws["omega_n"] = 60 + 0.01 * rng.standard_normal(4000)
     found = after(weak, draws)
-    assert found is not None
     assert found.contraction["omega_n"] > 0.99
     for name in ("alpha", "delta", "gamma", "alpha_delta"):
         # The variance of 4000 draws is right to some per cent.
