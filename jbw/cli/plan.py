@@ -90,9 +90,13 @@ def _table(made: "Plan") -> Table:
     table.add_column("")
     table.add_column("test", overflow="fold")
     for heading in (
-        f"input [{wish.input_unit}]", "peak [m]", "repeats", "time", *(f"CV {n}" for n in wish.wanted),
-        "gain",
-    ):  # fmt: skip
+        f"input [{wish.input_unit}]",
+        "peak [m]",
+        "repeats",
+        "time",
+        *(f"CV {name}" for name in wish.wanted),
+        "gain [nats]",
+    ):
         table.add_column(Text(heading), justify="right")
     table.add_column("status")
     for i, row in enumerate(made.rows):
@@ -101,7 +105,6 @@ def _table(made: "Plan") -> Table:
 
 
 def _cells(row: "Row", made: "Plan") -> list[str]:
-    status = "too few" if row.repeats is None else "ok"
     return [
         row.test,
         f"{row.level:.4g}",
@@ -110,7 +113,7 @@ def _cells(row: "Row", made: "Plan") -> list[str]:
         "" if row.seconds is None else _duration(row.seconds),
         *(f"{row.cv[name].worst_decile:.2g}" for name in made.wish.wanted),
         f"{row.gain:.3g}",
-        status if row.within_limits else "not feasible",
+        row.status,
     ]
 
 

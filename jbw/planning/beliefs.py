@@ -52,10 +52,6 @@ class Beliefs:
         for i, row in enumerate(self.scale):
             yield {name: float(values[i]) for name, values in self.joints.items()}, row
 
-    def middle(self) -> dict[str, float]:
-        """The medians of the parameters."""
-        return {name: float(np.median(values)) for name, values in self.joints.items()}
-
 
 def before(
     ranges: Mapping[str, Range], *, held: Mapping[str, float], num_joints: int, seed: int
@@ -157,12 +153,18 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
         DataError: The posterior lacks a parameter of the joint.
     """
     posterior = tree["posterior"].to_dataset()
-    missing = [name for name in JOINT if name not in posterior]
+    missing = [name for name in JOINT if name not in posterior and name not in held]
     if missing:
         raise DataError(
             f"The main posterior must hold all of {', '.join(JOINT)}, but lacks "
             f"{', '.join(missing)}.",
             why="Without them no further test can be predicted.",
+            remedy="Plan from ranges: jbw plan PLAN.toml.",
+        )
+    if held.get("zeta") == 0.0:
+        raise DataError(
+            "Damping `zeta` must be positive to plan from a run, but this one holds it at 0.",
+            why="Loops under prescribed displacement do not tell how the joint moves by itself.",
             remedy="Plan from ranges: jbw plan PLAN.toml.",
         )
     names = tuple(name for name in (*JOINT, "gain", "cubic") if name in posterior)
@@ -174,7 +176,7 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
         for name, values in every.items()
     ]
     draws = {name: v for name, v in thin(posterior, num_joints).items() if name in names}
-    count = len(draws["omega_n"])
+    count = len(draws[names[0]])
     scale = [draws[name] if positive[name] else np.full(count, abs(means[name])) for name in names]
     return Beliefs(
         joints={**{name: np.full(count, value) for name, value in held.items()}, **draws},

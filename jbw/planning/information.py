@@ -25,6 +25,7 @@ def fisher(
     names: tuple[str, ...],
     scale: Float[Array, " parameter"],
     data: Evidence,
+    kept: Float[Array, " value"],
 ) -> Float[Array, "parameter parameter"]:
     r"""Fisher information of a test about relative changes of the parameters.
 
@@ -37,6 +38,7 @@ def fisher(
         names: Those that are inferred.
         scale: Units of their relative changes.
         data: The test as it would be reduced; one repeat, its noise as `noise_std`.
+        kept: 1 for values that are measured, 0 for those that only fill up the record.
 
     Returns:
         F [-], in the order of `names`.
@@ -46,7 +48,7 @@ def fisher(
         changed = {n: theta[n] + d for n, d in zip(names, scale * x, strict=True)}
         return residual({**theta, **changed}, data)
 
-    slope = jax.jacfwd(moved)(jnp.zeros(len(names)))
+    slope = kept[:, None] * jax.jacfwd(moved)(jnp.zeros(len(names)))
     return slope.T @ slope
 
 

@@ -14,12 +14,13 @@ from jbw.planning.description import Description
 from jbw.planning.information import covariance
 from jbw.planning.plan import Plan, Wish, expected, ordered, row
 from jbw.planning.proposals import Grid, Reach, displacement_for, propose, sampling_for
-from jbw.planning.prospects import Noise, prospect
+from jbw.planning.prospects import Noise, prospects
 from jbw.planning.runs import noise_of, rig_of
 
 WANTED = ("alpha", "delta", "gamma")
 CV = 0.05
 NUM_JOINTS = 16
+ADMITTED = ("ok", "too few")  # alone; together they may meet the wish
 EVERY_KIND = {"sweep": Grid(), "tones": Grid(), "stepped": Grid()}
 LIMITS = ("max_repeats", "max_displacement", "max_input")
 NOISE_ALONE = (
@@ -29,6 +30,10 @@ NOISE_ALONE = (
 PER_KILOGRAM = (
     "The run holds no gain, so inputs are in N/kg; give gain or modal_mass in a file of --limits "
     "to have them in V or N."
+)
+UNKNOWN_REACH = (
+    "The run does not tell its largest displacement, so levels aim at 1/delta = {:.3g} m; give "
+    "max_displacement in a file of --limits."
 )
 
 
@@ -65,8 +70,8 @@ def plan_tests(
         The plan.
 
     Raises:
-        ConfigError: Neither a description nor a run, or a run that does not tell the noise, which
-            the description leaves out too.
+        ConfigError: Neither a description nor a run, a run that does not tell the noise, which the
+            description leaves out too, or nothing wanted that is inferred.
         DataError: The run's posterior lacks a parameter of the joint.
     """
     description = description or Description({})
@@ -74,13 +79,9 @@ def plan_tests(
     wish = _wish(description, ground)
     reach = Reach(ground.fs, ground.aim, wish.max_input)
     candidates = propose(description.grids or EVERY_KIND, ground.beliefs, reach)
-    found = []
-    for i, candidate in enumerate(candidates):
-        level = f"{candidate.level:g} {wish.input_unit}"
-        report(f"{i + 1}/{len(candidates)} {candidate}, {level}")
-        found.append(prospect(candidate, ground.beliefs, ground.noise))
+    found = prospects(candidates, ground.beliefs, ground.noise, report)
     rows = [row(one, ground.beliefs, wish) for one in found]
-    admitted = [one for one, judged in zip(found, rows, strict=True) if judged.within_limits]
+    admitted = [one for one, judged in zip(found, rows, strict=True) if judged.status in ADMITTED]
     known = np.sqrt(np.diag(covariance(ground.beliefs.precision)))
     return Plan(
         rows=ordered(rows),
@@ -119,18 +120,24 @@ def _before(description: Description) -> _Ground:
 
 def _after(description: Description, tree: xr.DataTree) -> _Ground:
     settings, rig = description.settings, rig_of(tree)
-    held = {"gain": description.gain or 1.0}
+    held = {**rig.held, **({} if description.gain is None else {"gain": description.gain})}
+    told = "gain" in tree["posterior"] or "gain" in held
+    held.setdefault("gain", 1.0)
     beliefs = after(tree, held=held, num_joints=settings.get("joints", NUM_JOINTS))
-    inferred, given = "gain" in beliefs.names, description.input_unit
-    unit = (rig.input_unit or "unit of the input") if inferred else (given or "N/kg")
-    made = f"Made at {beliefs.num_joints} draws of the run's posterior, which counts as known."
+    unit = (description.input_unit or rig.input_unit or "input's unit") if told else "N/kg"
+    notes = [f"Made at {beliefs.num_joints} draws of the run's posterior, which counts as known."]
+    notes += [] if told else [PER_KILOGRAM]
+    aim = settings.get("max_displacement") or rig.y_peak
+    if aim is None:
+        aim = displacement_for(beliefs)
+        notes.append(UNKNOWN_REACH.format(aim))
     return _Ground(
         beliefs=beliefs,
         noise=noise_of(description.noise, rig),
         fs=settings.get("fs") or rig.fs or _sampling(beliefs),
-        aim=settings.get("max_displacement") or rig.y_peak or displacement_for(beliefs),
+        aim=aim,
         input_unit=unit,
-        notes=(made,) if inferred or given else (made, PER_KILOGRAM),
+        notes=tuple(notes),
     )
 
 
@@ -139,11 +146,16 @@ def _sampling(beliefs: Beliefs) -> float:
 
 
 def _wish(description: Description, ground: _Ground) -> Wish:
-    settings = description.settings
-    wanted = settings.get("wanted", WANTED)
+    settings, names = description.settings, ground.beliefs.names
+    asked = settings.get("wanted", WANTED)
+    if not set(asked) & set(names):
+        raise ConfigError(
+            f"Key `wanted` must name parameters that are inferred, but has {', '.join(asked)}.",
+            remedy=f"Choose among {', '.join(names)}.",
+        )
     limits: dict[str, Any] = {key: settings[key] for key in LIMITS if key in settings}
     return Wish(
-        wanted=tuple(name for name in ground.beliefs.names if name in wanted),
+        wanted=tuple(name for name in names if name in asked),
         cv=settings.get("cv", CV),
         input_unit=ground.input_unit,
         **limits,

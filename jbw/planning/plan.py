@@ -19,6 +19,8 @@ from jbw.planning.information import (
 )
 from jbw.planning.prospects import Prospect
 
+STATUSES = ("ok", "too few", "not predicted", "not feasible")
+
 
 @dataclass(frozen=True)
 class Wish:
@@ -68,7 +70,9 @@ class Row:
         seconds: Measuring time of all repeats [s]; None without a number of repeats.
         cv: Expected spread after these repeats, or after the most admitted, by parameter.
         gain: Expected information gain of one repeat, mean over joints [nats].
-        within_limits: Whether no joint exceeds the largest displacement or input.
+        status: "ok"; "too few", where no admitted number of repeats suffices; "not feasible",
+            where a joint exceeds the largest displacement or input; or "not predicted", where no
+            response was found at some joint.
         notes: What stands against the test, or stays undetermined, in words.
     """
 
@@ -81,7 +85,7 @@ class Row:
     seconds: float | None
     cv: dict[str, Expected]
     gain: float
-    within_limits: bool
+    status: str
     notes: tuple[str, ...] = ()
 
 
@@ -140,7 +144,12 @@ def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> Row:
     made = repeats or wish.max_repeats
     known = np.isfinite(prospect.y_peak)
     largest = float(np.max(prospect.y_peak[known], initial=0.0)) if known.any() else float("nan")
-    broken = _broken(prospect, largest, wish)
+    exceeded = _exceeded(candidate.level, largest, wish)
+    lost = (
+        [f"no response found at {prospect.num_lost} of {len(known)} joints"]
+        if prospect.num_lost
+        else []
+    )
     weak = undetermined(beliefs, beliefs.precision + made * information, wanted)
     return Row(
         test=str(candidate),
@@ -152,21 +161,27 @@ def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> Row:
         seconds=None if repeats is None else repeats * candidate.seconds,
         cv=expected(spread(found, made), beliefs, wish),
         gain=float(np.mean(information_gain(beliefs.precision, information))),
-        within_limits=not broken,
-        notes=(*broken, *(() if weak is None else (weak,))),
+        status=_status(exceeded, lost, repeats),
+        notes=(*exceeded, *lost, *([] if weak is None else [weak])),
     )
 
 
-def _broken(prospect: Prospect, largest: float, wish: Wish) -> list[str]:
-    """Why a candidate must not, or cannot, be made."""
+def _exceeded(level: float, y_peak: float, wish: Wish) -> list[str]:
+    """The limits that a test would break."""
     told = []
-    if largest > wish.max_displacement:
-        told.append(f"peak displacement {largest:.3g} m exceeds {wish.max_displacement:g} m")
-    if prospect.candidate.level > wish.max_input:
+    if y_peak > wish.max_displacement:
+        told.append(f"peak displacement {y_peak:.3g} m exceeds {wish.max_displacement:g} m")
+    if level > wish.max_input:
         told.append(f"input exceeds {wish.max_input:g} {wish.input_unit}")
-    if prospect.num_lost:
-        told.append(f"no response found at {prospect.num_lost} of {len(prospect.y_peak)} joints")
     return told
+
+
+def _status(exceeded: list[str], lost: list[str], repeats: int | None) -> str:
+    if exceeded:
+        return "not feasible"
+    if lost:
+        return "not predicted"
+    return "too few" if repeats is None else "ok"
 
 
 def expected(
@@ -203,8 +218,7 @@ def undetermined(beliefs: Beliefs, precision: Matrices, wanted: Sequence[int]) -
 def ordered(rows: Sequence[Row]) -> tuple[Row, ...]:
     """Rows by measuring time: those that meet the wish within the limits, then the others."""
 
-    def place(one: Row) -> tuple[bool, bool, float]:
-        seconds = one.seconds_each if one.seconds is None else one.seconds
-        return not one.within_limits, one.repeats is None, seconds
+    def place(one: Row) -> tuple[int, float]:
+        return STATUSES.index(one.status), one.seconds_each * (one.repeats or 1)
 
     return tuple(sorted(rows, key=place))

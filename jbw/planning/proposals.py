@@ -20,7 +20,7 @@ NUM_STEPS = 15
 BANDWIDTHS = 4  # to either side of the resonances that a stepped sine passes
 READ_PERIODS = 100  # of the natural frequency, read of each tone
 DECAY = np.log(1000.0)  # what a transient falls by, in nepers, before the next thing is measured
-NUM_TRIES = 4  # of a sweep's level; each brings its peak several times closer
+NUM_TRIES = 3  # of a sweep's level; each brings its peak several times closer
 PER_PERIOD = 40  # samples a period, at least
 DIGITS = 3
 
@@ -107,10 +107,10 @@ def _sweeps(grid: Grid, beliefs: Beliefs, reach: Reach) -> list[Candidate]:
 
 
 def _aimed(shape: Sweep, level: float, y: float, beliefs: Beliefs) -> float:
-    """Level at which a sweep moves the middle joint to y."""
-    middle = beliefs.middle()
+    """Level at which a sweep moves the joint that responds most to y."""
     for _ in range(NUM_TRIES):
-        level *= y / peak_displacement(replace(shape, level=level), middle)
+        tried = replace(shape, level=level)
+        level *= y / max(peak_displacement(tried, theta) for theta, _ in beliefs.each())
     return level
 
 

@@ -1,6 +1,6 @@
 """What each joint would do in a candidate test: its information, its peak displacement."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -63,21 +63,42 @@ class Prospect:
         return int(np.sum(~np.isfinite(self.y_peak)))
 
 
-def prospect(candidate: Candidate, beliefs: Beliefs, noise: Noise) -> Prospect:
-    """Information and peak displacement of a candidate at every joint.
+def prospects(
+    candidates: Sequence[Candidate],
+    beliefs: Beliefs,
+    noise: Noise,
+    report: Callable[[str], None] = lambda _: None,
+) -> tuple[Prospect, ...]:
+    """Information and peak displacement of candidates at every joint.
+
+    Records of sweeps are filled up to the length of the longest, for each new length would be
+    compiled anew; what fills them up is not counted.
 
     Args:
-        candidate: The test.
+        candidates: The tests.
         beliefs: The joints held possible.
         noise: Noise of the response channel.
+        report: Called with one sentence at every candidate.
     """
+    sweeps = [one for one in candidates if isinstance(one, Sweep)]
+    longest = max((one.num_samples for one in sweeps), default=0)
+    found = []
+    for i, candidate in enumerate(candidates):
+        report(f"{i + 1}/{len(candidates)} {candidate}, input {candidate.level:g}")
+        found.append(_prospect(candidate, beliefs, noise, longest))
+    return tuple(found)
+
+
+def _prospect(candidate: Candidate, beliefs: Beliefs, noise: Noise, longest: int) -> Prospect:
     information, y_peak = [], []
     for theta, scale in beliefs.each():
         if isinstance(candidate, Sweep):
-            data, peak = sweep_evidence(candidate, noise), peak_displacement(candidate, theta)
+            data, kept = sweep_evidence(candidate, noise, longest)
+            peak = peak_displacement(candidate, theta, longest)
         else:
             data, peak = _steady_evidence(candidate, theta, noise)
-        moved = fisher(_arrays(theta), beliefs.names, jnp.asarray(scale), data)
+            kept = jnp.ones(2 * len(ORDERS) * len(candidate.frequencies_hz))
+        moved = fisher(_arrays(theta), beliefs.names, jnp.asarray(scale), data, kept)
         information.append(np.asarray(moved))
         y_peak.append(peak)
     information, y_peak = np.array(information), np.array(y_peak)
@@ -86,9 +107,15 @@ def prospect(candidate: Candidate, beliefs: Beliefs, noise: Noise) -> Prospect:
     return Prospect(candidate, information, y_peak)
 
 
-def peak_displacement(candidate: Sweep, theta: Mapping[str, float]) -> float:
-    """Peak displacement of one joint under a sweep [m]."""
-    y = _displacement(_arrays(theta), _source(candidate), candidate.fs)
+def peak_displacement(candidate: Sweep, theta: Mapping[str, float], longest: int = 0) -> float:
+    """Peak displacement of one joint under a sweep [m].
+
+    Args:
+        candidate: The sweep.
+        theta: The joint's parameters and `gain`.
+        longest: Samples to fill the record up to.
+    """
+    y = _displacement(_arrays(theta), jnp.asarray(_source(candidate, longest)), candidate.fs)
     return float(jnp.max(jnp.abs(y)))
 
 
@@ -102,22 +129,26 @@ def _steady_evidence(
     return tones_evidence(candidate, np.asarray(motion), noise), float(jnp.max(jnp.abs(y)))
 
 
-def sweep_evidence(candidate: Sweep, noise: Noise) -> Evidence:
-    """A sweep's record, as the identification would reduce it.
+def sweep_evidence(
+    candidate: Sweep, noise: Noise, longest: int = 0
+) -> tuple[Evidence, Float[Array, " value"]]:
+    """A sweep's record, as the identification would reduce it, and which of it is measured.
 
     The information does not depend on the response that is measured, so that it is left at zero.
 
     Args:
         candidate: The sweep.
         noise: Noise of the response channel.
+        longest: Samples to fill the record up to.
     """
-    source = np.asarray(_source(candidate))
+    source = _source(candidate, longest)
     channels = {"input": source, noise.response: np.zeros_like(source)}
     units = {"input": "V", noise.response: SI_UNITS[noise.response]}
     test = Test("sweep", (Record(candidate.fs, channels, units),), name=LABEL)
     records = reduce([test], substeps=SUBSTEPS)
     known = replace(records.repeats, noise_std=jnp.full(1, noise.std))
-    return evidence([replace(records, repeats=known)])
+    kept = np.arange(len(source)) < candidate.num_samples
+    return evidence([replace(records, repeats=known)]), jnp.asarray(kept, float)
 
 
 def tones_evidence(
@@ -164,15 +195,17 @@ def _group(
     )
 
 
-def _source(candidate: Sweep) -> Float[Array, " time"]:
-    burst = sweep(
+def _source(candidate: Sweep, longest: int) -> Float[np.ndarray, " time"]:
+    """Samples of the input, with silence behind them up to so many."""
+    played = sweep(
         candidate.level,
         candidate.start_hz,
         candidate.stop_hz,
         candidate.burst,
         fade=candidate.fade,
     )
-    return sampled(burst, candidate.fs, candidate.num_samples)
+    size = max(candidate.num_samples, longest)
+    return np.asarray(sampled(played, candidate.fs, size))
 
 
 @partial(jax.jit, static_argnames="fs")

@@ -1,6 +1,7 @@
 """What a run tells a plan: its posterior, its noise, its sampling and its largest motion."""
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,12 +23,14 @@ class Rig:
         fs: Sampling frequency [Hz]; None where the run keeps no record.
         input_unit: Unit of the input; None where it is not told.
         y_peak: Largest displacement that was fitted [m]; None where it is not told.
+        held: Parameters that were not inferred, such as a known gain.
     """
 
     noise: Noise | None
     fs: float | None
     input_unit: str | None
     y_peak: float | None
+    held: Mapping[str, float]
 
 
 def rig_of(tree: xr.DataTree) -> Rig:
@@ -39,6 +42,8 @@ def rig_of(tree: xr.DataTree) -> Rig:
     tests = list(_tests(tree))
     y_peak = float(tree.attrs.get("y_peak", 0.0))
     units = [str(test.attrs.get("level_unit", "")) for test in tests]
+    seen = json.loads(str(tree.attrs.get("tests", "{}")))
+    units += [str(facts.get("source", "")) for facts in seen.values()]
     rates = [
         1 / float(np.median(np.diff(test["time"])))
         for test in tests
@@ -49,6 +54,7 @@ def rig_of(tree: xr.DataTree) -> Rig:
         fs=float(f"{np.median(rates):.10g}") if rates else None,
         input_unit=next((unit for unit in units if unit in INPUT_UNITS), None),
         y_peak=y_peak if y_peak > 0 else None,
+        held=json.loads(str(tree.attrs.get("held", "{}"))),
     )
 
 

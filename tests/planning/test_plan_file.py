@@ -1,0 +1,98 @@
+"""The plan file: what it says, and what is refused, all at once."""
+
+import numpy as np
+import pytest
+
+from jbw.errors import ConfigError
+from jbw.planning.description import parse, read_description
+from jbw.planning.keys import EXAMPLE, TABLES
+
+LEAST = "[plan]\nnatural_hz = 20.0\ndelta = [100.0, 300.0]\nnoise = 1e-5\n"
+
+
+def test_the_least_file_has_sensible_defaults():
+    found = parse(LEAST)
+    assert found.ranges["omega_n"] == pytest.approx((40 * np.pi, 40 * np.pi))
+    assert found.ranges["zeta"] == (0.002, 0.01)
+    assert found.ranges["share"] == (0.01, 0.1)
+    assert found.ranges["gamma"] == pytest.approx((5.0, 90.0))  # 0.05 to 0.3 of delta
+    assert (found.gain, found.input_unit) == (None, None)
+    assert (found.noise.std, found.noise.response) == (1e-5, "velocity")
+    assert found.grids == {}
+
+
+def test_the_example_is_a_plan_file_and_shows_every_table():
+    found = parse(EXAMPLE)
+    assert (found.gain, found.input_unit) == (15.0, "V")
+    assert found.noise.std == pytest.approx(50e-6)
+    assert set(found.grids) == {"sweep", "tones", "stepped"} == set(TABLES) - {"plan"}
+    for name in ("fs", "max_repeats", "joints", "seed", "levels", "rates", "dwell"):
+        assert f"# {name} = " in EXAMPLE
+
+
+def test_a_modal_mass_makes_newtons_and_its_range_is_inferred():
+    found = parse(LEAST + "modal_mass = [2.0, 4.0]\nnoise_unit = 'mm'\n")
+    assert found.input_unit == "N"
+    assert found.gain is None
+    assert found.ranges["gain"] == (0.25, 0.5)
+    assert (found.noise.std, found.noise.response) == (1e-8, "displacement")
+    assert parse(LEAST + "modal_mass = 2.0\n").gain == 0.5
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", ["natural_hz: missing", "delta: missing", "noise: missing"]),
+        ("[plan", ["not valid TOML"]),
+        ("plan = 3\n", ["[plan]: must be a table"]),
+        (LEAST + "[swep]\n", ["[swep]: unknown table; did you mean `sweep`"]),
+        (LEAST + "zetta = 0.1\n", ["[plan] zetta: unknown key; did you mean `zeta`"]),
+        (LEAST + "cv = 5\n", ["cv: must lie between 0 and 1", "5 %"]),
+        (LEAST + "gamma = [-5.0, 5.0]\n", ["gamma: must be a number other than 0", "one sign"]),
+        (LEAST + "gamma = [5.0, 4.0]\n", ["lower < upper"]),
+        (LEAST + "gamma = [5.0, 6.0, 7.0]\n", ["must be a number or [lower, upper]"]),
+        (LEAST + "zeta = -0.01\n", ["zeta: must be positive"]),
+        (LEAST + "share = [0.5, 1.0]\n", ["share: must lie between 0 and 1", "reaches 1"]),
+        (LEAST + "share = 0.1\nalpha = 3.0\n", ["give share or alpha, not both"]),
+        (LEAST + "omega_n = 3.0\n", ["give natural_hz or omega_n, not both"]),
+        (LEAST + "gain = 1.0\nmodal_mass = 1.0\n", ["give gain or modal_mass, not both"]),
+        (LEAST + "alpha = [1.0, 2e4]\n", ["alpha: must stay below omega_n^2", "15791"]),
+        (LEAST + "wanted = ['alfa']\n", ["'alfa' is unknown; did you mean `alpha`"]),
+        (LEAST + "noise_unit = 'V'\n", ["Unit `V` measures a voltage"]),
+        (LEAST + "joints = 1\n", ["joints: must be a whole number from 2 on"]),
+        (LEAST + "max_repeats = 0\n", ["max_repeats: must be a whole number from 1 on"]),
+        (LEAST + "fs = 'fast'\n", ["fs: must be a number"]),
+        (
+            LEAST + "[tones]\ndwell = 2.0\nsettle = 3.0\n",
+            ["[tones] settle: must be shorter", "2 s"],
+        ),
+        (LEAST + "[sweep]\nspan = [9.0, 3.0]\nrates = []\n", ["[sweep] span", "[sweep] rates"]),
+        (LEAST + "[sweep]\nfrequencies = [9.0]\n", ["[sweep] frequencies: unknown key"]),
+        (LEAST + "max_displacement = 0\ncv = 2\n", ["2 errors", "max_displacement", "cv"]),
+    ],
+)
+def test_what_is_refused_and_how(text, says):
+    with pytest.raises(ConfigError) as caught:
+        parse(text)
+    for part in says:
+        assert part in str(caught.value)
+
+
+def test_beside_a_run_the_joint_is_not_told_again():
+    text = "[plan]\nzeta = 0.01\ngain = [1.0, 2.0]\nmax_input = 3.0\n"
+    with pytest.raises(ConfigError) as caught:
+        parse(text, of_run=True)
+    assert "zeta: the run tells it" in str(caught.value)
+    assert "gain: must be a single value beside a run, but is [1.0, 2.0]" in str(caught.value)
+    found = parse("[plan]\nmax_input = 3.0\n", of_run=True)
+    assert (found.ranges, found.settings) == ({}, {"max_input": 3.0})
+
+
+def test_a_file_that_is_not_there_or_not_text(tmp_path):
+    with pytest.raises(ConfigError, match=r"does not exist") as caught:
+        read_description(tmp_path / "none.toml")
+    assert "jbw plan --example" in str(caught.value)
+    damaged = tmp_path / "plan.toml"
+    damaged.write_bytes(b"[plan]\n# \xff\xfe\n")
+    with pytest.raises(ConfigError, match=r"not UTF-8: byte 9"):
+        read_description(damaged)

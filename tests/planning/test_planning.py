@@ -1,0 +1,223 @@
+"""From beliefs to a plan: ranges, limits, repeats, what stays undetermined, what to combine."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jbw.errors import ConfigError, DataError
+from jbw.inference.box import box
+from jbw.planning.beliefs import Beliefs, after, before
+from jbw.planning.candidates import Sweep
+from jbw.planning.combining import combine
+from jbw.planning.description import parse
+from jbw.planning.making import plan_tests
+from jbw.planning.plan import Wish, ordered, row
+from jbw.planning.prospects import Prospect
+
+RANGES = {
+    "omega_n": (110.0, 120.0),
+    "zeta": (0.002, 0.008),
+    "alpha": (200.0, 800.0),
+    "delta": (100.0, 400.0),
+    "gamma": (10.0, 40.0),
+}
+TONES = """
+[plan]
+natural_hz = 18.8
+zeta = [0.004, 0.02]
+alpha = [300.0, 800.0]
+delta = [150.0, 600.0]
+gamma = [15.0, 60.0]
+gain = 15.0
+noise = 5e-6
+joints = 4
+max_input = 0.5
+[tones]
+levels = [0.2, 1.0]
+frequencies = [5.0, 5.5, 6.0, 6.5]
+dwell = 64.0
+settle = 48.0
+"""
+
+
+def plain_beliefs(precision, num_joints=3):
+    names = ("alpha", "delta")[: len(precision)]
+    return Beliefs(
+        joints={name: np.full(num_joints, 2.0) for name in names},
+        names=names,
+        scale=np.full((num_joints, len(names)), 2.0),
+        precision=precision,
+        box=box({name: (1.0, 4.0) for name in names}),
+    )
+
+
+def plain_prospect(information, seconds, level=1.0, y_peak=1e-3, num_joints=3):
+    candidate = Sweep(level, 10.0, 20.0, 10.0 / seconds, 0.0, 512.0)
+    every = np.tile(np.asarray(information, float), (num_joints, 1, 1))
+    return Prospect(candidate, every, np.full(num_joints, y_peak))
+
+
+def test_draws_lie_in_their_ranges_and_the_prior_is_theirs():
+    found = before(RANGES, held={"gain": 3.0}, num_joints=4000, seed=1)
+    for name, (low, high) in RANGES.items():
+        assert low <= found.joints[name].min() < found.joints[name].max() <= high
+    logs = np.log(np.stack([found.joints[name] for name in found.names]))
+    # A Latin hypercube of 4000 points has the moments of a uniform law to a part in a thousand.
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(np.linalg.inv(found.precision))), logs.std(axis=1), rtol=1e-3
+    )
+    assert set(found.joints["gain"]) == {3.0}
+
+
+def test_a_share_ties_alpha_to_the_frequency():
+    ranges = {**RANGES, "share": (0.02, 0.08)}
+    del ranges["alpha"]
+    found = before(ranges, held={"gain": 1.0}, num_joints=4000, seed=1)
+    assert found.names == ("omega_n", "zeta", "alpha", "delta", "gamma")
+    logs = np.log(np.stack([found.joints[name] for name in found.names]))
+    # Correlations of a Latin hypercube of 4000 points are known to 1/sqrt(4000).
+    expected = np.cov(logs)
+    np.testing.assert_allclose(
+        np.linalg.inv(found.precision)[0], expected[0], atol=0.05 * expected[0, 0]
+    )
+
+
+def test_a_single_value_is_a_guess_known_to_a_factor():
+    found = before({**RANGES, "delta": (340.0, 340.0)}, held={"gain": 1.0}, num_joints=3, seed=0)
+    assert set(found.joints["delta"]) == {340.0}
+    assert np.linalg.inv(found.precision)[3, 3] == pytest.approx(np.log(4.0) ** 2 / 12)
+
+
+def test_ranges_through_zero_are_refused():
+    with pytest.raises(ConfigError, match=r"`gamma`.*one sign.*\[-1, 2\]") as caught:
+        before({**RANGES, "gamma": (-1.0, 2.0)}, held={"gain": 1.0}, num_joints=2, seed=0)
+    assert "away from zero" in str(caught.value)
+
+
+def posterior_tree(**drop):
+    rng = np.random.default_rng(0)
+    centre = np.array([118.0, 0.0045, 500.0, 340.0, 33.0])
+    mixing = 0.01 * rng.normal(size=(5, 5))
+    draws = centre * np.exp(rng.normal(size=(2, 600, 5)) @ mixing.T)
+    names = ("omega_n", "zeta", "alpha", "delta", "gamma")
+    columns = {n: (("chain", "draw"), draws[..., i]) for i, n in enumerate(names) if n not in drop}
+    noise = (("chain", "draw", "level"), np.full((2, 600, 1), 4e-5), {"units": "m s-1"})
+    time = {"time": np.arange(100) / 512.0}
+    record = xr.Dataset({"measured": ("time", np.zeros(100))}, time, {"level_unit": "V"})
+    tree = xr.DataTree.from_dict(
+        {
+            "/posterior": xr.Dataset({**columns, "noise_std": noise}),
+            "/verification/sweep/one": record,
+        }
+    )
+    tree.attrs["y_peak"] = 2e-3
+    return tree, mixing @ mixing.T
+
+
+def test_a_posterior_is_taken_as_what_is_known():
+    tree, covariance = posterior_tree()
+    found = after(tree, held={"gain": 15.0}, num_joints=7)
+    assert found.num_joints == 7
+    # Sample covariance of 1200 draws: 3/sqrt(600) of the variances.
+    size = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    assert np.abs(np.linalg.inv(found.precision) - covariance).max() < 0.13 * size.max()
+    with pytest.raises(DataError, match=r"lacks delta"):
+        after(posterior_tree(delta=1)[0], held={}, num_joints=2)
+    with pytest.raises(DataError, match=r"zeta.*0"):
+        after(posterior_tree(zeta=1)[0], held={"zeta": 0.0}, num_joints=2)
+
+
+def test_a_row_counts_repeats_time_and_limits():
+    beliefs = plain_beliefs(np.diag([1.0, 1.0]))
+    wish = Wish(wanted=("alpha",), cv=0.1, max_displacement=2e-3, max_input=1.5)
+    found = row(plain_prospect(np.diag([10.0, 50.0]), 5.0), beliefs, wish)
+    # 1 + 10 R >= 1 / 0.1^2
+    assert (found.repeats, found.status) == (10, "ok")
+    assert found.seconds == pytest.approx(50.0)
+    assert found.cv["alpha"].worst_decile == pytest.approx(1 / np.sqrt(101))
+    assert list(found.cv) == ["alpha"]
+    assert found.gain == pytest.approx(0.5 * np.log(11 * 51))
+    far = row(plain_prospect(np.diag([10.0, 50.0]), 5.0, level=2.0, y_peak=3e-3), beliefs, wish)
+    assert far.status == "not feasible"
+    assert "0.003 m exceeds 0.002 m" in far.notes[0]
+    assert "input exceeds 1.5 N/kg" in far.notes[1]
+    lost = row(plain_prospect(np.diag([10.0, 50.0]), 1.0, y_peak=np.nan), beliefs, wish)
+    assert lost.status == "not predicted"
+    assert "3 of 3 joints" in lost.notes[0]
+    few = row(plain_prospect(np.diag([0.01, 50.0]), 1.0), beliefs, wish)
+    assert (few.status, few.repeats, few.seconds) == ("too few", None, None)
+    assert ordered([far, lost, few, found]) == (found, few, lost, far)
+
+
+def test_tests_are_combined_where_none_does_it_alone():
+    """Each test tells of one parameter; the strong one of both is dear, the weak one needless."""
+    beliefs = plain_beliefs(np.diag([1.0, 1.0]))
+    wish = Wish(wanted=("alpha", "delta"), cv=0.1)
+    one, other = (
+        plain_prospect(np.diag([50.0, 0.0]), 5.0),
+        plain_prospect(np.diag([0.0, 40.0]), 4.0),
+    )
+    dear = plain_prospect(np.diag([60.0, 60.0]), 500.0)
+    found = combine([one, other, dear], beliefs, wish)
+    assert found.met
+    # 1 + 50 R >= 100 and 1 + 40 R >= 100
+    assert [n for _, _, n in found.tests] == [2, 3]
+    assert found.seconds == pytest.approx(2 * 5.0 + 3 * 4.0)
+    alone = combine([one], beliefs, wish)
+    assert not alone.met
+    assert alone.notes == ("delta is not determined by the data",)
+    known = combine([one], plain_beliefs(np.diag([200.0, 200.0])), wish)
+    assert known.met
+    assert known.tests == ()
+
+
+@pytest.fixture(scope="module")
+def tones():
+    return plan_tests(parse(TONES))
+
+
+def test_tones_far_below_resonance_know_products_only(tones):
+    weak = tones.rows[0]
+    assert (weak.level, weak.status, weak.repeats) == (0.2, "too few", None)
+    assert any("only the product" in note and "alpha*delta" in note for note in weak.notes)
+    assert not tones.combination.met
+    assert any("alpha*delta" in note for note in tones.combination.notes)
+
+
+def test_a_level_beyond_the_input_is_not_feasible(tones):
+    assert tones.rows[1].level == 1.0
+    assert tones.rows[1].status == "not feasible"
+    assert all(level == 0.2 for _, level, _ in tones.combination.tests)
+
+
+def test_a_plan_after_a_run_reads_its_rig():
+    tree, covariance = posterior_tree()
+    shape = TONES[TONES.index("[tones]") :]
+    said = []
+    text = f"[plan]\ngain = 15.0\ncv = 0.001\nwanted = ['delta']\njoints = 2\n{shape}"
+    found = plan_tests(parse(text, of_run=True), tree, report=said.append)
+    assert found.wish.input_unit == "V"
+    assert found.num_joints == 2
+    assert len(said) == 2
+    # Known before as the posterior has it: 1200 draws tell a spread to 2 %.
+    expected = np.sqrt(covariance[3, 3])
+    assert found.before["delta"].median == pytest.approx(expected, rel=0.07)
+    assert all(one.cv["delta"].median < found.before["delta"].median for one in found.rows)
+    assert "draws of the run's posterior" in found.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("description", "tree", "says"),
+    [
+        (None, None, "description of the joint"),
+        ("[plan]\nwanted = ['zeta']\n", None, "description of the joint"),
+        (None, "no noise", "`noise`"),
+    ],
+)
+def test_what_a_plan_cannot_do_without(description, tree, says):
+    if tree is not None:
+        tree = posterior_tree()[0]
+        tree["posterior"] = xr.DataTree(tree["posterior"].to_dataset().drop_vars("noise_std"))
+    described = None if description is None else parse(description, of_run=True)
+    with pytest.raises(ConfigError, match=says):
+        plan_tests(described, tree)
