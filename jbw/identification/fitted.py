@@ -84,10 +84,17 @@ def fit_joint(
     sweeps = sweep_tests(tests, settings)
     data = gather(tests, settings, linear=linear, sweeps=sweeps, decays=decays, gain=gain)
     report(f"Least squares: all parameters from {len(labels(data))} groups of data")
-    return _fit_evidence(key, data, settings)
+    return fit_evidence(key, data, settings)
 
 
-def _fit_evidence(key: Key[Array, ""], data: Evidence, settings: Mapping[str, Any]) -> Fitted:
+def fit_evidence(key: Key[Array, ""], data: Evidence, settings: Mapping[str, Any]) -> Fitted:
+    """Fit the joint to evidence in the paper's parameters, noise and offsets as the fit shows them.
+
+    Args:
+        key: Random key of the starts.
+        data: What was measured.
+        settings: The campaign's [identify] table.
+    """
     keys, known = jax.random.split(key), linear_look(data)
     settings = {**settings, "coordinates": "paper"}
     prior = box_of(settings, data, known)
