@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Sequence
+from math import floor, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -145,9 +146,17 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
     peak = reach = NOTHING
     if row["y_peak"] is not None:
         low, middle, high = row["y_peak"].values()
-        peak = f"{middle:.4g} [{low:.4g}, {high:.4g}]"
+        digits = _digits(high - low, middle)
+        peak = f"{middle:.{digits}g} [{low:.{digits}g}, {high:.{digits}g}]"
     if row["extrapolation"] is not None:
         reach = f"{row['extrapolation']:.2f}" + (" BEYOND" if row["beyond"] else "")
     level = NOTHING if row["level"] is None else f"{row['level']:g} {row['level_unit']}"
     far = NOTHING if row["nrmse"] is None else f"{row['nrmse']:.2g}"
     return row["test"], level, row["kind"], inside, far, peak, reach
+
+
+def _digits(width: float, value: float) -> int:
+    """Significant digits that show an interval's width to one digit, 3 to 8 of them."""
+    if not 0 < width < value:
+        return 3
+    return min(max(2 - floor(log10(width / value)), 3), 8)

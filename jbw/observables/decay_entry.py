@@ -95,7 +95,7 @@ def _first_entry(
 ) -> Entry:
     """Entry by the amplitude a quarter into the record, then by the turn that is left."""
     quarter = len(envelope) // 4
-    size = jnp.mean(jnp.log(jnp.abs(envelope[quarter - 3 : quarter + 4])))
+    size = jnp.mean(jnp.log(jnp.abs(envelope[max(quarter - 3, 0) : quarter + 4])))
     grid = jnp.arange(len(decay), dtype=float)
     place = jnp.interp(-size, -decay.real, grid) - quarter
     log, _ = along(decay, place + steps)

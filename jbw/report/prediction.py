@@ -25,6 +25,7 @@ from jbw.report.style import (
 from jbw.report.sweep import extremes, resonance_slice, short, verification_sweep
 from jbw.report.text import axis_label, unit_text
 
+DEGREES = 180.0 / np.pi
 PREDICTIVE_LABEL = "99 % predictive band (noise included)"
 SWEEP = {"measured", "measured_band", "model_band", "predictive_band"}
 # Variables that a figure of the report needs, the group it reads, and the figure.
@@ -52,7 +53,7 @@ def prediction(name: str, dataset: xr.Dataset) -> Panels:
             return draw(_tree(group, {name: dataset}))
     if "time" in dataset.dims:
         return _in_time(name, dataset)
-    if "measured_magnitude" in variables:
+    if "measured_magnitude" in variables and dataset.sizes["freq"] > 1:
         return verification_curves(_tree("curve", {name: dataset}))
     return _over_frequency(name, dataset)
 
@@ -98,6 +99,9 @@ def _bands(ax: Axes, part: xr.Dataset, count: int | None) -> None:
         if variable in part:
             low, _, high = np.asarray(part[variable].transpose("quantile", "time"), float)
             shade(ax, *_shown(time, low, high, count), colour, label, alpha=0.5)
+    if count is None:
+        middle = np.asarray(part["model_band"].isel(quantile=1), float)
+        ax.plot(time, middle, color=MODEL, lw=0.8, ls="--", label="median of the model")
     if "measured" in part:
         measured = np.asarray(part["measured"], float)
         if count is None:
@@ -111,26 +115,15 @@ def _shown(time: Any, low: Any, high: Any, count: int | None) -> tuple[Any, Any,
 
 
 def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
-    """Draw the bands of a test that nobody measured: amplitude and phase of each harmonic."""
+    """Draw amplitude and phase of each harmonic with their bands, and what was measured."""
     suffixes = [s for s in ("", "_3") if f"model_magnitude{s}" in dataset]
     axes = panels(None, 2, len(suffixes), height=4.2, sharex="col", height_ratios=[1.6, 1])
-    freq = np.asarray(dataset["freq"], float)
     for column, suffix in zip(axes.T, suffixes, strict=True):
         values = dataset[f"model_magnitude{suffix}"]
-        for row, (ax, variable) in enumerate(zip(column, ("magnitude", "phase"), strict=True)):
-            scale = 1.0 if row == 0 else 180.0 / np.pi
-            for prefix, colour, label in (
-                ("predictive", PREDICTIVE, PREDICTIVE_LABEL),
-                ("model", MODEL, BAND),
-            ):
-                band = dataset.get(f"{prefix}_{variable}{suffix}")
-                if band is not None:
-                    low, middle, high = scale * np.asarray(band.transpose("quantile", "freq"))
-                    shade(ax, freq, low, high, colour, label, alpha=0.5)
-                    ax.plot(
-                        freq, middle, color=colour, lw=1.0, marker="." if freq.size == 1 else ""
-                    )
-        log_y(column[0])
+        for ax, variable, scale in zip(column, ("magnitude", "phase"), (1.0, DEGREES), strict=True):
+            _harmonic(ax, dataset, f"{variable}{suffix}", scale)
+        if dataset.sizes["freq"] > 1:
+            log_y(column[0])
         what = plain(values.attrs.get("long_name", "response"))
         title(column[0], f"{what} at {suffix.removeprefix('_')}ω, {level_text(dataset)}", size=8)
         unit = unit_text(str(values.attrs.get("units", "")))
@@ -138,3 +131,24 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
         column[1].set(xlabel="frequency [Hz]", ylabel="phase [°]")
     legend(axes, None)
     return axes
+
+
+def _harmonic(ax: Axes, dataset: xr.Dataset, variable: str, scale: float) -> None:
+    """Draw one quantity of a harmonic: bands, of a single frequency as bars, and marks."""
+    freq = np.asarray(dataset["freq"], float)
+    for prefix, colour, label, width in (
+        ("predictive", PREDICTIVE, PREDICTIVE_LABEL, 9.0),
+        ("model", MODEL, BAND, 4.0),
+    ):
+        if f"{prefix}_{variable}" not in dataset:
+            continue
+        band = dataset[f"{prefix}_{variable}"].transpose("quantile", "freq")
+        low, middle, high = scale * np.asarray(band, float)
+        if freq.size == 1:
+            ax.vlines(freq, low, high, color=colour, lw=width, alpha=0.6, label=label)
+        else:
+            shade(ax, freq, low, high, colour, label, alpha=0.5)
+        ax.plot(freq, middle, color=MODEL, lw=1.0, marker="_" if freq.size == 1 else "")
+    if f"measured_{variable}" in dataset:
+        measured = scale * np.asarray(dataset[f"measured_{variable}"], float)
+        ax.plot(freq, measured, "o", color=INK, ms=4, mfc="none", label="measured")

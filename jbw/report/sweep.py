@@ -76,7 +76,8 @@ def _whole(ax: Axes, test: xr.Dataset) -> None:
     """Draw the record as filled extremes, and the outline of the predictive band."""
     time, measured = (np.asarray(test[name], float) for name in ("time", "measured"))
     at, least, most = extremes(time, measured, measured)
-    shade(ax, at, least, most, INK, "measured, mean of the repeats not fitted", alpha=0.75)
+    repeats = "repeats not fitted" if "fitted" in test.attrs else "repeats"
+    shade(ax, at, least, most, INK, f"measured, mean of the {repeats}", alpha=0.75)
     low, _, high = np.asarray(test["predictive_band"].transpose("quantile", "time"), float)
     reach = max(3, time.size // 96)
     outline = (minimum_filter1d(low, reach), maximum_filter1d(high, reach))

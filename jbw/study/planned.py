@@ -105,7 +105,7 @@ def predict_planned(basis: Basis, test: Test, draws: Draws, *, noise: bool = Tru
         suffix = "" if order == 1 else f"_{order}"
         factor = (1j * order * omega) ** derivative_order(record.response)
         values = factor * motion[:, :, order // 2]
-        middle = np.angle(np.mean(values, axis=0))
+        middle = np.unwrap(np.angle(np.mean(values, axis=0)))
         turned = np.asarray(middle + np.angle(values * np.exp(-1j * middle)), float)
         variables[f"model_magnitude{suffix}"] = (dims, band(np.abs(values)), magnitude)
         variables[f"model_phase{suffix}"] = (dims, band(turned), phase)
