@@ -85,8 +85,9 @@ def _predicted(basis: Basis, test: Test, asked: Request) -> tuple[Predicted, int
 def _facts(found: Predicted, basis: Basis, test: Test, asked: Request) -> dict[str, Any]:
     """What is said of a prediction beside its errors."""
     noise = found.noise.says if asked.noise else LEFT_OUT
-    facts: dict[str, Any] = {"test": test.name, "kind": test.kind, "level": test.level}
-    facts |= {"level_unit": level_unit(test, found.dataset), "noise": noise}
+    facts: dict[str, Any] = {"test": test.name, "kind": test.kind, "noise": noise}
+    if np.isfinite(test.level):
+        facts |= {"level": test.level, "level_unit": level_unit(test, found.dataset)}
     if asked.noise and found.noise.std is not None:
         facts["noise_std"] = found.noise.std
     if found.peak is not None:
