@@ -19,6 +19,7 @@ from rich.text import Text
 
 NOT_TRUSTED = 4
 PIPE_WIDTH = 160  # columns, when stdout is no terminal
+BEYOND = 1.05  # of the fitted displacement: from where on a prediction is said to extrapolate
 COLUMNS = ("map", "mean", "sd", "cv", "kl", "ess_bulk", "r_hat", "truth", "z")
 STATUS = {"ok": "green", "failed": "bold red", "not assessed": "yellow"}
 
@@ -136,6 +137,8 @@ def _prediction(test: str, row: Mapping[str, Any]) -> str:
     if row.get("coverage") is not None:
         count = f"{row['num_values']:,.0f} values"
         parts.append(f"{row['coverage']:.1%} of {count} inside the 99 % band")
+    if (row.get("extrapolation") or 0.0) > BEYOND:
+        parts.append(f"{row['extrapolation']:.2g} times the displacement that was fitted")
     return f"{test} ({known}): {', '.join(parts)}"
 
 
