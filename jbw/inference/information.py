@@ -15,7 +15,14 @@ from jbw.inference.powers import Product, alone, gradient_of, value_of
 
 RESOLVED = 2.0  # standard deviations from zero: where a logarithm is a coordinate
 CLOSE = 0.1  # of a value: what is known to less than that is known well
+HARDLY = (0.5, 0.3)  # of a value, and of the prior: what is known to no less than both
 SENSIBLE = 10.0  # an exponent beyond tells of boxes of unlike widths, and of no combination
+KINDS = {
+    "known": "Known: {} (one standard deviation).",
+    "roughly": "Known roughly: {}.",
+    "hardly": "Hardly known: {}.",
+    "unknown": "Not known beyond the prior: {}.",
+}
 TOLD_APART = 0.5  # a product this much better known than its factors is said to tie them
 
 
@@ -186,19 +193,24 @@ def statements(found: Information, products: Iterable[Product] = ()) -> list[str
         "better than the prior does."
     ]
     rows = list(found.known.values())
-    known = [r for r in rows if r.ratio < UNLEARNT and r.relative < CLOSE]
-    rough = [r for r in rows if r.ratio < UNLEARNT and r.relative >= CLOSE]
-    unknown = [r for r in rows if r.ratio >= UNLEARNT]
-    if known:
-        said.append(f"Known: {listed([_to(r) for r in known])} (one standard deviation).")
-    if rough:
-        said.append(f"Known roughly: {listed([_to(r) for r in rough])}.")
-    if unknown:
-        said.append(f"Not known beyond the prior: {listed([r.text for r in unknown])}.")
+    for kind, words in KINDS.items():
+        of_kind = [row for row in rows if _kind(row) == kind]
+        if of_kind:
+            said.append(words.format(listed([_to(row) for row in of_kind])))
     return said + [_tie(found, each) for each in products if _ties(found, each)]
 
 
+def _kind(row: Known) -> str:
+    if row.ratio >= UNLEARNT:
+        return "unknown"
+    if row.relative < CLOSE:
+        return "known"
+    return "hardly" if row.relative > HARDLY[0] and row.ratio > HARDLY[1] else "roughly"
+
+
 def _to(row: Known) -> str:
+    if row.ratio >= UNLEARNT:
+        return row.text
     if row.relative < 1:
         return f"{row.text} to {100 * row.relative:.2g} %"
     return f"{row.text} to {row.sd:.2g} about {row.value:.2g}"
@@ -220,6 +232,6 @@ def _tie(found: Information, product: Product) -> str:
     times = min(each.relative for each in _factors(found, product))
     times /= found.known[product.name].relative
     return (
-        f"{product.text} is known {times:.2g} times better than its factors: they can be traded "
+        f"{product.text} is known {times:{'.0f' if times >= 10 else '.2g'}} times better than its factors: they can be traded "
         "for one another."
     )

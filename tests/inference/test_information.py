@@ -9,7 +9,7 @@ from scipy.stats import truncnorm
 from jbw.errors import ConfigError
 from jbw.inference.box import box
 from jbw.inference.costly_fit import costly_fit
-from jbw.inference.information import information, statements
+from jbw.inference.information import Information, Known, information, statements
 from jbw.inference.powers import Product, prior_of
 from jbw.inference.sensitivity import box_sensitivity, contraction, sensitivity_statements
 
@@ -171,3 +171,18 @@ def test_a_narrow_posterior_follows_a_bound_only_if_it_leans_on_it():
     leaning = box_sensitivity({"a": half.ppf(p)}, bounds)["a"]
     assert leaning.shift == pytest.approx((cut.mean() - half.mean()) / half.std(), rel=2e-3)
     assert (leaning.box, leaning.end) == ("a", "lower")
+
+
+@pytest.mark.parametrize(
+    ("relative", "ratio", "says"),
+    [
+        (0.03, 0.1, "Known: p to 3 % (one standard deviation)."),
+        (0.3, 0.1, "Known roughly: p to 30 %."),
+        (3.0, 0.1, "Known roughly: p to 6 about 2."),  # as small as that, in a far wider box
+        (0.6, 0.5, "Hardly known: p to 60 %."),
+        (0.03, 0.9, "Not known beyond the prior: p."),
+    ],
+)
+def test_how_well_in_words(relative, ratio, says):
+    row = Known("p", 2.0, 2.0 * relative, ratio)
+    assert says in statements(Information(("p",), (), {"p": row}))
