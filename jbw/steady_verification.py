@@ -11,6 +11,7 @@ from scipy.integrate import trapezoid
 
 from jbw.measurement.records import Test
 from jbw.observables import loops, response
+from jbw.observables.spectral_lines import in_band, noise_share
 from jbw.prediction import (
     QUANTILES,
     UNITS,
@@ -142,8 +143,10 @@ def compare_period(
         others: Responses of other oscillators, by name.
         band_hz: Band of the spectra [Hz]; all of them when None.
     """
-    measured, model = np.asarray(data.mean[0]), every[:, 0]
-    others = {name: one[0] for name, one in (others or {}).items()}
+    measured, model = np.asarray(data.mean[0]), in_band(every[:, 0], data.lines)
+    others = {n: in_band(one[0], data.lines) for n, one in (others or {}).items()}
+    if noise_std is not None:
+        noise_std *= noise_share(data.lines, len(measured))
     record = test.records[0]
     unit = {"units": UNITS[data.response], "long_name": data.response}
     freq = np.fft.rfftfreq(len(measured), 1 / data.fs)

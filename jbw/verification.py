@@ -14,6 +14,7 @@ from jbw.measurement.spectra import frf
 from jbw.observables import kernel
 from jbw.observables.kernel import KernelData
 from jbw.observables.response import advance
+from jbw.observables.spectral_lines import in_band, lines_of, noise_share
 from jbw.prediction import QUANTILES, Draws, band, beside, error, gaussian_band, predict_record
 
 SETTLING = 8.0  # s of a noise record during which the unknown start of the motion dies out
@@ -61,6 +62,8 @@ def compare_records(
 ) -> xr.Dataset:
     """Repeats of one input beside the model's responses to it, as of `sweep_verification`.
 
+    Where the test has a band, what lies in it of both.
+
     Args:
         test: The repeats.
         model: Response by every draw, of shape (draw, time).
@@ -70,7 +73,10 @@ def compare_records(
     record = test.records[0]
     fs, response = record.fs, record.response
     measured = np.stack([advance(r.channels[response], test.delay, fs) for r in test.records])
-    predictive = gaussian_band(model, noise_std)
+    lines = lines_of(test.band_hz or (), measured.shape[1], fs)
+    measured, model = in_band(measured, lines), in_band(model, lines)
+    others = {name: in_band(one, lines) for name, one in (others or {}).items()}
+    predictive = gaussian_band(model, noise_std * noise_share(lines, measured.shape[1]))
     mean = measured.mean(axis=0)
     inside = (measured >= predictive[0]) & (measured <= predictive[-1])
     unit = record.units[response]
@@ -91,7 +97,7 @@ def compare_records(
             "coverage": float(inside.mean()),
             "num_values": inside.size,
             "nrmse": error(mean, predictive[1]),
-            **{f"nrmse_{name}": error(mean, one) for name, one in (others or {}).items()},
+            **{f"nrmse_{name}": error(mean, one) for name, one in others.items()},
         },
     )
 

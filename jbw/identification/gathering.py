@@ -1,7 +1,6 @@
 """From the tests of a campaign to the evidence of the joint posterior, kind by kind."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
@@ -10,7 +9,8 @@ import numpy as np
 from jbw.errors import ConfigError, DataError
 from jbw.identification.linear_step import LinearStep
 from jbw.identification.selection import DecaySplit, Sweeps, loop_tests
-from jbw.measurement.records import Record, Test
+from jbw.measurement.periods import periods
+from jbw.measurement.records import Test
 from jbw.observables import decay, harmonics, loops, response, steady
 from jbw.observables.evidence import Evidence, Part, evidence
 from jbw.observables.linear import LineReading, line_reading
@@ -115,32 +115,6 @@ def by_form(tests: Sequence[Test]) -> list[list[Test]]:
     """Tests in groups of one sampling frequency, response and length."""
     ordered = sorted(tests, key=response.form_of)
     return [list(same) for _, same in groupby(ordered, key=response.form_of)]
-
-
-def periods(test: Test) -> Test | None:
-    """The steady periods of a multisine as repeats; None where its period is not known.
-
-    `settle` seconds are left out at the start, rounded up to whole periods.
-    """
-    if test.periods < 2:
-        return None
-    records = []
-    for record in test.records:
-        size, rest = divmod(record.num_samples, test.periods)
-        if rest:
-            raise DataError(
-                f"Record `{record.name}` must hold {test.periods} whole periods, but its "
-                f"{record.num_samples} samples cannot be divided so.",
-                remedy="Correct `periods`, or cut the record with `span`.",
-            )
-        skipped = int(np.ceil(test.settle * record.fs / size))
-        records += [_cut(record, i * size, size) for i in range(skipped, test.periods)]
-    return replace(test, records=tuple(records))
-
-
-def _cut(record: Record, start: int, size: int) -> Record:
-    channels = {role: x[start : start + size] for role, x in record.channels.items()}
-    return replace(record, channels=channels)
 
 
 def _groups(tests: Sequence[Test], natural_hz: float | None) -> list[harmonics.Group]:

@@ -40,14 +40,9 @@ from jbw.inference.box import Box
 from jbw.inference.costly_fit import costly_fit
 from jbw.inference.fitting import Fit
 from jbw.observables.decay import Decays
-from jbw.observables.evidence import (
-    Evidence,
-    left_by_label,
-    residual,
-    with_fitted_noise,
-    with_worth,
-)
+from jbw.observables.evidence import Evidence, residual
 from jbw.observables.linear import READ, LineReading
+from jbw.observables.weighing import left_by_label, with_fitted_noise, with_worth
 
 MOST_SUBSTEPS = 16
 

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from jbw.identification.linear import LineFit, PooledFit, line_fit, pool
+from jbw.measurement.periods import steady
 from jbw.measurement.records import Test
 from jbw.measurement.spectra import FRF, frf
 from jbw.observables.response import advance
@@ -41,6 +42,8 @@ class LinearStep:
 def linear_step(test: Test, gain: float | None = None) -> LinearStep:
     """Natural frequency, damping and gain of the linear regime.
 
+    Of a multisine by whole periods, which nothing leaks between: its lines scatter by noise alone.
+
     Args:
         test: Noise or multisine test at a low level.
         gain: Gain to hold, when the campaign knows it [N/kg per unit of the input].
@@ -48,14 +51,18 @@ def linear_step(test: Test, gain: float | None = None) -> LinearStep:
     Returns:
         The fits, per repeat and pooled.
     """
+    periodic = steady(test)
+    test, size = (test, None) if periodic is None else periodic
+    window = "hann" if size is None else "boxcar"
     fs, response = test.records[0].fs, test.records[0].response
+    how = {"response": response, "band": test.band_hz, "window": window, "nperseg": size}
     u = np.stack([(gain or 1.0) * record.channels[record.source] for record in test.records])
     y = np.stack([advance(r.channels[response], test.delay, fs) for r in test.records])
     fits = tuple(
-        line_fit(frf(one_u, one_y, fs, response=response, band=test.band_hz), test.band_hz)
+        line_fit(frf(one_u, one_y, fs, **how), test.band_hz)
         for one_u, one_y in zip(u, y, strict=True)
     )
-    together = frf(u, y, fs, response=response, band=test.band_hz)
+    together = frf(u, y, fs, **how)
     pooled = pool(fits)
     rms = float(np.sqrt(np.mean(y**2)))
     power = ("displacement", "velocity", "acceleration").index(response)

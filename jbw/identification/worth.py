@@ -14,8 +14,9 @@ from scipy.ndimage import uniform_filter1d
 
 from jbw.inference.fitting import Fit
 from jbw.observables.decay import Decays
-from jbw.observables.evidence import Evidence, left_by_label
+from jbw.observables.evidence import Evidence
 from jbw.observables.linear import LineReading
+from jbw.observables.weighing import left_by_label
 
 COLOURED = 0.2  # lag-one correlation above which intervals are noticeably too narrow
 MISFIT = 0.5  # of a mean's variance: misfit that repeats do not average out

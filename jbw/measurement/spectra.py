@@ -216,7 +216,12 @@ def _ratios(
 
 
 def _warn_when_coarse(estimate: FRF) -> None:
-    """Warn when the highest peak is hardly wider than the window's own."""
+    """Warn when the highest peak is hardly wider than the window's own.
+
+    A boxcar is for whole periods, whose lines are exact however far apart they are.
+    """
+    if estimate.window == "boxcar":
+        return
     power = np.abs(estimate.h) ** 2
     seen = half_power_bandwidth(estimate.freq, estimate.h)
     # A flat or noisy estimate has no peak to judge.

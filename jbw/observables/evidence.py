@@ -7,16 +7,17 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Float
 
 from jbw.inference.offsets import Estimate, log_density_of_offsets, run_numbers, shrunk
 from jbw.observables import decay_likelihood, harmonics, linear, loops, response
 from jbw.observables.decay import Decays
 from jbw.observables.harmonics import Points
-from jbw.observables.linear import READ, LineReading
+from jbw.observables.linear import LineReading
 from jbw.observables.loops import Loops
-from jbw.observables.repeats import OFFSETS, Repeats, estimate_of, weighted
+from jbw.observables.repeats import OFFSETS, estimate_of, weighted
 from jbw.observables.response import Records
+from jbw.observables.spectral_lines import values_of
 
 Repeated = Records | Points | Loops
 Part = Repeated | LineReading | Decays
@@ -219,78 +220,11 @@ def _with_directions(theta: Mapping[str, Array], part: Part) -> Part:
         return replace(part, directions=slope.T)
     if isinstance(part, Records):
         slope = jax.jacfwd(
-            lambda b: response.predict(theta, replace(part, origin=part.origin + b))
+            lambda b: values_of(
+                response.predict(theta, replace(part, origin=part.origin + b)), part.lines
+            )
         )(none)
     else:
         slope = -jax.jacfwd(lambda offset: compare(shifted(offset), part))(none)
     found = replace(part.repeats, directions=jnp.moveaxis(slope, -1, 1))
     return replace(part, repeats=found)
-
-
-def left_by_label(
-    rows: Float[np.ndarray, " values"], data: Evidence
-) -> dict[str, Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]]:
-    """What a fit leaves of the mean of each group of repeated data; complex for harmonics.
-
-    Args:
-        rows: `residual` at the fit.
-        data: The evidence.
-    """
-    found, position = {}, 0
-    for part in data.parts:
-        if isinstance(part, LineReading):
-            position += len(READ)
-        elif not isinstance(part, Decays):
-            own = part.repeats
-            shape = len(own.labels), own.directions.shape[-1]
-            block = rows[position : position + shape[0] * shape[1]].reshape(shape)
-            weight = np.sqrt(np.asarray(own.num_values / own.size)) / np.asarray(own.noise_std)
-            left = block / weight[:, None]
-            sizes = np.asarray(own.size).astype(int)
-            if isinstance(part, Points):
-                real, imaginary = np.split(left, 2, axis=1)
-                left, sizes = real + 1j * imaginary, sizes // 2
-            counted = loops.counted_of(part) if isinstance(part, Loops) else None
-            for i, label in enumerate(own.labels):
-                keep = slice(sizes[i]) if counted is None else counted[i]
-                found[label] = left[i, keep]
-            position += block.size
-    return found
-
-
-def with_fitted_noise(left: Mapping[str, np.ndarray], data: Evidence) -> Evidence:
-    r"""The evidence with the noise that a fit leaves in every group, $\sigma^2 = Q / (N K)$.
-
-    Args:
-        left: From `left_by_label`.
-        data: The evidence.
-    """
-
-    def fitted(part: Part) -> Part:
-        if isinstance(part, LineReading | Decays):
-            return part
-        own = part.repeats
-        squares = jnp.asarray([np.sum(np.abs(left[label]) ** 2) for label in own.labels])
-        total = own.num_repeats * squares + own.within
-        noise = jnp.sqrt(total / (own.size * own.num_repeats))
-        return replace(part, repeats=replace(own, noise_std=noise))
-
-    return replace(data, parts=tuple(fitted(part) for part in data.parts))
-
-
-def with_worth(worth: Mapping[str, float], data: Evidence) -> Evidence:
-    """The evidence with as many independent values as the residuals have.
-
-    Args:
-        worth: Share of independent values, by label; 1 where not named.
-        data: The evidence.
-    """
-
-    def counted(part: Part) -> Part:
-        if isinstance(part, LineReading | Decays):
-            return part
-        one: Repeats = part.repeats
-        share = jnp.asarray(np.array([worth.get(label, 1.0) for label in one.labels]))
-        return replace(part, repeats=replace(one, num_values=share * one.size * one.num_repeats))
-
-    return replace(data, parts=tuple(counted(part) for part in data.parts))

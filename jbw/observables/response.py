@@ -12,6 +12,7 @@ from jbw.errors import DataError
 from jbw.measurement.records import Test
 from jbw.observables.joint import joint_of
 from jbw.observables.repeats import OFFSETS, Repeats, repeats
+from jbw.observables.spectral_lines import Lines, in_band, lines_of, values_of
 from jbw.oscillator.response import Response, simulate
 
 LETTER = {"displacement": "y", "velocity": "v", "acceleration": "a"}
@@ -31,6 +32,8 @@ class Records(eqx.Module):
         response: displacement, velocity or acceleration; static.
         substeps: Steps of the solver between samples; static.
         periodic: Whether each record is one period of a steady motion; static.
+        lines: First line of the records' spectra that is compared, and the one after the last;
+            None compares the samples. Other modes then only act on the rest; static.
     """
 
     source: Float[Array, "level time"]
@@ -41,14 +44,15 @@ class Records(eqx.Module):
     response: str = eqx.field(static=True, default="velocity")
     substeps: int = eqx.field(static=True, default=2)
     periodic: bool = eqx.field(static=True, default=False)
+    lines: Lines | None = eqx.field(static=True, default=None)
 
 
 def reduce(tests: Sequence[Test], *, substeps: int = 2, periodic: bool = False) -> Records:
     """Sufficient statistics of the repeats of each test.
 
     Args:
-        tests: One test a level, all of one length, sampling frequency and response; of equal
-            inputs in all repeats.
+        tests: One test a level, all of one length, sampling frequency, response and band; of equal
+            inputs in all repeats. With a band, only its lines of the spectrum are compared.
         substeps: Steps of the solver between samples.
         periodic: Whether each record is one period of a steady motion.
 
@@ -56,46 +60,51 @@ def reduce(tests: Sequence[Test], *, substeps: int = 2, periodic: bool = False) 
         The reduced records.
 
     Raises:
-        DataError: If lengths, sampling frequencies or responses differ.
+        DataError: If lengths, sampling frequencies, responses or bands differ.
     """
     forms = {form_of(test) for test in tests}
     if len(forms) != 1:
         raise DataError(
-            f"Tests reduced together must share sampling frequency, response and length, but found "
-            f"{sorted(forms)}.",
+            "Tests reduced together must share sampling frequency, response, length and band, but "
+            f"found {sorted(forms)}.",
             remedy="Reduce them apart, or cut the records to one length.",
         )
-    fs, response, length = forms.pop()
+    fs, response, length, *band_hz = forms.pop()
+    lines = lines_of(band_hz, length, fs)
     sources = [np.stack([r.channels[r.source] for r in t.records]) for t in tests]
     responses = [
         np.stack([advance(r.channels[response], t.delay, fs) for r in t.records]) for t in tests
     ]
+    responses = [in_band(r, lines) for r in responses]
     means = np.stack([r.mean(axis=0) for r in responses])
+    # In a band, the scatter over time is that over its lines.
     within = [np.sum((r - m) ** 2) for r, m in zip(responses, means, strict=True)]
+    size = length if lines is None else 2 * (lines[1] - lines[0])
     return Records(
         source=jnp.asarray(np.stack([s.mean(axis=0) for s in sources])),
         mean=jnp.asarray(means),
         repeats=repeats(
             within=np.array(within),
             num_repeats=np.array([len(r) for r in responses]),
-            sizes=np.full(len(tests), length),
-            longest=length,
+            sizes=np.full(len(tests), size),
+            longest=size,
             labels=tuple(test.name for test in tests),
             runs=tuple(run_of(test) for test in tests),
-            scale=np.sqrt(np.mean(means**2, axis=1)),
+            scale=np.sqrt(np.sum(means**2, axis=1) / size),
         ),
         origin=jnp.zeros((len(tests), 0)),
         fs=fs,
         response=response,
         substeps=substeps,
         periodic=periodic,
+        lines=lines,
     )
 
 
-def form_of(test: Test) -> tuple[float, str, int]:
-    """Sampling frequency, response and length, which tests reduced together must share."""
+def form_of(test: Test) -> tuple[float, str, int, *tuple[float, ...]]:
+    """Sampling frequency, response, length and band, which tests reduced together must share."""
     record = test.records[0]
-    return record.fs, record.response, record.num_samples
+    return record.fs, record.response, record.num_samples, *(test.band_hz or ())
 
 
 def run_of(test: Test) -> str:
@@ -200,18 +209,18 @@ def predict(theta: Mapping[str, Array], data: Records) -> Float[Array, "level ti
     return jax.lax.map(one, (data.source, data.origin))
 
 
-def compare(theta: Mapping[str, Array], data: Records) -> Float[Array, "level time"]:
-    r"""Mean measured response of every level less its prediction.
+def compare(theta: Mapping[str, Array], data: Records) -> Float[Array, "level value"]:
+    r"""Mean measured response of every level less its prediction, where they are compared.
 
     $$d - m(o) - J^T (\theta - o)$$
 
     where the level has an origin o of omega_n and zeta.
     """
-    left = data.mean - predict(theta, data)
+    left = values_of(data.mean - predict(theta, data), data.lines)
     if not data.origin.shape[1]:
         return left
     away = jnp.stack([theta[name] for name in OFFSETS]) - data.origin
-    return left - jnp.einsum("lo,lot->lt", away, data.repeats.directions)
+    return left - jnp.einsum("lo,lov->lv", away, data.repeats.directions)
 
 
 def squares(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from jbw.curve_verification import Curve, compare_curve
 from jbw.decay_verification import NAMES, decay_verification
-from jbw.identification.gathering import periods
 from jbw.measurement.channels import derivative_order
+from jbw.measurement.periods import periods
 from jbw.measurement.records import Test
 from jbw.observables import decay, harmonics, loops, response, steady
 from jbw.observables.harmonics import Group, Points
 from jbw.prediction import Draws, carry
 from jbw.steady_verification import compare_loop, compare_period
 from jbw.study.basis import Basis
-from jbw.study.known_noise import OWN, UNKNOWN, Noise, noise_of, or_of_repeats
+from jbw.study.known_noise import ALIKE, UNKNOWN, Noise, noise_of, or_of_repeats
 from jbw.study.predicted_records import Predicted
 
 ROUNDS = 3  # of Newton's iteration, each from the median of the draws of the one before
@@ -185,7 +185,7 @@ def _noise_of_decays(basis: Basis, kind: str) -> Noise:
     units = {"displacement": "m", "velocity": "m s-1", "acceleration": "m s-2"}
     if stored is None or "record" not in stored.dims or stored.attrs.get("units") != units[kind]:
         return Noise(None, UNKNOWN)
-    return Noise(float(stored.mean()), OWN)
+    return Noise(float(stored.mean()), ALIKE)
 
 
 def _together(found: list[xr.Dataset], noise: bool) -> xr.Dataset:
@@ -205,6 +205,7 @@ def _together(found: list[xr.Dataset], noise: bool) -> xr.Dataset:
     values = np.concatenate(inside)
     return joined.assign(nrmse_of_record=far).assign_attrs(
         level=max(one.attrs["level"] for one in found),
+        level_unit=str(joined["measured"].attrs.get("units", "")),
         coverage=float(values.mean()),
         num_values=values.size,
         nrmse=float(np.sqrt(left / total)),

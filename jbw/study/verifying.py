@@ -9,10 +9,11 @@ import numpy as np
 import xarray as xr
 
 from jbw.curve_verification import Curve, curve_verification
-from jbw.identification.gathering import fitted, periods
+from jbw.identification.gathering import fitted
 from jbw.identification.procedure import Identification, Report
 from jbw.identification.selection import Sweeps, loop_tests
 from jbw.identification.starts import largest_displacement
+from jbw.measurement.periods import periods
 from jbw.measurement.records import Test
 from jbw.observables import steady
 from jbw.observables.evidence import Evidence

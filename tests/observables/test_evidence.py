@@ -15,15 +15,8 @@ from jbw.identification.worth import worth_by_label
 from jbw.inference.box import box
 from jbw.inference.costly_fit import costly_fit
 from jbw.measurement.records import Record, Test
-from jbw.observables.evidence import (
-    estimates,
-    evidence,
-    left_by_label,
-    log_likelihood,
-    residual,
-    with_fitted_noise,
-    with_worth,
-)
+from jbw.observables.evidence import estimates, evidence, log_likelihood, residual
+from jbw.observables.weighing import left_by_label, with_fitted_noise, with_worth
 from jbw.oscillator.hysteresis import hysteresis_map, steady_loop
 from jbw.oscillator.parameters import BoucWen
 
