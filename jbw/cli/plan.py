@@ -46,17 +46,15 @@ def plan(source: Path | None, limits: Path | None, json_: bool, example: bool) -
     from jbw.cli.running import prepare_jax, progress
 
     prepare_jax()
-    from jbw.planning.description import read_description
     from jbw.planning.making import plan_tests
     from jbw.report.result import read_result
 
     with progress() as say:
         if source.is_dir():
             _, tree = read_result(source)
-            description = None if limits is None else read_description(limits, of_run=True)
-            made = plan_tests(description, tree, report=say)
+            made = plan_tests(limits, tree, report=say)
         else:
-            made = plan_tests(read_description(source), report=say)
+            made = plan_tests(source, report=say)
     if json_:
         click.echo(json.dumps(_plain(asdict(made)), indent=1, ensure_ascii=False))
     else:
@@ -77,7 +75,9 @@ def _print(made: "Plan") -> None:
     if not console.is_terminal:
         console = Console(highlight=False, width=PIPE_WIDTH)
     console.print(_table(made))
-    for line in (*_remarks(made), *_recommended(made.combination, made), *made.notes):
+    known = ", ".join(f"{name} {_spread(one)}" for name, one in made.before.items())
+    before = f"Before any of these tests: CV {known}."
+    for line in (*_remarks(made), *_recommended(made.combination, made), before, *made.notes):
         console.print(Text(line))
 
 
@@ -112,7 +112,7 @@ def _cells(row: "Row", made: "Plan") -> list[str]:
         f"> {made.wish.max_repeats}" if row.repeats is None else str(row.repeats),
         "" if row.seconds is None else _duration(row.seconds),
         *(f"{row.cv[name].worst_decile:.2g}" for name in made.wish.wanted),
-        f"{row.gain:.3g}",
+        f"{row.information_gain:.3g}",
         row.status,
     ]
 
@@ -127,7 +127,7 @@ def _recommended(found: "Combination", made: "Plan") -> list[str]:
     unit = made.wish.input_unit
     if found.met and not found.tests:
         return ["No test is needed: what is known before meets the wish."]
-    tests = [f"  {n} x {test}, {level:g} {unit}" for test, level, n in found.tests]
+    tests = [f"  {one.repeats} x {one.test}, {one.level:g} {unit}" for one in found.tests]
     told = ", ".join(f"{name} {_spread(found.cv[name])}" for name in made.wish.wanted)
     after = f"CV {told} after {_duration(found.seconds)} of measuring"
     if found.met:
@@ -142,6 +142,8 @@ def _recommended(found: "Combination", made: "Plan") -> list[str]:
 
 
 def _spread(value: "Expected") -> str:
+    if value.worst_decile == value.median:
+        return f"{value.median:.2g}"
     return f"{value.worst_decile:.2g} (median {value.median:.2g})"
 
 

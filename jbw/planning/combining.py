@@ -6,7 +6,7 @@ import numpy as np
 
 from jbw.planning.beliefs import Beliefs
 from jbw.planning.information import Matrices, covariance, wanted_gain, worst_decile
-from jbw.planning.plan import Combination, Wish, expected, undetermined
+from jbw.planning.plan import Chosen, Combination, Wish, expected, undetermined
 from jbw.planning.prospects import Prospect
 
 
@@ -42,7 +42,7 @@ def combine(prospects: Sequence[Prospect], beliefs: Beliefs, wish: Wish) -> Comb
     weak = undetermined(beliefs, told(counts), wanted)
     return Combination(
         tests=tuple(
-            (str(p.candidate), p.candidate.level, int(n))
+            Chosen(str(p.candidate), p.candidate.level, int(n))
             for n, p in zip(counts, prospects, strict=True)
             if n
         ),

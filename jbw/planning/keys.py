@@ -14,10 +14,10 @@ from jbw.campaign.values import (
     text,
     unlike,
 )
-from jbw.observables.joint import JOINT
 from jbw.units import FACTORS, quantity_of
 
 Range = tuple[float, float]
+PARAMETERS = ("omega_n", "zeta", "alpha", "delta", "gamma")
 MOTIONS = ("displacement", "velocity", "acceleration")
 
 
@@ -83,7 +83,7 @@ PLAN = {
     "noise": Key(positive, "standard deviation of a sample of the response, in noise_unit"),
     "noise_unit": Key(a_motion_unit, "its unit, which says what is measured"),
     "fs": Key(positive, "sampling frequency [Hz]"),
-    "wanted": Key(some_of(*JOINT), "parameters to be known"),
+    "wanted": Key(some_of(*PARAMETERS), "parameters to be known"),
     "cv": Key(a_fraction, "their wished coefficient of variation [-]"),
     "max_input": Key(positive, "largest input [V, N or N/kg]"),
     "max_displacement": Key(positive, "largest displacement [m]"),

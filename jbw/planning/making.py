@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import xarray as xr
 from jbw.errors import ConfigError
 from jbw.planning.beliefs import Beliefs, after, before
 from jbw.planning.combining import combine
-from jbw.planning.description import Description
+from jbw.planning.description import Description, read_description
 from jbw.planning.information import covariance
 from jbw.planning.plan import Plan, Wish, expected, ordered, row
 from jbw.planning.proposals import Grid, Reach, displacement_for, propose, sampling_for
@@ -54,7 +55,7 @@ def _silent(_: str) -> None:
 
 
 def plan_tests(
-    description: Description | None = None,
+    description: Description | str | Path | None = None,
     tree: xr.DataTree | None = None,
     *,
     report: Callable[[str], None] = _silent,
@@ -62,7 +63,8 @@ def plan_tests(
     """Plan tests of a joint: which level, rate, tones and repeats a wished CV takes.
 
     Args:
-        description: What is guessed, wanted and possible; defaults beside a run.
+        description: What is guessed, wanted and possible, or its plan file; defaults beside a run,
+            which tells the joint itself.
         tree: A run's result, as `posterior.nc` holds it; None before any test.
         report: Called with one sentence at every candidate.
 
@@ -70,10 +72,13 @@ def plan_tests(
         The plan.
 
     Raises:
-        ConfigError: Neither a description nor a run, a run that does not tell the noise, which the
-            description leaves out too, or nothing wanted that is inferred.
+        ConfigError: A plan file against the schema, neither a description nor a run, a run that
+            does not tell the noise, which the description leaves out too, nothing wanted that is
+            inferred, or a gain beside a run that inferred it.
         DataError: The run's posterior lacks a parameter of the joint.
     """
+    if isinstance(description, str | Path):
+        description = read_description(Path(description), of_run=tree is not None)
     description = description or Description({})
     ground = _before(description) if tree is None else _after(description, tree)
     wish = _wish(description, ground)
@@ -120,8 +125,15 @@ def _before(description: Description) -> _Ground:
 
 def _after(description: Description, tree: xr.DataTree) -> _Ground:
     settings, rig = description.settings, rig_of(tree)
+    inferred = "gain" in tree["posterior"].data_vars
+    if inferred and description.gain is not None:
+        raise ConfigError(
+            "Keys `gain` and `modal_mass` must be left out beside this run, which inferred the "
+            f"gain, but one gives {description.gain:g}.",
+            remedy="Leave it out; levels are in the unit of the run's input.",
+        )
     held = {**rig.held, **({} if description.gain is None else {"gain": description.gain})}
-    told = "gain" in tree["posterior"] or "gain" in held
+    told = inferred or "gain" in held
     held.setdefault("gain", 1.0)
     beliefs = after(tree, held=held, num_joints=settings.get("joints", NUM_JOINTS))
     unit = (description.input_unit or rig.input_unit or "input's unit") if told else "N/kg"

@@ -69,7 +69,7 @@ class Row:
         seconds_each: Measuring time of one repeat [s].
         seconds: Measuring time of all repeats [s]; None without a number of repeats.
         cv: Expected spread after these repeats, or after the most admitted, by parameter.
-        gain: Expected information gain of one repeat, mean over joints [nats].
+        information_gain: Expected of one repeat, mean over joints [nats].
         status: "ok"; "too few", where no admitted number of repeats suffices; "not feasible",
             where a joint exceeds the largest displacement or input; or "not predicted", where no
             response was found at some joint.
@@ -84,9 +84,24 @@ class Row:
     seconds_each: float
     seconds: float | None
     cv: dict[str, Expected]
-    gain: float
+    information_gain: float
     status: str
     notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A test of a combination.
+
+    Attributes:
+        test: The test in words.
+        level: Peak of the input [V, N or N/kg].
+        repeats: How many.
+    """
+
+    test: str
+    level: float
+    repeats: int
 
 
 @dataclass(frozen=True)
@@ -94,14 +109,14 @@ class Combination:
     """Tests to make together.
 
     Attributes:
-        tests: Test in words, level and repeats of each.
+        tests: The tests.
         seconds: Measuring time [s].
         cv: Expected spread after all of them.
         met: Whether the wish is met.
         notes: What stays undetermined, in words.
     """
 
-    tests: tuple[tuple[str, float, int], ...]
+    tests: tuple[Chosen, ...]
     seconds: float
     cv: dict[str, Expected]
     met: bool
@@ -160,7 +175,7 @@ def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> Row:
         seconds_each=candidate.seconds,
         seconds=None if repeats is None else repeats * candidate.seconds,
         cv=expected(spread(found, made), beliefs, wish),
-        gain=float(np.mean(information_gain(beliefs.precision, information))),
+        information_gain=float(np.mean(information_gain(beliefs.precision, information))),
         status=_status(exceeded, lost, repeats),
         notes=(*exceeded, *lost, *([] if weak is None else [weak])),
     )
@@ -216,9 +231,10 @@ def undetermined(beliefs: Beliefs, precision: Matrices, wanted: Sequence[int]) -
 
 
 def ordered(rows: Sequence[Row]) -> tuple[Row, ...]:
-    """Rows by measuring time: those that meet the wish within the limits, then the others."""
+    """Rows by status, then by measuring time, then by what they tell."""
 
-    def place(one: Row) -> tuple[int, float]:
-        return STATUSES.index(one.status), one.seconds_each * (one.repeats or 1)
+    def place(one: Row) -> tuple[int, float, float]:
+        seconds = one.seconds_each * (one.repeats or 1)
+        return STATUSES.index(one.status), seconds, -one.information_gain
 
     return tuple(sorted(rows, key=place))

@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 import jax.numpy as jnp
 import numpy as np
 
+from jbw.errors import ConfigError
 from jbw.observables.joint import joint_of
 from jbw.oscillator.backbone import backbone
+from jbw.oscillator.parameters import BoucWen
 from jbw.planning.beliefs import Beliefs
 from jbw.planning.candidates import Candidate, Stepped, Sweep, Tones
 from jbw.planning.prospects import peak_displacement
@@ -83,9 +85,28 @@ def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[C
         grids: By kind: sweep, tones, stepped.
         beliefs: The joints held possible.
         reach: Sampling frequency and limits.
+
+    Raises:
+        ConfigError: The sampling frequency is too low for a frequency of a test.
     """
     makers = {"sweep": _sweeps, "tones": _tones, "stepped": _steps}
-    return [one for kind, grid in grids.items() for one in makers[kind](grid, beliefs, reach)]
+    found = [one for kind, grid in grids.items() for one in makers[kind](grid, beliefs, reach)]
+    for candidate in found:
+        _require_sampled(candidate)
+    return found
+
+
+def _require_sampled(candidate: Candidate) -> None:
+    """Refuse frequencies that the sampling cannot hold; of steady tones the third harmonic too."""
+    if isinstance(candidate, Sweep):
+        highest, what = candidate.stop_hz, "the sweep's last frequency"
+    else:
+        highest, what = 3 * max(candidate.frequencies_hz), "the third harmonic of the tones"
+    if 2 * highest >= candidate.fs:
+        raise ConfigError(
+            f"Key `fs` must be more than twice {what}, {highest:g} Hz, but is {candidate.fs:g} Hz.",
+            remedy=f"Sample at {sampling_for(highest):g} Hz, or lower the frequencies.",
+        )
 
 
 def _sweeps(grid: Grid, beliefs: Beliefs, reach: Reach) -> list[Candidate]:
@@ -110,7 +131,11 @@ def _aimed(shape: Sweep, level: float, y: float, beliefs: Beliefs) -> float:
     """Level at which a sweep moves the joint that responds most to y."""
     for _ in range(NUM_TRIES):
         tried = replace(shape, level=level)
-        level *= y / max(peak_displacement(tried, theta) for theta, _ in beliefs.each())
+        peaks = np.array([peak_displacement(tried, theta) for theta, _ in beliefs.each()])
+        bounded = peaks[np.isfinite(peaks)]
+        if not bounded.size:
+            return level
+        level *= y / float(bounded.max())
     return level
 
 
@@ -175,7 +200,7 @@ def _natural(beliefs: Beliefs) -> float:
     return float(np.median(beliefs.joints["omega_n"]) / (2 * np.pi))
 
 
-def _joints(beliefs: Beliefs):
+def _joints(beliefs: Beliefs) -> BoucWen:
     return joint_of({name: jnp.asarray(values) for name, values in beliefs.joints.items()})
 
 

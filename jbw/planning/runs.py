@@ -65,10 +65,14 @@ def _tests(tree: xr.DataTree) -> Iterator[xr.Dataset]:
 
 
 def _noise(posterior: xr.Dataset) -> Noise | None:
-    """Median over groups and draws of the noise of records in time."""
+    """Median over levels and draws of the noise of a sample.
+
+    That of free decays, which were filtered, and that of harmonics are none of a sample.
+    """
     for name, values in posterior.data_vars.items():
         response = RESPONSE_OF.get(str(values.attrs.get("units", "")))
-        if str(name).startswith("noise_std") and response is not None:
+        sampled = str(values.dims[-1]).startswith("level")
+        if str(name).startswith("noise_std") and sampled and response is not None:
             return Noise(float(values.median()), response)
     return None
 

@@ -1,6 +1,8 @@
 """`jbw plan`: the example, a table and JSON before a test, a run's folder, exit codes."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -43,6 +45,15 @@ def test_without_a_file_the_example_is_printed(capsys, arguments):
     assert capsys.readouterr().out == EXAMPLE
 
 
+def test_the_example_loads_no_jax():
+    code = (
+        "import sys\nfrom jbw.cli import run\nrun(['plan'])\n"
+        "print('jax' in sys.modules, file=sys.stderr)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stderr.strip() == "False"
+
+
 def test_a_table_goes_to_stdout_and_progress_to_stderr(capsys, plan_file):
     assert run(["plan", str(plan_file)]) == 0
     streams = capsys.readouterr()
@@ -60,7 +71,9 @@ def test_json_holds_the_rows_and_the_combination(capsys, plan_file):
     (only,) = found["rows"]
     assert only["level"] == 0.02
     assert only["seconds"] == pytest.approx(120.0 * only["repeats"])
-    assert found["combination"]["tests"] == [[only["test"], 0.02, only["repeats"]]]
+    assert found["combination"]["tests"] == [
+        {"test": only["test"], "level": 0.02, "repeats": only["repeats"]}
+    ]
     assert set(only["cv"]["alpha"]) == {"median", "worst_decile"}
 
 

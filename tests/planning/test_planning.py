@@ -12,7 +12,8 @@ from jbw.planning.combining import combine
 from jbw.planning.description import parse
 from jbw.planning.making import plan_tests
 from jbw.planning.plan import Wish, ordered, row
-from jbw.planning.prospects import Prospect
+from jbw.planning.proposals import Grid, Reach, propose
+from jbw.planning.prospects import Prospect, peak_displacement
 from jbw.planning.runs import rig_of
 
 RANGES = {
@@ -137,7 +138,7 @@ def test_a_row_counts_repeats_time_and_limits():
     assert found.seconds == pytest.approx(50.0)
     assert found.cv["alpha"].worst_decile == pytest.approx(1 / np.sqrt(101))
     assert list(found.cv) == ["alpha"]
-    assert found.gain == pytest.approx(0.5 * np.log(11 * 51))
+    assert found.information_gain == pytest.approx(0.5 * np.log(11 * 51))
     far = row(plain_prospect(np.diag([10.0, 50.0]), 5.0, level=2.0, y_peak=3e-3), beliefs, wish)
     assert far.status == "not feasible"
     assert "0.003 m exceeds 0.002 m" in far.notes[0]
@@ -162,7 +163,7 @@ def test_tests_are_combined_where_none_does_it_alone():
     found = combine([one, other, dear], beliefs, wish)
     assert found.met
     # 1 + 50 R >= 100 and 1 + 40 R >= 100
-    assert [n for _, _, n in found.tests] == [2, 3]
+    assert [one.repeats for one in found.tests] == [2, 3]
     assert found.seconds == pytest.approx(2 * 5.0 + 3 * 4.0)
     alone = combine([one], beliefs, wish)
     assert not alone.met
@@ -191,7 +192,7 @@ def test_tones_far_below_resonance_know_products_only(tones):
 def test_a_level_beyond_the_input_is_not_feasible(tones):
     assert tones.rows[1].level == 1.0
     assert tones.rows[1].status == "not feasible"
-    assert all(level == 0.2 for _, level, _ in tones.combination.tests)
+    assert all(one.level == 0.2 for one in tones.combination.tests)
 
 
 def test_a_plan_after_a_run_reads_its_rig():
@@ -222,20 +223,63 @@ def test_what_a_run_tells_of_its_rig():
     found = rig_of(tree)
     assert (found.fs, found.input_unit, found.y_peak) == (None, "N", None)
     assert found.held == {"gain": 15.0}
+    # In a filtered decay the noise is none of a sample.
+    known = tree["posterior"].to_dataset().rename(level="record")
+    tree["posterior"] = xr.DataTree(known)
+    assert rig_of(tree).noise is None
 
 
-@pytest.mark.parametrize(
-    ("description", "tree", "says"),
-    [
-        (None, None, "description of the joint"),
-        ("[plan]\nwanted = ['zeta']\n", None, "description of the joint"),
-        (None, "no noise", "`noise`"),
-    ],
-)
-def test_what_a_plan_cannot_do_without(description, tree, says):
-    if tree is not None:
-        tree = posterior_tree()[0]
-        tree["posterior"] = xr.DataTree(tree["posterior"].to_dataset().drop_vars("noise_std"))
-    described = None if description is None else parse(description, of_run=True)
-    with pytest.raises(ConfigError, match=says):
-        plan_tests(described, tree)
+def test_a_run_that_lacks_what_a_plan_needs():
+    tree = posterior_tree()[0]
+    quiet = tree.copy()
+    quiet["posterior"] = xr.DataTree(tree["posterior"].to_dataset().drop_vars("noise_std"))
+    with pytest.raises(ConfigError, match=r"`noise` must be given") as caught:
+        plan_tests(None, quiet)
+    assert "--limits" in str(caught.value)
+    known = tree["posterior"].to_dataset()
+    tree["posterior"] = xr.DataTree(known.assign(gain=15.0 + 0.0 * known["zeta"]))
+    with pytest.raises(ConfigError, match=r"which inferred the gain, but one gives 0.5"):
+        plan_tests(parse("[plan]\nmodal_mass = 2.0\n", of_run=True), tree)
+
+
+def test_neither_a_joint_nor_a_run():
+    for described in (None, parse("[plan]\nwanted = ['zeta']\n", of_run=True)):
+        with pytest.raises(ConfigError, match="description of the joint") as caught:
+            plan_tests(described)
+        assert "jbw plan --example" in str(caught.value)
+
+
+def test_tones_need_a_sampling_that_holds_their_third_harmonic():
+    text = TONES.replace("[tones]", "fs = 36.0\n[tones]")
+    with pytest.raises(ConfigError, match=r"third harmonic of the tones, 19.5 Hz, but is 36 Hz"):
+        plan_tests(parse(text))
+
+
+def test_default_levels_aim_below_the_limits():
+    beliefs = before({**RANGES, "alpha": (450.0, 550.0)}, held={"gain": 15.0}, num_joints=3, seed=0)
+    reach = Reach(fs=256.0, max_displacement=4e-3, max_input=0.1)
+    grid = Grid(span_hz=(14.0, 24.0), rates=(4.0,), rest=1.0)
+    found = propose({"sweep": grid}, beliefs, reach)
+    levels = [one.level for one in found]
+    assert levels == sorted(levels)
+    assert levels[-1] == 0.1  # the largest input, where 0.9 of the largest displacement needs more
+    peaks = [
+        max(peak_displacement(one, theta) for theta, _ in beliefs.each())
+        for one in (found[0], found[-1])
+    ]
+    # 0.2 of the limit at the joint that responds most: three tries come within a few per cent.
+    assert peaks[0] == pytest.approx(0.8e-3, rel=0.05)
+    assert peaks[1] < 4e-3
+
+
+def test_levels_that_are_given_are_kept():
+    beliefs = before(RANGES, held={"gain": 15.0}, num_joints=2, seed=0)
+    grids = {
+        "sweep": Grid(levels=(0.1, 0.2), rates=(1.0, 2.0)),
+        "stepped": Grid(levels=(0.01,), frequencies_hz=(18.0, 19.0), dwell=9.0, settle=5.0),
+    }
+    found = propose(grids, beliefs, Reach(fs=1024.0, max_displacement=1e-3))
+    assert [(one.level, one.rate) for one in found[:4]] == [
+        (0.1, 1.0), (0.2, 1.0), (0.1, 2.0), (0.2, 2.0),
+    ]  # fmt: skip
+    assert (found[4].level, found[4].seconds, found[4].num_samples) == (0.01, 18.0, 4096)
