@@ -19,6 +19,7 @@ STATUS_WORDS = {
     "failed": "The main posterior must not be used as it is.",
 }
 KINDS = {"ok": "good", "failed": "bad"}
+BEYOND = 1.05  # of the fitted displacement: from where on a prediction is said to extrapolate
 
 
 class Badge(NamedTuple):
@@ -117,7 +118,7 @@ def prediction_rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
         {
             "test": name,
             "level": _level(facts),
-            "fitted": "fitted" if facts.get("fitted") else "not fitted",
+            "fitted": _fitted(facts),
             "coverage": percent(facts.get("coverage")),
             "nrmse": percent(facts.get("nrmse"), digits=2),
             "linear": percent(facts.get("nrmse_linear"), digits=2),
@@ -125,6 +126,16 @@ def prediction_rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
         }
         for name, facts in (summary.get("predictions") or {}).items()
     ]
+
+
+def _fitted(facts: Mapping[str, Any]) -> str:
+    """Return whether a test was fitted, and how far beyond the fitted displacements it lies."""
+    if facts.get("fitted"):
+        return "fitted"
+    reach = facts.get("extrapolation") or 0.0
+    if reach <= BEYOND:
+        return "not fitted"
+    return f"not fitted, {reach:.2g} times the displacement that was"
 
 
 def _level(facts: Mapping[str, Any]) -> str:

@@ -1,6 +1,7 @@
 """The command `jbw predict`: a run and a campaign in, bands, table and figures out."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -64,7 +65,9 @@ def finished(tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()
     values = dict(omega_n=OMEGA_N, zeta=ZETA, alpha=1e-6, delta=1.0, gamma=1.0, gain=GAIN)
-    draws = {name: (("chain", "draw"), np.full((2, 4), value)) for name, value in values.items()}
+    draws: dict[str, Any] = {
+        name: (("chain", "draw"), np.full((2, 4), value)) for name, value in values.items()
+    }
     draws["noise_std"] = (("chain", "draw", "level"), np.full((2, 4, 1), NOISE))
     posterior = xr.Dataset(draws, {"level": ["fitted"]})
     tree = xr.DataTree.from_dict({"/": xr.Dataset(), "/posterior": posterior})

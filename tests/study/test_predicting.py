@@ -2,6 +2,7 @@
 
 import json
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,7 +80,9 @@ def a_test(level, joint=SILENT, noise=0.0, repeats=1, kind="sweep", name="sweep"
 
 
 def a_tree(draws, *, y_peak=1.0, noise=None, seen=(), substeps=8, held=None):
-    variables = {name: (("chain", "draw"), np.atleast_2d(values)) for name, values in draws.items()}
+    variables: dict[str, Any] = {
+        name: (("chain", "draw"), np.atleast_2d(values)) for name, values in draws.items()
+    }
     if noise is not None:
         shape = next(iter(variables.values()))[1].shape
         stacked = np.broadcast_to(list(noise.values()), (*shape, len(noise)))
@@ -219,6 +222,24 @@ def test_a_tone_is_predicted_where_its_measurement_lies_far_off():
     assert found.attrs["y_peak"][1] == pytest.approx(abs(truth), rel=2e-4)
 
 
+@pytest.mark.slow  # the steady solver compiles for half a minute
+def test_periods_of_a_multisine_are_those_of_the_transfer_function():
+    size, rng = 256, np.random.default_rng(3)
+    omega = 2 * np.pi * np.fft.rfftfreq(size, 1 / FS)
+    lines = np.where((omega > 30) & (omega < 300), np.exp(2j * np.pi * rng.random(129)), 0)
+    u, y = np.fft.irfft(lines, size), np.fft.irfft(lines * receptance(omega), size)
+    v = np.fft.irfft(lines * 1j * omega * receptance(omega), size)
+    noisy = np.tile(v, 4) + 1e-3 * v.std() * rng.standard_normal(4 * size)
+    record = Record(FS, {"input": np.tile(u, 4), "velocity": noisy}, UNITS)
+    test = Test("multisine", (record,), "periods", level=1.0, periods=4)
+    found = predict(basis_of(a_tree(same(SILENT), y_peak=np.abs(y).max())), test)
+    # The mean of four periods of noise 1e-3 is off by 5e-4; 256 samples say so to 4 %.
+    assert found.attrs["nrmse"] == pytest.approx(5e-4, rel=0.2)
+    assert found.attrs["coverage"] > 0.96
+    assert found.attrs["noise"] == REPEATS
+    assert found.attrs["extrapolation"] == pytest.approx(1.0, rel=1e-3)
+
+
 def test_a_push_is_predicted_in_closed_form():
     y = np.linspace(0.0, 0.01, 401)
     decay = JOINT["gamma"] + JOINT["delta"]
@@ -286,7 +307,8 @@ def test_what_is_missing_is_named():
 def test_a_study_predicts_by_name_or_by_test(tmp_path):
     test = a_test(0.01)
     campaign = Campaign("made up", tmp_path, (test,))
-    study = Study(campaign, None, a_tree(same(SILENT), noise={"sweep": 1e-3}, seen=[test]), {})
+    nothing: Any = None  # predictions read the tree alone
+    study = Study(campaign, nothing, a_tree(same(SILENT), noise={"sweep": 1e-3}, seen=[test]), {})
     by_name = study.predict("sweep")
     assert {"measured", "measured_band", "model_band", "predictive_band"} <= set(by_name.data_vars)
     xr.testing.assert_identical(by_name, study.predict(test))
@@ -299,7 +321,7 @@ def test_a_study_predicts_by_name_or_by_test(tmp_path):
 def test_a_run_writes_what_predictions_read_back(tmp_path):
     test = a_test(0.01)
     data = SimpleNamespace(scatter=np.array([0.3, 1e-3]), parts=())
-    found = SimpleNamespace(
+    found: Any = SimpleNamespace(
         main=SimpleNamespace(held={"gain": 0.5}),
         data=data,
         decay_data=SimpleNamespace(worth=0.7, shift_std=0.02),
