@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from jbw.inference.box import Box
 from jbw.inference.fitting import Fit
-from jbw.inference.identifiability import PRESENT, UNLEARNT, combination, listed, prior_std
-from jbw.inference.powers import Product, alone, gradient_of, value_of
+from jbw.inference.identifiability import PRESENT, UNLEARNT, combination, listed
+from jbw.inference.powers import Product, alone, gradient_of, log_prior_std, value_of
 
 RESOLVED = 2.0  # standard deviations from zero: where a logarithm is a coordinate
 CLOSE = 0.1  # of a value: what is known to less than that is known well
@@ -137,9 +137,11 @@ def _in_logs(
 
 
 def _prior_stds(logs: NDArray[np.bool_], box: Box) -> NDArray[np.float64]:
-    """Prior standard deviations; log of a uniform variable from zero has 1, as an exponential."""
-    pairs = zip(logs, np.asarray(box.lower), np.asarray(box.upper), strict=True)
-    return np.array([1.0 if log and a <= 0 else prior_std(a, b) for log, a, b in pairs])
+    """Prior standard deviations of the logarithms, or of the parameters themselves."""
+    triples = zip(logs, np.asarray(box.lower), np.asarray(box.upper), strict=True)
+    return np.array(
+        [log_prior_std(a, b) if log else (b - a) / math.sqrt(12) for log, a, b in triples]
+    )
 
 
 def _spectrum(
@@ -231,7 +233,8 @@ def _ties(found: Information, product: Product) -> bool:
 def _tie(found: Information, product: Product) -> str:
     times = min(each.relative for each in _factors(found, product))
     times /= found.known[product.name].relative
+    size = f"{times:.0f}" if times >= 10 else f"{times:.2g}"
     return (
-        f"{product.text} is known {times:{'.0f' if times >= 10 else '.2g'}} times better than its factors: they can be traded "
-        "for one another."
+        f"{product.text} is known {size} times better than its factors: they can be traded for one "
+        "another."
     )

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from jbw.errors import ConfigError
 from jbw.inference.box import Box
+from jbw.inference.identifiability import prior_std
 
 
 class Product(NamedTuple):
@@ -94,6 +95,34 @@ def prior_of(product: Product, box: Box) -> tuple[float, float]:
     if not math.isfinite(square):
         return mean, math.inf
     return mean, math.sqrt(max(square - mean**2, 0.0))
+
+
+def log_prior_std(lower: float, upper: float) -> float:
+    """Standard deviation of log theta for theta uniform in a box that is not negative.
+
+    From zero on, log theta is an exponential variable: its standard deviation is 1.
+
+    Args:
+        lower: Lower bound, at least 0.
+        upper: Upper bound.
+    """
+    return prior_std(lower, upper) if lower > 0 else 1.0
+
+
+def log_prior_of(product: Product, box: Box) -> float:
+    r"""Standard deviation of the product's logarithm under the box's uniform prior.
+
+    $$\Bigl(\sum_i p_i^2\,\mathrm{var}(\log\theta_i)\Bigr)^{1/2}$$
+
+    Args:
+        product: The product.
+        box: The prior box, not negative.
+    """
+    places = [box.names.index(name) for name in product.powers]
+    stds = [log_prior_std(float(box.lower[i]), float(box.upper[i])) for i in places]
+    return math.hypot(
+        *(power * std for power, std in zip(product.powers.values(), stds, strict=True))
+    )
 
 
 def _moment(power: float, lower: float, upper: float) -> float:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from jbw.inference.box import Box
 from jbw.inference.identifiability import listed
-from jbw.inference.powers import Product, prior_of, value_of
+from jbw.inference.information import RESOLVED
+from jbw.inference.powers import Product, log_prior_of, prior_of, value_of
 
 CUT = 0.1  # of the box's width, or of the posterior's where that is less
 WIDTH = 8.0  # standard deviations: width of a posterior
@@ -39,6 +40,10 @@ class Sensitivity:
 def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str, float]:
     r"""How much the data narrowed each product, $1 - \mathrm{var}_{post} / \mathrm{var}_{prior}$.
 
+    Of the logarithms of what is positive and distinct from zero, as in `information`: in a box over
+    decades, a value known to within a factor of two is otherwise taken for known. Of the values
+    themselves where they may be zero or negative.
+
     Args:
         draws: Draws of the box's parameters, by name.
         box: The prior box.
@@ -49,10 +54,28 @@ def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str
     """
     found = {}
     for product in products:
-        _, prior = prior_of(product, box)
-        ratio = float(np.std(value_of(product, draws), ddof=1)) / prior
+        values = np.ravel(value_of(product, draws))
+        if _in_logs(draws, product, box):
+            values, prior = np.log(values), log_prior_of(product, box)
+        else:
+            prior = prior_of(product, box)[1]
+        ratio = float(np.std(values, ddof=1)) / prior
         found[product.name] = 1 - ratio**2 if math.isfinite(prior) else math.nan
     return found
+
+
+def _in_logs(draws: Draws, product: Product, box: Box) -> bool:
+    """Whether each factor is positive by its box, or by the data in a box from zero on."""
+    return all(
+        float(box.lower[box.names.index(name)]) > 0 or _resolved(draws[name], name, box)
+        for name in product.powers
+    )
+
+
+def _resolved(draws: Float[np.ndarray, "..."], name: str, box: Box) -> bool:
+    if float(box.lower[box.names.index(name)]) < 0 or np.min(draws) <= 0:
+        return False
+    return float(np.mean(draws)) > RESOLVED * float(np.std(draws))
 
 
 def box_sensitivity(draws: Draws, box: Box, cut: float = CUT) -> dict[str, Sensitivity]:

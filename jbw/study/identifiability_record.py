@@ -157,7 +157,7 @@ def _rows(found: Identifiability, dim: str, names: tuple[str, ...]) -> dict[str,
         rows |= {
             f"{dim}_contraction": (
                 [found.contraction[name] for name in names],
-                "1 less the variance of the draws over the prior's",
+                "1 less the variance of the draws over the prior's, of logs of what is positive",
             ),
             f"{dim}_shift": (
                 [found.sensitivity[name].shift for name in names],

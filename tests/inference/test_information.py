@@ -3,14 +3,14 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import dblquad
+from scipy.integrate import dblquad, quad
 from scipy.stats import truncnorm
 
 from jbw.errors import ConfigError
 from jbw.inference.box import box
 from jbw.inference.costly_fit import costly_fit
 from jbw.inference.information import Information, Known, information, statements
-from jbw.inference.powers import Product, prior_of
+from jbw.inference.powers import Product, alone, log_prior_of, prior_of
 from jbw.inference.sensitivity import box_sensitivity, contraction, sensitivity_statements
 
 AB = Product("a_b", "a*b", {"a": 1.0, "b": 1.0}, ("a", "b"))
@@ -124,6 +124,39 @@ def test_a_quotient_by_a_box_from_zero_has_no_prior_variance():
     assert prior_of(quotient, bounds)[1] == np.inf
     draws = {"a": np.linspace(1.0, 2.0, 9), "b": np.linspace(0.1, 1.0, 9)}
     assert np.isnan(contraction(draws, bounds, [quotient])["q"])
+
+
+def test_logarithm_of_a_product_against_quadrature():
+    powers = {"a": 1.0, "b": -2.0}
+
+    def moment(n):
+        return quad_of(lambda a: (np.log(a)) ** n, 2.0, 5.0), quad_of(
+            lambda b: np.log(b) ** n, 0.5, 4.0
+        )
+
+    variances = [second - first**2 for first, second in zip(moment(1), moment(2), strict=True)]
+    expected = np.sqrt(variances[0] + 4 * variances[1])
+    bounds = box({"a": (2.0, 5.0), "b": (0.5, 4.0)})
+    assert log_prior_of(Product("q", "q", powers), bounds) == pytest.approx(expected, rel=1e-9)
+    one = Product("b", "b", {"b": 1.0})
+    assert log_prior_of(one, box({"b": (0.0, 7.0)})) == 1.0
+
+
+def quad_of(function, lower, upper):
+    return quad(function, lower, upper)[0] / (upper - lower)
+
+
+def test_a_factor_known_to_a_third_in_a_box_of_decades_is_not_taken_for_known():
+    bounds = box({"share": (0.002, 0.9), "softening": (0.0, 50.0)})
+    quotient = Product("delta", "delta", {"softening": 1.0, "share": -1.0})
+    share = np.random.default_rng(0).uniform(0.002, 0.9, 100_000)
+    draws = {"share": share, "softening": 13.0 + 0.1 * np.sin(np.arange(100_000))}
+    found = contraction(draws, bounds, [quotient, *map(alone, bounds.names)])
+    # Of the variances of the logs, 1 of softening and 0.94 of share, the latter is left.
+    variance = log_prior_of(alone("share"), bounds) ** 2
+    assert found["delta"] == pytest.approx(1 / (1 + variance), abs=0.02)
+    assert found["share"] == pytest.approx(0.0, abs=0.03)
+    assert found["softening"] > 0.999
 
 
 def test_a_product_of_strangers_is_refused():
