@@ -130,7 +130,11 @@ def _waterfall_words(costs: NDArray[np.float64]) -> str:
 
 def _contraction_words(narrowed: Mapping[str, float], texts: Mapping[str, str]) -> list[str]:
     """Which marginals the data hardly narrowed, in words."""
-    wide = [f"{texts[name]} ({value:.0%})" for name, value in narrowed.items() if value < NARROWED]
+    wide = [
+        f"{texts[name]} ({max(value, 0.0):.0%})"
+        for name, value in narrowed.items()
+        if value < NARROWED
+    ]
     if not wide:
         return ["After sampling, every parameter has less than half of its prior variance left."]
     return [
