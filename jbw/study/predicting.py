@@ -23,7 +23,6 @@ from jbw.study.reach import BEYOND
 HARDLY = 0.01  # of an input's power near the mode: less hardly touches it
 MOST_SAMPLES = 8_000_000  # of all draws of a record together
 FEWEST = 20  # draws through however long a record
-OF_MEASURED = ("measured", "measured_spectrum", "error_spectrum")
 ERRORS = ("coverage", "num_values", "nrmse")
 
 
@@ -52,12 +51,12 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     dropped = []
     if not asked.noise or found.noise.std is None:
         dropped += [name for name in found.dataset.data_vars if "predictive" in str(name)]
+    kept = {**found.dataset.attrs, **attrs}
     if not is_measured(test):
         dropped += [name for name in found.dataset.data_vars if "measured" in str(name)]
-    dataset = found.dataset.drop_vars(dropped).assign_attrs(attrs)
-    if not is_measured(test):
-        kept = {n: v for n, v in dataset.attrs.items() if str(n).split("_3")[0] not in ERRORS}
-        dataset.attrs = kept
+        kept = {name: value for name, value in kept.items() if name not in (*ERRORS, "num_repeats")}
+    dataset = found.dataset.drop_vars(dropped)
+    dataset.attrs = kept
     return dataset
 
 
