@@ -126,7 +126,11 @@ def _recommended(found: "Combination", made: "Plan") -> list[str]:
     """The combination in words: what to measure, what it tells, what it does not."""
     unit = made.wish.input_unit
     if found.met and not found.tests:
-        return ["No test is needed: what is known before meets the wish."]
+        best = max(made.rows, key=lambda one: one.information_gain / one.seconds_each)
+        return [
+            "No test is needed: what is known before meets the wish.",
+            f"Most would be told a second by {best.test}, {best.level:g} {unit}.",
+        ]
     tests = [f"  {one.repeats} x {one.test}, {one.level:g} {unit}" for one in found.tests]
     told = ", ".join(f"{name} {_spread(found.cv[name])}" for name in made.wish.wanted)
     after = f"CV {told} after {_duration(found.seconds)} of measuring"

@@ -71,7 +71,7 @@ def before(
         seed: Of the draws.
 
     Raises:
-        ConfigError: A range that holds zero or does not rise in magnitude or sign.
+        ConfigError: A range that holds zero, or whose ends are not in order.
     """
     for name, pair in ranges.items():
         require_one_sign(name, pair)
@@ -150,7 +150,7 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
         num_joints: Draws taken, evenly spaced.
 
     Raises:
-        DataError: The posterior lacks a parameter of the joint.
+        DataError: The posterior lacks a parameter of the joint, or its damping is held at zero.
     """
     posterior = tree["posterior"].to_dataset()
     missing = [name for name in JOINT if name not in posterior and name not in held]

@@ -12,7 +12,7 @@ from jbw.oscillator.backbone import backbone
 from jbw.oscillator.parameters import BoucWen
 from jbw.planning.beliefs import Beliefs
 from jbw.planning.candidates import Candidate, Stepped, Sweep, Tones
-from jbw.planning.prospects import peak_displacement
+from jbw.planning.prospects import peak_displacements
 
 SHARES = (0.2, 0.45, 0.9)  # of the largest displacement, that levels aim at
 SPAN = (0.5, 1.5)  # of the natural frequency
@@ -131,7 +131,7 @@ def _aimed(shape: Sweep, level: float, y: float, beliefs: Beliefs) -> float:
     """Level at which a sweep moves the joint that responds most to y."""
     for _ in range(NUM_TRIES):
         tried = replace(shape, level=level)
-        peaks = np.array([peak_displacement(tried, theta) for theta, _ in beliefs.each()])
+        peaks = peak_displacements(tried, beliefs)
         bounded = peaks[np.isfinite(peaks)]
         if not bounded.size:
             return level

@@ -90,43 +90,49 @@ def prospects(
 
 
 def _prospect(candidate: Candidate, beliefs: Beliefs, noise: Noise, longest: int) -> Prospect:
-    information, y_peak = [], []
-    for theta, scale in beliefs.each():
-        if isinstance(candidate, Sweep):
-            data, kept = sweep_evidence(candidate, noise, longest)
-            peak = peak_displacement(candidate, theta, longest)
-        else:
-            data, peak = _steady_evidence(candidate, theta, noise)
-            kept = jnp.ones(2 * len(ORDERS) * len(candidate.frequencies_hz))
-        moved = fisher(_arrays(theta), beliefs.names, jnp.asarray(scale), data, kept)
-        information.append(np.asarray(moved))
-        y_peak.append(peak)
-    information, y_peak = np.array(information), np.array(y_peak)
+    if isinstance(candidate, Sweep):
+        y_peak = peak_displacements(candidate, beliefs, longest)
+        data = [sweep_evidence(candidate, noise, longest)] * beliefs.num_joints
+    else:
+        motions = [_motion(candidate, theta) for theta, _ in beliefs.each()]
+        y_peak = np.array([_crest(motion) for motion in motions])
+        data = [tones_evidence(candidate, motion, noise) for motion in motions]
+    information = np.array(
+        [
+            fisher(_arrays(theta), beliefs.names, jnp.asarray(scale), told, kept)
+            for (theta, scale), (told, kept) in zip(beliefs.each(), data, strict=True)
+        ]
+    )
     lost = ~np.isfinite(information).all(axis=(1, 2)) | ~np.isfinite(y_peak)
     information[lost], y_peak[lost] = 0.0, np.nan
     return Prospect(candidate, information, y_peak)
 
 
-def peak_displacement(candidate: Sweep, theta: Mapping[str, float], longest: int = 0) -> float:
-    """Peak displacement of one joint under a sweep [m].
+def peak_displacements(
+    candidate: Sweep, beliefs: Beliefs, longest: int = 0
+) -> Float[np.ndarray, " joint"]:
+    """Peak displacement of every joint under a sweep [m]; not finite where it diverges.
 
     Args:
         candidate: The sweep.
-        theta: The joint's parameters and `gain`.
+        beliefs: The joints held possible.
         longest: Samples to fill the record up to.
     """
-    y = _displacement(_arrays(theta), jnp.asarray(_source(candidate, longest)), candidate.fs)
-    return float(jnp.max(jnp.abs(y)))
+    source = jnp.asarray(_source(candidate, longest))
+    each = [_displacement(_arrays(theta), source, candidate.fs) for theta, _ in beliefs.each()]
+    return np.max(np.abs(np.array(each)), axis=1)
 
 
-def _steady_evidence(
-    candidate: Tones, theta: Mapping[str, float], noise: Noise
-) -> tuple[Evidence, float]:
+def _motion(candidate: Tones, theta: Mapping[str, float]) -> Complex[np.ndarray, "tone harmonic"]:
+    """Odd harmonics of the steady displacement [m], NaN where they were not found."""
     omega = 2 * np.pi * jnp.array(candidate.frequencies_hz)
-    motion = _steady(_arrays(theta), omega, jnp.asarray(candidate.level))
+    return np.asarray(_steady(_arrays(theta), omega, jnp.asarray(candidate.level)))
+
+
+def _crest(motion: Complex[np.ndarray, "tone harmonic"]) -> float:
+    """Largest displacement of all tones [m]."""
     phase = jnp.linspace(0.0, 2 * np.pi, NUM_PHASES, endpoint=False)
-    y = jax.vmap(lambda q: synthesis(q, phase))(motion)
-    return tones_evidence(candidate, np.asarray(motion), noise), float(jnp.max(jnp.abs(y)))
+    return float(np.max(np.abs([synthesis(jnp.asarray(q), phase) for q in motion])))
 
 
 def sweep_evidence(
@@ -153,8 +159,8 @@ def sweep_evidence(
 
 def tones_evidence(
     candidate: Tones, motion: Complex[np.ndarray, "tone harmonic"], noise: Noise
-) -> Evidence:
-    r"""Harmonics of steady tones, as the identification would read them.
+) -> tuple[Evidence, Float[Array, " value"]]:
+    r"""Harmonics of steady tones, as the identification would read them; all of it is measured.
 
     Real and imaginary parts of a harmonic read from N samples have the variance
     $2\sigma^2 / N$ each.
@@ -170,7 +176,8 @@ def tones_evidence(
     points = harmonics.gather(groups)
     std = noise.std * np.sqrt(2 / candidate.num_samples)
     known = replace(points.repeats, noise_std=jnp.full(len(groups), std))
-    return evidence([replace(points, repeats=known)])
+    kept = jnp.ones(2 * len(groups) * len(omega))
+    return evidence([replace(points, repeats=known)]), kept
 
 
 def _group(

@@ -17,7 +17,7 @@ from jbw.planning.information import (
     wanted_gain,
     worst_decile,
 )
-from jbw.planning.prospects import Noise, peak_displacement, prospects
+from jbw.planning.prospects import Noise, peak_displacements, prospects
 
 JOINT = dict(omega_n=118.12, zeta=0.00444, alpha=497.4, delta=340.21, gamma=32.84)
 LINEAR = dict(omega_n=60.0, zeta=0.01, alpha=400.0, delta=1e-9, gamma=1e-9)
@@ -107,7 +107,7 @@ def bouc_wen(theta, u):
 def test_peak_displacement_in_a_strong_sweep():
     test = Sweep(level=0.10, start_hz=12.0, stop_hz=26.0, rate=3.5, rest=0.5, fs=1024.0)
     theta = JOINT
-    y_peak = peak_displacement(test, {**theta, "gain": 15.0})
+    y_peak = peak_displacements(test, beliefs_at(theta, 15.0, ("omega_n",)))[0]
     slope = bouc_wen(theta, lambda t: 15.0 * float(chirp(np.float64(t), test)))
     t = np.arange(test.num_samples) / test.fs
     solved = solve_ivp(

@@ -13,7 +13,7 @@ from jbw.planning.description import parse
 from jbw.planning.making import plan_tests
 from jbw.planning.plan import Wish, ordered, row
 from jbw.planning.proposals import Grid, Reach, propose
-from jbw.planning.prospects import Prospect, peak_displacement
+from jbw.planning.prospects import Prospect, peak_displacements
 from jbw.planning.runs import rig_of
 
 RANGES = {
@@ -263,10 +263,7 @@ def test_default_levels_aim_below_the_limits():
     levels = [one.level for one in found]
     assert levels == sorted(levels)
     assert levels[-1] == 0.1  # the largest input, where 0.9 of the largest displacement needs more
-    peaks = [
-        max(peak_displacement(one, theta) for theta, _ in beliefs.each())
-        for one in (found[0], found[-1])
-    ]
+    peaks = [peak_displacements(one, beliefs).max() for one in (found[0], found[-1])]
     # 0.2 of the limit at the joint that responds most: three tries come within a few per cent.
     assert peaks[0] == pytest.approx(0.8e-3, rel=0.05)
     assert peaks[1] < 4e-3
