@@ -77,10 +77,12 @@ def halved(data: Evidence) -> Evidence | None:
     )
 
 
-def thinned(posterior: xr.Dataset, names: tuple[str, ...] | None = None) -> dict[str, np.ndarray]:
+def thinned(
+    posterior: xr.Dataset, names: tuple[str, ...] | None = None, num_draws: int = NUM_DRAWS
+) -> dict[str, np.ndarray]:
     """A few draws of the parameters, evenly spaced over all chains."""
     total = posterior.sizes["chain"] * posterior.sizes["draw"]
-    keep = np.unique(np.linspace(0, total - 1, min(NUM_DRAWS, total)).round().astype(int))
+    keep = np.unique(np.linspace(0, total - 1, min(num_draws, total)).round().astype(int))
     chosen = names or tuple(str(name) for name in posterior.data_vars)
     return {name: posterior[name].values.ravel()[keep] for name in chosen}
 

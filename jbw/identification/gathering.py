@@ -14,6 +14,7 @@ from jbw.measurement.records import Test
 from jbw.observables import decay, harmonics, loops, response, steady
 from jbw.observables.evidence import Evidence, Part, evidence
 from jbw.observables.linear import LineReading, line_reading
+from jbw.observables.runs import run_of
 
 DEFAULT_SUBSTEPS = 2
 
@@ -107,7 +108,7 @@ def reading_of(linear: LinearStep, gain: float | None = None) -> LineReading:
     """Step 2 as an observable; its gain in the campaign's units where those are known."""
     scale = np.array([1.0, 1.0, gain or 1.0])
     covariance = linear.pooled.covariance * np.outer(scale, scale)
-    run = response.run_of(linear.test)
+    run = run_of(linear.test)
     return line_reading(linear.pooled.mean * scale, covariance, linear.y_rms, run)
 
 

@@ -26,6 +26,7 @@ from jbw.identification.leaving_out import (
     left_out_dataset,
 )
 from jbw.identification.noise import with_derived
+from jbw.identification.runs import runs_dataset, runs_sentence
 from jbw.identification.shifts import (
     recentred,
     sentence_of,
@@ -70,7 +71,7 @@ def joint_step(
         Eq. (37), with every parameter set to update.
     """
     started = perf_counter()
-    keys = jax.random.split(key, 4)
+    keys = jax.random.split(key, 5)
     known = {**linear_look(data), **_means(earlier)}
     prior = box_of(settings, data, known)
     first = fit_from(keys[0], data, prior, known)
@@ -84,6 +85,9 @@ def joint_step(
     if (error := solver_finding(draws, data)) is not None:
         findings.append(error)
     complete = with_derived(keys[3], posterior, data)
+    if (runs := runs_dataset(keys[4], draws, prior.names, data)) is not None:
+        complete["runs"] = xr.DataTree(runs)
+        words.append(runs_sentence(runs))
     if (left_out := leave_one_out(best, prior, data)) is not None:
         findings.append(consistency_finding(left_out))
         complete["leave_one_out"] = xr.DataTree(left_out_dataset(left_out))

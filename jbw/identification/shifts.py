@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from jbw.inference.fitting import Fit
-from jbw.inference.offsets import run_numbers, scatter_grid
+from jbw.inference.offsets import run_numbers
+from jbw.inference.scatter import scatter_grid
 from jbw.observables.decay import Decays
 from jbw.observables.evidence import Evidence, best_offsets, run_names, with_directions
 from jbw.observables.linear import READ, LineReading
 from jbw.observables.repeats import OFFSETS
+from jbw.observables.runs import assemblies_of
 
 BY_CHANCE = 1e-3  # probability below which shifts are taken for real
 LEAST, MOST = (1e-7, 1e-4), (1e-2, 0.5)  # scatter of omega_n and zeta, relative
@@ -138,9 +140,10 @@ def with_offsets(best: Fit, shifts: Shifts, data: Evidence) -> Evidence:
     least, most = (tuple(np.array(part) * centre) for part in (LEAST, MOST))
     scatter = np.clip(shifts.scatter, least, most)
     own = dict(zip(shifts.runs, shifts.offset, strict=True))
+    nested = bool(assemblies_of(tuple(dict.fromkeys(run_names(data)))))
     return replace(
         with_directions(best.theta, data, own),
-        scatters=jnp.asarray(scatter_grid(least, most)),
+        scatters=jnp.asarray(scatter_grid(least, most, assemblies=nested)),
         scatter=jnp.asarray(scatter),
     )
 

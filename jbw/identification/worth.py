@@ -21,14 +21,16 @@ from jbw.observables.weighing import left_by_label
 COLOURED = 0.2  # lag-one correlation above which intervals are noticeably too narrow
 MISFIT = 0.5  # of a mean's variance: misfit that repeats do not average out
 LEAST_WORTH = 8  # independent values of a group, below which nothing could be integrated out
-SMOOTHED = 5  # lines of a residual's spectrum that are averaged
+BY_CHANCE = 0.5  # share that white residuals of a few dozen values hardly go below
+SMOOTHED = 5  # neighbours among which a residual's squares are averaged
 
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 
 
 def correlation_at_one(row: Row) -> float:
-    """Lag-one correlation of a residual."""
-    return float(np.real(np.vdot(row[:-1], row[1:])) / np.real(np.vdot(row, row)))
+    """Lag-one correlation of a residual; of lines of a spectrum, its magnitude."""
+    together = np.vdot(row[:-1], row[1:]) / np.real(np.vdot(row, row))
+    return float(np.abs(together) if np.iscomplexobj(row) else np.real(together))
 
 
 def worth_along(
@@ -36,14 +38,14 @@ def worth_along(
     slopes: Float[np.ndarray, "parameter n"] | Complex[np.ndarray, "parameter n"],
     covariance: Float[np.ndarray, "parameter parameter"],
 ) -> float:
-    r"""Share of values of a coloured residual that count as independent for what is estimated.
+    r"""Share of values of a residual that count as independent for what is estimated.
 
-    $$w = \frac{\sum_f D(f)}{\sum_f D(f)\,S(f)}, \qquad
-      D = \sum_i |\mathrm{FFT}(L^T J^T)_i|^2, \quad \Sigma = L L^T$$
+    $$w = w_t\,w_f, \qquad w_t = \frac{\bar S \sum_t D(t)}{\sum_t D(t)\,S(t)}, \quad
+      S = |r|^2, \quad D = \sum_i |(L^T J^T)_i|^2, \quad \Sigma = L L^T$$
 
-    with S the residual's spectrum over its mean, and D that of the prediction's change by one
-    standard deviation of everything estimated: the variance of a weighted sum of white noise, over
-    that of noise of the residual's colour.
+    and w_f the same of their Fourier transforms. D is the prediction's change by one standard
+    deviation of everything estimated. Where the residual is large at the places, or the
+    frequencies, at which D is, least squares scatters by more than white noise of its size causes.
 
     Args:
         row: What the fit leaves of the group.
@@ -53,12 +55,16 @@ def worth_along(
     Returns:
         w, at most 1 and at least eight values' worth.
     """
-    size = len(row)
-    colour = uniform_filter1d(np.abs(np.fft.fft(row)) ** 2, SMOOTHED, mode="wrap")
     along = np.linalg.cholesky(covariance).T @ slopes
-    acted = np.sum(np.abs(np.fft.fft(along)) ** 2, axis=0)
-    share = acted.sum() * colour.mean() / np.sum(acted * colour)
-    return float(np.clip(share, min(1.0, LEAST_WORTH / size), 1.0))
+    share = _overlap(row, along) * _overlap(np.fft.fft(row), np.fft.fft(along))
+    return float(np.clip(share, min(1.0, LEAST_WORTH / len(row)), 1.0))
+
+
+def _overlap(row: Row, along: Float[np.ndarray, "i n"] | Complex[np.ndarray, "i n"]) -> float:
+    """Mean square of a residual, over that where the prediction moves; at most 1."""
+    square = uniform_filter1d(np.abs(row) ** 2, SMOOTHED, mode="wrap")
+    moved = np.sum(np.abs(along) ** 2, axis=0)
+    return min(float(moved.sum() * square.mean() / np.sum(moved * square)), 1.0)
 
 
 def worth_of(rows: Float[np.ndarray, "row n"] | Complex[np.ndarray, "row n"]) -> float:
@@ -112,10 +118,11 @@ def worth_by_label(best: Fit, data: Evidence) -> dict[str, float]:
             square = float(np.sum(np.abs(row) ** 2)) / size
             noise = float(own.within[i]) / (size * (count - 1)) if count > 1 else 0.0
             misfit = max(square - noise / count, 0.0)
-            share = 1.0
-            if len(row) >= 2 * LEAST_WORTH and correlation_at_one(row) > COLOURED:
-                slopes = np.stack([column[label] for column in columns])
-                share = worth_along(row, slopes, best.covariance)
+            slopes = np.stack([column[label] for column in columns])
+            share = worth_along(row, slopes, best.covariance)
+            coloured = len(row) >= 2 * LEAST_WORTH and abs(correlation_at_one(row)) > COLOURED
+            if not coloured and share > BY_CHANCE:
+                share = 1.0
             if count > 1 and count * misfit > MISFIT * noise:
                 share *= (misfit + noise) / (count * misfit + noise)
             if share < 1.0:

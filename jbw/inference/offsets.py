@@ -3,18 +3,15 @@ r"""Gaussian likelihood of groups of data that each have offsets of their own.
 Structures shift: from level to level, from day to day, by a part in a thousand. A group (a test,
 or one harmonic of it) sees the shared parameters through a few offsets b of its own run, which act
 linearly, and has one unknown noise. Both are integrated out in closed form; the offsets of all
-runs share a scatter, unknown too. Without this, white noise alone sets the width of the
-posterior, and real structures make it several times too narrow.
+runs share a scatter, unknown too (`jbw.inference.scatter`). Without this, white noise alone sets
+the width of the posterior, and real structures make it several times too narrow.
 """
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-
-NUM_SCATTERS = 17  # nodes of each scatter's prior, half a decade apart or less
 
 
 class Estimate(NamedTuple):
@@ -65,7 +62,7 @@ def estimate(
         return Estimate(-num_values / 2 * jnp.log(total), none, none[:, :, None])
     normal = num_repeats[:, None, None] * jnp.einsum("gin,gjn->gij", directions, directions)
     slope = num_repeats[:, None] * jnp.einsum("gin,gn->gi", directions, residual)
-    offset = _solve(normal, slope)
+    offset = solve(normal, slope)
     left = total - jnp.sum(offset * slope, axis=-1)
     degrees = num_values - num_own
     precision = normal * (degrees / left)[:, None, None]
@@ -82,72 +79,19 @@ def known_estimate(
     """
     precision = jnp.einsum("gin,gjn->gij", directions, directions)
     slope = jnp.einsum("gin,gn->gi", directions, residual)
-    offset = _solve(precision, slope) if directions.shape[1] else slope
+    offset = solve(precision, slope) if directions.shape[1] else slope
     squares = jnp.sum(residual**2, axis=-1) - jnp.sum(offset * slope, axis=-1)
     return Estimate(-0.5 * squares, offset, precision)
 
 
-def scatter_grid(
-    least: tuple[float, ...], most: tuple[float, ...]
-) -> Float[np.ndarray, "node own"]:
-    """Nodes of the offsets' scatters: log-uniform priors between two bounds each.
-
-    Args:
-        least: Scatter below which an offset does not matter, of each offset.
-        most: Largest scatter believed.
-
-    Returns:
-        Every combination of the scatters.
-    """
-    axes = [np.geomspace(a, b, NUM_SCATTERS) for a, b in zip(least, most, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
-
-
-def log_density_of_offsets(
-    found: Estimate,
-    runs: tuple[int, ...],
-    scatters: Float[Array, "node own"] | Float[np.ndarray, "node own"],
-) -> Float[Array, ""]:
-    r"""Log density of the groups' offsets, those of one run being the same, scatter unknown.
-
-    $$\log \frac{1}{M}\sum_s \prod_r \int N(b; 0, s^2)
-      \prod_{g \in r} e^{-\frac12 (\hat b_g - b)^T W_g (\hat b_g - b)}\,db$$
-
-    Args:
-        found: The groups' estimates.
-        runs: Number of the run that each group belongs to.
-        scatters: Nodes of the scatter's prior.
-
-    Returns:
-        The log density [nats], up to a constant.
-    """
-    if found.offset.shape[1] == 0:
-        return jnp.zeros(())
-    member = jnp.asarray(np.eye(max(runs) + 1)[list(runs)])
-    pull = jnp.einsum("gij,gj->gi", found.precision, found.offset)
-    spread = jnp.sum(found.offset * pull)
-    precision = jnp.einsum("gr,gij->rij", member, found.precision)
-    pull = jnp.einsum("gr,gi->ri", member, pull)
-
-    def given(scatter: Float[Array, " own"]) -> Float[Array, ""]:
-        # With b = s x the prior of x is standard normal.
-        scaled = scatter[:, None] * precision * scatter + jnp.eye(len(scatter))
-        drawn = pull * scatter
-        best = jnp.sum(drawn * _solve(scaled, drawn))
-        return 0.5 * (best - jnp.sum(jnp.log(_determinant(scaled))))
-
-    nodes = jax.vmap(given)(jnp.asarray(scatters))
-    return -0.5 * spread + jax.nn.logsumexp(nodes) - np.log(len(scatters))
-
-
-def _determinant(matrix: Float[Array, "group own own"]) -> Float[Array, " group"]:
+def determinant(matrix: Float[Array, "group own own"]) -> Float[Array, " group"]:
     """Determinant of 1 x 1 or 2 x 2 matrices."""
     if matrix.shape[-1] == 1:
         return matrix[:, 0, 0]
     return matrix[:, 0, 0] * matrix[:, 1, 1] - matrix[:, 0, 1] * matrix[:, 1, 0]
 
 
-def _solve(
+def solve(
     matrix: Float[Array, "group own own"], vector: Float[Array, "group own"]
 ) -> Float[Array, "group own"]:
     """Solution of the normal equations; zero where a group knows nothing of its offsets.
@@ -157,11 +101,11 @@ def _solve(
     if matrix.shape[-1] == 1:
         known = matrix[:, 0] != 0
         return jnp.where(known, vector / jnp.where(known, matrix[:, 0], 1.0), 0.0)
-    determinant = _determinant(matrix)
-    known = determinant != 0
+    size = determinant(matrix)
+    known = size != 0
     (a, b), (c, d) = jnp.moveaxis(matrix, 0, -1)
     solved = jnp.stack([d * vector[:, 0] - b * vector[:, 1], a * vector[:, 1] - c * vector[:, 0]])
-    return jnp.where(known, solved / jnp.where(known, determinant, 1.0), 0.0).T
+    return jnp.where(known, solved / jnp.where(known, size, 1.0), 0.0).T
 
 
 def run_numbers(runs: tuple[str, ...]) -> tuple[int, ...]:
@@ -199,7 +143,7 @@ def shrunk(
         [jnp.einsum("gin,gn->gi", one, r) for one, r in zip(slopes, residuals, strict=True)]
     )
     normal = jnp.einsum("gr,gij->rij", member, precision) + jnp.eye(len(scatter))
-    offset = _solve(normal, jnp.einsum("gr,gi->ri", member, pull))
+    offset = solve(normal, jnp.einsum("gr,gi->ri", member, pull))
     ends = np.cumsum([len(r) for r in residuals])[:-1]
     own = jnp.split(member @ offset, ends)
     left = [

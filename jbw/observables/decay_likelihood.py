@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Key
 
-from jbw.inference.offsets import Estimate, log_density_of_offsets
+from jbw.inference.offsets import Estimate
+from jbw.inference.scatter import log_density_of_offsets
 from jbw.observables.decay import Decays
 from jbw.observables.decay_entry import Match, match
 from jbw.observables.decay_model import decay_of
@@ -60,7 +61,7 @@ def log_likelihood(theta: Mapping[str, Array], data: Decays) -> Float[Array, " t
     found = estimate_of(theta, data)
     scatters = SCATTERS[:, None] * theta["omega_n"]
     each_its_own = tuple(range(len(data.envelope)))
-    return jnp.append(found.log_density, log_density_of_offsets(found, each_its_own, scatters))
+    return jnp.append(found.log_density, log_density_of_offsets(found, (each_its_own,), scatters))
 
 
 def estimate_of(theta: Mapping[str, Array], data: Decays, num_own: int = 1) -> Estimate:

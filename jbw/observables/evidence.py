@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jbw.inference.offsets import Estimate, log_density_of_offsets, run_numbers, shrunk
+from jbw.inference.offsets import Estimate, run_numbers, shrunk
+from jbw.inference.scatter import Levels, log_density_of_offsets
 from jbw.observables import decay_likelihood, harmonics, linear, loops, response
 from jbw.observables.decay import Decays
 from jbw.observables.harmonics import Points
@@ -17,6 +18,7 @@ from jbw.observables.linear import LineReading
 from jbw.observables.loops import Loops
 from jbw.observables.repeats import OFFSETS, estimate_of, weighted
 from jbw.observables.response import Records
+from jbw.observables.runs import assemblies_of
 from jbw.observables.spectral_lines import values_of
 
 Repeated = Records | Points | Loops
@@ -30,14 +32,14 @@ class Evidence(eqx.Module):
     Attributes:
         parts: The reduced data of each kind of test.
         held: Parameters held at their values, by name; any others are being inferred.
-        scatters: Nodes of the prior of the runs' scatter of omega_n [rad/s] and zeta [-]; no
-            columns where runs have no offsets of their own.
+        scatters: Nodes of the prior of the runs' scatter of omega_n [rad/s] and zeta [-], and of
+            their assemblies' where there are any; no columns where runs have no offsets.
         scatter: The scatter assumed in least squares.
     """
 
     parts: tuple[Part, ...]
     held: dict[str, Float[Array, ""]]
-    scatters: Float[Array, "node own"]
+    scatters: Float[Array, "node level_own"]
     scatter: Float[Array, " own"]
 
 
@@ -71,7 +73,7 @@ def log_likelihood(theta: Mapping[str, Array], data: Evidence) -> Float[Array, "
     if not offsets_of(data):
         return jnp.concatenate([_terms_alone(everything, part) for part in data.parts])
     found = estimates(everything, data)
-    offsets = log_density_of_offsets(found, run_numbers(run_names(data)), data.scatters)
+    offsets = log_density_of_offsets(found, levels_of(data), data.scatters)
     return jnp.append(found.log_density, offsets)
 
 
@@ -141,6 +143,15 @@ def _weighted(
 def offsets_of(data: Evidence) -> bool:
     """Whether runs have offsets of their own."""
     return data.scatters.shape[1] > 0
+
+
+def levels_of(data: Evidence) -> Levels:
+    """Which run each group belongs to, and which assembly each run, where assemblies scatter."""
+    names = run_names(data)
+    assemblies = assemblies_of(tuple(dict.fromkeys(names)))
+    if data.scatters.shape[1] == 2 * len(OFFSETS):
+        return run_numbers(names), assemblies
+    return (run_numbers(names),)
 
 
 def run_names(data: Evidence) -> tuple[str, ...]:

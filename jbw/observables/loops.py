@@ -13,7 +13,7 @@ from jbw.measurement.curves import forced_loop
 from jbw.measurement.records import Test
 from jbw.observables.joint import joint_of
 from jbw.observables.repeats import Repeats, repeats
-from jbw.observables.response import run_of
+from jbw.observables.runs import run_of
 from jbw.oscillator.hysteresis import hysteresis_map
 
 

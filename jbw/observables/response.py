@@ -12,6 +12,7 @@ from jbw.errors import DataError
 from jbw.measurement.records import Test
 from jbw.observables.joint import joint_of
 from jbw.observables.repeats import OFFSETS, Repeats, repeats
+from jbw.observables.runs import run_of
 from jbw.observables.spectral_lines import Lines, in_band, lines_of, values_of
 from jbw.oscillator.response import Response, simulate
 
@@ -105,11 +106,6 @@ def form_of(test: Test) -> tuple[float, str, int, *tuple[float, ...]]:
     """Sampling frequency, response, length and band, which tests reduced together must share."""
     record = test.records[0]
     return record.fs, record.response, record.num_samples, *(test.band_hz or ())
-
-
-def run_of(test: Test) -> str:
-    """The run that a test belongs to: its assembly and day where stated, else the test itself."""
-    return " ".join(part for part in (test.assembly, test.run) if part) or test.name
 
 
 def advance(samples: np.ndarray, delay: float, fs: float) -> np.ndarray:

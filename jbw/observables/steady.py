@@ -11,7 +11,7 @@ from jbw.measurement.curves import ResponseCurve, displacement_of, response_curv
 from jbw.measurement.harmonics import harmonics
 from jbw.measurement.records import Test
 from jbw.observables.harmonics import NUM_HARMONICS, Group
-from jbw.observables.response import run_of
+from jbw.observables.runs import run_of
 
 ORDERS = (1, 3)  # compared; the others measured are the guess of the motion
 HIGHEST = 2 * NUM_HARMONICS - 1

@@ -10,6 +10,7 @@ import xarray as xr
 
 from jbw.identification.linear_step import NAMES, LinearStep
 from jbw.identification.procedure import Identification
+from jbw.identification.runs import runs_summary
 from jbw.identification.step import Step
 from jbw.inference.summary import as_plain, correlations, summarise
 from jbw.inference.verdict import Verdict
@@ -120,8 +121,16 @@ def _step(step: Step, truth: Mapping[str, float]) -> dict[str, Any]:
         "parameters": rows,
         "statements": list(step.statements),
         "correlation": correlations(step.posterior),
+        **_runs(step),
         "wall_time_s": round(step.wall_s, 2),
     }
+
+
+def _runs(step: Step) -> dict[str, Any]:
+    """Every run's own values and their scatter, where runs have offsets."""
+    if "runs" not in step.posterior.children:
+        return {}
+    return {"runs": runs_summary(step.posterior["runs"].to_dataset())}
 
 
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:

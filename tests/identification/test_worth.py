@@ -44,6 +44,18 @@ def test_the_covariance_is_that_of_least_squares_under_such_noise(coefficients, 
     assert np.median(worth) == pytest.approx(min(1 / factor, 1.0), rel=0.3)
 
 
+def test_noise_that_is_loud_where_the_prediction_moves_is_worth_less():
+    rng = np.random.default_rng(4)
+    slopes = bump(0.3)
+    normal = np.linalg.inv(slopes @ slopes.T)
+    loud = np.exp(-(((np.arange(SIZE) - SIZE / 2) / 400) ** 2)) + 0.02
+    rows = loud * rng.standard_normal((400, SIZE)) / np.sqrt(np.mean(loud**2))
+    estimates = rows @ slopes.T @ normal
+    factor = np.trace(np.cov(estimates.T) @ np.linalg.inv(normal)) / 2
+    worth = [worth_along(row, slopes, normal) for row in rows[:100]]
+    assert np.median(worth) == pytest.approx(1 / factor, rel=0.15)
+
+
 def test_constant_directions_see_the_whole_correlation():
     rng = np.random.default_rng(5)
     # AR(1): 1 + 2 sum rho^k = (1 + rho) / (1 - rho) = 19; cut where the estimate first dips.

@@ -1,21 +1,25 @@
 """Several kinds of tests in one likelihood, and the offsets of their runs."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 
 from jbw.errors import ConfigError, DataError
 from jbw.identification.gathering import gather
 from jbw.identification.joint import joint_step, weighed
 from jbw.identification.leaving_out import consistency_finding, leave_one_out
+from jbw.identification.runs import runs_dataset, runs_sentence, runs_summary
 from jbw.identification.shifts import shifts_of, wanted, with_offsets
 from jbw.identification.starts import linear_look
 from jbw.identification.worth import worth_by_label
 from jbw.inference.box import box
 from jbw.inference.costly_fit import costly_fit
 from jbw.measurement.records import Record, Test
-from jbw.observables.evidence import estimates, evidence, log_likelihood, residual
+from jbw.observables.evidence import estimates, evidence, levels_of, log_likelihood, residual
 from jbw.observables.weighing import left_by_label, with_fitted_noise, with_worth
 from jbw.oscillator.hysteresis import hysteresis_map, steady_loop
 from jbw.oscillator.parameters import BoucWen
@@ -159,6 +163,42 @@ def test_offsets_of_runs_are_seen_and_let_in():
     # Offsets at the true common parameters are the shifts put in, to their errors.
     errors = np.sqrt(np.linalg.inv(np.asarray(found.precision))[:, 0, 0])
     assert np.all(np.abs(found.offset[:, 0] - np.array(shifted) + 500.0) < 5 * errors + 0.02)
+
+
+def test_every_run_has_its_own_frequency_and_assemblies_scatter_more_than_days():
+    shifted = {"A": (501.5, 501.7), "B": (499.0, 498.7), "C": (500.2, 500.4)}
+    tests = [
+        replace(curve(30, omega_n=w, seed=i, name=f"{assembly} {i}"), assembly=assembly, run=day)
+        for assembly, pair in shifted.items()
+        for i, (day, w) in enumerate(zip(("monday", "friday"), pair, strict=True))
+    ]
+    prior = box(PRIOR)
+    data = gather([*tests, curve(5, name="alone")], {}, gain=GAIN)
+    middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
+    best = costly_fit(residual, prior, data, starts=middle)
+    shifts = shifts_of(best, prior.names, data)
+    assert shifts is not None
+    data = with_offsets(best, shifts, data)
+    assert levels_of(data)[1] == (0, 0, 1, 1, 2, 2, 3)
+    best = costly_fit(residual, prior, data, starts=best.theta)
+    rng = np.random.default_rng(0)
+    drawn = rng.multivariate_normal(list(best.theta.values()), best.covariance, (1, 50))
+    posterior = xr.Dataset(
+        {name: (("chain", "draw"), drawn[..., i]) for i, name in enumerate(prior.names)}
+    )
+    runs = runs_dataset(jax.random.key(0), posterior, prior.names, data)
+    assert runs is not None
+    for assembly, pair in shifted.items():
+        for day, truth in zip(("monday", "friday"), pair, strict=True):
+            own = runs["omega_n"].sel(run=f"{assembly} / {day}")
+            assert abs(float(own.mean()) - truth) < 5 * float(own.std()) + 0.02
+    told = runs_summary(runs)
+    over = [told[f"spread_omega_n{suffix}"][""] for suffix in ("", "_assembly")]
+    # Days differ by 0.2 to 0.3 rad/s, assemblies by 1.3; three and four of them know it roughly.
+    assert over[0]["q005"] < 0.2 < over[0]["q995"]
+    assert over[1]["q005"] < 1.3 < over[1]["q995"]
+    assert over[1]["median"] > 2 * over[0]["median"]
+    assert "over assemblies" in runs_sentence(runs)
 
 
 def test_runs_that_agree_get_no_offsets():
