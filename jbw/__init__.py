@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from jbw.oscillator.smoothing import smoothing
     from jbw.oscillator.steady import steady_cycle, steady_state
     from jbw.oscillator.volterra import h1, h3, third_harmonic
+    from jbw.planning.making import plan_tests
+    from jbw.study.identifiability import identifiability
     from jbw.study.identify import Study, identify
 
 __version__ = "0.1.0"
@@ -53,9 +55,11 @@ _HOME = {
     "harmonics": "measurement.harmonics",
     "hysteresis_map": "oscillator.hysteresis",
     "hysteresis_rate": "oscillator.hysteresis",
+    "identifiability": "study.identifiability",
     "identify": "study.identify",
     "line_fit": "identification.linear",
     "load_campaign": "campaign.loading",
+    "plan_tests": "planning.making",
     "pool": "identification.linear",
     "read": "measurement.files.door",
     "response_curve": "oscillator.continuation",
@@ -91,9 +95,11 @@ __all__ = [
     "harmonics",
     "hysteresis_map",
     "hysteresis_rate",
+    "identifiability",
     "identify",
     "line_fit",
     "load_campaign",
+    "plan_tests",
     "pool",
     "read",
     "response_curve",

@@ -20,6 +20,7 @@ from jbw.identification.decay_accuracy import (
 )
 from jbw.identification.decay_fit import decay_box, fit_decay
 from jbw.identification.decay_reading import first_reading
+from jbw.identification.effects import effects, effects_sentence
 from jbw.identification.step import ATTRS, Step, finished
 from jbw.inference.fitting import Fit
 from jbw.inference.sampling import sample
@@ -84,6 +85,9 @@ def decay_step(
     if (error := solver_finding(draws, data)) is not None:
         findings.append(error)
     words = statements(draws, best, data)
+    y_peak = float(data.y_start)
+    if (found := effects(posterior["posterior"].to_dataset(), {}, y_peak)) is not None:
+        words.append(effects_sentence(found, y_peak))
     return finished(
         name, posterior, prior, best, started,
         findings=findings, statements=words, chi_square=best.chi_square,

@@ -20,6 +20,7 @@ from jbw.identification.accuracy import (
 )
 from jbw.identification.coordinates import box_of, by_products, product_box, products_of
 from jbw.identification.drawing import sample_joint, stuck
+from jbw.identification.effects import effects, effects_sentence
 from jbw.identification.leaving_out import (
     consistency_finding,
     leave_one_out,
@@ -34,7 +35,7 @@ from jbw.identification.shifts import (
     wanted,
     with_offsets,
 )
-from jbw.identification.starts import fit_from, inside, linear_look
+from jbw.identification.starts import fit_from, inside, largest_displacement, linear_look
 from jbw.identification.step import Step, finished
 from jbw.identification.worth import counted_by_label, worth_by_label
 from jbw.inference.box import Box
@@ -88,6 +89,10 @@ def joint_step(
     if (runs := runs_dataset(keys[4], draws, prior.names, data)) is not None:
         complete["runs"] = xr.DataTree(runs)
         words.append(runs_sentence(runs))
+    held = {n: float(v) for n, v in data.held.items()}
+    y_peak = largest_displacement(data, best.theta.get("omega_n", held.get("omega_n", 1.0)))
+    if (found := effects(complete["posterior"].to_dataset(), held, y_peak)) is not None:
+        words.append(effects_sentence(found, y_peak))
     if (left_out := leave_one_out(best, prior, data)) is not None:
         findings.append(consistency_finding(left_out))
         complete["leave_one_out"] = xr.DataTree(left_out_dataset(left_out))
@@ -99,7 +104,7 @@ def joint_step(
         started,
         findings=findings,
         statements=words,
-        held={n: float(v) for n, v in data.held.items()},
+        held=held,
         chi_square=chi_square,
     )
     words = stuck(step.posterior, step.verdict)
@@ -207,9 +212,8 @@ def refined(key: Key[Array, ""], data: Evidence, prior: Box, best: Fit) -> Evide
         prior: The box.
         best: The fit.
     """
-    draws = np.random.default_rng(np.asarray(jax.random.key_data(key))).multivariate_normal(
-        list(best.theta.values()), best.covariance, NUM_DRAWS, method="svd"
-    )
+    white = np.asarray(jax.random.normal(key, (NUM_DRAWS, len(best.theta))))
+    draws = list(best.theta.values()) + white @ np.linalg.cholesky(best.covariance).T
     theta = inside(dict(zip(best.theta, draws.T, strict=True)), prior)
     for _ in range(int(np.log2(MOST_SUBSTEPS)) - 1):
         change = solver_change(theta, data)
