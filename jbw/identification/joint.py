@@ -25,6 +25,7 @@ from jbw.identification.leaving_out import (
     consistency_finding,
     leave_one_out,
     left_out_dataset,
+    left_out_sentence,
 )
 from jbw.identification.noise import with_derived
 from jbw.identification.runs import runs_dataset, runs_sentence
@@ -96,6 +97,7 @@ def joint_step(
     if (left_out := leave_one_out(best, prior, data)) is not None:
         findings.append(consistency_finding(left_out))
         complete["leave_one_out"] = xr.DataTree(left_out_dataset(left_out))
+        words.append(left_out_sentence(left_out))
     step = finished(
         "joint",
         complete,

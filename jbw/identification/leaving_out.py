@@ -9,21 +9,24 @@ $$z = \frac{\hat\theta_{-r} - \hat\theta}{\sqrt{\sigma_{-r}^2 - \sigma^2}}$$
 
 from dataclasses import dataclass, replace
 
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
 from jbw.identification.starts import inside
 from jbw.inference.box import Box
-from jbw.inference.costly_fit import costly_fit
+from jbw.inference.costly_fit import costly_fit, linearise
 from jbw.inference.fitting import Fit
 from jbw.inference.verdict import Finding
 from jbw.observables.decay import Decays
 from jbw.observables.evidence import Evidence, Part, residual, run_names
 from jbw.observables.linear import LineReading
+from jbw.observables.weighing import left_by_label
 
 DEAF = 1e6  # times its noise: a group that says nothing any more, and keeps its shape
 MOVES = 4.0  # standard deviations of the change: beyond, the runs contradict each other
+NO_SCATTER = 1e-12  # of runs: all of them have the common parameters
 LEAST_GAIN = 0.01  # of the variance: what a run must add for its absence to be judged
 
 
@@ -37,6 +40,7 @@ class LeftOut:
         estimate: Optimum without it, in the parameters' units.
         std: Standard deviation of it.
         z: Change over its standard deviation by chance; NaN where the run adds nothing.
+        error: Error of the run as the fit without it predicts it, rms over rms.
     """
 
     names: tuple[str, ...]
@@ -44,6 +48,7 @@ class LeftOut:
     estimate: Float[np.ndarray, "run parameter"]
     std: Float[np.ndarray, "run parameter"]
     z: Float[np.ndarray, "run parameter"]
+    error: Float[np.ndarray, " run"]
 
 
 def leave_one_out(best: Fit, prior: Box, data: Evidence) -> LeftOut | None:
@@ -72,7 +77,30 @@ def leave_one_out(best: Fit, prior: Box, data: Evidence) -> LeftOut | None:
     known = gained > LEAST_GAIN * variance
     change = estimate - np.array(list(best.theta.values()))
     z = np.where(known, change / np.sqrt(np.where(known, gained, 1.0)), np.nan)
-    return LeftOut(tuple(best.theta), runs, estimate, std, z)
+    error = [_error(run, one, prior, data) for run, one in zip(runs, fits, strict=True)]
+    return LeftOut(tuple(best.theta), runs, estimate, std, z, np.array(error))
+
+
+def _error(run: str, without_it: Fit, prior: Box, data: Evidence) -> float:
+    """Error of a run at a fit that does not know it, nor the run's own offsets."""
+    common = replace(data, scatter=jnp.full_like(data.scatter, NO_SCATTER))
+    rows = linearise(residual, jnp.asarray(without_it.x), prior, common)[1]
+    left = left_by_label(np.asarray(rows), common)
+    squares = np.zeros(2)
+    for part in data.parts:
+        if not isinstance(part, LineReading | Decays):
+            for i, (label, own) in enumerate(
+                zip(part.repeats.labels, part.repeats.runs, strict=True)
+            ):
+                if own == run:
+                    squares += [np.sum(np.abs(x) ** 2) for x in (left[label], part.mean[i])]
+    return float(np.sqrt(squares[0] / squares[1]))
+
+
+def left_out_sentence(left_out: LeftOut) -> str:
+    """How well each run is predicted by the others, in words."""
+    told = [f"{run} {e:.2g}" for run, e in zip(left_out.runs, left_out.error, strict=True)]
+    return "Left out and predicted from the others, error over rms: " + ", ".join(told) + "."
 
 
 def without(run: str, data: Evidence) -> Evidence:
@@ -123,6 +151,7 @@ def left_out_dataset(left_out: LeftOut) -> xr.Dataset:
         {
             "estimate": (dims, left_out.estimate, {"long_name": "optimum without the run"}),
             "std": (dims, left_out.std, {"long_name": "its standard deviation"}),
+            "error": ("run", left_out.error, {"units": "1", "long_name": "error without the run"}),
             "z": (dims, left_out.z, {"units": "1", "long_name": "change over its sd by chance"}),
         },
         {"run": list(left_out.runs), "parameter": list(left_out.names)},

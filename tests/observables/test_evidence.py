@@ -244,6 +244,10 @@ def test_leaving_a_run_out_is_a_fit_of_the_others():
     change = (found.estimate[0] - list(apart.theta.values())) / found.std[0]
     # Two iterations along the valley of alpha delta, each to its tolerance.
     assert np.abs(change).max() < 0.02
+    # The right law predicts a run that it never saw to its noise, of the mean of four repeats.
+    force = np.abs(np.mean([r.channels["force"] for r in tests[0].records], axis=0))
+    noise = NOISE / np.sqrt(4) * np.sqrt(2 * 36) / np.linalg.norm(force)
+    assert found.error[0] == pytest.approx(noise, rel=0.5)
     np.testing.assert_allclose(found.std[0], np.sqrt(np.diag(apart.covariance)), rtol=0.02)
     assert consistency_finding(found).status == "ok"  # |z| < 4 over 15 numbers: p = 1e-3
 
