@@ -93,20 +93,28 @@ def products_of(theta: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def product_box(prior: Box, theta: Mapping[str, float]) -> Box:
+def product_box(prior: Box, theta: Mapping[str, float], settings: Mapping[str, Any]) -> Box:
     """Box of the products about a fit, that of the other parameters kept.
 
     Args:
-        prior: The box of the paper's parameters.
+        prior: The box of the paper's parameters; where it lets delta or gamma be negative, so may
+            be their products.
         theta: The fit.
+        settings: The campaign's [identify] table, whose bounds on alpha bound its share.
     """
     found = products_of(theta)
     bounds = {
         name: (float(low), float(high))
         for name, low, high in zip(prior.names, prior.lower, prior.upper, strict=True)
-        if name not in ("alpha", "delta", "gamma")
     }
-    largest = REACH * max(found["softening"], found["opening"])
-    products = {"softening": (0.0, largest), "opening": (0.0, largest), "share": SHARE}
+    largest = REACH * max(abs(found["softening"]), abs(found["opening"]))
+    del bounds["alpha"]
+    products = {
+        product: (-largest if bounds.pop(factor)[0] < 0 else 0.0, largest)
+        for product, factor in (("softening", "delta"), ("opening", "gamma"))
+    }
+    alpha = stated(settings).get("alpha")
+    square = theta["omega_n"] ** 2
+    products["share"] = SHARE if alpha is None else (alpha[0] / square, alpha[1] / square)
     front = {name: bounds[name] for name in ("omega_n", "zeta") if name in bounds}
     return box({**front, **products, **{n: b for n, b in bounds.items() if n not in front}})

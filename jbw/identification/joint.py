@@ -176,7 +176,7 @@ def settled(
         best = again(best, prior, data)
         words.append(sentence_of(shifts))
     if by_products(best, settings):
-        prior = product_box(prior, best.theta)
+        prior = product_box(prior, best.theta, settings)
         best = again(best, prior, data, theta=products_of(best.theta))
         words.append(
             "The data know alpha, delta and gamma by their products alone: alpha*delta and "
