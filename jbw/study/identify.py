@@ -19,6 +19,7 @@ from jbw.study.basis import NUM_DRAWS, Request, basis_of
 from jbw.study.collecting import collect
 from jbw.study.identifiability import look_again
 from jbw.study.identifiability_record import as_group
+from jbw.study.judging import judged
 from jbw.study.predicting import chosen, predict
 from jbw.study.storage import claim, save_run
 from jbw.study.summary import summarise_study
@@ -116,6 +117,7 @@ def identify(
     )
     known = look_again(found, campaign.settings, report)
     tree = collect(campaign.tests, found, seed, truth, report, campaign.settings)
+    found = judged(found, tree)
     record = summarise_study(
         campaign.name, found, tree,
         seed=seed, inputs=_hashes(campaign), truth=truth,

@@ -1,0 +1,56 @@
+"""What errors and coverage of the tests say of a posterior whose chains are in order."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jbw.study.judging import prediction_findings
+
+
+def tree_of(**tests):
+    groups = {f"/verification/{kind}": xr.Dataset(attrs=attrs) for kind, attrs in tests.items()}
+    return xr.DataTree.from_dict({"/": xr.Dataset(), **groups})
+
+
+def findings(**tests):
+    return {one.code: one for one in prediction_findings(tree_of(**tests))}
+
+
+GOOD = {"nrmse": 0.01, "nrmse_linear": 0.2, "fitted": 1}
+
+
+def test_a_joint_that_predicts_better_is_in_order():
+    held = {**GOOD, "fitted": 0, "coverage": 0.985, "num_values": 1000}
+    found = findings(**{"sweep/a": GOOD, "curve/b": held})
+    assert {code: one.status for code, one in found.items()} == {
+        "simpler_model": "ok",
+        "held_out_coverage": "ok",
+    }
+    assert found["simpler_model"].number == pytest.approx(0.05)
+
+
+def test_a_simpler_oscillator_that_predicts_better_is_named_with_its_error():
+    # The Silverbox fitted by a joint alone: as good as the cubic oscillator where it was fitted.
+    low = {"nrmse": 0.020, "nrmse_linear": 0.048, "nrmse_cubic": 0.0205, "fitted": 1}
+    high = {"nrmse": 0.24, "nrmse_linear": 0.48, "nrmse_cubic": 0.062, "fitted": 0}
+    assert findings(**{"sweep/low": low})["simpler_model"].status == "ok"
+    found = findings(**{"sweep/low": low, "sweep/high": high})["simpler_model"]
+    assert found.status == "failed"
+    assert found.number == pytest.approx(0.24 / 0.062)
+    assert "high (never fitted): 0.24 against 0.062 of the cubic one" in found.reason
+    assert found.action
+
+
+def test_tests_outside_their_bands_fail_unless_fitted_or_short():
+    outside = {"nrmse": 0.1, "coverage": 0.87, "num_values": 9766, "fitted": 0}
+    found = findings(**{"sweep/high": outside})
+    assert found["held_out_coverage"].status == "failed"
+    assert found["held_out_coverage"].number == 0.87
+    assert "held_out_coverage" not in findings(**{"sweep/high": {**outside, "fitted": 1}})
+    assert "held_out_coverage" not in findings(**{"sweep/high": {**outside, "num_values": 20}})
+    assert "held_out_coverage" not in findings(**{"sweep/high": {**outside, "coverage": np.nan}})
+
+
+def test_nothing_compared_says_nothing():
+    assert findings() == {}
+    assert findings(**{"frf/noise": {"level": 1.0}}) == {}
