@@ -14,7 +14,7 @@ from jbw.observables.linear import LineReading
 from jbw.observables.loops import Loops
 
 SHARE = (0.002, 0.9)  # of the stiffness: from a joint that hardly carries to nearly all of it
-FORCED_SHARE = (0.01, 1.5)  # under a prescribed displacement nothing else need carry at all
+FORCED_SHARE = (0.01, 1.0)  # under a prescribed displacement nothing else need carry at all
 REACH = 4.0  # times a fitted product: where it is looked for
 
 

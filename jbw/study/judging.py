@@ -70,9 +70,9 @@ def _simpler(tests: dict[str, dict]) -> Finding | None:
     return Finding(
         "simpler_model",
         "ok" if ok else "failed",
-        f"Nowhere is the joint's error further from a simpler oscillator's than on {name} "
-        f"({seen}): {attrs['nrmse']:.2g} against {attrs[f'nrmse_{kind}']:.2g} of the {kind} one; it must be "
-        f"below {BETTER:g} times that.",
+        f"On {name} ({seen}) the joint's error is {attrs['nrmse']:.2g} of the record, that of the "
+        f"best {kind} oscillator {attrs[f'nrmse_{kind}']:.2g}; it must be below {BETTER:g} times "
+        "that, here as on every other test.",
         worst,
         ""
         if ok
