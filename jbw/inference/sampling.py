@@ -2,7 +2,7 @@
 
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, get_args
 
 import jax
@@ -11,15 +11,12 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Key, PyTree
 
-from jbw.errors import ConfigError, ModelError
+from jbw.errors import ConfigError
 from jbw.inference.box import Box
-from jbw.inference.chains import (
-    advance_chains,
-    evaluate_chains,
-    num_devices_for,
-    start_chains,
-)
-from jbw.inference.kernels import ChainMethod, Draw, Problem, Settings
+from jbw.inference.chains import num_devices_for
+from jbw.inference.growing import Progress, Starts, grow_chains
+from jbw.inference.keeping import Kept
+from jbw.inference.kernels import ChainMethod, Problem, Settings
 from jbw.inference.model import LogLikelihood, LogPrior
 from jbw.inference.posterior import posterior_tree
 from jbw.inference.precision import require_float64
@@ -27,9 +24,7 @@ from jbw.inference.random_walk import PAPER
 from jbw.inference.start import chain_starts
 
 SAMPLERS = ("nuts", "elliptical_slice", "random_walk", "random_walk_paper")
-Progress = Callable[[int, int], None]
 DEFAULT_DRAWS = 1000  # of warm-up, and kept, in each chain
-CHUNK = 250  # draws between two looks at the clock; short enough for a progress bar
 
 
 def sample(
@@ -53,6 +48,7 @@ def sample(
     max_tree_depth: int = 10,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
     progress: Progress | None = None,
+    kept: Kept | None = None,
 ) -> xr.DataTree:
     """Sample the posterior of a log likelihood and a uniform prior in a box.
 
@@ -86,6 +82,7 @@ def sample(
         max_tree_depth: Doublings of a NUTS trajectory at most.
         attrs: `units` and `long_name` by parameter, kept beside the draws.
         progress: Called with (steps done, steps in all) after every chunk.
+        kept: Where unfinished chains outlive the process, to go on from as if never stopped.
 
     Returns:
         Groups posterior, sample_stats, log_likelihood, log_prior and timing. `failed` counts the
@@ -118,7 +115,9 @@ def sample(
     clock = time.perf_counter()
     centre, spread, whitening = chain_starts(start, covariance, box, num_chains)
     problem = Problem(log_likelihood, log_prior, box, data, whitening)
-    (theta, stats), terms, extra = _run(key, centre, spread, draws, problem, settings, progress)
+    starts = Starts(key, centre, spread)
+    rows, earlier = grow_chains(starts, draws, problem, settings, progress, kept)
+    (theta, stats), terms, extra = rows
     seed = [int(word) for word in np.ravel(jax.random.key_data(key))]
     facts = {"sampler": sampler, "seed": seed, **_settings_as_attributes(settings)}
     return posterior_tree(
@@ -129,7 +128,7 @@ def sample(
         box,
         attrs=attrs or {},
         facts=facts,
-        wall_time=time.perf_counter() - clock,
+        wall_time=time.perf_counter() - clock + earlier,
     )
 
 
@@ -181,40 +180,3 @@ def _check_options(
             why="It draws from a Gaussian and corrects what the posterior differs from it.",
             remedy='Pass the start and covariance of a fit, or use sampler="nuts".',
         )
-
-
-def _run(
-    key: Key[Array, ""],
-    centre: Float[Array, "chain parameter"],
-    spread: Float[Array, ""],
-    num_samples: int,
-    problem: Problem,
-    settings: Settings,
-    progress: Progress | None,
-) -> tuple[Draw, np.ndarray, np.ndarray]:
-    keys = jax.random.split(key, len(centre))
-    states, possible = start_chains(keys, centre, spread, problem, settings)
-    if not np.all(possible):
-        raise ModelError(
-            f"The log likelihood is not finite at the start of {np.sum(~np.asarray(possible))} of "
-            f"{len(centre)} chains.",
-            why="A sampler cannot leave a point that the model calls impossible.",
-            remedy="Check the data for NaN, the noise for zero, and the prior for parameters that "
-            "the model cannot solve.",
-        )
-    total, kept = settings.num_warmup + num_samples, []
-    for done in range(0, total, CHUNK):
-        count = min(CHUNK, total - done)
-        states, draws = advance_chains(states, jnp.asarray(count), CHUNK, problem, settings)
-        first = min(count, max(0, settings.num_warmup - done))
-        if first < count:
-            bounds = jnp.asarray(first), jnp.asarray(count)
-            terms = evaluate_chains(draws.theta, *bounds, problem, settings)
-            kept.append(_rows((draws, *terms), first, count))
-        if progress is not None:
-            progress(done + count, total)
-    return jax.tree.map(lambda *rows: np.concatenate(rows, axis=1), *kept)
-
-
-def _rows(tree: PyTree, first: int, last: int) -> PyTree:
-    return jax.tree.map(lambda row: np.asarray(row)[:, first:last], tree)

@@ -1,0 +1,154 @@
+"""Chains grown chunk by chunk: the draws do not depend on where the chunks are cut."""
+
+import warnings
+from collections.abc import Callable
+from time import perf_counter
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Key, PyTree
+
+from jbw.errors import ModelError
+from jbw.inference.chains import advance_chains, evaluate_chains, start_chains
+from jbw.inference.keeping import (
+    Chains,
+    Kept,
+    Rows,
+    as_arrays,
+    fingerprint,
+    from_arrays,
+    plain_states,
+    states_like,
+)
+from jbw.inference.kernels import Problem, Settings
+
+Progress = Callable[[int, int], None]
+CHUNK = 250  # steps at most between two looks at the clock; short enough for a progress bar
+CHUNK_S = 10.0  # what a chunk may last where chains are kept: so much is lost by a kill
+GROWTH = 4  # of a chunk over the one before, whose time is the only measure of a step
+
+
+class Starts(NamedTuple):
+    """Where chains start.
+
+    Attributes:
+        key: Random key of all chains.
+        centre: Logit of the centre of each chain's start.
+        spread: Standard deviations of the whitening to disperse the starts by.
+    """
+
+    key: Key[Array, ""]
+    centre: Float[Array, "chain parameter"]
+    spread: Float[Array, ""]
+
+
+def grow_chains(
+    starts: Starts,
+    num_samples: int,
+    problem: Problem,
+    settings: Settings,
+    progress: Progress | None = None,
+    kept: Kept | None = None,
+) -> tuple[Rows, float]:
+    """Run all chains to their end, from where they were kept if they were.
+
+    Every chunk runs the same compiled loop with another count of steps: chains that were kept go
+    on to the very draws that they would have come to without a break.
+
+    Args:
+        starts: Where they start.
+        num_samples: Draws to keep of each chain, after the warm-up of the settings.
+        problem: The posterior.
+        settings: What is compiled in.
+        progress: Called with (steps done, steps in all) after every chunk.
+        kept: Where the chains outlive the process.
+
+    Returns:
+        Draws, terms of the log likelihood and further log prior, (chain, draw); and the time that
+        earlier processes spent on them [s].
+
+    Raises:
+        ModelError: No possible start.
+    """
+    began, total = perf_counter(), settings.num_warmup + num_samples
+    mark = "" if kept is None else fingerprint(starts, num_samples, problem, settings)
+    found = _resumed(kept, mark)
+    done, rows, count = found.done, [found.rows], CHUNK if kept is None else 1
+    states = _states(found, starts, problem, settings) if done < total else None
+    while done < total:
+        clock, count = perf_counter(), min(count, total - done)
+        states, new = _grown(states, done, count, problem, settings)
+        rows, done = [*rows, new], done + count
+        if kept is not None:
+            count = _next_count(count, perf_counter() - clock)
+            if done == total or kept.due():
+                rows = [_joined(rows)]
+                spent = found.wall_s + perf_counter() - began
+                chains = Chains(plain_states(states), done, rows[0], spent)
+                kept.save(as_arrays(chains, mark), last=done == total)
+        if progress is not None:
+            progress(done, total)
+    joined = _joined(rows)
+    if joined is None:
+        raise ModelError("Argument `num_samples` must be at least 1, but is 0.")
+    return joined, found.wall_s
+
+
+def _resumed(kept: Kept | None, mark: str) -> Chains:
+    """The chains as they were kept; none grown where there are none of this posterior."""
+    arrays = None if kept is None else kept.load()
+    if arrays is None:
+        return Chains([], 0, None, 0.0)
+    found = from_arrays(arrays, mark)
+    if found is None:
+        warnings.warn(
+            "The chains that were kept were drawn from another posterior, or by another number "
+            "of devices: they start again.",
+            stacklevel=3,
+        )
+        return Chains([], 0, None, 0.0)
+    return found
+
+
+def _states(found: Chains, starts: Starts, problem: Problem, settings: Settings) -> PyTree:
+    """States to go on from: the kept ones, or the first."""
+    keys = jax.random.split(starts.key, len(starts.centre))
+    first, possible = start_chains(keys, starts.centre, starts.spread, problem, settings)
+    if not np.all(possible):
+        raise ModelError(
+            f"The log likelihood is not finite at the start of {np.sum(~np.asarray(possible))} of "
+            f"{len(keys)} chains.",
+            why="A sampler cannot leave a point that the model calls impossible.",
+            remedy="Check the data for NaN, the noise for zero, and the prior for parameters that "
+            "the model cannot solve.",
+        )
+    return states_like(found.states, first) if found.done else first
+
+
+def _grown(
+    states: PyTree, done: int, count: int, problem: Problem, settings: Settings
+) -> tuple[PyTree, Rows | None]:
+    """The states after a chunk of steps, and its draws after the warm-up."""
+    states, draws = advance_chains(states, jnp.asarray(count), CHUNK, problem, settings)
+    first = min(count, max(0, settings.num_warmup - done))
+    if first == count:
+        return jax.block_until_ready(states), None
+    bounds = jnp.asarray(first), jnp.asarray(count)
+    terms = evaluate_chains(draws.theta, *bounds, problem, settings)
+    return states, jax.tree.map(lambda r: np.asarray(r)[:, first:count], (draws, *terms))
+
+
+def _next_count(count: int, seconds: float) -> int:
+    """Steps of the next chunk, to last `CHUNK_S` if steps take as long as those before."""
+    wanted = int(count * CHUNK_S / max(seconds, 1e-9))
+    return max(1, min(wanted, GROWTH * count, CHUNK))
+
+
+def _joined(rows: list[Rows | None]) -> Rows | None:
+    """Rows of all chunks, one after the other."""
+    known = [row for row in rows if row is not None]
+    if not known:
+        return None
+    return jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *known)
