@@ -60,7 +60,7 @@ def start_chains(
         state = kernel.init(key_chain, settings.num_warmup, position, model_args, {})
         return state, possible
 
-    return _over_chains(start, settings.chain_method)((keys, z), (problem, spread))
+    return over_chains(start, settings.chain_method)((keys, z), (problem, spread))
 
 
 @eqx.filter_jit
@@ -93,7 +93,7 @@ def advance_chains(
         rows = _empty_rows(lambda: read_draw(state, problem, settings), capacity)
         return jax.lax.fori_loop(0, count, step, (state, rows))
 
-    return _over_chains(advance, settings.chain_method)(states, (problem, count))
+    return over_chains(advance, settings.chain_method)(states, (problem, count))
 
 
 @eqx.filter_jit
@@ -129,7 +129,7 @@ def evaluate_chains(
         capacity = len(next(iter(theta.values())))
         return _filled(one, first, last, capacity)
 
-    return _over_chains(evaluate, settings.chain_method)(theta, (problem, first, last))
+    return over_chains(evaluate, settings.chain_method)(theta, (problem, first, last))
 
 
 def num_devices_for(num_chains: int) -> int:
@@ -137,8 +137,13 @@ def num_devices_for(num_chains: int) -> int:
     return max(n for n in range(1, jax.device_count() + 1) if num_chains % n == 0)
 
 
-def _over_chains(f: Callable[..., PyTree], method: str) -> Callable[..., PyTree]:
-    """Map f(of one chain, shared) over the leading axis of its first argument."""
+def over_chains(f: Callable[..., PyTree], method: str) -> Callable[..., PyTree]:
+    """Map f(of one chain, shared) over the leading axis of its first argument.
+
+    Args:
+        f: Function of one chain and of what all chains share.
+        method: "sequential", "vectorized" or "parallel".
+    """
 
     def mapped(chains: PyTree, shared: PyTree) -> PyTree:
         arrays, static = eqx.partition(shared, eqx.is_array)

@@ -1,7 +1,6 @@
 """Importance sampling about the Laplace approximation: the posterior for a few hundred solves."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,10 +13,7 @@ from jbw.inference.box import Box
 from jbw.inference.fitting import Fit
 from jbw.inference.laplace import HEAVY
 from jbw.inference.model import LogLikelihood
-
-SMALLEST = -700.0  # log weight that counts as zero, and is still a number
-GOOD_KHAT = 0.7
-"""Pareto shape above which the weights cannot be trusted (Vehtari et al. 2024)."""
+from jbw.inference.weights import effective_draws, smoothed
 
 
 @dataclass(frozen=True)
@@ -37,7 +33,7 @@ class Weighted:
     @property
     def ess(self) -> float:
         """Effective number of draws, 1 / sum of squared weights."""
-        return float(1 / np.sum(self.weights**2))
+        return effective_draws(self.weights)
 
     def mean(self, name: str) -> float:
         """Posterior mean of one parameter."""
@@ -78,8 +74,6 @@ def importance(
     Reference:
         Vehtari et al. (2024), JMLR 25, 72; for the t distribution, Geweke (1989), Econometrica 57.
     """
-    from arviz_stats.base.array import array_stats  # a second of imports, needed only here
-
     root = np.linalg.cholesky(best.covariance)
     key_normal, key_scale = jax.random.split(key)
     normal = jax.random.normal(key_normal, (num_draws, len(box.names)))
@@ -94,11 +88,8 @@ def importance(
     log_weights = np.where(inside & np.isfinite(values), values, -np.inf)
     tails = np.log1p(np.sum(white**2, axis=1) / HEAVY)
     log_weights = log_weights + 0.5 * (HEAVY + white.shape[1]) * tails
-    stats: Any = array_stats  # its annotations admit tuples that it never returns here
-    # ArviZ takes the negative of the log weights, as a leave-one-out log likelihood gives them.
-    smoothed, khat = stats.psislw(-np.maximum(log_weights - np.max(log_weights), SMALLEST))
-    weights = np.exp(smoothed - np.max(smoothed))
-    return Weighted(theta, weights / weights.sum(), float(khat))
+    weights, khat = smoothed(log_weights)
+    return Weighted(theta, weights, khat)
 
 
 @eqx.filter_jit

@@ -78,8 +78,15 @@ class Draw(NamedTuple):
     stats: dict[str, Array]
 
 
-def _potential(problem: Problem) -> Callable[[Array], Array]:
-    """Minus the log density of the whitened coordinate, NumPyro's Jacobian included."""
+def potential_of(problem: Problem) -> Callable[[Array], Array]:
+    """Minus the log density of the whitened coordinate, NumPyro's Jacobian included.
+
+    Args:
+        problem: The posterior.
+
+    Returns:
+        w to minus the log density [nats], of which only |det L| is left out.
+    """
 
     def potential(w: Float[Array, " parameter"]) -> Float[Array, ""]:
         z = problem.whitening.centre + problem.whitening.factor @ w
@@ -101,7 +108,7 @@ def make_kernel(problem: Problem, settings: Settings) -> tuple[MCMCKernel, tuple
     """
     if settings.sampler == "nuts":
         kernel = NUTS(
-            potential_fn=_potential(problem),
+            potential_fn=potential_of(problem),
             dense_mass=True,
             adapt_mass_matrix=settings.adapt_mass,
             target_accept_prob=settings.target_accept,
@@ -110,7 +117,7 @@ def make_kernel(problem: Problem, settings: Settings) -> tuple[MCMCKernel, tuple
         )
         return kernel, ()
     if settings.sampler == "elliptical_slice":
-        return EllipticalSlice(_potential(problem)), ()
+        return EllipticalSlice(potential_of(problem)), ()
     # The published walk, with its fixed step, is the same in every direction.
     shaped = settings.whitened and settings.step_size is None
     scale = _random_walk_scale(problem) if shaped else None

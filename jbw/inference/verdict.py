@@ -1,18 +1,15 @@
 """The verdict on a posterior: ok, failed or not assessed, with reasons and what to do."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Literal
-
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
 from jbw.inference.box import Box
+from jbw.inference.direct_findings import direct_findings
+from jbw.inference.finding import Finding, Verdict, judge, limited
 from jbw.inference.identifiability import weak_direction_of_draws
 from jbw.inference.summary import diagnose
 
-Status = Literal["ok", "failed", "not assessed"]
 Draws = dict[str, Float[np.ndarray, "chain draw"]]
 
 R_HAT = 1.01
@@ -22,54 +19,6 @@ FAILED_SOLVES = 0.01
 TREE_SHARE = 0.05  # of trajectories cut at the greatest depth
 EDGE, PILE = 0.01, 2.0  # share of the box at a bound; excess over a uniform posterior there
 CHI_SQUARE = (0.2, 5.0)  # a degree of freedom
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that was looked at.
-
-    Attributes:
-        code: Short name, such as "r_hat".
-        status: ok, failed or not assessed.
-        reason: One sentence with the worst quantity by name.
-        number: The worst number; NaN where there is none.
-        action: What to do; empty when ok.
-    """
-
-    code: str
-    status: Status
-    reason: str
-    number: float
-    action: str = ""
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Everything that was looked at, and what follows.
-
-    Attributes:
-        status: failed if any finding failed, else not assessed if any could not be, else ok.
-        findings: In the order they were looked at.
-    """
-
-    status: Status
-    findings: tuple[Finding, ...]
-
-
-def judge(findings: Iterable[Finding]) -> Verdict:
-    """The verdict that follows from findings; one that says nothing is not assessed.
-
-    Args:
-        findings: What was looked at, here and elsewhere.
-
-    Returns:
-        The verdict.
-    """
-    found = tuple(findings)
-    statuses = {finding.status for finding in found}
-    if "failed" in statuses:
-        return Verdict("failed", found)
-    return Verdict("ok" if statuses == {"ok"} else "not assessed", found)
 
 
 def verdict(tree: xr.DataTree, box: Box, *, chi_square: tuple[float, int] | None = None) -> Verdict:
@@ -97,6 +46,7 @@ def verdict(tree: xr.DataTree, box: Box, *, chi_square: tuple[float, int] | None
         findings += [_moving(draws), *_convergence(draws)]
         findings += [*_bounds(draws, box), _identified(draws, box)]
     findings += _trajectories(tree["sample_stats"].to_dataset())
+    findings += direct_findings(tree.attrs)
     if chi_square is not None:
         findings.append(_fit(*chi_square))
     return judge(findings)
@@ -106,7 +56,7 @@ def _finite(draws: Draws) -> Finding:
     counts = {name: int(np.sum(~np.isfinite(values))) for name, values in draws.items()}
     name = max(counts, key=counts.__getitem__)
     reason = f"{counts[name]} draws of {name} are not finite."
-    return _limited("non_finite", reason, counts[name], 0, "Check the data for NaN.")
+    return limited("non_finite", reason, counts[name], 0, "Check the data for NaN.")
 
 
 def _moving(draws: Draws) -> Finding:
@@ -114,7 +64,7 @@ def _moving(draws: Draws) -> Finding:
     name = max(frozen, key=frozen.__getitem__)
     reason = f"{frozen[name]} of {len(draws[name])} chains never moved in {name}."
     action = "Start elsewhere, lengthen the warm-up, or doubt a noise that is far too small."
-    return _limited("frozen_chain", reason, frozen[name], 0, action)
+    return limited("frozen_chain", reason, frozen[name], 0, action)
 
 
 def _convergence(draws: Draws) -> list[Finding]:
@@ -186,17 +136,17 @@ def _trajectories(stats: xr.Dataset) -> list[Finding]:
             f"{count} of {stats['diverging'].size} trajectories diverged or met a failed solve."
         )
         action = "Raise target_accept, or look where in the prior the model cannot be solved."
-        found.append(_limited("divergences", reason, count, 0, action))
+        found.append(limited("divergences", reason, count, 0, action))
     if "failed" in stats:
         share = float(stats["failed"].mean())
         reason = f"{share:.2%} of the proposals met a failed solve."
         action = "Narrow the prior to where the model can be solved, or solve it more finely."
-        found.append(_limited("failed_solves", reason, share, FAILED_SOLVES, action))
+        found.append(limited("failed_solves", reason, share, FAILED_SOLVES, action))
     if "reached_max_tree_depth" in stats:
         share = float(stats["reached_max_tree_depth"].mean())
         reason = f"{share:.1%} of the trajectories were cut at the greatest tree depth."
         action = "Start from a fit with its covariance, or raise max_tree_depth."
-        found.append(_limited("tree_depth", reason, share, TREE_SHARE, action))
+        found.append(limited("tree_depth", reason, share, TREE_SHARE, action))
     if "energy" in stats and stats.sizes["draw"] > 1:
         lowest = float(np.min(bfmi(stats["energy"].values)))
         good = lowest >= BFMI
@@ -235,10 +185,3 @@ def _fit(chi_square: float, dof: int) -> Finding:
         ratio,
         "" if good else "Doubt the noise, or the model.",
     )
-
-
-def _limited(
-    code: str, reason: str, number: float | int, limit: float | int, action: str
-) -> Finding:
-    good = number <= limit
-    return Finding(code, "ok" if good else "failed", reason, float(number), "" if good else action)
