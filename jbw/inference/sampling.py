@@ -14,16 +14,18 @@ from jaxtyping import Array, Float, Key, PyTree
 from jbw.errors import ConfigError
 from jbw.inference.box import Box
 from jbw.inference.chains import num_devices_for
+from jbw.inference.direct import DIRECT, draw_directly
 from jbw.inference.growing import Progress, Starts, grow_chains
 from jbw.inference.keeping import Kept
 from jbw.inference.kernels import ChainMethod, Problem, Settings
 from jbw.inference.model import LogLikelihood, LogPrior
-from jbw.inference.posterior import posterior_tree
+from jbw.inference.posterior import looked_at, posterior_tree
 from jbw.inference.precision import require_float64
 from jbw.inference.random_walk import PAPER
 from jbw.inference.start import chain_starts
 
-SAMPLERS = ("nuts", "elliptical_slice", "random_walk", "random_walk_paper")
+SAMPLERS = ("nuts", "elliptical_slice", "random_walk", "random_walk_paper", *DIRECT)
+LAPLACE = ("elliptical_slice", "importance")  # draw about a Gaussian, and need it
 DEFAULT_DRAWS = 1000  # of warm-up, and kept, in each chain
 
 
@@ -65,10 +67,14 @@ def sample(
         box: Prior bounds.
         data: Whatever `log_likelihood` takes, arrays in any pytree.
         sampler: "nuts"; "elliptical_slice" (no gradient, about four evaluations a draw; needs
-            `covariance` and a posterior close to that Gaussian); "random_walk" (tuned); or
-            "random_walk_paper" (fixed step, 85 + 765).
+            `covariance` and a posterior close to that Gaussian); "random_walk" (tuned);
+            "random_walk_paper" (fixed step, 85 + 765). With the evidence: "importance" (weighted
+            draws about `covariance`, which it needs); "tempered_smc" and "nested" (from the whole
+            box, or from heavy tails about `covariance`; a chain is a run); "quadrature" (exact, up
+            to four parameters).
         num_warmup: Steps of adaptation in each chain, discarded; 1000 when None.
-        num_samples: Draws kept of each chain; 1000 when None.
+        num_samples: Draws kept of each chain; 1000 when None. Also the particles of a run of
+            "tempered_smc", and twice the live points of "nested".
         num_chains: Chains.
         chain_method: "sequential", "vectorized", or "parallel" over the devices of JAX.
         start: Start by name, one value for all or one a chain; None: uniform in the box.
@@ -87,7 +93,8 @@ def sample(
     Returns:
         Groups posterior, sample_stats, log_likelihood, log_prior and timing. `failed` counts the
         walk's proposals whose likelihood was not finite; a trajectory of NUTS that meets one is
-        `diverging`.
+        `diverging`. The root's attributes hold num_evaluations, of the log likelihood with the
+        warm-up's, and where the sampler gives them log_evidence and log_evidence_error [nats].
 
     Raises:
         ConfigError: An option, start or covariance that cannot be used, or a float32 session.
@@ -112,14 +119,19 @@ def sample(
         forward_mode=forward_mode,
         max_tree_depth=max_tree_depth,
     )
-    clock = time.perf_counter()
+    clock, earlier = time.perf_counter(), 0.0
     centre, spread, whitening = chain_starts(start, covariance, box, num_chains)
     problem = Problem(log_likelihood, log_prior, box, data, whitening)
-    starts = Starts(key, centre, spread)
-    rows, earlier = grow_chains(starts, draws, problem, settings, progress, kept)
-    (theta, stats), terms, extra = rows
+    if sampler in DIRECT:
+        drawn, terms, extra = draw_directly(key, problem, draws, num_chains, settings)
+        (theta, stats, more, groups) = drawn
+    else:
+        starts = Starts(key, centre, spread)
+        rows, earlier = grow_chains(starts, draws, problem, settings, progress, kept)
+        (theta, stats), terms, extra = rows
+        more = {**_settings_as_attributes(settings), "num_evaluations": looked_at(stats, warmup)}
+        groups = {}
     seed = [int(word) for word in np.ravel(jax.random.key_data(key))]
-    facts = {"sampler": sampler, "seed": seed, **_settings_as_attributes(settings)}
     return posterior_tree(
         theta,
         stats,
@@ -127,7 +139,8 @@ def sample(
         extra - float(jnp.sum(jnp.log(box.upper - box.lower))),
         box,
         attrs=attrs or {},
-        facts=facts,
+        facts={"sampler": sampler, "seed": seed, **more},
+        groups=groups,
         wall_time=time.perf_counter() - clock + earlier,
     )
 
@@ -174,9 +187,9 @@ def _check_options(
     for name, value in given.items():
         if value < least[name]:
             raise ConfigError(f"Argument `{name}` must be at least {least[name]}, but is {value}.")
-    if sampler == "elliptical_slice" and not whitened:
+    if sampler in LAPLACE and not whitened:
         raise ConfigError(
-            "Argument `covariance` must be given for the sampler elliptical_slice, but is None.",
+            f"Argument `covariance` must be given for the sampler {sampler}, but is None.",
             why="It draws from a Gaussian and corrects what the posterior differs from it.",
             remedy='Pass the start and covariance of a fit, or use sampler="nuts".',
         )
