@@ -95,32 +95,35 @@ def _log_likelihoods(theta: Mapping[str, Array], data: Evidence) -> Float[Array,
     return jax.lax.map(one, dict(theta))
 
 
-def residual_findings(left: Mapping[str, np.ndarray], worth: Mapping[str, float]) -> list[Finding]:
-    """Whether what is left of each group is white, as the likelihood would like it.
+def residual_finding(
+    left: Mapping[str, np.ndarray], worth: Mapping[str, float], error: Mapping[str, float]
+) -> Finding | None:
+    """Whether what is left of the groups is white, as the likelihood would like it.
 
     Args:
         left: What a fit leaves of each group, by its label.
         worth: Share of the values that the likelihood counts, by label.
+        error: Size of what is left over that of what was measured, by label.
 
     Returns:
-        One finding a group of 16 values or more; its number is the lag-one correlation.
+        A finding whose number is the largest lag-one correlation of a group of 16 values or more;
+        None where there is no such group.
     """
-    return [
-        _whiteness(label, correlation_at_one(row), worth[label])
-        for label, row in left.items()
-        if len(row) >= 2 * LEAST_WORTH
-    ]
-
-
-def _whiteness(label: str, lag_one: float, worth: float) -> Finding:
-    ok = abs(lag_one) < COLOURED
+    lag_one = {
+        label: correlation_at_one(row) for label, row in left.items() if len(row) >= 2 * LEAST_WORTH
+    }
+    if not lag_one:
+        return None
+    worst = max(lag_one, key=lambda label: abs(lag_one[label]))
+    coloured = sum(abs(value) >= COLOURED for value in lag_one.values())
     return Finding(
         "coloured_residual",
-        "ok" if ok else "failed",
-        f"The residual of {label} has a lag-one correlation of {lag_one:.2f}; the likelihood "
-        f"counts {worth:.2g} of its values as independent ones.",
-        lag_one,
-        ""
-        if ok
-        else "The model does not follow the data to their noise: its law, or a second mode.",
+        "failed" if coloured else "ok",
+        f"{coloured} of {len(lag_one)} residuals are coloured, that of {worst} most of all: the "
+        f"fit leaves {error[worst]:.2g} of it with a lag-one correlation of {lag_one[worst]:.2f}, and "
+        f"the likelihood counts {worth[worst]:.2g} of its values.",
+        lag_one[worst],
+        "The model does not follow the data to their noise: its law, or a second mode."
+        if coloured
+        else "",
     )

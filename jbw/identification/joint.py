@@ -14,7 +14,7 @@ from jbw.identification.accuracy import (
     NUM_DRAWS,
     SHIFT,
     halved,
-    residual_findings,
+    residual_finding,
     solver_change,
     solver_finding,
 )
@@ -45,7 +45,12 @@ from jbw.inference.fitting import Fit
 from jbw.observables.decay import Decays
 from jbw.observables.evidence import Evidence, residual
 from jbw.observables.linear import READ, LineReading
-from jbw.observables.weighing import left_by_label, with_fitted_noise, with_worth
+from jbw.observables.weighing import (
+    error_by_label,
+    left_by_label,
+    with_fitted_noise,
+    with_worth,
+)
 
 MOST_SUBSTEPS = 16
 
@@ -83,9 +88,11 @@ def joint_step(
     posterior = sample_joint(keys[2], data, prior, best, settings)
     draws = posterior["posterior"].to_dataset()
     left = left_by_label(best.residual, data)
-    findings = residual_findings(left, counted_by_label(data))
-    if (error := solver_finding(draws, data)) is not None:
-        findings.append(error)
+    looks = (
+        residual_finding(left, counted_by_label(data), error_by_label(left, data)),
+        solver_finding(draws, data),
+    )
+    findings = [finding for finding in looks if finding is not None]
     complete = with_derived(keys[3], posterior, data)
     if (runs := runs_dataset(keys[4], draws, prior.names, data)) is not None:
         complete["runs"] = xr.DataTree(runs)

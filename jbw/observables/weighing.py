@@ -48,6 +48,21 @@ def left_by_label(
     return found
 
 
+def error_by_label(left: Mapping[str, np.ndarray], data: Evidence) -> dict[str, float]:
+    """Size of what a fit leaves of the mean of each group, over that of the mean.
+
+    Args:
+        left: From `left_by_label`.
+        data: The evidence.
+    """
+    return {
+        label: float(np.linalg.norm(left[label]) / np.linalg.norm(part.mean[i]))
+        for part in data.parts
+        if not isinstance(part, LineReading | Decays)
+        for i, label in enumerate(part.repeats.labels)
+    }
+
+
 def with_fitted_noise(left: Mapping[str, np.ndarray], data: Evidence) -> Evidence:
     r"""The evidence with the noise that a fit leaves in every group, $\sigma^2 = Q / (N K)$.
 
