@@ -119,9 +119,9 @@ def residual_finding(
     return Finding(
         "coloured_residual",
         "failed" if coloured else "ok",
-        f"{coloured} of {len(lag_one)} residuals are coloured, that of {worst} most of all: the "
-        f"fit leaves {error[worst]:.2g} of it with a lag-one correlation of {lag_one[worst]:.2f}, and "
-        f"the likelihood counts {worth[worst]:.2g} of its values.",
+        f"{coloured} of {len(lag_one)} residuals are coloured. Most of all that of {worst}, where "
+        f"the fit leaves {error[worst]:.2g} with a lag-one correlation of {lag_one[worst]:.2f}, "
+        f"and the likelihood counts {worth[worst]:.2g} of the values.",
         lag_one[worst],
         "The model does not follow the data to their noise: its law, or a second mode."
         if coloured
