@@ -82,7 +82,9 @@ def forced_groups(
     report("Verification and validation: every test against the model, and without hysteresis")
     chosen = frozenset(test.name for test in fitted(tests, settings))
     carried = _carried(found, data, chosen, seed, settings.get("compare_with", DEFAULT))
-    groups = _frfs(tests, found, carried) | _sweeps(found, carried)
+    groups = _frfs(tests, found, carried, _substeps(data)) | _sweeps(
+        found, carried, _substeps(data)
+    )
     groups |= _curves(tests, found, carried) | _loops(tests, carried)
     groups |= _multisines(tests, carried, _substeps(data)) | _validations(tests, found, carried)
     used = {safe(name) for name in carried.fitted}
@@ -152,12 +154,12 @@ def _substeps(data: Evidence) -> int:
     return max((part.substeps for part in data.parts if isinstance(part, Records)), default=2)
 
 
-def _frfs(tests: Sequence[Test], found: Identification, carried: Carried) -> Groups:
+def _frfs(tests: Sequence[Test], found: Identification, carried: Carried, substeps: int) -> Groups:
     """FRFs of noise records, and of sweeps with repeats that were not fitted."""
     band_hz = (BAND[0] * carried.natural_hz, BAND[1] * carried.natural_hz)
     groups = {}
-    for test in _unseen(found.sweeps, carried.fitted):
-        dataset = frf_verification(test, carried.draws, band_hz)
+    for test in _compared(found.sweeps, carried.fitted):
+        dataset = frf_verification(test, carried.draws, band_hz, substeps=substeps)
         groups[place("verification/frf", test.name)] = dataset
     for test in tests:
         if test.kind == "noise" or (test.kind == "multisine" and test.periods < 2):
@@ -166,23 +168,29 @@ def _frfs(tests: Sequence[Test], found: Identification, carried: Carried) -> Gro
     return groups
 
 
-def _sweeps(found: Identification, carried: Carried) -> Groups:
-    """Repeats and levels of sweeps that no fit saw."""
+def _sweeps(found: Identification, carried: Carried, substeps: int) -> Groups:
+    """Repeats and levels of sweeps that no fit saw, where there are any."""
     posterior = found.main.posterior["posterior"].to_dataset()
     groups = {}
-    for test in _unseen(found.sweeps, carried.fitted):
+    for test in _compared(found.sweeps, carried.fitted):
         dataset = sweep_verification(
-            test, carried.draws, noise_of(posterior, test), references=carried.references
+            test,
+            carried.draws,
+            noise_of(posterior, test),
+            references=carried.references,
+            substeps=substeps,
         )
         groups[place("verification/sweep", test.name)] = dataset
     return groups
 
 
-def _unseen(sweeps: Sweeps | None, chosen: frozenset[str]) -> list[Test]:
-    """Repeats of sweeps that no fit saw; all of them where the campaign holds a test out."""
+def _compared(sweeps: Sweeps | None, chosen: frozenset[str]) -> list[Test]:
+    """Repeats of sweeps that no fit saw, and the fitted ones of levels where there are no others."""
     if sweeps is None:
         return []
-    return [*sweeps.held_out, *(test for test in sweeps.fitted if test.name not in chosen)]
+    others = {test.name for test in sweeps.held_out}
+    rest = [t for t in sweeps.fitted if t.name not in chosen or t.name not in others]
+    return [*sweeps.held_out, *rest]
 
 
 def noise_of(posterior: xr.Dataset, test: Test) -> float:

@@ -1,0 +1,90 @@
+"""What do measured structures say? A table of finished runs of `notebooks/campaigns`.
+
+    for name in notebooks/campaigns/*.toml; do
+        jbw identify $name --allow-outside --out runs/$(basename $name .toml)
+    done
+    python benchmarks/measured.py runs
+
+Errors are root mean squares over that of the record, of the joint's median, of the best linear and
+of the best cubic oscillator of the same fitted tests.
+"""
+
+import json
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+ROW = "| {} | {} | {} | {} | {} |"
+HEAD = ("structure", "identified [99 % interval]", "fitted", "left out", "verdict")
+# What each campaign's data know, with the factor and the unit it is written in.
+SHOWN = {
+    "bolted_double_beam": {"softening": (1, "1/m"), "opening": (1, "1/m")},
+    "brake_reuss_beam": {"softening": (1, "1/m"), "opening": (1, "1/m")},
+    "brake_reuss_all": {"opening": (1, "1/m"), "cubic": (1e-10, "1e10 1/(m^2 s^2)")},
+    "f16_multisine": {"alpha_delta": (1, "1/(m s^2)"), "alpha_gamma": (1, "1/(m s^2)")},
+    "f16_sweep": {"alpha_delta": (1, "1/(m s^2)"), "alpha_gamma": (1, "1/(m s^2)")},
+    "hysteretic_benchmark": {"alpha": (1, "1/s^2"), "delta": (1, "1/m"), "gamma": (1, "1/m")},
+    "silverbox": {"cubic": (1e-5, "1e5 1/(V^2 s^2)")},
+    "silverbox_without_cubic": {"alpha_delta": (1e-4, "1e4 1/(V s^2)")},
+    "friction_damper": {"alpha": (1e-6, "1e6 1/s^2"), "delta": (1, "1/m"), "gamma": (1, "1/m")},
+}
+
+
+def spread(values: Sequence[float]) -> str:
+    """Least and largest error in per cent."""
+    low, high = (f"{100 * value:.2g}" for value in (min(values), max(values)))
+    return low if low == high else f"{low}-{high}"
+
+
+def errors(tests: Iterable[dict[str, Any]]) -> str:
+    """Errors of the three models over some tests."""
+    rows = [row for row in tests if row.get("nrmse") is not None]
+    if not rows:
+        return "-"
+    told = []
+    for key in ("nrmse_linear", "nrmse_cubic", "nrmse"):
+        known = [row[key] for row in rows if row.get(key) is not None]
+        told.append(spread(known) if known else "-")
+    return " / ".join(told)
+
+
+def identified(parameters: dict[str, Any], shown: dict[str, tuple[float, str]]) -> str:
+    """Mean and interval of what the data know."""
+    told = []
+    for name, (factor, unit) in shown.items():
+        mean, low, high = (factor * parameters[name][key] for key in ("mean", "q005", "q995"))
+        told.append(f"{name} {mean:.4g} [{low:.4g}, {high:.4g}] {unit}")
+    return "; ".join(told)
+
+
+def row(folder: Path) -> str:
+    """One run as a row of the table."""
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    tests = summary["predictions"].values()
+    codes = {f["code"] for f in summary["verdict"]["findings"] if f["status"] == "failed"}
+    status = summary["verdict"]["status"] + (f": {', '.join(sorted(codes))}" if codes else "")
+    return ROW.format(
+        summary["campaign"],
+        identified(summary["steps"][summary["main"]]["parameters"], SHOWN[folder.name]),
+        errors(test for test in tests if test["fitted"]),
+        errors(test for test in tests if not test["fitted"]),
+        status,
+    )
+
+
+def main(runs: Path) -> None:
+    """Print the table.
+
+    Args:
+        runs: Folder of the runs, each named as its campaign's file.
+    """
+    print(ROW.format(*HEAD))
+    print(ROW.format(*["---"] * len(HEAD)))
+    for name in SHOWN:
+        if (runs / name / "summary.json").exists():
+            print(row(runs / name))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
