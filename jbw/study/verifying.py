@@ -82,11 +82,10 @@ def forced_groups(
     report("Verification and validation: every test against the model, and without hysteresis")
     chosen = frozenset(test.name for test in fitted(tests, settings))
     carried = _carried(found, data, chosen, seed, settings.get("compare_with", DEFAULT))
-    groups = _frfs(tests, found, carried, _substeps(data)) | _sweeps(
-        found, carried, _substeps(data)
-    )
+    substeps = _substeps(data)
+    groups = _frfs(tests, found, carried, substeps) | _sweeps(found, carried, substeps)
     groups |= _curves(tests, found, carried) | _loops(tests, carried)
-    groups |= _multisines(tests, carried, _substeps(data)) | _validations(tests, found, carried)
+    groups |= _multisines(tests, carried, substeps) | _validations(tests, found, carried)
     used = {safe(name) for name in carried.fitted}
     for path, dataset in groups.items():
         if path.startswith("/verification"):
@@ -185,7 +184,7 @@ def _sweeps(found: Identification, carried: Carried, substeps: int) -> Groups:
 
 
 def _compared(sweeps: Sweeps | None, chosen: frozenset[str]) -> list[Test]:
-    """Repeats of sweeps that no fit saw, and the fitted ones of levels where there are no others."""
+    """Repeats of sweeps that no fit saw; the fitted ones where a level has no others."""
     if sweeps is None:
         return []
     others = {test.name for test in sweeps.held_out}
