@@ -20,6 +20,7 @@ from jbw.identification.priors import stated
 from jbw.identification.step import ATTRS, Step, finished
 from jbw.inference.box import Box, box
 from jbw.inference.fitting import fit
+from jbw.inference.keeping import Keep, nowhere
 from jbw.inference.sampling import sample
 from jbw.inference.verdict import Finding
 from jbw.observables import response
@@ -130,6 +131,8 @@ def opening_steps(
     linear: PooledFit,
     third_order: Step,
     settings: Mapping[str, Any],
+    *,
+    keep: Keep = nowhere,
 ) -> dict[str, Step]:
     """Posterior of gamma by NUTS and by the paper's walk, everything else held.
 
@@ -139,6 +142,7 @@ def opening_steps(
         linear: Step 2: omega_n and gain.
         third_order: Step 3: zeta, alpha and delta, taken at their means.
         settings: The campaign's [identify] table.
+        keep: Where the chains outlive the process.
 
     Returns:
         The steps "opening_nuts" and "opening_paper".
@@ -163,7 +167,7 @@ def opening_steps(
         tree = sample(
             one, log_likelihood, prior, curve,
             num_chains=settings.get("num_chains", 4), chain_method="vectorized", attrs=ATTRS,
-            **options,
+            kept=keep(name), **options,
         )  # fmt: skip
         found = [_series_finding(tree["posterior"].to_dataset(), curve, held, records)]
         steps[name] = finished(

@@ -23,6 +23,7 @@ from jbw.identification.decay_reading import first_reading
 from jbw.identification.effects import effects, effects_sentence
 from jbw.identification.step import ATTRS, Step, finished
 from jbw.inference.fitting import Fit
+from jbw.inference.keeping import Keep, nowhere
 from jbw.inference.sampling import sample
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, reduce
@@ -37,7 +38,12 @@ NAMES = ("omega_n", "zeta", "softening", "opening", "share")
 
 
 def decay_step(
-    key: Key[Array, ""], test: Test, settings: Mapping[str, Any], name: str = "joint"
+    key: Key[Array, ""],
+    test: Test,
+    settings: Mapping[str, Any],
+    name: str = "joint",
+    *,
+    keep: Keep = nowhere,
 ) -> tuple[Step, Decays]:
     """Posterior of the joint from the decays of a test.
 
@@ -50,6 +56,7 @@ def decay_step(
         test: The decays to fit.
         settings: The campaign's [identify] table.
         name: Name of the step.
+        keep: Where the chains outlive the process.
 
     Returns:
         The step, and the data with the noise, scatter and worth that the fit found.
@@ -78,6 +85,7 @@ def decay_step(
         adapt_mass=True,
         target_accept=0.9,
         attrs=ATTRS,
+        kept=keep(name),
     )
     posterior = with_joint(keys[2], tree, data)
     draws = posterior["posterior"].to_dataset()

@@ -10,6 +10,7 @@ from jaxtyping import Array, Key
 from jbw.identification.step import ATTRS
 from jbw.inference.box import Box
 from jbw.inference.fitting import Fit
+from jbw.inference.keeping import Kept
 from jbw.inference.sampling import sample
 from jbw.inference.verdict import Verdict
 from jbw.observables.evidence import Evidence, log_likelihood
@@ -26,7 +27,12 @@ DRAWS = {  # of warm-up, and kept of each chain
 
 
 def sample_joint(
-    key: Key[Array, ""], data: Evidence, prior: Box, best: Fit, settings: Mapping[str, Any]
+    key: Key[Array, ""],
+    data: Evidence,
+    prior: Box,
+    best: Fit,
+    settings: Mapping[str, Any],
+    kept: Kept | None = None,
 ) -> xr.DataTree:
     """Draws in the coordinate whitened by the fit's covariance.
 
@@ -39,6 +45,7 @@ def sample_joint(
         prior: The box.
         best: The fit, with its covariance.
         settings: The campaign's [identify] table.
+        kept: Where the chains outlive the process.
     """
     sampler = settings.get("sampler", "auto")
     if sampler == "auto":
@@ -58,6 +65,7 @@ def sample_joint(
         covariance=best.covariance,
         adapt_mass=True,
         attrs=ATTRS,
+        kept=kept,
     )
 
 

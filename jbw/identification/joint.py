@@ -42,6 +42,7 @@ from jbw.identification.worth import counted_by_label, worth_by_label
 from jbw.inference.box import Box
 from jbw.inference.costly_fit import costly_fit
 from jbw.inference.fitting import Fit
+from jbw.inference.keeping import Keep, nowhere
 from jbw.observables.decay import Decays
 from jbw.observables.evidence import Evidence, residual
 from jbw.observables.linear import READ, LineReading
@@ -60,6 +61,8 @@ def joint_step(
     data: Evidence,
     earlier: Mapping[str, Step],
     settings: Mapping[str, Any],
+    *,
+    keep: Keep = nowhere,
 ) -> tuple[Step, Evidence]:
     """Joint posterior of all parameters of the joint, the gain and the noise.
 
@@ -68,6 +71,7 @@ def joint_step(
         data: What was measured.
         earlier: The paper's steps, when they were run.
         settings: The campaign's [identify] table.
+        keep: Where the chains outlive the process.
 
     Returns:
         The step "joint", its posterior with the noise by group and the products alpha*delta and
@@ -85,7 +89,7 @@ def joint_step(
     chi_square = explained(first, data)
     prior, best, data, words = settled(keys[1], data, prior, first, settings)
     best = replace(best, waterfall=first.waterfall)  # the later fits have one start
-    posterior = sample_joint(keys[2], data, prior, best, settings)
+    posterior = sample_joint(keys[2], data, prior, best, settings, keep("joint"))
     draws = posterior["posterior"].to_dataset()
     left = left_by_label(best.residual, data)
     looks = (

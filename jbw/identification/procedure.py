@@ -23,6 +23,7 @@ from jbw.identification.selection import (
     sweep_tests,
 )
 from jbw.identification.step import Step
+from jbw.inference.keeping import Keep, nowhere
 from jbw.measurement.records import Test
 from jbw.observables import response
 from jbw.observables.decay import Decays
@@ -77,6 +78,7 @@ def run_procedure(
     gain: float | None = None,
     seed: int = 0,
     report: Report = logger.info,
+    keep: Keep = nowhere,
 ) -> Identification:
     """Run every step that the tests of a campaign allow.
 
@@ -86,6 +88,7 @@ def run_procedure(
         gain: Gain that the campaign states [N/kg per unit of the input], not identified then.
         seed: Seed of everything random.
         report: Called with one sentence at every stage.
+        keep: Where the chains of each posterior outlive the process.
 
     Returns:
         The posteriors and what they were made from.
@@ -97,13 +100,13 @@ def run_procedure(
     forced = any(test.kind != "decay" for test in tests)
     found = Identification(decays=decays)
     if forced:
-        found = _forced_steps(found, tests, settings, gain, seed, report)
+        found = _forced_steps(found, tests, settings, gain, seed, report, keep)
     if decays is None:
         return found
     report(f"Free decays: the joint from {len(decays.fitted.records)} records")
     name = "decay" if forced else "joint"
     key = jax.random.fold_in(jax.random.key(seed), DECAY_KEY)
-    step, data = decay_step(key, decays.fitted, settings, name)
+    step, data = decay_step(key, decays.fitted, settings, name, keep=keep)
     return replace(found, decay_data=data, steps={**found.steps, name: step})
 
 
@@ -114,6 +117,7 @@ def _forced_steps(
     gain: float | None,
     seed: int,
     report: Report,
+    keep: Keep,
 ) -> Identification:
     """The paper's steps on the tests with a measured input, and the joint posterior of all."""
     keys = iter(jax.random.split(jax.random.key(seed), 16))
@@ -124,10 +128,10 @@ def _forced_steps(
     sweeps = sweep_tests(tests, settings)
     found = replace(found, linear=linear, sweeps=sweeps)
     if linear is not None:
-        found = _paper_steps(found, linear, tests, settings, keys, report)
+        found = _paper_steps(found, linear, tests, settings, keys, report, keep)
     data = gather(tests, settings, linear=linear, sweeps=sweeps, decays=found.decays, gain=gain)
     report(f"Joint posterior: all parameters from {len(labels(data))} groups of data")
-    step, data = joint_step(next(keys), data, found.steps, settings)
+    step, data = joint_step(next(keys), data, found.steps, settings, keep=keep)
     return replace(found, data=data, steps={**found.steps, "joint": step})
 
 
@@ -138,6 +142,7 @@ def _paper_steps(
     settings: Mapping[str, Any],
     keys: Iterator[Key[Array, ""]],
     report: Report,
+    keep: Keep,
 ) -> Identification:
     """Steps 3 and 4 by the paper's cut, as far as the tests allow them."""
     probing = probing_tests(tests, linear.natural_hz)
@@ -145,10 +150,10 @@ def _paper_steps(
         return found
     report(f"Step 3: third-order kernel at {len(probing)} frequencies")
     kernel_fit = third_order.fit_kernel(next(keys), probing, linear.pooled, settings)
-    steps = third_order.third_order_steps(next(keys), kernel_fit, settings)
+    steps = third_order.third_order_steps(next(keys), kernel_fit, settings, keep=keep)
     if found.sweeps is not None:
         report("Step 4: gamma alone, the earlier steps held")
         swept = response.reduce(found.sweeps.fitted, substeps=settings.get("substeps", 2))
         held = steps["third_order_nuts"]
-        steps |= opening_steps(next(keys), swept, linear.pooled, held, settings)
+        steps |= opening_steps(next(keys), swept, linear.pooled, held, settings, keep=keep)
     return replace(found, kernel=kernel_fit, steps=steps)

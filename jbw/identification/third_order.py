@@ -15,6 +15,7 @@ from jbw.identification.priors import PAPER_HALF_WIDTH, about, physical, stated
 from jbw.identification.step import ATTRS, Step, finished
 from jbw.inference.box import Box, box
 from jbw.inference.fitting import Fit, fit
+from jbw.inference.keeping import Keep, nowhere
 from jbw.inference.sampling import sample
 from jbw.measurement.harmonics import ThirdOrder
 from jbw.measurement.probing import third_order_kernel
@@ -104,7 +105,9 @@ def fit_kernel(
     return KernelFit(kernels, data, fit(kernel.residual, prior, data, starts=16, key=key), prior)
 
 
-def third_order_steps(key: Key, step: KernelFit, settings: Mapping[str, Any]) -> dict[str, Step]:
+def third_order_steps(
+    key: Key, step: KernelFit, settings: Mapping[str, Any], *, keep: Keep = nowhere
+) -> dict[str, Step]:
     """Posterior of zeta, alpha and delta by (36): NUTS, the paper's walk, and a tuned walk.
 
     All chains start dispersed over the box, so that their comparison can tell: the paper's chain,
@@ -114,6 +117,7 @@ def third_order_steps(key: Key, step: KernelFit, settings: Mapping[str, Any]) ->
         key: Random key.
         step: The initial fit.
         settings: The campaign's [identify] table.
+        keep: Where the chains outlive the process.
 
     Returns:
         The steps "third_order_nuts", "third_order_paper" and "third_order_walk".
@@ -132,7 +136,7 @@ def third_order_steps(key: Key, step: KernelFit, settings: Mapping[str, Any]) ->
         chains = settings.get("num_chains", 4)
         tree = sample(
             one, kernel.log_likelihood, step.box, step.data,
-            num_chains=chains, chain_method="vectorized", attrs=ATTRS, **chosen,
+            num_chains=chains, chain_method="vectorized", attrs=ATTRS, kept=keep(name), **chosen,
         )  # fmt: skip
         said = (*_products(tree, step), *_notes(step))
         steps[name] = finished(

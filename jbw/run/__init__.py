@@ -1,0 +1,1 @@
+"""The run's folder while a run is under way: manifest, lock, checkpoints, interruption."""

@@ -1,0 +1,87 @@
+"""Files that are there whole or not at all."""
+
+import hashlib
+import os
+import shutil
+from pathlib import Path
+
+from jbw.errors import RunError
+
+ROOM = 100 * 2**20  # bytes that a run may need: posterior, report and checkpoints
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file so that a kill or a full disk leaves the old one, or the new one, never half.
+
+    Args:
+        path: The file.
+        content: What it is to hold.
+
+    Raises:
+        RunError: If the disk is full or the folder cannot be written.
+    """
+    part = path.with_name(f"{path.name}.part")
+    try:
+        with part.open("wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(part, path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise cannot_write(path, error) from error
+
+
+def cannot_write(path: Path, error: OSError) -> RunError:
+    """The error of a file that cannot be written.
+
+    Args:
+        path: The file.
+        error: What the system said.
+    """
+    return RunError(
+        f"{path} cannot be written: {error.strerror or error}.",
+        why="What was saved before is whole.",
+        remedy="Free some space, or make the folder writable, and go on: jbw resume RUN.",
+    )
+
+
+def require_room(folder: Path, room: int = ROOM) -> None:
+    """Make sure that a folder's disk has room for a run, before any work is done.
+
+    Args:
+        folder: The run's folder.
+        room: Bytes that the run may need.
+
+    Raises:
+        RunError: If it has not.
+    """
+    free = shutil.disk_usage(folder).free
+    if free < room:
+        raise RunError(
+            f"The disk of {folder} has {free / 2**20:.0f} MB left, but a run may need "
+            f"{room / 2**20:.0f} MB.",
+            remedy="Free some space, or choose a folder on another disk with --out.",
+        )
+
+
+def hash_of(path: Path) -> str:
+    """SHA-256 of a file, in hexadecimal digits.
+
+    Args:
+        path: The file.
+    """
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _sync_folder(folder: Path) -> None:
+    """Let a rename outlive a power cut, where the system can."""
+    if os.name != "posix":
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

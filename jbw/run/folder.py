@@ -1,0 +1,154 @@
+"""The folder of a run under way: begun, gone on with, or finished."""
+
+import shutil
+from pathlib import Path
+
+from jbw.errors import RunError
+from jbw.run.checkpoints import Checkpoint
+from jbw.run.files import require_room
+from jbw.run.interruption import Interruption
+from jbw.run.lock import FolderLock
+from jbw.run.manifest import Manifest, read_manifest, write_manifest
+
+HIDDEN = ".run"  # beside the results, until these are complete
+MANIFEST, LOCK = "manifest.json", "lock"
+
+
+class Run:
+    """A run that this process may write.
+
+    Args:
+        folder: The run's folder.
+        manifest: What it was asked for.
+        lock: The right to write there.
+
+    Attributes:
+        folder: The run's folder.
+        manifest: What it was asked for, and what it read so far.
+        interruption: Whether it was asked to stop.
+    """
+
+    def __init__(self, folder: Path, manifest: Manifest, lock: FolderLock) -> None:
+        self.folder, self.manifest, self._lock = folder, manifest, lock
+        self.interruption = Interruption()
+
+    def keep(self, name: str) -> Checkpoint:
+        """Where the chains of a posterior outlive the process.
+
+        Args:
+            name: Name of the posterior.
+        """
+        return Checkpoint(self.folder / HIDDEN, name, self.interruption)
+
+    def note(self, manifest: Manifest) -> None:
+        """Write down what became known.
+
+        Args:
+            manifest: In place of the one before.
+        """
+        if manifest != self.manifest:
+            write_manifest(self.folder / HIDDEN / MANIFEST, manifest)
+        self.manifest = manifest
+
+    def finish(self) -> None:
+        """Remove what only an unfinished run needs."""
+        (self.folder / HIDDEN / MANIFEST).unlink(missing_ok=True)
+        shutil.rmtree(self.folder / HIDDEN, ignore_errors=True)
+
+    def close(self) -> None:
+        """Let another process write to the folder."""
+        self._lock.release()
+
+
+def begin(folder: Path, manifest: Manifest) -> Run:
+    """Begin a run in a new or empty folder.
+
+    Args:
+        folder: The run's folder.
+        manifest: What is asked for.
+
+    Returns:
+        The run, which holds the folder's lock.
+
+    Raises:
+        RunError: If the folder holds something or an unfinished run, cannot be written, has no
+            room, or another process writes there.
+    """
+    unfinished = folder / HIDDEN / MANIFEST
+    if not unfinished.exists():
+        _require_empty(folder)
+    lock = _locked(folder)
+    try:
+        if unfinished.exists():
+            raise RunError(
+                f"The folder {folder} holds a run that was interrupted.",
+                why="Results of two runs must not be mixed.",
+                remedy=f"Go on with it: jbw resume {folder}. Or choose another with --out.",
+            )
+        _require_empty(folder)  # another process may have been here before the lock
+        require_room(folder)
+        write_manifest(folder / HIDDEN / MANIFEST, manifest)
+    except BaseException:
+        lock.release()
+        raise
+    return Run(folder, manifest, lock)
+
+
+def reopen(folder: Path) -> Run | None:
+    """Go on with a run that was interrupted.
+
+    Args:
+        folder: The run's folder.
+
+    Returns:
+        The run, which holds the folder's lock; None where it is finished.
+
+    Raises:
+        RunError: If there is no run, its manifest is damaged, or another process writes there.
+    """
+    if not (folder / HIDDEN / MANIFEST).exists():
+        if (folder / "summary.json").exists():
+            return None
+        raise RunError(
+            f"The folder {folder} holds no run to go on with.",
+            remedy=f"Begin one: jbw identify CAMPAIGN --out {folder}.",
+        )
+    lock = _locked(folder)
+    try:
+        manifest = read_manifest(folder / HIDDEN / MANIFEST)
+        require_room(folder)
+        for part in folder.glob(".part-*"):
+            shutil.rmtree(part, ignore_errors=True)
+    except BaseException:
+        lock.release()
+        raise
+    return Run(folder, manifest, lock)
+
+
+def _require_empty(folder: Path) -> None:
+    """Refuse a folder that holds anything."""
+    try:
+        names = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    if others := [name for name in names if name != HIDDEN]:
+        raise RunError(
+            f"The output folder {folder} must be new or empty, but it holds {others[0]}.",
+            why="Results of two runs must not be mixed.",
+            remedy="Choose another with --out, or empty it.",
+        )
+
+
+def _locked(folder: Path) -> FolderLock:
+    try:
+        (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
+        return FolderLock(folder / HIDDEN / LOCK)
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+
+
+def _unwritable(folder: Path, error: OSError) -> RunError:
+    return RunError(
+        f"The output folder {folder} cannot be written: {error.strerror or error}.",
+        remedy="Choose another with --out, or make it writable.",
+    )

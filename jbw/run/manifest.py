@@ -1,0 +1,185 @@
+"""What a run was asked for and what it read: enough to go on, and to refuse if it changed."""
+
+import hashlib
+import json
+import os
+import platform
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import version
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+from jbw.errors import ConfigError, DataError, RunError
+from jbw.run.files import hash_of, write_whole
+
+FORMAT = 1
+VERSIONED = ("jbw", "jax", "jaxlib", "numpyro", "blackjax", "diffrax", "optimistix", "numpy")
+RESTORE = "Restore it, or begin a new run in another folder: jbw identify CAMPAIGN --out DIR."
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """A run as it was asked for.
+
+    Attributes:
+        command: What was typed.
+        campaign: The campaign file.
+        seed: Seed given on the command line, or None.
+        preset: Preset of the virtual rig that makes the campaign first; None for a real one.
+        allow_outside: Whether files may lie outside the campaign's folder.
+        text: Content of the campaign file, once it was read.
+        inputs: Hash of every data file by its path, once they were read; relative to the
+            campaign's folder where it lies below.
+        truth: True parameters of a virtual joint.
+        versions: Versions of what decides the draws.
+        machine: Name of the machine, and its number of processors.
+    """
+
+    command: str
+    campaign: str
+    seed: int | None = None
+    preset: str | None = None
+    allow_outside: bool = False
+    text: str | None = None
+    inputs: dict[str, str] | None = None
+    truth: dict[str, float] | None = None
+    versions: dict[str, str] = field(default_factory=lambda: versions())
+    machine: dict[str, str] = field(default_factory=lambda: machine())
+
+
+def versions() -> dict[str, str]:
+    """Versions of what decides the draws."""
+    return {name: version(name) for name in VERSIONED}
+
+
+def machine() -> dict[str, str]:
+    """What else the last bit of a draw may depend on."""
+    return {"name": platform.node(), "processors": str(os.cpu_count())}
+
+
+def write_manifest(path: Path, manifest: Manifest) -> None:
+    """Write a manifest, with the hash of its content.
+
+    Args:
+        path: The file.
+        manifest: What it is to hold.
+    """
+    content = {"format": FORMAT, **asdict(manifest)}
+    text = json.dumps({"sha256": _digest(content), **content}, indent=1, ensure_ascii=False)
+    write_whole(path, text.encode())
+
+
+def read_manifest(path: Path) -> Manifest:
+    """The manifest of an unfinished run.
+
+    Args:
+        path: The file.
+
+    Raises:
+        RunError: If it cannot be read, was changed, or is of another format.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        whole = content.pop("sha256") == _digest(content) and content.pop("format") == FORMAT
+        if whole:
+            return Manifest(**content)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        pass
+    raise RunError(
+        f"{path} is damaged, or was written by another version of jbw.",
+        why="It says what the run was asked for.",
+        remedy="Begin the run again in another folder: jbw identify CAMPAIGN --out DIR.",
+    )
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def with_inputs(manifest: Manifest, campaign: Path, inputs: Mapping[str, str]) -> Manifest:
+    """The manifest once its campaign was read; refused where it was read before and changed.
+
+    Args:
+        manifest: The manifest.
+        campaign: The campaign file.
+        inputs: Hash of every data file by its path.
+
+    Raises:
+        DataError: If other files belong to the campaign than before.
+    """
+    folder = campaign.resolve().parent
+    found = {_below(folder, Path(name)): digest for name, digest in inputs.items()}
+    known = manifest.inputs
+    for name in sorted(set(found) ^ set(known if known is not None else found)):
+        was = "not among" if name in found else "among"
+        raise DataError(
+            f"The data file {name} was {was} the campaign's files when the run began, but now "
+            f"is{'' if name in found else ' not'}.",
+            why="Its chains would go on with other data.",
+            remedy=RESTORE,
+        )
+    return replace(manifest, inputs=found)
+
+
+def _below(folder: Path, path: Path) -> str:
+    path = path.resolve()
+    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else str(path)
+
+
+def require_unchanged(manifest: Manifest, campaign: Path) -> None:
+    """Refuse to go on with another campaign, other data or other versions than at the start.
+
+    Args:
+        manifest: The run as it began.
+        campaign: The campaign file.
+
+    Raises:
+        ConfigError: If the campaign file changed or is gone.
+        DataError: If a data file did.
+        RunError: If the run was begun with other versions of what decides the draws.
+    """
+    other = [
+        f"{name} {was}, not {versions().get(name)}"
+        for name, was in manifest.versions.items()
+        if versions().get(name) != was
+    ]
+    if other:
+        raise RunError(
+            f"The run was begun with {'; '.join(other)}.",
+            why="Its draws would not be those of an uninterrupted run.",
+            remedy="Install the versions that it began with, or begin a new run in another folder.",
+        )
+    if manifest.text is not None:
+        _require_same_text(manifest.text, campaign)
+    for found in _changed_files(manifest, campaign):
+        raise DataError(found, why="Its chains would go on with other data.", remedy=RESTORE)
+
+
+def _require_same_text(text: str, campaign: Path) -> None:
+    try:
+        now = campaign.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(
+            f"The campaign file {campaign} cannot be read any more: {error}.", remedy=RESTORE
+        ) from error
+    pairs = enumerate(zip_longest(text.splitlines(), now.splitlines(), fillvalue=""), start=1)
+    for number, (was, is_) in pairs:
+        if was != is_:
+            raise ConfigError(
+                f"The campaign file {campaign} changed since the run began: line {number} was "
+                f"{was.strip()!r} and is {is_.strip()!r}.",
+                why="Its chains would go on with another configuration.",
+                remedy=RESTORE,
+            )
+
+
+def _changed_files(manifest: Manifest, campaign: Path) -> Iterator[str]:
+    folder = campaign.resolve().parent
+    for name, digest in (manifest.inputs or {}).items():
+        try:
+            if hash_of(folder / name) != digest:
+                yield f"The data file {name} changed since the run began."
+        except OSError as error:
+            yield f"The data file {name} cannot be read any more: {error.strerror or error}."
