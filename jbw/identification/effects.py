@@ -80,5 +80,5 @@ def effects_sentence(found: Effects, y_peak: float) -> str:
 
 
 def _share(quantiles: Float[np.ndarray, "3"]) -> str:
-    low, middle, high = 100 * quantiles
-    return f"{middle:.2g} % [{low:.2g}, {high:.2g}]"
+    low, middle, high = (f"{x:.0f}" if abs(x) >= 100 else f"{x:.2g}" for x in 100 * quantiles)
+    return f"{middle} % [{low}, {high}]"
