@@ -34,6 +34,7 @@ COMMANDS = {
     ),
     "predict": ("jbw.cli.predict:predict", "Predict tests from a run, measured or planned."),
     "export": ("jbw.cli.export:export", "Write a run's joint for CSV, MATLAB and OpenSees."),
+    "explain": ("jbw.cli.explain:explain", "Say what a finding of the verdict means."),
     "report": ("jbw.cli.report:report", "Write the one-file report of a finished run."),
 }
 
