@@ -28,6 +28,7 @@ COMMANDS = {
         "Say which parameters a campaign's data know, before sampling.",
     ),
     "identify": ("jbw.cli.identify:identify", "Identify the joint from a campaign."),
+    "resume": ("jbw.cli.resume:resume", "Go on with a run that was killed or interrupted."),
     "plan": (
         "jbw.cli.plan:plan",
         "Say which tests a wished accuracy takes.",

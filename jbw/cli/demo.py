@@ -4,7 +4,9 @@ from pathlib import Path
 
 import click
 
-from jbw.cli.running import identify_into, prepare_jax, progress
+from jbw.cli.running import run_to_end
+from jbw.run.folder import begin
+from jbw.run.manifest import Manifest, command_line
 
 
 @click.command()
@@ -31,15 +33,5 @@ def demo(out: Path, seed: int, preset: str, json_: bool) -> int:
     exit code is about the joint posterior of Step 4; the paper's own Step 3 is expected to fail,
     and the report says why.
     """
-    prepare_jax()
-    from jbw import rig
-    from jbw.study.storage import claim
-
-    claim(out)
-    with progress() as say:
-        say("Measuring the virtual rig")
-        measured = rig.measure(preset, seed=seed)
-        path = rig.write(measured, out / "campaign")
-        truth = {**measured.truth["joint"], "gain": measured.truth["gain"]}
-        del measured  # the identification reads the files, as for anyone
-        return identify_into(path, out, seed=seed, json_=json_, truth=truth, say=say)
+    asked = Manifest(command_line(), "campaign/campaign.toml", seed=seed, preset=preset)
+    return run_to_end(begin(out, asked), json_=json_)

@@ -4,7 +4,9 @@ from pathlib import Path
 
 import click
 
-from jbw.cli.running import identify_into, prepare_jax, progress
+from jbw.cli.running import run_to_end
+from jbw.run.folder import begin
+from jbw.run.manifest import Manifest, command_line
 
 
 @click.command()
@@ -20,13 +22,10 @@ def identify(
 ) -> int:
     """Identify the joint from the campaign file CAMPAIGN.
 
-    Ends with 0 when the verdict of the main posterior is ok, with 4 when it is not.
+    Ends with 0 when the verdict of the main posterior is ok, with 4 when it is not, and with 5 when
+    it was interrupted: `jbw resume` then goes on with it, as it does after a crash.
     """
-    prepare_jax()
-    from jbw.study.storage import claim
-
-    folder = claim(out or Path(f"{campaign.stem}-run"))
-    with progress() as say:
-        return identify_into(
-            campaign, folder, seed=seed, json_=json_, allow_outside=allow_outside, say=say
-        )
+    asked = Manifest(
+        command_line(), str(campaign.resolve()), seed=seed, allow_outside=allow_outside
+    )
+    return run_to_end(begin(out or Path(f"{campaign.stem}-run"), asked), json_=json_)

@@ -1,13 +1,12 @@
-"""What `demo` and `identify` share: set up JAX, run with progress, save, print, exit code."""
+"""What the commands that compute share: set up JAX, say how far they are, print the summary."""
 
-import json
 import logging
 import os
 import platform
+import shlex
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -17,10 +16,14 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-NOT_TRUSTED = 4
+from jbw.errors import JbwError
+from jbw.run.folder import Run
+from jbw.run.interruption import INTERRUPTED
+
 PIPE_WIDTH = 160  # columns, when stdout is no terminal
 BEYOND = 1.05  # of the fitted displacement: from where on a prediction is said to extrapolate
 COLUMNS = ("map", "mean", "sd", "cv", "kl", "ess_bulk", "r_hat", "truth", "z")
+Say = Callable[[str], None]
 STATUS = {"ok": "green", "failed": "bold red", "not assessed": "yellow"}
 
 
@@ -43,50 +46,38 @@ def prepare_jax() -> None:
     logging.getLogger("jax").setLevel(logging.ERROR)
 
 
-def identify_into(
-    campaign: Path,
-    out: Path,
-    *,
-    seed: int | None = None,
-    json_: bool = False,
-    allow_outside: bool = False,
-    truth: Mapping[str, float] | None = None,
-    say: Callable[[str], None],
-) -> int:
-    """Identify a campaign and leave everything in a claimed folder.
+def run_to_end(run: Run, *, json_: bool = False) -> int:
+    """Carry a run out; when interrupted, say how to go on.
 
     Args:
-        campaign: The campaign file.
-        out: The run's folder, as `claim` left it.
-        seed: Seed; the campaign's when None.
+        run: The run, begun or gone on with.
         json_: Print the summary as JSON instead of tables.
-        allow_outside: Read files outside the campaign's folder.
-        truth: True parameters of a virtual joint, shown beside the results.
-        say: Called with one sentence at every stage.
 
     Returns:
-        Exit code: 0, or 4 when the verdict of the main posterior is not ok.
+        Exit code: 0, 4 when the verdict of the main posterior is not ok, 5 when interrupted.
     """
-    from jbw.campaign.loading import load_campaign
-    from jbw.study.identify import identify
-    from jbw.study.storage import save_run
 
-    say(f"Reading {campaign}")
-    loaded = load_campaign(campaign, allow_outside=allow_outside)
-    study = identify(loaded, seed=seed, truth=truth, report=say)
-    say("Writing figures and report")
-    save_run(out, study.tree, study.record)
-    say("Done")
-    if json_:
-        click.echo(json.dumps(study.record, indent=1, ensure_ascii=False))
-    else:
-        print_summary(study.record)
-        click.echo(f"Report: {out / 'report.html'}")
-    return 0 if study.verdict.status == "ok" else NOT_TRUSTED
+    def farewell() -> str:
+        return f"Saved in {run.folder}; continue: jbw resume {shlex.quote(str(run.folder))}"
+
+    try:
+        with run.interruption.heard(farewell), progress() as say:
+            prepare_jax()
+            from jbw.cli.carrying import carry_out
+
+            return carry_out(run, say, json_=json_)
+    except KeyboardInterrupt:
+        click.echo(farewell(), err=True)
+        return INTERRUPTED
+    except JbwError:
+        run.discard()
+        raise
+    finally:
+        run.close()
 
 
 @contextmanager
-def progress() -> Iterator[Callable[[str], None]]:
+def progress() -> Iterator[Say]:
     """One line a stage on stderr, with the seconds since the start; warnings in the same place."""
     console = Console(stderr=True, highlight=False)
     started = perf_counter()
@@ -123,7 +114,8 @@ def print_summary(summary: Mapping[str, Any]) -> None:
     )
     for finding in verdict["findings"]:
         if finding["status"] != "ok":
-            console.print(Text(f"  {finding['reason']} {finding['action']}"))
+            told = f"  {finding['reason']} {finding['action']} (jbw explain {finding['code']})"
+            console.print(Text(told))
 
 
 def _prediction(test: str, row: Mapping[str, Any]) -> str:

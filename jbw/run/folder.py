@@ -21,6 +21,7 @@ class Run:
         folder: The run's folder.
         manifest: What it was asked for.
         lock: The right to write there.
+        fresh: Whether it begins here.
 
     Attributes:
         folder: The run's folder.
@@ -28,9 +29,15 @@ class Run:
         interruption: Whether it was asked to stop.
     """
 
-    def __init__(self, folder: Path, manifest: Manifest, lock: FolderLock) -> None:
-        self.folder, self.manifest, self._lock = folder, manifest, lock
+    def __init__(self, folder: Path, manifest: Manifest, lock: FolderLock, *, fresh: bool) -> None:
+        self.folder, self.manifest = folder, manifest
+        self._lock, self._fresh = lock, fresh
         self.interruption = Interruption()
+
+    @property
+    def campaign(self) -> Path:
+        """The campaign file; the virtual rig's lies in the run's folder, which may be moved."""
+        return self.folder / self.manifest.campaign
 
     def keep(self, name: str) -> Checkpoint:
         """Where the chains of a posterior outlive the process.
@@ -54,6 +61,14 @@ class Run:
         """Remove what only an unfinished run needs."""
         (self.folder / HIDDEN / MANIFEST).unlink(missing_ok=True)
         shutil.rmtree(self.folder / HIDDEN, ignore_errors=True)
+
+    def discard(self) -> None:
+        """Leave no trace of a run that has just begun and has nothing to go on from."""
+        if not self._fresh or list((self.folder / HIDDEN).glob("*.checkpoint")):
+            return
+        if [path.name for path in self.folder.iterdir()] == [HIDDEN]:
+            self.finish()
+            self.folder.rmdir()
 
     def close(self) -> None:
         """Let another process write to the folder."""
@@ -91,7 +106,7 @@ def begin(folder: Path, manifest: Manifest) -> Run:
     except BaseException:
         lock.release()
         raise
-    return Run(folder, manifest, lock)
+    return Run(folder, manifest, lock, fresh=True)
 
 
 def reopen(folder: Path) -> Run | None:
@@ -122,7 +137,7 @@ def reopen(folder: Path) -> Run | None:
     except BaseException:
         lock.release()
         raise
-    return Run(folder, manifest, lock)
+    return Run(folder, manifest, lock, fresh=False)
 
 
 def _require_empty(folder: Path) -> None:

@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import platform
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
@@ -25,14 +26,13 @@ class Manifest:
 
     Attributes:
         command: What was typed.
-        campaign: The campaign file.
+        campaign: The campaign file; relative to the run's folder where it lies in there.
         seed: Seed given on the command line, or None.
         preset: Preset of the virtual rig that makes the campaign first; None for a real one.
         allow_outside: Whether files may lie outside the campaign's folder.
         text: Content of the campaign file, once it was read.
         inputs: Hash of every data file by its path, once they were read; relative to the
             campaign's folder where it lies below.
-        truth: True parameters of a virtual joint.
         versions: Versions of what decides the draws.
         machine: Name of the machine, and its number of processors.
     """
@@ -44,9 +44,13 @@ class Manifest:
     allow_outside: bool = False
     text: str | None = None
     inputs: dict[str, str] | None = None
-    truth: dict[str, float] | None = None
     versions: dict[str, str] = field(default_factory=lambda: versions())
     machine: dict[str, str] = field(default_factory=lambda: machine())
+
+
+def command_line() -> str:
+    """What was typed, for the manifest."""
+    return " ".join(["jbw", *sys.argv[1:]])
 
 
 def versions() -> dict[str, str]:

@@ -12,6 +12,7 @@ import xarray as xr
 
 from jbw.campaign.loading import Campaign, force_per_unit
 from jbw.identification.procedure import Identification, Report, run_procedure
+from jbw.inference.keeping import Keep, nowhere
 from jbw.inference.precision import require_float64
 from jbw.inference.verdict import Verdict
 from jbw.measurement.records import Test
@@ -90,6 +91,8 @@ def identify(
     seed: int | None = None,
     truth: Mapping[str, float] | None = None,
     report: Report = logger.info,
+    keep: Keep = nowhere,
+    command: str | None = None,
 ) -> Study:
     """Identify the joint from a campaign: the procedure, verification and validation.
 
@@ -98,6 +101,8 @@ def identify(
         seed: Seed of everything random; the campaign's, or 0, when None.
         truth: True parameters of a virtual joint, written beside the results; never used.
         report: Called with one sentence at every stage.
+        keep: Where the chains of each posterior outlive the process.
+        command: What was typed, for the summary; this process's when None.
 
     Returns:
         The study.
@@ -113,15 +118,16 @@ def identify(
     started = perf_counter()
     seed = int(campaign.settings.get("seed", 0)) if seed is None else seed
     found = run_procedure(
-        campaign.tests, campaign.settings, gain=force_per_unit(campaign), seed=seed, report=report
-    )
+        campaign.tests, campaign.settings,
+        gain=force_per_unit(campaign), seed=seed, report=report, keep=keep,
+    )  # fmt: skip
     known = look_again(found, campaign.settings, report)
     tree = collect(campaign.tests, found, seed, truth, report, campaign.settings)
     found = judged(found, tree)
     record = summarise_study(
         campaign.name, found, tree,
-        seed=seed, inputs=_hashes(campaign), truth=truth,
-        command=" ".join(["jbw", *sys.argv[1:]]), wall_s=perf_counter() - started,
+        seed=seed, inputs=input_hashes(campaign), truth=truth,
+        command=command or " ".join(["jbw", *sys.argv[1:]]), wall_s=perf_counter() - started,
     )  # fmt: skip
     if known is not None:
         tree["identifiability"] = xr.DataTree(as_group(known))
@@ -129,8 +135,12 @@ def identify(
     return Study(campaign, found, tree, record)
 
 
-def _hashes(campaign: Campaign) -> dict[str, str]:
-    """File to hash, of everything that was read."""
+def input_hashes(campaign: Campaign) -> dict[str, str]:
+    """File to hash, of everything that was read.
+
+    Args:
+        campaign: The campaign.
+    """
     records = [record for test in campaign.tests for record in test.records]
     known = [r.provenance for r in records if "sha256" in r.provenance]
     return {one.get("path", ""): one["sha256"] for one in known}

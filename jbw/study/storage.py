@@ -51,25 +51,73 @@ def claim(folder: Path) -> Path:
 
 
 def save_run(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
-    """Write posterior.nc, summary.json, figures/ and report.html.
-
-    Everything is made in a hidden folder beside its place and moved there when complete, the
-    summary last: a folder with `summary.json` is whole.
+    """Write posterior.nc and summary.json, then figures/ and report.html.
 
     Args:
         folder: The run's folder, as `claim` left it.
         tree: The collected result.
         summary: What `summary.json` is to hold.
+
+    Raises:
+        RunError: If something cannot be written or drawn; a failing report leaves the result.
     """
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as name:
-        part = Path(name)
-        tree.to_netcdf(part / "posterior.nc", engine="h5netcdf")
-        (part / "figures").mkdir()
-        save_figures(tree, part / "figures")
-        write_page(summary, tree, part / "report.html")
-        text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False)
-        (part / "summary.json").write_text(text + "\n", encoding="utf-8")
-        _move(part, folder, ("posterior.nc", "figures", "report.html", "summary.json"))
+    save_result(folder, tree, summary)
+    save_report(folder, tree, summary)
+
+
+def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
+    """Write posterior.nc and summary.json.
+
+    Both are made in a hidden folder beside their place and moved there when complete, the summary
+    last: a folder with `summary.json` holds a whole result.
+
+    Args:
+        folder: The run's folder.
+        tree: The collected result.
+        summary: What `summary.json` is to hold.
+
+    Raises:
+        RunError: If the disk is full or the folder cannot be written.
+    """
+    try:
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as name:
+            part = Path(name)
+            tree.to_netcdf(part / "posterior.nc", engine="h5netcdf")
+            text = json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False)
+            (part / "summary.json").write_text(text + "\n", encoding="utf-8")
+            _move(part, folder, ("posterior.nc", "summary.json"))
+    except OSError as error:
+        raise RunError(
+            f"The result cannot be written to {folder}: {error.strerror or error}.",
+            remedy="Free some space, or make the folder writable; an interrupted run goes on with "
+            f"jbw resume {folder}.",
+        ) from error
+
+
+def save_report(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
+    """Write figures/ and report.html beside a result.
+
+    Args:
+        folder: The run's folder.
+        tree: The collected result.
+        summary: What `summary.json` holds.
+
+    Raises:
+        RunError: If a figure or the page fails, for whatever reason: the result is not touched.
+    """
+    try:
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as name:
+            part = Path(name)
+            (part / "figures").mkdir()
+            save_figures(tree, part / "figures")
+            write_page(summary, tree, part / "report.html")
+            _move(part, folder, ("figures", "report.html"))
+    except Exception as error:
+        raise RunError(
+            f"The report of {folder} failed: {type(error).__name__}: {error}",
+            why="posterior.nc and summary.json are saved and whole.",
+            remedy=f"Write the report again: jbw report {folder}.",
+        ) from error
 
 
 def save_predictions(
@@ -104,4 +152,12 @@ def _move(part: Path, folder: Path, names: Sequence[str]) -> None:
         target = folder / made
         if target.is_dir():
             shutil.rmtree(target)
+        elif (part / made).is_file():
+            _sync(part / made)
         os.replace(part / made, target)
+
+
+def _sync(path: Path) -> None:
+    """Let a file's content reach the disk before its name does."""
+    with path.open("rb+") as stream:
+        os.fsync(stream.fileno())

@@ -1,5 +1,6 @@
 """The run's folder: claimed before the work, written whole or not at all."""
 
+import errno
 import json
 
 import numpy as np
@@ -33,11 +34,23 @@ def test_a_run_is_written_with_its_summary(tmp_path):
     assert not list(tmp_path.glob(".part-*"))
 
 
-def test_nothing_is_left_half_written(tmp_path, monkeypatch):
+def test_a_failing_report_leaves_the_result_and_says_how_to_try_again(tmp_path, monkeypatch):
     def fail(*_):
-        raise OSError("disk full")
+        raise ValueError("no such glyph")
 
     monkeypatch.setattr(storage, "write_page", fail)
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(RunError, match="ValueError: no such glyph") as caught:
         storage.save_run(tmp_path, a_tree(), {"campaign": "toy"})
+    assert f"jbw report {tmp_path}" in caught.value.remedy
+    assert {path.name for path in tmp_path.iterdir()} == {"posterior.nc", "summary.json"}
+
+
+def test_a_full_disk_leaves_nothing_half_written(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(storage, "_sync", full)
+    with pytest.raises(RunError, match="No space left") as caught:
+        storage.save_run(tmp_path, a_tree(), {"campaign": "toy"})
+    assert "jbw resume" in caught.value.remedy
     assert list(tmp_path.iterdir()) == []
