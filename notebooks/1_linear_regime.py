@@ -23,7 +23,8 @@
 # Per unit of modal mass the model is
 #
 # $$\ddot y + 2\zeta\omega_n\dot y + (\omega_n^2 - \alpha)\,y + Z = u \tag{1}$$
-# $$\frac{\mathrm{d}Z}{\mathrm{d}y} = \alpha - \gamma\,\mathrm{sgn}(\dot y)\,Z - \delta\,|Z| \tag{2}$$
+# $$\frac{\mathrm{d}Z}{\mathrm{d}y} =
+#   \alpha - \gamma\,\mathrm{sgn}(\dot y)\,Z - \delta\,|Z| \tag{2}$$
 #
 # While $Z$ is small, (2) is $Z = \alpha y$, and (1) is a linear oscillator of natural frequency
 # $\omega_n$ and damping ratio $\zeta$.
@@ -112,13 +113,13 @@ ax.legend()
 
 # %% [markdown]
 # The plain fit reads the window as damping: with 8 s about a third too much, with 4 s nearly twice,
-# and its 99 % bars do not know of it. The smeared fit is right with every window, and a short one only widens its bars. So
-# the window may be chosen for averages instead of resolution.
+# and its 99 % bars do not know of it. The smeared fit is right with every window, and a short one
+# only widens its bars. So the window may be chosen for averages instead of resolution.
 #
 # ## Repeat by repeat
 #
 # The paper gives the coefficient of variation (CV) over repeats. `pool` adds what it should be
-# compared with: the scatter that the errors of the single fits promise.
+# compared with: the scatter that the errors of the single fits promise (a ratio of variances).
 
 # %%
 each = [
@@ -127,21 +128,21 @@ each = [
 ]
 pooled = jbw.pool(each)
 std = np.sqrt(np.diag(pooled.covariance))
-print("          mean       std        CV        scatter over promise (variances)   truth")
+print("          mean       std        CV        scatter / promise        truth")
 for i, name in enumerate(("omega_n", "zeta", "gain")):
     print(
         f"{name:8s}  {pooled.mean[i]:<9.6g}  {std[i]:<9.2g}  {pooled.cv[i]:<9.2g} "
         f"{pooled.scatter_ratio[i]:6.2f} (p = {pooled.scatter_p[i]:.2f})"
-        f"{virtual_rig.TRUTH[name]:>24.6g}"
+        f"{virtual_rig.TRUTH[name]:>12.6g}"
     )
 
 # %% [markdown]
-# The repeats of one assembly scatter no more than their noise promises, p being the chance of such a
-# ratio or a larger one. Now the joint is taken apart and bolted together again before
-# every record, which moves $\omega_n$ by 0.18 %, the paper's figure.
+# The repeats of one assembly scatter no more than their noise promises, p being the chance of such
+# a ratio or a larger one. Now the joint is taken apart and bolted together again before every
+# record, which moves $\omega_n$ by 0.18 %, the paper's figure.
 
 # %%
-days = rig.measure(tests=["noise_0p005V"], repeats=4, omega_n_cv=0.0018, seed=1)
+days = virtual_rig.measure(["noise_0p005V"], omega_n_cv=0.0018, seed=1)
 reassembled = jbw.pool(
     [
         jbw.line_fit(
@@ -156,9 +157,9 @@ print(f"scatter / promise  {pooled.scatter_ratio[0]:.2g} before, ", end="")
 print(f"{reassembled.scatter_ratio[0]:.2g} reassembled")
 
 # %% [markdown]
-# So large a ratio says that the assemblies differ, and by how much; a CV alone cannot tell that from
-# noise. A campaign file says `assembly = "..."` of each such test, and the identification then
-# lets every assembly have its own $\omega_n$ and $\zeta$.
+# So large a ratio says that the assemblies differ, and by how much; a CV alone cannot tell that
+# from noise. A campaign file says `assembly = "..."` of each such test, and the identification
+# then lets every assembly have its own $\omega_n$ and $\zeta$.
 #
 # ## What "linear" means at 0.005 V
 #
@@ -168,9 +169,9 @@ print(f"{reassembled.scatter_ratio[0]:.2g} reassembled")
 #   \Delta\zeta = \frac{2}{3\pi}\,\frac{\alpha\gamma}{\omega_n^2}\,Y .$$
 #
 # `backbone` gives both without the series. A narrow-band random vibration of standard deviation
-# $\sigma$ is softened as a steady one of amplitude $Y = \frac{3}{4}\sqrt{2\pi}\,\sigma = 1.88\,\sigma$
-# (statistical linearisation of a force that grows as $y\,|y|$). Is the vibration at 0.005 V small
-# enough?
+# $\sigma$ is softened as a steady one of amplitude
+# $Y = \frac{3}{4}\sqrt{2\pi}\,\sigma = 1.88\,\sigma$ (statistical linearisation of a force that
+# grows as $y\,|y|$). Is the vibration at 0.005 V small enough?
 
 # %%
 joint = rig.TRUTH
@@ -210,9 +211,9 @@ for name, y in levels.items():
 
 # %% [markdown]
 # The joint softens at both levels as the backbone says it should: by about 1 mHz at 0.005 V, ten
-# times as much at 0.05 V. The fit tells frequency so finely that even the lower shift stands more
-# than ten standard errors clear of zero. "Linear" is therefore a statement about the length of the
-# record, not about the joint: what Step 2 calls $\omega_n$ is the frequency at 26 micrometres, wrong
-# by one part in 16 000, and its standard error does not contain that. It does no harm below, where
-# only $H_1(3\omega)$ is taken from here. The joint posterior of notebook 3 does not use the
-# approximation at all: it takes the records of 0.005 V with the full model (1), (2).
+# times as much at 0.05 V. Even the lower shift stands clear of its error. "Linear" is therefore a
+# statement about the length of the record and the laser, not about the joint: what Step 2 calls
+# $\omega_n$ is the frequency at some 30 micrometres, and its standard error does not contain the
+# difference. It does no harm in Step 3, where only $H_1(3\omega)$ is taken from here. The joint
+# posterior of notebook 3 does not use the approximation at all: it takes the noise records too with
+# the joint's own softening and damping at their amplitude.

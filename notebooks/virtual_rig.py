@@ -9,7 +9,10 @@ import os
 import platform
 import tempfile
 import warnings
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 # Two host devices let two chains run side by side; JAX reads this once, when it starts.
 os.environ.setdefault("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
@@ -20,6 +23,7 @@ import xarray as xr
 import jbw
 from jbw import rig
 from jbw.report.result import read_result
+from jbw.rig.generator import Noise
 
 TESTS = (
     *("noise_0p005V", "noise_0p05V"),
@@ -27,6 +31,10 @@ TESTS = (
     *("sweep_0p05V", "sweep_0p10V", "sweep_0p20V"),
     *("loop_0p05V", "loop_0p10V"),
 )
+NOISE_SECONDS = 128.0
+LASER_NOISE = 1e-3
+"""A poor laser [m/s], so that the uncertainty can be seen in a figure."""
+NUM_SAMPLES = 250
 TRUTH = {
     **{name: float(getattr(rig.TRUTH, name)) for name in ("omega_n", "zeta", "alpha")},
     **{name: float(getattr(rig.TRUTH, name)) for name in ("delta", "gamma")},
@@ -42,11 +50,25 @@ def folder() -> Path:
 
 
 def campaign() -> jbw.Campaign:
-    """The campaign of four repeats a test, measured on the first call and read from its files."""
+    """The campaign, measured on the first call and read from its files."""
     path = folder() / "campaign" / "campaign.toml"
     if not path.exists():
-        rig.write(rig.measure(tests=TESTS, repeats=4), path.parent)
+        rig.write(measure(TESTS), path.parent)
     return jbw.load_campaign(path)
+
+
+def measure(tests: Iterable[str], **conditions: Any) -> rig.RigCampaign:
+    """Tests of the rig's laboratory, four repeats each, with shorter noise and a poor laser."""
+    short = [
+        replace(plan, excitation=replace(plan.excitation, duration=NOISE_SECONDS))
+        if isinstance(plan.excitation, Noise)
+        else plan
+        for plan in rig.LABORATORY.plans
+    ]
+    preset = replace(rig.LABORATORY, name="notebooks", plans=tuple(short))
+    given = {"repeats": 4, "noise_std": LASER_NOISE, **conditions}
+    measured = rig.measure(preset, tests=tests, **given)
+    return replace(measured, settings={**measured.settings, "num_samples": NUM_SAMPLES})
 
 
 def run() -> xr.DataTree:
@@ -63,8 +85,13 @@ def prepare() -> None:
     jax.config.update("jax_compilation_cache_dir", str(folder() / f"compiled-{platform.node()}"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
     logging.getLogger("jax").setLevel(logging.ERROR)
-    # Notebook 1 is about this very thing.
-    warnings.filterwarnings("ignore", message="The .* hann window resolves")
+    for known in (
+        "IProgress not found",  # the bars of tqdm
+        "The .* hann window resolves",  # notebook 1 is about this very thing
+        "The damping .* is finer than the lines",
+        ".* The coherence with the input is",  # away from the mode the laser hears itself
+    ):
+        warnings.filterwarnings("ignore", message=known)
 
 
 prepare()
