@@ -12,10 +12,10 @@ from jbw.identification.coordinates import box_of
 from jbw.identification.decay_fit import decay_box, fit_decay
 from jbw.identification.decay_reading import first_reading
 from jbw.identification.gathering import gather
-from jbw.identification.joint import settled
 from jbw.identification.linear_step import linear_step
 from jbw.identification.procedure import Identification, Report
 from jbw.identification.selection import decay_tests, linear_test, sweep_tests
+from jbw.identification.settling import settled
 from jbw.identification.starts import fit_from, linear_look
 from jbw.inference.box import Box
 from jbw.inference.fitting import Fit

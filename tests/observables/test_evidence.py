@@ -10,9 +10,10 @@ import xarray as xr
 
 from jbw.errors import ConfigError, DataError
 from jbw.identification.gathering import gather
-from jbw.identification.joint import joint_step, weighed
+from jbw.identification.joint import joint_step
 from jbw.identification.leaving_out import consistency_finding, leave_one_out
 from jbw.identification.runs import runs_dataset, runs_sentence, runs_summary
+from jbw.identification.settling import weighed
 from jbw.identification.shifts import shifts_of, wanted, with_offsets
 from jbw.identification.starts import linear_look
 from jbw.identification.worth import worth_by_label

@@ -7,9 +7,9 @@ import pytest
 from jbw import rig
 from jbw.identification.coordinates import box_of
 from jbw.identification.gathering import gather
-from jbw.identification.joint import settled
 from jbw.identification.linear_step import linear_step
 from jbw.identification.selection import decay_tests, linear_test, sweep_tests
+from jbw.identification.settling import settled
 from jbw.identification.starts import fit_from, linear_look
 from jbw.inference.importance import importance
 from jbw.observables.evidence import log_likelihood, offsets_of
