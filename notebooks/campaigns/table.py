@@ -1,9 +1,9 @@
-"""What do measured structures say? A table of finished runs of `notebooks/campaigns`.
+"""The table of measured structures, from finished runs of the campaigns in this folder.
 
-    for name in notebooks/campaigns/*.toml; do
-        jbw identify $name --allow-outside --out runs/$(basename $name .toml)
+    for file in notebooks/campaigns/*.toml; do
+        jbw identify $file --allow-outside --out runs/$(basename $file .toml)
     done
-    python benchmarks/measured.py runs
+    python notebooks/campaigns/table.py runs
 
 Errors are root mean squares over that of the record, of the joint's median, of the best linear and
 of the best cubic oscillator of the same fitted tests.
