@@ -31,6 +31,16 @@ from jbw.campaign.values import (
 # a transform spreads one bad sample over all frequencies, a simulation needs all of its input.
 MASKABLE = ("frf",)
 KINDS = ("noise", "multisine", "tones", "stepped", "sweep", "decay", "frf", "loop")
+SAMPLERS = (
+    "nuts",
+    "elliptical_slice",
+    "random_walk",
+    "random_walk_paper",
+    "importance",
+    "tempered_smc",
+    "nested",
+    "quadrature",
+)
 RESPONSES = {"displacement", "velocity", "acceleration"}
 SOURCES = {"input", "force"}
 
@@ -131,8 +141,9 @@ IDENTIFY = {
         a_whole_number(1), "solver steps a sample; by default as many as the data take"
     ),
     "sampler": Key(
-        one_of("auto", "nuts", "elliptical_slice", "random_walk", "random_walk_paper"),
-        "of the joint posterior; auto: elliptical slices where time is stepped through, else NUTS",
+        one_of("auto", *SAMPLERS),
+        "of the joint posterior; auto: elliptical slices where time is stepped through, else NUTS; "
+        "importance, tempered_smc, nested and quadrature give the evidence too",
         example='"auto"',
     ),
     "profiles": Key(

@@ -20,9 +20,13 @@ from jbw.observables.response import Records
 STUCK = {"frozen_chain", "r_hat"}  # findings of a sampler that does not fit the posterior
 DRAWS = {  # of warm-up, and kept of each chain
     "elliptical_slice": (25, 400),
+    "importance": (0, 1000),
+    "nested": (0, 500),
     "nuts": (300, 1000),
+    "quadrature": (0, 1000),
     "random_walk": (1000, 1000),
     "random_walk_paper": (85, 765),
+    "tempered_smc": (0, 500),
 }
 
 

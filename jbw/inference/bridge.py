@@ -10,6 +10,7 @@ from jax.scipy.special import gammaln
 from jaxtyping import Array, Float, Key
 from numpyro.infer.util import log_density
 
+from jbw.errors import ModelError
 from jbw.inference.box import Box, from_unit
 from jbw.inference.kernels import Problem, potential_of
 from jbw.inference.laplace import HEAVY, from_logit
@@ -127,3 +128,20 @@ def log_volume(box: Box) -> Float[Array, ""]:
 
 def _possible(value: Any, inside: Array) -> Float[Array, ""]:
     return jnp.where(inside & jnp.isfinite(value), value, FORBIDDEN)
+
+
+def require_possible(possible: bool) -> None:
+    """Refuse a posterior that is impossible wherever a sampler looked.
+
+    Args:
+        possible: Whether it is possible anywhere.
+
+    Raises:
+        ModelError: If it is not.
+    """
+    if not possible:
+        raise ModelError(
+            "The log likelihood is finite at no point that was looked at.",
+            remedy="Check the data for NaN, the noise for zero, and the prior for parameters that "
+            "the model cannot solve.",
+        )

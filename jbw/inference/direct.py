@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Array, Key
 from numpy.typing import NDArray
 
-from jbw.errors import ModelError
-from jbw.inference.bridge import FORBIDDEN, Drawn
+from jbw.inference.bridge import Drawn
 from jbw.inference.chains import evaluate_chains
 from jbw.inference.kernels import Problem, Settings
 from jbw.inference.laplace_importance import importance_draws
@@ -48,12 +47,6 @@ def draw_directly(
             drawn = nested_draws(*ask, whitened=whitened)
         case _:
             drawn = quadrature_draws(*ask)
-    if not drawn.facts["log_evidence"] > FORBIDDEN / 2:
-        raise ModelError(
-            "The log likelihood is finite at no point that was looked at.",
-            remedy="Check the data for NaN, the noise for zero, and the prior for parameters that "
-            "the model cannot solve.",
-        )
     theta = {name: jnp.asarray(values) for name, values in drawn.theta.items()}
     bounds = jnp.asarray(0), jnp.asarray(num_samples)
     terms, extra = evaluate_chains(theta, *bounds, problem, settings)

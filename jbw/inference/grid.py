@@ -7,22 +7,18 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 from numpy.typing import NDArray
 
 from jbw.inference.bridge import FORBIDDEN
 from jbw.inference.kernels import Problem, potential_of
-from jbw.inference.laplace import LOGIT_PRIOR_PRECISION, Whitening
+from jbw.inference.laplace import Whitening
 
 CHUNK = 1024  # nodes of one compiled call
 LANES = 128  # of them side by side
-DEEP = 26.0  # nats below the highest node where a grid may end
-NARROW = 6.0  # standard deviations of the first window
-MOST_WIDENINGS = 12
-COARSE = 0.75  # standard deviations between the nodes of the grids that find the moments
-MOST_ROUNDS = 14
-MOST_COARSE = 400_000
-STEADY = 0.03  # change of the moments, in standard deviations, at which they are settled
+DEEP = 21.0  # nats below the highest node where a grid may end
+NARROW = 6.6  # standard deviations of the first window
+MOST_WIDENINGS = 16
 
 
 class Grid(NamedTuple):
@@ -55,13 +51,9 @@ class Grid(NamedTuple):
         cell = len(self.axes) * np.log(self.spacing)
         return float(largest + np.log(np.sum(np.exp(self.log_p - largest))) + cell)
 
-    def log_density(self, problem: Problem, w: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Log posterior density at other points of this coordinate."""
-        return _log_density(problem, w)
-
 
 def grid_of(problem: Problem, whitening: Whitening, spacing: float, most: int) -> Grid | None:
-    """A grid wide enough that the posterior is 26 nats below its highest node at every side.
+    """A grid wide enough that the posterior is 21 nats below its highest node at every side.
 
     Args:
         problem: The posterior; its own whitening is not used.
@@ -72,20 +64,34 @@ def grid_of(problem: Problem, whitening: Whitening, spacing: float, most: int) -
     Returns:
         The grid; None where it would take more nodes.
     """
-    problem = eqx.tree_at(lambda one: one.whitening, problem, whitening)
     d = len(problem.box.names)
     reach = np.full((d, 2), np.ceil(NARROW / spacing), dtype=int)
     for _ in range(MOST_WIDENINGS):
         if np.prod(reach.sum(axis=1) + 1.0) > most:
             return None
-        axes = tuple(spacing * np.arange(-low, high + 1) for low, high in reach)
-        nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, d)
-        log_p = _log_density(problem, nodes)
-        open_sides = _open_sides(log_p.reshape([len(axis) for axis in axes]))
+        grid = grid_within(problem, whitening, spacing, reach)
+        open_sides = _open_sides(grid.log_p.reshape([len(axis) for axis in grid.axes]))
         if not np.any(open_sides):
-            return Grid(axes, nodes, log_p, whitening, spacing)
-        reach = np.where(open_sides, np.ceil(1.35 * reach).astype(int), reach)
+            return grid
+        reach = np.where(open_sides, np.ceil(1.2 * reach).astype(int), reach)
     return None
+
+
+def grid_within(
+    problem: Problem, whitening: Whitening, spacing: float, reach: Int[np.ndarray, "parameter 2"]
+) -> Grid:
+    """A grid of so many nodes to both sides of its centre.
+
+    Args:
+        problem: The posterior; its own whitening is not used.
+        whitening: The coordinate.
+        spacing: Between nodes.
+        reach: Nodes below and above the centre, by coordinate.
+    """
+    problem = eqx.tree_at(lambda one: one.whitening, problem, whitening)
+    axes = tuple(spacing * np.arange(-low, high + 1) for low, high in reach)
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    return Grid(axes, nodes, log_density_at(problem, nodes), whitening, spacing)
 
 
 def _open_sides(log_p: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -96,43 +102,6 @@ def _open_sides(log_p: NDArray[np.float64]) -> NDArray[np.bool_]:
         for axis in range(log_p.ndim)
     ]
     return np.array(faces)
-
-
-def settled(problem: Problem) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
-    """Mean and covariance of the posterior's logit, by coarse grids that follow their own moments.
-
-    Args:
-        problem: The posterior, whitened as well as anyone knows.
-
-    Returns:
-        Mean, covariance, and nodes that were spent.
-    """
-    centre, factor = (np.asarray(part) for part in problem.whitening)
-    if np.array_equal(factor, np.eye(len(centre))):  # nothing is known: the prior's width
-        factor = factor / np.sqrt(LOGIT_PRIOR_PRECISION)
-    mean, covariance, spent = centre, factor @ factor.T, 0
-    for _ in range(MOST_ROUNDS):
-        whitening = whitened_by(mean, covariance)
-        grid = grid_of(problem, whitening, COARSE, MOST_COARSE)
-        if grid is None:  # too wide a tail to follow: what is known will do
-            break
-        spent += grid.log_p.size
-        shift, spread = _moments(grid)
-        factor = np.asarray(whitening.factor)
-        mean, covariance = mean + factor @ shift, factor @ spread @ factor.T
-        if np.max(np.abs(shift)) < STEADY and np.max(np.abs(spread - np.eye(len(mean)))) < STEADY:
-            break
-    return mean, covariance, spent
-
-
-def _moments(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean and covariance of w; no narrower than the nodes can tell."""
-    mean = grid.weights @ grid.nodes
-    left = grid.nodes - mean
-    covariance = (grid.weights[:, None] * left).T @ left
-    return mean, covariance + (0.1 * grid.spacing) ** 2 * np.eye(len(mean)) * (
-        np.diagonal(covariance) < (0.3 * grid.spacing) ** 2
-    )
 
 
 def whitened_by(
@@ -152,7 +121,15 @@ def whitened_by(
     return Whitening(jnp.asarray(mean), jnp.asarray(factor))
 
 
-def _log_density(problem: Problem, w: NDArray[np.float64]) -> NDArray[np.float64]:
+def log_density_at(
+    problem: Problem, w: Float[np.ndarray, "point parameter"]
+) -> Float[np.ndarray, " point"]:
+    """Log posterior density of w, the prior in it [nats].
+
+    Args:
+        problem: The posterior.
+        w: Points in its whitened coordinate.
+    """
     padded = np.concatenate([w, np.zeros((-len(w) % CHUNK, w.shape[1]))])
     ends = range(0, len(padded) + 1, CHUNK)
     parts = [np.asarray(_chunk(problem, jnp.asarray(padded[a:b]))) for a, b in pairwise(ends)]

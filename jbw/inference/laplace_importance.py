@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
-from jbw.inference.bridge import FORBIDDEN, Drawn, bridge
+from jbw.inference.bridge import FORBIDDEN, Drawn, bridge, require_possible
 from jbw.inference.kernels import Problem
 from jbw.inference.weights import effective_draws, smoothed, stratified
 
@@ -41,6 +41,7 @@ def importance_draws(
     count = num_samples * num_chains
     y, log_weights = (np.asarray(part) for part in _proposals(key_draw, problem, count))
     raw = np.where(log_weights > FORBIDDEN, log_weights, -np.inf)
+    require_possible(bool(np.any(np.isfinite(raw))))
     weights, khat = smoothed(raw)
     worth = effective_draws(weights)
     generator = np.random.default_rng(np.asarray(jax.random.key_data(key_resample)))

@@ -13,7 +13,7 @@ from jaxtyping import Array, Int, Key
 from numpy.typing import NDArray
 
 from jbw.errors import ModelError
-from jbw.inference.bridge import Bridge, Drawn, bridge
+from jbw.inference.bridge import FORBIDDEN, Bridge, Drawn, bridge, require_possible
 from jbw.inference.evidence import pooled_evidence
 from jbw.inference.kernels import Problem
 from jbw.inference.weights import effective_draws, stratified
@@ -96,6 +96,7 @@ def _run(
 ) -> Run:
     key_start, key_run, key_volume = jax.random.split(key, 3)
     state = _start(key_start, problem, num_live, num_slices, whitened)
+    require_possible(bool(jnp.any(state.particles.loglikelihood > FORBIDDEN / 2)))
     dead, evaluations = [], num_live
     for key_chunk in jax.random.split(key_run, MOST_CHUNKS):
         state, points, count = _advance(key_chunk, state, problem, num_live, num_slices, whitened)

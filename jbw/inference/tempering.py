@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from blackjax.mcmc import random_walk
 from blackjax.smc import adaptive_tempered, resampling
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Array, Bool, Float, Int, Key
 
-from jbw.inference.bridge import Bridge, Drawn, bridge
+from jbw.inference.bridge import FORBIDDEN, Bridge, Drawn, bridge, require_possible
 from jbw.inference.chains import over_chains
 from jbw.inference.evidence import pooled_evidence
 from jbw.inference.kernels import Problem
@@ -30,6 +30,7 @@ class Run(NamedTuple):
         variance: Of log_evidence, as the weights of its steps show it.
         num_steps: Steps of the temperature.
         inverse_temperature: Where it ended; below 1 it never arrived.
+        possible: Whether the posterior was possible at any first particle.
     """
 
     y: Float[Array, "... draw parameter"]
@@ -37,6 +38,7 @@ class Run(NamedTuple):
     variance: Float[Array, "..."]
     num_steps: Int[Array, "..."]
     inverse_temperature: Float[Array, "..."]
+    possible: Bool[Array, "..."]
 
 
 def tempered_draws(
@@ -76,6 +78,7 @@ def tempered_draws(
     num_moves = 5 * d + 5
     keys = jax.random.split(key, num_chains)
     runs = _runs(keys, problem, num_samples, num_moves, whitened, chain_method)
+    require_possible(bool(np.all(runs.possible)))
     theta = bridge(problem, whitened).theta(runs.y)
     evaluations = (np.asarray(runs.num_steps) + 1) * num_samples * (num_moves + 3)
     return Drawn(
@@ -144,15 +147,18 @@ def _run(key: Key[Array, ""], way: Bridge, num_particles: int, num_moves: int) -
     key, key_draw = jax.random.split(key)
     y = way.draw(key_draw, num_particles)
     state = adaptive_tempered.init(y)._replace(tempering_param=jnp.zeros(()))
+    possible = jnp.any(jax.vmap(way.log_ratio)(y) > FORBIDDEN / 2)
     log_scale = jnp.log(2.38 / jnp.sqrt(y.shape[1]))
     first = _Carry(key, state, log_scale, jnp.zeros(()), jnp.zeros(()), jnp.array(0))
-    last = jax.lax.while_loop(
-        lambda c: (c.state.tempering_param < 1) & (c.num_steps < MOST_STEPS), advance, first
-    )
+
+    def again(carry: _Carry) -> Bool[Array, ""]:
+        return possible & (carry.state.tempering_param < 1) & (carry.num_steps < MOST_STEPS)
+
+    last = jax.lax.while_loop(again, advance, first)
     beta = last.state.tempering_param
     # With no room left for beta one more step only resamples and moves on the posterior.
     y = advance(last).state.particles
-    return Run(y, last.log_evidence, last.variance, last.num_steps, beta)
+    return Run(y, last.log_evidence, last.variance, last.num_steps, beta, possible)
 
 
 def _root(
