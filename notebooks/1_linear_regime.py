@@ -30,6 +30,7 @@
 # $\omega_n$ and damping ratio $\zeta$.
 
 # %%
+# %matplotlib inline
 import matplotlib.pyplot as plt
 import numpy as np
 import virtual_rig

@@ -29,6 +29,7 @@
 # for a tone $A\cos\omega t$. Amplitudes are complex peak values.
 
 # %%
+# %matplotlib inline
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
@@ -232,11 +233,11 @@ print(f"truth {joint.zeta:.4%}")
 # has fewer.
 #
 # The four chains of the published walk, 850 steps of about $2.5\cdot10^{-3}$ of the box, have come
-# down to the ridge at four places and hardly moved along it. The CVs within one such chain are a few
-# percent (the paper reports about one), and they say how far a chain walks, not what the data know:
-# between the chains the parameters differ by several times as much. Their peaks in the densities
-# are the paper's "bimodality". One chain cannot show this; several from dispersed starts do, and
-# the verdict is about them.
+# down to the ridge at four places and hardly moved along it. The CVs within one such chain are a
+# few percent (the paper reports about one), and they say how far a chain walks, not what the data
+# know: between the chains the parameters differ by several times as much. Their peaks in the
+# densities are the paper's "bimodality". One chain cannot show this; several from dispersed starts
+# do, and the verdict is about them.
 #
 # And the product is that of a wrong model: several percent low, and many of its own standard
 # deviations, as what (31) lacks in modulus and phase goes into the parameters. The chi-square says

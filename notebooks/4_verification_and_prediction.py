@@ -1,0 +1,166 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     name: python3
+# ---
+
+# %% [markdown]
+# # 4 Verification, validation, prediction
+#
+# *Does the identified model give back what it was fitted to, what it was not fitted to, and what it
+# was never meant for? And what should be measured next?*
+#
+# Three words are kept apart. *Verification* compares responses (FRFs, sweeps) of the model with
+# those measured; *validation* compares the hysteresis loop, which nothing was fitted to directly;
+# *prediction* is about tests that the run has not seen. Bands are at 99 %: a *parameter band* holds
+# the uncertainty of the parameters alone, a *predictive band* the noise as well. Only the second
+# can hold 99 % of the measured samples.
+
+# %%
+# %matplotlib inline
+import numpy as np
+import virtual_rig
+
+import jbw
+from jbw.planning.description import parse
+from jbw.report import figures
+from jbw.report.loops import enclosed_areas
+from jbw.report.prediction import prediction
+from jbw.study.basis import basis_of
+from jbw.study.planned import planned_sweep
+from jbw.study.predicting import predict, warnings_of
+
+tree = virtual_rig.run()
+
+# %% [markdown]
+# ## Frequency response functions
+#
+# Every draw is simulated under the measured input and passed through the same estimator with the
+# same window, so that whatever the window does to one it does to the other.
+
+# %%
+figures.figure_of(figures.figure_11(tree))
+
+# %% [markdown]
+# The resonance moves down and broadens with the level, in the model as in the measurement. The
+# lowest row, magnitude over the model's median, is where differences would show; what is left there
+# is noise.
+#
+# ## Sweeps, one level of which was held out
+#
+# The joint was fitted to half of the repeats at 0.05 V and 0.20 V. The other half, and the level of
+# 0.10 V as a whole, are predictions.
+
+# %%
+figures.figure_of(figures.figure_12(tree))
+
+# %%
+print("test          fitted  coverage of the 99 % band   error    error of the best linear model")
+for name, node in tree["verification/sweep"].children.items():
+    facts = node.attrs
+    print(
+        f"{name:13s} {'yes' if facts['fitted'] else 'no':7s} {facts['coverage']:.2%} {'':18s}"
+        f"{facts['nrmse']:.3%}   {facts['nrmse_linear']:.1%}"
+    )
+
+# %% [markdown]
+# The error is that of the median against the mean of the repeats, over the rms of the response: it
+# contains the noise of that mean. About 99 % of the samples of the level never fitted lie in the
+# band, as of the others, and the linear oscillator that fits best is off by two orders of magnitude
+# more. The bands stay narrow at the resonance, where the parameters matter most.
+#
+# ## The hysteresis loop
+#
+# Under a tone near resonance the restoring force follows from the balance (1),
+# $F = u - \ddot y - 2\zeta\omega_n\dot y = k y + Z$, and the model's from its own $Z$.
+
+# %%
+figures.figure_of(figures.figure_13(tree))
+
+# %%
+for name, node in tree["validation/loops"].children.items():
+    areas = enclosed_areas(node.to_dataset())
+    for label, (low, middle, high) in areas._asdict().items():
+        print(f"{name} {label:8s} {1e3 * middle:.4g} [{1e3 * low:.4g}, {1e3 * high:.4g}] mJ/kg")
+
+# %% [markdown]
+# The area is the energy lost in the joint per cycle and unit mass. At first it grows with the cube
+# of the amplitude, as $\frac{4}{3}\alpha\gamma Y^3$, which makes it a sharp test of $\gamma$.
+# Nothing like it was fitted. The ripple on the measured loops at the lower level is noise: the
+# lower row is magnified a hundredfold.
+#
+# ## A test that the run has not seen
+#
+# A stepped sine at 0.05 V, measured now. In the session that identified, this is
+# `study.predict(test)`; from a saved run, `predict(basis_of(tree), test)`, or at the command line
+# `jbw predict RUN --campaign OTHER.toml`.
+
+# %%
+(stepped,) = virtual_rig.measure(["stepped_0p05V"], repeats=2).tests
+basis = basis_of(tree)
+seen = predict(basis, stepped)
+print(f"coverage {seen.attrs['coverage']:.1%} of {seen.attrs['num_values']:.0f} values, ", end="")
+print(f"error {seen.attrs['nrmse']:.2%}, noise: {seen.attrs['noise']}")
+figures.figure_of(prediction("stepped sine, 0.05 V", seen))
+
+# %% [markdown]
+# Harmonic balance predicts the steady motion of every step. At $\omega$ the measured points lie on
+# the curve within a few hundredths of a percent of its peak. At $3\omega$ they show the laser's
+# noise except around the resonance.
+#
+# ## A test that nobody has measured, and how far a prediction reaches
+
+# %%
+for level in (0.05, 0.5):
+    planned = planned_sweep(basis, (15.0, 22.0), level, duration=30.0, fs=512.0)
+    bands = predict(basis, planned)
+    low, middle, high = 1e3 * np.asarray(bands.attrs["y_peak"])
+    print(f"{level} V: peak {middle:.3f} mm [{low:.3f}, {high:.3f}]", end=", ")
+    print(f"{bands.attrs['extrapolation']:.2f} of the largest displacement fitted")
+    print(*warnings_of(bands))
+figures.figure_of(prediction(planned.name, bands))
+
+# %% [markdown]
+# The bands at 0.5 V are as narrow as the others and mean less: no record shows that the joint
+# follows (2) beyond what was fitted. The width of a band is about the parameters; whether the law
+# holds is not in it, so the reach is said beside it.
+#
+# ## What to measure next
+#
+# `jbw.plan_tests` looks for tests by the information that each would add, here on top of this run,
+# for a wish stricter than the run meets and within a limit of displacement.
+
+# %%
+wish = parse(
+    """
+[plan]
+wanted = ["gamma"]
+cv = 0.002
+max_repeats = 100
+max_displacement = 3e-3
+joints = 4
+
+[sweep]
+
+[tones]
+""",
+    of_run=True,
+)
+plan = jbw.plan_tests(wish, tree)
+print(f"known before: CV of gamma {plan.before['gamma'].median:.2%}")
+for row in plan.rows[:6]:
+    spread = row.cv["gamma"].worst_decile
+    print(f"{row.test}, {row.level:.3g} V, peak {1e3 * row.y_peak:.2g} mm: ", end="")
+    print(f"repeats {row.repeats or 'beyond 100'}, CV {spread:.2%}, {row.status}")
+chosen = plan.combination
+print("recommended:", ", ".join(f"{t.repeats} x {t.test}, {t.level:.3g} V" for t in chosen.tests))
+print(f"in {chosen.seconds:.0f} s, wish met: {chosen.met}")
+
+# %% [markdown]
+# Each row is a candidate with the repeats that the wish would take. The plan counts noise alone: a
+# joint that changes from day to day is known less well, and for that only measuring again helps.
