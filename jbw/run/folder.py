@@ -123,6 +123,7 @@ def reopen(folder: Path) -> Run | None:
     """
     if not (folder / HIDDEN / MANIFEST).exists():
         if (folder / "summary.json").exists():
+            shutil.rmtree(folder / HIDDEN, ignore_errors=True)  # a kill came in its removal
             return None
         raise RunError(
             f"The folder {folder} holds no run to go on with.",
