@@ -136,6 +136,20 @@ def test_a_run_that_cannot_begin_leaves_no_folder(tmp_path, capsys):
     assert not out.exists()
 
 
+def test_a_demo_goes_on_from_its_first_second(tmp_path, monkeypatch, capsys):
+    asked = []
+
+    def measure(preset, *, seed):
+        asked.append((preset, seed))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("jbw.rig.measure", measure)
+    assert run(["demo", "--out", str(tmp_path / "run"), "--preset", "paper", "--seed", "7"]) == 5
+    assert f"jbw resume {tmp_path / 'run'}" in capsys.readouterr().err
+    assert run(["resume", str(tmp_path / "run")]) == 5
+    assert asked == [("paper", 7)] * 2
+
+
 @pytest.mark.slow
 def test_twenty_kills_at_random_moments_change_no_bit(campaign, whole, tmp_path):
     moments, kills, folder = random.Random(0), 0, tmp_path / "run"
