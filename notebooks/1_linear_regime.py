@@ -65,7 +65,7 @@ print(f"{frf.num_averages:.0f} independent averages, a line every {1 / frf.windo
 fig, (left, middle, right) = plt.subplots(1, 3, figsize=(10, 3), layout="constrained")
 left.semilogy(frf.freq, np.abs(frf.h))
 left.set(ylabel="receptance [m/V]")
-middle.plot(frf.freq, np.degrees(np.angle(frf.h)))
+middle.plot(frf.freq, np.degrees(np.angle(1j * frf.h)) - 90.0)  # from -270 to 90, no jump at -180
 middle.set(ylabel="phase [°]", yticks=[-180, -90, 0])
 right.plot(frf.freq, frf.coherence)
 right.set(ylabel="coherence [-]", ylim=(0.0, 1.05))
@@ -73,9 +73,10 @@ for ax in (left, middle, right):
     ax.set(xlabel="frequency [Hz]")
 
 # %% [markdown]
-# One mode. The coherence is nearly one beside the resonance and dips at it. The dip is not the
-# joint and not the laser: the window is too short for so narrow a peak, and what leaks between the
-# lines is not coherent. It is also what spoils the damping, as the next cell shows.
+# One mode. The coherence is high around it, falls where the laser hears mostly itself, and dips at
+# the resonance. The dip is not the joint and not the laser: the window is too short for so narrow
+# a peak, and what leaks between the lines is not coherent. It is also what spoils the damping, as
+# the next cell shows.
 #
 # ## The line fit, and what the window does to it
 #

@@ -56,9 +56,9 @@ for label, some in (("noise alone", noise), ("whole campaign", campaign)):
         print("  ", sentence)
 
 # %% [markdown]
-# The noise tests know $\omega_n$, $\zeta$ and the gain; of the joint they know the products
-# $\alpha\delta$ and $\alpha\gamma$ at best, which is all that a small vibration shows to leading
-# order. Strong sweeps ($\delta Y$ of the order of one) tell the factors apart.
+# The noise tests know $\omega_n$, $\zeta$ and the gain, and of the joint nothing beyond the prior. A
+# small vibration shows the products $\alpha\delta$ and $\alpha\gamma$ at best, to leading order.
+# Strong sweeps ($\delta Y$ of the order of one) tell the factors apart.
 #
 # ## The run
 #
@@ -69,7 +69,7 @@ for label, some in (("noise alone", noise), ("whole campaign", campaign)):
 # %%
 tree = virtual_rig.run()
 names = ["omega_n", "zeta", "alpha", "delta", "gamma", "gain"]
-az.summary(tree, var_names=names, ci_prob=0.99, round_to=5)
+az.summary(tree, var_names=names, ci_prob=0.99, round_to="6g")
 
 # %% [markdown]
 # ## Gamma alone, and what the cut costs

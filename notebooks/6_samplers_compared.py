@@ -111,10 +111,10 @@ for ax in axes[:, 0]:
 # %% [markdown]
 # Each colour is a chain or a run, grey the quadrature.
 #
-# *Chains.* NUTS, elliptical slices and the tuned walk reach all of the ridge, and have ten or twenty
-# effective draws of their thousands: the chains go to and fro along a curve that fits no Gaussian
-# and no single step. Their means are right to the size of that error, and R-hat says that it is
-# large. The published walk has four effective draws, its four starting points.
+# *Chains.* NUTS, elliptical slices and the tuned walk reach all of the ridge, and have ten or
+# twenty effective draws of their thousands: the chains go to and fro along a curve that fits no
+# Gaussian and no single step. Their means are right to the size of that error, and R-hat says that
+# it is large. The published walk has four effective draws, its four starting points.
 #
 # *About a Gaussian.* Importance sampling puts all weight on a few draws, hardly one in each group
 # here, and says so (`khat`, `ess_weights`); its evidence is wrong by a hundred nats. It is the
@@ -125,9 +125,9 @@ for ax in axes[:, 0]:
 # shape: thousands of effective draws in seconds, and the same evidence within a few tenths. They
 # take many evaluations, which are cheap here, and not where each is an integration in time.
 #
-# *Quadrature* agrees with them. It takes the most evaluations by far, and its own finding says that
-# its grid follows so thin a ridge to some tenths of a nat only.
+# *Quadrature* agrees with them. It takes the most evaluations by far, and its own finding says
+# that its grid follows so thin a ridge to some tenths of a nat only.
 #
-# Where they converge they agree, and none passes the verdict: the posterior piles up at the bound of
-# the box, and only a product is determined. No sampler can mend that. What is missing is a test that
-# separates $\alpha$ from $\delta$.
+# Where they converge they agree, and none passes the verdict: the posterior piles up at the bound
+# of the box, and only a product is determined. No sampler can mend that. What is missing is a test
+# that separates $\alpha$ from $\delta$.

@@ -1,0 +1,106 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     name: python3
+# ---
+
+# %% [markdown]
+# # 5 A real bolted joint
+#
+# *What does the identification say of joints that no one has built from equation (2)?*
+#
+# Two published measurements, each with its campaign file in `campaigns`: free decays of a double
+# beam with three bolts (Cenedese et al., *Phil. Trans. R. Soc. A* 380, 2022), and response curves
+# of the Brake-Reuss beam, two half-beams joined by three bolts (Chen et al., *Mech. Syst. Signal
+# Process.* 166, 2022). The data are not part of this repository: the campaign files say where they
+# are to be had. Set JBW_DATA to the folder that holds them; without it the cells below do nothing.
+
+# %%
+# %matplotlib inline
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import virtual_rig
+from IPython.display import display
+
+import jbw
+from jbw.report import figures
+from jbw.report.result import read_result
+
+DATA = os.environ.get("JBW_DATA", "")
+FEWER = {"num_samples": 250, "num_warmup": 150}  # for a notebook; leave it out for a result
+
+
+def run_of(name):
+    """Summary and tree of a campaign's run, made on the first call; None without the data."""
+    if not DATA:
+        return None
+    place = virtual_rig.folder() / name
+    if not (place / "summary.json").exists():
+        campaign = jbw.load_campaign(Path("campaigns", f"{name}.toml"), allow_outside=True)
+        jbw.identify(replace(campaign, settings={**campaign.settings, **FEWER})).save(place)
+    return read_result(place)
+
+
+def show(run, *names):
+    """The named figures of a run, where there is one."""
+    for name in names if run else ():
+        display(figures.figure_of(figures.FIGURES[name](run[1])))
+
+
+def say(run):
+    """What a run found, in words, and its verdict."""
+    if run is None:
+        print("Skipped: JBW_DATA is not set, so there are no records.")
+        return
+    step = run[0]["steps"]["joint"]
+    for name, row in step["parameters"].items():
+        print(f"{name:14s} {row['mean']:.5g} [{row['q005']:.5g}, {row['q995']:.5g}] {row['unit']}")
+    for sentence in step["statements"]:
+        print("-", sentence)
+    print("verdict:", run[0]["verdict"]["status"])
+    for finding in run[0]["verdict"]["findings"]:
+        if finding["status"] != "ok":
+            print("-", finding["reason"], finding["action"])
+
+
+# %% [markdown]
+# ## Free decays of a double beam
+#
+# No force was measured: hammer impacts at three positions, three each, velocity of the tip by a
+# laser vibrometer. The records are filtered to the first mode near 122 Hz, and the model passes
+# through the same filter. The impacts at the third position are held out. Without a force there is
+# no gain; a decay tells frequency and damping against amplitude, and that is what is fitted.
+
+# %%
+beam = run_of("bolted_double_beam")
+say(beam)
+
+# %%
+show(beam, "amplitude", "decay")
+
+# %% [markdown]
+# TEXT1
+#
+# ## Response curves of the Brake-Reuss beam
+#
+# A controller held the acceleration at eight levels while the frequency was stepped through the
+# first bending mode near 80 Hz; the force varies along each curve. The beam softens up to 40 m/s²
+# and stiffens above, which (2) cannot do. The campaign fits the joint to the levels up to 40 m/s²
+# and predicts those above.
+
+# %%
+reuss = run_of("brake_reuss_beam")
+say(reuss)
+
+# %%
+show(reuss, "curves")
+
+# %% [markdown]
+# TEXT2
