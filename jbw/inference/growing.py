@@ -26,7 +26,10 @@ from jbw.inference.kernels import Problem, Settings
 
 Progress = Callable[[int, int], None]
 CHUNK = 250  # steps at most between two looks at the clock; short enough for a progress bar
-CHUNK_S = 10.0  # what a chunk may last where chains are kept: so much is lost by a kill
+CHUNK_S = 10.0  # what a chunk lasts where chains are kept: so much is lost by a kill
+# Devices wait for the slowest at the end of a chunk, the less the more steps it has: where steps
+# are long, chunks last a share of the time spent before, up to a minute.
+CHUNK_SHARE, LONGEST_S = 0.05, 60.0
 GROWTH = 4  # of a chunk over the one before, whose time is the only measure of a step
 
 
@@ -82,10 +85,10 @@ def grow_chains(
         states, new = _grown(states, done, count, problem, settings)
         rows, done = [*rows, new], done + count
         if kept is not None:
-            count = _next_count(count, perf_counter() - clock)
+            spent = found.wall_s + perf_counter() - began
+            count = _next_count(count, perf_counter() - clock, spent)
             if done == total or kept.due():
                 rows = [_joined(rows)]
-                spent = found.wall_s + perf_counter() - began
                 chains = Chains(plain_states(states), done, rows[0], spent)
                 kept.save(as_arrays(chains, mark), last=done == total)
         if progress is not None:
@@ -140,9 +143,10 @@ def _grown(
     return states, jax.tree.map(lambda r: np.asarray(r)[:, first:count], (draws, *terms))
 
 
-def _next_count(count: int, seconds: float) -> int:
-    """Steps of the next chunk, to last `CHUNK_S` if steps take as long as those before."""
-    wanted = int(count * CHUNK_S / max(seconds, 1e-9))
+def _next_count(count: int, seconds: float, spent: float) -> int:
+    """Steps of the next chunk, to last as long as it may if steps take as long as those before."""
+    lasting = max(CHUNK_S, min(CHUNK_SHARE * spent, LONGEST_S))
+    wanted = int(count * lasting / max(seconds, 1e-9))
     return max(1, min(wanted, GROWTH * count, CHUNK))
 
 

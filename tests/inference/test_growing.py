@@ -110,7 +110,9 @@ def test_chains_of_another_posterior_start_again_and_say_so():
 
 
 def test_a_chunk_lasts_as_long_as_it_may_and_grows_step_by_step():
-    assert growing._next_count(1, 30.0) == 1  # compiling counts too
-    assert growing._next_count(1, 0.01) == growing.GROWTH
-    assert growing._next_count(64, 1e-3) == growing.CHUNK
-    assert growing._next_count(100, 20.0) == 50
+    assert growing._next_count(1, 30.0, 30.0) == 1  # compiling counts too
+    assert growing._next_count(1, 0.01, 0.01) == growing.GROWTH
+    assert growing._next_count(64, 1e-3, 1.0) == growing.CHUNK
+    assert growing._next_count(100, 20.0, 100.0) == 50
+    assert growing._next_count(10, 20.0, 400.0) == 10  # a twentieth of the time spent
+    assert growing._next_count(10, 20.0, 1e5) == 30  # at most a minute
