@@ -75,11 +75,11 @@ class Interruption:
             if received[0] not in {int(number) for number in SIGNALS}:
                 continue
             count += 1
-            if count == 1 and self._waiting:
-                _say("Stopping when this chunk of draws is saved; again to leave at once.")
-            elif count > 1:
+            if count > 1:
                 _say(farewell())
                 os._exit(INTERRUPTED)
+            when = " when this chunk of draws is saved" if self._waiting else ""
+            _say(f"Stopping{when}; again to leave at once.")
         heard.close()
 
 

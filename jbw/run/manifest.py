@@ -5,7 +5,7 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from itertools import zip_longest
@@ -108,23 +108,28 @@ def with_inputs(manifest: Manifest, campaign: Path, inputs: Mapping[str, str]) -
     Args:
         manifest: The manifest.
         campaign: The campaign file.
-        inputs: Hash of every data file by its path.
+        inputs: Hash of every data file by its path, as it was read.
 
     Raises:
-        DataError: If other files belong to the campaign than before.
+        DataError: If other files belong to the campaign than before, or one changed.
     """
     folder = campaign.resolve().parent
     found = {_below(folder, Path(name)): digest for name, digest in inputs.items()}
-    known = manifest.inputs
-    for name in sorted(set(found) ^ set(known if known is not None else found)):
-        was = "not among" if name in found else "among"
-        raise DataError(
-            f"The data file {name} was {was} the campaign's files when the run began, but now "
-            f"is{'' if name in found else ' not'}.",
-            why="Its chains would go on with other data.",
-            remedy=RESTORE,
-        )
+    known = found if manifest.inputs is None else manifest.inputs
+    for name in sorted(set(found) | set(known)):
+        if name not in known:
+            raise _other_data(f"{name} is among the campaign's files, but was not before.")
+        if name not in found:
+            raise _other_data(f"{name} is no more among the campaign's files.")
+        if known[name] != found[name]:
+            raise _other_data(f"{name} changed since the run began.")
     return replace(manifest, inputs=found)
+
+
+def _other_data(what: str) -> DataError:
+    return DataError(
+        f"The data file {what}", why="Its chains would go on with other data.", remedy=RESTORE
+    )
 
 
 def _below(folder: Path, path: Path) -> str:
@@ -157,8 +162,7 @@ def require_unchanged(manifest: Manifest, campaign: Path) -> None:
         )
     if manifest.text is not None:
         _require_same_text(manifest.text, campaign)
-    for found in _changed_files(manifest, campaign):
-        raise DataError(found, why="Its chains would go on with other data.", remedy=RESTORE)
+    _require_same_files(manifest.inputs or {}, campaign.resolve().parent)
 
 
 def _require_same_text(text: str, campaign: Path) -> None:
@@ -179,11 +183,11 @@ def _require_same_text(text: str, campaign: Path) -> None:
             )
 
 
-def _changed_files(manifest: Manifest, campaign: Path) -> Iterator[str]:
-    folder = campaign.resolve().parent
-    for name, digest in (manifest.inputs or {}).items():
+def _require_same_files(inputs: Mapping[str, str], folder: Path) -> None:
+    for name, digest in inputs.items():
         try:
-            if hash_of(folder / name) != digest:
-                yield f"The data file {name} changed since the run began."
+            now = hash_of(folder / name)
         except OSError as error:
-            yield f"The data file {name} cannot be read any more: {error.strerror or error}."
+            raise _other_data(f"{name} cannot be read: {error.strerror or error}.") from error
+        if now != digest:
+            raise _other_data(f"{name} changed since the run began.")
