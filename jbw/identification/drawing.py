@@ -53,7 +53,7 @@ def sample_joint(
     """
     sampler = settings.get("sampler", "auto")
     if sampler == "auto":
-        sampler = "elliptical_slice" if _stepped(data) else "nuts"
+        sampler = "elliptical_slice" if steps_through_time(data) else "nuts"
     num_warmup, num_samples = DRAWS[sampler]
     return sample(
         key,
@@ -73,7 +73,7 @@ def sample_joint(
     )
 
 
-def _stepped(data: Evidence) -> bool:
+def steps_through_time(data: Evidence) -> bool:
     """Whether an evaluation steps through time."""
     return any(isinstance(part, Records | Loops) for part in data.parts)
 
