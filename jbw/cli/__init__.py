@@ -33,6 +33,7 @@ COMMANDS = {
         "jbw.cli.plan:plan",
         "Say which tests a wished accuracy takes.",
     ),
+    "compare": ("jbw.cli.compare:compare", "Compare samplers on one posterior of a run."),
     "predict": ("jbw.cli.predict:predict", "Predict tests from a run, measured or planned."),
     "export": ("jbw.cli.export:export", "Write a run's joint for CSV, MATLAB and OpenSees."),
     "explain": ("jbw.cli.explain:explain", "Say what a finding of the verdict means."),

@@ -6,7 +6,7 @@ at Chebyshev nodes give it everywhere, and every sampler then runs on the series
 
 from collections.abc import Mapping
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -19,7 +19,7 @@ from jbw.identification.linear import PooledFit
 from jbw.identification.priors import stated
 from jbw.identification.step import ATTRS, Step, finished
 from jbw.inference.box import Box, box
-from jbw.inference.fitting import fit
+from jbw.inference.fitting import Fit, fit
 from jbw.inference.keeping import Keep, nowhere
 from jbw.inference.sampling import sample
 from jbw.inference.verdict import Finding
@@ -125,6 +125,44 @@ def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " 
     return jnp.sqrt(jnp.maximum(misfit(theta["gamma"], curve), 1e-300)) / curve.noise_std
 
 
+class OpeningFit(NamedTuple):
+    """The initial fit of Step 4.
+
+    Attributes:
+        curve: The likelihood's series.
+        fit: Least squares in the box.
+        box: Prior of gamma.
+        held: omega_n, zeta, alpha, delta and gain.
+    """
+
+    curve: OpeningCurve
+    fit: Fit
+    box: Box
+    held: dict[str, float]
+
+
+def fit_opening(
+    key: Key,
+    records: Records,
+    linear: PooledFit,
+    means: Mapping[str, float],
+    settings: Mapping[str, Any],
+) -> OpeningFit:
+    """The initial fit of gamma, everything else held, and its likelihood as a series.
+
+    Args:
+        key: Random key of the starts.
+        records: The reduced sweeps.
+        linear: Step 2: omega_n and gain.
+        means: Step 3: zeta, alpha and delta.
+        settings: The campaign's [identify] table.
+    """
+    held = {"omega_n": linear.omega_n, "gain": linear.gain, **means}
+    prior = box({"gamma": stated(settings).get("gamma", (0.0, REACH * means["delta"]))})
+    curve = opening_curve(records, held, prior)
+    return OpeningFit(curve, fit(residual, prior, curve, starts=8, key=key), prior, held)
+
+
 def opening_steps(
     key: Key,
     records: Records,
@@ -151,12 +189,10 @@ def opening_steps(
         Eqs. (37), (41), (42).
     """
     started = perf_counter()
-    means = {n: float(v.mean()) for n, v in third_order.posterior["posterior"].data_vars.items()}
-    held = {"omega_n": linear.omega_n, "gain": linear.gain, **means}
-    prior = box({"gamma": stated(settings).get("gamma", (0.0, REACH * means["delta"]))})
-    curve = opening_curve(records, held, prior)
+    group = third_order.posterior["posterior"]
+    means = {str(n): float(v.mean()) for n, v in group.data_vars.items()}
     fit_key, *keys = jax.random.split(key, 3)
-    best = fit(residual, prior, curve, starts=8, key=fit_key)
+    curve, best, prior, held = fit_opening(fit_key, records, linear, means, settings)
     chi_square = (2 * best.cost, records.mean.size)
     said = (
         "Gamma is conditional on the means of Steps 2 and 3: their errors are in it, "

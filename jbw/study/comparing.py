@@ -1,0 +1,172 @@
+"""`jbw.compare`: several samplers on one posterior of a campaign, beside the truth where known."""
+
+import json
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import jax
+import xarray as xr
+from jaxtyping import Array, Key
+
+from jbw.campaign.loading import Campaign, force_per_unit
+from jbw.errors import ConfigError, JbwError
+from jbw.identification.drawing import DRAWS
+from jbw.identification.posteriors import Known, Posterior, posterior_of
+from jbw.identification.step import ATTRS
+from jbw.inference.precision import require_float64
+from jbw.inference.quadrature import MOST_PARAMETERS
+from jbw.inference.sampling import LAPLACE, SAMPLERS, sample
+from jbw.report.comparison import comparison
+from jbw.report.figures import figure_of
+from jbw.study.comparison_record import Drawn, record_of
+
+logger = logging.getLogger("jbw")
+Report = Callable[[str], None]
+
+# Of warm-up, and kept of each chain, where an evaluation costs microseconds.
+CHEAP = {
+    **{name: (500, 1000) for name in SAMPLERS},
+    "random_walk": (2000, 20_000),
+    "random_walk_paper": (85, 765),
+}
+# Where time is stepped through, whole boxes are out of reach: nested sampling only when asked for.
+COSTLY = ("elliptical_slice", "importance", "tempered_smc", "nuts", "random_walk")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Result of `compare`.
+
+    Attributes:
+        posterior: What was drawn from.
+        trees: The draws of every sampler.
+        record: All numbers in plain values, as `compare.json` holds them.
+    """
+
+    posterior: Posterior
+    trees: dict[str, xr.DataTree]
+    record: dict[str, Any]
+
+
+def compare(
+    campaign: Campaign,
+    *,
+    step: str = "joint",
+    samplers: Sequence[str] | None = None,
+    seed: int | None = None,
+    num_chains: int = 4,
+    twice: bool = True,
+    known: Known | None = None,
+    report: Report = logger.info,
+) -> Comparison:
+    """Draw from one posterior of a campaign by several samplers and set their answers side by side.
+
+    Args:
+        campaign: From `jbw.load_campaign` or the virtual rig.
+        step: "joint", or of the paper's cut "third_order" (Step 3) or "opening" (Step 4).
+        samplers: Names as `[identify] sampler` takes them; when None, all that suit the posterior:
+            quadrature up to four parameters, and where an evaluation steps through time neither
+            nested sampling nor the published walk.
+        seed: Seed of everything random; the campaign's, or 0, when None.
+        num_chains: Chains of each sampler.
+        twice: Whether every sampler but quadrature runs a second time, which shows its time
+            without compiling.
+        known: What a finished run says of its prior and of Step 3.
+        report: Called with one sentence at every stage.
+
+    Returns:
+        Draws and numbers. A sampler that cannot draw from this posterior is in the record with the
+        reason.
+
+    Raises:
+        ConfigError: An unknown step or sampler, or a float32 session.
+        DataError: Tests that do not allow the step.
+    """
+    require_float64()
+    unknown = [name for name in samplers or () if name not in SAMPLERS]
+    if unknown:
+        raise ConfigError(
+            f"Argument `samplers` must name some of {', '.join(SAMPLERS)}, not {unknown[0]!r}."
+        )
+    seed = int(campaign.settings.get("seed", 0)) if seed is None else seed
+    gain = force_per_unit(campaign)
+    posterior = posterior_of(
+        step, campaign.tests, campaign.settings, gain=gain, seed=seed, known=known, report=report
+    )
+    key = jax.random.fold_in(jax.random.key(seed), len(SAMPLERS))
+    drawn: dict[str, Drawn] = {}
+    refused: dict[str, str] = {}
+    for name in samplers or suited(posterior):
+        report(f"Drawing by {name}")
+        try:
+            drawn[name] = _drawn(key, posterior, name, num_chains, twice)
+        except JbwError as error:
+            refused[name] = str(error)
+    record = {
+        "campaign": campaign.name,
+        "posterior": step,
+        "parameters": list(posterior.box.names),
+        "seed": seed,
+        **record_of(drawn, posterior),
+        "refused": refused,
+    }
+    return Comparison(posterior, {name: one.tree for name, one in drawn.items()}, record)
+
+
+def suited(posterior: Posterior) -> tuple[str, ...]:
+    """Samplers that a posterior is drawn from by unless they are named.
+
+    Args:
+        posterior: What is drawn from.
+    """
+    found = COSTLY if posterior.stepped else tuple(n for n in SAMPLERS if n != "quadrature")
+    fits = len(posterior.box.names) <= MOST_PARAMETERS
+    return ("quadrature", *found) if fits and not posterior.stepped else found
+
+
+def _drawn(
+    key: Key[Array, ""], posterior: Posterior, sampler: str, num_chains: int, twice: bool
+) -> Drawn:
+    num_warmup, num_samples = (DRAWS if posterior.stepped else CHEAP)[sampler]
+    best = posterior.fit
+    # Where evaluations cost, all start at the fit, as the procedure's own chains do.
+    about = posterior.stepped or sampler in LAPLACE
+    options: dict[str, Any] = {"start": best.theta, "covariance": best.covariance} if about else {}
+    if sampler == "random_walk_paper":
+        options = {}
+    parallel = "parallel" if jax.device_count() > 1 and num_chains % 2 == 0 else "sequential"
+    options["chain_method"] = parallel if posterior.stepped else "vectorized"
+
+    def once(key: Key[Array, ""]) -> tuple[xr.DataTree, float]:
+        started = perf_counter()
+        tree = sample(
+            key, posterior.log_likelihood, posterior.box, posterior.data,
+            sampler=sampler, num_warmup=num_warmup, num_samples=num_samples,
+            num_chains=num_chains, adapt_mass=True, attrs=ATTRS, **options,
+        )  # fmt: skip
+        return tree, perf_counter() - started
+
+    keys = jax.random.split(key)
+    tree, cold = once(keys[0])
+    if not twice or sampler == "quadrature":  # which has nothing to do otherwise
+        return Drawn(tree, cold, None)
+    tree, warm = once(keys[1])
+    return Drawn(tree, cold, warm)
+
+
+def save_comparison(folder: Path, found: Comparison) -> None:
+    """Write compare.png and compare.json, the numbers last.
+
+    Args:
+        folder: New or empty folder, as `claim` left it.
+        found: The comparison.
+    """
+    if found.trees:
+        figure = figure_of(comparison(found.record))
+        figure.savefig(folder / "compare.png", dpi=130, facecolor="white")
+    text = json.dumps(found.record, indent=1, ensure_ascii=False, allow_nan=False)
+    (folder / "compare.json").write_text(text + "\n", encoding="utf-8")
