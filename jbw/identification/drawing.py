@@ -11,6 +11,15 @@ from jbw.identification.step import ATTRS
 from jbw.inference.box import Box
 from jbw.inference.fitting import Fit
 from jbw.inference.keeping import Kept
+from jbw.inference.logarithms import (
+    Inside,
+    back_from_logs,
+    far_beyond,
+    in_logarithms,
+    log_box,
+    log_start,
+    of_logs,
+)
 from jbw.inference.sampling import sample
 from jbw.inference.verdict import Verdict
 from jbw.observables.evidence import Evidence, log_likelihood
@@ -41,7 +50,8 @@ def sample_joint(
     """Draws in the coordinate whitened by the fit's covariance.
 
     Where time is stepped through, by elliptical slices about the Laplace approximation, at a few
-    evaluations a draw; where evaluations are cheap, by NUTS along the model's own gradient.
+    evaluations a draw, along the logarithms of what cannot be zero; where evaluations are cheap, by
+    NUTS along the model's own gradient.
 
     Args:
         key: Random key.
@@ -55,22 +65,27 @@ def sample_joint(
     if sampler == "auto":
         sampler = "elliptical_slice" if steps_through_time(data) else "nuts"
     num_warmup, num_samples = DRAWS[sampler]
-    return sample(
-        key,
-        log_likelihood,
-        prior,
-        data,
-        sampler=sampler,
-        num_warmup=settings.get("num_warmup", num_warmup),
-        num_samples=settings.get("num_samples", num_samples),
-        num_chains=settings.get("num_chains", 4),
-        chain_method="parallel" if jax.device_count() > 1 else "sequential",
-        start=best.theta,
-        covariance=best.covariance,
-        adapt_mass=True,
-        attrs=ATTRS,
-        kept=kept,
-    )
+    options = {
+        "sampler": sampler,
+        "num_warmup": settings.get("num_warmup", num_warmup),
+        "num_samples": settings.get("num_samples", num_samples),
+        "num_chains": settings.get("num_chains", 4),
+        "chain_method": "parallel" if jax.device_count() > 1 else "sequential",
+        "adapt_mass": True,
+        "attrs": ATTRS,
+        "kept": kept,
+    }
+    logs = in_logarithms(best, prior) if sampler == "elliptical_slice" else ()
+    if not logs:
+        about = {"start": best.theta, "covariance": best.covariance}
+        return sample(key, log_likelihood, prior, data, **about, **options)
+    start, covariance = log_start(best, prior, logs)
+    inner = log_box(prior, logs, best.theta)
+    drawn = sample(
+        key, of_logs(log_likelihood), far_beyond(inner), data,
+        start=start, covariance=covariance, log_prior=Inside(inner), **options,
+    )  # fmt: skip
+    return back_from_logs(drawn, prior, ATTRS)
 
 
 def steps_through_time(data: Evidence) -> bool:

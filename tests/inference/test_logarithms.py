@@ -1,0 +1,110 @@
+"""Sampling along logarithms leaves the posterior as it is, and straightens a ridge."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from jbw.inference.box import box
+from jbw.inference.costly_fit import costly_fit
+from jbw.inference.logarithms import (
+    Inside,
+    back_from_logs,
+    far_beyond,
+    in_logarithms,
+    log_box,
+    log_start,
+    of_logs,
+)
+from jbw.inference.sampling import sample
+from jbw.inference.summary import summarise
+
+PRIOR = box({"a": (1.0, 20.0), "b": (1.0, 30.0), "c": (-1.0, 1.0)})
+STD = 0.02  # of log(a b), and of c
+
+
+def residual(theta, data):
+    product = (jnp.log(theta["a"]) + jnp.log(theta["b"]) - data) / STD
+    return jnp.stack([product, theta["c"] / STD])
+
+
+def log_likelihood(theta, data):
+    return -0.5 * residual(theta, data) ** 2
+
+
+def flat(theta, data):
+    return jnp.zeros(1) + 0.0 * theta["c"]
+
+
+def drawn(function, best, logs, num_samples=1000):
+    start, covariance = log_start(best, PRIOR, logs)
+    inner = log_box(PRIOR, logs, best.theta)
+    tree = sample(
+        jax.random.key(1), of_logs(function), far_beyond(inner), jnp.log(60.0),
+        sampler="elliptical_slice", num_warmup=25, num_samples=num_samples, num_chains=4,
+        start=start, covariance=covariance, log_prior=Inside(inner),
+    )  # fmt: skip
+    return back_from_logs(tree, PRIOR, {"a": {"units": "m"}})
+
+
+@pytest.fixture(scope="module")
+def best():
+    return costly_fit(residual, PRIOR, jnp.log(60.0), starts={"a": 8.0, "b": 7.0, "c": 0.1})
+
+
+@pytest.fixture(scope="module")
+def ridge(best):
+    assert in_logarithms(best, PRIOR) == ("a", "b")
+    return drawn(log_likelihood, best, ("a", "b"))
+
+
+def test_a_ridge_of_a_product_mixes_and_has_its_moments(ridge):
+    # Given a, b is narrow: the density of a is that of 1 / a, where b = 60 / a is in its box.
+    norm = quad(lambda a: 1 / a, 2.0, 20.0)[0]
+    mean = quad(lambda a: 1.0, 2.0, 20.0)[0] / norm
+    square = quad(lambda a: a, 2.0, 20.0)[0] / norm
+    rows = summarise(ridge, PRIOR)
+    assert rows["a"]["r_hat"] < 1.02
+    error = rows["a"]["sd"] / np.sqrt(rows["a"]["ess_bulk"])
+    # The ends of b's box are blurred by 2 % of b: 1 % of the mean of a.
+    assert rows["a"]["mean"] == pytest.approx(mean, abs=4 * error + 0.01 * mean)
+    assert rows["a"]["sd"] == pytest.approx(np.sqrt(square - mean**2), rel=0.1)
+    product = np.log(ridge["posterior"]["a"] * ridge["posterior"]["b"])
+    assert float(product.std()) == pytest.approx(STD, rel=0.1)
+
+
+def test_without_data_the_uniform_prior_comes_back(best):
+    posterior = drawn(flat, best, ("a", "b"), num_samples=2000)["posterior"].to_dataset()
+    for name, low, high in zip(PRIOR.names, PRIOR.lower, PRIOR.upper, strict=True):
+        x = (posterior[name].values.ravel() - float(low)) / float(high - low)
+        # Draws about a narrow ridge cover the box slowly: a few hundred effective ones.
+        assert x.mean() == pytest.approx(0.5, abs=0.08), name
+        assert x.std() == pytest.approx(1 / np.sqrt(12), abs=0.05), name
+
+
+def test_groups_are_those_of_the_parameters(ridge):
+    posterior = ridge["posterior"]
+    assert set(posterior.data_vars) == {"a", "b", "c"}
+    assert posterior["a"].attrs == {"lower": 1.0, "upper": 20.0, "units": "m"}
+    flat_density = -np.log(19.0 * 29.0 * 2.0)
+    np.testing.assert_allclose(ridge["log_prior"]["log_prior"], flat_density, rtol=1e-12)
+    total = ridge["log_likelihood"]["terms"].sum("term") + flat_density
+    np.testing.assert_allclose(ridge["sample_stats"]["lp"], total, rtol=1e-12)
+    terms = log_likelihood({n: posterior[n].values for n in PRIOR.names}, np.log(60.0))
+    np.testing.assert_allclose(
+        np.moveaxis(terms, 0, -1), ridge["log_likelihood"]["terms"], rtol=1e-8, atol=1e-8
+    )
+
+
+def test_a_parameter_that_may_be_zero_stays_as_it_is(best):
+    near = box({"a": (0.0, 20.0), "b": (1.0, 30.0), "c": (-1.0, 1.0)})
+    fit = costly_fit(residual, near, jnp.log(60.0), starts={"a": 8.0, "b": 7.0, "c": 0.1})
+    assert in_logarithms(fit, near) == ("a", "b")  # given b, a is known to 2 %
+    least = log_box(near, ("a", "b"), fit.theta)
+    assert float(least.lower[0]) == pytest.approx(np.log(1e-6 * fit.theta["a"]))
+    vague = costly_fit(
+        lambda theta, data: residual(theta, data) * STD / 2.0, near, jnp.log(60.0),
+        starts={"a": 8.0, "b": 7.0, "c": 0.1},
+    )  # fmt: skip
+    assert in_logarithms(vague, near) == ("b",)
