@@ -36,8 +36,11 @@ def carry_out(run: Run, say: Say, *, json_: bool = False) -> int:
         tree, summary = _identified(run, say)
         save_result(run.folder, tree, summary)
     say("Writing figures and report")
-    save_report(run.folder, tree, summary)
-    run.finish()
+    try:
+        save_report(run.folder, tree, summary)
+    finally:
+        if not run.interruption.asked:
+            run.finish()  # a report that failed is `jbw report`'s to try again
     say("Done")
     if json_:
         click.echo(json.dumps(summary, indent=1, ensure_ascii=False))

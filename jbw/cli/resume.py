@@ -22,7 +22,9 @@ def resume(folder: Path, json_: bool) -> int:
     """
     run = reopen(folder)
     if run is None:
-        click.echo(f"The run in {folder} is finished: see {folder / 'report.html'}.")
+        page = folder / "report.html"
+        left = f"see {page}" if page.exists() else f"only its report is left, jbw report {folder}"
+        click.echo(f"The run in {folder} is finished: {left}.")
         return 0
     try:
         _require_same(run)

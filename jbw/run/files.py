@@ -7,7 +7,8 @@ from pathlib import Path
 
 from jbw.errors import RunError
 
-ROOM = 100 * 2**20  # bytes that a run may need: posterior, report and checkpoints
+ROOM = 50 * 2**20  # bytes that a run may need: posterior, report and checkpoints
+ROOM_OF_RIG = 300 * 2**20  # with the records of the virtual rig
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from jbw.errors import RunError
 from jbw.run.checkpoints import Checkpoint
-from jbw.run.files import require_room
+from jbw.run.files import ROOM, ROOM_OF_RIG, require_room
 from jbw.run.interruption import Interruption
 from jbw.run.lock import FolderLock
 from jbw.run.manifest import Manifest, read_manifest, write_manifest
@@ -101,7 +101,7 @@ def begin(folder: Path, manifest: Manifest) -> Run:
                 remedy=f"Go on with it: jbw resume {folder}. Or choose another with --out.",
             )
         _require_empty(folder)  # another process may have been here before the lock
-        require_room(folder)
+        require_room(folder, ROOM if manifest.preset is None else ROOM_OF_RIG)
         write_manifest(folder / HIDDEN / MANIFEST, manifest)
     except BaseException:
         lock.release()

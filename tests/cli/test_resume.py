@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jbw.cli import run
+from jbw.cli import carrying, run
+from jbw.study import storage
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "study"))
 from damper_campaign import write_campaign
@@ -148,6 +149,17 @@ def test_a_demo_goes_on_from_its_first_second(tmp_path, monkeypatch, capsys):
     assert f"jbw resume {tmp_path / 'run'}" in capsys.readouterr().err
     assert run(["resume", str(tmp_path / "run")]) == 5
     assert asked == [("paper", 7)] * 2
+
+
+def test_a_failed_report_is_tried_again_by_its_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(carrying, "_identified", lambda run, say: (xr.DataTree(), {"verdict": {}}))
+    monkeypatch.setattr(storage, "write_page", lambda *_: 1 / 0)
+    out = tmp_path / "run"
+    assert run(["identify", str(tmp_path / "x.toml"), "--out", str(out)]) == 1
+    assert f"jbw report {out}" in capsys.readouterr().err
+    assert {path.name for path in out.iterdir()} == {"posterior.nc", "summary.json"}
+    assert run(["resume", str(out)]) == 0
+    assert f"only its report is left, jbw report {out}" in capsys.readouterr().out
 
 
 @pytest.mark.slow

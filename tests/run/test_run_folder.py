@@ -62,7 +62,9 @@ def test_a_file_in_the_folders_place_is_said(tmp_path):
 def test_a_full_disk_is_said_before_the_work(tmp_path, monkeypatch):
     with pytest.raises(RunError, match="MB left"):
         require_room(tmp_path, room=10**18)
-    monkeypatch.setattr(folders, "require_room", lambda folder: require_room(folder, room=10**18))
+    monkeypatch.setattr(
+        folders, "require_room", lambda folder, _: require_room(folder, room=10**18)
+    )
     with pytest.raises(RunError, match="MB left"):
         begin(tmp_path, ASKED)
 
