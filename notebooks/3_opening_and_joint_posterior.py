@@ -56,8 +56,8 @@ for label, some in (("noise alone", noise), ("whole campaign", campaign)):
         print("  ", sentence)
 
 # %% [markdown]
-# The noise tests know $\omega_n$, $\zeta$ and the gain, and of the joint nothing beyond the prior. A
-# small vibration shows the products $\alpha\delta$ and $\alpha\gamma$ at best, to leading order.
+# The noise tests know $\omega_n$, $\zeta$ and the gain, and of the joint nothing beyond the prior.
+# A small vibration shows the products $\alpha\delta$ and $\alpha\gamma$ at best, to leading order.
 # Strong sweeps ($\delta Y$ of the order of one) tell the factors apart.
 #
 # ## The run
