@@ -131,3 +131,6 @@ for ax in axes[:, 0]:
 # Where they converge they agree, and none passes the verdict: the posterior piles up at the bound
 # of the box, and only a product is determined. No sampler can mend that. What is missing is a test
 # that separates $\alpha$ from $\delta$.
+#
+# `jbw compare RUN --step third_order` does the same with the records of a run, for every parameter
+# and in Monte Carlo standard errors, and `--step joint` for the posterior of notebook 3.
