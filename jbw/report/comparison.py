@@ -9,6 +9,7 @@ from jbw.report.style import BLUE, GREEN, INK, SOFT, VERMILLION, Panels, legend,
 from jbw.report.text import symbol
 
 ERRORS = 2.0  # standard errors that a bar shows to either side
+NEAR = 0.3  # standard deviations that are drawn to scale; what lies further is compressed
 ROW = 0.24  # height of one sampler's line [in]
 STATUS = {"ok": GREEN, "failed": VERMILLION}
 
@@ -54,6 +55,7 @@ def means(record: Mapping[str, Any], parameter: str, ax: Axes | None = None) -> 
         away = (row["mean"] - truth["mean"]) / truth["sd"]
         bar = None if error is None else ERRORS * error / truth["sd"]
         here.errorbar(away, place, xerr=bar, label=label, **look)
+    here.set_xscale("symlog", linthresh=NEAR)
     _named(here, record)
     title(here, f"{symbol(parameter)}: mean less that of {_plain(record['reference'])}")
     here.set_xlabel("standard deviations of the posterior")

@@ -3,7 +3,7 @@
 import json
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -97,6 +97,31 @@ def compare(
     posterior = posterior_of(
         step, campaign.tests, campaign.settings, gain=gain, seed=seed, known=known, report=report
     )
+    found = side_by_side(
+        posterior, samplers=samplers, seed=seed, num_chains=num_chains, twice=twice, report=report
+    )
+    return replace(found, record={"campaign": campaign.name, **found.record})
+
+
+def side_by_side(
+    posterior: Posterior,
+    *,
+    samplers: Sequence[str] | None = None,
+    seed: int = 0,
+    num_chains: int = 4,
+    twice: bool = True,
+    report: Report = logger.info,
+) -> Comparison:
+    """The same for a posterior that is at hand.
+
+    Args:
+        posterior: What to draw from.
+        samplers: Names; when None, all that suit it.
+        seed: Seed of everything random.
+        num_chains: Chains of each sampler.
+        twice: Whether every sampler but quadrature runs a second time.
+        report: Called with one sentence for every sampler.
+    """
     key = jax.random.fold_in(jax.random.key(seed), len(SAMPLERS))
     drawn: dict[str, Drawn] = {}
     refused: dict[str, str] = {}
@@ -107,8 +132,7 @@ def compare(
         except JbwError as error:
             refused[name] = str(error)
     record = {
-        "campaign": campaign.name,
-        "posterior": step,
+        "posterior": posterior.name,
         "parameters": list(posterior.box.names),
         "seed": seed,
         **record_of(drawn, posterior),
