@@ -115,14 +115,13 @@ say(reuss)
 show(reuss, "curves")
 
 # %% [markdown]
-# Below 40 m/s² the joint follows the curves to roughly ten percent of their peaks, on one level
-# no better than a linear oscillator with its parameters at will, and every level has a frequency
-# of its own within some hundredths of a hertz, as if the beam had settled between the tests.
-# Above, it goes on softening where the beam stiffens, and is wrong by tens of percent: a law
-# fitted at small amplitudes does not tell of large ones, and the bands cannot know it. The
-# verdict fails, and names the tests it fails on.
+# Up to 40 m/s² the joint follows the curves to roughly ten percent of their peaks, on one level
+# worse than a linear oscillator made for it. The levels do not agree on one natural frequency to
+# some hundredths of a hertz, so each has an offset of its own, and the parameters are known
+# within wide intervals only. Above, the joint goes on softening where the beam stiffens, and is
+# wrong by tens of percent: a law fitted at small amplitudes does not tell of large ones, and the
+# bands cannot know it. The verdict fails, and names the test that it fails on.
 #
 # `campaigns/brake_reuss_all.toml` puts a cubic stiffness beside the joint and fits all levels.
-# Neither failure is the end: the numbers that are known (the products, the frequency, how damping
-# grows with amplitude) are known as well as stated, and the rest says what to add to the model or
-# to the tests.
+# Neither failure is the end: what is known is stated with its interval, narrow for the double beam
+# and wide here, and the findings say what to add to the model or to the tests.
