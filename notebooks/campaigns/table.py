@@ -10,6 +10,7 @@ of the best cubic oscillator of the same fitted tests.
 """
 
 import json
+import math
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -54,7 +55,9 @@ def identified(parameters: dict[str, Any], shown: dict[str, tuple[float, str]]) 
     told = []
     for name, (factor, unit) in shown.items():
         mean, low, high = (factor * parameters[name][key] for key in ("mean", "q005", "q995"))
-        told.append(f"{name} {mean:.3g} [{low:.3g}, {high:.3g}] {unit}")
+        # Two digits of the interval's width.
+        digits = max(3, math.ceil(math.log10(max(abs(mean), abs(high)) / (high - low))) + 2)
+        told.append(f"{name} {mean:.{digits}g} [{low:.{digits}g}, {high:.{digits}g}] {unit}")
     return "; ".join(told)
 
 

@@ -1,0 +1,56 @@
+"""The README: short, its commands exist, its links lead somewhere, its Python runs."""
+
+import ast
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+import jbw
+from jbw.cli import COMMANDS, run
+
+ROOT = Path(__file__).parents[1]
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```(\w+)\n(.*?)```", TEXT, flags=re.DOTALL)
+
+
+def commands():
+    """Every line of a shell block that calls jbw, as its words."""
+    lines = [line for kind, block in BLOCKS if kind == "sh" for line in block.splitlines()]
+    parts = [part for line in lines for part in line.partition("#")[0].split("&&")]
+    return [shlex.split(part)[1:] for part in parts if part.split()[:1] == ["jbw"]]
+
+
+def test_it_is_short():
+    assert len(TEXT.splitlines()) < 150
+
+
+@pytest.mark.parametrize("words", commands(), ids=" ".join)
+def test_a_command_and_its_options_exist(words, capsys):
+    assert words[0] in COMMANDS
+    assert run([words[0], "--help"]) == 0
+    told = capsys.readouterr().out
+    missing = [word for word in words if word.startswith("--") and word not in told]
+    assert not missing
+
+
+def test_every_command_named_in_the_text_exists():
+    named = set(re.findall(r"`jbw\s+([a-z]+)", TEXT))
+    assert named <= set(COMMANDS)
+
+
+def test_links_lead_to_files():
+    local = [link for link in re.findall(r"\]\(([^)]+)\)", TEXT) if "://" not in link]
+    assert local
+    assert [link for link in local if not (ROOT / link).exists()] == []
+
+
+def test_python_names_public_things():
+    (source,) = [block for kind, block in BLOCKS if kind == "python"]
+    named = {
+        node.attr
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Attribute) and getattr(node.value, "id", "") == "jbw"
+    }
+    assert named <= {*jbw.__all__, "enable_x64"}
