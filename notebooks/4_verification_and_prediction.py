@@ -71,8 +71,8 @@ for name, node in tree["verification/sweep"].children.items():
 # %% [markdown]
 # The error is that of the median against the mean of the repeats, over the rms of the response: it
 # contains the noise of that mean. About 99 % of the samples of the level never fitted lie in the
-# band, as of the others, and the linear oscillator that fits best is off by two orders of magnitude
-# more. The bands stay narrow at the resonance, where the parameters matter most.
+# band, as of the others, and the linear oscillator that fits best is off by ten times as much or
+# more. What is left less the median looks alike at all levels: it is the laser's noise.
 #
 # ## The hysteresis loop
 #
@@ -126,9 +126,9 @@ for level in (0.05, 0.5):
 figures.figure_of(prediction(planned.name, bands))
 
 # %% [markdown]
-# The bands at 0.5 V are as narrow as the others and mean less: no record shows that the joint
-# follows (2) beyond what was fitted. The width of a band is about the parameters; whether the law
-# holds is not in it, so the reach is said beside it.
+# The band at 0.5 V is wider, yet still a fraction of a percent, and it means less: no record shows
+# that the joint follows (2) beyond what was fitted. The width of a band is about the parameters;
+# whether the law holds is not in it, so the reach is said beside it.
 #
 # ## What to measure next
 #
