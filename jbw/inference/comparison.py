@@ -44,12 +44,13 @@ def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
 
 
 def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
-    """The same from a quadrature's own table, whose standard errors are zero.
+    """The same from a quadrature's own table, whose errors are what it states.
 
     Args:
         tree: As the sampler quadrature left it.
     """
     table = tree["exact"].to_dataset()
+    error = float(tree.attrs["quadrature_error"])
     rows: dict[str, Row] = {}
     for i, name in enumerate(table["parameter"].values):
         quantiles = table["quantiles"][i].values
@@ -57,7 +58,8 @@ def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
         for called, probability in QUANTILES.items():
             place = int(np.argmin(np.abs(table["probability"].values - probability)))
             row[called] = float(quantiles[place])
-        rows[str(name)] = {**row, **{f"mcse_{each}": 0.0 for each in QUANTITIES}}
+        errors = {f"mcse_{each}": error * row["sd"] for each in QUANTITIES}
+        rows[str(name)] = {**row, **errors}
     return rows
 
 

@@ -1,0 +1,125 @@
+"""Which sampler gives most effective draws a second on Step 3, Step 4 and the joint posterior?
+
+Three posteriors of one virtual rig with a poor laser: zeta, alpha and delta from the third-order
+kernel at five tones; gamma alone from two short sweeps; all six parameters from both sweeps and the
+noise. Every sampler draws from the same likelihood in the same box, with four chains; agreement is
+measured against quadrature where there is one. A further table says what chains of 850 draws as
+published are worth.
+
+    python benchmarks/samplers.py [--calls 1] [--json FILE] [--steps third_order,opening,joint]
+"""
+
+import logging
+import os
+import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+# Two host devices let two chains run side by side; JAX reads this once, when it starts.
+os.environ.setdefault("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
+
+import jax
+import numpy as np
+from timing import Table, options, show
+
+from jbw import rig
+from jbw.identification.posteriors import STEPS, Posterior, posterior_of
+from jbw.inference.sampling import sample
+from jbw.inference.summary import diagnose
+from jbw.rig.generator import Noise, Sweep
+from jbw.study.comparing import COSTLY, side_by_side
+
+LASER_NOISE = 1e-3  # [m/s]: a posterior that is not a point
+TONES = ("tone_5p00Hz", "tone_5p50Hz", "tone_6p00Hz", "tone_6p50Hz", "tone_6p75Hz")
+TESTS = ("noise_0p005V", *TONES, "sweep_0p05V", "sweep_0p20V")
+REPEATS = 4
+PUBLISHED = 64  # chains of 850 draws
+COLUMNS = {
+    "sampler": "", "draws": "d", "ESS": ".4g", "ESS / s": ".4g", "ESS / s, cold": ".4g",
+    "evaluations / ESS": ".3g", "log evidence": "", "furthest, MCSE": ".2g", "verdict": "",
+}  # fmt: skip
+
+
+def shortened(plan: Any) -> Any:
+    """Noise of 64 s, sweeps of 4 s and 4 s of decay."""
+    change = {Noise: {"duration": 64.0}, Sweep: {"burst": 4.0, "duration": 8.0}}
+    excitation = replace(plan.excitation, **change.get(type(plan.excitation), {}))
+    return replace(plan, excitation=excitation)
+
+
+def measured() -> rig.RigCampaign:
+    """The campaign of the virtual rig that all three posteriors come from."""
+    plans = tuple(shortened(plan) for plan in rig.LABORATORY.plans)
+    preset = replace(rig.LABORATORY, name="samplers", plans=plans)
+    return rig.measure(preset, tests=TESTS, repeats=REPEATS, noise_std=LASER_NOISE)
+
+
+def table_of(posterior: Posterior, calls: int) -> Table:
+    """All samplers on one posterior: the best of several comparisons, by the warm time."""
+    named = (*COSTLY, "nested") if posterior.stepped else None
+    records = [side_by_side(posterior, samplers=named, seed=i).record for i in range(calls)]
+    first = records[0]
+    for record in records[1:]:
+        for name, one in record["samplers"].items():
+            kept = first["samplers"][name]
+            if (one["ess_per_s_warm"] or 0.0) > (kept["ess_per_s_warm"] or 0.0):
+                kept["ess_per_s_warm"] = one["ess_per_s_warm"]
+    rows = [row_of(name, one) for name, one in first["samplers"].items()]
+    d = len(posterior.box.names)
+    title = f"{posterior.name}: {d} parameters, beside {first['reference']}"
+    return Table(title, COLUMNS, rows)
+
+
+def row_of(name: str, one: Mapping[str, Any]) -> tuple[Any, ...]:
+    evidence = None
+    if one["log_evidence"] is not None:
+        evidence = f"{one['log_evidence']:.2f} ± {one['log_evidence_error']:.1g}"
+    cost = None if not one["ess"] else one["num_evaluations"] / one["ess"]
+    told = one["verdict"]
+    if one["failed"]:
+        told += f" ({', '.join(dict.fromkeys(one['failed']))})"
+    return (
+        name, one["draws"], one["ess"], one["ess_per_s_warm"], one["ess_per_s_cold"],
+        cost, evidence, one["furthest"], told,
+    )  # fmt: skip
+
+
+def published(posteriors: Mapping[str, Posterior]) -> Table:
+    """Effective draws in one chain of 850 as published, over many chains."""
+    rows = []
+    for name, posterior in posteriors.items():
+        if posterior.stepped:
+            continue
+        tree = sample(
+            jax.random.key(0), posterior.log_likelihood, posterior.box, posterior.data,
+            sampler="random_walk_paper", num_chains=PUBLISHED, chain_method="vectorized",
+            start=posterior.fit.theta,
+        )  # fmt: skip
+        for parameter in posterior.box.names:
+            chains = tree["posterior"][parameter].values
+            worth = [diagnose(chain[None])["ess_bulk"] for chain in chains]
+            low, middle, high = np.nanquantile(worth, [0.1, 0.5, 0.9])
+            rows.append((name, parameter, middle, low, high))
+    columns = {"posterior": "", "parameter": "", "ESS": ".1f", "10 %": ".1f", "90 %": ".1f"}
+    return Table("What 850 published-style draws are worth, started at the fit", columns, rows)
+
+
+def main() -> None:
+    parser = options(__doc__, calls=1)
+    parser.add_argument("--steps", default=",".join(STEPS[1:] + STEPS[:1]))
+    arguments = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    logging.getLogger("jax").setLevel(logging.ERROR)
+    warnings.simplefilter("ignore")
+    campaign = measured()
+    posteriors = {
+        step: posterior_of(step, campaign.tests, campaign.settings)
+        for step in arguments.steps.split(",")
+    }
+    tables = [table_of(posterior, arguments.calls) for posterior in posteriors.values()]
+    show([*tables, published(posteriors)], ("numpyro", "blackjax"), arguments.json)
+
+
+if __name__ == "__main__":
+    main()
