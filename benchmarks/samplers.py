@@ -97,7 +97,7 @@ def published(posteriors: Mapping[str, Posterior]) -> Table:
             start=posterior.fit.theta,
         )  # fmt: skip
         for parameter in posterior.box.names:
-            chains = tree["posterior"][parameter].values
+            chains = tree["posterior"].to_dataset()[parameter].values
             worth = [diagnose(chain[None])["ess_bulk"] for chain in chains]
             low, middle, high = np.nanquantile(worth, [0.1, 0.5, 0.9])
             rows.append((name, parameter, middle, low, high))

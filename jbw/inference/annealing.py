@@ -8,17 +8,16 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from jbw.inference.bridge import FORBIDDEN, require_possible
-from jbw.inference.grid import Grid, grid_within
+from jbw.inference.grid import Grid, grid_within, whitened_by
 from jbw.inference.kernels import Problem
 from jbw.inference.laplace import LOGIT_PRIOR_PRECISION
-from jbw.inference.straightening import Straight, round_about, straightened
 from jbw.inference.weights import effective_draws
 
 REACH = 6.0  # standard deviations to either side
 NODES = {1: 128, 2: 80, 3: 40, 4: 20}  # along each coordinate, by the number of parameters
 SHRINK = 0.4  # share of the effective nodes that a rise of the power leaves
 MOST_ROUNDS = 120
-RESOLVED = 0.3  # of a spacing: what is narrower a grid cannot tell
+MOST_WHOLE = 8  # rounds on the posterior itself: on a thin bend the moments never settle
 STEADY = 0.03  # change of the moments, in standard deviations, at which they are settled
 
 
@@ -26,39 +25,28 @@ class Settled(NamedTuple):
     """Where a posterior lies, as a logit of the unit box.
 
     Attributes:
-        z: Nodes of the last grid.
-        weights: Their share of the posterior.
-        least: Least scale of each parameter that this grid could tell.
-        spacing: Between its nodes, in standard deviations.
-        num_nodes: Nodes that were spent on all grids.
-        bends: Whether the coordinate follows the posterior's bends.
+        mean: Of the logit.
+        covariance: Of the logit.
+        spacing: Between the nodes that showed it, in standard deviations.
+        num_nodes: Nodes that were spent.
     """
 
-    z: Float[np.ndarray, "node parameter"]
-    weights: Float[np.ndarray, " node"]
-    least: Float[np.ndarray, " parameter"]
+    mean: Float[np.ndarray, " parameter"]
+    covariance: Float[np.ndarray, "parameter parameter"]
     spacing: float
     num_nodes: int
-    bends: bool
-
-    def place(self, first: int) -> Straight:
-        """The coordinate whose first axis moves one parameter alone."""
-        d = self.z.shape[1]
-        order = (first, *(i for i in range(d) if i != first))
-        return straightened(self.z, self.weights, order, self.least, bends=self.bends)
 
 
-def settled(problem: Problem, *, bends: bool) -> Settled:
-    r"""Where a posterior lies, from the prior down.
+def settled(problem: Problem) -> Settled:
+    r"""Mean and covariance of a posterior's logit, from the prior down.
 
     $$p_\beta \propto \pi\, L^\beta, \qquad 0 < \beta_1 < \dots \le 1$$
 
-    Every grid is straightened by the nodes of the one before, and its power is so high that four
+    Every grid is whitened by the moments of the one before, and its power is so high that four
     tenths of the effective nodes are left: separate modes keep their share until the end.
 
     Args:
         problem: The posterior; its whitening is not used.
-        bends: Whether the coordinate follows the posterior's bends, or its correlations alone.
 
     Raises:
         ModelError: The posterior is impossible at every node.
@@ -66,28 +54,20 @@ def settled(problem: Problem, *, bends: bool) -> Settled:
     d = len(problem.box.names)
     spacing = 2 * REACH / NODES[d]
     reach = np.full((d, 2), NODES[d] // 2)
-    place = round_about(np.zeros(d), np.full(d, LOGIT_PRIOR_PRECISION**-0.5))
-    power, spent = 0.0, 0
-    for rounds in range(1, MOST_ROUNDS + 1):
-        grid = grid_within(problem, place, spacing, reach)
+    mean, covariance = np.zeros(d), np.eye(d) / LOGIT_PRIOR_PRECISION
+    power, spent, whole = 0.0, 0, 0
+    for _ in range(MOST_ROUNDS):
+        grid = grid_within(problem, whitened_by(mean, covariance), spacing, reach)
         spent += grid.log_p.size
         power, log_share = _raised(grid, power)
-        found = grid._replace(log_p=log_share)
-        z, least = place.logit(grid.nodes), np.empty(d)
-        least[list(place.order)] = RESOLVED * spacing * np.array(place.scales)
-        last = Settled(z, found.weights, least, spacing, spent, bends)
-        if (power == 1 and _round(found)) or rounds == MOST_ROUNDS:
+        shift, spread = _moments(grid._replace(log_p=log_share))
+        factor = np.asarray(grid.whitening.factor)
+        mean, covariance = mean + factor @ shift, factor @ spread @ factor.T
+        still = np.max(np.abs(shift)) < STEADY and np.max(np.abs(spread - np.eye(d))) < STEADY
+        whole += power == 1
+        if (whole and still) or whole == MOST_WHOLE:
             break
-        place = last.place(0)
-    return last
-
-
-def _round(grid: Grid) -> bool:
-    """Whether the posterior is centred, round and of unit width in the grid's coordinate."""
-    shift = grid.weights @ grid.nodes
-    left = grid.nodes - shift
-    spread = (grid.weights[:, None] * left).T @ left
-    return bool(max(np.max(np.abs(shift)), np.max(np.abs(spread - np.eye(len(shift))))) < STEADY)
+    return Settled(mean, covariance, spacing, spent)
 
 
 def _raised(grid: Grid, power: float) -> tuple[float, NDArray[np.float64]]:
@@ -112,6 +92,17 @@ def _raised(grid: Grid, power: float) -> tuple[float, NDArray[np.float64]]:
 
 
 def _log_prior(grid: Grid) -> NDArray[np.float64]:
-    """Log density of y under the uniform box: logistic in the logit."""
-    z = grid.place.logit(grid.nodes)
-    return grid.place.log_slope - np.sum(np.abs(z) + 2 * np.log1p(np.exp(-np.abs(z))), axis=1)
+    """Log density of w under the uniform box: logistic in the logit."""
+    centre, factor = (np.asarray(part) for part in grid.whitening)
+    z = centre + grid.nodes @ factor.T
+    slope = np.linalg.slogdet(factor)[1]
+    return slope - np.sum(np.abs(z) + 2 * np.log1p(np.exp(-np.abs(z))), axis=1)
+
+
+def _moments(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and covariance of w; no narrower than the nodes can tell."""
+    mean = grid.weights @ grid.nodes
+    left = grid.nodes - mean
+    covariance = (grid.weights[:, None] * left).T @ left
+    values, vectors = np.linalg.eigh(covariance)
+    return mean, vectors * np.maximum(values, (0.3 * grid.spacing) ** 2) @ vectors.T

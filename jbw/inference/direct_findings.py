@@ -55,3 +55,12 @@ def direct_findings(facts: Mapping[Any, Any]) -> list[Finding]:
         action = "Narrow the prior, or draw by nuts."
         found.append(limited("quadrature", reason, error, QUADRATURE, action))
     return found
+
+
+def converged(facts: Mapping[Any, Any]) -> bool:
+    """Whether a quadrature states an error small enough to measure others by.
+
+    Args:
+        facts: Attributes of the tree's root.
+    """
+    return float(facts["quadrature_error"]) <= QUADRATURE

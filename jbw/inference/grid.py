@@ -1,4 +1,4 @@
-"""A tensor grid over a posterior in a straightened coordinate of the logit of the box."""
+"""A tensor grid over a posterior in the whitened logit of the box, and the moments on it."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from jbw.inference.bridge import FORBIDDEN
 from jbw.inference.kernels import Problem, potential_of
-from jbw.inference.laplace import no_whitening
-from jbw.inference.straightening import Straight
+from jbw.inference.laplace import Whitening
 
 CHUNK = 1024  # nodes of one compiled call
 LANES = 128  # of them side by side
@@ -26,17 +25,17 @@ class Grid(NamedTuple):
     """Nodes at whole multiples of a spacing.
 
     Attributes:
-        axes: Places of the nodes along each coordinate.
+        axes: Places of the nodes along each whitened coordinate.
         nodes: All nodes, the first coordinate slowest.
-        log_p: Log posterior density of y at each, with the prior in it [nats].
-        place: Where the coordinate y lies.
+        log_p: Log posterior density of w at each, with the prior in it [nats].
+        whitening: Where the coordinate lies.
         spacing: Between nodes.
     """
 
     axes: tuple[NDArray[np.float64], ...]
     nodes: Float[np.ndarray, "node parameter"]
     log_p: Float[np.ndarray, " node"]
-    place: Straight
+    whitening: Whitening
     spacing: float
 
     @property
@@ -53,12 +52,12 @@ class Grid(NamedTuple):
         return float(largest + np.log(np.sum(np.exp(self.log_p - largest))) + cell)
 
 
-def grid_of(problem: Problem, place: Straight, spacing: float, most: int) -> Grid | None:
+def grid_of(problem: Problem, whitening: Whitening, spacing: float, most: int) -> Grid | None:
     """A grid wide enough that the posterior is 21 nats below its highest node at every side.
 
     Args:
         problem: The posterior; its own whitening is not used.
-        place: The coordinate.
+        whitening: The coordinate.
         spacing: Between nodes.
         most: Nodes at most.
 
@@ -70,7 +69,7 @@ def grid_of(problem: Problem, place: Straight, spacing: float, most: int) -> Gri
     for _ in range(MOST_WIDENINGS):
         if np.prod(reach.sum(axis=1) + 1.0) > most:
             return None
-        grid = grid_within(problem, place, spacing, reach)
+        grid = grid_within(problem, whitening, spacing, reach)
         open_sides = _open_sides(grid.log_p.reshape([len(axis) for axis in grid.axes]))
         if not np.any(open_sides):
             return grid
@@ -79,19 +78,20 @@ def grid_of(problem: Problem, place: Straight, spacing: float, most: int) -> Gri
 
 
 def grid_within(
-    problem: Problem, place: Straight, spacing: float, reach: Int[np.ndarray, "parameter 2"]
+    problem: Problem, whitening: Whitening, spacing: float, reach: Int[np.ndarray, "parameter 2"]
 ) -> Grid:
     """A grid of so many nodes to both sides of its centre.
 
     Args:
         problem: The posterior; its own whitening is not used.
-        place: The coordinate.
+        whitening: The coordinate.
         spacing: Between nodes.
         reach: Nodes below and above the centre, by coordinate.
     """
+    problem = eqx.tree_at(lambda one: one.whitening, problem, whitening)
     axes = tuple(spacing * np.arange(-low, high + 1) for low, high in reach)
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
-    return Grid(axes, nodes, log_density_at(problem, place, nodes), place, spacing)
+    return Grid(axes, nodes, log_density_at(problem, nodes), whitening, spacing)
 
 
 def _open_sides(log_p: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -104,29 +104,45 @@ def _open_sides(log_p: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.array(faces)
 
 
-def log_density_at(
-    problem: Problem, place: Straight, y: Float[np.ndarray, "point parameter"]
-) -> Float[np.ndarray, " point"]:
-    """Log posterior density of y, the prior in it [nats].
+def whitened_by(
+    mean: NDArray[np.float64], covariance: NDArray[np.float64], first: int = 0
+) -> Whitening:
+    """Whitening by a covariance whose first coordinate moves along one parameter's axis alone.
 
     Args:
-        problem: The posterior; its own whitening is not used.
-        place: The coordinate.
-        y: Points.
+        mean: Centre, as a logit.
+        covariance: Of the logit.
+        first: The parameter that depends on no other coordinate.
     """
-    plain = eqx.tree_at(lambda one: one.whitening, problem, no_whitening(y.shape[1]))
-    padded = np.concatenate([place.logit(y), np.zeros((-len(y) % CHUNK, y.shape[1]))])
+    d = len(mean)
+    order = [first, *(i for i in range(d) if i != first)]
+    factor = np.empty((d, d))
+    factor[order] = np.linalg.cholesky(covariance[np.ix_(order, order)])
+    return Whitening(jnp.asarray(mean), jnp.asarray(factor))
+
+
+def log_density_at(
+    problem: Problem, w: Float[np.ndarray, "point parameter"]
+) -> Float[np.ndarray, " point"]:
+    """Log posterior density of w, the prior in it [nats].
+
+    Args:
+        problem: The posterior.
+        w: Points in its whitened coordinate.
+    """
+    padded = np.concatenate([w, np.zeros((-len(w) % CHUNK, w.shape[1]))])
     ends = range(0, len(padded) + 1, CHUNK)
-    parts = [np.asarray(_chunk(plain, jnp.asarray(padded[a:b]))) for a, b in pairwise(ends)]
-    return np.maximum(np.concatenate(parts)[: len(y)] + place.log_slope, FORBIDDEN)
+    parts = [np.asarray(_chunk(problem, jnp.asarray(padded[a:b]))) for a, b in pairwise(ends)]
+    return np.concatenate(parts)[: len(w)]
 
 
 @eqx.filter_jit
-def _chunk(problem: Problem, z: Float[Array, "node parameter"]) -> Float[Array, " node"]:
+def _chunk(problem: Problem, w: Float[Array, "node parameter"]) -> Float[Array, " node"]:
     potential = potential_of(problem)
+    log_slope = jnp.linalg.slogdet(problem.whitening.factor)[1]
 
-    def one(z: Float[Array, " parameter"]) -> Float[Array, ""]:
-        value = -potential(z)
+    def one(w: Float[Array, " parameter"]) -> Float[Array, ""]:
+        value = log_slope - potential(w)
         return jnp.where(jnp.isfinite(value), value, FORBIDDEN)
 
-    return jax.lax.map(one, z, batch_size=LANES)
+    return jax.lax.map(one, w, batch_size=LANES)

@@ -23,8 +23,8 @@ class Marginal(NamedTuple):
 def marginal(grid: Grid, index: int, box: Box, probabilities: tuple[float, ...]) -> Marginal:
     r"""Marginal of the parameter whose logit the grid's first coordinate alone decides.
 
-    $$F(y) = \sum_j p_j \left[\tfrac12 + \tfrac1\pi \mathrm{Si}
-    \!\left(\tfrac{\pi (y - y_j)}{h}\right)\right]$$
+    $$F(w) = \sum_j p_j \left[\tfrac12 + \tfrac1\pi \mathrm{Si}
+    \!\left(\tfrac{\pi (w - w_j)}{h}\right)\right]$$
 
     the integral of the series of sinc functions through the nodes, which converges as fast as the
     trapezoidal rule.
@@ -36,7 +36,8 @@ def marginal(grid: Grid, index: int, box: Box, probabilities: tuple[float, ...])
         probabilities: Of the quantiles.
     """
     p = grid.weights.reshape(len(grid.axes[0]), -1).sum(axis=1)
-    centre, slope = float(grid.place.coefficients[0][0]), grid.place.scales[0]
+    centre = float(grid.whitening.centre[index])
+    slope = float(grid.whitening.factor[index, 0])
     lower, width = float(box.lower[index]), float(box.upper[index] - box.lower[index])
     # Moments of the unit coordinate about its centre keep the digits of a narrow posterior.
     x = expit(centre + slope * grid.axes[0])

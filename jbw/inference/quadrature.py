@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +11,7 @@ from jaxtyping import Array, Float, Key
 from jbw.errors import ConfigError
 from jbw.inference.annealing import Settled, settled
 from jbw.inference.bridge import Drawn
-from jbw.inference.grid import Grid, grid_of, log_density_at
+from jbw.inference.grid import Grid, grid_of, log_density_at, whitened_by
 from jbw.inference.kernels import Problem
 from jbw.inference.laplace import from_logit
 from jbw.inference.marginal import Marginal, marginal
@@ -19,7 +20,6 @@ from jbw.inference.weights import stratified
 MOST_PARAMETERS = 4
 MOST_NODES = 6_000_000  # of one grid
 HALVINGS = 7.0  # of the spacing at most
-GOOD = 1e-3  # error beyond which bends are looked for
 ENOUGH = 1e-7  # change of log evidence, and of means and deviations over the deviation
 PROBABILITIES = (0.005, 0.01, 0.05, 0.5, 0.95, 0.99, 0.995)
 
@@ -36,19 +36,20 @@ class Exact(NamedTuple):
 def quadrature_draws(
     key: Key[Array, ""], problem: Problem, num_samples: int, num_chains: int
 ) -> Drawn:
-    r"""Posterior by the trapezoidal rule in a straightened coordinate of the logit of the box.
+    r"""Posterior by the trapezoidal rule in the whitened logit of the box.
 
-    $$Z = h^d \sum_{n \in \mathbb{Z}^d} p(y = h n)$$
+    $$Z = |\det L|\, h^d \sum_{n \in \mathbb{Z}^d} p(w = h n)$$
 
     The density vanishes smoothly to all sides there, bounds of the box included, so that the rule
-    converges exponentially in 1 / h. The coordinate takes out the posterior's correlations,
-    and its bends where that is not enough, found from the whole prior down, without any start.
-    Nodes are refined by a factor of root two until
+    converges exponentially in 1 / h. The whitening is that of the posterior's own moments, found
+    from the whole prior down, without any start. Nodes are refined by a factor of root two until
     log evidence, means and standard deviations change by less than 1e-7 (of the deviation), or
     memory ends; the last change is the stated error, of which the finer grid keeps a fraction.
     Each parameter has a grid of its own along its axis, which gives its distribution function and
     quantiles. A mode is overlooked that is a few times narrower than the first spacing: a tenth of
-    the posterior's deviation for two parameters, a third for three, two thirds for four.
+    the posterior's deviation for two parameters, a third for three, two thirds for four. A thin
+    ridge that bends through the box takes more nodes than there are: the stated error is then
+    large, and the verdict fails.
 
     Args:
         key: Random key.
@@ -73,7 +74,8 @@ def quadrature_draws(
             f"{len(names)}.",
             remedy="Compare with nested or tempered_smc, which give the evidence too.",
         )
-    found, error, spent = _best(problem)
+    start = settled(problem)
+    found, error = _refined(problem, start)
     draws, tried = _draws(key, problem, found.grid, num_samples * num_chains)
     theta = from_logit(jnp.asarray(draws), problem.box)
     shape = (num_chains, num_samples)
@@ -85,7 +87,7 @@ def quadrature_draws(
             "log_evidence_error": error,
             "quadrature_error": error,
             "num_nodes": found.num_nodes,
-            "num_evaluations": spent + found.num_nodes + tried,
+            "num_evaluations": start.num_nodes + found.num_nodes + tried,
         },
         {"exact": _table(found, names)},
     )
@@ -102,27 +104,7 @@ def _table(found: Exact, names: tuple[str, ...]) -> dict[str, tuple[tuple[str, .
     }
 
 
-def _best(problem: Problem) -> tuple[Exact, float, int]:
-    """The answer, its error, and nodes spent besides: bends only where they are needed."""
-    start = settled(problem, bends=False)
-    found, error = _refined(problem, start)
-    spent = start.num_nodes
-    if len(problem.box.names) > 1 and (found is None or error > GOOD):
-        start = settled(problem, bends=True)
-        bent, bent_error = _refined(problem, start)
-        spent += start.num_nodes
-        if bent is not None and bent_error < error:
-            found, error = bent, bent_error
-    if found is None or not np.isfinite(error):
-        raise ConfigError(
-            f"Quadrature of this posterior takes more than {MOST_NODES:,} nodes.",
-            why="It is too narrow a ridge, or has long tails.",
-            remedy="Narrow the prior, or compare with nested or tempered_smc.",
-        )
-    return found, error, spent
-
-
-def _refined(problem: Problem, start: Settled) -> tuple[Exact | None, float]:
+def _refined(problem: Problem, start: Settled) -> tuple[Exact, float]:
     """The finest grids that are needed, or that fit, and the change that they brought."""
     last, error = None, float("inf")
     for halvings in np.arange(0.0, HALVINGS, 0.5):
@@ -134,6 +116,12 @@ def _refined(problem: Problem, start: Settled) -> tuple[Exact | None, float]:
         last = found
         if error < ENOUGH:
             break
+    if last is None or not np.isfinite(error):
+        raise ConfigError(
+            f"Quadrature of this posterior takes more than {MOST_NODES:,} nodes.",
+            why="Its tails are long in some direction, so that the grid is wide.",
+            remedy="Narrow the prior, or compare with nested or tempered_smc.",
+        )
     return last, error
 
 
@@ -147,7 +135,8 @@ def _change(before: Exact, after: Exact) -> float:
 def _exact(problem: Problem, start: Settled, spacing: float) -> Exact | None:
     grids, marginals = [], []
     for i in range(len(problem.box.names)):
-        grid = grid_of(problem, start.place(i), spacing, MOST_NODES)
+        whitening = whitened_by(start.mean, start.covariance, first=i)
+        grid = grid_of(problem, whitening, spacing, MOST_NODES)
         if grid is None:
             return None
         grids.append(grid)
@@ -166,7 +155,9 @@ def _draws(
     cells = order[stratified(generator, p[order], count)]
     generator.shuffle(cells)
     moved = generator.uniform(-0.5, 0.5, (count, grid.nodes.shape[1])) * grid.spacing
-    y = grid.nodes[cells] + moved
-    log_ratio = log_density_at(problem, grid.place, y) - grid.log_p[cells]
+    w = grid.nodes[cells] + moved
+    problem = eqx.tree_at(lambda one: one.whitening, problem, grid.whitening)
+    log_ratio = log_density_at(problem, w) - grid.log_p[cells]
     kept = stratified(generator, np.exp(log_ratio - np.max(log_ratio)), count)
-    return grid.place.logit(y[kept]), count
+    centre, factor = (np.asarray(part) for part in grid.whitening)
+    return centre + w[kept] @ factor.T, count

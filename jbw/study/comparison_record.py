@@ -16,6 +16,7 @@ from jbw.inference.comparison import (
     reference_of,
     worst_ess,
 )
+from jbw.inference.direct_findings import converged
 from jbw.inference.verdict import verdict
 
 
@@ -46,8 +47,9 @@ def record_of(drawn: Mapping[str, Drawn], posterior: Posterior) -> dict[str, Any
     if not drawn:
         return {"reference": None, "samplers": {}}
     rows = {name: _numbers(one.tree, posterior) for name, one in drawn.items()}
-    exact = "quadrature" in drawn
-    reference = "quadrature" if exact else reference_of(rows)
+    exact = "quadrature" in drawn and converged(drawn["quadrature"].tree.attrs)
+    chains = {name: row for name, row in rows.items() if name != "quadrature"} or rows
+    reference = "quadrature" if exact else reference_of(chains)
     truth = exact_numbers(drawn["quadrature"].tree) if exact else rows[reference]
     for sampler, parameters in rows.items():
         if sampler != reference:
