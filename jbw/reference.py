@@ -10,7 +10,6 @@ from jbw.inference.box import box
 from jbw.inference.costly_fit import costly_fit
 from jbw.observables.decay import Decays
 from jbw.observables.evidence import Evidence, Repeated, evidence, residual
-from jbw.observables.harmonics import Points
 from jbw.observables.linear import LineReading
 from jbw.observables.loops import Loops
 from jbw.observables.response import Records
@@ -98,9 +97,7 @@ def _spring(forced: Sequence[Loops], gain: float, kind: str) -> Oscillator:
 def _evenly(part: Repeated) -> Repeated:
     """A part whose groups count by their relative errors, whatever their noise and offsets."""
     own = part.repeats
-    squares = jnp.sum(jnp.abs(part.mean) ** 2, axis=1)
-    parts = 2 if isinstance(part, Points) else 1
-    scale = jnp.sqrt(squares * parts / own.size)
+    scale = jnp.sqrt(jnp.sum(jnp.abs(part.mean) ** 2, axis=1))
     silent = jnp.where(scale > 0, scale, 1.0)
     even = replace(
         own,

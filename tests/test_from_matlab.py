@@ -15,6 +15,9 @@ def snippets(language):
     return re.findall(rf"```{language}\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
 
 
+pytestmark = pytest.mark.slow  # one session of a minute
+
+
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
     """Names that the snippets left behind, and their folder."""

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from math import floor, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,20 +75,23 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
 
     _, tree = read_result(folder)
     basis = basis_of(tree)
-    tests, gain = list(_planned(basis, **options)), None
+    planned, tests, gain = list(_planned(basis, **options)), [], None
     if campaign is not None:
         loaded = load_campaign(campaign, allow_outside=options["allow_outside"])
-        tests = [*predicting.chosen(loaded.tests, options["names"], "--test"), *tests]
+        tests = list(predicting.chosen(loaded.tests, options["names"], "--test"))
         gain = force_per_unit(loaded)
-    elif options["names"] or not tests:
+    elif options["names"] or not planned:
         raise click.UsageError("Give --campaign, or --sweep, --stepped or --tone with --level.")
     out = claim(options["out"] or folder / "predictions")
-    request = Request(options["draws"], not options["without_noise"], gain)
+    request = Request(options["draws"], not options["without_noise"])
+    # Planned tests are in the run's own unit, whatever the campaign says of its gain.
+    requests = [(test, replace(request, gain=gain)) for test in tests]
+    requests += [(test, request) for test in planned]
     found = {}
     with progress() as say:
-        for test in tests:
+        for test, asked in requests:
             say(f"Predicting {test.name}")
-            found[test.name] = predicting.predict(basis, test, request)
+            found[test.name] = predicting.predict(basis, test, asked)
         rows = [predicting.row_of(one) for one in found.values()]
         for sentence in (sentence for row in rows for sentence in row["warnings"]):
             say(f"warning: {sentence}")

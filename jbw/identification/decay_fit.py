@@ -50,8 +50,8 @@ def decay_box(settings: Mapping[str, Any], reading: FirstReading) -> Box:
         bounds["share"] = (given["alpha"][0] / omega_n[1] ** 2, given["alpha"][1] / omega_n[0] ** 2)
     for product, factor in (("softening", "delta"), ("opening", "gamma")):
         if factor in given:
-            low, high = given[factor]
-            bounds[product] = (bounds["share"][0] * low, bounds["share"][1] * high)
+            corners = np.outer(bounds["share"], given[factor])
+            bounds[product] = (float(corners.min()), float(corners.max()))
     return box(bounds)
 
 

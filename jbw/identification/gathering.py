@@ -80,6 +80,8 @@ def gather(
             "a third of the resonance; or shorten `hold_out`.",
         )
     held = {} if gain is None else {"gain": gain}
+    if all(isinstance(part, loops.Loops | decay.Decays) for part in parts):
+        held = {"gain": gain or 1.0}  # nothing tells the modal mass: per kilogram
     if all(isinstance(part, loops.Loops) for part in parts):
         # Along a prescribed displacement nothing moves freely: per kilogram, and no damping.
         held = {"gain": gain or 1.0, "zeta": 0.0}

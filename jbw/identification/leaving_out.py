@@ -54,13 +54,15 @@ class LeftOut:
 def leave_one_out(best: Fit, prior: Box, data: Evidence) -> LeftOut | None:
     """Fit again without each run of records, harmonics or loops in turn.
 
+    Two runs must be left, so that no fit is of one level alone.
+
     Args:
         best: The fit of all.
         prior: Its box.
         data: The evidence.
 
     Returns:
-        The fits; None with fewer than two such runs.
+        The fits; None with fewer than two such runs, or three runs in all.
     """
     own = [part for part in data.parts if not isinstance(part, LineReading | Decays)]
     runs = tuple(dict.fromkeys(name for part in own for name in part.repeats.runs))
@@ -112,6 +114,8 @@ def without(run: str, data: Evidence) -> Evidence:
     """
 
     def deaf(part: Part) -> Part:
+        if isinstance(part, LineReading) and part.run == run:
+            return replace(part, covariance=DEAF**2 * part.covariance)
         if isinstance(part, LineReading | Decays):
             return part
         loud = np.array([DEAF if name == run else 1.0 for name in part.repeats.runs])

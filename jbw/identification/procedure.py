@@ -11,7 +11,7 @@ from jaxtyping import Array, Key
 from jbw.identification import third_order
 from jbw.identification.cut import opening_steps
 from jbw.identification.decay import decay_step
-from jbw.identification.gathering import gather
+from jbw.identification.gathering import by_form, fitted, gather
 from jbw.identification.joint import joint_step
 from jbw.identification.linear_step import LinearStep, linear_step
 from jbw.identification.selection import (
@@ -96,7 +96,7 @@ def run_procedure(
     Raises:
         DataError: If there is nothing that the joint can be fitted to.
     """
-    decays = decay_tests(tests, settings)
+    decays = decay_tests(tests, settings, fitted(tests, settings))
     forced = any(test.kind != "decay" for test in tests)
     found = Identification(decays=decays)
     if forced:
@@ -151,9 +151,14 @@ def _paper_steps(
     report(f"Step 3: third-order kernel at {len(probing)} frequencies")
     kernel_fit = third_order.fit_kernel(next(keys), probing, linear.pooled, settings)
     steps = third_order.third_order_steps(next(keys), kernel_fit, settings, keep=keep)
-    if found.sweeps is not None:
+    chosen = {test.name for test in fitted(tests, settings)}
+    sweeps = [] if found.sweeps is None else found.sweeps.fitted
+    swept = by_form([test for test in sweeps if test.name in chosen])
+    if swept:
+        # One record form, the one with the most levels: the curve of gamma is of one solve.
         report("Step 4: gamma alone, the earlier steps held")
-        swept = response.reduce(found.sweeps.fitted, substeps=settings.get("substeps", 2))
+        most = max(swept, key=len)
+        swept = response.reduce(most, substeps=settings.get("substeps", 2))
         held = steps["third_order_nuts"]
         steps |= opening_steps(next(keys), swept, linear.pooled, held, settings, keep=keep)
     return replace(found, kernel=kernel_fit, steps=steps)

@@ -105,13 +105,16 @@ class DecaySplit:
     names: tuple[str, ...]
 
 
-def decay_tests(tests: Sequence[Test], settings: Mapping[str, Any]) -> DecaySplit | None:
+def decay_tests(
+    tests: Sequence[Test], settings: Mapping[str, Any], chosen: Sequence[Test] | None = None
+) -> DecaySplit | None:
     """Free decays split into what is fitted and what is held out.
 
     Args:
         tests: The campaign's tests.
         settings: The campaign's [identify] table; `fit_repeats` of each test are fitted, half by
             default.
+        chosen: Tests that may be fitted; all of them when None.
 
     Returns:
         The split, or None without decays.
@@ -129,14 +132,17 @@ def decay_tests(tests: Sequence[Test], settings: Mapping[str, Any]) -> DecaySpli
             f"{len(forms)} combinations were found.",
             remedy="Make one campaign of each mode.",
         )
-    chosen, rest = [], []
+    allowed = {test.name for test in (decays if chosen is None else chosen)}
+    first, rest = [], []
     for test in decays:
-        count = _fitted_repeats(test, settings)
+        count = _fitted_repeats(test, settings) if test.name in allowed else 0
         for i, record in enumerate(test.records):
-            (chosen if i < count else rest).append((record, f"{test.name} {i + 1}"))
-    fitted = replace(decays[0], records=tuple(record for record, _ in chosen))
-    together = replace(decays[0], records=tuple(record for record, _ in (*chosen, *rest)))
-    return DecaySplit(fitted, together, tuple(name for _, name in (*chosen, *rest)))
+            (first if i < count else rest).append((record, f"{test.name} {i + 1}"))
+    if not first:
+        return None
+    fitted = replace(decays[0], records=tuple(record for record, _ in first))
+    together = replace(decays[0], records=tuple(record for record, _ in (*first, *rest)))
+    return DecaySplit(fitted, together, tuple(name for _, name in (*first, *rest)))
 
 
 def _fitted_repeats(test: Test, settings: Mapping[str, Any]) -> int:

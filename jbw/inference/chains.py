@@ -193,8 +193,11 @@ def _possible_start(
         disperse = jax.random.normal if whitened else jax.random.logistic
         eta = disperse(key_move, centre.shape, centre.dtype)
         z = centre + spread * (problem.whitening.factor @ eta)
-        terms = problem.log_likelihood(from_logit(z, problem.box), problem.data)
-        return trial + 1, key, z, jnp.isfinite(jnp.sum(terms))
+        theta = from_logit(z, problem.box)
+        density = jnp.sum(problem.log_likelihood(theta, problem.data))
+        if problem.log_prior is not None:  # which may forbid a point as well
+            density += problem.log_prior(theta)
+        return trial + 1, key, z, jnp.isfinite(density)
 
     def again(carry: tuple[Array, Array, Array, Array]) -> Array:
         return (carry[0] < MAX_TRIALS) & ~carry[3]

@@ -65,7 +65,10 @@ def estimate(
     offset = solve(normal, slope)
     left = total - jnp.sum(offset * slope, axis=-1)
     degrees = num_values - num_own
-    precision = normal * (degrees / left)[:, None, None]
+    # No more values than offsets: these explain them exactly, and the group says nothing.
+    says = degrees > 0.5
+    left = jnp.where(says, left, 1.0)
+    precision = normal * jnp.where(says, degrees / left, 0.0)[:, None, None]
     # The determinant of W has a factor Q^-q; the rest of it is constant.
     return Estimate(-num_values / 2 * jnp.log(left), offset, precision)
 

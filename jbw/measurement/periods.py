@@ -48,7 +48,16 @@ def _layout(record: Record, test: Test) -> tuple[int, int]:
             f"{record.num_samples} samples cannot be divided so.",
             remedy="Correct `periods`, or cut the record with `span`.",
         )
-    return size, int(np.ceil(test.settle * record.fs / size))
+    # A settle of whole periods may come out a hair longer than them.
+    skipped = int(np.ceil(test.settle * record.fs / size - 1e-6))
+    if skipped >= test.periods:
+        raise DataError(
+            f"Key `settle` must leave a whole period of record `{record.name}`, but "
+            f"{test.settle:g} s reach into the last of its {test.periods} periods of "
+            f"{size / record.fs:.4g} s.",
+            remedy="Shorten `settle`, or measure more periods.",
+        )
+    return size, skipped
 
 
 def _cut(record: Record, start: int, size: int) -> Record:

@@ -15,7 +15,7 @@ from jbw.observables.runs import run_of
 
 ORDERS = (1, 3)  # compared; the others measured are the guess of the motion
 HIGHEST = 2 * NUM_HARMONICS - 1
-BELOW_NYQUIST = 0.45  # of the sampling frequency: the highest harmonic read
+BELOW_NYQUIST = 0.499  # of the sampling frequency: the highest harmonic read
 NO_AMPLITUDE = 1e-9  # of the unit of the source
 CONTROLLED = 1 / 3  # of the source's variation along a curve: what a held response varies at most
 

@@ -188,7 +188,14 @@ def _times(grid: Grid, beliefs: Beliefs) -> tuple[float, float]:
     """Settling time and time on each tone [s]."""
     settle = _decay(beliefs) if grid.settle is None else grid.settle
     read = READ_PERIODS / _natural(beliefs)
-    return settle, _rounded(settle + read) if grid.dwell is None else grid.dwell
+    dwell = settle + max(_rounded(read), read) if grid.dwell is None else grid.dwell
+    if not settle < dwell:
+        raise ConfigError(
+            f"[plan] dwell: must be longer than settle ({settle:g} s), but is {dwell:g} s.",
+            why="Free motion of the least damped joint takes that long to fall to a thousandth.",
+            remedy="Lengthen dwell, or state a shorter settle.",
+        )
+    return settle, dwell
 
 
 def _decay(beliefs: Beliefs) -> float:

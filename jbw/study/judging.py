@@ -59,8 +59,10 @@ def _simpler(tests: dict[str, dict]) -> Finding | None:
         (name, kind): attrs["nrmse"] / attrs[f"nrmse_{kind}"]
         for name, attrs in tests.items()
         for kind in SIMPLER
-        if attrs.get(f"nrmse_{kind}")
+        if np.isfinite(attrs.get(f"nrmse_{kind}", np.nan)) and attrs[f"nrmse_{kind}"] > 0
     }
+    # A joint that cannot be solved where another model can is no better than that.
+    ratios = {key: ratio if np.isfinite(ratio) else np.inf for key, ratio in ratios.items()}
     if not ratios:
         return None
     name, kind = max(ratios, key=lambda pair: ratios[pair])

@@ -143,7 +143,7 @@ def _predictions(tree: xr.DataTree) -> dict[str, Any]:
             called = name if name not in found else f"{name} ({kind})"
             found[called] = {
                 "kind": kind,
-                "level": float(attrs["level"]),
+                "level": _known(attrs, "level"),
                 "level_unit": str(attrs.get("level_unit", "")),
                 "fitted": bool(attrs["fitted"]),
                 **{key: _known(attrs, key) for key in ERRORS},
@@ -158,7 +158,7 @@ def _known(attrs: Mapping[Any, Any], name: str) -> float | None:
 def _loops(tree: xr.DataTree) -> dict[str, Any]:
     return {
         name: {
-            "level": float(node.attrs["level"]),
+            "level": _known(node.attrs, "level"),
             "tone_hz": float(node.attrs["tone_hz"]),
             **{
                 str(key): [float(value) for value in area.values]

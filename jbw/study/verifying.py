@@ -208,7 +208,7 @@ def noise_of(posterior: xr.Dataset, test: Test) -> float:
     }
     # Without any fitted sweep the scatter of the repeats themselves is all that is known.
     responses = np.stack([record.channels[record.response] for record in test.records])
-    own = float(responses.std(axis=0, ddof=1).mean()) if len(responses) > 1 else 0.0
+    own = float(np.sqrt(responses.var(axis=0, ddof=1).mean())) if len(responses) > 1 else 0.0
     return known.get(test.name, float(np.mean(list(known.values()))) if known else own)
 
 

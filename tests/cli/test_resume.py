@@ -92,6 +92,7 @@ def assert_same_run(folder, whole):
     assert {path.name for path in folder.iterdir()} == names
 
 
+@pytest.mark.slow
 def test_a_run_survives_kills_a_torn_checkpoint_and_ctrl_c(campaign, whole, tmp_path, capsys):
     folder = tmp_path / "run"
     assert ended("identify", campaign, "--out", folder, death="torn 4")[0] == -signal.SIGKILL

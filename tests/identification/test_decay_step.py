@@ -83,6 +83,11 @@ def test_prior_on_the_joint_bounds_the_products(fitted):
     bounds = dict(zip(box.names, zip(box.lower, box.upper, strict=True), strict=True))
     assert bounds["share"] == pytest.approx((0.1 / 1.001**2, 0.2))
     assert bounds["softening"] == pytest.approx((5.0 / 1.001**2, 40.0))
+    signed = decay_box({"prior": {**prior, "delta": (-100.0, 200.0)}}, fitted[2])
+    low, high = (
+        float(side[signed.names.index("softening")]) for side in (signed.lower, signed.upper)
+    )
+    assert (low, high) == pytest.approx((-20.0, 40.0))
 
 
 def test_split_holds_later_records_out():

@@ -5,7 +5,13 @@ import pytest
 
 from jbw.errors import ConfigError
 from jbw.identification.priors import PAPER_HALF_WIDTH, about, joint_box
-from jbw.identification.selection import linear_test, loop_tests, probing_tests, sweep_tests
+from jbw.identification.selection import (
+    decay_tests,
+    linear_test,
+    loop_tests,
+    probing_tests,
+    sweep_tests,
+)
 from jbw.measurement.records import Record, Test
 
 
@@ -68,3 +74,13 @@ def test_the_joint_box_takes_the_campaigns_bounds_where_it_states_them():
     assert tuple(map(float, bounds["alpha"])) == (425.0, 590.0)
     assert prior.names == ("omega_n", "zeta", "alpha", "delta", "gamma", "gain")
     assert "gain" not in joint_box({}, 118.0, 0.0044, None, 5e-3).names
+
+
+def test_decays_held_out_are_not_fitted():
+    first, second = (a_test("decay", 0.0, name=name, repeats=4) for name in ("first", "second"))
+    split = decay_tests([first, second], {}, [first])
+    assert split.names == ("first 1", "first 2", "first 3", "first 4", "second 1", "second 2",
+                           "second 3", "second 4")  # fmt: skip
+    assert len(split.fitted.records) == 2  # half of the first, none of the second
+    assert len(decay_tests([first, second], {}).fitted.records) == 4
+    assert decay_tests([first, second], {}, []) is None

@@ -249,6 +249,7 @@ def narrow(theta, data):
     return -0.5 * r @ data[1:] @ r
 
 
+@pytest.mark.slow
 def test_quadrature_finds_a_correlated_posterior_of_a_hundred_thousandth_of_the_box():
     mixing = np.random.default_rng(0).normal(size=(3, 3))
     covariance = 1e-10 * mixing @ mixing.T

@@ -108,3 +108,26 @@ def test_a_parameter_that_may_be_zero_stays_as_it_is(best):
         starts={"a": 8.0, "b": 7.0, "c": 0.1},
     )  # fmt: skip
     assert in_logarithms(vague, near) == ("b",)
+
+
+def test_chains_start_where_the_box_allows_it():
+    # Two standard deviations about the fit reach far beyond the upper bound; a chain that began
+    # there had a bracket that never ended.
+    near = box({"a": (0.1, 1.15), "b": (0.1, 5.0)})
+    wide = costly_fit(
+        lambda theta, _: jnp.stack([(theta["a"] - 1) / 0.3, (theta["b"] - 1) / 0.3]),
+        near, None, starts={"a": 0.9, "b": 1.0},
+    )  # fmt: skip
+    start, covariance = log_start(wide, near, ("a", "b"))
+    inner = log_box(near, ("a", "b"), wide.theta)
+
+    def log_density(theta, data):
+        return -0.5 * jnp.stack([(theta["a"] - 1) / 0.3, (theta["b"] - 1) / 0.3]) ** 2
+
+    for seed in (2, 7, 11):
+        tree = sample(
+            jax.random.key(seed), of_logs(log_density), far_beyond(inner), None,
+            sampler="elliptical_slice", num_warmup=0, num_samples=50, num_chains=4,
+            start=start, covariance=covariance, log_prior=Inside(inner),
+        )  # fmt: skip
+        assert float(np.exp(tree["posterior"]["log a"]).max()) < 1.15

@@ -166,6 +166,7 @@ def test_offsets_of_runs_are_seen_and_let_in():
     assert np.all(np.abs(found.offset[:, 0] - np.array(shifted) + 500.0) < 5 * errors + 0.02)
 
 
+@pytest.mark.slow
 def test_every_run_has_its_own_frequency_and_assemblies_scatter_more_than_days():
     shifted = {"A": (501.5, 501.7), "B": (499.0, 498.7), "C": (500.2, 500.4)}
     tests = [

@@ -1,11 +1,14 @@
 """Records compared in a band: the same statistics by lines as by samples, other modes left out."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jbw.errors import DataError
 from jbw.identification.linear_step import linear_step
+from jbw.measurement.periods import periods
 from jbw.measurement.records import Record, Test
 from jbw.observables import response
 from jbw.observables.spectral_lines import in_band, lines_of, noise_share, values_of
@@ -69,6 +72,7 @@ def two_modes(repeats=4, size=SIZE, periods=1):
     return Test("multisine", records, "two modes", band_hz=(11.0, 18.0), periods=periods)
 
 
+@pytest.mark.slow
 def test_another_mode_outside_the_band_is_left_out():
     theta = {
         "omega_n": 2 * np.pi * 14.0, "zeta": 0.01, "gain": 2.0,
@@ -101,3 +105,11 @@ def test_step_2_reads_a_multisine_by_its_periods_without_leakage():
     assert step.pooled.mean[1] == pytest.approx(0.01, rel=0.05)
     assert step.frf.window == "boxcar"
     assert step.frf.freq[0] >= 12.0
+
+
+def test_a_settle_that_leaves_no_period_is_refused():
+    test = two_modes(repeats=1, size=256, periods=4)
+    whole = replace(test, settle=3 * 256 / FS)
+    assert len(periods(whole).records) == 1
+    with pytest.raises(DataError, match="`settle` must leave a whole period"):
+        periods(replace(test, settle=3.1 * 256 / FS))

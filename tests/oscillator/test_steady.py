@@ -181,6 +181,7 @@ def test_a_joint_without_hysteresis_is_linear_for_every_alpha(alpha, part, load)
     assert np.abs(found[1:]).max() < 1e-12 * abs(found[0])
 
 
+@pytest.mark.slow
 def test_derivatives_forward_reverse_and_by_differences():
     point = jnp.array([OMEGA_N, 0.00444, 497.4, 340.21, 32.84, 2 * np.pi * 18.5, 2.0])
 

@@ -55,3 +55,12 @@ def test_tests_outside_their_bands_fail_unless_fitted_or_short():
 def test_nothing_compared_says_nothing():
     assert findings() == {}
     assert findings(**{"frf/noise": {"level": 1.0}}) == {}
+
+
+def test_a_joint_that_cannot_be_solved_is_no_better():
+    bad = {"nrmse": np.nan, "nrmse_linear": 0.2, "fitted": 1}
+    for tests in ({"sweep/a": bad, "curve/b": GOOD}, {"curve/b": GOOD, "sweep/a": bad}):
+        assert findings(**tests)["simpler_model"].status == "failed"
+    unknown = {"nrmse": 0.1, "nrmse_linear": np.nan, "fitted": 1}
+    found = findings(**{"sweep/a": unknown, "curve/b": GOOD})["simpler_model"]
+    assert found.number == pytest.approx(0.05)
