@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from jbw.oscillator.steady import steady_cycle, steady_state
     from jbw.oscillator.volterra import h1, h3, third_harmonic
     from jbw.planning.making import plan_tests
+    from jbw.study.comparing import compare
     from jbw.study.identifiability import identifiability
     from jbw.study.identify import Study, identify
 
@@ -48,6 +49,7 @@ _HOME = {
     "Study": "study.identify",
     "Test": "measurement.records",
     "backbone": "oscillator.backbone",
+    "compare": "study.comparing",
     "frequency_response": "oscillator.backbone",
     "frf": "measurement.spectra",
     "h1": "oscillator.volterra",
@@ -87,6 +89,7 @@ __all__ = [
     "Study",
     "Test",
     "backbone",
+    "compare",
     "enable_x64",
     "frequency_response",
     "frf",

@@ -59,7 +59,7 @@ def _identified(run: Run, say: Say) -> tuple[xr.DataTree, dict[str, Any]]:
         _loaded(run), seed=run.manifest.seed, truth=truth, report=say,
         keep=run.keep, command=run.manifest.command,
     )  # fmt: skip
-    return study.tree, study.record
+    return study.tree, {**study.record, "campaign_file": str(run.campaign.resolve())}
 
 
 def _measured(run: Run, preset: str, say: Say) -> dict[str, float]:
