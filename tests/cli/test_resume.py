@@ -165,7 +165,7 @@ def test_a_failed_report_is_tried_again_by_its_command(tmp_path, monkeypatch, ca
 
 @pytest.mark.slow
 def test_twenty_kills_at_random_moments_change_no_bit(campaign, whole, tmp_path):
-    moments, kills, folder = random.Random(0), 0, tmp_path / "run"
+    moments, kills, finished, folder = random.Random(0), 0, 0, tmp_path / "run"
     while kills < 20 or folder.exists():
         marks = (folder / ".run" / "manifest.json", folder / "summary.json")
         began = any(mark.exists() for mark in marks)
@@ -176,7 +176,8 @@ def test_twenty_kills_at_random_moments_change_no_bit(campaign, whole, tmp_path)
             _, said = process.communicate(timeout=moment)
             assert process.returncode in (0, 4), said
             assert_same_run(folder, whole)
-            folder.rename(tmp_path / f"finished_after_{kills}")
+            folder.rename(tmp_path / f"finished_{finished}")
+            finished += 1
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()
