@@ -86,6 +86,7 @@ def test_short_window_reads_damping_too_high_unless_smearing_is_modelled():
 @pytest.mark.parametrize(
     ("order", "noise_std", "window_s"), [(1, 5e-5, 8), (1, 1e-3, 32), (0, 1e-3, 16), (2, 5e-2, 30)]
 )
+@pytest.mark.slow
 def test_errors_are_calibrated(order, noise_std, window_s):
     rng = np.random.default_rng(3)
     fits = []

@@ -61,6 +61,7 @@ def test_frequency_response_is_the_steady_state_over_frequency_and_level():
     assert np.max(np.abs(swept - apart)) < 1e-12 * np.max(np.abs(apart))
 
 
+@pytest.mark.slow
 def test_continuation_survives_where_a_cold_newton_fails():
     joint = BoucWen(OMEGA_N, 0.003, 3000.0, 340.0, 33.0)
     omega, amplitude = 0.97 * OMEGA_N, 10.0

@@ -339,6 +339,7 @@ NAMES = ("y_open", "z_max", "energy", "z_1", "z_3")
         (340.21, 0.0, 2.4e-3),
     ],
 )
+@pytest.mark.slow
 def test_loop_gradients(delta, gamma, y_peak):
     def values(x):
         loop = steady_loop(joint(x[0], x[1], x[2]), x[3])

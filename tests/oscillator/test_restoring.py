@@ -92,6 +92,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.slow
 def test_response_is_of_order_4_and_that_of_scipy(name):
     law, restoring, force = CASES[name]
     exact = by_scipy(law, force, INPUT, FS)

@@ -184,6 +184,7 @@ def test_smoothed_loop_dissipates():
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("gamma", [GAMMA, DELTA, 0.0])
+@pytest.mark.slow
 def test_smoothing_gradients(variant, gamma):
     x = np.array([ALPHA, DELTA, gamma, 2.4e-3])
     steps = 1e-3 * np.array([ALPHA, DELTA, DELTA, 2.4e-3])

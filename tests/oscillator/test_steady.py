@@ -82,6 +82,7 @@ def test_truncation_is_as_stated(cases, num_harmonics, bounds):
 
 
 @pytest.mark.parametrize("place", [3, 9])
+@pytest.mark.slow
 def test_agrees_with_shooting_in_time(cases, resolved, place):
     omega, amplitude = 2 * np.pi * cases[place]["f_hz"], cases[place]["A"]
     orbit = shooting(PAPER, omega, amplitude)
