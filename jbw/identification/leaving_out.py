@@ -20,9 +20,9 @@ from jbw.inference.costly_fit import costly_fit, linearise
 from jbw.inference.fitting import Fit
 from jbw.inference.verdict import Finding
 from jbw.observables.decay import Decays
-from jbw.observables.evidence import Evidence, Part, residual, run_names
+from jbw.observables.evidence import Evidence, Part, labels, residual, run_names
 from jbw.observables.linear import LineReading
-from jbw.observables.weighing import left_by_label
+from jbw.observables.weighing import left_by_label, size_by_label
 
 DEAF = 1e6  # times its noise: a group that says nothing any more, and keeps its shape
 MOVES = 4.0  # standard deviations of the change: beyond, the runs contradict each other
@@ -88,15 +88,11 @@ def _error(run: str, without_it: Fit, prior: Box, data: Evidence) -> float:
     common = replace(data, scatter=jnp.full_like(data.scatter, NO_SCATTER))
     rows = linearise(residual, jnp.asarray(without_it.x), prior, common)[1]
     left = left_by_label(np.asarray(rows), common)
-    squares = np.zeros(2)
-    for part in data.parts:
-        if not isinstance(part, LineReading | Decays):
-            for i, (label, own) in enumerate(
-                zip(part.repeats.labels, part.repeats.runs, strict=True)
-            ):
-                if own == run:
-                    squares += [np.sum(np.abs(x) ** 2) for x in (left[label], part.mean[i])]
-    return float(np.sqrt(squares[0] / squares[1]))
+    sizes = size_by_label(data)
+    own = [label for label, name in zip(labels(data), run_names(data), strict=True) if name == run]
+    known = [label for label in own if label in sizes]  # a line fit of the run has no size
+    missed = np.linalg.norm(np.concatenate([left[label] for label in known]))
+    return float(missed / np.linalg.norm([sizes[label] for label in known]))
 
 
 def left_out_sentence(left_out: LeftOut) -> str:

@@ -55,8 +55,14 @@ def error_by_label(left: Mapping[str, np.ndarray], data: Evidence) -> dict[str, 
         left: From `left_by_label`.
         data: The evidence.
     """
+    sizes = size_by_label(data)
+    return {label: float(np.linalg.norm(left[label])) / size for label, size in sizes.items()}
+
+
+def size_by_label(data: Evidence) -> dict[str, float]:
+    """Root of the sum of squares of the mean of each group of repeated data."""
     return {
-        label: float(np.linalg.norm(left[label]) / np.linalg.norm(part.mean[i]))
+        label: float(np.linalg.norm(part.mean[i]))
         for part in data.parts
         if not isinstance(part, LineReading | Decays)
         for i, label in enumerate(part.repeats.labels)
