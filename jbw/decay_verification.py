@@ -12,6 +12,7 @@ import xarray as xr
 from jaxtyping import Array, Complex, Float, Key
 from numpy.typing import NDArray
 
+from jbw.inference.summary import evenly_spaced
 from jbw.measurement.records import Test
 from jbw.observables.decay import LETTER, Decays, envelopes, filter_of, readings, reduce
 from jbw.observables.decay_entry import Entry, follow, match
@@ -28,8 +29,7 @@ Draws = dict[str, Array]
 
 def thin_decay(posterior: xr.Dataset, num_draws: int) -> Draws:
     """Evenly spaced draws of the parameters of a decay over all chains."""
-    total = posterior.sizes["chain"] * posterior.sizes["draw"]
-    keep = np.unique(np.linspace(0, total - 1, min(num_draws, total)).round().astype(int))
+    keep = evenly_spaced(posterior, num_draws)
     return {name: jnp.asarray(posterior[name].values.ravel()[keep]) for name in NAMES}
 
 

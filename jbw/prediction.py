@@ -13,12 +13,12 @@ from jaxtyping import Array, Float, Key, PyTree
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from jbw.inference.summary import QUANTILES, evenly_spaced
 from jbw.measurement.records import Record
 from jbw.observables.joint import JOINT
 from jbw.observables.repeats import OFFSETS, Repeats
 from jbw.observables.response import LETTER, motion_under
 
-QUANTILES = (0.005, 0.5, 0.995)
 UNITS = {"displacement": "m", "velocity": "m s-1", "acceleration": "m s-2"}
 LANES = 8  # draws carried through the model at once
 Draws = dict[str, NDArray[np.float64]]
@@ -35,8 +35,7 @@ def thin(posterior: xr.Dataset, num_draws: int, held: Mapping[str, float] | None
     Returns:
         Each parameter of the joint, and `gain`, to its draws.
     """
-    total = posterior.sizes["chain"] * posterior.sizes["draw"]
-    keep = np.unique(np.linspace(0, total - 1, min(num_draws, total)).round().astype(int))
+    keep = evenly_spaced(posterior, num_draws)
     fixed = {name: np.full(len(keep), float(value)) for name, value in (held or {}).items()}
     names = [name for name in (*JOINT, "gain", "cubic") if name in posterior]
     return {**fixed, **{name: posterior[name].values.ravel()[keep] for name in names}}

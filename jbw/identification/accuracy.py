@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.identification.worth import COLOURED, LEAST_WORTH, correlation_at_one
+from jbw.inference.summary import evenly_spaced
 from jbw.inference.verdict import Finding
 from jbw.observables.decay import Decays
 from jbw.observables.evidence import Evidence, log_likelihood
@@ -81,8 +82,7 @@ def thinned(
     posterior: xr.Dataset, names: tuple[str, ...] | None = None, num_draws: int = NUM_DRAWS
 ) -> dict[str, np.ndarray]:
     """A few draws of the parameters, evenly spaced over all chains."""
-    total = posterior.sizes["chain"] * posterior.sizes["draw"]
-    keep = np.unique(np.linspace(0, total - 1, min(num_draws, total)).round().astype(int))
+    keep = evenly_spaced(posterior, num_draws)
     chosen = names or tuple(str(name) for name in posterior.data_vars)
     return {name: posterior[name].values.ravel()[keep] for name in chosen}
 

@@ -14,11 +14,11 @@ import xarray as xr
 from jaxtyping import Array, Float
 
 from jbw.identification.accuracy import thinned
+from jbw.inference.summary import QUANTILES
 from jbw.observables.joint import JOINT, joint_of
 from jbw.oscillator.hysteresis import steady_loop
 
 NUM_DRAWS = 200
-QUANTILES = (0.005, 0.5, 0.995)
 
 
 class Effects(NamedTuple):

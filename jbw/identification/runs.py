@@ -11,13 +11,13 @@ from jaxtyping import Array, Float, Key
 
 from jbw.identification.accuracy import thinned
 from jbw.inference.scatter import Spread, draw_offsets
+from jbw.inference.summary import QUANTILES
 from jbw.observables.evidence import Evidence, estimates, levels_of, offsets_of, run_names
 from jbw.observables.repeats import OFFSETS
 
 NUM_DRAWS = 200
 UNITS = {"omega_n": "rad/s", "zeta": "1"}
 PLURAL = {"run": "runs", "assembly": "assemblies"}
-QUANTILES = (0.005, 0.5, 0.995)
 
 
 def runs_dataset(

@@ -13,6 +13,19 @@ from jbw.inference.box import Box
 from jbw.inference.divergence import kl_from_uniform
 
 Row = dict[str, float]
+QUANTILES = (0.005, 0.5, 0.995)
+"""Of a 99 % interval and its middle."""
+
+
+def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
+    """Numbers of so many draws at most, evenly spaced over all chains laid end to end.
+
+    Args:
+        posterior: Posterior group with dimensions (chain, draw).
+        num_draws: Draws to keep at most.
+    """
+    total = posterior.sizes["chain"] * posterior.sizes["draw"]
+    return np.unique(np.linspace(0, total - 1, min(num_draws, total)).round().astype(int))
 
 
 def summarise(tree: xr.DataTree, box: Box | None = None, prob: float = 0.99) -> dict[str, Row]:
