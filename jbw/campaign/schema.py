@@ -1,14 +1,18 @@
 """From the text of a campaign file to its checked values; all errors at once."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from jbw.campaign.keys import CAMPAIGN, IDENTIFY, MASKABLE, RESPONSES, SOURCES, TABLES, TEST, Key
-from jbw.campaign.values import unlike
-from jbw.errors import ConfigError
+from jbw.campaign.document import (
+    checked_table,
+    document_of,
+    refuse,
+    text_of,
+    unknown_tables,
+)
+from jbw.campaign.keys import CAMPAIGN, IDENTIFY, MASKABLE, RESPONSES, SOURCES, TABLES, TEST
 from jbw.measurement.roles import ratio_of
 
 
@@ -63,18 +67,9 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     Raises:
         ConfigError: Not TOML, or anything unknown, missing or of the wrong type; all at once.
     """
-    try:
-        document = tomllib.loads(source)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigError(
-            f"{file} is not valid TOML: {error or 'nested too deeply'}.",
-            remedy="See https://toml.io; strings need quotes, and each key stands once.",
-        ) from None
-    errors: list[str] = []
+    document, errors = document_of(source, file), []
     spec = _campaign(document, errors)
-    if errors:
-        count = "an error" if len(errors) == 1 else f"{len(errors)} errors"
-        raise ConfigError("\n  ".join([f"{file} has {count}:", *errors]))
+    refuse(file, errors)
     return spec
 
 
@@ -84,24 +79,13 @@ def read_spec(path: Path) -> CampaignSpec:
     Raises:
         ConfigError: No such file, not UTF-8 TOML, or against the schema.
     """
-    if not path.is_file():
-        raise ConfigError(
-            f"Campaign file `{path}` does not exist.",
-            remedy="Write one with: jbw init FOLDER",
-        )
-    try:
-        return parse(path.read_text(encoding="utf-8-sig"), path.name)
-    except UnicodeDecodeError as error:
-        raise ConfigError(
-            f"{path.name} is not UTF-8: byte {error.start}.", remedy="Save it as UTF-8."
-        ) from None
+    source = text_of(path, "Campaign file", "Write one with: jbw init FOLDER")
+    return parse(source, path.name)
 
 
 def _campaign(document: Mapping[str, Any], errors: list[str]) -> CampaignSpec:
-    for key in document:
-        if key not in TABLES:
-            errors.append(f"[{key}]: unknown table{unlike(key, TABLES)}.")
-    head = _table(document.get("campaign", {}), CAMPAIGN, "[campaign]", errors)
+    errors += unknown_tables(document, TABLES)
+    head = checked_table(document.get("campaign", {}), CAMPAIGN, "[campaign]", errors)
     if {"gain", "modal_mass"} <= set(head):
         errors.append("[campaign]: give gain or modal_mass, not both; they say the same.")
     tables = document.get("test", [])
@@ -109,7 +93,7 @@ def _campaign(document: Mapping[str, Any], errors: list[str]) -> CampaignSpec:
         errors.append("[[test]]: at least one test is needed, each under its own [[test]].")
         tables = []
     tests = [_test(table, f"[[test]] {i + 1}", errors) for i, table in enumerate(tables)]
-    settings = _table(document.get("identify", {}), IDENTIFY, "[identify]", errors)
+    settings = checked_table(document.get("identify", {}), IDENTIFY, "[identify]", errors)
     specs = [test for test in tests if test is not None]
     if len(specs) == len(tests):
         _unique_names(specs, errors)
@@ -118,31 +102,9 @@ def _campaign(document: Mapping[str, Any], errors: list[str]) -> CampaignSpec:
     return CampaignSpec(tests=tuple(specs), settings=settings, **head)
 
 
-def _table(table: Any, keys: Mapping[str, Key], where: str, errors: list[str]) -> dict[str, Any]:
-    """The checked values of a table; what is wrong is added to the errors."""
-    if not isinstance(table, dict):
-        errors.append(f"{where}: must be a table, but is {table!r}.")
-        return {}
-    checked = {}
-    for name, value in table.items():
-        if name not in keys:
-            errors.append(f"{where} {name}: unknown key{unlike(name, keys)}.")
-            continue
-        try:
-            checked[name] = keys[name].check(value)
-        except ValueError as error:
-            errors += [f"{where} {name}: {line}" for line in str(error).splitlines()]
-    errors += [
-        f"{where} {name}: missing; {key.says}."
-        for name, key in keys.items()
-        if key.required and name not in table
-    ]
-    return checked
-
-
 def _test(table: Any, where: str, errors: list[str]) -> TestSpec | None:
     before = len(errors)
-    checked = _table(table, TEST, where, errors)
+    checked = checked_table(table, TEST, where, errors)
     if len(errors) > before:
         return None
     test = TestSpec(**checked)

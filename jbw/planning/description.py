@@ -1,6 +1,5 @@
 """From a plan file to what is believed, wanted and possible; all errors at once."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from jbw.campaign.values import unlike
-from jbw.errors import ConfigError
-from jbw.planning.keys import JOINT_KEYS, MOTIONS, TABLES, Range, check_table
+from jbw.campaign.document import checked_table, document_of, refuse, text_of, unknown_tables
+from jbw.planning.keys import JOINT_KEYS, MOTIONS, TABLES, Range
 from jbw.planning.proposals import Grid
 from jbw.planning.prospects import Noise
 from jbw.units import quantity_of, to_si
@@ -54,17 +52,8 @@ def read_description(path: Path, *, of_run: bool = False) -> Description:
     Raises:
         ConfigError: No such file, not UTF-8 TOML, or against the schema.
     """
-    if not path.is_file():
-        raise ConfigError(
-            f"Plan file `{path}` does not exist.",
-            remedy="Write one with: jbw plan --example > plan.toml",
-        )
-    try:
-        return parse(path.read_text(encoding="utf-8-sig"), path.name, of_run=of_run)
-    except UnicodeDecodeError as error:
-        raise ConfigError(
-            f"{path.name} is not UTF-8: byte {error.start}.", remedy="Save it as UTF-8."
-        ) from None
+    source = text_of(path, "Plan file", "Write one with: jbw plan --example > plan.toml")
+    return parse(source, path.name, of_run=of_run)
 
 
 def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Description:
@@ -78,25 +67,17 @@ def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Desc
     Raises:
         ConfigError: Not TOML, or anything unknown, missing or of the wrong type; all at once.
     """
-    try:
-        document = tomllib.loads(source)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigError(
-            f"{file} is not valid TOML: {error or 'nested too deeply'}.",
-            remedy="See https://toml.io; strings need quotes, and each key stands once.",
-        ) from None
-    errors = [
-        f"[{key}]: unknown table{unlike(key, TABLES)}." for key in document if key not in TABLES
-    ]
+    document = document_of(source, file)
+    errors = unknown_tables(document, TABLES)
     tables = {
-        name: check_table(document[name], name, errors) for name in TABLES if name in document
+        name: checked_table(document[name], keys, f"[{name}]", errors)
+        for name, keys in TABLES.items()
+        if name in document
     }
     plan = tables.pop("plan", {})
     errors += _contradictions(plan, document.get("plan", {}), of_run)
     errors += [line for name, table in tables.items() for line in _times(name, table)]
-    if errors:
-        count = "an error" if len(errors) == 1 else f"{len(errors)} errors"
-        raise ConfigError("\n  ".join([f"{file} has {count}:", *errors]))
+    refuse(file, errors)
     gain, unit, ranges = _force(plan)
     return Description(
         ranges={} if of_run else {**_joint(plan), **ranges},

@@ -12,7 +12,6 @@ from jbw.campaign.values import (
     rising_pair,
     some_of,
     text,
-    unlike,
 )
 from jbw.units import FACTORS, quantity_of
 
@@ -108,23 +107,6 @@ TONES = {
 }
 STEPPED = {**TONES, "frequencies": Key(positive_list, "steps, in turn [Hz]")}
 TABLES = {"plan": PLAN, "sweep": SWEEP, "tones": TONES, "stepped": STEPPED}
-
-
-def check_table(table: Any, name: str, errors: list[str]) -> dict[str, Any]:
-    """The checked values of a table; what is wrong is added to the errors."""
-    if not isinstance(table, dict):
-        errors.append(f"[{name}]: must be a table, but is {table!r}.")
-        return {}
-    keys, checked = TABLES[name], {}
-    for key, value in table.items():
-        if key not in keys:
-            errors.append(f"[{name}] {key}: unknown key{unlike(key, keys)}.")
-            continue
-        try:
-            checked[key] = keys[key].check(value)
-        except ValueError as error:
-            errors += [f"[{name}] {key}: {line}" for line in str(error).splitlines()]
-    return checked
 
 
 EXAMPLE = f"""\
