@@ -20,7 +20,7 @@ from jbw.identification.decay_accuracy import (
 )
 from jbw.identification.decay_fit import decay_box, fit_decay
 from jbw.identification.decay_reading import first_reading
-from jbw.identification.effects import effects, effects_sentence
+from jbw.identification.effects import effects, effects_sentence, response_finding
 from jbw.identification.step import ATTRS, Step, finished
 from jbw.inference.fitting import Fit
 from jbw.inference.keeping import Keep, nowhere
@@ -94,7 +94,9 @@ def decay_step(
         findings.append(error)
     words = statements(draws, best, data)
     y_peak = float(data.y_start)
-    if (found := effects(posterior["posterior"].to_dataset(), {}, y_peak)) is not None:
+    if (bands := response_finding(draws, {}, y_peak)) is not None:
+        findings.append(bands)
+    if (found := effects(draws, {}, y_peak)) is not None:
         words.append(effects_sentence(found, y_peak))
     return finished(
         name, posterior, prior, best, started,

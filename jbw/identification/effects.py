@@ -14,11 +14,14 @@ import xarray as xr
 from jaxtyping import Array, Float
 
 from jbw.identification.accuracy import thinned
+from jbw.inference.finding import Finding
 from jbw.inference.summary import QUANTILES
+from jbw.inference.verdict import bands_finding
 from jbw.observables.joint import JOINT, joint_of
 from jbw.oscillator.hysteresis import steady_loop
 
 NUM_DRAWS = 200
+SHARES = (0.1, 0.3, 1.0)  # of the largest amplitude: where the response is looked at
 
 
 class Effects(NamedTuple):
@@ -52,22 +55,57 @@ def effects(posterior: xr.Dataset, held: Mapping[str, float], y_peak: float) -> 
     """
     names = tuple(name for name in JOINT if name in posterior)
     theta = {**held, **thinned(posterior, names, NUM_DRAWS)}
-    if not set(JOINT) <= set(theta) or not np.all(theta["zeta"]) or not y_peak > 0:
+    if not _complete(theta, y_peak) or not np.all(theta["zeta"]):
         return None
     alone = {name: jnp.broadcast_to(theta[name], len(theta[names[0]])) for name in JOINT}
-    frequency, damping = _effects(alone, y_peak)
-    return Effects(np.asarray(frequency), np.asarray(damping))
+    shift, added = _effects(alone, y_peak)
+    return Effects(np.asarray(shift), np.asarray(added / alone["zeta"]))
+
+
+def response_finding(
+    posterior: xr.Dataset, held: Mapping[str, float], y_peak: float
+) -> Finding | None:
+    r"""Whether chains agree on what response bands are made of, from every draw.
+
+    $$\omega(Y) = \sqrt{k + k_{eq}}, \qquad \zeta(Y) = \zeta + \frac{E}{2\pi\,\omega^2 Y^2}$$
+
+    Args:
+        posterior: Draws of alpha, delta, gamma and whatever of omega_n, zeta was sampled.
+        held: The parameters that were not.
+        y_peak: Largest amplitude fitted [m]; looked at from a tenth of it upwards.
+
+    Returns:
+        The finding; None where there is no motion, or a parameter is missing.
+    """
+    theta = {**held, **{name: posterior[name].values for name in JOINT if name in posterior}}
+    if not _complete(theta, y_peak):
+        return None
+    alone = dict(zip(JOINT, np.broadcast_arrays(*(theta[name] for name in JOINT)), strict=True))
+    flat = {name: jnp.asarray(values.ravel()) for name, values in alone.items()}
+    shape = alone["omega_n"].shape
+    seen = {}
+    for share in SHARES:
+        shift, added = _effects(flat, share * y_peak)
+        place = f"at {share * y_peak:.2g} m"
+        seen[f"the natural frequency {place}"] = (1 + shift) * flat["omega_n"]
+        seen[f"the damping {place}"] = flat["zeta"] + added
+    return bands_finding({name: np.asarray(one).reshape(shape) for name, one in seen.items()})
+
+
+def _complete(theta: Mapping[str, float | np.ndarray], y_peak: float) -> bool:
+    return set(JOINT) <= set(theta) and y_peak > 0
 
 
 @jax.jit
 def _effects(
     theta: Mapping[str, Array], y_peak: float
 ) -> tuple[Float[Array, " draw"], Float[Array, " draw"]]:
+    """Relative change of the natural frequency, and damping ratio added."""
     joint = joint_of(theta)
     loop = steady_loop(joint, y_peak)
     square = joint.k + loop.k_eq
     added = loop.energy / (2 * jnp.pi * square * y_peak**2)
-    return jnp.sqrt(square) / joint.omega_n - 1, added / joint.zeta
+    return jnp.sqrt(square) / joint.omega_n - 1, added
 
 
 def effects_sentence(found: Effects, y_peak: float) -> str:

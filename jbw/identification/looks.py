@@ -6,7 +6,7 @@ import xarray as xr
 from jaxtyping import Array, Key
 
 from jbw.identification.accuracy import residual_finding, solver_finding
-from jbw.identification.effects import effects, effects_sentence
+from jbw.identification.effects import effects, effects_sentence, response_finding
 from jbw.identification.leaving_out import (
     consistency_finding,
     leave_one_out,
@@ -61,6 +61,8 @@ def looks(
         seen.words.append(runs_sentence(runs))
     held = {name: float(value) for name, value in data.held.items()}
     y_peak = largest_displacement(data, best.theta.get("omega_n", held.get("omega_n", 1.0)))
+    if (bands := response_finding(posterior, held, y_peak)) is not None:
+        seen.findings.append(bands)
     if (found := effects(posterior, held, y_peak)) is not None:
         seen.words.append(effects_sentence(found, y_peak))
     if (left_out := leave_one_out(best, prior, data)) is not None:

@@ -1,5 +1,7 @@
 """The verdict on a posterior: ok, failed or not assessed, with reasons and what to do."""
 
+from dataclasses import replace
+
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
@@ -8,6 +10,7 @@ from jbw.inference.box import Box
 from jbw.inference.direct_findings import direct_findings
 from jbw.inference.finding import Finding, Verdict, judge, limited
 from jbw.inference.identifiability import weak_direction_of_draws
+from jbw.inference.modes import modes_finding
 from jbw.inference.summary import diagnose
 
 Draws = dict[str, Float[np.ndarray, "chain draw"]]
@@ -43,7 +46,7 @@ def verdict(tree: xr.DataTree, box: Box, *, chi_square: tuple[float, int] | None
     }
     findings = [_finite(draws)]
     if findings[0].status == "ok":
-        findings += [_moving(draws), *_convergence(draws)]
+        findings += [_moving(draws), *_convergence(draws), modes_finding(draws)]
         findings += [*_bounds(draws, box), _identified(draws, box)]
     findings += _trajectories(tree["sample_stats"].to_dataset())
     findings += direct_findings(tree.attrs)
@@ -93,6 +96,21 @@ def _convergence(draws: Draws) -> list[Finding]:
         reason = f"{code} of {name} is {value:.4g}; it must be {limit}."
         found.append(Finding(code, "ok" if good else "failed", reason, value, "" if good else more))
     return found
+
+
+def bands_finding(draws: Draws) -> Finding:
+    """Whether the quantities that response bands are made of have converged, all in one finding.
+
+    Args:
+        draws: Draws of each, by what it is.
+
+    Returns:
+        Of the worst quantity, by the limits of R-hat and of the effective sample sizes.
+    """
+    found = _convergence(draws)
+    worst = next((f for f in found if f.status == "failed"), None)
+    worst = worst or next((f for f in found if f.status != "ok"), found[0])
+    return replace(worst, code="response_bands")
 
 
 def _bounds(draws: Draws, box: Box) -> list[Finding]:

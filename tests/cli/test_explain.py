@@ -21,6 +21,9 @@ def codes():
             if name in ("Finding", "limited") and node.args:
                 if isinstance(node.args[0], ast.Constant):
                     found.add(node.args[0].value)
+            if name == "replace":
+                given = [word.value for word in node.keywords if word.arg == "code"]
+                found |= {one.value for one in given if isinstance(one, ast.Constant)}
     return found | {"r_hat", "ess_bulk", "ess_tail"}  # made in a loop
 
 

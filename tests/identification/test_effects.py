@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jbw.identification.effects import effects, effects_sentence
+from jbw.identification.effects import effects, effects_sentence, response_finding
 
 OMEGA_N, ZETA, ALPHA, DELTA, GAMMA = 500.0, 0.01, 5e4, 3.0, 2.0
 
@@ -45,3 +45,46 @@ def test_effects_grow_with_the_amplitude(y):
     assert large is not None
     assert np.all(large.damping > small.damping)
     assert np.all(large.frequency < small.frequency)
+
+
+def drawn(seed, **changes):
+    """Independent draws, 1 % about the joint."""
+    rng = np.random.default_rng(seed)
+    return {
+        name: (("chain", "draw"), values.values * (1 + 0.01 * rng.normal(size=(4, 500))))
+        for name, values in posterior().isel(chain=0, draw=0, drop=True).items()
+    } | changes
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_chains_that_agree_on_the_response_are_ok(seed):
+    found = response_finding(xr.Dataset(drawn(seed)), {}, 1e-3)
+    assert found is not None
+    assert (found.code, found.status) == ("response_bands", "ok")
+
+
+def test_chains_that_disagree_on_the_damping_fail():
+    draws = xr.Dataset(drawn(0))
+    draws["gamma"][0] *= 1.5
+    found = response_finding(draws, {}, 1e-3)
+    assert found is not None
+    assert found.status == "failed"
+    assert "damping at 0.001 m" in found.reason
+
+
+def test_a_ridge_that_the_response_does_not_see_is_no_fault_of_its_bands():
+    # Chains anywhere along a constant alpha*delta and alpha*gamma: the parameters do not mix, the
+    # response, to first order in (delta + gamma) Y, is the same.
+    draws = xr.Dataset(drawn(0))
+    for chain, factor in enumerate((0.5, 0.8, 1.25, 2.0)):
+        draws["alpha"][chain] *= factor
+        draws["delta"][chain] /= factor
+        draws["gamma"][chain] /= factor
+    found = response_finding(draws, {}, 1e-5)
+    assert found is not None
+    assert found.status == "ok"
+
+
+def test_without_motion_there_is_no_response():
+    assert response_finding(posterior(), {}, 0.0) is None
+    assert response_finding(posterior().drop_vars("alpha"), {}, 1e-3) is None

@@ -1,0 +1,93 @@
+"""Two modes are seen, weighed where that can be done, and never averaged in silence."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jbw.inference.box import box
+from jbw.inference.modes import deepest_split, modes_finding
+from jbw.inference.sampling import sample
+from jbw.inference.verdict import verdict
+
+SEEDS = (0, 1, 2)
+WEIGHT, WIDTH, PLACES = 0.3, 0.04, (0.3, 0.7)
+BOX = box({"alpha": (0.0, 1.0)})
+
+
+def mixture(seed, weight=WEIGHT, shape=(4, 1000)):
+    """Independent draws of two normals, the first with the weight."""
+    rng = np.random.default_rng(seed)
+    first = rng.uniform(size=shape) < weight
+    return np.where(first, *(rng.normal(place, WIDTH, shape) for place in PLACES))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda rng: rng.normal(size=(4, 400)),
+        lambda rng: rng.uniform(size=(4, 400)),
+        lambda rng: rng.exponential(size=(4, 400)),
+        lambda rng: rng.standard_t(3, size=(4, 400)),
+        # A chain with an autocorrelation time of twenty draws: it has eighty effective ones.
+        lambda rng: (
+            np.repeat(rng.normal(size=(4, 20)), 20, axis=1) + 1e-3 * rng.normal(size=(4, 400))
+        ),
+    ],
+    ids=["normal", "uniform", "exponential", "student", "sticky"],
+)
+def test_one_mode_is_not_split(draw, seed):
+    assert deepest_split({"x": draw(np.random.default_rng(seed))}) is None
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_two_modes_are_weighed_within_their_error(seed):
+    split = deepest_split(
+        {"plain": np.random.default_rng(9).normal(size=(4, 1000)), "x": mixture(seed)}
+    )
+    assert split.name == "x"
+    # The error of a share of 4000 independent draws is sqrt(w (1 - w) / 4000).
+    assert split.error == pytest.approx(np.sqrt(WEIGHT * (1 - WEIGHT) / 4000), rel=0.2)
+    assert abs(split.weight - WEIGHT) < 4 * split.error
+    np.testing.assert_allclose([split.below, split.above], PLACES, atol=WIDTH)
+
+
+def test_chains_that_do_not_cross_have_no_weights():
+    apart = np.sort(mixture(0).ravel()).reshape(4, 1000)
+    finding = modes_finding({"x": apart})
+    assert finding.status == "failed"
+    assert "accident of their starts" in finding.reason
+    assert "tempered_smc" in finding.action
+
+
+def test_a_tail_is_no_mode():
+    assert deepest_split({"x": mixture(0, weight=0.005)}) is None
+
+
+def _two_normals(theta, data):
+    squares = [-0.5 * ((theta["alpha"] - place) / WIDTH) ** 2 for place in PLACES]
+    return jnp.logaddexp(squares[0] + jnp.log(WEIGHT), squares[1] + jnp.log(1 - WEIGHT))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_samplers_with_the_evidence_weigh_modes(seed):
+    tree = sample(
+        jax.random.key(seed), _two_normals, BOX, sampler="tempered_smc", num_samples=1000,
+    )  # fmt: skip
+    found = verdict(tree, BOX)
+    finding = next(one for one in found.findings if one.code == "modes")
+    assert found.status == "failed"
+    split = deepest_split({"alpha": tree["posterior"]["alpha"].values})
+    assert abs(split.weight - WEIGHT) < 4 * split.error
+    assert "which weigh" in finding.reason
+
+
+def test_chains_stuck_in_either_mode_are_never_averaged_in_silence():
+    start = {"alpha": np.array([PLACES[0], PLACES[0], PLACES[1], PLACES[1]])}
+    tree = sample(
+        jax.random.key(0), _two_normals, BOX, start=start, num_warmup=200, num_samples=500
+    )
+    found = verdict(tree, BOX)
+    assert found.status == "failed"
+    assert next(one for one in found.findings if one.code == "modes").status == "failed"
