@@ -85,8 +85,7 @@ receptance = complex(jbw.h1(3 * omega, linear.omega_n, linear.zeta))
 how = {"response": "velocity", "start": dirty.settle}
 raw = jbw.third_order_kernel(u, v, record.fs, omega, **how)
 clean = jbw.third_order_kernel(u, v, record.fs, omega, h1_3omega=receptance, **how)
-softer = 1 / (1 / receptance - 2 * joint.alpha * joint.delta * np.abs(clean.y_1.mean()) / np.pi)
-cleaner = jbw.third_order_kernel(u, v, record.fs, omega, h1_3omega=softer, **how)
+(cleaner,) = measured_kernels([dirty], linear)
 (pure,) = measured_kernels([tests["tone_6p00Hz"]], linear)
 print("H3 at 6 Hz [1e-9 m (N/kg)^-3], mean, and std of a component of one repeat")
 for label, one in (
@@ -101,12 +100,12 @@ print(*clean.notes)
 
 # %% [markdown]
 # Left in, the source is read as the joint, and more than doubles the kernel. Taken out by the
-# receptance of Step 2, which is what the identification does where the input was measured, the
-# kernel comes within ten percent of that of a clean source, but not within its error: under the
-# tone the joint is softer than in Step 2, by $2\alpha\delta|Y_1|/\pi$ on average over a period, and
-# this softer structure is what the source's harmonic rings. The softer receptance, which takes the
-# joint to be known, brings it within two percent. The note says how much leans on the correction;
-# a cleaner source is better than any.
+# receptance of Step 2, the kernel comes within ten percent of that of a clean source, but not within
+# its error: under the tone the joint is softer than in Step 2, by $2\alpha\delta|Y_1|/\pi$ on
+# average over a period, and this softer structure is what the source's harmonic rings. The
+# identification takes $\alpha\delta$ from the first kernel and the source out once more, by the
+# softer receptance: within two percent. The note says how much leans on the correction; a cleaner
+# source is better than any.
 #
 # ## The printed kernel against the measured one
 #

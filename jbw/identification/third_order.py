@@ -47,6 +47,9 @@ class KernelFit:
 def measured_kernels(tests: Sequence[Test], linear: PooledFit) -> tuple[ThirdOrder, ...]:
     """The measured third-order kernel of every probing test, the source's harmonic taken out.
 
+    The source's harmonic rings the structure that slides under the tone, not that of Step 2: a
+    first kernel by H1 says how much softer it is, a second one is taken by the softer receptance.
+
     Args:
         tests: Probing tests with one tone each.
         linear: Step 2: gain, and H1 at three times the tone.
@@ -57,16 +60,46 @@ def measured_kernels(tests: Sequence[Test], linear: PooledFit) -> tuple[ThirdOrd
     Reference:
         Eqs. (29), (30).
     """
-    return tuple(_measured_kernel(test, linear) for test in tests)
+    first = [_measured_kernel(test, linear, 0.0) for test in tests]
+    products = [_product(one, linear) for one in first if one.above_noise]
+    if not products:
+        return tuple(first)
+    softer = [2 * np.median(products) * np.mean(np.abs(one.y_1)) / np.pi for one in first]
+    return tuple(
+        _measured_kernel(test, linear, float(less))
+        for test, less in zip(tests, softer, strict=True)
+    )
 
 
-def _measured_kernel(test: Test, linear: PooledFit) -> ThirdOrder:
+def _product(found: ThirdOrder, linear: PooledFit) -> float:
+    r"""alpha*delta by a measured kernel, from the leading term of (31) [1/(m s^2)].
+
+    $$\lambda_3 \approx -\frac{35\,\alpha\delta}{96\,Y}, \qquad
+      \lambda_3 = -\mathrm{Re}\frac{H_3}{H_1(\omega)^3 H_1(3\omega)}$$
+    """
+    once, thrice = (h1(n * found.omega, linear.omega_n, linear.zeta) for n in (1, 3))
+    lambda_3 = -np.real(np.mean(found.h3) / (once**3 * thrice))
+    return float(-96 * np.mean(found.y_peak) * lambda_3 / 35)
+
+
+def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder:
+    r"""The kernel of one test, by the receptance of the joint that slides under its tone.
+
+    $$\frac1{H(3\omega)} = \frac1{H_1(3\omega)} - \frac{2\,\alpha\delta\,|Y_1|}{\pi}$$
+
+    which is the mean over a period of the slope alpha (1 - delta |y|) of Eq. (2), to first order.
+
+    Args:
+        test: A tone.
+        linear: Step 2.
+        softer: The second term, what the tone takes from the stiffness [1/s^2].
+    """
     omega = 2 * np.pi * test.tones_hz[0]
     role = test.records[0].source
     u = np.stack([linear.gain * record.channels[role] for record in test.records])
     response = test.records[0].response
     y = np.stack([record.channels[response] for record in test.records])
-    receptance = complex(h1(3 * omega, linear.omega_n, linear.zeta))
+    receptance = complex(1 / (1 / h1(3 * omega, linear.omega_n, linear.zeta) - softer))
     return third_order_kernel(
         u, y, test.records[0].fs, omega,
         h1_3omega=receptance, response=response, delay=test.delay, start=test.settle,
