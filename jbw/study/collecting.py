@@ -18,8 +18,9 @@ from jbw.inference.summary import running_mean
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays
 from jbw.observables.evidence import evidence
-from jbw.prediction import predict_record
+from jbw.prediction import predict_record, thin
 from jbw.reference import references
+from jbw.study.backbone import backbone_group
 from jbw.study.basis import basis_attrs
 from jbw.study.reach import mark_reach
 from jbw.study.verifying import DEFAULT, NUM_DRAWS, Groups, forced_groups, place
@@ -67,6 +68,9 @@ def collect(
     omega_n = float(posterior["omega_n"].mean()) if "omega_n" in posterior else 1.0
     y_peak = _largest(found, omega_n)
     mark_reach(groups, tests, y_peak, omega_n)
+    curve = backbone_group(thin(posterior, NUM_DRAWS, found.main.held), y_peak)
+    if curve is not None:
+        groups["/verification/backbone"] = curve
     tree = xr.DataTree.from_dict(groups)
     tree.attrs.update(found.main.posterior.attrs)
     tree.attrs.update(basis_attrs(tests, found), y_peak=y_peak)

@@ -22,6 +22,7 @@ from jbw.study.identifiability import look_again
 from jbw.study.identifiability_record import as_group
 from jbw.study.judging import judged
 from jbw.study.predicting import chosen, predict
+from jbw.study.steps import steps_group
 from jbw.study.storage import claim, save_run
 from jbw.study.summary import summarise_study
 
@@ -129,6 +130,7 @@ def identify(
         seed=seed, inputs=input_hashes(campaign), truth=truth,
         command=command or " ".join(["jbw", *sys.argv[1:]]), wall_s=perf_counter() - started,
     )  # fmt: skip
+    tree["procedure"] = xr.DataTree(steps_group(record))
     if known is not None:
         tree["identifiability"] = xr.DataTree(as_group(known))
         record["identifiability"] = known.summary()
