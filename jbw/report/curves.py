@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
-from jbw.report.linear import BAND, fitted_text, level_text, wrap_degrees
+from jbw.report.linear import BAND, fitted_text, level_text
+from jbw.report.phase import beside, unwrapped_band
 from jbw.report.result import frequency, tests
 from jbw.report.style import (
     INK,
@@ -33,7 +34,6 @@ from jbw.report.text import axis_label, number, percent
 
 MOST_MARKS = 60
 """Measured points drawn on a curve, so that the model behind them stays visible."""
-SOURCES = ("input", "force")
 MILLI = 1e3
 PERIODS = 8
 KILO = 1e3
@@ -47,20 +47,34 @@ def verification_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     of both together from the model's median over the curve's peak (3 axes a column, row by row).
     """
     columns = _columns(tests(tree, "verification/curve", "measured_magnitude", "model_magnitude"))
-    axes = panels(ax, 3, len(columns), height=5.8, height_ratios=[2, 1.3, 1], sharex="col")
-    for column, (suffix, family) in zip(axes.T, columns, strict=True):
-        for (_, test), colour in zip(family, level_colours(len(family)), strict=True):
-            _curve(column, test, suffix, colour)
-        values = family[0][1][f"measured_magnitude{suffix}"]
+    across = 2 if len(columns) == 4 else 3
+    axes, stack = stacks(
+        ax, len(columns), 3, height=5.4, across=across, height_ratios=[2, 1.3, 1]
+    )  # fmt: skip
+    colours = _colours_by_level([test for _, family in columns for _, test in family])
+    for column, (suffix, family) in zip(stack, columns, strict=True):
+        for _, test in family:
+            _curve(column, test, suffix, colours[level_text(test)])
+        test = family[0][1]
+        values = test[f"measured_magnitude{suffix}"]
         what = plain(values.attrs.get("long_name", "response"))
-        title(column[0], f"{what} at {suffix.removeprefix('_')}ω")
+        kind = plain(test.attrs.get("kind", ""))
+        title(column[0], f"{what} at {suffix.removeprefix('_')}ω, {kind}".removesuffix(", "))
         log_y(column[0])
         column[0].set_ylabel(axis_label("amplitude", str(values.attrs.get("units", ""))))
         column[2].set_xlabel("frequency [Hz]")
-    axes[1, 0].set_ylabel("phase [°]")
-    axes[2, 0].set_ylabel("off the median [%]")
+    for row, label in ((1, "phase [°]"), (2, "off the median [%]")):
+        for each in axes[row::3, 0]:
+            each.set_ylabel(label)
     legend(axes, ax)
     return axes
+
+
+def _colours_by_level(found: list[xr.Dataset]) -> dict[str, str]:
+    """Return one colour for each level, the same in every panel."""
+    levels = {level_text(test): float(test.attrs.get("level", 0.0)) for test in found}
+    ordered = sorted(levels, key=lambda text: levels[text])
+    return dict(zip(ordered, level_colours(len(ordered)), strict=True))
 
 
 def _columns(found: Family) -> list[tuple[str, Family]]:
@@ -87,10 +101,7 @@ def _curve(column: Panels, test: xr.Dataset, suffix: str, colour: str) -> None:
     measured = np.asarray(test[f"measured_magnitude{suffix}"], float)
     phase = np.asarray(test[f"measured_phase{suffix}"], float)
     model = _bands(test, f"model_magnitude{suffix}", "freq")
-    turned = np.degrees(_bands(test, f"model_phase{suffix}", "freq"))
-    # A force leads the displacement, by 0 below the resonance and by 180 degrees above it.
-    turn = np.pi if test.attrs.get("quantity") in SOURCES else 0.0
-    shift = wrap_degrees(phase - turn) + np.degrees(turn) - np.degrees(phase)
+    turned = unwrapped_band(_bands(test, f"model_phase{suffix}", "freq"))
     off = np.abs(measured * np.exp(1j * phase) - model[1] * np.exp(1j * np.radians(turned[1])))
     marks = slice(None, None, -(-freq.size // MOST_MARKS))
     known = "" if "fitted" not in test.attrs else f", {fitted_text(test)}"
@@ -99,7 +110,7 @@ def _curve(column: Panels, test: xr.Dataset, suffix: str, colour: str) -> None:
     look |= {"mfc": colour if fitted else "none", "mew": 0.8}
     for ax, points, band in (
         (column[0], measured, model),
-        (column[1], np.degrees(phase) + shift, turned + shift),
+        (column[1], beside(phase, turned[1]), turned),
     ):
         shade(ax, freq, band[0], band[2], colour, "_band", alpha=0.18)
         ax.plot(freq, band[1], color=colour, lw=1.0, ls="-" if fitted else "--")

@@ -37,7 +37,7 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Draw the standard deviation over the prior's, by direction and by parameter (2 axes)."""
     known = branch(tree, GROUP, "direction_ratio", "parameter_ratio")
     count = max(known.sizes["direction"], len(_names(known)))
-    axes = panels(ax, 1, 2, height=1.3 + 0.24 * count)
+    axes = panels(ax, 1, 2, height=1.3 + 0.3 * count)
     _directions(axes[0, 0], known)
     _quantities(axes[0, 1], known)
     for each in axes.flat:
@@ -52,13 +52,21 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
 def _directions(ax: Axes, known: xr.Dataset) -> None:
     """Draw the spectrum as bars, the strongest direction on top."""
     ratio = np.maximum(np.asarray(known["direction_ratio"], float), LEAST)
-    texts = [spelled(str(text)) for text in known["direction_text"].values]
+    texts = [_in_lines(spelled(str(text))) for text in known["direction_text"].values]
     rows = np.arange(len(ratio))
     left = 0.5 * ratio.min()
     ax.barh(rows, ratio - left, 0.6, left=left, color=BLUE, alpha=0.8)
     ax.set_yticks(rows, texts)
     ax.set_ylim(len(ratio) - 0.4, -0.6)
     title(ax, "Directions, strongest first, by the fit")
+
+
+def _in_lines(text: str, most: int = 22) -> str:
+    """Break a combination after its signs where it is longer than a label should be."""
+    lines = [""]
+    for part in re.split(r"(?<=[·/])", text):
+        lines = [*lines, part] if len(lines[-1] + part) > most else [*lines[:-1], lines[-1] + part]
+    return "\n".join(filter(None, lines))
 
 
 def _quantities(ax: Axes, known: xr.Dataset) -> None:

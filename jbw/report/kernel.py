@@ -7,7 +7,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from jbw.errors import DataError
-from jbw.report.linear import wrap_band, wrap_degrees
+from jbw.report.phase import wrap_band, wrap_degrees
 from jbw.report.result import branch, frequency
 from jbw.report.style import BLUE, INK, VERMILLION, Panels, legend, log_y, panels, title
 from jbw.report.text import axis_label

@@ -7,6 +7,7 @@ import xarray as xr
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
+from jbw.report.phase import beside, wrap_band, wrap_degrees
 from jbw.report.result import branch, frequency, tests
 from jbw.report.style import (
     INK,
@@ -25,17 +26,6 @@ from jbw.report.style import (
 from jbw.report.text import axis_label, number, unit_text
 
 BAND = "99 % parameter band"
-
-
-def wrap_degrees(phase: Any) -> Float[np.ndarray, "..."]:
-    """Return phases [rad] in degrees within [-270, 90), so that a receptance does not jump."""
-    return (np.degrees(phase) + 270.0) % 360.0 - 270.0
-
-
-def wrap_band(phase: Any) -> Float[np.ndarray, "quantile freq"]:
-    """Return a phase band [rad] in degrees, each frequency turned as a whole by its median."""
-    degrees = np.degrees(phase)
-    return degrees + (wrap_degrees(np.asarray(phase)[1]) - degrees[1])
 
 
 def resonance_window(
@@ -60,7 +50,7 @@ def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
     freq, magnitude = frequency(line), np.asarray(line["h_magnitude"], float)
     peak = freq[int(np.nanargmax(magnitude))]
     wide = (max(freq[0], peak / 6.0), min(freq[-1], 3.0 * peak))
-    near = resonance_window(freq, magnitude, depth=0.05)
+    near = resonance_window(freq, magnitude, depth=0.25)
     axes = panels(ax, 3, 2, height=5.4, sharex="col", sharey="row", height_ratios=[2, 1.3, 1])
     for column, window in enumerate((wide, near)):
         shown = (freq >= window[0]) & (freq <= window[1])
@@ -79,9 +69,10 @@ def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
 def _linear_column(column: Panels, line: xr.Dataset, zoomed: int) -> None:
     """Draw magnitude, phase and coherence of the pooled estimate into one column."""
     freq = frequency(line)
-    look = {"marker": ".", "ms": 3.5, "lw": 0} if zoomed else {"lw": 0.7}
+    look = {"marker": ".", "ms": 2.5, "lw": 0} if zoomed else {"lw": 0.7}
     measured = {"color": INK, **look}
-    fit = {"color": MODEL, "lw": 1.4}
+    # The measured points lie on the fit, so the fit is the wider of the two and below.
+    fit = {"color": MODEL, "lw": 3.0, "alpha": 0.6, "zorder": 1.5}
     label = None if zoomed else "measured, pooled over the repeats"
     column[0].plot(freq, line["h_magnitude"], label=label, **measured)
     column[0].plot(freq, line["fit_magnitude"], label="line fit", **fit)
@@ -166,11 +157,9 @@ def _frf_column(column: Panels, test: xr.Dataset) -> None:
     test = test.isel({dim: np.flatnonzero((freq >= low) & (freq <= high))})
     magnitude = np.asarray(test["measured_magnitude"].transpose("repeat", ...), float)
     phase = np.asarray(test["measured_phase"].transpose("repeat", ...), float)
-    # Repeats are turned as their mean is, so that none jumps by a whole turn.
-    centre = np.angle(np.mean(np.exp(1j * phase), axis=0))
-    phase = np.degrees(np.angle(np.exp(1j * (phase - centre)))) + wrap_degrees(centre)
     band = np.asarray(test["model_magnitude"].transpose("quantile", ...), float)
     turned = wrap_band(np.asarray(test["model_phase"].transpose("quantile", ...), float))
+    phase = beside(phase, turned[1])
     for each, repeats, model in zip(
         column,
         (magnitude, phase, magnitude / band[1]),

@@ -93,10 +93,19 @@ def _areas_text(areas: Areas | None) -> str:
     """Return the enclosed areas in words."""
     if areas is None:
         return ""
-    low, _, high = (MILLI * each for each in areas.model)
-    sd = (high - low) / BAND_SDS
-    measured = number(MILLI * areas.measured[1], sd)
-    return f"area {measured} mJ/kg,\nmodel {number(low, sd)} to {number(high, sd)} mJ/kg"
+    measured = areas.measured[1]
+    text = f"area {number(MILLI * measured, digits=4)} mJ/kg,\n"
+    if not measured:
+        return text + f"model {number(MILLI * areas.model[1])} mJ/kg"
+    low, _, high = (100.0 * (each / measured - 1.0) for each in areas.model)
+    half = 0.5 * (high - low)
+    return text + f"model {_signed(low, half)} to {_signed(high, half)} %"
+
+
+def _signed(value: float, sd: float) -> str:
+    """Return a number to the digits of `sd`, with its sign."""
+    text = number(value, sd)
+    return text if value < 0 else f"+{text}"
 
 
 def _loops(ax: Axes, test: xr.Dataset, secant: float) -> None:

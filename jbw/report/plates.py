@@ -6,6 +6,7 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from jbw.report.backbone import backbone
 from jbw.report.convergence import running_means, trace_rank
 from jbw.report.curves import verification_curves, verification_loops, verification_multisine
 from jbw.report.decay import amplitude_curves, verification_decay
@@ -14,6 +15,8 @@ from jbw.report.kernel import harmonic_spectrum, kernel_bands
 from jbw.report.linear import linear_frf, softening, verification_frf
 from jbw.report.loops import validation_loops
 from jbw.report.posterior import opening_density, ridge, routes, third_order_densities
+from jbw.report.procedure import procedure
+from jbw.report.schematic import oscillator
 from jbw.report.sweep import verification_sweep
 
 
@@ -21,7 +24,7 @@ class Plate(NamedTuple):
     """One figure of the report.
 
     Args:
-        name: Its name: figure_4 to figure_13 as in the paper, or its own.
+        name: Its name: figure_1 to figure_13 as in the paper, or its own.
         draw: The function of (tree, ax).
         slug: Its file name, without ending.
         question: What it answers, its title on the page.
@@ -36,6 +39,24 @@ class Plate(NamedTuple):
 
 
 PLATES = (
+    Plate(
+        "figure_1",
+        oscillator,
+        "figure_01_oscillator",
+        "What stands for the structure, and what do the bolts do to it?",
+        "One mode with a hysteretic element for the joint; medians of the main posterior with half "
+        "of their 99 % intervals. Right, the element's force along cycles of a quarter, half and "
+        "all of the largest fitted displacement: the harder the cycle, the softer and the wider.",
+    ),
+    Plate(
+        "figure_2",
+        procedure,
+        "figure_02_procedure",
+        "What did each step of the procedure find?",
+        "From the linear regime to the prediction of hysteresis loops; medians with half of their "
+        "99 % intervals, and for every sampler its verdict, the least number of effective draws "
+        "and the largest R-hat.",
+    ),
     Plate(
         "figure_4",
         linear_frf,
@@ -169,6 +190,14 @@ PLATES = (
         "Points are read from the envelopes without any model of the joint; the bands are the "
         "model's, from the equivalent stiffness and the energy lost in its steady loop. Points "
         "that leave the band on a curve tell of a joint that the law does not describe.",
+    ),
+    Plate(
+        "backbone",
+        backbone,
+        "extra_backbone",
+        "What do frequency and damping become as the joint slips?",
+        "Natural frequency and equivalent damping of the identified joint against amplitude. "
+        "Beyond the amplitudes that were fitted (grey) the law is trusted, not tested.",
     ),
     Plate(
         "ridge",

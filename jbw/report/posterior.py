@@ -90,6 +90,7 @@ def _densities(ax: Axes, tree: xr.DataTree, sources: tuple[Source, ...], name: s
     ax.set_ylim(-0.06 * top * (len(known) + 0.8), 1.06 * top)
     ax.set_yticks([tick for tick in ax.get_yticks() if 0 <= tick <= 1.06 * top])
     ax.set_xlabel(axis_label(symbol(name), known[0][1].unit))
+    ax.locator_params(axis="x", nbins=4)
 
 
 def _reach(known: list[tuple[Source, Parameter]]) -> tuple[float, float]:
@@ -147,15 +148,21 @@ def _forest(ax: Axes, tree: xr.DataTree, sources: list[Source], name: str) -> No
 def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Draw alpha against delta: Step 3 with the curve alpha delta = const, and all together.
 
-    Panels: Step 3 in the prior box, the joint posterior at its own scale (2 axes).
+    Panels: Step 3 in the prior box, the joint posterior at its own scale (2 axes; 1 where the run
+    has but one of them).
     """
-    axes = panels(ax, 1, 2, height=3.4)
-    drawn = [_cloud(axes[0, 0], tree, source) for source in reversed(THIRD_ORDER)]
-    alone = _cloud(axes[0, 1], tree, JOINT)
-    if not any(drawn) and not alone:
+    third = [each for each in reversed(THIRD_ORDER) if _pair(tree, each) is not None]
+    present = [each for each in (third, [JOINT] if _pair(tree, JOINT) else []) if each]
+    if not present:
         raise DataError("The result has no posterior of alpha and delta.")
-    title(axes[0, 0], "Step 3, within the prior box")
-    title(axes[0, 1], "Step 4, all parameters, enlarged")
+    axes = panels(ax, 1, len(present), height=3.4)
+    for each, sources in zip(axes[0], present, strict=True):
+        for source in sources:
+            _cloud(each, tree, source)
+        alone = sources == [JOINT]
+        title(each, JOINT.label + ", enlarged" if alone else "Step 3, within the prior box")
+        each.locator_params(axis="x", nbins=4)
+        each.ticklabel_format(useOffset=False)
     pair = _pair(tree, THIRD_ORDER[2]) or _pair(tree, THIRD_ORDER[0])
     if pair is not None:
         _constant_product(axes[0, 0], *pair)
@@ -181,11 +188,11 @@ def _pair(tree: xr.DataTree, source: Source) -> tuple[Parameter, Parameter] | No
     return None if alpha is None or delta is None else (alpha, delta)
 
 
-def _cloud(ax: Axes, tree: xr.DataTree, source: Source, most: int = 2000) -> bool:
+def _cloud(ax: Axes, tree: xr.DataTree, source: Source, most: int = 2000) -> None:
     """Draw the draws of alpha against delta, `most` at most, and the truth."""
     pair = _pair(tree, source)
     if pair is None:
-        return False
+        return
     alpha, delta = pair
     every = max(1, alpha.draws.size // most)
     x, y = delta.draws.reshape(-1)[::every], alpha.draws.reshape(-1)[::every]
@@ -194,4 +201,3 @@ def _cloud(ax: Axes, tree: xr.DataTree, source: Source, most: int = 2000) -> boo
     if alpha.truth is not None and delta.truth is not None:
         ax.plot(delta.truth, alpha.truth, "P", ms=8, color=INK, mec="white", label="truth")
     ax.set(xlabel=axis_label("δ", delta.unit), ylabel=axis_label("α", alpha.unit))
-    return True

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from jbw.report.curves import verification_curves, verification_loops, verification_multisine
 from jbw.report.decay import verification_decay
 from jbw.report.linear import BAND, level_text
+from jbw.report.phase import beside, unwrapped_band
 from jbw.report.style import (
     INK,
     MODEL,
@@ -25,7 +26,6 @@ from jbw.report.style import (
 from jbw.report.sweep import extremes, resonance_slice, short, verification_sweep
 from jbw.report.text import axis_label, unit_text
 
-DEGREES = 180.0 / np.pi
 PREDICTIVE_LABEL = "99 % predictive band (noise included)"
 SWEEP = {"measured", "measured_band", "model_band", "predictive_band"}
 # Variables that a figure of the report needs, the group it reads, and the figure.
@@ -120,8 +120,9 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
     axes = panels(None, 2, len(suffixes), height=4.2, sharex="col", height_ratios=[1.6, 1])
     for column, suffix in zip(axes.T, suffixes, strict=True):
         values = dataset[f"model_magnitude{suffix}"]
-        for ax, variable, scale in zip(column, ("magnitude", "phase"), (1.0, DEGREES), strict=True):
-            _harmonic(ax, dataset, f"{variable}{suffix}", scale)
+        turned = _in_degrees(dataset, suffix)
+        for ax, variable in zip(column, ("magnitude", "phase"), strict=True):
+            _harmonic(ax, turned, f"{variable}{suffix}")
         if dataset.sizes["freq"] > 1:
             log_y(column[0])
         what = plain(values.attrs.get("long_name", "response"))
@@ -133,7 +134,20 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
     return axes
 
 
-def _harmonic(ax: Axes, dataset: xr.Dataset, variable: str, scale: float) -> None:
+def _in_degrees(dataset: xr.Dataset, suffix: str) -> xr.Dataset:
+    """Return the phases of a harmonic in degrees, all within half a turn of the model's median."""
+    model = dataset[f"model_phase{suffix}"].transpose("quantile", "freq")
+    band = unwrapped_band(np.asarray(model, float))
+    names = [f"{which}_phase{suffix}" for which in ("predictive", "measured")]
+    others = {
+        name: (dataset[name].dims, beside(np.asarray(dataset[name], float), band[1]))
+        for name in names
+        if name in dataset and dataset[name].dims[-1] == "freq"
+    }
+    return dataset.assign({f"model_phase{suffix}": (model.dims, band), **others})
+
+
+def _harmonic(ax: Axes, dataset: xr.Dataset, variable: str) -> None:
     """Draw one quantity of a harmonic: bands, of a single frequency as bars, and marks."""
     freq = np.asarray(dataset["freq"], float)
     for prefix, colour, label, width in (
@@ -143,12 +157,12 @@ def _harmonic(ax: Axes, dataset: xr.Dataset, variable: str, scale: float) -> Non
         if f"{prefix}_{variable}" not in dataset:
             continue
         band = dataset[f"{prefix}_{variable}"].transpose("quantile", "freq")
-        low, middle, high = scale * np.asarray(band, float)
+        low, middle, high = np.asarray(band, float)
         if freq.size == 1:
             ax.vlines(freq, low, high, color=colour, lw=width, alpha=0.6, label=label)
         else:
             shade(ax, freq, low, high, colour, label, alpha=0.5)
         ax.plot(freq, middle, color=MODEL, lw=1.0, marker="_" if freq.size == 1 else "")
     if f"measured_{variable}" in dataset:
-        measured = scale * np.asarray(dataset[f"measured_{variable}"], float)
+        measured = np.asarray(dataset[f"measured_{variable}"], float)
         ax.plot(freq, measured, "o", color=INK, ms=4, mfc="none", label="measured")

@@ -7,6 +7,8 @@ import math
 import re
 from typing import Any
 
+import numpy as np
+
 SYMBOLS = {
     "omega_n": "ωₙ",
     "zeta": "ζ",
@@ -83,6 +85,14 @@ def number(value: Any, sd: Any = None, digits: int = 3) -> str:
         return text.replace("-", "−")
     mantissa = f"{value / 10.0**lead:.{min(15, max(0, lead - last))}f}"
     return f"{mantissa}×10{str(lead).translate(_RAISED)}".replace("-", "−")
+
+
+def spread_text(draws: Any, unit: str) -> str:
+    """Return the median of draws with its unit, and half of their 99 % interval in percent."""
+    low, middle, high = (float(each) for each in np.nanquantile(draws, [0.005, 0.5, 0.995]))
+    half = 0.5 * (high - low)
+    text = f"{number(middle, max(half, 1e-4 * abs(middle)))} {unit_text(unit)}".rstrip()
+    return f"{text} ± {percent(half / abs(middle), digits=2)}" if middle else text
 
 
 def percent(value: Any, digits: int = 3) -> str:

@@ -149,7 +149,7 @@ def test_every_status_has_words(small, summary, status):
 def test_a_bare_summary_still_makes_a_page():
     text = render_page({}, xr.DataTree())
     assert "not judged" in text
-    assert text.count("<li>Figure") == 10
+    assert text.count("<li>Figure") == 12
 
 
 def test_a_failed_page_leaves_the_old_one(small, summary, tmp_path, monkeypatch):

@@ -187,6 +187,46 @@ def validation_loop(rng, level):
     return xr.Dataset(found, {"phase": phase, "quantile": QUANTILE}, attrs)
 
 
+def backbone():
+    """A joint that softens and dissipates in proportion to the amplitude, and its loops."""
+    amplitude = np.linspace(0.0, 8e-3, 41)[1:]
+    part = amplitude / 6.4e-3
+    dims = ("quantile", "amplitude")
+    frequency = 18.8 - 0.2 * part + 0.001 * part * SPREAD[:, None]
+    damping = 0.0044 + 0.002 * part + 2e-5 * part * SPREAD[:, None]
+    angle = np.linspace(0, 2 * np.pi, 128, endpoint=False)
+    y = np.array([1.6e-3, 3.2e-3, 6.4e-3])[:, None] * np.cos(angle)
+    z = 300 * y - 60 * y.max(axis=1, keepdims=True) * np.sin(angle)
+    found = {
+        "frequency": variable(dims, frequency, "Hz"),
+        "damping": variable(dims, damping, "1"),
+        "loop_y": variable(("loop", "phase"), y, "m"),
+        "loop_z": variable(("quantile", "loop", "phase"), z * (1 + 0.01 * SPREAD[:, None, None])),
+        "stuck": variable(("quantile",), 497.4 + SPREAD, "s-2"),
+    }
+    return xr.Dataset(found, {"amplitude": amplitude, "quantile": QUANTILE}, {"y_fitted": 6.4e-3})
+
+
+def procedure():
+    """Verdicts and mixing of the toy's steps."""
+    rows = {
+        "linear": ("", np.nan, np.nan),
+        "third_order_nuts": ("ok", 812.0, 1.004),
+        "third_order_paper": ("failed", 4.2, 4.1),
+        "third_order_walk": ("not assessed", 433.0, 1.02),
+        "opening_nuts": ("ok", 950.0, 1.001),
+        "opening_paper": ("failed", 9.0, 1.4),
+        "joint": ("ok", 1404.0, 1.003),
+    }
+    verdict, ess, r_hat = zip(*rows.values(), strict=True)
+    found = {
+        "verdict": ("step", np.asarray(verdict, object)),
+        "ess": variable(("step",), np.array(ess), "1"),
+        "r_hat": variable(("step",), np.array(r_hat), "1"),
+    }
+    return xr.Dataset(found, {"step": np.asarray(list(rows), object)}, {"main": "joint"})
+
+
 def result_tree():
     rng = np.random.default_rng(0)
     main = posterior(
@@ -211,6 +251,8 @@ def result_tree():
         "/steps/opening_paper/sample_stats": statistics(rng, 2.0, draws=765),
         "/verification/h3": kernel(rng),
         "/verification/spectrum": spectrum(rng),
+        "/verification/backbone": backbone(),
+        "/procedure": procedure(),
     }
     for level in LEVELS:
         name = f"sweep_{level:.2f}".replace(".", "p")

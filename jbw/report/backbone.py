@@ -1,0 +1,81 @@
+"""How frequency and damping of the identified joint depend on the amplitude."""
+
+# Greek letters are meant.
+# ruff: noqa: RUF001
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from matplotlib.axes import Axes
+
+from jbw.report.linear import BAND
+from jbw.report.result import branch
+from jbw.report.style import LEVELS, MODEL, SOFT, Panels, legend, panels, shade
+from jbw.report.text import axis_label, number
+
+GROUP = "verification/backbone"
+PERCENT = 100.0
+PREFIXES = ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"))
+
+
+def length_unit(largest: float) -> tuple[float, str]:
+    """Return factor and unit that write a length [m] with digits before the point."""
+    return next((each for each in PREFIXES if largest * each[0] >= 1.0), PREFIXES[-1])
+
+
+def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw natural frequency and equivalent damping against amplitude, with 99 % bands.
+
+    Panels: frequency, damping (2 axes); grey beyond the amplitudes that were fitted.
+    """
+    found = branch(tree, GROUP, "frequency", "damping")
+    axes = panels(ax, 1, 2, height=3.0)
+    amplitude, end = np.asarray(found["amplitude"], float), float(found.attrs["y_fitted"])
+    factor, unit = length_unit(end)
+    for each, name, scale, label in (
+        (axes[0, 0], "frequency", 1.0, axis_label("natural frequency", "Hz")),
+        (axes[0, 1], "damping", PERCENT, axis_label("equivalent damping ratio", "%")),
+    ):
+        low, middle, high = scale * np.asarray(
+            found[name].transpose("quantile", "amplitude"), float
+        )
+        shade(each, factor * amplitude, low, high, MODEL, BAND, alpha=0.4)
+        each.plot(factor * amplitude, middle, color=MODEL, lw=1.1, label="median of the model")
+        each.axvspan(
+            factor * end, factor * amplitude[-1], color=SOFT, alpha=0.15, lw=0,
+            label="beyond what was fitted",
+        )  # fmt: skip
+        each.set(xlim=(0.0, factor * amplitude[-1]), ylabel=label)
+        each.set_xlabel(axis_label("amplitude of displacement", unit))
+        each.ticklabel_format(axis="y", useOffset=False)
+    legend(axes, ax)
+    return axes
+
+
+def steady_loops(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
+    """Draw the hysteretic force of the identified joint along cycles of three amplitudes."""
+    found = branch(tree, GROUP, "loop_y", "loop_z", "stuck")
+    axes = panels(ax, 1, 1, height=3.4)
+    only: Axes = axes[0, 0]
+    y = np.asarray(found["loop_y"].transpose("loop", "phase"), float)
+    z = np.asarray(found["loop_z"].transpose("quantile", "loop", "phase"), float)
+    factor, unit = length_unit(float(y.max()))
+    stuck = float(found["stuck"].isel(quantile=1))
+    _stuck(only, factor, stuck, float(y.max()), 1.15 * float(np.nanmax(z)))
+    for i, colour in enumerate(LEVELS[: len(y)]):
+        label = f"slipping, {number(factor * y[i].max())} {unit}"
+        closed = np.append(y[i], y[i, 0]) * factor
+        only.plot(closed, np.append(z[1, i], z[1, i, 0]), color=colour, lw=1.2, label=label)
+    only.set_xlabel(axis_label("displacement y", unit))
+    only.set_ylabel(axis_label("hysteretic force Z", "N/kg"))
+    legend(axes, ax)
+    return only
+
+
+def _stuck(ax: Axes, factor: float, stiffness: float, reach: float, top: float) -> None:
+    """Draw Z = alpha y, the joint without slip, no higher than `top` [N/kg]."""
+    end = min(reach, top / abs(stiffness)) if stiffness else reach
+    line: Float[np.ndarray, " point"] = np.array([-end, end])
+    ax.plot(factor * line, stiffness * line, color=SOFT, lw=1.0, ls="--", label="stuck, Z = α y")
