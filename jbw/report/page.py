@@ -13,9 +13,11 @@ from markupsafe import Markup
 from jbw.errors import DataError
 from jbw.report import tables
 from jbw.report.figures import figure_of, svg
+from jbw.report.findings import STATUS_WORDS, badge, findings
 from jbw.report.identifiability_rows import quantity_rows, spectrum_rows, waterfall_words
 from jbw.report.plates import PLATES, Plate
 from jbw.report.text import seconds
+from jbw.report.words import identified_words, in_symbols
 
 
 class Drawn(NamedTuple):
@@ -65,26 +67,48 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         undefined=jinja2.StrictUndefined,
     )
     verdict = summary.get("verdict") or {}
-    status = tables.badge(verdict)
+    status = badge(verdict)
     return environment.get_template("page.html").render(
         campaign=_campaign_name(summary.get("campaign")),
         status=status,
-        status_words=tables.STATUS_WORDS.get(status.word, "Read the findings before using it."),
-        findings=tables.findings(verdict),
+        status_words=STATUS_WORDS.get(status.word, "Read the findings before using it."),
+        findings=findings(verdict),
         steps=tables.step_rows(summary),
         drawn=[_draw(plate, tree) for plate in PLATES],
         predictions=tables.prediction_rows(summary),
         spectrum=spectrum_rows(summary),
         quantities=quantity_rows(summary),
-        known_words=list((summary.get("identifiability") or {}).get("statements") or []),
+        identified=identified_words(summary),
+        known_words=_statements(summary.get("identifiability")),
         waterfall=waterfall_words(summary),
         routes=tables.route_rows(summary),
-        route_words=list((summary.get("comparison") or {}).get("statements") or []),
+        route_words=_statements(summary.get("comparison")),
         loops=tables.loop_rows(summary, tree),
         checks=tables.data_rows(tree),
         provenance=_provenance(summary),
-        inputs=dict(summary.get("inputs") or {}),
+        inputs=_inputs(summary.get("inputs") or {}),
     )
+
+
+def _statements(part: Any) -> list[str]:
+    """Return the sentences of a part of the summary."""
+    return [in_symbols(str(each)) for each in (part or {}).get("statements") or []]
+
+
+class Inputs(NamedTuple):
+    """The files that were read: the folder that all lie in, and each one's rest and hash."""
+
+    folder: str
+    files: list[tuple[str, str]]
+
+
+def _inputs(hashes: Mapping[str, str]) -> Inputs:
+    """Return the input files below the folder that they share."""
+    paths = sorted(hashes)
+    folders = {os.path.dirname(path) for path in paths}
+    folder = os.path.commonpath(folders) if folders and "" not in folders else ""
+    start = len(folder) + 1 if folder else 0
+    return Inputs(folder, [(path[start:], hashes[path]) for path in paths])
 
 
 def _campaign_name(campaign: Any) -> str:

@@ -1,57 +1,28 @@
 """Rows of the report's tables: numbers from the summary, ready to print."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from jbw.errors import DataError
+from jbw.report.findings import badge, findings
 from jbw.report.kernel import source_correction
 from jbw.report.linear import resonance_window
 from jbw.report.loops import BAND_SDS, MILLI, Areas, enclosed_areas
 from jbw.report.result import branch, frequency, node
 from jbw.report.text import NOTHING, number, percent, seconds, step_name, symbol, unit_text
+from jbw.report.words import in_symbols
 
-STATUS_WORDS = {
-    "ok": "The main posterior can be used.",
-    "not assessed": "Some checks could not be made: hold the main posterior as provisional.",
-    "failed": "The main posterior must not be used as it is.",
-}
-KINDS = {"ok": "good", "failed": "bad"}
 BEYOND = 1.05  # of the fitted displacement: from where on a prediction is said to extrapolate
 
 
-class Badge(NamedTuple):
-    """A status as a word and a kind: good, doubt or bad."""
-
-    word: str
-    kind: str
-
-
-def badge(verdict: Any) -> Badge:
-    """Return the badge of a verdict, a status or nothing."""
-    word = str(verdict.get("status", "") if isinstance(verdict, Mapping) else verdict or "")
-    return Badge(word or "not judged", KINDS.get(word, "doubt"))
-
-
-def findings(verdict: Any) -> list[dict[str, Any]]:
-    """Return a verdict's findings, the bad ones first, with their number in print."""
-    found = verdict.get("findings", []) if isinstance(verdict, Mapping) else []
-    listed = [
-        {
-            "badge": badge(each.get("status")),
-            "reason": str(each.get("reason") or each.get("code") or ""),
-            "number": number(each.get("number")).replace(NOTHING, ""),
-            "action": str(each.get("action") or ""),
-        }
-        for each in found
-    ]
-    return sorted(listed, key=lambda each: ("bad", "doubt", "good").index(each["badge"].kind))
-
-
 def step_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return Table 1: for every step its verdict, and a row of text for every parameter."""
+    """Return Table 1: for every step its verdict, and a row of text for every parameter.
+
+    The main step comes first: it is what the others are held against.
+    """
     main = summary.get("main")
     return [
         {
@@ -60,14 +31,16 @@ def step_rows(summary: Mapping[str, Any]) -> list[dict[str, Any]]:
             "badge": badge(step.get("verdict")),
             "judged": bool(step.get("verdict")),
             "findings": findings(step.get("verdict")),
-            "statements": list(step.get("statements") or []),
+            "statements": [in_symbols(str(each)) for each in step.get("statements") or []],
             "wall": seconds(step.get("wall_time_s")),
             "rows": [
                 _parameter_row(key, facts) for key, facts in (step.get("parameters") or {}).items()
             ],
             "correlations": _correlations(step.get("correlation")),
         }
-        for name, step in (summary.get("steps") or {}).items()
+        for name, step in sorted(
+            (summary.get("steps") or {}).items(), key=lambda each: each[0] != main
+        )
     ]
 
 

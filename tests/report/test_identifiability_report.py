@@ -74,4 +74,4 @@ def test_a_run_without_is_shown_without(summary, tree):
     assert "What the data identify" not in page
     page = render_page(summary, bare)
     assert "What the data identify" in page
-    assert "&lt;alpha&gt;" in page
+    assert "&lt;α&gt;" in page
