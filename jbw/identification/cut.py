@@ -58,7 +58,7 @@ class OpeningCurve(eqx.Module):
 
 
 def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> OpeningCurve:
-    """Solve at the Chebyshev nodes of gamma's prior and make the series.
+    """Solve at the Chebyshev nodes of gamma's prior and make the series; usable under vmap.
 
     Args:
         records: The reduced sweeps.
@@ -69,12 +69,13 @@ def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> Op
         The series of every level.
     """
     s = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
-    lower, upper = float(prior.lower[0]), float(prior.upper[0])
-    gamma = lower + (s + 1) / 2 * (upper - lower)
-    values = np.asarray(_misfits(jnp.asarray(gamma), _arrays(held), records))
-    coefficients = np.polynomial.chebyshev.chebfit(s, values, NODES - 1).T
+    gamma = prior.lower[0] + (s + 1) / 2 * (prior.upper[0] - prior.lower[0])
+    values = _misfits(gamma, _arrays(held), records)
+    # Discrete orthogonality of the polynomials at these nodes; the mean comes with half the weight.
+    series = 2 / NODES * np.polynomial.chebyshev.chebvander(s, NODES - 1).T
+    series[0] /= 2
     return OpeningCurve(
-        coefficients=jnp.asarray(coefficients),
+        coefficients=(series @ values).T,
         within=records.repeats.within,
         num_values=records.repeats.num_values,
         noise_std=records.repeats.noise_std,

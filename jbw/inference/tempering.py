@@ -77,24 +77,24 @@ def tempered_draws(
     d = len(problem.box.names)
     num_moves = 5 * d + 5
     keys = jax.random.split(key, num_chains)
-    runs = _runs(keys, problem, num_samples, num_moves, whitened, chain_method)
-    require_possible(bool(np.all(runs.possible)))
-    theta = bridge(problem, whitened).theta(runs.y)
-    evaluations = (np.asarray(runs.num_steps) + 1) * num_samples * (num_moves + 3)
+    found = runs(keys, problem, num_samples, num_moves, whitened, chain_method)
+    require_possible(bool(np.all(found.possible)))
+    theta = bridge(problem, whitened).theta(found.y)
+    evaluations = (np.asarray(found.num_steps) + 1) * num_samples * (num_moves + 3)
     return Drawn(
         {name: np.asarray(values) for name, values in theta.items()},
         {},
         {
-            **pooled_evidence(np.asarray(runs.log_evidence), np.asarray(runs.variance)),
-            "num_steps": [int(n) for n in runs.num_steps],
-            "inverse_temperature": float(np.min(runs.inverse_temperature)),
+            **pooled_evidence(np.asarray(found.log_evidence), np.asarray(found.variance)),
+            "num_steps": [int(n) for n in found.num_steps],
+            "inverse_temperature": float(np.min(found.inverse_temperature)),
             "num_evaluations": int(np.sum(evaluations)),
         },
     )
 
 
 @eqx.filter_jit
-def _runs(
+def runs(
     keys: Key[Array, " chain"],
     problem: Problem,
     num_particles: int,
@@ -102,6 +102,17 @@ def _runs(
     whitened: bool,
     chain_method: str,
 ) -> Run:
+    """Independent runs, usable under jit and vmap.
+
+    Args:
+        keys: One key a run.
+        problem: The posterior.
+        num_particles: Particles of each run.
+        num_moves: Moves of every particle between two temperatures.
+        whitened: Whether to start from the Laplace approximation instead of the whole box.
+        chain_method: How runs share the machine.
+    """
+
     def one(key: Key[Array, ""], problem: Problem) -> Run:
         return _run(key, bridge(problem, whitened), num_particles, num_moves)
 

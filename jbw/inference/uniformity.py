@@ -96,9 +96,7 @@ def ecdf_envelope(
     return lower / num_replications, upper / num_replications
 
 
-def coverage_interval(
-    inside: int, count: int, level: float = 0.99
-) -> tuple[float, float]:
+def coverage_interval(inside: int, count: int, level: float = 0.99) -> tuple[float, float]:
     """Clopper-Pearson interval of a probability.
 
     Args:

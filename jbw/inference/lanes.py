@@ -1,0 +1,200 @@
+"""Samplers that run under vmap: the posteriors of many data sets at once, one lane each."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, Key, PyTree
+
+from jbw.errors import ConfigError
+from jbw.inference.box import Box
+from jbw.inference.bridge import FORBIDDEN, bridge
+from jbw.inference.chains import advance_chains, start_chains
+from jbw.inference.kernels import Problem, Settings
+from jbw.inference.lane_fit import About, locate
+from jbw.inference.laplace import no_whitening
+from jbw.inference.model import LogLikelihood, Theta
+from jbw.inference.random_walk import PAPER
+from jbw.inference.start import OVERDISPERSION
+from jbw.inference.tempering import runs
+
+TOGETHER = 128  # points evaluated side by side
+CHAINS = ("nuts", "random_walk", "random_walk_paper", "elliptical_slice")
+
+
+class Draws(NamedTuple):
+    """Draws from one posterior.
+
+    Attributes:
+        theta: By name, chains or runs that do not know each other along the first axis.
+        arrived: Whether the sampler came to its end: a possible start, the whole likelihood.
+    """
+
+    theta: dict[str, Float[Array, "chain draw"]]
+    arrived: Bool[Array, ""]
+
+
+LaneSampler = Callable[[Key[Array, ""], LogLikelihood, Box, PyTree], Draws]
+
+
+def tempered(
+    num_particles: int = 512,
+    num_runs: int = 2,
+    num_moves: int | None = None,
+    about: About | None = None,
+) -> LaneSampler:
+    """Tempered sequential Monte Carlo, from the whole prior or about a located posterior.
+
+    Args:
+        num_particles: Particles of each run.
+        num_runs: Independent runs.
+        num_moves: Moves of every particle between two temperatures; 5 d + 5 when None.
+        about: How to locate the posterior; from the whole box when None.
+
+    Returns:
+        The sampler.
+    """
+
+    def draw(key: Key[Array, ""], log_likelihood: LogLikelihood, box: Box, data: PyTree) -> Draws:
+        key_locate, key_runs = jax.random.split(key)
+        moves = 5 * len(box.names) + 5 if num_moves is None else num_moves
+        problem, whitened, theta = _placed(key_locate, log_likelihood, box, data, about)
+        keys = jax.random.split(key_runs, num_runs)
+        found = runs(keys, problem, num_particles, moves, whitened, "vectorized")
+        drawn = theta(bridge(problem, whitened).theta(found.y))
+        return Draws(drawn, jnp.all(found.possible & (found.inverse_temperature >= 1)))
+
+    return draw
+
+
+def chains(
+    sampler: str,
+    num_warmup: int = 500,
+    num_samples: int = 500,
+    num_chains: int = 4,
+    about: About | None = None,
+) -> LaneSampler:
+    """Markov chains, dispersed over the prior or about a located posterior.
+
+    Args:
+        sampler: "nuts", "random_walk", "random_walk_paper" or "elliptical_slice".
+        num_warmup: Steps of adaptation, discarded.
+        num_samples: Draws kept of each chain.
+        num_chains: Chains.
+        about: How to locate the posterior; chains start over the whole box when None.
+
+    Returns:
+        The sampler.
+
+    Raises:
+        ConfigError: An unknown sampler, or elliptical slices about nothing.
+    """
+    if sampler not in CHAINS:
+        raise ConfigError(
+            f"Argument `sampler` must be one of {', '.join(CHAINS)}, not {sampler!r}."
+        )
+    if sampler == "elliptical_slice" and about is None:
+        raise ConfigError(
+            "Sampler elliptical_slice needs to know where the posterior lies, but `about` is None."
+        )
+    paper = sampler == "random_walk_paper"
+    settings = Settings(
+        sampler="random_walk" if paper else sampler,
+        num_warmup=num_warmup,
+        chain_method="vectorized",
+        target_accept=0.8 if sampler == "nuts" else 0.3,
+        step_size=PAPER.step_size if paper else None,
+        adapt_mass=True,
+        whitened=about is not None,
+        forward_mode=False,
+        max_tree_depth=8,
+    )
+
+    def draw(key: Key[Array, ""], log_likelihood: LogLikelihood, box: Box, data: PyTree) -> Draws:
+        key_locate, key_chains = jax.random.split(key)
+        problem, whitened, theta = _placed(key_locate, log_likelihood, box, data, about)
+        z = jnp.tile(problem.whitening.centre, (num_chains, 1))
+        spread = jnp.asarray(OVERDISPERSION if whitened else 1.0)
+        keys = jax.random.split(key_chains, num_chains)
+        states, possible = start_chains(keys, z, spread, problem, settings)
+        count = jnp.asarray(num_warmup)
+        # One row: what is written beyond it is dropped, which is what becomes of warm-up.
+        states, _ = advance_chains(states, count, 1, problem, settings)
+        count = jnp.asarray(num_samples)
+        _, drawn = advance_chains(states, count, num_samples, problem, settings)
+        return Draws(theta(drawn.theta), jnp.all(possible))
+
+    return draw
+
+
+def weighted(
+    about: About, num_draws: int = 4000, num_kept: int = 1000, num_groups: int = 4
+) -> LaneSampler:
+    r"""Importance sampling about a located posterior: no lane waits for another.
+
+    $$w_i \propto p(\theta_i \mid D) / t_5(\theta_i)$$
+
+    Draws are kept in proportion to their weights, in groups that do not know each other. The
+    sampler has arrived where the weights are worth as many draws as there are in a tenth of those
+    that were kept.
+
+    Args:
+        about: How to locate the posterior.
+        num_draws: Points that are weighed.
+        num_kept: Draws that are left of them.
+        num_groups: Groups, which stand for chains.
+
+    Returns:
+        The sampler.
+    """
+
+    def draw(
+        key: Key[Array, ""], log_likelihood: LogLikelihood, box: Box, data: PyTree
+    ) -> Draws:
+        key_locate, key_draw, key_keep = jax.random.split(key, 3)
+        problem, whitened, theta = _placed(key_locate, log_likelihood, box, data, about)
+        way = bridge(problem, whitened)
+        w = way.draw(key_draw, num_draws).reshape(num_groups, -1, len(box.names))
+        log_ratio = jax.lax.map(way.log_ratio, w.reshape(num_draws, -1), batch_size=TOGETHER)
+        share = jax.nn.softmax(log_ratio.reshape(num_groups, -1), axis=1)
+        keys = jax.random.split(key_keep, num_groups)
+        kept = jax.vmap(lambda k, p: _stratified(k, p, num_kept // num_groups))(keys, share)
+        drawn = theta(way.theta(jnp.take_along_axis(w, kept[..., None], axis=1)))
+        worth = jnp.sum(1 / jnp.sum(share**2, axis=1))
+        return Draws(drawn, (worth >= num_kept / 10) & jnp.any(log_ratio > FORBIDDEN / 2))
+
+    return draw
+
+
+def _stratified(
+    key: Key[Array, ""], share: Float[Array, " draw"], count: int
+) -> Int[Array, " kept"]:
+    """Indices in proportion to shares, one from each of `count` equal strata, in random order."""
+    key_place, key_order = jax.random.split(key)
+    places = (jnp.arange(count) + jax.random.uniform(key_place, (count,))) / count
+    found = jnp.searchsorted(jnp.cumsum(share), places)
+    return jax.random.permutation(key_order, jnp.minimum(found, share.size - 1))
+
+
+class _Placed(NamedTuple):
+    """A posterior in the coordinate that it is drawn in, and the way back."""
+
+    problem: Problem
+    whitened: bool
+    theta: Callable[[Theta], dict[str, Array]]
+
+
+def _placed(
+    key: Key[Array, ""],
+    log_likelihood: LogLikelihood,
+    box: Box,
+    data: PyTree,
+    about: About | None,
+) -> _Placed:
+    if about is None:
+        whitening = no_whitening(len(box.names))
+        return _Placed(Problem(log_likelihood, None, box, data, whitening), False, dict)
+    found = locate(key, about, log_likelihood, box, data)
+    problem = Problem(found.log_likelihood, found.log_prior, found.box, data, found.whitening)
+    return _Placed(problem, True, found.theta)
