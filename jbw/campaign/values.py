@@ -38,9 +38,13 @@ def number(value: Any) -> float:
     """A finite number; true and false are none."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"must be a number, but is {value!r}.")
-    if not isfinite(value):
+    try:
+        found = float(value)
+    except OverflowError:  # a whole number of hundreds of digits
+        found = float("inf")
+    if not isfinite(found):
         raise ValueError(f"must be finite, but is {value}.")
-    return float(value)
+    return found
 
 
 def positive(value: Any) -> float:

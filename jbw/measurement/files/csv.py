@@ -41,7 +41,8 @@ def contents(path: Path) -> Iterator[Contents]:
     text = _decode(path.read_bytes())
     lines = text.splitlines()
     dialect = sniff(lines[:LOOKED_AT], path.name)
-    _refuse_cut(text, lines[dialect.first :], path)
+    _refuse_broken(lines[: dialect.first], dialect, path)
+    _refuse_cut(text, lines[dialect.first :], dialect, path)
     table = _numbers(lines[dialect.first :], dialect)
     header = _header(lines[: dialect.first], dialect)
     root: dict[str, Node] = {"column": leaf(table.T)}
@@ -54,17 +55,60 @@ def contents(path: Path) -> Iterator[Contents]:
     yield Contents(root, "CSV", notes=notes)
 
 
-def _refuse_cut(text: str, body: Sequence[str], path: Path) -> None:
-    """A last line without its end, shorter than all others: its last number may lack digits."""
+def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
+    """A line of measured values above the table: one below it broke the table in two."""
+    rows = [_fields(line, dialect.delimiter) for line in header]
+    wide = [i for i, row in enumerate(rows) if len(row) == dialect.columns]
+    # The first line of the table's width may name the columns, by numbers too; and a recorder may
+    # list a word and numbers above the names, but not between the names and the table.
+    words = [sum(not _is_number(x, dialect.decimal) for x in row) for row in rows]
+    values = [i for i in wide[1:] if words[i] == 0 and _has_decimals(rows[i], dialect)]
+    last = len(rows) - 1
+    if wide and wide[0] < last and len(rows[-1]) >= dialect.columns and words[-1] <= 1:
+        values += [last] if _has_decimals(rows[-1], dialect) else []
+    if values:
+        broken = next(i for i in (*range(values[0], last), last) if words[i] or i not in wide)
+        raise DataError(
+            f"File `{path}` cannot be read by the csv reader: line {broken + 1} breaks the table "
+            f"of {dialect.columns} columns: {header[broken][:60]!r}.",
+            why="The lines before it hold numbers, and would be lost.",
+            remedy="Copy or export the file again, or correct the line.",
+        )
+
+
+def _has_decimals(fields: Sequence[str], dialect: Dialect) -> bool:
+    """Whether a field is a number with decimals, as no column's number is."""
+    return any(dialect.decimal in x and _is_number(x, dialect.decimal) for x in fields)
+
+
+def _is_number(text: str, decimal: str) -> bool:
+    try:
+        float(_pointed(text, decimal))
+    except ValueError:
+        return False
+    return True
+
+
+def _refuse_cut(text: str, body: Sequence[str], dialect: Dialect, path: Path) -> None:
+    """A last line without its end, with fewer digits than all others: some may be lacking."""
     if text.endswith(("\n", "\r")) or len(body) < 2:
         return
-    if len(body[-1]) < min(map(len, body[:-1])):
+    last, *others = (_digits(line, dialect) for line in (body[-1], *body[:-1]))
+    if any(own < min(column) for own, column in zip(last, zip(*others, strict=True), strict=True)):
         raise DataError(
             f"File `{path}` ({path.stat().st_size} bytes) ends in the middle of a line for the csv "
-            f"reader: {body[-1][:60]!r} has no end and is shorter than every other line.",
+            f"reader: {body[-1][:60]!r} has no end and fewer digits than every other line.",
             why="The last number may lack digits.",
             remedy="Copy the file again; if it is whole, end its last line.",
         )
+
+
+def _digits(line: str, dialect: Dialect) -> tuple[int, int, int]:
+    """Length of a line without signs, and digits of its last number's fraction and exponent."""
+    last = (_fields(line, dialect.delimiter) or [""])[-1].lower()
+    mantissa, _, exponent = last.partition("e")
+    fraction = mantissa.partition(dialect.decimal)[2]
+    return len(line.replace("-", "").replace("+", "")), len(fraction), len(exponent.strip("+-"))
 
 
 def sniff(lines: Sequence[str], file: str) -> Dialect:
@@ -116,12 +160,7 @@ def _width(line: str, delimiter: str | None, decimal: str) -> int:
     fields = _fields(line, delimiter)
     if any(text.count('"') % 2 for text in line.split(delimiter)):
         return 0  # the delimiter cuts a quoted field, such as "1,5"
-    try:
-        for text in fields:
-            float(_pointed(text, decimal))
-    except ValueError:
-        return 0
-    return len(fields)
+    return len(fields) if all(_is_number(text, decimal) for text in fields) else 0
 
 
 def _pointed(text: str, decimal: str) -> str:

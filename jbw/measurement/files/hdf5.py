@@ -65,10 +65,26 @@ def group_tree(group: h5py.Group) -> dict[str, Node]:
 def fs_of(attributes: Mapping[str, Any]) -> float | None:
     """Sampling frequency [Hz] among attributes: `fs`, or `dt` [s]."""
     for name, to_fs in (("fs", lambda fs: fs), ("dt", lambda dt: 1 / dt)):
-        if name in attributes and np.size(attributes[name]) == 1:
-            value = float(np.ravel(attributes[name])[0])
-            return to_fs(value) if value > 0 else None
+        found = attribute(attributes, name)
+        if isinstance(found, str | bytes) or np.size(found) != 1:
+            continue
+        value = float(np.ravel(found)[0])
+        return to_fs(value) if value > 0 else None
     return None
+
+
+def attribute(attributes: Mapping[str, Any], name: str) -> Any:
+    """An attribute that is text or a number; empty text where there is none, or another type.
+
+    Attributes of other types are never read: a changed byte in their type can end the process.
+    """
+    if name not in attributes:
+        return ""
+    if isinstance(attributes, h5py.AttributeManager):
+        kind = attributes.get_id(name).get_type()
+        if not isinstance(kind, h5py.h5t.TypeStringID | h5py.h5t.TypeAtomicID):
+            return ""
+    return attributes[name]
 
 
 def inside(dataset: h5py.Dataset) -> h5py.Dataset:
@@ -76,7 +92,24 @@ def inside(dataset: h5py.Dataset) -> h5py.Dataset:
     virtual = dataset.is_virtual and any(s.file_name != "." for s in dataset.virtual_sources())
     if dataset.external or virtual:
         raise _outside(dataset.name or "dataset")
+    _require_whole(dataset)
     return dataset
+
+
+def _require_whole(dataset: h5py.Dataset) -> None:
+    """Refuse a shape that is not the one the samples were stored with."""
+    if dataset.chunks is None:
+        stored = dataset.id.get_storage_size()
+        whole = stored in (0, dataset.nbytes)  # nothing is stored of a dataset never written
+    else:
+        limits = zip(dataset.chunks, dataset.shape, dataset.maxshape, strict=True)
+        whole = not any(most is not None and chunk > n for chunk, n, most in limits)
+    if not whole:
+        raise DataError(
+            f"`{dataset.name}` declares the shape {dataset.shape}, but was stored with another.",
+            why="A damaged header reads like this, and would cut samples off.",
+            remedy="Copy the file again, or export it again.",
+        )
 
 
 def _node(group: h5py.Group, name: str) -> Node:
@@ -94,7 +127,7 @@ def _node(group: h5py.Group, name: str) -> Node:
 def _array(item: Any) -> Node:
     if not isinstance(item, h5py.Dataset) or not np.issubdtype(item.dtype, np.number):
         return Opaque("not numeric", "Store the samples as a dataset of floats or integers.")
-    unit = item.attrs.get("unit", item.attrs.get("units", ""))
+    unit = attribute(item.attrs, "unit") or attribute(item.attrs, "units")
     return leaf(inside(item), fs=fs_of(item.attrs), unit=_text(unit))
 
 

@@ -14,13 +14,12 @@ import scipy.io
 import scipy.sparse
 
 from jbw.errors import DataError
-from jbw.measurement.files.hdf5 import fs_of, inside
+from jbw.measurement.files.hdf5 import attribute, fs_of, inside
+from jbw.measurement.files.mat_elements import COMPRESSED, HEADER, is_v5, require_whole
 from jbw.measurement.files.tree import MAX_BYTES, Contents, Leaf, Node, Opaque, leaf
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 USER_BLOCK = 512  # bytes of MATLAB's own header before the HDF5 part of a v7.3 file
-HEADER = 128  # bytes of a v5 file before its first variable
-COMPRESSED = 15  # data type of a packed variable
 # What MATLAB keeps as its own objects: they hold no arrays that can be told from outside.
 OPAQUE = (
     scipy.io.matlab.MatlabOpaque,
@@ -43,6 +42,8 @@ def contents(path: Path) -> Iterator[Contents]:
             yield Contents(root, "MATLAB v7.3", fs=fs_of(file.attrs))
     else:
         _refuse_bomb(path)
+        if is_v5(head[:HEADER]):
+            require_whole(path)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of sparse matrices, not read here
             # Objects have no name of their own in the file; two of them look like a repetition.
@@ -70,7 +71,7 @@ def _declared_size(path: Path) -> int:
     """
     with path.open("rb") as stream:
         header = stream.read(HEADER)
-        if header[-2:] not in (b"IM", b"MI"):  # version 4, which packs nothing
+        if not is_v5(header):  # version 4, which packs nothing
             return path.stat().st_size
         order = "<" if header[-2:] == b"IM" else ">"
         size = 0
@@ -120,7 +121,8 @@ def _node73(group: h5py.Group, name: str) -> Node:
 
 
 def _item73(item: Any) -> Node:
-    kind = item.attrs.get("MATLAB_class", b"").decode()
+    kind = attribute(item.attrs, "MATLAB_class") or b""
+    kind = kind.decode("utf-8", "replace") if isinstance(kind, bytes) else str(kind)
     if "MATLAB_object_decode" in item.attrs or kind in ("table", "function_handle", "string"):
         return Opaque("a MATLAB table, object or function handle", EXPORT)
     if isinstance(item, h5py.Group):
@@ -133,7 +135,7 @@ def _item73(item: Any) -> Node:
         return _cells(nodes, shape) if shape else nodes[0]
     if kind == "char" or not np.issubdtype(item.dtype, np.number):
         return Opaque("text" if kind == "char" else "not numeric")
-    if item.attrs.get("MATLAB_empty", 0):
+    if attribute(item.attrs, "MATLAB_empty"):
         return Opaque("empty")
     axes = [axis for axis in reversed(range(item.ndim)) if item.shape[axis] != 1]
     return Leaf(inside(item), tuple(axes))

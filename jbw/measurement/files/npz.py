@@ -15,7 +15,9 @@ from jbw.measurement.files.tree import MAX_BYTES, Contents, Node, Opaque, leaf
 def contents(path: Path) -> Iterator[Contents]:
     """Open an .npz archive, or an .npy array under the name `data`."""
     if path.suffix.lower() == ".npy":
-        yield Contents({"data": _node(np.load(path, mmap_mode="r", allow_pickle=False))}, "npy")
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        _require_whole(array, path)
+        yield Contents({"data": _node(array)}, "npy")
         return
     _refuse_bomb(path)
     with np.load(path, allow_pickle=False) as archive:
@@ -27,6 +29,17 @@ def _node(array: np.ndarray) -> Node:
     if np.issubdtype(array.dtype, np.number):
         return leaf(array)
     return Opaque("text" if array.dtype.kind in "US" else "not numeric")
+
+
+def _require_whole(array: np.memmap, path: Path) -> None:
+    """Refuse a header that declares fewer values than the file holds."""
+    declared, size = array.offset + array.nbytes, path.stat().st_size
+    if declared != size:
+        raise DataError(
+            f"File `{path}` ({size} bytes) declares the shape {array.shape} to the npy reader, "
+            f"which is {declared} bytes.",
+            remedy="Copy the file again from where it was measured, or export it again.",
+        )
 
 
 def _refuse_bomb(path: Path) -> None:

@@ -1,5 +1,6 @@
 """TDMS through npTDMS, an optional extra: samples stay on disk until asked for."""
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -46,7 +47,7 @@ def contents(path: Path) -> Iterator[Contents]:
             remedy="Install it: pip install jbw[tdms]",
         ) from None
     # By its stream: given the path, npTDMS would believe a stale index file beside it.
-    with path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
+    with _quiet(), path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
         groups = file.groups()
         if file.file_status.incomplete_final_segment or not groups:
             found = sum(len(channel) for group in groups for channel in group.channels())
@@ -60,6 +61,18 @@ def contents(path: Path) -> Iterator[Contents]:
             for group in groups
         }
         yield Contents(root, "TDMS")
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without the library's warnings, which print the bytes of a damaged file by the page."""
+    log = import_module("nptdms.log").log_manager
+    before = log.log_level
+    log.set_level(logging.ERROR)
+    try:
+        yield
+    finally:
+        log.set_level(before)
 
 
 def _node(channel: Any) -> Node:

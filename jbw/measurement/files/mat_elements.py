@@ -1,0 +1,269 @@
+"""Headers of a MATLAB v5 file, walked before its reader is let in: what they declare must be there.
+
+The reader takes types and sizes on trust: one changed byte among them can end the process, or take
+all of its memory.
+"""
+
+import math
+import struct
+import zlib
+from pathlib import Path
+from typing import BinaryIO, Protocol
+
+from jbw.errors import DataError
+
+HEADER = 128  # bytes of a file before its first variable
+MATRIX, COMPRESSED = 14, 15  # data types that hold further elements
+# Data type of plain numbers or text to the bytes of one: int8 to uint64, then UTF-8, -16, -32.
+NUMBERS = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
+WIDTHS = {**NUMBERS, 16: 1, 17: 2, 18: 4}
+CELL, STRUCT, OBJECT, CHAR, SPARSE = 1, 2, 3, 4, 5
+NUMERIC = range(6, 16)  # classes of arrays of numbers: double to uint64
+FUNCTION, OPAQUE = 16, 17
+MOST_BARE = 2**16  # structs without a field in an array: nothing in the file stands for them
+LONGEST_NAME = 2**16
+STEP = 2**16  # bytes unpacked at a time
+
+
+class Source(Protocol):
+    """Bytes in their order, some of them passed over."""
+
+    def take(self, count: int) -> bytes:
+        """The next bytes; fewer at the end."""
+        ...
+
+    def skip(self, count: int) -> None:
+        """Pass over bytes."""
+        ...
+
+
+class Plain:
+    """Bytes of a file as they are."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+
+    def take(self, count: int) -> bytes:
+        """The next bytes; fewer at the end."""
+        return self._stream.read(count)
+
+    def skip(self, count: int) -> None:
+        """Pass over bytes."""
+        self._stream.seek(count, 1)
+
+
+class Packed:
+    """Bytes of a packed variable, unpacked in small steps."""
+
+    def __init__(self, packed: bytes) -> None:
+        self._packed, self._unpack, self._ready = packed, zlib.decompressobj(), b""
+
+    def take(self, count: int) -> bytes:
+        """The next bytes; fewer at the end."""
+        while len(self._ready) < count:
+            more = self._unpack.decompress(self._packed, STEP)
+            self._packed = self._unpack.unconsumed_tail
+            if not more:
+                break
+            self._ready += more
+        taken, self._ready = self._ready[:count], self._ready[count:]
+        return taken
+
+    def skip(self, count: int) -> None:
+        """Pass over bytes."""
+        while count > 0 and (taken := self.take(min(count, STEP))):
+            count -= len(taken)
+
+    def finish(self) -> None:
+        """Unpack the end, which holds a checksum."""
+        if len(self.take(STEP)) == STEP:
+            raise _broken("a packed variable holds more than it declares")
+        if not self._unpack.eof:
+            raise _broken("a packed variable has no end")
+
+
+class Walk:
+    """The elements that lie one behind the other in a matrix of `size` bytes."""
+
+    def __init__(self, source: Source, order: str, size: int) -> None:
+        self.source, self.order, self.left = source, order, size
+
+    def take(self, count: int) -> bytes:
+        """The next bytes, all of them."""
+        self._reduce(count)
+        taken = self.source.take(count)
+        if len(taken) < count:
+            raise _broken("it ends inside a variable")
+        return taken
+
+    def tag(self) -> tuple[int, int, bytes | None]:
+        """Data type and size of the next element, and its content where that is in the tag."""
+        head = self.take(8)
+        kind, size = struct.unpack(f"{self.order}II", head)
+        if kind >> 16:  # up to four bytes, within the tag
+            small = min(kind >> 16, 4)
+            return kind & 0xFFFF, kind >> 16, head[4 : 4 + small]
+        if size > self.left:
+            raise _broken(f"an element declares {size} bytes, where {self.left} are left")
+        return kind, size, None
+
+    def content(self, what: str, kinds: tuple[int, ...]) -> bytes:
+        """Content of the next element, which must be short and of one of the types."""
+        kind, size, content = self.tag()
+        if kind not in kinds or size > LONGEST_NAME:
+            raise _broken(f"its {what} have data type {kind} and {size} bytes")
+        if content is None:
+            content = self.take(size)
+            self.skip(min(-size % 8, self.left))
+        return content
+
+    def whole_numbers(self, what: str, kinds: tuple[int, ...]) -> tuple[int, ...]:
+        """The next element as integers of four bytes."""
+        content = self.content(what, kinds)
+        return struct.unpack(f"{self.order}{len(content) // 4}i", content[: len(content) & ~3])
+
+    def numbers(self, count: int | None, kinds: dict[int, int]) -> None:
+        """Pass over an element that must hold `count` numbers, or at least as many characters."""
+        kind, size, content = self.tag()
+        if kind not in kinds:
+            raise _broken(f"numbers have the data type {kind}, which does not exist")
+        # Text may take more bytes than it has characters, numbers take what they take.
+        fits = count is None or (size == count * kinds[kind] if kinds is NUMBERS else size >= count)
+        if not fits:
+            raise _broken(f"an array of {count} values has {size} bytes")
+        if content is None:
+            self.skip(min(size + -size % 8, self.left))
+
+    def matrices(self, count: int) -> None:
+        """Walk through so many matrices."""
+        if 8 * count > self.left:
+            raise _broken(f"{count} items are declared, where {self.left} bytes are left")
+        for _ in range(count):
+            kind, size, content = self.tag()
+            if kind != MATRIX or content is not None:
+                raise _broken(f"an item of an array has the data type {kind}")
+            self.inside(size)
+
+    def inside(self, size: int) -> None:
+        """Walk through the matrix of so many bytes that begins here."""
+        self._reduce(size)
+        within = Walk(self.source, self.order, size)
+        if size:  # an empty item has no bytes at all
+            _matrix(within)
+        within.skip(within.left)
+
+    def skip(self, count: int) -> None:
+        """Pass over bytes."""
+        self._reduce(count)
+        self.source.skip(count)
+
+    def _reduce(self, count: int) -> None:
+        if count > self.left:
+            raise _broken("an element reaches beyond its variable")
+        self.left -= count
+
+
+def _matrix(walk: Walk) -> None:
+    """Walk through one matrix: flags, shape, name, then what its class has."""
+    flags = walk.whole_numbers("flags", (6,))
+    if len(flags) != 2:
+        raise _broken("a variable has no flags")
+    kind, is_complex = flags[0] & 0xFF, flags[0] >> 11 & 1
+    if kind == OPAQUE:  # neither shape nor name of its own
+        return _elements(walk)
+    shape = walk.whole_numbers("dimensions", (5, 6))
+    if not shape or min(shape) < 0 or len(shape) > 32:
+        raise _broken(f"a variable has the shape {shape}")
+    walk.content("names", (1, 2, 16))
+    count = math.prod(shape)
+    if kind in NUMERIC:
+        for _ in range(1 + is_complex):
+            walk.numbers(count, NUMBERS)
+    elif kind == CHAR:
+        walk.numbers(count, WIDTHS)
+    elif kind == CELL:
+        walk.matrices(count)
+    elif kind in (STRUCT, OBJECT):
+        _fields(walk, count, kind)
+    elif kind in (SPARSE, FUNCTION):
+        _elements(walk)
+    else:
+        raise _broken(f"a variable has the class {kind}")
+    return None
+
+
+def _fields(walk: Walk, count: int, kind: int) -> None:
+    if kind == OBJECT:
+        walk.content("names", (1, 2, 16))
+    lengths = walk.whole_numbers("field names", (5, 6))
+    if len(lengths) != 1 or lengths[0] < 1:
+        raise _broken(f"a struct has field names of lengths {lengths}")
+    fields = len(walk.content("field names", (1, 2, 16))) // lengths[0]
+    if not fields and count > MOST_BARE:
+        raise _broken(f"{count} structs have no field")
+    walk.matrices(count * fields)
+
+
+def _elements(walk: Walk) -> None:
+    """Walk through whatever elements there are."""
+    while walk.left >= 8:
+        kind, size, content = walk.tag()
+        if kind == MATRIX and content is None:
+            walk.inside(size)
+        elif kind not in WIDTHS:
+            raise _broken(f"an element has the data type {kind}, which does not exist")
+        elif content is None:
+            walk.skip(min(size + -size % 8, walk.left))
+
+
+def is_v5(header: bytes) -> bool:
+    """Whether the first bytes of a file are those of version 5 to 7."""
+    return header[HEADER - 2 : HEADER] in (b"IM", b"MI")
+
+
+def require_whole(path: Path) -> None:
+    """Refuse a v5 file whose headers declare what is not there.
+
+    Args:
+        path: The file.
+
+    Raises:
+        DataError: A type that does not exist, or a size beyond what the file holds.
+
+    Reference:
+        MATLAB, MAT-File Format, level 5: data elements and their tags.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        order = "<" if stream.read(HEADER)[-2:] == b"IM" else ">"
+        try:
+            while size - stream.tell() >= 8:
+                kind, length = struct.unpack(f"{order}II", stream.read(8))
+                if length > size - stream.tell():
+                    raise _broken("its last variable is cut short")
+                after = stream.tell() + length
+                _variable(stream, order, kind, length)
+                stream.seek(after)
+        except DataError as error:
+            raise DataError(
+                f"File `{path}` ({size} bytes) cannot be read by the mat reader: {error.what}.",
+                remedy=error.remedy,
+            ) from None
+
+
+def _variable(stream: BinaryIO, order: str, kind: int, length: int) -> None:
+    if kind == MATRIX:
+        return Walk(Plain(stream), order, length).inside(length)
+    if kind != COMPRESSED:
+        raise _broken(f"a variable has the data type {kind}")
+    packed = Packed(stream.read(length))
+    kind, length = struct.unpack(f"{order}II", packed.take(8))
+    if kind != MATRIX:
+        raise _broken(f"a packed variable has the data type {kind}")
+    Walk(packed, order, length).inside(length)
+    return packed.finish()
+
+
+def _broken(what: str) -> DataError:
+    remedy = "Copy the file again from where it was measured, or export it again."
+    return DataError(what, remedy=remedy)
