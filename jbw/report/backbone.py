@@ -17,6 +17,7 @@ from jbw.report.text import axis_label, number
 
 GROUP = "verification/backbone"
 PERCENT = 100.0
+LITTLE = 0.2  # of the hysteretic force: below, only what slip changes can be seen
 PREFIXES = ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"))
 
 
@@ -55,21 +56,30 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def steady_loops(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
-    """Draw the hysteretic force of the identified joint along cycles of three amplitudes."""
-    found = branch(tree, GROUP, "loop_y", "loop_z", "stuck")
+    """Draw the hysteretic force of the identified joint along cycles of three amplitudes.
+
+    Where slip changes it by less than a fifth, only the change is drawn.
+    """
+    found = branch(tree, GROUP, "loop_y", "loop_z", "loop_slip", "stuck")
     axes = panels(ax, 1, 1, height=3.4)
     only: Axes = axes[0, 0]
     y = np.asarray(found["loop_y"].transpose("loop", "phase"), float)
-    z = np.asarray(found["loop_z"].transpose("quantile", "loop", "phase"), float)
+    z, slip = (
+        np.asarray(found[name].transpose("quantile", "loop", "phase"), float)[1]
+        for name in ("loop_z", "loop_slip")
+    )
+    small = bool(np.nanmax(np.abs(slip)) < LITTLE * np.nanmax(np.abs(z)))
     factor, unit = length_unit(float(y.max()))
-    stuck = float(found["stuck"].isel(quantile=1))
-    _stuck(only, factor, stuck, float(y.max()), 1.15 * float(np.nanmax(z)))
-    for i, colour in enumerate(LEVELS[: len(y)]):
-        label = f"slipping, {number(factor * y[i].max())} {unit}"
-        closed = np.append(y[i], y[i, 0]) * factor
-        only.plot(closed, np.append(z[1, i], z[1, i, 0]), color=colour, lw=1.2, label=label)
+    if not small:
+        stuck = float(found["stuck"].isel(quantile=1))
+        _stuck(only, factor, stuck, float(y.max()), 1.15 * float(np.nanmax(z)))
+    for x, force, colour in zip(y, slip if small else z, LEVELS, strict=False):
+        label = f"slipping, {number(factor * x.max())} {unit}"
+        closed = np.append(force, force[0])
+        only.plot(np.append(x, x[0]) * factor, closed, color=colour, lw=1.2, label=label)
     only.set_xlabel(axis_label("displacement y", unit))
-    only.set_ylabel(axis_label("hysteretic force Z", "N/kg"))
+    what = "taken by slip, Z − α y" if small else "hysteretic force Z"
+    only.set_ylabel(axis_label(what, "N/kg"))
     legend(axes, ax)
     return only
 

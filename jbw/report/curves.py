@@ -47,10 +47,7 @@ def verification_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     of both together from the model's median over the curve's peak (3 axes a column, row by row).
     """
     columns = _columns(tests(tree, "verification/curve", "measured_magnitude", "model_magnitude"))
-    across = 2 if len(columns) == 4 else 3
-    axes, stack = stacks(
-        ax, len(columns), 3, height=5.4, across=across, height_ratios=[2, 1.3, 1]
-    )  # fmt: skip
+    axes, stack = stacks(ax, len(columns), 3, height=5.4, height_ratios=[2, 1.3, 1])
     colours = _colours_by_level([test for _, family in columns for _, test in family])
     for column, (suffix, family) in zip(stack, columns, strict=True):
         for _, test in family:

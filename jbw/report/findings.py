@@ -28,14 +28,13 @@ def badge(verdict: Any) -> Badge:
 
 
 def findings(verdict: Any) -> list[dict[str, Any]]:
-    """Return a verdict's findings, the bad ones first; those of one kind and action together."""
+    """Return a verdict's findings, the bad ones first; those that ask for the same together."""
     found = verdict.get("findings", []) if isinstance(verdict, Mapping) else []
     groups: dict[tuple[str, ...], dict[str, Any]] = {}
     for each in found:
-        facts = (str(each.get(name) or "") for name in ("code", "status", "action"))
-        code, status, action = facts
+        status, action = (str(each.get(name) or "") for name in ("status", "action"))
         # Without an action there is nothing to say once for all of them.
-        key = (code, status, action) if action else (str(len(groups)),)
+        key = (status, action) if action else (str(len(groups)),)
         group = groups.setdefault(
             key, {"badge": badge(status), "reasons": [], "action": in_symbols(action)}
         )

@@ -16,13 +16,14 @@ from jbw.report.result import node, parameter
 from jbw.report.style import BLUE, INK, SOFT, VERMILLION, Panels, panels, title
 from jbw.report.text import spread_text, symbol
 
-NAMES = ("omega_n", "zeta", "alpha", "delta", "gamma")
+NAMES = ("omega_n", "zeta", "alpha", "delta", "gamma", "cubic")
 MEANINGS = {
     "omega_n": "natural frequency, stuck",
     "zeta": "viscous damping ratio",
     "alpha": "stiffness that slip takes away",
     "delta": "how soon it softens",
     "gamma": "how far the loop opens",
+    "cubic": "a cubic spring beside the joint",
 }
 WALL, MASS, RIGHT = 0.6, 4.6, 7.0  # abscissae of the drawing
 SPRING, DAMPER, HYSTERESIS = 9.6, 8.2, 6.8  # ordinates of its elements
@@ -44,7 +45,7 @@ def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
         raise DataError("The result has no posterior of the joint.")
     loops = node(tree, GROUP) is not None
     axes = panels(ax, 1, 2 if loops else 1, height=3.9, width_ratios=[1.25, 1][: 1 + loops])
-    _schematic(axes[0, 0])
+    _schematic(axes[0, 0], cubic=bool(found["cubic"]))
     _numbers(axes[0, 0], {name: value for name, value in found.items() if value})
     title(axes[0, 0], "one mode, per unit mass")
     if loops:
@@ -59,9 +60,9 @@ def _value(tree: xr.DataTree, name: str) -> str:
     return "" if known is None else spread_text(known.draws, known.unit)
 
 
-def _schematic(ax: Axes) -> None:
+def _schematic(ax: Axes, cubic: bool) -> None:
     """Draw the oscillator: a wall, three elements side by side, the mass, force and motion."""
-    ax.set(xlim=(0.0, 10.0), ylim=(0.0, 11.6))
+    ax.set(xlim=(0.0, 10.0), ylim=(-0.3, 11.4))
     ax.axis("off")
     ax.plot([WALL, WALL], [6.0, 10.4], **LINE)
     for y in np.arange(6.2, 10.5, 0.5):
@@ -73,7 +74,8 @@ def _schematic(ax: Axes) -> None:
     _hysteretic(ax)
     _arrow(ax, RIGHT, 8.9, "u(t)", BLUE)
     _arrow(ax, RIGHT, 7.3, "y(t)", SOFT)
-    _write(ax, 0.2, 4.95, "ÿ + 2ζωₙ ẏ + (ωₙ² − α) y + Z = u", ha="left")
+    beside = " + cubic y³" if cubic else ""
+    _write(ax, 0.2, 4.95, f"ÿ + 2ζωₙ ẏ + (ωₙ² − α) y{beside} + Z = u", ha="left")
     _write(ax, 0.2, 4.1, "Ż = α ẏ − γ |ẏ| Z − δ ẏ |Z|", ha="left", color=VERMILLION)
 
 
@@ -117,7 +119,7 @@ def _arrow(ax: Axes, x: float, y: float, text: str, colour: str) -> None:
 def _numbers(ax: Axes, found: dict[str, str]) -> None:
     """Write the parameters below the drawing: symbol, value, meaning."""
     for row, (name, value) in enumerate(found.items()):
-        y = 3.0 - 0.68 * row
+        y = 3.0 - 0.6 * row
         _write(ax, 0.2, y, symbol(name), ha="left", size=8)
         _write(ax, 0.95, y, value, ha="left", size=8)
         _write(ax, 9.9, y, MEANINGS[name], ha="right", size=7, color=SOFT)

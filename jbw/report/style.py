@@ -77,8 +77,8 @@ def stacks(
 ) -> tuple[Panels, list[Panels]]:
     """Return all axes, and one stack of `rows` panels for each of `count` tests.
 
-    The stacks stand side by side, `across` of them at most, and then go on below; axes are
-    given and returned row by row.
+    The stacks stand side by side, `across` of them at most, and then go on below, four in two
+    pairs; axes are given and returned row by row.
 
     Args:
         ax: Axes of the caller, or None.
@@ -88,7 +88,7 @@ def stacks(
         across: Stacks side by side at most.
         **layout: Passed to `panels`; `height_ratios` are those of one stack.
     """
-    columns = min(count, across)
+    columns = 2 if count == 4 else min(count, across)
     lines = -(-count // columns)
     if "height_ratios" in layout:
         layout["height_ratios"] = list(layout["height_ratios"]) * lines

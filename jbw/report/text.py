@@ -42,7 +42,7 @@ NOTHING = "–"
 def symbol(name: str) -> str:
     """Return a parameter's symbol: omega_n as ωₙ, noise_std[0.2] as noise sd at 0.2."""
     stem, bracket, index = name.partition("[")
-    called = SYMBOLS.get(stem, stem)
+    called = SYMBOLS.get(stem, stem.replace("noise_std_", "noise sd, ", 1))
     return f"{called} at {index.removesuffix(']')}" if bracket else called
 
 

@@ -16,6 +16,7 @@ MEANINGS = {
     "delta": "how soon it softens",
     "gamma": "how far the loop opens",
     "gain": "force per unit mass and unit of input",
+    "cubic": "a cubic spring beside the joint",
 }
 SPELLED = {
     **{name: SYMBOLS[name] for name in ("omega_n", "zeta", "alpha", "delta", "gamma")},
@@ -23,7 +24,10 @@ SPELLED = {
     **{f"lambda_{n}": f"λ{digit}" for n, digit in enumerate("₀₁₂₃")},
     **{"ess_bulk": "bulk ESS", "ess_tail": "tail ESS", "r_hat": "R-hat", "Gamma": "γ"},
 }
-_NAME = re.compile(rf"(?<![\w./`])({'|'.join(sorted(SPELLED, key=len, reverse=True))})(?![\w`])")
+_NAMES = "|".join(sorted(SPELLED, key=len, reverse=True))
+# Not within a path or a name in backticks; after a stroke only where a symbol stands before it.
+_NAME = re.compile(rf"(?<![\w./`])({_NAMES})(?![\w`])")
+_DIVISOR = re.compile(rf"(?<=[αδγζₙ])/({_NAMES})(?![\w`])")
 
 KNOWN, ROUGHLY = 0.05, 0.3  # standard deviation over mean: up to where a parameter is known
 LEARNT = 0.5  # nats over the prior: from where on the data have said something
@@ -32,7 +36,8 @@ UNCOUNTED = "noise_std"
 
 def in_symbols(text: str) -> str:
     """Return a sentence with parameters as symbols, products as dots and exponents raised."""
-    found = _NAME.sub(lambda match: SPELLED[match[0]], text)
+    found = _NAME.sub(lambda match: SPELLED[match[1]], text)
+    found = _DIVISOR.sub(lambda match: f"/{SPELLED[match[1]]}", found)
     found = re.sub(r"(?<=[αδγζₙ])\*(?=[αδγζω])", "·", found)
     found = re.sub(r"(?<=\d)e([+-]\d\d)\b", lambda m: f"×10^{int(m[1])}", found)
     return unit_text(found) if "^" in found else found
@@ -54,7 +59,8 @@ def identified_words(summary: Mapping[str, Any]) -> list[str]:
         if name.startswith(UNCOUNTED) or cv is None:
             continue
         meaning = f", {MEANINGS[name]}" if name in MEANINGS else ""
-        groups[_grade(cv, kl)].append(f"{symbol(name)} ({_together(percent(cv, digits=2))}{meaning})")
+        size = _together(percent(abs(cv), digits=2))
+        groups[_grade(cv, kl)].append(f"{symbol(name)} ({size}{meaning})")
     heads = {
         "known": "Known, with its standard deviation",
         "roughly": "Known roughly",

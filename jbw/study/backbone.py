@@ -45,15 +45,18 @@ def backbone_group(draws: Draws, y_peak: float) -> xr.Dataset | None:
     peaks = y_peak * np.asarray(PARTS)
     angle = np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1]
     half = peaks[:, None] * np.cos(angle)
-    z = np.asarray(_unloading(draws, jnp.asarray(peaks), jnp.asarray(half)))
+    falling = np.asarray(_unloading(draws, jnp.asarray(peaks), jnp.asarray(half)))
+    y, z = np.concatenate([half, -half], -1), np.concatenate([falling, -falling], -1)
+    slip = z - draws["alpha"][:, None, None] * y
     curves, loops = ("quantile", "amplitude"), ("quantile", "loop", "phase")
     force = {"units": "N kg-1", "long_name": "hysteretic force"}
     return xr.Dataset(
         {
             "frequency": (curves, band(omega / (2 * np.pi)), {"units": "Hz"}),
             "damping": (curves, band(zeta), {"units": "1"}),
-            "loop_y": (("loop", "phase"), np.concatenate([half, -half], -1), {"units": "m"}),
-            "loop_z": (loops, band(np.concatenate([z, -z], -1)), force),
+            "loop_y": (("loop", "phase"), y, {"units": "m"}),
+            "loop_z": (loops, band(z), force),
+            "loop_slip": (loops, band(slip), {**force, "long_name": "Z less that without slip"}),
             "stuck": ("quantile", band(draws["alpha"]), {"units": "s-2", "long_name": "alpha"}),
         },
         {"amplitude": ("amplitude", amplitude, {"units": "m"}), "quantile": list(QUANTILES)},

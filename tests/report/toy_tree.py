@@ -202,6 +202,7 @@ def backbone():
         "damping": variable(dims, damping, "1"),
         "loop_y": variable(("loop", "phase"), y, "m"),
         "loop_z": variable(("quantile", "loop", "phase"), z * (1 + 0.01 * SPREAD[:, None, None])),
+        "loop_slip": variable(("quantile", "loop", "phase"), np.stack(3 * [z - 497.4 * y]), "N/kg"),
         "stuck": variable(("quantile",), 497.4 + SPREAD, "s-2"),
     }
     return xr.Dataset(found, {"amplitude": amplitude, "quantile": QUANTILE}, {"y_fitted": 6.4e-3})
