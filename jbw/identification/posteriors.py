@@ -23,7 +23,7 @@ from jbw.identification.starts import fit_from, linear_look
 from jbw.inference.box import Box
 from jbw.inference.fitting import Fit
 from jbw.inference.model import LogLikelihood
-from jbw.inference.sampling import sample
+from jbw.inference.ridge import sample_along
 from jbw.measurement.records import Test
 from jbw.observables import decay_likelihood, evidence, kernel, response
 from jbw.observables.evidence import Evidence, labels
@@ -133,8 +133,8 @@ def _opening(
     if not means:
         report("Step 3: means of zeta, alpha and delta, by NUTS")
         found = third_order.fit_kernel(keys[0], probing, linear.pooled, settings)
-        tree = sample(
-            keys[1], kernel.log_likelihood, found.box, found.data,
+        tree = sample_along(
+            keys[1], kernel.log_likelihood, found.box, found.data, found.fit,
             num_warmup=500, num_samples=500, chain_method="vectorized",
         )  # fmt: skip
         means = {str(n): float(v.mean()) for n, v in tree["posterior"].data_vars.items()}

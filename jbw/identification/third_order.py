@@ -16,6 +16,7 @@ from jbw.identification.step import ATTRS, Step, finished
 from jbw.inference.box import Box, box
 from jbw.inference.fitting import Fit, fit
 from jbw.inference.keeping import Keep, nowhere
+from jbw.inference.ridge import sample_along
 from jbw.inference.sampling import sample
 from jbw.measurement.harmonics import ThirdOrder
 from jbw.measurement.probing import third_order_kernel
@@ -143,8 +144,9 @@ def third_order_steps(
 ) -> dict[str, Step]:
     """Posterior of zeta, alpha and delta by (36): NUTS, the paper's walk, and a tuned walk.
 
-    All chains start dispersed over the box, so that their comparison can tell: the paper's chain,
-    started at one optimum, agrees with itself and says nothing.
+    NUTS and the tuned walk go along the ridge alpha*delta, from wall to wall of the box; the
+    paper's walk in the box itself. All chains start dispersed, so that their comparison can tell:
+    the paper's chain, started at one optimum, agrees with itself and says nothing.
 
     Args:
         key: Random key.
@@ -158,7 +160,7 @@ def third_order_steps(
     Reference:
         Eqs. (35), (36).
     """
-    options = {
+    options: dict[str, dict[str, Any]] = {
         "third_order_nuts": {"sampler": "nuts", "num_warmup": 500, "num_samples": 500},
         "third_order_paper": {"sampler": "random_walk_paper"},
         "third_order_walk": {"sampler": "random_walk", "num_warmup": 2000, "num_samples": 20_000},
@@ -166,11 +168,13 @@ def third_order_steps(
     steps = {}
     for one, (name, chosen) in zip(jax.random.split(key, 3), options.items(), strict=True):
         started = perf_counter()
-        chains = settings.get("num_chains", 4)
-        tree = sample(
-            one, kernel.log_likelihood, step.box, step.data,
-            num_chains=chains, chain_method="vectorized", attrs=ATTRS, kept=keep(name), **chosen,
-        )  # fmt: skip
+        about = kernel.log_likelihood, step.box, step.data
+        chosen |= {"num_chains": settings.get("num_chains", 4), "chain_method": "vectorized"}
+        chosen |= {"attrs": ATTRS, "kept": keep(name)}
+        if name == "third_order_paper":
+            tree = sample(one, *about, **chosen)
+        else:
+            tree = sample_along(one, *about, step.fit, adapt_mass=True, **chosen)
         said = (*_products(tree, step), *_notes(step))
         steps[name] = finished(
             name, tree, step.box, step.fit, started,

@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 from jbw.inference.box import Box, box, to_unit
 from jbw.inference.fitting import Fit
 from jbw.inference.model import LogLikelihood
+from jbw.inference.posterior import in_parameters
 
 LOG = "log "  # before the name of a parameter
 CERTAIN = 3.0  # conditional standard deviations from zero: then zero is out of the question
@@ -131,20 +132,9 @@ def back_from_logs(
         prior: The box of the parameters.
         attrs: `units` and `long_name` by parameter.
     """
-    groups: dict[str, xr.Dataset] = {name: one.to_dataset() for name, one in tree.children.items()}
-    drawn = groups["posterior"]
-    variables: dict[str, Any] = {}
-    for name, low, high in zip(prior.names, prior.lower, prior.upper, strict=True):
-        log = LOG + name in drawn
-        values = np.exp(drawn[LOG + name].values) if log else drawn[name].values
-        bounds = {"lower": float(low), "upper": float(high)}
-        variables[name] = (("chain", "draw"), values, {**bounds, **attrs.get(name, {})})
-    groups["posterior"] = xr.Dataset(variables, drawn.coords)
-    flat = -float(np.sum(np.log(np.asarray(prior.upper - prior.lower))))
-    groups["log_prior"] = groups["log_prior"].map(lambda one: xr.full_like(one, flat))
-    stats = groups["sample_stats"]
-    total = groups["log_likelihood"]["terms"].sum("term") + flat
-    groups["sample_stats"] = stats.assign(lp=(stats["lp"].dims, total.values))
-    back = xr.DataTree.from_dict(groups)
-    back.attrs.update(tree.attrs)
-    return back
+    drawn = tree["posterior"].to_dataset()
+    values = {
+        name: np.exp(drawn[LOG + name].values) if LOG + name in drawn else drawn[name].values
+        for name in prior.names
+    }
+    return in_parameters(tree, values, prior, attrs)

@@ -82,3 +82,40 @@ def posterior_tree(
     tree.attrs.update(facts)
     tree.attrs.update({f"version_{name}": version(name) for name in VERSIONED})
     return tree
+
+
+def in_parameters(
+    tree: xr.DataTree,
+    draws: Mapping[str, NDArray[np.float64]],
+    prior: Box,
+    attrs: Mapping[str, Mapping[str, str]],
+) -> xr.DataTree:
+    """A posterior that was sampled in other coordinates, in the parameters themselves.
+
+    Args:
+        tree: What the sampler left, in its coordinates.
+        draws: The same draws by parameter.
+        prior: The box of the parameters.
+        attrs: `units` and `long_name` by parameter.
+
+    Returns:
+        The tree with posterior, log prior and lp of the parameters.
+    """
+    groups: dict[str, xr.Dataset] = {name: one.to_dataset() for name, one in tree.children.items()}
+    variables: dict[str, Any] = {
+        name: (
+            ("chain", "draw"),
+            draws[name],
+            {"lower": float(low), "upper": float(high), **attrs.get(name, {})},
+        )
+        for name, low, high in zip(prior.names, prior.lower, prior.upper, strict=True)
+    }
+    groups["posterior"] = xr.Dataset(variables, groups["posterior"].coords)
+    flat = -float(np.sum(np.log(np.asarray(prior.upper - prior.lower))))
+    groups["log_prior"] = groups["log_prior"].map(lambda one: xr.full_like(one, flat))
+    stats = groups["sample_stats"]
+    total = groups["log_likelihood"]["terms"].sum("term") + flat
+    groups["sample_stats"] = stats.assign(lp=(stats["lp"].dims, total.values))
+    back = xr.DataTree.from_dict(groups)
+    back.attrs.update(tree.attrs)
+    return back

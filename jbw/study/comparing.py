@@ -19,7 +19,8 @@ from jbw.identification.posteriors import Known, Posterior, posterior_of
 from jbw.identification.step import ATTRS
 from jbw.inference.precision import require_float64
 from jbw.inference.quadrature import MOST_PARAMETERS
-from jbw.inference.sampling import LAPLACE, SAMPLERS, sample
+from jbw.inference.ridge import sample_along
+from jbw.inference.sampling import SAMPLERS, sample
 from jbw.report.comparison import comparison
 from jbw.report.figures import figure_of
 from jbw.study.comparison_record import Drawn, record_of
@@ -33,6 +34,8 @@ CHEAP = {
     "random_walk": (2000, 20_000),
     "random_walk_paper": (85, 765),
 }
+# Along the ridge of the fit where an evaluation costs little; the others cross the whole box.
+ALONG = ("nuts", "elliptical_slice", "random_walk", "importance")
 # Where time is stepped through, whole boxes are out of reach: nested sampling only when asked for.
 COSTLY = ("elliptical_slice", "importance", "tempered_smc", "nuts", "random_walk")
 
@@ -156,22 +159,25 @@ def _drawn(
     key: Key[Array, ""], posterior: Posterior, sampler: str, num_chains: int, twice: bool
 ) -> Drawn:
     num_warmup, num_samples = (DRAWS if posterior.stepped else CHEAP)[sampler]
-    best = posterior.fit
-    # Where evaluations cost, all start at the fit, as the procedure's own chains do.
-    about = posterior.stepped or sampler in LAPLACE
-    options: dict[str, Any] = {"start": best.theta, "covariance": best.covariance} if about else {}
-    if sampler == "random_walk_paper":
-        options = {}
+    options: dict[str, Any] = {
+        "sampler": sampler,
+        "num_warmup": num_warmup,
+        "num_samples": num_samples,
+        "num_chains": num_chains,
+        "attrs": ATTRS,
+    }
+    best, about = posterior.fit, (posterior.log_likelihood, posterior.box, posterior.data)
+    if posterior.stepped:  # all start at the fit, as the procedure's own chains do
+        options |= {"start": best.theta, "covariance": best.covariance, "adapt_mass": True}
     parallel = "parallel" if jax.device_count() > 1 and num_chains % 2 == 0 else "sequential"
     options["chain_method"] = parallel if posterior.stepped else "vectorized"
 
     def once(key: Key[Array, ""]) -> tuple[xr.DataTree, float]:
         started = perf_counter()
-        tree = sample(
-            key, posterior.log_likelihood, posterior.box, posterior.data,
-            sampler=sampler, num_warmup=num_warmup, num_samples=num_samples,
-            num_chains=num_chains, adapt_mass=True, attrs=ATTRS, **options,
-        )  # fmt: skip
+        if sampler in ALONG and not posterior.stepped:
+            tree = sample_along(key, *about, best, adapt_mass=True, **options)
+        else:
+            tree = sample(key, *about, **options)
         return tree, perf_counter() - started
 
     keys = jax.random.split(key)

@@ -1,0 +1,192 @@
+r"""Sampling along the direction that the data leave open, from wall to wall of the box.
+
+Where only a combination is known, as alpha delta from one kernel, the posterior is a thin ridge
+that ends at the walls of the box. Along the weakest direction v of a fit, and across it,
+
+$$s = s_0 + B\,w + \bigl[\tau_- + r\,(\tau_+ - \tau_-)\bigr]\,v, \qquad 0 < r < 1$$
+
+where s are the parameters, by their logarithms where they are positive, in units of the box, and
+tau_-, tau_+ is where the line through s_0 + B w meets the walls. In (w, r) the ridge is straight,
+and the wall a bound of r alone. The density is carried over with its Jacobian:
+
+$$p(w, r) = p(\theta)\,(\tau_+ - \tau_-) \prod_i \theta_i$$
+"""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float, Key
+
+from jbw.inference.box import Box, box
+from jbw.inference.fitting import Fit
+from jbw.inference.logarithms import LOG, from_logs, log_box, log_start
+from jbw.inference.model import LogLikelihood
+from jbw.inference.posterior import in_parameters
+from jbw.inference.sampling import sample
+
+ALONG = "along"
+ACROSS = "across {}"
+NARROW = 1e-9  # component of the direction below which a wall is parallel to it
+MIDDLE = (0.05, 0.95)  # where along the ridge chains start, though the optimum be at a wall
+
+
+class Ridge(eqx.Module):
+    """The coordinates about a ridge; called with a point, their log prior density.
+
+    Attributes:
+        box: The prior box, positive parameters by their logarithms.
+        origin: s_0, in units of the box.
+        across: B, orthonormal columns.
+        along: v, a unit vector.
+        constant: What makes the density of (w, r) over their own box integrate to one [nats].
+    """
+
+    box: Box
+    origin: Float[Array, " parameter"]
+    across: Float[Array, "parameter across"]
+    along: Float[Array, " parameter"]
+    constant: Float[Array, ""]
+
+    def __call__(self, point: Mapping[str, Array]) -> Float[Array, ""]:
+        """Log density at (w, r), over that of their own box, of the parameters' uniform prior."""
+        low, high = walls(_across(point, self), self)
+        inner = parameters_by_logs(point, self)
+        jacobian = sum(value for name, value in inner.items() if name.startswith(LOG))
+        length = jnp.where(high > low, high - low, 1.0)
+        density = self.constant + jacobian + jnp.log(length)
+        return jnp.where(high > low, density, -jnp.inf)
+
+
+class About(NamedTuple):
+    """Where the sampler starts in the coordinates of a ridge, and how wide it is there.
+
+    Attributes:
+        box: Bounds of w and r.
+        start: Optimum.
+        covariance: Of w and r.
+    """
+
+    box: Box
+    start: dict[str, float]
+    covariance: Float[np.ndarray, "parameter parameter"]
+
+
+def ridge_of(best: Fit, prior: Box, reach: float = np.inf) -> tuple[Ridge, About]:
+    """The coordinates about a fit, whose least known direction is the ridge.
+
+    Args:
+        best: The fit.
+        prior: Its box.
+        reach: Standard deviations of the fit across the ridge, beyond which nothing is looked for;
+            at most the diagonal of the box.
+    """
+    logs = tuple(n for n, low in zip(prior.names, prior.lower, strict=True) if low > 0)
+    inner = log_box(prior, logs, best.theta)
+    start, covariance = log_start(best, prior, logs)
+    width, lower = np.asarray(inner.upper - inner.lower), np.asarray(inner.lower)
+    origin = (np.array([start[name] for name in inner.names]) - lower) / width
+    variance, vectors = np.linalg.eigh(covariance / np.outer(width, width))
+    # No point of the unit box is further off than its diagonal.
+    reaches = np.minimum(reach * np.sqrt(variance[:-1]), np.sqrt(len(origin)))
+    volume = np.prod(width) * np.prod(2 * reaches)
+    constant = np.log(volume / np.prod(np.asarray(prior.upper - prior.lower)))
+    found = (origin, vectors[:, :-1], vectors[:, -1], constant)
+    ridge = Ridge(inner, *(jnp.asarray(one) for one in found))
+    low, high = (float(wall) for wall in walls(jnp.asarray(origin), ridge))
+    length = max(high - low, NARROW)  # zero for an optimum in a corner
+    bounds = {ACROSS.format(i + 1): (-far, far) for i, far in enumerate(reaches)}
+    centre = {**dict.fromkeys(bounds, 0.0), ALONG: float(np.clip(-low / length, *MIDDLE))}
+    spread = np.append(variance[:-1], min(variance[-1] / length**2, 1 / 12))
+    return ridge, About(box({**bounds, ALONG: (0.0, 1.0)}), centre, np.diag(spread))
+
+
+def walls(
+    foot: Float[Array, " parameter"], ridge: Ridge
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Where the line along the ridge through a point enters and leaves the box.
+
+    Args:
+        foot: The point s_0 + B w.
+        ridge: The coordinates.
+
+    Returns:
+        tau_- and tau_+; the second is not above the first where the line misses the box.
+    """
+    v = ridge.along
+    parallel = jnp.abs(v) < NARROW
+    slope = jnp.where(parallel, 1.0, v)
+    ends = jnp.stack([(0 - foot) / slope, (1 - foot) / slope])
+    low = jnp.max(jnp.where(parallel, -jnp.inf, ends.min(axis=0)))
+    high = jnp.min(jnp.where(parallel, jnp.inf, ends.max(axis=0)))
+    inside = jnp.all(~parallel | ((foot > 0) & (foot < 1)))
+    return low, jnp.where(inside, high, low)
+
+
+def _across(point: Mapping[str, Array], ridge: Ridge) -> Float[Array, " parameter"]:
+    count = ridge.across.shape[1]
+    w = jnp.stack([point[ACROSS.format(i + 1)] for i in range(count)]) if count else jnp.zeros(0)
+    return ridge.origin + ridge.across @ w
+
+
+def parameters_by_logs(point: Mapping[str, Array], ridge: Ridge) -> dict[str, Array]:
+    """Parameters at (w, r), the positive ones by their logarithms."""
+    foot = _across(point, ridge)
+    low, high = walls(foot, ridge)
+    s = foot + (low + point[ALONG] * (high - low)) * ridge.along
+    value = ridge.box.lower + s * (ridge.box.upper - ridge.box.lower)
+    return {name: value[i] for i, name in enumerate(ridge.box.names)}
+
+
+def parameters(point: Mapping[str, Array], ridge: Ridge) -> dict[str, Array]:
+    """Parameters at (w, r)."""
+    return from_logs(parameters_by_logs(point, ridge))
+
+
+@lru_cache
+def along_ridge(log_likelihood: LogLikelihood) -> LogLikelihood:
+    """The log likelihood of (w, r) and of (ridge, data); one function for each."""
+
+    def carried(point: Mapping[str, Array], data: Any) -> Float[Array, " term"]:
+        ridge, inner = data
+        return log_likelihood(parameters(point, ridge), inner)
+
+    return carried
+
+
+def sample_along(
+    key: Key[Array, ""],
+    log_likelihood: LogLikelihood,
+    prior: Box,
+    data: Any,
+    best: Fit,
+    *,
+    reach: float = np.inf,
+    attrs: Mapping[str, Mapping[str, str]] | None = None,
+    **options: Any,
+) -> xr.DataTree:
+    """Sample a posterior along the ridge of its fit, and return it in the parameters.
+
+    Args:
+        key: Random key.
+        log_likelihood: As of `sample`.
+        prior: The box.
+        data: What the log likelihood takes.
+        best: The fit.
+        reach: Standard deviations of the fit across the ridge, beyond which nothing is looked for.
+        attrs: `units` and `long_name` by parameter.
+        options: Further ones of `sample`.
+    """
+    ridge, about = ridge_of(best, prior, reach)
+    tree = sample(
+        key, along_ridge(log_likelihood), about.box, (ridge, data),
+        start=about.start, covariance=about.covariance, log_prior=ridge, **options,
+    )  # fmt: skip
+    drawn = {str(n): jnp.asarray(v.values) for n, v in tree["posterior"].data_vars.items()}
+    back = jax.vmap(jax.vmap(lambda point: parameters(point, ridge)))(drawn)
+    return in_parameters(tree, {n: np.asarray(v) for n, v in back.items()}, prior, attrs or {})

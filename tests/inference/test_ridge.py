@@ -1,0 +1,132 @@
+"""Sampling along a ridge from wall to wall leaves the posterior as it is, and mixes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import kstest, norm
+
+from jbw.inference.box import box
+from jbw.inference.fitting import fit
+from jbw.inference.ridge import parameters, ridge_of, sample_along, walls
+from jbw.inference.summary import summarise
+
+PRIOR = box({"a": (1.0, 20.0), "b": (1.0, 30.0), "c": (-1.0, 1.0)})
+STD = 0.02  # of log(a b), and of c
+SEEDS = (0, 1, 2)
+
+
+def residual(theta, data):
+    product = (jnp.log(theta["a"]) + jnp.log(theta["b"]) - data) / STD
+    return jnp.stack([product, theta["c"] / STD])
+
+
+def log_likelihood(theta, data):
+    return -0.5 * residual(theta, data) ** 2
+
+
+def flat(theta, data):
+    return jnp.zeros(1) + 0.0 * theta["c"]
+
+
+@pytest.fixture(scope="module")
+def best():
+    return fit(residual, PRIOR, jnp.log(60.0), starts=8, key=jax.random.key(0))
+
+
+def drawn(function, best, seed, **options):
+    options = {"sampler": "nuts", "chain_method": "vectorized", **options}
+    return sample_along(jax.random.key(seed), function, PRIOR, jnp.log(60.0), best, **options)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_ridge_of_a_product_mixes_and_has_its_moments(best, seed):
+    # Given a, b is narrow: the density of a is that of 1 / a, where b = 60 / a is in its box.
+    weight = quad(lambda a: 1 / a, 2.0, 20.0)[0]
+    mean = quad(lambda a: 1.0, 2.0, 20.0)[0] / weight
+    square = quad(lambda a: a, 2.0, 20.0)[0] / weight
+    tree = drawn(log_likelihood, best, seed)
+    rows = summarise(tree, PRIOR)
+    assert rows["a"]["r_hat"] < 1.01
+    assert rows["a"]["ess_bulk"] > 400
+    error = rows["a"]["sd"] / np.sqrt(rows["a"]["ess_bulk"])
+    # The ends of b's box are blurred by 2 % of b: some 1e-3 of the mean of a.
+    assert rows["a"]["mean"] == pytest.approx(mean, abs=4 * error + 2e-3 * mean)
+    assert rows["a"]["sd"] == pytest.approx(np.sqrt(square - mean**2), rel=0.1)
+    product = np.log(tree["posterior"]["a"] * tree["posterior"]["b"])
+    assert float(product.std()) == pytest.approx(STD, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_without_data_the_uniform_prior_comes_back(best, seed):
+    tree = drawn(flat, best, seed, sampler="random_walk", num_samples=20_000)
+    for name, row in summarise(tree, PRIOR).items():
+        i = PRIOR.names.index(name)
+        x = (tree["posterior"][name].values - float(PRIOR.lower[i])) / float(
+            PRIOR.upper[i] - PRIOR.lower[i]
+        )
+        thinned = x.ravel()[:: int(np.ceil(x.size / row["ess_bulk"]))]
+        assert kstest(thinned, "uniform").pvalue > 1e-4, name
+
+
+def test_the_evidence_is_that_of_the_box(best):
+    # c is a normal of STD in a box of width 2; a b is log-normal about 60 in a box of 19 x 29.
+    inner = quad(lambda a: 60 / a * np.exp(STD**2 / 2), 2.0, 20.0)[0] * STD * np.sqrt(2 * np.pi)
+    evidence = np.log(inner / (19 * 29)) + np.log(STD * np.sqrt(2 * np.pi) / 2)
+    tree = drawn(log_likelihood, best, 0, sampler="importance", num_samples=4000)
+    # The blur of b's ends changes it by 1e-3.
+    assert tree.attrs["log_evidence"] == pytest.approx(
+        evidence, abs=4 * tree.attrs["log_evidence_error"] + 2e-3
+    )
+
+
+def test_points_lie_inside_the_box_and_walls_on_it(best):
+    ridge, about = ridge_of(best, PRIOR)
+    rng = np.random.default_rng(0)
+    inside = 0
+    for _ in range(200):
+        point = {n: rng.uniform(0.1 * float(a), 0.1 * float(b)) for n, a, b in zip(
+            about.box.names, about.box.lower, about.box.upper, strict=True
+        )}  # fmt: skip
+        point["along"] = rng.uniform()
+        if np.isfinite(float(ridge(point))):
+            inside += 1
+            theta = parameters(point, ridge)
+            for name, low, high in zip(PRIOR.names, PRIOR.lower, PRIOR.upper, strict=True):
+                assert low <= theta[name] <= high
+    assert inside > 50
+    low, high = walls(ridge.origin, ridge)
+    for tau in (low, high):
+        s = np.asarray(ridge.origin + tau * ridge.along)
+        assert np.min(np.abs(np.concatenate([s, 1 - s]))) < 1e-12
+
+
+def test_one_parameter_goes_from_wall_to_wall():
+    prior = box({"a": (1.0, 3.0)})
+    best = fit(lambda t, d: (t["a"] - d)[None] / 0.1, prior, 2.0, starts=4, key=jax.random.key(0))
+    tree = sample_along(
+        jax.random.key(1), lambda t, d: -0.5 * ((t["a"] - d) / 0.1) ** 2, prior, 2.0, best,
+        chain_method="vectorized",
+    )  # fmt: skip
+    row = summarise(tree, prior)["a"]
+    assert row["mean"] == pytest.approx(2.0, abs=4 * 0.1 / np.sqrt(row["ess_bulk"]))
+    assert tree["posterior"]["a"].attrs["upper"] == 3.0
+
+
+def test_a_fit_in_the_corner_is_no_obstacle():
+    prior = box({"a": (1.0, 2.0), "b": (1.0, 2.0)})
+
+    def far(theta, data):  # its optimum lies beyond the corner (2, 2)
+        return jnp.stack([(theta["a"] - 2.1) / 0.1, (theta["b"] - 2.1) / 0.1])
+
+    best = fit(far, prior, None, starts=4, key=jax.random.key(0))
+    assert best.at_bound == {"a": "upper", "b": "upper"}
+    tree = sample_along(
+        jax.random.key(1), lambda t, d: -0.5 * far(t, d) ** 2, prior, None, best,
+        sampler="random_walk", num_samples=20_000, chain_method="vectorized",
+    )  # fmt: skip
+    row = summarise(tree, prior)["a"]
+    # A normal cut off one standard deviation below its mean.
+    mean = 2.1 - 0.1 * norm.pdf(1) / norm.cdf(-1)
+    assert row["mean"] == pytest.approx(mean, abs=4 * row["sd"] / np.sqrt(row["ess_bulk"]))
