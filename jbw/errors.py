@@ -13,8 +13,18 @@ class JbwError(Exception):
     exit_code = 1
 
     def __init__(self, what: str, *, why: str = "", remedy: str = "") -> None:
-        self.what, self.why, self.remedy = what, why, remedy
-        super().__init__("\n".join(line for line in (what, why, remedy) if line))
+        self.what, self.why, self.remedy = map(printable, (what, why, remedy))
+        lines = (self.what, self.why, self.remedy)
+        super().__init__("\n".join(line for line in lines if line))
+
+
+def printable(text: str) -> str:
+    """Text whose control characters are spelled out: what a file holds must not steer a terminal.
+
+    Args:
+        text: What may quote a file; its line breaks stay.
+    """
+    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
 
 
 class ConfigError(JbwError, ValueError):

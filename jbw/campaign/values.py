@@ -28,9 +28,11 @@ def unlike(name: str, known: Iterable[str]) -> str:
 
 
 def text(value: Any) -> str:
-    """A string."""
+    """A string of printable characters, on one line."""
     if not isinstance(value, str):
         raise ValueError(f"must be a string, but is {value!r}.")
+    if not value.isprintable():
+        raise ValueError(f"must be printable, on one line, but is {value!r}.")
     return value
 
 

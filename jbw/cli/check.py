@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from jbw.campaign.checking import Check, Row, as_json, check_campaign
+from jbw.errors import printable
 
 COLOURS = {"ok": "green", "warning": "yellow", "error": "bold red"}
 PIPE_WIDTH = 160  # columns, when stdout is no terminal and has no width of its own
@@ -35,7 +36,7 @@ def _print(found: Check) -> None:
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=PIPE_WIDTH)
-    table = Table(title=f"Campaign {found.campaign}", title_justify="left")
+    table = Table(title=Text(f"Campaign {printable(found.campaign)}"), title_justify="left")
     for heading in ("test", "channel", "role", "unit"):
         table.add_column(heading, overflow="fold")
     table.add_column("fs", justify="right")
@@ -46,14 +47,14 @@ def _print(found: Check) -> None:
     console.print(table)
     for row in found.rows:
         for finding in row.findings:
-            # Text, not markup: names come from files.
             console.print(Text(f"{finding.severity}", COLOURS[finding.severity]), end=" ")
-            console.print(Text(f"{row.test}, {row.channel}: {finding.what}"))
+            # Text, not markup, and no control characters: names come from files.
+            console.print(Text(printable(f"{row.test}, {row.channel}: {finding.what}")))
             for line in filter(None, (finding.why, finding.remedy)):
-                console.print(Text(f"    {line}"))
+                console.print(Text(f"    {printable(line)}"))
 
 
 def _cells(row: Row) -> list[Text]:
     fs = "" if row.fs is None else f"{row.fs:.7g} Hz"
-    plain = [Text(cell) for cell in (row.test, row.channel, row.role, row.unit, fs)]
+    plain = [Text(printable(cell)) for cell in (row.test, row.channel, row.role, row.unit, fs)]
     return [*plain, Text(str(row.repeats)), Text(row.status, COLOURS[row.status])]

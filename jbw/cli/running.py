@@ -135,7 +135,8 @@ def _prediction(test: str, row: Mapping[str, Any]) -> str:
 
 
 def _table(summary: Mapping[str, Any]) -> Table:
-    table = Table(title=f"Campaign {summary['campaign']}", title_justify="left")
+    # Text, not markup: names come from files.
+    table = Table(title=Text(f"Campaign {summary['campaign']}"), title_justify="left")
     table.add_column("step")
     table.add_column("parameter")
     for column in COLUMNS:
@@ -146,7 +147,7 @@ def _table(summary: Mapping[str, Any]) -> Table:
         for i, (parameter, row) in enumerate(step["parameters"].items()):
             cells = [_number(row.get(column)) for column in COLUMNS]
             first = (name, Text(status, STATUS.get(status, ""))) if i == 0 else ("", Text(""))
-            table.add_row(first[0], parameter, *cells, first[1])
+            table.add_row(first[0], Text(parameter), *cells, first[1])
         table.add_section()
     return table
 

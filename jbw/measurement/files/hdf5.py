@@ -102,8 +102,9 @@ def _require_whole(dataset: h5py.Dataset) -> None:
         stored = dataset.id.get_storage_size()
         whole = stored in (0, dataset.nbytes)  # nothing is stored of a dataset never written
     else:
-        limits = zip(dataset.chunks, dataset.shape, dataset.maxshape, strict=True)
-        whole = not any(most is not None and chunk > n for chunk, n, most in limits)
+        most = dataset.maxshape or dataset.shape
+        sizes = zip(dataset.chunks, dataset.shape, most, strict=True)
+        whole = not any(end is not None and chunk > n for chunk, n, end in sizes)
     if not whole:
         raise DataError(
             f"`{dataset.name}` declares the shape {dataset.shape}, but was stored with another.",

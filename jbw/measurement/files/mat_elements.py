@@ -6,80 +6,23 @@ all of its memory.
 
 import math
 import struct
-import zlib
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import BinaryIO
 
 from jbw.errors import DataError
+from jbw.measurement.files.mat_bytes import Packed, Plain, Source, broken
 
 HEADER = 128  # bytes of a file before its first variable
 MATRIX, COMPRESSED = 14, 15  # data types that hold further elements
 # Data type of plain numbers or text to the bytes of one: int8 to uint64, then UTF-8, -16, -32.
 NUMBERS = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
 WIDTHS = {**NUMBERS, 16: 1, 17: 2, 18: 4}
+NAMES = (1, 2, 16)  # data types of names
 CELL, STRUCT, OBJECT, CHAR, SPARSE = 1, 2, 3, 4, 5
 NUMERIC = range(6, 16)  # classes of arrays of numbers: double to uint64
 FUNCTION, OPAQUE = 16, 17
 MOST_BARE = 2**16  # structs without a field in an array: nothing in the file stands for them
 LONGEST_NAME = 2**16
-STEP = 2**16  # bytes unpacked at a time
-
-
-class Source(Protocol):
-    """Bytes in their order, some of them passed over."""
-
-    def take(self, count: int) -> bytes:
-        """The next bytes; fewer at the end."""
-        ...
-
-    def skip(self, count: int) -> None:
-        """Pass over bytes."""
-        ...
-
-
-class Plain:
-    """Bytes of a file as they are."""
-
-    def __init__(self, stream: BinaryIO) -> None:
-        self._stream = stream
-
-    def take(self, count: int) -> bytes:
-        """The next bytes; fewer at the end."""
-        return self._stream.read(count)
-
-    def skip(self, count: int) -> None:
-        """Pass over bytes."""
-        self._stream.seek(count, 1)
-
-
-class Packed:
-    """Bytes of a packed variable, unpacked in small steps."""
-
-    def __init__(self, packed: bytes) -> None:
-        self._packed, self._unpack, self._ready = packed, zlib.decompressobj(), b""
-
-    def take(self, count: int) -> bytes:
-        """The next bytes; fewer at the end."""
-        while len(self._ready) < count:
-            more = self._unpack.decompress(self._packed, STEP)
-            self._packed = self._unpack.unconsumed_tail
-            if not more:
-                break
-            self._ready += more
-        taken, self._ready = self._ready[:count], self._ready[count:]
-        return taken
-
-    def skip(self, count: int) -> None:
-        """Pass over bytes."""
-        while count > 0 and (taken := self.take(min(count, STEP))):
-            count -= len(taken)
-
-    def finish(self) -> None:
-        """Unpack the end, which holds a checksum."""
-        if len(self.take(STEP)) == STEP:
-            raise _broken("a packed variable holds more than it declares")
-        if not self._unpack.eof:
-            raise _broken("a packed variable has no end")
 
 
 class Walk:
@@ -93,7 +36,7 @@ class Walk:
         self._reduce(count)
         taken = self.source.take(count)
         if len(taken) < count:
-            raise _broken("it ends inside a variable")
+            raise broken("it ends inside a variable")
         return taken
 
     def tag(self) -> tuple[int, int, bytes | None]:
@@ -104,14 +47,14 @@ class Walk:
             small = min(kind >> 16, 4)
             return kind & 0xFFFF, kind >> 16, head[4 : 4 + small]
         if size > self.left:
-            raise _broken(f"an element declares {size} bytes, where {self.left} are left")
+            raise broken(f"an element declares {size} bytes, where {self.left} are left")
         return kind, size, None
 
     def content(self, what: str, kinds: tuple[int, ...]) -> bytes:
         """Content of the next element, which must be short and of one of the types."""
         kind, size, content = self.tag()
         if kind not in kinds or size > LONGEST_NAME:
-            raise _broken(f"its {what} have data type {kind} and {size} bytes")
+            raise broken(f"its {what} have data type {kind} and {size} bytes")
         if content is None:
             content = self.take(size)
             self.skip(min(-size % 8, self.left))
@@ -126,22 +69,25 @@ class Walk:
         """Pass over an element that must hold `count` numbers, or at least as many characters."""
         kind, size, content = self.tag()
         if kind not in kinds:
-            raise _broken(f"numbers have the data type {kind}, which does not exist")
-        # Text may take more bytes than it has characters, numbers take what they take.
-        fits = count is None or (size == count * kinds[kind] if kinds is NUMBERS else size >= count)
+            raise broken(f"numbers have the data type {kind}, which does not exist")
+        # Text may take more bytes than it has characters, or none at all where it is blank.
+        exact = kinds is NUMBERS
+        fits = count is None or (
+            size == count * kinds[kind] if exact else size >= count or size == 0
+        )
         if not fits:
-            raise _broken(f"an array of {count} values has {size} bytes")
+            raise broken(f"an array of {count} values has {size} bytes")
         if content is None:
             self.skip(min(size + -size % 8, self.left))
 
     def matrices(self, count: int) -> None:
         """Walk through so many matrices."""
         if 8 * count > self.left:
-            raise _broken(f"{count} items are declared, where {self.left} bytes are left")
+            raise broken(f"{count} items are declared, where {self.left} bytes are left")
         for _ in range(count):
             kind, size, content = self.tag()
             if kind != MATRIX or content is not None:
-                raise _broken(f"an item of an array has the data type {kind}")
+                raise broken(f"an item of an array has the data type {kind}")
             self.inside(size)
 
     def inside(self, size: int) -> None:
@@ -159,7 +105,7 @@ class Walk:
 
     def _reduce(self, count: int) -> None:
         if count > self.left:
-            raise _broken("an element reaches beyond its variable")
+            raise broken("an element reaches beyond its variable")
         self.left -= count
 
 
@@ -167,14 +113,16 @@ def _matrix(walk: Walk) -> None:
     """Walk through one matrix: flags, shape, name, then what its class has."""
     flags = walk.whole_numbers("flags", (6,))
     if len(flags) != 2:
-        raise _broken("a variable has no flags")
+        raise broken("a variable has no flags")
     kind, is_complex = flags[0] & 0xFF, flags[0] >> 11 & 1
-    if kind == OPAQUE:  # neither shape nor name of its own
-        return _elements(walk)
+    if kind == OPAQUE:  # no shape; names of itself, its system and its class
+        for _ in range(3):
+            walk.content("names", NAMES)
+        return walk.matrices(1)
     shape = walk.whole_numbers("dimensions", (5, 6))
     if not shape or min(shape) < 0 or len(shape) > 32:
-        raise _broken(f"a variable has the shape {shape}")
-    walk.content("names", (1, 2, 16))
+        raise broken(f"a variable has the shape {shape}")
+    walk.content("names", NAMES)
     count = math.prod(shape)
     if kind in NUMERIC:
         for _ in range(1 + is_complex):
@@ -185,35 +133,26 @@ def _matrix(walk: Walk) -> None:
         walk.matrices(count)
     elif kind in (STRUCT, OBJECT):
         _fields(walk, count, kind)
-    elif kind in (SPARSE, FUNCTION):
-        _elements(walk)
+    elif kind == SPARSE:  # rows, columns, values
+        for _ in range(3 + is_complex):
+            walk.numbers(None, NUMBERS)
+    elif kind == FUNCTION:
+        walk.matrices(1)
     else:
-        raise _broken(f"a variable has the class {kind}")
+        raise broken(f"a variable has the class {kind}")
     return None
 
 
 def _fields(walk: Walk, count: int, kind: int) -> None:
     if kind == OBJECT:
-        walk.content("names", (1, 2, 16))
+        walk.content("names", NAMES)
     lengths = walk.whole_numbers("field names", (5, 6))
     if len(lengths) != 1 or lengths[0] < 1:
-        raise _broken(f"a struct has field names of lengths {lengths}")
-    fields = len(walk.content("field names", (1, 2, 16))) // lengths[0]
+        raise broken(f"a struct has field names of lengths {lengths}")
+    fields = len(walk.content("field names", NAMES)) // lengths[0]
     if not fields and count > MOST_BARE:
-        raise _broken(f"{count} structs have no field")
+        raise broken(f"{count} structs have no field")
     walk.matrices(count * fields)
-
-
-def _elements(walk: Walk) -> None:
-    """Walk through whatever elements there are."""
-    while walk.left >= 8:
-        kind, size, content = walk.tag()
-        if kind == MATRIX and content is None:
-            walk.inside(size)
-        elif kind not in WIDTHS:
-            raise _broken(f"an element has the data type {kind}, which does not exist")
-        elif content is None:
-            walk.skip(min(size + -size % 8, walk.left))
 
 
 def is_v5(header: bytes) -> bool:
@@ -240,7 +179,7 @@ def require_whole(path: Path) -> None:
             while size - stream.tell() >= 8:
                 kind, length = struct.unpack(f"{order}II", stream.read(8))
                 if length > size - stream.tell():
-                    raise _broken("its last variable is cut short")
+                    raise broken("its last variable is cut short")
                 after = stream.tell() + length
                 _variable(stream, order, kind, length)
                 stream.seek(after)
@@ -255,15 +194,10 @@ def _variable(stream: BinaryIO, order: str, kind: int, length: int) -> None:
     if kind == MATRIX:
         return Walk(Plain(stream), order, length).inside(length)
     if kind != COMPRESSED:
-        raise _broken(f"a variable has the data type {kind}")
+        raise broken(f"a variable has the data type {kind}")
     packed = Packed(stream.read(length))
     kind, length = struct.unpack(f"{order}II", packed.take(8))
     if kind != MATRIX:
-        raise _broken(f"a packed variable has the data type {kind}")
+        raise broken(f"a packed variable has the data type {kind}")
     Walk(packed, order, length).inside(length)
     return packed.finish()
-
-
-def _broken(what: str) -> DataError:
-    remedy = "Copy the file again from where it was measured, or export it again."
-    return DataError(what, remedy=remedy)
