@@ -28,7 +28,7 @@ from jbw.inference.precision import require_float64
 
 LOG_LIKELIHOOD = "log_likelihood"
 TAIL = 0.005  # on either side of a 99 % interval
-TOGETHER = 256  # draws whose quantities are evaluated side by side
+TOGETHER = 64  # draws whose quantities are evaluated side by side
 Quantity = Callable[[Theta, PyTree], Float[Array, ""]]
 Report = Callable[[int], None]
 

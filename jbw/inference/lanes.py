@@ -19,7 +19,8 @@ from jbw.inference.random_walk import PAPER
 from jbw.inference.start import OVERDISPERSION
 from jbw.inference.tempering import runs
 
-TOGETHER = 128  # points evaluated side by side
+TOGETHER = 64  # points evaluated side by side
+WIDE = 8.0  # standard deviations to either side that a second grid spans
 CHAINS = ("nuts", "random_walk", "random_walk_paper", "elliptical_slice")
 
 
@@ -149,9 +150,7 @@ def weighted(
         The sampler.
     """
 
-    def draw(
-        key: Key[Array, ""], log_likelihood: LogLikelihood, box: Box, data: PyTree
-    ) -> Draws:
+    def draw(key: Key[Array, ""], log_likelihood: LogLikelihood, box: Box, data: PyTree) -> Draws:
         key_locate, key_draw, key_keep = jax.random.split(key, 3)
         problem, whitened, theta = _placed(key_locate, log_likelihood, box, data, about)
         way = bridge(problem, whitened)
@@ -175,6 +174,52 @@ def _stratified(
     places = (jnp.arange(count) + jax.random.uniform(key_place, (count,))) / count
     found = jnp.searchsorted(jnp.cumsum(share), places)
     return jax.random.permutation(key_order, jnp.minimum(found, share.size - 1))
+
+
+def gridded(num_nodes: int = 512, num_draws: int = 1000, num_groups: int = 4) -> LaneSampler:
+    """Quadrature of one parameter on two grids: over the whole box, then where the mass lies.
+
+    Draws are independent, by the inverse distribution function of the second grid.
+
+    Args:
+        num_nodes: Nodes of each grid; the posterior is overlooked that falls between two.
+        num_draws: Draws.
+        num_groups: Groups, which stand for chains.
+
+    Returns:
+        The sampler.
+    """
+
+    def draw(key: Key[Array, ""], log_likelihood: LogLikelihood, box: Box, data: PyTree) -> Draws:
+        if len(box.names) != 1:
+            raise ConfigError(
+                f"Sampler quadrature takes one parameter here, but the posterior has "
+                f"{len(box.names)}.",
+                remedy="Use importance or tempered_smc.",
+            )
+
+        def density(theta: Float[Array, " node"]) -> Float[Array, " node"]:
+            def one(value: Float[Array, ""]) -> Float[Array, ""]:
+                return jnp.sum(log_likelihood({box.names[0]: value}, data))
+
+            value = jax.lax.map(one, theta, batch_size=TOGETHER)
+            return jnp.where(jnp.isfinite(value), value, FORBIDDEN)
+
+        lower, upper = box.lower[0], box.upper[0]
+        nodes = jnp.linspace(lower, upper, num_nodes)
+        p = jax.nn.softmax(density(nodes))
+        mean = jnp.sum(p * nodes)
+        sd = jnp.sqrt(jnp.sum(p * (nodes - mean) ** 2)) + (upper - lower) / num_nodes
+        ends = jnp.clip(jnp.stack([mean - WIDE * sd, mean + WIDE * sd]), lower, upper)
+        nodes = jnp.linspace(ends[0], ends[1], num_nodes)
+        log_p = density(nodes)
+        p = jnp.exp(log_p - jnp.max(log_p))
+        cumulated = jnp.concatenate([jnp.zeros(1), jnp.cumsum((p[1:] + p[:-1]) / 2)])
+        share = jax.random.uniform(key, (num_groups, num_draws // num_groups))
+        drawn = jnp.interp(share * cumulated[-1], cumulated, nodes)
+        return Draws({box.names[0]: drawn}, jnp.max(log_p) > FORBIDDEN / 2)
+
+    return draw
 
 
 class _Placed(NamedTuple):

@@ -1,0 +1,137 @@
+"""The posteriors of the procedure beside simulators of their data, ready to be calibrated."""
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax.tree_util import Partial
+from jaxtyping import Array, Float, Key
+
+from jbw.identification import cut
+from jbw.inference.calibration import Model
+from jbw.inference.lane_fit import About
+from jbw.inference.model import Theta
+from jbw.observables import evidence, kernel, response
+from jbw.observables.evidence import Evidence
+from jbw.observables.kernel import KernelData
+from jbw.study.calibration_designs import KernelDesign, SweepDesign
+from jbw.study.simulators import kernel_of_known_noise, measured_kernel, measured_records
+
+PRODUCTS = {"alpha_delta": ("alpha", "delta"), "alpha_gamma": ("alpha", "gamma")}
+WHERE = 0.55  # of a record, where a sweep has just passed the resonance
+
+
+class Step(NamedTuple):
+    """One calibration.
+
+    Attributes:
+        model: Posterior, simulator and quantities.
+        about: How to locate the posterior, where least squares can.
+        batch: Replications side by side.
+        sampler: The cheapest that crosses this posterior.
+    """
+
+    model: Model
+    about: About | None
+    batch: int
+    sampler: str
+
+
+def third_order(design: KernelDesign, *, known_noise: bool = False) -> Step:
+    """Step 3: zeta, alpha and delta from the kernel at the probing tones.
+
+    Args:
+        design: Tones, noise and prior.
+        known_noise: Whether the likelihood is told the noise, as (36) supposes, instead of the
+            scatter of the repeats.
+    """
+    simulate = kernel_of_known_noise if known_noise else measured_kernel
+    quantities = {
+        **_products(design.prior.names),
+        "lambda_3": _lambda_3,
+        **{
+            f"h3_{hertz:.4g}Hz": Partial(_h3_magnitude, index=i)
+            for i, hertz in enumerate(np.asarray(design.data.omega) / (2 * np.pi))
+        },
+    }
+    model = Model(
+        Partial(simulate, design=design.data, num_repeats=design.num_repeats),
+        kernel.log_likelihood,
+        design.prior,
+        quantities,
+    )
+    return Step(model, About(kernel.residual, _logs(model)), 100, "importance")
+
+
+def _lambda_3(theta: Theta, data: KernelData) -> Float[Array, ""]:
+    """The paper's lambda_3 at the displacement of the first tone."""
+    delta, y_peak = theta["delta"], data.y_peak[0]
+    return theta["alpha"] * (delta**2 / 6 - 35 * delta / (96 * y_peak))
+
+
+def _h3_magnitude(theta: Theta, data: KernelData, index: int) -> Float[Array, ""]:
+    return jnp.abs(kernel.predict(theta, data))[index]
+
+
+def opening(design: SweepDesign) -> Step:
+    """Step 4: gamma from sweeps, everything else held.
+
+    Args:
+        design: Sweeps, noise, what is held, prior.
+    """
+
+    def simulate(key: Key[Array, ""], theta: Theta, held: Theta) -> cut.OpeningCurve:
+        whole = {**held, **theta}
+        records = measured_records(key, whole, design.records, design.noise_std)
+        return cut.opening_curve(records, design.held, design.prior)
+
+    held = {name: jnp.asarray(value) for name, value in design.held.items()}
+    model = Model(Partial(simulate, held=held), cut.log_likelihood, design.prior)
+    return Step(model, None, 100, "quadrature")
+
+
+def joint(design: SweepDesign) -> Step:
+    """All parameters from sweeps.
+
+    Args:
+        design: Sweeps, noise, what is held, prior.
+    """
+    held = {name: jnp.asarray(value) for name, value in design.held.items()}
+
+    def simulate(key: Key[Array, ""], theta: Theta) -> Evidence:
+        whole = {**held, **theta}
+        records = measured_records(key, whole, design.records, design.noise_std)
+        return evidence.evidence([records], design.held)
+
+    model = Model(
+        simulate,
+        evidence.log_likelihood,
+        design.prior,
+        {**_products(design.prior.names), "response": _response},
+    )
+    return Step(model, About(evidence.residual, _logs(model), 16, 12), 4, "importance")
+
+
+def _response(theta: Theta, data: Evidence) -> Float[Array, ""]:
+    """Response of the last level at one instant, shortly after the resonance."""
+    records = data.parts[0]
+    at = round(WHERE * records.source.shape[-1])
+    return response.predict({**data.held, **theta}, records)[-1, at]
+
+
+def _products(names: tuple[str, ...]) -> dict[str, Callable[[Theta, object], Float[Array, ""]]]:
+    wanted = {one: both for one, both in PRODUCTS.items() if set(both) <= set(names)}
+    return {one: Partial(_product, names=both) for one, both in wanted.items()}
+
+
+def _product(theta: Theta, data: object, names: tuple[str, str]) -> Float[Array, ""]:
+    return theta[names[0]] * theta[names[1]]
+
+
+def _logs(model: Model) -> tuple[str, ...]:
+    """Parameters whose product is known better than they are, and that cannot be zero."""
+    low: Mapping[str, float] = dict(
+        zip(model.box.names, np.asarray(model.box.lower).tolist(), strict=True)
+    )
+    return tuple(name for name in ("alpha", "delta", "gamma") if low.get(name, 0.0) > 0)
