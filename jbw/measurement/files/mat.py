@@ -42,8 +42,7 @@ def contents(path: Path) -> Iterator[Contents]:
             yield Contents(root, "MATLAB v7.3", fs=fs_of(file.attrs))
     else:
         _refuse_bomb(path)
-        if is_v5(head[:HEADER]):
-            require_whole(path)
+        require_whole(path)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of sparse matrices, not read here
             # Objects have no name of their own in the file; two of them look like a repetition.

@@ -1,4 +1,4 @@
-"""Headers of a MATLAB v5 file, walked before its reader is let in: what they declare must be there.
+"""Headers of a MATLAB file before v7.3, walked before its reader is let in: what they say must be.
 
 The reader takes types and sizes on trust: one changed byte among them can end the process, or take
 all of its memory.
@@ -17,6 +17,7 @@ MATRIX, COMPRESSED = 14, 15  # data types that hold further elements
 # Data type of plain numbers or text to the bytes of one: int8 to uint64, then UTF-8, -16, -32.
 NUMBERS = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
 WIDTHS = {**NUMBERS, 16: 1, 17: 2, 18: 4}
+WIDTHS_4 = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}  # the same of version 4
 NAMES = (1, 2, 16)  # data types of names
 CELL, STRUCT, OBJECT, CHAR, SPARSE = 1, 2, 3, 4, 5
 NUMERIC = range(6, 16)  # classes of arrays of numbers: double to uint64
@@ -156,12 +157,12 @@ def _fields(walk: Walk, count: int, kind: int) -> None:
 
 
 def is_v5(header: bytes) -> bool:
-    """Whether the first bytes of a file are those of version 5 to 7."""
-    return header[HEADER - 2 : HEADER] in (b"IM", b"MI")
+    """Whether the first bytes of a file are those of version 5 to 7, which begins with a text."""
+    return b"\0" not in header[:4]
 
 
 def require_whole(path: Path) -> None:
-    """Refuse a v5 file whose headers declare what is not there.
+    """Refuse a file of version 4 to 7 whose headers declare what is not there.
 
     Args:
         path: The file.
@@ -174,20 +175,42 @@ def require_whole(path: Path) -> None:
     """
     size = path.stat().st_size
     with path.open("rb") as stream:
-        order = "<" if stream.read(HEADER)[-2:] == b"IM" else ">"
+        header = stream.read(HEADER)
         try:
-            while size - stream.tell() >= 8:
-                kind, length = struct.unpack(f"{order}II", stream.read(8))
-                if length > size - stream.tell():
-                    raise broken("its last variable is cut short")
-                after = stream.tell() + length
-                _variable(stream, order, kind, length)
-                stream.seek(after)
+            _variables(stream, header, size) if is_v5(header) else _variables_4(stream, size)
         except DataError as error:
             raise DataError(
                 f"File `{path}` ({size} bytes) cannot be read by the mat reader: {error.what}.",
                 remedy=error.remedy,
             ) from None
+
+
+def _variables(stream: BinaryIO, header: bytes, size: int) -> None:
+    """Walk through the variables of a v5 file, from behind its header."""
+    order = {b"IM": "<", b"MI": ">"}.get(header[-2:])
+    if order is None:
+        raise broken("its header has no mark of the byte order")
+    while size - stream.tell() >= 8:
+        kind, length = struct.unpack(f"{order}II", stream.read(8))
+        after = stream.tell() + length
+        if after > size:
+            raise broken("its last variable is cut short")
+        _variable(stream, order, kind, length)
+        stream.seek(after)
+
+
+def _variables_4(stream: BinaryIO, size: int) -> None:
+    """Walk through the variables of a v4 file: type, rows, columns, imaginary part, name."""
+    stream.seek(0)
+    while size - stream.tell() >= 20:
+        head = stream.read(20)
+        order = "<" if 0 <= struct.unpack("<i", head[:4])[0] <= 5000 else ">"
+        kind, rows, columns, is_complex, name = struct.unpack(f"{order}5i", head)
+        width = WIDTHS_4.get(kind // 10 % 10, 0)
+        end = stream.tell() + name + rows * columns * width * (1 + (is_complex == 1))
+        if not width or min(rows, columns, name) < 0 or end > size:
+            raise broken(f"a variable of {rows} x {columns} values is not there")
+        stream.seek(end)
 
 
 def _variable(stream: BinaryIO, order: str, kind: int, length: int) -> None:

@@ -1,10 +1,12 @@
 """TDMS through npTDMS, an optional extra: samples stay on disk until asked for."""
 
 import logging
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
+from io import BufferedReader, FileIO
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,15 @@ class Channel:
         return replace(self, dtype=np.dtype(dtype))
 
 
+class Bounded(BufferedReader):
+    """A file never asked for more bytes than it has, which a damaged length would do."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """The next bytes, up to the end of the file."""
+        left = os.fstat(self.fileno()).st_size - self.tell()
+        return super().read(left if size is None or size < 0 else min(size, max(left, 0)))
+
+
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
     """Open a TDMS file: groups hold channels, with their interval and unit."""
@@ -47,7 +58,7 @@ def contents(path: Path) -> Iterator[Contents]:
             remedy="Install it: pip install jbw[tdms]",
         ) from None
     # By its stream: given the path, npTDMS would believe a stale index file beside it.
-    with _quiet(), path.open("rb") as stream, nptdms.TdmsFile.open(stream) as file:
+    with _quiet(), Bounded(FileIO(path)) as stream, nptdms.TdmsFile.open(stream) as file:
         groups = file.groups()
         if file.file_status.incomplete_final_segment or not groups:
             found = sum(len(channel) for group in groups for channel in group.channels())

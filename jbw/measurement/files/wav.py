@@ -1,5 +1,6 @@
 """WAV: full scale is 1, so a calibration factor is needed; a truncated file is refused."""
 
+import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ import numpy as np
 import scipy.io.wavfile
 from numpy.typing import NDArray
 
+from jbw.errors import DataError
 from jbw.measurement.files.tree import Contents, leaf
 
 
@@ -47,6 +49,7 @@ class FullScale:
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
     """Open a WAV file as `channel[0]`, `channel[1]`, ...: full scale of integer samples is 1."""
+    _require_whole(path)
     with warnings.catch_warnings():
         # scipy only warns when the data chunk is cut short, and hands over half the samples.
         warnings.simplefilter("error", scipy.io.wavfile.WavFileWarning)
@@ -58,3 +61,20 @@ def contents(path: Path) -> Iterator[Contents]:
     array = FullScale(np.atleast_2d(samples.T))
     notes = {"full scale": str(samples.dtype)}
     yield Contents({"channel": leaf(array)}, "WAV", fs=float(rate), notes=notes)
+
+
+def _require_whole(path: Path) -> None:
+    """Refuse chunks that reach beyond the file, or end where no other one begins."""
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        order = {b"RIFF": "<", b"RIFX": ">"}.get(stream.read(12)[:4])
+        while order and len(head := stream.read(8)) == 8:
+            name, length = struct.unpack(f"{order}4sI", head)
+            is_chunk = name.decode("ascii", "replace").isprintable()
+            if not is_chunk or stream.tell() + length > size:
+                raise DataError(
+                    f"File `{path}` ({size} bytes) cannot be read by the wav reader: at byte "
+                    f"{stream.tell() - 8} {name!r} declares {length} bytes.",
+                    remedy="Copy the file again from where it was measured, or export it again.",
+                )
+            stream.seek(length + length % 2, 1)
