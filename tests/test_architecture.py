@@ -25,7 +25,7 @@ SEES = {
     "verification": LEAVES | {"observables", "prediction"},
     "validation": LEAVES | {"observables", "prediction"},
     "rig": {"oscillator", "measurement"},
-    "report": {"inference"},
+    "report": {"inference", "measurement"},
     "run": set(),
     "planning": LEAVES | {"campaign", "observables", "prediction"},
 }

@@ -1,6 +1,7 @@
-"""`jbw check`: one table, channel by channel."""
+"""`jbw check`: one table, channel by channel, and pictures of the channels when asked for."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -9,7 +10,11 @@ from rich.table import Table
 from rich.text import Text
 
 from jbw.campaign.checking import Check, Row, as_json, check_campaign
-from jbw.errors import printable
+from jbw.campaign.loading import test_names
+from jbw.campaign.repeats import repeats_of
+from jbw.campaign.schema import read_spec
+from jbw.errors import RunError, printable
+from jbw.measurement.records import Record
 
 COLOURS = {"ok": "green", "warning": "yellow", "error": "bold red"}
 PIPE_WIDTH = 160  # columns, when stdout is no terminal and has no width of its own
@@ -17,9 +22,15 @@ PIPE_WIDTH = 160  # columns, when stdout is no terminal and has no width of its 
 
 @click.command()
 @click.argument("campaign", type=click.Path(path_type=Path))
+@click.option(
+    "--figures",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Draw each test's first record into DIR: channels in time, spectra, spectrograms.",
+)
 @click.option("--json", "json_", is_flag=True, help="Print JSON instead of a table.")
 @click.option("--allow-outside", is_flag=True, help="Read files outside the campaign's folder.")
-def check(campaign: Path, json_: bool, allow_outside: bool) -> int:
+def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool) -> int:
     """Check the campaign file CAMPAIGN and all of its channels.
 
     Ends with 0 when it can be identified, 2 when the campaign file must change, 3 when data must.
@@ -29,7 +40,34 @@ def check(campaign: Path, json_: bool, allow_outside: bool) -> int:
         click.echo(json.dumps(as_json(found), indent=2, ensure_ascii=False))
     else:
         _print(found)
+    if figures is not None:
+        count = _draw(campaign, figures, allow_outside)
+        click.echo(f"{count} figure{'s' if count != 1 else ''} in {figures}", err=json_)
     return found.exit_code
+
+
+def _draw(campaign: Path, folder: Path, allow_outside: bool) -> int:
+    """Draw what could be read, and return how many figures there are."""
+    from jbw.report.overview import save_overviews  # loads matplotlib, which the table needs not
+
+    try:
+        return len(save_overviews(_first_records(campaign, allow_outside), folder))
+    except OSError as error:
+        raise RunError(
+            f"The figures cannot be written to {folder}: {error.strerror or error}.",
+            remedy="Choose another folder with --figures.",
+        ) from error
+
+
+def _first_records(campaign: Path, allow_outside: bool) -> Iterator[tuple[str, Record]]:
+    """Each test's name and the first of its repeats that can be read."""
+    spec = read_spec(campaign)
+    folder = campaign.resolve().parent
+    for test, name in zip(spec.tests, test_names(spec), strict=True):
+        items = repeats_of(test, name, folder, allow_outside=allow_outside)
+        record = next((item for item in items if isinstance(item, Record)), None)
+        if record is not None:
+            yield name, record
 
 
 def _print(found: Check) -> None:

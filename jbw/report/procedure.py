@@ -13,11 +13,11 @@ from matplotlib.patches import FancyBboxPatch
 
 from jbw.report.loops import enclosed_areas
 from jbw.report.result import branch, node, parameter
-from jbw.report.style import GREEN, INK, ORANGE, SOFT, VERMILLION, panels
+from jbw.report.style import GREEN, INK, SOFT, VERMILLION, panels
 from jbw.report.text import NOTHING, number, percent, spread_text, symbol
 
 SAMPLERS = {"nuts": "NUTS", "paper": "paper's walk", "walk": "tuned walk"}
-COLOURS = {"ok": GREEN, "failed": VERMILLION, "not assessed": ORANGE}
+COLOURS = {"ok": GREEN, "failed": VERMILLION, "not assessed": INK}
 COMPARED = ("sweep", "curve", "loop", "multisine", "decay")
 LINE = 0.17  # height of a line of text [in]
 PAD, GAP = 0.1, 0.2  # above and below the text of a box, and between boxes [in]
@@ -92,7 +92,7 @@ def _lines(outcome: Outcome) -> int:
 def _draw(ax: Axes, box: Box, top: float, height: float) -> None:
     """Draw a box, its step at the left, its outcomes line by line."""
     edge = INK if box.outcomes else SOFT
-    shape = {"boxstyle": "round,pad=0,rounding_size=0.06", "fc": "none", "ec": edge}
+    shape: dict[str, Any] = {"boxstyle": "round,pad=0,rounding_size=0.06", "fc": "none", "ec": edge}
     dashes = "-" if box.outcomes else "--"
     ax.add_patch(FancyBboxPatch((0.03, top - height), 9.94, height, lw=0.8, ls=dashes, **shape))
     ax.text(0.2, top - PAD, box.name, va="top", fontsize=9, color=edge, weight="bold")
@@ -106,8 +106,8 @@ def _draw(ax: Axes, box: Box, top: float, height: float) -> None:
         colour = COLOURS.get(each.status, SOFT)
         words = f"{each.who}: {each.words}" if each.who else each.words
         ax.text(3.6, y, words, color=INK, **look)
-        ax.text(8.85, y, each.mixing, color=SOFT, ha="right", **look)
-        ax.text(9.85, y, each.status, color=colour, weight="bold", ha="right", **look)
+        ax.text(8.7, y, each.mixing, color=SOFT, ha="right", **look)
+        ax.text(9.85, y, each.status, color=colour, ha="right", **look)
         y -= LINE * _lines(each)
 
 

@@ -121,7 +121,7 @@ def _numbers(ax: Axes, found: dict[str, str]) -> None:
     for row, (name, value) in enumerate(found.items()):
         y = 3.0 - 0.6 * row
         _write(ax, 0.2, y, symbol(name), ha="left", size=8)
-        _write(ax, 0.95, y, value, ha="left", size=8)
+        _write(ax, 1.2, y, value, ha="left", size=8)
         _write(ax, 9.9, y, MEANINGS[name], ha="right", size=7, color=SOFT)
 
 

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
-from jbw.errors import ConfigError
+from jbw.errors import ConfigError, printable
 
 # Okabe and Ito's palette, told apart with any colour vision and in grey.
 BLUE, VERMILLION, GREEN = "#0072b2", "#d55e00", "#009e73"
@@ -151,7 +151,7 @@ def log_y(ax: Axes) -> None:
 
 def plain(name: object) -> str:
     """Return a name from a file as plain text: a dollar sign starts no formula."""
-    return str(name).replace("$", r"\$")
+    return printable(str(name)).replace("$", r"\$")
 
 
 def shade(ax: Axes, x: Any, lower: Any, upper: Any, colour: str, label: str, **look: Any) -> None:

@@ -1,0 +1,179 @@
+"""What is in a record, before any model: every channel in time, in frequency and in both."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from scipy.signal import ShortTimeFFT, welch
+from scipy.signal.windows import hann
+
+from jbw.measurement.records import Record
+from jbw.report.style import BLUE, GREEN, INK, VERMILLION, Panels, panels, plain, shade, title
+from jbw.report.sweep import extremes
+from jbw.report.text import axis_label, unit_text
+
+COLUMNS = 400  # of a spectrogram, and extremes drawn of a channel
+LONGEST, SHORTEST = 1024, 32  # windows of a spectrogram [samples]
+WINDOWS = 24  # of a spectrogram, end to end, in a short record
+RANGE = 90.0  # that a spectrogram shows below its largest value [dB]
+CURVE = "frequency"  # channel of a record that is a measured response curve
+COLOURS = (BLUE, VERMILLION, GREEN, INK)
+
+
+def channel_overview(record: Record, ax: Any = None) -> Panels:
+    """Draw every channel over time, its power spectral density and its spectrogram.
+
+    Panels: a row of three for each channel; one for each channel over frequency where the record
+    is a measured response curve.
+
+    Args:
+        record: One repeat of a test.
+        ax: Axes of the caller, row by row, or None.
+    """
+    if CURVE in record.channels:
+        return _curve(record, ax)
+    names = list(record.channels)
+    axes = panels(ax, len(names), 3, height=0.5 + 1.9 * len(names), width_ratios=[1.1, 1, 1.3])
+    for row, name, colour in zip(axes, names, COLOURS * len(names), strict=False):
+        time_history(record, name, row[0], colour=colour)
+        power_spectrum(record, name, row[1], colour=colour)
+        spectrogram(record, name, row[2])
+    what = f"{record.name}: {record.num_samples} samples at {record.fs:.7g} Hz"
+    title(axes[0, 0], plain(what.removeprefix(": ")), size=8)
+    return axes
+
+
+def time_history(
+    record: Record, channel: str, ax: Axes | None = None, *, colour: str = BLUE
+) -> Axes:
+    """Draw a channel over time, as extremes where it is long; gaps stay empty.
+
+    Args:
+        record: One repeat of a test.
+        channel: The role of the channel.
+        ax: Axes of the caller, or None.
+        colour: Of the line.
+    """
+    only: Axes = panels(ax, 1, 1, height=2.4)[0, 0]
+    samples = np.asarray(record.channels[channel], float)
+    time = np.arange(samples.size) / record.fs
+    if samples.size > 2 * COLUMNS:
+        # A slow motion's extremes lie close together: the edge keeps them visible.
+        ends = extremes(time, samples, samples, COLUMNS)
+        shade(only, *ends, colour, channel, alpha=0.8, lw=0.6)
+    else:
+        only.plot(time, samples, color=colour, lw=0.8, label=channel)
+    only.set(xlabel="time [s]", ylabel=_label(record, channel))
+    only.margins(x=0)
+    return only
+
+
+def power_spectrum(
+    record: Record, channel: str, ax: Axes | None = None, *, colour: str = BLUE
+) -> Axes:
+    """Draw a channel's power spectral density, Welch's estimate with Hann windows.
+
+    Args:
+        record: One repeat of a test.
+        channel: The role of the channel.
+        ax: Axes of the caller, or None.
+        colour: Of the line.
+    """
+    only: Axes = panels(ax, 1, 1, height=2.4)[0, 0]
+    samples = _complete(record, channel)
+    # An eighth of the record: fine lines, and some averages.
+    freq, power = welch(samples, record.fs, nperseg=max(8, samples.size // 8))
+    only.loglog(freq[1:], np.maximum(power[1:], np.finfo(float).tiny), color=colour, lw=0.8)
+    only.set(xlabel="frequency [Hz]", ylabel=f"density [{_density_unit(record, channel)}]")
+    only.margins(x=0)
+    return only
+
+
+def spectrogram(record: Record, channel: str, ax: Axes | None = None) -> Axes:
+    """Draw a channel's spectrogram, 90 dB below its largest value at most.
+
+    Args:
+        record: One repeat of a test.
+        channel: The role of the channel.
+        ax: Axes of the caller, or None.
+    """
+    only: Axes = panels(ax, 1, 1, height=3.0)[0, 0]
+    time, freq, level = _levels(_complete(record, channel), record.fs)
+    top = float(level.max())
+    image = only.pcolormesh(
+        time, freq, level, shading="nearest", cmap="viridis", rasterized=True,
+        vmin=max(top - RANGE, float(level.min())), vmax=top,
+    )  # fmt: skip
+    only.set(yscale="log", xlabel="time [s]", ylabel="frequency [Hz]")
+    only.grid(False)
+    bar = only.figure.colorbar(image, ax=only, pad=0.02)
+    bar.set_label(f"dB re {_density_unit(record, channel)}", fontsize=8)
+    bar.ax.tick_params(labelsize=8)
+    return only
+
+
+def _levels(
+    samples: Float[np.ndarray, " time"], fs: float
+) -> tuple[
+    Float[np.ndarray, " slice"], Float[np.ndarray, " freq"], Float[np.ndarray, "freq slice"]
+]:
+    """Return times [s], frequencies [Hz] above 0 and power spectral densities [dB]."""
+    wished = 2 ** int(np.log2(max(samples.size / WINDOWS, 1)))
+    size = min(max(wished, SHORTEST), LONGEST, samples.size)
+    hop = max(1, size // 4, -(-samples.size // COLUMNS))
+    transform = ShortTimeFFT(hann(size, sym=False), hop, fs, scale_to="psd")
+    power = transform.spectrogram(samples)
+    time = transform.t(samples.size)
+    inside = (time >= 0) & (time <= samples.size / fs)
+    level = 10.0 * np.log10(np.maximum(power[1:, inside], np.finfo(float).tiny))
+    return time[inside], transform.f[1:], level
+
+
+def _complete(record: Record, channel: str) -> Float[np.ndarray, " time"]:
+    """Return a channel less its mean, zero where a sample is missing."""
+    samples = np.asarray(record.channels[channel], float)
+    known = np.isfinite(samples)
+    return np.where(known, samples - (samples[known].mean() if known.any() else 0.0), 0.0)
+
+
+def _curve(record: Record, ax: Any) -> Panels:
+    """Draw the channels of a measured response curve over its frequency."""
+    names = [name for name in record.channels if name != CURVE]
+    axes = panels(ax, len(names), 1, height=0.5 + 1.7 * len(names), sharex=True)
+    freq = np.asarray(record.channels[CURVE], float)
+    for only, name, colour in zip(axes[:, 0], names, COLOURS * len(names), strict=False):
+        only.plot(freq, record.channels[name], ".-", color=colour, lw=0.8, ms=3)
+        only.set_ylabel(_label(record, name))
+    axes[-1, 0].set_xlabel("frequency [Hz]")
+    title(axes[0, 0], plain(record.name), size=8)
+    return axes
+
+
+def _label(record: Record, channel: str) -> str:
+    return axis_label(plain(channel.replace("_", " ")), record.units.get(channel, ""))
+
+
+def _density_unit(record: Record, channel: str) -> str:
+    unit = unit_text(record.units.get(channel, "")) or "1"
+    return f"{unit}²/Hz" if unit.isalnum() else f"({unit})²/Hz"
+
+
+def save_overviews(found: Iterable[tuple[str, Record]], folder: Path, dpi: int = 110) -> list[Path]:
+    """Write one PNG a test, and return the paths.
+
+    Args:
+        found: A test's name and one of its records, test by test.
+        folder: Where to write; made when absent.
+        dpi: Points per inch.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for place, (name, record) in enumerate(found, start=1):
+        path = folder / f"{place:02d}_{re.sub(r'[^\w.-]+', '_', name)}.png"
+        channel_overview(record)[0, 0].figure.savefig(path, dpi=dpi, facecolor="white")
+        written.append(path)
+    return written

@@ -1,0 +1,45 @@
+"""Sentences with symbols, and which parameters a run knows."""
+
+# Greek letters and the true minus sign are meant.
+# ruff: noqa: RUF001
+
+import pytest
+
+from jbw.report.words import identified_words, in_symbols
+
+
+@pytest.mark.parametrize(
+    ("plain", "printed"),
+    [
+        ("only the product alpha*delta", "only the product α·δ"),
+        ("softening = alpha*delta/omega_n^2", "softening = α·δ/ωₙ²"),
+        ("161181 m^-1 s^-2", "161181 m⁻¹ s⁻²"),
+        ("r_hat of alpha_gamma is 1.004", "R-hat of α γ is 1.004"),
+        ("Gamma is conditional on lambda_3", "γ is conditional on λ₃"),
+        ("counts 3.82e+05 of 1.4e-05", "counts 3.82×10⁵ of 1.4×10⁻⁵"),
+        ("data/alpha/delta.mat of sweep_alpha", "data/alpha/delta.mat of sweep_alpha"),
+        ("set `gamma` in it", "set `gamma` in it"),
+    ],
+)  # fmt: skip
+def test_names_become_symbols(plain, printed):
+    assert in_symbols(plain) == printed
+
+
+def test_parameters_are_graded_by_what_is_known_of_them():
+    parameters = {
+        "omega_n": {"cv": 1e-4, "kl": 5.0},
+        "zeta": {"cv": 0.2, "kl": 1.0},
+        "alpha": {"cv": 0.5, "kl": None},
+        "share": {"cv": 0.3, "kl": 0.1},
+        "noise_std[0.1]": {"cv": 0.01, "kl": None},
+    }
+    words = identified_words({"main": "joint", "steps": {"joint": {"parameters": parameters}}})
+    assert [each.partition(":")[0] for each in words] == [
+        "Known, with its standard deviation",
+        "Known roughly",
+        "Hardly known",
+        "Not known, its prior all but unchanged",
+    ]
+    assert "the natural frequency of the stuck joint" in words[0]
+    assert "noise" not in "".join(words)
+    assert identified_words({}) == []
