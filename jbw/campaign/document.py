@@ -43,9 +43,10 @@ def document_of(source: str, file: str) -> dict[str, Any]:
     """
     try:
         return tomllib.loads(source)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # not TOML, or a number of thousands of digits
+        reason = "nested too deeply" if isinstance(error, RecursionError) else error
         raise ConfigError(
-            f"{file} is not valid TOML: {error or 'nested too deeply'}.",
+            f"{file} is not valid TOML: {reason}.",
             remedy="See https://toml.io; strings need quotes, and each key stands once.",
         ) from None
 

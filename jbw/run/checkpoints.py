@@ -3,10 +3,10 @@
 import hashlib
 import io
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,11 @@ from jbw.run.interruption import Interruption
 MAGIC = b"jbw-checkpoint-1"
 EVERY_S = 5.0  # between two savings at least
 COST = 0.02  # share of the time that saving may take
+Watch = Callable[[str, Any], None]
+
+
+def unwatched(name: str, so_far: Any) -> None:
+    """The `Watch` of chains that nobody waits for."""
 
 
 class Generation(NamedTuple):
@@ -64,10 +69,13 @@ class Checkpoint:
         folder: Where they are kept.
         name: Name of the posterior.
         interruption: What may ask to stop after a saving.
+        watch: Called with the name and how far the chains are, after every chunk of steps.
     """
 
-    def __init__(self, folder: Path, name: str, interruption: Interruption) -> None:
-        self._name = name
+    def __init__(
+        self, folder: Path, name: str, interruption: Interruption, watch: Watch = unwatched
+    ) -> None:
+        self._name, self._watch = name, watch
         self._files = [folder / f"{name}.{i}.checkpoint" for i in (0, 1)]
         self._interruption = interruption
         self._number = 0
@@ -87,6 +95,14 @@ class Checkpoint:
             return None
         self._number = found[-1].number + 1
         return found[-1].arrays
+
+    def grown(self, so_far: Any) -> None:
+        """Pass on how far the chains are.
+
+        Args:
+            so_far: What is known of them.
+        """
+        self._watch(self._name, so_far)
 
     def due(self) -> bool:
         """Whether to save: when asked to stop, or when saving takes a small share of the time."""

@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 from jbw.errors import RunError
-from jbw.run.checkpoints import Checkpoint
+from jbw.run.checkpoints import Checkpoint, Watch, unwatched
 from jbw.run.files import ROOM, ROOM_OF_RIG, require_room
 from jbw.run.interruption import Interruption
 from jbw.run.lock import FolderLock
@@ -27,12 +27,14 @@ class Run:
         folder: The run's folder.
         manifest: What it was asked for, and what it read so far.
         interruption: Whether it was asked to stop.
+        watch: Called with the name of a posterior and how far its chains are.
     """
 
     def __init__(self, folder: Path, manifest: Manifest, lock: FolderLock, *, fresh: bool) -> None:
         self.folder, self.manifest = folder, manifest
         self._lock, self._fresh = lock, fresh
         self.interruption = Interruption()
+        self.watch: Watch = unwatched
 
     @property
     def campaign(self) -> Path:
@@ -45,7 +47,7 @@ class Run:
         Args:
             name: Name of the posterior.
         """
-        return Checkpoint(self.folder / HIDDEN, name, self.interruption)
+        return Checkpoint(self.folder / HIDDEN, name, self.interruption, self.watch)
 
     def note(self, manifest: Manifest) -> None:
         """Write down what became known.

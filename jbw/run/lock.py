@@ -51,7 +51,7 @@ def _holder(stream: IO[str]) -> str:
     try:
         found = json.loads(stream.read())
         return f" (number {found['pid']} on {found['host']})"
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return ""
 
 

@@ -89,7 +89,7 @@ def read_manifest(path: Path) -> Manifest:
         whole = content.pop("sha256") == _digest(content) and content.pop("format") == FORMAT
         if whole:
             return Manifest(**content)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         pass
     raise RunError(
         f"{path} is damaged, or was written by another version of jbw.",

@@ -1,0 +1,87 @@
+"""Any damage to what a run keeps: it is noticed, and no damaged number is ever gone on with."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from jbw.errors import RunError
+from jbw.run.checkpoints import Checkpoint, pack
+from jbw.run.folder import HIDDEN, begin, reopen
+from jbw.run.interruption import Interruption
+from jbw.run.manifest import Manifest
+
+ARRAYS = {"state/0": np.arange(5, dtype=np.uint32), "theta/gamma": np.full((2, 5), 1 / 3)}
+CHANGES = st.one_of(
+    st.tuples(st.just("cut"), st.integers(0)),
+    st.tuples(st.just("flip"), st.integers(0)),
+    st.tuples(st.just("junk"), st.binary(max_size=200)),
+)
+FUZZED = settings(max_examples=50, deadline=2000, suppress_health_check=list(HealthCheck))
+
+
+def changed(data, change):
+    how, what = change
+    if how == "junk":
+        return what
+    place = what % len(data)
+    flipped = data[:place] + bytes([data[place] ^ 1 << what % 8]) + data[place + 1 :]
+    return data[:place] if how == "cut" else flipped
+
+
+@pytest.mark.fault(44)
+@FUZZED
+@given(first=CHANGES, second=st.none() | CHANGES)
+def test_a_damaged_checkpoint_is_never_used(tmp_path_factory, first, second):
+    folder = tmp_path_factory.mktemp("run")
+    newer, older = (pack(number, ARRAYS) for number in (7, 6))
+    (folder / "joint.0.checkpoint").write_bytes(changed(newer, first))
+    (folder / "joint.1.checkpoint").write_bytes(older if second is None else changed(older, second))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        found = Checkpoint(folder, "joint", Interruption()).load()
+    assert "damaged" in str(said[0].message)
+    if second is not None:
+        assert found is None
+        return
+    assert found is not None
+    for name, values in ARRAYS.items():
+        np.testing.assert_array_equal(found[name], values)
+
+
+@pytest.mark.fault(43, 44)
+@FUZZED
+@given(change=CHANGES)
+@example(change=("junk", b"[" * 100_000))
+@example(change=("junk", b'{"sha256": {}}'))
+def test_a_damaged_manifest_is_refused(tmp_path_factory, change):
+    folder = tmp_path_factory.mktemp("run")
+    begin(folder, Manifest("jbw identify beam.toml", "/data/beam.toml", seed=3)).close()
+    path = folder / HIDDEN / "manifest.json"
+    path.write_bytes(changed(path.read_bytes(), change))
+    with pytest.raises(RunError) as caught:
+        reopen(folder)
+    assert "manifest.json is damaged" in caught.value.what
+    assert "another folder" in caught.value.remedy
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner),
+    max_leaves=6,
+)
+
+
+@pytest.mark.fault(45)
+@FUZZED
+@given(content=st.binary(max_size=60) | JSON.map(lambda value: json.dumps(value).encode()))
+def test_any_stale_lock_is_taken_over(tmp_path_factory, content):
+    folder = tmp_path_factory.mktemp("run")
+    begin(folder, Manifest("jbw identify beam.toml", "/data/beam.toml")).close()
+    (folder / HIDDEN / "lock").write_bytes(content)
+    run = reopen(folder)
+    assert run is not None
+    run.close()
