@@ -4,6 +4,7 @@ Results go to stdout, progress and messages to stderr. Exit codes: 0 ok, 1 inter
 configuration, 3 data, 4 finished but not trustworthy, 5 interrupted.
 """
 
+import json
 import os
 import sys
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from typing import Any
 import click
 
 from jbw import __version__
+from jbw.cli.next_step import next_command
 from jbw.errors import JbwError
 
 INTERRUPTED = 5
@@ -38,6 +40,7 @@ COMMANDS = {
     "export": ("jbw.cli.export:export", "Write a run's joint for CSV, MATLAB and OpenSees."),
     "explain": ("jbw.cli.explain:explain", "Say what a finding of the verdict means."),
     "report": ("jbw.cli.report:report", "Write the one-file report of a finished run."),
+    "completion": ("jbw.cli.completion:completion", "Print what completes jbw in a shell."),
 }
 
 
@@ -97,7 +100,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         click.echo("Interrupted.", err=True)
         return INTERRUPTED
     except JbwError as error:
-        click.echo(f"Error: {error}", err=True)
+        _tell(error, sys.argv[1:] if arguments is None else arguments)
         return error.exit_code
     except BrokenPipeError:  # the reader of stdout left, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -105,6 +108,18 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except Exception as error:  # the boundary: anything else is a fault of jbw
         return _internal(error)
     return code if isinstance(code, int) else 0
+
+
+def _tell(error: JbwError, arguments: Sequence[str]) -> None:
+    """An error for people on stderr, and for programs on stdout where they asked for JSON."""
+    following = next_command(arguments, str(error))
+    click.echo(f"Error: {error}", err=True)
+    if following:
+        click.echo(f"Next: {following}", err=True)
+    if "--json" in arguments:
+        found = {"kind": type(error).__name__, "what": error.what, "why": error.why}
+        found |= {"remedy": error.remedy, "exit_code": error.exit_code, "next": following}
+        click.echo(json.dumps({"error": found}, indent=1, ensure_ascii=False))
 
 
 def _internal(error: Exception) -> int:

@@ -1,6 +1,8 @@
 """What `demo`, `identify` and `resume` share: a run carried out, or what is left of it."""
 
 import json
+import shlex
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +11,7 @@ import xarray as xr
 
 from jbw import rig
 from jbw.campaign.loading import Campaign, load_campaign
-from jbw.cli.running import Say, print_summary
+from jbw.cli.running import print_summary
 from jbw.report.result import read_result
 from jbw.run.folder import Run
 from jbw.run.manifest import with_inputs
@@ -17,6 +19,7 @@ from jbw.study.identify import identify, input_hashes
 from jbw.study.storage import save_report, save_result
 
 NOT_TRUSTED = 4
+Say = Callable[[str], None]
 
 
 def carry_out(run: Run, say: Say, *, json_: bool = False) -> int:
@@ -47,7 +50,13 @@ def carry_out(run: Run, say: Say, *, json_: bool = False) -> int:
     else:
         print_summary(summary)
         click.echo(f"Report: {run.folder / 'report.html'}")
-    return 0 if summary["verdict"]["status"] == "ok" else NOT_TRUSTED
+    if summary["verdict"]["status"] == "ok":
+        return 0
+    findings = summary["verdict"]["findings"]
+    code = next((one["code"] for one in findings if one["status"] != "ok"), "")
+    again = shlex.quote(str(run.folder))
+    click.echo(f"Next: jbw explain {code}, or what to measure: jbw plan {again}", err=True)
+    return NOT_TRUSTED
 
 
 def _identified(run: Run, say: Say) -> tuple[xr.DataTree, dict[str, Any]]:

@@ -7,12 +7,13 @@ from typing import Any
 
 import click
 
+from jbw.cli.printing import NOTHING, print_columns
+
 HEADER = (
     "sampler", "draws", "ESS", "ESS/s", "ESS/s cold", "evaluations", "warm [s]", "cold [s]",
     "log evidence", "furthest [MCSE]", "verdict",
 )  # fmt: skip
 ROWS = ("parameter", "sampler", "mean", "sd", "1 %", "50 %", "99 %", "ESS bulk", "ESS tail")
-NOTHING = "-"
 
 
 @click.command()
@@ -49,7 +50,8 @@ def compare(
     draws a second, compiled and cold; evaluations; evidence. compare.json has all numbers,
     compare.png the means and rates.
     """
-    from jbw.cli.running import prepare_jax, progress
+    from jbw.cli.progress import progress
+    from jbw.cli.running import prepare_jax
 
     prepare_jax()
     from jbw.campaign.loading import load_campaign
@@ -69,7 +71,7 @@ def compare(
         require_same_inputs(loaded, summary)
         found = compare_samplers(
             loaded, step=step, samplers=named, num_chains=chains, twice=not once, known=known,
-            seed=summary.get("seed") if seed is None else seed, report=say,
+            seed=summary.get("seed") if seed is None else seed, report=say, watch=say.chains,
         )  # fmt: skip
         save_comparison(folder, found)
     if json_:
@@ -82,14 +84,14 @@ def compare(
 def print_comparison(record: Mapping[str, Any]) -> None:
     """Two tables on stdout: a line a sampler, then a line a parameter and sampler."""
     click.echo(f"{record['posterior']} posterior of {record['campaign']}")
-    _print_table([HEADER, *(_line(name, one) for name, one in record["samplers"].items())])
+    print_columns([HEADER, *(_line(name, one) for name, one in record["samplers"].items())])
     click.echo(f"\nDistances in Monte Carlo standard errors from {record['reference']}")
     lines = [
         _numbers(parameter, name, one["parameters"][parameter])
         for parameter in record["parameters"]
         for name, one in record["samplers"].items()
     ]
-    _print_table([ROWS, *lines])
+    print_columns([ROWS, *lines])
     for name, reason in record["refused"].items():
         click.echo(f"{name}: {reason}")
 
@@ -124,10 +126,3 @@ def _short(value: float | None, digits: int = 3) -> str:
     if value is None:
         return NOTHING
     return f"{value:.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"
-
-
-def _print_table(rows: list[tuple[str, ...]]) -> None:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for line in rows:
-        padded = [cell.ljust(width) for cell, width in zip(line, widths, strict=True)]
-        click.echo("  ".join(padded).rstrip())

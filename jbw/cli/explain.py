@@ -1,5 +1,6 @@
 """The command `jbw explain CODE`."""
 
+import json
 from difflib import get_close_matches
 from importlib.resources import files
 
@@ -13,19 +14,25 @@ def pages() -> dict[str, str]:
     return {code.strip(): page.strip() for code, _, page in sections}
 
 
+def _codes(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    return [code for code in pages() if code.startswith(incomplete)]
+
+
 @click.command()
-@click.argument("code", required=False)
-def explain(code: str | None) -> None:
+@click.argument("code", required=False, shell_complete=_codes)
+@click.option("--json", "json_", is_flag=True, help="Print JSON, page by code.")
+def explain(code: str | None, json_: bool) -> None:
     """Say what a finding of the verdict means, what it looks at, and what to do.
 
     Without CODE, all findings by name.
     """
     known = pages()
-    if code is None:
-        click.echo("\n".join(known))
-        return
-    if code not in known:
+    if code is not None and code not in known:
         nearest = get_close_matches(code, known, n=1)
         guess = f" Did you mean '{nearest[0]}'?" if nearest else ""
         raise click.UsageError(f"No finding is called '{code}'.{guess} All: jbw explain")
-    click.echo(f"{code}\n\n{known[code]}")
+    asked = known if code is None else {code: known[code]}
+    if json_:
+        click.echo(json.dumps(asked, indent=1, ensure_ascii=False))
+    else:
+        click.echo("\n".join(known) if code is None else f"{code}\n\n{known[code]}")

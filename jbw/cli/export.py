@@ -1,5 +1,6 @@
 """The command `jbw export DIR`."""
 
+import json
 from pathlib import Path
 
 import click
@@ -16,7 +17,8 @@ import click
 )
 @click.option("--mass", type=float, default=1.0, help="Modal mass [kg]; 1 leaves forces per kg.")
 @click.option("--y-max", type=float, help="Largest displacement [m]; by default that measured.")
-def export(folder: Path, out: Path | None, mass: float, y_max: float | None) -> None:
+@click.option("--json", "json_", is_flag=True, help="Print the files as JSON.")
+def export(folder: Path, out: Path | None, mass: float, y_max: float | None, json_: bool) -> None:
     """Write the joint of the finished run in DIR for CSV, MATLAB and OpenSees.
 
     parameters.csv has every parameter in three conventions with 99 % intervals, backbone.csv the
@@ -32,5 +34,5 @@ def export(folder: Path, out: Path | None, mass: float, y_max: float | None) -> 
 
     _, tree = read_result(folder)
     result = exporting.export(tree, mass, y_max)
-    for path in exporting.write_export(claim(out or folder / "export"), result):
-        click.echo(path)
+    paths = [str(p) for p in exporting.write_export(claim(out or folder / "export"), result)]
+    click.echo(json.dumps({"files": paths}, indent=1) if json_ else "\n".join(paths))

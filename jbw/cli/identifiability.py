@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from jbw.cli.running import PIPE_WIDTH, prepare_jax, progress
+from jbw.cli.printing import console, number
+from jbw.cli.progress import progress
+from jbw.cli.running import prepare_jax
 
 
 @click.command()
@@ -50,13 +51,11 @@ def print_identifiability(found: Mapping[str, Any]) -> None:
     Args:
         found: `identifiability` of a summary.
     """
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=PIPE_WIDTH)
-    console.print(_spectrum(found))
-    console.print(_known(found))
+    screen = console()
+    screen.print(_spectrum(found))
+    screen.print(_known(found))
     for statement in found["statements"]:
-        console.print(Text(statement))
+        screen.print(Text(statement))
 
 
 def _spectrum(found: Mapping[str, Any]) -> Table:
@@ -75,7 +74,7 @@ def _known(found: Mapping[str, Any]) -> Table:
     for heading in ("fit", "sd", "sd / value", "sd / prior sd", "99 % by the profile"):
         table.add_column(heading, justify="right")
     for name, row in {**found["parameters"], **found["combinations"]}.items():
-        cells = [_number(row[key]) for key in ("value", "sd")]
+        cells = [number(row[key]) for key in ("value", "sd")]
         relative = "" if row["relative"] is None else f"{100 * row['relative']:.2g} %"
         profile = _interval(found["profiles"].get(name))
         table.add_row(row["text"], *cells, relative, f"{row['ratio']:.2g}", profile)
@@ -89,7 +88,3 @@ def _interval(profile: Mapping[str, Any] | None) -> str:
     ends = zip(profile["interval"], profile["open"], strict=True)
     low, high = ("open" if is_open else f"{end:.6g}" for end, is_open in ends)
     return f"{low} to {high}"
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.5g}"

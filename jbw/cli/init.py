@@ -1,5 +1,6 @@
 """`jbw init`: a commented campaign file for a folder."""
 
+import json
 from pathlib import Path
 
 import click
@@ -10,15 +11,18 @@ from jbw.campaign.starting import start_campaign, write_campaign
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--print", "print_", is_flag=True, help="Print it to stdout; write nothing.")
-def init(folder: Path, print_: bool) -> None:
+@click.option("--json", "json_", is_flag=True, help="Print the path and what was assumed as JSON.")
+def init(folder: Path, print_: bool, json_: bool) -> None:
     """Look at the records in FOLDER and write FOLDER/campaign.toml.
 
     An existing campaign file is never overwritten. What the records do not say is marked CHECK.
     """
     draft = start_campaign(folder)
-    if print_:
-        click.echo(draft.text, nl=False)
-    else:
-        click.echo(str(write_campaign(draft, folder)))
+    path = None if print_ else str(write_campaign(draft, folder))
+    if json_:
+        found = {"campaign": path, "text": draft.text, "check": list(draft.assumed)}
+        click.echo(json.dumps(found, indent=1, ensure_ascii=False))
+        return
+    click.echo(draft.text if path is None else path, nl=path is not None)
     for assumed in draft.assumed:
         click.echo(f"CHECK: {assumed}", err=True)

@@ -8,15 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from jbw.cli.printing import console, duration
+
 if TYPE_CHECKING:
     from jbw.planning.plan import Combination, Expected, Plan, Row
-
-PIPE_WIDTH = 160  # columns, when stdout is no terminal
-MINUTE, HOUR = 60, 3600
 
 
 @click.command()
@@ -43,7 +41,8 @@ def plan(source: Path | None, limits: Path | None, json_: bool, example: bool) -
         return
     if limits is not None and not source.is_dir():
         raise click.UsageError("--limits is for a run's folder; PLAN.toml holds its own.")
-    from jbw.cli.running import prepare_jax, progress
+    from jbw.cli.progress import progress
+    from jbw.cli.running import prepare_jax
 
     prepare_jax()
     from jbw.planning.making import plan_tests
@@ -71,14 +70,12 @@ def _plain(value: Any) -> Any:
 
 
 def _print(made: "Plan") -> None:
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=PIPE_WIDTH)
-    console.print(_table(made))
+    screen = console()
+    screen.print(_table(made))
     known = ", ".join(f"{name} {_spread(one)}" for name, one in made.before.items())
     before = f"Before any of these tests: CV {known}."
     for line in (*_remarks(made), *_recommended(made.combination, made), before, *made.notes):
-        console.print(Text(line))
+        screen.print(Text(line))
 
 
 def _table(made: "Plan") -> Table:
@@ -110,7 +107,7 @@ def _cells(row: "Row", made: "Plan") -> list[str]:
         f"{row.level:.4g}",
         f"{row.y_peak_largest:.3g}",
         f"> {made.wish.max_repeats}" if row.repeats is None else str(row.repeats),
-        "" if row.seconds is None else _duration(row.seconds),
+        "" if row.seconds is None else duration(row.seconds),
         *(f"{row.cv[name].worst_decile:.2g}" for name in made.wish.wanted),
         f"{row.information_gain:.3g}",
         row.status,
@@ -133,7 +130,7 @@ def _recommended(found: "Combination", made: "Plan") -> list[str]:
         ]
     tests = [f"  {one.repeats} x {one.test}, {one.level:g} {unit}" for one in found.tests]
     told = ", ".join(f"{name} {_spread(found.cv[name])}" for name in made.wish.wanted)
-    after = f"CV {told} after {_duration(found.seconds)} of measuring"
+    after = f"CV {told} after {duration(found.seconds)} of measuring"
     if found.met:
         lines = ["Recommended, the greatest expected gain a second until the wish is met:", *tests]
         lines.append(f"  {after}.")
@@ -149,9 +146,3 @@ def _spread(value: "Expected") -> str:
     if value.worst_decile == value.median:
         return f"{value.median:.2g}"
     return f"{value.worst_decile:.2g} (median {value.median:.2g})"
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 2 * MINUTE:
-        return f"{seconds:.3g} s"
-    return f"{seconds / MINUTE:.3g} min" if seconds < 2 * HOUR else f"{seconds / HOUR:.3g} h"

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from jbw.cli.printing import NOTHING, print_columns
+
 if TYPE_CHECKING:
     from jbw.measurement.records import Test
     from jbw.study.basis import Basis
 
 HEADER = ("test", "level", "kind", "inside the band", "error", "peak displacement [m]", "of fitted")
-NOTHING = "-"
 
 
 class Pair(click.ParamType):
@@ -64,7 +65,8 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     a tone. predictions.nc has the bands by test, predictions.json the table, figures/ a figure of
     each. A test beyond the displacements that were fitted is said to be.
     """
-    from jbw.cli.running import prepare_jax, progress
+    from jbw.cli.progress import progress
+    from jbw.cli.running import prepare_jax
 
     prepare_jax()
     from jbw.campaign.loading import force_per_unit, load_campaign
@@ -132,11 +134,7 @@ def _planned(
 
 def print_table(rows: Sequence[dict[str, Any]]) -> None:
     """One line a test on stdout, and below it how the bands are to be read."""
-    cells = [HEADER, *(_cells(row) for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    for line in cells:
-        padded = [cell.ljust(width) for cell, width in zip(line, widths, strict=True)]
-        click.echo("  ".join(padded).rstrip())
+    print_columns([HEADER, *(_cells(row) for row in rows)])
     for noise in dict.fromkeys(row["noise"] for row in rows):
         named = ", ".join(row["test"] for row in rows if row["noise"] == noise)
         click.echo(f"Noise {noise} ({named})")

@@ -24,7 +24,9 @@ def resume(folder: Path, json_: bool) -> int:
     if run is None:
         page = folder / "report.html"
         left = f"see {page}" if page.exists() else f"only its report is left, jbw report {folder}"
-        click.echo(f"The run in {folder} is finished: {left}.")
+        click.echo(f"The run in {folder} is finished: {left}.", err=json_)
+        if json_:
+            click.echo((folder / "summary.json").read_text(encoding="utf-8"), nl=False)
         return 0
     try:
         _require_same(run)

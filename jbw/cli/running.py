@@ -1,29 +1,25 @@
-"""What the commands that compute share: set up JAX, say how far they are, print the summary."""
+"""What the commands that compute share: set up JAX, carry a run out, print the summary."""
 
 import logging
 import os
 import platform
 import shlex
-import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from time import perf_counter
+from collections.abc import Mapping
 from typing import Any
 
 import click
 import platformdirs
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from jbw.cli.printing import console, number
+from jbw.cli.progress import progress
 from jbw.errors import JbwError
 from jbw.run.folder import Run
 from jbw.run.interruption import INTERRUPTED
 
-PIPE_WIDTH = 160  # columns, when stdout is no terminal
 BEYOND = 1.05  # of the fitted displacement: from where on a prediction is said to extrapolate
 COLUMNS = ("map", "mean", "sd", "cv", "kl", "ess_bulk", "r_hat", "truth", "z")
-Say = Callable[[str], None]
 STATUS = {"ok": "green", "failed": "bold red", "not assessed": "yellow"}
 
 
@@ -63,6 +59,7 @@ def run_to_end(run: Run, *, json_: bool = False) -> int:
     try:
         with run.interruption.heard(farewell), progress() as say:
             prepare_jax()
+            run.watch = say.chains
             from jbw.cli.carrying import carry_out
 
             return carry_out(run, say, json_=json_)
@@ -76,46 +73,27 @@ def run_to_end(run: Run, *, json_: bool = False) -> int:
         run.close()
 
 
-@contextmanager
-def progress() -> Iterator[Say]:
-    """One line a stage on stderr, with the seconds since the start; warnings in the same place."""
-    console = Console(stderr=True, highlight=False)
-    started = perf_counter()
-
-    def say(stage: str) -> None:
-        console.print(Text(f"[{perf_counter() - started:5.1f} s] {stage}"))
-
-    def show(message: Any, *_: Any) -> None:
-        say(f"warning: {message}")
-
-    with warnings.catch_warnings():
-        warnings.showwarning = show  # restored with the filters
-        yield say
-
-
 def print_summary(summary: Mapping[str, Any]) -> None:
     """The paper's Table 1, the statements and the verdict, on stdout."""
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=PIPE_WIDTH)
-    console.print(_table(summary))
+    screen = console()
+    screen.print(_table(summary))
     for name, step in summary["steps"].items():
         for statement in step["statements"]:
-            console.print(Text(f"{name}: {statement}"))
+            screen.print(Text(f"{name}: {statement}"))
     for sentence in summary.get("identifiability", {}).get("statements", ()):
-        console.print(Text(f"identifiability: {sentence}"))
+        screen.print(Text(f"identifiability: {sentence}"))
     for sentence in summary["comparison"].get("statements", ()):
-        console.print(Text(f"routes: {sentence}"))
+        screen.print(Text(f"routes: {sentence}"))
     for test, row in summary["predictions"].items():
-        console.print(Text(_prediction(test, row)))
+        screen.print(Text(_prediction(test, row)))
     verdict = summary["verdict"]
-    console.print(
+    screen.print(
         Text.assemble("Verdict: ", (verdict["status"], STATUS[verdict["status"]])), style="bold"
     )
     for finding in verdict["findings"]:
         if finding["status"] != "ok":
             told = f"  {finding['reason']} {finding['action']} (jbw explain {finding['code']})"
-            console.print(Text(told))
+            screen.print(Text(told))
 
 
 def _prediction(test: str, row: Mapping[str, Any]) -> str:
@@ -145,12 +123,8 @@ def _table(summary: Mapping[str, Any]) -> Table:
     for name, step in summary["steps"].items():
         status = step.get("verdict", {}).get("status", "")
         for i, (parameter, row) in enumerate(step["parameters"].items()):
-            cells = [_number(row.get(column)) for column in COLUMNS]
+            cells = [number(row.get(column)) for column in COLUMNS]
             first = (name, Text(status, STATUS.get(status, ""))) if i == 0 else ("", Text(""))
             table.add_row(first[0], Text(parameter), *cells, first[1])
         table.add_section()
     return table
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.5g}"

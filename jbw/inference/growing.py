@@ -16,6 +16,7 @@ from jbw.inference.keeping import (
     Chains,
     Kept,
     Rows,
+    SoFar,
     as_arrays,
     fingerprint,
     from_arrays,
@@ -24,7 +25,7 @@ from jbw.inference.keeping import (
 )
 from jbw.inference.kernels import Problem, Settings
 
-Progress = Callable[[int, int], None]
+Progress = Callable[[SoFar], None]
 CHUNK = 250  # steps at most between two looks at the clock; short enough for a progress bar
 CHUNK_S = 10.0  # what a chunk lasts where chains are kept: so much is lost by a kill
 # Devices wait for the slowest at the end of a chunk, the less the more steps it has: where steps
@@ -65,7 +66,7 @@ def grow_chains(
         num_samples: Draws to keep of each chain, after the warm-up of the settings.
         problem: The posterior.
         settings: What is compiled in.
-        progress: Called with (steps done, steps in all) after every chunk.
+        progress: Called after every chunk.
         kept: Where the chains outlive the process.
 
     Returns:
@@ -80,6 +81,7 @@ def grow_chains(
     found = _resumed(kept, mark)
     done, rows, count = found.done, [found.rows], CHUNK if kept is None else 1
     states = _states(found, starts, problem, settings) if done < total else None
+    told = [one for one in (progress, kept and kept.grown) if one is not None]
     while done < total:
         clock, count = perf_counter(), min(count, total - done)
         states, new = _grown(states, done, count, problem, settings)
@@ -91,8 +93,9 @@ def grow_chains(
                 rows = [_joined(rows)]
                 chains = Chains(plain_states(states), done, rows[0], spent)
                 kept.save(as_arrays(chains, mark), last=done == total)
-        if progress is not None:
-            progress(done, total)
+        rate = (perf_counter() - began) / (done - found.done)
+        for tell in told:
+            tell(_so_far(done, total, rows, rate))
     joined = _joined(rows)
     if joined is None:
         raise ModelError("Argument `num_samples` must be at least 1, but is 0.")
@@ -141,6 +144,17 @@ def _grown(
     bounds = jnp.asarray(first), jnp.asarray(count)
     terms = evaluate_chains(draws.theta, *bounds, problem, settings)
     return states, jax.tree.map(lambda r: np.asarray(r)[:, first:count], (draws, *terms))
+
+
+def _so_far(done: int, total: int, rows: list[Rows | None], rate: float) -> SoFar:
+    """What is known of the chains after a chunk, at a rate of seconds a step."""
+    joined, left_s = _joined(rows), rate * (total - done)
+    if joined is None:
+        return SoFar(done, total, {}, None, left_s)
+    draws, _, _ = joined
+    diverging = draws.stats.get("diverging")
+    count = None if diverging is None else np.sum(diverging, axis=1)
+    return SoFar(done, total, draws.theta, count, left_s)
 
 
 def _next_count(count: int, seconds: float, spent: float) -> int:

@@ -16,8 +16,32 @@ Arrays = Mapping[str, np.ndarray]
 Rows = tuple[Draw, np.ndarray, np.ndarray]
 
 
+class SoFar(NamedTuple):
+    """Chains under way, for those who wait.
+
+    Attributes:
+        done: Steps taken by every chain, warm-up included.
+        total: Steps in all.
+        draws: Draws kept so far by name, (chain, draw), in the sampler's coordinates; empty during
+            the warm-up.
+        divergences: Divergent trajectories of each chain after the warm-up; None where the sampler
+            has none.
+        left_s: Time left at the rate so far [s].
+    """
+
+    done: int
+    total: int
+    draws: dict[str, np.ndarray]
+    divergences: np.ndarray | None
+    left_s: float
+
+
 class Kept(Protocol):
     """A place that outlives the process, for the chains of one posterior."""
+
+    def grown(self, so_far: SoFar) -> None:
+        """Told after every chunk of steps."""
+        ...
 
     def load(self) -> Arrays | None:
         """What was saved last, or None."""

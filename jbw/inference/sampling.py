@@ -87,7 +87,7 @@ def sample(
         forward_mode: Whether gradients are taken in forward mode.
         max_tree_depth: Doublings of a NUTS trajectory at most.
         attrs: `units` and `long_name` by parameter, kept beside the draws.
-        progress: Called with (steps done, steps in all) after every chunk.
+        progress: Called with a `SoFar` after every chunk of steps; chains only.
         kept: Where unfinished chains outlive the process, to go on from as if never stopped.
 
     Returns:

@@ -17,6 +17,7 @@ from jbw.errors import ConfigError, JbwError
 from jbw.identification.drawing import DRAWS
 from jbw.identification.posteriors import Known, Posterior, posterior_of
 from jbw.identification.step import ATTRS
+from jbw.inference.keeping import SoFar
 from jbw.inference.precision import require_float64
 from jbw.inference.quadrature import MOST_PARAMETERS
 from jbw.inference.ridge import sample_along
@@ -27,6 +28,7 @@ from jbw.study.comparison_record import Drawn, record_of
 
 logger = logging.getLogger("jbw")
 Report = Callable[[str], None]
+Watch = Callable[[str, SoFar], None]
 
 # Of warm-up, and kept of each chain, where an evaluation costs microseconds.
 CHEAP = {
@@ -65,6 +67,7 @@ def compare(
     twice: bool = True,
     known: Known | None = None,
     report: Report = logger.info,
+    watch: Watch = lambda name, so_far: None,
 ) -> Comparison:
     """Draw from one posterior of a campaign by several samplers and set their answers side by side.
 
@@ -80,6 +83,7 @@ def compare(
             without compiling.
         known: What a finished run says of its prior and of Step 3.
         report: Called with one sentence at every stage.
+        watch: Called with a sampler's name and how far its chains are.
 
     Returns:
         Draws and numbers. A sampler that cannot draw from this posterior is in the record with the
@@ -101,8 +105,9 @@ def compare(
         step, campaign.tests, campaign.settings, gain=gain, seed=seed, known=known, report=report
     )
     found = side_by_side(
-        posterior, samplers=samplers, seed=seed, num_chains=num_chains, twice=twice, report=report
-    )
+        posterior, samplers=samplers, seed=seed, num_chains=num_chains, twice=twice,
+        report=report, watch=watch,
+    )  # fmt: skip
     return replace(found, record={"campaign": campaign.name, **found.record})
 
 
@@ -114,6 +119,7 @@ def side_by_side(
     num_chains: int = 4,
     twice: bool = True,
     report: Report = logger.info,
+    watch: Watch = lambda name, so_far: None,
 ) -> Comparison:
     """The same for a posterior that is at hand.
 
@@ -124,6 +130,7 @@ def side_by_side(
         num_chains: Chains of each sampler.
         twice: Whether every sampler but quadrature runs a second time.
         report: Called with one sentence for every sampler.
+        watch: Called with its name and how far its chains are.
     """
     key = jax.random.fold_in(jax.random.key(seed), len(SAMPLERS))
     drawn: dict[str, Drawn] = {}
@@ -131,7 +138,7 @@ def side_by_side(
     for name in samplers or suited(posterior):
         report(f"Drawing by {name}")
         try:
-            drawn[name] = _drawn(key, posterior, name, num_chains, twice)
+            drawn[name] = _drawn(key, posterior, name, num_chains, twice, watch)
         except JbwError as error:
             refused[name] = str(error)
     record = {
@@ -156,7 +163,12 @@ def suited(posterior: Posterior) -> tuple[str, ...]:
 
 
 def _drawn(
-    key: Key[Array, ""], posterior: Posterior, sampler: str, num_chains: int, twice: bool
+    key: Key[Array, ""],
+    posterior: Posterior,
+    sampler: str,
+    num_chains: int,
+    twice: bool,
+    watch: Watch,
 ) -> Drawn:
     num_warmup, num_samples = (DRAWS if posterior.stepped else CHEAP)[sampler]
     options: dict[str, Any] = {
@@ -165,6 +177,7 @@ def _drawn(
         "num_samples": num_samples,
         "num_chains": num_chains,
         "attrs": ATTRS,
+        "progress": lambda so_far: watch(sampler, so_far),
     }
     best, about = posterior.fit, (posterior.log_likelihood, posterior.box, posterior.data)
     if posterior.stepped:  # all start at the fit, as the procedure's own chains do

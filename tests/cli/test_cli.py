@@ -9,6 +9,7 @@ import pytest
 
 import jbw.cli
 from jbw.cli import run
+from jbw.cli.next_step import next_command
 from jbw.errors import ModelError, RunError
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record
@@ -142,3 +143,57 @@ def test_a_command_returns_its_exit_code(monkeypatch):
     with pytest.raises(SystemExit) as caught:
         jbw.cli.main()
     assert caught.value.code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "following"),
+    [
+        (["identify", "a b.toml"], "jbw check 'a b.toml'"),
+        (["check", "x.toml"], "jbw check x.toml, after the change"),
+        (["predict", "run", "--tone", "3"], "jbw identify CAMPAIGN.toml --out run"),
+        (["demo"], "jbw demo --help"),
+        ([], None),
+    ],
+)
+def test_every_failure_ends_with_the_next_command(arguments, following):
+    assert next_command(arguments, "What is wrong.") == following
+    assert next_command(arguments, "Write one with: jbw init FOLDER") is None
+
+
+def test_with_json_an_error_is_json_too(capsys, tmp_path):
+    path = tmp_path / "campaign.toml"
+    path.write_text("[campaign]\nname = 3\n", encoding="utf-8")
+    assert run(["identify", str(path), "--json", "--out", str(tmp_path / "run")]) == 2
+    streams = capsys.readouterr()
+    found = json.loads(streams.out)["error"]
+    assert found["kind"] == "ConfigError"
+    assert "name" in found["what"]
+    assert found["exit_code"] == 2
+    assert found["next"] == f"jbw check {path}"
+    assert f"Next: jbw check {path}" in streams.err
+
+
+def test_every_command_that_answers_takes_json():
+    for name in jbw.cli.COMMANDS:
+        command = jbw.cli.cli.get_command(None, name)
+        options = {option for one in command.params for option in one.opts}
+        assert name == "completion" or "--json" in options, name
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_is_printed_for_every_shell(shell, capsys):
+    assert run(["completion", shell]) == 0
+    assert "_JBW_COMPLETE" in capsys.readouterr().out
+
+
+def test_bash_completes_commands_and_codes():
+    def completed(words, number):
+        ended = subprocess.run(
+            [sys.executable, "-c", "from jbw.cli import main; main()"],
+            capture_output=True, text=True, check=False,
+            env={"_JBW_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(number)},
+        )  # fmt: skip
+        return {line.partition(",")[2] for line in ended.stdout.splitlines()}
+
+    assert completed("jbw ide", 1) == {"identify", "identifiability"}
+    assert completed("jbw explain ess_", 2) == {"ess_bulk", "ess_tail", "ess_weights"}

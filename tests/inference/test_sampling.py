@@ -185,7 +185,7 @@ def test_an_earlier_step_enters_as_a_prior_and_the_container_keeps_everything(tm
         num_samples=500,
         chain_method="vectorized",
         attrs={"gain": {"units": "N/kg/V", "long_name": "shaker gain"}},
-        progress=lambda done, total: seen.append((done, total)),
+        progress=seen.append,
     )
     precision = 1 / 0.5**2 + 1 / 0.2**2
     mean = (16.0 / 0.5**2 + 15.0 / 0.2**2) / precision
@@ -203,8 +203,11 @@ def test_an_earlier_step_enters_as_a_prior_and_the_container_keeps_everything(tm
     np.testing.assert_allclose(tree["log_prior"]["log_prior"], prior, rtol=1e-12)
     np.testing.assert_allclose(tree["log_likelihood"]["terms"][..., 0], likelihood, rtol=1e-12)
     np.testing.assert_allclose(tree["sample_stats"]["lp"], prior + likelihood, rtol=1e-12)
-    assert seen[-1] == (800, 800)
-    assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+    assert (seen[-1].done, seen[-1].total, seen[-1].left_s) == (800, 800, 0.0)
+    assert [one.done for one in seen] == sorted(one.done for one in seen)
+    np.testing.assert_array_equal(seen[-1].draws["gain"], values)
+    assert seen[-1].divergences.shape == (4,)
+    assert seen[0].draws == {}
     assert tree.attrs["seed"] == np.asarray(jax.random.key_data(key)).tolist()
     assert "wall_s" in tree["timing"].attrs
     tree.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")

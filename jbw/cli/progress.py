@@ -1,0 +1,124 @@
+"""How far a command is, on stderr: a line a stage, and beside it a live line for every chain."""
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from jbw.cli.printing import duration
+
+LOOK_S = 1.0  # between two looks at the chains at least, on a terminal
+PLAIN_S = 15.0  # between two lines where there is none
+FEWEST = 8  # draws of a chain from where on their worth is estimated
+
+
+class Teller:
+    """Tells stages, called with a sentence, and chains under way.
+
+    Args:
+        console: Where to.
+    """
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._live: Live | None = None
+        self._started = perf_counter()
+        self._told = self._started
+        self._said: set[str] = set()
+
+    def __call__(self, stage: str) -> None:
+        """Print one sentence with the seconds since the start."""
+        self.clear()
+        self._console.print(Text(f"[{perf_counter() - self._started:5.1f} s] {stage}"))
+
+    def chains(self, name: str, so_far: Any) -> None:
+        """Tell how far the chains of a posterior are, no oftener than anybody can read.
+
+        Args:
+            name: The posterior.
+            so_far: What is known of them, a `jbw.inference.keeping.SoFar`.
+        """
+        last = so_far.done >= so_far.total
+        every = LOOK_S if self._console.is_terminal else PLAIN_S
+        due = perf_counter() - self._told > every
+        if not (due or (last and name in self._said)):
+            return
+        self._told = perf_counter()
+        self._said.add(name)
+        if not self._console.is_terminal:
+            self(chain_sentence(name, so_far))
+        elif last:
+            self.clear()
+        else:
+            if self._live is None:
+                self._live = Live(console=self._console, auto_refresh=False, transient=True)
+                self._live.start()
+            self._live.update(chain_table(name, so_far), refresh=True)
+
+    def clear(self) -> None:
+        """Take the live lines away."""
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
+
+
+@contextmanager
+def progress() -> Iterator[Teller]:
+    """A teller on stderr; warnings go to the same place."""
+    say = Teller(Console(stderr=True, highlight=False))
+
+    def show(message: Any, *_: Any) -> None:
+        say(f"warning: {message}")
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show  # restored with the filters
+        try:
+            yield say
+        finally:
+            say.clear()
+
+
+def chain_table(name: str, so_far: Any) -> Table:
+    """One line a chain: steps, draws, effective draws so far, divergences, time left."""
+    table = Table.grid(padding=(0, 2))
+    worth, left = effective(so_far.draws), duration(so_far.left_s)
+    for i, ess in enumerate(worth if worth is not None else [None]):
+        bar = ProgressBar(total=so_far.total, completed=so_far.done, width=24)
+        row = [f"{name} {i + 1}" if worth is not None else name, bar]
+        row.append(f"{so_far.done}/{so_far.total}")
+        row.append("warming up" if ess is None else f"{ess:.0f} effective draws")
+        if so_far.divergences is not None:
+            row.append(f"{int(so_far.divergences[i])} divergences")
+        table.add_row(*row, f"{left} left")
+    return table
+
+
+def chain_sentence(name: str, so_far: Any) -> str:
+    """The same in one line for all chains."""
+    told = f"{name}: {so_far.done} of {so_far.total} steps"
+    worth = effective(so_far.draws)
+    if worth is None:
+        told += ", warming up"
+    else:
+        told += f", {' '.join(f'{ess:.0f}' for ess in worth)} effective draws"
+        if so_far.divergences is not None:
+            told += f", {int(np.sum(so_far.divergences))} divergences"
+    return told if so_far.done >= so_far.total else f"{told}, {duration(so_far.left_s)} left"
+
+
+def effective(draws: dict[str, np.ndarray]) -> list[float] | None:
+    """Effective draws of every chain so far, of the parameter that has fewest; None before any."""
+    from jbw.inference.summary import diagnose
+
+    if not draws or next(iter(draws.values())).shape[1] < FEWEST:
+        return None
+    rows = [[diagnose(chain[None])["ess_bulk"] for chain in values] for values in draws.values()]
+    return [float(ess) for ess in np.min(np.nan_to_num(rows), axis=0)]

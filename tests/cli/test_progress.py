@@ -1,0 +1,91 @@
+"""Chains under way: a live line each on a terminal, plain lines elsewhere; colours when wanted."""
+
+import io
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from jbw.cli.progress import LOOK_S, PLAIN_S, Teller, chain_sentence, effective
+from jbw.inference.keeping import SoFar
+
+
+def so_far(done=300, total=425, num_draws=275, divergences=(0, 2, 0, 0), left_s=100.0):
+    rng = np.random.default_rng(0)
+    draws = {"alpha": rng.normal(size=(4, num_draws)), "zeta": rng.normal(size=(4, num_draws))}
+    counts = None if divergences is None else np.array(divergences)
+    return SoFar(done, total, draws if num_draws else {}, counts, left_s)
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("jbw.cli.progress.perf_counter", lambda: now[0])
+    return now
+
+
+def told_on(terminal, clock, events):
+    """What a teller writes for (seconds later, what is known) one after the other."""
+    stream = io.StringIO()
+    say = Teller(Console(file=stream, force_terminal=terminal, width=110, highlight=False))
+    for seconds, known in events:
+        clock[0] += seconds
+        say.chains("joint", known)
+    say("Done")
+    return stream.getvalue()
+
+
+def test_where_there_is_no_terminal_a_line_now_and_then(clock):
+    told = told_on(
+        False, clock, [(PLAIN_S + 1, so_far(10, 425, 0)), (1, so_far()), (PLAIN_S, so_far())]
+    )
+    lines = told.splitlines()
+    assert len(lines) == 3
+    assert lines[0].endswith("joint: 10 of 425 steps, warming up, 100 s left")
+    assert "joint: 300 of 425 steps, " in lines[1]
+    assert "2 divergences" in lines[1]
+    assert "\x1b" not in told
+
+
+def test_a_quick_posterior_says_nothing(clock):
+    told = told_on(False, clock, [(0.1, so_far(100)), (0.1, so_far(425, 425))])
+    assert told.splitlines() == ["[  0.2 s] Done"]
+
+
+def test_on_a_terminal_every_chain_has_its_line(clock):
+    told = told_on(True, clock, [(LOOK_S + 1, so_far())])
+    for chain in range(1, 5):
+        assert f"joint {chain}" in told
+    assert told.count("300/425") >= 4  # drawn again when the live lines end
+    assert "2 divergences" in told
+    assert told.count("left") >= 4
+    assert told.rstrip().endswith("Done")
+
+
+def test_independent_draws_are_worth_themselves_and_few_are_not_judged():
+    assert effective({}) is None
+    assert effective({"a": np.zeros((2, 3))}) is None
+    worth = effective({"a": np.random.default_rng(1).normal(size=(3, 2000))})
+    # The estimate of the effective number of 2000 independent draws scatters by some 5 %.
+    np.testing.assert_allclose(worth, 2000, rtol=0.25)
+    assert effective({"a": np.ones((2, 100))}) == [0.0, 0.0]  # chains that never moved
+
+
+def test_a_sampler_without_divergences_names_none():
+    assert "divergences" not in chain_sentence("joint", so_far(divergences=None))
+
+
+def test_no_color_is_heeded(tmp_path):
+    code = (
+        "from rich.text import Text\nfrom jbw.cli.printing import console\n"
+        "console().print(Text('failed', 'bold red'))"
+    )
+    for given, coloured in (({}, True), ({"NO_COLOR": "1"}, False)):
+        ended = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True,
+            env={"PATH": "", "FORCE_COLOR": "1", "TERM": "xterm-256color", **given},
+        )  # fmt: skip
+        assert ("\x1b[1;31m" in ended.stdout) == coloured
+        assert "failed" in ended.stdout
