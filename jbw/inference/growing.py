@@ -154,7 +154,8 @@ def _so_far(done: int, total: int, rows: list[Rows | None], rate: float) -> SoFa
     draws, _, _ = joined
     diverging = draws.stats.get("diverging")
     count = None if diverging is None else np.sum(diverging, axis=1)
-    return SoFar(done, total, draws.theta, count, left_s)
+    theta = {name: np.asarray(values) for name, values in draws.theta.items()}
+    return SoFar(done, total, theta, count, left_s)
 
 
 def _next_count(count: int, seconds: float, spent: float) -> int:
