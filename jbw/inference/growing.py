@@ -81,7 +81,7 @@ def grow_chains(
     found = _resumed(kept, mark)
     done, rows, count = found.done, [found.rows], CHUNK if kept is None else 1
     states = _states(found, starts, problem, settings) if done < total else None
-    told = [one for one in (progress, kept and kept.grown) if one is not None]
+    told = [one for one in (progress, None if kept is None else kept.grown) if one is not None]
     while done < total:
         clock, count = perf_counter(), min(count, total - done)
         states, new = _grown(states, done, count, problem, settings)
