@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from jbw.planning.making import plan_tests
     from jbw.study.comparing import compare
     from jbw.study.identifiability import identifiability
-    from jbw.study.identify import Study, identify
+    from jbw.study.identify import identify
+    from jbw.study.study import Study, load_study
 
 __version__ = "0.1.0"
 
@@ -46,7 +47,7 @@ _HOME = {
     "Record": "measurement.records",
     "Response": "oscillator.response",
     "RunError": "errors",
-    "Study": "study.identify",
+    "Study": "study.study",
     "Test": "measurement.records",
     "backbone": "oscillator.backbone",
     "compare": "study.comparing",
@@ -61,6 +62,7 @@ _HOME = {
     "identify": "study.identify",
     "line_fit": "identification.linear",
     "load_campaign": "campaign.loading",
+    "load_study": "study.study",
     "plan_tests": "planning.making",
     "pool": "identification.linear",
     "read": "measurement.files.door",
@@ -102,6 +104,7 @@ __all__ = [
     "identify",
     "line_fit",
     "load_campaign",
+    "load_study",
     "plan_tests",
     "pool",
     "read",

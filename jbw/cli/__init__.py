@@ -37,6 +37,7 @@ COMMANDS = {
         "Say which tests a wished accuracy takes.",
     ),
     "compare": ("jbw.cli.compare:compare", "Compare samplers on one posterior of a run."),
+    "sbc": ("jbw.cli.sbc:sbc", "Calibrate a step by simulation: ranks of simulated truths."),
     "predict": ("jbw.cli.predict:predict", "Predict tests from a run, measured or planned."),
     "export": ("jbw.cli.export:export", "Write a run's joint for CSV, MATLAB and OpenSees."),
     "explain": ("jbw.cli.explain:explain", "Say what a finding of the verdict means."),

@@ -33,6 +33,6 @@ def duration(seconds: float) -> str:
     return f"{seconds / MINUTE:.3g} min" if seconds < 2 * HOUR else f"{seconds / HOUR:.3g} h"
 
 
-def number(value: float | None) -> str:
-    """Five digits; nothing where there is no number."""
-    return "" if value is None else f"{value:.5g}"
+def number(value: float | None, digits: int = 5) -> str:
+    """So many significant digits; nothing where there is no number."""
+    return "" if value is None else f"{value:.{digits}g}"

@@ -4,11 +4,13 @@ import logging
 import os
 import platform
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import click
 import platformdirs
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -20,6 +22,8 @@ from jbw.run.interruption import INTERRUPTED
 
 BEYOND = 1.05  # of the fitted displacement: from where on a prediction is said to extrapolate
 COLUMNS = ("map", "mean", "sd", "cv", "kl", "ess_bulk", "r_hat", "truth", "z")
+SPARED = ("kl", "map", "cv", "z", "truth", "ess_bulk")  # where the screen is narrow, in this order
+DIGITS = {"sd": 3, "cv": 2, "kl": 3, "ess_bulk": 4, "r_hat": 4, "z": 3}  # five of the others
 STATUS = {"ok": "green", "failed": "bold red", "not assessed": "yellow"}
 
 
@@ -76,7 +80,7 @@ def run_to_end(run: Run, *, json_: bool = False) -> int:
 def print_summary(summary: Mapping[str, Any]) -> None:
     """The paper's Table 1, the statements and the verdict, on stdout."""
     screen = console()
-    screen.print(_table(summary))
+    screen.print(_fitting(screen, summary))
     for name, step in summary["steps"].items():
         for statement in step["statements"]:
             screen.print(Text(f"{name}: {statement}"))
@@ -112,19 +116,29 @@ def _prediction(test: str, row: Mapping[str, Any]) -> str:
     return f"{test} ({known}): {', '.join(parts)}"
 
 
-def _table(summary: Mapping[str, Any]) -> Table:
-    # Text, not markup: names come from files.
-    table = Table(title=Text(f"Campaign {summary['campaign']}"), title_justify="left")
-    table.add_column("step")
-    table.add_column("parameter")
-    for column in COLUMNS:
-        table.add_column(column, justify="right")
+def _fitting(screen: Console, summary: Mapping[str, Any]) -> Table:
+    """Table 1 with as many columns as the screen has room for, none of them cut."""
+    boundless = screen.options.update(max_width=10_000)
+    for count in range(len(SPARED) + 1):
+        table = _table(summary, [one for one in COLUMNS if one not in SPARED[:count]])
+        if screen.measure(table, options=boundless).maximum <= screen.width:
+            return table
+    return table
+
+
+def _table(summary: Mapping[str, Any], columns: Sequence[str]) -> Table:
+    title = f"Campaign {summary['campaign']}"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    table.add_column("step", overflow="fold")
+    table.add_column("parameter", overflow="fold")
+    for column in columns:
+        table.add_column(column, justify="right", overflow="fold")
     table.add_column("verdict")
     for name, step in summary["steps"].items():
         status = step.get("verdict", {}).get("status", "")
         for i, (parameter, row) in enumerate(step["parameters"].items()):
-            cells = [number(row.get(column)) for column in COLUMNS]
+            cells = [number(row.get(column), DIGITS.get(column, 5)) for column in columns]
             first = (name, Text(status, STATUS.get(status, ""))) if i == 0 else ("", Text(""))
-            table.add_row(first[0], Text(parameter), *cells, first[1])
+            table.add_row(first[0], parameter, *cells, first[1])
         table.add_section()
     return table

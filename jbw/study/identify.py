@@ -3,87 +3,21 @@
 import logging
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
 from time import perf_counter
-from typing import Any
-
-import xarray as xr
 
 from jbw.campaign.loading import Campaign, force_per_unit
-from jbw.identification.procedure import Identification, Report, run_procedure
+from jbw.identification.procedure import Report, run_procedure
 from jbw.inference.keeping import Keep, nowhere
 from jbw.inference.precision import require_float64
-from jbw.inference.verdict import Verdict
-from jbw.measurement.records import Test
-from jbw.study.basis import NUM_DRAWS, Request, basis_of
 from jbw.study.collecting import collect
 from jbw.study.identifiability import look_again
 from jbw.study.identifiability_record import as_group
 from jbw.study.judging import judged
-from jbw.study.predicting import chosen, predict
 from jbw.study.steps import steps_group
-from jbw.study.storage import claim, save_run
+from jbw.study.study import Study
 from jbw.study.summary import summarise_study
 
 logger = logging.getLogger("jbw")
-
-
-@dataclass(frozen=True)
-class Study:
-    """Result of `identify`.
-
-    Attributes:
-        campaign: What was identified.
-        identification: Every step with its fit, posterior and verdict.
-        tree: What `posterior.nc` holds: the main posterior in ArviZ's groups at the root, the
-            other steps under `steps`, then `verification` and `validation`.
-        record: What `summary.json` holds.
-    """
-
-    campaign: Campaign
-    identification: Identification
-    tree: xr.DataTree
-    record: dict[str, Any]
-
-    @property
-    def posterior(self) -> xr.DataTree:
-        """The main posterior, in ArviZ's groups."""
-        return self.identification.main.posterior
-
-    @property
-    def verdict(self) -> Verdict:
-        """The verdict on the main posterior."""
-        return self.identification.main.verdict
-
-    def summary(self) -> dict[str, Any]:
-        """Every step and parameter in numbers, and in words what is identified."""
-        return self.record
-
-    def predict(
-        self, test: str | Test, num_draws: int = NUM_DRAWS, *, noise: bool = True
-    ) -> xr.Dataset:
-        """Bands of the main posterior on any test, beside what was measured.
-
-        Args:
-            test: Name of a test of the campaign, or a test of any kind, seen or not.
-            num_draws: Draws carried through the model; fewer through long records.
-            noise: Whether the bands include the noise, where it is known.
-
-        Returns:
-            As `jbw.study.predicting.predict`.
-
-        Raises:
-            ConfigError: If the campaign has no test of that name.
-            DataError: If the test's source is in another unit than the run's.
-        """
-        if isinstance(test, str):
-            (test,) = chosen(self.campaign.tests, (test,), "Argument `test`")
-        return predict(basis_of(self.tree), test, Request(num_draws, noise))
-
-    def save(self, folder: str | Path) -> None:
-        """Write posterior.nc, summary.json, figures and report.html into a new or empty folder."""
-        save_run(claim(Path(folder)), self.tree, self.record)
 
 
 def identify(
@@ -134,7 +68,7 @@ def identify(
     if known is not None:
         tree["identifiability"] = xr.DataTree(as_group(known))
         record["identifiability"] = known.summary()
-    return Study(campaign, found, tree, record)
+    return Study(tree, record, campaign, found)
 
 
 def input_hashes(campaign: Campaign) -> dict[str, str]:

@@ -6,10 +6,12 @@ import sys
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import jbw.cli
 from jbw.cli import run
 from jbw.cli.next_step import next_command
+from jbw.cli.running import print_summary
 from jbw.errors import ModelError, RunError
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record
@@ -197,3 +199,25 @@ def test_bash_completes_commands_and_codes():
 
     assert completed("jbw ide", 1) == {"identify", "identifiability"}
     assert completed("jbw explain ess_", 2) == {"ess_bulk", "ess_tail", "ess_weights"}
+
+
+def test_table_1_loses_columns_on_a_narrow_screen_but_no_digits(monkeypatch, capsys):
+    row = {"map": 0.0044708, "mean": 0.0044709, "sd": 3.8152e-06, "cv": 8.5e-4, "kl": 4.7056}
+    row |= {"ess_bulk": 1716.4, "r_hat": 1.001, "truth": 0.00444, "z": 8.05}
+    step = {"parameters": {"alpha_delta": row}, "statements": [], "verdict": {"status": "failed"}}
+    summary = {
+        "campaign": "toy", "steps": {"third_order_paper": step}, "comparison": {},
+        "predictions": {}, "verdict": {"status": "ok", "findings": []},
+    }  # fmt: skip
+    widest = ("map", "mean", "sd", "cv", "kl", "ess_bulk", "r_hat", "truth", "z")
+    for width, columns in ((160, widest), (80, ("mean", "sd", "r_hat"))):
+        monkeypatch.setattr(
+            "jbw.cli.running.console", lambda width=width: Console(width=width, highlight=False)
+        )
+        print_summary(summary)
+        told = capsys.readouterr().out
+        assert "…" not in told
+        assert max(map(len, told.splitlines())) <= width
+        head = next(line for line in told.splitlines() if "parameter" in line).split()
+        assert head == ["step", "parameter", *columns, "verdict"]
+        assert "0.0044709" in told

@@ -24,11 +24,12 @@ from made_runs import (
 from jbw.campaign.loading import Campaign
 from jbw.errors import ConfigError, DataError
 from jbw.study.basis import Request, basis_attrs, basis_of
-from jbw.study.identify import Study
 from jbw.study.known_noise import ALIKE, LEFT_OUT, OWN, REPEATS, UNKNOWN
 from jbw.study.planned import planned_sweep, planned_tones
 from jbw.study.predicting import predict, row_of, warnings_of
 from jbw.study.reach import mark_reach
+from jbw.study.storage import save_result
+from jbw.study.study import Study, load_study
 
 
 def test_the_truth_predicts_an_integrated_record():
@@ -133,8 +134,7 @@ def test_what_is_missing_is_named():
 def test_a_study_predicts_by_name_or_by_test(tmp_path):
     test = a_test(0.01)
     campaign = Campaign("made up", tmp_path, (test,))
-    nothing: Any = None  # predictions read the tree alone
-    study = Study(campaign, nothing, a_tree(same(SILENT), noise={"sweep": 1e-3}, seen=[test]), {})
+    study = Study(a_tree(same(SILENT), noise={"sweep": 1e-3}, seen=[test]), {}, campaign)
     by_name = study.predict("sweep")
     assert {"measured", "measured_band", "model_band", "predictive_band"} <= set(by_name.data_vars)
     xr.testing.assert_identical(by_name, study.predict(test))
@@ -142,6 +142,26 @@ def test_a_study_predicts_by_name_or_by_test(tmp_path):
     with pytest.raises(ConfigError, match="Argument `test` must name") as caught:
         study.predict("swep")
     assert "sweep" in caught.value.remedy
+
+
+def test_a_saved_study_is_loaded_and_predicts_the_same(tmp_path):
+    test = a_test(0.01)
+    finding = {"code": "series", "status": "failed", "reason": "R.", "number": None, "action": "A."}
+    record = {"verdict": {"status": "failed", "findings": [finding]}, "steps": {}}
+    made = Study(a_tree(same(SILENT), noise={"sweep": 1e-3}, seen=[test]), record)
+    save_result(tmp_path, made.tree, record)
+    loaded = load_study(tmp_path)
+    # Stored as it was: the same arrays lead to the same bands to the last bit.
+    xr.testing.assert_identical(loaded.predict(test), made.predict(test))
+    assert loaded.verdict.status == "failed"
+    assert np.isnan(loaded.verdict.findings[0].number)
+    assert loaded.summary() == record
+    with pytest.raises(ConfigError, match="campaign is not at hand"):
+        loaded.predict("sweep")
+    campaign = Campaign("made up", tmp_path, (test,))
+    xr.testing.assert_identical(load_study(tmp_path, campaign).predict("sweep"), made.predict(test))
+    with pytest.raises(DataError, match=r"no summary\.json"):
+        load_study(tmp_path / "nowhere")
 
 
 def test_a_run_writes_what_predictions_read_back(tmp_path):
