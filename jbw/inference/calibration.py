@@ -22,13 +22,12 @@ from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 from jbw.errors import ConfigError
 from jbw.inference.box import Box, from_unit
 from jbw.inference.calibration_record import Calibration, Ranked, judged
-from jbw.inference.lanes import LaneSampler
+from jbw.inference.lanes import LaneSampler, in_lanes
 from jbw.inference.model import LogLikelihood, Theta
 from jbw.inference.precision import require_float64
 
 LOG_LIKELIHOOD = "log_likelihood"
 TAIL = 0.005  # on either side of a 99 % interval
-TOGETHER = 64  # draws whose quantities are evaluated side by side
 Quantity = Callable[[Theta, PyTree], Float[Array, ""]]
 Report = Callable[[int], None]
 
@@ -46,7 +45,7 @@ class Model(NamedTuple):
     simulate: Callable[[Key[Array, ""], Theta], PyTree]
     log_likelihood: LogLikelihood
     box: Box
-    quantities: Mapping[str, Quantity] = {}  # noqa: RUF012
+    quantities: Mapping[str, Quantity] = {}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -123,9 +122,11 @@ def _replication(key: Key[Array, ""], model: Model, sampler: LaneSampler, num_ra
         return jnp.stack([*own, likelihood, *beside])
 
     shape = drawn.theta[model.box.names[0]].shape
-    flat = {name: jnp.ravel(v) for name, v in drawn.theta.items()}
-    of_draws = jax.lax.map(values, flat, batch_size=TOGETHER).reshape(*shape, -1)
-    return ranked(key_rank, values(truth), of_draws, drawn.arrived, num_ranks)
+    # The truth stands among the draws: quantities are compiled once.
+    rows = {name: jnp.append(jnp.ravel(v), truth[name]) for name, v in drawn.theta.items()}
+    found = in_lanes(values, rows)
+    of_draws = found[:-1].reshape(*shape, -1)
+    return ranked(key_rank, found[-1], of_draws, drawn.arrived, num_ranks)
 
 
 def ranked(

@@ -10,7 +10,7 @@ in the unit coordinate u of the box, so that a direction that the data do not kn
 the box and its middle for a start. Nothing of this decides what is drawn, only how fast.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -24,7 +24,8 @@ from jbw.inference.model import LogLikelihood, Theta
 
 Residual = Callable[[Theta, PyTree], Float[Array, " values"]]
 PRIOR_PRECISION = 12.0  # of a uniform distribution of width one
-RISE, FALL = 8.0, 4.0  # of the damping after a step that was refused, or taken
+BEYOND = 0.25  # widths of the box that the search may leave it by
+FIRST, RISE, FALL = 1e-2, 8.0, 4.0  # damping at first, and after steps refused or taken
 
 
 class About(NamedTuple):
@@ -88,12 +89,11 @@ def locate(
         return jnp.concatenate([own, jnp.sqrt(PRIOR_PRECISION) * (u - 0.5)])
 
     u = _best_of(key, residual, len(box.names), about.num_looks)
-    u = _descend(residual, u, about.num_steps)
     return Located(
         lambda s, data: log_likelihood(theta(s), data),
         Inside(inner),
         outer,
-        _whitened(residual, u, inner, outer),
+        _whitened(_descend(residual, u, about.num_steps), inner, outer),
         theta,
     )
 
@@ -120,44 +120,45 @@ def _cost(left: Float[Array, " values"]) -> Float[Array, ""]:
     return jnp.nan_to_num(jnp.sum(left**2), nan=jnp.inf)
 
 
+class _Place(NamedTuple):
+    """Where a search is: point, residual and Jacobian there, damping."""
+
+    u: Float[Array, " parameter"]
+    left: Float[Array, " values"]
+    jacobian: Float[Array, "values parameter"]
+    damping: Float[Array, ""]
+
+
 def _descend(
     residual: Callable[[Array], Array], u: Float[Array, " parameter"], num_steps: int
-) -> Float[Array, " parameter"]:
-    """Levenberg and Marquardt's descent, inside the box."""
-
-    def step(carry: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
-        u, damping = carry
-        left, jacobian = _linear(residual, u)
-        normal = jacobian.T @ jacobian
-        shaped = normal + damping * jnp.diag(jnp.diagonal(normal))
-        there = jnp.clip(u - jnp.linalg.solve(shaped, jacobian.T @ left), 0.0, 1.0)
-        better = _cost(residual(there)) < _cost(left)
-        damping = jnp.where(better, damping / FALL, damping * RISE)
-        return (jnp.where(better, there, u), damping), None
-
-    return jax.lax.scan(step, (u, jnp.asarray(1e-2)), None, num_steps)[0][0]
-
-
-def _linear(
-    residual: Callable[[Array], Array], u: Float[Array, " parameter"]
-) -> tuple[Float[Array, " values"], Float[Array, "values parameter"]]:
-    """Residual and Jacobian in one pass."""
+) -> _Place:
+    """Levenberg and Marquardt's descent, which may leave the box a little: at bounds it sticks."""
 
     def both(u: Array) -> tuple[Array, Array]:
         left = residual(u)
         return left, left
 
-    jacobian, left = jax.jacfwd(both, has_aux=True)(u)
-    return left, jacobian
+    def step(at: _Place, i: Array) -> tuple[_Place, None]:
+        normal = at.jacobian.T @ at.jacobian
+        shaped = normal + at.damping * jnp.diag(jnp.diagonal(normal))
+        move = jnp.linalg.solve(shaped, at.jacobian.T @ at.left)
+        # The first step stays: so the Jacobian stands in one place and is compiled once.
+        u = jnp.where(i == 0, at.u, jnp.clip(at.u - move, -BEYOND, 1 + BEYOND))
+        jacobian, left = jax.jacfwd(both, has_aux=True)(u)
+        better = (_cost(left) < _cost(at.left)) | (i == 0)
+        there = _Place(u, left, jacobian, jnp.where(i == 0, at.damping, at.damping / FALL))
+        back = at._replace(damping=at.damping * RISE)
+        return jax.tree.map(lambda a, b: jnp.where(better, a, b), there, back), None
+
+    size = jax.eval_shape(residual, u).size
+    first = _Place(u, jnp.ones(size), jnp.eye(size, u.size), jnp.asarray(FIRST))
+    return jax.lax.scan(step, first, jnp.arange(num_steps + 1))[0]
 
 
-def _whitened(
-    residual: Callable[[Array], Array], u: Float[Array, " parameter"], inner: Box, outer: Box
-) -> Whitening:
-    _, jacobian = _linear(residual, u)
-    root = jnp.linalg.cholesky(jacobian.T @ jacobian)
-    factor = jax.scipy.linalg.solve_triangular(root, jnp.eye(u.size), lower=True).T
-    x = to_unit(from_unit(u, inner), outer)
+def _whitened(at: _Place, inner: Box, outer: Box) -> Whitening:
+    root = jnp.linalg.cholesky(at.jacobian.T @ at.jacobian)
+    factor = jax.scipy.linalg.solve_triangular(root, jnp.eye(at.u.size), lower=True).T
+    x = to_unit(from_unit(at.u, inner), outer)
     share = (inner.upper - inner.lower) / (outer.upper - outer.lower)
     slope = share / (x * (1 - x))  # of the logit of the outer box over u
     return Whitening(jnp.log(x) - jnp.log1p(-x), slope[:, None] * factor)

@@ -155,7 +155,7 @@ def weighted(
         problem, whitened, theta = _placed(key_locate, log_likelihood, box, data, about)
         way = bridge(problem, whitened)
         w = way.draw(key_draw, num_draws).reshape(num_groups, -1, len(box.names))
-        log_ratio = jax.lax.map(way.log_ratio, w.reshape(num_draws, -1), batch_size=TOGETHER)
+        log_ratio = in_lanes(way.log_ratio, w.reshape(num_draws, -1))
         share = jax.nn.softmax(log_ratio.reshape(num_groups, -1), axis=1)
         keys = jax.random.split(key_keep, num_groups)
         kept = jax.vmap(lambda k, p: _stratified(k, p, num_kept // num_groups))(keys, share)
@@ -164,6 +164,19 @@ def weighted(
         return Draws(drawn, (worth >= num_kept / 10) & jnp.any(log_ratio > FORBIDDEN / 2))
 
     return draw
+
+
+def in_lanes(f: Callable[[PyTree], Array], points: PyTree) -> Array:
+    """Map a function over points, 64 side by side, compiled once whatever their number.
+
+    Args:
+        f: Of one point.
+        points: Arrays with a leading axis.
+    """
+    count = len(jax.tree.leaves(points)[0])
+    missing = -count % TOGETHER
+    padded = jax.tree.map(lambda v: jnp.concatenate([v, v[:1].repeat(missing, 0)]), points)
+    return jax.lax.map(f, padded, batch_size=TOGETHER)[:count]
 
 
 def _stratified(
@@ -202,7 +215,7 @@ def gridded(num_nodes: int = 512, num_draws: int = 1000, num_groups: int = 4) ->
             def one(value: Float[Array, ""]) -> Float[Array, ""]:
                 return jnp.sum(log_likelihood({box.names[0]: value}, data))
 
-            value = jax.lax.map(one, theta, batch_size=TOGETHER)
+            value = in_lanes(one, theta)
             return jnp.where(jnp.isfinite(value), value, FORBIDDEN)
 
         lower, upper = box.lower[0], box.upper[0]

@@ -105,7 +105,7 @@ def sweeping(num_repeats: int = 4) -> Records:
         ),
         origin=jnp.zeros((count, 0)),
         fs=FS,
-        substeps=1,
+        substeps=2,
     )
 
 
@@ -121,7 +121,7 @@ def joint() -> SweepDesign:
     truth = _truth()
     bounds = {"omega_n": (0.99 * truth["omega_n"], 1.01 * truth["omega_n"]), **PRIOR}
     bounds["gain"] = (0.95 * GAIN, 1.05 * GAIN)
-    noise = jnp.full(len(LEVELS), VELOCITY_NOISE)
+    noise = jnp.full(len(LEVELS), 2 * VELOCITY_NOISE)
     return SweepDesign(sweeping(), noise, {}, box(bounds))
 
 

@@ -110,7 +110,7 @@ def joint(design: SweepDesign) -> Step:
         design.prior,
         {**_products(design.prior.names), "response": _response},
     )
-    return Step(model, About(evidence.residual, _logs(model), 16, 12), 4, "importance")
+    return Step(model, About(evidence.residual, _logs(model), 64, 30), 4, "importance")
 
 
 def _response(theta: Theta, data: Evidence) -> Float[Array, ""]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jbw.errors import ConfigError
-from jbw.study.calibration import calibrate
+from jbw.study.campaign_scores import score_campaigns
 
 CASES = {"laser noise": {"repeats": 24}, "one per cent": {"repeats": 4, "noise_ratio": 0.01}}
 
@@ -12,7 +12,7 @@ CASES = {"laser noise": {"repeats": 24}, "one per cent": {"repeats": 4, "noise_r
 @pytest.mark.slow
 @pytest.mark.parametrize("options", CASES.values(), ids=CASES.keys())
 def test_the_truths_z_scores_follow_a_standard_normal(options):
-    result = calibrate(50, **options)
+    result = score_campaigns(50, **options)
     # k-hat < 0.7: the weights turn the Laplace approximation into the posterior. Its own estimate
     # from 500 draws scatters, so a few of 50 may exceed.
     assert np.quantile(result.khat, 0.9) < 0.7
@@ -27,7 +27,7 @@ def test_the_truths_z_scores_follow_a_standard_normal(options):
     "ignore"
 )  # of the short window of Step 2, which the line fit allows for
 def test_every_kind_of_test_together_is_calibrated():
-    result = calibrate(40, campaign="mixed", repeats=2, noise_ratio=0.02)
+    result = score_campaigns(40, campaign="mixed", repeats=2, noise_ratio=0.02)
     assert np.quantile(result.khat, 0.9) < 0.7
     for name, p in result.p_values.items():
         assert p > 1e-3, f"{name}: {p}"
@@ -38,4 +38,4 @@ def test_every_kind_of_test_together_is_calibrated():
 
 def test_an_unknown_campaign_is_refused():
     with pytest.raises(ConfigError, match='"sweeps", "mixed", but is "all"'):
-        calibrate(1, campaign="all")
+        score_campaigns(1, campaign="all")
