@@ -114,8 +114,9 @@ def residual_finding(
     }
     if not lag_one:
         return None
-    worst = max(lag_one, key=lambda label: abs(lag_one[label]))
-    coloured = sum(abs(value) >= COLOURED for value in lag_one.values())
+    # A correlation that cannot be had is the worst of all.
+    worst = max(lag_one, key=lambda label: np.nan_to_num(abs(lag_one[label]), nan=np.inf))
+    coloured = sum(not abs(value) < COLOURED for value in lag_one.values())
     return Finding(
         "coloured_residual",
         "failed" if coloured else "ok",

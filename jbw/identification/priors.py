@@ -1,10 +1,12 @@
 """Prior boxes: the campaign's where it states them, otherwise wide ones about the earlier steps."""
 
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from jbw.errors import ConfigError
 from jbw.inference.box import Box, box
 
 # Half widths of the paper's boxes about the initial fit, read from the CVs of its priors.
@@ -75,6 +77,9 @@ def joint_box(
     Returns:
         The box, in the order omega_n, zeta, alpha, delta, gamma(, gain)(, cubic); a cubic stiffness
         is there when the campaign bounds it.
+
+    Raises:
+        ConfigError: The campaign's bounds of alpha reach the whole stiffness.
     """
     bounds: Bounds = {"omega_n": (0.97 * omega_n, 1.03 * omega_n)}
     bounds |= physical(omega_n, zeta, y_peak)
@@ -86,4 +91,31 @@ def joint_box(
     given = stated(settings)
     if "cubic" in given:
         bounds["cubic"] = given["cubic"]
-    return box({name: given.get(name, pair) for name, pair in bounds.items()})
+    bounds = {name: given.get(name, pair) for name, pair in bounds.items()}
+    _require_stiffness(bounds, omega_n)
+    _warn_of_growth(bounds)
+    return box(bounds)
+
+
+def _require_stiffness(bounds: Bounds, omega_n: float) -> None:
+    """Refuse a prior beyond alpha = omega_n^2, where nothing holds the structure in its place."""
+    highest = bounds["alpha"][1]
+    if highest >= omega_n**2:
+        raise ConfigError(
+            f"Prior of `alpha`: alpha < omega_n^2 must hold, but alpha reaches {highest:g} and "
+            f"omega_n^2 is {omega_n**2:g} by Step 2.",
+            why="The joint's stiffness alpha is a part of the whole, omega_n^2.",
+            remedy="Lower alpha's upper bound in [identify.prior].",
+        )
+
+
+def _warn_of_growth(bounds: Bounds) -> None:
+    """Warn where the law lets the hysteretic force grow for ever: measured joints may need it."""
+    lowest = bounds["gamma"][0] + bounds["delta"][0]
+    if lowest < 0:
+        warnings.warn(
+            f"The prior lets gamma + delta fall to {lowest:.4g} 1/m, where the hysteretic force "
+            "grows without bound; draws that diverge count as failed solves. Raise the lower bound "
+            "of gamma above -delta unless that is meant.",
+            stacklevel=3,
+        )

@@ -1,0 +1,141 @@
+"""Priors and noise that cannot be meant: refused with their inequality, or warned of."""
+
+import numpy as np
+import pytest
+
+import jbw
+from jbw.campaign.schema import parse
+from jbw.errors import ConfigError, ModelError
+from jbw.identification.accuracy import residual_finding
+from jbw.identification.priors import joint_box
+from jbw.planning.description import parse as parse_plan
+
+CAMPAIGN = """
+[[test]]
+kind = "sweep"
+files = "a.h5"
+channels = {{ input = "u", velocity = "v" }}
+[identify{table}]
+{line}
+"""
+OMEGA_N = 118.0  # [rad/s]
+
+
+def refused(line, table=".prior", check=parse):
+    with pytest.raises(ConfigError) as caught:
+        check(CAMPAIGN.format(line=line, table=table) if check is parse else line)
+    return str(caught.value)
+
+
+@pytest.mark.fault(25, 27)
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("zeta = [0.006, 0.003]", "zeta: must be [lower, upper] with lower < upper"),
+        ("zeta = [0.003, 0.003]", "zeta: must be [lower, upper] with lower < upper"),
+        ("zeta = [-0.003, 0.006]", "zeta: must be positive, but its lower bound is -0.003"),
+        ("gain = [-1.0, 2.0]", "gain: must be positive"),
+        ("omega_n = [0.0, 2.0]", "omega_n: must be positive"),
+        ("alpha = [nan, 2.0]", "alpha: must be finite"),
+        ("alpha = [1.0, inf]", "alpha: must be finite"),
+        ("alpha = [1.0]", "alpha: must be [lower, upper]"),
+        ("alpha = 1.0", "alpha: must be a list of numbers"),
+        ("omega_n = [100.0, 130.0]\nalpha = [1.0, 1e4]", "alpha < omega_n^2 must hold everywhere"),
+        ("omega_n = [100.0, 130.0]\nalpha = [1.0, 1e4]", "lower alpha's upper bound"),
+    ],
+)
+def test_bounds_that_cannot_be_meant(line, says):
+    message = refused(line)
+    assert "[identify] prior" in message
+    assert says in message
+
+
+def box_of(**prior):
+    return joint_box({"prior": prior}, OMEGA_N, 0.004, None, 1e-3)
+
+
+@pytest.mark.fault(27)
+def test_more_stiffness_in_the_joint_than_there_is_in_all():
+    with pytest.raises(ConfigError, match=r"alpha < omega_n\^2 must hold") as caught:
+        box_of(alpha=(100.0, 2e4))
+    assert "20000" in caught.value.what
+    assert "13924 by Step 2" in caught.value.what
+    assert "[identify.prior]" in caught.value.remedy
+
+
+@pytest.mark.fault(27)
+def test_signs_that_real_joints_need_are_warned_of_and_growth_is_refused():
+    with pytest.warns(UserWarning, match=r"gamma \+ delta fall to -200") as caught:
+        box_of(delta=(100.0, 400.0), gamma=(-300.0, 50.0))
+    assert "lower bound of gamma above -delta" in str(caught[0].message)
+    growing = jbw.BoucWen(omega_n=OMEGA_N, zeta=0.005, alpha=500.0, delta=100.0, gamma=-500.0)
+    push = 20.0 * np.sin(60.0 * np.arange(512) / 512)
+    with (
+        pytest.warns(UserWarning, match=r"delta \+ gamma > 0"),
+        pytest.raises(ModelError, match="diverges at sample") as caught,
+    ):
+        jbw.simulate(growing, push, 512.0)
+    assert "delta = 100.0, gamma = -500.0" in caught.value.what
+    assert caught.value.remedy
+
+
+def test_more_opening_than_softening_is_taken_as_it_is(recwarn):
+    box_of(delta=(10.0, 20.0), gamma=(10.0, 400.0))
+    assert not recwarn.list
+
+
+PLAN = "[plan]\nnatural_hz = 20.0\ndelta = [100.0, 300.0]\n"
+
+
+@pytest.mark.fault(30)
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("noise = 0.0", "[plan] noise: must be positive, but is 0.0"),
+        ("noise = -1.0", "[plan] noise: must be positive, but is -1.0"),
+        ("noise = nan", "[plan] noise: must be finite"),
+        ("", "[plan] noise: missing; standard deviation of a sample of the response"),
+    ],
+)
+def test_noise_of_a_plan_is_positive_and_there(line, says):
+    assert says in refused(PLAN + line, check=parse_plan)
+
+
+@pytest.mark.fault(30)
+def test_noise_of_a_campaign_is_learnt_from_its_records_and_not_given():
+    assert "noise_std: unknown key" in refused("noise_std = 0.0", table="")
+
+
+def left_after(correlation, n=4000):
+    """What a fit leaves: an AR(1) process."""
+    rng, row = np.random.default_rng(0), np.zeros(n)
+    for i in range(1, n):
+        row[i] = correlation * row[i - 1] + rng.normal()
+    return row
+
+
+@pytest.mark.fault(33)
+def test_autocorrelated_residuals_fail_with_their_correlation_and_worth():
+    rows = {"white": left_after(0.0), "coloured": left_after(0.9)}
+    worth, error = {"white": 1.0, "coloured": 0.053}, {"white": 0.01, "coloured": 0.02}
+    found = residual_finding(rows, worth, error)
+    assert found is not None
+    assert found.status == "failed"
+    # Of 4000 values, to three standard errors of sqrt((1 - 0.81) / 4000).
+    assert abs(found.number - 0.9) < 0.021
+    assert "1 of 2 residuals are coloured" in found.reason
+    assert "coloured, where" in found.reason
+    assert "counts 0.053 of the values" in found.reason
+    assert "does not follow the data" in found.action
+    alone = residual_finding({"white": rows["white"]}, worth, error)
+    assert alone is not None
+    assert alone.status == "ok"
+
+
+@pytest.mark.fault(33, 36)
+def test_residuals_that_are_no_numbers_are_not_white():
+    rows = {"white": left_after(0.0), "broken": np.full(100, np.nan)}
+    found = residual_finding(rows, {"white": 1.0, "broken": 1.0}, {"white": 0.01, "broken": 0.01})
+    assert found is not None
+    assert found.status == "failed"
+    assert "broken" in found.reason
