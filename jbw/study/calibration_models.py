@@ -1,7 +1,7 @@
 """The posteriors of the procedure beside simulators of their data, ready to be calibrated."""
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +15,7 @@ from jbw.inference.model import Theta
 from jbw.observables import evidence, kernel, response
 from jbw.observables.evidence import Evidence
 from jbw.observables.kernel import KernelData
+from jbw.observables.response import Records
 from jbw.study.calibration_designs import KernelDesign, SweepDesign
 from jbw.study.simulators import kernel_of_known_noise, measured_kernel, measured_records
 
@@ -115,7 +116,7 @@ def joint(design: SweepDesign) -> Step:
 
 def _response(theta: Theta, data: Evidence) -> Float[Array, ""]:
     """Response of the last level at one instant, shortly after the resonance."""
-    records = data.parts[0]
+    records = cast(Records, data.parts[0])
     at = round(WHERE * records.source.shape[-1])
     return response.predict({**data.held, **theta}, records)[-1, at]
 

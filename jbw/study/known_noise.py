@@ -1,6 +1,6 @@
 """The noise that a run's posterior knows for a test, fitted or not; never a guess."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +9,7 @@ import xarray as xr
 from jbw.measurement.records import Record, Test
 from jbw.observables.repeats import Repeats
 from jbw.prediction import noise_of_mean
-from jbw.study.basis import Basis, seen_of
+from jbw.study.basis import Seen, seen_of
 
 OWN = "of this test, as fitted"
 ALIKE = "mean of the fitted tests of its kind"
@@ -31,27 +31,34 @@ class Noise(NamedTuple):
     says: str
 
 
-def noise_of(basis: Basis, test: Test, label: str = "", order: int | None = None) -> Noise:
+def noise_of(
+    posterior: xr.Dataset,
+    seen: Mapping[str, Seen],
+    test: Test,
+    label: str = "",
+    order: int | None = None,
+) -> Noise:
     """Noise of one repeat, as the posterior knows it.
 
     That of the test itself where it was fitted; else the mean over fitted tests of its kind and
     response; else the scatter of its own repeats of one input; else it is not known.
 
     Args:
-        basis: The run.
+        posterior: The main posterior.
+        seen: Tests of the run's campaign by name; none where the run does not say.
         test: The test to predict.
         label: What its group of data is called; the test's name when empty.
         order: Order of the harmonic, where harmonics are compared.
     """
-    known = dict(_groups(basis.posterior))
+    known = dict(_groups(posterior))
     label = label or test.name
-    if label in known and _same_form(basis, test):
+    if label in known and _same_form(seen, test):
         return Noise(known[label], OWN if label.startswith(test.name) else ALIKE)
     ending = "" if order is None or test.kind == "frf" else f" order {order}"
     alike = [
         std
         for name, std in known.items()
-        if name.endswith(ending) and _alike(basis, name.removesuffix(ending), test)
+        if name.endswith(ending) and _alike(seen, name.removesuffix(ending), test)
     ]
     if alike:
         return Noise(float(np.mean(alike)), ALIKE)
@@ -82,23 +89,23 @@ def _groups(posterior: xr.Dataset) -> Iterator[tuple[str, float]]:
             yield str(label), float(values.sel({dims[0]: label}).mean())
 
 
-def _same_form(basis: Basis, test: Test) -> bool:
+def _same_form(seen: Mapping[str, Seen], test: Test) -> bool:
     """Whether a test of this name in the run was of this kind, source and response."""
-    return not basis.seen or basis.seen.get(test.name, seen_of(test)) == seen_of(test)
+    return not seen or seen.get(test.name, seen_of(test)) == seen_of(test)
 
 
-def _alike(basis: Basis, name: str, test: Test) -> bool:
+def _alike(seen: Mapping[str, Seen], name: str, test: Test) -> bool:
     """Whether a fitted group is of a test's kind and response.
 
     Tones of one level make one group, called after the level. A run that does not say what its
     tests were has labels of sweeps alone.
     """
     wanted = seen_of(test)
-    if not basis.seen:
+    if not seen:
         return test.kind == "sweep"
-    if name.startswith("tones ") and name not in basis.seen:
+    if name.startswith("tones ") and name not in seen:
         return wanted.kind == "tones"
-    found = basis.seen.get(name)
+    found = seen.get(name)
     return found is not None and (found.kind, found.response) == (wanted.kind, wanted.response)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -56,7 +57,7 @@ def calibrate_linear(
         if (i + 1) % 100 == 0 or i + 1 == num_replications:
             report(i + 1)
     keys = jax.random.split(jax.random.fold_in(key, num_replications), num_replications)
-    rank = jax.jit(jax.vmap(lambda *row: ranked(*row, num_ranks)))
+    rank = jax.jit(jax.vmap(partial(ranked, num_ranks=num_ranks)))
     found = rank(keys, jnp.array(truth), jnp.array(of_draws), jnp.array(arrived))
     return judged((*NAMES, LOG_LIKELIHOOD), found, num_ranks)
 

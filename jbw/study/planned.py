@@ -99,7 +99,10 @@ def predict_planned(basis: Basis, test: Test, draws: Draws, *, noise: bool = Tru
     )
     magnitude = {"units": UNITS[record.response], "long_name": record.response}
     phase = {"units": "rad", "long_name": "phase of the response"}
-    dims, known = ("quantile", "freq"), noise_of(basis, test, f"{test.name} order 1", 1)
+    dims, known = (
+        ("quantile", "freq"),
+        noise_of(basis.posterior, basis.seen, test, f"{test.name} order 1", 1),
+    )
     variables = {}
     for order in ORDERS:
         suffix = "" if order == 1 else f"_{order}"
@@ -109,7 +112,7 @@ def predict_planned(basis: Basis, test: Test, draws: Draws, *, noise: bool = Tru
         turned = np.asarray(middle + np.angle(values * np.exp(-1j * middle)), float)
         variables[f"model_magnitude{suffix}"] = (dims, band(np.abs(values)), magnitude)
         variables[f"model_phase{suffix}"] = (dims, band(turned), phase)
-        std = noise_of(basis, test, f"{test.name} order {order}", order).std
+        std = noise_of(basis.posterior, basis.seen, test, f"{test.name} order {order}", order).std
         if noise and std is not None:
             predictive = gaussian_band(np.abs(values), std)
             variables[f"predictive_magnitude{suffix}"] = (dims, predictive, magnitude)

@@ -48,7 +48,7 @@ def predict_records(basis: Basis, test: Test, draws: Draws, *, noise: bool = Tru
         noise: Whether the noise is looked for.
     """
     same = _on_time(replace(test, records=repeated(test)))
-    known = noise_of(basis, test)
+    known = noise_of(basis.posterior, basis.seen, test)
     if is_measured(test):
         known = or_of_repeats(known, reduce([same]).repeats)
     record = same.records[0]

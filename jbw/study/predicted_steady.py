@@ -66,7 +66,9 @@ def _noise_of(basis: Basis, test: Test, group: Group, data: Points, row: int) ->
     label = group.label
     if test.kind == "tones" and label not in _labels(basis):
         label = f"tones {test.level:g} order {group.order}"
-    return or_of_repeats(noise_of(basis, test, label, group.order), data.repeats, row)
+    return or_of_repeats(
+        noise_of(basis.posterior, basis.seen, test, label, group.order), data.repeats, row
+    )
 
 
 def _labels(basis: Basis) -> set[str]:
@@ -106,7 +108,7 @@ def predict_loop(basis: Basis, test: Test, draws: Draws, *, noise: bool = True) 
         noise: Whether the noise is looked for.
     """
     data = loops.reduce([test])
-    known = or_of_repeats(noise_of(basis, test), data.repeats)
+    known = or_of_repeats(noise_of(basis.posterior, basis.seen, test), data.repeats)
     mean = (known.std or 0.0) / np.sqrt(len(test.records)) if noise else 0.0
     dataset = compare_loop(test, data, carry(loops.predict, draws, data), mean)
     peak = float(jnp.max(jnp.abs(data.displacement)))
@@ -125,7 +127,7 @@ def predict_periods(basis: Basis, test: Test, draws: Draws, *, noise: bool = Tru
     cut = periods(test) or test
     data = response.reduce([cut], substeps=basis.substeps, periodic=True)
     model = carry(response.predict, draws, data)
-    known = or_of_repeats(noise_of(basis, test), data.repeats)
+    known = or_of_repeats(noise_of(basis.posterior, basis.seen, test), data.repeats)
     mean = (known.std or 0.0) / np.sqrt(len(cut.records)) if noise else 0.0
     dataset = compare_period(cut, data, model, mean, band_hz=test.band_hz)
     # One period of a steady motion is differentiated and integrated line by line.

@@ -15,12 +15,14 @@ from jbw.identification.selection import Sweeps, loop_tests
 from jbw.identification.starts import largest_displacement
 from jbw.measurement.periods import periods
 from jbw.measurement.records import Test
-from jbw.observables import steady
+from jbw.observables import response, steady
 from jbw.observables.evidence import Evidence
 from jbw.observables.response import Records
 from jbw.prediction import Draws, scattered, thin
 from jbw.reference import Oscillator, references
 from jbw.steady_verification import forced_loop_verification, multisine_verification
+from jbw.study.basis import seen_of
+from jbw.study.known_noise import noise_of, or_of_repeats
 from jbw.validation import loop_validation
 from jbw.verification import frf_verification, sweep_verification
 
@@ -83,7 +85,7 @@ def forced_groups(
     chosen = frozenset(test.name for test in fitted(tests, settings))
     carried = _carried(found, data, chosen, seed, settings.get("compare_with", DEFAULT))
     substeps = _substeps(data)
-    groups = _frfs(tests, found, carried, substeps) | _sweeps(found, carried, substeps)
+    groups = _frfs(tests, found, carried, substeps) | _sweeps(tests, found, carried, substeps)
     groups |= _curves(tests, found, carried) | _loops(tests, carried)
     groups |= _multisines(tests, carried, substeps) | _validations(tests, found, carried)
     used = {safe(name) for name in carried.fitted}
@@ -167,7 +169,9 @@ def _frfs(tests: Sequence[Test], found: Identification, carried: Carried, subste
     return groups
 
 
-def _sweeps(found: Identification, carried: Carried, substeps: int) -> Groups:
+def _sweeps(
+    tests: Sequence[Test], found: Identification, carried: Carried, substeps: int
+) -> Groups:
     """Repeats and levels of sweeps that no fit saw, where there are any."""
     posterior = found.main.posterior["posterior"].to_dataset()
     groups = {}
@@ -175,7 +179,7 @@ def _sweeps(found: Identification, carried: Carried, substeps: int) -> Groups:
         dataset = sweep_verification(
             test,
             carried.draws,
-            noise_of(posterior, test),
+            _noise_of(posterior, tests, test),
             references=carried.references,
             substeps=substeps,
         )
@@ -192,24 +196,12 @@ def _compared(sweeps: Sweeps | None, chosen: frozenset[str]) -> list[Test]:
     return [*sweeps.held_out, *rest]
 
 
-def noise_of(posterior: xr.Dataset, test: Test) -> float:
-    """Noise of one repeat of a sweep: its level's own, else the mean of all fitted levels'.
-
-    Args:
-        posterior: The main posterior.
-        test: The sweep.
-    """
-    known = {
-        str(label): float(values.sel({dim: label}).mean())
-        for name, values in posterior.data_vars.items()
-        for dim in values.dims
-        if str(name).startswith("noise_std") and str(dim).startswith("level")
-        for label in values[dim].values
-    }
-    # Without any fitted sweep the scatter of the repeats themselves is all that is known.
-    responses = np.stack([record.channels[record.response] for record in test.records])
-    own = float(np.sqrt(responses.var(axis=0, ddof=1).mean())) if len(responses) > 1 else 0.0
-    return known.get(test.name, float(np.mean(list(known.values()))) if known else own)
+def _noise_of(posterior: xr.Dataset, tests: Sequence[Test], test: Test) -> float:
+    """Noise of one repeat of a sweep, that of its own repeats where no fit knows it."""
+    known = noise_of(posterior, {one.name: seen_of(one) for one in tests}, test)
+    if known.std is None:
+        known = or_of_repeats(known, response.reduce([test]).repeats)
+    return known.std or 0.0
 
 
 def _curves(tests: Sequence[Test], found: Identification, carried: Carried) -> Groups:
