@@ -99,6 +99,7 @@ def test_nothing_left(folder):
     assert "no repeats left" in refused(campaign_file(folder, extra="exclude = [0, 1, 2]")).what
 
 
+@pytest.mark.fault(53)
 @pytest.mark.parametrize("files", ['"../x.h5"', '"../../etc/passwd"', '"/etc/*"', '"a/../../x"'])
 def test_paths_stay_inside(folder, files):
     error = refused(campaign_file(folder, files=files), ConfigError)
@@ -106,6 +107,7 @@ def test_paths_stay_inside(folder, files):
     assert "--allow-outside" in error.remedy
 
 
+@pytest.mark.fault(53)
 def test_a_symbolic_link_out_needs_leave(folder, tmp_path_factory):
     outside = tmp_path_factory.mktemp("outside") / "noise_1.h5"
     (folder / "noise_1.h5").rename(outside)
@@ -115,6 +117,7 @@ def test_a_symbolic_link_out_needs_leave(folder, tmp_path_factory):
     assert len(load_campaign(path, allow_outside=True).tests[0].records) == 3
 
 
+@pytest.mark.fault(53)
 @pytest.mark.parametrize("files", ['"http://x.org/a.h5"', '"file:///etc/passwd"', '"s3://b/a.h5"'])
 def test_urls_are_refused_even_with_leave(folder, files):
     error = refused(campaign_file(folder, files=files), ConfigError, allow_outside=True)
@@ -133,6 +136,7 @@ def test_missing_campaign_file(tmp_path):
     assert "jbw init" in refused(tmp_path / "none.toml", ConfigError).remedy
 
 
+@pytest.mark.fault(21)
 def test_tone_too_near_half_the_rate(folder):
     error = refused(campaign_file(folder, "tones", "tones = [200.0]"))
     assert "Tone 200 Hz must lie below" in error.what
@@ -157,6 +161,7 @@ def test_repeats_of_different_rates(folder):
     assert "2048 Hz and noise_1.h5 has 1024 Hz" in error.what
 
 
+@pytest.mark.fault(15)
 def test_repeats_may_differ_in_length(folder):
     short = {role: samples[:1000] for role, samples in signals(2).items()}
     write_hdf5(folder / "noise_2.h5", Record(FS, short, UNITS), names=NAMES)
@@ -164,6 +169,7 @@ def test_repeats_may_differ_in_length(folder):
     assert [record.num_samples for record in test.records] == [N, 1000, N]
 
 
+@pytest.mark.fault(4)
 @pytest.mark.parametrize("factor", [2 * np.pi, 2.0])
 def test_wrong_rate_shows_beside_the_band(folder, factor):
     for i in (1, 2, 10):
@@ -175,6 +181,7 @@ def test_wrong_rate_shows_beside_the_band(folder, factor):
     assert "Check fs and band" in str(caught[0].message)
 
 
+@pytest.mark.fault(13)
 def test_swapped_channels_are_doubted(folder):
     path = campaign_file(folder)
     swapped = path.read_text().replace('"shaker"', '"_"').replace('"laser"', '"shaker"')

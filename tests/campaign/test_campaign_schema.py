@@ -47,6 +47,7 @@ def test_good_file():
     assert spec.settings["prior"] == {"omega_n": (100.0, 130.0), "alpha": (400.0, 600.0)}
 
 
+@pytest.mark.fault(25, 27, 52)
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
@@ -93,6 +94,7 @@ def test_each_error_names_key_and_remedy(old, new, says):
     assert says in refused(changed(old, new))
 
 
+@pytest.mark.fault(52)
 def test_all_errors_at_once():
     text = changed("gain", "gian").replace('"mm/s"', '"m/sec"').replace("= 4", "= -4")
     message = refused(text)
@@ -131,6 +133,7 @@ def toml(value):
     return f'"{value}"' if isinstance(value, str) else repr(value)
 
 
+@pytest.mark.fault(52)
 @settings(max_examples=150, deadline=None)
 @given(
     test=st.dictionaries(st.sampled_from([*TEST, "knd"]), VALUES, max_size=6),

@@ -31,6 +31,10 @@ def checked(tmp_path_factory):
     return json.loads(ended[0].stdout), ended[1].stdout, [one.returncode for one in ended]
 
 
+@pytest.mark.fault(
+    1, 2, 3, 4, 5, 6, 7, 8, 9, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23,
+    24, 46, 47, 48, 49, 50, 51, 54,
+)  # fmt: skip
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: f"row {fault.row}")
 def test_fault_is_found(checked, fault):
     rows = [row for row in checked[0]["channels"] if row["test"] == fault.row]
@@ -84,6 +88,7 @@ def refused(text):
 BASE = '[[test]]\nkind = "noise"\nfiles = "{files}"\nchannels = {{ input = "u", velocity = "v" }}\n'
 
 
+@pytest.mark.fault(10)
 @pytest.mark.parametrize(
     ("unit", "nearest"), [("m/sec", "m/s"), ("mm\\\\s", "mm/s"), ("ms-1", "m/s"), ("Volt", "V")]
 )
@@ -94,6 +99,7 @@ def test_row_10_unknown_unit(unit, nearest):
     assert f"`{nearest}`" in message or nearest in message.split("Known: ")[1]
 
 
+@pytest.mark.fault(52)
 @pytest.mark.parametrize(
     ("line", "says"),
     [
@@ -107,6 +113,7 @@ def test_row_52_campaign_file(line, says):
     assert says in refused(BASE.format(files="a.h5") + line)
 
 
+@pytest.mark.fault(53)
 @pytest.mark.parametrize("files", ["../../x.h5", "/etc/passwd", "http://x.org/a.h5", "~/a.h5"])
 def test_row_53_paths_and_addresses(tmp_path, files):
     (tmp_path / "campaign.toml").write_text(BASE.format(files=files))
@@ -129,11 +136,13 @@ def loaded(tmp_path, write):
     return load_campaign(tmp_path / "campaign.toml").tests[0].records
 
 
+@pytest.mark.fault(15)
 def test_row_15_repeats_keep_their_lengths(tmp_path):
     lengths = next(fault.write for fault in FAULTS if fault.row.startswith("15"))
     assert [record.num_samples for record in loaded(tmp_path, lengths)] == [N, N - 2000, N // 2]
 
 
+@pytest.mark.fault(49)
 def test_row_49_decimal_comma_is_read_and_said(tmp_path):
     comma = next(fault.write for fault in FAULTS if fault.row == "49: decimal comma")
     (record,) = loaded(tmp_path, comma)
@@ -143,6 +152,7 @@ def test_row_49_decimal_comma_is_read_and_said(tmp_path):
     assert record.provenance["delimiter"] == "semicolon"
 
 
+@pytest.mark.fault(20)
 def test_row_20_tone_off_the_lines_is_read_exactly():
     found = harmonics(tone()["displacement"], FS, 2 * np.pi * 5.03, 3)
     np.testing.assert_allclose(np.abs(found.amplitudes[[0, 2]]), [1e-3, 1e-5], rtol=1e-9)
@@ -150,6 +160,7 @@ def test_row_20_tone_off_the_lines_is_read_exactly():
     np.testing.assert_allclose(found.off_bin, 0.48, atol=1e-9)
 
 
+@pytest.mark.fault(1)
 def test_row_1_mask_of_a_curve_only(tmp_path):
     """`gaps = "mask"` is taken where the lines can be left out, and refused elsewhere."""
     message = refused(BASE.format(files="a.h5") + 'gaps = "mask"')

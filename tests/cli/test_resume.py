@@ -92,6 +92,7 @@ def assert_same_run(folder, whole):
     assert {path.name for path in folder.iterdir()} == names
 
 
+@pytest.mark.fault(40, 41, 43, 44)
 @pytest.mark.slow
 def test_a_run_survives_kills_a_torn_checkpoint_and_ctrl_c(campaign, whole, tmp_path, capsys):
     folder = tmp_path / "run"
@@ -138,6 +139,7 @@ def test_a_run_that_cannot_begin_leaves_no_folder(tmp_path, capsys):
     assert not out.exists()
 
 
+@pytest.mark.fault(41)
 def test_a_demo_goes_on_from_its_first_second(tmp_path, monkeypatch, capsys):
     asked = []
 
@@ -163,6 +165,7 @@ def test_a_failed_report_is_tried_again_by_its_command(tmp_path, monkeypatch, ca
     assert f"only its report is left, jbw report {out}" in capsys.readouterr().out
 
 
+@pytest.mark.fault(40)
 @pytest.mark.slow
 def test_twenty_kills_at_random_moments_change_no_bit(campaign, whole, tmp_path):
     moments, kills, finished, folder = random.Random(0), 0, 0, tmp_path / "run"

@@ -61,6 +61,7 @@ def test_fit_finds_the_noise_and_the_shifts(fitted):
     assert np.max(np.abs((shifts - shifts.mean()) - (spread - spread.mean()))) < 5e-6
 
 
+@pytest.mark.fault(33)
 def test_correlated_residuals_are_worth_less():
     rng = np.random.default_rng(0)
     white = rng.standard_normal((4, 2000)) + 1j * rng.standard_normal((4, 2000))

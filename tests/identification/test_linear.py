@@ -156,6 +156,7 @@ def test_pooling():
         pool([])
 
 
+@pytest.mark.fault(24)
 def test_damping_finer_than_the_lines_warns():
     u, y = stationary(np.random.default_rng(6), 512, zeta=0.001)
     estimate = frf(u, y, FS, window_s=16)
@@ -164,6 +165,7 @@ def test_damping_finer_than_the_lines_warns():
     assert abs(fit.zeta - 0.001) < 4 * fit.std[1]
 
 
+@pytest.mark.fault(18)
 def test_short_record_says_how_much_longer():
     u, y = stationary(np.random.default_rng(7), 16, noise_std=3e-3)
     with pytest.warns(UserWarning, match="times longer"):

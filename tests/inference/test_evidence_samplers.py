@@ -165,6 +165,7 @@ def two_hills(theta, data):
     return jnp.logaddexp(one, two) - jnp.log(2 * jnp.pi)
 
 
+@pytest.mark.fault(29)
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("sampler", WITHOUT_START)
 def test_two_modes_keep_their_weights(sampler, seed):

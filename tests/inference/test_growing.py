@@ -54,6 +54,7 @@ def draws(sampler, chain_method="sequential", kept=None, data=(1.0, 2.0), **opti
     return {f"{g}/{n}": v.values for g in groups for n, v in tree[g].data_vars.items()}
 
 
+@pytest.mark.fault(40)
 @pytest.mark.parametrize(
     ("sampler", "method"),
     [("nuts", "vectorized"), ("elliptical_slice", "sequential"), ("random_walk", "vectorized")],

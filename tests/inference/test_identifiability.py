@@ -45,6 +45,7 @@ def test_a_parameter_of_which_the_data_say_nothing():
     np.testing.assert_allclose(weak.ratio, 1.0, atol=0.15)
 
 
+@pytest.mark.fault(28)
 def test_the_theory_s_table_of_step_3():
     """CVs and correlation of section 6: `true oscillator, 6.8e-10, 8 repeats`."""
     mean = {"zeta": 0.0050, "alpha": 460.0, "delta": 350.0}

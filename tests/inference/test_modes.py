@@ -41,6 +41,7 @@ def test_one_mode_is_not_split(draw, seed):
     assert deepest_split({"x": draw(np.random.default_rng(seed))}) is None
 
 
+@pytest.mark.fault(29)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_two_modes_are_weighed_within_their_error(seed):
     split = deepest_split(
@@ -53,6 +54,7 @@ def test_two_modes_are_weighed_within_their_error(seed):
     np.testing.assert_allclose([split.below, split.above], PLACES, atol=WIDTH)
 
 
+@pytest.mark.fault(29)
 def test_chains_that_do_not_cross_have_no_weights():
     apart = np.sort(mixture(0).ravel()).reshape(4, 1000)
     finding = modes_finding({"x": apart})
@@ -83,6 +85,7 @@ def test_samplers_with_the_evidence_weigh_modes(seed):
     assert "which weigh" in finding.reason
 
 
+@pytest.mark.fault(29)
 def test_chains_stuck_in_either_mode_are_never_averaged_in_silence():
     start = {"alpha": np.array([PLACES[0], PLACES[0], PLACES[1], PLACES[1]])}
     tree = sample(

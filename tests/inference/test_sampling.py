@@ -90,6 +90,7 @@ def test_other_data_and_bounds_run_without_compiling_again():
     assert len(TRACES) == before
 
 
+@pytest.mark.fault(55)
 @pytest.mark.parametrize("sampler", ["nuts", "random_walk", "elliptical_slice"])
 def test_equal_keys_give_equal_draws_and_other_keys_other_draws(sampler):
     first, again, other = (draw(seed, 6.0, sampler)["posterior"]["a"].values for seed in (1, 1, 2))
@@ -148,6 +149,7 @@ def one_sided(theta, data):
     return jnp.where(x < 0.5, -x, jnp.nan)
 
 
+@pytest.mark.fault(34)
 @pytest.mark.parametrize("sampler", ["nuts", "random_walk"])
 def test_failed_solves_are_counted_and_never_drawn(sampler):
     tree = sample(
@@ -215,6 +217,7 @@ def test_an_earlier_step_enters_as_a_prior_and_the_container_keeps_everything(tm
         np.testing.assert_array_equal(stored["posterior"]["gain"], values)
 
 
+@pytest.mark.fault(39)
 def test_starts_that_cannot_be_meant_are_refused():
     with pytest.raises(ConfigError, match="must name b, a"):
         draw(0, 6.0, start={"a": 0.0, "c": 0.0})
@@ -237,6 +240,7 @@ def test_nan_in_the_data_is_one_clear_sentence():
         draw(0, float("nan"))
 
 
+@pytest.mark.fault(35)
 def test_a_float32_session_is_refused():
     with jax.enable_x64(False), pytest.raises(ConfigError, match="float64") as caught:
         draw(0, 6.0)

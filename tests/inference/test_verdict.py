@@ -107,6 +107,7 @@ PATHOLOGIES = {
 }
 
 
+@pytest.mark.fault(26, 28, 34, 36, 38)
 @pytest.mark.parametrize("code", PATHOLOGIES)
 def test_every_pathology_fails_with_what_to_do(code):
     draws, stats = healthy()
@@ -119,12 +120,14 @@ def test_every_pathology_fails_with_what_to_do(code):
     assert finding.reason.endswith(".")
 
 
+@pytest.mark.fault(29)
 def test_chains_in_two_modes_fail():
     draws, stats = healthy()
     _two_modes(draws, stats)
     assert status_of(judged(draws, stats), "r_hat") == "failed"
 
 
+@pytest.mark.fault(26)
 def test_the_bound_is_named_with_its_side():
     draws, stats = healthy()
     _piled(draws, stats)
@@ -133,6 +136,7 @@ def test_the_bound_is_named_with_its_side():
     assert finding.action.startswith("Widen alpha upper")
 
 
+@pytest.mark.fault(28)
 def test_the_ridge_is_named():
     draws, stats = healthy()
     _ridge(draws, stats)
@@ -140,6 +144,7 @@ def test_the_ridge_is_named():
     assert "nly the product alpha*delta is determined" in finding.reason
 
 
+@pytest.mark.fault(37)
 def test_one_chain_is_not_assessed():
     draws, stats = healthy(num_chains=1, num_draws=4000)
     result = judged(draws, stats)
@@ -147,6 +152,7 @@ def test_one_chain_is_not_assessed():
     assert status_of(result, "r_hat") == "not assessed"
 
 
+@pytest.mark.fault(31)
 @pytest.mark.parametrize("ratio", [0.01, 9.0, float("nan")])
 def test_a_chi_square_out_of_range_fails(ratio):
     result = judged(*healthy(), chi_square=(100 * ratio, 100))

@@ -9,6 +9,7 @@ from jbw.errors import ConfigError
 from jbw.measurement.files.door import read
 
 
+@pytest.mark.fault(1)
 @pytest.mark.parametrize("share", [1, 30, N])
 def test_nan_is_counted_and_placed(tmp_path, share):
     laser = LASER.copy()
@@ -21,6 +22,7 @@ def test_nan_is_counted_and_placed(tmp_path, share):
     assert "exclude" in error.remedy
 
 
+@pytest.mark.fault(2)
 @pytest.mark.parametrize("laser", [np.zeros(N), np.full(N, 0.3), 0.3 + (np.arange(N) % 2) * 1e-7])
 def test_dead_channel(tmp_path, laser):
     np.savez(tmp_path / "a.npz", laser=laser)
@@ -29,6 +31,7 @@ def test_dead_channel(tmp_path, laser):
     assert "exclude" in error.remedy
 
 
+@pytest.mark.fault(3)
 def test_missing_sampling_frequency(tmp_path):
     np.savez(tmp_path / "a.npz", laser=LASER)
     error = refused(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V)
@@ -36,6 +39,7 @@ def test_missing_sampling_frequency(tmp_path):
     assert "fs = <Hz>" in error.remedy
 
 
+@pytest.mark.fault(5)
 @pytest.mark.parametrize(
     ("where", "what"), [("attribute", "`shaker` is 2048"), ("argument", "the argument is 2048")]
 )
@@ -49,6 +53,7 @@ def test_sampling_frequencies_that_disagree(h5, where, what):
     assert "resample" in error.remedy
 
 
+@pytest.mark.fault(6)
 def test_rounded_interval_is_snapped_and_said(h5):
     with h5py.File(h5, "a") as file:
         for name in ("shaker", "laser"):
@@ -59,6 +64,7 @@ def test_rounded_interval_is_snapped_and_said(h5):
     assert "snapped from 1024.0005" in record.provenance["fs"]
 
 
+@pytest.mark.fault(7, 8)
 @pytest.mark.parametrize(
     ("spoil", "what", "remedy"),
     [
@@ -86,6 +92,7 @@ def test_printed_time_column_gives_the_round_rate(tmp_path, fs, form):
     assert record.fs == fs
 
 
+@pytest.mark.fault(9, 10)
 def test_unit_is_required_known_and_not_contradicted(tmp_path, h5):
     np.savez(tmp_path / "a.npz", laser=LASER)
     error = refused(tmp_path / "a.npz", {"velocity": "laser"}, fs=FS, error=ConfigError)
@@ -105,12 +112,14 @@ def test_units_are_converted_and_said(tmp_path):
     assert record.provenance["unit of velocity"] == "mm/s, times 0.001"
 
 
+@pytest.mark.fault(9)
 def test_implausible_unit_is_doubted(tmp_path):
     np.savez(tmp_path / "a.npz", laser=LASER * 1e3)  # mm/s, taken for m/s
     with pytest.warns(UserWarning, match="is the file in mm/s"):
         read(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V, fs=FS)
 
 
+@pytest.mark.fault(12)
 def test_missing_channel_lists_what_is_there(h5):
     error = refused(h5, {"velocity": "lazer"}, UNITS_V)
     assert "role `velocity`: Channel `lazer` is not in the file" in error.what
@@ -124,6 +133,7 @@ def test_unknown_role(h5):
     assert "velocity" in error.remedy
 
 
+@pytest.mark.fault(14)
 @pytest.mark.parametrize("length", [N - 1, N + 1, N // 2])
 def test_unequal_lengths(tmp_path, length):
     np.savez(tmp_path / "a.npz", shaker=DRIVE, laser=np.resize(LASER, length))
@@ -132,6 +142,7 @@ def test_unequal_lengths(tmp_path, length):
     assert f"`velocity` has {length}" in error.what
 
 
+@pytest.mark.fault(16)
 def test_clipped_channel(tmp_path):
     np.savez(tmp_path / "a.npz", laser=np.clip(LASER, -1, 0.27))
     error = refused(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V, fs=FS)
@@ -143,6 +154,7 @@ def test_clipped_channel(tmp_path):
         read(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V, fs=FS)
 
 
+@pytest.mark.fault(17)
 def test_smooth_peak_of_few_bits_is_not_clipped_but_quantised(tmp_path):
     np.savez(tmp_path / "a.npz", laser=np.round(LASER / 0.3 * 100) * 0.003)
     with pytest.warns(UserWarning, match="distinct values, fewer than 256") as caught:
@@ -174,6 +186,7 @@ def test_rows_are_repeats(tmp_path):
     np.testing.assert_array_equal(repeats[1].channels["velocity"], 3 * LASER)
 
 
+@pytest.mark.fault(56)
 def test_paths_with_spaces_and_other_scripts(tmp_path, h5):
     folder = tmp_path / "Prüfstand 振动"
     folder.mkdir()

@@ -29,6 +29,7 @@ def damaged(path: Path, how: str) -> None:
         path.write_bytes(data[:middle] + bytes([data[middle] ^ 0xFF]) + data[middle + 1 :])
 
 
+@pytest.mark.fault(46)
 @pytest.mark.parametrize("how", ["half", "junk", "empty", "flipped"])
 @pytest.mark.parametrize("suffix", [".h5", ".mat", ".npz", ".npy", ".wav", ".csv"])
 def test_damaged_file_is_refused(tmp_path, suffix, how):
@@ -60,6 +61,7 @@ def test_damaged_file_is_refused(tmp_path, suffix, how):
     assert "again" in error.remedy
 
 
+@pytest.mark.fault(46)
 def test_flipped_exponent_in_uncompressed_mat_is_seen_by_its_size(tmp_path):
     path = tmp_path / "a.mat"
     laser = LASER.copy()
@@ -69,6 +71,7 @@ def test_flipped_exponent_in_uncompressed_mat_is_seen_by_its_size(tmp_path):
     assert "Sample 40 is 4e+284" in error.what
 
 
+@pytest.mark.fault(51)
 @pytest.mark.parametrize("name", ["a.pkl", "a.pickle", "a.joblib"])
 def test_pickle_is_never_opened(tmp_path, name):
     (tmp_path / name).write_bytes(b"cos\nsystem\n(S'false'\ntR.")
@@ -77,11 +80,13 @@ def test_pickle_is_never_opened(tmp_path, name):
     assert "savez" in error.remedy
 
 
+@pytest.mark.fault(51)
 def test_object_array_is_refused(tmp_path):
     np.savez(tmp_path / "a.npz", laser=np.array([{}], dtype=object))
     assert "npz reader" in refused(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V, fs=FS).what
 
 
+@pytest.mark.fault(51)
 def test_no_pickle_in_the_package():
     root = Path(__file__).parents[2] / "jbw"
     code = "\n".join(path.read_text() for path in root.rglob("*.py"))
@@ -93,6 +98,7 @@ def test_unknown_suffix(tmp_path):
     assert "`.xyz`" in refused(tmp_path / "a.xyz", ROLES).what
 
 
+@pytest.mark.fault(54)
 @pytest.mark.parametrize("kind", ["external", "soft chain", "external storage", "virtual"])
 def test_links_out_of_the_file_are_refused(tmp_path, h5, kind):
     path = tmp_path / "crafted.h5"
@@ -120,6 +126,7 @@ def test_soft_link_inside_the_file_is_followed(h5):
     np.testing.assert_array_equal(record.channels["velocity"], LASER)
 
 
+@pytest.mark.fault(54)
 @pytest.mark.parametrize("suffix", [".npz", ".mat", ".h5"])
 def test_decompression_bomb_is_refused_by_its_declared_size(tmp_path, monkeypatch, suffix):
     path = tmp_path / f"a{suffix}"
@@ -137,6 +144,7 @@ def test_decompression_bomb_is_refused_by_its_declared_size(tmp_path, monkeypatc
     assert "GiB" in refused(path, {"velocity": "laser"}, UNITS_V, fs=FS).what
 
 
+@pytest.mark.fault(50)
 def test_huge_file_is_read_in_part(tmp_path):
     """A day at 51.2 kHz, 35 GB: sparse on disk, only the asked second in memory."""
     path = tmp_path / "day.h5"

@@ -45,6 +45,7 @@ def test_uff_round_trip(tmp_path, binary):
     assert list(tmp_path.iterdir()) == [tmp_path / "a.uff"]
 
 
+@pytest.mark.fault(6)
 @pytest.mark.parametrize("fs", [51200.0, 25600.0, 4096.0, 1000.0, 102400.0])
 def test_uff_interval_means_the_round_rate(tmp_path, fs):
     pytest.importorskip("pyuff")
@@ -53,6 +54,7 @@ def test_uff_interval_means_the_round_rate(tmp_path, fs):
     assert record.fs == fs
 
 
+@pytest.mark.fault(46)
 @pytest.mark.parametrize("binary", [False, True])
 @pytest.mark.parametrize("how", ["half", "junk", "empty"])
 def test_damaged_uff_is_refused(tmp_path, binary, how):
@@ -139,6 +141,7 @@ def test_stale_index_beside_a_tdms_is_not_believed(tdms):
     np.testing.assert_array_equal(record.channels["velocity"], LASER)
 
 
+@pytest.mark.fault(46)
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("how", ["half", "end", "junk", "empty"])
 def test_damaged_tdms_is_refused(tdms, how):

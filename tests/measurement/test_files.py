@@ -92,6 +92,7 @@ def matlab73(path):
         stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(128))
 
 
+@pytest.mark.fault(47)
 def test_mat_v73(tmp_path):
     path = tmp_path / "a.mat"
     matlab73(path)
@@ -105,6 +106,7 @@ def test_mat_v73(tmp_path):
     np.testing.assert_array_equal(row.channels["velocity"], LASER)
 
 
+@pytest.mark.fault(48)
 def test_matlab_table_is_named_and_told_how_to_export(tmp_path):
     path = tmp_path / "a.mat"
     matlab73(path)

@@ -68,6 +68,7 @@ def write_tdms(path):
     return "log.laser", 1.0
 
 
+@pytest.mark.fault(50)
 @pytest.mark.skipif(sys.platform != "linux", reason="peak memory is counted in KiB on Linux only")
 @pytest.mark.parametrize(
     ("suffix", "write"),

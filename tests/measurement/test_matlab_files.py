@@ -105,6 +105,7 @@ def test_difference_of_unlike_channels_is_refused(tmp_path):
         read(tmp_path / "a.npz", {"velocity": "one - other"}, UNITS, fs=FS)
 
 
+@pytest.mark.fault(48)
 def test_functions_are_named_beside_the_numbers_that_are_read():
     with opened(written("some_functions.mat")) as contents:
         found = dict(names(contents.root))
@@ -114,6 +115,7 @@ def test_functions_are_named_beside_the_numbers_that_are_read():
     assert set(channels_of(written("some_functions.mat"))) == {"a", "b", "c"}
 
 
+@pytest.mark.fault(48)
 @pytest.mark.parametrize(
     ("file", "path"),
     [
@@ -144,6 +146,7 @@ def test_every_version_gives_the_same_numbers(file):
     np.testing.assert_allclose(record.channels["displacement"], expected, rtol=1e-14)
 
 
+@pytest.mark.fault(54)
 def test_a_bomb_inside_a_struct_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "a.mat"
     inside = {"test": {"laser": np.zeros(2**20)}}

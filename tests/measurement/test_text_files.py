@@ -27,6 +27,7 @@ DIALECTS = {
 }
 
 
+@pytest.mark.fault(49)
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_csv_dialects(tmp_path, dialect):
     delimiter, decimal, header, tail = DIALECTS[dialect]
@@ -52,6 +53,7 @@ def test_csv_in_utf16_and_without_header(tmp_path):
     np.testing.assert_allclose(record.channels["velocity"], LASER, rtol=1e-9, atol=1e-18)
 
 
+@pytest.mark.fault(49)
 @pytest.mark.parametrize(
     "text",
     ["1.5\n2.5\n3.5\n", "1,5\n2,5\n3,5\n", '"1,5","2,5"\n"1,6","2,6"\n', "a;b\n1.234,5;2\n", "hi"],
@@ -64,6 +66,7 @@ def test_csv_that_could_be_misread_is_refused(tmp_path, text):
     assert "semicolon" in error.remedy
 
 
+@pytest.mark.fault(46, 49)
 def test_csv_with_a_broken_line(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("a,b\n" + "1.5,2.5\n" * 1000 + "1.5\n" + "1.5,2.5\n" * 1000)
@@ -72,6 +75,7 @@ def test_csv_with_a_broken_line(tmp_path):
     assert "csv reader" in error.what
 
 
+@pytest.mark.fault(46)
 @pytest.mark.parametrize("cut", [1, 3, 9, 12])
 def test_csv_cut_in_its_last_number_is_refused(tmp_path, cut):
     path = tmp_path / "a.csv"

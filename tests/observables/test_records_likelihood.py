@@ -49,6 +49,7 @@ def test_squares_are_those_of_every_repeat(tests):
     np.testing.assert_allclose(response.squares(theta(gamma=40.0), data)[0], direct, rtol=1e-12)
 
 
+@pytest.mark.fault(30, 32)
 def test_marginal_likelihood_integrates_the_noise_out(tests):
     data = response.reduce(tests)
 

@@ -349,6 +349,7 @@ def test_bad_input_is_named(change, error, words):
         simulate(BoucWen(**PAPER), **arguments)
 
 
+@pytest.mark.fault(35)
 def test_float32_session_is_refused():
     with jax.enable_x64(False), pytest.raises(ConfigError, match="enable_x64"):
         simulate(BoucWen(**PAPER), np.zeros(5), FS)

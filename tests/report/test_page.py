@@ -112,6 +112,7 @@ def test_the_verdict_comes_first_then_what_is_known(small, summary):
     assert places == sorted(places)
 
 
+@pytest.mark.fault(52)
 def test_names_from_files_are_escaped(tree, summary):
     summary["campaign"] = HOSTILE
     summary["predictions"] = {HOSTILE: summary["predictions"]["sweep_0p05"]}

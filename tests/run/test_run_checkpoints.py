@@ -48,6 +48,7 @@ def test_the_newest_of_two_generations_is_loaded(saved):
     assert loaded(saved / "..") == (None, "")
 
 
+@pytest.mark.fault(44)
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.99])
 def test_a_torn_checkpoint_falls_back_one_generation(saved, share):
     path = newest(saved)
@@ -59,6 +60,7 @@ def test_a_torn_checkpoint_falls_back_one_generation(saved, share):
     assert "the one before it is used" in said
 
 
+@pytest.mark.fault(44)
 def test_a_changed_byte_anywhere_is_noticed():
     whole = pack(7, arrays(3))
     assert unpack(whole).number == 7
@@ -68,6 +70,7 @@ def test_a_changed_byte_anywhere_is_noticed():
         assert unpack(bytes(changed)) is None
 
 
+@pytest.mark.fault(44)
 def test_two_damaged_checkpoints_start_the_chains_again(saved):
     for path in saved.iterdir():
         path.write_bytes(b"junk")
@@ -91,6 +94,7 @@ def test_pickled_arrays_are_neither_written_nor_read(tmp_path):
         pack(0, {"x": np.array([{}], dtype=object)})
 
 
+@pytest.mark.fault(42)
 @pytest.mark.parametrize("call", ["fsync", "replace"])
 def test_a_full_disk_is_said_and_leaves_what_was_saved(saved, monkeypatch, call):
     def full(*_):
@@ -119,6 +123,7 @@ def test_saving_takes_a_small_share_of_the_time(tmp_path, monkeypatch):
     assert checkpoint.due()
 
 
+@pytest.mark.fault(41)
 def test_who_asked_to_stop_is_obeyed_after_a_saving(tmp_path):
     interruption = Interruption()
     checkpoint = Checkpoint(tmp_path, "joint", interruption)

@@ -51,6 +51,7 @@ def test_a_folder_without_a_run_is_not_gone_on_with(tmp_path):
     assert "jbw identify" in caught.value.remedy
 
 
+@pytest.mark.fault(42)
 def test_a_file_in_the_folders_place_is_said(tmp_path):
     (tmp_path / "run").write_text("")
     for where in (tmp_path / "run", tmp_path / "run" / "below"):
@@ -59,6 +60,7 @@ def test_a_file_in_the_folders_place_is_said(tmp_path):
         assert "--out" in caught.value.remedy
 
 
+@pytest.mark.fault(42)
 def test_a_full_disk_is_said_before_the_work(tmp_path, monkeypatch):
     with pytest.raises(RunError, match="MB left"):
         require_room(tmp_path, room=10**18)
@@ -69,6 +71,7 @@ def test_a_full_disk_is_said_before_the_work(tmp_path, monkeypatch):
         begin(tmp_path, ASKED)
 
 
+@pytest.mark.fault(45)
 def test_a_second_process_is_refused_and_a_dead_ones_lock_taken_over(tmp_path):
     holds = (
         "import sys, pathlib\nfrom jbw.run.folder import begin\nfrom jbw.run.manifest import *\n"
@@ -90,6 +93,7 @@ def test_a_second_process_is_refused_and_a_dead_ones_lock_taken_over(tmp_path):
     run.close()
 
 
+@pytest.mark.fault(44)
 def test_a_changed_manifest_is_refused(tmp_path):
     begin(tmp_path, ASKED).close()
     path = tmp_path / HIDDEN / "manifest.json"
@@ -118,6 +122,7 @@ def test_what_is_unchanged_goes_on(read):
     assert with_inputs(manifest, campaign, {str(campaign.parent / "sweep.h5"): digest}) == manifest
 
 
+@pytest.mark.fault(43)
 def test_a_changed_campaign_is_refused_with_its_line(read):
     manifest, campaign = read
     campaign.write_text("[campaign]\nname = 'bar'\n")
@@ -130,6 +135,7 @@ def test_a_changed_campaign_is_refused_with_its_line(read):
         require_unchanged(manifest, campaign)
 
 
+@pytest.mark.fault(43)
 def test_changed_data_are_refused_with_their_file(read):
     manifest, campaign = read
     data = campaign.parent / "sweep.h5"
@@ -149,6 +155,7 @@ def test_changed_data_are_refused_with_their_file(read):
             with_inputs(manifest, campaign, found)
 
 
+@pytest.mark.fault(43)
 def test_other_versions_are_refused_by_name(read):
     manifest, campaign = read
     older = replace(manifest, versions={**manifest.versions, "jax": "0.1.2"})

@@ -5,6 +5,8 @@ import subprocess
 import sys
 import threading
 
+import pytest
+
 from jbw.run.interruption import Interruption
 
 # The key derivation stands for compiled chains: it lets other threads run and knows no signals.
@@ -19,6 +21,7 @@ with interruption.heard(lambda: "Saved."):
 """
 
 
+@pytest.mark.fault(41)
 def test_the_second_signal_ends_a_process_that_hears_none():
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen([sys.executable, "-c", LONG], **pipes) as process:

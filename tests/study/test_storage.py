@@ -45,6 +45,7 @@ def test_a_failing_report_leaves_the_result_and_says_how_to_try_again(tmp_path, 
     assert {path.name for path in tmp_path.iterdir()} == {"posterior.nc", "summary.json"}
 
 
+@pytest.mark.fault(42)
 def test_a_full_disk_leaves_nothing_half_written(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")

@@ -1,0 +1,155 @@
+"""Faults of the place where jbw runs: disks, folders, encodings, displays."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jbw.cli import run
+from jbw.errors import RunError
+from jbw.run.folder import begin
+from jbw.run.manifest import Manifest
+
+PACKAGE = Path(__file__).parents[2] / "jbw"
+COMMAND = "import sys; from jbw.cli import main; main(sys.argv[1:])"
+
+
+def called(*arguments, program=COMMAND, **environment):
+    """A process of its own: its exit code, and what it printed as text."""
+    ended = subprocess.run(
+        [sys.executable, "-c", program, *map(str, arguments)],
+        capture_output=True, check=False, timeout=120, env={**os.environ, **environment},
+    )  # fmt: skip
+    return ended.returncode, ended.stdout, ended.stderr.decode(errors="replace")
+
+
+# --- row 42 ---
+
+TOO_LITTLE_SPACE = """
+import resource, sys
+from pathlib import Path
+from jbw.errors import RunError
+from jbw.run.files import write_whole
+path = Path(sys.argv[1])
+write_whole(path, b"old")
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+try:
+    write_whole(path, bytes(100_000))
+except RunError as error:
+    print(error)
+"""
+
+
+@pytest.mark.fault(42)
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of file sizes are for Unix")
+def test_a_file_that_does_not_fit_leaves_the_old_one_whole(tmp_path):
+    code, printed, said = called(tmp_path / "a.checkpoint", program=TOO_LITTLE_SPACE)
+    assert code == 0, said
+    message = printed.decode()
+    assert f"{tmp_path / 'a.checkpoint'} cannot be written" in message
+    assert "What was saved before is whole" in message
+    assert "Free some space" in message
+    assert (tmp_path / "a.checkpoint").read_bytes() == b"old"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.checkpoint"]
+
+
+@pytest.mark.fault(42)
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="/proc can be written by nobody")
+def test_a_folder_that_cannot_be_written_is_said_before_the_work():
+    with pytest.raises(RunError) as caught:
+        begin(Path("/proc/jbw-run"), Manifest("jbw identify beam.toml", "/data/beam.toml"))
+    assert "/proc/jbw-run cannot be written" in caught.value.what
+    assert "--out" in caught.value.remedy
+
+
+# --- rows 52, 56 ---
+
+CAMPAIGN = """
+[campaign]
+name = "Prüfstand 振动"
+[[test]]
+name = "Rauschen ü"
+kind = "noise"
+files = "mess *.npz"
+fs = 100.0
+channels = { input = "u", velocity = "v" }
+units = { input = "V", velocity = "m/s" }
+"""
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    folder = tmp_path / "Prüfstand 振动"
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    np.savez(folder / "mess ü.npz", u=rng.normal(size=2000), v=rng.normal(size=2000))
+    (folder / "käm pagne.toml").write_text(CAMPAIGN, encoding="utf-8")
+    return folder / "käm pagne.toml"
+
+
+LOCALES = {
+    "C": {"LC_ALL": "C"},
+    "POSIX": {"LC_ALL": "POSIX", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"},
+    "a pipe of Windows": {"PYTHONIOENCODING": "cp1252"},
+}
+
+
+@pytest.mark.fault(56)
+@pytest.mark.parametrize("locale", LOCALES)
+def test_other_scripts_spaces_and_locales(campaign, locale):
+    environment = {"PYTHONIOENCODING": "", **LOCALES[locale]}
+    code, printed, said = called("check", campaign, **environment)
+    assert code == 0, said
+    assert b"Rauschen" in printed
+    code, printed, said = called("check", "--json", campaign, **environment)
+    assert code == 0, said
+    assert b'"repeats": 1' in printed
+    code, _, said = called("check", campaign.parent / "nix ü.toml", **environment)
+    assert code == 2
+    assert "nix" in said
+    assert "does not exist" in said
+    assert "Internal error" not in said
+
+
+@pytest.mark.fault(52)
+@pytest.mark.parametrize(
+    "name", ['"[/x]"', '"[red]<script>alert(1)</script>"', '"\\u001b[31m"', '"a\\nb"']
+)
+def test_names_steer_neither_table_nor_terminal(campaign, capsys, name):
+    campaign.write_text(CAMPAIGN.replace('"Prüfstand 振动"', name), encoding="utf-8")
+    code = run(["check", str(campaign)])
+    told = capsys.readouterr()
+    if "\\" in name:
+        assert code == 2
+        assert "[campaign] name: must be printable, on one line" in told.err
+    else:
+        assert code == 0
+        assert f"Campaign {json.loads(name)}" in told.out
+    assert "\x1b" not in told.out + told.err
+
+
+# --- row 57 ---
+
+
+@pytest.mark.fault(57)
+def test_no_figure_opens_a_window():
+    code = "\n".join(path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py"))
+    assert "plt.show" not in code
+    assert "import matplotlib.pyplot" not in code
+    assert "from matplotlib import pyplot" not in code
+
+
+# --- row 55 ---
+
+
+@pytest.mark.fault(55)
+def test_a_run_records_what_its_draws_depend_on(tmp_path):
+    begin(tmp_path, Manifest("jbw identify beam.toml --seed 7", "/data/beam.toml", seed=7)).close()
+    known = json.loads((tmp_path / ".run" / "manifest.json").read_text())
+    assert known["seed"] == 7
+    assert {"jbw", "jax", "jaxlib", "numpyro", "blackjax", "numpy"} <= set(known["versions"])
+    assert set(known["machine"]) == {"name", "processors"}
