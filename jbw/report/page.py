@@ -37,7 +37,16 @@ def write_page(summary: Mapping[str, Any], tree: xr.DataTree, path: Path) -> Non
         tree: The run's posterior.nc.
         path: The file to write; replaced when it exists.
     """
-    text = render_page(summary, tree)
+    write_whole(path, render_page(summary, tree))
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file that is either the old one or the new one, never a part.
+
+    Args:
+        path: The file; replaced when it exists.
+        text: What it is to hold.
+    """
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as stream:
@@ -69,7 +78,7 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
     verdict = summary.get("verdict") or {}
     status = badge(verdict)
     return environment.get_template("page.html").render(
-        campaign=_campaign_name(summary.get("campaign")),
+        campaign=campaign_name(summary),
         status=status,
         status_words=STATUS_WORDS.get(status.word, "Read the findings before using it."),
         findings=findings(verdict),
@@ -111,8 +120,9 @@ def _inputs(hashes: Mapping[str, str]) -> Inputs:
     return Inputs(folder, [(path[start:], hashes[path]) for path in paths])
 
 
-def _campaign_name(campaign: Any) -> str:
+def campaign_name(summary: Mapping[str, Any]) -> str:
     """Return the campaign's name, given as text or as a record."""
+    campaign = summary.get("campaign")
     return str(campaign.get("name", "")) if isinstance(campaign, Mapping) else str(campaign or "")
 
 

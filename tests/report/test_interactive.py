@@ -1,0 +1,118 @@
+"""The interactive page: every chart's numbers, nothing from the network, no name trusted."""
+
+import builtins
+import json
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+from click.testing import CliRunner
+
+from jbw.cli.report import report
+from jbw.errors import ConfigError, DataError
+from jbw.report import interactive
+from jbw.report.charts import charts_of
+from jbw.report.interactive import render_interactive, write_interactive
+from jbw.report.traces import band, line
+
+HOSTILE = "</script><script>alert(1)</script> & <a href='javascript:x'>"
+
+
+@pytest.fixture(scope="module")
+def few(tree):
+    """A result with two charts."""
+    group = tree["verification/backbone"].to_dataset()
+    return xr.DataTree.from_dict({"/verification/backbone": group})
+
+
+def test_every_kind_of_response_has_a_chart(tree):
+    charts = charts_of(tree)
+    kinds = {chart.heading.split()[0] for chart in charts}
+    assert kinds == {"Frequency", "Response", "Sweep", "Free", "Hysteresis", "Forced", "Backbone:"}
+    assert all("[" in label for chart in charts for label in chart.axes)
+    assert charts_of(xr.DataTree()) == []
+
+
+def test_the_numbers_are_the_trees(tree):
+    (sweep,) = [each for each in charts_of(tree) if each.heading.startswith("Sweep sweep_0p10")]
+    test = tree["verification/sweep/sweep_0p10"]
+    shown = {trace["name"]: trace for trace in sweep.lines}
+    time = np.asarray(shown["measured"]["x"])
+    assert time.size == 12000
+    part = test.to_dataset().sel(time=slice(time[0] - 1e-4, time[-1] + 1e-4))
+    # 32-bit floats have seven digits.
+    np.testing.assert_allclose(shown["measured"]["y"], part["measured"], rtol=1e-6)
+    middle = part["model_band"].values[1]
+    np.testing.assert_allclose(shown["median of the model"]["y"], middle, rtol=1e-6)
+    assert np.argmax(np.abs(part["measured"].values)) > 0
+
+
+def test_bands_are_filled_and_named(few):
+    (frequency, _) = charts_of(few)
+    low, high, median = frequency.lines
+    assert high["fill"] == "tonexty"
+    assert high["name"] == "99 % parameter band"
+    assert np.all(low["y"] <= median["y"])
+    assert np.all(median["y"] <= high["y"])
+    assert len(band([0], [0], [1], "x", "#0072b2", "g")) == 2
+
+
+def test_names_are_escaped_and_nothing_is_fetched(few):
+    pytest.importorskip("plotly")
+    assert line([0], [0], HOSTILE, "#000000")["name"].startswith("&lt;/script&gt;")
+    page = render_interactive(few, HOSTILE)
+    assert "alert(1)</script>" not in page
+    assert "&lt;/script&gt;&lt;script&gt;alert(1)" in page
+    assert "default-src 'none'" in page
+    assert not re.search(
+        r"<(script|link|img|iframe)[^>]*(src|href)=", page.split("</script>", 1)[0]
+    )
+    charts = page.split("</script>", 1)[1]
+    assert not re.search(r'(src|href)="', charts)
+    # No button of plotly's own that would upload a chart.
+    assert charts.count('"showSendToCloud": false') == 2
+
+
+def test_nothing_to_draw_is_one_sentence():
+    pytest.importorskip("plotly")
+    with pytest.raises(DataError, match="no response, loop or curve"):
+        render_interactive(xr.DataTree())
+
+
+def test_without_plotly_there_is_a_remedy(few, monkeypatch):
+    known = builtins.__import__
+
+    def absent(name, *rest):
+        if name.startswith("plotly"):
+            raise ImportError(name)
+        return known(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", absent)
+    with pytest.raises(ConfigError, match="plotly") as told:
+        render_interactive(few)
+    assert 'pip install "jbw[interactive]"' in str(told.value)
+
+
+def test_a_failed_page_leaves_the_old_one(few, tmp_path, monkeypatch):
+    path = tmp_path / "interactive.html"
+    path.write_text("old")
+    monkeypatch.setattr(interactive, "render_interactive", lambda *_: "\ud800")
+    with pytest.raises(UnicodeEncodeError):
+        write_interactive(few, path)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_command_writes_it_beside_the_report(few, tmp_path):
+    pytest.importorskip("plotly")
+    (tmp_path / "summary.json").write_text("{}")
+    few.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
+    done = CliRunner().invoke(report, [str(tmp_path), "--interactive", "--json"])
+    assert done.exit_code == 0, done.output
+    written = json.loads(done.output)
+    assert written == {
+        "report": str(tmp_path / "report.html"),
+        "interactive": str(tmp_path / "interactive.html"),
+    }
+    assert (tmp_path / "interactive.html").stat().st_size > 1e6
