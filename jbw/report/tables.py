@@ -115,7 +115,7 @@ def _level(facts: Mapping[str, Any]) -> str:
     """Return a test's level with its unit."""
     if facts.get("level") is None:
         return NOTHING
-    return f"{facts['level']:g} {unit_text(str(facts.get('level_unit') or ''))}".strip()
+    return f"{facts['level']:.4g} {unit_text(str(facts.get('level_unit') or ''))}".strip()
 
 
 def route_rows(summary: Mapping[str, Any]) -> list[dict[str, str]]:
