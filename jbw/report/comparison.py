@@ -57,8 +57,12 @@ def means(record: Mapping[str, Any], parameter: str, ax: Axes | None = None) -> 
         here.errorbar(away, place, xerr=bar, label=label, **look)
     here.set_xscale("symlog", linthresh=NEAR)
     _named(here, record)
-    title(here, f"{symbol(parameter)}: mean less that of {_plain(record['reference'])}")
-    here.set_xlabel("standard deviations of the posterior")
+    title(
+        here,
+        f"{symbol(parameter)}: mean less that of {_plain(record['reference'])}, "
+        "bars of two Monte Carlo standard errors",
+    )
+    here.set_xlabel("distance [standard deviations of the posterior]")
     return here
 
 
@@ -84,8 +88,8 @@ def effective_rates(record: Mapping[str, Any], ax: Axes | None = None) -> Axes:
             rate = one["ess_per_s_warm"] or one["ess_per_s_cold"] or here.get_xlim()[0]
             here.text(rate, place, told, va="center", fontsize=7, color=INK)
     _named(here, record)
-    title(here, "effective draws a second, of the worst parameter")
-    here.set_xlabel("1/s")
+    title(here, "speed, by the worst parameter")
+    here.set_xlabel("effective draws a second [1/s]")
     return here
 
 
