@@ -221,8 +221,9 @@ def look(name, folder, damage):
 @example(damage=(FLIP, [(336, 1)]))
 @example(damage=(FLIP, [(304, 3)]))
 @example(damage=(FLIP, [(163, 32)]))
-# The type of an attribute in HDF5, and fewer samples in the header than there are behind it.
+# The type of an attribute in HDF5, the heap of its texts, and fewer samples in the header than there are behind it.
 @example(damage=(FLIP, [(1177, 2)]))
+@example(damage=(FLIP, [(2057, 2)]))
 @example(damage=(FLIP, [(1576, 32)]))
 @example(damage=(FLIP, [(62, 8)]))
 # A line of a table that is broken, and one joined to the next.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from jbw.errors import DataError
+from jbw.measurement.files.hdf5_heaps import require_sound_heaps
 from jbw.measurement.files.tree import Contents, Node, Opaque, leaf
 from jbw.measurement.records import Record
 
@@ -18,6 +19,7 @@ from jbw.measurement.records import Record
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
     """Open an HDF5 file: groups are names, datasets stay on disk until loaded."""
+    require_sound_heaps(path)
     with h5py.File(path, "r") as file:
         yield Contents(group_tree(file), "HDF5", fs=fs_of(file.attrs))
 

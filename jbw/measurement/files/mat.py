@@ -15,6 +15,7 @@ import scipy.sparse
 
 from jbw.errors import DataError
 from jbw.measurement.files.hdf5 import attribute, fs_of, inside
+from jbw.measurement.files.hdf5_heaps import require_sound_heaps
 from jbw.measurement.files.mat_elements import COMPRESSED, HEADER, is_v5, require_whole
 from jbw.measurement.files.tree import MAX_BYTES, Contents, Leaf, Node, Opaque, leaf
 
@@ -35,6 +36,7 @@ def contents(path: Path) -> Iterator[Contents]:
     with path.open("rb") as stream:
         head = stream.read(USER_BLOCK + len(HDF5_MAGIC))
     if HDF5_MAGIC in (head[:8], head[USER_BLOCK:]):
+        require_sound_heaps(path)
         with h5py.File(path, "r") as file:
             root = {
                 name: _node73(file, name) for name in map(str, file) if not name.startswith("#")
