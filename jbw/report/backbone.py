@@ -60,9 +60,15 @@ def steady_loops(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
 
     Where slip changes it by less than a fifth, only the change is drawn.
     """
-    found = branch(tree, GROUP, "loop_y", "loop_z", "loop_slip", "stuck")
     axes = panels(ax, 1, 1, height=3.4)
-    only: Axes = axes[0, 0]
+    draw_loops(tree, axes[0, 0])
+    legend(axes, ax)
+    return axes[0, 0]
+
+
+def draw_loops(tree: xr.DataTree, only: Axes) -> None:
+    """Draw what `steady_loops` shows on given axes, without a legend."""
+    found = branch(tree, GROUP, "loop_y", "loop_z", "loop_slip", "stuck")
     y = np.asarray(found["loop_y"].transpose("loop", "phase"), float)
     z, slip = (
         np.asarray(found[name].transpose("quantile", "loop", "phase"), float)[1]
@@ -80,8 +86,6 @@ def steady_loops(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     only.set_xlabel(axis_label("displacement y", unit))
     what = "taken by slip, Z − α y" if small else "hysteretic force Z"
     only.set_ylabel(axis_label(what, "N/kg"))
-    legend(axes, ax)
-    return only
 
 
 def _stuck(ax: Axes, factor: float, stiffness: float, reach: float, top: float) -> None:

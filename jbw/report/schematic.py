@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from jbw.errors import DataError
-from jbw.report.backbone import GROUP, steady_loops
+from jbw.report.backbone import GROUP, draw_loops
 from jbw.report.result import node, parameter
-from jbw.report.style import BLUE, INK, SOFT, VERMILLION, Panels, panels, title
+from jbw.report.style import BLUE, INK, SOFT, VERMILLION, Panels, legend, panels, title
 from jbw.report.text import spread_text, symbol
 
 NAMES = ("omega_n", "zeta", "alpha", "delta", "gamma", "cubic")
@@ -49,8 +49,9 @@ def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
     _numbers(axes[0, 0], {name: value for name, value in found.items() if value})
     title(axes[0, 0], "one mode, per unit mass")
     if loops:
-        steady_loops(tree, axes[0, 1])
+        draw_loops(tree, axes[0, 1])
         title(axes[0, 1], "what slip does to the hysteretic force")
+        legend(axes[:, 1:], ax)
     return axes
 
 
