@@ -5,6 +5,8 @@ import sys
 from collections.abc import Mapping
 from time import perf_counter
 
+import xarray as xr
+
 from jbw.campaign.loading import Campaign, force_per_unit
 from jbw.identification.procedure import Report, run_procedure
 from jbw.inference.keeping import Keep, nowhere
