@@ -91,8 +91,10 @@ def ecdf_envelope(
 
     # Bonferroni's bound is safe; one point alone is not enough.
     least = np.log((1 - level) / num_ranks) - 1.0
-    root: float = brentq(excess, least, np.log(1 - level) + 0.1, xtol=1e-3)  # pyright: ignore
-    lower, upper = _bounds(num_replications, num_ranks, float(np.exp(root)))
+    most = 0.0 if num_ranks == 1 else np.log(1 - level) + 0.1
+    root: float = brentq(excess, least, most, xtol=1e-3)  # pyright: ignore
+    # Counts are discrete: the bisection may end on the wrong side of a step.
+    lower, upper = _bounds(num_replications, num_ranks, float(np.exp(root - 2e-3)))
     return lower / num_replications, upper / num_replications
 
 

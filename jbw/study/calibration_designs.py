@@ -111,15 +111,15 @@ def sweeping(num_repeats: int = 4) -> Records:
 
 def opening() -> SweepDesign:
     """Gamma alone from both sweeps, in the paper's box."""
-    held = {name: value for name, value in _truth().items() if name != "gamma"}
+    held = {name: value for name, value in truth().items() if name != "gamma"}
     noise = jnp.full(len(LEVELS), 5 * VELOCITY_NOISE)
     return SweepDesign(sweeping(), noise, held, box({"gamma": PRIOR["gamma"]}))
 
 
 def joint() -> SweepDesign:
     """All parameters from both sweeps: the paper's boxes, 1 % about omega_n, 5 % about the gain."""
-    truth = _truth()
-    bounds = {"omega_n": (0.99 * truth["omega_n"], 1.01 * truth["omega_n"]), **PRIOR}
+    omega_n = truth()["omega_n"]
+    bounds = {"omega_n": (0.99 * omega_n, 1.01 * omega_n), **PRIOR}
     bounds["gain"] = (0.95 * GAIN, 1.05 * GAIN)
     noise = jnp.full(len(LEVELS), 2 * VELOCITY_NOISE)
     return SweepDesign(sweeping(), noise, {}, box(bounds))
@@ -129,20 +129,20 @@ def lines() -> tuple[FRF, Box]:
     """Lines of an FRF about the resonance without leakage, and the prior of Step 2."""
     first, last, spacing = LINES_HZ
     freq = np.arange(first, last, spacing)
-    omega, truth = 2 * np.pi * freq, _truth()
-    peak = GAIN / (2 * truth["zeta"] * truth["omega_n"] ** 2)
+    omega_n, zeta = truth()["omega_n"], truth()["zeta"]
+    peak = GAIN / (2 * zeta * omega_n**2)
     one, zero = np.ones_like(freq), np.zeros(len(freq), complex)
     found = FRF(
         freq=freq, h=zero, coherence=one, variance=(LINE_NOISE * peak) ** 2 * one,
-        input_spectrum=one, output_spectrum=omega**0, num_averages=1.0, num_segments=1,
+        input_spectrum=one, output_spectrum=one, num_averages=1.0, num_segments=1,
         num_repeats=1, nperseg=round(FS / spacing), noverlap=0, fs=FS, window="boxcar",
         estimator="h1", response="displacement",
     )  # fmt: skip
-    omega_n = truth["omega_n"]
     bounds = {"omega_n": (0.98 * omega_n, 1.02 * omega_n), "zeta": PRIOR["zeta"]}
     return found, box({**bounds, "gain": (0.9 * GAIN, 1.1 * GAIN)})
 
 
-def _truth() -> dict[str, float]:
+def truth() -> dict[str, float]:
+    """Parameters of the rig, the paper's Table 1, with its gain."""
     names = ("omega_n", "zeta", "alpha", "delta", "gamma")
     return {**{name: float(getattr(TRUTH, name)) for name in names}, "gain": GAIN}

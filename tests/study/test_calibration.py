@@ -1,0 +1,222 @@
+"""Steps 2, 3, 4 and the joint posterior, calibrated; and likelihoods with a slip, which are not.
+
+Seeds were fixed before the first run; statistical tests hold at p = 1e-4 on all of them.
+"""
+
+import json
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.stats import binom
+
+from jbw.cli import run as command
+from jbw.errors import ConfigError
+from jbw.identification import cut
+from jbw.inference.calibration import calibrate
+from jbw.inference.lanes import weighted
+from jbw.observables import kernel
+from jbw.observables.kernel import KernelData
+from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.response import simulate
+from jbw.study import calibration_designs as designs
+from jbw.study import calibration_models as models
+from jbw.study import simulators
+from jbw.study.calibration import sampler_named, sbc
+from jbw.study.linear_calibration import calibrate_linear
+
+SEEDS = (0, 1, 2)
+LEAST = 1e-4
+
+
+def least_p(found):
+    return min(*found.p_ecdf.values(), *found.p_chi_square.values())
+
+
+def prepared(step):
+    return step, sampler_named(step.sampler, step.about, stepped=step.batch < 100)
+
+
+def replicated(prepared_step, seed, count, model=None):
+    step, sampler = prepared_step
+    key = jax.random.key(seed)
+    return calibrate(
+        key, model or step.model, sampler, num_replications=count, batch=min(step.batch, count)
+    )
+
+
+@pytest.fixture(scope="module", name="third_order")
+def _third_order():
+    return prepared(models.third_order(designs.probing(), known_noise=True))
+
+
+@pytest.fixture(scope="module", name="opening")
+def _opening():
+    return prepared(models.opening(designs.opening()))
+
+
+@pytest.fixture(scope="module", name="joint")
+def _joint():
+    return prepared(models.joint(designs.joint()))
+
+
+def test_the_simulated_motion_is_that_of_the_solver():
+    """Two integrators that share nothing; the noise of the mean, 0.7 mm/s, is 200 times more."""
+    design = designs.joint()
+    theta = {name: float(value) for name, value in designs.truth().items()}
+    force = theta["gain"] * design.records.source[-1]
+    joint = BoucWen(*(theta[name] for name in ("omega_n", "zeta", "alpha", "delta", "gamma")))
+    solved = simulate(joint, force, designs.FS, hold="band_limited", substeps=8)
+    own = simulators.motion({n: jnp.asarray(v) for n, v in theta.items()}, force, designs.FS)
+    np.testing.assert_allclose(own[:, 1], solved.v, atol=4e-6)
+    np.testing.assert_allclose(own[:, 0], solved.y, atol=4e-8)
+
+
+def test_the_simulated_kernel_is_reduced_as_a_campaign_is():
+    design = designs.probing(200)
+    theta = {"zeta": jnp.asarray(0.0044), "alpha": jnp.asarray(497.0), "delta": jnp.asarray(340.0)}
+    found = simulators.measured_kernel(jax.random.key(0), theta, design.data, 200)
+    # The scatter of 400 components has a relative error of 1 / sqrt(2 * 398) = 0.035.
+    np.testing.assert_allclose(found.noise_std, design.data.noise_std, rtol=0.15)
+    np.testing.assert_allclose(found.within, 2 * 199 * found.noise_std**2, rtol=1e-12)
+    away = np.abs(found.mean - simulators.kernel_values(theta, design.data))
+    assert np.all(away < 5 * np.asarray(design.data.noise_std) * np.sqrt(2 / 200))
+
+
+def test_the_command_calibrates_step_4_and_stores_what_it_found(tmp_path, capsys):
+    folder = tmp_path / "sbc"
+    options = ["--step", "opening", "--replications", "200", "--out", str(folder), "--json"]
+    assert command(["sbc", *options]) == 0
+    out = capsys.readouterr()
+    record = json.loads(out.out)
+    assert record == json.loads((folder / "sbc.json").read_text())
+    assert "200 of 200 replications" in out.err
+    assert record["verdict"]["status"] == "ok"
+    assert record["failed"] == 0
+    assert set(record["quantities"]) == {"gamma", "log_likelihood"}
+    assert all(row["p_ecdf"] > LEAST for row in record["quantities"].values())
+    ranks = xr.open_datatree(folder / "ranks.nc", engine="h5netcdf")["ranks"]
+    assert ranks["rank_gamma"].shape == (200,)
+    assert ranks["rank_gamma"].attrs["quantity_units"] == "1/m"
+    assert (folder / "sbc.png").stat().st_size > 10_000
+
+
+def test_a_step_that_is_not_calibrated_is_exit_code_4(tmp_path, capsys):
+    """Chains of 85 + 765 published steps never cross the ridge of Step 3."""
+    options = ["--sampler", "random_walk_paper", "--replications", "20", "--noise", "known"]
+    assert command(["sbc", *options, "--out", str(tmp_path / "sbc")]) == 4
+    told = capsys.readouterr().out
+    assert "Verdict: failed" in told
+    assert "jbw explain calibration_failures" in told
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"step": "fourth"}, "`step` must be one of linear, third_order, opening, joint"),
+        ({"sampler": "gibbs"}, "`sampler` must be one of importance"),
+        ({"noise": "none"}, "`noise` must be one of estimated, known"),
+        ({"step": "opening", "sampler": "importance"}, "does not have"),
+        ({"step": "linear", "sampler": "nuts"}, "normal law"),
+        ({"num_replications": 0}, "`num_replications` must be at least 1"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(options, says):
+    with pytest.raises(ConfigError, match=says):
+        sbc(**options)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", SEEDS)
+def test_step_2_is_calibrated(seed):
+    found = calibrate_linear(jax.random.key(seed), *designs.lines())
+    assert least_p(found) > LEAST
+    assert not found.failed.any()
+
+
+@pytest.mark.slow
+def test_step_3_is_calibrated_where_the_noise_is_known(third_order):
+    inside = []
+    for seed in SEEDS:
+        found = replicated(third_order, seed, 1000)
+        assert least_p(found) > LEAST
+        assert found.failed.mean() < 0.01
+        inside.append(found.inside)
+    share = dict(zip(found.names, np.mean(np.concatenate(inside), axis=0), strict=True))
+    # 99 % of 3000: a standard error of 0.18 %.
+    for name in ("h3_5Hz", "h3_5.5Hz", "h3_6Hz", "h3_6.5Hz", "h3_6.75Hz"):
+        assert 0.98 < share[name] < 0.997
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(
+    strict=True, reason="the scatter of eight repeats is taken for the noise: 96 %, not 99 %"
+)
+def test_step_3_is_calibrated_where_the_noise_is_the_scatter_of_the_repeats():
+    step = prepared(models.third_order(designs.probing()))
+    assert least_p(replicated(step, 0, 1000)) > LEAST
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", SEEDS)
+def test_step_4_is_calibrated(opening, seed):
+    found = replicated(opening, seed, 1000)
+    assert least_p(found) > LEAST
+    assert not found.failed.any()
+    assert binom(1000, 0.99).cdf(found.inside[:, 0].sum()) > LEAST
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_joint_posterior_is_calibrated(joint, seed):
+    found = replicated(joint, seed, 200)
+    assert least_p(found) > LEAST
+    assert found.failed.mean() < 0.05
+    assert 0.965 <= found.coverage["response"][0] <= 1.0
+
+
+def doubled(theta, data: KernelData):
+    """The variance twice: a factor of two dropped from the exponent."""
+    return kernel.log_likelihood(theta, replace(data, noise_std=data.noise_std * np.sqrt(2)))
+
+
+def unconjugated(theta, data: KernelData):
+    return kernel.log_likelihood(theta, replace(data, mean=jnp.conj(data.mean)))
+
+
+def squared(theta, data: KernelData):
+    """Sigma squared for sigma, in units of 1e-9 in which sigma is 0.25."""
+    return kernel.log_likelihood(theta, replace(data, noise_std=data.noise_std**2 / 1e-9))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slip", [doubled, unconjugated, squared])
+def test_a_slip_in_the_likelihood_of_step_3_fails(third_order, slip):
+    step, _ = third_order
+    found = replicated(
+        (step, weighted(step.about)), 0, 500, step.model._replace(log_likelihood=slip)
+    )
+    assert least_p(found) < 1e-6
+    assert found.verdict.status == "failed"
+
+
+def halved(theta, curve):
+    """The exponent n in place of n / 2, which makes the posterior too narrow by root two."""
+    return cut.log_likelihood(theta, replace(curve, num_values=2 * curve.num_values))
+
+
+def scatterless(theta, curve):
+    """The scatter of the repeats left out of the sum of squares."""
+    return cut.log_likelihood(theta, replace(curve, within=jnp.zeros_like(curve.within)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slip", [halved, scatterless])
+def test_a_slip_in_the_likelihood_of_step_4_fails(opening, slip):
+    step, _ = opening
+    found = replicated(opening, 0, 500, step.model._replace(log_likelihood=slip))
+    assert least_p(found) < 1e-6
+    assert found.verdict.status == "failed"
