@@ -28,7 +28,8 @@ Every figure takes the run's DataTree and, optionally, the axes to draw on, and 
     profiles   profile_curves         profile likelihoods
     trace_rank trace_rank             traces and ranks of the main posterior
 
-Of a campaign before any run, `jbw.report.overview` draws the channels; of compared samplers,
+`jbw.report.interactive` makes one page of responses, loops and curves to zoom into. Of a campaign
+before any run, `jbw.report.overview` draws the channels; of compared samplers,
 `jbw.report.comparison` the means and rates. ArviZ's own plots take a run's tree as it is, as in
 `arviz.plot_rank(tree)`; they are not used here since they need pyplot, load JAX and take no axes.
 """

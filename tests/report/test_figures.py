@@ -28,6 +28,11 @@ def test_the_papers_figures_are_there_by_number():
     assert all(getattr(figures, name) is FIGURES[name] for name in NUMBERED)
 
 
+def test_the_list_of_figures_is_complete():
+    listed = {tuple(row.split()[:2]) for row in figures.__doc__.splitlines() if row[:4] == "    "}
+    assert listed == {(plate.name, plate.draw.__name__) for plate in PLATES}
+
+
 @pytest.mark.parametrize("name", FIGURES)
 def test_every_axis_says_its_unit(drawn, name):
     # Panels of one row or column share the label of the first or the last.
@@ -59,6 +64,31 @@ def test_texts_stay_on_the_figure_and_apart(drawn, name):
 def test_no_display_and_no_heavy_library_is_touched(drawn):
     assert all(type(figure) is Figure for figure in drawn.values())
     assert "matplotlib.pyplot" not in sys.modules or not matplotlib.pyplot.get_fignums()
+
+
+def test_the_ridge_has_no_panel_without_draws(tree):
+    alone = xr.DataTree.from_dict({"/posterior": tree["posterior"].to_dataset()})
+    (only,) = FIGURES["ridge"](alone).flat
+    assert only.get_title(loc="left") == "Step 4, all parameters, enlarged"
+    draws = [line for line in only.lines if line.get_marker() == "."]
+    np.testing.assert_array_equal(draws[0].get_ydata(), tree["posterior"]["alpha"].values.ravel())
+
+
+def test_a_level_has_one_colour_in_every_panel(drawn):
+    colours = {}
+    for line in (line for ax in drawn["curves"].axes for line in ax.lines):
+        if not line.get_label().startswith("_"):
+            colours.setdefault(line.get_label().partition(",")[0], set()).add(line.get_color())
+    assert len(colours) > 2
+    assert all(len(each) == 1 for each in colours.values())
+    assert len({next(iter(each)) for each in colours.values()}) == len(colours)
+
+
+def test_measured_phases_stay_with_the_model(drawn):
+    for ax in (ax for ax in drawn["curves"].axes if ax.get_ylabel() == "phase [°]"):
+        measured = [line.get_ydata() for line in ax.lines if line.get_marker() in "o^"]
+        # The toy's measured phases follow the model's to some degrees: no jump of half a turn.
+        assert all(np.abs(np.diff(each)).max() < 90 for each in measured if len(each) > 1)
 
 
 def test_the_callers_axes_are_used_and_returned(tree):

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from jbw.errors import DataError
 from jbw.report.backbone import backbone, length_unit, steady_loops
 from jbw.report.phase import beside, unwrapped_band
+from jbw.report.prediction import prediction
 from jbw.report.procedure import procedure
 from jbw.report.schematic import oscillator
 
@@ -117,3 +118,23 @@ def test_a_velocitys_phase_does_not_jump():
     np.testing.assert_allclose(np.diff(turned, axis=0), np.degrees(0.01), atol=1e-9)
     measured = exact + 0.02 - 4 * np.pi
     np.testing.assert_allclose(beside(measured, turned[1]) - turned[1], np.degrees(0.02))
+
+
+def test_a_predicted_phase_does_not_jump_either():
+    freq = np.linspace(17.0, 20.0, 41)
+    exact = np.radians(np.linspace(89.9, -89.9, 41)) + np.where(np.arange(41) % 3, 0, 2 * np.pi)
+    dims = ("quantile", "freq")
+    wide = np.array([-0.3, 0.0, 0.3])[:, None]
+    found = {
+        "model_magnitude": (dims, np.ones((3, 41)), {"units": "m s-1", "long_name": "velocity"}),
+        "model_phase": (dims, exact + 0.1 * wide),
+        "predictive_magnitude": (dims, np.ones((3, 41))),
+        "predictive_phase": (dims, exact + wide - 2 * np.pi),
+    }
+    dataset = xr.Dataset(found, {"freq": freq, "quantile": [0.005, 0.5, 0.995]}, {"level": 1.0})
+    phase = prediction("planned", dataset)[1, 0]
+    for line in phase.lines:
+        np.testing.assert_allclose(line.get_ydata(), np.linspace(89.9, -89.9, 41), atol=1e-9)
+    for shaded in phase.collections:
+        # Bands of 0.6 rad at most, 34 degrees, beside a phase between -90 and 90.
+        assert np.abs(shaded.get_paths()[0].vertices[:, 1]).max() < 90 + 18
