@@ -40,7 +40,7 @@ def in_symbols(text: str) -> str:
     found = _DIVISOR.sub(lambda match: f"/{SPELLED[match[1]]}", found)
     found = re.sub(r"(?<=[αδγζₙ])\*(?=[αδγζω])", "·", found)
     found = re.sub(r"(?<=\d)e([+-]\d\d)\b", lambda m: f"×10^{int(m[1])}", found)
-    return unit_text(found) if "^" in found else found
+    return re.sub(r"\^-?\d+(?![\d.])", lambda match: unit_text(match[0]), found)
 
 
 def identified_words(summary: Mapping[str, Any]) -> list[str]:

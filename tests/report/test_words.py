@@ -14,6 +14,7 @@ from jbw.report.words import identified_words, in_symbols
         ("only the product alpha*delta", "only the product α·δ"),
         ("softening = alpha*delta/omega_n^2", "softening = α·δ/ωₙ²"),
         ("161181 m^-1 s^-2", "161181 m⁻¹ s⁻²"),
+        ("gain*zeta^0.27 of sweep2, 3 m^2", "gain*ζ^0.27 of sweep2, 3 m²"),
         ("r_hat of alpha_gamma is 1.004", "R-hat of α γ is 1.004"),
         ("Gamma is conditional on lambda_3", "γ is conditional on λ₃"),
         ("counts 3.82e+05 of 1.4e-05", "counts 3.82×10⁵ of 1.4×10⁻⁵"),
