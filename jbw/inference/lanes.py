@@ -1,29 +1,25 @@
 """Samplers that run under vmap: the posteriors of many data sets at once, one lane each."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Key, PyTree
+from jaxtyping import Array, Bool, Float, Key, PyTree
 
 from jbw.errors import ConfigError
 from jbw.inference.box import Box
-from jbw.inference.bridge import FORBIDDEN, Bridge, bridge
+from jbw.inference.bridge import FORBIDDEN, bridge
 from jbw.inference.chains import advance_chains, start_chains
 from jbw.inference.kernels import Problem, Settings
 from jbw.inference.lane_fit import About, locate
-from jbw.inference.laplace import Whitening, no_whitening
+from jbw.inference.laplace import no_whitening
 from jbw.inference.model import LogLikelihood, Theta
 from jbw.inference.random_walk import PAPER
 from jbw.inference.start import OVERDISPERSION
 from jbw.inference.tempering import runs
 
 TOGETHER = 64  # points evaluated side by side
-FEW = 0.05  # share of the draws that moments are taken from at least
-DEEPEST = 200.0  # nats below the best that a draw is told apart
-HALVINGS = 30
-NUGGET = 1e-8  # of the variance of the coordinate, where draws coincide
 WIDE = 8.0  # standard deviations to either side that a second grid spans
 CHAINS = ("nuts", "random_walk", "random_walk_paper", "elliptical_slice")
 
@@ -64,7 +60,7 @@ def tempered(
     def draw(key: Key[Array, ""], log_likelihood: LogLikelihood, box: Box, data: PyTree) -> Draws:
         key_locate, key_runs = jax.random.split(key)
         moves = 5 * len(box.names) + 5 if num_moves is None else num_moves
-        problem, whitened, theta = _placed(key_locate, log_likelihood, box, data, about)
+        problem, whitened, theta = placed(key_locate, log_likelihood, box, data, about)
         keys = jax.random.split(key_runs, num_runs)
         found = runs(keys, problem, num_particles, moves, whitened, "vectorized")
         drawn = theta(bridge(problem, whitened).theta(found.y))
@@ -118,7 +114,7 @@ def chains(
 
     def draw(key: Key[Array, ""], log_likelihood: LogLikelihood, box: Box, data: PyTree) -> Draws:
         key_locate, key_chains = jax.random.split(key)
-        problem, whitened, theta = _placed(key_locate, log_likelihood, box, data, about)
+        problem, whitened, theta = placed(key_locate, log_likelihood, box, data, about)
         z = jnp.tile(problem.whitening.centre, (num_chains, 1))
         spread = jnp.asarray(OVERDISPERSION if whitened else 1.0)
         keys = jax.random.split(key_chains, num_chains)
@@ -133,102 +129,6 @@ def chains(
     return draw
 
 
-def weighted(
-    about: About,
-    num_draws: int = 4096,
-    num_kept: int = 1000,
-    num_groups: int = 4,
-    num_rounds: int = 2,
-) -> LaneSampler:
-    r"""Importance sampling about a located posterior: no lane waits for another.
-
-    $$w_i \propto p(\theta_i \mid D) / t_5(\theta_i)$$
-
-    Every round but the last gives its weighted moments to the t distribution of the next, weights
-    flattened where a few would decide. Draws of the last are kept in proportion to their weights,
-    in groups that do not know each other. The sampler has arrived where the weights are worth a
-    tenth of the draws kept.
-
-    Args:
-        about: How to locate the posterior.
-        num_draws: Points that are weighed in each round.
-        num_kept: Draws that are left of the last.
-        num_groups: Groups, which stand for chains.
-        num_rounds: Rounds.
-
-    Returns:
-        The sampler.
-
-    Reference:
-        Cappé et al. (2008), Statistics and Computing 18, 447, with one t distribution.
-    """
-
-    def draw(key: Key[Array, ""], log_likelihood: LogLikelihood, box: Box, data: PyTree) -> Draws:
-        key_locate, key_rounds, key_keep = jax.random.split(key, 3)
-        problem, whitened, theta = _placed(key_locate, log_likelihood, box, data, about)
-
-        def placed_by(whitening: Whitening) -> Bridge:
-            return bridge(Problem(
-                problem.log_likelihood, problem.log_prior, problem.box, data, whitening
-            ), whitened)  # fmt: skip
-
-        def weigh(whitening: Whitening, key: Key[Array, ""]) -> tuple[Whitening, Any]:
-            way = placed_by(whitening)
-            w = way.draw(key, num_draws)
-            log_ratio = in_lanes(way.log_ratio, w)
-            return _moved(whitening, w, log_ratio), (whitening, w, log_ratio)
-
-        keys = jax.random.split(key_rounds, num_rounds)
-        rounds = jax.lax.scan(weigh, problem.whitening, keys)[1]
-        whitening, w, log_ratio = jax.tree.map(lambda rows: rows[-1], rounds)
-        w = w.reshape(num_groups, -1, len(box.names))
-        share = jax.nn.softmax(log_ratio.reshape(num_groups, -1), axis=1)
-        keys = jax.random.split(key_keep, num_groups)
-        kept = jax.vmap(lambda k, p: _stratified(k, p, num_kept // num_groups))(keys, share)
-        drawn = placed_by(whitening).theta(jnp.take_along_axis(w, kept[..., None], axis=1))
-        worth = jnp.sum(1 / jnp.sum(share**2, axis=1))
-        possible = jnp.any(log_ratio > FORBIDDEN / 2)
-        return Draws(theta(drawn), (worth >= num_kept / 10) & possible)
-
-    return draw
-
-
-def _moved(
-    whitening: Whitening, w: Float[Array, "draw parameter"], log_ratio: Float[Array, " draw"]
-) -> Whitening:
-    """The whitening by the weighted moments of draws."""
-    size, d = w.shape
-    log_ratio = jnp.maximum(log_ratio, jnp.max(log_ratio) - DEEPEST)
-
-    def worth(power: Float[Array, ""]) -> Float[Array, ""]:
-        return 1 / jnp.sum(jax.nn.softmax(power * log_ratio) ** 2)
-
-    def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
-        low, high = ends
-        middle = (low + high) / 2
-        enough = worth(middle) >= FEW * size
-        return jnp.where(enough, middle, low), jnp.where(enough, high, middle)
-
-    low, _ = jax.lax.fori_loop(0, HALVINGS, halve, (jnp.zeros(()), jnp.ones(())))
-    power = jnp.where(worth(jnp.ones(())) >= FEW * size, 1.0, low)
-    share = jax.nn.softmax(power * log_ratio)
-    mean = share @ w
-    covariance = (share[:, None] * (w - mean)).T @ (w - mean)
-    root = jnp.linalg.cholesky(covariance + NUGGET * jnp.eye(d))
-    factor = whitening.factor @ root
-    return Whitening(whitening.centre + whitening.factor @ mean, factor)
-
-
-def _stratified(
-    key: Key[Array, ""], share: Float[Array, " draw"], count: int
-) -> Int[Array, " kept"]:
-    """Indices in proportion to shares, one from each of `count` equal strata, in random order."""
-    key_place, key_order = jax.random.split(key)
-    places = (jnp.arange(count) + jax.random.uniform(key_place, (count,))) / count
-    found = jnp.searchsorted(jnp.cumsum(share), places)
-    return jax.random.permutation(key_order, jnp.minimum(found, share.size - 1))
-
-
 def in_lanes(f: Callable[[PyTree], Array], points: PyTree) -> Array:
     """Map a function over points, 64 side by side, compiled once whatever their number.
 
@@ -240,16 +140,6 @@ def in_lanes(f: Callable[[PyTree], Array], points: PyTree) -> Array:
     missing = -count % TOGETHER
     padded = jax.tree.map(lambda v: jnp.concatenate([v, v[:1].repeat(missing, 0)]), points)
     return jax.lax.map(f, padded, batch_size=TOGETHER)[:count]
-
-
-def _stratified(
-    key: Key[Array, ""], share: Float[Array, " draw"], count: int
-) -> Int[Array, " kept"]:
-    """Indices in proportion to shares, one from each of `count` equal strata, in random order."""
-    key_place, key_order = jax.random.split(key)
-    places = (jnp.arange(count) + jax.random.uniform(key_place, (count,))) / count
-    found = jnp.searchsorted(jnp.cumsum(share), places)
-    return jax.random.permutation(key_order, jnp.minimum(found, share.size - 1))
 
 
 def gridded(num_nodes: int = 512, num_draws: int = 1000, num_groups: int = 4) -> LaneSampler:
@@ -298,7 +188,7 @@ def gridded(num_nodes: int = 512, num_draws: int = 1000, num_groups: int = 4) ->
     return draw
 
 
-class _Placed(NamedTuple):
+class Placed(NamedTuple):
     """A posterior in the coordinate that it is drawn in, and the way back."""
 
     problem: Problem
@@ -306,16 +196,25 @@ class _Placed(NamedTuple):
     theta: Callable[[Theta], dict[str, Array]]
 
 
-def _placed(
+def placed(
     key: Key[Array, ""],
     log_likelihood: LogLikelihood,
     box: Box,
     data: PyTree,
     about: About | None,
-) -> _Placed:
+) -> Placed:
+    """Place a posterior in the coordinate that it is drawn in.
+
+    Args:
+        key: Random key.
+        log_likelihood: (theta, data) to terms [nats].
+        box: Prior bounds.
+        data: Whatever the likelihood takes.
+        about: How to locate it; the whole box when None.
+    """
     if about is None:
         whitening = no_whitening(len(box.names))
-        return _Placed(Problem(log_likelihood, None, box, data, whitening), False, dict)
+        return Placed(Problem(log_likelihood, None, box, data, whitening), False, dict)
     found = locate(key, about, log_likelihood, box, data)
     problem = Problem(found.log_likelihood, found.log_prior, found.box, data, found.whitening)
-    return _Placed(problem, True, found.theta)
+    return Placed(problem, True, found.theta)

@@ -41,7 +41,7 @@ def rank_ecdfs(found: Calibration, ax: Any = None) -> Panels:
         colour, style = (BLUE, "-") if inside else (VERMILLION, "--")
         label = "ranks, inside" if inside else "ranks, outside"
         each.step(even, ecdf - even, where="mid", color=colour, ls=style, lw=1.2, label=label)
-        covered = f"{100 * found.coverage[name][0]:.1f} %"
+        covered = f"holds {100 * found.coverage[name][0]:.1f} %"
         title(each, f"{named(name)}: p = {number(found.p_ecdf[name], digits=2)}, {covered}", 7.5)
     for spare in axes.flat[count:]:
         spare.set_visible(False)

@@ -16,7 +16,8 @@ from jbw.errors import ConfigError
 from jbw.inference.calibration import calibrate
 from jbw.inference.calibration_record import Calibration
 from jbw.inference.lane_fit import About
-from jbw.inference.lanes import CHAINS, LaneSampler, chains, gridded, tempered, weighted
+from jbw.inference.lane_importance import weighted
+from jbw.inference.lanes import CHAINS, LaneSampler, chains, gridded, tempered
 from jbw.inference.precision import require_float64
 from jbw.report.calibration import rank_ecdfs
 from jbw.report.figures import figure_of

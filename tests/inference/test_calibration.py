@@ -13,7 +13,8 @@ from jbw.errors import ConfigError
 from jbw.inference.box import box
 from jbw.inference.calibration import Model, calibrate, split_r_hat
 from jbw.inference.lane_fit import About
-from jbw.inference.lanes import CHAINS, Draws, chains, gridded, tempered, weighted
+from jbw.inference.lane_importance import weighted
+from jbw.inference.lanes import CHAINS, Draws, chains, gridded, tempered
 
 SEEDS = (0, 1, 2)
 STD, COUNT = 0.1, 3

@@ -17,7 +17,7 @@ from jbw.cli import run as command
 from jbw.errors import ConfigError
 from jbw.identification import cut
 from jbw.inference.calibration import calibrate
-from jbw.inference.lanes import weighted
+from jbw.inference.lane_importance import weighted
 from jbw.observables import kernel
 from jbw.observables.kernel import KernelData
 from jbw.oscillator.parameters import BoucWen
