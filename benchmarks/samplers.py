@@ -3,8 +3,9 @@
 Three posteriors of one virtual rig with a poor laser: zeta, alpha and delta from the third-order
 kernel at five tones; gamma alone from two short sweeps; all six parameters from both sweeps and the
 noise. Every sampler draws from the same likelihood in the same box, with four chains; agreement is
-measured against quadrature where there is one. A further table says what chains of 850 draws as
-published are worth.
+measured against quadrature where there is one. Further tables say what chains of 850 draws as
+published are worth, and how many times the published walk's effective draws a second, counted where
+it runs until it mixes, the others give.
 
     python benchmarks/samplers.py [--calls 1] [--json FILE] [--steps third_order,opening,joint]
 """
@@ -14,6 +15,7 @@ import os
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
+from time import perf_counter
 from typing import Any
 
 # Two host devices let two chains run side by side; JAX reads this once, when it starts.
@@ -21,7 +23,7 @@ os.environ.setdefault("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
 
 import jax
 import numpy as np
-from timing import Table, options, show
+from timing import Table, Target, options, show, targets
 
 from jbw import rig
 from jbw.identification.posteriors import STEPS, Posterior, posterior_of
@@ -35,6 +37,8 @@ TONES = ("tone_5p00Hz", "tone_5p50Hz", "tone_6p00Hz", "tone_6p50Hz", "tone_6p75H
 TESTS = ("noise_0p005V", *TONES, "sweep_0p05V", "sweep_0p20V")
 REPEATS = 4
 PUBLISHED = 64  # chains of 850 draws
+LONG = 400_000  # draws of each of four chains, for the published walk to mix
+REACH = {"nuts": 30.0, "random_walk": 100.0}  # times the published walk's rate
 COLUMNS = {
     "sampler": "", "draws": "d", "ESS": ".4g", "ESS / s": ".4g", "ESS / s, cold": ".4g",
     "evaluations / ESS": ".3g", "log evidence": "", "furthest, MCSE": ".2g", "verdict": "",
@@ -105,6 +109,35 @@ def published(posteriors: Mapping[str, Posterior]) -> Table:
     return Table("What 850 published-style draws are worth, started at the fit", columns, rows)
 
 
+def mixed(posterior: Posterior) -> float:
+    """Effective draws a second of the published walk, where it runs until it mixes."""
+    options = {"num_warmup": 20_000, "num_samples": LONG, "chain_method": "vectorized"}
+    about = posterior.log_likelihood, posterior.box, posterior.data
+    rates = []
+    for seed in range(2):  # the first call compiles
+        started = perf_counter()
+        tree = sample(jax.random.key(seed), *about, sampler="random_walk_paper", **options)
+        elapsed = perf_counter() - started
+        chains = [tree["posterior"].to_dataset()[name].values for name in posterior.box.names]
+        worth = [min(row["ess_bulk"], row["ess_tail"]) for row in map(diagnose, chains)]
+        rates.append(min(worth) / elapsed)
+    return rates[-1]
+
+
+def beside_published(tables: Mapping[str, Table], posteriors: Mapping[str, Posterior]) -> Table:
+    """How many times the published walk's effective draws a second the others give."""
+    rows, rate = [], list(COLUMNS).index("ESS / s")
+    for step, table in tables.items():
+        if posteriors[step].stepped:
+            continue
+        least = mixed(posteriors[step])
+        found = {row[0]: row[rate] for row in table.rows}
+        for name, reach in REACH.items():
+            ratio = None if found.get(name) is None else found[name] / least
+            rows.append(Target(f"{step}: {name} / published walk", ratio, reach, None, False))
+    return targets(rows)
+
+
 def main() -> None:
     parser = options(__doc__, calls=1)
     parser.add_argument("--steps", default=",".join(STEPS[1:] + STEPS[:1]))
@@ -117,8 +150,9 @@ def main() -> None:
         step: posterior_of(step, campaign.tests, campaign.settings)
         for step in arguments.steps.split(",")
     }
-    tables = [table_of(posterior, arguments.calls) for posterior in posteriors.values()]
-    show([*tables, published(posteriors)], ("numpyro", "blackjax"), arguments.json)
+    tables = {step: table_of(one, arguments.calls) for step, one in posteriors.items()}
+    more = published(posteriors), beside_published(tables, posteriors)
+    show([*tables.values(), *more], ("numpyro", "blackjax"), arguments.json)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,113 @@
+"""How does the cost of an effective draw grow with the parameters and with the data?
+
+Two families whose posterior is known: a linear model of d parameters with correlated columns, a
+normal posterior; and Step 3, a thin ridge from wall to wall, with the noise of one repeat and of
+hundreds. Every sampler draws as `jbw compare` has it draw. An evaluation is one of the log
+likelihood; gradients count by the evaluations that they take, one each.
+
+    python benchmarks/samplers_growth.py [--calls 1] [--json FILE]
+"""
+
+import os
+import warnings
+from typing import Any
+
+# Two host devices let two chains run side by side; JAX reads this once, when it starts.
+os.environ.setdefault("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from cold_start import kernel_at_five_tones
+from timing import Table, options, show
+
+from jbw.identification.posteriors import Posterior
+from jbw.inference.box import box
+from jbw.inference.fitting import fit
+from jbw.observables import kernel
+from jbw.study.comparing import side_by_side
+
+DIMENSIONS = (2, 4, 8, 16)
+NOISES = (1e-1, 1e-2, 1e-3)  # of |H3|, one repeat
+SAMPLERS = ("nuts", "elliptical_slice", "random_walk", "tempered_smc", "nested")
+CORRELATION = 0.9  # between neighbouring columns of the linear model
+VALUES = 200
+COLUMNS = {
+    "family": "",
+    "sampler": "",
+    "evaluations / ESS": ".3g",
+    "ESS / s": ".3g",
+    "R-hat": ".3f",
+}
+
+
+def linear(theta: dict[str, Any], data: Any) -> Any:
+    """Residual of a linear model, in units of the noise."""
+    design, values = data
+    return design @ jnp.stack([theta[name] for name in sorted(theta)]) - values
+
+
+def linear_terms(theta: dict[str, Any], data: Any) -> Any:
+    """Log likelihood of the linear model, one term a value [nats]."""
+    return -0.5 * linear(theta, data) ** 2
+
+
+def linear_posterior(d: int) -> Posterior:
+    """A linear model of d parameters whose columns resemble their neighbours."""
+    rng = np.random.default_rng(d)
+    index = np.arange(d)
+    root = np.linalg.cholesky(CORRELATION ** np.abs(index[:, None] - index))
+    design = rng.normal(size=(VALUES, d)) @ root.T
+    truth = np.full(d, 0.5)
+    data = jnp.asarray(design), jnp.asarray(design @ truth + rng.normal(size=VALUES))
+    prior = box({f"theta_{i:02d}": (-4.0, 5.0) for i in range(d)})
+    best = fit(linear, prior, data, starts=4, key=jax.random.key(0))
+    return Posterior("linear", linear_terms, prior, data, best, stepped=False)
+
+
+def ridge_posterior(noise: float) -> Posterior:
+    """Step 3 with so much noise in one repeat of eight."""
+    data = kernel.KernelData(
+        **{name: jnp.asarray(one) for name, one in kernel_at_five_tones(noise).items()}
+    )
+    prior = box({"zeta": (0.00352, 0.00528), "alpha": (425.0, 590.0), "delta": (272.0, 408.0)})
+    best = fit(kernel.residual, prior, data, starts=16, key=jax.random.key(0))
+    return Posterior("third_order", kernel.log_likelihood, prior, data, best, stepped=False)
+
+
+def rows_of(family: str, posterior: Posterior) -> list[tuple[Any, ...]]:
+    """What each sampler costs on a posterior."""
+    found = side_by_side(posterior, samplers=SAMPLERS).record
+    rows = []
+    for name in SAMPLERS:
+        one = found["samplers"].get(name)
+        if one is None:
+            rows.append((family, name, None, None, None))
+            continue
+        hats = [row["r_hat"] for row in one["parameters"].values() if row["r_hat"] is not None]
+        cost = None if not one["ess"] else one["num_evaluations"] / one["ess"]
+        rows.append((family, name, cost, one["ess_per_s_warm"], max(hats, default=None)))
+    return rows
+
+
+def main() -> None:
+    arguments = options(__doc__, calls=1).parse_args()
+    jax.config.update("jax_enable_x64", True)
+    warnings.simplefilter("ignore")
+    by_dimension = [
+        row for d in DIMENSIONS for row in rows_of(f"{d} parameters", linear_posterior(d))
+    ]
+    by_data = [
+        row
+        for noise in NOISES
+        for row in rows_of(f"ridge, noise {100 * noise:g} %", ridge_posterior(noise))
+    ]
+    tables = [
+        Table("A normal posterior, by parameters", COLUMNS, by_dimension),
+        Table("Step 3, by the noise of the kernel", COLUMNS, by_data),
+    ]
+    show(tables, ("numpyro", "blackjax"), arguments.json)
+
+
+if __name__ == "__main__":
+    main()
