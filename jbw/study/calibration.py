@@ -140,7 +140,7 @@ def sampler_named(name: str, about: About | None, *, stepped: bool = False) -> L
             raise ConfigError(
                 "Sampler importance draws about a least-squares fit, which this step does not have."
             )
-        return weighted(about, 1024, 512, num_rounds=3) if stepped else weighted(about)
+        return weighted(about, 2048, 512) if stepped else weighted(about)
     slices = name == "elliptical_slice"
     short = (30, 125) if stepped or slices else (500, 500)
     return chains(name, *short, about=about if stepped or slices else None)
