@@ -105,7 +105,7 @@ def taken_or_refused(check: Callable, source, file: str) -> None:
 
 
 @pytest.mark.fault(52)
-@settings(max_examples=80, deadline=2000, suppress_health_check=list(HealthCheck))
+@settings(max_examples=80, deadline=5000, suppress_health_check=list(HealthCheck))
 @given(campaign=some_of(CAMPAIGN), test=some_of(TEST), identify=some_of(IDENTIFY),
        kind=st.sampled_from(KINDS))  # fmt: skip
 @example(campaign={"gain": 10**400}, test={}, identify={}, kind="sweep")
@@ -117,7 +117,7 @@ def test_any_values_under_any_keys(campaign, test, identify, kind):
 
 
 @pytest.mark.fault(52)
-@settings(max_examples=50, deadline=2000, suppress_health_check=list(HealthCheck))
+@settings(max_examples=50, deadline=5000, suppress_health_check=list(HealthCheck))
 @given(plan=some_of(PLAN, noise=1e-5, delta=3.0), sweep=some_of(SWEEP), tones=some_of(TONES),
        of_run=st.booleans())  # fmt: skip
 def test_any_values_of_a_plan(plan, sweep, tones, of_run):
@@ -169,7 +169,7 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.fault(52)
-@settings(max_examples=200, deadline=2000, suppress_health_check=list(HealthCheck))
+@settings(max_examples=200, deadline=5000, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0))
 def test_any_bytes(folder, seed):
     bytes_are_taken_or_refused(folder, seed)
@@ -177,7 +177,7 @@ def test_any_bytes(folder, seed):
 
 @pytest.mark.slow
 @pytest.mark.fault(52)
-@settings(max_examples=10_000, deadline=2000, suppress_health_check=list(HealthCheck))
+@settings(max_examples=10_000, deadline=5000, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0))
 def test_very_many_bytes(folder, seed):
     bytes_are_taken_or_refused(folder, seed)

@@ -5,7 +5,6 @@ in silence, never does a reader hang, take the machine's memory, or end the proc
 """
 
 import random
-import resource
 import sys
 import warnings
 from pathlib import Path
@@ -143,6 +142,8 @@ def _little_memory():
     if sys.platform != "linux":
         yield
         return
+    import resource
+
     before = resource.getrlimit(resource.RLIMIT_AS)
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MEMORY, before[1]))
@@ -215,7 +216,7 @@ def look(name, folder, damage):
 
 @pytest.mark.fault(46, 54)
 @pytest.mark.parametrize("name", FORMATS)
-@settings(max_examples=60, deadline=2000, suppress_health_check=list(HealthCheck))
+@settings(max_examples=60, deadline=5000, suppress_health_check=list(HealthCheck))
 @given(damage=DAMAGE)
 # A type of samples that does not exist, a class of another kind, and 2**29 fields of a struct.
 @example(damage=(FLIP, [(336, 1)]))
@@ -236,7 +237,7 @@ def test_damage_is_refused_or_without_consequence(folder, name, damage):
 @pytest.mark.slow
 @pytest.mark.fault(46, 54)
 @pytest.mark.parametrize("name", FORMATS)
-@settings(max_examples=3000, deadline=2000, suppress_health_check=list(HealthCheck))
+@settings(max_examples=3000, deadline=5000, suppress_health_check=list(HealthCheck))
 @given(damage=DAMAGE)
 def test_much_damage_is_refused_or_without_consequence(folder, name, damage):
     look(name, folder, damage)
@@ -251,7 +252,7 @@ def test_a_file_cut_anywhere_never_gives_other_samples(folder, name):
 
 
 @pytest.mark.fault(51, 54)
-@settings(max_examples=100, deadline=2000, suppress_health_check=list(HealthCheck))
+@settings(max_examples=100, deadline=5000, suppress_health_check=list(HealthCheck))
 @given(
     suffix=st.sampled_from([".pkl", ".npy", ".npz", ".mat", ".h5", ".csv", ".wav", ".uff",
                             ".tdms", ".txt", ".xyz", ""]),

@@ -20,7 +20,7 @@ CHANGES = st.one_of(
     st.tuples(st.just("flip"), st.integers(0)),
     st.tuples(st.just("junk"), st.binary(max_size=200)),
 )
-FUZZED = settings(max_examples=50, deadline=2000, suppress_health_check=list(HealthCheck))
+FUZZED = settings(max_examples=50, deadline=5000, suppress_health_check=list(HealthCheck))
 
 
 def changed(data, change):
