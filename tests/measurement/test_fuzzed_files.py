@@ -222,7 +222,7 @@ def look(name, folder, damage):
 @example(damage=(FLIP, [(336, 1)]))
 @example(damage=(FLIP, [(304, 3)]))
 @example(damage=(FLIP, [(163, 32)]))
-# The type of an attribute in HDF5, the heap of its texts, and fewer samples in the header than there are behind it.
+# In HDF5 the type of an attribute, the heap of texts, and fewer samples in the header than stored.
 @example(damage=(FLIP, [(1177, 2)]))
 @example(damage=(FLIP, [(2057, 2)]))
 @example(damage=(FLIP, [(1576, 32)]))
