@@ -90,7 +90,7 @@ def calibrate(
     """
     require_float64()
     _check(model, num_replications, num_ranks, batch)
-    keys = jax.random.split(key, num_replications)
+    keys, batch = jax.random.split(key, num_replications), min(batch, num_replications)
     padded = jnp.concatenate([keys, keys[: -num_replications % batch]])
     rows = []
     for first in range(0, num_replications, batch):

@@ -19,6 +19,7 @@ from jbw.inference.lane_fit import About
 from jbw.inference.lane_importance import weighted
 from jbw.inference.lanes import CHAINS, LaneSampler, chains, gridded, tempered
 from jbw.inference.precision import require_float64
+from jbw.inference.random_walk import PAPER
 from jbw.report.calibration import rank_ecdfs
 from jbw.report.figures import figure_of
 from jbw.study import calibration_designs as designs
@@ -141,6 +142,8 @@ def sampler_named(name: str, about: About | None, *, stepped: bool = False) -> L
                 "Sampler importance draws about a least-squares fit, which this step does not have."
             )
         return weighted(about, 2048, 512) if stepped else weighted(about)
+    if name == "random_walk_paper":
+        return chains(name, PAPER.num_warmup, PAPER.num_samples)
     slices = name == "elliptical_slice"
     short = (30, 125) if stepped or slices else (500, 500)
     return chains(name, *short, about=about if stepped or slices else None)

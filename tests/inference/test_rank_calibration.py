@@ -46,8 +46,12 @@ def exact(factor=1.0):
     return draw
 
 
+EXACT = exact()  # one object: compiled once for all tests of equal counts
+RIGHT = Model(simulate, log_likelihood, BOX)
+
+
 def run(sampler, seed=0, model=None, **options):
-    model = model or Model(simulate, log_likelihood, BOX)
+    model = model or RIGHT
     options = {"num_replications": 300, **options}
     return calibrate(jax.random.key(seed), model, sampler, **options)
 
@@ -58,7 +62,7 @@ def least_p(found):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_closed_form_is_calibrated(seed):
-    found = run(exact(), seed, num_replications=1000)
+    found = run(EXACT, seed, num_replications=1000)
     assert found.names == ("a", "log_likelihood")
     assert found.ranks.shape == (1000, 2)
     assert found.ranks.min() >= 0
@@ -107,7 +111,13 @@ SAMPLERS = {
 }
 
 
-@pytest.mark.parametrize("sampler", SAMPLERS)
+LONG_TO_COMPILE = ("tempered_smc", "elliptical_slice")
+
+
+@pytest.mark.parametrize(
+    "sampler",
+    [pytest.param(n, marks=pytest.mark.slow) if n in LONG_TO_COMPILE else n for n in SAMPLERS],
+)
 def test_samplers_in_lanes_are_calibrated(sampler):
     found = run(SAMPLERS[sampler])
     assert least_p(found) > 1e-4
@@ -129,15 +139,15 @@ def product_likelihood(theta, data):
     return -0.5 * product_residual(theta, data) ** 2 - jnp.log(product)
 
 
+RIDGE = Model(
+    simulate_product, product_likelihood, PLANE, {"ab": lambda theta, _: theta["a"] * theta["b"]}
+)
+ACROSS = weighted(About(product_residual, ("a", "b")))
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_thin_ridge_through_the_box(seed):
-    model = Model(
-        simulate_product,
-        product_likelihood,
-        PLANE,
-        {"ab": lambda theta, _: theta["a"] * theta["b"]},
-    )
-    found = run(weighted(About(product_residual, ("a", "b"))), seed, model)
+    found = run(ACROSS, seed, RIDGE)
     assert found.names == ("a", "b", "log_likelihood", "ab")
     assert least_p(found) > 1e-4
     assert found.failed.mean() < 0.01
@@ -175,13 +185,13 @@ def test_failures_are_counted_and_stay_in_the_ranks():
 def test_ties_fall_at_random():
     """A quantity that is the same everywhere ranks uniformly."""
     model = Model(simulate, log_likelihood, BOX, {"same": lambda theta, data: jnp.zeros(())})
-    found = run(exact(), model=model)
+    found = run(EXACT, model=model)
     assert found.p_ecdf["same"] > 1e-4
 
 
 def test_batches_do_not_matter_but_to_the_speed():
-    whole = run(exact(), num_replications=30, batch=30)
-    parts = run(exact(), num_replications=30, batch=7)
+    whole = run(EXACT, num_replications=30, batch=30)
+    parts = run(EXACT, num_replications=30, batch=7)
     np.testing.assert_array_equal(whole.ranks, parts.ranks)
 
 
@@ -206,13 +216,13 @@ def test_r_hat_of_chains_apart():
 )
 def test_counts_that_cannot_be_meant(options, says):
     with pytest.raises(ConfigError, match=says):
-        run(exact(), **options)
+        run(EXACT, **options)
 
 
 def test_a_quantity_needs_a_name_of_its_own():
     model = Model(simulate, log_likelihood, BOX, {"a": lambda theta, data: theta["a"]})
     with pytest.raises(ConfigError, match="'a' is named like"):
-        run(exact(), model=model)
+        run(EXACT, model=model)
 
 
 def test_samplers_that_cannot_be_meant():
