@@ -14,7 +14,7 @@ from jbw.measurement.curves import displacement_of, forced_loop, response_curve
 from jbw.measurement.loops import enclosed_area
 
 ROOT = Path(__file__).parents[2]
-DATA = Path(os.environ.get("JBW_DATA", ROOT.parent / "shared" / "data"))
+DATA = Path(os.environ.get("JBW_DATA", ROOT / "data"))
 CAMPAIGNS = sorted((ROOT / "notebooks" / "campaigns").glob("*.toml"))
 FOLDERS = {
     "bolted_double_beam": "bolted_double_beam",

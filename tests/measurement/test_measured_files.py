@@ -9,7 +9,7 @@ import scipy.io
 
 from jbw.measurement.files.door import read
 
-DATA = Path(os.environ.get("JBW_DATA", Path(__file__).parents[3] / "shared" / "data"))
+DATA = Path(os.environ.get("JBW_DATA", Path(__file__).parents[2] / "data"))
 
 
 def measured(name: str) -> Path:
