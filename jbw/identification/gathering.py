@@ -1,5 +1,6 @@
 """From the tests of a campaign to the evidence of the joint posterior, kind by kind."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import Any
@@ -132,4 +133,16 @@ def _groups(tests: Sequence[Test], natural_hz: float | None) -> list[harmonics.G
             groups += steady.stepped_groups(test)
         elif test.kind == "frf":
             groups.append(steady.curve_group(test))
-    return groups
+    return _with_noise(groups)
+
+
+def _with_noise(groups: Sequence[harmonics.Group]) -> list[harmonics.Group]:
+    """Groups that tell their own noise: one value alone would be fitted as if it had none."""
+    lone = [one.label for one in groups if one.num_repeats * len(one.omega) < 2]
+    if lone:
+        warnings.warn(
+            f"Not fitted, for one frequency and one repeat tell nothing of their noise: "
+            f"{', '.join(lone)}. Measure repeats, or more tones at the same level.",
+            stacklevel=2,
+        )
+    return [one for one in groups if one.label not in lone]
