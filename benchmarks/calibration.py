@@ -25,7 +25,7 @@ from jbw.study.campaign_scores import score_campaigns
 CASES: dict[str, dict[str, Any]] = {
     "Step 2": {"step": "linear"},
     "Step 3, noise known": {"step": "third_order", "noise": "known"},
-    "Step 3, noise from 8 repeats": {"step": "third_order", "noise": "estimated"},
+    "Step 3, noise from 8 repeats": {"step": "third_order", "noise": "unknown"},
     "Step 4": {"step": "opening"},
     "joint, sweeps": {"step": "joint"},
 }

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from jbw.oscillator.steady import steady_cycle, steady_state
     from jbw.oscillator.volterra import h1, h3, third_harmonic
     from jbw.planning.making import plan_tests
+    from jbw.study.calibration import sbc
     from jbw.study.comparing import compare
     from jbw.study.identifiability import identifiability
     from jbw.study.identify import identify
@@ -67,6 +68,7 @@ _HOME = {
     "pool": "identification.linear",
     "read": "measurement.files.door",
     "response_curve": "oscillator.continuation",
+    "sbc": "study.calibration",
     "simulate": "oscillator.response",
     "smoothing": "oscillator.smoothing",
     "steady_cycle": "oscillator.steady",
@@ -110,6 +112,7 @@ __all__ = [
     "read",
     "response_curve",
     "rig",
+    "sbc",
     "simulate",
     "smoothing",
     "steady_cycle",

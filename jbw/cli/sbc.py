@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from jbw.cli.printing import print_columns
+
 NOT_CALIBRATED = 4
 HEADER = ("quantity", "p (ECDF)", "p (chi2)", "99 % holds", "of which", "to")
 
@@ -20,8 +22,8 @@ HEADER = ("quantity", "p (ECDF)", "p (chi2)", "99 % holds", "of which", "to")
 @click.option("--replications", type=int, help="Truths; 1000, or 200 of the joint posterior.")
 @click.option("--sampler", help="Sampler; the cheapest that suits when left out.")
 @click.option(
-    "--noise", default="estimated", show_default=True,
-    help="What Step 3 is told: estimated from repeats, or known.",
+    "--noise", default="unknown", show_default=True,
+    help="Of Step 3: unknown, as it is identified, or known, as the paper supposes.",
 )  # fmt: skip
 @click.option("--seed", default=0, show_default=True, help="Seed of everything random.")
 @click.option(
@@ -49,7 +51,8 @@ def sbc(
     a campaign file or the folder of a finished run, or short tests of the virtual rig. Failed
     replications are counted, never dropped. Exit code 4 when the step is not calibrated.
     """
-    from jbw.cli.running import prepare_jax, progress
+    from jbw.cli.progress import progress
+    from jbw.cli.running import prepare_jax
 
     prepare_jax()
     from jbw.campaign.loading import load_campaign
@@ -90,10 +93,7 @@ def print_calibration(record: Mapping[str, Any]) -> None:
         f"{record['failed']} failed"
     )
     rows = [HEADER, *(_line(name, one) for name, one in record["quantities"].items())]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for line in rows:
-        padded = [cell.ljust(width) for cell, width in zip(line, widths, strict=True)]
-        click.echo("  ".join(padded).rstrip())
+    print_columns(rows)
     click.echo(f"Verdict: {record['verdict']['status']}")
     for finding in record["verdict"]["findings"]:
         told = f"  {finding['reason']} {finding['action']}".rstrip()

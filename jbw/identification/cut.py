@@ -5,6 +5,7 @@ at Chebyshev nodes give it everywhere, and every sampler then runs on the series
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from jbw.identification.priors import stated
 from jbw.identification.step import ATTRS, Step, finished
 from jbw.inference.box import Box, box
 from jbw.inference.fitting import Fit, fit
+from jbw.inference.identifiability import weak_direction
 from jbw.inference.keeping import Keep, nowhere
 from jbw.inference.sampling import sample
 from jbw.inference.verdict import Finding
@@ -161,7 +163,37 @@ def fit_opening(
     held = {"omega_n": linear.omega_n, "gain": linear.gain, **means}
     prior = box({"gamma": stated(settings).get("gamma", (0.0, REACH * means["delta"]))})
     curve = opening_curve(records, held, prior)
-    return OpeningFit(curve, fit(residual, prior, curve, starts=8, key=key), prior, held)
+    found = fit(residual, prior, curve, starts=8, key=key)
+    return OpeningFit(curve, with_curvature(found, prior, curve), prior, held)
+
+
+def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
+    r"""The fit with what the misfit's curvature knows of gamma.
+
+    $$\frac1{\sigma_\gamma^2} = \frac{d^2}{d\gamma^2} \sum_i \frac{M_i(\gamma)}{2 \sigma_i^2}$$
+
+    The root of a misfit has no slope at its minimum, from which least squares would know nothing.
+
+    Args:
+        found: The fit.
+        prior: Box of gamma.
+        curve: The likelihood's series.
+    """
+
+    def cost(gamma: Float[Array, ""]) -> Float[Array, ""]:
+        return jnp.sum(misfit(gamma, curve) / curve.noise_std**2) / 2
+
+    width = float(prior.upper[0] - prior.lower[0])
+    information = max(float(jax.hessian(cost)(jnp.asarray(found.theta["gamma"]))), 0.0)
+    # As of all fits: what is known worse than the box has the box's variance.
+    covariance = np.array([[1 / max(information, 12 / width**2)]])
+    return replace(
+        found,
+        covariance=covariance,
+        singular_values=np.sqrt([information]) * width,
+        weak=weak_direction(found.theta, covariance, prior),
+        jacobian=np.sqrt([[information]]),
+    )
 
 
 def opening_steps(

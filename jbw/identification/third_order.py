@@ -144,9 +144,10 @@ def third_order_steps(
 ) -> dict[str, Step]:
     """Posterior of zeta, alpha and delta by (36): NUTS, the paper's walk, and a tuned walk.
 
-    NUTS and the tuned walk go along the ridge alpha*delta, from wall to wall of the box; the
-    paper's walk in the box itself. All chains start dispersed, so that their comparison can tell:
-    the paper's chain, started at one optimum, agrees with itself and says nothing.
+    NUTS and the tuned walk go along the ridge alpha*delta, from wall to wall of the box, with the
+    noise integrated out; the paper's walk in the box itself, with the noise as estimated. All
+    chains start dispersed, so that their comparison can tell: the paper's chain, started at one
+    optimum, agrees with itself and says nothing.
 
     Args:
         key: Random key.
@@ -168,13 +169,15 @@ def third_order_steps(
     steps = {}
     for one, (name, chosen) in zip(jax.random.split(key, 3), options.items(), strict=True):
         started = perf_counter()
-        about = kernel.log_likelihood, step.box, step.data
+        about = step.box, step.data
         chosen |= {"num_chains": settings.get("num_chains", 4), "chain_method": "vectorized"}
         chosen |= {"attrs": ATTRS, "kept": keep(name)}
         if name == "third_order_paper":
-            tree = sample(one, *about, **chosen)
+            tree = sample(one, kernel.known_noise_log_likelihood, *about, **chosen)
         else:
-            tree = sample_along(one, *about, step.fit, adapt_mass=True, **chosen)
+            tree = sample_along(
+                one, kernel.log_likelihood, *about, step.fit, adapt_mass=True, **chosen
+            )
         said = (*_products(tree, step), *_notes(step))
         steps[name] = finished(
             name, tree, step.box, step.fit, started,

@@ -32,7 +32,7 @@ Report = Callable[[str], None]
 STEPS = ("linear", "third_order", "opening", "joint")
 SAMPLERS = ("importance", "tempered_smc", "quadrature", *CHAINS)
 REPLICATIONS = {"linear": 1000, "third_order": 1000, "opening": 1000, "joint": 200}
-NOISES = ("estimated", "known")
+NOISES = ("unknown", "known")
 UNITS = {
     "omega_n": "rad/s", "zeta": "1", "alpha": "1/s^2", "delta": "1/m", "gamma": "1/m",
     "gain": "N/kg/V", "alpha_delta": "1/(m s^2)", "alpha_gamma": "1/(m s^2)",
@@ -61,7 +61,7 @@ def sbc(
     step: str = "third_order",
     num_replications: int | None = None,
     sampler: str | None = None,
-    noise: str = "estimated",
+    noise: str = "unknown",
     seed: int = 0,
     report: Report = logger.info,
 ) -> Sbc:
@@ -75,8 +75,8 @@ def sbc(
         sampler: One of "importance", "tempered_smc", "quadrature" (one parameter), "nuts",
             "random_walk", "random_walk_paper", "elliptical_slice"; the cheapest that crosses the
             posterior when None.
-        noise: Whether the likelihood of Step 3 is told the scatter of the repeats ("estimated", as
-            a campaign is identified) or the noise itself ("known").
+        noise: Whether the likelihood of Step 3 has to learn the noise from the repeats ("unknown",
+            as a campaign is identified) or is told ("known", as the paper supposes).
         seed: Seed of everything random.
         report: Called with one sentence as the work proceeds.
 

@@ -44,8 +44,8 @@ def third_order(design: KernelDesign, *, known_noise: bool = False) -> Step:
 
     Args:
         design: Tones, noise and prior.
-        known_noise: Whether the likelihood is told the noise, as (36) supposes, instead of the
-            scatter of the repeats.
+        known_noise: Whether the likelihood is told the noise, as (36) supposes; otherwise it has to
+            learn it from the repeats, as Step 3 does.
     """
     simulate = kernel_of_known_noise if known_noise else measured_kernel
     quantities = {
@@ -58,7 +58,7 @@ def third_order(design: KernelDesign, *, known_noise: bool = False) -> Step:
     }
     model = Model(
         Partial(simulate, design=design.data, num_repeats=design.num_repeats),
-        kernel.log_likelihood,
+        kernel.known_noise_log_likelihood if known_noise else kernel.log_likelihood,
         design.prior,
         quantities,
     )

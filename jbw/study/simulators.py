@@ -18,6 +18,7 @@ from jaxtyping import Array, Complex, Float, Key
 from jbw.observables.kernel import KernelData
 from jbw.observables.response import Records
 
+UNKNOWN = 4.0
 STEPS = 8  # Runge-Kutta steps between two samples
 Theta = Mapping[str, Array]
 State = Float[Array, "3"]
@@ -28,17 +29,31 @@ def measured_kernel(
 ) -> KernelData:
     r"""Repeats of the third-order kernel, noise in real and imaginary part, reduced as in Step 3.
 
-    As in a campaign the likelihood is told the scatter of the repeats, not the noise itself:
+    As in a campaign nobody is told the noise. It is drawn for every frequency, uniformly in its
+    logarithm over a factor `UNKNOWN` to either side of the design's: that is the prior 1/sigma of a
+    likelihood that integrates it out, but for its two ends. What least squares weigh by is
 
     $$\hat\sigma_i^2 = \frac{1}{2(K - 1)} \sum_k |H_{ik} - \bar H_i|^2$$
 
     Args:
         key: Random key.
         theta: zeta, alpha and delta.
-        design: Frequencies, displacements and noise of one repeat.
+        design: Frequencies, displacements and noise of one repeat, in the middle.
         num_repeats: K.
     """
-    noise = jax.random.normal(key, (2, num_repeats, design.omega.size)) * design.noise_std
+    key, key_size = jax.random.split(key)
+    spread = jax.random.uniform(key_size, (design.omega.size,), minval=-1.0)
+    return _repeated(key, theta, design, num_repeats, design.noise_std * UNKNOWN**spread)
+
+
+def _repeated(
+    key: Key[Array, ""],
+    theta: Theta,
+    design: KernelData,
+    num_repeats: int,
+    noise_std: Float[Array, " freq"],
+) -> KernelData:
+    noise = jax.random.normal(key, (2, num_repeats, design.omega.size)) * noise_std
     repeats = kernel_values(theta, design) + noise[0] + 1j * noise[1]
     mean = jnp.mean(repeats, axis=0)
     within = jnp.sum(jnp.abs(repeats - mean) ** 2, axis=0)
@@ -49,7 +64,7 @@ def measured_kernel(
 def kernel_of_known_noise(
     key: Key[Array, ""], theta: Theta, design: KernelData, num_repeats: int
 ) -> KernelData:
-    """The same where the likelihood is told the noise, as the paper's (36) supposes.
+    """The same where the noise is the design's and the likelihood is told, as (36) supposes.
 
     Args:
         key: Random key.
@@ -57,7 +72,7 @@ def kernel_of_known_noise(
         design: Frequencies, displacements and noise of one repeat.
         num_repeats: K.
     """
-    found = measured_kernel(key, theta, design, num_repeats)
+    found = _repeated(key, theta, design, num_repeats, design.noise_std)
     return replace(found, noise_std=design.noise_std)
 
 
