@@ -16,7 +16,7 @@ import pytest
 FOLDER = Path(__file__).parent.parent / "benchmarks"
 SCRIPTS = sorted(p for p in FOLDER.glob("*.py") if "__main__" in p.read_text())
 # The calibration takes no options but a number.
-WITH_OPTIONS = [p for p in SCRIPTS if p.stem != "joint_calibration"]
+WITH_OPTIONS = SCRIPTS
 
 
 @pytest.fixture(autouse=True)

@@ -56,6 +56,9 @@ def draw(sampler, seed, log_likelihood=banana, bounds=PLANE, data=6.0, **options
     return sample(key, log_likelihood, bounds, jnp.asarray(data), sampler=sampler, **options)
 
 
+LONG = ("nested", "tempered_smc")  # to compile
+
+
 def within(values, mean, sd):
     """Whether mean and sd of draws are within four Monte Carlo standard errors of the truth."""
     row = diagnose(values)
@@ -65,7 +68,10 @@ def within(values, mean, sd):
     assert abs(values.std() / sd - 1) < 4 * np.sqrt(1.5 / ess)
 
 
-@pytest.mark.parametrize("sampler", SAMPLERS)
+@pytest.mark.parametrize(
+    "sampler",
+    [pytest.param(one, marks=pytest.mark.slow) if one in LONG else one for one in SAMPLERS],
+)
 def test_every_sampler_leaves_the_same_tree(sampler, tmp_path):
     known = {} if sampler in ("nested", "tempered_smc") else ABOUT
     first, again, other = (draw(sampler, seed, **known) for seed in (3, 3, 4))

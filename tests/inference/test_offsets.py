@@ -125,6 +125,7 @@ def test_runs_of_assemblies_are_a_nested_normal_distribution(nested):
     assert ours == pytest.approx(reference, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_drawn_offsets_have_the_conditional_mean_and_covariance(nested):
     found, levels, covariance, member, noise = nested
     scatter = np.array([0.4, 0.7, 0.9, 0.3])
@@ -145,6 +146,7 @@ def test_drawn_offsets_have_the_conditional_mean_and_covariance(nested):
     )
 
 
+@pytest.mark.slow
 def test_drawn_scatters_follow_their_density(nested):
     found, levels, *_ = nested
     nodes = jnp.asarray(scatter_grid((0.1, 0.2), (1.0, 3.0), assemblies=True)[[0, 5000, 14000]])

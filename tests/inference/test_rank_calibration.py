@@ -145,6 +145,7 @@ RIDGE = Model(
 ACROSS = weighted(About(product_residual, ("a", "b")))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_thin_ridge_through_the_box(seed):
     found = run(ACROSS, seed, RIDGE)
@@ -153,6 +154,7 @@ def test_a_thin_ridge_through_the_box(seed):
     assert found.failed.mean() < 0.01
 
 
+@pytest.mark.slow
 def test_the_published_walk_does_not_cross_it_and_is_counted():
     model = Model(simulate_product, product_likelihood, PLANE)
     found = run(chains("random_walk_paper", 85, 765), 0, model, num_replications=50, batch=50)

@@ -107,7 +107,7 @@ def test_one_parameter_goes_from_wall_to_wall():
     best = fit(lambda t, d: (t["a"] - d)[None] / 0.1, prior, 2.0, starts=4, key=jax.random.key(0))
     tree = sample_along(
         jax.random.key(1), lambda t, d: -0.5 * ((t["a"] - d) / 0.1) ** 2, prior, 2.0, best,
-        chain_method="vectorized",
+        sampler="random_walk", num_samples=10_000, chain_method="vectorized",
     )  # fmt: skip
     row = summarise(tree, prior)["a"]
     assert row["mean"] == pytest.approx(2.0, abs=4 * 0.1 / np.sqrt(row["ess_bulk"]))

@@ -266,6 +266,7 @@ np.testing.assert_allclose(*values, rtol=1e-9)
 """
 
 
+@pytest.mark.slow
 def test_chains_on_two_devices_are_the_chains_on_one():
     flags = {"XLA_FLAGS": "--xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
     command = [sys.executable, "-c", TWO_DEVICES, str(Path(__file__).parent)]

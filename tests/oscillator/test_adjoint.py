@@ -96,6 +96,7 @@ def response(joint, u, initial):
     return jnp.stack([r.y * 100.0, r.v, r.z, 0.01 * r.a])
 
 
+@pytest.mark.slow
 def test_forward_and_reverse_agree(setting):
     weight = jnp.asarray(np.random.default_rng(0).normal(size=(4, 300)))
     direction = jax.tree.map(

@@ -68,6 +68,7 @@ def test_two_turning_points_in_a_step_are_counted():
         simulate(BoucWen(**PAPER), u, 128.0, hold="band_limited", substeps=4)
 
 
+@pytest.mark.slow
 def test_a_steady_state_that_newton_does_not_find_is_reported(monkeypatch):
     monkeypatch.setattr("jbw.oscillator.periodic.MAX_ITERATIONS", 0)
     u = 20.0 * np.cos(2 * np.pi * np.arange(61) / 61)

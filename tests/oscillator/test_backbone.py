@@ -81,6 +81,7 @@ def folded_curve():
     return response_curve(FOLDED, 0.8 * OMEGA_N, 1.1 * OMEGA_N, 1.0)
 
 
+@pytest.mark.slow
 def test_curve_goes_round_its_folds(folded_curve):
     back = np.flatnonzero(~folded_curve.onward)
     assert np.all(np.diff(back) == 1)

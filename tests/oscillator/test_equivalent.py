@@ -255,6 +255,7 @@ def test_switched_force_from_outside():
     np.testing.assert_allclose(apart.a, together.a, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_response_gradients_forward_and_reverse():
     u = 4.0 * np.sin(0.3 * np.arange(64))
 

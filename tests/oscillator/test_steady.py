@@ -209,6 +209,7 @@ def test_derivatives_forward_reverse_and_by_differences():
     assert np.all(np.abs(forward - differences).max(0) < 1e-8 * np.abs(forward).max(0))
 
 
+@pytest.mark.slow
 def test_broadcasts_joints_frequencies_and_levels():
     joints = BoucWen(OMEGA_N, np.array([0.004, 0.005])[:, None, None], 497.4, 340.21, 32.84)
     omega, amplitude = 2 * np.pi * np.array([5.0, 18.7, 20.0]), np.array([0.5, 2.0])[:, None]

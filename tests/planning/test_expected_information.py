@@ -51,6 +51,7 @@ def linear_velocity(omega_n, zeta, gain, test, finer=8):
     return lsim(system, chirp(t, test), t)[1][::finer]
 
 
+@pytest.mark.slow
 def test_bound_of_a_linear_oscillator_in_a_sweep():
     found = prospects([SWEEP], beliefs_at(LINEAR, 15.0, ("omega_n", "zeta")), VELOCITY)[0]
     columns = []
@@ -67,6 +68,7 @@ def test_bound_of_a_linear_oscillator_in_a_sweep():
     assert found.y_peak[0] == pytest.approx(np.abs(y).max(), rel=0.01)  # a sum for an integral
 
 
+@pytest.mark.slow
 def test_what_fills_up_a_record_tells_nothing():
     longer = Sweep(level=0.05, start_hz=5.0, stop_hz=15.0, rate=1.5, rest=2.0, fs=512.0)
     beliefs = beliefs_at(LINEAR, 15.0, ("omega_n", "zeta"))

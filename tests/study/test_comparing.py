@@ -44,6 +44,7 @@ def _found():
     return side_by_side(toy(log_likelihood), samplers=("quadrature", "importance", "tempered_smc"))
 
 
+@pytest.mark.slow
 def test_all_agree_with_the_normal_in_closed_form(found):
     record = found.record
     assert record["reference"] == "quadrature"
@@ -65,6 +66,7 @@ def test_all_agree_with_the_normal_in_closed_form(found):
     json.dumps(record, allow_nan=False)
 
 
+@pytest.mark.slow
 def test_a_factor_of_two_dropped_from_the_log_likelihood_is_seen(found):
     wrong = side_by_side(toy(halved), samplers=("importance",), twice=False).record
     truth = found.record["samplers"]["quadrature"]["parameters"]
@@ -72,6 +74,7 @@ def test_a_factor_of_two_dropped_from_the_log_likelihood_is_seen(found):
     assert abs(row["sd"] - truth["p"]["sd"]) > 4 * row["mcse_sd"]
 
 
+@pytest.mark.slow
 def test_the_figure_has_a_line_a_parameter_and_the_rates(found, capsys):
     axes = comparison(found.record)
     assert axes.shape == (3, 1)
