@@ -1,6 +1,7 @@
 """Draws of the joint posterior by the sampler that suits what was measured."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import jax
@@ -10,7 +11,7 @@ from jaxtyping import Array, Key
 from jbw.identification.step import ATTRS
 from jbw.inference.box import Box
 from jbw.inference.fitting import Fit
-from jbw.inference.keeping import Kept
+from jbw.inference.keeping import Keep, nowhere
 from jbw.inference.logarithms import (
     Inside,
     back_from_logs,
@@ -20,12 +21,15 @@ from jbw.inference.logarithms import (
     log_start,
     of_logs,
 )
+from jbw.inference.rewhitening import sample_again
+from jbw.inference.ridge import sample_along
 from jbw.inference.sampling import sample
 from jbw.inference.verdict import Verdict
 from jbw.observables.evidence import Evidence, log_likelihood
 from jbw.observables.loops import Loops
 from jbw.observables.response import Records
 
+ROUNDS = 3  # times that slices are drawn again, where their chains disagree
 STUCK = {"frozen_chain", "r_hat"}  # findings of a sampler that does not fit the posterior
 DRAWS = {  # of warm-up, and kept of each chain
     "elliptical_slice": (25, 400),
@@ -45,13 +49,15 @@ def sample_joint(
     prior: Box,
     best: Fit,
     settings: Mapping[str, Any],
-    kept: Kept | None = None,
+    keep: Keep = nowhere,
 ) -> xr.DataTree:
     """Draws in the coordinate whitened by the fit's covariance.
 
     Where time is stepped through, by elliptical slices about the Laplace approximation, at a few
-    evaluations a draw, along the logarithms of what cannot be zero; where evaluations are cheap, by
-    NUTS along the model's own gradient.
+    evaluations a draw: along the ridge of the fit, from wall to wall of the box, where it leaves a
+    direction open or runs into a wall; otherwise along the logarithms of what cannot be zero. Where
+    evaluations are cheap, by NUTS along the model's own gradient. Slices whose chains disagree are
+    drawn again about their own moments, up to three times.
 
     Args:
         key: Random key.
@@ -59,7 +65,7 @@ def sample_joint(
         prior: The box.
         best: The fit, with its covariance.
         settings: The campaign's [identify] table.
-        kept: Where the chains outlive the process.
+        keep: Where the chains outlive the process.
     """
     sampler = settings.get("sampler", "auto")
     if sampler == "auto":
@@ -73,15 +79,19 @@ def sample_joint(
         "chain_method": "parallel" if jax.device_count() > 1 else "sequential",
         "adapt_mass": True,
         "attrs": ATTRS,
-        "kept": kept,
     }
-    logs = in_logarithms(best, prior) if sampler == "elliptical_slice" else ()
-    if not logs:
-        about = {"start": best.theta, "covariance": best.covariance}
+    if sampler != "elliptical_slice":
+        about = {"start": best.theta, "covariance": best.covariance, "kept": keep("joint")}
         return sample(key, log_likelihood, prior, data, **about, **options)
+    again = partial(
+        sample_again, rounds=ROUNDS, keep=lambda i: keep(f"joint_{i}" if i else "joint")
+    )
+    logs = in_logarithms(best, prior)
+    if best.weak is not None or best.at_bound:
+        return sample_along(key, log_likelihood, prior, data, best, draw=again, **options)
     start, covariance = log_start(best, prior, logs)
     inner = log_box(prior, logs, best.theta)
-    drawn = sample(
+    drawn = again(
         key, of_logs(log_likelihood), far_beyond(inner), data,
         start=start, covariance=covariance, log_prior=Inside(inner), **options,
     )  # fmt: skip

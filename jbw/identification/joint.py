@@ -57,7 +57,7 @@ def joint_step(
     chi_square = explained(first, data)
     prior, best, data, words = settled(keys[1], data, prior, first, settings)
     best = replace(best, waterfall=first.waterfall)  # the later fits have one start
-    chains = sample_joint(keys[2], data, prior, best, settings, keep("joint"))
+    chains = sample_joint(keys[2], data, prior, best, settings, keep)
     posterior = with_derived(keys[3], chains, data)
     beside = looks(keys[4], posterior["posterior"].to_dataset(), prior, best, data)
     for name, dataset in beside.groups.items():

@@ -12,7 +12,7 @@ and the wall a bound of r alone. The density is carried over with its Jacobian:
 $$p(w, r) = p(\theta)\,(\tau_+ - \tau_-) \prod_i \theta_i$$
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -168,6 +168,7 @@ def sample_along(
     *,
     reach: float = np.inf,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
+    draw: Callable[..., xr.DataTree] = sample,
     **options: Any,
 ) -> xr.DataTree:
     """Sample a posterior along the ridge of its fit, and return it in the parameters.
@@ -180,10 +181,11 @@ def sample_along(
         best: The fit.
         reach: Standard deviations of the fit across the ridge, beyond which nothing is looked for.
         attrs: `units` and `long_name` by parameter.
-        options: Further ones of `sample`.
+        draw: `sample`, or what takes and returns the same.
+        options: Further ones of it.
     """
     ridge, about = ridge_of(best, prior, reach)
-    tree = sample(
+    tree = draw(
         key, along_ridge(log_likelihood), about.box, (ridge, data),
         start=about.start, covariance=about.covariance, log_prior=ridge, **options,
     )  # fmt: skip

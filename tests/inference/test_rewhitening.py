@@ -1,0 +1,71 @@
+"""Slices about a covariance that is far too small are drawn again about their own moments."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jbw.inference.box import box
+from jbw.inference.rewhitening import agree, moments, sample_again
+from jbw.inference.summary import summarise
+
+BOX = box({"a": (-50.0, 50.0), "b": (-50.0, 50.0)})
+MEAN, COVARIANCE = np.array([3.0, -2.0]), np.array([[4.0, 3.0], [3.0, 9.0]])
+PRECISION = np.linalg.inv(COVARIANCE)
+
+
+def normal(theta, data):
+    off = jnp.stack([theta["a"], theta["b"]]) - MEAN
+    return -0.5 * (off @ PRECISION @ off)[None]
+
+
+def drawn(rounds, seed=0, small=1e-6, seen=None):
+    keep = (lambda round_: None) if seen is None else seen.append
+    return sample_again(
+        jax.random.key(seed), normal, BOX, None,
+        start={"a": 0.0, "b": 0.0}, covariance=small * COVARIANCE, rounds=rounds, keep=keep,
+        sampler="elliptical_slice", num_warmup=25, num_samples=400, chain_method="vectorized",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_normal_posterior_is_found_from_a_fit_that_knows_nothing_of_its_width(seed):
+    stuck = summarise(drawn(0, seed), BOX)
+    assert max(row["r_hat"] for row in stuck.values()) > 1.05
+    found = drawn(6, seed)
+    assert found.attrs["rewhitened"] > 0
+    for i, (name, row) in enumerate(summarise(found, BOX).items()):
+        assert row["r_hat"] < 1.05, name
+        sd = np.sqrt(COVARIANCE[i, i])
+        assert row["mean"] == pytest.approx(MEAN[i], abs=4 * sd / np.sqrt(row["ess_bulk"]))
+        assert row["sd"] == pytest.approx(sd, rel=4 / np.sqrt(2 * row["ess_bulk"]))
+
+
+def test_chains_that_agree_are_left_alone():
+    seen = []
+    found = drawn(3, small=1.0, seen=seen)
+    assert found.attrs["rewhitened"] == 0
+    assert seen == [0]
+
+
+def test_evaluations_of_all_rounds_are_counted():
+    seen = []
+    last = drawn(6, seen=seen)
+    assert seen == list(range(last.attrs["rewhitened"] + 1))
+    assert last.attrs["num_evaluations"] > drawn(0).attrs["num_evaluations"]
+
+
+def test_moments_are_of_the_second_half_and_inside_the_box():
+    rng = np.random.default_rng(0)
+    draws = {"a": rng.normal(size=(4, 1000)), "b": np.full((4, 1000), 50.0)}
+    draws["a"][:, :500] = 40.0
+    draws["b"] += 1e-3 * rng.normal(size=(4, 1000))
+    start, covariance = moments(draws, BOX)
+    # 2000 draws: their mean is known to 0.022, their variance to 3 %.
+    assert start["a"] == pytest.approx(0.0, abs=0.1)
+    assert -50 < start["b"] < 50
+    assert covariance[0, 0] == pytest.approx(1.3, rel=0.15)
+
+
+def test_one_chain_agrees_with_itself():
+    assert agree({"a": np.random.default_rng(0).normal(size=(1, 100))})
