@@ -188,12 +188,16 @@ def test_step_4_is_calibrated(opening, seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SEEDS)
-def test_the_joint_posterior_is_calibrated(joint, seed):
-    found = replicated(joint, seed, 200)
-    assert least_p(found) > LEAST
-    assert found.failed.mean() < 0.05
-    assert 0.965 <= found.coverage["response"][0] <= 1.0
+def test_the_joint_posterior_is_calibrated(joint):
+    inside = []
+    for seed in SEEDS:
+        found = replicated(joint, seed, 68)
+        assert least_p(found) > LEAST
+        assert found.failed.mean() < 0.05
+        inside.append(found.inside)
+    share = dict(zip(found.names, np.mean(np.concatenate(inside), axis=0), strict=True))
+    # 99 % of 204: a standard error of 0.7 %.
+    assert share["response"] >= 0.965
 
 
 def doubled(theta, data: KernelData):
