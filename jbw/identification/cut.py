@@ -1,15 +1,10 @@
-"""Step 4 by the paper's cut: gamma alone, the earlier steps held at their means.
-
-With one parameter left, the misfit of each level is a smooth function of gamma: a few dozen solves
-at Chebyshev nodes give it everywhere, and every sampler then runs on the series.
-"""
+"""Step 4 by the paper's cut: gamma alone, the earlier steps held at their means."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,107 +20,23 @@ from jbw.inference.identifiability import weak_direction
 from jbw.inference.keeping import Keep, nowhere
 from jbw.inference.sampling import sample
 from jbw.inference.verdict import Finding
-from jbw.observables import response
+from jbw.observables.opening import (
+    OpeningCurve,
+    as_arrays,
+    log_likelihood,
+    misfit,
+    misfits,
+    opening_curve,
+    residual,
+)
 from jbw.observables.response import Records
 
 REACH = 3.0  # of delta: where gamma is looked for when the campaign states no prior
-NODES = 48
 WRONG = 0.05  # nats: what the series may be wrong by where the posterior lies
 SAMPLERS = {
     "opening_nuts": {"sampler": "nuts", "num_warmup": 300, "num_samples": 1000},
     "opening_paper": {"sampler": "random_walk_paper"},
 }
-
-
-class OpeningCurve(eqx.Module):
-    r"""Misfit of each level as a Chebyshev series in gamma.
-
-    $$K\,|\bar v - m(\gamma)|^2 = \sum_k c_k\,T_k(s), \qquad s \in [-1, 1]$$
-
-    Attributes:
-        coefficients: c_k of each level.
-        within: S of each level.
-        num_values: Measured values of each level, over repeats and time.
-        noise_std: Noise of one repeat, from the scatter of the repeats.
-        lower: Least gamma of the series [1/m].
-        upper: Greatest gamma [1/m].
-    """
-
-    coefficients: Float[Array, "level node"]
-    within: Float[Array, " level"]
-    num_values: Float[Array, " level"]
-    noise_std: Float[Array, " level"]
-    lower: Float[Array, ""]
-    upper: Float[Array, ""]
-
-
-def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> OpeningCurve:
-    """Solve at the Chebyshev nodes of gamma's prior and make the series; usable under vmap.
-
-    Args:
-        records: The reduced sweeps.
-        held: omega_n, zeta, alpha, delta and gain.
-        prior: Box of gamma.
-
-    Returns:
-        The series of every level.
-    """
-    s = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
-    gamma = prior.lower[0] + (s + 1) / 2 * (prior.upper[0] - prior.lower[0])
-    values = _misfits(gamma, _arrays(held), records)
-    # Discrete orthogonality of the polynomials at these nodes; the mean comes with half the weight.
-    series = 2 / NODES * np.polynomial.chebyshev.chebvander(s, NODES - 1).T
-    series[0] /= 2
-    return OpeningCurve(
-        coefficients=(series @ values).T,
-        within=records.repeats.within,
-        num_values=records.repeats.num_values,
-        noise_std=records.repeats.noise_std,
-        lower=prior.lower[0],
-        upper=prior.upper[0],
-    )
-
-
-@jax.jit
-def _misfits(
-    gamma: Float[Array, " node"], held: Mapping[str, Array], records: Records
-) -> Float[Array, "node level"]:
-    def one(value: Float[Array, ""]) -> Float[Array, " level"]:
-        return response.squares({**held, "gamma": value}, records) - records.repeats.within
-
-    return jax.lax.map(one, gamma)
-
-
-def misfit(gamma: Float[Array, ""], curve: OpeningCurve) -> Float[Array, " level"]:
-    """Value of the series, by Clenshaw's recurrence."""
-    s = 2 * (gamma - curve.lower) / (curve.upper - curve.lower) - 1
-
-    def step(carry: tuple, c: Float[Array, " level"]) -> tuple:
-        b_1, b_2 = carry
-        return (c + 2 * s * b_1 - b_2, b_1), None
-
-    zero = jnp.zeros(curve.coefficients.shape[0])
-    (b_1, b_2), _ = jax.lax.scan(step, (zero, zero), curve.coefficients.T[:0:-1])
-    return curve.coefficients[:, 0] + s * b_1 - b_2
-
-
-def log_likelihood(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " level"]:
-    """Log likelihood of each level, its noise integrated out under Jeffreys' prior.
-
-    Reference:
-        Eq. (37), on the velocity as in (41).
-    """
-    squares = jnp.maximum(misfit(theta["gamma"], curve), 0.0) + curve.within
-    return -curve.num_values / 2 * jnp.log(squares)
-
-
-def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " level"]:
-    """Root of each level's misfit in units of its noise: half its square is the cost.
-
-    Reference:
-        Eqs. (41), (42).
-    """
-    return jnp.sqrt(jnp.maximum(misfit(theta["gamma"], curve), 1e-300)) / curve.noise_std
 
 
 class OpeningFit(NamedTuple):
@@ -252,7 +163,7 @@ def _series_finding(
 ) -> Finding:
     """Whether the series is right where the posterior lies, by solves between its nodes."""
     gamma = jnp.asarray(np.quantile(posterior["gamma"].values, np.linspace(0.05, 0.95, 8)))
-    exact = _misfits(gamma, _arrays(held), records)
+    exact = misfits(gamma, as_arrays(held), records)
     series = jax.vmap(lambda value: misfit(value, curve))(gamma)
     both = [-curve.num_values / 2 * jnp.log(part + curve.within) for part in (exact, series)]
     error = np.asarray(jnp.sum(both[0] - both[1], axis=-1))
@@ -266,7 +177,3 @@ def _series_finding(
         worst,
         "" if ok else "Narrow the prior of gamma.",
     )
-
-
-def _arrays(held: Mapping[str, float]) -> dict[str, Array]:
-    return {name: jnp.asarray(float(value)) for name, value in held.items()}

@@ -25,7 +25,7 @@ from jbw.inference.fitting import Fit
 from jbw.inference.model import LogLikelihood
 from jbw.inference.ridge import sample_along
 from jbw.measurement.records import Test
-from jbw.observables import decay_likelihood, evidence, kernel, response
+from jbw.observables import decay_likelihood, evidence, kernel, opening, response
 from jbw.observables.evidence import Evidence, labels
 
 logger = logging.getLogger("jbw")
@@ -142,7 +142,7 @@ def _opening(
     records = response.reduce(sweeps.fitted, substeps=settings.get("substeps", 2))
     start = cut.fit_opening(keys[2], records, linear.pooled, means, settings)
     return Posterior(
-        "opening", cut.log_likelihood, start.box, start.curve, start.fit, stepped=False
+        "opening", opening.log_likelihood, start.box, start.curve, start.fit, stepped=False
     )
 
 

@@ -8,13 +8,14 @@ import numpy as np
 from jax.tree_util import Partial
 from jaxtyping import Array, Float, Key
 
-from jbw.identification import cut
 from jbw.inference.calibration import Model
 from jbw.inference.lane_fit import About
 from jbw.inference.model import Theta
 from jbw.observables import evidence, kernel, response
 from jbw.observables.evidence import Evidence
 from jbw.observables.kernel import KernelData
+from jbw.observables.opening import OpeningCurve, opening_curve
+from jbw.observables.opening import log_likelihood as opening_likelihood
 from jbw.observables.response import Records
 from jbw.study.calibration_designs import KernelDesign, SweepDesign
 from jbw.study.simulators import kernel_of_known_noise, measured_kernel, measured_records
@@ -82,13 +83,13 @@ def opening(design: SweepDesign) -> Step:
         design: Sweeps, noise, what is held, prior.
     """
 
-    def simulate(key: Key[Array, ""], theta: Theta, held: Theta) -> cut.OpeningCurve:
+    def simulate(key: Key[Array, ""], theta: Theta, held: Theta) -> OpeningCurve:
         whole = {**held, **theta}
         records = measured_records(key, whole, design.records, design.noise_std)
-        return cut.opening_curve(records, design.held, design.prior)
+        return opening_curve(records, design.held, design.prior)
 
     held = {name: jnp.asarray(value) for name, value in design.held.items()}
-    model = Model(Partial(simulate, held=held), cut.log_likelihood, design.prior)
+    model = Model(Partial(simulate, held=held), opening_likelihood, design.prior)
     return Step(model, None, 100, "quadrature")
 
 

@@ -5,17 +5,12 @@ import numpy as np
 import pytest
 
 from jbw import rig
-from jbw.identification.cut import (
-    log_likelihood,
-    misfit,
-    opening_curve,
-    residual,
-    with_curvature,
-)
+from jbw.identification.cut import with_curvature
 from jbw.inference.box import box
 from jbw.inference.fitting import fit
 from jbw.inference.sampling import sample
 from jbw.observables import response
+from jbw.observables.opening import log_likelihood, misfit, opening_curve, residual
 
 HELD = {"omega_n": 2 * np.pi * 18.8, "zeta": 0.00444, "alpha": 497.4, "delta": 340.21, "gain": 15.0}
 PRIOR = box({"gamma": (20.0, 48.0)})

@@ -15,11 +15,11 @@ from scipy.stats import binom
 
 from jbw.cli import run as command
 from jbw.errors import ConfigError
-from jbw.identification import cut
 from jbw.inference.calibration import calibrate
 from jbw.inference.lane_importance import weighted
 from jbw.observables import kernel
 from jbw.observables.kernel import KernelData
+from jbw.observables.opening import log_likelihood as opening_likelihood
 from jbw.oscillator.parameters import BoucWen
 from jbw.oscillator.response import simulate
 from jbw.study import calibration_designs as designs
@@ -231,12 +231,12 @@ def test_a_slip_in_the_likelihood_of_step_3_fails(third_order, slip):
 
 def halved(theta, curve):
     """The exponent n in place of n / 2, which makes the posterior too narrow by root two."""
-    return cut.log_likelihood(theta, replace(curve, num_values=2 * curve.num_values))
+    return opening_likelihood(theta, replace(curve, num_values=2 * curve.num_values))
 
 
 def scatterless(theta, curve):
     """The scatter of the repeats left out of the sum of squares."""
-    return cut.log_likelihood(theta, replace(curve, within=jnp.zeros_like(curve.within)))
+    return opening_likelihood(theta, replace(curve, within=jnp.zeros_like(curve.within)))
 
 
 @pytest.mark.slow

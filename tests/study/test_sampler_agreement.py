@@ -10,9 +10,9 @@ import pytest
 from scipy.integrate import simpson
 from scipy.interpolate import CubicSpline
 
-from jbw.identification import cut
 from jbw.inference.sampling import sample
 from jbw.inference.summary import diagnose
+from jbw.observables.opening import log_likelihood, opening_curve
 from jbw.study import calibration_designs as designs
 from jbw.study.simulators import measured_records
 
@@ -70,11 +70,11 @@ def test_samplers_agree_with_the_outside_answer_on_step_4(seed):
     truth = {n: jnp.asarray(v) for n, v in designs.truth().items()}
     key = jax.random.key(seed)
     records = measured_records(key, truth, design.records, design.noise_std)
-    curve = cut.opening_curve(records, design.held, design.prior)
+    curve = opening_curve(records, design.held, design.prior)
     lower, upper = float(design.prior.lower[0]), float(design.prior.upper[0])
     mean, sd = outside(records, design.held, lower, upper)
     for sampler in ("nuts", "random_walk", "quadrature"):
-        tree = sample(key, cut.log_likelihood, design.prior, curve, sampler=sampler)
+        tree = sample(key, log_likelihood, design.prior, curve, sampler=sampler)
         values = tree["posterior"]["gamma"].values
         ess = diagnose(values)["ess_bulk"]
         assert abs(values.mean() - mean) < 4 * sd / np.sqrt(ess), sampler
