@@ -206,7 +206,7 @@ def _warn_when_doubtful(fit: LineFit, frf: FRF) -> None:
         warnings.warn(
             f"The damping {fit.zeta:.3%} of the mode at {f_n:.4g} Hz is finer than the lines "
             f"({fit.zeta * f_n:.3g} Hz against {1 / frf.window_s:.3g} Hz): read it with its error, "
-            f"+-{std:.3%}.",
+            f"+-{100 * std:.2g}%.",
             stacklevel=3,
         )
     if std > 0.3 * fit.zeta:
