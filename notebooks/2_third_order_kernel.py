@@ -100,12 +100,12 @@ print(*clean.notes)
 
 # %% [markdown]
 # Left in, the source is read as the joint, and more than doubles the kernel. Taken out by the
-# receptance of Step 2, the kernel comes within ten percent of that of a clean source, but not within
-# its error: under the tone the joint is softer than in Step 2, by $2\alpha\delta|Y_1|/\pi$ on
-# average over a period, and this softer structure is what the source's harmonic rings. The
-# identification takes $\alpha\delta$ from the first kernel and the source out once more, by the
-# softer receptance: within two percent. The note says how much leans on the correction; a cleaner
-# source is better than any.
+# receptance of Step 2, the kernel comes within ten percent of that of a clean source, but not
+# within its error: under the tone the joint is softer than in Step 2, by
+# $2\alpha\delta|Y_1|/\pi$ on average over a period, and this softer structure is what the
+# source's harmonic rings. The identification takes $\alpha\delta$ from the first kernel and the
+# source out once more, by the softer receptance: within two percent. The note says how much leans
+# on the correction; a cleaner source is better than any.
 #
 # ## The printed kernel against the measured one
 #
@@ -178,7 +178,8 @@ for one, other in zip(alpha, delta, strict=True):
 # %% [markdown]
 # ## Step 3: the posterior
 #
-# The likelihood (36) of the repeats at the five frequencies, the box as prior, and three samplers:
+# The likelihood (36) of the repeats at the five frequencies, its noise integrated out but for the
+# paper's walk, the box as prior, and three samplers:
 # NUTS, the paper's random walk of 850 steps with its published step size, and the same walk tuned
 # and long. Four chains each, started all over the box.
 
@@ -202,9 +203,7 @@ print(f"chi-square of the best fit: {step.fit.chi_square[0]:.0f} for {step.fit.c
 figures.figure_of(figures.figure_7(tree))
 
 # %%
-panels = figures.FIGURES["ridge"](tree)
-panels[0, 1].set_visible(False)  # of Step 4, which comes in notebook 3
-figures.figure_of(panels)
+figures.figure_of(figures.FIGURES["ridge"](tree))
 
 # %%
 for name, one in steps.items():
@@ -227,9 +226,8 @@ print(f"truth {joint.zeta:.4%}")
 # %% [markdown]
 # Along a curve close to the dashed one the data prefer nothing: the draws of NUTS lie on it from
 # one end of the box to the other, so that $\alpha$ and $\delta$ are about as wide as the prior lets
-# them be, while their product varies by a percent only. A ridge so thin and long is hard to walk
-# along: even NUTS has too few effective draws for its verdict, and the tuned walk of 20 000 steps
-# has fewer.
+# them be, while their product varies by three percent. NUTS and the tuned walk go along the ridge by
+# coordinates in which it is straight (`jbw.inference.ridge`), and mix.
 #
 # The four chains of the published walk, 850 steps of about $2.5\cdot10^{-3}$ of the box, have come
 # down to the ridge at four places and hardly moved along it. The CVs within one such chain are a
@@ -238,8 +236,9 @@ print(f"truth {joint.zeta:.4%}")
 # densities are the paper's "bimodality". One chain cannot show this; several from dispersed starts
 # do, and the verdict is about them.
 #
-# And the product is that of a wrong model: several percent low, and many of its own standard
-# deviations, as what (31) lacks in modulus and phase goes into the parameters. The chi-square says
-# so plainly. Step 3 is a look at the joint, and a good one: it shows the third harmonic and gives
-# $\alpha\delta$ roughly. The parameters come from motions with $\delta Y$ of the order of one, in
-# notebook 3.
+# And the product is that of a wrong model: eight percent low, nearly three of its standard
+# deviations, as what (31) lacks in modulus and phase goes into the parameters. It would be many
+# more, had the noise been taken as known: integrated out, it counts what the model lacks as noise.
+# The chi-square says so plainly. Step 3 is a look at the joint, and a good one: it shows the third
+# harmonic and gives $\alpha\delta$ roughly. The parameters come from motions with $\delta Y$ of
+# the order of one, in notebook 3.

@@ -111,7 +111,8 @@ def posterior_of(
         return _opening(key, tests, settings, linear, probing, known, report)
     report(f"Step 3: third-order kernel at {len(probing)} frequencies")
     found = third_order.fit_kernel(key, probing, linear.pooled, settings)
-    return Posterior(step, kernel.log_likelihood, found.box, found.data, found.fit, stepped=False)
+    best = third_order.as_noise(found.fit)
+    return Posterior(step, kernel.log_likelihood, found.box, found.data, best, stepped=False)
 
 
 def _opening(
@@ -134,7 +135,7 @@ def _opening(
         report("Step 3: means of zeta, alpha and delta, by NUTS")
         found = third_order.fit_kernel(keys[0], probing, linear.pooled, settings)
         tree = sample_along(
-            keys[1], kernel.log_likelihood, found.box, found.data, found.fit,
+            keys[1], kernel.log_likelihood, found.box, found.data, third_order.as_noise(found.fit),
             num_warmup=500, num_samples=500, chain_method="vectorized",
         )  # fmt: skip
         means = {str(n): float(v.mean()) for n, v in tree["posterior"].data_vars.items()}

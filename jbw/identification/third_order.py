@@ -1,7 +1,7 @@
 """Step 3: zeta, alpha and delta from the third-order kernel around a third of the resonance."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
@@ -176,7 +176,7 @@ def third_order_steps(
             tree = sample(one, kernel.known_noise_log_likelihood, *about, **chosen)
         else:
             tree = sample_along(
-                one, kernel.log_likelihood, *about, step.fit, adapt_mass=True, **chosen
+                one, kernel.log_likelihood, *about, as_noise(step.fit), adapt_mass=True, **chosen
             )
         said = (*_products(tree, step), *_notes(step))
         steps[name] = finished(
@@ -184,6 +184,16 @@ def third_order_steps(
             statements=said, chi_square=step.fit.chi_square,
         )  # fmt: skip
     return steps
+
+
+def as_noise(best: Fit) -> Fit:
+    """A fit whose misfit counts as noise, as it does where the noise is integrated out.
+
+    Args:
+        best: The fit, its covariance by the noise of the repeats.
+    """
+    chi_square, dof = best.chi_square
+    return replace(best, covariance=best.covariance * max(1.0, chi_square / max(dof, 1)))
 
 
 def _products(tree: xr.DataTree, step: KernelFit) -> tuple[str, ...]:

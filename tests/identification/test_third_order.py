@@ -89,7 +89,8 @@ def test_the_papers_chain_does_not_mix_and_nuts_says_where_it_stands(data):
         for name, step in steps.items()
     }
     assert {"r_hat", "ess_bulk"} <= failed["third_order_paper"]
-    assert {"at_bound", "chi_square"} <= failed["third_order_nuts"]
+    assert failed["third_order_nuts"] >= {"chi_square", "unidentified"}
+    assert not failed["third_order_nuts"] & {"r_hat", "ess_bulk", "ess_tail", "divergences"}
     paper = steps["third_order_paper"].posterior["posterior"].to_dataset()
     assert paper.sizes["draw"] == 765  # 850 draws, the first tenth burnt in
     assert any("alpha*delta" in sentence for sentence in steps["third_order_nuts"].statements)
