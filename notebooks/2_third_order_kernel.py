@@ -225,9 +225,9 @@ print(f"truth {joint.zeta:.4%}")
 
 # %% [markdown]
 # Along a curve close to the dashed one the data prefer nothing: the draws of NUTS lie on it from
-# one end of the box to the other, so that $\alpha$ and $\delta$ are about as wide as the prior lets
-# them be, while their product varies by three percent. NUTS and the tuned walk go along the ridge by
-# coordinates in which it is straight (`jbw.inference.ridge`), and mix.
+# one end of the box to the other, so that $\alpha$ and $\delta$ are about as wide as the prior
+# lets them be, while their product varies by three percent. NUTS and the tuned walk go along the
+# ridge by coordinates in which it is straight (`jbw.inference.ridge`), and mix.
 #
 # The four chains of the published walk, 850 steps of about $2.5\cdot10^{-3}$ of the box, have come
 # down to the ridge at four places and hardly moved along it. The CVs within one such chain are a
