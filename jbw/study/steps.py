@@ -14,8 +14,8 @@ def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
         record: What `summary.json` holds.
 
     Returns:
-        Over (step): `verdict`, the least effective draws `ess` [-], the largest `r_hat` [-] and
-        the duration `wall_time` [s]; NaN where a step drew nothing.
+        Over (step): `verdict`, the least effective draws `ess` [-] and the largest `r_hat` [-]; NaN
+        where a step drew nothing. No durations: equal runs leave equal groups.
     """
     steps = record["steps"]
     rows = [
@@ -23,17 +23,15 @@ def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
             str((step.get("verdict") or {}).get("status", "")),
             _extreme(step, "ess_bulk", min),
             _extreme(step, "r_hat", max),
-            float(step.get("wall_time_s") or np.nan),
         )
         for step in steps.values()
     ]
-    verdict, ess, r_hat, wall = zip(*rows, strict=True)
+    verdict, ess, r_hat = zip(*rows, strict=True)
     return xr.Dataset(
         {
             "verdict": ("step", np.asarray(verdict, object)),
             "ess": ("step", np.asarray(ess, float), {"units": "1"}),
             "r_hat": ("step", np.asarray(r_hat, float), {"units": "1"}),
-            "wall_time": ("step", np.asarray(wall, float), {"units": "s"}),
         },
         {"step": np.asarray(list(steps), object)},
         {"main": str(record["main"])},
