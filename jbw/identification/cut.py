@@ -79,11 +79,12 @@ def fit_opening(
 
 
 def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
-    r"""The fit with what the misfit's curvature knows of gamma.
+    r"""The fit with what the likelihood's curvature knows of gamma.
 
-    $$\frac1{\sigma_\gamma^2} = \frac{d^2}{d\gamma^2} \sum_i \frac{M_i(\gamma)}{2 \sigma_i^2}$$
+    $$\frac1{\sigma_\gamma^2} = -\frac{d^2}{d\gamma^2} \log p$$
 
-    The root of a misfit has no slope at its minimum, from which least squares would know nothing.
+    The root of a misfit has no slope at its minimum, from which least squares would know nothing;
+    and what the earlier steps got wrong counts as noise, which is integrated out.
 
     Args:
         found: The fit.
@@ -92,7 +93,7 @@ def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
     """
 
     def cost(gamma: Float[Array, ""]) -> Float[Array, ""]:
-        return jnp.sum(misfit(gamma, curve) / curve.noise_std**2) / 2
+        return -jnp.sum(log_likelihood({"gamma": gamma}, curve))
 
     width = float(prior.upper[0] - prior.lower[0])
     information = max(float(jax.hessian(cost)(jnp.asarray(found.theta["gamma"]))), 0.0)
