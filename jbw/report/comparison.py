@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 
 from jbw.report.style import BLUE, GREEN, INK, SOFT, VERMILLION, Panels, legend, panels, title
@@ -55,7 +56,7 @@ def means(record: Mapping[str, Any], parameter: str, ax: Axes | None = None) -> 
         away = (row["mean"] - truth["mean"]) / truth["sd"]
         bar = None if error is None else ERRORS * error / truth["sd"]
         here.errorbar(away, place, xerr=bar, label=label, **look)
-    here.set_xscale("symlog", linthresh=NEAR)
+    _scaled(here)
     _named(here, record)
     title(
         here,
@@ -82,6 +83,8 @@ def effective_rates(record: Mapping[str, Any], ax: Axes | None = None) -> Axes:
             places, values = zip(*known, strict=True)
             here.barh(places, values, height=0.34, color=colour, label=label)
             here.set_xscale("log")
+            least = min(here.get_xlim()[0], *values)
+            here.set_xlim(left=10 ** np.floor(np.log10(least)))
     for place, one in enumerate(record["samplers"].values()):
         if one["verdict"] == "failed":
             told = f"  failed: {', '.join(dict.fromkeys(one['failed']))}"
@@ -91,6 +94,20 @@ def effective_rates(record: Mapping[str, Any], ax: Axes | None = None) -> Axes:
     title(here, "speed, by the worst parameter")
     here.set_xlabel("effective draws a second [1/s]")
     return here
+
+
+def _scaled(ax: Axes) -> None:
+    """Distances to scale near zero, compressed further off, with ticks at round numbers."""
+    low, high = ax.get_xlim()
+    reach = max(-low, high, NEAR)
+    ax.set_xscale("symlog", linthresh=NEAR)
+    ax.set_xlim(min(low, -NEAR), max(high, NEAR))
+    steps = (0.1, 0.3) if reach < 1 else NEAR * 10.0 ** np.arange(np.log10(reach / NEAR) + 1)
+    ticks = [sign * step for sign in (-1, 1) for step in steps]
+    left, right = ax.get_xlim()
+    shown = sorted({0.0, *(tick for tick in ticks if left <= tick <= right)})
+    ax.set_xticks(shown, [f"{tick:g}" for tick in shown])
+    ax.minorticks_off()
 
 
 def _named(ax: Axes, record: Mapping[str, Any]) -> None:
