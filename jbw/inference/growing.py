@@ -93,9 +93,11 @@ def grow_chains(
                 rows = [_joined(rows)]
                 chains = Chains(plain_states(states), done, rows[0], spent)
                 kept.save(as_arrays(chains, mark), last=done == total)
-        rate = (perf_counter() - began) / (done - found.done)
-        for tell in told:
-            tell(_so_far(done, total, rows, rate))
+        if told:
+            rate = (perf_counter() - began) / (done - found.done)
+            so_far = _so_far(done, total, rows, rate)
+            for tell in told:
+                tell(so_far)
     joined = _joined(rows)
     if joined is None:
         raise ModelError("Argument `num_samples` must be at least 1, but is 0.")

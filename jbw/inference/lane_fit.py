@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Key, PyTree
 
 from jbw.inference.box import Box, from_unit, to_unit
 from jbw.inference.laplace import Whitening
-from jbw.inference.logarithms import LOG, Inside, far_beyond
+from jbw.inference.logarithms import LOG, Inside, far_beyond, from_logs, of_logs
 from jbw.inference.model import LogLikelihood, Theta
 
 Residual = Callable[[Theta, PyTree], Float[Array, " values"]]
@@ -80,21 +80,17 @@ def locate(
     inner = _in_logs(box, about.logs)
     outer = far_beyond(inner)
 
-    def theta(s: Theta) -> dict[str, Array]:
-        names = zip(box.names, inner.names, strict=True)
-        return {name: jnp.exp(s[own]) if own != name else s[own] for name, own in names}
-
     def residual(u: Float[Array, " parameter"]) -> Float[Array, " values"]:
-        own = about.residual(theta(from_unit(u, inner)), data)
+        own = about.residual(from_logs(from_unit(u, inner)), data)
         return jnp.concatenate([own, jnp.sqrt(PRIOR_PRECISION) * (u - 0.5)])
 
     u = _best_of(key, residual, len(box.names), about.num_looks)
     return Located(
-        lambda s, data: log_likelihood(theta(s), data),
+        of_logs(log_likelihood),
         Inside(inner),
         outer,
         _whitened(_descend(residual, u, about.num_steps), inner, outer),
-        theta,
+        from_logs,
     )
 
 
