@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import jax
+from campaign_scores import score_campaigns
 from timing import Table, options, show
 
 from jbw.report.calibration import rank_ecdfs
 from jbw.report.figures import figure_of
 from jbw.study.calibration import REPLICATIONS, sbc
-from jbw.study.campaign_scores import score_campaigns
 
 CASES: dict[str, dict[str, Any]] = {
     "Step 2": {"step": "linear"},

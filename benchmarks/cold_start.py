@@ -23,18 +23,21 @@ import jax
 jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp
 import numpy as np
-from jbw.identification.priors import PAPER_HALF_WIDTH, about
-from jbw.inference.box import box
-from jbw.inference.fitting import fit
-from jbw.inference.ridge import sample_along
-from jbw.inference.summary import summarise
-from jbw.observables import kernel
+from jbw.identification.paper.step3 import PAPER_HALF_WIDTH, about
+from jbw.inference.space.box import box
+from jbw.inference.fit.fitting import fit
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.ridge import along_ridge
+from jbw.inference.posterior.summary import summarise
+from jbw.identification.paper import kernel
 with np.load(sys.argv[1]) as stored:
     data = kernel.KernelData(**{name: jnp.asarray(stored[name]) for name in stored.files})
 prior = box({"zeta": (0.00352, 0.00528), "alpha": (425.0, 590.0), "delta": (272.0, 408.0)})
 key = jax.random.key(0)
 best = fit(kernel.residual, prior, data, starts=16, key=key)
-tree = sample_along(key, kernel.log_likelihood, prior, data, best, chain_method="vectorized", %s)
+place = along_ridge(best.theta, best.covariance, prior)
+about = {"coordinates": place, "chain_method": "vectorized"}
+tree = sample(key, kernel.log_likelihood, prior, data, **about, %s)
 rows = summarise(tree, prior)
 print(min(row["ess_bulk"] for row in rows.values()))
 """
@@ -44,7 +47,7 @@ CONTENDERS = {
     % 'sampler="random_walk", num_warmup=1000, num_samples=10_000',
     "fit, slices, summary": COMMON % 'sampler="elliptical_slice", num_warmup=25, num_samples=1000',
     "fit, NUTS, summary": COMMON
-    % 'sampler="nuts", num_warmup=500, num_samples=500, adapt_mass=True',
+    % 'sampler="nuts", num_warmup=500, num_samples=500, options={"adapt_mass": True}',
 }
 COLUMNS = {
     "contender": "", "cold, s": ".2f", "/ import": ".2f", "kept, s": ".2f", "kept / import": ".2f",

@@ -23,7 +23,7 @@ from timing import Table, Target, Times, compiled, options, show, take_turns, ta
 
 import jbw
 from jbw.measurement.records import Record, Test
-from jbw.observables.response import reduce, squares
+from jbw.observables.records import Records
 
 SECONDS = (1, 4, 16, 64, 250, 1000)
 REPEATS = (2, 4, 8, 16, 32, 64)
@@ -94,7 +94,7 @@ def level(factor: float, num_repeats: int) -> Test:
 
 def log_likelihood(theta, data):
     """Of all repeats, the noise of each level integrated out; constants left out."""
-    return -0.5 * RECORD * jnp.sum(jnp.log(squares(theta, data)))
+    return -0.5 * RECORD * jnp.sum(jnp.log(data.squares(theta)))
 
 
 def value_and_gradient(theta, data):
@@ -116,9 +116,12 @@ def with_repeats() -> dict[str, dict[int, Callable]]:
     measured = {k: level(1.0, k) for k in REPEATS}
     theta = theta_of(jnp.ones(()))
     return {
-        "reduce, once": {k: lambda test=test: reduce([test]).mean for k, test in measured.items()},
+        "reduce, once": {
+            k: lambda test=test: Records.of([test]).mean for k, test in measured.items()
+        },
         "value and gradient": {
-            k: compiled(value_and_gradient, theta, reduce([test])) for k, test in measured.items()
+            k: compiled(value_and_gradient, theta, Records.of([test]))
+            for k, test in measured.items()
         },
     }
 
@@ -126,7 +129,7 @@ def with_repeats() -> dict[str, dict[int, Callable]]:
 def with_levels() -> dict[str, dict[int, Callable]]:
     theta = theta_of(jnp.ones(()))
     tests = [level(0.2 + 0.1 * i, 2) for i in range(max(LEVELS))]
-    data = {n: reduce(tests[:n]) for n in LEVELS}
+    data = {n: Records.of(tests[:n]) for n in LEVELS}
     return {
         "value": {n: compiled(log_likelihood, theta, d) for n, d in data.items()},
         "value and gradient": {n: compiled(value_and_gradient, theta, d) for n, d in data.items()},
@@ -134,7 +137,7 @@ def with_levels() -> dict[str, dict[int, Callable]]:
 
 
 def with_chains() -> dict[str, dict[int, Callable]]:
-    data = reduce([level(1.0, 2)])
+    data = Records.of([level(1.0, 2)])
     chains = {n: theta_of(jnp.asarray(1.0 + 0.01 * np.linspace(-1.0, 1.0, n))) for n in CHAINS}
     lanes, lanes_with_gradient = (
         jax.vmap(f, in_axes=(0, None)) for f in (log_likelihood, value_and_gradient)

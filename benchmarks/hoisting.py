@@ -20,7 +20,7 @@ from problem import FS, joint
 from timing import Table, compiled, options, show, take_turns
 
 import jbw
-from jbw.oscillator.reconstruction import input_polynomials
+from jbw.oscillator.hold import input_polynomials
 from jbw.oscillator.solver import HysteresisExact, stepping
 
 NUM = 4096

@@ -21,11 +21,11 @@ import numpy as np
 from cold_start import kernel_at_five_tones
 from timing import Table, options, show
 
+from jbw.identification.paper import kernel
 from jbw.identification.posteriors import Posterior
-from jbw.inference.box import box
-from jbw.inference.fitting import fit
-from jbw.observables import kernel
-from jbw.study.comparing import side_by_side
+from jbw.inference.fit.fitting import fit
+from jbw.inference.space.box import box
+from jbw.study.compare import side_by_side
 
 DIMENSIONS = (2, 4, 8, 16)
 NOISES = (1e-1, 1e-2, 1e-3)  # of |H3|, one repeat

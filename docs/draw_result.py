@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from jbw.report import style
 from jbw.report.backbone import backbone
 from jbw.report.loops import validation_loops
+from jbw.report.records import verification_sweep
 from jbw.report.result import read_result
-from jbw.report.sweep import verification_sweep
 
 TARGET = Path(__file__).with_name("result.png")
 SWEEP, LOOP = "verification/sweep/sweep_0p10V", "validation/loops/loop_0p10V"

@@ -9,26 +9,27 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jbw import rig
-    from jbw.campaign.loading import Campaign, load_campaign
+    from jbw.campaign.load import Campaign, load_campaign
     from jbw.errors import ConfigError, DataError, JbwError, ModelError, RunError
     from jbw.identification.linear import line_fit, pool
-    from jbw.measurement.files.door import read
+    from jbw.measurement.files.read import read
     from jbw.measurement.harmonics import harmonics
     from jbw.measurement.probing import third_order_kernel
     from jbw.measurement.records import Record, Test
     from jbw.measurement.spectra import frf
-    from jbw.oscillator.backbone import backbone, frequency_response
-    from jbw.oscillator.continuation import response_curve
-    from jbw.oscillator.hysteresis import hysteresis_map, hysteresis_rate, steady_loop
-    from jbw.oscillator.parameters import BoucWen
+    from jbw.oscillator import laws
+    from jbw.oscillator.laws.hysteresis import hysteresis_map, hysteresis_rate, steady_loop
+    from jbw.oscillator.laws.springs import Cubic, Polynomial
+    from jbw.oscillator.oscillator import BoucWen, Oscillator
+    from jbw.oscillator.paper.kernels import h1, h3, third_harmonic
+    from jbw.oscillator.paper.smoothing import smoothing
     from jbw.oscillator.response import Response, simulate
-    from jbw.oscillator.restoring import Cubic, Polynomial
-    from jbw.oscillator.smoothing import smoothing
-    from jbw.oscillator.steady import steady_cycle, steady_state
-    from jbw.oscillator.volterra import h1, h3, third_harmonic
+    from jbw.oscillator.steady.backbone import backbone, frequency_response
+    from jbw.oscillator.steady.continuation import response_curve
+    from jbw.oscillator.steady.cycle import steady_cycle, steady_state
     from jbw.planning.making import plan_tests
     from jbw.study.calibration import sbc
-    from jbw.study.comparing import compare
+    from jbw.study.compare import compare
     from jbw.study.identifiability import identifiability
     from jbw.study.identify import identify
     from jbw.study.study import Study, load_study
@@ -37,46 +38,50 @@ __version__ = "0.1.0"
 
 # Public name to its home, read only when the name is first used.
 _HOME = {
-    "BoucWen": "oscillator.parameters",
-    "Campaign": "campaign.loading",
+    "BoucWen": "oscillator.oscillator",
+    "Campaign": "campaign.load",
     "ConfigError": "errors",
-    "Cubic": "oscillator.restoring",
+    "Cubic": "oscillator.laws.springs",
     "DataError": "errors",
     "JbwError": "errors",
     "ModelError": "errors",
-    "Polynomial": "oscillator.restoring",
+    "Oscillator": "oscillator.oscillator",
+    "Polynomial": "oscillator.laws.springs",
     "Record": "measurement.records",
     "Response": "oscillator.response",
     "RunError": "errors",
     "Study": "study.study",
     "Test": "measurement.records",
-    "backbone": "oscillator.backbone",
-    "compare": "study.comparing",
-    "frequency_response": "oscillator.backbone",
+    "backbone": "oscillator.steady.backbone",
+    "compare": "study.compare",
+    "frequency_response": "oscillator.steady.backbone",
     "frf": "measurement.spectra",
-    "h1": "oscillator.volterra",
-    "h3": "oscillator.volterra",
+    "h1": "oscillator.paper.kernels",
+    "h3": "oscillator.paper.kernels",
     "harmonics": "measurement.harmonics",
-    "hysteresis_map": "oscillator.hysteresis",
-    "hysteresis_rate": "oscillator.hysteresis",
+    "hysteresis_map": "oscillator.laws.hysteresis",
+    "hysteresis_rate": "oscillator.laws.hysteresis",
     "identifiability": "study.identifiability",
     "identify": "study.identify",
     "line_fit": "identification.linear",
-    "load_campaign": "campaign.loading",
+    "load_campaign": "campaign.load",
     "load_study": "study.study",
     "plan_tests": "planning.making",
     "pool": "identification.linear",
-    "read": "measurement.files.door",
-    "response_curve": "oscillator.continuation",
+    "read": "measurement.files.read",
+    "response_curve": "oscillator.steady.continuation",
     "sbc": "study.calibration",
     "simulate": "oscillator.response",
-    "smoothing": "oscillator.smoothing",
-    "steady_cycle": "oscillator.steady",
-    "steady_loop": "oscillator.hysteresis",
-    "steady_state": "oscillator.steady",
-    "third_harmonic": "oscillator.volterra",
+    "smoothing": "oscillator.paper.smoothing",
+    "steady_cycle": "oscillator.steady.cycle",
+    "steady_loop": "oscillator.laws.hysteresis",
+    "steady_state": "oscillator.steady.cycle",
+    "third_harmonic": "oscillator.paper.kernels",
     "third_order_kernel": "measurement.probing",
 }
+
+# Rooms that are public as a whole.
+_ROOMS = {"laws": "jbw.oscillator.laws", "rig": "jbw.rig"}
 
 __all__ = [
     "BoucWen",
@@ -86,6 +91,7 @@ __all__ = [
     "DataError",
     "JbwError",
     "ModelError",
+    "Oscillator",
     "Polynomial",
     "Record",
     "Response",
@@ -104,6 +110,7 @@ __all__ = [
     "hysteresis_rate",
     "identifiability",
     "identify",
+    "laws",
     "line_fit",
     "load_campaign",
     "load_study",
@@ -131,8 +138,8 @@ def enable_x64() -> None:
 
 
 def __getattr__(name: str) -> Any:
-    if name == "rig":
-        return import_module("jbw.rig")
+    if name in _ROOMS:
+        return import_module(_ROOMS[name])
     if name in _HOME:
         return getattr(import_module(f"jbw.{_HOME[name]}"), name)
     raise AttributeError(f"module 'jbw' has no attribute {name!r}")

@@ -39,8 +39,8 @@ import xarray as xr
 import jbw
 from jbw import rig
 from jbw.identification.linear_step import linear_step
-from jbw.identification.third_order import fit_kernel, measured_kernels, third_order_steps
-from jbw.observables import kernel
+from jbw.identification.paper import kernel
+from jbw.identification.paper.step3 import fit_kernel, measured_kernels, third_order_steps
 from jbw.report import figures
 
 campaign = virtual_rig.campaign()
@@ -227,7 +227,7 @@ print(f"truth {joint.zeta:.4%}")
 # Along a curve close to the dashed one the data prefer nothing: the draws of NUTS lie on it from
 # one end of the box to the other, so that $\alpha$ and $\delta$ are about as wide as the prior
 # lets them be, while their product varies by three percent. NUTS and the tuned walk go along the
-# ridge by coordinates in which it is straight (`jbw.inference.ridge`), and mix.
+# ridge by coordinates in which it is straight (`jbw.inference.space.ridge`), and mix.
 #
 # The four chains of the published walk, 850 steps of about $2.5\cdot10^{-3}$ of the box, have come
 # down to the ridge at four places and hardly moved along it. The CVs within one such chain are a

@@ -31,9 +31,9 @@ from jbw.planning.description import parse
 from jbw.report import figures
 from jbw.report.loops import enclosed_areas
 from jbw.report.prediction import prediction
-from jbw.study.basis import basis_of
-from jbw.study.planned import planned_sweep
-from jbw.study.predicting import predict, warnings_of
+from jbw.verification.planned import planned_sweep
+from jbw.verification.predict import predict, warnings_of
+from jbw.verification.predictive_basis import basis_of
 
 tree = virtual_rig.run()
 

@@ -16,7 +16,8 @@
 #
 # The ridge of notebook 2 is a hard target: three parameters, two of which are tied to each other
 # along a curve that crosses the box. The paper walked over it with 850 random steps. Here seven
-# samplers of `jbw.inference.sampling.sample` draw from the same likelihood (36) in the same box.
+# samplers of `jbw.inference.samplers.sampling.sample` draw from the same likelihood (36) in the
+# same box.
 # Two of them, tempering and nested sampling, explore the whole box by ways that have nothing in
 # common, and are each other's check.
 
@@ -29,12 +30,12 @@ import matplotlib.pyplot as plt
 import virtual_rig
 
 from jbw.identification.linear_step import linear_step
-from jbw.identification.third_order import fit_kernel
-from jbw.inference.ridge import sample_along
-from jbw.inference.sampling import sample
-from jbw.inference.summary import diagnose
-from jbw.inference.verdict import verdict
-from jbw.observables import kernel
+from jbw.identification.paper import kernel
+from jbw.identification.paper.step3 import fit_kernel
+from jbw.inference.posterior.summary import diagnose
+from jbw.inference.posterior.verdict import verdict
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.ridge import along_ridge
 
 campaign = virtual_rig.campaign()
 tests = {test.name: test for test in campaign.tests}
@@ -69,9 +70,10 @@ for name, options in samplers.items():
             jax.random.key(1), kernel.log_likelihood, step.box, step.data,
             sampler=name, chain_method="vectorized", **options,
         )  # fmt: skip
-trees["nuts along the ridge"] = sample_along(
-    jax.random.key(1), kernel.log_likelihood, step.box, step.data, step.fit,
-    adapt_mass=True, chain_method="vectorized",
+trees["nuts along the ridge"] = sample(
+    jax.random.key(1), kernel.log_likelihood, step.box, step.data,
+    coordinates=along_ridge(step.fit.theta, step.fit.covariance, step.box),
+    chain_method="vectorized", options={"adapt_mass": True},
 )  # fmt: skip
 
 # %%

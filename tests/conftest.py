@@ -1,11 +1,15 @@
 """Shared by all tests: float64, jaxtyping shapes checked by beartype, the golden numbers."""
 
 import json
+import os
 from pathlib import Path
 
 import jax
 import pytest
+from shapes import check_shapes
 
+if os.environ.get("JBW_CHECK_SHAPES") != "0":
+    check_shapes()  # before any test file imports jbw
 jax.config.update("jax_enable_x64", True)
 
 GOLDEN = json.loads((Path(__file__).parent / "golden.json").read_text())
@@ -14,3 +18,11 @@ GOLDEN = json.loads((Path(__file__).parent / "golden.json").read_text())
 @pytest.fixture(scope="session")
 def golden():
     return GOLDEN
+
+
+def pytest_collection_modifyitems(items):
+    """Short chains and real records warn of what they are; what is asked of them is recovery."""
+    for item in items:
+        if item.get_closest_marker("slow"):
+            # First in the list of marks, and so the first to give way to a test's own.
+            item.add_marker(pytest.mark.filterwarnings("default"), append=False)

@@ -10,7 +10,7 @@ from scipy.signal import lsim
 from scipy.stats import norm
 
 from jbw.measurement.records import Record, Test
-from jbw.study.basis import seen_of
+from jbw.verification.predictive_basis import seen_of
 
 FS, SIZE = 256.0, 768
 OMEGA_N, ZETA, GAIN = 118.0, 0.01, 15.0

@@ -7,22 +7,38 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from decays import OMEGA_N as DECAY_OMEGA_N
+from decays import decay_test
+from made_runs import a_tree
 
-from jbw.curve_verification import Curve, curve_verification
+from jbw.identification.paper.sequential_vs_joint import compare_routes
 from jbw.identification.procedure import Identification
 from jbw.measurement.records import Record, Test
-from jbw.observables import harmonics, loops, steady
-from jbw.observables.evidence import evidence
-from jbw.prediction import errors, scattered
-from jbw.reference import SILENT, references
-from jbw.steady_verification import forced_loop_verification, multisine_verification
-from jbw.study.routes import compare_routes
-from jbw.study.verifying import place
+from jbw.observables import harmonic_groups as steady
+from jbw.observables.dataset import Dataset
+from jbw.observables.loops import Loops
+from jbw.observables.steady import Points
+from jbw.verification.bands import errors
+from jbw.verification.curves import curves_of, predict_curves
+from jbw.verification.decays import amplitude_verification
+from jbw.verification.draws import scattered
+from jbw.verification.predicted import Source
+from jbw.verification.predictive_basis import basis_of
+from jbw.verification.reference_oscillators import references
+from jbw.verification.steady_motion import predict_loop, predict_periods
+from jbw.verification.verify import place
 
 OMEGA_N, ZETA, GAIN = 120.0, 0.01, 0.5
+SILENT = {"alpha": 1e-6, "delta": 1.0, "gamma": 1.0}  # a joint that hardly carries
 LINEAR = {"omega_n": OMEGA_N, "zeta": ZETA, "gain": GAIN, **SILENT}
+ALONE = {"omega_n": OMEGA_N, "zeta": ZETA, "gain": GAIN}, ()  # the same without a law
 # The truth three times: bands of no width.
 DRAWS = {name: np.full(3, value) for name, value in LINEAR.items()}
+
+
+def source(draws, **references):
+    """Draws to carry that come from a run which knows no noise."""
+    return Source(basis_of(a_tree(draws, substeps=2)), draws, references)
 
 
 def receptance(omega):
@@ -47,9 +63,10 @@ def held_curve(level, cubic=0.0):
 
 def test_a_made_up_curve_is_met_at_its_truth():
     tests = [held_curve(level) for level in (1.0, 2.0)]
-    curves = [Curve([steady.curve_group(test)], test) for test in tests]
-    compared = curve_verification(curves, DRAWS, {"linear": LINEAR})
-    for level, found in zip((1.0, 2.0), compared, strict=True):
+    compared = predict_curves(source(DRAWS, linear=ALONE), list(curves_of(tests).values()))
+    for level, (found, peak, noise) in zip((1.0, 2.0), compared, strict=True):
+        assert noise.std is None
+        np.testing.assert_allclose(peak, level / (2 * np.pi * 17.0) ** 2)
         # The joint carries 1e-6 N/kg at most, of a force of 0.04 N/kg at the resonance.
         assert found.attrs["nrmse"] < 1e-4
         assert found.attrs["nrmse_linear"] < 1e-4
@@ -66,9 +83,10 @@ def test_a_made_up_curve_is_met_at_its_truth():
 
 def test_the_linear_reference_finds_a_linear_oscillator():
     groups = [steady.curve_group(held_curve(level)) for level in (1.0, 2.0)]
-    data = evidence([harmonics.gather(groups)])
+    data = Dataset.of([Points.of(groups)])
     known = {**LINEAR, "omega_n": 1.01 * OMEGA_N, "zeta": 2 * ZETA, "gain": 0.8 * GAIN}
-    found = references(data, known, 1e-3)["linear"]
+    found, laws = references(data, known, 1e-3)["linear"]
+    assert laws == ()
     for name, truth in (("omega_n", OMEGA_N), ("zeta", ZETA), ("gain", GAIN)):
         assert found[name] == pytest.approx(truth, rel=1e-3)
 
@@ -76,11 +94,11 @@ def test_the_linear_reference_finds_a_linear_oscillator():
 def test_the_cubic_reference_finds_a_cubic_oscillator():
     # 0.75 cubic y^2 is up to 17 % of omega_n^2 here; the third harmonic changes that by 1e-3 of it.
     groups = [steady.curve_group(held_curve(level, 1e11)) for level in (1.0, 2.0)]
-    data = evidence([harmonics.gather(groups)])
+    data = Dataset.of([Points.of(groups)])
     found = references(data, LINEAR, 2.0 / (2 * np.pi * 17) ** 2, ("linear", "cubic"))
-    assert found["cubic"]["cubic"] == pytest.approx(1e11, rel=0.01)
-    assert found["cubic"]["omega_n"] == pytest.approx(OMEGA_N, rel=1e-3)
-    assert found["linear"]["cubic"] == 0.0
+    assert found["cubic"].laws == ("cubic",)
+    assert found["cubic"].parameters["cubic"] == pytest.approx(1e11, rel=0.01)
+    assert found["cubic"].parameters["omega_n"] == pytest.approx(OMEGA_N, rel=1e-3)
 
 
 def pushed():
@@ -96,8 +114,8 @@ def pushed():
 def test_a_push_is_met_at_its_truth_and_costs_its_work():
     truth = {**LINEAR, "alpha": 4000.0, "delta": 300.0, "gamma": 100.0}
     draws = {name: np.full(3, value) for name, value in truth.items()}
-    springs = references(evidence([loops.reduce([pushed()])]), truth, 0.01, ("linear", "cubic"))
-    found = forced_loop_verification(pushed(), draws, springs)
+    springs = references(Dataset.of([Loops.of([pushed()])]), truth, 0.01, ("linear", "cubic"))
+    found = predict_loop(source(draws, **springs), pushed()).dataset
     assert found.attrs["nrmse"] < 1e-12
     y, s = 0.01, 400.0
     work = (OMEGA_N**2 - 4000.0) * y**2 / 2 + 4000.0 / s * (y - (1 - np.exp(-s * y)) / s)
@@ -128,7 +146,7 @@ def test_a_period_of_a_multisine_is_met_by_its_transfer_function():
         for noise in 1e-3 * y.std() * rng.standard_normal((4, size))
     )
     test = Test("multisine", records, "periodic", level=1.0)
-    found = multisine_verification(test, DRAWS, {"linear": LINEAR}, band_hz=(5.0, 45.0))
+    found = predict_periods(source(DRAWS, linear=ALONE), test).dataset
     # The mean of four repeats of noise 1e-3 is off by 5e-4; 512 samples say so to 3 %.
     assert found.attrs["nrmse"] == pytest.approx(5e-4, rel=0.15)
     assert found.attrs["coverage"] > 0.97
@@ -155,6 +173,22 @@ def test_runs_scatter_draws_and_leave_damping_positive():
     assert moved["omega_n"].std() == pytest.approx(0.5, rel=0.05)
     assert moved["zeta"].min() > 0
     np.testing.assert_array_equal(moved["gain"], draws["gain"])
+    # An offset beyond no damping at all stops at a hundredth of the draw.
+    np.testing.assert_allclose(moved["zeta"].min(), 0.01 * ZETA)
+
+
+def test_amplitude_curves_are_those_of_a_cubic_oscillator():
+    test, cubic = decay_test(states=((2.0e-3, 0.0),)), 3e8
+    omega_n = DECAY_OMEGA_N
+    draws = {**DRAWS, "omega_n": np.full(3, omega_n), "cubic": np.full(3, cubic)}
+    found = amplitude_verification(test, 1, draws, ("bouc_wen", "cubic"))
+    # By hand: the velocity of an amplitude y is omega y, omega^2 = omega_n^2 + 3/4 cubic y^2, of
+    # which 3 % are the cubic force's here; viscous damping falls with the frequency.
+    omega = 2 * np.pi * found["model_frequency"].values[1]
+    y = found["amplitude"].values / omega
+    assert 0.75 * cubic * y[-1] ** 2 > 0.03 * omega_n**2
+    np.testing.assert_allclose(omega**2, omega_n**2 + 0.75 * cubic * y**2, rtol=1e-6)
+    np.testing.assert_allclose(found["model_damping"][1], ZETA * omega_n / omega, rtol=1e-4)
 
 
 def a_step(held, **moments):

@@ -1,13 +1,62 @@
-"""TOML files checked against a table of keys: unknown and wrong ones all told at once."""
+"""TOML files against typed tables: all that is wrong is told at once, each in a sentence."""
 
+import json
+import re
 import tomllib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from jbw.campaign.keys import Key
-from jbw.campaign.values import unlike
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
+
 from jbw.errors import ConfigError
+
+# What pydantic refuses itself, in our words; a check of ours brings its own.
+SENTENCES = {
+    "bool_type": "must be true or false, but is {value!r}.",
+    "greater_than": "must be positive, but is {value}.",
+    "greater_than_equal": "must not be negative, but is {value}.",
+}
+
+
+class Table(BaseModel):
+    """A table of a file: immutable, and it takes no key that it does not know.
+
+    Unpacked as a mapping (`{**table}`) it holds what was stated, without the defaults.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def keys(self) -> Iterator[str]:
+        """Names of what was stated, so that `{**settings}` leaves the defaults open."""
+        return (name for name in type(self).model_fields if name in self.model_fields_set)
+
+    def __iter__(self) -> Iterator[str]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        return self.keys()
+
+    def __getitem__(self, name: str) -> Any:
+        return getattr(self, name)
+
+
+def key(default: Any, says: str, example: Any = None) -> Any:
+    """A key of a table.
+
+    Args:
+        default: Its value where nothing is stated, a factory of one, or `...` where it must be.
+        says: What it means, in a few words with the unit.
+        example: A value to show.
+    """
+    given: dict[str, Any] = {"default_factory" if callable(default) else "default": default}
+    return Field(**given, description=says, examples=None if example is None else [example])
+
+
+def unlike(name: str, known: Iterable[str]) -> str:
+    """The end of a refusal of a name: the nearest known one, and all of them."""
+    known = list(known)
+    nearest = get_close_matches(str(name), known, n=1, cutoff=0.5)
+    return (f"; did you mean `{nearest[0]}`" if nearest else "") + f" (known: {', '.join(known)})"
 
 
 def text_of(path: Path, what: str, remedy: str) -> str:
@@ -58,28 +107,56 @@ def unknown_tables(document: Mapping[str, Any], tables: Collection[str]) -> list
     ]
 
 
-def checked_table(
-    table: Any, keys: Mapping[str, Key], where: str, errors: list[str]
-) -> dict[str, Any]:
-    """The checked values of a table; what is wrong is added to the errors."""
-    if not isinstance(table, dict):
+def checked[Found: Table](
+    model: type[Found], table: Any, where: str, errors: list[str]
+) -> Found | None:
+    """A table as its typed record; None where anything is wrong, which is added to the errors.
+
+    Args:
+        model: The record's type.
+        table: What the document holds.
+        where: How messages name the table, such as `[identify]`.
+        errors: Of the whole file so far.
+    """
+    if not isinstance(table, Mapping):
         errors.append(f"{where}: must be a table, but is {table!r}.")
-        return {}
-    checked = {}
-    for name, value in table.items():
-        if name not in keys:
-            errors.append(f"{where} {name}: unknown key{unlike(name, keys)}.")
-            continue
-        try:
-            checked[name] = keys[name].check(value)
-        except ValueError as error:
-            errors += [f"{where} {name}: {line}" for line in str(error).splitlines()]
-    errors += [
-        f"{where} {name}: missing; {key.says}."
-        for name, key in keys.items()
-        if key.required and name not in table
-    ]
-    return checked
+        return None
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        for found in error.errors(include_url=False):
+            errors += [f"{where}{line}" for line in _lines(model, found)]
+    return None
+
+
+def _lines(model: type[Table], error: ErrorDetails) -> Iterator[str]:
+    """What is wrong with a table, each line with the key that it is about."""
+    key, *inner = [str(part) for part in error["loc"] if isinstance(part, str)] or [""]
+    # Of a whole table, some lines name their key themselves.
+    names = f" {': '.join([key, *inner])}: " if key else ""
+    for line in _sentence(model, key, error).splitlines():
+        yield names + line if names else f" {line}" if re.match(r"\w+:", line) else f": {line}"
+
+
+def _sentence(model: type[Table], key: str, error: ErrorDetails) -> str:
+    code, value, context = error["type"], error["input"], error.get("ctx", {})
+    if code == "extra_forbidden":
+        return f"unknown key{unlike(key, model.model_fields)}."
+    field = model.model_fields.get(key)
+    if code == "missing" and field:
+        return f"missing; {field.description}."
+    if code == "literal_error":
+        words = re.findall(r"'([^']*)'", context["expected"])
+        if isinstance(value, str):
+            return f"{value!r} is unknown{unlike(value, words)}."
+        return f"must be a string, but is {value!r}."
+    if code == "value_error":
+        return str(context["error"])
+    if code in ("mapping_type", "dict_type") and field and field.examples:
+        return f"must be a table such as {toml(field.examples[0])}, but is {value!r}."
+    if code in SENTENCES:
+        return SENTENCES[code].format(value=value)
+    return f"{error['msg']}, but is {value!r}."
 
 
 def refuse(file: str, errors: Sequence[str]) -> None:
@@ -87,3 +164,44 @@ def refuse(file: str, errors: Sequence[str]) -> None:
     if errors:
         count = "an error" if len(errors) == 1 else f"{len(errors)} errors"
         raise ConfigError("\n  ".join([f"{file} has {count}:", *errors]))
+
+
+def json_schema(model: type[Table]) -> dict[str, Any]:
+    """JSON Schema of a file's model, for editors: without titles and defaults that say nothing."""
+
+    def plain(node: Any) -> Any:
+        if isinstance(node, list):
+            return [plain(item) for item in node]
+        if not isinstance(node, dict):
+            return node
+        found = {key: plain(item) for key, item in node.items()}
+        if isinstance(found.get("title"), str):
+            del found["title"]
+        default = found.get("default", 0)
+        if default in (None, {}, []) or default != default:  # NaN: nothing is stated
+            found.pop("default")
+        if "anyOf" in found:  # TOML has no null: an optional key is one that is left out
+            options = [option for option in found["anyOf"] if option != {"type": "null"}]
+            found |= {"anyOf": options} if len(options) > 1 else options[0]
+            if len(options) == 1:
+                del found["anyOf"]
+        return found
+
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    return head | plain(model.model_json_schema())
+
+
+def toml(value: Any) -> str:
+    """A value as TOML writes it."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + " }"
+    return json.dumps(value, ensure_ascii=False)  # JSON's strings, numbers and lists are TOML
+
+
+def commented(table: type[Table], names: Iterable[str]) -> list[str]:
+    """Keys offered in a comment of a file, with an example and what they mean."""
+    fields = {name: table.model_fields[name] for name in names}
+    return [
+        f"# {name} = {toml(field.examples[0]) if field.examples else '...'}  # {field.description}"
+        for name, field in fields.items()
+    ]

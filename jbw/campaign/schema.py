@@ -1,49 +1,117 @@
-"""From the text of a campaign file to its checked values; all errors at once."""
+"""The campaign file as typed tables; what is wrong is told all at once."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from jbw.campaign.document import (
-    checked_table,
-    document_of,
-    refuse,
-    text_of,
-    unknown_tables,
+from pydantic import ConfigDict, Field, StrictBool, model_validator
+
+from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
+from jbw.campaign.settings import DEFAULT_LAWS, Identify, Joint, law_errors, laws_of
+from jbw.campaign.values import (
+    Channels,
+    Count,
+    Excluded,
+    Factors,
+    Files,
+    Kind,
+    NonNegative,
+    Number,
+    Numbers,
+    Positive,
+    Sampling,
+    Span,
+    Text,
+    Units,
 )
-from jbw.campaign.keys import CAMPAIGN, IDENTIFY, MASKABLE, RESPONSES, SOURCES, TABLES, TEST
+from jbw.measurement.kinds import KINDS
+from jbw.measurement.kinds import Kind as Traits
 from jbw.measurement.roles import ratio_of
 
+RESPONSES = {"displacement", "velocity", "acceleration"}
+SOURCES = {"input", "force"}
+NAN = float("nan")  # where nothing is stated of a number
 
-@dataclass(frozen=True)
-class TestSpec:
-    """One [[test]] table, checked; the fields are its keys."""
 
-    __test__ = False  # not a pytest class
+class Head(Table):
+    """The [campaign] table."""
 
-    kind: str
-    files: tuple[str, ...] | Mapping[str, tuple[str, ...]]
-    channels: Mapping[str, str]
-    units: Mapping[str, str] = field(default_factory=dict)
-    scale: Mapping[str, float] = field(default_factory=dict)
-    name: str = ""
-    level: float = float("nan")
-    fs: float | str | None = None
-    band: tuple[float, float] | None = None
-    tones: tuple[float, ...] = ()
-    dwell: float = float("nan")
-    settle: float = 0.0
-    delay: float = 0.0
-    assembly: str = ""
-    run: str = ""
-    repeats: str = "files"
-    exclude: tuple[int | str, ...] = ()
-    span: tuple[float, float] | None = None
-    amplitudes: str = "peak"
-    periods: int = 1
-    remove_mean: bool = False
-    gaps: str = "refuse"
+    name: Text = key("campaign", "a short name", "beam")
+    gain: Positive | None = key(None, "force per modal mass for one volt [N/kg/V]", 15.0)
+    modal_mass: Positive | None = key(None, "[kg], for a measured force", 1.93)
+
+    @model_validator(mode="after")
+    def _once(self) -> Self:
+        if self.gain is not None and self.modal_mass is not None:
+            raise ValueError("give gain or modal_mass, not both; they say the same.")
+        return self
+
+
+class TestSpec(Table):
+    """One [[test]] table."""
+
+    __test__: ClassVar[bool] = False  # not a pytest class
+
+    kind: Kind = key(..., f"one of {', '.join(KINDS)}")
+    files: Files = key(
+        ...,
+        "file or pattern, or a list of them; or a table role = file, where each role has its own",
+    )
+    channels: Channels = key(
+        ...,
+        "role = channel's name or path in the file: [3] counts from zero, (4) and {4} from one as "
+        "in MATLAB, [:] takes all, and 'a - b' is a difference",
+    )
+    units: Units = key(dict, "role = unit")
+    scale: Factors = key(dict, "role = calibration factor, before the unit")
+    name: Text = key("", "a short name, unique")
+    level: NonNegative = key(NAN, "nominal level, in the unit of what the rig held constant", 0.20)
+    amplitudes: Literal["peak", "rms"] = key("peak", "what the amplitudes of kind frf are", "peak")
+    periods: Count = key(1, "whole periods of the excitation in a record", 4)
+    fs: Sampling | None = key(None, "sampling frequency [Hz], or the path of a scalar in the file")
+    band: Span | None = key(None, "lowest and highest frequency to use [Hz]", [5.0, 40.0])
+    tones: Numbers = key((), "frequencies present at once, or in turn if stepped [Hz]")
+    dwell: Positive = key(NAN, "duration of each step of a stepped test [s]")
+    settle: NonNegative = key(0.0, "time to discard before the steady state [s]")
+    delay: Number = key(0.0, "lag of the response channel behind the input [s]", 0.0)
+    assembly: Text = key("", "which assembly of the joint", "first")
+    run: Text = key("", "which day or run", "monday")
+    repeats: Literal["files", "rows"] = key("files", "one repeat a file, or one a row")
+    exclude: Excluded = key(
+        (), "repeats to drop: numbers counted from zero, or file names", [2, "bad_*.h5"]
+    )
+    remove_mean: StrictBool = key(
+        False, "take the mean out of input and response, for offsets", True
+    )
+    gaps: Literal["refuse", "mask"] = key(
+        "refuse",
+        "what to do with samples that are NaN; mask leaves out these lines of kind frf",
+        "refuse",
+    )
+    span: Span | None = key(None, "first and last second to read", [0.0, 8.0])
+
+    @property
+    def traits(self) -> Traits:
+        """What its kind is."""
+        return KINDS[self.kind]
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> Self:
+        if told := [*_needs(self), *_contradictions(self)]:
+            raise ValueError("\n".join(told))
+        return self
+
+
+class CampaignFile(Table):
+    """The whole file, as its JSON Schema tells it to editors."""
+
+    model_config = ConfigDict(title="Campaign file of jbw")
+
+    campaign: Head = key(Head, "what was measured")
+    joint: Joint = key(Joint, "laws of the joint")
+    test: Annotated[list[TestSpec], Field(min_length=1)] = key(..., "one table a test")
+    identify: Identify = key(Identify, "what to fit, what to hold out, how to draw")
 
 
 @dataclass(frozen=True)
@@ -54,11 +122,12 @@ class CampaignSpec:
     tests: tuple[TestSpec, ...]
     gain: float | None = None
     modal_mass: float | None = None
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    settings: Identify = field(default_factory=Identify)
+    laws: tuple[str, ...] = DEFAULT_LAWS
 
 
 def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
-    """Check the text of a campaign file against the schema.
+    """Check the text of a campaign file.
 
     Args:
         source: TOML text.
@@ -84,62 +153,56 @@ def read_spec(path: Path) -> CampaignSpec:
 
 
 def _campaign(document: Mapping[str, Any], errors: list[str]) -> CampaignSpec:
-    errors += unknown_tables(document, TABLES)
-    head = checked_table(document.get("campaign", {}), CAMPAIGN, "[campaign]", errors)
-    if {"gain", "modal_mass"} <= set(head):
-        errors.append("[campaign]: give gain or modal_mass, not both; they say the same.")
+    errors += unknown_tables(document, CampaignFile.model_fields)
+    head = checked(Head, document.get("campaign", {}), "[campaign]", errors)
+    joint = checked(Joint, document.get("joint", {}), "[joint]", errors)
     tables = document.get("test", [])
     if not isinstance(tables, list) or not tables:
         errors.append("[[test]]: at least one test is needed, each under its own [[test]].")
         tables = []
-    tests = [_test(table, f"[[test]] {i + 1}", errors) for i, table in enumerate(tables)]
-    settings = checked_table(document.get("identify", {}), IDENTIFY, "[identify]", errors)
-    specs = [test for test in tests if test is not None]
-    if len(specs) == len(tests):
-        _unique_names(specs, errors)
-        _levels_exist(specs, settings, errors)
-    head.setdefault("name", "campaign")
-    return CampaignSpec(tests=tuple(specs), settings=settings, **head)
-
-
-def _test(table: Any, where: str, errors: list[str]) -> TestSpec | None:
-    before = len(errors)
-    checked = checked_table(table, TEST, where, errors)
-    if len(errors) > before:
-        return None
-    test = TestSpec(**checked)
-    errors += [f"{where} {message}" for message in _needs(test)]
-    return test if len(errors) == before else None
+    found = [
+        checked(TestSpec, table, f"[[test]] {i + 1}", errors) for i, table in enumerate(tables)
+    ]
+    tests = [test for test in found if test is not None]
+    settings = checked(Identify, document.get("identify", {}), "[identify]", errors)
+    if len(tests) == len(tables):
+        errors += [*_repeated_names(tests), *_unknown_levels(tests, settings or Identify())]
+    head, joint, settings = head or Head(), joint or Joint(), settings or Identify()
+    # Laws that are stated are all there are, so that a prior on any other is refused.
+    stated = "laws" in joint.model_fields_set
+    laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
+    errors += law_errors(laws, settings.prior)
+    return CampaignSpec(head.name, tuple(tests), head.gain, head.modal_mass, settings, laws)
 
 
 def _needs(test: TestSpec) -> list[str]:
-    """What a test's kind needs and its table lacks, and what contradicts."""
-    roles = set(test.channels)
+    """What a test's kind needs and its table lacks."""
+    roles, traits = set(test.channels), test.traits
     told = [
-        f"{key} names role `{role}`, which channels does not."
-        for key, names in (("units:", test.units), ("scale:", test.scale))
+        f"{key}: names role `{role}`, which channels does not."
+        for key, names in (("units", test.units), ("scale", test.scale))
         for role in names
         if role not in roles
     ]
     if not roles & RESPONSES:
         told.append(f"channels: needs a response, one of {', '.join(sorted(RESPONSES))}.")
     ratios = [role for role, unit in test.units.items() if ratio_of(role, unit) is not None]
-    if ratios and test.kind != "frf":
-        told.append(f"units: `{test.units[ratios[0]]}` of `{ratios[0]}` is for kind `frf` only.")
-    if test.kind not in ("decay", "loop") and not (roles & SOURCES or ratios):
+    if ratios and not traits.is_curve:
+        curves = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)
+        told.append(f"units: `{test.units[ratios[0]]}` of `{ratios[0]}` is for kind {curves} only.")
+    if traits.is_driven and not (roles & SOURCES or ratios):
         told.append(f"channels: kind `{test.kind}` needs `input` or `force`.")
-    if test.kind == "loop" and not (
+    if traits.is_prescribed and not (
         "displacement" in roles and roles & {"restoring_force", "force"}
     ):
-        told.append("channels: kind `loop` needs `displacement` and `restoring_force`.")
-    if test.kind == "frf" and "frequency" not in roles:
-        told.append("channels: kind `frf` needs `frequency`, and `phase` beside real amplitudes.")
-    if test.kind != "frf" and roles & {"frequency", "phase"}:
-        told.append("channels: `frequency` and `phase` belong to kind `frf`.")
-    told += _contradictions(test, roles)
-    if test.kind in ("tones", "stepped") and not test.tones:
+        told.append(f"channels: kind `{test.kind}` needs `displacement` and `restoring_force`.")
+    if traits.is_curve and "frequency" not in roles:
+        told.append(
+            f"channels: kind `{test.kind}` needs `frequency`, and `phase` beside real amplitudes."
+        )
+    if traits.is_steady and not test.tones:
         told.append(f"tones: missing; kind `{test.kind}` needs the frequencies [Hz].")
-    if test.kind == "stepped" and not test.dwell > 0:
+    if traits.is_stepped and not test.dwell > 0:
         told.append("dwell: missing; kind `stepped` needs the duration of each step [s].")
     if test.settle >= test.dwell:  # never when dwell is not given: it is NaN then
         told.append(
@@ -148,16 +211,23 @@ def _needs(test: TestSpec) -> list[str]:
     return told
 
 
-def _contradictions(test: TestSpec, roles: set[str]) -> list[str]:
+def _contradictions(test: TestSpec) -> list[str]:
     """Keys that are given, but not meant for the test's kind or channels."""
-    told = []
-    if test.kind != "frf" and test.amplitudes != "peak":
-        told.append("amplitudes: for kind `frf` only; the samples of a record are what they are.")
-    if test.kind == "frf" and test.remove_mean:
-        told.append("remove_mean: for records in time, not for kind `frf`.")
-    if test.gaps == "mask" and test.kind not in MASKABLE:
+    # A transform spreads one bad sample over all frequencies, a simulation needs all of its input:
+    # only a curve can leave lines out.
+    curves = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)
+    is_curve, roles, told = test.traits.is_curve, set(test.channels), []
+    if not is_curve and roles & {"frequency", "phase"}:
+        told.append(f"channels: `frequency` and `phase` belong to kind {curves}.")
+    if not is_curve and test.amplitudes != "peak":
         told.append(
-            f"gaps: kind `{test.kind}` needs every sample, only {', '.join(MASKABLE)} can mask; "
+            f"amplitudes: for kind {curves} only; the samples of a record are what they are."
+        )
+    if is_curve and test.remove_mean:
+        told.append(f"remove_mean: for records in time, not for kind {curves}.")
+    if not is_curve and test.gaps == "mask":
+        told.append(
+            f"gaps: kind `{test.kind}` needs every sample, only {curves} can mask; "
             "keep a clean part with span, or drop the repeat with exclude."
         )
     if isinstance(test.files, Mapping) and set(test.files) != roles:
@@ -168,15 +238,19 @@ def _contradictions(test: TestSpec, roles: set[str]) -> list[str]:
     return told
 
 
-def _unique_names(tests: list[TestSpec], errors: list[str]) -> None:
+def _repeated_names(tests: Sequence[TestSpec]) -> list[str]:
     given = [test.name for test in tests if test.name]
-    for name in sorted({name for name in given if given.count(name) > 1}):
-        errors.append(f"[[test]] name: {name!r} is given to {given.count(name)} tests.")
+    return [
+        f"[[test]] name: {name!r} is given to {given.count(name)} tests."
+        for name in sorted({name for name in given if given.count(name) > 1})
+    ]
 
 
-def _levels_exist(tests: list[TestSpec], settings: Mapping[str, Any], errors: list[str]) -> None:
+def _unknown_levels(tests: Sequence[TestSpec], settings: Identify) -> list[str]:
     levels = sorted({test.level for test in tests if test.level == test.level})
-    for level in settings.get("fit_levels", ()):
-        if level not in levels:
-            listed = ", ".join(f"{known:g}" for known in levels) or "none"
-            errors.append(f"[identify] fit_levels: no test has level {level:g}; levels: {listed}.")
+    listed = ", ".join(f"{known:g}" for known in levels) or "none"
+    return [
+        f"[identify] fit_levels: no test has level {level:g}; levels: {listed}."
+        for level in settings.fit_levels or ()
+        if level not in levels
+    ]

@@ -1,30 +1,48 @@
-"""Checks of single values of a campaign file: each returns the value, or raises ValueError."""
+"""Types of the values in campaign and plan files: each is checked in one plain sentence.
 
-from collections.abc import Callable, Iterable
-from difflib import get_close_matches
+A check stands before pydantic's own and says in words what it refuses; what it lets through is then
+made into the annotated type, which also tells the JSON Schema.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from math import isfinite
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from pydantic import BeforeValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import CoreSchema, core_schema
+
+from jbw.campaign.document import unlike
 from jbw.errors import ConfigError
+from jbw.measurement.kinds import KINDS
 from jbw.measurement.roles import ROLES, ratio_of, si_of
 
-# Prior names, and the least value that each admits; None where the sign is free.
-LEAST: dict[str, float | None] = {
-    "omega_n": 0.0,
-    "zeta": 0.0,
-    "alpha": 0.0,
-    "delta": None,
-    "gamma": None,
-    "gain": 0.0,
-    "cubic": None,
-}
+Role = Literal[*ROLES]  # pyright: ignore[reportInvalidTypeForm]
 
 
-def unlike(name: str, known: Iterable[str]) -> str:
-    """The end of a refusal of a name: the nearest known one, and all of them."""
-    known = list(known)
-    nearest = get_close_matches(str(name), known, n=1, cutoff=0.5)
-    return (f"; did you mean `{nearest[0]}`" if nearest else "") + f" (known: {', '.join(known)})"
+@dataclass(frozen=True)
+class OneOf:
+    """One of the names in a register, as it stands when a file is read.
+
+    Attributes:
+        known: The names; called anew each time, for more may be registered.
+    """
+
+    known: Callable[[], Iterable[str]]
+
+    def check(self, value: Any) -> str:
+        """The name, if it is known."""
+        if text(value) not in (names := list(self.known())):
+            raise ValueError(f"{value!r} is unknown{unlike(value, names)}.")
+        return value
+
+    def __get_pydantic_core_schema__(self, _: Any, __: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.check)
+
+    def __get_pydantic_json_schema__(
+        self, _: CoreSchema, __: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        return {"type": "string", "enum": list(self.known())}
 
 
 def text(value: Any) -> str:
@@ -36,34 +54,20 @@ def text(value: Any) -> str:
     return value
 
 
-def number(value: Any) -> float:
+def number(value: Any) -> int | float:
     """A finite number; true and false are none."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"must be a number, but is {value!r}.")
     try:
-        found = float(value)
+        finite = isfinite(value)
     except OverflowError:  # a whole number of hundreds of digits
-        found = float("inf")
-    if not isfinite(found):
+        finite = False
+    if not finite:
         raise ValueError(f"must be finite, but is {value}.")
-    return found
+    return value
 
 
-def positive(value: Any) -> float:
-    """A number above zero."""
-    if number(value) <= 0:
-        raise ValueError(f"must be positive, but is {value}.")
-    return float(value)
-
-
-def non_negative(value: Any) -> float:
-    """A number, zero or above."""
-    if number(value) < 0:
-        raise ValueError(f"must not be negative, but is {value}.")
-    return float(value)
-
-
-def a_whole_number(least: int) -> Callable[[Any], int]:
+def whole(least: int) -> Callable[[Any], int]:
     """Check for an integer from `least` on."""
 
     def check(value: Any) -> int:
@@ -74,85 +78,46 @@ def a_whole_number(least: int) -> Callable[[Any], int]:
     return check
 
 
-def yes_or_no(value: Any) -> bool:
-    """True or false."""
-    if not isinstance(value, bool):
-        raise ValueError(f"must be true or false, but is {value!r}.")
-    return value
-
-
-def one_of(*words: str) -> Callable[[Any], str]:
-    """Check for one of a few words."""
-
-    def check(value: Any) -> str:
-        if value not in words:
-            raise ValueError(f"{text(value)!r} is unknown{unlike(value, words)}.")
-        return value
-
-    return check
-
-
-def some_of(*words: str) -> Callable[[Any], tuple[str, ...]]:
-    """Check for words among a few."""
-    check = one_of(*words)
-    return lambda value: tuple(check(word) for word in strings(value))
-
-
 def strings(value: Any) -> tuple[str, ...]:
     """A string, or a list of at least one."""
-    items = value if isinstance(value, list) else [value]
+    items = value if isinstance(value, list | tuple) else [value]
     if not items or not all(isinstance(item, str) and item for item in items):
         raise ValueError(f"must be a string or a list of strings, but is {value!r}.")
     return tuple(items)
 
 
-def files(value: Any) -> tuple[str, ...] | dict[str, tuple[str, ...]]:
-    """Patterns of files, or role to patterns where the channels of a record lie in several."""
-    if not isinstance(value, dict):
-        return strings(value)
-    return _roles(value, lambda _, item: strings(item))
-
-
-def _numbers(value: Any, check: Callable[[Any], float]) -> tuple[float, ...]:
-    if not isinstance(value, list) or not value:
+def numbers(value: Any) -> tuple[Any, ...]:
+    """A list of at least one number."""
+    if not isinstance(value, list | tuple) or not value:
         raise ValueError(f"must be a list of numbers, but is {value!r}.")
-    return tuple(check(item) for item in value)
+    return tuple(number(item) for item in value)
 
 
-def positive_list(value: Any) -> tuple[float, ...]:
-    """A list of at least one number above zero."""
-    return _numbers(value, positive)
-
-
-def level_list(value: Any) -> tuple[float, ...]:
-    """A list of at least one number, zero or above."""
-    return _numbers(value, non_negative)
-
-
-def modes(value: Any) -> tuple[float, ...]:
-    """Frequencies of modes, all different."""
-    found = positive_list(value)
-    if len(set(found)) < len(found):
-        raise ValueError(f"must not repeat a frequency, but is {value}.")
-    return found
-
-
-def rising_pair(value: Any) -> tuple[float, float]:
-    """Two numbers, zero or above, the second larger."""
-    pair = _numbers(value, non_negative)
+def bounds(value: Any) -> tuple[Any, Any]:
+    """Two numbers, the second larger."""
+    pair = numbers(value)
     if len(pair) != 2 or pair[0] >= pair[1]:
-        raise ValueError(f"must be [lower, upper] with lower < upper, but is {value}.")
-    return pair[0], pair[1]
+        raise ValueError(f"must be [lower, upper] with lower < upper, but is {list(value)}.")
+    return pair
 
 
-def sampling(value: Any) -> float | str:
-    """A sampling frequency, or the path of one."""
-    return value if isinstance(value, str) and value else positive(value)
+def unequal(value: Any) -> tuple[Any, ...]:
+    """Numbers, all different."""
+    if len(set(numbers(value))) < len(value):
+        raise ValueError(f"must not repeat a frequency, but is {list(value)}.")
+    return tuple(value)
 
 
-def a_repeat_list(value: Any) -> tuple[int | str, ...]:
-    """Repeats by number, from zero, or by file name."""
-    items = value if isinstance(value, list) else [value]
+def _sampling(value: Any) -> float | str:
+    if isinstance(value, str) and value:
+        return value
+    if number(value) <= 0:
+        raise ValueError(f"must be positive, but is {value}.")
+    return float(value)
+
+
+def _excluded(value: Any) -> tuple[int | str, ...]:
+    items = value if isinstance(value, list | tuple) else [value]
     for item in items:
         if isinstance(item, bool) or not isinstance(item, int | str):
             raise ValueError(f"must be a list of repeat numbers or file names, but is {value!r}.")
@@ -161,90 +126,90 @@ def a_repeat_list(value: Any) -> tuple[int | str, ...]:
     return tuple(items)
 
 
-def _roles(value: Any, check: Callable[[str, Any], Any]) -> dict[str, Any]:
-    """A table by role, each value checked; all that is wrong in one ValueError."""
-    if not isinstance(value, dict) or not value:
-        raise ValueError(f"must be a table such as {{ velocity = ... }}, but is {value!r}.")
-    checked, errors = {}, []
-    for role, item in value.items():
-        try:
-            if role not in ROLES:
-                raise ValueError(f"role `{role}` is unknown{unlike(role, ROLES)}.")
-            checked[role] = check(role, item)
-        except ConfigError as error:
-            errors.append(" ".join(filter(None, (error.what, error.remedy))))
-        except ValueError as error:
-            errors.append(str(error))
-    if errors:
-        raise ValueError("\n".join(errors))
-    return checked
+def _by_role(check: Callable[[str, Any], Any]) -> Callable[[Any], dict[str, Any]]:
+    """Check for a table by role; all that is wrong in one ValueError."""
+
+    def check_all(value: Any) -> dict[str, Any]:
+        if not isinstance(value, Mapping) or not value:
+            raise ValueError(f"must be a table such as {{ velocity = ... }}, but is {value!r}.")
+        checked, errors = {}, []
+        for role, item in value.items():
+            try:
+                if role not in ROLES:
+                    raise ValueError(f"role `{role}` is unknown{unlike(role, ROLES)}.")
+                checked[role] = check(role, item)
+            except ConfigError as error:
+                errors.append(" ".join(filter(None, (error.what, error.remedy))))
+            except ValueError as error:
+                errors.append(str(error))
+        if errors:
+            raise ValueError("\n".join(errors))
+        return checked
+
+    return check_all
 
 
-def role_paths(value: Any) -> dict[str, str]:
-    """Role to path of the channel."""
-
-    def path(role: str, item: Any) -> str:
-        if not isinstance(item, str) or not item:
-            raise ValueError(f"role `{role}` needs a channel's name or path, but has {item!r}.")
-        return item
-
-    return _roles(value, path)
+def _path(role: str, item: Any) -> str:
+    if not isinstance(item, str) or not item:
+        raise ValueError(f"role `{role}` needs a channel's name or path, but has {item!r}.")
+    return item
 
 
-def role_units(value: Any) -> dict[str, str]:
-    """Role to unit; the unit must measure what the role is."""
-
-    def unit(role: str, item: Any) -> str:
-        if not isinstance(item, str):
-            raise ValueError(f"role `{role}` needs a unit, but has {item!r}.")
-        if ratio_of(role, item) is None:  # a measured FRF may be per unit of excitation
-            si_of(role, item)
-        return item
-
-    return _roles(value, unit)
+def _unit(role: str, item: Any) -> str:
+    """A unit of what the role measures."""
+    if not isinstance(item, str):
+        raise ValueError(f"role `{role}` needs a unit, but has {item!r}.")
+    if ratio_of(role, item) is None:  # a measured FRF may be per unit of excitation
+        si_of(role, item)
+    return item
 
 
-def role_numbers(value: Any) -> dict[str, float]:
-    """Role to a factor that is not zero."""
-
-    def factor(role: str, item: Any) -> float:
-        if number(item) == 0:
-            raise ValueError(f"the factor of role `{role}` must not be 0.")
-        return float(item)
-
-    return _roles(value, factor)
+def _factor(role: str, item: Any) -> float:
+    if number(item) == 0:
+        raise ValueError(f"the factor of role `{role}` must not be 0.")
+    return item
 
 
-def a_prior(value: Any) -> dict[str, tuple[float, float]]:
-    """Parameter to bounds; alpha must stay below omega_n^2, or the structure has no stiffness."""
-    if not isinstance(value, dict):
-        raise ValueError(f"must be a table such as {{ zeta = [lower, upper] }}, but is {value!r}.")
-    bounds: dict[str, tuple[float, float]] = {}
-    errors = []
-    for name, item in value.items():
-        try:
-            bounds[name] = _bounds(name, item)
-        except ValueError as error:
-            errors.append(f"{name}: {error}")
-    if not errors and {"omega_n", "alpha"} <= set(bounds):
-        highest, least = bounds["alpha"][1], bounds["omega_n"][0] ** 2
-        if highest >= least:
-            errors.append(
-                f"alpha < omega_n^2 must hold everywhere, but alpha reaches {highest:g} "
-                f"and omega_n^2 begins at {least:g}; lower alpha's upper bound."
-            )
-    if errors:
-        raise ValueError("\n".join(errors))
-    return bounds
+def _files(value: Any) -> tuple[str, ...] | dict[str, tuple[str, ...]]:
+    """Patterns, or role to patterns where the channels of a record lie in several files."""
+    if isinstance(value, Mapping):
+        return _by_role(lambda _, item: strings(item))(value)
+    return strings(value)
 
 
-def _bounds(name: str, item: Any) -> tuple[float, float]:
-    if name not in LEAST:
-        raise ValueError(f"unknown parameter{unlike(name, LEAST)}.")
-    pair = _numbers(item, number)
-    if len(pair) != 2 or pair[0] >= pair[1]:
-        raise ValueError(f"must be [lower, upper] with lower < upper, but is {item}.")
-    least = LEAST[name]
-    if least is not None and (pair[0] < least or (name == "omega_n" and pair[0] <= 0)):
-        raise ValueError(f"must be positive, but its lower bound is {pair[0]:g}.")
-    return pair
+Kind = Annotated[str, OneOf(lambda: KINDS)]
+Text = Annotated[str, BeforeValidator(text)]
+Number = Annotated[float, BeforeValidator(number)]
+Positive = Annotated[float, Field(gt=0), BeforeValidator(number)]
+NonNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
+Count = Annotated[int, Field(ge=1), BeforeValidator(whole(1))]
+Index = Annotated[int, Field(ge=0), BeforeValidator(whole(0))]
+Strings = Annotated[
+    tuple[str, ...], BeforeValidator(strings, json_schema_input_type=str | list[str])
+]
+Kinds = Annotated[
+    tuple[Kind, ...], BeforeValidator(strings, json_schema_input_type=Kind | list[Kind])
+]
+Numbers = Annotated[tuple[Positive, ...], BeforeValidator(numbers)]
+Levels = Annotated[tuple[NonNegative, ...], BeforeValidator(numbers)]
+Modes = Annotated[tuple[Positive, ...], BeforeValidator(unequal)]
+Bounds = Annotated[tuple[float, float], BeforeValidator(bounds)]
+Span = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(bounds)]
+Sampling = Annotated[float | str, BeforeValidator(_sampling)]
+Excluded = Annotated[
+    tuple[int | str, ...],
+    BeforeValidator(_excluded, json_schema_input_type=int | str | list[int | str]),
+]
+Channels = Annotated[
+    dict[str, str], BeforeValidator(_by_role(_path), json_schema_input_type=dict[Role, str])
+]
+Units = Annotated[
+    dict[str, str], BeforeValidator(_by_role(_unit), json_schema_input_type=dict[Role, str])
+]
+Factors = Annotated[
+    dict[str, float], BeforeValidator(_by_role(_factor), json_schema_input_type=dict[Role, float])
+]
+Files = Annotated[
+    tuple[str, ...] | dict[str, tuple[str, ...]],
+    BeforeValidator(_files, json_schema_input_type=str | list[str] | dict[Role, str | list[str]]),
+]

@@ -42,6 +42,7 @@ COMMANDS = {
     "export": ("jbw.cli.export:export", "Write a run's joint for CSV, MATLAB and OpenSees."),
     "explain": ("jbw.cli.explain:explain", "Say what a finding of the verdict means."),
     "report": ("jbw.cli.report:report", "Write the one-file report of a finished run."),
+    "schema": ("jbw.cli.schema:schema", "Print a file's JSON Schema, for editors."),
     "completion": ("jbw.cli.completion:completion", "Print what completes jbw in a shell."),
 }
 

@@ -1,23 +1,22 @@
 """`jbw check`: one table, channel by channel, and pictures of the channels when asked for."""
 
-import json
 from collections.abc import Iterator
+from operator import attrgetter
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
-from jbw.campaign.checking import Check, Row, as_json, check_campaign
-from jbw.campaign.loading import test_names
-from jbw.campaign.repeats import repeats_of
+from jbw.campaign.check import Check, as_json, check_campaign
+from jbw.campaign.files import repeats_of
+from jbw.campaign.load import test_names
 from jbw.campaign.schema import read_spec
-from jbw.errors import RunError, printable
+from jbw.cli.options import json_option, outside_option
+from jbw.cli.printing import show, show_json
+from jbw.errors import RunError
 from jbw.measurement.records import Record
+from jbw.report.table import Cell, Column, table
 
-COLOURS = {"ok": "green", "warning": "yellow", "error": "bold red"}
-PIPE_WIDTH = 160  # columns, when stdout is no terminal and has no width of its own
+MARKS = {"ok": "good", "warning": "doubt", "error": "bad"}
 
 
 @click.command()
@@ -28,8 +27,8 @@ PIPE_WIDTH = 160  # columns, when stdout is no terminal and has no width of its 
     metavar="DIR",
     help="Draw each test's first record into DIR: channels in time, spectra, spectrograms.",
 )
-@click.option("--json", "json_", is_flag=True, help="Print JSON instead of a table.")
-@click.option("--allow-outside", is_flag=True, help="Read files outside the campaign's folder.")
+@json_option
+@outside_option
 def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool) -> int:
     """Check the campaign file CAMPAIGN and all of its channels.
 
@@ -37,7 +36,7 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
     """
     found = check_campaign(campaign, allow_outside=allow_outside)
     if json_:
-        click.echo(json.dumps(as_json(found), indent=2, ensure_ascii=False))
+        show_json(as_json(found))
     else:
         _print(found)
     if figures is not None:
@@ -71,28 +70,15 @@ def _first_records(campaign: Path, allow_outside: bool) -> Iterator[tuple[str, R
 
 
 def _print(found: Check) -> None:
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, width=PIPE_WIDTH)
-    table = Table(title=Text(f"Campaign {printable(found.campaign)}"), title_justify="left")
-    for heading in ("test", "channel", "role", "unit"):
-        table.add_column(heading, overflow="fold")
-    table.add_column("fs", justify="right")
-    table.add_column("repeats", justify="right")
-    table.add_column("status")
+    names = ("test", "channel", "role", "unit")
+    columns = [Column(name, attrgetter(name), align="left") for name in names]
+    columns += [
+        Column("fs", lambda row: "" if row.fs is None else f"{row.fs:.7g} Hz"),
+        Column("repeats", lambda row: str(row.repeats)),
+        Column("status", lambda row: Cell(row.status, MARKS[row.status]), align="left"),
+    ]
+    show(table(f"Campaign {found.campaign}", found.rows, *columns))
     for row in found.rows:
-        table.add_row(*_cells(row))
-    console.print(table)
-    for row in found.rows:
-        for finding in row.findings:
-            console.print(Text(f"{finding.severity}", COLOURS[finding.severity]), end=" ")
-            # Text, not markup, and no control characters: names come from files.
-            console.print(Text(printable(f"{row.test}, {row.channel}: {finding.what}")))
-            for line in filter(None, (finding.why, finding.remedy)):
-                console.print(Text(f"    {printable(line)}"))
-
-
-def _cells(row: Row) -> list[Text]:
-    fs = "" if row.fs is None else f"{row.fs:.7g} Hz"
-    plain = [Text(printable(cell)) for cell in (row.test, row.channel, row.role, row.unit, fs)]
-    return [*plain, Text(str(row.repeats)), Text(row.status, COLOURS[row.status])]
+        for each in row.findings:
+            show(f"{each.severity} {row.test}, {row.channel}: {each.what}")
+            show(*(f"    {line}" for line in (each.why, each.remedy) if line))

@@ -1,19 +1,15 @@
 """The command `jbw compare DIR`."""
 
-import json
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from jbw.cli.printing import NOTHING, print_columns
-
-HEADER = (
-    "sampler", "draws", "ESS", "ESS/s", "ESS/s cold", "evaluations", "warm [s]", "cold [s]",
-    "log evidence", "furthest [MCSE]", "verdict",
-)  # fmt: skip
-ROWS = ("parameter", "sampler", "mean", "sd", "1 %", "50 %", "99 %", "ESS bulk", "ESS tail")
+from jbw.cli.options import json_option, out_option, outside_option, seed_option
+from jbw.cli.printing import NOTHING, show, show_json
+from jbw.report.table import Column, table
 
 
 @click.command()
@@ -23,14 +19,10 @@ ROWS = ("parameter", "sampler", "mean", "sd", "1 %", "50 %", "99 %", "ESS bulk",
 @click.option("--campaign", type=click.Path(path_type=Path), help="The run's campaign file.")
 @click.option("--chains", default=4, show_default=True, help="Chains of each sampler.")
 @click.option("--once", is_flag=True, help="Run each sampler once: no time without compiling.")
-@click.option("--seed", type=int, help="Seed of everything random; the run's when left out.")
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    help="New or empty folder to write to; DIR/compare-STEP when left out.",
-)
-@click.option("--json", "json_", is_flag=True, help="Print the comparison as JSON.")
-@click.option("--allow-outside", is_flag=True, help="Read files outside the campaign's folder.")
+@seed_option("run")
+@out_option("DIR/compare-STEP")
+@json_option
+@outside_option
 def compare(
     source: Path,
     step: str,
@@ -54,11 +46,11 @@ def compare(
     from jbw.cli.running import prepare_jax
 
     prepare_jax()
-    from jbw.campaign.loading import load_campaign
-    from jbw.study.comparing import compare as compare_samplers
-    from jbw.study.comparing import save_comparison
-    from jbw.study.known_run import campaign_of, known_of, require_same_inputs
-    from jbw.study.storage import claim
+    from jbw.campaign.load import load_campaign
+    from jbw.study.compare import compare as compare_samplers
+    from jbw.study.compare import save_comparison
+    from jbw.study.store import claim
+    from jbw.study.study import campaign_of, known_of, require_same_inputs
 
     path, summary, known = source, {}, None
     if source.is_dir():
@@ -75,7 +67,7 @@ def compare(
         )  # fmt: skip
         save_comparison(folder, found)
     if json_:
-        click.echo(json.dumps(found.record, indent=1))
+        show_json(found.record)
     else:
         print_comparison(found.record)
         click.echo(f"Comparison: {folder / 'compare.json'}")
@@ -83,46 +75,67 @@ def compare(
 
 def print_comparison(record: Mapping[str, Any]) -> None:
     """Two tables on stdout: a line a sampler, then a line a parameter and sampler."""
-    click.echo(f"{record['posterior']} posterior of {record['campaign']}")
-    print_columns([HEADER, *(_line(name, one) for name, one in record["samplers"].items())])
-    click.echo(f"\nDistances in Monte Carlo standard errors from {record['reference']}")
-    lines = [
-        _numbers(parameter, name, one["parameters"][parameter])
+    samplers = record["samplers"].items()
+    rows = [
+        {"parameter": parameter, "name": name, **one["parameters"][parameter]}
         for parameter in record["parameters"]
-        for name, one in record["samplers"].items()
+        for name, one in samplers
     ]
-    print_columns([ROWS, *lines])
-    for name, reason in record["refused"].items():
-        click.echo(f"{name}: {reason}")
+    quantities = {"mean": "mean", "sd": "sd", "1 %": "q010", "50 %": "q500", "99 %": "q990"}
+    show(
+        table(
+            f"{record['posterior']} posterior of {record['campaign']}",
+            [{"name": name, **one} for name, one in samplers],
+            Column("sampler", lambda row: row["name"], align="left"),
+            Column("draws", lambda row: f"{row['draws']}"),
+            _number("ESS", "ess"),
+            _number("ESS/s", "ess_per_s_warm"),
+            _number("ESS/s cold", "ess_per_s_cold"),
+            Column("evaluations", lambda row: f"{row['num_evaluations']}"),
+            _number("warm [s]", "wall_warm_s"),
+            _number("cold [s]", "wall_cold_s"),
+            Column("log evidence", _evidence),
+            _number("furthest [MCSE]", "furthest", 2),
+            Column("verdict", _verdict, align="left"),
+        ),
+        table(
+            f"Distances in Monte Carlo standard errors from {record['reference']}",
+            rows,
+            Column("parameter", lambda row: row["parameter"], align="left"),
+            Column("sampler", lambda row: row["name"], align="left"),
+            *(Column(heading, partial(_distance, key)) for heading, key in quantities.items()),
+            _number("ESS bulk", "ess_bulk"),
+            _number("ESS tail", "ess_tail"),
+        ),
+        *(f"{name}: {reason}" for name, reason in record["refused"].items()),
+    )
 
 
-def _line(name: str, one: Mapping[str, Any]) -> tuple[str, ...]:
-    evidence = NOTHING
-    if one["log_evidence"] is not None:
-        evidence = f"{one['log_evidence']:.3f} +- {one['log_evidence_error']:.2g}"
-    told = one["verdict"]
-    if one["failed"]:
-        told += f" ({', '.join(dict.fromkeys(one['failed']))})"
-    columns = ("ess", "ess_per_s_warm", "ess_per_s_cold")
-    return (
-        name, f"{one['draws']}", *(_short(one[column]) for column in columns),
-        f"{one['num_evaluations']}", _short(one["wall_warm_s"]), _short(one["wall_cold_s"]),
-        evidence, _short(one["furthest"], 2), told,
-    )  # fmt: skip
+def _number(heading: str, key: str, digits: int = 3) -> Column:
+    """A column of so many digits, of whole numbers where they are large."""
+
+    def shown(row: Mapping[str, Any]) -> str:
+        value = row.get(key)
+        if value is None:
+            return NOTHING
+        return f"{value:.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"
+
+    return Column(heading, shown)
 
 
-def _numbers(parameter: str, name: str, row: Mapping[str, Any]) -> tuple[str, ...]:
-    quantities = ("mean", "sd", "q010", "q500", "q990")
-    cells = [_with_distance(row[each], row.get(f"z_{each}")) for each in quantities]
-    return parameter, name, *cells, _short(row.get("ess_bulk")), _short(row.get("ess_tail"))
-
-
-def _with_distance(value: float | None, z: float | None) -> str:
-    shown = NOTHING if value is None else f"{value:.6g}"
-    return shown if z is None else f"{shown} ({z:+.1f})"
-
-
-def _short(value: float | None, digits: int = 3) -> str:
-    if value is None:
+def _evidence(one: Mapping[str, Any]) -> str:
+    if one["log_evidence"] is None:
         return NOTHING
-    return f"{value:.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"
+    return f"{one['log_evidence']:.3f} +- {one['log_evidence_error']:.2g}"
+
+
+def _verdict(one: Mapping[str, Any]) -> str:
+    failed = ", ".join(dict.fromkeys(one["failed"]))
+    return f"{one['verdict']} ({failed})" if failed else one["verdict"]
+
+
+def _distance(key: str, row: Mapping[str, Any]) -> str:
+    """A value with its distance from the reference."""
+    shown = NOTHING if row[key] is None else f"{row[key]:.6g}"
+    z = row.get(f"z_{key}")
+    return shown if z is None else f"{shown} ({z:+.1f})"

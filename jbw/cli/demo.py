@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from jbw.cli.options import json_option, seed_option
 from jbw.cli.running import run_to_end
 from jbw.run.folder import begin
 from jbw.run.manifest import Manifest, command_line
@@ -17,7 +18,7 @@ from jbw.run.manifest import Manifest, command_line
     show_default=True,
     help="Folder for the records and the results, new or empty.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of everything random.")
+@seed_option(default=0)
 @click.option(
     "--preset",
     type=click.Choice(["laboratory", "paper"]),
@@ -25,7 +26,7 @@ from jbw.run.manifest import Manifest, command_line
     show_default=True,
     help="Drive of the rig; with `paper` already the weakest sweep saturates the joint.",
 )
-@click.option("--json", "json_", is_flag=True, help="Print the summary as JSON.")
+@json_option
 def demo(out: Path, seed: int, preset: str, json_: bool) -> int:
     """Measure the paper's cantilever on the virtual rig and identify it.
 

@@ -1,10 +1,12 @@
 """The command `jbw explain CODE`."""
 
-import json
 from difflib import get_close_matches
 from importlib.resources import files
 
 import click
+
+from jbw.cli.options import json_option
+from jbw.cli.printing import show_json
 
 
 def pages() -> dict[str, str]:
@@ -20,7 +22,7 @@ def _codes(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[
 
 @click.command()
 @click.argument("code", required=False, shell_complete=_codes)
-@click.option("--json", "json_", is_flag=True, help="Print JSON, page by code.")
+@json_option
 def explain(code: str | None, json_: bool) -> None:
     """Say what a finding of the verdict means, what it looks at, and what to do.
 
@@ -33,6 +35,6 @@ def explain(code: str | None, json_: bool) -> None:
         raise click.UsageError(f"No finding is called '{code}'.{guess} All: jbw explain")
     asked = known if code is None else {code: known[code]}
     if json_:
-        click.echo(json.dumps(asked, indent=1, ensure_ascii=False))
+        show_json(asked)
     else:
         click.echo("\n".join(known) if code is None else f"{code}\n\n{known[code]}")

@@ -5,19 +5,15 @@ from pathlib import Path
 
 import click
 
+from jbw.cli.options import json_option, out_option, run_argument
+
 
 @click.command()
-@click.argument(
-    "folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path)
-)
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    help="New or empty folder to write to; DIR/export when left out.",
-)
+@run_argument
+@out_option("DIR/export")
 @click.option("--mass", type=float, default=1.0, help="Modal mass [kg]; 1 leaves forces per kg.")
 @click.option("--y-max", type=float, help="Largest displacement [m]; by default that measured.")
-@click.option("--json", "json_", is_flag=True, help="Print the files as JSON.")
+@json_option
 def export(folder: Path, out: Path | None, mass: float, y_max: float | None, json_: bool) -> None:
     """Write the joint of the finished run in DIR for CSV, MATLAB and OpenSees.
 
@@ -27,10 +23,10 @@ def export(folder: Path, out: Path | None, mass: float, y_max: float | None, jso
     """
     from jbw.cli.running import prepare_jax
     from jbw.report.result import read_result
-    from jbw.study.storage import claim
+    from jbw.study.store import claim
 
     prepare_jax()
-    from jbw.study import exporting
+    from jbw.study import export as exporting
 
     _, tree = read_result(folder)
     result = exporting.export(tree, mass, y_max)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from jbw.cli.options import json_option, outside_option, seed_option
 from jbw.cli.running import run_to_end
 from jbw.run.folder import begin
 from jbw.run.manifest import Manifest, command_line
@@ -14,9 +15,9 @@ from jbw.run.manifest import Manifest, command_line
 @click.option(
     "--out", type=click.Path(path_type=Path), help="Folder for the results, new or empty."
 )
-@click.option("--seed", type=int, help="Seed of everything random; the campaign's when left out.")
-@click.option("--json", "json_", is_flag=True, help="Print the summary as JSON.")
-@click.option("--allow-outside", is_flag=True, help="Read files outside the campaign's folder.")
+@seed_option("campaign")
+@json_option
+@outside_option
 def identify(
     campaign: Path, out: Path | None, seed: int | None, json_: bool, allow_outside: bool
 ) -> int:

@@ -1,17 +1,18 @@
 """`jbw init`: a commented campaign file for a folder."""
 
-import json
 from pathlib import Path
 
 import click
 
-from jbw.campaign.starting import start_campaign, write_campaign
+from jbw.campaign.draft import start_campaign, write_campaign
+from jbw.cli.options import json_option
+from jbw.cli.printing import show_json
 
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--print", "print_", is_flag=True, help="Print it to stdout; write nothing.")
-@click.option("--json", "json_", is_flag=True, help="Print the path and what was assumed as JSON.")
+@json_option
 def init(folder: Path, print_: bool, json_: bool) -> None:
     """Look at the records in FOLDER and write FOLDER/campaign.toml.
 
@@ -21,7 +22,7 @@ def init(folder: Path, print_: bool, json_: bool) -> None:
     path = None if print_ else str(write_campaign(draft, folder))
     if json_:
         found = {"campaign": path, "text": draft.text, "check": list(draft.assumed)}
-        click.echo(json.dumps(found, indent=1, ensure_ascii=False))
+        show_json(found)
         return
     click.echo(draft.text if path is None else path, nl=path is not None)
     for assumed in draft.assumed:

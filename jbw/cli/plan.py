@@ -1,17 +1,14 @@
 """The command `jbw plan`."""
 
-import json
-import math
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
-from rich.table import Table
-from rich.text import Text
 
-from jbw.cli.printing import console, duration
+from jbw.cli.options import json_option
+from jbw.cli.printing import duration, show, show_json
+from jbw.report.table import Column, Table, table
 
 if TYPE_CHECKING:
     from jbw.planning.plan import Combination, Expected, Plan, Row
@@ -26,7 +23,7 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path),
     help="Beside DIR: a plan file without the joint, for limits, noise, wishes and candidates.",
 )
-@click.option("--json", "json_", is_flag=True, help="Print JSON instead of a table.")
+@json_option
 @click.option("--example", is_flag=True, help="Print a commented plan file; nothing else.")
 def plan(source: Path | None, limits: Path | None, json_: bool, example: bool) -> None:
     """Say which tests make the joint known to a wished CV, before anything is mounted.
@@ -55,63 +52,42 @@ def plan(source: Path | None, limits: Path | None, json_: bool, example: bool) -
         else:
             made = plan_tests(source, report=say)
     if json_:
-        click.echo(json.dumps(_plain(asdict(made)), indent=1, ensure_ascii=False))
+        show_json(asdict(made))
     else:
         _print(made)
 
 
-def _plain(value: Any) -> Any:
-    """The same with None for what JSON has no number for."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def _print(made: "Plan") -> None:
-    screen = console()
-    screen.print(_table(made))
     known = ", ".join(f"{name} {_spread(one)}" for name, one in made.before.items())
     before = f"Before any of these tests: CV {known}."
-    for line in (*_remarks(made), *_recommended(made.combination, made), before, *made.notes):
-        screen.print(Text(line))
+    words = (*_remarks(made), *_recommended(made.combination, made), before, *made.notes)
+    show(plan_table(made), *words)
 
 
-def _table(made: "Plan") -> Table:
+def plan_table(made: "Plan") -> Table:
+    """The candidates, a line each."""
     wish = made.wish
-    title = f"Tests for a CV of {wish.cv:.2g} of {', '.join(wish.wanted)}"
-    table = Table(
-        title=f"{title}, at nine in ten of {made.num_joints} joints", title_justify="left"
+
+    def cv(name: str) -> Column:
+        return Column(f"CV {name}", lambda one: f"{one[1].cv[name].worst_decile:.2g}")
+
+    def repeats(one: "tuple[int, Row]") -> str:
+        return f"> {wish.max_repeats}" if one[1].repeats is None else str(one[1].repeats)
+
+    return table(
+        f"Tests for a CV of {wish.cv:.2g} of {', '.join(wish.wanted)}, at nine in ten of "
+        f"{made.num_joints} joints",
+        enumerate(made.rows, start=1),
+        Column("", lambda one: str(one[0]), align="left"),
+        Column("test", lambda one: one[1].test, align="left"),
+        Column(f"input [{wish.input_unit}]", lambda one: f"{one[1].level:.4g}"),
+        Column("peak [m]", lambda one: f"{one[1].y_peak_largest:.3g}"),
+        Column("repeats", repeats),
+        Column("time", lambda one: "" if one[1].seconds is None else duration(one[1].seconds)),
+        *map(cv, wish.wanted),
+        Column("gain [nats]", lambda one: f"{one[1].information_gain:.3g}"),
+        Column("status", lambda one: one[1].status, align="left"),
     )
-    table.add_column("")
-    table.add_column("test", overflow="fold")
-    for heading in (
-        f"input [{wish.input_unit}]",
-        "peak [m]",
-        "repeats",
-        "time",
-        *(f"CV {name}" for name in wish.wanted),
-        "gain [nats]",
-    ):
-        table.add_column(Text(heading), justify="right")
-    table.add_column("status")
-    for i, row in enumerate(made.rows):
-        table.add_row(str(i + 1), *map(Text, _cells(row, made)))
-    return table
-
-
-def _cells(row: "Row", made: "Plan") -> list[str]:
-    return [
-        row.test,
-        f"{row.level:.4g}",
-        f"{row.y_peak_largest:.3g}",
-        f"> {made.wish.max_repeats}" if row.repeats is None else str(row.repeats),
-        "" if row.seconds is None else duration(row.seconds),
-        *(f"{row.cv[name].worst_decile:.2g}" for name in made.wish.wanted),
-        f"{row.information_gain:.3g}",
-        row.status,
-    ]
 
 
 def _remarks(made: "Plan") -> list[str]:

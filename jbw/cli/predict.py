@@ -1,6 +1,5 @@
 """The command `jbw predict DIR`."""
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import floor, log10
@@ -9,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jbw.cli.printing import NOTHING, print_columns
+from jbw.cli.options import json_option, out_option, outside_option, run_argument
+from jbw.cli.printing import NOTHING, show, show_json
+from jbw.report.table import Column, Table, table
 
 if TYPE_CHECKING:
     from jbw.measurement.records import Test
-    from jbw.study.basis import Basis
-
-HEADER = ("test", "level", "kind", "inside the band", "error", "peak displacement [m]", "of fitted")
+    from jbw.verification.predictive_basis import Basis
 
 
 class Pair(click.ParamType):
@@ -37,9 +36,7 @@ class Pair(click.ParamType):
 
 
 @click.command()
-@click.argument(
-    "folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path)
-)
+@run_argument
 @click.option("--campaign", type=click.Path(path_type=Path), help="Campaign file of the tests.")
 @click.option("--test", "names", multiple=True, help="A test by name; all when left out.")
 @click.option("--sweep", type=Pair(), help="A sweep nobody measured, from:to [Hz].")
@@ -50,13 +47,9 @@ class Pair(click.ParamType):
 @click.option("--fs", type=float, default=1024.0, show_default=True, help="Of the sweep [Hz].")
 @click.option("--without-noise", is_flag=True, help="Bands of the parameters alone.")
 @click.option("--draws", type=int, default=100, show_default=True, help="Draws carried along.")
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    help="New or empty folder to write to; DIR/predictions when left out.",
-)
-@click.option("--json", "json_", is_flag=True, help="Print the predictions as JSON.")
-@click.option("--allow-outside", is_flag=True, help="Read files outside the campaign's folder.")
+@out_option("DIR/predictions")
+@json_option
+@outside_option
 def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     """Predict tests from the finished run in DIR: 99 % bands, coverage, error.
 
@@ -69,14 +62,12 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     from jbw.cli.running import prepare_jax
 
     prepare_jax()
-    from jbw.campaign.loading import force_per_unit, load_campaign
-    from jbw.report.result import read_result
-    from jbw.study import predicting
-    from jbw.study.basis import Request, basis_of
-    from jbw.study.storage import claim, save_predictions
+    from jbw.campaign.load import force_per_unit, load_campaign
+    from jbw.study.store import claim, save_predictions
+    from jbw.study.study import basis_of_run
+    from jbw.verification import predict as predicting
 
-    _, tree = read_result(folder)
-    basis = basis_of(tree)
+    basis = basis_of_run(folder)
     planned, tests, gain = list(_planned(basis, **options)), [], None
     if campaign is not None:
         loaded = load_campaign(campaign, allow_outside=options["allow_outside"])
@@ -85,7 +76,7 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     elif options["names"] or not planned:
         raise click.UsageError("Give --campaign, or --sweep, --stepped or --tone with --level.")
     out = claim(options["out"] or folder / "predictions")
-    request = Request(options["draws"], not options["without_noise"])
+    request = predicting.Request(options["draws"], not options["without_noise"])
     # Planned tests are in the run's own unit, whatever the campaign says of its gain.
     requests = [(test, replace(request, gain=gain)) for test in tests]
     requests += [(test, request) for test in planned]
@@ -100,9 +91,9 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
         say("Writing figures")
         save_predictions(out, found, rows)
     if options["json_"]:
-        click.echo(json.dumps({"run": str(folder), "predictions": rows}, indent=1))
+        show_json({"run": str(folder), "predictions": rows})
     else:
-        print_table(rows)
+        show(prediction_table(rows), *_noises(rows))
         click.echo(f"Predictions: {out / 'predictions.nc'}")
 
 
@@ -118,7 +109,7 @@ def _planned(
     **_: Any,
 ) -> "Iterator[Test]":
     """The tests that nobody measured, at each level."""
-    from jbw.study import planned
+    from jbw.verification import planned
 
     asked = sweep is not None or stepped is not None or tone is not None
     if asked != bool(levels):
@@ -132,29 +123,42 @@ def _planned(
             yield planned.planned_tones(basis, (tone,), level)
 
 
-def print_table(rows: Sequence[dict[str, Any]]) -> None:
-    """One line a test on stdout, and below it how the bands are to be read."""
-    print_columns([HEADER, *(_cells(row) for row in rows)])
+def prediction_table(rows: Sequence[dict[str, Any]]) -> Table:
+    """The predictions, a line a test."""
+    from jbw.report.tables import error_column, inside, level_of  # loads matplotlib
+
+    return table(
+        "",
+        rows,
+        Column("test", lambda row: row["test"], align="left"),
+        Column("level", level_of),
+        Column("kind", lambda row: row["kind"], align="left"),
+        Column("inside the band", inside),
+        error_column("error", "nrmse"),
+        Column("peak displacement [m]", _peak),
+        Column("of fitted", _reach, align="left"),
+    )
+
+
+def _noises(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """How the bands are to be read."""
     for noise in dict.fromkeys(row["noise"] for row in rows):
         named = ", ".join(row["test"] for row in rows if row["noise"] == noise)
-        click.echo(f"Noise {noise} ({named})")
+        yield f"Noise {noise} ({named})"
 
 
-def _cells(row: dict[str, Any]) -> tuple[str, ...]:
-    """A test's line of the table."""
-    inside = NOTHING
-    if row["coverage"] is not None:
-        inside = f"{row['coverage']:.1%} of {row['num_values']:,.0f}"
-    peak = reach = NOTHING
-    if row["y_peak"] is not None:
-        low, middle, high = row["y_peak"].values()
-        digits = _digits(high - low, middle)
-        peak = f"{middle:.{digits}g} [{low:.{digits}g}, {high:.{digits}g}]"
-    if row["extrapolation"] is not None:
-        reach = f"{row['extrapolation']:.2f}" + (" BEYOND" if row["beyond"] else "")
-    level = NOTHING if row["level"] is None else f"{row['level']:g} {row['level_unit']}"
-    far = NOTHING if row["nrmse"] is None else f"{row['nrmse']:.2g}"
-    return row["test"], level, row["kind"], inside, far, peak, reach
+def _peak(row: dict[str, Any]) -> str:
+    if row["y_peak"] is None:
+        return NOTHING
+    low, middle, high = row["y_peak"].values()
+    digits = _digits(high - low, middle)
+    return f"{middle:.{digits}g} [{low:.{digits}g}, {high:.{digits}g}]"
+
+
+def _reach(row: dict[str, Any]) -> str:
+    if row["extrapolation"] is None:
+        return NOTHING
+    return f"{row['extrapolation']:.2f}" + (" BEYOND" if row["beyond"] else "")
 
 
 def _digits(width: float, value: float) -> int:

@@ -1,11 +1,21 @@
-"""How results look on stdout: consoles, plain columns, durations."""
+"""How results look on stdout: tables, verdicts and JSON."""
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import click
 from rich.console import Console
+from rich.text import Text
+
+from jbw.errors import printable
+from jbw.report.table import MARKS, Table, print_table
+from jbw.report.text import NOTHING as NOTHING
 
 PIPE_WIDTH = 160  # columns, when stdout is no terminal and has no width of its own
 MINUTE, HOUR = 60, 3600
-NOTHING = "-"
+STATUS = {"ok": MARKS["good"], "failed": MARKS["bad"]}
 
 
 def console() -> Console:
@@ -14,16 +24,50 @@ def console() -> Console:
     return found if found.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
 
 
-def print_columns(rows: list[tuple[str, ...]]) -> None:
-    """Rows as plain columns, the first one the headings.
+def show(*shown: Table | str) -> None:
+    """Print tables and sentences on stdout; tables without rows are left out."""
+    screen = console()
+    for each in shown:
+        if isinstance(each, str):
+            # Text, not markup, and no control characters: names come from files.
+            screen.print(Text(printable(each)), soft_wrap=not screen.is_terminal)
+        elif each.rows:
+            print_table(screen, each)
+
+
+def show_json(record: Any) -> None:
+    """Print a record as JSON, with null for what JSON has no number for."""
+    click.echo(json.dumps(_plain(record), indent=1, ensure_ascii=False))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def show_verdict(verdict: Mapping[str, Any], *, passed: bool = False) -> None:
+    """Print a verdict, and each finding against it with its page of `jbw explain`.
 
     Args:
-        rows: Cells, as many in each row.
+        verdict: As a record holds it.
+        passed: Print the findings that are ok, too.
     """
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for line in rows:
-        padded = [cell.ljust(width) for cell, width in zip(line, widths, strict=True)]
-        click.echo("  ".join(padded).rstrip())
+    screen = console()
+    status = verdict["status"]
+    screen.print(Text.assemble("Verdict: ", (status, STATUS.get(status, MARKS["doubt"]))))
+    show(*_findings(verdict["findings"], passed))
+
+
+def _findings(found: Iterable[Mapping[str, Any]], passed: bool) -> Iterable[str]:
+    for finding in found:
+        told = f"  {finding['reason']} {finding['action']}".rstrip()
+        if finding["status"] != "ok":
+            yield f"{told} (jbw explain {finding['code']})"
+        elif passed:
+            yield told
 
 
 def duration(seconds: float) -> str:
@@ -31,8 +75,3 @@ def duration(seconds: float) -> str:
     if seconds < 2 * MINUTE:
         return f"{seconds:.3g} s"
     return f"{seconds / MINUTE:.3g} min" if seconds < 2 * HOUR else f"{seconds / HOUR:.3g} h"
-
-
-def number(value: float | None, digits: int = 5) -> str:
-    """So many significant digits; nothing where there is no number."""
-    return "" if value is None else f"{value:.{digits}g}"

@@ -44,7 +44,7 @@ class Teller:
 
         Args:
             name: The posterior.
-            so_far: What is known of them, a `jbw.inference.keeping.SoFar`.
+            so_far: What is known of them, a `jbw.inference.samplers.checkpointing.SoFar`.
         """
         last = so_far.done >= so_far.total
         every = LOOK_S if self._console.is_terminal else PLAIN_S
@@ -116,7 +116,7 @@ def chain_sentence(name: str, so_far: Any) -> str:
 
 def effective(draws: dict[str, np.ndarray]) -> list[float] | None:
     """Effective draws of every chain so far, of the parameter that has fewest; None before any."""
-    from jbw.inference.summary import diagnose
+    from jbw.inference.posterior.summary import diagnose
 
     if not draws or next(iter(draws.values())).shape[1] < FEWEST:
         return None

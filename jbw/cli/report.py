@@ -5,16 +5,15 @@ from pathlib import Path
 
 import click
 
+from jbw.cli.options import json_option, run_argument
 from jbw.report.interactive import write_interactive
 from jbw.report.page import campaign_name, write_page
 from jbw.report.result import read_result
-from jbw.study.storage import save_report
+from jbw.study.store import save_report
 
 
 @click.command()
-@click.argument(
-    "folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path)
-)
+@run_argument
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, writable=True, path_type=Path),
@@ -25,7 +24,7 @@ from jbw.study.storage import save_report
     is_flag=True,
     help="Write interactive.html beside it, with figures to zoom into; needs plotly.",
 )
-@click.option("--json", "json_", is_flag=True, help="Print the paths as JSON.")
+@json_option
 def report(folder: Path, out: Path | None, interactive: bool, json_: bool) -> None:
     """Write the one-file report of the finished run in DIR, and its figures beside it."""
     summary, tree = read_result(folder)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from jbw.cli.options import json_option
 from jbw.cli.running import run_to_end
 from jbw.run.folder import Run, reopen
 from jbw.run.manifest import machine, require_unchanged
@@ -13,7 +14,7 @@ from jbw.run.manifest import machine, require_unchanged
 @click.argument(
     "folder", metavar="RUN", type=click.Path(exists=True, file_okay=False, path_type=Path)
 )
-@click.option("--json", "json_", is_flag=True, help="Print the summary as JSON.")
+@json_option
 def resume(folder: Path, json_: bool) -> int:
     """Go on with the run in the folder RUN, to the very draws of a run without a break.
 

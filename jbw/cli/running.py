@@ -1,30 +1,24 @@
 """What the commands that compute share: set up JAX, carry a run out, print the summary."""
 
+import json
 import logging
 import os
 import platform
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import click
 import platformdirs
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
-from jbw.cli.printing import console, number
 from jbw.cli.progress import progress
 from jbw.errors import JbwError
 from jbw.run.folder import Run
 from jbw.run.interruption import INTERRUPTED
 
-BEYOND = 1.05  # of the fitted displacement: from where on a prediction is said to extrapolate
-COLUMNS = ("map", "mean", "sd", "cv", "kl", "ess_bulk", "r_hat", "truth", "z")
-SPARED = ("kl", "map", "cv", "z", "truth", "ess_bulk")  # where the screen is narrow, in this order
-DIGITS = {"sd": 3, "cv": 2, "kl": 3, "ess_bulk": 4, "r_hat": 4, "z": 3}  # five of the others
-STATUS = {"ok": "green", "failed": "bold red", "not assessed": "yellow"}
+NOT_TRUSTED = 4
+Say = Callable[[str], None]
 
 
 def prepare_jax() -> None:
@@ -64,9 +58,7 @@ def run_to_end(run: Run, *, json_: bool = False) -> int:
         with run.interruption.heard(farewell), progress() as say:
             prepare_jax()
             run.watch = say.chains
-            from jbw.cli.carrying import carry_out
-
-            return carry_out(run, say, json_=json_)
+            summary = _carried_out(run, say)
     except KeyboardInterrupt:
         click.echo(farewell(), err=True)
         return INTERRUPTED
@@ -75,70 +67,99 @@ def run_to_end(run: Run, *, json_: bool = False) -> int:
         raise
     finally:
         run.close()
+    return _told(run, summary, json_)
+
+
+def _carried_out(run: Run, say: Say) -> Mapping[str, Any]:
+    """Do what is left of a run, and return its summary."""
+    from jbw.report.result import read_result
+    from jbw.study.store import save_report, save_result
+
+    if (run.folder / "summary.json").exists():
+        summary, tree = read_result(run.folder)
+    else:
+        tree, summary = _identified(run, say)
+        save_result(run.folder, tree, summary)
+    say("Writing figures and report")
+    try:
+        save_report(run.folder, tree, summary)
+    finally:
+        if not run.interruption.asked:
+            run.finish()  # a report that failed is `jbw report`'s to try again
+    say("Done")
+    return summary
+
+
+def _identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
+    from jbw.study.identify import identify
+
+    truth = None
+    if run.manifest.preset is not None:
+        truth = _measured(run, run.manifest.preset, say)
+    say(f"Reading {run.campaign}")
+    study = identify(
+        _loaded(run), seed=run.manifest.seed, truth=truth, report=say,
+        keep=run.keep, command=run.manifest.command,
+    )  # fmt: skip
+    return study.tree, {**study.record, "campaign_file": str(run.campaign.resolve())}
+
+
+def _measured(run: Run, preset: str, say: Say) -> dict[str, float]:
+    """Measure the virtual rig if that was not done, and say what is true of it."""
+    from jbw import rig
+
+    path = run.campaign
+    if not path.exists():
+        say("Measuring the virtual rig")
+        rig.write(rig.measure(preset, seed=run.manifest.seed or 0), path.parent)
+    truth = json.loads((path.parent / "truth.json").read_text(encoding="utf-8"))
+    return {**truth["joint"], "gain": truth["gain"]}
+
+
+def _loaded(run: Run) -> Any:
+    """The campaign, and in the manifest what it was made of."""
+    from jbw.campaign.load import load_campaign
+    from jbw.run.manifest import with_inputs
+    from jbw.study.study import input_hashes
+
+    path = run.campaign
+    loaded = load_campaign(path, allow_outside=run.manifest.allow_outside)
+    known = replace(run.manifest, text=path.read_text(encoding="utf-8"))
+    run.note(with_inputs(known, path, input_hashes(loaded)))
+    return loaded
+
+
+def _told(run: Run, summary: Mapping[str, Any], json_: bool) -> int:
+    """Print what a run found; its exit code."""
+    from jbw.cli.printing import show_json
+
+    if json_:
+        show_json(summary)
+    else:
+        print_summary(summary)
+        click.echo(f"Report: {run.folder / 'report.html'}")
+    if summary["verdict"]["status"] == "ok":
+        return 0
+    findings = summary["verdict"]["findings"]
+    code = next((one["code"] for one in findings if one["status"] != "ok"), "")
+    again = shlex.quote(str(run.folder))
+    click.echo(f"Next: jbw explain {code}, or what to measure: jbw plan {again}", err=True)
+    return NOT_TRUSTED
 
 
 def print_summary(summary: Mapping[str, Any]) -> None:
-    """The paper's Table 1, the statements and the verdict, on stdout."""
-    screen = console()
-    screen.print(_fitting(screen, summary))
-    for name, step in summary["steps"].items():
-        for statement in step["statements"]:
-            screen.print(Text(f"{name}: {statement}"))
-    for sentence in summary.get("identifiability", {}).get("statements", ()):
-        screen.print(Text(f"identifiability: {sentence}"))
-    for sentence in summary["comparison"].get("statements", ()):
-        screen.print(Text(f"routes: {sentence}"))
-    for test, row in summary["predictions"].items():
-        screen.print(Text(_prediction(test, row)))
-    verdict = summary["verdict"]
-    screen.print(
-        Text.assemble("Verdict: ", (verdict["status"], STATUS[verdict["status"]])), style="bold"
-    )
-    for finding in verdict["findings"]:
-        if finding["status"] != "ok":
-            told = f"  {finding['reason']} {finding['action']} (jbw explain {finding['code']})"
-            screen.print(Text(told))
+    """The paper's Table 1, the statements, the prediction errors and the verdict, on stdout."""
+    from jbw.cli.printing import show, show_verdict
+    from jbw.report.tables import parameters_table, predictions_table
 
-
-def _prediction(test: str, row: Mapping[str, Any]) -> str:
-    """One test in a line: error, other oscillators' beside it, coverage where it is known."""
-    known = "level or record fitted" if row["fitted"] else "never fitted"
-    parts = [f"error {row['nrmse']:.2g} of the record"]
-    others = {name: row.get(f"nrmse_{name}") for name in ("linear", "cubic")}
-    beside = [f"{name} oscillator {far:.2g}" for name, far in others.items() if far is not None]
-    if beside:
-        parts[0] += f" ({', '.join(beside)})"
-    if row.get("coverage") is not None:
-        count = f"{row['num_values']:,.0f} values"
-        parts.append(f"{row['coverage']:.1%} of {count} inside the 99 % band")
-    if (row.get("extrapolation") or 0.0) > BEYOND:
-        parts.append(f"{row['extrapolation']:.2g} times the displacement that was fitted")
-    return f"{test} ({known}): {', '.join(parts)}"
-
-
-def _fitting(screen: Console, summary: Mapping[str, Any]) -> Table:
-    """Table 1 with as many columns as the screen has room for, none of them cut."""
-    boundless = screen.options.update(max_width=10_000)
-    for count in range(len(SPARED) + 1):
-        table = _table(summary, [one for one in COLUMNS if one not in SPARED[:count]])
-        if screen.measure(table, options=boundless).maximum <= screen.width:
-            return table
-    return table
-
-
-def _table(summary: Mapping[str, Any], columns: Sequence[str]) -> Table:
-    title = f"Campaign {summary['campaign']}"
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
-    table.add_column("step", overflow="fold")
-    table.add_column("parameter", overflow="fold")
-    for column in columns:
-        table.add_column(column, justify="right", overflow="fold")
-    table.add_column("verdict")
-    for name, step in summary["steps"].items():
-        status = step.get("verdict", {}).get("status", "")
-        for i, (parameter, row) in enumerate(step["parameters"].items()):
-            cells = [number(row.get(column), DIGITS.get(column, 5)) for column in columns]
-            first = (name, Text(status, STATUS.get(status, ""))) if i == 0 else ("", Text(""))
-            table.add_row(first[0], parameter, *cells, first[1])
-        table.add_section()
-    return table
+    told = [
+        f"{part}: {statement}"
+        for part, found in (
+            *summary["steps"].items(),
+            ("identifiability", summary.get("identifiability") or {}),
+            ("routes", summary["comparison"]),
+        )
+        for statement in found.get("statements", ())
+    ]
+    show(parameters_table(summary, {}), *told, predictions_table(summary))
+    show_verdict(summary["verdict"])

@@ -1,16 +1,16 @@
 """The command `jbw sbc`."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
-from jbw.cli.printing import print_columns
+from jbw.cli.options import json_option, out_option, outside_option, seed_option
+from jbw.cli.printing import show, show_json, show_verdict
+from jbw.report.table import Column, Table, table
 
 NOT_CALIBRATED = 4
-HEADER = ("quantity", "p (ECDF)", "p (chi2)", "99 % holds", "of which", "to")
 
 
 @click.command()
@@ -25,14 +25,10 @@ HEADER = ("quantity", "p (ECDF)", "p (chi2)", "99 % holds", "of which", "to")
     "--noise", default="unknown", show_default=True,
     help="Of Step 3: unknown, as it is identified, or known, as the paper supposes.",
 )  # fmt: skip
-@click.option("--seed", default=0, show_default=True, help="Seed of everything random.")
-@click.option(
-    "--out",
-    type=click.Path(file_okay=False, path_type=Path),
-    help="New or empty folder to write to; sbc-STEP when left out.",
-)
-@click.option("--json", "json_", is_flag=True, help="Print the calibration as JSON.")
-@click.option("--allow-outside", is_flag=True, help="Read files outside the campaign's folder.")
+@seed_option(default=0)
+@out_option("sbc-STEP")
+@json_option
+@outside_option
 def sbc(
     source: Path | None,
     step: str,
@@ -55,11 +51,11 @@ def sbc(
     from jbw.cli.running import prepare_jax
 
     prepare_jax()
-    from jbw.campaign.loading import load_campaign
+    from jbw.campaign.load import load_campaign
     from jbw.study.calibration import save_sbc
     from jbw.study.calibration import sbc as calibrate_step
-    from jbw.study.known_run import campaign_of
-    from jbw.study.storage import claim
+    from jbw.study.store import claim
+    from jbw.study.study import campaign_of
 
     folder = claim(out or Path(f"sbc-{step}"))
     try:
@@ -79,31 +75,28 @@ def sbc(
             folder.rmdir()
         raise
     if json_:
-        click.echo(json.dumps(found.record, indent=1))
+        show_json(found.record)
     else:
-        print_calibration(found.record)
+        show(calibration_table(found.record))
+        show_verdict(found.record["verdict"], passed=True)
         click.echo(f"Calibration: {folder / 'sbc.json'}")
     return 0 if found.record["verdict"]["status"] == "ok" else NOT_CALIBRATED
 
 
-def print_calibration(record: Mapping[str, Any]) -> None:
-    """A line a quantity, then failures and the verdict, on stdout."""
-    click.echo(
+def calibration_table(record: Mapping[str, Any]) -> Table:
+    """The calibration, a line a quantity."""
+
+    def share(heading: str, key: str) -> Column:
+        return Column(heading, lambda row: f"{row[key]:.2%}")
+
+    return table(
         f"{record['step']}: {record['replications']} replications by {record['sampler']}, "
-        f"{record['failed']} failed"
+        f"{record['failed']} failed",
+        [{"name": name, **one} for name, one in record["quantities"].items()],
+        Column("quantity", lambda row: row["name"], align="left"),
+        Column("p (ECDF)", lambda row: f"{row['p_ecdf']:.2g}"),
+        Column("p (chi2)", lambda row: f"{row['p_chi_square']:.2g}"),
+        share("99 % holds", "coverage_99"),
+        share("of which", "coverage_99_lower"),
+        share("to", "coverage_99_upper"),
     )
-    rows = [HEADER, *(_line(name, one) for name, one in record["quantities"].items())]
-    print_columns(rows)
-    click.echo(f"Verdict: {record['verdict']['status']}")
-    for finding in record["verdict"]["findings"]:
-        told = f"  {finding['reason']} {finding['action']}".rstrip()
-        more = "" if finding["status"] == "ok" else f" (jbw explain {finding['code']})"
-        click.echo(told + more)
-
-
-def _line(name: str, one: Mapping[str, float]) -> tuple[str, ...]:
-    shares = ("coverage_99", "coverage_99_lower", "coverage_99_upper")
-    return (
-        name, f"{one['p_ecdf']:.2g}", f"{one['p_chi_square']:.2g}",
-        *(f"{one[share]:.2%}" for share in shares),
-    )  # fmt: skip

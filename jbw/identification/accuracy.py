@@ -1,7 +1,6 @@
 """What the verdict needs beside the chains: the solver's error, coloured residuals."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -10,18 +9,16 @@ import xarray as xr
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
-from jbw.identification.worth import COLOURED, LEAST_WORTH, correlation_at_one
-from jbw.inference.summary import evenly_spaced
-from jbw.inference.verdict import Finding
-from jbw.observables.decay import Decays
-from jbw.observables.evidence import Evidence, log_likelihood
-from jbw.observables.response import Records
+from jbw.inference.posterior.summary import evenly_spaced
+from jbw.inference.posterior.verdict import Finding
+from jbw.observables.dataset import Dataset, halved, log_likelihood
+from jbw.observables.effective_values import COLOURED, LEAST_VALUES, correlation_at_one
 
 SHIFT = 0.1  # of a posterior standard deviation: what the solver may move a posterior mean
 NUM_DRAWS = 32
 
 
-def solver_finding(posterior: xr.Dataset, data: Evidence) -> Finding | None:
+def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
     r"""Whether the solver's step could have moved the posterior.
 
     Halving the step changes the log likelihood by $\Delta\ell(\theta)$ and so a posterior mean by
@@ -29,7 +26,7 @@ def solver_finding(posterior: xr.Dataset, data: Evidence) -> Finding | None:
 
     Args:
         posterior: Draws of the parameters that were updated.
-        data: The evidence.
+        data: The dataset.
 
     Returns:
         A finding whose number is sd(Delta l) over draws; None where nothing is stepped.
@@ -39,7 +36,7 @@ def solver_finding(posterior: xr.Dataset, data: Evidence) -> Finding | None:
 
 
 def solver_change(
-    theta: Mapping[str, Float[np.ndarray, " draw"]], data: Evidence
+    theta: Mapping[str, Float[np.ndarray, "..."]], data: Dataset
 ) -> NDArray[np.float64] | None:
     """What halving the solver's step does to the log likelihood of draws; None without a solver."""
     finer = halved(data)
@@ -63,21 +60,6 @@ def solver_error(change: NDArray[np.float64]) -> Finding:
     )
 
 
-def halved(data: Evidence) -> Evidence | None:
-    """The evidence with twice as many steps of the solver; None where nothing is stepped."""
-    if not any(isinstance(part, Records | Decays) for part in data.parts):
-        return None
-    return replace(
-        data,
-        parts=tuple(
-            replace(part, substeps=2 * part.substeps)
-            if isinstance(part, Records | Decays)
-            else part
-            for part in data.parts
-        ),
-    )
-
-
 def thinned(
     posterior: xr.Dataset, names: tuple[str, ...] | None = None, num_draws: int = NUM_DRAWS
 ) -> dict[str, np.ndarray]:
@@ -88,7 +70,7 @@ def thinned(
 
 
 @jax.jit
-def _log_likelihoods(theta: Mapping[str, Array], data: Evidence) -> Float[Array, " draw"]:
+def _log_likelihoods(theta: Mapping[str, Array], data: Dataset) -> Float[Array, " draw"]:
     def one(some: Mapping[str, Array]) -> Float[Array, ""]:
         return jnp.sum(log_likelihood(some, data))
 
@@ -96,13 +78,13 @@ def _log_likelihoods(theta: Mapping[str, Array], data: Evidence) -> Float[Array,
 
 
 def residual_finding(
-    left: Mapping[str, np.ndarray], worth: Mapping[str, float], error: Mapping[str, float]
+    left: Mapping[str, np.ndarray], counted: Mapping[str, float], error: Mapping[str, float]
 ) -> Finding | None:
     """Whether what is left of the groups is white, as the likelihood would like it.
 
     Args:
         left: What a fit leaves of each group, by its label.
-        worth: Share of the values that the likelihood counts, by label.
+        counted: Fraction of the values that the likelihood counts, by label.
         error: Size of what is left over that of what was measured, by label.
 
     Returns:
@@ -110,7 +92,9 @@ def residual_finding(
         None where there is no such group.
     """
     lag_one = {
-        label: correlation_at_one(row) for label, row in left.items() if len(row) >= 2 * LEAST_WORTH
+        label: correlation_at_one(row)
+        for label, row in left.items()
+        if len(row) >= 2 * LEAST_VALUES
     }
     if not lag_one:
         return None
@@ -122,9 +106,40 @@ def residual_finding(
         "failed" if coloured else "ok",
         f"{coloured} of {len(lag_one)} residuals are coloured. Most of all that of {worst}, where "
         f"the fit leaves {error[worst]:.2g} with a lag-one correlation of {lag_one[worst]:.2f}, "
-        f"and the likelihood counts {worth[worst]:.2g} of the values.",
+        f"and the likelihood counts {counted[worst]:.2g} of the values.",
         lag_one[worst],
         "The model does not follow the data to their noise: its law, or a second mode."
         if coloured
         else "",
+    )
+
+
+def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
+    """How much of the worst group a fit leaves, of those that a fit should follow closely.
+
+    Args:
+        error: Size of what is left over that of what was measured, by label.
+        data: The dataset.
+
+    Returns:
+        A finding whose number is the residual over the group, root mean squares; None where no
+        observable says how much is too much.
+    """
+    bounded = {
+        label: part.most_misfit
+        for part in data.parts
+        if part.most_misfit is not None
+        for label in part.labels
+    }
+    if not bounded:
+        return None
+    worst = max(bounded, key=lambda label: error[label] / bounded[label])
+    ok = error[worst] < bounded[worst]
+    return Finding(
+        "misfit",
+        "ok" if ok else "failed",
+        f"The best fit leaves {error[worst]:.2%} of fitted record {worst}, the worst; it must be "
+        f"less than {bounded[worst]:.0%}.",
+        error[worst],
+        "" if ok else "Doubt the band (a second mode), `settle`, or the law of the joint.",
     )

@@ -2,38 +2,45 @@
 
 from collections.abc import Iterable
 
-from jbw.inference.powers import Product
-
-FACTORS = {"alpha_delta": ("alpha", "delta"), "alpha_gamma": ("alpha", "gamma")}
-# Of the box's parameters, in the paper's coordinates and in those of `jbw.observables.joint`.
-PAPER = {
-    "alpha_delta": {"alpha": 1.0, "delta": 1.0},
-    "alpha_gamma": {"alpha": 1.0, "gamma": 1.0},
-}
-BY_PRODUCTS = {
-    "alpha": {"share": 1.0, "omega_n": 2.0},
-    "delta": {"softening": 1.0, "share": -1.0},
-    "gamma": {"opening": 1.0, "share": -1.0},
-    "alpha_delta": {"softening": 1.0, "omega_n": 2.0},
-    "alpha_gamma": {"opening": 1.0, "omega_n": 2.0},
-}
+from jbw.inference.space.powers import Product
+from jbw.oscillator.law import Coordinates, Law, Monomial
+from jbw.oscillator.laws import laws_named
 
 
-def combinations(names: Iterable[str]) -> tuple[Product, ...]:
-    r"""The products $\alpha\delta$ and $\alpha\gamma$, and the paper's parameters if not sampled.
-
-    Weak motion knows the joint by these alone: its softening and its losses.
+def combinations(
+    names: Iterable[str], laws: tuple[str, ...] = ("bouc_wen",)
+) -> tuple[Product, ...]:
+    r"""The products that weak motion knows of every law, and its parameters if not sampled.
 
     Args:
         names: Parameters of the box.
+        laws: Names of the laws of the joint.
 
     Returns:
         Those combinations whose parameters are all in the box.
     """
     present = set(names)
-    table = BY_PRODUCTS if "share" in present else PAPER
-    return tuple(
-        Product(name, name.replace("_", "*"), powers, FACTORS.get(name, ()))
-        for name, powers in table.items()
-        if powers.keys() <= present
-    )
+    found = []
+    for law in laws_named(laws):
+        coordinates = _sampled_in(law, present)
+        own = [] if coordinates is None else list(coordinates.forward)
+        for monomial in (*own, *law.products):
+            product = _product(monomial, coordinates, is_product=monomial in law.products)
+            if product.powers.keys() <= present:
+                found.append(product)
+    return tuple(found)
+
+
+def _sampled_in(law: type[Law], present: set[str]) -> Coordinates | None:
+    """Which other coordinates of a law are in the box, if any."""
+    own = (one for one in law.coordinates.values() if set(one.names) & present)
+    return next(own, None)
+
+
+def _product(monomial: Monomial, coordinates: Coordinates | None, *, is_product: bool) -> Product:
+    powers = monomial.powers
+    if is_product and coordinates is not None:
+        powers = coordinates.powers(powers)
+    factors = tuple(monomial.powers) if is_product else ()
+    words = "*".join(factors) if is_product else monomial.name
+    return Product(monomial.name, words, {name: float(p) for name, p in powers.items()}, factors)

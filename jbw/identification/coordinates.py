@@ -1,120 +1,128 @@
 """In which parameters the joint posterior lives, and within which bounds."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import NamedTuple
 
-import numpy as np
-
+from jbw.campaign.settings import Identify
 from jbw.identification.priors import joint_box, stated
-from jbw.identification.starts import largest_displacement
-from jbw.inference.box import Box, box
-from jbw.inference.fitting import Fit
-from jbw.observables.evidence import Evidence
-from jbw.observables.linear import LineReading
-from jbw.observables.loops import Loops
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.space.box import Box, box
+from jbw.observables.dataset import Dataset, largest_displacement
+from jbw.oscillator.law import Bounds, Coordinates, Law
+from jbw.oscillator.laws import laws_named
 
-SHARE = (0.002, 0.9)  # of the stiffness: from a joint that hardly carries to nearly all of it
-FORCED_SHARE = (0.01, 1.0)  # under a prescribed displacement nothing else need carry at all
-REACH = 4.0  # times a fitted product: where it is looked for
+PAPER = "paper"  # the laws' own parameters
 
 
-def box_of(settings: Mapping[str, Any], data: Evidence, known: Mapping[str, float]) -> Box:
+class Chosen(NamedTuple):
+    """A law's other coordinates, chosen to sample in.
+
+    Attributes:
+        law: The law.
+        coordinates: Which of its coordinates.
+    """
+
+    law: type[Law]
+    coordinates: Coordinates
+
+    @property
+    def sentence(self) -> str:
+        """What is sampled and why, in words."""
+        names, own = (
+            [quantity.name for quantity in table]
+            for table in (self.law.table, self.coordinates.table)
+        )
+        *most, last = names
+        meanings = "; ".join(quantity.meaning for quantity in self.coordinates.table)
+        return (
+            f"The data know {', '.join(most)} and {last} by their products alone: "
+            f"{', '.join(own)} are sampled in their place ({meanings})."
+        )
+
+
+def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
     """Box of the joint route: the joint's parameters, and the gain, where they are not held.
 
     Args:
         settings: The campaign's [identify] table.
-        data: The evidence.
+        data: The dataset.
         known: First values of omega_n, zeta and gain.
 
     Returns:
         The box, the campaign's own bounds where it states them.
     """
-    given = stated(settings)
-    forced = all(isinstance(part, Loops) for part in data.parts)
-    omega_n = known.get("omega_n") or stiffest(data) ** 0.5
-    zeta = known.get("zeta", 0.01)
-    y_peak = largest_displacement(data, omega_n)
-    gain = None if "gain" in data.held else (known["gain"], _gain_std(data))
-    linear = any(isinstance(part, LineReading) for part in data.parts)
-    prior = joint_box(settings, omega_n, zeta, gain, y_peak, linear=linear)
-    bounds = {
-        name: (float(low), float(high))
-        for name, low, high in zip(prior.names, prior.lower, prior.upper, strict=True)
-        if name not in data.held
-    }
-    if forced:
-        wide = {
-            "omega_n": (0.2 * omega_n, 2.0 * omega_n),
-            "alpha": tuple(share * omega_n**2 for share in FORCED_SHARE),
-        }
-        bounds |= {name: pair for name, pair in wide.items() if name not in given}
-    return box(bounds)
+    # Where nothing tells of damping, the displacement is prescribed in every test.
+    forced = all("zeta" not in part.informs for part in data.parts)
+    omega_n = known.get("omega_n") or _stiffest(data) ** 0.5
+    gain = None if "gain" in data.held else (known["gain"], min(p.gain_std() for p in data.parts))
+    prior = joint_box(
+        settings,
+        omega_n,
+        known.get("zeta", 0.01),
+        gain,
+        largest_displacement(data, omega_n),
+        laws=data.laws,
+        linear=any(part.is_linear for part in data.parts),
+        forced=forced,
+    )
+    return box({name: pair for name, pair in bounds_of(prior).items() if name not in data.held})
 
 
-def stiffest(data: Evidence) -> float:
+def bounds_of(prior: Box) -> Bounds:
+    """Bounds of a box by name."""
+    sides = zip(prior.names, prior.lower, prior.upper, strict=True)
+    return {name: (float(low), float(high)) for name, low, high in sides}
+
+
+def _stiffest(data: Dataset) -> float:
     """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""
-    found = []
-    for part in data.parts:
-        if isinstance(part, Loops):
-            gain = float(data.held.get("gain", 1.0))
-            force = np.ptp(np.asarray(part.mean), axis=1)
-            found += list(gain * force / np.ptp(np.asarray(part.displacement), axis=1))
-    return float(max(found))
+    gain = float(data.held.get("gain", 1.0))
+    found = [part.stiffness(gain) for part in data.parts]
+    return max(value for value in found if value is not None)
 
 
-def _gain_std(data: Evidence) -> float:
-    """Standard deviation of the gain as a line fit knows it; infinite without one."""
-    known = [part for part in data.parts if isinstance(part, LineReading)]
-    return float(np.sqrt(known[0].covariance[2, 2])) if known else float("inf")
+def chosen_coordinates(best: Fit, settings: Identify, laws: tuple[str, ...]) -> list[Chosen]:
+    """Coordinates to sample in, law by law: its products where no more is known.
 
-
-def by_products(best: Fit, settings: Mapping[str, Any]) -> bool:
-    """Whether to sample in the products alpha delta and alpha gamma: where no more is known.
-
-    A campaign says so by `coordinates`; otherwise, where it bounds none of the three itself.
-    """
-    asked = settings.get("coordinates", "auto")
-    if asked != "auto" or "share" in best.theta:
-        return asked == "products" and "share" not in best.theta
-    bounded = {"alpha", "delta", "gamma"} & set(stated(settings))
-    weak = set() if best.weak is None else {"alpha", "delta", "gamma"} & set(best.weak.names)
-    return bool(weak) and not bounded
-
-
-def products_of(theta: Mapping[str, float]) -> dict[str, float]:
-    r"""The same point as softening, opening and share, $\alpha\delta/\omega_n^2$ and so on."""
-    square = theta["omega_n"] ** 2
-    rest = {name: v for name, v in theta.items() if name not in ("alpha", "delta", "gamma")}
-    return {
-        **rest,
-        "softening": theta["alpha"] * theta["delta"] / square,
-        "opening": theta["alpha"] * theta["gamma"] / square,
-        "share": theta["alpha"] / square,
-    }
-
-
-def product_box(prior: Box, theta: Mapping[str, float], settings: Mapping[str, Any]) -> Box:
-    """Box of the products about a fit, that of the other parameters kept.
+    A campaign says so by `coordinates`; otherwise, where it bounds none of the law's parameters
+    itself and the fit leaves one of them open.
 
     Args:
-        prior: The box of the paper's parameters; where it lets delta or gamma be negative, so may
-            be their products.
-        theta: The fit.
-        settings: The campaign's [identify] table, whose bounds on alpha bound its share.
+        best: The fit, in the laws' own parameters or already in other coordinates.
+        settings: The campaign's [identify] table.
+        laws: Names of the laws.
     """
-    found = products_of(theta)
-    bounds = {
-        name: (float(low), float(high))
-        for name, low, high in zip(prior.names, prior.lower, prior.upper, strict=True)
-    }
-    largest = REACH * max(abs(found["softening"]), abs(found["opening"]))
-    del bounds["alpha"]
-    products = {
-        product: (-largest if bounds.pop(factor)[0] < 0 else 0.0, largest)
-        for product, factor in (("softening", "delta"), ("opening", "gamma"))
-    }
-    alpha = stated(settings).get("alpha")
-    square = theta["omega_n"] ** 2
-    products["share"] = SHARE if alpha is None else (alpha[0] / square, alpha[1] / square)
-    front = {name: bounds[name] for name in ("omega_n", "zeta") if name in bounds}
-    return box({**front, **products, **{n: b for n, b in bounds.items() if n not in front}})
+    found = []
+    for law in laws_named(laws):
+        own, asked = set(law.names()), settings.coordinates
+        if not own <= best.theta.keys():
+            continue
+        weak = set() if best.weak is None else own & set(best.weak.names)
+        is_open = bool(weak) and not own & set(stated(settings))
+        for name, coordinates in law.coordinates.items():
+            if asked == name or (asked == "auto" and is_open):
+                found.append(Chosen(law, coordinates))
+                break
+    return found
+
+
+def coordinate_box(
+    prior: Box, theta: Mapping[str, float], settings: Identify, chosen: Chosen
+) -> Box:
+    """Box of a law's other coordinates about a fit, that of the other parameters kept.
+
+    Args:
+        prior: The box of the laws' own parameters.
+        theta: The fit, in these.
+        settings: The campaign's [identify] table, whose own bounds count.
+        chosen: The coordinates.
+    """
+    bounds, (law, coordinates) = bounds_of(prior), chosen
+    other = law.coordinate_bounds(coordinates.name, bounds, theta, stated(settings))
+    found: Bounds = {}
+    for name, pair in bounds.items():
+        if name not in law.names():
+            found[name] = pair
+        elif not other.keys() <= found.keys():
+            found |= other
+    return box(found)

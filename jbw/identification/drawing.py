@@ -1,55 +1,35 @@
 """Draws of the joint posterior by the sampler that suits what was measured."""
 
-from collections.abc import Mapping
-from functools import partial
-from typing import Any
-
 import jax
 import xarray as xr
 from jaxtyping import Array, Key
 
-from jbw.identification.step import ATTRS
-from jbw.inference.box import Box
-from jbw.inference.fitting import Fit
-from jbw.inference.keeping import Keep, nowhere
-from jbw.inference.logarithms import (
-    Inside,
-    back_from_logs,
-    far_beyond,
-    in_logarithms,
-    log_box,
-    log_start,
-    of_logs,
-)
-from jbw.inference.rewhitening import sample_again
-from jbw.inference.ridge import sample_along
-from jbw.inference.sampling import sample
-from jbw.inference.verdict import Verdict
-from jbw.observables.evidence import Evidence, log_likelihood
-from jbw.observables.loops import Loops
-from jbw.observables.response import Records
+from jbw.campaign.settings import Identify
+from jbw.identification.step import attrs
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.posterior.verdict import Verdict
+from jbw.inference.samplers.checkpointing import Keep, nowhere
+from jbw.inference.samplers.register import sampler_named
+from jbw.inference.samplers.rewhitening import sample_again
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import Box
+from jbw.inference.space.reparametrisation import along_logarithms, never_zero
+from jbw.inference.space.ridge import along_ridge
+from jbw.observables.dataset import Dataset, log_likelihood
 
 ROUNDS = 3  # times that slices are drawn again, where their chains disagree
 STUCK = {"frozen_chain", "r_hat"}  # findings of a sampler that does not fit the posterior
-DRAWS = {  # of warm-up, and kept of each chain
-    "elliptical_slice": (25, 400),
-    "importance": (0, 1000),
-    "nested": (0, 500),
-    "nuts": (300, 1000),
-    "quadrature": (0, 1000),
-    "random_walk": (1000, 1000),
-    "random_walk_paper": (85, 765),
-    "tempered_smc": (0, 500),
-}
 
 
 def sample_joint(
     key: Key[Array, ""],
-    data: Evidence,
+    data: Dataset,
     prior: Box,
     best: Fit,
-    settings: Mapping[str, Any],
+    settings: Identify,
     keep: Keep = nowhere,
+    *,
+    name: str = "joint",
 ) -> xr.DataTree:
     """Draws in the coordinate whitened by the fit's covariance.
 
@@ -66,41 +46,39 @@ def sample_joint(
         best: The fit, with its covariance.
         settings: The campaign's [identify] table.
         keep: Where the chains outlive the process.
+        name: Name of the step.
     """
-    sampler = settings.get("sampler", "auto")
+    meanings = attrs(data.laws)
+    sampler = settings.sampler
     if sampler == "auto":
         sampler = "elliptical_slice" if steps_through_time(data) else "nuts"
-    num_warmup, num_samples = DRAWS[sampler]
+    num_warmup, num_samples = settings.draws(sampler_named(sampler).draws)
     options = {
         "sampler": sampler,
-        "num_warmup": settings.get("num_warmup", num_warmup),
-        "num_samples": settings.get("num_samples", num_samples),
-        "num_chains": settings.get("num_chains", 4),
+        "num_warmup": num_warmup,
+        "num_samples": num_samples,
+        "num_chains": settings.num_chains,
         "chain_method": "parallel" if jax.device_count() > 1 else "sequential",
-        "adapt_mass": True,
-        "attrs": ATTRS,
+        "options": {"adapt_mass": True},
+        "attrs": meanings,
     }
     if sampler != "elliptical_slice":
-        about = {"start": best.theta, "covariance": best.covariance, "kept": keep("joint")}
+        about = {"start": best.theta, "covariance": best.covariance, "kept": keep(name)}
         return sample(key, log_likelihood, prior, data, **about, **options)
-    again = partial(
-        sample_again, rounds=ROUNDS, keep=lambda i: keep(f"joint_{i}" if i else "joint")
-    )
-    logs = in_logarithms(best, prior)
     if best.weak is not None or best.at_bound:
-        return sample_along(key, log_likelihood, prior, data, best, draw=again, **options)
-    start, covariance = log_start(best, prior, logs)
-    inner = log_box(prior, logs, best.theta)
-    drawn = again(
-        key, of_logs(log_likelihood), far_beyond(inner), data,
-        start=start, covariance=covariance, log_prior=Inside(inner), **options,
+        place = along_ridge(best.theta, best.covariance, prior)
+    else:
+        logs = never_zero(best.theta, best.covariance, prior)
+        place = along_logarithms(best.theta, best.covariance, prior, logs)
+    return sample_again(
+        key, log_likelihood, prior, data, coordinates=place, rounds=ROUNDS,
+        keep=lambda i: keep(f"{name}_{i}" if i else name), **options,
     )  # fmt: skip
-    return back_from_logs(drawn, prior, ATTRS)
 
 
-def steps_through_time(data: Evidence) -> bool:
+def steps_through_time(data: Dataset) -> bool:
     """Whether an evaluation steps through time."""
-    return any(isinstance(part, Records | Loops) for part in data.parts)
+    return any(part.stepped for part in data.parts)
 
 
 def stuck(posterior: xr.DataTree, found: Verdict) -> list[str]:

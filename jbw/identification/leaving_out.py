@@ -15,16 +15,13 @@ import xarray as xr
 from jaxtyping import Float
 
 from jbw.identification.starts import inside
-from jbw.inference.box import Box
-from jbw.inference.costly_fit import costly_fit, linearise
-from jbw.inference.fitting import Fit
-from jbw.inference.verdict import Finding
-from jbw.observables.decay import Decays
-from jbw.observables.evidence import Evidence, Part, labels, residual, run_names
-from jbw.observables.linear import LineReading
-from jbw.observables.weighing import left_by_label, size_by_label
+from jbw.inference.fit.costly_fit import costly_fit, linearise
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.posterior.verdict import Finding
+from jbw.inference.space.box import Box
+from jbw.observables.dataset import Dataset, stacked, without
+from jbw.observables.weighting import left_by_label, size_by_label
 
-DEAF = 1e6  # times its noise: a group that says nothing any more, and keeps its shape
 MOVES = 4.0  # standard deviations of the change: beyond, the runs contradict each other
 NO_SCATTER = 1e-12  # of runs: all of them have the common parameters
 LEAST_GAIN = 0.01  # of the variance: what a run must add for its absence to be judged
@@ -51,7 +48,7 @@ class LeftOut:
     error: Float[np.ndarray, " run"]
 
 
-def leave_one_out(best: Fit, prior: Box, data: Evidence) -> LeftOut | None:
+def leave_one_out(best: Fit, prior: Box, data: Dataset) -> LeftOut | None:
     """Fit again without each run of records, harmonics or loops in turn.
 
     Two runs must be left, so that no fit is of one level alone.
@@ -59,17 +56,17 @@ def leave_one_out(best: Fit, prior: Box, data: Evidence) -> LeftOut | None:
     Args:
         best: The fit of all.
         prior: Its box.
-        data: The evidence.
+        data: The dataset.
 
     Returns:
         The fits; None with fewer than two such runs, or three runs in all.
     """
-    own = [part for part in data.parts if not isinstance(part, LineReading | Decays)]
-    runs = tuple(dict.fromkeys(name for part in own for name in part.repeats.runs))
-    if len(runs) < 2 or len(set(run_names(data))) < 3:
+    own = [part for part in data.parts if part.sizes() and not part.own_shifts]
+    runs = tuple(dict.fromkeys(run for part in own for run in part.runs))
+    if len(runs) < 2 or len(set(data.runs)) < 3:
         return None
     fits = [
-        costly_fit(residual, prior, without(run, data), starts=inside(best.theta, prior))
+        costly_fit(stacked, prior, without(run, data), starts=inside(best.theta, prior))
         for run in runs
     ]
     estimate = np.array([list(one.theta.values()) for one in fits])
@@ -83,13 +80,13 @@ def leave_one_out(best: Fit, prior: Box, data: Evidence) -> LeftOut | None:
     return LeftOut(tuple(best.theta), runs, estimate, std, z, np.array(error))
 
 
-def _error(run: str, without_it: Fit, prior: Box, data: Evidence) -> float:
+def _error(run: str, without_it: Fit, prior: Box, data: Dataset) -> float:
     """Error of a run at a fit that does not know it, nor the run's own offsets."""
     common = replace(data, scatter=jnp.full_like(data.scatter, NO_SCATTER))
-    rows = linearise(residual, jnp.asarray(without_it.x), prior, common)[1]
+    rows = linearise(stacked, jnp.asarray(without_it.x), prior, common)[1]
     left = left_by_label(np.asarray(rows), common)
     sizes = size_by_label(data)
-    own = [label for label, name in zip(labels(data), run_names(data), strict=True) if name == run]
+    own = [label for label, name in zip(data.labels, data.runs, strict=True) if name == run]
     known = [label for label in own if label in sizes]  # a line fit of the run has no size
     missed = np.linalg.norm(np.concatenate([left[label] for label in known]))
     return float(missed / np.linalg.norm([sizes[label] for label in known]))
@@ -99,26 +96,6 @@ def left_out_sentence(left_out: LeftOut) -> str:
     """How well each run is predicted by the others, in words."""
     told = [f"{run} {e:.2g}" for run, e in zip(left_out.runs, left_out.error, strict=True)]
     return "Left out and predicted from the others, error over rms: " + ", ".join(told) + "."
-
-
-def without(run: str, data: Evidence) -> Evidence:
-    """The evidence with one run's groups deaf, of the same shapes.
-
-    Args:
-        run: Name of the run.
-        data: The evidence.
-    """
-
-    def deaf(part: Part) -> Part:
-        if isinstance(part, LineReading) and part.run == run:
-            return replace(part, covariance=DEAF**2 * part.covariance)
-        if isinstance(part, LineReading | Decays):
-            return part
-        loud = np.array([DEAF if name == run else 1.0 for name in part.repeats.runs])
-        noise = part.repeats.noise_std * loud
-        return replace(part, repeats=replace(part.repeats, noise_std=noise))
-
-    return replace(data, parts=tuple(deaf(part) for part in data.parts))
 
 
 def consistency_finding(left_out: LeftOut) -> Finding:

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from jbw.errors import DataError
 from jbw.identification.weighted import floored
-from jbw.measurement.channels import derivative_order, passband
+from jbw.measurement.channels import passband
 from jbw.measurement.spectra import FRF
+from jbw.quantities import derivative_order
 
 NEAR_PEAK = 0.2  # default band, of the peak's frequency to either side
 

@@ -13,8 +13,8 @@ from jbw.errors import ConfigError, DataError
 from jbw.identification.line_method import LineFit, line_fit_start, lines_of
 from jbw.identification.weighted import covariance_of, floored, least_squares
 from jbw.identification.windowed import line_errors, receptance, smeared
-from jbw.measurement.channels import derivative_order
 from jbw.measurement.spectra import FRF
+from jbw.quantities import derivative_order
 
 __all__ = ["LineFit", "PooledFit", "line_fit", "line_fit_start", "pool"]
 

@@ -9,8 +9,9 @@ from jbw.identification.linear import LineFit, PooledFit, line_fit, pool
 from jbw.measurement.periods import steady
 from jbw.measurement.records import Test
 from jbw.measurement.spectra import FRF, frf
-from jbw.observables.response import advance
-from jbw.oscillator.volterra import h1
+from jbw.observables.motion import advance
+from jbw.oscillator.paper.kernels import h1
+from jbw.quantities import BY_NAME, derivative_order, gain_unit, per
 
 NAMES = ("omega_n", "zeta", "gain")
 
@@ -34,9 +35,20 @@ class LinearStep:
     y_rms: float
 
     @property
+    def is_random(self) -> bool:
+        """Whether it read random motion, which its line fit alone is to be fitted by."""
+        return not self.test.traits.is_periodic
+
+    @property
     def natural_hz(self) -> float:
         """Natural frequency [Hz]."""
         return self.pooled.omega_n / (2 * np.pi)
+
+    @property
+    def source_unit(self) -> str:
+        """Unit of the source, such as V."""
+        record = self.test.records[0]
+        return record.units[record.source]
 
 
 def linear_step(test: Test, gain: float | None = None) -> LinearStep:
@@ -65,8 +77,13 @@ def linear_step(test: Test, gain: float | None = None) -> LinearStep:
     together = frf(u, y, fs, **how)
     pooled = pool(fits)
     rms = float(np.sqrt(np.mean(y**2)))
-    power = ("displacement", "velocity", "acceleration").index(response)
+    power = derivative_order(response)
     return LinearStep(test, fits, pooled, together, rms / pooled.omega_n**power)
+
+
+def units_of(step: LinearStep) -> dict[str, str]:
+    """Units of what Step 2 gives, by name; the source's unit decides the gain's."""
+    return {name: BY_NAME[name].unit for name in NAMES} | {"gain": gain_unit(step.source_unit)}
 
 
 def linear_dataset(step: LinearStep) -> xr.Dataset:
@@ -76,14 +93,15 @@ def linear_dataset(step: LinearStep) -> xr.Dataset:
     keep = (step.frf.freq >= low) & (step.frf.freq <= high)
     freq, h = step.frf.freq[keep], step.frf.h[keep]
     model = pooled.gain * np.asarray(h1(2 * np.pi * freq, pooled.omega_n, pooled.zeta))
-    units = {"omega_n": "rad/s", "zeta": "1", "gain": "N/kg per unit of input"}
+    units = units_of(step)
     variables: dict = {}
     for i, name in enumerate(NAMES):
         attrs = {"units": units[name]}
         variables[name] = ("repeat", [fit.theta[i] for fit in step.fits], attrs)
         variables[f"{name}_sd"] = ("repeat", [fit.std[i] for fit in step.fits], attrs)
+    receptance = per("m", step.source_unit)
     for prefix, value in (("h", h), ("fit", model)):
-        variables[f"{prefix}_magnitude"] = ("freq", np.abs(value), {"units": "m per unit of input"})
+        variables[f"{prefix}_magnitude"] = ("freq", np.abs(value), {"units": receptance})
         variables[f"{prefix}_phase"] = ("freq", np.angle(value), {"units": "rad"})
     variables["coherence"] = ("freq", step.frf.coherence[keep], {"units": "1"})
     std = np.sqrt(np.diag(pooled.covariance))

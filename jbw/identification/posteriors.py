@@ -3,30 +3,27 @@
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Key, PyTree
 
+from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, DataError
-from jbw.identification import cut, third_order
-from jbw.identification.coordinates import box_of
 from jbw.identification.drawing import steps_through_time
-from jbw.identification.fitted import fit_joint
-from jbw.identification.gathering import gather
-from jbw.identification.linear_step import LinearStep, linear_step
-from jbw.identification.procedure import Report
-from jbw.identification.selection import decay_tests, linear_test, probing_tests, sweep_tests
-from jbw.identification.settling import again, settled
-from jbw.identification.starts import fit_from, linear_look
-from jbw.inference.box import Box
-from jbw.inference.fitting import Fit
-from jbw.inference.model import LogLikelihood
-from jbw.inference.ridge import sample_along
+from jbw.identification.linear_step import LinearStep
+from jbw.identification.paper import kernel, opening, step3, step4
+from jbw.identification.prepare import Measured, Report, measured, prepare
+from jbw.identification.reweighting import refit
+from jbw.identification.selection import Sweeps, probing_tests
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import Box
+from jbw.inference.space.problem import LogLikelihood
+from jbw.inference.space.ridge import along_ridge
 from jbw.measurement.records import Test
-from jbw.observables import decay_likelihood, evidence, kernel, opening, response
-from jbw.observables.evidence import Evidence, labels
+from jbw.observables.dataset import Dataset, log_likelihood
+from jbw.observables.records import Records
 
 logger = logging.getLogger("jbw")
 STEPS = ("joint", "third_order", "opening")
@@ -43,6 +40,7 @@ class Posterior:
         data: What the likelihood takes.
         fit: Least squares in the box.
         stepped: Whether an evaluation steps through time, and costs accordingly.
+        laws: Names of the laws of the joint.
     """
 
     name: str
@@ -51,6 +49,7 @@ class Posterior:
     data: PyTree
     fit: Fit
     stepped: bool
+    laws: tuple[str, ...] = ("bouc_wen",)
 
 
 @dataclass(frozen=True)
@@ -69,8 +68,9 @@ class Known:
 def posterior_of(
     step: str,
     tests: Sequence[Test],
-    settings: Mapping[str, Any],
+    settings: Identify,
     *,
+    laws: tuple[str, ...] | None = None,
     gain: float | None = None,
     seed: int = 0,
     known: Known | None = None,
@@ -82,6 +82,7 @@ def posterior_of(
         step: "joint", "third_order" or "opening".
         tests: The campaign's tests.
         settings: Its [identify] table.
+        laws: Names of the laws of the joint.
         gain: Gain that the campaign states [N/kg per unit of the input].
         seed: Of the starts.
         known: What a finished run says of its prior and of Step 3.
@@ -94,13 +95,10 @@ def posterior_of(
     if step not in STEPS:
         raise ConfigError(f"Argument `step` must be one of {', '.join(STEPS)}, not {step!r}.")
     key, known = jax.random.key(seed), known or Known()
-    noise = linear_test(tests)
-    linear = None
-    if noise is not None:
-        report(f"Step 2: line fit of {noise.name}")
-        linear = linear_step(noise, gain)
+    seen = measured(tests, settings, laws=laws, gain=gain, report=report)
+    linear = seen.linear
     if step == "joint":
-        return _joint(key, tests, settings, linear, gain, seed, known, report)
+        return _joint(key, seen, known, report)
     probing = [] if linear is None else probing_tests(tests, linear.natural_hz)
     if linear is None or not probing:
         raise DataError(
@@ -108,23 +106,22 @@ def posterior_of(
             remedy='Compare on step "joint".',
         )
     if step == "opening":
-        return _opening(key, tests, settings, linear, probing, known, report)
+        return _opening(key, seen.sweeps, settings, linear, probing, known, report)
     report(f"Step 3: third-order kernel at {len(probing)} frequencies")
-    found = third_order.fit_kernel(key, probing, linear.pooled, settings)
-    best = third_order.as_noise(found.fit)
+    found = step3.fit_kernel(key, probing, linear.pooled, settings)
+    best = step3.as_noise(found.fit)
     return Posterior(step, kernel.log_likelihood, found.box, found.data, best, stepped=False)
 
 
 def _opening(
     key: Key[Array, ""],
-    tests: Sequence[Test],
-    settings: Mapping[str, Any],
+    sweeps: Sweeps | None,
+    settings: Identify,
     linear: LinearStep,
     probing: Sequence[Test],
     known: Known,
     report: Report,
 ) -> Posterior:
-    sweeps = sweep_tests(tests, settings)
     if sweeps is None:
         raise DataError(
             "Step `opening` needs sweeps, which the campaign lacks.",
@@ -133,49 +130,32 @@ def _opening(
     keys, means = jax.random.split(key, 3), dict(known.means)
     if not means:
         report("Step 3: means of zeta, alpha and delta, by NUTS")
-        found = third_order.fit_kernel(keys[0], probing, linear.pooled, settings)
-        tree = sample_along(
-            keys[1], kernel.log_likelihood, found.box, found.data, third_order.as_noise(found.fit),
+        found = step3.fit_kernel(keys[0], probing, linear.pooled, settings)
+        noisy = step3.as_noise(found.fit)
+        tree = sample(
+            keys[1], kernel.log_likelihood, found.box, found.data,
+            coordinates=along_ridge(noisy.theta, noisy.covariance, found.box),
             num_warmup=500, num_samples=500, chain_method="vectorized",
         )  # fmt: skip
         means = {str(n): float(v.mean()) for n, v in tree["posterior"].data_vars.items()}
     report("Step 4: gamma alone, the earlier steps held")
-    records = response.reduce(sweeps.fitted, substeps=settings.get("substeps", 2))
-    start = cut.fit_opening(keys[2], records, linear.pooled, means, settings)
+    records = Records.of(sweeps.fitted, substeps=settings.substeps)
+    start = step4.fit_opening(keys[2], records, linear.pooled, means, settings)
     return Posterior(
         "opening", opening.log_likelihood, start.box, start.curve, start.fit, stepped=False
     )
 
 
-def _joint(
-    key: Key[Array, ""],
-    tests: Sequence[Test],
-    settings: Mapping[str, Any],
-    linear: LinearStep | None,
-    gain: float | None,
-    seed: int,
-    known: Known,
-    report: Report,
-) -> Posterior:
-    decays = decay_tests(tests, settings)
-    if decays is not None and all(test.kind == "decay" for test in tests):
-        found = fit_joint(tests, settings, gain=gain, seed=seed, report=report)
-        log_likelihood = decay_likelihood.log_likelihood
-        return Posterior("joint", log_likelihood, found.box, found.data, found.fit, stepped=False)
-    sweeps = sweep_tests(tests, settings)
-    data = gather(tests, settings, linear=linear, sweeps=sweeps, decays=decays, gain=gain)
-    report(f"Least squares: all parameters from {len(labels(data))} groups of data")
-    keys, look = jax.random.split(key), linear_look(data)
-    prior = box_of(settings, data, look)
-    first = fit_from(keys[0], data, prior, look)
-    prior, best, data, _ = settled(keys[1], data, prior, first, settings)
-    prior, best = _as_known(prior, best, data, known)
-    return Posterior(
-        "joint", evidence.log_likelihood, prior, data, best, stepped=steps_through_time(data)
-    )
+def _joint(key: Key[Array, ""], seen: Measured, known: Known, report: Report) -> Posterior:
+    data = seen.dataset()
+    report(f"Least squares: all parameters from {len(data.labels)} groups of data")
+    ready = prepare(jax.random.split(key), data, seen.settings)
+    prior, best = _as_known(ready.box, ready.fit, ready.data, known)
+    stepped = steps_through_time(ready.data)
+    return Posterior("joint", log_likelihood, prior, ready.data, best, stepped, data.laws)
 
 
-def _as_known(prior: Box, best: Fit, data: Evidence, known: Known) -> tuple[Box, Fit]:
+def _as_known(prior: Box, best: Fit, data: Dataset, known: Known) -> tuple[Box, Fit]:
     """The prior of the run, which may have started elsewhere, and the fit in it."""
     if not known.bounds:
         return prior, best
@@ -188,4 +168,4 @@ def _as_known(prior: Box, best: Fit, data: Evidence, known: Known) -> tuple[Box,
         )
     lower, upper = zip(*(known.bounds[name] for name in prior.names), strict=True)
     prior = Box(prior.names, jnp.asarray(lower), jnp.asarray(upper))
-    return prior, again(best, prior, data)
+    return prior, refit(best, prior, data)

@@ -1,33 +1,26 @@
 """The procedure of the paper on one campaign: Steps 2, 3 and 4, and the joint posterior."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import jax
 from jaxtyping import Array, Key
 
-from jbw.identification import third_order
-from jbw.identification.cut import opening_steps
-from jbw.identification.decay import decay_step
-from jbw.identification.gathering import by_form, fitted, gather
+from jbw.campaign.settings import DEFAULT_LAWS, Identify, laws_of
+from jbw.identification.assemble import fitted
 from jbw.identification.joint import joint_step
-from jbw.identification.linear_step import LinearStep, linear_step
-from jbw.identification.selection import (
-    DecaySplit,
-    Sweeps,
-    decay_tests,
-    linear_test,
-    probing_tests,
-    sweep_tests,
-)
+from jbw.identification.linear_step import LinearStep
+from jbw.identification.paper import step3
+from jbw.identification.paper.step4 import opening_steps
+from jbw.identification.prepare import Measured, Report, measured
+from jbw.identification.selection import DecaySplit, Sweeps, decay_tests, probing_tests
 from jbw.identification.step import Step
-from jbw.inference.keeping import Keep, nowhere
+from jbw.inference.samplers.checkpointing import Keep, nowhere
 from jbw.measurement.records import Test
-from jbw.observables import response
+from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
-from jbw.observables.evidence import Evidence, labels
+from jbw.observables.records import Records, by_form
 
 logger = logging.getLogger("jbw")
 DECAY_KEY = 100  # of the seed: the paper's steps draw the same with decays and without
@@ -48,9 +41,9 @@ class Identification:
     """
 
     linear: LinearStep | None = None
-    kernel: third_order.KernelFit | None = None
+    kernel: step3.KernelFit | None = None
     sweeps: Sweeps | None = None
-    data: Evidence | None = None
+    data: Dataset | None = None
     decays: DecaySplit | None = None
     decay_data: Decays | None = None
     steps: dict[str, Step] = field(default_factory=dict)
@@ -68,13 +61,11 @@ class Identification:
         return self.steps.get("decay") or self.main
 
 
-Report = Callable[[str], None]
-
-
 def run_procedure(
     tests: tuple[Test, ...],
-    settings: Mapping[str, Any],
+    settings: Identify,
     *,
+    laws: tuple[str, ...] | None = None,
     gain: float | None = None,
     seed: int = 0,
     report: Report = logger.info,
@@ -82,9 +73,13 @@ def run_procedure(
 ) -> Identification:
     """Run every step that the tests of a campaign allow.
 
+    Free decays are part of the joint posterior; beside other tests they have one of their own too,
+    to compare with.
+
     Args:
         tests: The campaign's tests.
         settings: Its [identify] table.
+        laws: Names of the laws of the joint.
         gain: Gain that the campaign states [N/kg per unit of the input], not identified then.
         seed: Seed of everything random.
         report: Called with one sentence at every stage.
@@ -96,69 +91,63 @@ def run_procedure(
     Raises:
         DataError: If there is nothing that the joint can be fitted to.
     """
-    decays = decay_tests(tests, settings, fitted(tests, settings))
-    forced = any(test.kind != "decay" for test in tests)
-    found = Identification(decays=decays)
-    if forced:
-        found = _forced_steps(found, tests, settings, gain, seed, report, keep)
-    if decays is None:
-        return found
-    report(f"Free decays: the joint from {len(decays.fitted.records)} records")
-    name = "decay" if forced else "joint"
-    key = jax.random.fold_in(jax.random.key(seed), DECAY_KEY)
-    step, data = decay_step(key, decays.fitted, settings, name, keep=keep)
-    return replace(found, decay_data=data, steps={**found.steps, name: step})
-
-
-def _forced_steps(
-    found: Identification,
-    tests: tuple[Test, ...],
-    settings: Mapping[str, Any],
-    gain: float | None,
-    seed: int,
-    report: Report,
-    keep: Keep,
-) -> Identification:
-    """The paper's steps on the tests with a measured input, and the joint posterior of all."""
     keys = iter(jax.random.split(jax.random.key(seed), 16))
-    noise, linear = linear_test(tests), None
-    if noise is not None:
-        report(f"Step 2: line fit of {noise.name}")
-        linear = linear_step(noise, gain)
-    sweeps = sweep_tests(tests, settings)
-    found = replace(found, linear=linear, sweeps=sweeps)
-    if linear is not None:
-        found = _paper_steps(found, linear, tests, settings, keys, report, keep)
-    data = gather(tests, settings, linear=linear, sweeps=sweeps, decays=found.decays, gain=gain)
-    report(f"Joint posterior: all parameters from {len(labels(data))} groups of data")
+    laws = laws_of(DEFAULT_LAWS, settings.prior) if laws is None else laws
+    decays = decay_tests(tests, settings, fitted(tests, settings))
+    seen = measured(tests, settings, laws=laws, gain=gain, report=report)
+    seen = replace(seen, decays=decays)
+    found = Identification(linear=seen.linear, sweeps=seen.sweeps, decays=decays)
+    if seen.linear is not None and "bouc_wen" in laws:
+        found = _paper_steps(found, seen.linear, seen, keys, report, keep)
+    data = seen.dataset()
+    report(f"Joint posterior: all parameters from {len(data.labels)} groups of data")
     step, data = joint_step(next(keys), data, found.steps, settings, keep=keep)
-    return replace(found, data=data, steps={**found.steps, "joint": step})
+    found = replace(found, data=data, steps={**found.steps, "joint": step})
+    return found if decays is None else _with_decays(found, seen, seed, report, keep)
+
+
+def _with_decays(
+    found: Identification, seen: Measured, seed: int, report: Report, keep: Keep
+) -> Identification:
+    """The posterior of the decays by themselves, where there are other tests."""
+    free = [test for test in seen.tests if test.traits.is_free]
+    if len(free) == len(seen.tests):
+        return replace(found, decay_data=_decays_of(found.data))
+    report("Free decays: the joint from them alone")
+    key = jax.random.fold_in(jax.random.key(seed), DECAY_KEY)
+    step, data = joint_step(key, seen.dataset(free), {}, seen.settings, name="decay", keep=keep)
+    return replace(found, decay_data=_decays_of(data), steps={**found.steps, "decay": step})
+
+
+def _decays_of(data: Dataset | None) -> Decays | None:
+    parts = () if data is None else data.parts
+    return next((part for part in parts if isinstance(part, Decays)), None)
 
 
 def _paper_steps(
     found: Identification,
     linear: LinearStep,
-    tests: tuple[Test, ...],
-    settings: Mapping[str, Any],
+    seen: Measured,
     keys: Iterator[Key[Array, ""]],
     report: Report,
     keep: Keep,
 ) -> Identification:
     """Steps 3 and 4 by the paper's cut, as far as the tests allow them."""
-    probing = probing_tests(tests, linear.natural_hz)
+    settings = seen.settings
+    probing = probing_tests(seen.tests, linear.natural_hz)
     if not probing:
         return found
     report(f"Step 3: third-order kernel at {len(probing)} frequencies")
-    kernel_fit = third_order.fit_kernel(next(keys), probing, linear.pooled, settings)
-    steps = third_order.third_order_steps(next(keys), kernel_fit, settings, keep=keep)
-    chosen = {test.name for test in fitted(tests, settings)}
+    kernel_fit = step3.fit_kernel(next(keys), probing, linear.pooled, settings)
+    steps = step3.third_order_steps(next(keys), kernel_fit, settings, keep=keep)
+    chosen = {test.name for test in fitted(seen.tests, settings)}
     sweeps = [] if found.sweeps is None else found.sweeps.fitted
     swept = by_form([test for test in sweeps if test.name in chosen])
     if swept:
         # One record form, the one with the most levels: the curve of gamma is of one solve.
         report("Step 4: gamma alone, the earlier steps held")
         most = max(swept, key=len)
-        swept = response.reduce(most, substeps=settings.get("substeps", 2))
+        records = Records.of(most, substeps=settings.substeps)
         held = steps["third_order_nuts"]
-        steps |= opening_steps(next(keys), swept, linear.pooled, held, settings, keep=keep)
+        steps |= opening_steps(next(keys), records, linear.pooled, held, settings, keep=keep)
     return replace(found, kernel=kernel_fit, steps=steps)

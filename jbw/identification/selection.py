@@ -1,9 +1,9 @@
 """Which test feeds which step; what is fitted and what is held out, fixed before any fit."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
+from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.measurement.records import Test
 
@@ -25,7 +25,7 @@ class Sweeps:
 
 def linear_test(tests: Sequence[Test]) -> Test | None:
     """The noise or multisine test of the lowest level: the most linear one, for Step 2."""
-    noise = [test for test in tests if test.kind in ("noise", "multisine")]
+    noise = [test for test in tests if test.traits.is_broadband]
     return min(noise, key=lambda test: test.level) if noise else None
 
 
@@ -39,7 +39,7 @@ def probing_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
     Returns:
         The probing tests, lowest frequency first.
     """
-    single = [test for test in tests if test.kind == "tones" and len(test.tones_hz) == 1]
+    single = [test for test in tests if test.is_single_tone]
     low, high = (part * natural_hz for part in THIRD)
     return tuple(
         sorted((t for t in single if low < t.tones_hz[0] < high), key=lambda t: t.tones_hz[0])
@@ -49,11 +49,11 @@ def probing_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
 def loop_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
     """Tests with one tone near the resonance, lowest level first, for the validation by loops."""
     probing = {test.name for test in probing_tests(tests, natural_hz)}
-    single = [t for t in tests if t.kind == "tones" and len(t.tones_hz) == 1]
+    single = [test for test in tests if test.is_single_tone]
     return tuple(sorted((t for t in single if t.name not in probing), key=lambda t: t.level))
 
 
-def sweep_tests(tests: Sequence[Test], settings: Mapping[str, Any]) -> Sweeps | None:
+def sweep_tests(tests: Sequence[Test], settings: Identify) -> Sweeps | None:
     """Sweeps split into what is fitted and what is held out.
 
     `fit_levels` names the levels to fit; by default the lowest and the highest of three or more,
@@ -69,11 +69,15 @@ def sweep_tests(tests: Sequence[Test], settings: Mapping[str, Any]) -> Sweeps | 
     Raises:
         ConfigError: A level that no sweep has, or more repeats than there are.
     """
-    sweeps = sorted((test for test in tests if test.kind == "sweep"), key=lambda test: test.level)
+    sweeps = sorted(
+        (test for test in tests if test.traits.is_transient), key=lambda test: test.level
+    )
     if not sweeps:
         return None
     levels = [test.level for test in sweeps]
-    chosen = settings.get("fit_levels", [levels[0], levels[-1]] if len(levels) > 2 else levels)
+    chosen = settings.fit_levels
+    if chosen is None:
+        chosen = [levels[0], levels[-1]] if len(levels) > 2 else levels
     unknown = [level for level in chosen if level not in levels]
     if unknown:
         raise ConfigError(
@@ -106,7 +110,7 @@ class DecaySplit:
 
 
 def decay_tests(
-    tests: Sequence[Test], settings: Mapping[str, Any], chosen: Sequence[Test] | None = None
+    tests: Sequence[Test], settings: Identify, chosen: Sequence[Test] | None = None
 ) -> DecaySplit | None:
     """Free decays split into what is fitted and what is held out.
 
@@ -122,7 +126,7 @@ def decay_tests(
     Raises:
         ConfigError: Tests of different bands, or more repeats than there are.
     """
-    decays = [test for test in tests if test.kind == "decay"]
+    decays = [test for test in tests if test.traits.is_free]
     if not decays:
         return None
     forms = {(t.band_hz, t.settle, t.records[0].fs, t.records[0].response) for t in decays}
@@ -145,9 +149,11 @@ def decay_tests(
     return DecaySplit(fitted, together, tuple(name for _, name in (*first, *rest)))
 
 
-def _fitted_repeats(test: Test, settings: Mapping[str, Any]) -> int:
+def _fitted_repeats(test: Test, settings: Identify) -> int:
     total = len(test.records)
-    count = settings.get("fit_repeats", total // 2 if total >= 4 else total)
+    count = settings.fit_repeats
+    if count is None:
+        count = total // 2 if total >= 4 else total
     if not 1 <= count <= total:
         raise ConfigError(
             f"Setting `fit_repeats` must lie between 1 and the {total} repeats of `{test.name}`, "

@@ -1,4 +1,4 @@
-"""Starts that find the optimum: a linear look at the data, earlier steps, points of the box."""
+"""Starts that find the optimum: first values without a model, earlier steps, points of the box."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -8,113 +8,88 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
-from numpy.typing import NDArray
 
-from jbw.inference.box import Box, from_unit
-from jbw.inference.costly_fit import costly_fit
-from jbw.inference.fitting import Fit
-from jbw.measurement.channels import derivative_order
-from jbw.observables.evidence import Evidence, residual
-from jbw.observables.harmonics import Points
-from jbw.observables.linear import LineReading
-from jbw.observables.loops import Loops
-from jbw.observables.response import Records
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.fit.fitting import Fit, fit
+from jbw.inference.space.box import Box, box, from_unit
+from jbw.observables.dataset import Dataset, stacked
+from jbw.observables.observable import AmplitudeCurve
+from jbw.oscillator.oscillator import Oscillator, oscillator_of
 
 NUM_SCREENED = 32  # points of the box whose cost is looked at
 NUM_STARTS = 3  # of them fitted
 EXPLAINED = 5.0  # chi-square a degree of freedom below which a fit explains the data
-NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the linear look uses
+CURVE_STARTS = 8  # of the fit to frequency and damping against amplitude, which costs nothing
+MOST_CURVE_POINTS = 200
+FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03  # relative: weights of such a curve
 
 
-def linear_look(data: Evidence) -> dict[str, float]:
-    r"""Natural frequency, damping and gain by linear least squares, no iteration.
-
-    $$(\omega_n^2 + 2j\zeta\omega_n\omega)\,Y - g\,U = \omega^2\,Y$$
-
-    over the points of steady motion of the lowest level, or the lines near the peak of a record's
-    spectrum.
+def first_values(data: Dataset) -> dict[str, float]:
+    """Natural frequency, damping and gain as the first part tells them that can.
 
     Args:
-        data: The evidence.
+        data: The dataset.
 
     Returns:
         omega_n [rad/s], zeta [-] and gain; empty where nothing shows them.
     """
-    for part in data.parts:
-        if isinstance(part, LineReading):
-            omega_n, zeta, gain = (float(value) for value in part.mean)
-            return {"omega_n": omega_n, "zeta": zeta, "gain": gain}
-    for part in data.parts:
-        if isinstance(part, Points):
-            return _look(*_quietest(part))
-        if isinstance(part, Records):
-            return _look(*_spectrum(part))
-    return {}
+    return next((found for part in data.parts if (found := part.first_values())), {})
 
 
-def _look(
-    omega: NDArray[np.float64], u: NDArray[np.complex128], y: NDArray[np.complex128]
+def from_amplitude_curve(
+    key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str, float]
 ) -> dict[str, float]:
-    columns = np.column_stack([y, 1j * omega * y, -u])
-    scale = np.linalg.norm(columns, axis=0)
-    target = omega**2 * y
-    stacked = np.concatenate([(columns / scale).real, (columns / scale).imag])
-    found = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]))[0] / scale
-    omega_n = float(np.sqrt(max(found[0], np.min(omega) ** 2)))
-    return {
-        "omega_n": omega_n,
-        "zeta": float(max(found[1] / (2 * omega_n), 1e-4)),
-        "gain": float(found[2]),
-    }
+    r"""The laws' parameters from frequency and damping against amplitude, where data show them.
+
+    $$\omega(Y)^2 = k + \sum_l K_l(Y), \qquad
+      2\,\zeta(Y)\,\omega(Y)^2 = 2\zeta\omega_n\omega(Y) + \sum_l C_l(Y)$$
+
+    with K and C of the steady loops: no solve in time, so that many starts cost nothing.
+
+    Args:
+        key: Random key of the starts.
+        data: The dataset.
+        prior: The box.
+        known: Values that are not to be read here.
+
+    Returns:
+        Values by name; empty where no part has such a curve.
+    """
+    curve = next((c for part in data.parts if (c := part.amplitude_curve()) is not None), None)
+    if curve is None or "zeta" not in prior.names:
+        return {}
+    some = np.unique(np.linspace(0, len(curve.y) - 1, MOST_CURVE_POINTS).astype(int))
+    thin = AmplitudeCurve(*(values[some] for values in curve))
+    laws = data.laws
+
+    def left(theta: Mapping[str, Array], seen: AmplitudeCurve) -> Float[Array, " value"]:
+        omega, zeta = jax.vmap(lambda y: equivalent(oscillator_of(theta, laws), y))(seen.y)
+        return jnp.concatenate(
+            [
+                (omega / seen.omega - 1) / FREQUENCY_STD,
+                (zeta - seen.zeta) / (DAMPING_STD * jnp.max(seen.zeta)),
+            ]
+        )
+
+    inner = [i for i, name in enumerate(prior.names) if name != "gain"]
+    names = tuple(prior.names[i] for i in inner)
+    lower, upper = (np.asarray(side)[inner].tolist() for side in (prior.lower, prior.upper))
+    bounds = dict(zip(names, zip(lower, upper, strict=True), strict=True))
+    found = fit(left, box(bounds), thin, starts=CURVE_STARTS, key=key)
+    return {name: value for name, value in found.theta.items() if name not in known}
 
 
-def _quietest(
-    part: Points,
-) -> tuple[NDArray[np.float64], NDArray[np.complex128], NDArray[np.complex128]]:
-    """Points of the group of first harmonics with the smallest motion at its peak."""
-    point, position = np.asarray(part.point), np.asarray(part.position)
-    sizes = np.asarray(part.repeats.size).astype(int) // 2
-    motion, load, omega = (np.asarray(x) for x in (part.motion, part.load, part.omega))
-    first = [i for i in range(len(sizes)) if position[i] == 0 and sizes[i] >= 3]
-    first = first or [i for i in range(len(sizes)) if position[i] == 0]
-    peaks = [np.abs(motion[point[i, : sizes[i]], 0]).max() for i in first]
-    chosen = point[first[int(np.argmin(peaks))], : sizes[first[int(np.argmin(peaks))]]]
-    return omega[chosen], load[chosen, 0], motion[chosen, 0]
+def equivalent(
+    joint: Oscillator, y_peak: Float[Array, ""]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Equivalent frequency [rad/s] and damping ratio [-] at an amplitude."""
+    loop = joint.loop(y_peak)
+    square = joint.k + loop.stiffness
+    omega = jnp.sqrt(square)
+    return omega, joint.zeta * joint.omega_n / omega + loop.damping / (2 * square)
 
 
-def _spectrum(
-    part: Records,
-) -> tuple[NDArray[np.float64], NDArray[np.complex128], NDArray[np.complex128]]:
-    """Lines of the lowest level near the peak of its response."""
-    mean, source = np.asarray(part.mean), np.asarray(part.source)
-    level = int(np.argmin(np.mean(mean**2, axis=1)))
-    omega = 2 * np.pi * np.fft.rfftfreq(mean.shape[1], 1 / part.fs)[1:]
-    x, u = (np.fft.rfft(row[level])[1:] for row in (mean, source))
-    y = x / (1j * omega) ** derivative_order(part.response)
-    driven = np.abs(u) > 0.1 * np.abs(u).max()
-    near = driven & (np.abs(x) > NEAR_PEAK * np.abs(x[driven]).max())
-    return omega[near], u[near], y[near]
-
-
-def largest_displacement(data: Evidence, omega_n: float) -> float:
-    """Largest displacement that was measured [m]; of noise, of which the rms is known, that."""
-    found = [0.0]
-    for part in data.parts:
-        if isinstance(part, Records):
-            power = derivative_order(part.response)
-            found.append(float(jnp.max(jnp.abs(part.mean))) / omega_n**power)
-        elif isinstance(part, Points):
-            found.append(float(jnp.max(jnp.abs(part.motion))))
-        elif isinstance(part, Loops):
-            found.append(float(jnp.max(jnp.abs(part.displacement))))
-        elif isinstance(part, LineReading):
-            found.append(float(part.y_rms))
-        else:
-            found.append(float(part.y_start))
-    return max(found)
-
-
-def fit_from(key: Key[Array, ""], data: Evidence, prior: Box, known: Mapping[str, float]) -> Fit:
+def fit_from(key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str, float]) -> Fit:
     """Least squares over all parameters, from what is known of them.
 
     Where that fit does not explain the data, also from the best of many points all over the box:
@@ -122,7 +97,7 @@ def fit_from(key: Key[Array, ""], data: Evidence, prior: Box, known: Mapping[str
 
     Args:
         key: Random key of the points.
-        data: The evidence.
+        data: The dataset.
         prior: The box.
         known: Starting values by name; the middle of the box for the others.
 
@@ -131,7 +106,7 @@ def fit_from(key: Key[Array, ""], data: Evidence, prior: Box, known: Mapping[str
     """
     middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
     start = {name: known.get(name, float(middle[name])) for name in prior.names}
-    first = costly_fit(residual, prior, data, starts=inside(start, prior))
+    first = costly_fit(stacked, prior, data, starts=inside(start, prior))
     chi_square, dof = first.chi_square
     if chi_square < EXPLAINED * dof:
         return first
@@ -140,7 +115,7 @@ def fit_from(key: Key[Array, ""], data: Evidence, prior: Box, known: Mapping[str
         points[name] = jnp.full(NUM_SCREENED, known[name])
     order = np.argsort(np.asarray(_costs(points, data)))[:NUM_STARTS]
     starts = {name: np.asarray(values)[order] for name, values in points.items()}
-    second = costly_fit(residual, prior, data, starts=inside(starts, prior))
+    second = costly_fit(stacked, prior, data, starts=inside(starts, prior))
     best = min(first, second, key=lambda one: one.cost)
     return replace(best, waterfall=np.sort(np.append(first.waterfall, second.waterfall)))
 
@@ -154,6 +129,6 @@ def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
 
 
 @jax.jit
-def _costs(points: Mapping[str, Array], data: Evidence) -> Float[Array, " point"]:
-    costs = jax.lax.map(lambda theta: jnp.sum(residual(theta, data) ** 2), dict(points))
+def _costs(points: Mapping[str, Array], data: Dataset) -> Float[Array, " point"]:
+    costs = jax.lax.map(lambda theta: jnp.sum(stacked(theta, data) ** 2), dict(points))
     return jnp.where(jnp.isfinite(costs), costs, jnp.inf)

@@ -6,22 +6,23 @@ from time import perf_counter
 
 import xarray as xr
 
-from jbw.inference.box import Box
-from jbw.inference.fitting import Fit
-from jbw.inference.verdict import Finding, Verdict, judge, verdict
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.posterior.verdict import Finding, Verdict, judge, verdict
+from jbw.inference.space.box import Box
+from jbw.oscillator.laws import laws_named, vocabulary
+from jbw.quantities import OSCILLATOR, attrs_of
 
-ATTRS = {
-    "omega_n": {"units": "rad s-1", "long_name": "natural frequency at small amplitude"},
-    "zeta": {"units": "1", "long_name": "damping ratio"},
-    "alpha": {"units": "s-2", "long_name": "stiffness of the hysteretic part"},
-    "delta": {"units": "m-1", "long_name": "softening of the hysteresis"},
-    "gamma": {"units": "m-1", "long_name": "opening of the hysteresis loop"},
-    "cubic": {"units": "m-2 s-2", "long_name": "cubic stiffness beside the joint"},
-    "softening": {"units": "m-1", "long_name": "softening, alpha * delta / omega_n^2"},
-    "opening": {"units": "m-1", "long_name": "opening, alpha * gamma / omega_n^2"},
-    "share": {"units": "1", "long_name": "joint's share of the stiffness, alpha / omega_n^2"},
-    "gain": {"units": "N kg-1 per unit of input", "long_name": "gain of the source"},
-}
+
+def attrs(laws: tuple[str, ...] = ()) -> dict[str, dict[str, str]]:
+    """Attributes of the variables of a posterior, by name: units, symbol and meaning.
+
+    Args:
+        laws: Names of the laws of the joint, where they are not in the register by these.
+    """
+    table = [*OSCILLATOR, *vocabulary().values()]
+    for law in laws_named(laws):
+        table += law.table
+    return attrs_of(table)
 
 
 @dataclass(frozen=True)

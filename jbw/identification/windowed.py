@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from jbw.measurement.channels import derivative_order
 from jbw.measurement.spectra import FRF
+from jbw.quantities import derivative_order
 
 HALF_WIDTH = 32  # bins of the window's transform that are carried; it falls as bins^-3
 NEIGHBOURS = 6  # lines further apart than this have independent errors

@@ -1,10 +1,9 @@
-"""The door of every estimator: channels as float arrays, checked; what a response channel is."""
+"""The door of every estimator: channels as float arrays, checked."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.records import RESPONSES
 
 
 def channel(x: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -97,22 +96,3 @@ def passband(band: tuple[float, float], nyquist: float) -> tuple[float, float]:
             remedy="Give it as (lowest, highest) in hertz, not in rad/s.",
         )
     return low, high
-
-
-def derivative_order(response: str) -> int:
-    """How often the displacement was differentiated to give a response: 0, 1 or 2.
-
-    Args:
-        response: displacement, velocity or acceleration.
-
-    Returns:
-        The order p; the response's spectrum is (j omega)^p times the displacement's.
-
-    Raises:
-        ConfigError: Another word.
-    """
-    if response not in RESPONSES:
-        raise ConfigError(
-            f"Argument `response` must be one of {', '.join(RESPONSES)}, but it is {response!r}."
-        )
-    return RESPONSES.index(response)

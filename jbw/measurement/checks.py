@@ -19,8 +19,8 @@ GUESS = {"displacement": "mm or um", "velocity": "mm/s or um/s", "acceleration":
 
 
 @dataclass(frozen=True)
-class Finding:
-    """One thing found in one channel.
+class Fault:
+    """One thing wrong, or doubtful, in one channel.
 
     Attributes:
         severity: `error` when the record cannot be used, `warning` when it is doubtful.
@@ -37,14 +37,14 @@ class Finding:
     remedy: str = ""
 
 
-def inspect(record: Record, *, masked: bool = False) -> tuple[Finding, ...]:
+def inspect(record: Record, *, masked: bool = False) -> tuple[Fault, ...]:
     """Everything that the checks below find in a record, errors first.
 
     Args:
         record: What was read.
         masked: Whether samples that are NaN are left out by their mask instead of refused.
     """
-    found: list[Finding | None] = [_lengths(record)]
+    found: list[Fault | None] = [_lengths(record)]
     for role, x in record.channels.items():
         gaps = _finite(role, x)
         if masked and gaps and np.isfinite(x).sum() > len(x) / 2:
@@ -59,7 +59,7 @@ def inspect(record: Record, *, masked: bool = False) -> tuple[Finding, ...]:
     return tuple(sorted(filter(None, found), key=lambda finding: finding.severity))
 
 
-def _signal(role: str, x: NDArray[np.float64], fs: float) -> list[Finding | None]:
+def _signal(role: str, x: NDArray[np.float64], fs: float) -> list[Fault | None]:
     """The checks of a sampled signal."""
     dead = _dead(role, x)
     if dead:
@@ -68,12 +68,12 @@ def _signal(role: str, x: NDArray[np.float64], fs: float) -> list[Finding | None
     return [_clipped(role, x, fs, levels), _quantised(role, x, levels), _plausible(role, x)]
 
 
-def _lengths(record: Record) -> Finding | None:
+def _lengths(record: Record) -> Fault | None:
     lengths = {role: len(x) for role, x in record.channels.items()}
     if len(set(lengths.values())) <= 1:
         return None
     listed = ", ".join(f"`{role}` has {n}" for role, n in lengths.items())
-    return Finding(
+    return Fault(
         "error",
         next(iter(lengths)),
         f"Channels must have equal lengths, but {listed} samples.",
@@ -82,13 +82,13 @@ def _lengths(record: Record) -> Finding | None:
     )
 
 
-def _finite(role: str, x: NDArray[np.float64]) -> Finding | None:
+def _finite(role: str, x: NDArray[np.float64]) -> Fault | None:
     # NaN passes through min and max, which need no copy of a long record.
     if np.isfinite(_extremes(x)).all():
         return None
     bad = np.flatnonzero(~np.isfinite(x))
     first = ", ".join(str(i) for i in bad[:5])
-    return Finding(
+    return Fault(
         "error",
         role,
         f"Samples must be finite, but {len(bad)} of {len(x)} are not; the first at {first}.",
@@ -98,9 +98,9 @@ def _finite(role: str, x: NDArray[np.float64]) -> Finding | None:
     )
 
 
-def _masked(role: str, x: NDArray[np.float64]) -> Finding:
+def _masked(role: str, x: NDArray[np.float64]) -> Fault:
     bad = int((~np.isfinite(x)).sum())
-    return Finding(
+    return Fault(
         "warning",
         role,
         f"{bad} of {len(x)} samples are not finite, and masked.",
@@ -108,13 +108,13 @@ def _masked(role: str, x: NDArray[np.float64]) -> Finding:
     )
 
 
-def _magnitude(role: str, x: NDArray[np.float64]) -> Finding | None:
+def _magnitude(role: str, x: NDArray[np.float64]) -> Fault | None:
     if not len(x):
-        return Finding("error", role, "The channel is empty.", remedy="Export the record again.")
+        return Fault("error", role, "The channel is empty.", remedy="Export the record again.")
     largest = _largest(x)
     if largest <= LARGEST:
         return None
-    return Finding(
+    return Fault(
         "error",
         role,
         f"Sample {int(np.abs(x).argmax())} is {largest:.3g} in SI units, beyond any measurement.",
@@ -132,11 +132,11 @@ def _largest(x: NDArray[np.float64]) -> float:
     return max(map(abs, _extremes(x)))
 
 
-def _ordered(role: str, x: NDArray[np.float64]) -> Finding | None:
+def _ordered(role: str, x: NDArray[np.float64]) -> Fault | None:
     steps = np.diff(x)
     if np.all(x > 0) and (np.all(steps > 0) or np.all(steps < 0)):
         return None
-    return Finding(
+    return Fault(
         "error",
         role,
         "Frequencies must be positive and go one way.",
@@ -144,7 +144,7 @@ def _ordered(role: str, x: NDArray[np.float64]) -> Finding | None:
     )
 
 
-def _dead(role: str, x: NDArray[np.float64]) -> Finding | None:
+def _dead(role: str, x: NDArray[np.float64]) -> Fault | None:
     lowest, highest = _extremes(x)
     span = highest - lowest
     two_levels = len(np.unique(x[:LEVELS_FROM])) <= 2 and len(x) > 2
@@ -152,7 +152,7 @@ def _dead(role: str, x: NDArray[np.float64]) -> Finding | None:
     toggles = two_levels and (role in RESPONSES or span <= 1e-3 * _largest(x))
     if span > 0 and not toggles:
         return None
-    return Finding(
+    return Fault(
         "error",
         role,
         f"The channel is constant at {x[0]:.6g}" + (" within one bit." if span > 0 else "."),
@@ -163,7 +163,7 @@ def _dead(role: str, x: NDArray[np.float64]) -> Finding | None:
 
 def _clipped(
     role: str, x: NDArray[np.float64], fs: float, levels: NDArray[np.float64]
-) -> Finding | None:
+) -> Fault | None:
     if role not in RESPONSES and len(levels) <= FEW_SOURCE_LEVELS:
         return None
     runs = clipped_runs(x, float(np.diff(levels).min()))
@@ -172,7 +172,7 @@ def _clipped(
     share = sum(stop - start for start, stop in runs) / len(x)
     listed = ", ".join(f"{start / fs:.3f}-{stop / fs:.3f} s" for start, stop in runs[:4])
     more = f" and {len(runs) - 4} more" if len(runs) > 4 else ""
-    return Finding(
+    return Fault(
         "error" if share > CLIPPED_SHARE else "warning",
         role,
         f"{100 * share:.2g} % of the samples are clipped, at {listed}{more}.",
@@ -206,10 +206,10 @@ def clipped_runs(x: NDArray[np.float64], step: float) -> list[tuple[int, int]]:
     return sorted(found)
 
 
-def _quantised(role: str, x: NDArray[np.float64], levels: NDArray[np.float64]) -> Finding | None:
+def _quantised(role: str, x: NDArray[np.float64], levels: NDArray[np.float64]) -> Fault | None:
     if len(levels) >= FEWEST_LEVELS or len(x) < 4 * FEWEST_LEVELS or role not in RESPONSES:
         return None
-    return Finding(
+    return Fault(
         "warning",
         role,
         f"The channel has only {len(levels)} distinct values, fewer than {FEWEST_LEVELS}.",
@@ -218,11 +218,11 @@ def _quantised(role: str, x: NDArray[np.float64], levels: NDArray[np.float64]) -
     )
 
 
-def _plausible(role: str, x: NDArray[np.float64]) -> Finding | None:
+def _plausible(role: str, x: NDArray[np.float64]) -> Fault | None:
     largest = _largest(x)
     if largest <= PLAUSIBLE.get(role, np.inf):
         return None
-    return Finding(
+    return Fault(
         "warning",
         role,
         f"The largest {role} is {largest:.3g} in SI units, more than a bolted joint survives.",
@@ -230,7 +230,7 @@ def _plausible(role: str, x: NDArray[np.float64]) -> Finding | None:
     )
 
 
-def worst(findings: Iterable[Finding]) -> str:
+def worst(findings: Iterable[Fault]) -> str:
     """`error`, `warning` or `ok`: the worst of the findings."""
     severities = {finding.severity for finding in findings}
     return next((s for s in ("error", "warning") if s in severities), "ok")

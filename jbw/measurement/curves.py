@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import DataError
-from jbw.measurement.channels import derivative_order
 from jbw.measurement.records import INPUTS, RESPONSES, Record
+from jbw.quantities import derivative_order
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jbw.measurement.channels import channel, derivative_order, sampling
+from jbw.measurement.channels import channel, sampling
 from jbw.measurement.sine_fit import (
+    Tones,
     amplitude_covariance,
     check_length,
-    check_tone,
+    check_tones,
     half_drift,
-    refined_frequency,
+    refined,
     sine_fit,
 )
+from jbw.quantities import derivative_order
 
 DRIFT_LIMIT = 0.01
 
@@ -94,17 +96,18 @@ def harmonics(
         ConfigError: An option that cannot be meant.
     """
     y, fs, order = channel(y, "y"), sampling(fs), derivative_order(response)
-    check_tone(omega, num_harmonics, fs)
+    tones = Tones(omega, num_harmonics, tuple(also))
+    check_tones(tones, fs)
+    check_length(tones, fs, y.shape[-1], start)
     skip = round(start * fs)
-    t = np.arange(skip, y.shape[-1]) / fs
-    check_length(len(t) / fs, y.shape[-1] / fs, start, omega, len(t), num_harmonics, also)
-    y = y[..., skip:]
+    t, y = np.arange(skip, y.shape[-1]) / fs, y[..., skip:]
     if refine:
-        omega = refined_frequency(y, t, omega, num_harmonics, also)
+        tones = refined(y, t, tones)
+        omega = tones.omega
     n = np.arange(1.0, num_harmonics + 1)
-    fitted = sine_fit(y, t, omega, num_harmonics, also)
+    fitted = sine_fit(y, t, tones)
     to_displacement = np.exp(1j * n * omega * delay) / (1j * n * omega) ** order
-    drift, drift_std = half_drift(y, t, omega, num_harmonics, also)
+    drift, drift_std = half_drift(y, t, tones)
     cycles = omega * len(t) / (2 * np.pi * fs)
     result = Harmonics(
         omega=float(omega),
@@ -139,52 +142,3 @@ def _warn_when_drifting(result: Harmonics) -> None:
             "left, or the frequency is not exact. Discard more with `start`.",
             stacklevel=3,
         )
-
-
-@dataclass(frozen=True)
-class ThirdOrder:
-    """Third-order kernel on its leading diagonal, as measured at one probing frequency.
-
-    Amplitudes are complex peak values; the input's unit is that of `u` (volts if `u` is in volts).
-
-    Attributes:
-        omega: Probing frequency [rad/s].
-        h3: H3 = 4 Y(3 omega) / A^3, one a repeat [m per unit^3].
-        amplitude: A, the input's first harmonic, its phase included, one a repeat [unit].
-        u_3: The input's third harmonic, one a repeat [unit]; NaN when the input was not measured.
-        y_1: Y(omega), one a repeat [m].
-        y_3: Y(3 omega), less the source's part where that was taken out, one a repeat [m].
-        y_peak: Largest displacement over a period, one a repeat [m].
-        source: removed, measured (but not removed: `h1_3omega` was not given) or unmeasured.
-        source_ratio: |H1(3 omega) U(3 omega)| / |Y_3|, largest over the repeats; NaN if unknown.
-        std: Scatter of `h3` over repeats, per real component; NaN with one repeat.
-        std_expected: The same as the records' noise makes it.
-        covariance: Of (Re, Im) of the mean of `h3`; from the scatter when there are repeats.
-        above_noise: Whether |mean Y_3| exceeds three standard errors.
-        notes: What a reader of the result must know, in words.
-    """
-
-    omega: float
-    h3: NDArray[np.complex128]
-    amplitude: NDArray[np.complex128]
-    u_3: NDArray[np.complex128]
-    y_1: NDArray[np.complex128]
-    y_3: NDArray[np.complex128]
-    y_peak: NDArray[np.float64]
-    source: str
-    source_ratio: float
-    std: float
-    std_expected: float
-    covariance: NDArray[np.float64]
-    above_noise: bool
-    notes: tuple[str, ...]
-
-    @property
-    def mean(self) -> complex:
-        """Mean of H3 over the repeats [m per unit^3]."""
-        return complex(self.h3.mean())
-
-    @property
-    def usable(self) -> bool:
-        """Whether the frequency may enter a fit."""
-        return self.above_noise

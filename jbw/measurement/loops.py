@@ -1,71 +1,13 @@
-"""Hysteresis loops from records: drift-free integration, restoring force, enclosed area."""
+"""Hysteresis loops from records: restoring force, enclosed area, the mean cycle."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.channels import channel, passband, same_length, sampling
-from jbw.measurement.continuation import continued
-from jbw.measurement.sine_fit import check_length, check_tone, sine_fit
-
-ROLL_OFF = 0.2  # of each edge of the band, outside of it
-
-
-def integrate(
-    x: ArrayLike, fs: float, band: tuple[float, float], *, periodic: bool = False
-) -> NDArray[np.float64]:
-    r"""Integral over time without drift: X(omega) / (j omega) inside a stated band.
-
-    Exact inside the band; outside, the gain falls to zero over a fifth of each edge.
-
-    Args:
-        x: Samples, shape (time,) or (repeat, time).
-        fs: Sampling frequency [Hz].
-        band: Lowest and highest frequency to keep [Hz]; the lowest must exceed zero.
-        periodic: Whether the record holds whole periods (then exact to rounding). Otherwise it is
-            continued by linear prediction: steady or decaying tones come out to about 1e-3, worst
-            at the ends.
-
-    Returns:
-        The integral with zero mean.
-
-    Raises:
-        DataError: NaN, or a record shorter than one period of the lowest frequency.
-        ConfigError: An empty band, or one that starts at zero.
-    """
-    if not band[0] > 0:
-        raise ConfigError(
-            f"Argument `band` must start above zero to integrate, but it starts at {band[0]:g} Hz.",
-            why="Division by j omega turns the offset of a sensor into a drift.",
-        )
-    return _in_band(x, fs, band, periodic, lambda omega: 1 / (1j * omega))
-
-
-def differentiate(
-    x: ArrayLike, fs: float, band: tuple[float, float], *, periodic: bool = False
-) -> NDArray[np.float64]:
-    r"""Derivative by time inside a stated band: j omega X(omega).
-
-    The upper edge bounds the noise, which grows with frequency. Edges as in `integrate`.
-
-    Args:
-        x: Samples, shape (time,) or (repeat, time).
-        fs: Sampling frequency [Hz].
-        band: Lowest and highest frequency to keep [Hz].
-        periodic: Whether the record holds whole periods.
-
-    Returns:
-        The derivative.
-
-    Raises:
-        DataError: NaN, or a record shorter than one period of the lowest frequency.
-        ConfigError: An empty band.
-    """
-    return _in_band(x, fs, band, periodic, lambda omega: 1j * omega)
+from jbw.measurement.channels import channel, same_length, sampling
+from jbw.measurement.sine_fit import Tones, check_length, check_tones, sine_fit
 
 
 def restoring_force(
@@ -190,49 +132,15 @@ def mean_cycle(
     """
     y, force, fs = channel(y, "y"), channel(force, "force"), sampling(fs)
     same_length(y=y, force=force)
-    check_tone(omega, 1 if num_harmonics is None else num_harmonics, fs)
+    check_tones(Tones(omega, 1 if num_harmonics is None else num_harmonics), fs)
     if num_harmonics is None:
         num_harmonics = max(1, min(25, int(0.9 * np.pi * fs / omega)))
-    num_samples = y.shape[-1]
-    duration = num_samples / fs
-    check_length(duration, duration, 0.0, omega, num_samples, num_harmonics, ())
+    tones, num_samples = Tones(omega, num_harmonics), y.shape[-1]
+    check_length(tones, fs, num_samples)
     t = np.arange(num_samples) / fs
     phase = 2 * np.pi * np.arange(num_points) / num_points
     turn = np.exp(1j * np.outer(np.arange(1, num_harmonics + 1), phase))
-    fits = [sine_fit(x, t, omega, num_harmonics) for x in (y, force)]
+    fits = [sine_fit(x, t, tones) for x in (y, force)]
     loop = [(fit.amplitudes @ turn).real for fit in fits]
     spread = [np.sqrt(np.sum(fit.residual**2, axis=-1) / fit.dof) for fit in fits]
-    return MeanCycle(phase, *loop, *spread, cycles=float(omega * duration / (2 * np.pi)))
-
-
-def _in_band(
-    x: ArrayLike,
-    fs: float,
-    band: tuple[float, float],
-    periodic: bool,
-    factor: Callable[[NDArray[np.float64]], NDArray[Any]],
-) -> NDArray[np.float64]:
-    """Multiply the spectrum by factor(omega) inside the band."""
-    x, fs = channel(x, "x"), sampling(fs)
-    low, high = passband(band, fs / 2)
-    num_samples = x.shape[-1]
-    if 0 < low * num_samples / fs < 1 - 1e-9:
-        raise DataError(
-            f"The record must hold a period of the lowest frequency, {1 / low:.4g} s, but it lasts "
-            f"{num_samples / fs:.4g} s.",
-            remedy="Raise the band's lower edge, or measure longer.",
-        )
-    reach = 0 if periodic else int(4 * fs / low) if low > 0 else num_samples
-    extended = continued(x, reach) if reach else x
-    omega = 2 * np.pi * np.fft.rfftfreq(extended.shape[-1], 1 / fs)
-    gain = np.zeros(omega.shape, complex)
-    gain[1:] = factor(omega[1:]) * _gain(omega[1:] / (2 * np.pi), low, high)
-    filtered = np.fft.irfft(np.fft.rfft(extended) * gain, extended.shape[-1])
-    return filtered[..., reach : reach + num_samples]
-
-
-def _gain(f: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
-    """One inside the band, falling by a raised cosine outside of it."""
-    below = np.clip((low - f) / (ROLL_OFF * low), 0, 1) if low > 0 else np.zeros_like(f)
-    above = np.clip((f - high) / (ROLL_OFF * high), 0, 1)
-    return np.cos(np.pi / 2 * below) ** 2 * np.cos(np.pi / 2 * above) ** 2
+    return MeanCycle(phase, *loop, *spread, cycles=float(omega * num_samples / (2 * np.pi * fs)))

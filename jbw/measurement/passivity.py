@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jbw.measurement.checks import Finding
+from jbw.measurement.checks import Fault
 from jbw.measurement.curves import ForcedLoop, ResponseCurve, displacement_of
 from jbw.measurement.records import Record
 
@@ -13,7 +13,7 @@ FEWEST_LINES = 4
 DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
 
 
-def impassive(curve: ResponseCurve) -> tuple[Finding, ...]:
+def impassive(curve: ResponseCurve) -> tuple[Fault, ...]:
     r"""Doubts about signs and units of a curve.
 
     The force does the work per cycle $-\pi F\,\mathrm{Im}\,Y$, which a passive structure takes in,
@@ -28,7 +28,7 @@ def impassive(curve: ResponseCurve) -> tuple[Finding, ...]:
     return tuple(finding for finding in found if finding)
 
 
-def gives_energy(loop: ForcedLoop) -> tuple[Finding, ...]:
+def gives_energy(loop: ForcedLoop) -> tuple[Fault, ...]:
     r"""The doubt that a forced loop is traversed the wrong way round.
 
     $$W = \int F\,dy$$
@@ -40,7 +40,7 @@ def gives_energy(loop: ForcedLoop) -> tuple[Finding, ...]:
     if work > -stored:
         return ()
     return (
-        Finding(
+        Fault(
             "warning",
             "displacement",
             f"The joint gives out {-work:.3g} J over the record.",
@@ -50,7 +50,7 @@ def gives_energy(loop: ForcedLoop) -> tuple[Finding, ...]:
     )
 
 
-def undecaying(record: Record, settle: float = 0.0) -> tuple[Finding, ...]:
+def undecaying(record: Record, settle: float = 0.0) -> tuple[Fault, ...]:
     """The doubt that a free decay does not decay: its last quarter against its first."""
     x = record.channels[record.response][round(settle * record.fs) :]
     quarter = len(x) // 4
@@ -61,7 +61,7 @@ def undecaying(record: Record, settle: float = 0.0) -> tuple[Finding, ...]:
         return ()
     times = last / first if first else np.inf
     return (
-        Finding(
+        Fault(
             "warning",
             record.response,
             f"The response of the last quarter is {times:.2g} times that of the first.",
@@ -71,13 +71,13 @@ def undecaying(record: Record, settle: float = 0.0) -> tuple[Finding, ...]:
     )
 
 
-def phase_in_degrees(phase: np.ndarray) -> tuple[Finding, ...]:
+def phase_in_degrees(phase: np.ndarray) -> tuple[Fault, ...]:
     """The doubt that a phase given in radians was written in degrees."""
     largest = float(np.abs(phase).max())
     if largest <= DEGREES:
         return ()
     return (
-        Finding(
+        Fault(
             "warning",
             "phase",
             f"The phase reaches {largest:.3g} rad, more than three turns.",
@@ -87,8 +87,8 @@ def phase_in_degrees(phase: np.ndarray) -> tuple[Finding, ...]:
     )
 
 
-def _short(curve: ResponseCurve) -> Finding:
-    return Finding(
+def _short(curve: ResponseCurve) -> Fault:
+    return Fault(
         "error",
         curve.response_kind,
         f"The curve has {len(curve.freq_hz)} lines, but at least {FEWEST_LINES} are needed.",
@@ -96,8 +96,8 @@ def _short(curve: ResponseCurve) -> Finding:
     )
 
 
-def _in_phase(curve: ResponseCurve) -> Finding:
-    return Finding(
+def _in_phase(curve: ResponseCurve) -> Fault:
+    return Fault(
         "warning",
         "phase",
         "The response is in phase with the input at every line.",
@@ -106,10 +106,10 @@ def _in_phase(curve: ResponseCurve) -> Finding:
     )
 
 
-def _negative(curve: ResponseCurve) -> Finding | None:
+def _negative(curve: ResponseCurve) -> Fault | None:
     if curve.source_kind != "force" or np.all(curve.source > 0):
         return None
-    return Finding(
+    return Fault(
         "error",
         curve.source_kind,
         "The input's amplitude must be positive, but it is not at every line.",
@@ -117,7 +117,7 @@ def _negative(curve: ResponseCurve) -> Finding | None:
     )
 
 
-def _reversed(curve: ResponseCurve) -> Finding | None:
+def _reversed(curve: ResponseCurve) -> Fault | None:
     falls = _falls(curve)
     upright = curve if falls else replace(curve, response=np.conj(curve.response))
     takes_in = _work(upright) > 0
@@ -127,7 +127,7 @@ def _reversed(curve: ResponseCurve) -> Finding | None:
     turned += [] if takes_in else [f"{curve.response_kind} = -1.0"]
     wrong = [] if falls else ["its phase rises with frequency"]
     wrong += [] if takes_in else ["the force takes energy out"]
-    return Finding(
+    return Fault(
         "warning",
         curve.response_kind,
         f"The response cannot be that of a passive structure: {' and '.join(wrong)}.",

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import DataError
-from jbw.measurement.bandwidth import half_power_bandwidth
-from jbw.measurement.checks import Finding
+from jbw.measurement.checks import Fault
 from jbw.measurement.records import INPUTS, Record
-from jbw.measurement.spectra import FRF, frf
+from jbw.measurement.spectra import FRF, frf, half_power_bandwidth
 
 LOOKED_AT = 2**21  # samples; a stationary record shows its faults in them
 SEGMENTS = 8  # of the spectra: coarse, but a resonance still stands out
@@ -28,7 +27,7 @@ def doubts(
     *,
     delay: float = 0.0,
     per_unit: float | None = None,
-) -> tuple[Finding, ...]:
+) -> tuple[Fault, ...]:
     """What is doubtful in a record under broad-band excitation.
 
     Wrong fs or band, channels swapped, input and response that have little to do with each other,
@@ -47,7 +46,7 @@ def doubts(
     try:
         coarse, fine = (_frf(record, source, n, delay) for n in (SEGMENTS, LONGEST))
     except DataError as error:  # a record of a few samples
-        return (Finding("warning", record.response, error.what, error.why, error.remedy),)
+        return (Fault("warning", record.response, error.what, error.why, error.remedy),)
     # The first two leave no FRF whose size or width would mean anything.
     broken = _swapped(source, coarse) or _incoherent(record.response, coarse)
     if broken:
@@ -60,7 +59,7 @@ def doubts(
     return tuple(finding for finding in found if finding)
 
 
-def swapped(record: Record) -> tuple[Finding, ...]:
+def swapped(record: Record) -> tuple[Fault, ...]:
     """The doubt that input and response of a sweep are swapped."""
     try:
         finding = _swapped(record.source, _frf(record, record.source, SEGMENTS, 0.0))
@@ -77,7 +76,7 @@ def _frf(record: Record, source: str, segments: int, delay: float) -> FRF:
         return frf(u, y, record.fs, response=record.response, nperseg=nperseg, delay=delay)
 
 
-def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None) -> Finding | None:
+def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None) -> Fault | None:
     freq, density = estimate.freq, estimate.output_spectrum
     peak = float(freq[density.argmax()])
     if band_hz is None or band_hz[0] <= peak <= band_hz[1]:
@@ -89,7 +88,7 @@ def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None)
     ):
         return None
     centre = sum(band_hz) / 2
-    return Finding(
+    return Fault(
         "warning",
         role,
         f"The response is largest at {peak:.4g} Hz, outside `band` = [{band_hz[0]:g}, "
@@ -105,7 +104,7 @@ def _carried(estimate: FRF) -> NDArray[np.bool_]:
     return (force > FLOOR * force.max()) & (response > FLOOR * response.max())
 
 
-def _swapped(source: str, estimate: FRF) -> Finding | None:
+def _swapped(source: str, estimate: FRF) -> Fault | None:
     lines = _carried(estimate)
     if lines.sum() < SEGMENTS:
         return None
@@ -113,7 +112,7 @@ def _swapped(source: str, estimate: FRF) -> Finding | None:
     sharp = [float(x.max() / np.median(x)) for x in spectra]
     if sharp[0] < PEAKED * sharp[1]:
         return None
-    return Finding(
+    return Fault(
         "warning",
         source,
         f"The input's spectrum is {sharp[0] / sharp[1]:.3g} times more peaked than the response's.",
@@ -122,12 +121,12 @@ def _swapped(source: str, estimate: FRF) -> Finding | None:
     )
 
 
-def _incoherent(role: str, estimate: FRF) -> Finding | None:
+def _incoherent(role: str, estimate: FRF) -> Fault | None:
     lines = _carried(estimate)
     coherence = float(np.median(estimate.coherence[lines])) if lines.any() else 1.0
     if coherence >= LOW_COHERENCE:
         return None
-    return Finding(
+    return Fault(
         "warning",
         role,
         f"The coherence with the input is {coherence:.2f} in the median of the excited lines.",
@@ -136,9 +135,7 @@ def _incoherent(role: str, estimate: FRF) -> Finding | None:
     )
 
 
-def _unresolved(
-    record: Record, estimate: FRF, band_hz: tuple[float, float] | None
-) -> Finding | None:
+def _unresolved(record: Record, estimate: FRF, band_hz: tuple[float, float] | None) -> Fault | None:
     """A half-power width 2 zeta f_n that the longest useful window cannot tell from none."""
     freq, h = _inside(estimate, band_hz)
     if len(freq) < SEGMENTS or not _stands_out(h):
@@ -147,7 +144,7 @@ def _unresolved(
     if width > RESOLVED * estimate.resolution_hz:
         return None
     lasts = record.num_samples / record.fs
-    return Finding(
+    return Fault(
         "warning",
         record.response,
         f"The resonance at {peak:.4g} Hz is seen {width:.3g} Hz wide, hardly more than a record of "
@@ -159,7 +156,7 @@ def _unresolved(
 
 def _missized(
     role: str, estimate: FRF, band_hz: tuple[float, float] | None, per_unit: float | None
-) -> Finding | None:
+) -> Fault | None:
     r"""Force per modal mass as the response shows it, whatever the damping, beside the given one.
 
     $$g = \frac{2}{\pi} \int \mathrm{Re}[j \omega H(\omega)]\,d\omega$$
@@ -170,7 +167,7 @@ def _missized(
     omega = 2 * np.pi * freq
     seen = 2 / np.pi * float(np.trapezoid(np.real(1j * omega * h), omega))
     if seen < 0 and band_hz is not None:  # without a band another mode may have the other sign
-        return Finding(
+        return Fault(
             "warning",
             role,
             "At its resonance the response moves against the input: the gain is negative.",
@@ -180,7 +177,7 @@ def _missized(
     ratio = 1.0 if per_unit is None else seen / per_unit
     if 1 / MASS_FACTOR < ratio < MASS_FACTOR:
         return None
-    return Finding(
+    return Fault(
         "warning",
         role,
         f"At its resonance the response is {ratio:.3g} times what the campaign's gain or modal "

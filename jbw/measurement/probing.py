@@ -1,17 +1,67 @@
 """The measured third-order kernel of a probing test: harmonic filtering, the source taken out."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jbw.errors import DataError
 from jbw.measurement.channels import channel, same_length, sampling
-from jbw.measurement.harmonics import Harmonics, ThirdOrder, harmonics
+from jbw.measurement.harmonics import Harmonics, harmonics
 
 PERIOD_POINTS = 4096  # of one period; a peak between two of them is missed by 3e-7 n^2 at most
 LARGE_SOURCE = 0.1
 NOISE_FLOOR = 3.0  # standard errors
+
+
+@dataclass(frozen=True)
+class ThirdOrder:
+    """Third-order kernel on its leading diagonal, as measured at one probing frequency.
+
+    Amplitudes are complex peak values; the input's unit is that of `u` (volts if `u` is in volts).
+
+    Attributes:
+        omega: Probing frequency [rad/s].
+        h3: H3 = 4 Y(3 omega) / A^3, one a repeat [m per unit^3].
+        amplitude: A, the input's first harmonic, its phase included, one a repeat [unit].
+        u_3: The input's third harmonic, one a repeat [unit]; NaN when the input was not measured.
+        y_1: Y(omega), one a repeat [m].
+        y_3: Y(3 omega), less the source's part where that was taken out, one a repeat [m].
+        y_peak: Largest displacement over a period, one a repeat [m].
+        source: removed, measured (but not removed: `h1_3omega` was not given) or unmeasured.
+        source_ratio: |H1(3 omega) U(3 omega)| / |Y_3|, largest over the repeats; NaN if unknown.
+        std: Scatter of `h3` over repeats, per real component; NaN with one repeat.
+        std_expected: The same as the records' noise makes it.
+        covariance: Of (Re, Im) of the mean of `h3`; from the scatter when there are repeats.
+        above_noise: Whether |mean Y_3| exceeds three standard errors.
+        notes: What a reader of the result must know, in words.
+    """
+
+    omega: float
+    h3: NDArray[np.complex128]
+    amplitude: NDArray[np.complex128]
+    u_3: NDArray[np.complex128]
+    y_1: NDArray[np.complex128]
+    y_3: NDArray[np.complex128]
+    y_peak: NDArray[np.float64]
+    source: str
+    source_ratio: float
+    std: float
+    std_expected: float
+    covariance: NDArray[np.float64]
+    above_noise: bool
+    notes: tuple[str, ...]
+
+    @property
+    def mean(self) -> complex:
+        """Mean of H3 over the repeats [m per unit^3]."""
+        return complex(self.h3.mean())
+
+    @property
+    def usable(self) -> bool:
+        """Whether the frequency may enter a fit."""
+        return self.above_noise
 
 
 def third_order_kernel(

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from jbw.measurement.kinds import Kind, kind_named
+
 RESPONSES = ("displacement", "velocity", "acceleration")
 INPUTS = ("input", "force")
 
@@ -57,7 +59,7 @@ class Test:
     """One test: the same excitation repeated, with what the campaign file says of it.
 
     Attributes:
-        kind: noise, multisine, tones, stepped, sweep, decay, frf or loop.
+        kind: Name of its kind, one of `jbw.measurement.kinds.KINDS`.
         records: The repeats, in the order of their files.
         name: A short name, unique in the campaign.
         level: Nominal level, in the unit of what the rig held: the input channel as a rule, the
@@ -86,3 +88,19 @@ class Test:
     assembly: str = ""
     run: str = ""
     periods: int = 1
+
+    @property
+    def traits(self) -> Kind:
+        """What a test of its kind is."""
+        return kind_named(self.kind)
+
+    @property
+    def is_single_tone(self) -> bool:
+        """Whether one steady tone is played, whose tests of a level make a curve together."""
+        steady = self.traits.is_steady and not self.traits.is_stepped
+        return steady and len(self.tones_hz) == 1
+
+    @property
+    def is_cyclic(self) -> bool:
+        """Whether the records hold several whole periods of their excitation."""
+        return self.traits.is_periodic and self.periods > 1

@@ -1,7 +1,7 @@
 """Least-squares sine fit of simultaneous tones, and the noise it leaves beside each of them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,25 @@ from jbw.errors import ConfigError, DataError
 # Bins of the residual's spectrum from which the noise at a harmonic is read: 12 % of scatter, over
 # a width of 64 / (duration) in which the spectrum must not bend.
 NEAREST_BINS = 64
+
+
+class Tones(NamedTuple):
+    """What is fitted to samples: the harmonics of a tone, and others beside it.
+
+    Attributes:
+        omega: Angular frequency of the first harmonic [rad/s].
+        num_harmonics: Highest order.
+        also: Other angular frequencies present [rad/s].
+    """
+
+    omega: float
+    num_harmonics: int
+    also: tuple[float, ...] = ()
+
+    @property
+    def unknowns(self) -> int:
+        """Columns of the fit: two of each tone, a constant and a trend."""
+        return 2 * (self.num_harmonics + len(self.also)) + 2
 
 
 @dataclass(frozen=True)
@@ -33,21 +52,13 @@ class SineFit:
     dof: int
 
 
-def sine_fit(
-    y: NDArray[np.float64],
-    t: NDArray[np.float64],
-    omega: float,
-    num_harmonics: int,
-    also: Sequence[float] = (),
-) -> SineFit:
-    """Fit a constant, a trend, the harmonics of omega and the tones `also`.
+def sine_fit(y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones) -> SineFit:
+    """Fit a constant, a trend, the harmonics of omega and the tones beside it.
 
     Args:
         y: Samples, shape (..., time).
         t: Times [s].
-        omega: Angular frequency of the first harmonic [rad/s].
-        num_harmonics: Highest order.
-        also: Other angular frequencies present [rad/s].
+        tones: What to fit.
 
     Returns:
         The fit; the columns are cos and -sin, so that c + js is the complex amplitude.
@@ -55,16 +66,10 @@ def sine_fit(
     Raises:
         DataError: Two tones too close for the record's length.
     """
-    return _fitted(y, _design(t, omega, num_harmonics, also), omega, num_harmonics, also)
+    return _fitted(y, _design(t, tones), tones)
 
 
-def _fitted(
-    y: NDArray[np.float64],
-    design: NDArray[np.float64],
-    omega: float,
-    num_harmonics: int,
-    also: Sequence[float],
-) -> SineFit:
+def _fitted(y: NDArray[np.float64], design: NDArray[np.float64], tones: Tones) -> SineFit:
     """The fit to rows of a design."""
     num_samples = design.shape[1]
     normal = design @ design.T
@@ -81,19 +86,19 @@ def _fitted(
     change = cho_solve(factor, design @ residual.reshape(-1, num_samples).T).T
     solution = (solution + change).reshape(*y.shape[:-1], -1)
     residual = y - solution @ design
-    kept = slice(0, 2 * num_harmonics)
+    kept = slice(0, 2 * tones.num_harmonics)
     amplitudes = solution[..., kept][..., 0::2] + 1j * solution[..., kept][..., 1::2]
     inverse = cho_solve(factor, np.eye(len(design)))[kept, kept]
-    tones = np.concatenate([omega * np.arange(1, num_harmonics + 1), np.asarray(also, float)])
-    return SineFit(amplitudes, residual, inverse, tones, num_samples - len(design))
+    orders = np.arange(1, tones.num_harmonics + 1)
+    omegas = np.concatenate([tones.omega * orders, np.asarray(tones.also, float)])
+    return SineFit(amplitudes, residual, inverse, omegas, num_samples - len(design))
 
 
-def _design(
-    t: NDArray[np.float64], omega: float, num_harmonics: int, also: Sequence[float]
-) -> NDArray[np.float64]:
+def _design(t: NDArray[np.float64], tones: Tones) -> NDArray[np.float64]:
     """Rows cos and -sin of every tone in turn, a constant and a trend, shape (unknown, time)."""
-    turning = np.multiply.accumulate(np.tile(np.exp(-1j * omega * t), (num_harmonics, 1)))
-    others = np.exp(-1j * np.outer(np.asarray(also, float), t))
+    turn = np.tile(np.exp(-1j * tones.omega * t), (tones.num_harmonics, 1))
+    turning = np.multiply.accumulate(turn)
+    others = np.exp(-1j * np.outer(np.asarray(tones.also, float), t))
     pairs = [row for turn in (*turning, *others) for row in (turn.real, turn.imag)]
     return np.vstack([*pairs, np.ones_like(t), (t - t.mean()) / np.ptp(t)])
 
@@ -145,65 +150,49 @@ def local_level(fit: SineFit, fs: float, omega: NDArray[np.float64]) -> NDArray[
 
 
 def _halves(
-    y: NDArray[np.float64],
-    t: NDArray[np.float64],
-    omega: float,
-    num_harmonics: int,
-    also: Sequence[float],
+    y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones
 ) -> tuple[SineFit, SineFit]:
     """The fits to the first and the second half of the samples, by one design."""
-    design, half = _design(t, omega, num_harmonics, also), len(t) // 2
+    design, half = _design(t, tones), len(t) // 2
     return (
-        _fitted(y[..., :half], design[:, :half], omega, num_harmonics, also),
-        _fitted(y[..., half:], design[:, half:], omega, num_harmonics, also),
+        _fitted(y[..., :half], design[:, :half], tones),
+        _fitted(y[..., half:], design[:, half:], tones),
     )
 
 
 def half_drift(
-    y: NDArray[np.float64],
-    t: NDArray[np.float64],
-    omega: float,
-    num_harmonics: int,
-    also: Sequence[float],
+    y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Relative change of the first harmonic from half to half, and what noise alone makes of it."""
-    parts = _halves(y, t, omega, num_harmonics, also)
+    parts = _halves(y, t, tones)
     first, second = (part.amplitudes[..., 0] for part in parts)
     size = np.maximum(np.abs(first), np.finfo(float).tiny)
-    fs = 1 / (t[1] - t[0])
+    fs, at = 1 / (t[1] - t[0]), np.full(tones.num_harmonics, tones.omega)
     noise = sum(
-        amplitude_covariance(part, fs, np.array([omega] * num_harmonics))[..., :2, :2].trace(
-            axis1=-2, axis2=-1
-        )
-        for part in parts
+        amplitude_covariance(part, fs, at)[..., :2, :2].trace(axis1=-2, axis2=-1) for part in parts
     )
     return np.abs(second - first) / size, np.sqrt(noise) / size
 
 
-def refined_frequency(
-    y: NDArray[np.float64],
-    t: NDArray[np.float64],
-    omega: float,
-    num_harmonics: int,
-    also: Sequence[float],
-) -> float:
-    """Frequency at which the mean phase of the first harmonic stands still from half to half."""
+def refined(y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones) -> Tones:
+    """The frequency at which the mean phase of the first harmonic stands still between halves."""
     half = len(t) // 2
     for _ in range(4):
-        parts = _halves(y, t, omega, num_harmonics, also)
-        first, second = (part.amplitudes[..., 0] for part in parts)
+        first, second = (part.amplitudes[..., 0] for part in _halves(y, t, tones))
         turn = np.angle(np.sum(second * first.conj()))
-        omega += turn / (t[half:].mean() - t[:half].mean())
-    return float(omega)
+        omega = tones.omega + turn / (t[half:].mean() - t[:half].mean())
+        tones = tones._replace(omega=float(omega))
+    return tones
 
 
-def check_tone(omega: float, num_harmonics: int, fs: float) -> None:
+def check_tones(tones: Tones, fs: float) -> None:
     """Refuse a tone whose highest harmonic the sampling does not carry.
 
     Raises:
         ConfigError: `omega` or `num_harmonics` is not positive.
         DataError: The highest harmonic is above the Nyquist frequency.
     """
+    omega, num_harmonics, _ = tones
     if not (np.isfinite(omega) and omega > 0):
         raise ConfigError(f"Argument `omega` must be positive [rad/s], but it is {omega}.")
     if num_harmonics < 1:
@@ -220,27 +209,23 @@ def check_tone(omega: float, num_harmonics: int, fs: float) -> None:
         )
 
 
-def check_length(
-    duration: float,
-    total: float,
-    start: float,
-    omega: float,
-    num_samples: int,
-    num_harmonics: int,
-    also: Sequence[float],
-) -> None:
+def check_length(tones: Tones, fs: float, num_samples: int, start: float = 0.0) -> None:
     """Refuse a record too short for the fit, naming the duration it needs.
+
+    Args:
+        tones: What is to be fitted.
+        fs: Sampling frequency [Hz].
+        num_samples: Samples of the whole record.
+        start: Time that is discarded first [s].
 
     Raises:
         DataError: It is.
     """
     # Each half must hold a period for the drift, and more samples than the fit has unknowns.
-    unknowns = 2 * (num_harmonics + len(also)) + 2
-    fs = num_samples / duration if duration > 0 else np.inf
-    needed = max(4 * np.pi / omega, 2 * (unknowns + 1) / fs)
-    if duration < needed * (1 - 1e-9):
+    needed = max(4 * np.pi / tones.omega, 2 * (tones.unknowns + 1) / fs)
+    if (num_samples - round(start * fs)) / fs < needed * (1 - 1e-9):
         raise DataError(
             f"The record must last {start + needed:.4g} s (two periods after the {start:g} s "
-            f"discarded), but it lasts {total:.4g} s.",
+            f"discarded), but it lasts {num_samples / fs:.4g} s.",
             remedy="Measure longer, or discard less.",
         )

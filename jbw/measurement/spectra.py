@@ -9,15 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.bandwidth import half_power_bandwidth
 from jbw.measurement.channels import (
     channel,
-    derivative_order,
     passband,
     same_length,
     sampling,
 )
 from jbw.measurement.segments import effective_averages, segment_length
+from jbw.quantities import derivative_order
 
 Window = Literal["hann", "boxcar"]
 
@@ -237,3 +236,28 @@ def _warn_when_coarse(estimate: FRF) -> None:
         f"`window_s` ({longer:.3g} s or more) shows it truer; line_fit allows for the window.",
         stacklevel=3,
     )
+
+
+def half_power_bandwidth(freq: NDArray[np.float64], h: NDArray[np.complex128]) -> float:
+    """Width of the highest peak at half its power [Hz]; infinite when it does not fall so low.
+
+    Args:
+        freq: Frequencies [Hz].
+        h: Receptance.
+
+    Returns:
+        Width between the two crossings, linear between lines [Hz].
+    """
+    power = np.abs(h) ** 2
+    top = int(np.argmax(power))
+    below = power < power[top] / 2
+    left, right = np.flatnonzero(below[:top]), np.flatnonzero(below[top:])
+    if not (left.size and right.size):
+        return np.inf
+
+    def crossing(inside: int, outside: int) -> float:
+        part = (power[inside] - power[top] / 2) / (power[inside] - power[outside])
+        return freq[inside] + part * (freq[outside] - freq[inside])
+
+    i, j = int(left[-1]), top + int(right[0])
+    return float(crossing(j - 1, j) - crossing(i + 1, i))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import JbwError
-from jbw.measurement.checks import Finding
+from jbw.measurement.checks import Fault
 from jbw.measurement.harmonics import DRIFT_LIMIT, Harmonics, harmonics
 from jbw.measurement.probing import NOISE_FLOOR
 from jbw.measurement.records import Record
@@ -22,7 +22,7 @@ def unsteady(
     *,
     settle: float = 0.0,
     dwell: float | None = None,
-) -> tuple[Finding, ...]:
+) -> tuple[Fault, ...]:
     """What is doubtful in a record of steady tones.
 
     Args:
@@ -41,7 +41,7 @@ def unsteady(
             fitted.append(_fitted(part, record, tone, settle, others))
         except JbwError as error:
             what = f"Tone {tone:.4g} Hz: {error.what}"
-            refused.append(Finding("error", record.response, what, error.why, error.remedy))
+            refused.append(Fault("error", record.response, what, error.why, error.remedy))
     found = [*refused[:1], _drifting(fitted, record.response)]
     # Only a probing test, whose tones are all present at once, is read for its third harmonic.
     found += [] if dwell is not None else [_buried(fitted, record.response)]
@@ -66,7 +66,7 @@ def _fitted(
         )
 
 
-def _drifting(fitted: Sequence[Harmonics], role: str) -> Finding | None:
+def _drifting(fitted: Sequence[Harmonics], role: str) -> Fault | None:
     drifting = [
         one
         for one in fitted
@@ -75,7 +75,7 @@ def _drifting(fitted: Sequence[Harmonics], role: str) -> Finding | None:
     if not drifting:
         return None
     worst = max(float(one.drift) for one in drifting)
-    return Finding(
+    return Fault(
         "warning",
         role,
         f"{_named(drifting)}: the amplitude changes by {worst:.1%} from one half of the record to "
@@ -85,12 +85,12 @@ def _drifting(fitted: Sequence[Harmonics], role: str) -> Finding | None:
     )
 
 
-def _buried(fitted: Sequence[Harmonics], role: str) -> Finding | None:
+def _buried(fitted: Sequence[Harmonics], role: str) -> Fault | None:
     buried = [one for one in fitted if abs(one.amplitudes[-1]) < NOISE_FLOOR * _third_std(one)]
     if not buried:
         return None
     third, std = abs(buried[0].amplitudes[-1]), _third_std(buried[0])
-    return Finding(
+    return Fault(
         "warning",
         role,
         f"{_named(buried)}: the third harmonic ({third:.2g} m) does not stand above the noise "

@@ -1,154 +1,266 @@
-"""Free decays of one mode, reduced to their envelopes in a band."""
+r"""Free decays of one mode as an observable, with every record's own unknowns integrated out.
+
+A record has an initial state (log amplitude and phase, flat priors), a small shift of its natural
+frequency and a noise of its own. The shifts share one unknown scatter: structures are never twice
+the same to the last digit, and a model without it takes their difference for knowledge.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import ClassVar, Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+import xarray as xr
+from jaxtyping import Array, Complex, Float, Key
 
-from jbw.errors import DataError
-from jbw.measurement.demodulation import BandFilter, Reading, band_filter, demodulate, read_decay
-from jbw.measurement.records import Test
+from jbw.inference.groups.offsets import Estimate
+from jbw.inference.groups.scatter import log_density_of_offsets
+from jbw.measurement.demodulation import read_decay
+from jbw.observables.decay_entry import Match, match
+from jbw.observables.decay_envelopes import WINDOW, Envelopes, decay_of
+from jbw.observables.effective_values import correlated_fraction
+from jbw.observables.observable import AmplitudeCurve, Row, Theta
+from jbw.quantities import UNIT_OF, derivative_order
 
-LETTER = {"displacement": "y", "velocity": "v", "acceleration": "a"}
-LEAST_VALUES = 16  # of an envelope: a decay of five parameters and three of its own
-HEADROOM = 1.02  # of the strongest record, where the simulated decay begins
-SPARE = 1.3  # times the duration that the measured rates ask for
-WINDOW = 0.25  # s, of a reading of frequency and damping
-
-
-class Decays(eqx.Module):
-    """Envelopes of several decays of one mode, and how the model is brought to the same form.
-
-    Attributes:
-        envelope: Envelope of each record about the band's centre [m/s for velocities], peak.
-        noise_std: Noise of each record, of the real and of the imaginary part, for fits.
-        shift_std: Scatter of the records' natural frequencies [rad/s], for fits.
-        worth: Independent values that one of the envelope's is worth, at most 1.
-        y_start: Displacement that the simulated decay begins from [m].
-        taps: The band's filter as the model's samples meet it.
-        rotation: Turn of the carrier between two values of the envelope.
-        step_s: Time between two values [s]; static.
-        stride: Samples of the model between two values; static.
-        fs: Sampling frequency of the model [Hz]; static.
-        num_samples: Samples of the simulated decay; static.
-        response: displacement, velocity or acceleration; static.
-        substeps: Steps of the solver between samples; static.
-        names: Name of each record; static.
-    """
-
-    envelope: Complex[Array, "record step"]
-    noise_std: Float[Array, " record"]
-    shift_std: Float[Array, ""]
-    worth: Float[Array, ""]
-    y_start: Float[Array, ""]
-    taps: Complex[Array, " tap"]
-    rotation: Complex[Array, ""]
-    step_s: float = eqx.field(static=True)
-    stride: int = eqx.field(static=True)
-    fs: float = eqx.field(static=True)
-    num_samples: int = eqx.field(static=True)
-    response: str = eqx.field(static=True, default="velocity")
-    substeps: int = eqx.field(static=True, default=1)
-    names: tuple[str, ...] = eqx.field(static=True, default=())
+NUM_OWN = 3  # unknowns of a record besides its noise: amplitude, phase, shift
+SCATTERS = np.geomspace(1e-8, 1e-2, 25)  # of omega_n: a log-uniform prior of the shifts' scatter
 
 
-def filter_of(test: Test) -> BandFilter:
-    """The filter of a test's band.
+class Decays(Envelopes):
+    """Free decays with what a likelihood asks of them."""
 
-    Raises:
-        DataError: If the test states no band.
-    """
-    if test.band_hz is None:
-        raise DataError(
-            f"Test `{test.name}` needs `band`: the frequencies around the one mode of the joint.",
-            why="A free decay shows every mode at once.",
-            remedy="Give band = [lowest, highest] in Hz, without any other mode.",
-        )
-    return band_filter(test.band_hz, test.records[0].fs)
+    dimension: ClassVar[str] = "record"
+    informs: ClassVar[frozenset[str]] = frozenset({"omega_n", "zeta"})
+    stepped: ClassVar[bool] = True
+    own_shifts: ClassVar[bool] = True
+    most_misfit: ClassVar[float | None] = 0.05  # more is another motion than the model's
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Name of each record."""
+        return self.names
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """A run each."""
+        return self.names
+
+    @property
+    def width(self) -> int:
+        """Real and imaginary parts of an envelope, and its shift."""
+        return 2 * self.envelope.shape[1] + 1
+
+    @property
+    def unit(self) -> str:
+        """Unit of the envelope."""
+        return UNIT_OF[self.response]
+
+    def matches(self, theta: Theta) -> Match:
+        """Every record matched to the decay of the joint, fields with a leading axis of records.
+
+        Args:
+            theta: The joint's parameters.
+        """
+        decay = decay_of(theta, self)
+        return jax.vmap(lambda one: match(decay, one, self.step_s))(self.envelope)
+
+    def predict(self, theta: Theta) -> Complex[Array, "record step"]:
+        """Envelope of every record, at its best initial state and shift."""
+        return self.envelope - self.matches(theta).residual
+
+    def weighted(
+        self, theta: Theta
+    ) -> tuple[Float[Array, "record value"], Float[Array, "record own value"]]:
+        """Residuals in standard deviations of the noise, and the shift in that of its scatter."""
+        found = self.matches(theta)
+        weight = jnp.sqrt(self.fraction) / self.noise_std
+        left: Complex[Array, "record step"] = found.residual * weight[:, None]
+        shift = found.entry.shift[:, None] / self.shift_std
+        rows = jnp.concatenate([left.real, left.imag, shift], axis=1)
+        return rows, jnp.zeros((len(rows), 0, rows.shape[1]))
+
+    def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
+        r"""What every record says of the shift of its natural frequency.
+
+        $$\log p_i = -\frac{n - 3}{2} \log Q_i - \frac12 \log |A_i| - \log e_i$$
+
+        where Q is what the best initial state and shift leave, A their normal matrix, n the number
+        of independent real values, and the shift's estimate has the standard error e. The noise is
+        integrated out under 1/sigma. Q is linear enough in the three unknowns for this to be exact
+        to the accuracy of a Laplace approximation at the signal-to-noise ratio of a decay.
+
+        Args:
+            theta: The joint's parameters.
+            num_offsets: Offsets of a run; a record knows the first, the shift, alone.
+
+        Reference:
+            Eq. (37) on the envelope, initial states and noise inferred.
+        """
+        found = self.matches(theta)
+        _, log_det = jnp.linalg.slogdet(found.precision)
+        error = self.shift_errors(found)
+        degrees = self._num_values - NUM_OWN
+        log_density = -degrees / 2 * jnp.log(found.misfit) - 0.5 * log_det - jnp.log(error)
+        first = jnp.eye(max(num_offsets, 1))[0]
+        precision = jnp.outer(first, first) / error[:, None, None] ** 2
+        return Estimate(log_density, found.entry.shift[:, None] * first, precision)
+
+    def scatter_terms(self, theta: Theta, found: Estimate) -> Float[Array, " term"]:
+        r"""The scatter of the records' frequencies, integrated out.
+
+        $$\log \int p(s) \prod_i e_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$$
+        """
+        scatters = SCATTERS[:, None] * theta["omega_n"]
+        each_its_own = tuple(range(len(self.names)))
+        return log_density_of_offsets(found, (each_its_own,), scatters)[None]
+
+    @property
+    def _num_values(self) -> Float[Array, ""]:
+        return 2 * self.envelope.shape[1] * self.fraction
+
+    def covariance_of(self, found: Match) -> Float[Array, "record own own"]:
+        """Covariance of log amplitude, phase and shift [rad/s] of every record."""
+        variance = found.misfit / (self._num_values - NUM_OWN)
+        return variance[:, None, None] * jnp.linalg.inv(found.precision)
+
+    def shift_errors(self, found: Match) -> Float[Array, " record"]:
+        """Standard error of every record's shift of natural frequency [rad/s]."""
+        return jnp.sqrt(self.covariance_of(found)[:, 2, 2])
+
+    def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
+        """What is left of every envelope."""
+        weight = np.sqrt(np.asarray(self.fraction)) / np.asarray(self.noise_std)
+        found = {}
+        for i, label in enumerate(self.names):
+            real, imaginary = np.split(np.asarray(rows[label])[:-1] / weight[i], 2)
+            found[label] = real + 1j * imaginary
+        return found
+
+    def sizes(self) -> dict[str, float]:
+        """Root of the sum of squares of every envelope."""
+        norms = np.linalg.norm(np.asarray(self.envelope), axis=1)
+        return dict(zip(self.names, norms.tolist(), strict=True))
+
+    def with_fitted_noise(self, theta: Theta, left: Mapping[str, Row]) -> Self:
+        """The decays with the noise of every record, and the scatter of their frequencies."""
+        found = matched(theta, self)
+        noise = jnp.sqrt(found.misfit / (2 * self.envelope.shape[1] - NUM_OWN))
+        errors = float(jnp.sqrt(jnp.mean(self.shift_errors(found) ** 2)))
+        scatter = max(float(jnp.sqrt(jnp.mean(found.entry.shift**2))), errors)
+        return replace(self, noise_std=noise, shift_std=jnp.asarray(scatter))
+
+    def effective_fractions(
+        self,
+        left: Mapping[str, Row],
+        columns: Sequence[Mapping[str, Row]],
+        covariance: Float[np.ndarray, "parameter parameter"],
+    ) -> dict[str, float]:
+        """One fraction of all records, by the correlation of what is left of them together."""
+        fraction = correlated_fraction(np.stack([left[name] for name in self.names]))
+        return dict.fromkeys(self.names, fraction)
+
+    def with_effective_values(self, fractions: Mapping[str, float]) -> Self:
+        """The decays that count for as many values as are independent."""
+        return replace(self, fraction=jnp.asarray(fractions.get(self.names[0], 1.0)))
+
+    def fractions_counted(self) -> dict[str, float]:
+        """Fraction of the values of each record that the likelihood counts."""
+        return dict.fromkeys(self.names, float(self.fraction))
+
+    def draw_noise(
+        self,
+        key: Key[Array, ""],
+        theta: Mapping[str, Float[np.ndarray, "..."]],
+        terms: Mapping[str, Float[np.ndarray, "chain draw"]],
+        num_offsets: int,
+    ) -> dict[str, Float[np.ndarray, "chain draw"]]:
+        r"""Exact draw of the noise of each record, given everything else.
+
+        $$\sigma^2 \mid \theta \sim w Q(\theta) / \chi^2_{n - 3}$$
+
+        of the real, and of the imaginary, part of the envelope's noise, w the fraction counted.
+        """
+        shape = np.broadcast_shapes(*(np.shape(values) for values in theta.values()))
+        flat = {name: jnp.ravel(jnp.broadcast_to(v, shape)) for name, v in theta.items()}
+        keys = jax.random.split(key, int(np.prod(shape)))
+        noise = np.asarray(_drawn_noise(keys, flat, self)).reshape(*shape, -1)
+        return {name: noise[..., i] for i, name in enumerate(self.names)}
+
+    def first_values(self) -> dict[str, float]:
+        """Straight lines through frequency and damping against amplitude, at none."""
+        y, omega, zeta = self.amplitude_curve()
+        most = float(np.abs(zeta.max()))
+        return {
+            "omega_n": float(np.polyfit(y, omega, 1)[1]),
+            "zeta": float(np.clip(np.polyfit(y, zeta, 1)[1], 0.1 * most, most)),
+        }
+
+    def amplitude_curve(self) -> AmplitudeCurve:
+        """Frequency and damping along every record."""
+        found = [
+            read_decay(row, self.step_s, self.centre_hz, WINDOW)
+            for row in np.asarray(self.envelope)
+        ]
+        omega = 2 * np.pi * np.concatenate([one.frequency_hz for one in found])
+        size = np.concatenate([one.amplitude for one in found])
+        y = size / omega ** derivative_order(self.response)
+        return AmplitudeCurve(y, omega, np.concatenate([one.damping for one in found]))
+
+    def y_peak(self, omega_n: float) -> float:
+        """Displacement that the simulated decay begins from [m]."""
+        return float(self.y_start)
+
+    def halved(self) -> Self:
+        """The decays with twice as many steps of the solver."""
+        return replace(self, substeps=2 * self.substeps)
+
+    def statements(self, theta: Theta) -> list[str]:
+        """How far the records' frequencies scatter, and how many values were counted."""
+        shift = np.asarray(matched(theta, self).entry.shift)
+        scatter = float(np.sqrt(np.mean(shift**2))) / (2 * np.pi)
+        return [
+            f"The natural frequencies of the {len(self.names)} records scatter by {scatter:.2g} "
+            "Hz, which the interval of omega_n includes.",
+            f"Residuals are correlated: {float(self.fraction):.0%} of the "
+            f"{self.envelope.shape[1]} values of a record are counted as independent.",
+        ]
+
+    def to_dataset(
+        self, predicted: Complex[np.ndarray, "draw record step"] | None = None
+    ) -> dict[str, xr.Dataset]:
+        """Magnitude of every envelope over time, measured and predicted."""
+        time = np.arange(self.envelope.shape[1]) * self.step_s
+        attrs, found = {"units": self.unit}, {}
+        for i, name in enumerate(self.names):
+            measured = np.abs(np.asarray(self.envelope[i]))
+            found[name] = xr.Dataset(
+                {"measured": ("time", measured, attrs)}, {"time": ("time", time, {"units": "s"})}
+            )
+            if predicted is not None:
+                rows = np.abs(np.asarray(predicted)[:, i])
+                found[name]["predicted"] = (("draw", "time"), rows, attrs)
+        return found
 
 
-def envelopes(test: Test) -> list[np.ndarray]:
-    """Envelope of every record of a test, at the full sampling rate, after `settle`."""
-    chosen, found = filter_of(test), []
-    for record in test.records:
-        skipped = round(test.settle * record.fs)
-        found.append(demodulate(record.channels[record.response][skipped:], chosen)[1])
-    return found
+@eqx.filter_jit
+def _matched(theta: Theta, data: Decays) -> Match:
+    return data.matches(theta)
 
 
-def readings(test: Test) -> list[Reading]:
-    """Frequency and damping along every record of a test."""
-    chosen = filter_of(test)
-    return [
-        read_decay(one[:: chosen.step], chosen.step_s, chosen.centre_hz, WINDOW)
-        for one in envelopes(test)
-    ]
+def matched(theta: Mapping[str, Array | float], data: Decays) -> Match:
+    """Every record matched at one point of the parameters, compiled."""
+    return _matched({name: jnp.asarray(value) for name, value in theta.items()}, data)
 
 
-def reduce(test: Test, *, substeps: int = 1) -> Decays:
-    """Envelopes of the decays of a test, cut to the shortest.
+@eqx.filter_jit
+def _drawn_noise(keys: Array, theta: Theta, data: Decays) -> Float[Array, "draw record"]:
+    def one(pair: tuple[Array, dict[str, Array]]) -> Float[Array, " record"]:
+        key, some = pair
+        misfit = data.matches(some).misfit
+        chi_square = jax.random.chisquare(key, data._num_values - NUM_OWN, misfit.shape)
+        return jnp.sqrt(data.fraction * misfit / chi_square)
 
-    Args:
-        test: Decays of one mode; `settle` is left out at their beginning.
-        substeps: Steps of the solver between samples.
-
-    Returns:
-        The reduced decays; noise and scatter are first guesses.
-
-    Raises:
-        DataError: No band, records too short, or fewer than 16 independent values in one.
-    """
-    chosen = filter_of(test)
-    found = [one[:: chosen.step] for one in envelopes(test)]
-    length = min(map(len, found))
-    if length < LEAST_VALUES:
-        raise DataError(
-            f"Test `{test.name}` leaves {length} independent values of its shortest record; "
-            f"at least {LEAST_VALUES} are needed.",
-            remedy="Widen `band`, shorten `settle`, or drop short records with `exclude`.",
-        )
-    envelope = np.stack([one[:length] for one in found])
-    order = list(LETTER).index(test.records[0].response)
-    y_start, duration = _course(envelope, chosen, order)
-    turn = 2 * np.pi * chosen.centre_hz / chosen.fs
-    taps = chosen.taps[:: chosen.stride]
-    n = np.arange(len(taps)) * chosen.stride
-    return Decays(
-        envelope=jnp.asarray(envelope),
-        noise_std=jnp.asarray(0.01 * np.sqrt(np.mean(np.abs(envelope) ** 2, axis=1))),
-        shift_std=jnp.asarray(1e-4 * 2 * np.pi * chosen.centre_hz),
-        worth=jnp.asarray(1.0),
-        y_start=jnp.asarray(y_start),
-        taps=jnp.asarray(2 * taps / taps.sum() * np.exp(-1j * turn * n)),
-        rotation=jnp.asarray(np.exp(-1j * turn * chosen.step)),
-        step_s=chosen.step_s,
-        stride=chosen.step // chosen.stride,
-        fs=chosen.fs / chosen.stride,
-        num_samples=round(duration * chosen.fs / chosen.stride) + len(taps),
-        response=test.records[0].response,
-        substeps=substeps,
-        names=tuple(f"{test.name} {i + 1}" for i in range(len(test.records))),
-    )
-
-
-def _course(envelope: np.ndarray, chosen: BandFilter, order: int) -> tuple[float, float]:
-    """Where the simulated decay begins, and how long it lasts, so that every record lies on it."""
-    size = np.log(np.abs(envelope))
-    strongest = int(np.argmax(size[:, 0]))
-    edge = min(8, envelope.shape[1] // 2)
-    first, last = (
-        max(float(row[0] - row[-1]) / ((edge - 1) * chosen.step_s), 1e-6)
-        for row in (size[strongest, :edge], size[strongest, -edge:])
-    )
-    # The filter eats the first of the simulated decay, at a rate that may be twice the measured.
-    lead = chosen.half / chosen.fs
-    start = HEADROOM * np.exp(size[strongest, 0] + 2 * first * lead)
-    weakest = size[:, 0].min()
-    reached = np.flatnonzero(size[strongest] <= weakest)
-    wait = (
-        reached[0] * chosen.step_s
-        if reached.size
-        else size.shape[1] * chosen.step_s + (size[strongest, -1] - weakest) / last
-    )
-    omega = 2 * np.pi * chosen.centre_hz
-    return float(start) / omega**order, SPARE * (wait + size.shape[1] * chosen.step_s)
+    return jax.lax.map(one, (keys, dict(theta)), batch_size=8)

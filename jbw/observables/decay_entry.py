@@ -12,8 +12,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from jbw.observables.decay_model import along
-
 NUM_REFINEMENTS = 3  # Gauss-Newton steps to a record's place on the decay
 
 
@@ -44,9 +42,48 @@ class Match(NamedTuple):
 
     entry: Entry
     misfit: Float[Array, ""]
-    residual: Complex[Array, " step"]
+    residual: Complex[Array, " sample"]
     precision: Float[Array, "own own"]
     rate: Float[Array, ""]
+
+
+def along(
+    decay: Complex[Array, " step"], place: Float[Array, " time"]
+) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
+    """The decay and its slope between its steps, by cubics; by straight lines beyond its ends.
+
+    Args:
+        decay: From `decay.decay_of`.
+        place: Where to look, in steps.
+
+    Returns:
+        Logarithm of the envelope, and its derivative by the place.
+    """
+    whole = jax.lax.stop_gradient(jnp.floor(place))
+    f = place - whole
+    index = whole.astype(int)[:, None] + jnp.arange(-1, 3)
+    inside = jnp.clip(index, 0, len(decay) - 1)
+    ends = jnp.where(index < 0, decay[1] - decay[0], decay[-1] - decay[-2])
+    values = decay[inside] + (index - inside) * ends
+    weights = jnp.stack(
+        [
+            -f * (f - 1) * (f - 2) / 6,
+            (f + 1) * (f - 1) * (f - 2) / 2,
+            -(f + 1) * f * (f - 2) / 2,
+            (f + 1) * f * (f - 1) / 6,
+        ],
+        axis=-1,
+    )
+    slopes = jnp.stack(
+        [
+            -(3 * f**2 - 6 * f + 2) / 6,
+            (3 * f**2 - 4 * f - 1) / 2,
+            -(3 * f**2 - 2 * f - 2) / 2,
+            (3 * f**2 - 1) / 6,
+        ],
+        axis=-1,
+    )
+    return jnp.sum(weights * values, axis=-1), jnp.sum(slopes * values, axis=-1)
 
 
 def follow(
@@ -55,7 +92,7 @@ def follow(
     """Envelope of a record that enters the decay, and the slope of its logarithm by the place.
 
     Args:
-        decay: From `decay_of`.
+        decay: From `decay.decay_of`.
         entry: Where the record enters.
         steps: Steps since its first value.
         step_s: Time of a step [s].
@@ -65,12 +102,12 @@ def follow(
 
 
 def match(
-    decay: Complex[Array, " step"], envelope: Complex[Array, " step"], step_s: float
+    decay: Complex[Array, " step"], envelope: Complex[Array, " sample"], step_s: float
 ) -> Match:
     """Least-squares initial state and frequency of a record on the decay.
 
     Args:
-        decay: From `decay_of`.
+        decay: From `decay.decay_of`.
         envelope: The record's.
         step_s: Time of a step [s].
     """
@@ -89,8 +126,8 @@ def match(
 
 def _first_entry(
     decay: Complex[Array, " step"],
-    envelope: Complex[Array, " step"],
-    steps: Float[Array, " step"],
+    envelope: Complex[Array, " sample"],
+    steps: Float[Array, " sample"],
     step_s: float,
 ) -> Entry:
     """Entry by the amplitude a quarter into the record, then by the turn that is left."""
@@ -107,11 +144,11 @@ def _first_entry(
 
 def _normal(
     decay: Complex[Array, " step"],
-    envelope: Complex[Array, " step"],
+    envelope: Complex[Array, " sample"],
     entry: Entry,
-    steps: Float[Array, " step"],
+    steps: Float[Array, " sample"],
     step_s: float,
-) -> tuple[Complex[Array, " step"], Float[Array, "own own"], Float[Array, " own"], Array]:
+) -> tuple[Complex[Array, " sample"], Float[Array, "own own"], Float[Array, " own"], Array]:
     """Residual, normal matrix and gradient by log amplitude, phase and shift, and the rate."""
     model, slope = follow(decay, entry, steps, step_s)
     residual = envelope - model

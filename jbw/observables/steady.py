@@ -1,182 +1,272 @@
-"""From tests of steady motion to groups of harmonics: tones, stepped sines, response curves."""
+r"""Steady harmonics of tones, stepped sines and response curves as an observable.
 
-from collections.abc import Sequence
+The measured motion is the guess from which harmonic balance finds the model's, so no curve is
+lost where it bends over, and a point costs two steps of Newton's iteration and no search.
+"""
 
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
+import xarray as xr
+from jaxtyping import Array, Complex, Float, Inexact, Int
 
-from jbw.errors import DataError
-from jbw.measurement.channels import derivative_order
-from jbw.measurement.curves import ResponseCurve, displacement_of, response_curve
-from jbw.measurement.harmonics import harmonics
 from jbw.measurement.records import Test
-from jbw.observables.harmonics import NUM_HARMONICS, Group
-from jbw.observables.runs import run_of
+from jbw.observables.harmonic_groups import NUM_HARMONICS, ORDERS, Group, groups_of, harmonic_label
+from jbw.observables.labelled import datasets
+from jbw.observables.line_fit import oscillator_through
+from jbw.observables.observable import Theta
+from jbw.observables.repeated import Repeated, Repeats, Row, distinct, repeats
+from jbw.oscillator.oscillator import Joint, as_oscillator, oscillator_of
+from jbw.oscillator.steady.balance import refined
+from jbw.quantities import derivative_order
 
-ORDERS = (1, 3)  # compared; the others measured are the guess of the motion
-HIGHEST = 2 * NUM_HARMONICS - 1
-BELOW_NYQUIST = 0.499  # of the sampling frequency: the highest harmonic read
-NO_AMPLITUDE = 1e-9  # of the unit of the source
-CONTROLLED = 1 / 3  # of the source's variation along a curve: what a held response varies at most
+NUM_NODES = 16
 
 
-def tone_groups(tests: Sequence[Test]) -> list[Group]:
-    """Harmonics of tests with one tone each, those of one level and run together.
+class Points(Repeated):
+    """Harmonics of the steady motion at many frequencies and levels, group by group.
 
-    Args:
-        tests: Tests of kind tones, one tone each.
+    A group is one harmonic of one test. In a force-controlled test the response is compared, in a
+    response-controlled one the force is.
 
-    Returns:
-        A group for each order of each level.
+    Attributes:
+        omega: Frequency of each point [rad/s].
+        load: Measured odd harmonics of the source at each point [V, N or N/kg].
+        motion: Measured odd harmonics of the displacement [m], zero where not measured.
+        mean: Values of each group: those of the response in the unit it was measured in, or of the
+            force in the source's; zero behind a group's last point.
+        point: Number of the point of each value.
+        position: Position of each group's order among the odd ones.
+        factor: From displacement or force per unit mass to the value's unit; zero behind the last.
+        repeats: Their repeats.
+        of_force: Whether a group's values are the force; static.
     """
-    families: dict[tuple[float, str, int], list[Test]] = {}
-    for test in tests:
-        run = run_of(test) if test.assembly or test.run else ""
-        families.setdefault((test.level, run, len(test.records)), []).append(test)
-    groups = []
-    for (level, run, _), family in families.items():
-        label = f"tones {level:g}" if len(family) > 1 else family[0].name
-        omega = 2 * np.pi * np.array([test.tones_hz[0] for test in family])
-        spans = [
-            [(record, (test.settle, record.num_samples / record.fs)) for record in test.records]
-            for test in family
-        ]
-        groups += _groups(label, run or label, omega, spans, [test.delay for test in family])
-    return groups
 
+    kinds: ClassVar[tuple[str, ...]] = ("tones", "stepped", "frf")
+    suffix: ClassVar[str] = "_harmonics"
+    dimension: ClassVar[str] = "harmonic"
 
-def stepped_groups(test: Test) -> list[Group]:
-    """Harmonics at each frequency of a stepped sine, the transient of each step left out.
+    omega: Float[Array, " point"]
+    load: Complex[Array, "point harmonic"]
+    motion: Inexact[Array, "point harmonic"]
+    mean: Complex[Array, "group value"]
+    point: Int[Array, "group value"]
+    position: Int[Array, " group"]
+    factor: Complex[Array, "group value"]
+    repeats: Repeats
+    of_force: tuple[bool, ...] = eqx.field(static=True)
 
-    Args:
-        test: Test of kind stepped.
+    @classmethod
+    def reduce(
+        cls,
+        tests: Sequence[Test],
+        *,
+        laws: tuple[str, ...] = ("bouc_wen",),
+        substeps: int | None = None,
+    ) -> tuple[Self, ...]:
+        """Harmonics of all tests side by side."""
+        groups = groups_of(tests)
+        return (cls.of(groups, laws=laws),) if groups else ()
 
-    Returns:
-        A group for each order.
+    @classmethod
+    def of(cls, groups: Sequence[Group], *, laws: tuple[str, ...] = ("bouc_wen",)) -> Self:
+        """Groups side by side; those of one test share its points.
 
-    Raises:
-        DataError: If a record is shorter than the steps that the campaign states.
-    """
-    needed = len(test.tones_hz) * test.dwell
-    for record in test.records:
-        if record.num_samples / record.fs < needed - 0.5 / record.fs:
-            raise DataError(
-                f"Record `{record.name}` must hold {len(test.tones_hz)} steps of {test.dwell:g} s, "
-                f"but lasts {record.num_samples / record.fs:g} s.",
-                remedy="Check `tones` and `dwell` of the test.",
-            )
-    starts = [i * test.dwell for i in range(len(test.tones_hz))]
-    spans = [
-        [(record, (start + test.settle, start + test.dwell)) for record in test.records]
-        for start in starts
-    ]
-    omega = 2 * np.pi * np.array(test.tones_hz)
-    delays = [test.delay] * len(spans)
-    return _groups(test.name, run_of(test), omega, spans, delays)
+        Args:
+            groups: The groups, those of a test with the same omega, load and motion.
+            laws: Names of the laws of the joint.
 
+        Returns:
+            The points.
+        """
+        tests: dict[bytes, int] = {}
+        omega, load, motion, first = [], [], [], []
+        for group in groups:
+            key = group.omega.tobytes() + group.load.tobytes() + group.motion.tobytes()
+            if key not in tests:
+                tests[key] = sum(map(len, omega))
+                omega.append(group.omega)
+                load.append(group.load)
+                motion.append(group.motion)
+            first.append(tests[key])
+        longest = max(len(group.values) for group in groups)
 
-def _groups(
-    label: str, run: str, omega: NDArray[np.float64], spans: list, delays: list[float]
-) -> list[Group]:
-    """One group an order, from the repeats of every frequency."""
-    found = [_points(one, w, delay) for one, w, delay in zip(spans, omega, delays, strict=True)]
-    source, motion = np.moveaxis(np.array(found), 2, 0)
-    power = derivative_order(spans[0][0][0].response)
-    groups = []
-    for order in ORDERS:
-        factor = (1j * order * omega) ** power
-        values = factor[:, None] * motion[:, :, order // 2]
-        mean = values.mean(axis=1)
-        groups.append(
-            Group(
-                label=f"{label} order {order}",
-                run=run,
-                omega=omega,
-                load=source.mean(axis=1),
-                motion=motion.mean(axis=1),
-                order=order,
-                values=mean,
-                factor=factor,
-                within=float(np.sum(np.abs(values - mean[:, None]) ** 2)),
-                num_repeats=values.shape[1],
-            )
+        def filled(rows: list[np.ndarray]) -> Array:
+            return jnp.asarray(np.stack([np.pad(row, (0, longest - len(row))) for row in rows]))
+
+        sizes = np.array([2 * len(group.values) for group in groups])
+        return cls(
+            laws=laws,
+            omega=jnp.asarray(np.concatenate(omega)),
+            load=jnp.asarray(np.concatenate(load)),
+            motion=jnp.asarray(np.concatenate(motion)),
+            mean=filled([group.values for group in groups]),
+            point=filled(
+                [start + np.arange(len(g.values)) for start, g in zip(first, groups, strict=True)]
+            ),
+            position=jnp.asarray([group.order // 2 for group in groups]),
+            factor=filled([group.factor for group in groups]),
+            repeats=repeats(
+                within=np.array([group.within for group in groups]),
+                num_repeats=np.array([group.num_repeats for group in groups]),
+                sizes=sizes,
+                longest=2 * longest,
+                labels=distinct([group.label for group in groups]),
+                runs=tuple(group.run for group in groups),
+                scale=np.array([np.sqrt(np.mean(np.abs(g.values) ** 2) / 2) for g in groups]),
+            ),
+            of_force=tuple(group.of_force for group in groups),
         )
-    return groups
+
+    @classmethod
+    def design(
+        cls,
+        omega: Float[np.ndarray, " tone"],
+        level: float,
+        motion: Complex[np.ndarray, "tone harmonic"],
+        *,
+        response: str,
+        noise_std: float,
+        num_samples: int,
+        laws: tuple[str, ...] = ("bouc_wen",),
+    ) -> Self:
+        r"""Planned tones, as they would be read.
+
+        Real and imaginary parts of a harmonic read from N samples have the variance
+        $2\sigma^2 / N$ each.
+
+        Args:
+            omega: Frequencies [rad/s].
+            level: Amplitude of the source [unit of the source].
+            motion: Odd harmonics of the steady displacement that is expected [m].
+            response: What would be measured: displacement, velocity or acceleration.
+            noise_std: Noise of a sample of it [m, m/s or m/s^2].
+            num_samples: Samples N of the record of a tone.
+            laws: Names of the laws of the joint.
+        """
+        load = level * np.tile(np.arange(NUM_HARMONICS) == 0, (len(omega), 1)) + 0j
+        groups = []
+        for order in ORDERS:
+            factor = (1j * order * omega) ** derivative_order(response)
+            values = factor * motion[:, order // 2]
+            label = harmonic_label("planned", order)
+            groups.append(
+                Group(label, "planned", omega, load, motion, order, values, factor, 0.0, 1)
+            )
+        std = noise_std * np.sqrt(2 / num_samples)
+        return cls.of(groups, laws=laws).with_repeats(noise_std=jnp.full(len(groups), std))
+
+    @property
+    def is_complex(self) -> bool:
+        """Harmonics have a phase."""
+        return True
+
+    @property
+    def counts(self) -> list[int]:
+        """Number of points of each group."""
+        return [int(size) // 2 for size in np.asarray(self.repeats.size)]
+
+    def predict(self, theta: Theta) -> Complex[Array, "group value"]:
+        """Predicted values of every group, zero behind its last.
+
+        Args:
+            theta: The joint's parameters and `gain`.
+
+        Returns:
+            Response in its measured unit, or force in the source's.
+        """
+        column, of_force = self.position[:, None], np.array(self.of_force)
+        forced = moved = jnp.zeros(self.point.shape, complex)
+        if of_force.any():
+            forced = force_of(theta, self)[self.point] / theta["gain"]
+        if not of_force.all():
+            moved = motion_of(theta, self)[self.point, column]
+        return self.factor * jnp.where(of_force[:, None], forced, moved)
+
+    def misfit(self, theta: Theta) -> Float[Array, "group part"]:
+        """Measured less predicted values, real parts then imaginary parts."""
+        left = self.mean - self.predict(theta)
+        return jnp.concatenate([left.real, left.imag], axis=1)
+
+    def first_values(self) -> dict[str, float]:
+        """Linear least squares over the first harmonics of the smallest motion at its peak."""
+        point, position = np.asarray(self.point), np.asarray(self.position)
+        motion, load, omega = (np.asarray(x) for x in (self.motion, self.load, self.omega))
+        sizes = self.counts
+        first = [i for i in range(len(sizes)) if position[i] == 0 and sizes[i] >= 3]
+        first = first or [i for i in range(len(sizes)) if position[i] == 0]
+        peaks = [np.abs(motion[point[i, : sizes[i]], 0]).max() for i in first]
+        quietest = first[int(np.argmin(peaks))]
+        chosen = point[quietest, : sizes[quietest]]
+        return oscillator_through(omega[chosen], load[chosen, 0], motion[chosen, 0])
+
+    def y_peak(self, omega_n: float) -> float:
+        """Largest displacement [m]."""
+        return float(jnp.max(jnp.abs(self.motion)))
+
+    def to_dataset(
+        self, predicted: Complex[np.ndarray, "draw group value"] | None = None
+    ) -> dict[str, xr.Dataset]:
+        """Harmonics of every group over frequency, measured and predicted."""
+        point, counts = np.asarray(self.point), self.counts
+        freq = np.asarray(self.omega) / (2 * np.pi)
+        axes = [freq[point[i, :count]] for i, count in enumerate(counts)]
+        return datasets(self, ("freq", "Hz"), axes, predicted)
+
+    @property
+    def means(self) -> list[Row]:
+        """Mean of the repeats of each group at its own points."""
+        mean = np.asarray(self.mean)
+        return [mean[i, :count] for i, count in enumerate(self.counts)]
 
 
-def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]:
-    """Odd harmonics of source and displacement of every repeat, phases counted from the source."""
-    found = []
-    for record, (start, stop) in repeats:
-        keep = slice(round(start * record.fs), round(stop * record.fs))
-        count = int(min(HIGHEST, BELOW_NYQUIST * 2 * np.pi * record.fs / omega))
-        u = harmonics(record.channels[record.source][keep], record.fs, omega, count)
-        y = harmonics(
-            record.channels[record.response][keep],
-            record.fs, omega, count, response=record.response, delay=delay,
-        )  # fmt: skip
-        n = np.arange(1, count + 1)
-        turn = np.exp(-1j * n * np.angle(u.amplitudes[0]))
-        odd = np.zeros((2, NUM_HARMONICS), complex)
-        for row, one in zip(odd, (u, y), strict=True):
-            values = (turn * one.amplitudes)[::2]
-            row[: len(values)] = values
-        found.append(odd)
-    return np.array(found)
-
-
-def curve_group(test: Test) -> Group:
-    """The group of a measured response curve.
-
-    Where the controller held the response, the force is what was measured against it.
+def motion_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, "point harmonic"]:
+    """Odd harmonics of the displacement under the measured force of every point [m].
 
     Args:
-        test: Test of kind frf.
-
-    Returns:
-        The group of its fundamental harmonic.
-
-    Raises:
-        DataError: If repeats differ in their frequencies.
+        theta: The joint's parameters and `gain`.
+        data: The points.
     """
-    curves = [response_curve(record) for record in test.records]
-    if any(not np.array_equal(one.freq_hz, curves[0].freq_hz) for one in curves):
-        raise DataError(
-            f"Repeats of test `{test.name}` must share their frequencies.",
-            remedy="Make each a test of its own.",
-        )
-    omega = 2 * np.pi * curves[0].freq_hz
-    # A ratio has no amplitude: it is compared where the joint sticks, at next to none.
-    size = NO_AMPLITUDE if curves[0].is_ratio else 1.0
-    source = size * np.array([one.source for one in curves])
-    motion = size * np.array([displacement_of(one) for one in curves])
-    held = response_held(curves[0]) and not curves[0].is_ratio
-    if held:
-        # Phases are counted from the motion, which is exact here: their noise is the force's.
-        factor = np.ones(len(omega), complex)
-        values = source = source * np.exp(-1j * np.angle(motion))
-        motion = np.abs(motion)
-    else:
-        factor = (1j * omega) ** derivative_order(curves[0].response_kind) / size
-        values = factor * motion
-    first = np.arange(NUM_HARMONICS) == 0
-    mean = values.mean(axis=0)
-    return Group(
-        label=test.name,
-        run=run_of(test),
-        omega=omega,
-        load=source.mean(axis=0)[:, None] * first.astype(complex),
-        motion=motion.mean(axis=0)[:, None] * first,
-        order=1,
-        values=mean,
-        factor=factor,
-        within=float(np.sum(np.abs(values - mean) ** 2)),
-        num_repeats=len(curves),
-        of_force=held,
+    joint = oscillator_of(theta, data.laws)
+    return jax.vmap(lambda omega, guess, load: refined(joint, omega, guess, load))(
+        data.omega, data.motion, theta["gain"] * data.load
     )
 
 
-def response_held(curve: ResponseCurve) -> bool:
-    """Whether a controller held the response along the curve, and the force varied."""
-    response, source = np.abs(curve.response), np.abs(curve.source)
-    return bool(response.std() / response.mean() < CONTROLLED * source.std() / source.mean())
+def force_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, " point"]:
+    r"""Fundamental of the force per unit mass that the measured fundamental motion takes [N/kg].
+
+    $$F_1 = (k - \omega^2 + 2j\zeta\omega_n\omega + K(|Y_1|) + jC(|Y_1|))\,Y_1$$
+
+    The third harmonic of the motion, which a controller leaves free, is neglected: it changes the
+    first by 3e-4 at most.
+
+    Reference:
+        Eqs. (1), (2).
+    """
+    joint, y = oscillator_of(theta, data.laws), data.motion[:, 0]
+    stiffness = joint.k - data.omega**2 + 2j * joint.zeta * joint.omega_n * data.omega
+    return (stiffness + equivalent_stiffness(joint, jnp.abs(y))) * y
+
+
+def equivalent_stiffness(joint: Joint, y_peak: Float[Array, " point"]) -> Complex[Array, " point"]:
+    """Equivalent stiffness and damping of all laws, K + jC = F_1(Y) / Y, at many amplitudes.
+
+    By a polynomial: it is a smooth function of the amplitude, which sixteen Chebyshev nodes give
+    to 1e-9 over a decade.
+    """
+    middle, half = 0.5 * (y_peak.max() + y_peak.min()), 0.5 * (y_peak.max() - y_peak.min())
+    half = jnp.maximum(half, 1e-6 * middle)
+    angle = np.pi * (np.arange(NUM_NODES) + 0.5) / NUM_NODES
+    nodes = middle + half * np.cos(angle)
+    loops = jax.vmap(as_oscillator(joint).loop)(nodes)
+    values = loops.stiffness + 1j * loops.damping
+    order = np.arange(NUM_NODES)
+    to_series = 2.0 / NUM_NODES * np.cos(np.outer(order, angle))
+    to_series[0] /= 2.0
+    place = jnp.arccos(jnp.clip((y_peak - middle) / half, -1.0, 1.0))
+    return jnp.cos(place[:, None] * order) @ (to_series @ values)

@@ -3,20 +3,25 @@ r"""Derivatives of the hysteresis-exact solve: one function for forward and reve
 The primal is the diffrax solve, its states saved at every substep. The tangent needs no second
 solve: the derivatives of all steps at the saved states are independent of each other and are
 taken for many steps at once; only the recurrence $\dot x_{n+1} = J_n \dot x_n + b_n$ with its
-3 x 3 matrices is sequential. It is linear in the tangents, so JAX transposes it for `jax.grad`.
+small matrices (3 x 3 with one memory) is sequential. It is linear in the tangents, so JAX
+transposes it for `jax.grad`.
 """
 
 from functools import partial
+from typing import Any
 
 import diffrax
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jbw.oscillator.exact_step import ExactStep, Push, State, advance
+from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.solver import HysteresisExact, Stepping
+from jbw.oscillator.step import ExactStep, Push, State, advance
 
-Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Float[Array, " time"]]
+# A `State` with time as the axis of every leaf.
+Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Any]
+Columns = tuple[tuple[Scalar, ...], ...]
 # Steps that are differentiated at once: the intermediate arrays stay in the cache, and
 # the memory of a gradient does not grow with the record.
 _CHUNK = 128
@@ -29,10 +34,10 @@ def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
     Args:
         substeps: Substeps per sample interval; they only set the unit of time.
         stepping: Constants of the step and the input's pushes.
-        initial: (y, v, z) at the first sample.
+        initial: (y, v, memories) at the first sample.
 
     Returns:
-        y [m], v [m/s], z [N/kg], `initial` first and then after every substep.
+        y [m], v [m/s] and the memories, `initial` first and then after every substep.
     """
     num_steps = stepping.push[0].shape[0]
     solution = diffrax.diffeqsolve(
@@ -41,14 +46,15 @@ def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
         t0=0.0,
         t1=num_steps / substeps,
         dt0=1.0 / substeps,
-        y0=initial,
+        y0=tuple(jax.tree.leaves(initial)),
         args=stepping,
         saveat=diffrax.SaveAt(t0=True, steps=True),
         adjoint=diffrax.ForwardMode(),
         max_steps=num_steps,
         throw=False,
     )
-    return tuple(x[: num_steps + 1] for x in solution.ys)  # pyright: ignore
+    leaves = [x[: num_steps + 1] for x in solution.ys]  # pyright: ignore
+    return jax.tree.unflatten(jax.tree.structure(initial), leaves)
 
 
 def _unused_field(tau, state, stepping):
@@ -73,7 +79,7 @@ def _tangent(
     def chunks(x):
         return jnp.pad(x, (0, -num_steps % size)).reshape(-1, size)
 
-    starts = tuple(chunks(x[:-1]) for x in trajectory)
+    starts = jax.tree.map(lambda x: chunks(x[:-1]), trajectory)
     push, push_dot = (tuple(chunks(p) for p in s.push) for s in (stepping, stepping_dot))
     # One copy a lane: transposed, the lanes are summed once and not in every chunk.
     step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), stepping_dot.step)
@@ -89,35 +95,36 @@ def _tangent(
     def joined(first, following):
         return jnp.concatenate([jnp.asarray(first)[None], following.reshape(-1)[:num_steps]])
 
-    y, v, z = (joined(*pair) for pair in zip(initial_dot, ys, strict=True))
-    return y, v, z
+    return jax.tree.map(joined, initial_dot, ys)
 
 
 def _linearised(
     step: ExactStep, start: State, push: Push, step_dot: ExactStep, push_dot: Push
-) -> tuple[tuple[State, State, State], State]:
-    """Columns of the matrix J_n, and the offset b_n, of one step."""
+) -> tuple[Columns, tuple[Scalar, ...]]:
+    """Columns of the matrix J_n, and the offset b_n, of one step; leaves of the state in order."""
+    leaves, tree = jax.tree.flatten(start)
 
-    def stepped(step, start, push):
-        return advance(step, start, push, branch=False)
+    def stepped(step, leaves, push):
+        start = jax.tree.unflatten(tree, leaves)
+        return tuple(jax.tree.leaves(advance(step, start, push, branch=False)))
 
-    none, unit = jnp.zeros_like(start[0]), jnp.ones_like(start[0])
-    _, by_state = jax.linearize(lambda start: stepped(step, start, push), start)
+    none, unit = jnp.zeros_like(leaves[0]), jnp.ones_like(leaves[0])
+    _, by_state = jax.linearize(lambda leaves: stepped(step, leaves, push), leaves)
     _, offset = jax.jvp(
-        lambda step, push: stepped(step, start, push), (step, push), (step_dot, push_dot)
+        lambda step, push: stepped(step, leaves, push), (step, push), (step_dot, push_dot)
     )
-    return (
-        by_state((unit, none, none)),
-        by_state((none, unit, none)),
-        by_state((none, none, unit)),
-    ), offset
+    size = len(leaves)
+    columns = (by_state([unit if i == j else none for i in range(size)]) for j in range(size))
+    return tuple(columns), offset
 
 
 def _recurrence(x_dot: State, inputs) -> tuple[State, State]:
     """One step of the tangent recurrence; matrices come column by column."""
     columns, offset = inputs
-    y, v, z = (
-        offset[i] + sum(column[i] * x for column, x in zip(columns, x_dot, strict=True))
-        for i in range(3)
-    )
-    return (y, v, z), (y, v, z)
+    leaves, tree = jax.tree.flatten(x_dot)
+    after = [
+        part + sum(column[i] * x for column, x in zip(columns, leaves, strict=True))
+        for i, part in enumerate(offset)
+    ]
+    x_dot = jax.tree.unflatten(tree, after)
+    return x_dot, x_dot

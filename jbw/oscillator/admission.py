@@ -1,36 +1,58 @@
-"""What `simulate` refuses before it starts and what it reports after; tracers are trusted."""
+"""What the public functions refuse before they start, and report after; tracers are trusted."""
 
 import warnings
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
+from jaxtyping import Array, ArrayLike, Complex, Int
 
 from jbw.errors import ConfigError, DataError, ModelError
-from jbw.oscillator.parameters import BoucWen
-from jbw.oscillator.reconstruction import HOLDS
+from jbw.oscillator.checks import (
+    is_concrete,
+    parameters,
+    require_at_least,
+    require_closed_form,
+    require_finite,
+)
+from jbw.oscillator.hold import HOLDS
+from jbw.oscillator.law import Law
+from jbw.oscillator.laws.bouc_wen import BoucWenLaw
+from jbw.oscillator.laws.springs import Cubic, Polynomial, Spring
+from jbw.oscillator.oscillator import Joint, Oscillator
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.step import State
+
+# Displacements at which a force is probed for oddness [m].
+_PROBES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 
 
-def _traced(*values: Any) -> bool:
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
+def require_float64(
+    what: str = "The periodic response",
+    why: str = "Near resonance the balance cancels half of the digits",
+) -> None:
+    """Raise in a float32 session.
+
+    Raises:
+        ConfigError: JAX runs in float32.
+    """
+    if not jax.config.jax_enable_x64:
+        raise ConfigError(
+            f"{what} needs float64, but JAX runs in float32.",
+            why=f"{why} in float32.",
+            remedy='Call jbw.enable_x64() (or jax.config.update("jax_enable_x64", True)) before '
+            "any array is made.",
+        )
 
 
 def check_options(
     fs: float, hold: str, substeps: int, num_samples: int | None, callable_input: bool
 ) -> None:
     """Refuse a float32 session and options that cannot be meant."""
-    if jnp.zeros(()).dtype != jnp.float64:
-        raise ConfigError(
-            "Time integration needs float64, but JAX runs in float32.",
-            why="A sweep keeps no correct digit of its gradients in float32.",
-            remedy='Call jbw.enable_x64() (or jax.config.update("jax_enable_x64", True)) before '
-            "any array is made.",
-        )
+    require_float64("Time integration", "A sweep keeps no correct digit of its gradients")
     if hold not in HOLDS:
         raise ConfigError(f"Argument `hold` must be one of {', '.join(HOLDS)}, but is {hold!r}.")
-    if not _traced(fs) and not (np.ndim(fs) == 0 and np.isfinite(fs) and fs > 0):
+    if is_concrete(fs) and not (np.ndim(fs) == 0 and np.isfinite(fs) and fs > 0):
         raise ConfigError(f"Argument `fs` must be a positive sampling rate in Hz, but is {fs}.")
     if isinstance(substeps, bool) or not isinstance(substeps, int) or substeps < 1:
         raise ConfigError(f"Argument `substeps` must be an integer >= 1, but is {substeps!r}.")
@@ -51,7 +73,7 @@ def check_input(u: Any, num_samples: int | None) -> None:
             f"Argument `num_samples` is {num_samples}, but `u` has {u.shape[-1]} samples.",
             remedy="Leave `num_samples` out for a sampled input.",
         )
-    if not _traced(u) and not np.all(finite := np.isfinite(u)):
+    if is_concrete(u) and not np.all(finite := np.isfinite(u)):
         first = tuple(int(i) for i in np.argwhere(~finite)[0])
         raise DataError(
             f"Argument `u` must be finite, but u{list(first)} is {u[first]} "
@@ -59,45 +81,47 @@ def check_input(u: Any, num_samples: int | None) -> None:
         )
 
 
-def check_state(joint: BoucWen, initial: Any) -> None:
-    """Refuse an initial state that is not (y, v, z) or whose z the joint cannot hold."""
-    if len(initial) != 3:
+def initial_state(joint: Oscillator, initial: tuple) -> State:
+    """The state (y, v, memories) that a start stands for, refused where it cannot be meant.
+
+    Args:
+        joint: The oscillator.
+        initial: (y, v), (y, v, z) of the only law with a memory, or (y, v, memories).
+    """
+    if len(initial) not in (2, 3):
         raise ConfigError(f"Argument `initial` must be (y, v, z), but has {len(initial)} entries.")
-    if _traced(joint, initial):
-        return
-    if not all(np.all(np.isfinite(value)) for value in initial):
-        raise DataError(f"Argument `initial` must be finite, but is {initial}.")
-    # Beyond alpha/(delta + gamma) z cannot come by itself, and with delta > gamma a z beyond
-    # alpha/(delta - gamma) runs away on unloading.
-    softening = np.maximum(np.asarray(joint.delta) + np.abs(np.asarray(joint.gamma)), 0.0)
-    limit = np.maximum(np.asarray(joint.alpha), 0.0)
-    if joint.nu == 1.0 and np.any(np.abs(initial[2]) * softening > limit):
-        raise ModelError(
-            f"Initial z = {initial[2]} N/kg lies beyond the largest force that the joint holds, "
-            f"alpha/(delta + |gamma|) = {limit / softening} N/kg.",
-            remedy="Start within it, or from rest.",
+    y, v, *given = initial
+    memory = joint.at_rest()
+    remembering = [law.remembers for law in joint.laws]
+    if given and isinstance(given[0], tuple):
+        memory = given[0]
+    elif given and sum(remembering) == 1 == len(jax.tree.leaves(memory)):
+        memory = tuple(
+            given[0] if has else own for has, own in zip(remembering, memory, strict=True)
         )
+    elif given and np.any(np.asarray(given[0]) != 0.0):
+        raise ConfigError(
+            "Argument `initial` gives one z, but there are laws with several memories, or none.",
+            remedy="Give (y, v), or (y, v, memories) with the memory of every law.",
+        )
+    expected = jax.tree.structure(joint.at_rest())
+    if (found := jax.tree.structure(memory)) != expected:
+        raise ConfigError(
+            f"Argument `initial` must hold the memories of the laws as {expected}, but has {found}."
+        )
+    if is_concrete(joint, initial):
+        if not all(np.all(np.isfinite(value)) for value in jax.tree.leaves(initial)):
+            raise DataError(f"Argument `initial` must be finite, but is {initial}.")
+        for law, own in zip(joint.laws, memory, strict=True):
+            law.admits(own)
+    return y, v, memory
 
 
-def warn_of_unbounded_law(joint: BoucWen) -> None:
-    """Warn of parameters for which nothing bounds z (the motion may stay bounded all the same)."""
-    if _traced(joint):
-        return
-    alpha, delta, gamma = (np.asarray(x) for x in (joint.alpha, joint.delta, joint.gamma))
-    linear = (delta == 0.0) & (gamma == 0.0)
-    conditions = {
-        "alpha > 0": alpha > 0.0,
-        "delta + gamma > 0": (delta + gamma > 0.0) | linear,
-        "gamma >= 0": gamma >= 0.0,
-    }
-    broken = [name for name, holds in conditions.items() if not np.all(holds)]
-    if broken:
-        warnings.warn(
-            f"The joint is bounded for {' and '.join(conditions)}, but alpha = {joint.alpha}, "
-            f"delta = {joint.delta}, gamma = {joint.gamma} break {' and '.join(broken)}: z may "
-            "diverge. Check their signs, or keep the input so small that it does not.",
-            stacklevel=3,
-        )
+def warn_of_unbounded_law(joint: Oscillator) -> None:
+    """Warn of parameters for which a law's force may diverge."""
+    for law in joint.laws if is_concrete(joint) else ():
+        if (doubt := law.doubts()) is not None:
+            warnings.warn(doubt, stacklevel=3)
 
 
 def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:
@@ -106,7 +130,7 @@ def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:
     With equal signs of v at both ends, v is least (or largest) at the cubic's inflection; it has
     turned twice if v has the other sign there, by more than 1 % of the largest velocity.
     """
-    if _traced(fs, y, v):
+    if not is_concrete(fs, y, v):
         return
     y, v = np.asarray(y), np.asarray(v)
     start, end, rise = v[..., :-1], v[..., 1:], fs * np.diff(y)
@@ -129,15 +153,15 @@ def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:
         )
 
 
-def check_bounded(joint: BoucWen, y: Any) -> None:
+def check_bounded(joint: Joint, y: Any) -> None:
     """Report a trajectory that diverged, naming the parameters."""
-    if _traced(joint, y) or np.all(finite := np.isfinite(y)):
+    if not is_concrete(joint, y) or np.all(finite := np.isfinite(y)):
         return
     sample = int(np.argwhere(~finite)[0][-1])
-    beside = "" if joint.restoring is None else f", restoring = {joint.restoring}"
+    beside = {name: x for name, x in parameters(joint).items() if name not in ("omega_n", "zeta")}
+    text = ", ".join(f"{name} = {value}" for name, value in beside.items())
     raise ModelError(
-        f"The trajectory diverges at sample {sample} for alpha = {joint.alpha}, "
-        f"delta = {joint.delta}, gamma = {joint.gamma}{beside}.",
+        f"The trajectory diverges at sample {sample} for {text}.",
         why="Nothing bounds z where delta + gamma < 0 or after a start outside the bounded set; "
         "more than one turning point in a step does the same, and so does a restoring force that "
         "pushes away from y = 0.",
@@ -147,11 +171,128 @@ def check_bounded(joint: BoucWen, y: Any) -> None:
 
 def check_settled(residual: Any) -> None:
     """Report a periodic record whose steady state Newton did not find."""
-    if _traced(residual) or np.all(np.asarray(residual) < 1e-8):
+    if not is_concrete(residual) or np.all(np.asarray(residual) < 1e-8):
         return
     raise ModelError(
         f"No steady state was found: the state changes by {np.max(residual):.1e} of its largest "
         "value over the period.",
         why="The response may not be periodic with the input's period.",
         remedy="Give a nearer `initial`, or simulate several periods with `periodic=False`.",
+    )
+
+
+def require_closed_forms(joint: Joint) -> None:
+    """Raise where Bouc-Wen's law among others has another exponent than nu = 1."""
+    for law in joint.laws:
+        if isinstance(law, BoucWenLaw):
+            require_closed_form(law)
+
+
+def require_sense(
+    joint: Joint,
+    omega: ArrayLike,
+    amplitude: ArrayLike,
+    num_harmonics: int,
+    max_turns: int,
+) -> None:
+    """Raise where an argument cannot be meant; trust traced ones.
+
+    Args:
+        joint: The oscillator.
+        omega: Angular frequencies [rad/s].
+        amplitude: Force amplitudes [N/kg].
+        num_harmonics: Number of odd harmonics.
+        max_turns: Turning points of y allowed in a period.
+
+    Raises:
+        ConfigError: An argument is out of its range, or JAX runs in float32.
+        ModelError: nu is not 1, the a spring has an even part, or an argument is not
+            finite.
+    """
+    require_closed_forms(joint)
+    require_odd(joint)
+    require_finite(joint, omega=omega, amplitude=amplitude)
+    require_float64()
+    if num_harmonics < 1:
+        raise ConfigError(f"Argument `num_harmonics` must be at least 1, but is {num_harmonics}.")
+    if max_turns < 2 or max_turns % 2:
+        raise ConfigError(f"Argument `max_turns` must be even, 2 or more, but is {max_turns}.")
+    require_at_least("omega", omega, 0.0, open_end=True)
+    require_at_least("amplitude", amplitude, 0.0)
+
+
+def require_odd(joint: Joint) -> None:
+    """Raise unless every spring is odd, so that the response has odd orders only.
+
+    Args:
+        joint: The oscillator; a spring that is no `Polynomial` is trusted when traced.
+
+    Raises:
+        ModelError: A spring has an even part.
+    """
+    for law in joint.laws:
+        if (found := _evenness(law)) is not None:
+            raise ModelError(
+                f"Parameter `restoring` must be an odd force for a periodic response, but {found}.",
+                why="Harmonics of odd orders, and half a period, describe odd motions only.",
+                remedy="Put None for the even powers of `Polynomial`, or use `simulate` with "
+                "periodic=True.",
+            )
+
+
+def _evenness(law: Law) -> str | None:
+    """What is even in a spring, or None."""
+    if isinstance(law, Polynomial):
+        even = {f"c_{n}": c for n, c in enumerate(law.coefficients, start=2) if n % 2 == 0}
+        bad = [name for name, c in even.items() if c is not None and _may_act(c)]
+        return f"its {', '.join(bad)} may act" if bad else None
+    if not isinstance(law, Spring) or isinstance(law, Cubic) or not is_concrete(law):
+        return None
+    return None if all(_is_odd_at(law, y) for y in _PROBES) else "f(-y) differs from -f(y)"
+
+
+def _may_act(coefficient: Scalar) -> bool:
+    return not is_concrete(coefficient) or bool(np.any(np.asarray(coefficient) != 0.0))
+
+
+def _is_odd_at(force: Spring, y: float) -> bool:
+    there, back = np.asarray(force(y)), np.asarray(force(-y))
+    return bool(np.all(np.abs(there + back) <= 1e-9 * np.abs(there - back)))
+
+
+def require_converged(
+    joint: Joint,
+    omega: ArrayLike,
+    amplitude: ArrayLike,
+    harmonics: Complex[Array, "... harmonic"],
+    turns: Int[Array, "..."],
+) -> None:
+    """Raise with the first tone whose response was not found.
+
+    Args:
+        joint: The oscillator.
+        omega: Angular frequencies [rad/s].
+        amplitude: Force amplitudes [N/kg].
+        harmonics: What was found; NaN where nothing was.
+        turns: Turning points a period of what the iteration ended at.
+
+    Raises:
+        ModelError: Some response was not found.
+    """
+    failed = np.isnan(np.asarray(harmonics)).any(axis=-1)
+    if not failed.any():
+        return
+    shape = failed.shape
+    first = np.unravel_index(np.argmax(failed), shape)
+    leaves = {"omega": omega, "amplitude": amplitude, **parameters(joint)}
+    values = {
+        name: float(np.broadcast_to(np.asarray(leaf), shape)[first])
+        for name, leaf in leaves.items()
+    }
+    text = ", ".join(f"{name} = {value:g}" for name, value in values.items())
+    raise ModelError(
+        f"The periodic response did not converge for {failed.sum()} of {failed.size} tones, the "
+        f"first at {text} ({int(np.asarray(turns)[first])} turning points a period).",
+        why="Several periodic responses may exist there, or none that turns so rarely.",
+        remedy="Lower `amplitude`, follow the branch with `response_curve`, or raise `max_turns`.",
     )

@@ -1,98 +1,12 @@
-r"""The joint in other people's letters: finite elements, earthquake engineering, the benchmark.
+"""Oscillators in the conventions of other programs, made into ours; `to_` the other way."""
 
-All say the same law. They differ in what z is (a force a mass, a force, a displacement) and in
-which of beta, gamma and delta stands before the term that dissipates:
-
-$$\dot Z = \alpha v - \gamma\,|v|\,|Z|^{\nu-1} Z - \delta\,v\,|Z|^\nu$$
-
-here; there the dissipating coefficient is called beta and the other one gamma.
-"""
-
-from typing import NamedTuple
-
-from jbw.errors import ModelError
-from jbw.oscillator.parameters import BoucWen
-
-
-class BaberNoori(NamedTuple):
-    r"""Bouc-Wen-Baber-Noori oscillator without degradation or pinching; z is a displacement.
-
-    $$m\ddot y + c\dot y + a k_0 y + (1 - a) k_0 z = F, \qquad
-      \dot z = v - \beta\,|v|\,|z|^{n-1} z - \gamma\,v\,|z|^n$$
-
-    Attributes:
-        mass: m [kg].
-        damping: c [N s/m].
-        stiffness: k_0, initial stiffness [N/m].
-        ratio: a, stiffness after slip over the initial one [-].
-        beta: Dissipating coefficient [m^-n].
-        gamma: The other one [m^-n].
-        n: Exponent.
-    """
-
-    mass: float
-    damping: float
-    stiffness: float
-    ratio: float
-    beta: float
-    gamma: float
-    n: float = 1.0
-
-
-class Benchmark(NamedTuple):
-    r"""The hysteretic benchmark's oscillator; z is a force.
-
-    $$m\ddot y + c\dot y + k y + z = F, \qquad
-      \dot z = \alpha v - \beta\,(\gamma\,|v|\,|z|^{\nu-1} z + \delta\,v\,|z|^\nu)$$
-
-    Attributes:
-        mass: m [kg].
-        damping: c [N s/m].
-        stiffness: k [N/m].
-        alpha: Stiffness of the hysteretic force [N/m].
-        beta: Common factor of gamma and delta.
-        gamma: Dissipating coefficient; beta gamma in N^(1 - nu)/m.
-        delta: The other one; beta delta likewise.
-        nu: Exponent.
-
-    Reference:
-        Noel, Schoukens (2016), Hysteretic benchmark with a dynamic nonlinearity.
-    """
-
-    mass: float
-    damping: float
-    stiffness: float
-    alpha: float
-    beta: float
-    gamma: float
-    delta: float
-    nu: float = 1.0
-
-
-def to_baber_noori(joint: BoucWen, mass: float) -> BaberNoori:
-    r"""The joint as a Bouc-Wen-Baber-Noori oscillator.
-
-    $$z = Z / \alpha: \quad k_0 = m\omega_n^2, \quad a = k / \omega_n^2, \quad
-      \beta = \gamma\,\alpha^{\nu-1}, \quad \gamma_{BN} = \delta\,\alpha^{\nu-1}$$
-
-    Args:
-        joint: Parameters, scalars.
-        mass: Modal mass [kg].
-
-    Raises:
-        ModelError: The mass is not positive, or a force stands beside the joint.
-    """
-    omega_n, zeta, alpha, delta, gamma = _scalars(joint, mass)
-    scale = alpha ** (joint.nu - 1.0)
-    return BaberNoori(
-        mass=mass,
-        damping=2.0 * zeta * omega_n * mass,
-        stiffness=mass * omega_n**2,
-        ratio=1.0 - alpha / omega_n**2,
-        beta=gamma * scale,
-        gamma=delta * scale,
-        n=joint.nu,
-    )
+from jbw.oscillator.laws.conversions import BaberNoori as BaberNoori
+from jbw.oscillator.laws.conversions import Benchmark as Benchmark
+from jbw.oscillator.laws.conversions import opensees as opensees
+from jbw.oscillator.laws.conversions import require_positive
+from jbw.oscillator.laws.conversions import to_baber_noori as to_baber_noori
+from jbw.oscillator.laws.conversions import to_benchmark as to_benchmark
+from jbw.oscillator.oscillator import BoucWen
 
 
 def from_baber_noori(other: BaberNoori) -> BoucWen:
@@ -104,9 +18,9 @@ def from_baber_noori(other: BaberNoori) -> BoucWen:
     Raises:
         ModelError: Mass, stiffness or the hysteretic share is not positive.
     """
-    _positive(other.mass, "mass")
-    _positive(other.stiffness, "stiffness")
-    _positive(1.0 - other.ratio, "1 - ratio")
+    require_positive(other.mass, "mass")
+    require_positive(other.stiffness, "stiffness")
+    require_positive(1.0 - other.ratio, "1 - ratio")
     omega_n = (other.stiffness / other.mass) ** 0.5
     alpha = (1.0 - other.ratio) * omega_n**2
     scale = alpha ** (1.0 - other.n)
@@ -120,35 +34,6 @@ def from_baber_noori(other: BaberNoori) -> BoucWen:
     )
 
 
-def to_benchmark(joint: BoucWen, mass: float, beta: float = 1.0) -> Benchmark:
-    r"""The joint in the hysteretic benchmark's letters.
-
-    $$z = m Z: \quad k = m (\omega_n^2 - \alpha), \quad \alpha_B = m\alpha, \quad
-      \beta\gamma_B = \gamma\,m^{1-\nu}, \quad \beta\delta_B = \delta\,m^{1-\nu}$$
-
-    Args:
-        joint: Parameters, scalars.
-        mass: Modal mass [kg].
-        beta: The common factor, which the law does not fix.
-
-    Raises:
-        ModelError: Mass or beta is not positive, or a force stands beside the joint.
-    """
-    omega_n, zeta, alpha, delta, gamma = _scalars(joint, mass)
-    _positive(beta, "beta")
-    scale = mass ** (1.0 - joint.nu) / beta
-    return Benchmark(
-        mass=mass,
-        damping=2.0 * zeta * omega_n * mass,
-        stiffness=mass * (omega_n**2 - alpha),
-        alpha=mass * alpha,
-        beta=beta,
-        gamma=gamma * scale,
-        delta=delta * scale,
-        nu=joint.nu,
-    )
-
-
 def from_benchmark(other: Benchmark) -> BoucWen:
     """The joint of the hysteretic benchmark's parameters; the inverse of `to_benchmark`.
 
@@ -158,8 +43,8 @@ def from_benchmark(other: Benchmark) -> BoucWen:
     Raises:
         ModelError: The mass or the small-amplitude stiffness is not positive.
     """
-    _positive(other.mass, "mass")
-    _positive(other.stiffness + other.alpha, "stiffness + alpha")
+    require_positive(other.mass, "mass")
+    require_positive(other.stiffness + other.alpha, "stiffness + alpha")
     omega_n = ((other.stiffness + other.alpha) / other.mass) ** 0.5
     scale = other.beta * other.mass ** (other.nu - 1.0)
     return BoucWen(
@@ -170,44 +55,3 @@ def from_benchmark(other: Benchmark) -> BoucWen:
         other.gamma * scale,
         nu=other.nu,
     )
-
-
-def opensees(joint: BoucWen, mass: float, tag: int = 1) -> str:
-    r"""The joint as a material of OpenSees; its mass and dashpot are the model's.
-
-    $$F = a k_0 y + (1 - a) k_0 z, \qquad
-      dz / dy = 1 - |z|^n\,(\gamma + \beta\,\mathrm{sgn}(z\,dy))$$
-
-    Args:
-        joint: Parameters, scalars.
-        mass: Modal mass [kg].
-        tag: Tag of the material.
-
-    Returns:
-        `uniaxialMaterial BoucWen tag a k_0 n gamma beta 1 0 0 0`, in N and m.
-
-    Raises:
-        ModelError: The mass is not positive, or a force stands beside the joint.
-    """
-    other = to_baber_noori(joint, mass)
-    values = (other.ratio, other.stiffness, other.n, other.gamma, other.beta)
-    numbers = " ".join(f"{value:.17g}" for value in values)
-    return f"uniaxialMaterial BoucWen {tag} {numbers} 1 0 0 0"
-
-
-def _scalars(joint: BoucWen, mass: float) -> tuple[float, ...]:
-    _positive(mass, "mass")
-    if joint.restoring is not None:
-        raise ModelError(
-            "Parameter `restoring` must be None in another convention, but is of kind "
-            f"{type(joint.restoring).__name__}.",
-            why="They have a linear spring and the hysteretic force only.",
-            remedy="Add the other force as a spring of its own there.",
-        )
-    leaves = joint.omega_n, joint.zeta, joint.alpha, joint.delta, joint.gamma
-    return tuple(float(leaf) for leaf in leaves)
-
-
-def _positive(value: float, name: str) -> None:
-    if not value > 0.0:
-        raise ModelError(f"Argument `{name}` must be positive, but it is {value:g}.")

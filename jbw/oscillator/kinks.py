@@ -3,13 +3,27 @@ r"""Kinks inside one time step: where v or z passes zero, and what the step's cu
 Displacement within a step of length h is a cubic in $s \in [0, 1]$; slopes are per step.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Float
 
 from jbw.oscillator.parameters import Scalar
-from jbw.oscillator.signed_map import kept, signed
+
+# Slopes h v of a step's cubic path at its start and end, and its rise.
+Ends = tuple[Scalar, Scalar, Scalar]
+
+
+def signed(magnitude: Scalar, sign: Scalar) -> Float[Array, "..."]:
+    """Magnitude with its sign turned where `sign` is negative; zero counts as positive."""
+    return jnp.where(sign < 0.0, -magnitude, magnitude)
+
+
+def kept(values: Any) -> Any:
+    """The values, computed once: XLA would fuse and recompute them in each of their uses."""
+    # One by one: a barrier over several values cannot be transposed when not all are linear.
+    return jax.tree.map(jax.lax.optimization_barrier, values)
 
 
 class Cubic(NamedTuple):
@@ -84,6 +98,70 @@ def turning_point(turns: Bool[Array, "..."] | bool, path: Cubic) -> tuple[Scalar
     return kept(jnp.where(turns, s, 1.0)), 2.0 * root
 
 
+class StepPath(NamedTuple):
+    """Path of a step that may turn once.
+
+    Attributes:
+        cubic: Its cubic part.
+        turns: Whether it turns.
+        fraction: Where, as a fraction of the step; 1 where it does not.
+        bend: Second derivative there, h^2 dv/dt [m].
+        before: Move until there [m].
+        after: Move from there to the end [m].
+        lift: Quartic term of the path [m].
+    """
+
+    cubic: Cubic
+    turns: Bool[Array, "..."]
+    fraction: Scalar
+    bend: Scalar
+    before: Scalar
+    after: Scalar
+    lift: Scalar
+
+    @classmethod
+    def through(cls, ends: Ends, lift: Scalar) -> Self:
+        """The path of given slopes and rise, with a quartic term for the turning point."""
+        start, end, rise = ends
+        turns = jnp.asarray(start * end < 0.0)
+        cubic = kept(hermite(*ends))
+        fraction, _ = turning_point(turns, cubic)
+        weight = (fraction * (1.0 - fraction)) ** 2
+        before = kept(jnp.where(turns, cubic.move(fraction) + lift * weight, rise))
+        return cls(cubic, turns, fraction, cubic.bend(fraction), before, rise - before, lift)
+
+    def passage(self, target: Scalar, *, first: bool) -> Scalar:
+        """Fraction of the step at which the path reaches a move, before or after its turn.
+
+        Three steps of Newton's iteration from the parabola about the turning point, or the chord
+        where it does not turn; the last one carries the derivative.
+
+        Args:
+            target: Move from the start, which lies on that part of the path [m].
+            first: Whether on the part before the turning point, which is the whole path of a step
+                without one.
+        """
+        fixed, aim = jax.lax.stop_gradient((self, target))
+        part = fixed.before if first else fixed.after
+        rest = aim if first else aim - fixed.before
+        done = jnp.clip(rest / jnp.where(part == 0.0, 1.0, part), 0.0, 1.0)
+        if first:
+            bent = jnp.where(fixed.turns, 1.0 - jnp.sqrt(1.0 - done), done)
+            s = fixed.fraction * bent
+        else:
+            s = fixed.fraction + (1.0 - fixed.fraction) * jnp.sqrt(done)
+        for _ in range(3):
+            s = kept(jnp.clip(fixed._nearer(s, aim), 0.0, 1.0))
+        return self._nearer(s, target)
+
+    def _nearer(self, s: Scalar, target: Scalar) -> Scalar:
+        """One step of Newton's iteration."""
+        weight = s * (1.0 - s)
+        move = self.cubic.move(s) + self.lift * weight**2
+        slope = self.cubic.slope(s) + 2.0 * self.lift * weight * (1.0 - 2.0 * s)
+        return s - (move - target) / jnp.where(slope == 0.0, 1.0, slope)
+
+
 def passage(
     steady: Bool[Array, "..."] | bool, path: Cubic, guess: Scalar, target: Scalar
 ) -> Scalar:
@@ -142,3 +220,25 @@ def kick(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> Kick:
     )
     kick_v, kick_y = v_2 * jump_2 + v_3 * jump_3, y_2 * jump_2 + y_3 * jump_3
     return Kick(kick_v, kick_y, (v_x, v_2, v_3), (y_x, y_2, y_3))
+
+
+def slope_kick(x: Scalar, jump_1: Scalar, jump_2: Scalar) -> tuple[Scalar, Scalar]:
+    r"""Kicks of a kink where already the first derivative of r jumps, as of a slider that slips.
+
+    $$\int_0^h (r - H)\,ds = h^2 J_1
+      \left(\tfrac{x^2}{2} - \tfrac{x}{2} + \tfrac{1}{12}\right) + \dots$$
+    $$\int_0^h (h - s)(r - H)\,ds
+      = h^3 J_1 \left(\tfrac{x^3}{6} - \tfrac{3x}{20} + \tfrac{1}{30}\right) + \dots$$
+
+    Args:
+        x: Fraction of the step after the kink.
+        jump_1: h J_1 [N/kg].
+        jump_2: h^2 J_2 [N/kg].
+
+    Returns:
+        Kicks on v over h and on y over h^2 [m/s^2].
+    """
+    found = kick(x, jump_2, 0.0)
+    v = found.v - jump_1 * (0.5 * x * (x - 1.0) + 1.0 / 12.0)
+    y = found.y - jump_1 * (x * (x**2 / 6.0 - 0.15) + 1.0 / 30.0)
+    return v, y

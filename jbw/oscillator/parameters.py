@@ -1,53 +1,39 @@
-"""The joint: parameters of the single-mode Bouc-Wen oscillator."""
+"""Types of the parameters."""
 
 from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
 
-import equinox as eqx
-from jax.tree_util import Partial, all_leaves
+import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 Scalar = Float[Array, "..."] | float
 Restoring = Callable[[Scalar], Scalar]
 
 
-def _as_pytree(force: Restoring | None) -> Restoring | None:
-    """A plain function as a pytree without leaves; a pytree as it is."""
-    return Partial(force) if callable(force) and all_leaves([force]) else force
+@runtime_checkable
+class Hysteresis(Protocol):
+    """Whatever holds the parameters of Eq. (2): the record `BoucWen`, or the law alone."""
+
+    alpha: Any
+    delta: Any
+    gamma: Any
+    nu: Any
 
 
-class BoucWen(eqx.Module):
-    r"""Single-mode Bouc-Wen oscillator, per unit modal mass.
+def batched(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Apply a function of scalar leaves over the broadcast shape of all leaves.
 
-    $$\ddot y + 2\zeta\omega_n\dot y + k\,y + Z = u, \qquad k = \omega_n^2 - \alpha$$
-    $$\dot Z = \alpha\dot y - \gamma|\dot y||Z|^{\nu-1}Z - \delta\dot y|Z|^\nu$$
+    Args:
+        function: Of the arguments with 0-d leaves; returns arrays.
+        *arguments: Records or arrays, whose leaves broadcast.
 
-    `omega_n` is the natural frequency at small amplitude, where the joint sticks. Leaves may be
-    scalars or arrays of one shape (a batch of joints). A force f(y) of `restoring` is added to
-    the left side of the first equation; None, the default, is the paper's model.
-
-    Attributes:
-        omega_n: Natural frequency at small amplitude [rad/s].
-        zeta: Viscous damping ratio [-].
-        alpha: Stiffness of the hysteretic part [1/s^2].
-        delta: Softening of the hysteresis [1/m for nu = 1].
-        gamma: Opening of the hysteresis loop [1/m for nu = 1].
-        nu: Smoothness exponent [-]; static.
-        restoring: Smooth force beside the hysteretic one, from y [m] to f(y) [N/kg], such as
-            `Cubic`; a pytree whose leaves are parameters too.
-
-    Reference:
-        Eqs. (1), (2), (39).
+    Returns:
+        Its results, with the broadcast shape in front.
     """
-
-    omega_n: Scalar
-    zeta: Scalar
-    alpha: Scalar
-    delta: Scalar
-    gamma: Scalar
-    nu: float = eqx.field(default=1.0, static=True)
-    restoring: Restoring | None = eqx.field(default=None, converter=_as_pytree)
-
-    @property
-    def k(self) -> Scalar:
-        """Stiffness beside the joint, omega_n^2 - alpha [1/s^2]."""
-        return self.omega_n**2 - self.alpha
+    leaves, structure = jax.tree.flatten(arguments)
+    leaves = jnp.broadcast_arrays(*(jnp.asarray(leaf, float) for leaf in leaves))
+    shape = leaves[0].shape
+    flat = jax.tree.unflatten(structure, [leaf.ravel() for leaf in leaves])
+    results = jax.vmap(function)(*flat)
+    return jax.tree.map(lambda x: x.reshape(*shape, *x.shape[1:]), results)

@@ -12,8 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jbw.oscillator.adjoint import Trajectory
-from jbw.oscillator.exact_step import State
-from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.step import State
 
 MAX_ITERATIONS = 200
 _FORGETS = 0.1  # of the gap left by one period: marching is then cheaper than Newton
@@ -21,40 +20,46 @@ _TOLERANCE = 1e-12  # rounding over a long period leaves a few parts in 1e13
 
 
 def steady_period(
-    period: Callable[[State], Trajectory], guess: State, omega_n: Scalar
+    period: Callable[[State], Trajectory], guess: State, unit: State
 ) -> tuple[Trajectory, Float[Array, ""]]:
     """Trajectory over the period that ends where it starts.
 
     One period is marched; where that leaves more than a tenth of the gap, Newton's step is tried,
-    with the map's exact 3 x 3 derivative, and kept where it is the better of the two. Derivatives
+    with the map's exact derivative, and kept where it is the better of the two. Derivatives
     of the result come from the implicit function.
 
     Args:
         period: From a state at sample 0 to the states at all samples up to and including the
             first of the next period.
         guess: First guess of the state at sample 0.
-        omega_n: Natural frequency, which makes y, v and z comparable [rad/s].
+        unit: Factors that make the leaves of the state comparable with a velocity.
 
     Returns:
         The trajectory without its repeated last sample, and the residual: what the state still
         changes over the period, relative to the largest value in it.
     """
+    _, tree = jax.tree.flatten(guess)
+    units = jax.lax.stop_gradient(jnp.stack([jnp.asarray(x) for x in jax.tree.leaves(unit)]))
+
+    def state(x):
+        return jax.tree.unflatten(tree, list(x / units))
+
+    def packed(state):
+        return units * jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(state)])
 
     def gap(x):
-        end = jnp.stack([leaf[-1] for leaf in period(tuple(x / unit))])
-        return unit * end - x
+        return packed(jax.tree.map(lambda leaf: leaf[-1], period(state(x)))) - x
 
-    # In units of velocity.
-    unit = jax.lax.stop_gradient(jnp.stack([omega_n, jnp.ones_like(omega_n), 1.0 / omega_n]))
-    start = jax.lax.custom_root(gap, unit * jnp.stack(guess), _settle, _solve_linear)
-    trajectory = jnp.stack(period(tuple(start / unit)))
-    scale = jnp.max(jnp.abs(trajectory), axis=1)
-    change = jnp.abs(trajectory[:, -1] - trajectory[:, 0])
+    start = jax.lax.custom_root(gap, packed(guess), _settle, _solve_linear)
+    trajectory = period(state(start))
+    leaves = jnp.stack(jax.tree.leaves(trajectory))
+    scale = jnp.max(jnp.abs(leaves), axis=1)
+    change = jnp.abs(leaves[:, -1] - leaves[:, 0])
     residual = jnp.max(change / jnp.where(scale > 0.0, scale, 1.0))
-    return tuple(trajectory[:, :-1]), jax.lax.stop_gradient(residual)  # pyright: ignore
+    return jax.tree.map(lambda x: x[:-1], trajectory), jax.lax.stop_gradient(residual)
 
 
-def _settle(gap: Callable, x: Float[Array, "3"]) -> Float[Array, "3"]:
+def _settle(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
     """Root of the gap by marching where a period forgets most, by Newton otherwise."""
 
     def unsettled(carry):
@@ -66,7 +71,7 @@ def _settle(gap: Callable, x: Float[Array, "3"]) -> Float[Array, "3"]:
         marched, left = x + rest, gap(x + rest)
 
         def newton():
-            tried = x - jnp.linalg.solve(jax.jacfwd(gap)(x), rest)
+            tried = x - _solved(jax.jacfwd(gap)(x), rest)
             tried_left = gap(tried)
             nearer = _norm(tried_left) < _norm(left)
             return jnp.where(nearer, tried, marched), jnp.where(nearer, tried_left, left)
@@ -78,11 +83,21 @@ def _settle(gap: Callable, x: Float[Array, "3"]) -> Float[Array, "3"]:
     return jax.lax.while_loop(unsettled, improve, (x, gap(x), 0))[0]
 
 
-def _solve_linear(linear: Callable, y: Float[Array, "3"]) -> Float[Array, "3"]:
-    """Solution of a linear function of three numbers, its matrix column by column."""
-    matrix = jnp.stack([linear(column) for column in jnp.eye(3)], axis=1)
-    return jnp.linalg.solve(matrix, y)
+def _solve_linear(linear: Callable, y: Float[Array, " state"]) -> Float[Array, " state"]:
+    """Solution of a linear function of a few numbers, its matrix column by column."""
+    matrix = jnp.stack([linear(column) for column in jnp.eye(y.size)], axis=1)
+    return _solved(matrix, y)
 
 
-def _norm(x: Float[Array, "3"]) -> Float[Array, ""]:
+def _solved(
+    matrix: Float[Array, "state state"], y: Float[Array, " state"]
+) -> Float[Array, " state"]:
+    """Solution of a small system; the shortest where memories that never change make it singular.
+
+    One memory, of a law that always relaxes, leaves a regular system.
+    """
+    return jnp.linalg.solve(matrix, y) if y.size <= 3 else jnp.linalg.pinv(matrix) @ y
+
+
+def _norm(x: Float[Array, " state"]) -> Float[Array, ""]:
     return jnp.max(jnp.abs(x))

@@ -23,16 +23,17 @@ from jbw.oscillator.admission import (
     check_input,
     check_options,
     check_settled,
-    check_state,
+    initial_state,
     warn_of_long_steps,
     warn_of_unbounded_law,
 )
-from jbw.oscillator.exact_step import State
-from jbw.oscillator.parameters import BoucWen, Scalar
+from jbw.oscillator.hold import input_polynomials
+from jbw.oscillator.law import Memory
+from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
+from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.periodic import steady_period
-from jbw.oscillator.reconstruction import input_polynomials
-from jbw.oscillator.solver import Stepping, sampled_input, stepping
-from jbw.oscillator.stock import solve_stock
+from jbw.oscillator.solver import Stepping, sampled_input, solve_stock, stepping
+from jbw.oscillator.step import State
 
 Input = Float[Array, "... time"] | Callable[[Scalar], Scalar]
 
@@ -44,7 +45,7 @@ class Response(eqx.Module):
         t: Time [s].
         y: Displacement [m].
         v: Velocity [m/s].
-        z: Hysteretic force per unit mass [N/kg].
+        z: Force per unit mass of all laws with a memory, the hysteretic ones [N/kg].
         a: Acceleration [m/s^2].
         residual: For a periodic record, what the state still changes over one period relative to
             its largest value in it; 0 otherwise [-].
@@ -59,12 +60,12 @@ class Response(eqx.Module):
 
 
 def simulate(
-    joint: BoucWen,
+    joint: Joint,
     u: Input,
     fs: float,
     *,
     hold: str = "first",
-    initial: tuple[Scalar, Scalar, Scalar] = (0.0, 0.0, 0.0),
+    initial: tuple[Scalar | Memory, ...] = (0.0, 0.0),
     substeps: int = 1,
     periodic: bool = False,
     num_samples: int | None = None,
@@ -73,11 +74,11 @@ def simulate(
 ) -> Response:
     r"""Response of the oscillator, N samples in and N samples out.
 
-    $$\ddot y + 2\zeta\omega_n\dot y + k y + Z + f(y) = u$$
+    $$\ddot y + 2\zeta\omega_n\dot y + k y + \sum F = u$$
 
-    f is the joint's restoring force, if it has one. A sampled input at nu = 1 goes through the
-    hysteresis-exact step (order 4, one step a sample unless `substeps` says more; two are advised
-    where gradients are taken). Everything else goes through a stock diffrax solver: the given one
+    A sampled input goes through our own step with the laws' exact moves (of order 4 with
+    Bouc-Wen's at nu = 1; one step a sample unless `substeps` says more; two are advised where
+    gradients are taken). Everything else goes through a stock diffrax solver: the given one
     with `substeps` equal steps a sample or under an adaptive `controller`, or else Dopri8,
     adaptive to 1e-9. Leaves of the joint, of `initial` and of `u` before the time axis broadcast.
     Differentiable in the joint, `u` and `initial`; works under jit, vmap, grad and jvp.
@@ -87,12 +88,14 @@ def simulate(
     eager call raises.
 
     Args:
-        joint: Bouc-Wen parameters.
+        joint: A `BoucWen`, or an `Oscillator` with any laws.
         u: Input per unit mass at the samples [N/kg], or a function of time [s].
         fs: Sampling rate [Hz].
         hold: Input between the samples: "first" (lines), "zero" (u[n] on [n, n + 1)) or
             "band_limited" (local quintics through FFT slopes and curvatures).
-        initial: (y [m], v [m/s], z [N/kg]) at t = 0; the first guess when `periodic`.
+        initial: (y [m], v [m/s]) at t = 0, the first guess when `periodic`; with the memories of
+            the laws behind them where they are not at rest: Bouc-Wen's Z alone, or a tuple with
+            the memory of every law as `Oscillator.at_rest` gives it.
         substeps: Integration steps per sample interval.
         periodic: Whether u is one period of a steady test: the steady state is returned.
         num_samples: Number of samples; needed for a callable input, otherwise the length of u.
@@ -111,19 +114,20 @@ def simulate(
     Reference:
         Eqs. (1), (2).
     """
+    oscillator = as_oscillator(joint)
     check_options(fs, hold, substeps, num_samples, callable(u))
-    check_state(joint, initial)
-    warn_of_unbounded_law(joint)
+    start = initial_state(oscillator, initial)
+    warn_of_unbounded_law(oscillator)
     if not callable(u):
         u = jnp.asarray(u, float)
         check_input(u, num_samples)
         num_samples = u.shape[-1]
     options = _Options(hold, substeps, periodic, num_samples or 0, solver, controller)
-    joint, fs, start = jax.tree.map(lambda x: jnp.asarray(x, float), (joint, fs, initial))
-    response = _simulate_batch(options, joint, u, fs, start)
+    args = jax.tree.map(lambda x: jnp.asarray(x, float), (oscillator, fs, start))
+    response = _simulate_batch(options, args[0], u, *args[1:])
     check_settled(response.residual)
     check_bounded(joint, response.y)
-    if solver is None and joint.nu == 1.0 and not callable(u):
+    if solver is None and _is_stepped(oscillator) and not callable(u):
         warn_of_long_steps(fs, substeps, response.y, response.v)
     return response
 
@@ -141,7 +145,7 @@ class _Options(NamedTuple):
 
 @eqx.filter_jit
 def _simulate_batch(
-    options: _Options, joint: BoucWen, u: Input, fs: Scalar, initial: State
+    options: _Options, joint: Oscillator, u: Input, fs: Scalar, initial: State
 ) -> Response:
     """Response over the common batch shape of the joint, the input and the initial state."""
     lead = () if callable(u) else u.shape[:-1]
@@ -165,7 +169,14 @@ def _simulate_batch(
     return eqx.tree_at(lambda r: r.t, unflat, response.t[0])
 
 
-def _simulate(options: _Options, joint: BoucWen, u: Input, fs: Scalar, initial: State) -> Response:
+def _is_stepped(joint: Oscillator) -> bool:
+    """Whether our own step knows all laws."""
+    return all(law.stepped for law in joint.laws)
+
+
+def _simulate(
+    options: _Options, joint: Oscillator, u: Input, fs: Scalar, initial: State
+) -> Response:
     """One oscillator under one input."""
     t = jnp.asarray(np.arange(options.num_samples) / fs)
     if callable(u):
@@ -174,34 +185,38 @@ def _simulate(options: _Options, joint: BoucWen, u: Input, fs: Scalar, initial: 
     else:
         u_sampled = u
         polynomials = input_polynomials(u, options.hold, periodic=options.periodic)
-        if options.solver is None and joint.nu == 1.0:
+        if options.solver is None and _is_stepped(joint):
             steps = stepping(joint, polynomials, fs, options.substeps)
             trajectory_from = partial(_exact, options.substeps, steps)
         else:
             held = partial(sampled_input, polynomials)
             trajectory_from = partial(_stock, options, joint, held, fs)
     if options.periodic:
-        (y, v, z), residual = steady_period(trajectory_from, initial, joint.omega_n)
+        own = tuple(law.memory_unit(joint.omega_n) for law in joint.laws)
+        unit = joint.omega_n, jnp.ones_like(joint.omega_n), own
+        (y, v, memory), residual = steady_period(trajectory_from, initial, unit)
     else:
-        (y, v, z), residual = trajectory_from(initial), jnp.zeros(())
-    a = u_sampled - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - z
-    if joint.restoring is not None:
-        a = a - joint.restoring(y)
+        (y, v, memory), residual = trajectory_from(initial), jnp.zeros(())
+    z, beside = jnp.zeros_like(y), jnp.zeros_like(y)
+    for law, own in zip(joint.laws, memory, strict=True):
+        force = law.force(y, v, own)
+        z, beside = (z + force, beside) if law.remembers else (z, beside + force)
+    a = u_sampled - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - z - beside
     return Response(t, y, v, z, a, residual)
 
 
 def _exact(substeps: int, steps: Stepping, initial: State) -> Trajectory:
-    """Trajectory by the hysteresis-exact step, at the samples."""
-    y, v, z = (x[::substeps] for x in solve(substeps, steps, initial))
-    return y, v, z
+    """Trajectory by our own step, at the samples."""
+    y, v, memory = solve(substeps, steps, initial)
+    return jax.tree.map(lambda x: x[::substeps], (y, v, memory))
 
 
 def _stock(
-    options: _Options, joint: BoucWen, u: Callable, fs: Scalar, initial: State
+    options: _Options, joint: Oscillator, u: Callable, fs: Scalar, initial: State
 ) -> Trajectory:
     """Trajectory through a stock solver; a periodic one goes on to the next period's start."""
     default = ConstantStepSize() if options.solver else PIDController(rtol=1e-9, atol=1e-12)
-    return solve_stock(
+    return solve_stock(  # pyright: ignore[reportReturnType]
         joint,
         u,
         options.num_samples + 1 if options.periodic else options.num_samples,

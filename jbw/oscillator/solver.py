@@ -1,20 +1,26 @@
-r"""The Bouc-Wen oscillator under a sampled input, for diffrax.
+r"""The oscillator under an input, for diffrax: our step, and stock solvers.
 
 Time counts samples, $\tau = t f_s$, so that no rounding of 1/fs accumulates over a record.
-`HysteresisExact` steps with the exact hysteresis map; stock solvers integrate `oscillate`.
+`HysteresisExact` steps with the laws' own moves; stock solvers integrate `oscillate`.
 """
 
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import diffrax
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jbw.oscillator.exact_step import ExactStep, Push, State, advance, exact_step
-from jbw.oscillator.parameters import BoucWen, Scalar
-from jbw.oscillator.reconstruction import substep_matrices
+from jbw.oscillator.hold import substep_matrices
+from jbw.oscillator.law import Law
+from jbw.oscillator.oscillator import Oscillator
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.step import ExactStep, Push, State, advance, exact_step
+
+# An adaptive solver may take this many steps a sample on average before it gives up.
+_MAX_STEPS_PER_SAMPLE = 64
 
 
 class Stepping(eqx.Module):
@@ -31,12 +37,12 @@ class Stepping(eqx.Module):
 
 
 def stepping(
-    joint: BoucWen, polynomials: Float[Array, "interval power"], fs: Scalar, substeps: int
+    oscillator: Oscillator, polynomials: Float[Array, "interval power"], fs: Scalar, substeps: int
 ) -> Stepping:
     r"""Constants of the step, and the input's part of every substep, $p = \sum_j W_j c_j$.
 
     Args:
-        joint: Bouc-Wen parameters, nu = 1.
+        oscillator: The oscillator, its laws all of a kind that the step knows.
         polynomials: Coefficients c_j of the input in each sample interval [N/kg].
         fs: Sampling rate [Hz].
         substeps: Steps per sample interval.
@@ -44,11 +50,11 @@ def stepping(
     Returns:
         The stepping.
     """
-    step, moments_y, moments_v = exact_step(joint, 1.0 / (fs * substeps))
+    step, moments_y, moments_v = exact_step(oscillator, 1.0 / (fs * substeps))
     num_powers = polynomials.shape[-1]
     parts = substep_matrices(num_powers, substeps)
 
-    def weighted(weights: Float[Array, "power"]) -> Float[Array, " substep"]:
+    def weighted(weights: Float[Array, " power"]) -> Float[Array, " substep"]:
         weights = jnp.einsum("l,ilj->ij", weights, parts)
         return jnp.einsum("nj,ij->ni", polynomials, weights).reshape(-1)
 
@@ -67,32 +73,30 @@ def sampled_input(polynomials: Float[Array, "interval power"], tau: Scalar) -> S
     return value
 
 
-def oscillate(joint: BoucWen, u: Scalar, state: State) -> State:
-    r"""Rates of (y, v, z) [per s], any nu; differentiable at z = 0.
+def oscillate(oscillator: Oscillator, u: Scalar, state: State) -> State:
+    r"""Rates of (y, v, memories) [per s], for every law.
 
-    $$\dot v = u - 2\zeta\omega_n v - k y - z - f(y), \qquad
-      \dot z = \alpha v - (\gamma |v| \,\mathrm{sgn}\,z + \delta v) |z|^\nu$$
+    $$\dot v = u - 2\zeta\omega_n v - k y - \sum F$$
 
     Reference:
-        Eqs. (1), (2), (39).
+        Eqs. (1), (39).
     """
-    y, v, z = state
-    dv = u - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - z
-    if joint.restoring is not None:
-        dv = dv - joint.restoring(y)
-    if joint.nu == 1.0:
-        saturation = joint.gamma * jnp.abs(v) * z + joint.delta * v * jnp.abs(z)
-    else:
-        # |z|^nu has a NaN derivative in nu and z at z = 0 under AD unless that point is set apart.
-        size = jnp.where(z == 0.0, 0.0, jnp.where(z == 0.0, 1.0, jnp.abs(z)) ** joint.nu)
-        saturation = (joint.gamma * jnp.abs(v) * jnp.sign(z) + joint.delta * v) * size
-    return v, dv, joint.alpha * v - saturation
+    y, v, memory = state
+    damping = 2.0 * oscillator.zeta * oscillator.omega_n
+    dv = u - damping * v - oscillator.k * y - oscillator.force(y, v, memory)
+    rates = (law.rate(y, v, own) for law, own in zip(oscillator.laws, memory, strict=True))
+    return v, dv, tuple(rates)
+
+
+def state_tree(laws: tuple[Law, ...]) -> Any:
+    """Structure of the state (y, v, memories)."""
+    return jax.tree.structure((0.0, 0.0, tuple(law.at_rest() for law in laws)))
 
 
 class HysteresisExact(diffrax.AbstractSolver):
-    """Hysteresis-exact step as a diffrax solver, for nu = 1 and a sampled input.
+    """The step of `exact_step` as a diffrax solver, for a sampled input.
 
-    Takes a `Stepping` as `args`, which holds the law and the input; the n-th step uses the n-th
+    Takes a `Stepping` as `args`, which holds the laws and the input; the n-th step uses the n-th
     push, and the vector field is never evaluated. For `diffrax.ConstantStepSize`.
     """
 
@@ -113,10 +117,64 @@ class HysteresisExact(diffrax.AbstractSolver):
         """One substep."""
         push_y, push_v, u = args.push
         push: Push = push_y[solver_state], push_v[solver_state], u[solver_state]
-        y1 = advance(args.step, y0, push, branch=True)
+        # As a flat tuple: empty memories, of springs, have no place in the loop's buffers.
+        state = jax.tree.unflatten(state_tree(args.step.laws), y0)
+        y1 = tuple(jax.tree.leaves(advance(args.step, state, push, branch=True)))
         dense_info = dict(y0=y0, y1=y1)
         return y1, None, dense_info, solver_state + 1, diffrax.RESULTS.successful
 
     def func(self, terms, t0, y0, args):
         """The vector field."""
         return terms.vf(t0, y0, args)
+
+
+def solve_stock(
+    oscillator: Oscillator,
+    u: Callable[[Scalar], Scalar],
+    num_samples: int,
+    fs: Scalar,
+    initial: State,
+    substeps: int,
+    solver: diffrax.AbstractSolver,
+    controller: diffrax.AbstractStepSizeController,
+) -> State:
+    """States at the samples; time counts samples inside, so that 1/fs is never accumulated.
+
+    Args:
+        oscillator: The oscillator, with any laws.
+        u: Input as a function of time in samples [N/kg].
+        num_samples: Number of samples.
+        fs: Sampling rate [Hz].
+        initial: (y, v, memories) at the first sample.
+        substeps: First (or constant) number of steps per sample.
+        solver: Diffrax solver.
+        controller: Diffrax step-size controller.
+
+    Returns:
+        y [m], v [m/s] and the memories; inf from where an adaptive solver gave up.
+    """
+    leaves, tree = jax.tree.flatten(initial)
+
+    def rate(tau, leaves, oscillator):
+        rates = oscillate(oscillator, u(tau), jax.tree.unflatten(tree, leaves))
+        return tuple(x / fs for x in jax.tree.leaves(rates))
+
+    constant = isinstance(controller, diffrax.ConstantStepSize)
+    num_steps = (num_samples - 1) * substeps
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(rate),
+        solver,
+        t0=0.0,
+        t1=float(num_samples - 1),
+        dt0=1.0 / substeps,
+        y0=tuple(leaves),
+        args=oscillator,
+        saveat=diffrax.SaveAt(t0=True, steps=substeps)
+        if constant
+        else diffrax.SaveAt(ts=jnp.arange(num_samples, dtype=float)),
+        stepsize_controller=controller,
+        adjoint=diffrax.DirectAdjoint(),
+        max_steps=num_steps if constant else _MAX_STEPS_PER_SAMPLE * num_samples,
+        throw=False,
+    )
+    return jax.tree.unflatten(tree, [x[:num_samples] for x in solution.ys])  # pyright: ignore

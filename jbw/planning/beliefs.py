@@ -4,6 +4,7 @@ The joint is only guessed, and what a test tells depends on it. So every number 
 at several joints, and judged by the worst of ten.
 """
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -12,12 +13,13 @@ import xarray as xr
 from jaxtyping import Float
 from scipy.stats import qmc
 
+from jbw.campaign.settings import DEFAULT_LAWS
 from jbw.errors import ConfigError, DataError
-from jbw.inference.box import Box, box
-from jbw.observables.joint import JOINT
-from jbw.prediction import Draws, thin
+from jbw.inference.space.box import Box, box
+from jbw.oscillator.laws import quantities_of
+from jbw.planning.keys import Range, shares_of
+from jbw.verification.draws import Draws, thin, unnamed_laws
 
-Range = tuple[float, float]
 # A single value is known to a factor of two; the natural frequency, which a tap shows, far better.
 REACH = {"omega_n": 1.1}
 FACTOR = 2.0
@@ -34,6 +36,7 @@ class Beliefs:
         scale: Units of their relative changes, joint by joint.
         precision: Information that there is already, about the relative changes [-].
         box: Bounds of the inferred parameters, for telling what stays undetermined.
+        laws: Laws of the joint.
     """
 
     joints: Draws
@@ -41,6 +44,12 @@ class Beliefs:
     scale: Float[np.ndarray, "joint parameter"]
     precision: Float[np.ndarray, "parameter parameter"]
     box: Box
+    laws: tuple[str, ...] = DEFAULT_LAWS
+
+    @property
+    def law_names(self) -> tuple[str, ...]:
+        """Parameters of the laws."""
+        return tuple(quantity.name for quantity in quantities_of(self.laws))
 
     @property
     def num_joints(self) -> int:
@@ -54,21 +63,28 @@ class Beliefs:
 
 
 def before(
-    ranges: Mapping[str, Range], *, held: Mapping[str, float], num_joints: int, seed: int
+    ranges: Mapping[str, Range],
+    *,
+    held: Mapping[str, float],
+    num_joints: int,
+    seed: int,
+    laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Beliefs:
     r"""Beliefs from ranges, each uniform in the logarithm of its parameter.
 
     $$\mathrm{sd}(\log\theta) = \log(\theta_{max} / \theta_{min}) / \sqrt{12}$$
 
     A range without width is a guess: joints are drawn at it, and the prior reaches a factor of two
-    to either side (a tenth for omega_n). `share`, alpha / omega_n^2, may stand for alpha.
+    to either side (a tenth for omega_n). A share of omega_n^2 may stand for a law's stiffness, as
+    `share` does for alpha.
 
     Args:
         ranges: Lowest and highest value by name, both of one sign: omega_n [rad/s], zeta [-],
-            alpha [1/s^2] or share [-], delta and gamma [1/m], and gain where it is inferred.
+            every parameter of the laws in its unit, and gain where it is inferred.
         held: What is known exactly, such as `gain`.
         num_joints: Joints drawn, by a Latin hypercube.
         seed: Of the draws.
+        laws: Laws of the joint.
 
     Raises:
         ConfigError: A range that holds zero, or whose ends are not in order.
@@ -78,14 +94,15 @@ def before(
     drawn = _drawn(ranges, num_joints, seed)
     wide = {name: _widened(name, pair) for name, pair in ranges.items()}
     std = np.array([np.log(abs(b / a)) for a, b in wide.values()]) / np.sqrt(12)
-    covariance = np.diag(std**2)
-    if "share" in ranges:
-        drawn["alpha"] = drawn.pop("share") * drawn["omega_n"] ** 2
-        low, high = wide["share"]
-        wide["alpha"] = (low * wide["omega_n"][0] ** 2, high * wide["omega_n"][1] ** 2)
-        covariance = _with_alpha_for_share(covariance, list(ranges))
-    given = ["alpha" if name == "share" else name for name in ranges]
-    names = tuple(name for name in (*JOINT, "gain") if name in given)
+    covariance, given = np.diag(std**2), list(ranges)
+    for share, stiffness in shares_of(laws).items():
+        if share in ranges:
+            drawn[stiffness] = drawn.pop(share) * drawn["omega_n"] ** 2
+            low, high = wide[share]
+            wide[stiffness] = (low * wide["omega_n"][0] ** 2, high * wide["omega_n"][1] ** 2)
+            covariance = _with_stiffness_for_share(covariance, given, share)
+            given[given.index(share)] = stiffness
+    names = tuple(name for name in (*_joint_names(laws), "gain") if name in given)
     order = [given.index(name) for name in names]
     fixed = {name: np.full(num_joints, value) for name, value in held.items()}
     return Beliefs(
@@ -94,16 +111,22 @@ def before(
         scale=np.stack([drawn[name] for name in names], axis=1),
         precision=np.linalg.inv(covariance[np.ix_(order, order)]),
         box=box({name: _rising(wide[name]) for name in names}),
+        laws=laws,
     )
 
 
-def _with_alpha_for_share(
-    covariance: Float[np.ndarray, "parameter parameter"], given: list[str]
+def _joint_names(laws: tuple[str, ...]) -> tuple[str, ...]:
+    """Parameters that a joint of these laws needs, without the gain of the source."""
+    return ("omega_n", "zeta", *(quantity.name for quantity in quantities_of(laws)))
+
+
+def _with_stiffness_for_share(
+    covariance: Float[np.ndarray, "parameter parameter"], given: list[str], share: str
 ) -> Float[np.ndarray, "parameter parameter"]:
-    """Covariance with log alpha = log share + 2 log omega_n in the place of log share."""
-    to_alpha = np.eye(len(given))
-    to_alpha[given.index("share"), given.index("omega_n")] = 2.0
-    return to_alpha @ covariance @ to_alpha.T
+    """Covariance with log stiffness = log share + 2 log omega_n in the place of log share."""
+    to_stiffness = np.eye(len(given))
+    to_stiffness[given.index(share), given.index("omega_n")] = 2.0
+    return to_stiffness @ covariance @ to_stiffness.T
 
 
 def require_one_sign(name: str, pair: Range) -> None:
@@ -153,10 +176,14 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
         DataError: The posterior lacks a parameter of the joint, or its damping is held at zero.
     """
     posterior = tree["posterior"].to_dataset()
-    missing = [name for name in JOINT if name not in posterior and name not in held]
+    laws = (
+        tuple(json.loads(tree.attrs["laws"])) if "laws" in tree.attrs else unnamed_laws(posterior)
+    )
+    needed = _joint_names(laws)
+    missing = [name for name in needed if name not in posterior and name not in held]
     if missing:
         raise DataError(
-            f"The main posterior must hold all of {', '.join(JOINT)}, but lacks "
+            f"The main posterior must hold all of {', '.join(needed)}, but lacks "
             f"{', '.join(missing)}.",
             why="Without them no further test can be predicted.",
             remedy="Plan from ranges: jbw plan PLAN.toml.",
@@ -167,7 +194,7 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
             why="Loops under prescribed displacement do not tell how the joint moves by itself.",
             remedy="Plan from ranges: jbw plan PLAN.toml.",
         )
-    names = tuple(name for name in (*JOINT, "gain", "cubic") if name in posterior)
+    names = tuple(name for name in (*needed, "gain") if name in posterior)
     every = {name: posterior[name].values.ravel() for name in names}
     means = {name: float(values.mean()) for name, values in every.items()}
     positive = {name: bool((values > 0).all()) for name, values in every.items()}
@@ -175,7 +202,7 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
         np.log(values) if positive[name] else values / abs(means[name])
         for name, values in every.items()
     ]
-    draws = {name: v for name, v in thin(posterior, num_joints).items() if name in names}
+    draws = {name: v for name, v in thin(posterior, num_joints, laws=laws).items() if name in names}
     count = len(draws[names[0]])
     scale = [draws[name] if positive[name] else np.full(count, abs(means[name])) for name in names]
     return Beliefs(
@@ -184,6 +211,7 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
         scale=np.stack(scale, axis=1),
         precision=np.linalg.inv(np.cov(np.array(relative))),
         box=box({name: _bounds(posterior[name], means[name]) for name in names}),
+        laws=laws,
     )
 
 

@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jbw.observables.evidence import Evidence, residual
+from jbw.observables.dataset import Dataset, stacked
 
-Matrices = Float[np.ndarray, "*joint parameter parameter"]
+Matrices = Float[np.ndarray, "... parameter parameter"]
 
 
 @eqx.filter_jit
@@ -24,7 +24,7 @@ def fisher(
     theta: Mapping[str, Array],
     names: tuple[str, ...],
     scale: Float[Array, " parameter"],
-    data: Evidence,
+    data: Dataset,
     kept: Float[Array, " value"],
 ) -> Float[Array, "parameter parameter"]:
     r"""Fisher information of a test about relative changes of the parameters.
@@ -46,7 +46,7 @@ def fisher(
 
     def moved(x: Float[Array, " parameter"]) -> Float[Array, " value"]:
         changed = {n: theta[n] + d for n, d in zip(names, scale * x, strict=True)}
-        return residual({**theta, **changed}, data)
+        return stacked({**theta, **changed}, data)
 
     slope = kept[:, None] * jax.jacfwd(moved)(jnp.zeros(len(names)))
     return slope.T @ slope
@@ -98,7 +98,7 @@ def covariance(precision: Matrices) -> Matrices:
     return both * np.linalg.inv(both * precision)
 
 
-def worst_decile(values: Float[np.ndarray, "joint *n"]) -> Float[np.ndarray, "*n"]:
+def worst_decile(values: Float[np.ndarray, " joint *n"]) -> Float[np.ndarray, "*n"]:
     """The least value that nine joints in ten do not exceed."""
     return np.quantile(values, 0.9, axis=0, method="inverted_cdf")
 

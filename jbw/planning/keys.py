@@ -1,28 +1,39 @@
-"""Every key of a plan file: its check and its meaning; and the example that `jbw plan` prints."""
+"""The tables of a plan file, typed: those of the joint are its laws' own; and an example of all."""
 
-from typing import Any
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from jbw.campaign.keys import Key
+from pydantic import BeforeValidator, Field, create_model
+
+from jbw.campaign.document import Table, key
+from jbw.campaign.settings import DEFAULT_LAWS, Joint
 from jbw.campaign.values import (
-    a_whole_number,
-    non_negative,
+    Count,
+    Index,
+    NonNegative,
+    Numbers,
+    Positive,
+    Span,
     number,
-    positive,
-    positive_list,
-    rising_pair,
-    some_of,
+    strings,
     text,
+    whole,
 )
-from jbw.units import FACTORS, quantity_of
+from jbw.quantities import UNIT_OF
+from jbw.units import quantity_of
 
+MOTIONS = tuple(UNIT_OF)
 Range = tuple[float, float]
-PARAMETERS = ("omega_n", "zeta", "alpha", "delta", "gamma")
-MOTIONS = ("displacement", "velocity", "acceleration")
+STIFFNESS = "1/s^2"  # unit of a part of omega_n^2
+# Where nothing is said of a law's parameter: its range, or its range as parts of another's.
+RANGES = {"share": (0.01, 0.1)}
+PARTS = {"gamma": ("delta", (0.05, 0.3))}
 
 
-def a_range(value: Any) -> Range:
+def _range(value: Any) -> Range:
     """A number that is not zero, or [lower, upper] of one sign."""
-    if not isinstance(value, list):
+    if not isinstance(value, list | tuple):
         value = [value, value]
     elif len(value) != 2:
         raise ValueError(f"must be a number or [lower, upper], but is {value!r}.")
@@ -32,20 +43,19 @@ def a_range(value: Any) -> Range:
             f"must be a number other than 0, or [lower, upper] of one sign with lower < upper, "
             f"but is {value}; bound it away from zero."
         )
-    return low, high
+    return float(low), float(high)
 
 
-def a_positive_range(value: Any) -> Range:
-    """A positive number, or [lower, upper] of such."""
-    low, high = a_range(value)
+def _positive_range(value: Any) -> Range:
+    low, high = _range(value)
     if low < 0:
         raise ValueError(f"must be positive, but is {value}.")
     return low, high
 
 
-def a_share(value: Any) -> Range:
+def _part(value: Any) -> Range:
     """A positive range below one: the rest is the stiffness beside the joint."""
-    low, high = a_positive_range(value)
+    low, high = _positive_range(value)
     if high >= 1:
         raise ValueError(
             f"must lie between 0 and 1, a part of the stiffness, but reaches {high:g}."
@@ -53,97 +63,127 @@ def a_share(value: Any) -> Range:
     return low, high
 
 
-def a_motion_unit(value: Any) -> str:
-    """A unit of displacement, velocity or acceleration."""
+def _motion_unit(value: Any) -> str:
     quantity_of(text(value), MOTIONS)
     return value
 
 
-def a_fraction(value: Any) -> float:
-    """A number above 0 and below 1."""
+def _fraction(value: Any) -> float:
     if not 0 < number(value) < 1:
         raise ValueError(f"must lie between 0 and 1, 0.05 for 5 %, but is {value}.")
     return float(value)
 
 
-JOINT_KEYS = {
-    "natural_hz": Key(a_positive_range, "natural frequency at small amplitude [Hz]"),
-    "omega_n": Key(a_positive_range, "the same [rad/s], instead"),
-    "zeta": Key(a_positive_range, "viscous damping ratio [-]"),
-    "share": Key(a_share, "the joint's share of the stiffness, alpha / omega_n^2 [-]"),
-    "alpha": Key(a_positive_range, "stiffness of the joint [1/s^2], instead"),
-    "delta": Key(a_range, "softening [1/m]; the joint slides where it moves by 1/delta"),
-    "gamma": Key(a_range, "opening of the loop [1/m]"),
+AnyRange = Annotated[Range, BeforeValidator(_range, json_schema_input_type=float | Range)]
+PositiveRange = Annotated[
+    Range, BeforeValidator(_positive_range, json_schema_input_type=float | Range)
+]
+Part = Annotated[Range, BeforeValidator(_part, json_schema_input_type=float | Range)]
+
+
+class PlanTable(Table):
+    """The [plan] table but for the parameters of the laws; every default stands here."""
+
+    natural_hz: PositiveRange | None = key(None, "natural frequency at small amplitude [Hz]")
+    omega_n: PositiveRange | None = key(None, "the same [rad/s], instead")
+    zeta: PositiveRange = key((0.002, 0.01), "viscous damping ratio [-]")
+    gain: PositiveRange | None = key(None, "force per modal mass for one volt [N/kg/V]")
+    modal_mass: PositiveRange | None = key(None, "[kg], where the input is a force in N")
+    noise: Positive | None = key(
+        None, "standard deviation of a sample of the response, in noise_unit"
+    )
+    noise_unit: Annotated[str, BeforeValidator(_motion_unit)] = key(
+        "m/s", "its unit, which says what is measured"
+    )
+    fs: Positive | None = key(None, "sampling frequency [Hz]")
+    wanted: tuple[str, ...] | None = key(None, "parameters to be known; by default the laws'")
+    cv: Annotated[float, BeforeValidator(_fraction)] = key(
+        0.05, "their wished coefficient of variation [-]"
+    )
+    max_input: Positive | None = key(None, "largest input [V, N or N/kg]")
+    max_displacement: Positive | None = key(None, "largest displacement [m]")
+    max_repeats: Count = key(1000, "most repeats of a test")
+    joints: Annotated[int, Field(ge=2), BeforeValidator(whole(2))] = key(
+        16, "how many joints are drawn from the ranges"
+    )
+    seed: Index = key(0, "of the draws")
+
+
+def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
+    """Names that stand for a stiffness of a law as a share of omega_n^2, and the stiffness."""
+    from jbw.oscillator.laws import laws_named  # loads JAX, which the example needs not
+
+    return {
+        monomial.name: name
+        for law in laws_named(laws)
+        for coordinates in law.coordinates.values()
+        for monomial in coordinates.inverse
+        for name in law.names()
+        if monomial.powers == {name: 1, "omega_n": -2}
+    }
+
+
+@cache
+def plan_table(laws: tuple[str, ...]) -> type[PlanTable]:
+    """The [plan] table of a joint with these laws, whose parameters are keys too.
+
+    Raises:
+        ConfigError: An unknown law, or laws that cannot stand beside each other.
+    """
+    from jbw.oscillator.laws import quantities_of
+
+    fields: dict[str, Any] = {}
+    for quantity in quantities_of(laws):
+        kind: Any = AnyRange if quantity.least is None else PositiveRange
+        fields[quantity.name] = kind | None, key(None, f"{quantity.meaning} [{quantity.unit}]")
+    words = Literal["omega_n", "zeta", *fields]  # pyright: ignore[reportInvalidTypeForm]
+    check = BeforeValidator(strings, json_schema_input_type=words | list[words])
+    says = PlanTable.model_fields["wanted"].description or ""
+    wanted: Any = Annotated[tuple[words, ...] | None, check], key(None, says)
+    part: Any = Part
+    for share, name in shares_of(laws).items():
+        fields[share] = part | None, key(None, f"{name} / omega_n^2, instead of {name}")
+    return create_model("PlanTable", __base__=PlanTable, wanted=wanted, **fields)
+
+
+class SweepTable(Table):
+    """The [sweep] table."""
+
+    levels: Numbers | None = key(None, "peaks of the input [V, N or N/kg]")
+    span: Span | None = key(None, "first and last frequency [Hz]")
+    rates: Numbers | None = key(None, "sweep rates [Hz/s]")
+    rest: NonNegative | None = key(None, "free decay recorded behind the burst [s]")
+
+
+class TonesTable(Table):
+    """The [tones] table."""
+
+    levels: Numbers | None = key(None, "peaks of the input [V, N or N/kg]")
+    frequencies: Numbers | None = key(None, "tones, each alone [Hz]")
+    dwell: Positive | None = key(None, "time on each frequency [s]")
+    settle: NonNegative | None = key(None, "of that, the first part, which is discarded [s]")
+
+
+class SteppedTable(TonesTable):
+    """The [stepped] table."""
+
+    frequencies: Numbers | None = key(None, "steps, in turn [Hz]")
+
+
+TABLES: dict[str, type[Table]] = {
+    "joint": Joint,
+    "plan": PlanTable,
+    "sweep": SweepTable,
+    "tones": TonesTable,
+    "stepped": SteppedTable,
 }
-PLAN = {
-    **JOINT_KEYS,
-    "gain": Key(a_positive_range, "force per modal mass for one volt [N/kg/V]"),
-    "modal_mass": Key(a_positive_range, "[kg], where the input is a force in N"),
-    "noise": Key(positive, "standard deviation of a sample of the response, in noise_unit"),
-    "noise_unit": Key(a_motion_unit, "its unit, which says what is measured"),
-    "fs": Key(positive, "sampling frequency [Hz]"),
-    "wanted": Key(some_of(*PARAMETERS), "parameters to be known"),
-    "cv": Key(a_fraction, "their wished coefficient of variation [-]"),
-    "max_input": Key(positive, "largest input [V, N or N/kg]"),
-    "max_displacement": Key(positive, "largest displacement [m]"),
-    "max_repeats": Key(a_whole_number(1), "most repeats of a test"),
-    "joints": Key(a_whole_number(2), "how many joints are drawn from the ranges"),
-    "seed": Key(a_whole_number(0), "of the draws"),
-}
-LEVELS = Key(positive_list, "peaks of the input [V, N or N/kg]")
-DWELL = Key(positive, "time on each frequency [s]")
-SETTLE = Key(non_negative, "of that, the first part, which is discarded [s]")
-SWEEP = {
-    "levels": LEVELS,
-    "span": Key(rising_pair, "first and last frequency [Hz]"),
-    "rates": Key(positive_list, "sweep rates [Hz/s]"),
-    "rest": Key(non_negative, "free decay recorded behind the burst [s]"),
-}
-TONES = {
-    "levels": LEVELS,
-    "frequencies": Key(positive_list, "tones, each alone [Hz]"),
-    "dwell": DWELL,
-    "settle": SETTLE,
-}
-STEPPED = {**TONES, "frequencies": Key(positive_list, "steps, in turn [Hz]")}
-TABLES = {"plan": PLAN, "sweep": SWEEP, "tones": TONES, "stepped": STEPPED}
 
 
-EXAMPLE = f"""\
-# What is guessed of the joint before any test, what is wanted, what could be measured.
-# A range [lower, upper] is where a value may lie; a single value is known to a factor of two
-# (natural_hz to a tenth). Keys marked as defaults can be left out.
+def plan_file(laws: tuple[str, ...] = DEFAULT_LAWS) -> type[Table]:
+    """The whole file, as its JSON Schema tells it to editors."""
+    fields: dict[str, Any] = {name: (table | None, None) for name, table in TABLES.items()}
+    fields["plan"] = plan_table(laws) | None, None
+    return create_model("PlanFile", __base__=Table, **fields)
 
-[plan]
-natural_hz = [18.6, 19.0]     # at small amplitude [Hz]; a tap shows it
-delta = [270.0, 410.0]        # softening [1/m]; the joint slides where it moves by 1/delta
-noise = 50.0                  # standard deviation of a sample of the response
-noise_unit = "um/s"           # default m/s; {", ".join(u for q in MOTIONS for u in FACTORS[q])}
-zeta = [0.0035, 0.0055]       # viscous damping ratio [-]; default [0.002, 0.01]
-share = [0.02, 0.06]          # of the stiffness, alpha / omega_n^2; default [0.01, 0.1]
-gamma = [15.0, 60.0]          # opening of the loop [1/m]; default 0.05 to 0.3 of delta
-gain = 15.0                   # [N/kg/V], or modal_mass [kg] for an input in N; without: N/kg
-wanted = ["alpha", "delta", "gamma"]  # default
-cv = 0.05                     # wished coefficient of variation; default 0.05
-max_input = 1.0               # [V, N or N/kg]; default: no limit
-max_displacement = 0.005      # [m]; default: no limit, and levels aim at 1/delta
-# fs = 1024.0                 # default: a power of two, 40 samples a period or more [Hz]
-# max_repeats = 1000          # default
-# joints = 16                 # drawn from the ranges, default; every number is the worst of ten
-# seed = 0                    # default
 
-# Without any of the tables below all three kinds are tried, as the joint calls for.
-[sweep]
-# levels = [0.05, 0.1, 0.2]   # peaks of the input; default: to move by parts of max_displacement
-# span = [9.4, 28.2]          # [Hz]; default 0.5 to 1.5 of the natural frequency
-# rates = [1.8, 0.44]         # [Hz/s]; default: 200 and 800 periods in a sweep
-# rest = 16.0                 # free decay recorded behind it [s]; default: to a thousandth
-
-[tones]                       # steady, near a third of the natural frequency
-# levels = [0.6]
-# frequencies = [5.0, 5.5, 6.0, 6.5, 6.75]
-# dwell = 20.0                # on each of them [s]
-# settle = 16.0               # of which is discarded [s]
-
-[stepped]                     # a stepped sine about the resonance, with the same keys
-"""
+EXAMPLE = Path(__file__).with_name("example.toml").read_text(encoding="utf-8")

@@ -1,29 +1,25 @@
 """Plans: before any test from ranges, after a run from its posterior."""
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from jbw.errors import ConfigError
 from jbw.planning.beliefs import Beliefs, after, before
-from jbw.planning.combining import combine
 from jbw.planning.description import Description, read_description
 from jbw.planning.information import covariance
-from jbw.planning.plan import Plan, Wish, expected, ordered, row
+from jbw.planning.judge import combine, expected, ordered, row
+from jbw.planning.plan import Noise, Plan, Wish
 from jbw.planning.proposals import Grid, Reach, displacement_for, propose, sampling_for
-from jbw.planning.prospects import Noise, prospects
-from jbw.planning.runs import noise_of, rig_of
+from jbw.planning.prospects import prospects
+from jbw.quantities import UNIT_OF, in_dialect
 
-WANTED = ("alpha", "delta", "gamma")
-CV = 0.05
-NUM_JOINTS = 16
 ADMITTED = ("ok", "too few")  # alone; together they may meet the wish
 EVERY_KIND = {"sweep": Grid(), "tones": Grid(), "stepped": Grid()}
-LIMITS = ("max_repeats", "max_displacement", "max_input")
 NOISE_ALONE = (
     "Noise alone is counted: a joint that changes from day to day or does not follow the model is "
     "known less well. Spreads beyond 30 % tell the order of magnitude only."
@@ -33,9 +29,12 @@ PER_KILOGRAM = (
     "to have them in V or N."
 )
 UNKNOWN_REACH = (
-    "The run does not tell its largest displacement, so levels aim at 1/delta = {:.3g} m; give "
+    "The run does not tell its largest displacement, so levels aim at {:.3g} m, where the joint "
+    "slides; give "
     "max_displacement in a file of --limits."
 )
+RESPONSE_OF = {unit: response for response, unit in UNIT_OF.items()}
+INPUT_UNITS = ("V", "N", "N/kg")
 
 
 @dataclass(frozen=True)
@@ -109,15 +108,16 @@ def _before(description: Description) -> _Ground:
     beliefs = before(
         description.ranges,
         held={} if inferred else {"gain": description.gain or 1.0},
-        num_joints=settings.get("joints", NUM_JOINTS),
-        seed=settings.get("seed", 0),
+        num_joints=settings.joints,
+        seed=settings.seed,
+        laws=description.laws,
     )
     drawn = f"Made at {beliefs.num_joints} joints drawn from the ranges, which count as known."
     return _Ground(
         beliefs=beliefs,
         noise=description.noise,
-        fs=settings.get("fs") or _sampling(beliefs),
-        aim=settings.get("max_displacement") or displacement_for(beliefs),
+        fs=settings.fs or _sampling(beliefs),
+        aim=settings.max_displacement or displacement_for(beliefs),
         input_unit=description.input_unit or "N/kg",
         notes=(drawn,),
     )
@@ -135,18 +135,18 @@ def _after(description: Description, tree: xr.DataTree) -> _Ground:
     held = {**rig.held, **({} if description.gain is None else {"gain": description.gain})}
     told = inferred or "gain" in held
     held.setdefault("gain", 1.0)
-    beliefs = after(tree, held=held, num_joints=settings.get("joints", NUM_JOINTS))
+    beliefs = after(tree, held=held, num_joints=settings.joints)
     unit = (description.input_unit or rig.input_unit or "input's unit") if told else "N/kg"
     notes = [f"Made at {beliefs.num_joints} draws of the run's posterior, which counts as known."]
     notes += [] if told else [PER_KILOGRAM]
-    aim = settings.get("max_displacement") or rig.y_peak
+    aim = settings.max_displacement or rig.y_peak
     if aim is None:
         aim = displacement_for(beliefs)
         notes.append(UNKNOWN_REACH.format(aim))
     return _Ground(
         beliefs=beliefs,
         noise=noise_of(description.noise, rig),
-        fs=settings.get("fs") or rig.fs or _sampling(beliefs),
+        fs=settings.fs or rig.fs or _sampling(beliefs),
         aim=aim,
         input_unit=unit,
         notes=tuple(notes),
@@ -159,16 +159,97 @@ def _sampling(beliefs: Beliefs) -> float:
 
 def _wish(description: Description, ground: _Ground) -> Wish:
     settings, names = description.settings, ground.beliefs.names
-    asked = settings.get("wanted", WANTED)
+    asked = settings.wanted or ground.beliefs.law_names
     if not set(asked) & set(names):
         raise ConfigError(
             f"Key `wanted` must name parameters that are inferred, but has {', '.join(asked)}.",
             remedy=f"Choose among {', '.join(names)}.",
         )
-    limits: dict[str, Any] = {key: settings[key] for key in LIMITS if key in settings}
     return Wish(
         wanted=tuple(name for name in names if name in asked),
-        cv=settings.get("cv", CV),
+        cv=settings.cv,
+        max_repeats=settings.max_repeats,
+        max_displacement=settings.max_displacement or np.inf,
+        max_input=settings.max_input or np.inf,
         input_unit=ground.input_unit,
-        **limits,
     )
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The rig that a run was measured on, as far as the run tells.
+
+    Attributes:
+        noise: Of the response; None where the run fitted no record in time.
+        fs: Sampling frequency [Hz]; None where the run keeps no record.
+        input_unit: Unit of the input; None where it is not told.
+        y_peak: Largest displacement that was fitted [m]; None where it is not told.
+        held: Parameters that were not inferred, such as a known gain.
+    """
+
+    noise: Noise | None
+    fs: float | None
+    input_unit: str | None
+    y_peak: float | None
+    held: Mapping[str, float]
+
+
+def rig_of(tree: xr.DataTree) -> Rig:
+    """What a run tells of its rig.
+
+    Args:
+        tree: The result, as `posterior.nc` holds it.
+    """
+    tests = list(_tests(tree))
+    y_peak = float(tree.attrs.get("y_peak", 0.0))
+    units = [str(test.attrs.get("level_unit", "")) for test in tests]
+    seen = json.loads(str(tree.attrs.get("tests", "{}")))
+    units += [str(facts.get("source", "")) for facts in seen.values()]
+    rates = [
+        1 / float(np.median(np.diff(test["time"])))
+        for test in tests
+        if test.sizes.get("time", 0) > 1
+    ]
+    return Rig(
+        noise=_noise(tree["posterior"].to_dataset()),
+        fs=float(f"{np.median(rates):.10g}") if rates else None,
+        input_unit=next((unit for unit in units if unit in INPUT_UNITS), None),
+        y_peak=y_peak if y_peak > 0 else None,
+        held=json.loads(str(tree.attrs.get("held", "{}"))),
+    )
+
+
+def _tests(tree: xr.DataTree) -> Iterator[xr.Dataset]:
+    if "verification" in tree.children:
+        for node in tree["verification"].subtree:
+            yield node.to_dataset()
+
+
+def _noise(posterior: xr.Dataset) -> Noise | None:
+    """Median over levels and draws of the noise of a sample.
+
+    That of free decays, which were filtered, and that of harmonics are none of a sample.
+    """
+    for name, values in posterior.data_vars.items():
+        response = RESPONSE_OF.get(in_dialect(str(values.attrs.get("units", ""))))
+        sampled = str(values.dims[-1]).startswith("level")
+        if str(name).startswith("noise_std") and sampled and response is not None:
+            return Noise(float(values.median()), response)
+    return None
+
+
+def noise_of(given: Noise | None, rig: Rig) -> Noise:
+    """The noise as given, else as the run tells it.
+
+    Raises:
+        ConfigError: Neither does.
+    """
+    noise = given or rig.noise
+    if noise is None:
+        raise ConfigError(
+            "Key `noise` must be given beside this run, which fitted no record in time, "
+            "but it is not.",
+            why="Without the noise of a sample nothing can be said of a further record.",
+            remedy="Write [plan] with noise and noise_unit into a file and add: --limits FILE",
+        )
+    return noise

@@ -1,25 +1,118 @@
-"""From candidates to a plan: repeats for the wished CV, one row a test, and a combination."""
+"""What a plan is made of: tests that might be made, what is wanted, what they would tell."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
 
-from jbw.inference.identifiability import weak_direction
-from jbw.planning.beliefs import Beliefs
-from jbw.planning.information import (
-    Matrices,
-    covariance,
-    information_gain,
-    modes,
-    repeats_needed,
-    spread,
-    worst_decile,
-)
-from jbw.planning.prospects import Prospect
+FADE_PERIODS = 8  # of the last frequency, over which a burst fades out
+MOST_FADED = 0.1  # of a burst
 
-STATUSES = ("ok", "too few", "not predicted", "not feasible")
+
+@dataclass(frozen=True)
+class Sweep:
+    """A linear sweep from rest, recorded through its burst and the free decay behind it.
+
+    Attributes:
+        level: Peak of the input [V, N or N/kg].
+        start_hz: First frequency [Hz].
+        stop_hz: Last frequency [Hz].
+        rate: Sweep rate [Hz/s].
+        rest: Free decay behind the burst, recorded too; the joint is at rest at its end [s].
+        fs: Sampling frequency [Hz].
+    """
+
+    level: float
+    start_hz: float
+    stop_hz: float
+    rate: float
+    rest: float
+    fs: float
+
+    @property
+    def burst(self) -> float:
+        """Length of the sweep [s]."""
+        return (self.stop_hz - self.start_hz) / self.rate
+
+    @property
+    def fade(self) -> float:
+        """Length of the fade, the last part of the burst [s]."""
+        return min(FADE_PERIODS / self.stop_hz, MOST_FADED * self.burst)
+
+    @property
+    def num_samples(self) -> int:
+        """Samples of one record."""
+        return round((self.burst + self.rest) * self.fs)
+
+    @property
+    def seconds(self) -> float:
+        """Measuring time of one repeat [s]."""
+        return self.burst + self.rest
+
+    def __str__(self) -> str:
+        span = f"{self.start_hz:.4g}-{self.stop_hz:.4g} Hz"
+        return f"sweep {span}, {self.rate:.3g} Hz/s"
+
+
+@dataclass(frozen=True)
+class Tones:
+    """Steady tones, each alone in a record of its own.
+
+    Attributes:
+        level: Peak of the input [V, N or N/kg].
+        frequencies_hz: Their frequencies [Hz].
+        dwell: Time on each of them [s].
+        settle: Of that, the first part, which is discarded [s].
+        fs: Sampling frequency [Hz].
+    """
+
+    level: float
+    frequencies_hz: tuple[float, ...]
+    dwell: float
+    settle: float
+    fs: float
+
+    @property
+    def num_samples(self) -> int:
+        """Samples that are read of each frequency."""
+        return round((self.dwell - self.settle) * self.fs)
+
+    @property
+    def seconds(self) -> float:
+        """Measuring time of one repeat [s]."""
+        return self.dwell * len(self.frequencies_hz)
+
+    def __str__(self) -> str:
+        return f"tones {_listed(self.frequencies_hz)} Hz, {self.dwell:.3g} s each"
+
+
+@dataclass(frozen=True)
+class Stepped(Tones):
+    """A stepped sine: the frequencies in turn, in one record."""
+
+    def __str__(self) -> str:
+        low, high = min(self.frequencies_hz), max(self.frequencies_hz)
+        count = len(self.frequencies_hz)
+        return f"stepped {low:.4g}-{high:.4g} Hz, {count} steps of {self.dwell:.3g} s"
+
+
+Candidate = Sweep | Tones
+
+
+def _listed(frequencies: tuple[float, ...]) -> str:
+    return " ".join(f"{frequency:.3g}" for frequency in frequencies)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of the response channel.
+
+    Attributes:
+        std: Standard deviation of a sample [m, m/s or m/s^2].
+        response: displacement, velocity or acceleration.
+    """
+
+    std: float
+    response: str
 
 
 @dataclass(frozen=True)
@@ -142,99 +235,3 @@ class Plan:
     num_joints: int
     before: dict[str, Expected]
     notes: tuple[str, ...] = field(default=())
-
-
-def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> Row:
-    """A candidate judged: repeats, spread, gain and limits.
-
-    Args:
-        prospect: The candidate at every joint.
-        beliefs: What is known before it.
-        wish: What is wanted.
-    """
-    candidate, information = prospect.candidate, prospect.information
-    wanted = [beliefs.names.index(name) for name in wish.wanted]
-    found = modes(beliefs.precision, information)
-    repeats = repeats_needed(found, wanted, wish.cv, wish.max_repeats)
-    made = repeats or wish.max_repeats
-    known = np.isfinite(prospect.y_peak)
-    largest = float(np.max(prospect.y_peak[known], initial=0.0)) if known.any() else float("nan")
-    exceeded = _exceeded(candidate.level, largest, wish)
-    lost = (
-        [f"no response found at {prospect.num_lost} of {len(known)} joints"]
-        if prospect.num_lost
-        else []
-    )
-    weak = undetermined(beliefs, beliefs.precision + made * information, wanted)
-    return Row(
-        test=str(candidate),
-        level=candidate.level,
-        y_peak=float(np.median(prospect.y_peak[known])) if known.any() else float("nan"),
-        y_peak_largest=largest,
-        repeats=repeats,
-        seconds_each=candidate.seconds,
-        seconds=None if repeats is None else repeats * candidate.seconds,
-        cv=expected(spread(found, made), beliefs, wish),
-        information_gain=float(np.mean(information_gain(beliefs.precision, information))),
-        status=_status(exceeded, lost, repeats),
-        notes=(*exceeded, *lost, *([] if weak is None else [weak])),
-    )
-
-
-def _exceeded(level: float, y_peak: float, wish: Wish) -> list[str]:
-    """The limits that a test would break."""
-    told = []
-    if y_peak > wish.max_displacement:
-        told.append(f"peak displacement {y_peak:.3g} m exceeds {wish.max_displacement:g} m")
-    if level > wish.max_input:
-        told.append(f"input exceeds {wish.max_input:g} {wish.input_unit}")
-    return told
-
-
-def _status(exceeded: list[str], lost: list[str], repeats: int | None) -> str:
-    if exceeded:
-        return "not feasible"
-    if lost:
-        return "not predicted"
-    return "too few" if repeats is None else "ok"
-
-
-def expected(
-    spreads: Float[np.ndarray, "joint parameter"], beliefs: Beliefs, wish: Wish
-) -> dict[str, Expected]:
-    """Median and worst decile over joints of the spread of the wanted parameters."""
-    worst, middle = worst_decile(spreads), np.median(spreads, axis=0)
-    return {
-        name: Expected(float(middle[i]), float(worst[i]))
-        for i, name in enumerate(beliefs.names)
-        if name in wish.wanted
-    }
-
-
-def undetermined(beliefs: Beliefs, precision: Matrices, wanted: Sequence[int]) -> str | None:
-    """Which combination of parameters is all that the tests determine; None where all are.
-
-    Told at the joint whose wanted parameters are known as well as at half of the joints.
-
-    Args:
-        beliefs: The joints, and the box that the tests are measured against.
-        precision: Information after the tests, joint by joint.
-        wanted: Positions of the wanted parameters.
-    """
-    left = covariance(precision)
-    poorest = np.max(np.diagonal(left, axis1=1, axis2=2)[:, list(wanted)], axis=1)
-    i = int(np.argsort(poorest)[len(poorest) // 2])
-    mean = {name: float(beliefs.joints[name][i]) for name in beliefs.names}
-    units = np.outer(beliefs.scale[i], beliefs.scale[i])
-    found = weak_direction(mean, units * left[i], beliefs.box)
-    return None if found is None else found.text
-
-
-def ordered(rows: Sequence[Row]) -> tuple[Row, ...]:
-    """Rows by status, then by measuring time, then by what they tell."""
-
-    def place(one: Row) -> tuple[int, float, float]:
-        seconds = one.seconds_each * (one.repeats or 1)
-        return STATUSES.index(one.status), seconds, -one.information_gain
-
-    return tuple(sorted(rows, key=place))

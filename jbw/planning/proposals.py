@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jbw.errors import ConfigError
-from jbw.observables.joint import joint_of
-from jbw.oscillator.backbone import backbone
-from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.laws import quantities_of
+from jbw.oscillator.oscillator import Oscillator, oscillator_of
+from jbw.oscillator.steady.backbone import backbone
 from jbw.planning.beliefs import Beliefs
-from jbw.planning.candidates import Candidate, Stepped, Sweep, Tones
+from jbw.planning.plan import Candidate, Stepped, Sweep, Tones
 from jbw.planning.prospects import peak_displacements
 
 SHARES = (0.2, 0.45, 0.9)  # of the largest displacement, that levels aim at
@@ -71,8 +71,21 @@ def sampling_for(natural_hz: float) -> float:
 
 
 def displacement_for(beliefs: Beliefs) -> float:
-    r"""Displacement at which the joint slides, $\delta Y = 1$ [m]."""
-    return float(1 / np.abs(np.median(beliefs.joints["delta"])))
+    r"""Displacement at which the joint slides [m], such as $1 / \delta$.
+
+    The first parameter of the laws that is a length, or one over a length.
+
+    Raises:
+        ConfigError: The laws have no such parameter.
+    """
+    for quantity in quantities_of(beliefs.laws):
+        if quantity.unit in ("m", "1/m"):
+            value = float(np.abs(np.median(beliefs.joints[quantity.name])))
+            return value if quantity.unit == "m" else 1 / value
+    raise ConfigError(
+        f"Key `max_displacement` must be given, as {', '.join(beliefs.laws)} does not tell where "
+        "the joint slides."
+    )
 
 
 def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[Candidate]:
@@ -207,8 +220,9 @@ def _natural(beliefs: Beliefs) -> float:
     return float(np.median(beliefs.joints["omega_n"]) / (2 * np.pi))
 
 
-def _joints(beliefs: Beliefs) -> BoucWen:
-    return joint_of({name: jnp.asarray(values) for name, values in beliefs.joints.items()})
+def _joints(beliefs: Beliefs) -> Oscillator:
+    theta = {name: jnp.asarray(values) for name, values in beliefs.joints.items()}
+    return oscillator_of(theta, beliefs.laws)
 
 
 def _rounded(value: float, digits: int = DIGITS) -> float:

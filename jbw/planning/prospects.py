@@ -1,7 +1,7 @@
 """What each joint would do in a candidate test: its information, its peak displacement."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import jax
@@ -9,38 +9,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jbw.measurement.channels import derivative_order
-from jbw.measurement.records import Record, Test
-from jbw.observables import harmonics
-from jbw.observables.evidence import Evidence, evidence
-from jbw.observables.harmonics import NUM_HARMONICS, Group
-from jbw.observables.joint import joint_of
-from jbw.observables.response import reduce, response_to
-from jbw.observables.steady import ORDERS
+from jbw.campaign.settings import DEFAULT_LAWS
+from jbw.observables.dataset import Dataset
+from jbw.observables.harmonic_groups import NUM_HARMONICS
+from jbw.observables.motion import response_to
+from jbw.observables.records import Records
+from jbw.observables.steady import Points
 from jbw.oscillator.excitation import sampled, sweep
-from jbw.oscillator.steady import steady_state
-from jbw.oscillator.waveform import synthesis
+from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.steady.cycle import steady_state
+from jbw.oscillator.steady.waveform import synthesis
 from jbw.planning.beliefs import Beliefs
-from jbw.planning.candidates import Candidate, Sweep, Tones
 from jbw.planning.information import fisher
+from jbw.planning.plan import Candidate, Noise, Sweep, Tones
 
 SUBSTEPS = 1  # the exact step at the samples: derivatives to a few parts in a thousand
 NUM_PHASES = 256  # of a period, where its peak is looked for
-SI_UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
-LABEL = "candidate"  # one name for all: labels are static, and each new one would compile anew
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Noise of the response channel.
-
-    Attributes:
-        std: Standard deviation of a sample [m, m/s or m/s^2].
-        response: displacement, velocity or acceleration.
-    """
-
-    std: float
-    response: str
 
 
 @dataclass(frozen=True)
@@ -54,7 +38,7 @@ class Prospect:
     """
 
     candidate: Candidate
-    information: Float[np.ndarray, "joint parameter parameter"]
+    information: Float[np.ndarray, " joint parameter parameter"]
     y_peak: Float[np.ndarray, " joint"]
 
     @property
@@ -92,11 +76,11 @@ def prospects(
 def _prospect(candidate: Candidate, beliefs: Beliefs, noise: Noise, longest: int) -> Prospect:
     if isinstance(candidate, Sweep):
         y_peak = peak_displacements(candidate, beliefs, longest)
-        data = [sweep_evidence(candidate, noise, longest)] * beliefs.num_joints
+        data = [sweep_evidence(candidate, noise, longest, beliefs.laws)] * beliefs.num_joints
     else:
-        motions = [_motion(candidate, theta) for theta, _ in beliefs.each()]
+        motions = [_motion(candidate, theta, beliefs.laws) for theta, _ in beliefs.each()]
         y_peak = np.array([_crest(motion) for motion in motions])
-        data = [tones_evidence(candidate, motion, noise) for motion in motions]
+        data = [tones_evidence(candidate, motion, noise, beliefs.laws) for motion in motions]
     information = np.array(
         [
             fisher(_arrays(theta), beliefs.names, jnp.asarray(scale), told, kept)
@@ -119,14 +103,19 @@ def peak_displacements(
         longest: Samples to fill the record up to.
     """
     source = jnp.asarray(_source(candidate, longest))
-    each = [_displacement(_arrays(theta), source, candidate.fs) for theta, _ in beliefs.each()]
+    each = [
+        _displacement(_arrays(theta), source, candidate.fs, beliefs.laws)
+        for theta, _ in beliefs.each()
+    ]
     return np.max(np.abs(np.array(each)), axis=1)
 
 
-def _motion(candidate: Tones, theta: Mapping[str, float]) -> Complex[np.ndarray, "tone harmonic"]:
+def _motion(
+    candidate: Tones, theta: Mapping[str, float], laws: tuple[str, ...]
+) -> Complex[np.ndarray, "tone harmonic"]:
     """Odd harmonics of the steady displacement [m], NaN where they were not found."""
     omega = 2 * np.pi * jnp.array(candidate.frequencies_hz)
-    return np.asarray(_steady(_arrays(theta), omega, jnp.asarray(candidate.level)))
+    return np.asarray(_steady(_arrays(theta), omega, jnp.asarray(candidate.level), laws))
 
 
 def _crest(motion: Complex[np.ndarray, "tone harmonic"]) -> float:
@@ -136,8 +125,8 @@ def _crest(motion: Complex[np.ndarray, "tone harmonic"]) -> float:
 
 
 def sweep_evidence(
-    candidate: Sweep, noise: Noise, longest: int = 0
-) -> tuple[Evidence, Float[Array, " value"]]:
+    candidate: Sweep, noise: Noise, longest: int = 0, laws: tuple[str, ...] = DEFAULT_LAWS
+) -> tuple[Dataset, Float[Array, " value"]]:
     """A sweep's record, as the identification would reduce it, and which of it is measured.
 
     The information does not depend on the response that is measured, so that it is left at zero.
@@ -146,20 +135,23 @@ def sweep_evidence(
         candidate: The sweep.
         noise: Noise of the response channel.
         longest: Samples to fill the record up to.
+        laws: Laws of the joint.
     """
     source = _source(candidate, longest)
-    channels = {"input": source, noise.response: np.zeros_like(source)}
-    units = {"input": "V", noise.response: SI_UNITS[noise.response]}
-    test = Test("sweep", (Record(candidate.fs, channels, units),), name=LABEL)
-    records = reduce([test], substeps=SUBSTEPS)
-    known = replace(records.repeats, noise_std=jnp.full(1, noise.std))
+    planned = Records.design(
+        source, candidate.fs, response=noise.response, noise_std=noise.std, substeps=SUBSTEPS,
+        laws=laws,
+    )  # fmt: skip
     kept = np.arange(len(source)) < candidate.num_samples
-    return evidence([replace(records, repeats=known)]), jnp.asarray(kept, float)
+    return Dataset.of([planned]), jnp.asarray(kept, float)
 
 
 def tones_evidence(
-    candidate: Tones, motion: Complex[np.ndarray, "tone harmonic"], noise: Noise
-) -> tuple[Evidence, Float[Array, " value"]]:
+    candidate: Tones,
+    motion: Complex[np.ndarray, "tone harmonic"],
+    noise: Noise,
+    laws: tuple[str, ...] = DEFAULT_LAWS,
+) -> tuple[Dataset, Float[Array, " value"]]:
     r"""Harmonics of steady tones, as the identification would read them; all of it is measured.
 
     Real and imaginary parts of a harmonic read from N samples have the variance
@@ -169,37 +161,19 @@ def tones_evidence(
         candidate: The tones.
         motion: Odd harmonics of the steady displacement [m].
         noise: Noise of the response channel.
+        laws: Laws of the joint.
     """
     omega = 2 * np.pi * np.array(candidate.frequencies_hz)
-    load = candidate.level * np.tile(np.arange(NUM_HARMONICS) == 0, (len(omega), 1)) + 0j
-    groups = [_group(order, omega, load, motion, noise.response) for order in ORDERS]
-    points = harmonics.gather(groups)
-    std = noise.std * np.sqrt(2 / candidate.num_samples)
-    known = replace(points.repeats, noise_std=jnp.full(len(groups), std))
-    kept = jnp.ones(2 * len(groups) * len(omega))
-    return evidence([replace(points, repeats=known)]), kept
-
-
-def _group(
-    order: int,
-    omega: Float[np.ndarray, " tone"],
-    load: Complex[np.ndarray, "tone harmonic"],
-    motion: Complex[np.ndarray, "tone harmonic"],
-    response: str,
-) -> Group:
-    factor = (1j * order * omega) ** derivative_order(response)
-    return Group(
-        label=LABEL,
-        run=LABEL,
-        omega=omega,
-        load=load,
-        motion=motion,
-        order=order,
-        values=factor * motion[:, order // 2],
-        factor=factor,
-        within=0.0,
-        num_repeats=1,
+    planned = Points.design(
+        omega,
+        candidate.level,
+        motion,
+        response=noise.response,
+        noise_std=noise.std,
+        num_samples=candidate.num_samples,
+        laws=laws,
     )
+    return Dataset.of([planned]), jnp.ones(2 * planned.position.size * omega.size)
 
 
 def _source(candidate: Sweep, longest: int) -> Float[np.ndarray, " time"]:
@@ -215,19 +189,22 @@ def _source(candidate: Sweep, longest: int) -> Float[np.ndarray, " time"]:
     return np.asarray(sampled(played, candidate.fs, size))
 
 
-@partial(jax.jit, static_argnames="fs")
+@partial(jax.jit, static_argnames=("fs", "laws"))
 def _displacement(
-    theta: Mapping[str, Array], source: Float[Array, " time"], fs: float
+    theta: Mapping[str, Array], source: Float[Array, " time"], fs: float, laws: tuple[str, ...]
 ) -> Float[Array, " time"]:
-    return response_to(theta, source, fs, response="displacement", substeps=SUBSTEPS)
+    return response_to(theta, source, fs, laws=laws, response="displacement", substeps=SUBSTEPS)
 
 
-@jax.jit
+@partial(jax.jit, static_argnames="laws")
 def _steady(
-    theta: Mapping[str, Array], omega: Float[Array, " tone"], level: Float[Array, ""]
+    theta: Mapping[str, Array],
+    omega: Float[Array, " tone"],
+    level: Float[Array, ""],
+    laws: tuple[str, ...],
 ) -> Complex[Array, "tone harmonic"]:
     """Harmonics of the steady motion, NaN where they were not found."""
-    return steady_state(joint_of(theta), omega, theta["gain"] * level, NUM_HARMONICS)
+    return steady_state(oscillator_of(theta, laws), omega, theta["gain"] * level, NUM_HARMONICS)
 
 
 def _arrays(values: Mapping[str, float]) -> dict[str, Array]:

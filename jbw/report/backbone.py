@@ -1,8 +1,5 @@
 """How frequency and damping of the identified joint depend on the amplitude."""
 
-# Greek letters are meant.
-# ruff: noqa: RUF001
-
 from typing import Any
 
 import numpy as np
@@ -10,9 +7,20 @@ import xarray as xr
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from jbw.report.linear import BAND
-from jbw.report.result import branch
-from jbw.report.style import LEVELS, MODEL, SOFT, Panels, legend, panels, shade
+from jbw.report.result import branch, laws_of, quantiles, unit_of
+from jbw.report.style import (
+    BAND,
+    INK,
+    LEVELS,
+    MODEL,
+    SKY,
+    SOFT,
+    Panels,
+    legend,
+    panels,
+    plain,
+    shade,
+)
 from jbw.report.text import axis_label, number
 
 GROUP = "verification/backbone"
@@ -39,9 +47,7 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
         (axes[0, 0], "frequency", 1.0, axis_label("natural frequency", "Hz")),
         (axes[0, 1], "damping", PERCENT, axis_label("equivalent damping ratio", "%")),
     ):
-        low, middle, high = scale * np.asarray(
-            found[name].transpose("quantile", "amplitude"), float
-        )
+        low, middle, high = scale * quantiles(found, name)
         shade(each, factor * amplitude, low, high, MODEL, BAND, alpha=0.4)
         each.plot(factor * amplitude, middle, color=MODEL, lw=1.1, label="median of the model")
         each.axvspan(
@@ -74,22 +80,68 @@ def draw_loops(tree: xr.DataTree, only: Axes) -> None:
         np.asarray(found[name].transpose("quantile", "loop", "phase"), float)[1]
         for name in ("loop_z", "loop_slip")
     )
+    stiffness = "α" if laws_of(tree)[:1] == ("bouc_wen",) else "K"
     small = bool(np.nanmax(np.abs(slip)) < LITTLE * np.nanmax(np.abs(z)))
     factor, unit = length_unit(float(y.max()))
     if not small:
         stuck = float(found["stuck"].isel(quantile=1))
-        _stuck(only, factor, stuck, float(y.max()), 1.15 * float(np.nanmax(z)))
+        _stuck(only, factor, stuck, float(y.max()), 1.15 * float(np.nanmax(z)), stiffness)
     for x, force, colour in zip(y, slip if small else z, LEVELS, strict=False):
         label = f"slipping, {number(factor * x.max())} {unit}"
         closed = np.append(force, force[0])
         only.plot(np.append(x, x[0]) * factor, closed, color=colour, lw=1.2, label=label)
     only.set_xlabel(axis_label("displacement y", unit))
-    what = "taken by slip, Z − α y" if small else "hysteretic force Z"
+    what = f"taken by slip, Z − {stiffness} y" if small else "hysteretic force Z"
     only.set_ylabel(axis_label(what, "N/kg"))
 
 
-def _stuck(ax: Axes, factor: float, stiffness: float, reach: float, top: float) -> None:
-    """Draw Z = alpha y, the joint without slip, no higher than `top` [N/kg]."""
+def _stuck(
+    ax: Axes, factor: float, stiffness: float, reach: float, top: float, symbol: str
+) -> None:
+    """Draw Z = K y, the joint without slip, no higher than `top` [N/kg]."""
     end = min(reach, top / abs(stiffness)) if stiffness else reach
     line: Float[np.ndarray, " point"] = np.array([-end, end])
-    ax.plot(factor * line, stiffness * line, color=SOFT, lw=1.0, ls="--", label="stuck, Z = α y")
+    label = f"stuck, Z = {symbol} y"
+    ax.plot(factor * line, stiffness * line, color=SOFT, lw=1.0, ls="--", label=label)
+
+
+def amplitude_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw frequency and damping against amplitude, read from the records and of the model.
+
+    Panels: frequency, damping.
+    """
+    found = branch(
+        tree,
+        "verification/amplitude",
+        "measured_amplitude",
+        "measured_frequency",
+        "measured_damping",
+        "model_frequency",
+        "model_damping",
+    )
+    axes = panels(ax, 1, 2, height=3.2)
+    amplitude = np.asarray(found["amplitude"], float)
+    fitted = np.asarray(found["fitted"], int) if "fitted" in found else None
+    for each, name, factor, label in (
+        (axes[0, 0], "frequency", 1.0, axis_label("frequency", "Hz")),
+        (axes[0, 1], "damping", PERCENT, axis_label("damping ratio", "%")),
+    ):
+        low, middle, high = factor * quantiles(found, f"model_{name}")
+        shade(each, amplitude, low, high, MODEL, BAND, alpha=0.4)
+        each.plot(amplitude, middle, color=MODEL, lw=1.0)
+        for i in range(found.sizes["record"]):
+            known = fitted is None or bool(fitted[i])
+            each.plot(
+                np.asarray(found["measured_amplitude"][i], float),
+                factor * np.asarray(found[f"measured_{name}"][i], float),
+                ".",
+                color=INK if known else SKY,
+                ms=4,
+                label="fitted records" if known else "held-out records",
+            )
+        unit = unit_of(found["amplitude"])
+        response = plain(found["amplitude"].attrs.get("long_name", "response"))
+        each.set_xlabel(axis_label(f"amplitude of {response}", unit))
+        each.set_ylabel(label)
+    legend(axes, ax)
+    return axes

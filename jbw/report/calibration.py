@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from jbw.inference.calibration_record import LEVEL, Calibration
-from jbw.inference.uniformity import counts_below, ecdf_envelope
+from jbw.inference.calibration.record import LEVEL, Calibration
+from jbw.inference.calibration.uniformity import counts_below, ecdf_envelope
 from jbw.report.style import BLUE, SKY, VERMILLION, Panels, legend, panels, shade, title
 from jbw.report.text import number, symbol
 
@@ -57,4 +57,4 @@ def named(quantity: str) -> str:
     """A quantity as people read it."""
     if quantity.startswith("h3_"):
         return f"|H₃| at {quantity.removeprefix('h3_').replace('Hz', ' Hz')}"
-    return {"log_likelihood": "log L", "lambda_3": "λ₃"}.get(quantity, symbol(quantity))
+    return symbol(quantity)

@@ -1,26 +1,86 @@
 """What the interactive page shows: a run's responses, loops and curves as plotly's traces."""
 
+import html
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from jbw.errors import DataError
+from jbw.errors import DataError, printable
 from jbw.report.backbone import GROUP, PERCENT, length_unit
 from jbw.report.curves import level_colours
-from jbw.report.linear import BAND, fitted_text
 from jbw.report.loops import MILLI
-from jbw.report.phase import beside, unwrapped_band
-from jbw.report.result import branch, frequency, tests
-from jbw.report.style import INK, MODEL, PREDICTIVE, REPEATS
+from jbw.report.result import (
+    beside,
+    branch,
+    fitted_text,
+    frequency,
+    node,
+    quantiles,
+    tests,
+    unit_of,
+    unwrapped_band,
+)
+from jbw.report.style import BAND, INK, MODEL, PREDICTIVE, REPEATS
 from jbw.report.text import axis_label
-from jbw.report.traces import Chart, band, line, text, unlisted
 
 LONGEST = 12000  # samples of a record, around its largest: what a browser moves without stutter
 PREDICTIVE_LABEL = "99 % predictive band (noise included)"
 Pair = tuple[Any, Any]
+
+
+class Chart(NamedTuple):
+    """One interactive figure.
+
+    Args:
+        heading: What it shows.
+        axes: Labels of abscissa and ordinate.
+        lines: plotly's traces, as dictionaries.
+        log: Whether the ordinate is logarithmic.
+    """
+
+    heading: str
+    axes: tuple[str, str]
+    lines: list[dict[str, Any]]
+    log: bool = False
+
+
+def shown_text(name: object) -> str:
+    """Return a name as plotly is to show it: its labels read a part of HTML, entities included."""
+    return html.escape(printable(str(name)))
+
+
+def line(x: Any, y: Any, name: str, colour: str, **more: Any) -> dict[str, Any]:
+    """Return a trace; numbers as 32-bit floats, half as large in the file.
+
+    Args:
+        x: Abscissae.
+        y: Ordinates.
+        name: What the legend calls it.
+        colour: Its colour.
+        **more: Further keys of plotly's scatter trace.
+    """
+    values = {"x": np.asarray(x, np.float32), "y": np.asarray(y, np.float32)}
+    look = {"type": "scatter", "mode": "lines", "line": {"color": colour, "width": 1.3}}
+    return {**values, **look, "name": shown_text(name), **more}
+
+
+def band(x: Any, low: Any, high: Any, name: str, colour: str, group: str) -> list[dict[str, Any]]:
+    """Return the two traces of a filled band; arguments as for `line`."""
+    edge = {"line": {"width": 0}, "hoverinfo": "skip", "legendgroup": shown_text(group)}
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    fill = {"fill": "tonexty", "fillcolor": f"rgba({red},{green},{blue},0.3)"}
+    return [
+        line(x, low, name, colour, **edge, showlegend=False),
+        line(x, high, name, colour, **edge, **fill),
+    ]
+
+
+def unlisted(lines: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return traces that the legend leaves out: they go with the one that it names."""
+    return [{**each, "showlegend": False} for each in lines]
 
 
 def charts_of(tree: xr.DataTree) -> list[Chart]:
@@ -31,7 +91,7 @@ def charts_of(tree: xr.DataTree) -> list[Chart]:
     """
     found = []
     makers: tuple[Callable[[xr.DataTree], list[Chart]], ...] = (
-        _frfs, _curves, _sweeps, _decays, _loops, _forced_loops, _backbone,
+        _frfs, _curves, _in_time, _loops, _forced_loops, _backbone,
     )  # fmt: skip
     for make in makers:
         try:
@@ -46,21 +106,36 @@ def _called(name: str, test: xr.Dataset) -> str:
     return ", ".join(filter(None, (name, fitted_text(test))))
 
 
+def _model(
+    x: Any, values: Float[np.ndarray, "quantile point"], colour: str, called: str = ""
+) -> list[dict[str, Any]]:
+    """Return the traces of a model's band and median; of several tests, under each one's name."""
+    low, middle, high = values
+    name, group = (f", {called}", called) if called else ("", "model")
+    median = line(x, middle, f"median of the model{name}", colour, legendgroup=shown_text(group))
+    return [*band(x, low, high, f"{BAND}{name}", colour, group), median]
+
+
+def _of_test(
+    freq: Any, model: Float[np.ndarray, "quantile freq"], measured: Any, colour: str, called: str
+) -> list[dict[str, Any]]:
+    """Return the traces of one test among several: a click in the legend hides all of them."""
+    look = {"mode": "markers", "marker": {"color": colour, "size": 5}}
+    dots = line(
+        freq, measured, f"measured, {called}", colour, legendgroup=shown_text(called), **look
+    )
+    return [*unlisted(_model(freq, model, colour, called)), dots]
+
+
 def _frfs(tree: xr.DataTree) -> list[Chart]:
     """Return magnitudes of all frequency responses."""
     found = tests(tree, "verification/frf", "measured_magnitude", "model_magnitude")
     lines = []
     for (name, test), colour in zip(found, level_colours(len(found)), strict=True):
-        called, freq = _called(name, test), frequency(test)
-        low, middle, high = _bands(test, "model_magnitude")
         mean = np.asarray(test["measured_magnitude"].mean("repeat"), float)
-        group = {"legendgroup": text(called)}
-        lines += unlisted(band(freq, low, high, f"{BAND}, {called}", colour, called))
-        median = line(freq, middle, f"median of the model, {called}", colour, **group)
-        lines += unlisted([median])
-        dots = {"mode": "markers", "marker": {"color": colour, "size": 4}, **group}
-        lines.append(line(freq, mean, f"measured, {called}", colour, **dots))
-    unit = str(found[0][1]["measured_magnitude"].attrs.get("units", ""))
+        model = quantiles(test, "model_magnitude")
+        lines += _of_test(frequency(test), model, mean, colour, _called(name, test))
+    unit = unit_of(found[0][1]["measured_magnitude"])
     axes = ("frequency [Hz]", axis_label("receptance", unit))
     return [Chart("Frequency responses", axes, lines, log=True)]
 
@@ -68,67 +143,50 @@ def _frfs(tree: xr.DataTree) -> list[Chart]:
 def _curves(tree: xr.DataTree) -> list[Chart]:
     """Return magnitude and phase of the response curves' first harmonics."""
     found = tests(tree, "verification/curve", "measured_magnitude", "model_magnitude")
-    quantities = dict.fromkeys(str(test.attrs.get("quantity", "")) for _, test in found)
+    families: dict[str, list[tuple[str, xr.Dataset]]] = {}
+    for name, test in found:
+        families.setdefault(str(test.attrs.get("quantity", "")), []).append((name, test))
     charts = []
-    for quantity in quantities:
-        family = [each for each in found if str(each[1].attrs.get("quantity", "")) == quantity]
-        unit = str(family[0][1]["measured_magnitude"].attrs.get("units", ""))
-        pairs = zip(family, level_colours(len(family)), strict=True)
-        drawn = [(_curve(name, test, colour)) for (name, test), colour in pairs]
+    for quantity, family in families.items():
+        sizes, turns = [], []
+        for (name, test), colour in zip(family, level_colours(len(family)), strict=True):
+            freq, called = frequency(test), _called(name, test)
+            model, turned = quantiles(test, "model_magnitude"), quantiles(test, "model_phase")
+            turned = unwrapped_band(turned)
+            phase = beside(np.asarray(test["measured_phase"], float), turned[1])
+            sizes += _of_test(freq, model, test["measured_magnitude"], colour, called)
+            turns += _of_test(freq, turned, phase, colour, called)
         heading = f"Response curves: {quantity}".removesuffix(": ")
+        unit = unit_of(family[0][1]["measured_magnitude"])
         axes = ("frequency [Hz]", axis_label("amplitude", unit))
-        charts.append(Chart(heading, axes, [x for sizes, _ in drawn for x in sizes], log=True))
-        axes = ("frequency [Hz]", "phase [°]")
-        charts.append(Chart(f"{heading}, phase", axes, [x for _, turns in drawn for x in turns]))
+        charts.append(Chart(heading, axes, sizes, log=True))
+        charts.append(Chart(f"{heading}, phase", ("frequency [Hz]", "phase [°]"), turns))
     return charts
 
 
-def _curve(
-    name: str, test: xr.Dataset, colour: str
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Return the traces of a curve's magnitude and of its phase."""
-    freq, called = frequency(test), _called(name, test)
-    turned = unwrapped_band(_bands(test, "model_phase"))
-    phase = beside(np.asarray(test["measured_phase"], float), turned[1])
-    group = {"legendgroup": text(called)}
-    dots = {"mode": "markers", "marker": {"color": colour, "size": 5}, **group}
-    found = []
-    for measured, (low, middle, high) in (
-        (test["measured_magnitude"], _bands(test, "model_magnitude")),
-        (phase, turned),
-    ):
-        drawn = band(freq, low, high, f"{BAND}, {called}", colour, called)
-        drawn.append(line(freq, middle, f"median of the model, {called}", colour, **group))
-        found.append(
-            [*unlisted(drawn), line(freq, measured, f"measured, {called}", colour, **dots)]
-        )
-    return found[0], found[1]
-
-
-def _sweeps(tree: xr.DataTree) -> list[Chart]:
-    return _in_time(tree, "verification/sweep", "Sweep")
-
-
-def _decays(tree: xr.DataTree) -> list[Chart]:
-    return _in_time(tree, "verification/decay", "Free decay")
-
-
-def _in_time(tree: xr.DataTree, group: str, called: str) -> list[Chart]:
+def _in_time(tree: xr.DataTree) -> list[Chart]:
     """Return a chart for every record against its bands, around its largest response."""
-    charts = []
-    for name, test in tests(tree, group, "measured", "model_band", "predictive_band"):
-        part = test.isel(time=_around_largest(np.asarray(test["measured"], float)))
-        time = np.asarray(part["time"], float)
-        low, _, high = _bands(part, "predictive_band")
-        lines = band(time, low, high, PREDICTIVE_LABEL, PREDICTIVE, "noise")
-        low, middle, high = _bands(part, "model_band")
-        lines += band(time, low, high, BAND, MODEL, "model")
-        lines.append(line(time, middle, "median of the model", MODEL, legendgroup="model"))
-        lines.append(line(time, part["measured"], "measured", INK))
-        unit = str(test["measured"].attrs.get("units", ""))
-        axes = ("time [s]", axis_label(str(test.attrs.get("response", "response")), unit))
-        charts.append(Chart(f"{called} {_called(name, test)}", axes, lines))
-    return charts
+    return [
+        _record(f"{called} {_called(name, test)}", test)
+        for group, called in (("sweep", "Sweep"), ("decay", "Free decay"))
+        if node(tree, f"verification/{group}") is not None
+        for name, test in tests(
+            tree, f"verification/{group}", "measured", "model_band", "predictive_band"
+        )
+    ]
+
+
+def _record(heading: str, test: xr.Dataset) -> Chart:
+    """Return the chart of one record."""
+    part = test.isel(time=_around_largest(np.asarray(test["measured"], float)))
+    time = np.asarray(part["time"], float)
+    low, _, high = quantiles(part, "predictive_band")
+    lines = band(time, low, high, PREDICTIVE_LABEL, PREDICTIVE, "noise")
+    lines += _model(time, quantiles(part, "model_band"), MODEL)
+    lines.append(line(time, part["measured"], "measured", INK))
+    unit = unit_of(test["measured"])
+    response = str(test.attrs.get("response", "response"))
+    return Chart(heading, ("time [s]", axis_label(response, unit)), lines)
 
 
 def _around_largest(measured: Float[np.ndarray, " time"]) -> slice:
@@ -144,7 +202,7 @@ def _loops(tree: xr.DataTree) -> list[Chart]:
     charts = []
     for name, test in found:
         y = np.asarray(test["measured_y"], float)
-        model_y, force = _bands(test, "model_y"), _bands(test, "model_force")
+        model_y, force = quantiles(test, "model_y"), quantiles(test, "model_force")
         measured = np.asarray(test["measured_force"], float)
         top, bottom = int(np.argmax(y)), int(np.argmin(y))
         secant = (measured[top] - measured[bottom]) / (y[top] - y[bottom])
@@ -172,10 +230,10 @@ def _forced_loops(tree: xr.DataTree) -> list[Chart]:
     for name, test in tests(tree, "verification/loop", "displacement", "model_force"):
         y = MILLI * np.asarray(test["displacement"], float)
         lines = [
-            line(y, _bands(test, "model_force")[1], "median of the model", MODEL),
+            line(y, quantiles(test, "model_force")[1], "median of the model", MODEL),
             line(y, test["measured_force"], "measured", INK),
         ]
-        unit = str(test["measured_force"].attrs.get("units", "N"))
+        unit = unit_of(test["measured_force"])
         axes = ("displacement [mm]", axis_label("restoring force", unit))
         charts.append(Chart(f"Forced loop {_called(name, test)}", axes, lines))
     return charts
@@ -191,13 +249,7 @@ def _backbone(tree: xr.DataTree) -> list[Chart]:
         ("frequency", 1.0, "natural frequency [Hz]"),
         ("damping", PERCENT, "equivalent damping ratio [%]"),
     ):
-        low, middle, high = scale * _bands(found, name)
-        lines = band(amplitude, low, high, BAND, MODEL, "model")
-        lines.append(line(amplitude, middle, "median of the model", MODEL))
+        lines = _model(amplitude, scale * quantiles(found, name), MODEL)
         axes = (axis_label("amplitude of displacement", unit), label)
         charts.append(Chart(f"Backbone: {name}", axes, lines))
     return charts
-
-
-def _bands(test: xr.Dataset, name: str) -> Float[np.ndarray, "quantile point"]:
-    return np.asarray(test[name].transpose("quantile", ...), float)

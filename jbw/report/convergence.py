@@ -12,7 +12,7 @@ from jbw.errors import DataError
 from jbw.report.posterior import OPENING, THIRD_ORDER, Source
 from jbw.report.result import branch, node, parameters
 from jbw.report.style import LEVELS, SOFT, Panels, legend, panels, plain, title
-from jbw.report.text import axis_label, symbol
+from jbw.report.text import axis_label
 
 BINS = 20
 MOST = 12
@@ -68,7 +68,7 @@ def trace_rank(tree: xr.DataTree, ax: Any = None) -> Panels:
     for (left, right), each in zip(axes, found, strict=True):
         _trace(left, each.draws)
         _ranks(right, each.draws)
-        label = textwrap.fill(plain(axis_label(symbol(each.name), each.unit)), 15)
+        label = textwrap.fill(plain(axis_label(each.symbol, each.unit)), 15)
         left.set_ylabel(label, rotation=0, ha="right", va="center", labelpad=9, fontsize=8)
     title(axes[0, 0], "traces, one line a chain")
     title(axes[0, 1], "ranks, in twentieths of all draws")

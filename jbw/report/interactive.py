@@ -8,9 +8,8 @@ import xarray as xr
 from markupsafe import Markup
 
 from jbw.errors import ConfigError, DataError, printable
-from jbw.report.charts import charts_of
-from jbw.report.page import write_whole
-from jbw.report.traces import Chart, text
+from jbw.report.charts import Chart, charts_of, shown_text
+from jbw.run.files import write_whole
 
 # Nothing that was measured leaves the page: no button that uploads a chart.
 PRIVATE = {"showSendToCloud": False, "plotlyServerURL": ""}
@@ -29,7 +28,7 @@ def write_interactive(tree: xr.DataTree, path: Path, campaign: str = "") -> None
         ConfigError: If plotly is not installed.
         DataError: If the result has nothing to draw.
     """
-    write_whole(path, render_interactive(tree, campaign))
+    write_whole(path, render_interactive(tree, campaign).encode())
 
 
 def render_interactive(tree: xr.DataTree, campaign: str = "") -> str:
@@ -74,7 +73,7 @@ def _figure(graphs: Any, chart: Chart, identity: str) -> str:
     figure = graphs.Figure(data=chart.lines)
     figure.update_layout(
         template="plotly_white", height=460, margin={"l": 70, "r": 20, "t": 20, "b": 60},
-        xaxis_title=text(chart.axes[0]), yaxis_title=text(chart.axes[1]), font_size=13,
+        xaxis_title=shown_text(chart.axes[0]), yaxis_title=shown_text(chart.axes[1]), font_size=13,
         legend={"orientation": "h", "y": -0.2, "groupclick": "togglegroup"},
     )  # fmt: skip
     figure.update_yaxes(type="log" if chart.log else "linear", exponentformat="power")

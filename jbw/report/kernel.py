@@ -7,8 +7,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from jbw.errors import DataError
-from jbw.report.phase import wrap_band, wrap_degrees
-from jbw.report.result import branch, frequency
+from jbw.report.result import branch, frequency, quantiles, unit_of, wrap_band, wrap_degrees
 from jbw.report.style import BLUE, INK, VERMILLION, Panels, legend, log_y, panels, title
 from jbw.report.text import axis_label
 
@@ -50,7 +49,7 @@ def _spectrum(ax: Any, spectrum: xr.Dataset) -> None:
             color=colour,
             fontsize=9,
         )
-    unit = str(spectrum["amplitude"].attrs.get("units", ""))
+    unit = unit_of(spectrum["amplitude"])
     ax.set(yscale="log", xlabel="frequency [Hz]", ylabel=axis_label("response amplitude", unit))
     title(ax, f"tone of {tone:g} Hz")
 
@@ -65,7 +64,7 @@ def _measured_kernel(upper: Any, lower: Any, kernel: xr.Dataset, label: str) -> 
         lines = each.plot(freq, np.asarray(values).T, **dots)
         lines[0].set_label(label)
     log_y(upper)
-    upper.set_ylabel(axis_label("|H₃|", str(magnitude.attrs.get("units", ""))))
+    upper.set_ylabel(axis_label("|H₃|", unit_of(magnitude)))
     lower.set_ylabel("arg H₃ [°]")
 
 
@@ -116,8 +115,8 @@ def _turn(phase: xr.DataArray) -> xr.DataArray:
 def _intervals(pair: Panels, x: Float[np.ndarray, " freq"], kernel: xr.Dataset, name: str) -> None:
     """Draw one sampler's 99 % intervals and medians of magnitude and phase."""
     called, colour = SAMPLERS[name]
-    magnitude = np.asarray(kernel[f"{name}_magnitude"].transpose("quantile", ...), float)
-    phase = wrap_band(np.asarray(kernel[f"{name}_phase"].transpose("quantile", ...), float))
+    magnitude = quantiles(kernel, f"{name}_magnitude")
+    phase = wrap_band(quantiles(kernel, f"{name}_phase"))
     for each, (low, middle, high) in zip(pair, (magnitude, phase), strict=True):
         bars = each.vlines(x, low, high, color=colour, lw=4, alpha=0.45)
         bars.set_label(f"99 % parameter band, {called}")

@@ -7,9 +7,20 @@ import xarray as xr
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from jbw.report.phase import beside, wrap_band, wrap_degrees
-from jbw.report.result import branch, frequency, tests
+from jbw.report.result import (
+    beside,
+    branch,
+    fitted_text,
+    frequency,
+    level_text,
+    quantiles,
+    tests,
+    unit_of,
+    wrap_band,
+    wrap_degrees,
+)
 from jbw.report.style import (
+    BAND,
     INK,
     LEVELS,
     MODEL,
@@ -23,9 +34,7 @@ from jbw.report.style import (
     stacks,
     title,
 )
-from jbw.report.text import axis_label, number, unit_text
-
-BAND = "99 % parameter band"
+from jbw.report.text import axis_label, number
 
 
 def resonance_window(
@@ -56,7 +65,7 @@ def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
         shown = (freq >= window[0]) & (freq <= window[1])
         _linear_column(axes[:, column], line.isel({line["h_magnitude"].dims[0]: shown}), column)
         axes[2, column].set(xlabel="frequency [Hz]", xlim=window)
-    unit = str(line["h_magnitude"].attrs.get("units", ""))
+    unit = unit_of(line["h_magnitude"])
     axes[0, 0].set(yscale="log", ylabel=axis_label("receptance", unit))
     title(axes[0, 0], "around the mode")
     title(axes[0, 1], "at the resonance")
@@ -95,7 +104,7 @@ def softening(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
         peak = int(np.nanargmax(magnitude))
         only.plot(freq, magnitude, color=colour, lw=1.1, label=_level_label(test, freq[peak]))
         only.plot(freq[peak], magnitude[peak], "v", color=colour, ms=5)
-    unit = str(found[0][1]["measured_magnitude"].attrs.get("units", ""))
+    unit = unit_of(found[0][1]["measured_magnitude"])
     log_y(only)
     only.set(xlim=(low, high), xlabel="frequency [Hz]")
     only.set_ylabel(axis_label("receptance", unit))
@@ -114,19 +123,6 @@ def _level_label(test: xr.Dataset, peak: float) -> str:
     return f"{level_text(test)} {kind}, peak at {number(peak, digits=4)} Hz"
 
 
-def level_text(test: xr.Dataset) -> str:
-    """Return a test's level with its unit."""
-    unit = plain(unit_text(str(test.attrs.get("level_unit", ""))))
-    return f"{float(test.attrs.get('level', np.nan)):g} {unit}".strip()
-
-
-def fitted_text(test: xr.Dataset) -> str:
-    """Return whether a test was fitted, empty where the run does not say."""
-    if "fitted" not in test.attrs:
-        return ""
-    return "fitted" if test.attrs["fitted"] else "not fitted"
-
-
 def verification_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Draw measured FRFs with the range of their repeats against the model's 99 % band.
 
@@ -141,7 +137,7 @@ def verification_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
     axes, stack = stacks(ax, len(found), 3, height=5.0, height_ratios=[2, 1, 1.2])
     for column, (_, test) in zip(stack, found, strict=True):
         _frf_column(column, test)
-    unit = str(found[0][1]["measured_magnitude"].attrs.get("units", ""))
+    unit = unit_of(found[0][1]["measured_magnitude"])
     labels = (axis_label("receptance", unit), "phase [°]", "over median [-]")
     for row, each in enumerate(axes[:, 0]):
         each.set_ylabel(labels[row % 3])
@@ -157,8 +153,8 @@ def _frf_column(column: Panels, test: xr.Dataset) -> None:
     test = test.isel({dim: np.flatnonzero((freq >= low) & (freq <= high))})
     magnitude = np.asarray(test["measured_magnitude"].transpose("repeat", ...), float)
     phase = np.asarray(test["measured_phase"].transpose("repeat", ...), float)
-    band = np.asarray(test["model_magnitude"].transpose("quantile", ...), float)
-    turned = wrap_band(np.asarray(test["model_phase"].transpose("quantile", ...), float))
+    band = quantiles(test, "model_magnitude")
+    turned = wrap_band(quantiles(test, "model_phase"))
     phase = beside(phase, turned[1])
     for each, repeats, model in zip(
         column,

@@ -1,7 +1,6 @@
 """Measured and predicted hysteresis loops, and the areas that they enclose."""
 
-# Greek letters are meant.
-
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,12 +9,24 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from jbw.report.linear import BAND, level_text
-from jbw.report.result import tests
-from jbw.report.style import INK, MODEL, REPEATS, SOFT, Panels, legend, plain, shade, stacks, title
+from jbw.report.records import short
+from jbw.report.result import fitted_text, level_text, quantiles, tests, unit_of
+from jbw.report.style import (
+    BAND,
+    INK,
+    MODEL,
+    REPEATS,
+    SOFT,
+    Panels,
+    legend,
+    plain,
+    shade,
+    stacks,
+    title,
+)
 from jbw.report.text import number, unit_text
 
-MILLI = 1e3
+MILLI, KILO = 1e3, 1e3
 BAND_SDS = 5.15
 """Width of a normal variable's 99 % interval in standard deviations."""
 
@@ -75,7 +86,7 @@ def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
         title(upper, f"{level_text(test)}, {number(test.attrs.get('tone_hz'))} Hz")
         title(lower, _areas_text(enclosed_areas(test)), size=8)
         lower.set_xlabel("displacement [mm]")
-    unit = plain(unit_text(str(found[0][1]["measured_force"].attrs.get("units", "N/kg"))))
+    unit = plain(unit_text(unit_of(found[0][1]["measured_force"])))
     for upper, lower in zip(axes[::2, 0], axes[1::2, 0], strict=True):
         upper.set_ylabel(f"restoring force [{unit}]")
         lower.set_ylabel(f"less its secant [{unit}]")
@@ -111,11 +122,11 @@ def _signed(value: float, sd: float) -> str:
 def _loops(ax: Axes, test: xr.Dataset, secant: float) -> None:
     """Draw one test's loops and bands, less a line of slope `secant`."""
     y = np.asarray(test["measured_y"], float)
-    model_y = np.asarray(test["model_y"].transpose("quantile", "phase"), float)[1]
+    model_y = quantiles(test, "model_y")[1]
     if "measured_force_band" in test:
         label = "99 % band of the measured loop, from ζ and gain"
-        _ring(ax, y, _forces(test, "measured_force_band") - secant * y, REPEATS, label)
-    band = _forces(test, "model_force") - secant * model_y
+        _ring(ax, y, quantiles(test, "measured_force_band") - secant * y, REPEATS, label)
+    band = quantiles(test, "model_force") - secant * model_y
     _ring(ax, model_y, band, MODEL, f"{BAND} of the model")
     if "measured_force_viscous" in test:
         force = np.asarray(test["measured_force_viscous"], float) - secant * y
@@ -123,11 +134,6 @@ def _loops(ax: Axes, test: xr.Dataset, secant: float) -> None:
     _cycle(ax, model_y, band[1], color=MODEL, lw=0.9, label="median of the model")
     force = np.asarray(test["measured_force"], float) - secant * y
     _cycle(ax, y, force, color=INK, lw=1.1, ls="--", label="measured")
-
-
-def _forces(test: xr.Dataset, name: str) -> Float[np.ndarray, "quantile phase"]:
-    """Return a band of force."""
-    return np.asarray(test[name].transpose("quantile", "phase"), float)
 
 
 def _cycle(
@@ -154,3 +160,61 @@ def strokes(y: Float[np.ndarray, " phase"]) -> tuple[NDArray[np.intp], NDArray[n
     turned = np.roll(np.arange(y.size), -int(np.argmax(y)))
     bottom = int(np.argmin(y[turned]))
     return turned[: bottom + 1], np.append(turned[bottom:], turned[0])
+
+
+def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw the force along a prescribed displacement, measured and of the model.
+
+    Panels: one a test, lowest level first.
+    """
+    found = tests(tree, "verification/loop", "displacement", "measured_force", "model_force")
+    axes, stack = stacks(ax, len(found), 1, height=2.5)
+    for (only,), (name, test) in zip(stack, found, strict=True):
+        _forced_loop(only, test)
+        title(only, f"{short(plain(name))}, {fitted_text(test)}\n{_work(test)}", size=8)
+        only.set_xlabel("displacement [mm]")
+    for each in axes[:, 0]:
+        each.set_ylabel("restoring force [kN]")
+    legend(axes, ax)
+    return axes
+
+
+def _forced_loop(ax: Axes, test: xr.Dataset) -> None:
+    """Draw one record of a loop, its band stretch by stretch between the turning points."""
+    y = MILLI * np.asarray(test["displacement"], float)
+    low, median, high = quantiles(test, "model_force") / KILO
+    for i, part in enumerate(monotone(y)):
+        label = f"{BAND} of the model" if i == 0 else "_further"
+        shade(ax, y[part], low[part], high[part], MODEL, label, alpha=0.4)
+    ax.plot(
+        y, np.asarray(test["measured_force"], float) / KILO, color=INK, lw=0.8, label="measured"
+    )
+    ax.plot(y, median, color=MODEL, lw=0.9, ls="--", label="median of the model")
+    if "linear_force" in test:
+        linear = np.asarray(test["linear_force"], float) / KILO
+        ax.plot(y, linear, color=SOFT, lw=0.8, ls=":", label="linear spring")
+
+
+def monotone(y: Float[np.ndarray, " point"], least: float = 0.05) -> list[NDArray[np.intp]]:
+    """Return the stretches between turning points farther apart than `least` of the whole range."""
+    reach = least * np.ptp(y)
+    ends, extreme, rising = [0], 0, None
+    for i, value in enumerate(y):
+        if rising is None:
+            if abs(value - y[0]) > reach:
+                rising, extreme = bool(value > y[0]), i
+        elif (value - y[extreme] > 0) == rising:
+            extreme = i
+        elif abs(value - y[extreme]) > reach:
+            ends.append(extreme)
+            rising, extreme = not rising, i
+    ends.append(len(y) - 1)
+    return [np.arange(a, b + 1) for a, b in pairwise(ends) if b > a]
+
+
+def _work(test: xr.Dataset) -> str:
+    """Return the energy lost, measured and of the model, in words."""
+    if "measured_work" not in test or "model_work" not in test:
+        return ""
+    low, _, high = np.asarray(test["model_work"], float)
+    return f"lost {number(test['measured_work'])} J,\nmodel {number(low)} to {number(high)} J"

@@ -12,8 +12,8 @@ from scipy.signal import ShortTimeFFT, welch
 from scipy.signal.windows import hann
 
 from jbw.measurement.records import Record
+from jbw.report.records import extremes
 from jbw.report.style import BLUE, GREEN, INK, VERMILLION, Panels, panels, plain, shade, title
-from jbw.report.sweep import extremes
 from jbw.report.text import axis_label, unit_text
 
 COLUMNS = 400  # of a spectrogram, and extremes drawn of a channel

@@ -1,7 +1,6 @@
 """The report: one HTML file that needs nothing else, the verdict first."""
 
 import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,18 +11,27 @@ from markupsafe import Markup
 
 from jbw.errors import DataError
 from jbw.report import tables
+from jbw.report.figure_list import FIGURE_LIST, Entry
 from jbw.report.figures import figure_of, svg
-from jbw.report.findings import STATUS_WORDS, badge, findings
-from jbw.report.identifiability_rows import quantity_rows, spectrum_rows, waterfall_words
-from jbw.report.plates import PLATES, Plate
-from jbw.report.text import seconds
-from jbw.report.words import identified_words, in_symbols
+from jbw.report.identifiability import directions_table, quantities_table
+from jbw.report.result import laws_of, names_of
+from jbw.report.text import Names, seconds, step_name
+from jbw.report.words import STATUS_WORDS, badge, findings, identified_words, in_symbols
+from jbw.run.files import write_whole
+
+# Laws that are called by people's names or by more than their own.
+LAWS = {"bouc_wen": "Bouc-Wen oscillator", "cubic": "cubic spring", "jenkins": "Jenkins array"}
+
+
+def law_name(law: str) -> str:
+    """Return what a law is called, that of a family without its number."""
+    return LAWS.get(law) or LAWS.get(law.rstrip("0123456789_")) or law.replace("_", " ")
 
 
 class Drawn(NamedTuple):
     """A figure on the page, or the sentence that says why there is none."""
 
-    plate: Plate
+    entry: Entry
     number: str
     svg: Markup
     missing: str
@@ -37,33 +45,7 @@ def write_page(summary: Mapping[str, Any], tree: xr.DataTree, path: Path) -> Non
         tree: The run's posterior.nc.
         path: The file to write; replaced when it exists.
     """
-    write_whole(path, render_page(summary, tree))
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file that is either the old one or the new one, never a part.
-
-    Args:
-        path: The file; replaced when it exists.
-        text: What it is to hold.
-    """
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        # mkstemp keeps the file to its owner; a report is to be handed on like any other file.
-        os.chmod(name, 0o666 & ~_umask())
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
-
-
-def _umask() -> int:
-    """Return the process's umask, which can only be read by setting it."""
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask
+    write_whole(path, render_page(summary, tree).encode())
 
 
 def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
@@ -75,33 +57,50 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    verdict = summary.get("verdict") or {}
+    verdict, known = summary.get("verdict") or {}, names_of(tree, summary)
+    identifiability = summary.get("identifiability") or {}
+    # The main step comes first: it is what the others are held against.
+    main, steps = summary.get("main"), (summary.get("steps") or {}).items()
+    steps = sorted(steps, key=lambda each: each[0] != main)
     status = badge(verdict)
     return environment.get_template("page.html").render(
         campaign=campaign_name(summary),
+        laws=" and ".join(map(law_name, laws_of(tree))),
         status=status,
         status_words=STATUS_WORDS.get(status.word, "Read the findings before using it."),
-        findings=findings(verdict),
-        steps=tables.step_rows(summary),
-        drawn=[_draw(plate, tree) for plate in PLATES],
-        predictions=tables.prediction_rows(summary),
-        spectrum=spectrum_rows(summary),
-        quantities=quantity_rows(summary),
-        identified=identified_words(summary),
-        known_words=_statements(summary.get("identifiability")),
-        waterfall=waterfall_words(summary),
-        routes=tables.route_rows(summary),
-        route_words=_statements(summary.get("comparison")),
-        loops=tables.loop_rows(summary, tree),
-        checks=tables.data_rows(tree),
+        findings=findings(verdict, known),
+        steps=[_step(name, name == main, step, known) for name, step in steps],
+        parameters=tables.parameters_table(summary, known),
+        drawn=[_draw(entry, tree) for entry in FIGURE_LIST],
+        predictions=tables.predictions_table(summary),
+        directions=directions_table(identifiability, known),
+        quantities=quantities_table(identifiability, known),
+        identified=identified_words(summary, known),
+        known_words=_statements(identifiability, known),
+        routes=tables.routes_table(summary, known),
+        route_words=_statements(summary.get("comparison"), known),
+        loops=tables.loops_table(summary, tree),
+        checks=tables.checks_table(tree, known),
         provenance=_provenance(summary),
         inputs=_inputs(summary.get("inputs") or {}),
     )
 
 
-def _statements(part: Any) -> list[str]:
+def _statements(part: Any, known: Names) -> list[str]:
     """Return the sentences of a part of the summary."""
-    return [in_symbols(str(each)) for each in (part or {}).get("statements") or []]
+    return [in_symbols(str(each), known) for each in (part or {}).get("statements") or []]
+
+
+def _step(name: str, main: bool, step: Mapping[str, Any], known: Names) -> dict[str, Any]:
+    """Return what a step says in words."""
+    return {
+        "name": step_name(name) + (" (main result)" if main else ""),
+        "main": main,
+        "badge": badge(step.get("verdict")) if step.get("verdict") else None,
+        "findings": findings(step.get("verdict"), known),
+        "statements": _statements(step, known),
+        "correlations": tables.correlation_words(step, known),
+    }
 
 
 class Inputs(NamedTuple):
@@ -126,14 +125,14 @@ def campaign_name(summary: Mapping[str, Any]) -> str:
     return str(campaign.get("name", "")) if isinstance(campaign, Mapping) else str(campaign or "")
 
 
-def _draw(plate: Plate, tree: xr.DataTree) -> Drawn:
+def _draw(entry: Entry, tree: xr.DataTree) -> Drawn:
     """Return one figure as SVG, or why it is missing."""
-    number = plate.name.removeprefix("figure_") if plate.name.startswith("figure_") else ""
+    number = entry.name.removeprefix("figure_") if entry.name.startswith("figure_") else ""
     try:
         # The SVG is our own drawing of numbers, its texts outlines: safe to insert as it is.
-        return Drawn(plate, number, Markup(svg(figure_of(plate.draw(tree)), plate.name)), "")
+        return Drawn(entry, number, Markup(svg(figure_of(entry.draw(tree)), entry.name)), "")
     except DataError as cause:
-        return Drawn(plate, number, Markup(""), cause.what)
+        return Drawn(entry, number, Markup(""), cause.what)
 
 
 def _provenance(summary: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -1,17 +1,15 @@
 """What the data said about each parameter, step by step and sampler by sampler."""
 
-# Greek letters and the true minus sign are meant.
-# ruff: noqa: RUF001
-
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
+from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from jbw.errors import DataError
-from jbw.report.density import marginal_density
-from jbw.report.result import Parameter, parameter
+from jbw.report.result import Parameter, laws_of, node, of_joint, of_law, parameter
 from jbw.report.style import (
     BLUE,
     GREEN,
@@ -24,7 +22,7 @@ from jbw.report.style import (
     panels,
     title,
 )
-from jbw.report.text import axis_label, symbol
+from jbw.report.text import axis_label
 
 
 class Source(NamedTuple):
@@ -48,10 +46,25 @@ OPENING = (
 JOINT = Source("", "Step 4, all parameters", GREEN, "-")
 
 
+def names_by(tree: xr.DataTree, sources: Iterable[Source]) -> list[str]:
+    """Return the parameters of the joint that any of these routes sampled, damping first.
+
+    Raises:
+        DataError: If none of them was run.
+    """
+    groups = (node(tree, f"{source.path}/posterior") for source in sources)
+    found = [each.name for group in groups if group is not None
+             for each in of_joint(group.to_dataset())]  # fmt: skip
+    if not found:
+        raise DataError("The result has no posterior from this step.")
+    return [name for name in dict.fromkeys(found) if name != "omega_n"]
+
+
 def third_order_densities(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Draw prior and posterior of zeta, alpha and delta from Step 3, every sampler (3 axes)."""
-    axes = panels(ax, 1, 3, height=2.9)
-    for each, name in zip(axes[0], ("zeta", "alpha", "delta"), strict=True):
+    names = names_by(tree, THIRD_ORDER)
+    axes = panels(ax, 1, len(names), height=2.9)
+    for each, name in zip(axes[0], names, strict=True):
         _densities(each, tree, THIRD_ORDER, name)
     axes[0, 0].set_ylabel("density over prior density [-]")
     legend(axes, ax)
@@ -60,8 +73,9 @@ def third_order_densities(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 def opening_density(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     """Draw prior and posterior of gamma from Step 4, alone and with all parameters free."""
+    (name, *_) = names_by(tree, OPENING)
     axes = panels(ax, 1, 1, height=3.0)
-    _densities(axes[0, 0], tree, (*OPENING, JOINT), "gamma")
+    _densities(axes[0, 0], tree, (*OPENING, JOINT), name)
     axes[0, 0].set_ylabel("density over prior density [-]")
     legend(axes, ax)
     return axes[0, 0]
@@ -89,7 +103,7 @@ def _densities(ax: Axes, tree: xr.DataTree, sources: tuple[Source, ...], name: s
         ax.axvline(truth, color=INK, lw=1.0, label="truth of the rig")
     ax.set_ylim(-0.06 * top * (len(known) + 0.8), 1.06 * top)
     ax.set_yticks([tick for tick in ax.get_yticks() if 0 <= tick <= 1.06 * top])
-    ax.set_xlabel(axis_label(symbol(name), known[0][1].unit))
+    ax.set_xlabel(axis_label(known[0][1].symbol, known[0][1].unit))
     ax.locator_params(axis="x", nbins=4)
 
 
@@ -107,23 +121,16 @@ def _interval(ax: Axes, each: Parameter, colour: str, height: float) -> None:
 
 
 def routes(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw the 99 % interval of each parameter by every route, the truth as a line (4 axes)."""
+    """Draw the 99 % interval of each parameter by every route, the truth as a line."""
     sources = (*THIRD_ORDER, *OPENING, JOINT)
-    present = [each for each in sources if _any(tree, each)]
-    if not present:
-        raise DataError("The result has no posterior at all.")
-    axes = panels(ax, 1, 4, height=1.2 + 0.3 * len(present), sharey=True)
-    for each, name in zip(axes[0], ("zeta", "alpha", "delta", "gamma"), strict=True):
+    names = names_by(tree, sources)
+    present = [each for each in sources if node(tree, f"{each.path}/posterior") is not None]
+    axes = panels(ax, 1, len(names), height=1.2 + 0.3 * len(present), sharey=True)
+    for each, name in zip(axes[0], names, strict=True):
         _forest(each, tree, present, name)
     axes[0, 0].set_yticks(range(len(present)), [each.label for each in present])
     axes[0, 0].set_ylim(len(present) - 0.4, -0.6)
     return axes
-
-
-def _any(tree: xr.DataTree, source: Source) -> bool:
-    """Tell whether a posterior holds any of the joint's parameters."""
-    names = ("zeta", "alpha", "delta", "gamma")
-    return any(parameter(tree, f"{source.path}/posterior", name) for name in names)
 
 
 def _forest(ax: Axes, tree: xr.DataTree, sources: list[Source], name: str) -> None:
@@ -136,7 +143,7 @@ def _forest(ax: Axes, tree: xr.DataTree, sources: list[Source], name: str) -> No
         _interval(ax, each, source.colour, row)
         shown = each
     if shown is not None:
-        ax.set_xlabel(axis_label(symbol(name), shown.unit))
+        ax.set_xlabel(axis_label(shown.symbol, shown.unit))
         if shown.truth is not None:
             ax.axvline(shown.truth, color=INK, lw=0.8, zorder=1.5)
         if shown.box is not None:
@@ -151,10 +158,12 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
     Panels: Step 3 in the prior box, the joint posterior at its own scale (2 axes; 1 where the run
     has but one of them).
     """
+    if laws_of(tree)[:1] != ("bouc_wen",):
+        raise DataError("The law of this joint has no such pair of parameters.")
     third = [each for each in reversed(THIRD_ORDER) if _pair(tree, each) is not None]
     present = [each for each in (third, [JOINT] if _pair(tree, JOINT) else []) if each]
     if not present:
-        raise DataError("The result has no posterior of alpha and delta.")
+        raise DataError("The result has no posterior of the pair.")
     axes = panels(ax, 1, len(present), height=3.4)
     for each, sources in zip(axes[0], present, strict=True):
         for source in sources:
@@ -170,34 +179,73 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
     return axes
 
 
-def _constant_product(ax: Axes, alpha: Parameter, delta: Parameter) -> None:
-    """Draw the curve of the draws' median alpha delta across the prior box."""
-    if alpha.box is None or delta.box is None:
+def _constant_product(ax: Axes, stiffness: Parameter, softening: Parameter) -> None:
+    """Draw the curve of the draws' median product across the prior box."""
+    if stiffness.box is None or softening.box is None:
         return
-    product = np.nanmedian(alpha.draws * delta.draws)
-    x = np.linspace(*delta.box, 200)
-    ax.plot(x, product / x, color=INK, lw=1.0, ls="--", label="α δ = const")
-    ax.set(xlim=delta.box, ylim=alpha.box)
+    product = np.nanmedian(stiffness.draws * softening.draws)
+    x = np.linspace(*softening.box, 200)
+    label = f"{stiffness.symbol} {softening.symbol} = const"
+    ax.plot(x, product / x, color=INK, lw=1.0, ls="--", label=label)
+    ax.set(xlim=softening.box, ylim=stiffness.box)
 
 
 def _pair(tree: xr.DataTree, source: Source) -> tuple[Parameter, Parameter] | None:
-    """Return alpha and delta of a posterior, or None."""
-    alpha, delta = (
-        parameter(tree, f"{source.path}/posterior", name) for name in ("alpha", "delta")
-    )
-    return None if alpha is None or delta is None else (alpha, delta)
+    """Return the two parameters of a posterior of which weak motion knows the product, or None."""
+    group = node(tree, f"{source.path}/posterior")
+    found = [] if group is None else of_law(group.to_dataset())
+    return (found[0], found[1]) if len(found) > 1 else None
 
 
 def _cloud(ax: Axes, tree: xr.DataTree, source: Source, most: int = 2000) -> None:
-    """Draw the draws of alpha against delta, `most` at most, and the truth."""
+    """Draw one parameter of the pair against the other, `most` draws at most, and the truth."""
     pair = _pair(tree, source)
     if pair is None:
         return
-    alpha, delta = pair
-    every = max(1, alpha.draws.size // most)
-    x, y = delta.draws.reshape(-1)[::every], alpha.draws.reshape(-1)[::every]
+    every = max(1, pair[0].draws.size // most)
+    y, x = (each.draws.reshape(-1)[::every] for each in pair)
     ax.plot(x, y, ".", ms=2.5, color=source.colour, alpha=0.4, mew=0, rasterized=True)
     ax.plot([], [], "o", ms=5, color=source.colour, label=source.label)
-    if alpha.truth is not None and delta.truth is not None:
-        ax.plot(delta.truth, alpha.truth, "P", ms=8, color=INK, mec="white", label="truth")
-    ax.set(xlabel=axis_label("δ", delta.unit), ylabel=axis_label("α", alpha.unit))
+    if pair[0].truth is not None and pair[1].truth is not None:
+        ax.plot(pair[1].truth, pair[0].truth, "P", ms=8, color=INK, mec="white", label="truth")
+    y_label, x_label = (axis_label(each.symbol, each.unit) for each in pair)
+    ax.set(xlabel=x_label, ylabel=y_label)
+
+
+POINTS = 400
+
+
+def marginal_density(
+    draws: Float[np.ndarray, "..."], box: tuple[float, float] | None
+) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
+    r"""Kernel density estimate of draws, reflected at the bounds of their box.
+
+    $$p(x) = \frac{1}{n h} \sum_i \varphi\!\left(\frac{x - x_i}{h}\right), \qquad
+      h = 0.9 \min(s, \mathrm{IQR}/1.34)\, n^{-1/5}$$
+
+    Args:
+        draws: Draws [unit of the parameter]; those that are not finite are left out.
+        box: Prior interval, or None for an unbounded parameter.
+
+    Returns:
+        Points [unit] and density [1/unit]; for draws that never move, a narrow peak.
+
+    Reference:
+        Silverman, Density Estimation (1986), eq. (3.31).
+    """
+    values = np.asarray(draws, float).reshape(-1)
+    values = values[np.isfinite(values)]
+    spread = np.ptp(values) or max(abs(values[0]), 1.0) * 1e-6
+    quartiles = np.subtract(*np.quantile(values, [0.75, 0.25])) / 1.34
+    width = 0.9 * min(filter(None, (values.std(), quartiles)), default=0.0) * values.size**-0.2
+    width = max(width, spread / POINTS)
+    low, high = values.min() - 4.0 * width, values.max() + 4.0 * width
+    if box is not None:
+        low, high = max(low, box[0]), min(high, box[1])
+        values = np.concatenate([values, 2.0 * box[0] - values, 2.0 * box[1] - values])
+    points = np.linspace(low, high, POINTS)
+    # Draws are counted in fine cells first: the cost no longer grows with points times draws.
+    counts, edges = np.histogram(values, 8 * POINTS, (low - 5.0 * width, high + 5.0 * width))
+    centres = 0.5 * (edges[1:] + edges[:-1])
+    weights = np.exp(-0.5 * ((points[:, None] - centres) / width) ** 2)
+    return points, weights @ counts / (np.asarray(draws).size * width * np.sqrt(2.0 * np.pi))

@@ -1,17 +1,26 @@
 """Predictions of a run: one figure a test, beside what was measured where something was."""
 
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from jbw.report.curves import verification_curves, verification_loops, verification_multisine
-from jbw.report.decay import verification_decay
-from jbw.report.linear import BAND, level_text
-from jbw.report.phase import beside, unwrapped_band
+from jbw.report.curves import verification_curves
+from jbw.report.loops import verification_loops
+from jbw.report.records import (
+    PREDICTIVE_LABEL,
+    draw_record,
+    resonance_slice,
+    response_label,
+    short,
+    verification_decay,
+    verification_multisine,
+    verification_sweep,
+)
+from jbw.report.result import beside, level_text, quantiles, unit_of, unwrapped_band
 from jbw.report.style import (
+    BAND,
     INK,
     MODEL,
     PREDICTIVE,
@@ -23,10 +32,8 @@ from jbw.report.style import (
     shade,
     title,
 )
-from jbw.report.sweep import extremes, resonance_slice, short, verification_sweep
 from jbw.report.text import axis_label, unit_text
 
-PREDICTIVE_LABEL = "99 % predictive band (noise included)"
 SWEEP = {"measured", "measured_band", "model_band", "predictive_band"}
 # Variables that a figure of the report needs, the group it reads, and the figure.
 FIGURES: tuple[tuple[set[str], str, Callable[..., Panels]], ...] = (
@@ -41,7 +48,7 @@ def prediction(name: str, dataset: xr.Dataset) -> Panels:
 
     Args:
         name: Name of the test.
-        dataset: From `jbw.study.predicting.predict`.
+        dataset: From `jbw.verification.predict.predict`.
     """
     variables = set(map(str, dataset.data_vars))
     if "record" in dataset.dims:
@@ -75,43 +82,18 @@ def _in_time(name: str, dataset: xr.Dataset) -> Panels:
     """Draw what bands there are: whole, and at the resonance."""
     axes = panels(None, 1, 2, height=2.6)
     whole, zoom = axes[0]
-    median = np.asarray(dataset["model_band"].transpose("quantile", "time"), float)[1]
-    near = dataset.isel(time=resonance_slice(median))
-    for ax, part, count in ((whole, dataset, 500), (zoom, near, None)):
-        _bands(ax, part, count)
-        ax.set_xlabel("time [s]")
-        ax.margins(x=0)
-    unit = str(dataset["model_band"].attrs.get("units", ""))
-    whole.set_ylabel(axis_label(plain(dataset.attrs.get("response", "response")), unit))
+    near = dataset.isel(time=resonance_slice(quantiles(dataset, "model_band")[1]))
+    draw_record(whole, dataset, count=500)
+    draw_record(zoom, near, measured="measured")
+    middle = quantiles(near, "model_band")[1]
+    zoom.plot(near["time"], middle, color=MODEL, lw=0.8, ls="--", label="median of the model")
+    for each in axes[0]:
+        each.set_xlabel("time [s]")
+    whole.set_ylabel(response_label(dataset, "model_band"))
     title(whole, f"{short(plain(name), 32)}", size=8)
     title(zoom, "at the largest response", size=8)
     legend(axes, None)
     return axes
-
-
-def _bands(ax: Axes, part: xr.Dataset, count: int | None) -> None:
-    """Draw bands and measured response, as extremes of `count` stretches where it is long."""
-    time = np.asarray(part["time"], float)
-    for variable, colour, label in (
-        ("predictive_band", PREDICTIVE, PREDICTIVE_LABEL),
-        ("model_band", MODEL, BAND),
-    ):
-        if variable in part:
-            low, _, high = np.asarray(part[variable].transpose("quantile", "time"), float)
-            shade(ax, *_shown(time, low, high, count), colour, label, alpha=0.5)
-    if count is None:
-        middle = np.asarray(part["model_band"].isel(quantile=1), float)
-        ax.plot(time, middle, color=MODEL, lw=0.8, ls="--", label="median of the model")
-    if "measured" in part:
-        measured = np.asarray(part["measured"], float)
-        if count is None:
-            ax.plot(time, measured, color=INK, lw=0.8, label="measured")
-        else:
-            shade(ax, *_shown(time, measured, measured, count), INK, "_measured", alpha=0.6)
-
-
-def _shown(time: Any, low: Any, high: Any, count: int | None) -> tuple[Any, Any, Any]:
-    return (time, low, high) if count is None else extremes(time, low, high, count)
 
 
 def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
@@ -127,7 +109,7 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
             log_y(column[0])
         what = plain(values.attrs.get("long_name", "response"))
         title(column[0], f"{what} at {suffix.removeprefix('_')}ω, {level_text(dataset)}", size=8)
-        unit = unit_text(str(values.attrs.get("units", "")))
+        unit = unit_text(unit_of(values))
         column[0].set_ylabel(axis_label("amplitude", unit))
         column[1].set(xlabel="frequency [Hz]", ylabel="phase [°]")
     legend(axes, None)
@@ -136,15 +118,14 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
 
 def _in_degrees(dataset: xr.Dataset, suffix: str) -> xr.Dataset:
     """Return the phases of a harmonic in degrees, all within half a turn of the model's median."""
-    model = dataset[f"model_phase{suffix}"].transpose("quantile", "freq")
-    band = unwrapped_band(np.asarray(model, float))
+    band = unwrapped_band(quantiles(dataset, f"model_phase{suffix}"))
     names = [f"{which}_phase{suffix}" for which in ("predictive", "measured")]
     others = {
         name: (dataset[name].dims, beside(np.asarray(dataset[name], float), band[1]))
         for name in names
         if name in dataset and dataset[name].dims[-1] == "freq"
     }
-    return dataset.assign({f"model_phase{suffix}": (model.dims, band), **others})
+    return dataset.assign({f"model_phase{suffix}": (("quantile", "freq"), band), **others})
 
 
 def _harmonic(ax: Axes, dataset: xr.Dataset, variable: str) -> None:
@@ -156,8 +137,7 @@ def _harmonic(ax: Axes, dataset: xr.Dataset, variable: str) -> None:
     ):
         if f"{prefix}_{variable}" not in dataset:
             continue
-        band = dataset[f"{prefix}_{variable}"].transpose("quantile", "freq")
-        low, middle, high = np.asarray(band, float)
+        low, middle, high = quantiles(dataset, f"{prefix}_{variable}")
         if freq.size == 1:
             ax.vlines(freq, low, high, color=colour, lw=width, alpha=0.6, label=label)
         else:

@@ -1,9 +1,6 @@
 """The procedure as a flow diagram: what each step found, and how far it can be trusted."""
 
-# Greek letters and the true minus sign are meant.
-# ruff: noqa: RUF001
-
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyBboxPatch
 
 from jbw.report.loops import enclosed_areas
-from jbw.report.result import branch, node, parameter
+from jbw.report.result import Parameter, branch, node, of_law, parameters
 from jbw.report.style import GREEN, INK, SOFT, VERMILLION, panels
-from jbw.report.text import NOTHING, number, percent, spread_text, symbol
+from jbw.report.text import NOTHING, number, percent, quantity, spread_text
 
 SAMPLERS = {"nuts": "NUTS", "paper": "paper's walk", "walk": "tuned walk"}
 COLOURS = {"ok": GREEN, "failed": VERMILLION, "not assessed": INK}
@@ -56,10 +53,8 @@ def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     told = branch(tree, "procedure", "verdict", "ess", "r_hat")
     boxes = [
         Box("Step 2", "linear regime,\nline fit", _line_fit(tree)),
-        Box(
-            "Step 3", "third-order kernel\nH₃", _sampled(tree, told, "third_order_", "alpha_delta")
-        ),
-        Box("Step 4", "opening of the loop,\nγ alone", _sampled(tree, told, "opening_", "gamma")),
+        Box("Step 3", "third-order kernel\nH₃", _sampled(tree, told, "third_order_")),
+        Box("Step 4", "opening of the loop,\nγ alone", _sampled(tree, told, "opening_")),
         Box("Joint", "all parameters\ntogether", _main(tree, told)),
         Box("Verification", "responses,\nfitted and not", _verified(tree)),
         Box("Validation", "hysteresis loops,\nenclosed areas", _validated(tree)),
@@ -125,48 +120,40 @@ def _line_fit(tree: xr.DataTree) -> list[Outcome]:
     return [Outcome("", "", words, f"{repeats} repeats" if repeats else "")]
 
 
-def _sampled(tree: xr.DataTree, told: xr.Dataset, step: str, quantity: str) -> list[Outcome]:
-    """Return what every sampler of a step found of a quantity."""
+def _sampled(tree: xr.DataTree, told: xr.Dataset, step: str) -> list[Outcome]:
+    """Return what every sampler of a step found of the law: its parameter, or their product."""
     return [
-        _outcome(tree, told, f"{step}{name}", f"steps/{step}{name}/posterior", [quantity], called)
+        _outcome(told, f"{step}{name}", [_product(of_law(group.to_dataset()))], called)
         for name, called in SAMPLERS.items()
-        if f"{step}{name}" in told["step"].values and node(tree, f"steps/{step}{name}") is not None
+        if f"{step}{name}" in told["step"].values
+        and (group := node(tree, f"steps/{step}{name}/posterior")) is not None
     ]
+
+
+def _product(found: list[Parameter]) -> str:
+    """Return what is known of the product of parameters, which is all that weak motion knows."""
+    whole = quantity("_".join(each.name for each in found))
+    draws = np.prod([each.draws for each in found], axis=0)
+    return f"{whole.symbol} = {spread_text(draws, whole.unit)}"
 
 
 def _main(tree: xr.DataTree, told: xr.Dataset) -> list[Outcome]:
     """Return the main posterior's numbers, two in a line, and below them how it mixed."""
-    names = ("omega_n", "zeta", "alpha", "delta", "gamma", "alpha_delta")
-    found = _outcome(tree, told, str(told.attrs["main"]), "posterior", names, "")
+    stored = parameters(branch(tree, "posterior"))
+    kept = [each for each in stored if "[" not in each.name and each.name != "gain"]
+    texts = [f"{each.symbol} = {spread_text(each.draws, each.unit)}" for each in kept]
+    found = _outcome(told, str(told.attrs["main"]), texts, "")
     words = "\n".join(filter(None, (found.words, found.mixing)))
     return [found._replace(words=words, mixing="")]
 
 
-def _outcome(
-    tree: xr.DataTree, told: xr.Dataset, name: str, path: str, quantities: Iterable[str], who: str
-) -> Outcome:
+def _outcome(told: xr.Dataset, name: str, texts: list[str], who: str) -> Outcome:
     """Return one posterior's quantities and verdict."""
     row = told.sel(step=name)
-    found = [text for each in quantities if (text := _value(tree, path, each))]
-    lines = [",  ".join(found[i : i + 2]) for i in range(0, len(found), 2)]
+    lines = [",  ".join(texts[i : i + 2]) for i in range(0, len(texts), 2)]
     ess, r_hat = number(row["ess"], 10.0), number(row["r_hat"], 0.1)
     mixing = "" if ess == NOTHING else f"ESS {ess}, R-hat {r_hat}"
     return Outcome(who, str(row["verdict"].item()), "\n".join(lines), mixing)
-
-
-def _value(tree: xr.DataTree, path: str, name: str) -> str:
-    """Return what is known of a quantity; a product is taken from its factors."""
-    known = parameter(tree, path, name)
-    if known is not None:
-        draws, unit = known.draws, known.unit
-    elif name == "alpha_delta":
-        pair = [parameter(tree, path, each) for each in ("alpha", "delta")]
-        if pair[0] is None or pair[1] is None:
-            return ""
-        draws, unit = pair[0].draws * pair[1].draws, "m-1 s-2"
-    else:
-        return ""
-    return f"{symbol(name)} = {spread_text(draws, unit)}"
 
 
 def _verified(tree: xr.DataTree) -> list[Outcome]:

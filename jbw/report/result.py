@@ -1,6 +1,7 @@
-"""What a run left behind, as the figures read it: groups, parameters, tests in order of level."""
+"""What a run left behind, as figures and tables read it: groups, names, parameters, tests."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,6 +10,11 @@ import xarray as xr
 from jaxtyping import Float
 
 from jbw.errors import DataError
+from jbw.quantities import BY_NAME, Quantity, in_dialect
+from jbw.report.style import plain
+from jbw.report.text import quantity, symbol, unit_text
+
+TURN = 360.0  # degrees
 
 
 class Parameter(NamedTuple):
@@ -16,14 +22,18 @@ class Parameter(NamedTuple):
 
     Args:
         name: Its name, with the index of an array's element.
-        unit: Its unit as written in the file.
+        symbol: Its symbol, the same.
+        unit: Its unit.
+        meaning: What it is.
         draws: Draws of every chain.
         box: Prior interval (lower, upper), or None.
         truth: The value the rig was built with, or None.
     """
 
     name: str
+    symbol: str
     unit: str
+    meaning: str
     draws: Float[np.ndarray, "chain draw"]
     box: tuple[float, float] | None
     truth: float | None
@@ -91,22 +101,55 @@ def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Data
     return sorted(found, key=lambda test: float(test[1].attrs.get("level", 0.0)))
 
 
+def names_of(tree: xr.DataTree, summary: Mapping[str, Any] | None = None) -> dict[str, Quantity]:
+    """Return symbol, unit and meaning of every parameter of a run, by name.
+
+    They stand in the attributes of its posteriors; what a run of jbw 0.1 did not write comes from
+    the tables of today.
+
+    Args:
+        tree: The run's posterior.nc.
+        summary: The run's summary.json, which may tell of steps that the tree lacks.
+    """
+    found = {}
+    for group in tree.subtree:
+        for name, values in group.data_vars.items() if group.name == "posterior" else ():
+            attrs = {"symbol": "", "units": "", "long_name": "", **values.attrs}
+            letter, unit, meaning = (str(attrs[key]) for key in ("symbol", "units", "long_name"))
+            told = Quantity(str(name), letter, in_dialect(unit), meaning)
+            found[told.name] = told if told.symbol else _completed(told)
+    for step in ((summary or {}).get("steps") or {}).values():
+        for name in step.get("parameters") or ():
+            stem = name.partition("[")[0]
+            found[stem] = quantity(stem, found)
+    return found
+
+
+def _completed(told: Quantity) -> Quantity:
+    """Return a quantity of a run of jbw 0.1 with the symbol that it has today."""
+    table = quantity(told.name)
+    return told._replace(symbol=table.symbol, meaning=table.meaning or told.meaning)
+
+
 def parameters(group: xr.Dataset) -> list[Parameter]:
     """Return the parameters of a posterior group, an array element by element."""
     found = []
+    known = names_of(xr.DataTree.from_dict({"/posterior": group}))
     for name, values in group.data_vars.items():
         rest = [dim for dim in values.dims if dim not in ("chain", "draw")]
         flat = np.asarray(values.transpose("chain", "draw", *rest), float)
         flat = flat.reshape(*flat.shape[:2], -1)
         for index in range(flat.shape[2]):
-            labels = [_label(values, rest, index)] if rest else []
+            label = "".join([str(name), *([_label(values, rest, index)] if rest else [])])
             truth, lower, upper = (
                 _element(values.attrs.get(key), index) for key in ("truth", "lower", "upper")
             )
             found.append(
                 Parameter(
-                    "".join([str(name), *labels]),
-                    str(values.attrs.get("units", "")),
+                    label,
+                    symbol(label, known),
+                    known[str(name)].unit,
+                    known[str(name)].meaning,
                     flat[:, :, index],
                     None if lower is None or upper is None else (lower, upper),
                     truth,
@@ -142,9 +185,80 @@ def parameter(tree: xr.DataTree, path: str, name: str) -> Parameter | None:
     return next((each for each in parameters(group.to_dataset()) if each.name == name), None)
 
 
+def of_joint(group: xr.Dataset) -> list[Parameter]:
+    """Return the oscillator's and its laws' own parameters: no gain, no noise, no products.
+
+    The symbol of a product has several letters with spaces between them.
+    """
+    return [each for each in parameters(group) if each.name != "gain" and " " not in each.symbol]
+
+
+def of_law(group: xr.Dataset) -> list[Parameter]:
+    """Return the parameters of the laws alone."""
+    return [each for each in of_joint(group) if each.name not in BY_NAME]
+
+
+def laws_of(tree: xr.DataTree) -> tuple[str, ...]:
+    """Return the laws of the joint by name; a run of jbw 0.1 knew Bouc-Wen's and a cubic spring."""
+    if "laws" in tree.attrs:
+        return tuple(json.loads(str(tree.attrs["laws"])))
+    return ("bouc_wen", *(["cubic"] if parameter(tree, "posterior", "cubic") else []))
+
+
 def frequency(test: xr.Dataset) -> Float[np.ndarray, " freq"]:
     """Return the frequency axis of a group [Hz]."""
     name = next((key for key in ("freq", "freq_hz") if key in test.coords), None)
     if name is None:
         raise DataError("A group of the result has no frequency axis.")
     return np.asarray(test[name].values, float)
+
+
+def unit_of(values: xr.DataArray) -> str:
+    """Return the unit of a variable, in the dialect of today."""
+    return in_dialect(str(values.attrs.get("units", "")))
+
+
+def quantiles(group: xr.Dataset, name: str) -> Float[np.ndarray, "quantile ..."]:
+    """Return a band: lower end, median and upper end along the first axis."""
+    return np.asarray(group[name].transpose("quantile", ...), float)
+
+
+def level_text(test: xr.Dataset) -> str:
+    """Return a test's level with its unit."""
+    unit = plain(unit_text(str(test.attrs.get("level_unit", ""))))
+    return f"{float(test.attrs.get('level', np.nan)):g} {unit}".strip()
+
+
+def fitted_text(test: xr.Dataset) -> str:
+    """Return whether a test was fitted, empty where the run does not say."""
+    if "fitted" not in test.attrs:
+        return ""
+    return "fitted" if test.attrs["fitted"] else "not fitted"
+
+
+def wrap_degrees(phase: Any) -> Any:
+    """Return phases [rad] in degrees within [-270, 90), so that a receptance does not jump."""
+    return (np.degrees(phase) + 270.0) % TURN - 270.0
+
+
+def wrap_band(phase: Any) -> Float[np.ndarray, "quantile freq"]:
+    """Return a phase band [rad] in degrees, each frequency turned as a whole by its median."""
+    degrees = np.degrees(phase)
+    return degrees + (wrap_degrees(np.asarray(phase)[1]) - degrees[1])
+
+
+def unwrapped_band(phase: Any) -> Float[np.ndarray, "quantile freq"]:
+    """Return a phase band [rad] in degrees, its median continuous and centred within half a turn.
+
+    A velocity's phase then runs from 90 to -90 degrees, a force's from 0 to 180.
+    """
+    degrees = np.degrees(phase)
+    middle = np.unwrap(degrees[1], period=TURN)
+    centre = 0.5 * (np.nanmax(middle) + np.nanmin(middle))
+    return degrees - degrees[1] + middle - TURN * np.round(centre / TURN)
+
+
+def beside(phase: Any, degrees: Float[np.ndarray, " freq"]) -> Float[np.ndarray, "... freq"]:
+    """Return phases [rad] in degrees, each within half a turn of the curve `degrees`."""
+    away = np.degrees(phase) - degrees
+    return degrees + (away + TURN / 2) % TURN - TURN / 2

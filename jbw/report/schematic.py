@@ -1,8 +1,5 @@
 """The oscillator that stands for the structure, with the run's own numbers."""
 
-# Greek letters are meant.
-# ruff: noqa: RUF001
-
 from typing import Any
 
 import numpy as np
@@ -12,19 +9,14 @@ from matplotlib.patches import Rectangle
 
 from jbw.errors import DataError
 from jbw.report.backbone import GROUP, draw_loops
-from jbw.report.result import node, parameter
-from jbw.report.style import BLUE, INK, SOFT, VERMILLION, Panels, legend, panels, title
-from jbw.report.text import spread_text, symbol
+from jbw.report.result import Parameter, laws_of, node, of_joint
+from jbw.report.style import BLUE, INK, SOFT, VERMILLION, Panels, legend, panels, plain, title
+from jbw.report.text import spread_text
 
-NAMES = ("omega_n", "zeta", "alpha", "delta", "gamma", "cubic")
-MEANINGS = {
-    "omega_n": "natural frequency, stuck",
-    "zeta": "viscous damping ratio",
-    "alpha": "stiffness that slip takes away",
-    "delta": "how soon it softens",
-    "gamma": "how far the loop opens",
-    "cubic": "a cubic spring beside the joint",
-}
+# Of a law with memory: the stiffness that it takes over from the spring, and the rate of its force.
+RATES = {"bouc_wen": ("α", "Ż = α ẏ − γ |ẏ| Z − δ ẏ |Z|")}
+SPRINGS = {"cubic": "λ₃ y³"}
+MOST = 6  # parameters that have room below the drawing
 WALL, MASS, RIGHT = 0.6, 4.6, 7.0  # abscissae of the drawing
 SPRING, DAMPER, HYSTERESIS = 9.6, 8.2, 6.8  # ordinates of its elements
 LINE: Any = {"color": INK, "lw": 1.2, "solid_capstyle": "round"}
@@ -40,13 +32,14 @@ def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
     Reference:
         Eqs. (1), (2).
     """
-    found = {name: _value(tree, name) for name in NAMES}
-    if not any(found.values()):
+    stored = node(tree, "posterior")
+    found = [] if stored is None else of_joint(stored.to_dataset())
+    if not found:
         raise DataError("The result has no posterior of the joint.")
     loops = node(tree, GROUP) is not None
     axes = panels(ax, 1, 2 if loops else 1, height=3.9, width_ratios=[1.25, 1][: 1 + loops])
-    _schematic(axes[0, 0], cubic=bool(found["cubic"]))
-    _numbers(axes[0, 0], {name: value for name, value in found.items() if value})
+    _schematic(axes[0, 0], laws_of(tree))
+    _numbers(axes[0, 0], found[:MOST])
     title(axes[0, 0], "one mode, per unit mass")
     if loops:
         draw_loops(tree, axes[0, 1])
@@ -55,14 +48,8 @@ def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
     return axes
 
 
-def _value(tree: xr.DataTree, name: str) -> str:
-    """Return a parameter's median with half of its 99 % interval, empty where it is absent."""
-    known = parameter(tree, "posterior", name)
-    return "" if known is None else spread_text(known.draws, known.unit)
-
-
-def _schematic(ax: Axes, cubic: bool) -> None:
-    """Draw the oscillator: a wall, three elements side by side, the mass, force and motion."""
+def _schematic(ax: Axes, laws: tuple[str, ...]) -> None:
+    """Draw the oscillator: a wall, its elements side by side, the mass, force and motion."""
     ax.set(xlim=(0.0, 10.0), ylim=(-0.3, 11.4))
     ax.axis("off")
     ax.plot([WALL, WALL], [6.0, 10.4], **LINE)
@@ -72,12 +59,18 @@ def _schematic(ax: Axes, cubic: bool) -> None:
     _write(ax, (MASS + RIGHT) / 2, 8.2, "unit\nmass")
     _spring(ax)
     _damper(ax)
-    _hysteretic(ax)
+    memory = [law for law in laws if law not in SPRINGS]
+    taken, rate = RATES.get(memory[0], ("K", f"Z: {plain(memory[0])}")) if memory else ("", "")
+    stiffness = f"ωₙ² − {taken}" if taken else "ωₙ²"
+    if memory:
+        _hysteretic(ax)
+    _write(ax, 2.6, SPRING + 0.65, stiffness)
     _arrow(ax, RIGHT, 8.9, "u(t)", BLUE)
     _arrow(ax, RIGHT, 7.3, "y(t)", SOFT)
-    beside = " + cubic y³" if cubic else ""
-    _write(ax, 0.2, 4.95, f"ÿ + 2ζωₙ ẏ + (ωₙ² − α) y{beside} + Z = u", ha="left")
-    _write(ax, 0.2, 4.1, "Ż = α ẏ − γ |ẏ| Z − δ ẏ |Z|", ha="left", color=VERMILLION)
+    terms = [f"({stiffness}) y" if taken else "ωₙ² y", *(SPRINGS[n] for n in laws if n in SPRINGS)]
+    motion = " + ".join(["ÿ + 2ζωₙ ẏ", *terms, *(["Z"] if memory else [])])
+    _write(ax, 0.2, 4.95, f"{motion} = u", ha="left")
+    _write(ax, 0.2, 4.1, rate, ha="left", color=VERMILLION)
 
 
 def _spring(ax: Axes) -> None:
@@ -85,7 +78,6 @@ def _spring(ax: Axes) -> None:
     coil = np.array([0.0, 0.0, *([0.28, -0.28] * 5), 0.0, 0.0])
     x = np.concatenate([[WALL], np.linspace(1.5, 3.7, coil.size - 2), [MASS]])
     ax.plot(x, SPRING + coil, **LINE)
-    _write(ax, 2.6, SPRING + 0.65, "ωₙ² − α")
 
 
 def _damper(ax: Axes) -> None:
@@ -117,13 +109,13 @@ def _arrow(ax: Axes, x: float, y: float, text: str, colour: str) -> None:
     _write(ax, x + 1.45, y, text, ha="left", color=colour)
 
 
-def _numbers(ax: Axes, found: dict[str, str]) -> None:
+def _numbers(ax: Axes, found: list[Parameter]) -> None:
     """Write the parameters below the drawing: symbol, value, meaning."""
-    for row, (name, value) in enumerate(found.items()):
+    for row, each in enumerate(found):
         y = 3.0 - 0.6 * row
-        _write(ax, 0.2, y, symbol(name), ha="left", size=8)
-        _write(ax, 1.2, y, value, ha="left", size=8)
-        _write(ax, 9.9, y, MEANINGS[name], ha="right", size=7, color=SOFT)
+        _write(ax, 0.2, y, plain(each.symbol), ha="left", size=8)
+        _write(ax, 1.2, y, spread_text(each.draws, each.unit), ha="left", size=8)
+        _write(ax, 9.9, y, plain(each.meaning), ha="right", size=7, color=SOFT)
 
 
 def _write(ax: Axes, x: float, y: float, text: str, size: float = 9.0, **look: Any) -> None:

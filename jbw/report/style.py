@@ -17,6 +17,7 @@ INK, SOFT, GRID = "#20242a", "#68707a", "#d9dde2"
 
 # The same role has the same colour in every figure.
 MEASURED, REPEATS, MODEL, PREDICTIVE = INK, SKY, VERMILLION, ORANGE
+BAND = "99 % parameter band"
 LEVELS = (BLUE, GREEN, ORANGE, VERMILLION, PURPLE, SKY)
 
 Panels = np.ndarray

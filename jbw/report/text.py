@@ -1,27 +1,15 @@
 """Numbers, units and names in the form that people read."""
 
-# Greek letters and the true minus sign are meant.
-# ruff: noqa: RUF001
-
 import math
 import re
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-SYMBOLS = {
-    "omega_n": "ωₙ",
-    "zeta": "ζ",
-    "alpha": "α",
-    "delta": "δ",
-    "gamma": "γ",
-    "alpha_delta": "α δ",
-    "alpha_gamma": "α γ",
-    "noise_std": "noise sd",
-    "softening": "α δ / ωₙ²",
-    "opening": "α γ / ωₙ²",
-    "share": "α / ωₙ²",
-}
+from jbw.quantities import BY_NAME, Quantity, in_dialect
+
+Names = Mapping[str, Quantity]
 
 STEPS = {
     "linear": "Step 2: linear regime, line fit",
@@ -36,13 +24,35 @@ STEPS = {
 }
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_LEVEL = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 NOTHING = "–"
 
 
-def symbol(name: str) -> str:
+def quantity(name: str, known: Names | None = None) -> Quantity:
+    """Return what is known of a quantity: from a run's own names, else from jbw's tables."""
+    if known is not None and name in known:
+        return known[name]
+    if name in BY_NAME:
+        return BY_NAME[name]
+    if name.startswith("noise_std_"):
+        noise = BY_NAME["noise_std"]
+        return noise._replace(
+            name=name, symbol=name.replace("noise_std_", f"{noise.symbol}, ", 1), unit=""
+        )
+    return _of_laws().get(name) or Quantity(name, name, "", "")
+
+
+def _of_laws() -> dict[str, Quantity]:
+    """Return the tables of all laws of the joint; loaded only where a run did not say."""
+    from jbw.oscillator.laws import vocabulary  # loads JAX
+
+    return vocabulary()
+
+
+def symbol(name: str, known: Names | None = None) -> str:
     """Return a parameter's symbol: omega_n as ωₙ, noise_std[0.2] as noise sd at 0.2."""
     stem, bracket, index = name.partition("[")
-    called = SYMBOLS.get(stem, stem.replace("noise_std_", "noise sd, ", 1))
+    called = quantity(stem, known).symbol
     return f"{called} at {index.removesuffix(']')}" if bracket else called
 
 
@@ -52,15 +62,27 @@ def step_name(name: str) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """Return a unit with raised exponents: m/s^2 as m/s², s-2 as s⁻²; a plain 1 as nothing."""
+    """Return a unit with raised exponents: m/s^2 as m/s², 1/(m s^2) as m⁻¹ s⁻²; nothing for 1."""
     if unit == "1":
         return ""
-    return re.sub(r"\^(-?\d+)|(?<=[A-Za-z])(-?\d+)", _raise, unit)
+    unit = in_dialect(unit)
+    if unit.startswith("1/"):  # beside a number, a fraction of one would be read as its own
+        powers = re.findall(r"([A-Za-z]+)(?:\^(\d+))?", unit)
+        unit = " ".join(f"{name}^-{power or 1}" for name, power in powers)
+    return raised(unit)
 
 
-def _raise(found: re.Match[str]) -> str:
-    """Return an exponent in raised figures."""
-    return (found[1] or found[2]).translate(_RAISED)
+def raised(text: str) -> str:
+    """Return a text with its whole exponents raised: m^2 as m²."""
+    return re.sub(r"\^(-?\d+)(?![\d.])", lambda found: found[1].translate(_RAISED), text)
+
+
+def typed(text: str) -> str:
+    """Return a printed number as one types it: 3.2×10⁻⁶ as 3.2e-06, −1 as -1."""
+    text = re.sub(
+        r"×10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda found: f"e{int(found[1].translate(_LEVEL)):+03d}", text
+    )
+    return "-" if text == NOTHING else re.sub(r"−(?=[\d∞])", "-", text)
 
 
 def axis_label(what: str, unit: str) -> str:

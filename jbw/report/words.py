@@ -1,49 +1,103 @@
-"""What a person reads first: which parameters are known, in sentences with symbols."""
-
-# Greek letters and the true minus sign are meant.
-# ruff: noqa: RUF001
+"""What a person reads first: verdicts, findings, and which parameters are known, in sentences."""
 
 import re
+import unicodedata
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
-from jbw.report.text import SYMBOLS, percent, symbol, unit_text
+from jbw.quantities import Quantity
+from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, symbol
 
-MEANINGS = {
-    "omega_n": "the natural frequency of the stuck joint",
-    "zeta": "viscous damping",
-    "alpha": "the stiffness that slip takes away",
-    "delta": "how soon it softens",
-    "gamma": "how far the loop opens",
-    "gain": "force per unit mass and unit of input",
-    "cubic": "a cubic spring beside the joint",
+STATUS_WORDS = {
+    "ok": "The main posterior can be used.",
+    "not assessed": "Some checks could not be made: hold the main posterior as provisional.",
+    "failed": "The main posterior must not be used as it is.",
 }
+KINDS = {"ok": "good", "failed": "bad"}
+# Names in sentences that are no parameter's.
 SPELLED = {
-    **{name: SYMBOLS[name] for name in ("omega_n", "zeta", "alpha", "delta", "gamma")},
-    **{name: SYMBOLS[name] for name in ("alpha_delta", "alpha_gamma")},
     **{f"lambda_{n}": f"λ{digit}" for n, digit in enumerate("₀₁₂₃")},
-    **{"ess_bulk": "bulk ESS", "ess_tail": "tail ESS", "r_hat": "R-hat", "Gamma": "γ"},
+    **{"ess_bulk": "bulk ESS", "ess_tail": "tail ESS", "r_hat": "R-hat"},
 }
-_NAMES = "|".join(sorted(SPELLED, key=len, reverse=True))
-# Not within a path or a name in backticks; after a stroke only where a symbol stands before it.
-_NAME = re.compile(rf"(?<![\w./`])({_NAMES})(?![\w`])")
-_DIVISOR = re.compile(rf"(?<=[αδγζₙ])/({_NAMES})(?![\w`])")
-
 KNOWN, ROUGHLY = 0.05, 0.3  # standard deviation over mean: up to where a parameter is known
 LEARNT = 0.5  # nats over the prior: from where on the data have said something
 UNCOUNTED = "noise_std"
 
 
-def in_symbols(text: str) -> str:
-    """Return a sentence with parameters as symbols, products as dots and exponents raised."""
-    found = _NAME.sub(lambda match: SPELLED[match[1]], text)
-    found = _DIVISOR.sub(lambda match: f"/{SPELLED[match[1]]}", found)
-    found = re.sub(r"(?<=[αδγζₙ])\*(?=[αδγζω])", "·", found)
+class Badge(NamedTuple):
+    """A status as a word and a kind: good, doubt or bad."""
+
+    word: str
+    kind: str
+
+
+def badge(verdict: Any) -> Badge:
+    """Return the badge of a verdict, a status or nothing."""
+    word = str(verdict.get("status", "") if isinstance(verdict, Mapping) else verdict or "")
+    return Badge(word or "not judged", KINDS.get(word, "doubt"))
+
+
+def findings(verdict: Any, known: Names) -> list[dict[str, Any]]:
+    """Return a verdict's findings, the bad ones first; those that ask for the same together."""
+    found = verdict.get("findings", []) if isinstance(verdict, Mapping) else []
+    groups: dict[tuple[str, ...], dict[str, Any]] = {}
+    for each in found:
+        status, action = (str(each.get(name) or "") for name in ("status", "action"))
+        # Without an action there is nothing to say once for all of them.
+        key = (status, action) if action else (str(len(groups)),)
+        group = groups.setdefault(
+            key, {"badge": badge(status), "reasons": [], "action": in_symbols(action, known)}
+        )
+        group["reasons"].append(_reason(each, known))
+    return sorted(
+        groups.values(), key=lambda each: ("bad", "doubt", "good").index(each["badge"].kind)
+    )
+
+
+def _reason(finding: Mapping[str, Any], known: Names) -> str:
+    """Return the reason of a finding, with its number where the sentence has none."""
+    reason = str(finding.get("reason") or finding.get("code") or "")
+    value = number(finding.get("number"))
+    told = value == NOTHING or any(letter.isdigit() for letter in reason)
+    return in_symbols(reason if told else f"{reason} ({value})", known)
+
+
+def in_symbols(text: str, known: Names) -> str:
+    """Return a sentence with parameters as symbols, products as dots and exponents raised.
+
+    Args:
+        text: The sentence, with names as in a campaign.
+        known: The run's quantities.
+    """
+    spelled = {name: each.symbol for name, each in known.items() if _is_letter(each)}
+    spelled |= {name.capitalize(): letter for name, letter in spelled.items()} | SPELLED
+    names = "|".join(map(re.escape, sorted(spelled, key=len, reverse=True)))
+    letters = "".join({letter[-1] for letter in spelled.values() if not letter.isascii()})
+    firsts = "".join({letter[0] for letter in spelled.values() if not letter[0].isascii()})
+    # Not within a path or a name in backticks; after a stroke only where a symbol stands before it.
+    found = re.sub(rf"(?<![\w./`])({names})(?![\w`])", lambda match: spelled[match[1]], text)
+    if letters:
+        found = re.sub(
+            rf"(?<=[{letters}])/({names})(?![\w`])", lambda match: f"/{spelled[match[1]]}", found
+        )
+        found = re.sub(rf"(?<=[{letters}])\*(?=[{firsts}])", "·", found)
     found = re.sub(r"(?<=\d)e([+-]\d\d)\b", lambda m: f"×10^{int(m[1])}", found)
-    return re.sub(r"\^-?\d+(?![\d.])", lambda match: unit_text(match[0]), found)
+    return raised(found)
 
 
-def identified_words(summary: Mapping[str, Any]) -> list[str]:
+def _is_letter(quantity: Quantity) -> bool:
+    """Tell whether a name means the quantity alone, as alpha does, and `share` or `cubic` not."""
+    letter = unicodedata.name(quantity.symbol[0], "")
+    return "_" in quantity.name or letter.endswith(f" {quantity.name.upper()}")
+
+
+def combination(text: str, known: Names) -> str:
+    """Return a combination of parameters in symbols: alpha*delta^-1 as α·δ^−1."""
+    found = re.sub(r"[A-Za-z_]+", lambda match: symbol(match[0], known), text)
+    return found.replace("*", "·").replace("-", "−")
+
+
+def identified_words(summary: Mapping[str, Any], known: Names) -> list[str]:
     """Return which parameters the main posterior knows, roughly knows and does not know.
 
     A parameter counts as known up to a standard deviation of 5 % of its mean, roughly up to 30 %;
@@ -51,6 +105,7 @@ def identified_words(summary: Mapping[str, Any]) -> list[str]:
 
     Args:
         summary: The run's summary.json.
+        known: The run's quantities.
     """
     main = (summary.get("steps") or {}).get(summary.get("main")) or {}
     groups: dict[str, list[str]] = {"known": [], "roughly": [], "not": [], "prior": []}
@@ -58,9 +113,11 @@ def identified_words(summary: Mapping[str, Any]) -> list[str]:
         cv, kl = facts.get("cv"), facts.get("kl")
         if name.startswith(UNCOUNTED) or cv is None:
             continue
-        meaning = f", {MEANINGS[name]}" if name in MEANINGS else ""
-        size = _together(percent(abs(cv), digits=2))
-        groups[_grade(cv, kl)].append(f"{symbol(name)} ({size}{meaning})")
+        meaning = quantity(name, known).meaning.partition(",")[0]  # of a product without formula
+        size = percent(abs(cv), digits=2).replace(" ", "\N{NO-BREAK SPACE}")
+        groups[_grade(cv, kl)].append(
+            f"{symbol(name, known)} ({', '.join(filter(None, (size, meaning)))})"
+        )
     heads = {
         "known": "Known, with its standard deviation",
         "roughly": "Known roughly",
@@ -68,11 +125,6 @@ def identified_words(summary: Mapping[str, Any]) -> list[str]:
         "prior": "Not known, its prior all but unchanged",
     }
     return [f"{heads[grade]}: {'; '.join(found)}." for grade, found in groups.items() if found]
-
-
-def _together(text: str) -> str:
-    """Return a number and its unit with a space that does not break."""
-    return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _grade(cv: float, kl: float | None) -> str:

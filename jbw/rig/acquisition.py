@@ -9,13 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jbw.campaign.settings import DEFAULT_LAWS, Identify, laws_of
 from jbw.errors import ConfigError
+from jbw.measurement.kinds import kind_named
 from jbw.measurement.records import Test
-from jbw.oscillator.parameters import BoucWen
-from jbw.rig.conditions import Conditions, check, joint_of_days
+from jbw.oscillator.oscillator import Joint, as_oscillator
+from jbw.rig.conditions import Conditions, check, specimen_of_days
 from jbw.rig.plans import Plan, Preset
 from jbw.rig.presets import PRIOR, TRUTH, plans_named, preset_named
-from jbw.rig.taking import take
+from jbw.rig.record_test import record_test
+from jbw.rig.specimen import Specimen, specimen_of
 
 
 @dataclass(frozen=True)
@@ -33,23 +36,29 @@ class RigCampaign:
         folder: Where it was read from: nowhere.
         gain: Not given: the identification finds it [N/kg/V].
         modal_mass: Not given either [kg].
+        laws: Names of the laws to identify the joint with.
     """
 
     name: str
     tests: tuple[Test, ...]
-    settings: Mapping[str, Any]
+    settings: Identify
     truth: Mapping[str, Any]
     demands: Mapping[str, tuple[NDArray[np.float64], ...]] = field(repr=False)
     folder: Path | None = None
     gain: float | None = None
     modal_mass: float | None = None
+    laws: tuple[str, ...] = DEFAULT_LAWS
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "settings", Identify.of(self.settings))
+        object.__setattr__(self, "laws", laws_of(self.laws, self.settings.prior))
 
 
 def measure(
     preset: str | Preset = "laboratory",
     *,
     seed: int = 0,
-    joint: BoucWen = TRUTH,
+    joint: Joint = TRUTH,
     tests: Iterable[str] | None = None,
     repeats: int | None = None,
     noise_std: float = 50e-6,
@@ -74,7 +83,8 @@ def measure(
     Args:
         preset: "laboratory", "paper", "mixed" or a preset of your own.
         seed: Seed of everything random.
-        joint: The specimen; nu = 1.
+        joint: The specimen: a `BoucWen` with nu = 1, or an `Oscillator` such as `SLIDERS`, for
+            whose laws the rig has a code of its own (`jbw.rig.specimen`).
         tests: Names of the tests to take, in the order of the preset; all when None.
         repeats: Records of each test; as the preset plans when None.
         noise_std: Laser noise over 0 .. fs/2 [m/s].
@@ -94,7 +104,8 @@ def measure(
 
     Raises:
         ConfigError: For an unknown preset or test, or a number out of its range.
-        ModelError: In float32, or when the joint's response is not finite.
+        ModelError: In float32, for a law that the rig does not know, or when the joint's response
+            is not finite.
     """
     rig = preset_named(preset)
     conditions = Conditions(
@@ -107,39 +118,46 @@ def measure(
     if repeats is not None and repeats < 1:
         raise ConfigError(f"Argument `repeats` must be at least 1, but is {repeats}.")
     plans = [replace(p, repeats=repeats or p.repeats) for p in plans_named(rig, tests)]
-    days = joint_of_days(joint, max(plan.repeats for plan in plans), conditions)
+    count = max(plan.repeats for plan in plans)
+    days = specimen_of_days(specimen_of(joint), count, conditions)
+    truth = _truth(rig, joint, days, conditions)
     # Two tests at once: FFT, compiled loop and random numbers all release the interpreter's lock.
     with ThreadPoolExecutor(max_workers=2) as pool:
-        taken = list(pool.map(lambda plan: take(plan, rig, days, conditions), plans))
+        taken = list(pool.map(lambda plan: record_test(plan, rig, days, conditions), plans))
     return RigCampaign(
         name=f"virtual rig, {rig.name}",
         tests=tuple(test for tests_of_plan, _ in taken for test in tests_of_plan),
-        settings=_settings(rig, plans, conditions),
-        truth=_truth(rig, joint, days, conditions),
+        settings=_settings(rig, plans, conditions, truth["joint"]),
+        truth=truth,
         demands={name: each for _, demands in taken for name, each in demands.items()},
+        laws=tuple(law.name for law in joint.laws),
     )
 
 
-def _settings(rig: Preset, plans: Sequence[Plan], conditions: Conditions) -> dict[str, Any]:
+def _settings(
+    rig: Preset, plans: Sequence[Plan], conditions: Conditions, truth: Mapping[str, float]
+) -> Identify:
     """Held out before any fit: the middle sweep level, and half of many repeats. The prior."""
-    sweeps = sorted((p for p in plans if p.kind == "sweep"), key=lambda p: p.excitation.level)
+    sweeps = sorted(
+        (p for p in plans if kind_named(p.kind).is_transient), key=lambda p: p.excitation.level
+    )
     settings: dict[str, Any] = {"fit": list(rig.fit)} if rig.fit else {}
     if len(sweeps) >= 3:
         levels = [p.excitation.level for p in sweeps]
         settings["fit_levels"] = [levels[0], levels[-1]]
     if sweeps and min(p.repeats for p in sweeps) >= 8 and not conditions.varies:
         settings["fit_repeats"] = min(p.repeats for p in sweeps) // 2
-    return {**settings, "prior": {name: list(pair) for name, pair in PRIOR.items()}}
+    known = {name: bounds for name, bounds in PRIOR.items() if name in truth}
+    return Identify(**settings, prior=known)
 
 
 def _truth(
-    rig: Preset, joint: BoucWen, days: Sequence[BoucWen], conditions: Conditions
+    rig: Preset, joint: Joint, days: Sequence[Specimen], conditions: Conditions
 ) -> dict[str, Any]:
-    names = ("omega_n", "zeta", "alpha", "delta", "gamma")
     return {
         "preset": rig.name,
         "gain": rig.gain,
-        "joint": {name: float(getattr(joint, name)) for name in names},
-        "days": [{name: float(getattr(day, name)) for name in names[:2]} for day in days],
+        "joint": {name: float(x) for name, x in as_oscillator(joint).parameters().items()},
+        "days": [{"omega_n": day.omega_n, "zeta": day.zeta} for day in days],
         "conditions": asdict(conditions),
     }

@@ -1,12 +1,12 @@
-"""What a laboratory suffers from: noise, distortion, delay, and joints that differ by day."""
+"""What a laboratory suffers from: noise, distortion, delay, converters, joints of the day."""
 
 from dataclasses import dataclass
 
-import equinox as eqx
 import numpy as np
+from numpy.typing import NDArray
 
 from jbw.errors import ConfigError
-from jbw.oscillator.parameters import BoucWen
+from jbw.rig.specimen import Specimen
 
 _DAYS = 0xDA75
 """Stream of the joint's day-to-day variation; tests use the checksum of their names."""
@@ -60,21 +60,15 @@ def stream(conditions: Conditions, *key: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(conditions.seed, spawn_key=key))
 
 
-def joint_of_days(joint: BoucWen, count: int, conditions: Conditions) -> list[BoucWen]:
-    """The joint as assembled on each day: omega_n and zeta log-normal, their means the truth."""
-    return [_assembled(joint, stream(conditions, _DAYS, day), conditions) for day in range(count)]
-
-
-def _assembled(joint: BoucWen, rng: np.random.Generator, conditions: Conditions) -> BoucWen:
-    e = rng.standard_normal(2)
-    return eqx.tree_at(
-        lambda leaves: (leaves.omega_n, leaves.zeta),
-        joint,
-        (
-            float(joint.omega_n) * _scatter(conditions.omega_n_cv, e[0]),
-            float(joint.zeta) * _scatter(conditions.zeta_cv, e[1]),
-        ),
-    )
+def specimen_of_days(specimen: Specimen, count: int, conditions: Conditions) -> list[Specimen]:
+    """The specimen as assembled each day: omega_n and zeta log-normal, their means the truth."""
+    days = []
+    for day in range(count):
+        e = stream(conditions, _DAYS, day).standard_normal(2)
+        omega_n = specimen.omega_n * _scatter(conditions.omega_n_cv, e[0])
+        zeta = specimen.zeta * _scatter(conditions.zeta_cv, e[1])
+        days.append(specimen._replace(omega_n=omega_n, zeta=zeta))
+    return days
 
 
 def _scatter(cv: float, e: float) -> float:
@@ -101,3 +95,46 @@ def check(conditions: Conditions) -> None:
         value = getattr(conditions, name)
         if value is not None and not 0.0 <= value < np.inf:
             raise ConfigError(f"Argument `{name}` must be finite and not negative, but is {value}.")
+
+
+def digitise(
+    analog: NDArray[np.float64],
+    *,
+    noise_std: float,
+    full_scale: float,
+    bits: int,
+    rng: np.random.Generator,
+    channel: str = "channel",
+) -> NDArray[np.float64]:
+    r"""Adds white noise of the band 0 .. fs/2 and rounds to the steps of the converter.
+
+    $$q\,\mathrm{round}\big((x_n + \sigma e_n)/q\big), \qquad q = 2^{1-b} x_\mathrm{full}$$
+
+    With `full_scale` a power of two the values of a converter of up to 24 bits are exact in
+    float32.
+
+    Args:
+        analog: The channel at the sampling instants, in its unit.
+        noise_std: Rms of the sensor's noise, same unit.
+        full_scale: Largest magnitude the converter takes, same unit.
+        bits: Bits of the converter, sign included.
+        rng: Source of the noise.
+        channel: What to call it in the message.
+
+    Returns:
+        Samples as recorded.
+
+    Raises:
+        ConfigError: When the channel leaves the range of the converter.
+    """
+    noisy = analog + noise_std * rng.standard_normal(analog.size)
+    step = full_scale * 2.0 ** (1 - bits)
+    digital = np.rint(noisy / step) * step
+    peak = np.abs(digital).max()
+    if peak > full_scale - step:
+        raise ConfigError(
+            f"Channel {channel} must stay within +-{full_scale:g}, but reaches {peak:.4g}.",
+            why="A converter out of its range clips, and a clipped record is worthless.",
+            remedy="Lower the level or the gain, or give the preset a larger range.",
+        )
+    return digital

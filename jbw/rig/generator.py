@@ -7,7 +7,6 @@ starts `settle` seconds later and lasts `duration` seconds.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import singledispatch
 from typing import cast
 
 import numpy as np
@@ -32,6 +31,10 @@ class Tone:
     level: float
     duration: float
     settle: float
+
+    def volts(self, t: Samples, distortion: float) -> Samples:
+        """Voltage at times t >= 0."""
+        return self.level * _wave(np.cos, 2.0 * np.pi * self.frequency_hz * t, distortion)
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,17 @@ class Sweep:
     duration: float
     settle: float = 0.0
 
+    def volts(self, t: Samples, distortion: float) -> Samples:
+        """Voltage at times t >= 0."""
+        on = t < self.burst
+        s = t[on]
+        slope = (self.stop_hz - self.start_hz) / self.burst
+        phase = 2.0 * np.pi * (self.start_hz + slope * s / 2.0) * s
+        left = np.minimum((self.burst - s) / self.fade, 1.0)
+        u = np.zeros_like(t)
+        u[on] = self.level * np.sin(np.pi / 2.0 * left) ** 2 * _wave(np.sin, phase, distortion)
+        return u
+
 
 @dataclass(frozen=True)
 class Steps:
@@ -81,6 +95,14 @@ class Steps:
     def duration(self) -> float:
         """Length of the record [s]."""
         return self.dwell * len(self.frequencies_hz)
+
+    def volts(self, t: Samples, distortion: float) -> Samples:
+        """Voltage at times t >= 0."""
+        last = len(self.frequencies_hz) - 1
+        step = np.minimum((t / self.dwell).astype(int), last)
+        frequency = np.asarray(self.frequencies_hz)[step]
+        phase = 2.0 * np.pi * frequency * (t - step * self.dwell)
+        return self.level * _wave(np.cos, phase, distortion)
 
 
 @dataclass(frozen=True)
@@ -202,48 +224,13 @@ def _play_lines(
     return np.fft.irfft(spectrum, num_points * factor, norm="forward")
 
 
-def _since_start(excitation: Excitation, t: Samples, distortion: float) -> Samples:
+def _since_start(excitation: Tone | Sweep | Steps, t: Samples, distortion: float) -> Samples:
     u, on = np.zeros_like(t), t >= 0.0
-    u[on] = _volts(excitation, t[on], distortion)
+    u[on] = excitation.volts(t[on], distortion)
     return u
 
 
-@singledispatch
-def _volts(excitation: Excitation, t: Samples, distortion: float) -> Samples:
-    """Volts of a closed-form excitation at times t >= 0."""
-    raise TypeError(f"No closed form for {type(excitation).__name__}.")
-
-
-@_volts.register
-def _(tone: Tone, t: Samples, distortion: float) -> Samples:
-    return tone.level * _cosine(2.0 * np.pi * tone.frequency_hz * t, distortion)
-
-
-@_volts.register
-def _(steps: Steps, t: Samples, distortion: float) -> Samples:
-    last = len(steps.frequencies_hz) - 1
-    step = np.minimum((t / steps.dwell).astype(int), last)
-    frequency = np.asarray(steps.frequencies_hz)[step]
-    return steps.level * _cosine(2.0 * np.pi * frequency * (t - step * steps.dwell), distortion)
-
-
-@_volts.register
-def _(sweep: Sweep, t: Samples, distortion: float) -> Samples:
-    on = t < sweep.burst
-    s = t[on]
-    slope = (sweep.stop_hz - sweep.start_hz) / sweep.burst
-    phase = 2.0 * np.pi * (sweep.start_hz + slope * s / 2.0) * s
-    left = np.minimum((sweep.burst - s) / sweep.fade, 1.0)
-    u = np.zeros_like(t)
-    u[on] = sweep.level * np.sin(np.pi / 2.0 * left) ** 2 * _sine(phase, distortion)
-    return u
-
-
-def _cosine(phase: Samples, distortion: float) -> Samples:
-    wave = np.cos(phase)
-    return wave + distortion * np.cos(3.0 * phase) if distortion else wave
-
-
-def _sine(phase: Samples, distortion: float) -> Samples:
-    wave = np.sin(phase)
-    return wave + distortion * np.sin(3.0 * phase) if distortion else wave
+def _wave(sine: Callable[[Samples], Samples], phase: Samples, distortion: float) -> Samples:
+    """A sine or cosine, with its third harmonic."""
+    wave = sine(phase)
+    return wave + distortion * sine(3.0 * phase) if distortion else wave

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jbw.rig.generator import Excitation, Noise, Steps, Sweep, Tone
-from jbw.rig.machine import Growth, Held
+from jbw.rig.prescribed_motion import Growth, Held
 
 LOOP_HZ = 18.5
 """Tone of the loops: resonance with the joint sliding, just below it with the joint sticking."""
@@ -16,6 +16,11 @@ STEPPED_HZ = tuple(
     )
 )
 """Frequencies of the stepped sine, dense at the resonance; whole periods in each dwell [Hz]."""
+
+RESONANCE_HZ = (17.5, 18.0, 18.25, 18.5, 18.625, 18.75, 18.875, 19.0, 19.5)
+"""Frequencies of a short stepped sine, and of a curve whose response is held [Hz]."""
+BURST_HZ = 18.6
+"""Tone of the burst before a free decay [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -83,10 +88,10 @@ def label(value: float, digits: int) -> str:
     return f"{value:.{digits}f}".replace(".", "p")
 
 
-def noise_plan(level: float) -> Plan:
-    """White noise for Step 2: 512 s after 16 s of settling, four repeats."""
-    excitation = Noise(level, duration=512.0, settle=16.0)
-    return Plan(named("noise", level), "noise", excitation, repeats=4, band_hz=(17.0, 20.5))
+def noise_plan(level: float, duration: float = 512.0, unit: str = "V") -> Plan:
+    """White noise for Step 2, after 16 s of settling, four repeats."""
+    excitation = Noise(level, duration, settle=16.0)
+    return Plan(named("noise", level, unit), "noise", excitation, repeats=4, band_hz=(17.0, 20.5))
 
 
 def tone_plan(frequency_hz: float, level: float) -> Plan:
@@ -95,10 +100,23 @@ def tone_plan(frequency_hz: float, level: float) -> Plan:
     return Plan(f"tone_{label(frequency_hz, 2)}Hz", "tones", excitation, repeats=8)
 
 
+def short_tone_plan(frequency_hz: float, level: float) -> Plan:
+    """A tone near a third of the resonance: 16 s after 32 s of settling, four repeats."""
+    excitation = Tone(frequency_hz, level, duration=16.0, settle=32.0)
+    name = named(f"tone_{label(frequency_hz, 2)}Hz", level, "N")
+    return Plan(name, "tones", excitation, repeats=4)
+
+
 def sweep_plan(level: float) -> Plan:
     """A sweep for Step 4: 0-40 Hz in 8 s from rest, 8 s of decay, 48 repeats."""
     excitation = Sweep(0.0, 40.0, level, burst=8.0, fade=0.2, duration=16.0)
     return Plan(named("sweep", level), "sweep", excitation, repeats=48)
+
+
+def short_sweep_plan(level: float) -> Plan:
+    """A sweep from rest: 10-30 Hz in 6 s, 4 s of decay, six repeats."""
+    excitation = Sweep(10.0, 30.0, level, burst=6.0, fade=0.2, duration=10.0)
+    return Plan(named("sweep", level, "N"), "sweep", excitation, repeats=6)
 
 
 def stepped_plan(level: float) -> Plan:
@@ -110,7 +128,31 @@ def stepped_plan(level: float) -> Plan:
     return Plan(named("stepped", level), "stepped", excitation, repeats=2, settle=24.0)
 
 
+def short_stepped_plan(level: float) -> Plan:
+    """A stepped sine through the resonance: 24 s a step of which 20 s settle, two repeats."""
+    excitation = Steps(RESONANCE_HZ, level, dwell=24.0)
+    return Plan(named("stepped", level, "N"), "stepped", excitation, repeats=2, settle=20.0)
+
+
 def loop_plan(level: float) -> Plan:
     """A tone near resonance for loops: 16 s after 32 s of settling, four repeats."""
     excitation = Tone(LOOP_HZ, level, duration=16.0, settle=32.0)
     return Plan(named("loop", level), "tones", excitation, repeats=4)
+
+
+def decay_plan(level: float) -> Plan:
+    """Free decay of 10 s after a burst of 6 s at resonance, two repeats."""
+    excitation = Sweep(BURST_HZ, BURST_HZ, level, burst=6.0, fade=0.1, duration=10.0, settle=6.0)
+    return Plan(named("decay", level, "N"), "decay", excitation, repeats=2, band_hz=(15.0, 22.0))
+
+
+def pull_plan(level: float) -> Plan:
+    """A loop under a prescribed displacement that grows in 6 s at 1 Hz, two repeats."""
+    excitation = Growth(1.0, level, duration=6.0)
+    return Plan(named("pull", 1e3 * level, "mm"), "loop", excitation, repeats=2)
+
+
+def curve_plan(level: float) -> Plan:
+    """A response curve whose controller holds the displacement, two repeats."""
+    excitation = Held(RESONANCE_HZ, level, dwell=4.0)
+    return Plan(named("curve", 1e3 * level, "mm"), "frf", excitation, repeats=2)

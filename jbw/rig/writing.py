@@ -108,9 +108,11 @@ def _write_text(path: Path, text: str) -> None:
 
 def _campaign_text(campaign: RigCampaign) -> str:
     blocks = [_HEAD.format(name=_toml(campaign.name))]
+    if campaign.laws != ("bouc_wen",):
+        blocks.append(f"[joint]\nlaws = {_toml(list(campaign.laws))}\n")
     blocks += [_test_text(test) for test in campaign.tests]
-    if campaign.settings:
-        blocks.append(_settings_text(campaign.settings))
+    if stated := dict(campaign.settings):
+        blocks.append(_settings_text(stated))
     return "\n".join(blocks)
 
 
@@ -155,6 +157,6 @@ def _inline(pairs: Iterable[tuple[str, str]]) -> str:
     return "{ " + ", ".join(f"{key} = {_toml(value)}" for key, value in pairs) + " }"
 
 
-def _toml(value: str | int | float | list[float]) -> str:
+def _toml(value: str | int | float | list[float] | list[str]) -> str:
     """A TOML value; JSON's strings, numbers and lists are all valid TOML."""
     return json.dumps(value, ensure_ascii=False)

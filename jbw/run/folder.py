@@ -1,17 +1,81 @@
-"""The folder of a run under way: begun, gone on with, or finished."""
+"""The folder of a run under way: begun, gone on with, or finished, by one process at a time."""
 
+import errno
+import json
+import os
+import platform
 import shutil
+import sys
 from pathlib import Path
+from typing import IO
 
 from jbw.errors import RunError
 from jbw.run.checkpoints import Checkpoint, Watch, unwatched
 from jbw.run.files import ROOM, ROOM_OF_RIG, require_room
 from jbw.run.interruption import Interruption
-from jbw.run.lock import FolderLock
 from jbw.run.manifest import Manifest, read_manifest, write_manifest
 
 HIDDEN = ".run"  # beside the results, until these are complete
 MANIFEST, LOCK = "manifest.json", "lock"
+UNSUPPORTED = {errno.ENOTSUP, errno.ENOLCK, errno.ENOSYS}  # some network folders know no locks
+
+
+class FolderLock:
+    """The right to write to a run's folder, held until `release` or the end of the process.
+
+    The system lets go of it when the process ends, however that comes.
+
+    Args:
+        path: The lock file; made when absent, and left where it is.
+
+    Raises:
+        RunError: If another process holds it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._stream = path.open("a+", encoding="utf-8")
+        try:
+            _lock(self._stream)
+        except OSError as error:
+            if error.errno not in UNSUPPORTED:
+                holder = _holder(self._stream)
+                self._stream.close()
+                raise RunError(
+                    f"Another process{holder} is writing to {path.parent.parent}.",
+                    why="Results of two runs must not be mixed.",
+                    remedy="Wait until it ends, or choose another folder.",
+                ) from error
+        self._stream.truncate(0)
+        self._stream.write(json.dumps({"pid": os.getpid(), "host": platform.node()}))
+        self._stream.flush()
+
+    def release(self) -> None:
+        """Let another process write."""
+        self._stream.close()
+
+
+def _holder(stream: IO[str]) -> str:
+    """Who holds the lock, as far as it is written there."""
+    stream.seek(0)
+    try:
+        found = json.loads(stream.read())
+        return f" (number {found['pid']} on {found['host']})"
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return ""
+
+
+def _lock(stream: IO[str]) -> None:
+    if sys.platform == "win32":
+        import msvcrt
+
+        # Beyond the text, which others must be able to read.
+        stream.seek(2**20)
+        msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)
+        stream.seek(0)
+    else:
+        import fcntl
+
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 class Run:

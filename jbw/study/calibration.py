@@ -1,6 +1,5 @@
 """`jbw.sbc`: does a step of the procedure hold the truth as often as it says?"""
 
-import json
 import logging
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -11,33 +10,39 @@ from typing import Any
 import jax
 import xarray as xr
 
-from jbw.campaign.loading import Campaign
+from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError
-from jbw.inference.calibration import calibrate
-from jbw.inference.calibration_record import Calibration
-from jbw.inference.lane_fit import About
-from jbw.inference.lane_importance import weighted
-from jbw.inference.lanes import CHAINS, LaneSampler, chains, gridded, tempered
-from jbw.inference.precision import require_float64
-from jbw.inference.random_walk import PAPER
+from jbw.identification.step import attrs
+from jbw.inference.calibration.record import Calibration
+from jbw.inference.calibration.replications import Model, calibrate
+from jbw.inference.samplers.draw import options_of
+from jbw.inference.samplers.register import SAMPLERS, Sampler
+from jbw.inference.samplers.register import sampler_named as registered
+from jbw.inference.space.precision import require_float64
+from jbw.quantities import BY_NAME, attrs_of
 from jbw.report.calibration import rank_ecdfs
-from jbw.report.figures import figure_of
 from jbw.study import calibration_designs as designs
 from jbw.study import calibration_models as models
 from jbw.study.campaign_designs import joint_design, opening_design, probing_design
 from jbw.study.linear_calibration import calibrate_linear
+from jbw.study.store import write_figure, write_json
 
 logger = logging.getLogger("jbw")
 Report = Callable[[str], None]
 STEPS = ("linear", "third_order", "opening", "joint")
-SAMPLERS = ("importance", "tempered_smc", "quadrature", *CHAINS)
 REPLICATIONS = {"linear": 1000, "third_order": 1000, "opening": 1000, "joint": 200}
 NOISES = ("unknown", "known")
-UNITS = {
-    "omega_n": "rad/s", "zeta": "1", "alpha": "1/s^2", "delta": "1/m", "gamma": "1/m",
-    "gain": "N/kg/V", "alpha_delta": "1/(m s^2)", "alpha_gamma": "1/(m s^2)",
-    "lambda_3": "1/(m^2 s^2)", "log_likelihood": "nat", "response": "m/s",
-}  # fmt: skip
+# Of chains that start about a fit, and of those that cross the box.
+SHORT = {"num_warmup": 30, "num_samples": 125}
+LONG = {"num_warmup": 500, "num_samples": 500}
+COUNTS = {
+    "importance": {"num_samples": 250, "num_draws": 4096, "num_rounds": 2},
+    "tempered_smc": {"num_samples": 512, "num_chains": 2},
+    "nested": {"num_samples": 250, "num_chains": 2},
+    "quadrature": {"num_samples": 250},
+    "random_walk_paper": {},
+}
+STEPPED = {"importance": {"num_samples": 128, "num_draws": 2048}}
 
 
 @dataclass(frozen=True)
@@ -72,8 +77,7 @@ def sbc(
             Step 2 knows no campaign, and the joint posterior is that of its sweeps alone.
         step: "linear" (Step 2), "third_order" (Step 3), "opening" (Step 4) or "joint".
         num_replications: Truths; 1000, of the joint posterior 200, when None.
-        sampler: One of "importance", "tempered_smc", "quadrature" (one parameter), "nuts",
-            "random_walk", "random_walk_paper", "elliptical_slice"; the cheapest that crosses the
+        sampler: One of those that `[identify] sampler` takes; the cheapest that crosses the
             posterior when None.
         noise: Whether the likelihood of Step 3 has to learn the noise from the repeats ("unknown",
             as a campaign is identified) or is told ("known", as the paper supposes).
@@ -106,9 +110,8 @@ def sbc(
         chosen = _step(step, campaign, noise == "known", report)
         name = chosen.sampler if sampler is None else sampler
         found = calibrate(
-            key, chosen.model, sampler_named(name, chosen.about, stepped=step == "joint"),
-            num_replications=count, batch=chosen.batch, report=told,
-        )  # fmt: skip
+            key, *suited(chosen, name), num_replications=count, batch=chosen.batch, report=told
+        )
     record = {
         "step": step,
         "campaign": None if campaign is None else campaign.name,
@@ -121,32 +124,41 @@ def sbc(
     return Sbc(found, tree_of(found, record), record)
 
 
-def sampler_named(name: str, about: About | None, *, stepped: bool = False) -> LaneSampler:
-    """A sampler that runs under vmap, with counts that suit a calibration.
+def suited(step: models.Step, name: str) -> tuple[Model, Sampler, Any]:
+    """A sampler for one posterior of many, with counts that suit a calibration.
+
+    Where time is stepped through, and for samplers that need it, least squares find the posterior
+    first; the others cross the whole box, so that nothing helps them that a campaign would not.
 
     Args:
-        name: One of `SAMPLERS`.
-        about: How to locate the posterior, where least squares can.
-        stepped: Whether an evaluation steps through time, and costs accordingly.
+        step: What is calibrated.
+        name: Name of the sampler.
+
+    Returns:
+        The model, the sampler and its options.
 
     Raises:
-        ConfigError: A sampler that needs a location where there is none.
+        ConfigError: A sampler that needs a location where there is none, or that the posterior has
+            too many parameters for.
     """
-    if name == "quadrature":
-        return gridded()
-    if name == "tempered_smc":
-        return tempered(about=about if stepped else None)
-    if name == "importance":
-        if about is None:
-            raise ConfigError(
-                "Sampler importance draws about a least-squares fit, which this step does not have."
-            )
-        return weighted(about, 2048, 512) if stepped else weighted(about)
-    if name == "random_walk_paper":
-        return chains(name, PAPER.num_warmup, PAPER.num_samples)
-    slices = name == "elliptical_slice"
-    short = (30, 125) if stepped or slices else (500, 500)
-    return chains(name, *short, about=about if stepped or slices else None)
+    sampler, model = registered(name), step.model
+    size = len(model.box.names)
+    if sampler.needs_fit and model.search is None:
+        raise ConfigError(
+            f"Sampler {name} draws about a least-squares fit, which this step does not have."
+        )
+    if not sampler.suits(size):
+        raise ConfigError(
+            f"Sampler {name} takes at most {sampler.most_parameters} parameters, but the posterior "
+            f"has {size}."
+        )
+    found = sampler.needs_fit or (step.stepped and name not in ("quadrature", "random_walk_paper"))
+    known = COUNTS.get(name, SHORT if found else LONG)
+    counts = {**known, **(STEPPED.get(name, {}) if step.stepped else {})}
+    options = options_of(
+        sampler, **{**counts, "chain_method": "vectorized", "adapt_mass": True, "max_tree_depth": 8}
+    )
+    return (model if found else model._replace(search=None)), sampler, options
 
 
 def _step(step: str, campaign: Campaign | None, known_noise: bool, report: Report) -> models.Step:
@@ -208,7 +220,7 @@ def tree_of(found: Calibration, record: dict[str, Any]) -> xr.DataTree:
         "failed": ("replication", found.failed.astype("int8"), {"units": "1"})
     }
     for i, name in enumerate(found.names):
-        of = {"quantity_units": UNITS.get(name, "m^-2 s^6" if name.startswith("h3_") else "1")}
+        of = {"quantity_units": _unit(name)}
         long = {"long_name": f"draws below the true {name}", "units": "1", **of}
         variables[f"rank_{name}"] = ("replication", found.ranks[:, i], long)
         inside = found.inside[:, i].astype("int8")
@@ -228,7 +240,12 @@ def save_sbc(folder: Path, found: Sbc) -> None:
         found: The calibration.
     """
     found.tree.to_netcdf(folder / "ranks.nc", engine="h5netcdf")
-    figure = figure_of(rank_ecdfs(found.calibration))
-    figure.savefig(folder / "sbc.png", dpi=130, facecolor="white")
-    text = json.dumps(found.record, indent=1, ensure_ascii=False, allow_nan=False)
-    (folder / "sbc.json").write_text(text + "\n", encoding="utf-8")
+    write_figure(folder / "sbc.png", rank_ecdfs(found.calibration))
+    write_json(folder / "sbc.json", found.record)
+
+
+def _unit(name: str) -> str:
+    """Unit of a quantity whose ranks were counted; `h3_18Hz` is the third-order kernel there."""
+    stem = "h3" if name.startswith("h3_") else name
+    known = {**attrs(), **attrs_of(BY_NAME.values())}
+    return known[stem]["units"] if stem in known else "1"

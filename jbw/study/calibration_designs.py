@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jbw import rig
-from jbw.inference.box import Box, box
+from jbw.identification.paper.kernel import KernelData
+from jbw.inference.space.box import Box, box
 from jbw.measurement.spectra import FRF
-from jbw.observables.kernel import KernelData
-from jbw.observables.repeats import repeats
-from jbw.observables.response import Records
+from jbw.observables.records import Records
+from jbw.observables.repeated import repeats
 from jbw.oscillator.excitation import sampled, sweep
 from jbw.rig.presets import PRIOR, PROBING_HZ, TRUTH
 

@@ -1,6 +1,6 @@
 """The posteriors of the procedure beside simulators of their data, ready to be calibrated."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import NamedTuple, cast
 
 import jax.numpy as jnp
@@ -8,15 +8,16 @@ import numpy as np
 from jax.tree_util import Partial
 from jaxtyping import Array, Float, Key
 
-from jbw.inference.calibration import Model
-from jbw.inference.lane_fit import About
-from jbw.inference.model import Theta
-from jbw.observables import evidence, kernel, response
-from jbw.observables.evidence import Evidence
-from jbw.observables.kernel import KernelData
-from jbw.observables.opening import OpeningCurve, opening_curve
-from jbw.observables.opening import log_likelihood as opening_likelihood
-from jbw.observables.response import Records
+from jbw.identification.paper import kernel
+from jbw.identification.paper.kernel import KernelData
+from jbw.identification.paper.opening import OpeningCurve, opening_curve
+from jbw.identification.paper.opening import log_likelihood as opening_likelihood
+from jbw.inference.calibration.replications import Model
+from jbw.inference.fit.locate import Search
+from jbw.inference.space.box import Box
+from jbw.inference.space.problem import Theta
+from jbw.observables.dataset import Dataset, log_likelihood, stacked
+from jbw.observables.records import Records
 from jbw.study.calibration_designs import KernelDesign, SweepDesign
 from jbw.study.simulators import kernel_of_known_noise, measured_kernel, measured_records
 
@@ -28,16 +29,16 @@ class Step(NamedTuple):
     """One calibration.
 
     Attributes:
-        model: Posterior, simulator and quantities.
-        about: How to locate the posterior, where least squares can.
+        model: Posterior, simulator and quantities, and how least squares find the posterior.
         batch: Replications side by side.
         sampler: The cheapest that crosses this posterior.
+        stepped: Whether an evaluation steps through time, and costs accordingly.
     """
 
     model: Model
-    about: About | None
     batch: int
     sampler: str
+    stepped: bool = False
 
 
 def third_order(design: KernelDesign, *, known_noise: bool = False) -> Step:
@@ -62,8 +63,9 @@ def third_order(design: KernelDesign, *, known_noise: bool = False) -> Step:
         kernel.known_noise_log_likelihood if known_noise else kernel.log_likelihood,
         design.prior,
         quantities,
+        Search(kernel.residual, _logs(design.prior)),
     )
-    return Step(model, About(kernel.residual, _logs(model)), 100, "importance")
+    return Step(model, 100, "importance")
 
 
 def _lambda_3(theta: Theta, data: KernelData) -> Float[Array, ""]:
@@ -90,7 +92,7 @@ def opening(design: SweepDesign) -> Step:
 
     held = {name: jnp.asarray(value) for name, value in design.held.items()}
     model = Model(Partial(simulate, held=held), opening_likelihood, design.prior)
-    return Step(model, None, 100, "quadrature")
+    return Step(model, 100, "quadrature")
 
 
 def joint(design: SweepDesign) -> Step:
@@ -101,25 +103,26 @@ def joint(design: SweepDesign) -> Step:
     """
     held = {name: jnp.asarray(value) for name, value in design.held.items()}
 
-    def simulate(key: Key[Array, ""], theta: Theta) -> Evidence:
+    def simulate(key: Key[Array, ""], theta: Theta) -> Dataset:
         whole = {**held, **theta}
         records = measured_records(key, whole, design.records, design.noise_std)
-        return evidence.evidence([records], design.held)
+        return Dataset.of([records], design.held)
 
     model = Model(
         simulate,
-        evidence.log_likelihood,
+        log_likelihood,
         design.prior,
         {**_products(design.prior.names), "response": _response},
+        Search(stacked, _logs(design.prior), 64, 30),
     )
-    return Step(model, About(evidence.residual, _logs(model), 64, 30), 4, "importance")
+    return Step(model, 4, "importance", stepped=True)
 
 
-def _response(theta: Theta, data: Evidence) -> Float[Array, ""]:
+def _response(theta: Theta, data: Dataset) -> Float[Array, ""]:
     """Response of the last level at one instant, shortly after the resonance."""
     records = cast(Records, data.parts[0])
     at = round(WHERE * records.source.shape[-1])
-    return response.predict({**data.held, **theta}, records)[-1, at]
+    return records.predict({**data.held, **theta})[-1, at]
 
 
 def _products(names: tuple[str, ...]) -> dict[str, Callable[[Theta, object], Float[Array, ""]]]:
@@ -131,9 +134,8 @@ def _product(theta: Theta, data: object, names: tuple[str, str]) -> Float[Array,
     return theta[names[0]] * theta[names[1]]
 
 
-def _logs(model: Model) -> tuple[str, ...]:
+def _logs(prior: Box) -> tuple[str, ...]:
     """Parameters whose product is known better than they are, and that cannot be zero."""
-    low: Mapping[str, float] = dict(
-        zip(model.box.names, np.asarray(model.box.lower).tolist(), strict=True)
-    )
-    return tuple(name for name in ("alpha", "delta", "gamma") if low.get(name, 0.0) > 0)
+    wanted = set().union(*PRODUCTS.values())
+    known = zip(prior.names, np.asarray(prior.lower), strict=True)
+    return tuple(name for name, low in known if name in wanted and low > 0)

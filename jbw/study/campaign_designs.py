@@ -5,15 +5,14 @@ from collections.abc import Callable
 import jax
 import numpy as np
 
-from jbw.campaign.loading import Campaign, force_per_unit
+from jbw.campaign.load import Campaign, force_per_unit
 from jbw.errors import DataError
-from jbw.identification import cut, third_order
 from jbw.identification.linear_step import LinearStep, linear_step
+from jbw.identification.paper import step3, step4
 from jbw.identification.posteriors import posterior_of
 from jbw.identification.selection import linear_test, probing_tests, sweep_tests
-from jbw.observables import response
-from jbw.observables.evidence import Evidence
-from jbw.observables.response import Records
+from jbw.observables.dataset import Dataset
+from jbw.observables.records import Records
 from jbw.study.calibration_designs import KernelDesign, SweepDesign
 
 Report = Callable[[str], None]
@@ -56,8 +55,8 @@ def opening_design(campaign: Campaign, report: Report) -> SweepDesign:
         raise DataError("Step 4 needs sweeps, which the campaign lacks.")
     linear = _linear(campaign)
     means = _kernel_fit(campaign, linear).fit.theta
-    records = response.reduce(sweeps.fitted, substeps=campaign.settings.get("substeps", 2))
-    found = cut.fit_opening(jax.random.key(0), records, linear.pooled, means, campaign.settings)
+    records = Records.of(sweeps.fitted, substeps=campaign.settings.substeps)
+    found = step4.fit_opening(jax.random.key(0), records, linear.pooled, means, campaign.settings)
     return SweepDesign(_timed(records), records.repeats.noise_std, found.held, found.box)
 
 
@@ -72,10 +71,15 @@ def joint_design(campaign: Campaign, report: Report) -> SweepDesign:
         DataError: Without sweeps of one form.
     """
     posterior = posterior_of(
-        "joint", campaign.tests, campaign.settings, gain=force_per_unit(campaign), report=report
+        "joint",
+        campaign.tests,
+        campaign.settings,
+        laws=campaign.laws,
+        gain=force_per_unit(campaign),
+        report=report,
     )
     data = posterior.data
-    parts = [p for p in data.parts if isinstance(p, Records)] if isinstance(data, Evidence) else []
+    parts = [p for p in data.parts if isinstance(p, Records)] if isinstance(data, Dataset) else []
     if len(parts) != 1:
         raise DataError(
             f"The joint posterior is calibrated on sweeps of one form, but there are {len(parts)}.",
@@ -92,9 +96,9 @@ def _linear(campaign: Campaign) -> LinearStep:
     return linear_step(noise, force_per_unit(campaign))
 
 
-def _kernel_fit(campaign: Campaign, linear: LinearStep) -> third_order.KernelFit:
+def _kernel_fit(campaign: Campaign, linear: LinearStep) -> step3.KernelFit:
     probing = probing_tests(campaign.tests, linear.natural_hz)
-    return third_order.fit_kernel(jax.random.key(0), probing, linear.pooled, campaign.settings)
+    return step3.fit_kernel(jax.random.key(0), probing, linear.pooled, campaign.settings)
 
 
 def _timed(records: Records) -> Records:

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from jbw.identification.posteriors import Posterior
-from jbw.inference.comparison import (
+from jbw.inference.posterior.compare import (
     Row,
     distances,
     exact_numbers,
@@ -16,8 +16,7 @@ from jbw.inference.comparison import (
     reference_of,
     worst_ess,
 )
-from jbw.inference.direct_findings import converged
-from jbw.inference.verdict import verdict
+from jbw.inference.posterior.verdict import converged, verdict
 
 
 class Drawn(NamedTuple):

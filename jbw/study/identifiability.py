@@ -2,21 +2,22 @@
 
 import logging
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jbw.campaign.loading import Campaign, force_per_unit
+from jbw.campaign.load import Campaign, force_per_unit
+from jbw.campaign.settings import Identify
 from jbw.identification.combinations import combinations
 from jbw.identification.fitted import Fitted, fit_joint, fitted_of
 from jbw.identification.procedure import Identification
-from jbw.inference.identifiability import listed
-from jbw.inference.information import information, statements
-from jbw.inference.powers import alone, value_of
-from jbw.inference.precision import require_float64
-from jbw.inference.profiles import Profile, profile_statements, profiles
-from jbw.inference.sensitivity import box_sensitivity, contraction, sensitivity_statements
+from jbw.inference.fit.identifiability import listed
+from jbw.inference.fit.information import information, statements
+from jbw.inference.fit.profiles import Profile, profile_statements, profiles
+from jbw.inference.fit.sensitivity import box_sensitivity, contraction, sensitivity_statements
+from jbw.inference.space.powers import alone, value_of
+from jbw.inference.space.precision import require_float64
+from jbw.observables.dataset import stacked
 from jbw.study.identifiability_record import Identifiability, reached
 
 logger = logging.getLogger("jbw")
@@ -49,9 +50,11 @@ def identifiability(
     """
     require_float64()
     settings = campaign.settings
-    seed = int(settings.get("seed", 0)) if seed is None else seed
+    seed = settings.seed if seed is None else seed
     gain = force_per_unit(campaign)
-    fitted = fit_joint(campaign.tests, settings, gain=gain, seed=seed, report=report)
+    fitted = fit_joint(
+        campaign.tests, settings, laws=campaign.laws, gain=gain, seed=seed, report=report
+    )
     return look(fitted, with_profiles=profiles, report=report)
 
 
@@ -63,8 +66,8 @@ def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -
         with_profiles: Whether to follow the profile of every parameter too.
         report: Called with one sentence for every profile.
     """
-    products = combinations(fitted.box.names)
-    found = information(fitted.fit, fitted.box, products, worth=fitted.worth)
+    products = combinations(fitted.box.names, fitted.data.laws)
+    found = information(fitted.fit, fitted.box, products)
     followed = _profiles(fitted, report) if with_profiles else {}
     said = [
         *fitted.statements,
@@ -76,13 +79,11 @@ def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -
 
 
 def _profiles(fitted: Fitted, report: Report) -> dict[str, Profile]:
-    return profiles(
-        fitted.residual, fitted.box, fitted.data, fitted.fit, worth=fitted.worth, report=report
-    )
+    return profiles(stacked, fitted.box, fitted.data, fitted.fit, report=report)
 
 
 def look_again(
-    found: Identification, settings: Mapping[str, Any], report: Report = logger.info
+    found: Identification, settings: Identify, report: Report = logger.info
 ) -> Identifiability | None:
     """What the fit said and what the draws say, of the main posterior of an identification.
 
@@ -97,7 +98,7 @@ def look_again(
     fitted = fitted_of(found)
     if fitted is None:
         return None
-    before = look(fitted, with_profiles=bool(settings.get("profiles", False)), report=report)
+    before = look(fitted, with_profiles=settings.profiles, report=report)
     box, products = fitted.box, before.products
     group = found.main.posterior["posterior"].to_dataset()
     draws = {name: group[name].values for name in box.names}

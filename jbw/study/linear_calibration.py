@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from jbw.errors import DataError
 from jbw.identification.linear import line_fit
 from jbw.identification.windowed import receptance
-from jbw.inference.box import Box, from_unit
-from jbw.inference.calibration import LOG_LIKELIHOOD, ranked
-from jbw.inference.calibration_record import Calibration, judged
+from jbw.inference.calibration.record import Calibration, judged
+from jbw.inference.calibration.replications import LOG_LIKELIHOOD, ranked
+from jbw.inference.space.box import Box, from_unit
 from jbw.measurement.spectra import FRF
 
 NAMES = ("omega_n", "zeta", "gain")

@@ -15,8 +15,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float, Key
 
-from jbw.observables.kernel import KernelData
-from jbw.observables.response import Records
+from jbw.identification.paper.kernel import KernelData
+from jbw.observables.records import Records
+from jbw.rig.integrator import runge_kutta
 
 UNKNOWN = 4.0
 STEPS = 8  # Runge-Kutta steps between two samples
@@ -156,11 +157,7 @@ def motion(theta: Theta, force: Float[Array, " time"], fs: float) -> Float[Array
         return jnp.stack([v, a, theta["alpha"] * v - slip])
 
     def step(state: State, u: Float[Array, "3"]) -> tuple[State, None]:
-        k_1 = rate(state, u[0])
-        k_2 = rate(state + h / 2 * k_1, u[1])
-        k_3 = rate(state + h / 2 * k_2, u[1])
-        k_4 = rate(state + h * k_3, u[2])
-        return state + h / 6 * (k_1 + 2 * k_2 + 2 * k_3 + k_4), None
+        return runge_kutta(rate, lambda _, after: after, state, (u[0], u[1], u[2]), h), None
 
     def sample(state: State, u: Float[Array, "step 3"]) -> tuple[State, State]:
         return jax.lax.scan(step, state, u)[0], state

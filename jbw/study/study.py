@@ -1,20 +1,24 @@
 """The result of an identification, as it comes from `identify` or from a run's folder."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
-from jbw.campaign.loading import Campaign, load_campaign
-from jbw.errors import ConfigError
+from jbw.campaign.load import Campaign, load_campaign
+from jbw.errors import ConfigError, DataError
+from jbw.identification.posteriors import Known
 from jbw.identification.procedure import Identification
-from jbw.inference.finding import Finding, Verdict
+from jbw.inference.posterior.finding import Finding, Verdict
 from jbw.measurement.records import Test
-from jbw.report.result import read_result
-from jbw.study.basis import NUM_DRAWS, Request, basis_of
-from jbw.study.predicting import chosen, predict
-from jbw.study.storage import claim, save_run
+from jbw.report.result import node, read_result
+from jbw.study.store import claim, save_run
+from jbw.verification.draws import NUM_DRAWS
+from jbw.verification.predict import Request, chosen, predict
+from jbw.verification.predictive_basis import Basis, basis_of
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,7 @@ class Study:
             noise: Whether the bands include the noise, where it is known.
 
         Returns:
-            As `jbw.study.predicting.predict`.
+            As `jbw.verification.predict.predict`.
 
         Raises:
             ConfigError: If the campaign has no test of that name, or is not at hand.
@@ -101,7 +105,106 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
         DataError: The folder holds no finished run, or one that cannot be read.
     """
     record, tree = read_result(Path(folder))
+    if "posterior" in tree.children:
+        _basis(Path(folder), record, tree)  # what cannot predict is said now, not later
     where = record.get("campaign_file")
     if campaign is None and where is not None and Path(where).is_file():
         campaign = load_campaign(where, allow_outside=True)  # the run was allowed to
     return Study(tree, record, campaign)
+
+
+def basis_of_run(folder: Path) -> Basis:
+    """What a finished run predicts with.
+
+    Args:
+        folder: The run's folder.
+
+    Raises:
+        DataError: The folder holds no finished run, or one that this version cannot read.
+    """
+    return _basis(folder, *read_result(folder))
+
+
+def _basis(folder: Path, record: Mapping[str, Any], tree: xr.DataTree) -> Basis:
+    try:
+        return basis_of(tree)
+    except (KeyError, TypeError, ValueError) as cause:
+        made = dict(record.get("versions", {})).get("jbw", "unknown")
+        raise DataError(
+            f"The run in {folder} cannot be read: {type(cause).__name__} {cause}",
+            why=f"It was made by version {made} of jbw; this is version {version('jbw')}.",
+            remedy=f"Read it with version {made}, or identify again: jbw identify CAMPAIGN.toml.",
+        ) from cause
+
+
+def campaign_of(folder: Path, stated: Path | None = None) -> Path:
+    """The campaign file of a run's folder.
+
+    Args:
+        folder: The run's folder.
+        stated: What the user says it is.
+
+    Raises:
+        ConfigError: If neither the user nor the folder says which it is.
+    """
+    summary, _ = read_result(folder)
+    within = sorted(folder.glob("*/campaign.toml"))
+    candidates = [stated, summary.get("campaign_file"), *within]
+    for found in candidates:
+        if found is not None and (folder / found).is_file():
+            return folder / found
+        if found is not None and Path(found).is_file():
+            return Path(found)
+    raise ConfigError(
+        f"The run in {folder} does not say where its campaign file is.",
+        why="The likelihood has to be built again from the records.",
+        remedy="Give it with --campaign, or compare on the campaign: jbw compare CAMPAIGN.toml.",
+    )
+
+
+def known_of(folder: Path) -> tuple[dict[str, Any], Known]:
+    """The summary of a run, and what its posterior knows of priors and of Step 3.
+
+    Args:
+        folder: The run's folder.
+    """
+    summary, tree = read_result(folder)
+    bounds, means = {}, {}
+    if summary["main"] == "joint" and "posterior" in tree.children:
+        for name, values in tree["posterior"].data_vars.items():
+            if "lower" in values.attrs:
+                bounds[str(name)] = float(values.attrs["lower"]), float(values.attrs["upper"])
+    third_order = node(tree, "steps/third_order_nuts/posterior")
+    if third_order is not None:
+        means = {str(name): float(values.mean()) for name, values in third_order.data_vars.items()}
+    return summary, Known(bounds, means)
+
+
+def require_same_inputs(campaign: Campaign, summary: Mapping[str, Any]) -> None:
+    """Refuse a campaign whose records are not those of the run.
+
+    Args:
+        campaign: The campaign.
+        summary: The run's summary; empty when there is no run.
+
+    Raises:
+        ConfigError: If a record differs.
+    """
+    now, then = set(input_hashes(campaign).values()), set(summary.get("inputs", {}).values())
+    if then and now != then:
+        raise ConfigError(
+            f"The campaign {campaign.name} has other records than the run: {len(now - then)} of "
+            f"its {len(now)} files are new or were changed.",
+            remedy="Give the run's campaign with --campaign, or compare on the campaign alone.",
+        )
+
+
+def input_hashes(campaign: Campaign) -> dict[str, str]:
+    """File to hash, of everything that was read.
+
+    Args:
+        campaign: The campaign.
+    """
+    records = [record for test in campaign.tests for record in test.records]
+    known = [r.provenance for r in records if "sha256" in r.provenance]
+    return {one.get("path", ""): one["sha256"] for one in known}

@@ -8,19 +8,18 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from jbw.identification.linear_step import NAMES, LinearStep
+from jbw.identification.linear_step import NAMES, LinearStep, units_of
+from jbw.identification.paper.sequential_vs_joint import compare_routes
 from jbw.identification.procedure import Identification
-from jbw.identification.runs import runs_summary
+from jbw.identification.run_scatter import runs_summary
 from jbw.identification.step import Step
-from jbw.inference.summary import as_plain, correlations, summarise
-from jbw.inference.verdict import Verdict
+from jbw.inference.posterior.summary import as_plain, correlations, summarise
+from jbw.inference.posterior.verdict import Verdict
 from jbw.report.result import node
-from jbw.study.routes import compare_routes
 
 VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy", "scipy")
 ERRORS = ("coverage", "num_values", "nrmse", "nrmse_linear", "nrmse_cubic", "extrapolation")
 PREDICTED = ("sweep", "curve", "loop", "multisine", "decay")
-UNITS = {"omega_n": "rad/s", "zeta": "1", "gain": "N/kg per unit of input"}
 
 
 def summarise_study(
@@ -88,6 +87,7 @@ def _counted(num_repeats: int) -> str:
 def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
     """Step 2 in the form of the others: a Gaussian about the pooled mean."""
     std = np.sqrt(np.diag(step.pooled.covariance))
+    units = units_of(step)
     parameters = {
         name: {
             "map": float(mean),
@@ -96,7 +96,7 @@ def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
             "cv": _plain(cv),
             "q005": float(mean - 2.5758 * sd),
             "q995": float(mean + 2.5758 * sd),
-            "unit": UNITS[name],
+            "unit": units[name],
             "truth": truth.get(name),
         }
         for name, mean, sd, cv in zip(NAMES, step.pooled.mean, std, step.pooled.cv, strict=True)
@@ -112,7 +112,7 @@ def _step(step: Step, truth: Mapping[str, float]) -> dict[str, Any]:
     rows = as_plain(summarise(step.posterior, step.box))
     posterior = step.posterior["posterior"].to_dataset()
     for name, row in rows.items():
-        row["unit"] = posterior[name].attrs.get("units", "")
+        row["unit"] = posterior[name].attrs.get("units", "unit of the group")
         row["truth"] = truth.get(name)
         known = row["truth"] is not None and row["sd"]
         row["z"] = (row["mean"] - row["truth"]) / row["sd"] if known else None

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from jbw.campaign.checking import as_json, check_campaign
+from jbw.campaign.check import as_json, check_campaign
 from jbw.errors import ConfigError
 
 UNITS = {

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy.io
 
-from jbw.campaign.loading import load_campaign
-from jbw.campaign.starting import start_campaign, write_campaign
+from jbw.campaign.draft import start_campaign, write_campaign
+from jbw.campaign.load import load_campaign
 
 FREQ = np.linspace(79.0, 81.0, 41)
 

@@ -6,9 +6,9 @@ import sys
 import numpy as np
 import pytest
 
-from jbw.campaign.checking import check_campaign
-from jbw.campaign.loading import load_campaign
-from jbw.campaign.starting import start_campaign, write_campaign
+from jbw.campaign.check import check_campaign
+from jbw.campaign.draft import start_campaign, write_campaign
+from jbw.campaign.load import load_campaign
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record
@@ -281,7 +281,7 @@ def test_folder_without_records(tmp_path, name):
 
 def test_campaign_needs_no_jax():
     code = (
-        "import sys, jbw.campaign.checking, jbw.campaign.starting\n"
+        "import sys, jbw.campaign.check, jbw.campaign.draft\n"
         "sys.exit(str([m for m in ('jax', 'arviz', 'matplotlib') if m in sys.modules] or ''))"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)

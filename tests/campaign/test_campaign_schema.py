@@ -4,9 +4,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jbw.campaign.keys import IDENTIFY, KINDS, TEST
-from jbw.campaign.schema import parse
+from jbw.campaign.schema import TestSpec, parse
+from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
+from jbw.measurement.kinds import KINDS
 
 GOOD = """
 [campaign]
@@ -136,9 +137,9 @@ def toml(value):
 @pytest.mark.fault(52)
 @settings(max_examples=150, deadline=None)
 @given(
-    test=st.dictionaries(st.sampled_from([*TEST, "knd"]), VALUES, max_size=6),
-    identify=st.dictionaries(st.sampled_from([*IDENTIFY, "sed"]), VALUES, max_size=4),
-    kind=st.sampled_from(KINDS),
+    test=st.dictionaries(st.sampled_from([*TestSpec.model_fields, "knd"]), VALUES, max_size=6),
+    identify=st.dictionaries(st.sampled_from([*Identify.model_fields, "sed"]), VALUES, max_size=4),
+    kind=st.sampled_from(list(KINDS)),
 )
 def test_any_values_are_accepted_or_refused_plainly(test, identify, kind):
     lines = [
@@ -150,8 +151,8 @@ def test_any_values_are_accepted_or_refused_plainly(test, identify, kind):
         spec = parse("\n".join(lines))
     except ConfigError:
         return
-    assert set(identify) <= set(IDENTIFY)
-    assert set(test) <= set(TEST)
+    assert set(identify) <= set(Identify.model_fields)
+    assert set(test) <= set(TestSpec.model_fields)
     assert spec.tests[0].channels
 
 
@@ -160,3 +161,56 @@ def test_any_values_are_accepted_or_refused_plainly(test, identify, kind):
 def test_any_text_is_refused_plainly(text):
     with pytest.raises(ConfigError):
         parse(text)
+
+
+JOINT = "[joint]\nlaws = {laws}\n[[test]]"
+
+
+@pytest.mark.parametrize(
+    ("laws", "says"),
+    [
+        ('["bouc_wenn"]', "[joint] laws: Unknown law `bouc_wenn`; did you mean `bouc_wen`"),
+        ('["bouc_wen", "bouc_wen"]', "[joint] laws: "),
+        (
+            '["cubic"]',
+            "[identify] prior: alpha: unknown parameter of the chosen laws; law `bouc_wen` has it",
+        ),
+        ("[]", "[joint] laws: must be a string or a list of strings"),
+        ("3", "[joint] laws: must be a string or a list of strings"),
+    ],
+)
+def test_laws_that_cannot_be_meant(laws, says):
+    assert says in refused(changed("[[test]]", JOINT.format(laws=laws)))
+
+
+def test_laws_of_a_campaign():
+    assert parse(GOOD).laws == ("bouc_wen",)
+    assert parse(GOOD + "cubic = [0.0, 1e9]\n").laws == ("bouc_wen", "cubic")
+    both = changed("[[test]]", JOINT.format(laws='["cubic", "bouc_wen"]'))
+    assert parse(both + "cubic = [0.0, 1e9]\n").laws == ("cubic", "bouc_wen")
+    alone = changed("[[test]]", JOINT.format(laws='"bouc_wen"')) + "cubic = [0.0, 1e9]\n"
+    assert "cubic: unknown parameter of the chosen laws; law `cubic` has it" in refused(alone)
+
+
+def test_a_prior_beyond_what_the_laws_table_admits():
+    text = changed("[[test]]", JOINT.format(laws='"jenkins_2"')).replace("alpha =", "slip_3 =")
+    assert "slip_3: unknown parameter; did you mean `slip_" in refused(text)
+    text = text.replace("slip_3 =", "slip_1 =").replace("[400.0, 600.0]", "[-1.0, 1.0]")
+    assert "slip_1: must be positive, but its lower bound is -1" in refused(text)
+    text = text.replace("slip_1 =", "slip_ratio_2 =").replace("[-1.0, 1.0]", "[0.5, 2.0]")
+    assert "slip_ratio_2: must be at least 1, but its lower bound is 0.5" in refused(text)
+    text = (
+        text.replace("[0.5, 2.0]", "[-1.0, 1.0]")
+        .replace("slip_ratio_2 =", "stiffness_2 =")
+        .replace("[-1.0, 1.0]", "[1.0, 1e4]")
+    )
+    assert "stiffness_2 < omega_n^2 must hold everywhere" in refused(text)
+
+
+def test_settings_of_a_script_are_checked_like_the_file():
+    found = Identify.of({"num_chains": 2, "prior": {"zeta": [0.1, 0.2]}})
+    assert dict(found) == {"num_chains": 2, "prior": {"zeta": (0.1, 0.2)}}
+    assert (found.seed, found.draws((20, 30))) == (0, (20, 30))
+    assert Identify.of({**found, "num_samples": 7}).draws((20, 30)) == (20, 7)
+    with pytest.raises(ConfigError, match="num_chain: unknown key; did you mean `num_chains`"):
+        Identify.of({"num_chain": 2})

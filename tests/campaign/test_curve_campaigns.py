@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jbw.campaign.loading import load_campaign
+from jbw.campaign.load import load_campaign
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.curves import displacement_of, response_curve
 from jbw.measurement.passivity import impassive

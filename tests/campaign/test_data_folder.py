@@ -2,7 +2,7 @@
 
 import pytest
 
-from jbw.campaign.finding import found_files
+from jbw.campaign.files import found_files
 from jbw.errors import ConfigError
 
 

@@ -9,7 +9,7 @@ import pytest
 from faulty_folder import FAULTS, write_folder
 from faulty_records import FS, N, good, tone
 
-from jbw.campaign.loading import load_campaign
+from jbw.campaign.load import load_campaign
 from jbw.campaign.schema import parse
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.harmonics import harmonics

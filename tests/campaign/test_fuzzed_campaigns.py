@@ -7,12 +7,13 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from jbw.campaign.keys import CAMPAIGN, IDENTIFY, KINDS, TEST
-from jbw.campaign.schema import parse, read_spec
+from jbw.campaign.schema import Head, TestSpec, parse, read_spec
+from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
+from jbw.measurement.kinds import KINDS
 from jbw.planning.description import parse as parse_plan
 from jbw.planning.description import read_description
-from jbw.planning.keys import EXAMPLE, PLAN, SWEEP, TONES
+from jbw.planning.keys import EXAMPLE, SweepTable, TonesTable, plan_table
 
 GOOD = """
 [campaign]
@@ -43,6 +44,8 @@ hold_out = "x"
 omega_n = [100.0, 130.0]
 alpha = [400.0, 600.0]
 """
+
+PLAN = plan_table(("bouc_wen",)).model_fields
 
 TEXTS = st.one_of(
     st.text(max_size=8),
@@ -106,8 +109,12 @@ def taken_or_refused(check: Callable, source, file: str) -> None:
 
 @pytest.mark.fault(52)
 @settings(max_examples=80, deadline=5000, suppress_health_check=list(HealthCheck))
-@given(campaign=some_of(CAMPAIGN), test=some_of(TEST), identify=some_of(IDENTIFY),
-       kind=st.sampled_from(KINDS))  # fmt: skip
+@given(
+    campaign=some_of(Head.model_fields),
+    test=some_of(TestSpec.model_fields),
+    identify=some_of(Identify.model_fields),
+    kind=st.sampled_from(list(KINDS)),
+)
 @example(campaign={"gain": 10**400}, test={}, identify={}, kind="sweep")
 @example(campaign={"name": "\x1b[2J"}, test={"\x1b[2J": 1}, identify={}, kind="sweep")
 def test_any_values_under_any_keys(campaign, test, identify, kind):
@@ -118,8 +125,12 @@ def test_any_values_under_any_keys(campaign, test, identify, kind):
 
 @pytest.mark.fault(52)
 @settings(max_examples=50, deadline=5000, suppress_health_check=list(HealthCheck))
-@given(plan=some_of(PLAN, noise=1e-5, delta=3.0), sweep=some_of(SWEEP), tones=some_of(TONES),
-       of_run=st.booleans())  # fmt: skip
+@given(
+    plan=some_of(PLAN, noise=1e-5, delta=3.0),
+    sweep=some_of(SweepTable.model_fields),
+    tones=some_of(TonesTable.model_fields),
+    of_run=st.booleans(),
+)
 def test_any_values_of_a_plan(plan, sweep, tones, of_run):
     tables = {"[plan]": plan, "[sweep]": sweep, "[tones]": tones}
     source = "\n".join(line for item in tables.items() for line in table(*item))

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import scipy.io
 
-from jbw.campaign.checking import check_campaign
-from jbw.campaign.loading import load_campaign
+from jbw.campaign.check import check_campaign
+from jbw.campaign.load import load_campaign
 from jbw.campaign.schema import read_spec
 from jbw.measurement.curves import displacement_of, forced_loop, response_curve
 from jbw.measurement.loops import enclosed_area

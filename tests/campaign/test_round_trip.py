@@ -11,16 +11,17 @@ import jax
 import numpy as np
 import pytest
 
-from jbw.campaign.keys import KINDS
-from jbw.campaign.loading import load_campaign
-from jbw.identification.gathering import gather
+from jbw.campaign.load import load_campaign
+from jbw.campaign.settings import Identify
+from jbw.identification.assemble import assemble
 from jbw.identification.linear_step import linear_step
 from jbw.identification.selection import decay_tests, linear_test, sweep_tests
 from jbw.measurement.files.sep005 import from_sep005, to_sep005
-from jbw.observables.evidence import labels, log_likelihood
+from jbw.measurement.kinds import KINDS
+from jbw.observables.dataset import log_likelihood
 from jbw.rig import MIXED, Plan, measure, write
 from jbw.rig.generator import Multisine, Noise, Steps, Sweep, Tone
-from jbw.rig.machine import Growth, Held
+from jbw.rig.prescribed_motion import Growth, Held
 from tests.campaign.written_formats import FORMATS, FULL_SCALE
 
 pytestmark = pytest.mark.slow  # records of every kind are simulated and written eight times
@@ -52,15 +53,15 @@ def score(campaign):
     compiled = jax.jit(log_likelihood)
 
     def of(tests):
-        settings = {"substeps": 1}
+        settings = Identify(substeps=1)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            data = gather(
+            data = assemble(
                 tests, settings,
                 linear=linear_step(linear_test([t for t in tests if t.kind == "noise"])),
                 sweeps=sweep_tests(tests, settings), decays=decay_tests(tests, settings),
             )  # fmt: skip
-        return labels(data), np.asarray(compiled(truth, data))
+        return data.labels, np.asarray(compiled(truth, data))
 
     return of
 

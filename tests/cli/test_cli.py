@@ -179,7 +179,7 @@ def test_every_command_that_answers_takes_json():
     for name in jbw.cli.COMMANDS:
         command = jbw.cli.cli.get_command(None, name)
         options = {option for one in command.params for option in one.opts}
-        assert name == "completion" or "--json" in options, name
+        assert name in ("completion", "schema") or "--json" in options, name
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
@@ -209,10 +209,10 @@ def test_table_1_loses_columns_on_a_narrow_screen_but_no_digits(monkeypatch, cap
         "campaign": "toy", "steps": {"third_order_paper": step}, "comparison": {},
         "predictions": {}, "verdict": {"status": "ok", "findings": []},
     }  # fmt: skip
-    widest = ("map", "mean", "sd", "cv", "kl", "ess_bulk", "r_hat", "truth", "z")
-    for width, columns in ((160, widest), (80, ("mean", "sd", "r_hat"))):
+    widest = ("MAP", "mean", "sd", "CV", "KL", "ESS", "R-hat", "truth", "z")
+    for width, columns in ((160, widest), (80, ("mean", "sd", "R-hat"))):
         monkeypatch.setattr(
-            "jbw.cli.running.console", lambda width=width: Console(width=width, highlight=False)
+            "jbw.cli.printing.console", lambda width=width: Console(width=width, highlight=False)
         )
         print_summary(summary)
         told = capsys.readouterr().out

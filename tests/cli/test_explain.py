@@ -9,7 +9,12 @@ from jbw.cli import run
 from jbw.cli.explain import pages
 
 PACKAGE = Path(__file__).parents[2] / "jbw"
-JUDGES = ("inference", "identification", "study")  # campaign and measurement check data instead
+JUDGES = (
+    "inference",
+    "identification",
+    "verification",
+    "study",
+)  # campaign and measurement check data instead
 
 
 def codes():

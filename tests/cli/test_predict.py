@@ -86,12 +86,13 @@ def test_a_campaign_never_seen_is_predicted(finished, capsys):
     path = write_campaign(data)
     assert run(["predict", str(folder), "--campaign", str(path)]) == 0
     streams = capsys.readouterr()
-    header, weak, strong, noise, place = streams.out.splitlines()
+    lines = [line.strip(" ─") for line in streams.out.splitlines()]
+    header, weak, strong, noise, place = filter(None, lines)
     assert header.split()[0] == "test"
     assert weak.startswith("weak ")
     assert "BEYOND" not in weak
     assert "BEYOND" in strong
-    assert "mean of the fitted tests of its kind (weak, strong)" in noise
+    assert "scatter of the test's own repeats (weak, strong)" in noise
     assert place.endswith("predictions.nc")
     assert streams.err.count("largest displacement that was fitted") >= 1
     out = folder / "predictions"

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jbw.cli import carrying, run
-from jbw.study import storage
+from jbw.cli import run, running
+from jbw.study import store as storage
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "study"))
 from damper_campaign import write_campaign
@@ -23,9 +23,9 @@ DRIVER = """
 import os, signal, sys
 from jbw.cli.running import prepare_jax
 prepare_jax()
-from jbw.inference import growing
+from jbw.inference.samplers import chunked_run as growing
 from jbw.run import checkpoints
-from jbw.study import storage
+from jbw.study import store as storage
 
 growing.CHUNK_S, checkpoints.EVERY_S, checkpoints.COST = 0.02, 0.0, 1.0
 storage.save_figures = lambda tree, folder: None
@@ -155,7 +155,7 @@ def test_a_demo_goes_on_from_its_first_second(tmp_path, monkeypatch, capsys):
 
 
 def test_a_failed_report_is_tried_again_by_its_command(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(carrying, "_identified", lambda run, say: (xr.DataTree(), {"verdict": {}}))
+    monkeypatch.setattr(running, "_identified", lambda run, say: (xr.DataTree(), {"verdict": {}}))
     monkeypatch.setattr(storage, "write_page", lambda *_: 1 / 0)
     out = tmp_path / "run"
     assert run(["identify", str(tmp_path / "x.toml"), "--out", str(out)]) == 1

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from jbw import rig
-from jbw.identification.cut import with_curvature
-from jbw.inference.box import box
-from jbw.inference.fitting import fit
-from jbw.inference.sampling import sample
-from jbw.observables import response
-from jbw.observables.opening import log_likelihood, misfit, opening_curve, residual
+from jbw.identification.paper.opening import log_likelihood, misfit, opening_curve, residual
+from jbw.identification.paper.step4 import with_curvature
+from jbw.inference.fit.fitting import fit
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import box
+from jbw.observables.records import Records
 
 HELD = {"omega_n": 2 * np.pi * 18.8, "zeta": 0.00444, "alpha": 497.4, "delta": 340.21, "gain": 15.0}
 PRIOR = box({"gamma": (20.0, 48.0)})
@@ -18,7 +18,7 @@ PRIOR = box({"gamma": (20.0, 48.0)})
 
 @pytest.fixture(scope="module")
 def records():
-    return response.reduce(rig.measure(tests=["sweep_0p20V"], repeats=4).tests)
+    return Records.of(rig.measure(tests=["sweep_0p20V"], repeats=4).tests)
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def curve(records):
 @pytest.mark.parametrize("gamma", [21.3, 32.84, 47.1])
 def test_the_series_is_the_solvers_misfit(records, curve, gamma):
     held = {name: np.asarray(value) for name, value in {**HELD, "gamma": gamma}.items()}
-    direct = float(response.squares(held, records)[0] - records.repeats.within[0])
+    direct = float(records.squares(held)[0] - records.repeats.within[0])
     series = float(misfit(np.asarray(gamma), curve)[0])
     # The kinks of the response leave the series of 48 terms an algebraic rest: in the log
     # likelihood n / 2 ln Q below the 0.05 nats that the verdict asks for, at the mode and far off.

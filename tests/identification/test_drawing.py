@@ -5,8 +5,8 @@ import pytest
 import xarray as xr
 
 from jbw.identification.drawing import stuck
-from jbw.inference.box import box
-from jbw.inference.verdict import verdict
+from jbw.inference.posterior.verdict import verdict
+from jbw.inference.space.box import box
 
 PRIOR = box({"zeta": (0.0, 1.0)})
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jbw.identification.effects import effects, effects_sentence, response_finding
+from jbw.identification.equivalent import effects, effects_sentence, response_finding
 
 OMEGA_N, ZETA, ALPHA, DELTA, GAMMA = 500.0, 0.01, 5e4, 3.0, 2.0
 

@@ -5,6 +5,7 @@ import pytest
 
 import jbw
 from jbw.campaign.schema import parse
+from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, ModelError
 from jbw.identification.accuracy import residual_finding
 from jbw.identification.priors import joint_box
@@ -51,7 +52,7 @@ def test_bounds_that_cannot_be_meant(line, says):
 
 
 def box_of(**prior):
-    return joint_box({"prior": prior}, OMEGA_N, 0.004, None, 1e-3)
+    return joint_box(Identify(prior=prior), OMEGA_N, 0.004, None, 1e-3)
 
 
 @pytest.mark.fault(27)

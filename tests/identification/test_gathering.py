@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from jbw.campaign.settings import Identify
 from jbw.errors import DataError
-from jbw.identification.gathering import gather
+from jbw.identification.assemble import assemble
 from jbw.measurement.records import Record, Test
-from jbw.observables.evidence import labels
 
 FS, HZ = 512.0, (5.0, 6.0)
 
@@ -31,7 +31,7 @@ def tone(hz, repeats, seed=0):
 
 
 def gathered(*tests):
-    return gather(tests, {}, linear=None, sweeps=None, decays=None, gain=1.0)
+    return assemble(tests, Identify(), linear=None, sweeps=None, decays=None, gain=1.0)
 
 
 def test_one_tone_with_one_repeat_is_left_out_and_said_to_be():
@@ -43,6 +43,6 @@ def test_one_tone_with_one_repeat_is_left_out_and_said_to_be():
 
 
 def test_repeats_or_a_second_frequency_tell_the_noise():
-    assert any("tone_5" in label for label in labels(gathered(tone(5.0, 2))))
+    assert any("tone_5" in label for label in gathered(tone(5.0, 2)).labels)
     together = gathered(*(tone(hz, 1) for hz in HZ))
-    assert any(label.startswith("tones 1") for label in labels(together))
+    assert any(label.startswith("tones 1") for label in together.labels)

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
-from jbw.identification.priors import PAPER_HALF_WIDTH, about, joint_box
+from jbw.identification.paper.step3 import PAPER_HALF_WIDTH, about
+from jbw.identification.priors import joint_box
 from jbw.identification.selection import (
     decay_tests,
     linear_test,
@@ -38,13 +40,13 @@ def test_probing_tones_lie_around_a_third_of_the_resonance():
 
 
 def test_the_middle_level_and_half_of_the_repeats_are_never_fitted():
-    split = sweep_tests(SWEEPS, {})
+    split = sweep_tests(SWEEPS, Identify())
     assert [(t.level, len(t.records)) for t in split.fitted] == [(0.05, 4), (0.20, 4)]
     assert [(t.level, len(t.records)) for t in split.held_out] == [(0.05, 4), (0.10, 8), (0.20, 4)]
 
 
 def test_the_campaign_decides_when_it_says_so():
-    split = sweep_tests(SWEEPS, {"fit_levels": (0.10,), "fit_repeats": 6})
+    split = sweep_tests(SWEEPS, Identify(fit_levels=(0.10,), fit_repeats=6))
     assert [(t.level, len(t.records)) for t in split.fitted] == [(0.10, 6)]
     assert sum(len(t.records) for t in split.held_out) == 18
 
@@ -55,7 +57,7 @@ def test_the_campaign_decides_when_it_says_so():
 )
 def test_settings_that_do_not_fit_the_sweeps_are_named(settings, field):
     with pytest.raises(ConfigError, match=field):
-        sweep_tests(SWEEPS, settings)
+        sweep_tests(SWEEPS, Identify(**settings))
 
 
 def test_boxes_of_the_papers_widths_have_the_papers_coefficients_of_variation():
@@ -69,18 +71,18 @@ def test_boxes_of_the_papers_widths_have_the_papers_coefficients_of_variation():
 
 
 def test_the_joint_box_takes_the_campaigns_bounds_where_it_states_them():
-    prior = joint_box({"prior": {"alpha": (425, 590)}}, 118.0, 0.0044, (15.0, 0.001), 5e-3)
+    prior = joint_box(Identify(prior={"alpha": (425, 590)}), 118.0, 0.0044, (15.0, 0.001), 5e-3)
     bounds = dict(zip(prior.names, zip(prior.lower, prior.upper, strict=True), strict=True))
     assert tuple(map(float, bounds["alpha"])) == (425.0, 590.0)
     assert prior.names == ("omega_n", "zeta", "alpha", "delta", "gamma", "gain")
-    assert "gain" not in joint_box({}, 118.0, 0.0044, None, 5e-3).names
+    assert "gain" not in joint_box(Identify(), 118.0, 0.0044, None, 5e-3).names
 
 
 def test_decays_held_out_are_not_fitted():
     first, second = (a_test("decay", 0.0, name=name, repeats=4) for name in ("first", "second"))
-    split = decay_tests([first, second], {}, [first])
+    split = decay_tests([first, second], Identify(), [first])
     assert split.names == ("first 1", "first 2", "first 3", "first 4", "second 1", "second 2",
                            "second 3", "second 4")  # fmt: skip
     assert len(split.fitted.records) == 2  # half of the first, none of the second
-    assert len(decay_tests([first, second], {}).fitted.records) == 4
-    assert decay_tests([first, second], {}, []) is None
+    assert len(decay_tests([first, second], Identify()).fitted.records) == 4
+    assert decay_tests([first, second], Identify(), []) is None

@@ -6,12 +6,12 @@ import jax
 import numpy as np
 import pytest
 
-from jbw.identification import third_order
+from jbw.campaign.settings import Identify
 from jbw.identification.linear import PooledFit
-from jbw.inference.box import box
-from jbw.inference.fitting import fit
-from jbw.measurement.harmonics import ThirdOrder
-from jbw.observables import kernel
+from jbw.identification.paper import kernel, step3
+from jbw.inference.fit.fitting import fit
+from jbw.inference.space.box import box
+from jbw.measurement.probing import ThirdOrder
 
 OMEGA_N = 2 * np.pi * 18.8
 PAPER = {"zeta": (0.00352, 0.00528), "alpha": (425.0, 590.0), "delta": (272.0, 408.0)}
@@ -80,8 +80,8 @@ def test_the_fit_runs_into_the_corner_that_the_theory_found(data):
 def test_the_papers_chain_does_not_mix_and_nuts_says_where_it_stands(data):
     prior = box(PAPER)
     best = fit(kernel.residual, prior, data, starts=16, key=jax.random.key(0))
-    steps = third_order.third_order_steps(
-        jax.random.key(1), third_order.KernelFit((), data, best, prior), {}
+    steps = step3.third_order_steps(
+        jax.random.key(1), step3.KernelFit((), data, best, prior), Identify()
     )
     assert set(steps) == {"third_order_nuts", "third_order_paper", "third_order_walk"}
     failed = {
@@ -114,7 +114,7 @@ def test_measured_kernels_take_the_gain_out(golden):
     linear = PooledFit(
         np.array([OMEGA_N, 0.00444, gain]), np.eye(3), np.zeros(3), np.ones(3), np.ones(3), 2
     )
-    (found,) = third_order.measured_kernels((test,), linear)
+    (found,) = step3.measured_kernels((test,), linear)
     # A pure tone through a least-squares fit: exact to the rounding of the subtraction of Y1.
     np.testing.assert_allclose(found.h3.mean(), complex(*case["H3_exp"]), rtol=1e-6)
 
@@ -147,7 +147,7 @@ def test_the_sources_own_harmonic_leaves_the_kernel_of_a_clean_source():
         linear = PooledFit(
             np.array([OMEGA_N, zeta, 1.0]), np.eye(3), np.zeros(3), np.ones(3), np.ones(3), 2
         )
-        (found,) = third_order.measured_kernels((test,), linear)
+        (found,) = step3.measured_kernels((test,), linear)
         return found
 
     clean, dirty = measured_kernel(0.0), measured_kernel(1e-3)

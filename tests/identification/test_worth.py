@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from jbw.identification.worth import worth_along, worth_of
+from jbw.observables.effective_values import correlated_fraction, effective_fraction
 
 SIZE = 4096
 
@@ -39,7 +39,7 @@ def test_the_covariance_is_that_of_least_squares_under_such_noise(coefficients, 
     rows = np.stack([autoregressive(rng, *coefficients) for _ in range(400)])
     estimates = rows @ slopes.T @ normal
     factor = np.trace(np.cov(estimates.T) @ np.linalg.inv(normal)) / 2  # over white noise's
-    worth = [worth_along(row, slopes, normal) for row in rows[:100]]
+    worth = [effective_fraction(row, slopes, normal) for row in rows[:100]]
     # One row tells its spectrum over a few dozen lines; away from it noise is worth all and more.
     assert np.median(worth) == pytest.approx(min(1 / factor, 1.0), rel=0.3)
 
@@ -52,7 +52,7 @@ def test_noise_that_is_loud_where_the_prediction_moves_is_worth_less():
     rows = loud * rng.standard_normal((400, SIZE)) / np.sqrt(np.mean(loud**2))
     estimates = rows @ slopes.T @ normal
     factor = np.trace(np.cov(estimates.T) @ np.linalg.inv(normal)) / 2
-    worth = [worth_along(row, slopes, normal) for row in rows[:100]]
+    worth = [effective_fraction(row, slopes, normal) for row in rows[:100]]
     assert np.median(worth) == pytest.approx(1 / factor, rel=0.15)
 
 
@@ -60,14 +60,16 @@ def test_constant_directions_see_the_whole_correlation():
     rng = np.random.default_rng(5)
     # AR(1): 1 + 2 sum rho^k = (1 + rho) / (1 - rho) = 19; cut where the estimate first dips.
     row = autoregressive(rng, 0.9, size=20000)
-    assert worth_of(row[None]) == pytest.approx(1 / 19, rel=0.25)
-    assert worth_of(rng.normal(size=(1, 20000))) > 0.9
+    assert correlated_fraction(row[None]) == pytest.approx(1 / 19, rel=0.25)
+    assert correlated_fraction(rng.normal(size=(1, 20000))) > 0.9
 
 
 def test_units_do_not_matter():
     rng = np.random.default_rng(2)
     row, slopes = autoregressive(rng, 0.9), bump(0.01)
     scale = np.diag([1e6, 1e-9])
-    one = worth_along(row, slopes, np.linalg.inv(slopes @ slopes.T))
-    other = worth_along(row, scale @ slopes, np.linalg.inv(scale @ slopes @ slopes.T @ scale))
+    one = effective_fraction(row, slopes, np.linalg.inv(slopes @ slopes.T))
+    other = effective_fraction(
+        row, scale @ slopes, np.linalg.inv(scale @ slopes @ slopes.T @ scale)
+    )
     assert other == pytest.approx(one, rel=1e-9)

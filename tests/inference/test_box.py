@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from jbw.errors import ConfigError
-from jbw.inference.box import box, from_unit, to_unit
+from jbw.inference.space.box import box, from_unit, to_unit
 
 
 def test_unit_coordinate_is_linear_between_the_bounds():

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from scipy.stats import norm
 
-from jbw.inference.comparison import (
+from jbw.inference.posterior.compare import (
     QUANTITIES,
     distances,
     exact_numbers,

@@ -12,10 +12,11 @@ from scipy.integrate import dblquad, quad
 from scipy.stats import multivariate_normal, norm, truncnorm
 
 from jbw.errors import ConfigError, ModelError
-from jbw.inference.box import box
-from jbw.inference.sampling import SAMPLERS, sample
-from jbw.inference.summary import diagnose
-from jbw.inference.verdict import verdict
+from jbw.inference.posterior.summary import diagnose
+from jbw.inference.posterior.verdict import verdict
+from jbw.inference.samplers.register import SAMPLERS
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import box
 
 SEEDS = (0, 1, 2)
 EVIDENCE = ("importance", "tempered_smc", "nested", "quadrature")

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jbw.inference.box import box
-from jbw.inference.sampling import sample
-from jbw.inference.verdict import verdict
+from jbw.inference.posterior.verdict import verdict
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import box
 
 SEEDS = (0, 1, 2)
 NARROW = box({"alpha": (0.0, 2.0), "delta": (-1.0, 1.0)})

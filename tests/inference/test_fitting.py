@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from jbw.errors import ConfigError, ModelError
-from jbw.inference.box import box
-from jbw.inference.fitting import fit
+from jbw.inference.fit.fitting import fit
+from jbw.inference.space.box import box
 
 TIME = np.linspace(0.0, 2.0, 60)
 BOX = box({"rate": (0.1, 10.0), "size": (0.0, 5.0)})

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jbw.inference import growing
-from jbw.inference.box import box
-from jbw.inference.sampling import sample
+from jbw.inference.samplers import chunked_run as growing
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import box
 
 BOX = box({"a": (-4.0, 6.0), "b": (0.0, 9.0)})
 COVARIANCE = np.array([[0.3, 0.1], [0.1, 0.4]])

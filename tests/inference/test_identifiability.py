@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from jbw.inference.box import box
-from jbw.inference.identifiability import weak_direction, weak_direction_of_draws
+from jbw.inference.fit.identifiability import weak_direction, weak_direction_of_draws
+from jbw.inference.space.box import box
 
 JOINT = box({"alpha": (400.0, 600.0), "delta": (280.0, 410.0), "gamma": (20.0, 60.0)})
 

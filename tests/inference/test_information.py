@@ -7,11 +7,11 @@ from scipy.integrate import dblquad, quad
 from scipy.stats import truncnorm
 
 from jbw.errors import ConfigError
-from jbw.inference.box import box
-from jbw.inference.costly_fit import costly_fit
-from jbw.inference.information import Information, Known, information, statements
-from jbw.inference.powers import Product, alone, log_prior_of, prior_of
-from jbw.inference.sensitivity import box_sensitivity, contraction, sensitivity_statements
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.fit.information import Information, Known, information, statements
+from jbw.inference.fit.sensitivity import box_sensitivity, contraction, sensitivity_statements
+from jbw.inference.space.box import box
+from jbw.inference.space.powers import Product, alone, log_prior_of, prior_of
 
 AB = Product("a_b", "a*b", {"a": 1.0, "b": 1.0}, ("a", "b"))
 

@@ -6,19 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from jbw.inference.box import box
-from jbw.inference.costly_fit import costly_fit
-from jbw.inference.logarithms import (
-    Inside,
-    back_from_logs,
-    far_beyond,
-    in_logarithms,
-    log_box,
-    log_start,
-    of_logs,
-)
-from jbw.inference.sampling import sample
-from jbw.inference.summary import summarise
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.posterior.summary import summarise
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import box
+from jbw.inference.space.reparametrisation import along_logarithms, logarithms_of, never_zero
 
 PRIOR = box({"a": (1.0, 20.0), "b": (1.0, 30.0), "c": (-1.0, 1.0)})
 STD = 0.02  # of log(a b), and of c
@@ -38,14 +30,12 @@ def flat(theta, data):
 
 
 def drawn(function, best, logs, num_samples=1000):
-    start, covariance = log_start(best, PRIOR, logs)
-    inner = log_box(PRIOR, logs, best.theta)
-    tree = sample(
-        jax.random.key(1), of_logs(function), far_beyond(inner), jnp.log(60.0),
+    return sample(
+        jax.random.key(1), function, PRIOR, jnp.log(60.0),
         sampler="elliptical_slice", num_warmup=25, num_samples=num_samples, num_chains=4,
-        start=start, covariance=covariance, log_prior=Inside(inner),
+        coordinates=along_logarithms(best.theta, best.covariance, PRIOR, logs),
+        attrs={"a": {"units": "m"}},
     )  # fmt: skip
-    return back_from_logs(tree, PRIOR, {"a": {"units": "m"}})
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +45,7 @@ def best():
 
 @pytest.fixture(scope="module")
 def ridge(best):
-    assert in_logarithms(best, PRIOR) == ("a", "b")
+    assert never_zero(best.theta, best.covariance, PRIOR) == ("a", "b")
     return drawn(log_likelihood, best, ("a", "b"))
 
 
@@ -100,14 +90,14 @@ def test_groups_are_those_of_the_parameters(ridge):
 def test_a_parameter_that_may_be_zero_stays_as_it_is(best):
     near = box({"a": (0.0, 20.0), "b": (1.0, 30.0), "c": (-1.0, 1.0)})
     fit = costly_fit(residual, near, jnp.log(60.0), starts={"a": 8.0, "b": 7.0, "c": 0.1})
-    assert in_logarithms(fit, near) == ("a", "b")  # given b, a is known to 2 %
-    least = log_box(near, ("a", "b"), fit.theta)
-    assert float(least.lower[0]) == pytest.approx(np.log(1e-6 * fit.theta["a"]))
+    assert never_zero(fit.theta, fit.covariance, near) == ("a", "b")  # given b, a is known to 2 %
+    _, lower, _ = logarithms_of(fit.theta, near, ("a", "b"))
+    assert float(lower[0]) == pytest.approx(np.log(1e-6 * fit.theta["a"]))
     vague = costly_fit(
         lambda theta, data: residual(theta, data) * STD / 2.0, near, jnp.log(60.0),
         starts={"a": 8.0, "b": 7.0, "c": 0.1},
     )  # fmt: skip
-    assert in_logarithms(vague, near) == ("b",)
+    assert never_zero(vague.theta, vague.covariance, near) == ("b",)
 
 
 def test_chains_start_where_the_box_allows_it():
@@ -118,16 +108,14 @@ def test_chains_start_where_the_box_allows_it():
         lambda theta, _: jnp.stack([(theta["a"] - 1) / 0.3, (theta["b"] - 1) / 0.3]),
         near, None, starts={"a": 0.9, "b": 1.0},
     )  # fmt: skip
-    start, covariance = log_start(wide, near, ("a", "b"))
-    inner = log_box(near, ("a", "b"), wide.theta)
+    place = along_logarithms(wide.theta, wide.covariance, near, ("a", "b"))
 
     def log_density(theta, data):
         return -0.5 * jnp.stack([(theta["a"] - 1) / 0.3, (theta["b"] - 1) / 0.3]) ** 2
 
     for seed in (2, 7, 11):
         tree = sample(
-            jax.random.key(seed), of_logs(log_density), far_beyond(inner), None,
+            jax.random.key(seed), log_density, near, None, coordinates=place,
             sampler="elliptical_slice", num_warmup=0, num_samples=50, num_chains=4,
-            start=start, covariance=covariance, log_prior=Inside(inner),
         )  # fmt: skip
-        assert float(np.exp(tree["posterior"]["log a"]).max()) < 1.15
+        assert float(tree["posterior"]["a"].max()) < 1.15

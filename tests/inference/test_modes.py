@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jbw.inference.box import box
-from jbw.inference.modes import deepest_split, modes_finding
-from jbw.inference.sampling import sample
-from jbw.inference.verdict import verdict
+from jbw.inference.posterior.modes import deepest_split, modes_finding
+from jbw.inference.posterior.verdict import verdict
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import box
 
 SEEDS = (0, 1, 2)
 WEIGHT, WIDTH, PLACES = 0.3, 0.04, (0.3, 0.7)

@@ -7,13 +7,15 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from jbw.inference.offsets import (
+from jbw.inference.groups.offsets import (
     Estimate,
     estimate,
     known_estimate,
+    log_determinant,
     shrunk,
+    solve,
 )
-from jbw.inference.scatter import draw_offsets, log_density_of_offsets, scatter_grid
+from jbw.inference.groups.scatter import draw_offsets, log_density_of_offsets, scatter_grid
 
 RNG = np.random.default_rng(3)
 
@@ -200,3 +202,24 @@ def test_shrunk_residuals_are_the_minimum_over_the_offsets():
     ours = sum(float(jnp.sum(x**2)) for x in left) + float(jnp.sum(cost**2))
     assert ours == pytest.approx(minimum, rel=1e-10)
     np.testing.assert_allclose(np.asarray(cost).ravel() * np.tile(scatter, 2), best, rtol=1e-8)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 5])
+def test_any_number_of_offsets_is_solved_for(size):
+    root = RNG.normal(size=(4, size, size))
+    matrix, vector = root @ np.swapaxes(root, 1, 2), RNG.normal(size=(4, size))
+    # Condition numbers up to 1e6 leave ten digits.
+    np.testing.assert_allclose(
+        solve(jnp.asarray(matrix), jnp.asarray(vector)),
+        np.linalg.solve(matrix, vector[..., None])[..., 0],
+        rtol=1e-8,
+    )
+    np.testing.assert_allclose(
+        log_determinant(jnp.asarray(matrix)), np.linalg.slogdet(matrix)[1], rtol=1e-9
+    )
+
+
+def test_three_offsets_known_to_nobody_are_zero():
+    matrix = jnp.stack([jnp.zeros((3, 3)), jnp.diag(jnp.array([2.0, 3.0, 5.0])), jnp.ones((3, 3))])
+    solved = solve(matrix, jnp.ones((3, 3)))
+    np.testing.assert_allclose(solved, [[0, 0, 0], [1 / 2, 1 / 3, 1 / 5], [0, 0, 0]], rtol=1e-15)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from jbw.inference.box import box
-from jbw.inference.sampling import sample
-from jbw.inference.summary import diagnose
+from jbw.inference.posterior.summary import diagnose
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import box
 
 BOX = box({"b": (-3.0, 1.0), "a": (2.0, 50.0)})
 

@@ -7,9 +7,9 @@ from scipy.optimize import minimize
 from scipy.stats import chi2
 
 from jbw.errors import ConfigError
-from jbw.inference.box import box
-from jbw.inference.costly_fit import costly_fit
-from jbw.inference.profiles import profile_statements, profiles
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.fit.profiles import profile_statements, profiles
+from jbw.inference.space.box import box
 
 X = np.linspace(0.0, 1.0, 30)
 REACH = np.sqrt(chi2.ppf(0.99, 1))

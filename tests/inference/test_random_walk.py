@@ -4,14 +4,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from numpyro.infer import MCMC
+from jax.scipy.special import logit
 from scipy.stats import chi2, kstest
 
-from jbw.inference.box import box
-from jbw.inference.model import box_model
-from jbw.inference.random_walk import PAPER, RandomWalk
-from jbw.inference.sampling import sample
-from jbw.inference.summary import diagnose
+from jbw.inference.posterior.summary import diagnose
+from jbw.inference.samplers.random_walk import PAPER, Options, kernel
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import box
+from jbw.inference.space.problem import problem_of
+from jbw.inference.space.reparametrisation import in_box
 
 SEEDS = (0, 1, 2)
 RATE = 10.0
@@ -27,19 +28,21 @@ def exact_cdf(x):
     return np.expm1(-RATE * x) / np.expm1(-RATE)
 
 
-def walkers(kernel, seed, num_walkers, steps, x=None):
+def walkers(step_size, seed, num_walkers, steps, x=None):
     keys = jax.random.split(jax.random.key(seed), num_walkers)
-    state = kernel.init(keys, 0, x, (RATE,), {})
-    step = jax.jit(lambda s: kernel.sample(s, (RATE,), {}))
+    problem = problem_of(edge, UNIT, RATE, in_box(UNIT, None, None, 1))
+    walk = kernel(problem, Options(num_warmup=0, step_size=step_size))
+    w = jax.random.logistic(keys[0], (num_walkers, 1)) if x is None else logit(x)[:, None]
+    state = jax.vmap(walk.init)(keys, w)
+    step = jax.jit(jax.vmap(walk.step))
     for _ in range(steps):
         state = step(state)
-    return state
+    return np.asarray(jax.vmap(walk.read)(state).theta["x"])
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_rejection_at_the_box_edges_leaves_no_bias(seed):
-    kernel = RandomWalk(box_model(edge, UNIT), step_size=0.3)
-    x = np.asarray(walkers(kernel, seed, 4000, 60).x["x"])
+    x = walkers(0.3, seed, 4000, 60)
     assert kstest(x, exact_cdf).pvalue > 1e-4
     assert not np.any((x == 0) | (x == 1))  # clipping would put 39 % of the mass there
     exact_mean = 1 / RATE - 1 / np.expm1(RATE)
@@ -51,8 +54,7 @@ def test_detailed_balance_between_three_states(seed):
     """From the stationary law, as many moves lead from state to state as back."""
     u = np.random.default_rng(seed).uniform(size=100_000)
     before = -np.log1p(u * np.expm1(-RATE)) / RATE
-    kernel = RandomWalk(box_model(edge, UNIT), step_size=0.15)
-    after = np.asarray(walkers(kernel, seed, len(u), 1, {"x": jnp.asarray(before)}).x["x"])
+    after = walkers(0.15, seed, len(u), 1, jnp.asarray(before))
     edges = [0.03, 0.15]
     flow = np.zeros((3, 3))
     np.add.at(flow, (np.digitize(before, edges), np.digitize(after, edges)), 1)
@@ -86,33 +88,6 @@ def test_tuning_reaches_half_and_stops_with_the_burn_in(seed, width):
     stats = tree["sample_stats"]
     assert abs(float(stats["accepted"].mean()) - 0.5) < 0.03
     assert np.all(np.ptp(stats["step_size"].values, axis=1) == 0)
-
-
-@pytest.mark.parametrize("chain_method", ["sequential", "vectorized"])
-def test_runs_under_numpyro_and_resumes_bit_for_bit(chain_method):
-    def run(num_samples):
-        return MCMC(
-            RandomWalk(box_model(bell, BELL_BOX)),
-            num_warmup=100,
-            num_samples=num_samples,
-            num_chains=2,
-            chain_method=chain_method,
-            progress_bar=False,
-        )
-
-    whole = run(100)
-    whole.run(jax.random.key(0), jnp.asarray(0.1), extra_fields=("info.accepted",))
-    parts = run(50)
-    parts.run(jax.random.key(0), jnp.asarray(0.1))
-    first = parts.get_samples(group_by_chain=True)["p"]
-    parts.post_warmup_state = parts.last_state
-    parts.run(parts.post_warmup_state.rng_key, jnp.asarray(0.1))
-    second = parts.get_samples(group_by_chain=True)["p"]
-    expected = whole.get_samples(group_by_chain=True)["p"]
-    assert expected.shape == (2, 100)
-    np.testing.assert_array_equal(np.concatenate([first, second], axis=1), expected)
-    moved = np.asarray(whole.get_extra_fields(group_by_chain=True)["info.accepted"])[:, 1:]
-    np.testing.assert_array_equal(np.diff(expected, axis=1) != 0, moved)
 
 
 def ridge(theta, data):

@@ -5,9 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jbw.inference.box import box
-from jbw.inference.rewhitening import agree, moments, sample_again
-from jbw.inference.summary import summarise
+from jbw.inference.posterior.summary import summarise
+from jbw.inference.samplers.rewhitening import agree, by_moments, sample_again
+from jbw.inference.space.box import box
+from jbw.inference.space.reparametrisation import in_box
 
 BOX = box({"a": (-50.0, 50.0), "b": (-50.0, 50.0)})
 MEAN, COVARIANCE = np.array([3.0, -2.0]), np.array([[4.0, 3.0], [3.0, 9.0]])
@@ -23,7 +24,8 @@ def drawn(rounds, seed=0, small=1e-6, seen=None):
     keep = (lambda round_: None) if seen is None else seen.append
     return sample_again(
         jax.random.key(seed), normal, BOX, None,
-        start={"a": 0.0, "b": 0.0}, covariance=small * COVARIANCE, rounds=rounds, keep=keep,
+        coordinates=in_box(BOX, {"a": 0.0, "b": 0.0}, small * COVARIANCE, 4),
+        rounds=rounds, keep=keep,
         sampler="elliptical_slice", num_warmup=25, num_samples=400, chain_method="vectorized",
     )  # fmt: skip
 
@@ -60,11 +62,12 @@ def test_moments_are_of_the_second_half_and_inside_the_box():
     draws = {"a": rng.normal(size=(4, 1000)), "b": np.full((4, 1000), 50.0)}
     draws["a"][:, :500] = 40.0
     draws["b"] += 1e-3 * rng.normal(size=(4, 1000))
-    start, covariance = moments(draws, BOX)
+    place = by_moments(draws, BOX, in_box(BOX, None, None, 4))
+    start = dict(zip(BOX.names, place.start, strict=True))
     # 2000 draws: their mean is known to 0.022, their variance to 3 %.
     assert start["a"] == pytest.approx(0.0, abs=0.1)
     assert -50 < start["b"] < 50
-    assert covariance[0, 0] == pytest.approx(1.3, rel=0.15)
+    assert place.covariance[0, 0] == pytest.approx(1.3, rel=0.15)
 
 
 def test_one_chain_agrees_with_itself():

@@ -7,10 +7,11 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import kstest, norm
 
-from jbw.inference.box import box
-from jbw.inference.fitting import fit
-from jbw.inference.ridge import parameters, ridge_of, sample_along, walls
-from jbw.inference.summary import summarise
+from jbw.inference.fit.fitting import fit
+from jbw.inference.posterior.summary import summarise
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import box
+from jbw.inference.space.ridge import along_ridge, walls
 
 PRIOR = box({"a": (1.0, 20.0), "b": (1.0, 30.0), "c": (-1.0, 1.0)})
 STD = 0.02  # of log(a b), and of c
@@ -37,7 +38,12 @@ def best():
 
 def drawn(function, best, seed, **options):
     options = {"sampler": "nuts", "chain_method": "vectorized", **options}
-    return sample_along(jax.random.key(seed), function, PRIOR, jnp.log(60.0), best, **options)
+    return along(jax.random.key(seed), function, PRIOR, jnp.log(60.0), best, **options)
+
+
+def along(key, function, prior, data, best, **options):
+    place = along_ridge(best.theta, best.covariance, prior)
+    return sample(key, function, prior, data, coordinates=place, **options)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -82,21 +88,19 @@ def test_the_evidence_is_that_of_the_box(best):
 
 
 def test_points_lie_inside_the_box_and_walls_on_it(best):
-    ridge, about = ridge_of(best, PRIOR)
+    place = along_ridge(best.theta, best.covariance, PRIOR)
     rng = np.random.default_rng(0)
     inside = 0
     for _ in range(200):
-        point = {n: rng.uniform(0.1 * float(a), 0.1 * float(b)) for n, a, b in zip(
-            about.box.names, about.box.lower, about.box.upper, strict=True
-        )}  # fmt: skip
-        point["along"] = rng.uniform()
-        if np.isfinite(float(ridge(point))):
+        u = rng.uniform(0.1 * place.lower, 0.1 * place.upper)
+        u[-1] = rng.uniform()
+        if np.isfinite(float(place.outer.log_abs_det_jacobian(jnp.asarray(u)))):
             inside += 1
-            theta = parameters(point, ridge)
-            for name, low, high in zip(PRIOR.names, PRIOR.lower, PRIOR.upper, strict=True):
-                assert low <= theta[name] <= high
+            theta = place.outer.forward(jnp.asarray(u))
+            assert np.all((theta >= PRIOR.lower) & (theta <= PRIOR.upper))
     assert inside > 50
-    low, high = walls(ridge.origin, ridge)
+    ridge = place.outer.parts[0]
+    low, high = walls(ridge.origin, ridge.along)
     for tau in (low, high):
         s = np.asarray(ridge.origin + tau * ridge.along)
         assert np.min(np.abs(np.concatenate([s, 1 - s]))) < 1e-12
@@ -105,7 +109,7 @@ def test_points_lie_inside_the_box_and_walls_on_it(best):
 def test_one_parameter_goes_from_wall_to_wall():
     prior = box({"a": (1.0, 3.0)})
     best = fit(lambda t, d: (t["a"] - d)[None] / 0.1, prior, 2.0, starts=4, key=jax.random.key(0))
-    tree = sample_along(
+    tree = along(
         jax.random.key(1), lambda t, d: -0.5 * ((t["a"] - d) / 0.1) ** 2, prior, 2.0, best,
         sampler="random_walk", num_samples=10_000, chain_method="vectorized",
     )  # fmt: skip
@@ -122,7 +126,7 @@ def test_a_fit_in_the_corner_is_no_obstacle():
 
     best = fit(far, prior, None, starts=4, key=jax.random.key(0))
     assert best.at_bound == {"a": "upper", "b": "upper"}
-    tree = sample_along(
+    tree = along(
         jax.random.key(1), lambda t, d: -0.5 * far(t, d) ** 2, prior, None, best,
         sampler="random_walk", num_samples=20_000, chain_method="vectorized",
     )  # fmt: skip

@@ -13,9 +13,9 @@ import xarray as xr
 from scipy.stats import kstest
 
 from jbw.errors import ConfigError, ModelError
-from jbw.inference.box import box
-from jbw.inference.sampling import sample
-from jbw.inference.summary import diagnose
+from jbw.inference.posterior.summary import diagnose
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import box
 
 SEEDS = (0, 1, 2)
 BOX = box({"b": (-3.0, 1.0), "a": (-2.0, 2.0)})  # names not in the order of the alphabet

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jbw.inference.box import box
-from jbw.inference.verdict import Finding, bfmi, judge, verdict
+from jbw.inference.posterior.verdict import Finding, judge, verdict
+from jbw.inference.space.box import box
 
 BOX = box({"alpha": (1.0, 2.0), "delta": (1.0, 2.0)})
 
@@ -163,9 +163,3 @@ def test_nothing_looked_at_is_not_ok():
     assert judge([]).status == "not assessed"
     fine = Finding("a", "ok", "Fine.", 0.0)
     assert judge([fine, Finding("b", "failed", "Bad.", 1.0, "Act.")]).status == "failed"
-
-
-def test_energy_fraction_of_white_noise_is_two():
-    energy = np.random.default_rng(0).normal(size=(2, 20_000))
-    # The variance of a difference is twice the variance; 20,000 draws know it to 2 %.
-    np.testing.assert_allclose(bfmi(energy), 2.0, rtol=0.05)

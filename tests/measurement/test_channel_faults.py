@@ -6,7 +6,10 @@ import pytest
 from tone_file import DRIVE, FS, LASER, ROLES, UNITS, UNITS_V, N, T, refused
 
 from jbw.errors import ConfigError
-from jbw.measurement.files.door import read
+from jbw.measurement import kinds
+from jbw.measurement.files.read import read
+from jbw.measurement.kinds import kind_named
+from jbw.measurement.records import Test
 
 
 @pytest.mark.fault(1)
@@ -197,3 +200,18 @@ def test_paths_with_spaces_and_other_scripts(tmp_path, h5):
 @pytest.mark.parametrize("path", ["laser[9999999]", "laser[x]", "laser[0].a", "laser[0][0]", ""])
 def test_paths_that_lead_nowhere(h5, path):
     assert "velocity" in refused(h5, {"velocity": path}, UNITS_V).what
+
+
+def test_a_kind_that_nobody_knows_is_said_with_the_nearest():
+    with pytest.raises(ConfigError, match="no kind of test `sweeps`") as caught:
+        kind_named("sweeps")
+    assert "Did you mean `sweep`?" in caught.value.remedy
+
+
+def test_a_kind_of_one_s_own_is_one_registration(monkeypatch):
+    monkeypatch.setattr(kinds, "KINDS", dict(kinds.KINDS))
+    kinds.register(kinds.Kind("hammer", "an impact, its force recorded", is_transient=True))
+    test = Test("hammer", ())
+    assert test.traits.is_driven
+    assert not test.is_single_tone
+    assert not test.is_cyclic

@@ -11,8 +11,8 @@ import scipy.io
 import scipy.io.wavfile
 from tone_file import FS, LASER, ROLES, UNITS, UNITS_V, N, T, refused
 
-from jbw.measurement.files.door import read
 from jbw.measurement.files.hdf5 import write_hdf5
+from jbw.measurement.files.read import read
 from jbw.measurement.records import Record
 
 

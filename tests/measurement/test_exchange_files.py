@@ -6,7 +6,7 @@ import scipy.io.wavfile
 
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.curves import displacement_of, response_curve
-from jbw.measurement.files.door import read
+from jbw.measurement.files.read import read
 from jbw.measurement.files.sep005 import from_sep005, to_sep005
 from jbw.measurement.files.uff import write_uff
 from jbw.measurement.records import Record

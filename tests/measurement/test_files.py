@@ -1,5 +1,9 @@
 """Readers: what numpy, scipy and h5py wrote comes back."""
 
+import sys
+from contextlib import contextmanager
+from types import ModuleType
+
 import h5py
 import numpy as np
 import pytest
@@ -10,10 +14,11 @@ from hypothesis import strategies as st
 from tone_file import DRIVE, FS, LASER, ROLES, UNITS, UNITS_V, T, refused
 
 from jbw.errors import ConfigError
-from jbw.measurement.files.door import read
+from jbw.measurement.files import detect
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.files.paths import select
-from jbw.measurement.files.tree import leaf, load
+from jbw.measurement.files.read import read
+from jbw.measurement.files.tree import Contents, leaf, load
 from jbw.measurement.records import Record
 
 
@@ -155,3 +160,24 @@ def test_paths_index_as_numpy_does(shape, data):
     expected = array[tuple(steps)]
     found = load(select({"x": leaf(array)}, path))
     np.testing.assert_array_equal(found, np.atleast_1d(np.squeeze(expected)))
+
+
+def test_a_reader_of_one_s_own_is_one_module_and_one_line(tmp_path, monkeypatch):
+    reader = ModuleType("tones_reader")
+
+    @contextmanager
+    def contents(path):
+        if not path.read_text().isdigit():
+            raise ValueError("no number")
+        yield Contents({"laser": leaf(np.sin(np.arange(int(path.read_text()))))}, "tones", fs=FS)
+
+    reader.contents = contents
+    monkeypatch.setitem(sys.modules, reader.__name__, reader)
+    monkeypatch.setattr(detect, "READERS", dict(detect.READERS))
+    detect.register(reader.__name__, ".tones")
+    (tmp_path / "a.tones").write_text("300")
+    (record,) = read(tmp_path / "a.tones", {"velocity": "laser"}, UNITS_V)
+    np.testing.assert_array_equal(record.channels["velocity"], np.sin(np.arange(300)))
+    (tmp_path / "a.tones").write_text("many")
+    error = refused(tmp_path / "a.tones", {"velocity": "laser"}, UNITS_V)
+    assert "cannot be read by the tones_reader reader: ValueError: no number" in error.what

@@ -18,8 +18,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from jbw.errors import JbwError
-from jbw.measurement.files.door import read
 from jbw.measurement.files.hdf5 import write_hdf5
+from jbw.measurement.files.read import read
 from jbw.measurement.files.uff import write_uff
 from jbw.measurement.records import Record
 
@@ -230,6 +230,10 @@ def look(name, folder, damage):
 # A line of a table that is broken, and one joined to the next.
 @example(damage=(FLIP, [(500, 64)]))
 @example(damage=(REMOVE, (68, 1)))
+# The flag that a segment has metadata of its own.
+@example(damage=(FLIP, [(1606, 2)]))
+# Where its samples begin.
+@example(damage=(FLIP, [(21, 1)]))
 def test_damage_is_refused_or_without_consequence(folder, name, damage):
     look(name, folder, damage)
 

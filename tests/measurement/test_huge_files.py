@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import scipy.io.wavfile
 
-from jbw.campaign.checking import check_campaign
+from jbw.campaign.check import check_campaign
 from jbw.errors import DataError
-from jbw.measurement.files.door import read
+from jbw.measurement.files.read import read
 
 FS = 51200
 TAKEN = 2**23  # samples of the part, 64 MiB as float64
@@ -21,7 +21,7 @@ BEFORE = 60 * FS  # samples in front of it
 # A part of one second is read first, so that libraries are loaded before.
 PROGRAM = """
 import resource, sys
-from jbw.measurement.files.door import read
+from jbw.measurement.files.read import read
 path, channel, start, stop = sys.argv[1], sys.argv[2], float(sys.argv[3]), float(sys.argv[4])
 asked = dict(units={"velocity": "m/s"}, scale={"velocity": 1.0})
 read(path, {"velocity": channel}, span=(start, start + 0.5), fs=51200.0, **asked)

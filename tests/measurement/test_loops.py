@@ -2,14 +2,8 @@ import numpy as np
 import pytest
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.continuation import continued
-from jbw.measurement.loops import (
-    differentiate,
-    enclosed_area,
-    integrate,
-    mean_cycle,
-    restoring_force,
-)
+from jbw.measurement.integration import continued, differentiate, integrate
+from jbw.measurement.loops import enclosed_area, mean_cycle, restoring_force
 
 FS = 1024.0
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from jbw.measurement.files.door import read
+from jbw.measurement.files.read import read
 
 DATA = Path(os.environ.get("JBW_DATA", Path(__file__).parents[2] / "data"))
 

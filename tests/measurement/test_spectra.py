@@ -5,8 +5,7 @@ import pytest
 from scipy import signal
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.bandwidth import half_power_bandwidth
-from jbw.measurement.spectra import frf
+from jbw.measurement.spectra import frf, half_power_bandwidth
 
 OMEGA_N, GAIN, FS = 2 * np.pi * 18.8, 60.0, 128.0
 
@@ -77,6 +76,7 @@ def test_variance_is_the_mean_square_error(window, repeats):
     assert np.mean(np.array(ratio)[:, away]) == pytest.approx(1, abs=0.1)
 
 
+@pytest.mark.filterwarnings("ignore:The .* hann window resolves")
 def test_effective_averages_of_half_overlapping_hann_windows():
     u, y = stationary(np.random.default_rng(4), 128, 0.05)
     found = frf(u, y, FS, window_s=2)

@@ -10,7 +10,7 @@ from tone_file import DRIVE, FS, LASER, ROLES, UNITS, UNITS_V, N, T, refused
 
 from jbw.errors import JbwError
 from jbw.measurement.files.csv import sniff
-from jbw.measurement.files.door import read
+from jbw.measurement.files.read import read
 
 DIALECTS = {
     "comma": (",", ".", "time,shaker,laser\n", ""),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jbw.errors import DataError
-from jbw.measurement.files.door import read
+from jbw.measurement.files.read import read
 
 FS = 1024.0
 N = 3000

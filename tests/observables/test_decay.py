@@ -18,10 +18,8 @@ from decays import (
 from jbw.errors import DataError
 from jbw.measurement.demodulation import band_filter, demodulate, read_decay
 from jbw.measurement.records import Record, Test
-from jbw.observables.decay import reduce
-from jbw.observables.decay_entry import match
-from jbw.observables.decay_likelihood import matches
-from jbw.observables.decay_model import along, decay_of
+from jbw.observables.decay import Decays, decay_of
+from jbw.observables.decay_entry import along, match
 
 THETA = {name: jnp.asarray(value) for name, value in TRUTH.items()}
 
@@ -86,8 +84,8 @@ def test_match_finds_where_a_record_enters():
 
 @pytest.mark.slow
 def test_one_decay_holds_every_record_whatever_its_initial_state():
-    data = reduce(decay_test(noise=0.0, second=0.0), substeps=2)
-    found = matches(THETA, data)
+    data = Decays.of(decay_test(noise=0.0, second=0.0), substeps=2)
+    found = data.matches(THETA)
     size = np.linalg.norm(np.asarray(data.envelope), axis=1)
     # Initial states at every phase and with an unstrained joint, integrated by another solver.
     # Entering one decay by place and rotation is exact but for the joint's memory of its start.
@@ -117,4 +115,4 @@ def test_entry_is_the_initial_state():
 def test_useless_decays_are_refused(band, samples, word):
     record = Record(FS, {"velocity": np.ones(samples)}, {"velocity": "m/s"})
     with pytest.raises(DataError, match=word):
-        reduce(Test("decay", (record,), "impacts", band_hz=band, settle=SETTLE))
+        Decays.of(Test("decay", (record,), "impacts", band_hz=band, settle=SETTLE))

@@ -8,26 +8,35 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, DataError
-from jbw.identification.gathering import gather
+from jbw.identification.assemble import assemble
 from jbw.identification.joint import joint_step
 from jbw.identification.leaving_out import consistency_finding, leave_one_out
-from jbw.identification.runs import runs_dataset, runs_sentence, runs_summary
-from jbw.identification.settling import weighed
-from jbw.identification.shifts import shifts_of, wanted, with_offsets
-from jbw.identification.starts import linear_look
-from jbw.identification.worth import worth_by_label
-from jbw.inference.box import box
-from jbw.inference.costly_fit import costly_fit
+from jbw.identification.reweighting import with_weights
+from jbw.identification.run_effects import shifts_of, wanted, with_offsets
+from jbw.identification.run_scatter import runs_dataset, runs_sentence, runs_summary
+from jbw.identification.starts import first_values
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.space.box import box
 from jbw.measurement.records import Record, Test
-from jbw.observables.evidence import estimates, evidence, levels_of, log_likelihood, residual
-from jbw.observables.weighing import left_by_label, with_fitted_noise, with_worth
-from jbw.oscillator.hysteresis import hysteresis_map, steady_loop
-from jbw.oscillator.parameters import BoucWen
+from jbw.observables.dataset import Dataset, estimates, log_likelihood, stacked
+from jbw.observables.weighting import (
+    effective_fractions,
+    left_by_label,
+    with_effective_values,
+    with_fitted_noise,
+)
+from jbw.oscillator.laws.hysteresis import hysteresis_map, steady_loop
+from jbw.oscillator.oscillator import BoucWen
 
 TRUTH = {"omega_n": 500.0, "zeta": 0.003, "alpha": 4e4, "delta": 900.0, "gamma": 500.0}
 GAIN = 0.5
 NOISE = 2e-3
+
+
+def fractions_of(best, data):
+    return effective_fractions(best.residual, best.jacobian, best.covariance, data)
 
 
 def joint(**changes):
@@ -78,7 +87,7 @@ def loop(seed=0):
 
 @pytest.fixture(scope="module")
 def mixed():
-    return gather([curve(5), curve(20), curve(60), loop()], {}, gain=GAIN)
+    return assemble([curve(5), curve(20), curve(60), loop()], Identify(), gain=GAIN)
 
 
 def theta(**changes):
@@ -94,7 +103,7 @@ PRIOR = {
 def test_terms_of_the_parts_add_up(mixed):
     both = np.asarray(log_likelihood(theta(), mixed))
     apart = [
-        np.asarray(log_likelihood(theta(), evidence([part], {"gain": GAIN})))
+        np.asarray(log_likelihood(theta(), Dataset.of([part], {"gain": GAIN})))
         for part in mixed.parts
     ]
     np.testing.assert_allclose(both, np.concatenate(apart), rtol=1e-14)
@@ -105,10 +114,13 @@ def test_terms_of_the_parts_add_up(mixed):
 def test_least_squares_and_likelihood_agree_about_the_optimum(mixed):
     """At the optimum of one the other has no slope, and their curvatures agree."""
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
-    best = costly_fit(residual, box(PRIOR), mixed, starts=middle)
+    best = costly_fit(stacked, box(PRIOR), mixed, starts=middle)
     left = left_by_label(best.residual, mixed)
-    again = costly_fit(residual, box(PRIOR), with_fitted_noise(left, mixed), starts=best.theta)
-    data = with_fitted_noise(left_by_label(again.residual, mixed), mixed)
+    again = costly_fit(
+        stacked, box(PRIOR), with_fitted_noise(best.theta, left, mixed), starts=best.theta
+    )
+    left = left_by_label(again.residual, mixed)
+    data = with_fitted_noise(again.theta, left, mixed)
     names = list(PRIOR)
     sd = np.sqrt(np.diag(again.covariance))
 
@@ -129,7 +141,7 @@ def test_least_squares_and_likelihood_agree_about_the_optimum(mixed):
 
 
 def test_what_a_fit_leaves_is_read_off_its_residual(mixed):
-    at_truth = np.asarray(residual({**theta(), "gain": GAIN}, mixed))
+    at_truth = np.asarray(stacked({**theta(), "gain": GAIN}, mixed))
     left = left_by_label(at_truth, mixed)
     assert set(left) == {"held at 5", "held at 20", "held at 60", "loop"}
     assert left["held at 5"].shape == (36,)
@@ -145,15 +157,15 @@ def test_offsets_of_runs_are_seen_and_let_in():
         for i, (level, w) in enumerate(zip((5, 20, 40, 60), shifted, strict=True))
     ]
     prior = box(PRIOR)
-    data = gather(tests, {}, gain=GAIN)
+    data = assemble(tests, Identify(), gain=GAIN)
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
-    best = costly_fit(residual, prior, data, starts=middle)
+    best = costly_fit(stacked, prior, data, starts=middle)
     shifts = shifts_of(best, prior.names, data)
     assert shifts is not None
-    assert wanted(shifts, {})
-    assert not wanted(shifts, {"offsets": "none"})
+    assert wanted(shifts, Identify())
+    assert not wanted(shifts, Identify(offsets="none"))
     with_own = with_offsets(best, shifts, data)
-    refit = costly_fit(residual, prior, with_own, starts=best.theta)
+    refit = costly_fit(stacked, prior, with_own, starts=best.theta)
     z = [
         (fit.theta["delta"] - TRUTH["delta"]) / np.sqrt(fit.covariance[3, 3])
         for fit in (best, refit)
@@ -175,14 +187,14 @@ def test_every_run_has_its_own_frequency_and_assemblies_scatter_more_than_days()
         for i, (day, w) in enumerate(zip(("monday", "friday"), pair, strict=True))
     ]
     prior = box(PRIOR)
-    data = gather([*tests, curve(5, name="alone")], {}, gain=GAIN)
+    data = assemble([*tests, curve(5, name="alone")], Identify(), gain=GAIN)
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
-    best = costly_fit(residual, prior, data, starts=middle)
+    best = costly_fit(stacked, prior, data, starts=middle)
     shifts = shifts_of(best, prior.names, data)
     assert shifts is not None
     data = with_offsets(best, shifts, data)
-    assert levels_of(data)[1] == (0, 0, 1, 1, 2, 2, 3)
-    best = costly_fit(residual, prior, data, starts=best.theta)
+    assert data.levels[1] == (0, 0, 1, 1, 2, 2, 3)
+    best = costly_fit(stacked, prior, data, starts=best.theta)
     rng = np.random.default_rng(0)
     drawn = rng.multivariate_normal(list(best.theta.values()), best.covariance, (1, 50))
     posterior = xr.Dataset(
@@ -205,44 +217,44 @@ def test_every_run_has_its_own_frequency_and_assemblies_scatter_more_than_days()
 
 def test_runs_that_agree_get_no_offsets():
     prior = box(PRIOR)
-    data = gather([curve(5), curve(20), curve(60)], {}, gain=GAIN)
+    data = assemble([curve(5), curve(20), curve(60)], Identify(), gain=GAIN)
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
-    best = costly_fit(residual, prior, data, starts=middle)
+    best = costly_fit(stacked, prior, data, starts=middle)
     shifts = shifts_of(best, prior.names, data)
     assert shifts is not None
-    assert not wanted(shifts, {})
-    assert wanted(shifts, {"offsets": "runs"})
+    assert not wanted(shifts, Identify())
+    assert wanted(shifts, Identify(offsets="runs"))
 
 
 def test_a_mixed_campaign_of_the_right_law_counts_in_full(mixed):
     prior = box(PRIOR)
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
-    assert worth_by_label(costly_fit(residual, prior, mixed, starts=middle), mixed) == {}
+    assert fractions_of(costly_fit(stacked, prior, mixed, starts=middle), mixed) == {}
 
 
 def test_misfit_shared_by_all_repeats_does_not_count_as_often():
-    data = gather([curve(20, repeats=16)], {}, gain=GAIN)
+    data = assemble([curve(20, repeats=16)], Identify(), gain=GAIN)
     prior = box({**PRIOR, "zeta": (0.00349, 0.00351)})  # away from the truth
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
-    best = costly_fit(residual, prior, data, starts={**middle, "zeta": 0.0035})
-    worth = worth_by_label(best, data)
+    best = costly_fit(stacked, prior, data, starts={**middle, "zeta": 0.0035})
+    worth = fractions_of(best, data)
     assert worth["held at 20"] < 0.2
-    counted = with_worth(worth, data).parts[0].repeats.num_values
+    counted = with_effective_values(worth, data).parts[0].repeats.num_values
     assert float(counted[0]) == pytest.approx(worth["held at 20"] * 72 * 16)
-    exact = weighed(best, data, {"model_error": "none"})
+    exact = with_weights(best, data, Identify(model_error="none"))
     assert float(exact.parts[0].repeats.num_values[0]) == 72 * 16
 
 
 def test_leaving_a_run_out_is_a_fit_of_the_others():
     tests = [curve(5), curve(20), curve(60)]
     prior = box(PRIOR)
-    data = gather(tests, {}, gain=GAIN)
+    data = assemble(tests, Identify(), gain=GAIN)
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
-    best = costly_fit(residual, prior, data, starts=middle)
+    best = costly_fit(stacked, prior, data, starts=middle)
     found = leave_one_out(best, prior, data)
     assert found is not None
     assert found.runs == ("held at 5", "held at 20", "held at 60")
-    apart = costly_fit(residual, prior, gather(tests[1:], {}, gain=GAIN), starts=middle)
+    apart = costly_fit(stacked, prior, assemble(tests[1:], Identify(), gain=GAIN), starts=middle)
     change = (found.estimate[0] - list(apart.theta.values())) / found.std[0]
     # Two iterations along the valley of alpha delta, each to its tolerance.
     assert np.abs(change).max() < 0.02
@@ -257,16 +269,16 @@ def test_leaving_a_run_out_is_a_fit_of_the_others():
 def test_a_level_that_contradicts_the_others_is_found():
     tests = [curve(5), curve(20), curve(60, omega_n=501.0)]
     prior = box(PRIOR)
-    data = gather(tests, {}, gain=GAIN)
+    data = assemble(tests, Identify(), gain=GAIN)
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
-    best = costly_fit(residual, prior, data, starts=middle)
+    best = costly_fit(stacked, prior, data, starts=middle)
     finding = consistency_finding(leave_one_out(best, prior, data))
     assert finding.status == "failed"
     assert finding.number > 4
 
 
 def test_the_linear_look_reads_a_held_curve():
-    found = linear_look(gather([curve(5), curve(60)], {}, gain=GAIN))
+    found = first_values(assemble([curve(5), curve(60)], Identify(), gain=GAIN))
     # At the lowest level: 10 um on a joint that softens by 4/(3 pi) alpha delta Y, and the noise.
     assert found["omega_n"] == pytest.approx(500.0, rel=1e-3)
     assert found["zeta"] == pytest.approx(0.003, rel=0.4)
@@ -275,17 +287,17 @@ def test_the_linear_look_reads_a_held_curve():
 
 def test_hold_out_and_fit_choose_the_tests(mixed):
     tests = [curve(5), curve(20), loop()]
-    data = gather(tests, {"hold_out": ["held at 5"], "fit": ["frf"]}, gain=GAIN)
+    data = assemble(tests, Identify(hold_out=["held at 5"], fit=["frf"]), gain=GAIN)
     assert [part.repeats.labels for part in data.parts] == [("held at 20",)]
     with pytest.raises(ConfigError, match="`hold_out` must name tests"):
-        gather(tests, {"hold_out": ["other"]}, gain=GAIN)
+        assemble(tests, Identify(hold_out=["other"]), gain=GAIN)
     with pytest.raises(DataError, match="no test that the joint can be fitted to"):
-        gather(tests, {"fit": ["sweep"]}, gain=GAIN)
+        assemble(tests, Identify(fit=["sweep"]), gain=GAIN)
 
 
 @pytest.mark.slow
 def test_the_joint_posterior_of_curves_and_a_loop_holds_the_truth(mixed):
-    settings = {"prior": PRIOR, "num_chains": 4, "num_samples": 400, "num_warmup": 200}
+    settings = Identify(prior=PRIOR, num_chains=4, num_samples=400, num_warmup=200)
     step, _ = joint_step(jax.random.key(0), mixed, {}, settings)
     draws = step.posterior["posterior"].to_dataset()
     for name, value in TRUTH.items():

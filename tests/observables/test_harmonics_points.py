@@ -7,11 +7,16 @@ import pytest
 
 from jbw.errors import DataError
 from jbw.measurement.records import Record, Test
-from jbw.observables import harmonics, steady
-from jbw.oscillator.hysteresis import steady_loop
-from jbw.oscillator.parameters import BoucWen
-from jbw.oscillator.restoring import Cubic
-from jbw.oscillator.steady import steady_state
+from jbw.observables.harmonic_groups import (
+    curve_group,
+    stepped_groups,
+    tone_groups,
+)
+from jbw.observables.steady import Points, equivalent_stiffness, motion_of
+from jbw.oscillator.laws.hysteresis import steady_loop
+from jbw.oscillator.laws.springs import Cubic
+from jbw.oscillator.oscillator import BoucWen
+from jbw.oscillator.steady.cycle import steady_state
 
 GAIN = 12.0
 JOINT = BoucWen(omega_n=118.0, zeta=0.01, alpha=500.0, delta=340.0, gamma=60.0)
@@ -42,23 +47,23 @@ def tone(frequency, level, repeats=2, noise=0.0, seed=0):
 @pytest.mark.slow
 def test_tones_are_predicted_where_the_joint_is_true():
     tests = [tone(f, level) for level in (0.3, 0.9) for f in (5.0, 6.0, 18.0)]
-    data = harmonics.gather(steady.tone_groups(tests))
+    data = Points.of(tone_groups(tests))
     assert data.repeats.labels == (
         "tones 0.3 order 1", "tones 0.3 order 3", "tones 0.9 order 1", "tones 0.9 order 3",
     )  # fmt: skip
     # Four odd orders balanced against eight: a part in 1e6 of the first, 3e-6 of the third order
     # (theory, section 9), and of the largest value of each group.
-    left = np.abs(np.asarray(harmonics.predict(theta(), data) - data.mean))
+    left = np.abs(np.asarray(data.predict(theta()) - data.mean))
     assert np.all(left.max(axis=1) < 1e-5 * np.abs(data.mean).max(axis=1))
 
 
 @pytest.mark.slow
 def test_a_guess_from_measurement_finds_the_steady_state_of_other_parameters():
-    data = harmonics.gather(steady.tone_groups([tone(18.0, 0.5), tone(6.0, 0.5)]))
+    data = Points.of(tone_groups([tone(18.0, 0.5), tone(6.0, 0.5)]))
     # Newton's error is squared twice, from a motion that is off by five in a hundred.
     changed = theta(delta=320.0, zeta=0.0103)
     joint = BoucWen(118.0, 0.0103, 500.0, 320.0, 60.0)
-    found = np.asarray(harmonics.motion_of(changed, data))
+    found = np.asarray(motion_of(changed, data))
     exact = np.asarray(steady_state(joint, np.asarray(data.omega), GAIN * 0.5, 4))
     assert np.abs(found - exact).max() < 2e-5 * np.abs(exact).max()
 
@@ -77,10 +82,10 @@ def test_a_held_response_is_compared_by_its_force():
     }
     units = {"frequency": "Hz", "force": "N", "acceleration": "m/s^2", "phase": "rad"}
     test = Test("frf", (Record(float("nan"), channels, units),), "held", 10.0)
-    group = steady.curve_group(test)
+    group = curve_group(test)
     assert group.of_force
-    data = harmonics.gather([group])
-    left = np.abs(np.asarray(harmonics.compare(theta(), data)))
+    data = Points.of([group])
+    left = np.abs(np.asarray(data.misfit(theta())))
     # Quadrature of the loop's harmonic on both sides: rounding, amplified by cancellation.
     assert left.max() < 1e-9 * np.abs(force).max() / GAIN
 
@@ -89,7 +94,7 @@ def test_a_cubic_stiffness_beside_the_joint_adds_its_describing_function():
     r"""$f_1 = \tfrac34 \lambda_3 Y^3$ for $y = Y \cos\theta$."""
     y = jnp.asarray([2e-4, 8e-4])
     stiffer = BoucWen(118.0, 0.01, 500.0, 340.0, 60.0, restoring=Cubic(3e8))
-    added = harmonics.equivalent_stiffness(stiffer, y) - harmonics.equivalent_stiffness(JOINT, y)
+    added = equivalent_stiffness(stiffer, y) - equivalent_stiffness(JOINT, y)
     np.testing.assert_allclose(added, 0.75 * 3e8 * y**2, rtol=1e-10)
 
 
@@ -103,8 +108,8 @@ def test_an_frf_without_amplitude_is_that_of_the_sticking_joint():
     }  # fmt: skip
     units = {"frequency": "Hz", "force": "N", "displacement": "m", "phase": "rad"}
     record = Record(float("nan"), channels, units, provenance={"ratio": "m/N"})
-    data = harmonics.gather([steady.curve_group(Test("frf", (record,), "frf", 1.0))])
-    left = np.abs(np.asarray(harmonics.predict(theta(), data) - data.mean))
+    data = Points.of([curve_group(Test("frf", (record,), "frf", 1.0))])
+    left = np.abs(np.asarray(data.predict(theta()) - data.mean))
     # Softening at an amplitude of 1e-9: alpha delta Y of omega_n^2, amplified 50 times.
     assert left.max() < 1e-6 * np.abs(h).max()
 
@@ -113,9 +118,7 @@ def test_the_equivalent_stiffness_of_many_amplitudes_is_that_of_each():
     y = jnp.geomspace(1e-4, 1e-3, 40)
     each = jax.vmap(lambda one: steady_loop(JOINT, one).z_1 / one)(y)
     # Sixteen nodes over a decade; what converges is what the loop leaves of alpha.
-    np.testing.assert_allclose(
-        harmonics.equivalent_stiffness(JOINT, y), each, atol=1e-9 * JOINT.alpha
-    )
+    np.testing.assert_allclose(equivalent_stiffness(JOINT, y), each, atol=1e-9 * JOINT.alpha)
 
 
 @pytest.mark.slow
@@ -127,20 +130,20 @@ def test_stepped_sines_are_cut_into_their_steps():
     }
     record = Record(512.0, joined, one.records[0].units, "stepped_01")
     test = Test("stepped", (record,), "stepped", 0.3, (5.0, 6.0), dwell=8.0, settle=2.0)
-    data = harmonics.gather(steady.stepped_groups(test))
-    left = np.abs(np.asarray(harmonics.predict(theta(), data) - data.mean))
+    data = Points.of(stepped_groups(test))
+    left = np.abs(np.asarray(data.predict(theta()) - data.mean))
     assert np.all(left.max(axis=1) < 1e-5 * np.abs(data.mean).max(axis=1))
     short = Test("stepped", (record,), "short", 0.3, (5.0, 6.0, 7.0), dwell=8.0)
     with pytest.raises(DataError, match="must hold 3 steps of 8 s, but lasts 16 s"):
-        steady.stepped_groups(short)
+        stepped_groups(short)
 
 
 @pytest.mark.slow
 def test_derivatives_are_the_implicit_ones():
-    data = harmonics.gather(steady.tone_groups([tone(18.2, 0.5), tone(6.0, 0.5)]))
+    data = Points.of(tone_groups([tone(18.2, 0.5), tone(6.0, 0.5)]))
 
     def first(zeta, delta):
-        return harmonics.motion_of(theta() | {"zeta": zeta, "delta": delta}, data)[0, 0].real
+        return motion_of(theta() | {"zeta": zeta, "delta": delta}, data)[0, 0].real
 
     slopes = jax.grad(first, (0, 1))(jnp.asarray(0.01), jnp.asarray(340.0))
 
@@ -156,7 +159,7 @@ def test_derivatives_are_the_implicit_ones():
 
 def test_noise_of_a_group_is_that_of_its_repeats():
     test = tone(6.0, 0.5, repeats=400, noise=1e-4)
-    data = harmonics.gather(steady.tone_groups([test]))
+    data = Points.of(tone_groups([test]))
     # An amplitude from N samples has 2 sigma^2 / N in each of its two parts; 798 degrees of
     # freedom know it to 2.5 %.
     expected = 1e-4 * np.sqrt(2 / 4096)

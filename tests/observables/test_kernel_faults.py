@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from jbw.errors import DataError
-from jbw.measurement.harmonics import ThirdOrder
-from jbw.observables.kernel import reduce
+from jbw.identification.paper.kernel import reduce
+from jbw.measurement.probing import ThirdOrder
 
 OMEGA_N = 118.0  # [rad/s]
 

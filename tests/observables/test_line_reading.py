@@ -7,9 +7,9 @@ from scipy import stats
 
 from jbw import rig
 from jbw.identification.linear_step import linear_step
-from jbw.observables import linear
-from jbw.oscillator.hysteresis import steady_loop
-from jbw.oscillator.parameters import BoucWen
+from jbw.observables.line_fit import LineReading
+from jbw.oscillator.laws.hysteresis import steady_loop
+from jbw.oscillator.oscillator import BoucWen
 
 TRUTH = {
     "omega_n": 2 * np.pi * 18.8,
@@ -28,8 +28,8 @@ def theta(**changes):
 def test_the_average_over_amplitudes_is_rayleighs():
     """Monte Carlo over the amplitudes in place of quadrature."""
     sigma = 4e-4
-    data = linear.line_reading(np.ones(3), np.eye(3), sigma)
-    omega, zeta, gain = (float(x) for x in linear.predict(theta(), data))
+    data = LineReading.of(np.ones(3), np.eye(3), sigma)
+    omega, zeta, gain = (float(x) for x in data.predict(theta()))
     y = stats.rayleigh.ppf((np.arange(20000) + 0.5) / 20000, scale=sigma)
     names = ("omega_n", "zeta", "alpha", "delta", "gamma")
     joint = BoucWen(*(TRUTH[name] for name in names))
@@ -46,8 +46,8 @@ def test_the_average_over_amplitudes_is_rayleighs():
 def test_small_amplitudes_shift_by_the_series():
     r"""$\omega_{eq}^2 = \omega_n^2 - \frac{4}{3\pi}\alpha\delta\,3\sqrt{\pi/8}\,\sigma$."""
     sigma = 1e-7
-    data = linear.line_reading(np.ones(3), np.eye(3), sigma)
-    omega = float(linear.predict(theta(), data)[0])
+    data = LineReading.of(np.ones(3), np.eye(3), sigma)
+    omega = float(data.predict(theta())[0])
     expected = 4 / (3 * np.pi) * 497.4 * 340.21 * 3 * np.sqrt(np.pi / 8) * sigma
     # The next term is of relative order delta sigma = 3e-5; the difference of squares has 12
     # digits less six.
@@ -58,8 +58,8 @@ def test_the_reading_of_the_rig_is_predicted():
     """Truth inside the reading's own errors, at an amplitude where softening is 40 of them."""
     (test,) = rig.measure(seed=3, tests=["noise_0p005V"], repeats=2).tests
     found = linear_step(test)
-    data = linear.line_reading(found.pooled.mean, found.pooled.covariance, found.y_rms)
-    left, _, _ = linear.whitened(theta(), data)
+    data = LineReading.of(found.pooled.mean, found.pooled.covariance, found.y_rms)
+    left, _ = data.weighted(theta())
     assert stats.chi2.sf(float(jnp.sum(left**2)), 3) > 1e-4
-    ignorant = linear.whitened(theta(alpha=1e-9), data)[0]
+    ignorant = data.weighted(theta(alpha=1e-9))[0]
     assert stats.chi2.sf(float(jnp.sum(ignorant**2)), 3) < 1e-9

@@ -7,10 +7,11 @@ import pytest
 from scipy.stats import norm
 
 from jbw.errors import DataError
-from jbw.identification.noise import draw_noise_std
+from jbw.identification.derived import draw_noise_std
 from jbw.measurement.records import Record, Test
-from jbw.observables import response
-from jbw.observables.evidence import evidence, log_likelihood, residual
+from jbw.observables.dataset import Dataset, log_likelihood, stacked
+from jbw.observables.motion import advance, response_to
+from jbw.observables.records import Records
 
 FS = 256.0
 TRUTH = {
@@ -32,7 +33,7 @@ def tests():
     rng = np.random.default_rng(1)
     t = np.arange(512) / FS
     u = 0.1 * np.sin(2 * np.pi * 18 * t) * np.sin(np.pi * t / 2) ** 2
-    clean = np.asarray(response.response_to(theta(), jnp.asarray(u), FS))
+    clean = np.asarray(response_to(theta(), jnp.asarray(u), FS))
     records = tuple(
         Record(FS, {"input": u, "velocity": clean + 1e-3 * rng.normal(size=512)},
                {"input": "V", "velocity": "m/s"})
@@ -42,42 +43,42 @@ def tests():
 
 
 def test_squares_are_those_of_every_repeat(tests):
-    data = response.reduce(tests)
-    model = np.asarray(response.predict(theta(gamma=40.0), data))[0]
+    data = Records.of(tests)
+    model = np.asarray(data.predict(theta(gamma=40.0)))[0]
     direct = sum(np.sum((r.channels["velocity"] - model) ** 2) for r in tests[0].records)
     # Sums of 2560 squares in another order: rounding only.
-    np.testing.assert_allclose(response.squares(theta(gamma=40.0), data)[0], direct, rtol=1e-12)
+    np.testing.assert_allclose(data.squares(theta(gamma=40.0))[0], direct, rtol=1e-12)
 
 
 @pytest.mark.fault(30, 32)
 def test_marginal_likelihood_integrates_the_noise_out(tests):
-    data = response.reduce(tests)
+    data = Records.of(tests)
 
     def integrated(one):
-        q, n = float(response.squares(one, data)[0]), 5 * 512
+        q, n = float(data.squares(one)[0]), 5 * 512
         sigma = np.sqrt(q / n) * np.exp(np.linspace(-0.3, 0.3, 4001))
         log_p = -n * np.log(sigma) - q / (2 * sigma**2)
         return log_p.max() + np.log(np.trapezoid(np.exp(log_p - log_p.max()), np.log(sigma)))
 
     pair = [theta(), theta(delta=320.0)]
     exact = integrated(pair[1]) - integrated(pair[0])
-    found = [float(log_likelihood(one, evidence([data]))[0]) for one in pair]
+    found = [float(log_likelihood(one, Dataset.of([data]))[0]) for one in pair]
     # Quadrature over ln sigma on a grid of 1.5e-4: good to 1e-7 of the log likelihood's change.
     np.testing.assert_allclose(found[1] - found[0], exact, rtol=1e-6, atol=1e-6)
 
 
 def test_noise_of_the_repeats(tests):
-    data = response.reduce(tests)
+    data = Records.of(tests)
     # 2048 degrees of freedom: the estimate has a standard error of 1.6 %.
     assert float(data.repeats.noise_std[0]) == pytest.approx(1e-3, rel=0.07)
 
 
 def test_draws_of_the_noise_come_from_the_stored_likelihood(tests):
-    data = evidence([response.reduce(tests)])
+    data = Dataset.of([Records.of(tests)])
     terms = np.asarray(log_likelihood(theta(), data))
     stored = np.broadcast_to(terms, (4, 100, 1))
-    draws = draw_noise_std(jax.random.key(0), stored, data)["sweep"]
-    squares = float(response.squares(theta(), data.parts[0])[0])
+    draws = draw_noise_std(jax.random.key(0), {}, stored, data)["sweep"]
+    squares = float(data.parts[0].squares(theta())[0])
     # sigma^2 = Q / chi^2_n with n = 2560: mean sqrt(Q / n) to 1e-3, sd 1 / sqrt(2 n) of it, which
     # 400 draws know to 3.5 %.
     assert draws.shape == (4, 100)
@@ -86,7 +87,7 @@ def test_draws_of_the_noise_come_from_the_stored_likelihood(tests):
 
 
 def test_residuals_at_the_truth_are_standard_normal(tests):
-    r = np.asarray(residual(theta(), evidence([response.reduce(tests)])))
+    r = np.asarray(stacked(theta(), Dataset.of([Records.of(tests)])))
     assert abs(r.std() - 1) < 4 / np.sqrt(2 * len(r))
     assert abs(np.mean(np.abs(r) < norm.ppf(0.995)) - 0.99) < 4 * np.sqrt(0.99 * 0.01 / len(r))
 
@@ -96,11 +97,11 @@ def test_a_delay_is_undone():
     pulse = np.exp(-0.5 * ((t - 2.0) / 0.05) ** 2)
     late = np.exp(-0.5 * ((t - 2.0 - 0.0037) / 0.05) ** 2)
     # A Gaussian of 50 ms is band-limited far below 128 Hz: exact to rounding.
-    np.testing.assert_allclose(response.advance(late, 0.0037, FS), pulse, atol=1e-12)
+    np.testing.assert_allclose(advance(late, 0.0037, FS), pulse, atol=1e-12)
 
 
 def test_unlike_records_are_refused(tests):
     (test,) = tests
     other = Record(512.0, test.records[0].channels, test.records[0].units)
     with pytest.raises(DataError, match="sampling frequency"):
-        response.reduce([test, Test("sweep", (other, other), "fast", 0.2)])
+        Records.of([test, Test("sweep", (other, other), "fast", 0.2)])

@@ -10,7 +10,7 @@ from jbw.errors import DataError
 from jbw.identification.linear_step import linear_step
 from jbw.measurement.periods import periods
 from jbw.measurement.records import Record, Test
-from jbw.observables import response
+from jbw.observables.records import Records
 from jbw.observables.spectral_lines import in_band, lines_of, noise_share, values_of
 
 FS, SIZE = 256.0, 2048
@@ -82,8 +82,8 @@ def test_another_mode_outside_the_band_is_left_out():
     in_all = Test("multisine", test.records, "all", periods=1)
     errors = []
     for one in (test, in_all):
-        data = response.reduce([one], periodic=True)
-        left = response.compare({n: jnp.asarray(v) for n, v in theta.items()}, data)
+        data = Records.of([one], periodic=True)
+        left = data.misfit({n: jnp.asarray(v) for n, v in theta.items()})
         errors.append(float(jnp.linalg.norm(left) / jnp.linalg.norm(data.mean)))
     freq = np.fft.rfftfreq(SIZE, 1 / FS)
     omega, driven = 2 * np.pi * freq, (freq > 5) & (freq < 60)
@@ -94,6 +94,7 @@ def test_another_mode_outside_the_band_is_left_out():
         assert error == pytest.approx(alone, rel=0.02)
 
 
+@pytest.mark.filterwarnings("ignore:The damping .* is finer than the lines")
 def test_step_2_reads_a_multisine_by_its_periods_without_leakage():
     test = two_modes(repeats=2, size=1024, periods=8)
     lone = Test(

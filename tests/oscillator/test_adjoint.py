@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate
 from tests.conftest import GOLDEN
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jbw.errors import ModelError
-from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate
 
 PAPER = dict(omega_n=2 * np.pi * 18.8, zeta=0.00444, alpha=497.4, delta=340.21, gamma=32.84)

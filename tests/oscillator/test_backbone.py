@@ -4,15 +4,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from shooting import shooting
 
 from jbw.errors import ModelError
-from jbw.oscillator.backbone import backbone, frequency_response
-from jbw.oscillator.continuation import response_curve
-from jbw.oscillator.dimensionless import dimensionless
-from jbw.oscillator.harmonic_balance import linear_response, newton
-from jbw.oscillator.parameters import BoucWen
-from jbw.oscillator.shooting import shooting
-from jbw.oscillator.steady import steady_cycle, steady_state
+from jbw.oscillator.oscillator import BoucWen
+from jbw.oscillator.steady.backbone import backbone, frequency_response
+from jbw.oscillator.steady.balance import dimensionless, linear_response, newton
+from jbw.oscillator.steady.continuation import response_curve
+from jbw.oscillator.steady.cycle import steady_cycle, steady_state
 
 OMEGA_N = 2 * np.pi * 18.8
 PAPER = BoucWen(OMEGA_N, 0.00444, 497.4, 340.21, 32.84)

@@ -15,9 +15,9 @@ from jbw.oscillator.conventions import (
     to_baber_noori,
     to_benchmark,
 )
-from jbw.oscillator.hysteresis import hysteresis_rate
-from jbw.oscillator.parameters import BoucWen
-from jbw.oscillator.restoring import Cubic
+from jbw.oscillator.laws.hysteresis import hysteresis_rate
+from jbw.oscillator.laws.springs import Cubic
+from jbw.oscillator.oscillator import BoucWen
 
 PROPERTY = settings(deadline=None, max_examples=50, derandomize=True)
 NAMES = ("omega_n", "zeta", "alpha", "delta", "gamma", "nu")

@@ -9,10 +9,14 @@ from jax.tree_util import Partial
 from scipy.integrate import solve_ivp
 
 from jbw.errors import ConfigError, ModelError
-from jbw.oscillator.equivalent import equivalent_acceleration, smoothed_harmonics, square_wave
-from jbw.oscillator.equivalent_response import simulate_equivalent
-from jbw.oscillator.parameters import BoucWen
-from jbw.oscillator.smoothing import Smoothing, smoothed_force, smoothing
+from jbw.oscillator.oscillator import BoucWen
+from jbw.oscillator.paper.equivalent import (
+    equivalent_acceleration,
+    simulate_equivalent,
+    smoothed_harmonics,
+    square_wave,
+)
+from jbw.oscillator.paper.smoothing import Smoothing, smoothed_force, smoothing
 
 JOINT = BoucWen(118.12388377497622, 0.00444, 497.40, 340.21, 32.84)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate
 
 PAPER = np.array([2 * np.pi * 18.8, 0.00444, 497.4, 340.21, 32.84])

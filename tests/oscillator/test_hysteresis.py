@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from jbw.errors import ConfigError, ModelError
-from jbw.oscillator.hysteresis import hysteresis_map, hysteresis_rate, steady_loop
-from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.laws.hysteresis import hysteresis_map, hysteresis_rate, steady_loop
+from jbw.oscillator.oscillator import BoucWen
 
 ALPHA, DELTA, GAMMA = 497.40, 340.21, 32.84
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jbw.oscillator.kinked_step import kinked_step
+from jbw.oscillator.laws.kinked_step import kinked_step
 
 ALPHA, DELTA, GAMMA, LIFT = 500.0, 340.0, 33.0, 1e-5
 # (z, slope at the start, slope at the end, rise) in N/kg and m.

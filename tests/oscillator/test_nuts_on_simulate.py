@@ -8,7 +8,7 @@ import numpyro.distributions as dist
 import pytest
 from numpyro.infer import MCMC, NUTS
 
-from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate
 
 FS, NOISE = 256.0, 0.02

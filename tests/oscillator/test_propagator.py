@@ -4,7 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from jbw.oscillator.propagator import held_input, hermite_input, propagate, propagator
+from jbw.oscillator.linear import held_input, hermite_input, propagate, propagator
 
 
 def exact(stiffness, damping, dt):

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
+from shooting import shooting
 
 from jbw.errors import ModelError
-from jbw.oscillator.backbone import backbone, frequency_response
-from jbw.oscillator.continuation import response_curve
-from jbw.oscillator.equivalent import equivalent_acceleration
-from jbw.oscillator.harmonic_balance import imbalance, refined
-from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.laws.springs import Cubic, Polynomial
+from jbw.oscillator.oscillator import BoucWen
+from jbw.oscillator.paper.equivalent import equivalent_acceleration
+from jbw.oscillator.paper.kernels import h3, third_harmonic
+from jbw.oscillator.paper.smoothing import smoothing
 from jbw.oscillator.response import simulate
-from jbw.oscillator.restoring import Cubic, Polynomial
-from jbw.oscillator.shooting import shooting
-from jbw.oscillator.smoothing import smoothing
-from jbw.oscillator.steady import steady_state
-from jbw.oscillator.volterra import h3, third_harmonic
+from jbw.oscillator.steady.backbone import backbone, frequency_response
+from jbw.oscillator.steady.balance import imbalance, refined
+from jbw.oscillator.steady.continuation import response_curve
+from jbw.oscillator.steady.cycle import steady_state
 
 OMEGA_N = 2 * np.pi * 18.8
 PAPER = (OMEGA_N, 0.00444, 497.4, 340.21, 32.84)

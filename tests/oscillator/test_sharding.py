@@ -11,7 +11,7 @@ import re
 import jax, jax.numpy as jnp, numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec as P
 jax.config.update("jax_enable_x64", True)
-from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate
 
 assert jax.device_count() == 2
@@ -43,7 +43,7 @@ MEMORY = """
 import resource, sys
 import jax, jax.numpy as jnp, numpy as np
 jax.config.update("jax_enable_x64", True)
-from jbw.oscillator.parameters import BoucWen
+from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate
 num = int(float(sys.argv[1]) * 1024)
 u = jnp.asarray(2.0 * np.sin(0.11 * np.arange(num)))

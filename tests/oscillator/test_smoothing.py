@@ -7,10 +7,10 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from jbw.errors import ConfigError, ModelError
-from jbw.oscillator.branches import branch
-from jbw.oscillator.hysteresis import steady_loop
-from jbw.oscillator.parameters import BoucWen
-from jbw.oscillator.smoothing import Smoothing, smoothed_force, smoothing
+from jbw.oscillator.laws.hysteresis import steady_loop
+from jbw.oscillator.oscillator import BoucWen
+from jbw.oscillator.paper.branches import branch
+from jbw.oscillator.paper.smoothing import Smoothing, smoothed_force, smoothing
 
 ALPHA, DELTA, GAMMA = 497.40, 340.21, 32.84
 VARIANTS = {

@@ -9,9 +9,9 @@ import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jbw.oscillator.moments import impulse_moments
-from jbw.oscillator.reconstruction import input_polynomials, quintic, substep_matrices
-from jbw.oscillator.signed_map import distance, leg, saturation, smooth_move
+from jbw.oscillator.hold import input_polynomials, quintic, substep_matrices
+from jbw.oscillator.laws.piecewise_map import distance, leg, saturation, smooth_move
+from jbw.oscillator.linear import impulse_moments
 
 
 @pytest.mark.parametrize(

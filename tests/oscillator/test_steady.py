@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shooting import shooting
 
 from jbw.errors import ConfigError, ModelError
-from jbw.oscillator.parameters import BoucWen
-from jbw.oscillator.shooting import shooting
-from jbw.oscillator.steady import steady_cycle, steady_state
-from jbw.oscillator.volterra import h1
+from jbw.oscillator.oscillator import BoucWen
+from jbw.oscillator.paper.kernels import h1
+from jbw.oscillator.steady.cycle import steady_cycle, steady_state
 
 OMEGA_N = 2 * np.pi * 18.8
 PAPER = BoucWen(OMEGA_N, 0.00444, 497.4, 340.21, 32.84)
@@ -247,7 +247,7 @@ def test_refuses_float32():
 
 
 def test_says_which_tone_did_not_converge(monkeypatch):
-    monkeypatch.setattr("jbw.oscillator.steady.MANY_TURNS", 2)
+    monkeypatch.setattr("jbw.oscillator.steady.cycle.MANY_TURNS", 2)
     omega, amplitude = STRONG_TONE
     with pytest.raises(ModelError, match=r"1 of 2 tones.*omega = 38\.98.*amplitude = 10.*6 turn"):
         steady_state(STRONG, np.array([20.0, omega]), amplitude)

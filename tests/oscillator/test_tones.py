@@ -10,10 +10,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from jbw.errors import ConfigError
-from jbw.oscillator.polynomial import PolynomialOscillator
-from jbw.oscillator.probing import kernel
-from jbw.oscillator.tones import Lines, merge_lines, synthesize, tone_response, tone_terms
-from jbw.oscillator.volterra import h1, kernel_2, kernel_3
+from jbw.oscillator.paper.kernels import PolynomialOscillator, h1, kernel_2, kernel_3
+from jbw.oscillator.paper.probing import kernel
+from jbw.oscillator.paper.tones import Lines, merge_lines, synthesize, tone_response, tone_terms
 
 SYSTEM = PolynomialOscillator(damping=0.25, stiffness=1.0, rho=0.4, lambda_3=-0.3)
 BASE = 0.05

@@ -4,19 +4,20 @@ import numpy as np
 import pytest
 
 from jbw.errors import JbwError
-from jbw.oscillator.hysteresis import steady_loop
-from jbw.oscillator.parameters import BoucWen
-from jbw.oscillator.polynomial import PolynomialOscillator, nearly_closed
-from jbw.oscillator.smoothing import Smoothing, smoothing
-from jbw.oscillator.volterra import (
+from jbw.oscillator.laws.hysteresis import steady_loop
+from jbw.oscillator.oscillator import BoucWen
+from jbw.oscillator.paper.kernels import (
+    PolynomialOscillator,
     h1,
     h3,
     kernel_1,
     kernel_2,
     kernel_3,
     kernel_31,
+    nearly_closed,
     third_harmonic,
 )
+from jbw.oscillator.paper.smoothing import Smoothing, smoothing
 
 OMEGA_N = 2 * np.pi * 18.8
 JOINT = BoucWen(OMEGA_N, 0.00444, 497.40, 340.21, 32.84)

@@ -5,9 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 
-from jbw.inference.box import box
+from jbw.inference.space.box import box
 from jbw.planning.beliefs import Beliefs
-from jbw.planning.candidates import Stepped, Sweep, Tones
 from jbw.planning.information import (
     covariance,
     information_gain,
@@ -17,7 +16,8 @@ from jbw.planning.information import (
     wanted_gain,
     worst_decile,
 )
-from jbw.planning.prospects import Noise, peak_displacements, prospects
+from jbw.planning.plan import Noise, Stepped, Sweep, Tones
+from jbw.planning.prospects import peak_displacements, prospects
 
 JOINT = dict(omega_n=118.12, zeta=0.00444, alpha=497.4, delta=340.21, gamma=32.84)
 LINEAR = dict(omega_n=60.0, zeta=0.01, alpha=400.0, delta=1e-9, gamma=1e-9)
@@ -194,7 +194,7 @@ def test_predicted_spread_is_that_of_fits_to_noisy_records():
     import jax.numpy as jnp
     from scipy.optimize import least_squares
 
-    from jbw.observables.response import response_to
+    from jbw.observables.motion import response_to
 
     test = Sweep(level=0.06, start_hz=12.0, stop_hz=26.0, rate=2.8, rest=3.0, fs=512.0)
     theta, noise = JOINT, Noise(5e-4, "velocity")

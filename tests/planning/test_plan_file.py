@@ -5,7 +5,8 @@ import pytest
 
 from jbw.errors import ConfigError
 from jbw.planning.description import parse, read_description
-from jbw.planning.keys import EXAMPLE, TABLES
+from jbw.planning.keys import EXAMPLE, MOTIONS, TABLES
+from jbw.units import FACTORS
 
 LEAST = "[plan]\nnatural_hz = 20.0\ndelta = [100.0, 300.0]\nnoise = 1e-5\n"
 
@@ -25,9 +26,10 @@ def test_the_example_is_a_plan_file_and_shows_every_table():
     found = parse(EXAMPLE)
     assert (found.gain, found.input_unit) == (15.0, "V")
     assert found.noise.std == pytest.approx(50e-6)
-    assert set(found.grids) == {"sweep", "tones", "stepped"} == set(TABLES) - {"plan"}
+    assert set(found.grids) == {"sweep", "tones", "stepped"} == set(TABLES) - {"plan", "joint"}
     for name in ("fs", "max_repeats", "joints", "seed", "levels", "rates", "dwell"):
         assert f"# {name} = " in EXAMPLE
+    assert f"; {', '.join(unit for motion in MOTIONS for unit in FACTORS[motion])}\n" in EXAMPLE
 
 
 def test_a_modal_mass_makes_newtons_and_its_range_is_inferred():
@@ -85,7 +87,7 @@ def test_beside_a_run_the_joint_is_not_told_again():
     assert "zeta: the run tells it" in str(caught.value)
     assert "gain: must be a single value beside a run, but is [1.0, 2.0]" in str(caught.value)
     found = parse("[plan]\nmax_input = 3.0\n", of_run=True)
-    assert (found.ranges, found.settings) == ({}, {"max_input": 3.0})
+    assert (found.ranges, dict(found.settings)) == ({}, {"max_input": 3.0})
 
 
 def test_a_file_that_is_not_there_or_not_text(tmp_path):
@@ -96,3 +98,43 @@ def test_a_file_that_is_not_there_or_not_text(tmp_path):
     damaged.write_bytes(b"[plan]\n# \xff\xfe\n")
     with pytest.raises(ConfigError, match=r"not UTF-8: byte 9"):
         read_description(damaged)
+
+
+JENKINS = """
+[joint]
+laws = "jenkins_2"
+[plan]
+natural_hz = 20.0
+noise = 1e-5
+stiffness_1 = [100.0, 300.0]
+stiffness_2 = [50.0, 100.0]
+slip_1 = [1e-4, 3e-4]
+"""
+
+
+def test_another_law_brings_its_own_keys_and_wishes():
+    found = parse(JENKINS + "slip_ratio_2 = 5.0\nwanted = 'slip_ratio_2'\n")
+    assert found.laws == ("jenkins_2",)
+    assert list(found.ranges) == [
+        "omega_n", "zeta", "stiffness_1", "slip_1", "stiffness_2", "slip_ratio_2",
+    ]  # fmt: skip
+    assert found.settings.wanted == ("slip_ratio_2",)
+    with pytest.raises(ConfigError) as caught:
+        parse(JENKINS + "delta = 3.0\nwanted = 'alpha'\n")
+    for part in ("slip_ratio_2: missing; ", "delta: unknown key", "'alpha' is unknown"):
+        assert part in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("laws", "says"),
+    [
+        ('"bouc_wenn"', "[joint] laws: Unknown law `bouc_wenn`; did you mean `bouc_wen`"),
+        ('["cubic", "cubic"]', "[joint] laws: "),
+    ],
+)
+def test_laws_that_cannot_be_meant(laws, says):
+    with pytest.raises(ConfigError) as caught:
+        parse(f"[joint]\nlaws = {laws}\n{LEAST}")
+    assert says in str(caught.value)
+    with pytest.raises(ConfigError, match=r"\[joint\]: the run tells it"):
+        parse('[joint]\nlaws = "cubic"\n', of_run=True)

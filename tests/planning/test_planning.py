@@ -5,16 +5,14 @@ import pytest
 import xarray as xr
 
 from jbw.errors import ConfigError, DataError
-from jbw.inference.box import box
+from jbw.inference.space.box import box
 from jbw.planning.beliefs import Beliefs, after, before
-from jbw.planning.candidates import Sweep
-from jbw.planning.combining import combine
 from jbw.planning.description import parse
-from jbw.planning.making import plan_tests
-from jbw.planning.plan import Wish, ordered, row
-from jbw.planning.proposals import Grid, Reach, propose
+from jbw.planning.judge import combine, ordered, row
+from jbw.planning.making import plan_tests, rig_of
+from jbw.planning.plan import Sweep, Wish
+from jbw.planning.proposals import Grid, Reach, displacement_for, propose
 from jbw.planning.prospects import Prospect, peak_displacements
-from jbw.planning.runs import rig_of
 
 RANGES = {
     "omega_n": (110.0, 120.0),
@@ -103,7 +101,7 @@ def posterior_tree(**drop):
     draws = centre * np.exp(rng.normal(size=(2, 600, 5)) @ mixing.T)
     names = ("omega_n", "zeta", "alpha", "delta", "gamma")
     columns = {n: (("chain", "draw"), draws[..., i]) for i, n in enumerate(names) if n not in drop}
-    noise = (("chain", "draw", "level"), np.full((2, 600, 1), 4e-5), {"units": "m s-1"})
+    noise = (("chain", "draw", "level"), np.full((2, 600, 1), 4e-5), {"units": "m/s"})
     time = {"time": np.arange(100) / 512.0}
     record = xr.Dataset({"measured": ("time", np.zeros(100))}, time, {"level_unit": "V"})
     tree = xr.DataTree.from_dict(
@@ -280,3 +278,33 @@ def test_levels_that_are_given_are_kept():
         (0.1, 1.0), (0.2, 1.0), (0.1, 2.0), (0.2, 2.0),
     ]  # fmt: skip
     assert (found[4].level, found[4].seconds, found[4].num_samples) == (0.01, 18.0, 4096)
+
+
+def test_tests_of_a_joint_of_sliders_are_planned_by_its_own_parameters():
+    text = """
+    [joint]
+    laws = "jenkins_1"
+    [plan]
+    natural_hz = 18.8
+    zeta = 0.005
+    stiffness_1 = [400.0, 600.0]
+    slip_1 = [1e-3, 1.5e-3]
+    gain = 15.0
+    noise = 5e-6
+    joints = 2
+    max_repeats = 10
+    [stepped]
+    frequencies = [17.0, 18.0, 18.5, 19.0]
+    dwell = 20.0
+    settle = 15.0
+    levels = [0.5]
+    """
+    found = plan_tests(parse(text))
+    assert found.wish.wanted == ("stiffness_1", "slip_1")
+    (row,) = found.rows
+    assert row.information_gain > 0.0
+    assert row.cv["slip_1"].median < found.before["slip_1"].median
+    # The middle of the range of slips, drawn by a Latin hypercube of two.
+    beliefs = before(parse(text).ranges, held={"gain": 15.0}, num_joints=8, seed=0,
+                     laws=("jenkins_1",))  # fmt: skip
+    assert 1e-3 < displacement_for(beliefs) < 1.5e-3

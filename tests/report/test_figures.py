@@ -11,7 +11,7 @@ from PIL import Image
 
 from jbw.errors import ConfigError, DataError
 from jbw.report import figures
-from jbw.report.figures import FIGURES, PLATES, figure_of, save_figures, svg
+from jbw.report.figures import FIGURE_LIST, FIGURES, figure_of, save_figures, svg
 
 # The paper's figure 3 shows the rig itself.
 NUMBERED = [f"figure_{number}" for number in (1, 2, *range(4, 14))]
@@ -20,7 +20,7 @@ WITHOUT_AXES = {"figure_2"}
 
 @pytest.fixture(scope="module")
 def drawn(tree):
-    return {plate.name: figure_of(plate.draw(tree)) for plate in PLATES}
+    return {entry.name: figure_of(entry.draw(tree)) for entry in FIGURE_LIST}
 
 
 def test_the_papers_figures_are_there_by_number():
@@ -29,8 +29,9 @@ def test_the_papers_figures_are_there_by_number():
 
 
 def test_the_list_of_figures_is_complete():
-    listed = {tuple(row.split()[:2]) for row in figures.__doc__.splitlines() if row[:4] == "    "}
-    assert listed == {(plate.name, plate.draw.__name__) for plate in PLATES}
+    assert len({entry.slug for entry in FIGURE_LIST}) == len(FIGURES) == len(FIGURE_LIST)
+    with pytest.raises(AttributeError, match="figure_3"):
+        _ = figures.figure_3
 
 
 @pytest.mark.parametrize("name", FIGURES)

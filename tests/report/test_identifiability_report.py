@@ -1,17 +1,19 @@
 """Tables and figures of what the data identify."""
 
-# Greek letters and the true minus sign are meant.
-# ruff: noqa: RUF001
-
 import numpy as np
 import pytest
 import xarray as xr
 from toy_identifiability import RATIO, identifiability_group, identifiability_summary
 
 from jbw.errors import DataError
-from jbw.report.identifiability import information_spectrum, profile_curves, spelled
-from jbw.report.identifiability_rows import quantity_rows, spectrum_rows, waterfall_words
+from jbw.report.identifiability import (
+    directions_table,
+    information_spectrum,
+    profile_curves,
+    quantities_table,
+)
 from jbw.report.page import render_page
+from jbw.report.words import combination
 
 
 @pytest.fixture(scope="module")
@@ -48,27 +50,36 @@ def test_one_curve_a_parameter_and_a_sentence_without(known):
 
 
 def test_names_become_symbols_and_the_rest_stays():
-    assert spelled("alpha^(1/2)*omega_n/delta") == "α^(1/2)·ωₙ/δ"
-    assert spelled("a mixture of gain and gamma") == "a mixture of gain and γ"
-    assert spelled("offset - 0.5 zeta") == "offset − 0.5 ζ"
+    assert combination("alpha^(1/2)*omega_n/delta", {}) == "α^(1/2)·ωₙ/δ"
+    assert combination("a mixture of gain and gamma", {}) == "a mixture of gain and γ"
+    assert combination("offset - 0.5 zeta", {}) == "offset − 0.5 ζ"
+
+
+def texts(shown):
+    """Rows of a table: first cell to the texts by the first word of their headings."""
+    first, *others = shown.columns
+    return {
+        first.cell(row).text: {c.heading.split()[0]: c.cell(row).text for c in others}
+        for row in shown.rows
+    }
 
 
 def test_rows_of_the_tables():
-    summary = {"identifiability": identifiability_summary()}
-    rows = {row["symbol"]: row for row in quantity_rows(summary)}
-    assert rows["α"]["shift"] == "0.17 by α lower"
-    assert rows["δ"]["shift"] == "∞ by α upper"
-    assert rows["γ"]["shift"] == "–"
-    assert rows["ζ"]["profile"] == "0.004380 to 0.004500"
-    assert rows["α"]["profile"] == "open to open"
-    assert rows["α δ"]["relative"] == "0.30 %"
-    assert [row["combination"] for row in spectrum_rows(summary)][3] == "α·δ"
-    assert waterfall_words(summary).endswith("412.0, 412.3, 980.0, none.")
+    shown = quantities_table(identifiability_summary(), {})
+    rows = texts(shown)
+    assert rows["α"]["follows"] == "0.17 by α lower"
+    assert rows["δ"]["follows"] == "∞ by α upper"
+    assert rows["γ"]["follows"] == "–"
+    assert rows["ζ"]["99"] == "0.004380 to 0.004500"
+    assert rows["α"]["99"] == "open to open"
+    assert shown.columns[3].cell(shown.rows[-2]).text == "0.30 %"
+    assert list(texts(directions_table(identifiability_summary(), {})))[3] == "α·δ"
+    assert shown.meanings.endswith("412.0, 412.3, 980.0, none.")
 
 
 def test_a_run_without_is_shown_without(summary, tree):
-    assert quantity_rows({}) == spectrum_rows({}) == []
-    assert waterfall_words({"identifiability": {"waterfall": {"costs": [1.0]}}}) == ""
+    assert quantities_table({}, {}).rows == directions_table({}, {}).rows == []
+    assert "Costs" not in quantities_table({"waterfall": {"costs": [1.0]}}, {}).meanings
     bare = xr.DataTree.from_dict({"/steps/linear": tree["steps/linear"].to_dataset()})
     page = render_page({**summary, "identifiability": {}}, bare)
     assert "What the data identify" not in page

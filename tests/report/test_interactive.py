@@ -12,9 +12,8 @@ from click.testing import CliRunner
 from jbw.cli.report import report
 from jbw.errors import ConfigError, DataError
 from jbw.report import interactive
-from jbw.report.charts import charts_of
+from jbw.report.charts import band, charts_of, line
 from jbw.report.interactive import render_interactive, write_interactive
-from jbw.report.traces import band, line
 
 HOSTILE = "</script><script>alert(1)</script> & <a href='javascript:x'>"
 

@@ -1,8 +1,5 @@
 """The oscillator, the procedure and the backbone as figures, against the numbers in the tree."""
 
-# Greek letters and the true minus sign are meant.
-# ruff: noqa: RUF001
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -10,9 +7,9 @@ from matplotlib.figure import Figure
 
 from jbw.errors import DataError
 from jbw.report.backbone import backbone, length_unit, steady_loops
-from jbw.report.phase import beside, unwrapped_band
 from jbw.report.prediction import prediction
 from jbw.report.procedure import procedure
+from jbw.report.result import beside, unwrapped_band
 from jbw.report.schematic import oscillator
 
 
@@ -126,7 +123,7 @@ def test_a_predicted_phase_does_not_jump_either():
     dims = ("quantile", "freq")
     wide = np.array([-0.3, 0.0, 0.3])[:, None]
     found = {
-        "model_magnitude": (dims, np.ones((3, 41)), {"units": "m s-1", "long_name": "velocity"}),
+        "model_magnitude": (dims, np.ones((3, 41)), {"units": "m/s", "long_name": "velocity"}),
         "model_phase": (dims, exact + 0.1 * wide),
         "predictive_magnitude": (dims, np.ones((3, 41))),
         "predictive_phase": (dims, exact + wide - 2 * np.pi),

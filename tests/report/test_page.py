@@ -1,8 +1,5 @@
 """The page stands by itself, says the verdict first and trusts no name from a file."""
 
-# Greek letters and the true minus sign are meant.
-# ruff: noqa: RUF001
-
 import json
 import re
 import time
@@ -14,10 +11,11 @@ from click.testing import CliRunner
 from toy_summary import result_summary
 
 from jbw.cli.report import report
-from jbw.report import page
-from jbw.report.figures import PLATES
+from jbw.errors import RunError
+from jbw.report.figures import FIGURE_LIST
 from jbw.report.page import render_page, write_page
-from jbw.report.tables import loop_rows
+from jbw.report.tables import loops_table
+from jbw.run import files
 
 HOSTILE = '<script>alert(1)<script> $x_{ & "q"'
 
@@ -78,7 +76,7 @@ def test_the_whole_page(whole):
     text = whole.read_text(encoding="utf-8")
     parsed = outline(text)
     figures = [facts["id"] for tag, facts in parsed.tags if tag == "figure"]
-    assert figures == [plate.slug for plate in PLATES]
+    assert figures == [entry.slug for entry in FIGURE_LIST]
     identities = re.findall(r'\bid="([^"]+)"', text)
     assert len(identities) == len(set(identities))
     # Every link within the page leads somewhere.
@@ -172,10 +170,11 @@ def test_the_loops_areas_stand_beside_each_other(tree, summary):
     # The same in attributes, out of the band and without a band of their own.
     facts = {"measured_area": 9.0, "model_area_lower": 1.0, "model_area_median": 2.0}
     summary["loops"] = {"other": facts | {"model_area_upper": 3.0}}
-    rows = loop_rows(summary, xr.DataTree())
-    assert [(row["test"], row["measured"], row["meet"]) for row in rows] == [
-        ("other", "9000", "no")
-    ]
+    shown = loops_table(summary, xr.DataTree())
+    told = {column.heading: column.cell(row).text for row in shown.rows for column in shown.columns}
+    assert told["test"] == "other"
+    assert told["measured [mJ/kg]"] == "9000"
+    assert told["bands\nmeet"] == "no"
 
 
 @pytest.mark.parametrize("status", ["ok", "failed", "not assessed", "unheard of"])
@@ -197,8 +196,8 @@ def test_a_failed_page_leaves_the_old_one(small, summary, tmp_path, monkeypatch)
     def refuse(*_):
         raise OSError("disk full")
 
-    monkeypatch.setattr(page.os, "replace", refuse)
-    with pytest.raises(OSError, match="disk full"):
+    monkeypatch.setattr(files.os, "replace", refuse)
+    with pytest.raises(RunError, match="disk full"):
         write_page(summary, small, path)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]

@@ -1,8 +1,5 @@
 """Densities, extremes, phases and numbers against closed forms."""
 
-# Greek letters and the true minus sign are meant.
-# ruff: noqa: RUF001
-
 import json
 
 import numpy as np
@@ -10,13 +7,15 @@ import pytest
 import xarray as xr
 
 from jbw.errors import DataError
-from jbw.report.density import marginal_density
 from jbw.report.kernel import relative_to_median
-from jbw.report.linear import resonance_window, wrap_band, wrap_degrees
+from jbw.report.linear import resonance_window
 from jbw.report.loops import strokes
-from jbw.report.result import parameters, read_result
-from jbw.report.sweep import extremes, resonance_slice
+from jbw.report.posterior import marginal_density
+from jbw.report.records import extremes, resonance_slice
+from jbw.report.result import parameters, read_result, wrap_band, wrap_degrees
+from jbw.report.tables import predictions_table
 from jbw.report.text import number, percent, seconds, step_name, symbol, unit_text
+from jbw.verification.predict import warnings_of
 
 
 def test_density_of_normal_draws_is_the_normal_density():
@@ -129,8 +128,10 @@ def test_words():
     assert symbol("omega_n") == "ωₙ"
     assert symbol("noise_std[0.05]") == "noise sd at 0.05"
     assert symbol("y_0") == "y_0"
-    assert unit_text("m^-2 s^6") == "m⁻² s⁶"
-    assert unit_text("N kg-1 per unit of input") == "N kg⁻¹ per unit of input"
+    assert unit_text("1/(m s^2)") == "m⁻¹ s⁻²"
+    # Old runs, in the dialects of their time.
+    assert unit_text("m^-2 s^6") == "s⁶/m²"
+    assert unit_text("N kg-1 per unit of input") == "N/kg per unit of input"
     assert unit_text("1") == ""
     assert percent(0.0123) == "1.23 %"
     assert seconds(83.4) == "1 min 23 s"
@@ -153,3 +154,16 @@ def test_what_cannot_be_read_is_named(tmp_path):
     (tmp_path / "posterior.nc").write_bytes(b"nothing")
     with pytest.raises(DataError, match="cannot be read"):
         read_result(tmp_path)
+
+
+@pytest.mark.parametrize(("reach", "says"), [(1.04, "not fitted"), (1.06, "1.1 times")])
+def test_a_twentieth_beyond_the_fitted_displacement_is_as_good_as_within(reach, says):
+    """A peak is known to some per cent; from 1.05 on the table and a warning say so."""
+    row = {"kind": "sweep", "fitted": False, "extrapolation": reach, "nrmse": 0.1, "coverage": 0.9}
+    shown = predictions_table({"predictions": {"strong": row}})
+    (used,) = (c.cell(shown.rows[0]).text for c in shown.columns if c.heading == "used as")
+    assert says in used
+    assert ("times" in used) == (reach > 1.05)
+    attrs = {"test": "strong", "extrapolation": reach, "y_peak": [0.9, 1.0, reach]}
+    found = warnings_of(xr.Dataset(attrs={**attrs, "y_peak_fitted": 1.0}))
+    assert bool(found) == (reach > 1.05)

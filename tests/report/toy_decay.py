@@ -11,7 +11,7 @@ def verification_decay(rng, level, fitted):
     time = 0.1 + np.arange(4096) / 1024.0
     clean = level * np.exp(-0.4 * time) * np.cos(2 * np.pi * 18.8 * time)
     model = clean * (1 + 0.004 * SPREAD[:, None])
-    unit = {"units": "m s-1"}
+    unit = {"units": "m/s"}
     return xr.Dataset(
         {
             "measured": ("time", clean + 2e-3 * level * rng.standard_normal(time.size), unit),
@@ -41,7 +41,7 @@ def verification_amplitude(rng):
     bands = ("quantile", "amplitude")
     return xr.Dataset(
         {
-            "measured_amplitude": (("record", "piece"), records, {"units": "m s-1"}),
+            "measured_amplitude": (("record", "piece"), records, {"units": "m/s"}),
             "measured_frequency": (("record", "piece"), 18.8 - 0.1 * records + 1e-3 * noise),
             "measured_damping": (("record", "piece"), 4e-3 + 2e-3 * records + 2e-5 * noise),
             "model_frequency": (bands, 18.8 - 0.1 * amplitude + 2e-3 * SPREAD[:, None]),
@@ -49,7 +49,7 @@ def verification_amplitude(rng):
             "fitted": ("record", [1, 0]),
         },
         {
-            "amplitude": ("amplitude", amplitude, {"units": "m s-1", "long_name": "velocity"}),
+            "amplitude": ("amplitude", amplitude, {"units": "m/s", "long_name": "velocity"}),
             "quantile": QUANTILE,
         },
     )

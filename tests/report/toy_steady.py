@@ -61,7 +61,7 @@ def multisine(rng):
     lines = np.where((freq > 5) & (freq < 60), shape * np.exp(2j * np.pi * rng.random(513)), 0)
     x = np.fft.irfft(lines, 1024)
     noise = 1e-3 * x.std() * rng.standard_normal((2, 1024))
-    unit = {"units": "m s-1"}
+    unit = {"units": "m/s"}
     keep = (freq > 5) & (freq < 60)
 
     def lines_of(part):

@@ -86,7 +86,7 @@ def result_summary():
                 "verdict": {"status": "ok", "findings": []},
                 "parameters": joint,
                 "statements": ["All five parameters are determined by the sweeps."],
-                "correlation": {"alpha,delta": -0.97},
+                "correlation": {"alpha": {"delta": -0.97}},
                 "wall_time_s": 71.0,
             },
         },

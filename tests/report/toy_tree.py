@@ -9,8 +9,8 @@ from toy_steady import steady_groups
 QUANTILE = np.array([0.005, 0.5, 0.995])
 SPREAD = np.array([-2.576, 0.0, 2.576])
 TRUTH = {"omega_n": 118.1239, "zeta": 0.00444, "alpha": 497.40, "delta": 340.21, "gamma": 32.84}
-UNITS = {"omega_n": "rad s-1", "zeta": "1", "alpha": "s-2", "delta": "m-1", "gamma": "m-1"}
-UNITS |= {"gain": "N kg-1 per unit of input", "noise_std": "m s-1"}
+UNITS = {"omega_n": "rad/s", "zeta": "1", "alpha": "1/s^2", "delta": "1/m", "gamma": "1/m"}
+UNITS |= {"gain": "N/kg/V", "noise_std": "m/s"}
 BOX = {
     "omega_n": (110.0, 126.0),
     "zeta": (0.00352, 0.00528),
@@ -69,7 +69,7 @@ def statistics(rng, level, chains=4, draws=500, offset=0.02):
     each = 1 + offset * rng.standard_normal((chains, 1))
     noise = np.cumsum(0.2 * rng.standard_normal((chains, draws)), 1) / np.arange(1, draws + 1)
     conv = level * (each + noise)
-    return xr.Dataset({"conv": variable(("chain", "draw"), conv, "m^-4 s^11")})
+    return xr.Dataset({"conv": variable(("chain", "draw"), conv, "s^11/m^4")})
 
 
 def receptance(freq, omega_n, zeta):
@@ -102,7 +102,7 @@ def kernel(rng):
     noise = rng.standard_normal((8, 5)) + 1j * rng.standard_normal((8, 5))
     measured = h3 * np.exp(0.12j) * (1 + 0.05 * noise)
     found = {
-        "measured_magnitude": variable(("repeat", "freq_hz"), np.abs(measured), "m^-2 s^6"),
+        "measured_magnitude": variable(("repeat", "freq_hz"), np.abs(measured), "s^6/m^2"),
         "measured_phase": variable(("repeat", "freq_hz"), np.angle(measured), "rad"),
         "correction": variable(("freq_hz",), np.linspace(0.02, 0.3, 5)),
         "y_peak": variable(("freq_hz",), np.full(5, 8e-4), "m"),
@@ -111,7 +111,7 @@ def kernel(rng):
         scale = 1 + width * SPREAD[:, None]
         dims = ("quantile", "freq_hz")
         phase = np.angle(h3) + width * SPREAD[:, None]
-        found[f"{name}_magnitude"] = variable(dims, np.abs(h3) * scale, "m^-2 s^6")
+        found[f"{name}_magnitude"] = variable(dims, np.abs(h3) * scale, "s^6/m^2")
         found[f"{name}_phase"] = variable(dims, phase, "rad")
     return xr.Dataset(found, {"freq_hz": freq, "quantile": QUANTILE})
 
@@ -203,7 +203,7 @@ def backbone():
         "loop_y": variable(("loop", "phase"), y, "m"),
         "loop_z": variable(("quantile", "loop", "phase"), z * (1 + 0.01 * SPREAD[:, None, None])),
         "loop_slip": variable(("quantile", "loop", "phase"), np.stack(3 * [z - 497.4 * y]), "N/kg"),
-        "stuck": variable(("quantile",), 497.4 + SPREAD, "s-2"),
+        "stuck": variable(("quantile",), 497.4 + SPREAD, "1/s^2"),
     }
     return xr.Dataset(found, {"amplitude": amplitude, "quantile": QUANTILE}, {"y_fitted": 6.4e-3})
 

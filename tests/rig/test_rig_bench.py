@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jbw import BoucWen, Cubic, ModelError
-from jbw.rig import TRUTH
-from jbw.rig.bench import GRID, respond
+from jbw import BoucWen, Cubic, ModelError, Oscillator
+from jbw.rig import SLIDERS, TRUTH
+from jbw.rig.integrator import GRID, respond
 
 FS = 1024.0
 
@@ -81,6 +81,32 @@ def test_linear_joint_follows_its_closed_form():
     np.testing.assert_allclose(y, expected_y, atol=1e-9 * np.abs(expected_y).max())
 
 
+@pytest.mark.parametrize("amplitude", [0.3, 6.0])
+def test_sliders_follow_an_adaptive_integrator(amplitude):
+    springs, slips = np.array([200.0, 200.0, 100.0]), np.array([0.3e-3, 1.2e-3, 4.0e-3])
+    k, damping = SLIDERS.omega_n**2 - springs.sum(), 2 * SLIDERS.zeta * SLIDERS.omega_n
+
+    def force(t):
+        return sine_sweep(t, amplitude, 18.0, 1.0)
+
+    def rate(t, x):
+        y, v, z = x[0], x[1], x[2:]
+        slides = np.abs(z) >= springs * slips
+        a = force(t) - damping * v - k * y - z.sum()
+        return np.array([v, a, *np.where(slides & (z * v > 0), 0.0, springs * v)])
+
+    num_samples = 512 + 1
+    t = np.arange(num_samples) / FS
+    start = np.zeros(5)
+    # A slider's limit is overshot by a step's length at most, so the steps are short.
+    expected = solve_ivp(rate, (0, t[-1]), start, "RK45", t, rtol=1e-8, atol=1e-11, max_step=3e-5).y
+    y, v, z = respond(SLIDERS, on_grid(force), num_samples, FS)
+    assert np.abs(y).max() > (0.3e-3 if amplitude < 1 else 4e-3)  # one slips, or all three do
+    # Found: 4e-7 and 5e-6.
+    assert relative(v, expected[1]) < 2e-6
+    assert relative(z, expected[2:].sum(axis=0)) < 2e-5
+
+
 def test_refuses_what_it_cannot_integrate():
     def pulse(i, j):
         return np.ones(j - i)
@@ -89,6 +115,8 @@ def test_refuses_what_it_cannot_integrate():
         respond(BoucWen(118.0, 0.004, 497.0, 340.0, 33.0, nu=2.0), pulse, 8, FS)
     with pytest.raises(ModelError, match=r"`joint\.restoring` of the rig must be None"):
         respond(BoucWen(118.0, 0.004, 497.0, 340.0, 33.0, restoring=Cubic(1e9)), pulse, 8, FS)
+    with pytest.raises(ModelError, match="law `cubic` of the joint is none of the rig's"):
+        respond(Oscillator(118.0, 0.004, (Cubic(1e9),)), pulse, 8, FS)
     with pytest.raises(ModelError, match="finite"):
         respond(TRUTH, pulse, 4096, 1.0)  # omega_n h = 7: beyond stability
     with jax.enable_x64(False), pytest.raises(ModelError, match="float64"):

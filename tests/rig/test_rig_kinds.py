@@ -7,12 +7,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jbw import BoucWen, ConfigError
-from jbw.rig import LABORATORY, MIXED, TRUTH, measure
-from jbw.rig.bench import GRID, respond
+from jbw.rig import LABORATORY, MIXED, SLIDERS, TRUTH, measure
 from jbw.rig.generator import Multisine, Sweep
-from jbw.rig.machine import Growth, Held, holding_force, pulled
-from jbw.rig.mixed import MODAL_MASS, curve_plan, pull_plan
-from jbw.rig.plans import Plan
+from jbw.rig.integrator import GRID, respond
+from jbw.rig.plans import Plan, curve_plan, pull_plan
+from jbw.rig.prescribed_motion import Growth, Held, holding_force, pulled
+from jbw.rig.presets import MODAL_MASS
 
 FS = 1024.0
 QUIET = {"noise_std": 0.0, "input_noise_std": 0.0, "force_noise_std": 0.0}
@@ -100,6 +100,20 @@ def test_a_pulled_loop_has_the_force_of_an_adaptive_integrator():
     np.testing.assert_allclose(y, growth.level * t / 3.0 * np.sin(2 * np.pi * t), atol=1e-18)
     solved = solve_ivp(rate, (0, t[-1]), [0.0], "DOP853", t, rtol=1e-11, atol=1e-13, max_step=1e-3)
     np.testing.assert_allclose(force - TRUTH.k * y, solved.y[0], atol=1e-6)
+
+
+def test_sliders_are_pulled_along_their_closed_form():
+    growth = Growth(1.0, 6e-3, duration=1.0)
+    y, force = pulled(SLIDERS, growth, FS)
+    springs, slips = np.array([200.0, 200.0, 100.0]), np.array([0.3e-3, 1.2e-3, 4.0e-3])
+    k = SLIDERS.omega_n**2 - springs.sum()
+    # To the first turn every slider is a spring that stops at its slip, then turns by twice that.
+    turn = int(np.argmax(y[: y.size // 2]))
+    loading = springs * np.minimum(y[:turn, None], slips)
+    np.testing.assert_allclose(force[:turn], k * y[:turn] + loading.sum(axis=1), atol=1e-12)
+    back = springs * np.maximum(np.minimum(y[turn], slips) - (y[turn] - y[turn:600, None]), -slips)
+    # Where y turns between two steps, a slider that slips is late by what y moves in a step there.
+    np.testing.assert_allclose(force[turn:600], k * y[turn:600] + back.sum(axis=1), atol=1e-4)
 
 
 def test_a_loop_is_recorded_in_newtons():

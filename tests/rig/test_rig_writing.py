@@ -10,7 +10,8 @@ import pytest
 
 import jbw
 from jbw import RunError
-from jbw.rig import LABORATORY, measure, write
+from jbw.campaign.load import load_campaign
+from jbw.rig import LABORATORY, SLIDERS, measure, write
 
 NAMES = ("sweep_0p05V", "sweep_0p10V", "sweep_0p20V", "loop_0p02V")
 
@@ -101,6 +102,7 @@ def test_a_file_in_the_way_is_a_plain_error(campaign, tmp_path):
         write(campaign, tmp_path / "file" / "folder")
 
 
+@pytest.mark.filterwarnings("ignore:.*changes nothing")  # the settings of all its tests
 def test_the_door_of_every_campaign_reads_it(campaign, folder):
     loaded = jbw.load_campaign(folder / "campaign.toml")
     assert (loaded.name, loaded.gain, loaded.modal_mass) == (campaign.name, None, None)
@@ -111,3 +113,19 @@ def test_the_door_of_every_campaign_reads_it(campaign, folder):
             assert read.fs == record.fs
             for role, samples in record.channels.items():
                 np.testing.assert_array_equal(read.channels[role], samples)
+
+
+@pytest.mark.filterwarnings("ignore:.*changes nothing")  # the settings of all its tests
+def test_a_campaign_of_another_law_names_it(tmp_path):
+    campaign = measure("mixed", joint=SLIDERS, tests="pull_4p00mm", repeats=1, omega_n_cv=0.01)
+    assert campaign.laws == ("jenkins_3",)
+    assert campaign.truth["joint"]["slip_ratio_2"] == pytest.approx(4.0)
+    assert campaign.truth["days"][0]["omega_n"] != SLIDERS.omega_n
+    assert set(campaign.settings.prior) == {"zeta"}  # the paper's boxes are of another law
+    assert load_campaign(write(campaign, tmp_path / "sliders")).laws == ("jenkins_3",)
+    assert (
+        "[joint]"
+        not in write(
+            measure("mixed", tests="pull_4p00mm", repeats=1), tmp_path / "bouc_wen"
+        ).read_text()
+    )

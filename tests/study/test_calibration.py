@@ -15,17 +15,16 @@ from scipy.stats import binom
 
 from jbw.cli import run as command
 from jbw.errors import ConfigError
-from jbw.inference.calibration import calibrate
-from jbw.inference.lane_importance import weighted
-from jbw.observables import kernel
-from jbw.observables.kernel import KernelData
-from jbw.observables.opening import log_likelihood as opening_likelihood
-from jbw.oscillator.parameters import BoucWen
+from jbw.identification.paper import kernel
+from jbw.identification.paper.kernel import KernelData
+from jbw.identification.paper.opening import log_likelihood as opening_likelihood
+from jbw.inference.calibration.replications import calibrate
+from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate
 from jbw.study import calibration_designs as designs
 from jbw.study import calibration_models as models
 from jbw.study import simulators
-from jbw.study.calibration import sampler_named, sbc
+from jbw.study.calibration import sbc, suited
 from jbw.study.linear_calibration import calibrate_linear
 
 SEEDS = (0, 1, 2)
@@ -36,16 +35,15 @@ def least_p(found):
     return min(*found.p_ecdf.values(), *found.p_chi_square.values())
 
 
-def prepared(step):
-    return step, sampler_named(step.sampler, step.about, stepped=step.batch < 100)
+def prepared(step, sampler=None):
+    return step, suited(step, sampler or step.sampler)
 
 
 def replicated(prepared_step, seed, count, model=None):
-    step, sampler = prepared_step
-    key = jax.random.key(seed)
-    return calibrate(
-        key, model or step.model, sampler, num_replications=count, batch=min(step.batch, count)
-    )
+    step, (own, sampler, options) = prepared_step
+    batch = min(step.batch, count)
+    key, model = jax.random.key(seed), model or own
+    return calibrate(key, model, sampler, options, num_replications=count, batch=batch)
 
 
 @pytest.fixture(scope="module", name="third_order")
@@ -126,7 +124,7 @@ def test_a_step_that_is_not_calibrated_is_exit_code_4(tmp_path, capsys):
     ("options", "says"),
     [
         ({"step": "fourth"}, "`step` must be one of linear, third_order, opening, joint"),
-        ({"sampler": "gibbs"}, "`sampler` must be one of importance"),
+        ({"sampler": "gibbs"}, "`sampler` must be one of nuts"),
         ({"noise": "none"}, "`noise` must be one of unknown, known"),
         ({"step": "opening", "sampler": "importance"}, "does not have"),
         ({"step": "linear", "sampler": "nuts"}, "normal law"),
@@ -222,9 +220,7 @@ def squared(theta, data: KernelData):
 @pytest.mark.parametrize("slip", [doubled, unconjugated, squared])
 def test_a_slip_in_the_likelihood_of_step_3_fails(third_order, slip):
     step, _ = third_order
-    found = replicated(
-        (step, weighted(step.about)), 0, 500, step.model._replace(log_likelihood=slip)
-    )
+    found = replicated(prepared(step), 0, 500, step.model._replace(log_likelihood=slip))
     assert least_p(found) < 1e-6
     assert found.verdict.status == "failed"
 

@@ -1,10 +1,15 @@
 """Calibration of the joint route over many campaigns of the virtual rig."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from jbw.errors import ConfigError
-from jbw.study.campaign_scores import score_campaigns
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from campaign_scores import score_campaigns
 
 CASES = {"laser noise": {"repeats": 24}, "one per cent": {"repeats": 4, "noise_ratio": 0.01}}
 

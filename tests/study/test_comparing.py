@@ -9,14 +9,15 @@ import pytest
 from matplotlib.axes import Axes
 
 from jbw import rig
+from jbw.campaign.settings import Identify
 from jbw.cli import run
 from jbw.cli.compare import print_comparison
 from jbw.errors import ConfigError
 from jbw.identification.posteriors import Posterior, posterior_of
-from jbw.inference.box import box
-from jbw.inference.fitting import fit
+from jbw.inference.fit.fitting import fit
+from jbw.inference.space.box import box
 from jbw.report.comparison import comparison, effective_rates, means
-from jbw.study.comparing import side_by_side, suited
+from jbw.study.compare import side_by_side, suited
 
 MEAN, SD = np.array([0.3, -0.2]), np.array([0.05, 0.1])
 PRIOR = box({"p": (-1.0, 1.0), "q": (-1.0, 1.0)})
@@ -94,7 +95,7 @@ def test_every_posterior_is_drawn_from_by_what_suits_it():
 
 def test_a_step_of_another_name_is_refused():
     with pytest.raises(ConfigError, match="one of joint, third_order, opening"):
-        posterior_of("fourth", (), {})
+        posterior_of("fourth", (), Identify())
 
 
 @pytest.mark.slow

@@ -3,18 +3,19 @@
 import numpy as np
 import pytest
 
-from jbw.study.backbone import NUM_AMPLITUDES, backbone_group
-from jbw.study.steps import steps_group
+from jbw.study.identify import steps_group
+from jbw.verification.backbone import NUM_AMPLITUDES, backbone_group
 
 # The paper's joint, twice: a band of no width.
 DRAWS = {"omega_n": 2 * np.pi * 18.8, "zeta": 0.00444, "alpha": 497.40, "delta": 340.21}
 DRAWS = {name: np.full(2, value) for name, value in {**DRAWS, "gamma": 32.84}.items()}
 Y_PEAK = 6.4e-3
+LAWS = ("bouc_wen",)
 
 
 @pytest.fixture(scope="module")
 def group():
-    return backbone_group(DRAWS, Y_PEAK)
+    return backbone_group(DRAWS, Y_PEAK, LAWS)
 
 
 def marched(y_peak, size=400, cycles=40):
@@ -53,7 +54,7 @@ def test_the_curves_start_at_the_stuck_joint_and_bend(group):
     assert group.sizes["amplitude"] == NUM_AMPLITUDES
     assert group["amplitude"].values[-1] == pytest.approx(1.25 * Y_PEAK)
     frequency, damping = group["frequency"].values[1], group["damping"].values[1]
-    small = backbone_group(DRAWS, 1e-9)
+    small = backbone_group(DRAWS, 1e-9, LAWS)
     assert small["frequency"].values[1, 0] == pytest.approx(18.8, rel=1e-7)
     assert small["damping"].values[1, 0] == pytest.approx(0.00444, rel=1e-5)
     assert np.all(np.diff(frequency) < 0)
@@ -68,9 +69,10 @@ def test_the_curves_start_at_the_stuck_joint_and_bend(group):
 
 
 def test_there_is_none_without_a_joint_or_a_displacement():
-    assert backbone_group(DRAWS, 0.0) is None
-    assert backbone_group(DRAWS, np.nan) is None
-    assert backbone_group({name: DRAWS[name] for name in ("omega_n", "zeta")}, Y_PEAK) is None
+    assert backbone_group(DRAWS, 0.0, LAWS) is None
+    assert backbone_group(DRAWS, np.nan, LAWS) is None
+    linear = {name: DRAWS[name] for name in ("omega_n", "zeta")}
+    assert backbone_group(linear, Y_PEAK, LAWS) is None
 
 
 def test_a_step_is_as_good_as_its_worst_parameter(tmp_path):

@@ -9,17 +9,18 @@ import xarray as xr
 from damper_campaign import TRUTH, write_campaign
 
 import jbw.cli.identifiability
-from jbw.campaign.loading import load_campaign
+from jbw.campaign.load import load_campaign
+from jbw.campaign.settings import Identify
 from jbw.cli import run
 from jbw.identification.combinations import combinations
-from jbw.identification.fitted import fit_evidence
+from jbw.identification.fitted import fit_dataset
 from jbw.identification.procedure import Identification
 from jbw.identification.step import Step
-from jbw.inference.powers import value_of
-from jbw.inference.verdict import judge
-from jbw.observables.evidence import evidence
-from jbw.observables.joint import joint_of
-from jbw.observables.linear import line_reading
+from jbw.inference.posterior.verdict import judge
+from jbw.inference.space.powers import value_of
+from jbw.observables.dataset import Dataset
+from jbw.observables.line_fit import LineReading
+from jbw.oscillator.oscillator import oscillator_of
 from jbw.study.identifiability import identifiability, look, look_again
 from jbw.study.identifiability_record import as_group, reached
 
@@ -69,9 +70,9 @@ def test_profiles_hold_the_truth_and_are_far_wider_than_the_products(weak):
 
 def test_noise_alone_knows_nothing_of_the_joint():
     mean, sd = np.array([118.1, 0.00444, 15.0]), np.array([0.01, 2e-5, 0.01])
-    data = evidence([line_reading(mean, np.diag(sd**2), 2e-5, "noise")])
+    data = Dataset.of([LineReading.of(mean, np.diag(sd**2), 2e-5, "noise")])
     prior = {"alpha": [425.0, 590.0], "delta": [272.0, 408.0], "gamma": [20.0, 48.0]}
-    found = look(fit_evidence(jax.random.key(0), data, {"prior": prior}), with_profiles=False)
+    found = look(fit_dataset(jax.random.key(0), data, Identify(prior=prior)), with_profiles=False)
     known = found.information.known
     assert all(known[name].ratio < 0.1 for name in ("omega_n", "zeta", "gain"))
     for name in (*prior, "alpha_delta", "alpha_gamma"):
@@ -91,7 +92,7 @@ def after(weak, draws):
     tree = xr.DataTree.from_dict({"/posterior": xr.Dataset(shaped)})
     fitted = weak.fitted
     step = Step("joint", tree, judge([]), fitted.fit, fitted.box, (), {}, 0.0)
-    found = look_again(Identification(data=fitted.data, steps={"joint": step}), {})
+    found = look_again(Identification(data=fitted.data, steps={"joint": step}), Identify())
     assert found is not None
     return found
 
@@ -134,8 +135,8 @@ def test_the_record_is_plain_and_the_group_survives_a_file(weak, tmp_path):
 
 def test_combinations_are_the_same_in_either_coordinates():
     theta = {"omega_n": 118.0, "zeta": 0.004, "softening": 12.0, "opening": 1.2, "share": 0.04}
-    joint = joint_of(theta)  # pyright: ignore[reportArgumentType]
-    expected = {name: getattr(joint, name) for name in ("alpha", "delta", "gamma")}
+    joint = oscillator_of(theta, ["bouc_wen"])  # pyright: ignore[reportArgumentType]
+    expected = {name: joint.parameters()[name] for name in ("alpha", "delta", "gamma")}
     expected["alpha_delta"] = expected["alpha"] * expected["delta"]
     expected["alpha_gamma"] = expected["alpha"] * expected["gamma"]
     found = {each.name: value_of(each, theta) for each in combinations(theta)}
@@ -157,7 +158,7 @@ def test_the_command_prints_spectrum_and_words(tmp_path, capsys, quiet_jax):
     for word in (
         "Information spectrum",
         "alpha*delta",
-        "99 % by the profile",
+        "of the profile",
         "The fit had one start",
     ):
         assert word in streams.out

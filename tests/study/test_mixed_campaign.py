@@ -5,14 +5,15 @@ import numpy as np
 import pytest
 
 from jbw import rig
+from jbw.campaign.settings import Identify
+from jbw.identification.assemble import assemble
 from jbw.identification.coordinates import box_of
-from jbw.identification.gathering import gather
 from jbw.identification.linear_step import linear_step
+from jbw.identification.reweighting import reweight
 from jbw.identification.selection import decay_tests, linear_test, sweep_tests
-from jbw.identification.settling import settled
-from jbw.identification.starts import fit_from, linear_look
-from jbw.inference.importance import importance
-from jbw.observables.evidence import log_likelihood, offsets_of
+from jbw.identification.starts import first_values, fit_from
+from jbw.inference.samplers.sampling import sample
+from jbw.observables.dataset import log_likelihood
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
 
@@ -21,23 +22,41 @@ def truth_of(campaign):
     return {**campaign.truth["joint"], "gain": campaign.truth["gain"]}
 
 
+class Weighed:
+    """Moments of importance sampling's draws, and its k-hat."""
+
+    def __init__(self, tree):
+        self.draws = tree["posterior"].to_dataset()
+        self.khat = float(tree["posterior"].attrs.get("khat", tree.attrs.get("khat", np.nan)))
+
+    def mean(self, name):
+        return float(self.draws[name].mean())
+
+    def sd(self, name):
+        return float(self.draws[name].std())
+
+
 def joint_of(data, settings, seed):
     """The joint step's fits, and their posterior by importance sampling instead of chains."""
-    known = linear_look(data)
+    known = first_values(data)
     prior = box_of(settings, data, known)
     keys = jax.random.split(jax.random.key(seed), 3)
     first = fit_from(keys[0], data, prior, known)
-    prior, best, data, _ = settled(keys[1], data, prior, first, settings)
-    return importance(keys[2], log_likelihood, prior, data, best, 200), data
+    prior, best, data, _ = reweight(keys[1], data, prior, first, settings)
+    tree = sample(
+        keys[2], log_likelihood, prior, data, sampler="importance", num_chains=4, num_samples=50,
+        start=best.theta, covariance=best.covariance,
+    )  # fmt: skip
+    return Weighed(tree), data
 
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_truth_lies_within_the_joint_posterior(seed):
     campaign = rig.measure("mixed", seed=seed, repeats=2, noise_ratio=0.02, force_noise_std=0.2)
-    tests, settings = campaign.tests, {**campaign.settings, "substeps": 2}
+    tests, settings = campaign.tests, Identify(**{**campaign.settings, "substeps": 2})
     noise = linear_test(tests)
     assert noise is not None
-    data = gather(
+    data = assemble(
         tests,
         settings,
         linear=linear_step(noise),
@@ -49,7 +68,7 @@ def test_the_truth_lies_within_the_joint_posterior(seed):
     for name, value in truth_of(campaign).items():
         z = (found.mean(name) - value) / found.sd(name)
         assert abs(z) < 4, f"{name}: {z:.1f}"
-    assert not offsets_of(data)  # one assembly, one day: nothing shifts
+    assert not data.has_offsets  # one assembly, one day: nothing shifts
 
 
 def of_days(offsets, **more):
@@ -58,8 +77,8 @@ def of_days(offsets, **more):
         "mixed", tests=["sweep_1p50N", "sweep_6p00N"], repeats=5, noise_ratio=0.02,
         omega_n_cv=5e-4, zeta_cv=0.05,
     )  # fmt: skip
-    settings = {**campaign.settings, "offsets": offsets, "substeps": 2, **more}
-    data = gather(campaign.tests, settings, sweeps=sweep_tests(campaign.tests, settings))
+    settings = Identify(**{**campaign.settings, "offsets": offsets, "substeps": 2, **more})
+    data = assemble(campaign.tests, settings, sweeps=sweep_tests(campaign.tests, settings))
     found, data = joint_of(data, settings, 0)
     sd = found.sd("omega_n")
     days = [day["omega_n"] for day in campaign.truth["days"]]
@@ -68,7 +87,7 @@ def of_days(offsets, **more):
 
 def test_days_switch_offsets_on_and_widen_the_interval_to_hold_the_truth():
     z, sd, data, days = of_days("auto")
-    assert offsets_of(data)
+    assert data.has_offsets
     assert abs(z) < 3
     # The mean of five days of unknown scatter follows a t distribution of 4 degrees of freedom,
     # whose sd is sqrt(2) of this; the prior of the scatter and 200 draws move it by some per cent.
@@ -78,6 +97,6 @@ def test_days_switch_offsets_on_and_widen_the_interval_to_hold_the_truth():
     assert abs(z * sd + 2 * np.pi * 18.8 - np.mean(days)) < 0.2 * sd
     # Taken for noise, what differs from day to day makes the interval absurdly narrow.
     narrow_z, narrow_sd, ignorant, _ = of_days("none", model_error="none")
-    assert not offsets_of(ignorant)
+    assert not ignorant.has_offsets
     assert narrow_sd < sd / 3
     assert abs(narrow_z) > 2 * abs(z)

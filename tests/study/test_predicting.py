@@ -1,7 +1,6 @@
 """Predictions from a run's posterior, against integrations and closed forms made without jbw."""
 
-from types import SimpleNamespace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,15 +20,25 @@ from made_runs import (
     spread,
 )
 
-from jbw.campaign.loading import Campaign
+from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError, DataError
-from jbw.study.basis import Request, basis_attrs, basis_of
-from jbw.study.known_noise import ALIKE, LEFT_OUT, OWN, REPEATS, UNKNOWN
-from jbw.study.planned import planned_sweep, planned_tones
-from jbw.study.predicting import predict, row_of, warnings_of
-from jbw.study.reach import mark_reach
-from jbw.study.storage import save_result
+from jbw.measurement.records import Test
+from jbw.study.store import save_result
 from jbw.study.study import Study, load_study
+from jbw.verification.noise import (
+    ALIKE,
+    LEFT_OUT,
+    NOT_KNOWN,
+    OWN,
+    REPEATS,
+    UNKNOWN,
+    Noise,
+    noise_of,
+)
+from jbw.verification.planned import planned_sweep, planned_tones
+from jbw.verification.predict import Request, predict, row_of, warnings_of
+from jbw.verification.predicted import Predicted
+from jbw.verification.predictive_basis import basis_attrs, basis_of, seen_of
 
 
 def test_the_truth_predicts_an_integrated_record():
@@ -166,41 +175,53 @@ def test_a_saved_study_is_loaded_and_predicts_the_same(tmp_path):
 
 def test_a_run_writes_what_predictions_read_back(tmp_path):
     test = a_test(0.01)
-    data = SimpleNamespace(scatter=np.array([0.3, 1e-3]), parts=())
-    found: Any = SimpleNamespace(
-        main=SimpleNamespace(held={"gain": 0.5}),
-        data=data,
-        decay_data=SimpleNamespace(worth=0.7, shift_std=0.02),
-    )
     tree = a_tree(same(SILENT))
-    tree.attrs.update(basis_attrs((test,), found))
+    written = replace(
+        basis_of(tree),
+        held={"gain": 0.5},
+        seen={"sweep": seen_of(test)},
+        scatter=(0.3, 1e-3),
+        decay_facts={"worth": 0.7, "shift_std": 0.02},
+    )
+    tree.attrs = basis_attrs(written)
     tree.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
     with xr.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as stored:
         basis = basis_of(stored.load())
     assert basis.held == {"gain": 0.5}
-    assert basis.seen == {"sweep": ("sweep", "V", "velocity")}
+    assert basis.seen == {"sweep": ("sweep", "V", "velocity", 0.01, "")}
     assert basis.scatter == (0.3, 1e-3)
     assert basis.decay_facts == {"worth": 0.7, "shift_std": 0.02}
 
 
-def test_held_out_tests_of_a_run_say_how_far_they_reach():
-    quantiles = ("quantile", "time")
-    sweep = xr.Dataset(
-        {"model_band": (quantiles, 0.5 * np.ones((3, 4)))},
-        attrs={"fitted": 0, "response": "velocity"},
-    )
-    fitted = sweep.assign_attrs(fitted=1)
-    held = xr.Dataset(
-        {"model_magnitude": (("quantile", "freq"), np.ones((3, 2)))},
-        {"freq": [10.0, 20.0]},
-        {"fitted": 0, "quantity": "force", "held": "acceleration", "level": 8.0},
-    )
-    groups = {
-        "/verification/sweep/a": sweep,
-        "/verification/sweep/b": fitted,
-        "/verification/curve/c": held,
-    }
-    mark_reach(groups, [], 2e-3, 100.0)
-    assert sweep.attrs["extrapolation"] == pytest.approx(0.5 / 100.0 / 2e-3)
-    assert "extrapolation" not in fitted.attrs
-    assert held.attrs["extrapolation"] == pytest.approx(8.0 / (20 * np.pi) ** 2 / 2e-3)
+def test_a_prediction_reaches_as_far_as_the_edge_of_its_peaks():
+    basis = basis_of(a_tree(same(SILENT), y_peak=2e-3))
+    peaks = np.linspace(1e-3, 3e-3, 201)
+    found = Predicted(xr.Dataset(), peaks, NOT_KNOWN)
+    assert found.extrapolation(basis) == pytest.approx((3e-3 - 0.005 * 2e-3) / 2e-3)
+    assert Predicted(xr.Dataset(), None, NOT_KNOWN).extrapolation(basis) is None
+    assert found.extrapolation(basis_of(a_tree(same(SILENT), y_peak=0.0))) is None
+
+
+@pytest.mark.parametrize(("reached", "said"), [(1.04, 0), (1.06, 1)])
+def test_five_percent_beyond_what_was_fitted_is_said(reached, said):
+    attrs = {"test": "t", "extrapolation": reached, "y_peak": np.ones(3), "y_peak_fitted": 1.0}
+    assert len(warnings_of(xr.Dataset(attrs=attrs))) == said
+    assert row_of(xr.Dataset(attrs=attrs))["beyond"] == bool(said)
+
+
+def test_the_noise_of_a_harmonic_is_of_its_order_and_where_there_is_one_of_its_level():
+    tones = [
+        Test("tones", a_test(0.1).records, f"tone {f:g} at {level:g}", level=level, tones_hz=(f,))
+        for level in (1.0, 2.0)
+        for f in (5.0, 6.0)
+    ]
+    known = {"tones 1 order 1": 0.1, "tones 1 order 3": 0.01, "tones 2 order 1": 0.3}
+    basis = basis_of(a_tree(same(SILENT), noise=known, seen=tones))
+    assert noise_of(basis, tones[0], order=1) == (0.1, ALIKE)
+    assert noise_of(basis, tones[0], order=3) == (0.01, ALIKE)
+    assert noise_of(basis, tones[0], label="tones 1 order 1", order=1) == (0.1, OWN)
+    other = replace(tones[0], name="new", level=5.0)
+    assert noise_of(basis, other, order=1) == (pytest.approx(0.2), ALIKE)
+    assert noise_of(basis, other, Noise(0.7, REPEATS), order=1) == (0.7, REPEATS)
+    # A sweep called as a tone is, with a number of its own, has another noise.
+    assert noise_of(basis, replace(other, kind="stepped"), order=1) == NOT_KNOWN

@@ -22,10 +22,10 @@ from made_runs import (
 )
 
 from jbw.measurement.records import Record, Test
-from jbw.study.basis import Request, basis_of
-from jbw.study.known_noise import REPEATS, UNKNOWN
-from jbw.study.planned import planned_tones
-from jbw.study.predicting import predict
+from jbw.verification.noise import REPEATS, UNKNOWN
+from jbw.verification.planned import planned_tones
+from jbw.verification.predict import Request, predict
+from jbw.verification.predictive_basis import basis_of
 
 
 def receptance(omega):

@@ -10,9 +10,9 @@ import pytest
 from scipy.integrate import simpson
 from scipy.interpolate import CubicSpline
 
-from jbw.inference.sampling import sample
-from jbw.inference.summary import diagnose
-from jbw.observables.opening import log_likelihood, opening_curve
+from jbw.identification.paper.opening import log_likelihood, opening_curve
+from jbw.inference.posterior.summary import diagnose
+from jbw.inference.samplers.sampling import sample
 from jbw.study import calibration_designs as designs
 from jbw.study.simulators import measured_records
 

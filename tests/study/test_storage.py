@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from jbw.errors import RunError
-from jbw.study import storage
+from jbw.study import store as storage
 
 
 def a_tree():

@@ -3,7 +3,7 @@
 import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,6 @@ from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.tree import Contents, Node, leaf
 from jbw.units import quantity_of
 
-DIALECTS = (("\t", "."), ("\t", ","), (";", "."), (";", ","), (",", "."), (None, "."), (None, ","))
 WORDS = {None: "spaces", "\t": "tab", ";": "semicolon", ",": "comma"}
 LOOKED_AT = 400  # lines, to find the dialect
 LEAST_LINES = 2  # of numbers, before a dialect is believed
@@ -31,8 +30,50 @@ class Dialect:
 
     delimiter: str | None
     decimal: str
-    first: int
-    columns: int
+    first: int = 0
+    columns: int = 0
+
+    def fields(self, line: str) -> list[str]:
+        """Fields of a line, without quotes; a delimiter at its end begins none."""
+        fields = [text.strip().strip('"') for text in line.split(self.delimiter)]
+        return fields[:-1] if self.delimiter and len(fields) > 1 and not fields[-1] else fields
+
+    def is_number(self, text: str) -> bool:
+        """Whether a field is a number; a point beside a decimal comma makes it none."""
+        if self.decimal == ",":
+            text = text.replace(".", "?").replace(",", ".")
+        try:
+            float(text)
+        except ValueError:
+            return False
+        return True
+
+    def has_decimals(self, fields: Sequence[str]) -> bool:
+        """Whether a field is a number with decimals, as no column's number is."""
+        return any(self.decimal in text and self.is_number(text) for text in fields)
+
+    def width(self, line: str) -> int:
+        """Numbers in a line; 0 when some field is no number, -1 when the line is blank."""
+        if not line.strip():
+            return -1
+        if any(text.count('"') % 2 for text in line.split(self.delimiter)):
+            return 0  # the delimiter cuts a quoted field, such as "1,5"
+        fields = self.fields(line)
+        return len(fields) if all(map(self.is_number, fields)) else 0
+
+    def digits(self, line: str) -> tuple[int, int, int]:
+        """Length of a line without signs, and digits of its last number's fraction and exponent."""
+        last = (self.fields(line) or [""])[-1].lower()
+        mantissa, _, exponent = last.partition("e")
+        fraction = mantissa.partition(self.decimal)[2]
+        return len(line.replace("-", "").replace("+", "")), len(fraction), len(exponent.strip("+-"))
+
+
+DIALECTS = tuple(
+    Dialect(*marks)
+    for marks in (("\t", "."), ("\t", ","), (";", "."), (";", ","), (",", "."), (None, "."),
+                  (None, ","))
+)  # fmt: skip
 
 
 @contextmanager
@@ -41,74 +82,18 @@ def contents(path: Path) -> Iterator[Contents]:
     text = _decode(path.read_bytes())
     lines = text.splitlines()
     dialect = sniff(lines[:LOOKED_AT], path.name)
-    _refuse_broken(lines[: dialect.first], dialect, path)
-    _refuse_cut(text, lines[dialect.first :], dialect, path)
-    table = _numbers(lines[dialect.first :], dialect)
-    header = _header(lines[: dialect.first], dialect)
+    header, body = lines[: dialect.first], lines[dialect.first :]
+    _refuse_broken(header, dialect, path)
+    _refuse_cut(text, body, dialect, path)
+    table = _numbers(body, dialect)
     root: dict[str, Node] = {"column": leaf(table.T)}
-    root |= {name: leaf(table[:, i], unit=unit) for i, (name, unit) in header.items()}
+    root |= {name: leaf(table[:, i], unit=unit) for i, name, unit in _named(header, dialect)}
     notes = {
         "delimiter": WORDS[dialect.delimiter],
         "decimal mark": dialect.decimal,
         "header lines": str(dialect.first),
     }
     yield Contents(root, "CSV", notes=notes)
-
-
-def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
-    """A line of measured values above the table: one below it broke the table in two."""
-    rows = [_fields(line, dialect.delimiter) for line in header]
-    wide = [i for i, row in enumerate(rows) if len(row) == dialect.columns]
-    # The first line of the table's width may name the columns, by numbers too; and a recorder may
-    # list a word and numbers above the names, but not between the names and the table.
-    words = [sum(not _is_number(x, dialect.decimal) for x in row) for row in rows]
-    values = [i for i in wide[1:] if words[i] == 0 and _has_decimals(rows[i], dialect)]
-    last = len(rows) - 1
-    if wide and wide[0] < last and len(rows[-1]) >= dialect.columns and words[-1] <= 1:
-        values += [last] if _has_decimals(rows[-1], dialect) else []
-    if values:
-        broken = next(i for i in (*range(values[0], last), last) if words[i] or i not in wide)
-        raise DataError(
-            f"File `{path}` cannot be read by the csv reader: line {broken + 1} breaks the table "
-            f"of {dialect.columns} columns: {header[broken][:60]!r}.",
-            why="The lines before it hold numbers, and would be lost.",
-            remedy="Copy or export the file again, or correct the line.",
-        )
-
-
-def _has_decimals(fields: Sequence[str], dialect: Dialect) -> bool:
-    """Whether a field is a number with decimals, as no column's number is."""
-    return any(dialect.decimal in x and _is_number(x, dialect.decimal) for x in fields)
-
-
-def _is_number(text: str, decimal: str) -> bool:
-    try:
-        float(_pointed(text, decimal))
-    except ValueError:
-        return False
-    return True
-
-
-def _refuse_cut(text: str, body: Sequence[str], dialect: Dialect, path: Path) -> None:
-    """A last line without its end, with fewer digits than all others: some may be lacking."""
-    if text.endswith(("\n", "\r")) or len(body) < 2:
-        return
-    last, *others = (_digits(line, dialect) for line in (body[-1], *body[:-1]))
-    if any(own < min(column) for own, column in zip(last, zip(*others, strict=True), strict=True)):
-        raise DataError(
-            f"File `{path}` ({path.stat().st_size} bytes) ends in the middle of a line for the csv "
-            f"reader: {body[-1][:60]!r} has no end and fewer digits than every other line.",
-            why="The last number may lack digits.",
-            remedy="Copy the file again; if it is whole, end its last line.",
-        )
-
-
-def _digits(line: str, dialect: Dialect) -> tuple[int, int, int]:
-    """Length of a line without signs, and digits of its last number's fraction and exponent."""
-    last = (_fields(line, dialect.delimiter) or [""])[-1].lower()
-    mantissa, _, exponent = last.partition("e")
-    fraction = mantissa.partition(dialect.decimal)[2]
-    return len(line.replace("-", "").replace("+", "")), len(fraction), len(exponent.strip("+-"))
 
 
 def sniff(lines: Sequence[str], file: str) -> Dialect:
@@ -121,16 +106,14 @@ def sniff(lines: Sequence[str], file: str) -> Dialect:
     Raises:
         DataError: Nothing reads as two columns or more, or two readings are possible.
     """
-    tried = [_trial(lines, delimiter, decimal) for delimiter, decimal in DIALECTS]
-    best = max(tried, key=lambda trial: trial[0])
-    if best[0] < LEAST_LINES:
+    count, dialect = max((_trial(lines, marks) for marks in DIALECTS), key=lambda found: found[0])
+    if count < LEAST_LINES:
         shown = " | ".join(line[:60] for line in lines[:3])
         raise DataError(
             f"File `{file}` does not read as two or more columns of numbers; it begins: {shown!r}.",
             why="A single column is usually a wrong delimiter or decimal mark.",
             remedy="Export columns with a tab or a semicolon between, and a decimal point.",
         )
-    dialect = best[1]
     if _is_ambiguous(lines, dialect):
         raise DataError(
             f"File `{file}` may hold two columns of integers or one with a decimal comma; "
@@ -140,9 +123,9 @@ def sniff(lines: Sequence[str], file: str) -> Dialect:
     return dialect
 
 
-def _trial(lines: Sequence[str], delimiter: str | None, decimal: str) -> tuple[int, Dialect]:
+def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
     """Lines that read as numbers in the last block of one width, and the dialect if believed."""
-    widths = [_width(line, delimiter, decimal) for line in lines]
+    widths = [marks.width(line) for line in lines]
     while widths and widths[-1] < 0:  # blank lines at the end
         widths.pop()
     columns = widths[-1] if widths else 0
@@ -150,29 +133,7 @@ def _trial(lines: Sequence[str], delimiter: str | None, decimal: str) -> tuple[i
     while first > 0 and widths[first - 1] == columns:
         first -= 1
     count = len(widths) - first if columns > 1 else 0
-    return count, Dialect(delimiter, decimal, first, columns)
-
-
-def _width(line: str, delimiter: str | None, decimal: str) -> int:
-    """Numbers in a line; 0 when some field is no number, -1 when the line is blank."""
-    if not line.strip():
-        return -1
-    fields = _fields(line, delimiter)
-    if any(text.count('"') % 2 for text in line.split(delimiter)):
-        return 0  # the delimiter cuts a quoted field, such as "1,5"
-    return len(fields) if all(_is_number(text, decimal) for text in fields) else 0
-
-
-def _pointed(text: str, decimal: str) -> str:
-    """A number with a decimal point; a point beside a decimal comma makes it unreadable."""
-    if decimal == ".":
-        return text
-    return text.replace(".", "?").replace(",", ".")
-
-
-def _fields(line: str, delimiter: str | None) -> list[str]:
-    fields = [text.strip().strip('"') for text in line.split(delimiter)]
-    return fields[:-1] if delimiter and len(fields) > 1 and not fields[-1] else fields
+    return count, replace(marks, first=first, columns=columns)
 
 
 def _is_ambiguous(lines: Sequence[str], dialect: Dialect) -> bool:
@@ -180,10 +141,45 @@ def _is_ambiguous(lines: Sequence[str], dialect: Dialect) -> bool:
     if dialect.delimiter != "," or dialect.columns % 2:
         return False
     body = [line for line in lines[dialect.first :] if line.strip()]
-    if not all(text.strip("+-").isdigit() for line in body for text in _fields(line, ",")):
+    if not all(text.strip("+-").isdigit() for line in body for text in dialect.fields(line)):
         return False
-    above = len(_fields(lines[dialect.first - 1], ",")) if dialect.first else 0
+    above = len(dialect.fields(lines[dialect.first - 1])) if dialect.first else 0
     return above == dialect.columns // 2 or (dialect.columns == 2 and above != 2)
+
+
+def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
+    """A line of measured values above the table: one below it broke the table in two."""
+    rows = [dialect.fields(line) for line in header]
+    wide = [i for i, row in enumerate(rows) if len(row) == dialect.columns]
+    # The first line of the table's width may name the columns, by numbers too; and a recorder may
+    # list a word and numbers above the names, but not between the names and the table.
+    words = [sum(not dialect.is_number(text) for text in row) for row in rows]
+    values = [i for i in wide[1:] if words[i] == 0 and dialect.has_decimals(rows[i])]
+    last = len(rows) - 1
+    if wide and wide[0] < last and len(rows[-1]) >= dialect.columns and words[-1] <= 1:
+        values += [last] if dialect.has_decimals(rows[-1]) else []
+    if values:
+        broken = next(i for i in (*range(values[0], last), last) if words[i] or i not in wide)
+        raise DataError(
+            f"File `{path}` cannot be read by the csv reader: line {broken + 1} breaks the table "
+            f"of {dialect.columns} columns: {header[broken][:60]!r}.",
+            why="The lines before it hold numbers, and would be lost.",
+            remedy="Copy or export the file again, or correct the line.",
+        )
+
+
+def _refuse_cut(text: str, body: Sequence[str], dialect: Dialect, path: Path) -> None:
+    """A last line without its end, with fewer digits than all others: some may be lacking."""
+    if text.endswith(("\n", "\r")) or len(body) < 2:
+        return
+    last, *others = map(dialect.digits, (body[-1], *body[:-1]))
+    if any(own < min(column) for own, column in zip(last, zip(*others, strict=True), strict=True)):
+        raise DataError(
+            f"File `{path}` ({path.stat().st_size} bytes) ends in the middle of a line for the csv "
+            f"reader: {body[-1][:60]!r} has no end and fewer digits than every other line.",
+            why="The last number may lack digits.",
+            remedy="Copy the file again; if it is whole, end its last line.",
+        )
 
 
 def _numbers(lines: Sequence[str], dialect: Dialect) -> np.ndarray:
@@ -194,21 +190,16 @@ def _numbers(lines: Sequence[str], dialect: Dialect) -> np.ndarray:
     return np.loadtxt(io.StringIO(body), delimiter=dialect.delimiter, comments=None, ndmin=2)
 
 
-def _header(lines: Sequence[str], dialect: Dialect) -> dict[int, tuple[str, str]]:
-    """Column to its name and unit, from the last header lines of the table's width."""
-    rows = [_fields(line.lstrip("#% "), dialect.delimiter) for line in lines[-2:]]
+def _named(header: Sequence[str], dialect: Dialect) -> Iterator[tuple[int, str, str]]:
+    """Columns with their names and units, from the last header lines of the table's width."""
+    rows = [dialect.fields(line.lstrip("#% ")) for line in header[-2:]]
     rows = [row for row in rows if len(row) == dialect.columns]
-    if not rows:
-        return {}
-    has_units = len(rows) == 2 and all(_is_unit(text) for text in rows[1])
-    units = [text.strip("[]()") if has_units else "" for text in rows[-1]]
-    titles = rows[0] if has_units else rows[-1]
-    # A name that is given twice would be a guess; its columns keep their numbers only.
-    return {
-        i: (title, unit)
-        for i, (title, unit) in enumerate(zip(titles, units, strict=True))
-        if title and titles.count(title) == 1
-    }
+    has_units = len(rows) == 2 and all(map(_is_unit, rows[1]))
+    titles = (rows[0] if has_units else rows[-1]) if rows else []
+    for i, title in enumerate(titles):
+        # A name that is given twice would be a guess; its columns keep their numbers only.
+        if title and titles.count(title) == 1:
+            yield i, title, rows[1][i].strip("[]()") if has_units else ""
 
 
 def _is_unit(text: str) -> bool:

@@ -1,8 +1,6 @@
 """MATLAB files: v5 to v7 through scipy, v7.3 through h5py; structs, struct arrays and cells."""
 
-import struct
 import warnings
-import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,9 +12,8 @@ import scipy.io
 import scipy.sparse
 
 from jbw.errors import DataError
-from jbw.measurement.files.hdf5 import attribute, fs_of, inside
-from jbw.measurement.files.hdf5_heaps import require_sound_heaps
-from jbw.measurement.files.mat_elements import COMPRESSED, HEADER, is_v5, require_whole
+from jbw.measurement.files.hdf5 import attribute, fs_of, inside, require_sound_heaps
+from jbw.measurement.files.mat_headers import require_sound
 from jbw.measurement.files.tree import MAX_BYTES, Contents, Leaf, Node, Opaque, leaf
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -43,8 +40,7 @@ def contents(path: Path) -> Iterator[Contents]:
             }
             yield Contents(root, "MATLAB v7.3", fs=fs_of(file.attrs))
     else:
-        _refuse_bomb(path)
-        require_whole(path)
+        require_sound(path, MAX_BYTES)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of sparse matrices, not read here
             # Objects have no name of their own in the file; two of them look like a repetition.
@@ -52,39 +48,6 @@ def contents(path: Path) -> Iterator[Contents]:
             loaded = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
         root = {name: _node(x) for name, x in loaded.items() if not name.startswith("__")}
         yield Contents(root, "MATLAB v5")
-
-
-def _refuse_bomb(path: Path) -> None:
-    size = _declared_size(path)
-    if size > MAX_BYTES:
-        raise DataError(
-            f"File `{path.name}` declares {size / 2**30:.1f} GiB of variables, "
-            f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
-            remedy="Save it with -v7.3, which is read in parts, or save fewer variables.",
-        )
-
-
-def _declared_size(path: Path) -> int:
-    """Bytes that the variables of a file take once unpacked, from their headers alone.
-
-    Reference:
-        MATLAB, MAT-File Format, level 5: data elements and their tags.
-    """
-    with path.open("rb") as stream:
-        header = stream.read(HEADER)
-        if not is_v5(header):  # version 4, which packs nothing
-            return path.stat().st_size
-        order = "<" if header[-2:] == b"IM" else ">"
-        size = 0
-        while len(tag := stream.read(8)) == 8:
-            kind, length = struct.unpack(f"{order}II", tag)
-            after = stream.tell() + length
-            if kind == COMPRESSED:
-                inner = zlib.decompressobj().decompress(stream.read(min(length, 256)), 8)
-                length = struct.unpack(f"{order}II", inner)[1]
-            size += length
-            stream.seek(after)
-    return size
 
 
 def _node(value: Any) -> Node:
@@ -99,7 +62,7 @@ def _node(value: Any) -> Node:
         return Opaque("a sparse matrix", "In MATLAB, export full(x).")
     array = np.asarray(value)
     if not np.issubdtype(array.dtype, np.number):
-        return Opaque("text" if array.dtype.kind in "US" else "not numeric")
+        return Opaque("text" if np.issubdtype(array.dtype, np.character) else "not numeric")
     return leaf(array)
 
 
@@ -122,9 +85,9 @@ def _node73(group: h5py.Group, name: str) -> Node:
 
 
 def _item73(item: Any) -> Node:
-    kind = attribute(item.attrs, "MATLAB_class") or b""
-    kind = kind.decode("utf-8", "replace") if isinstance(kind, bytes) else str(kind)
-    if "MATLAB_object_decode" in item.attrs or kind in ("table", "function_handle", "string"):
+    found = attribute(item.attrs, "MATLAB_class") or b""
+    of_class = found.decode("utf-8", "replace") if isinstance(found, bytes) else str(found)
+    if "MATLAB_object_decode" in item.attrs or of_class in ("table", "function_handle", "string"):
         return Opaque("a MATLAB table, object or function handle", EXPORT)
     if isinstance(item, h5py.Group):
         fields = {name: _node73(item, name) for name in map(str, item)}
@@ -134,8 +97,8 @@ def _item73(item: Any) -> Node:
         shape = tuple(n for n in references.shape if n != 1)
         nodes = [_item73(item.file[reference]) for reference in references.ravel()]
         return _cells(nodes, shape) if shape else nodes[0]
-    if kind == "char" or not np.issubdtype(item.dtype, np.number):
-        return Opaque("text" if kind == "char" else "not numeric")
+    if of_class == "char" or not np.issubdtype(item.dtype, np.number):
+        return Opaque("text" if of_class == "char" else "not numeric")
     if attribute(item.attrs, "MATLAB_empty"):
         return Opaque("empty")
     axes = [axis for axis in reversed(range(item.ndim)) if item.shape[axis] != 1]

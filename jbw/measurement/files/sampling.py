@@ -18,7 +18,7 @@ Repeats = list[NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Wanted:
-    """What to take from a file; see `jbw.measurement.files.door.read`."""
+    """What to take from a file; see `jbw.measurement.files.read.read`."""
 
     channels: Mapping[str, str] | None = None
     units: Mapping[str, str] = field(default_factory=dict)

@@ -9,8 +9,8 @@ import numpy as np
 
 from jbw.errors import DataError
 from jbw.measurement.checks import inspect
-from jbw.measurement.files.assembling import records_of
-from jbw.measurement.files.door import report
+from jbw.measurement.files.assemble import records_of
+from jbw.measurement.files.read import report
 from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.files.tree import Contents, Leaf, leaf
 from jbw.measurement.records import Record

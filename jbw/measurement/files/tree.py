@@ -134,7 +134,8 @@ def load(
         index[axes[-1]] = slice(start, stop)
     _fits(source, axes, start, stop)
     array: Any = source.array
-    if dtype is not None and array.dtype.kind != "c" and not isinstance(array, np.ndarray):
+    is_complex = np.issubdtype(array.dtype, np.complexfloating)
+    if dtype is not None and not is_complex and not isinstance(array, np.ndarray):
         array = array.astype(dtype)  # h5py converts as it reads, without a second copy
     loaded = np.asarray(array[tuple(index)])
     loaded = np.atleast_1d(loaded.transpose(np.argsort(np.argsort(axes))))

@@ -1,0 +1,141 @@
+"""Whole campaigns of the virtual rig, identified: z-scores of the truth in the joint posterior."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import kstest
+
+from jbw import rig
+from jbw.errors import ConfigError
+from jbw.identification.assemble import assemble, reading_of
+from jbw.identification.coordinates import box_of
+from jbw.identification.linear_step import linear_step
+from jbw.identification.selection import decay_tests, linear_test, sweep_tests
+from jbw.identification.starts import first_values
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.samplers.sampling import sample
+from jbw.observables.dataset import Dataset, log_likelihood, stacked
+from jbw.observables.records import Records
+
+FITTED = ("sweep_0p05V", "sweep_0p20V")
+NOISE = "noise_0p005V"
+NUM_DRAWS = 500
+FORCE_NOISE = 0.2  # N, of the mixed campaign's loop: so that the loop does not know all by itself
+
+Measured = tuple[Dataset, rig.RigCampaign]
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What many campaigns say of the posterior's intervals.
+
+    Attributes:
+        names: Parameters.
+        z: (posterior mean - truth) / posterior sd, shape (campaign, parameter).
+        p_values: Of a Kolmogorov-Smirnov test of each parameter's z against the standard normal.
+        khat: Pareto shape of the importance weights of each campaign.
+        chi_square: Chi-square of the fit over its degrees of freedom, each campaign.
+    """
+
+    names: tuple[str, ...]
+    z: NDArray[np.float64]
+    p_values: dict[str, float]
+    khat: NDArray[np.float64]
+    chi_square: NDArray[np.float64]
+
+
+def score_campaigns(
+    num_campaigns: int = 50,
+    *,
+    campaign: str = "sweeps",
+    repeats: int | None = None,
+    noise_ratio: float | None = None,
+    substeps: int = 2,
+    report: Callable[[int], None] = lambda done: None,
+) -> Scores:
+    """Measure campaigns with seeds 0, 1, 2, ... and identify each jointly.
+
+    The posterior's mean and sd come from importance sampling of its Laplace approximation, whose
+    Pareto shape is returned: below 0.7 they are the posterior's own.
+
+    Args:
+        num_campaigns: Campaigns.
+        campaign: "sweeps", weak noise and two levels of sweeps; or "mixed", the rig's campaign of
+            noise, tones at three levels, stepped sine, sweeps, decays and a forced loop.
+        repeats: Repeats of each level of the sweeps, 24 by default; in a mixed campaign of each
+            test, by default as planned.
+        noise_ratio: Noise as a share of each record's rms; the laser's 50 um/s when None.
+        substeps: Steps of the solver between samples.
+        report: Called with the number of campaigns done.
+
+    Returns:
+        The z-scores and their test.
+
+    Raises:
+        ConfigError: For an unknown campaign.
+    """
+    if campaign not in CAMPAIGNS:
+        known = ", ".join(f'"{name}"' for name in CAMPAIGNS)
+        raise ConfigError(f'Argument `campaign` must be one of {known}, but is "{campaign}".')
+    rows = []
+    for seed in range(num_campaigns):
+        measured = CAMPAIGNS[campaign](seed, repeats, noise_ratio, substeps)
+        rows.append(_identified(seed, *measured))
+        report(seed + 1)
+    names = tuple(rows[0][0])
+    z = np.array([list(row[0].values()) for row in rows])
+    p_values = {name: float(kstest(z[:, i], "norm").pvalue) for i, name in enumerate(names)}
+    khat, chi_square = np.array([row[1:] for row in rows]).T
+    return Scores(names, z, p_values, khat, chi_square)
+
+
+def _sweeps(seed: int, repeats: int | None, noise_ratio: float | None, substeps: int) -> Measured:
+    """Weak noise, and sweeps of two levels."""
+    quiet = rig.measure(seed=seed, tests=[NOISE], repeats=2)
+    swept = rig.measure(seed=seed, tests=FITTED, repeats=repeats or 24, noise_ratio=noise_ratio)
+    linear = linear_step(quiet.tests[0])
+    return Dataset.of([reading_of(linear), Records.of(swept.tests, substeps=substeps)]), swept
+
+
+def _mixed(seed: int, repeats: int | None, noise_ratio: float | None, substeps: int) -> Measured:
+    """Every kind of test of the rig's mixed campaign."""
+    campaign = rig.measure(
+        "mixed", seed=seed, repeats=repeats, noise_ratio=noise_ratio, force_noise_std=FORCE_NOISE
+    )
+    tests = campaign.tests
+    chosen = campaign.settings.model_copy(update={"substeps": substeps})
+    noise = linear_test(tests)
+    data = assemble(
+        tests,
+        chosen,
+        linear=None if noise is None else linear_step(noise),
+        sweeps=sweep_tests(tests, chosen),
+        decays=decay_tests(tests, chosen),
+    )
+    return data, campaign
+
+
+CAMPAIGNS = {"sweeps": _sweeps, "mixed": _mixed}
+
+
+def _identified(
+    seed: int, data: Dataset, campaign: rig.RigCampaign
+) -> tuple[dict[str, float], float, float]:
+    """z-scores of one campaign, k-hat, chi-square a degree of freedom."""
+    prior = box_of(campaign.settings, data, first_values(data))
+    centre = {
+        n: float(v) for n, v in zip(prior.names, (prior.lower + prior.upper) / 2, strict=True)
+    }
+    best = costly_fit(stacked, prior, data, starts=centre)
+    found = sample(
+        jax.random.key(seed), log_likelihood, prior, data, sampler="importance", num_chains=1,
+        num_samples=NUM_DRAWS, start=best.theta, covariance=best.covariance,
+    )  # fmt: skip
+    draws = found["posterior"].to_dataset()
+    truth = {**campaign.truth["joint"], "gain": campaign.truth["gain"]}
+    z = {n: float((draws[n].mean() - truth[n]) / draws[n].std()) for n in prior.names}
+    chi_square, dof = best.chi_square
+    return z, found.attrs["khat"], chi_square / dof

@@ -1,0 +1,300 @@
+"""A first campaign file from what lies in a folder, with comments and every guess marked."""
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+from jbw.campaign.document import commented, toml
+from jbw.campaign.schema import RESPONSES, SOURCES, Head, TestSpec
+from jbw.campaign.settings import Identify
+from jbw.errors import ConfigError, DataError, JbwError
+from jbw.measurement.files.detect import READERS
+from jbw.measurement.files.read import channels_of
+from jbw.measurement.files.tree import Leaf
+from jbw.measurement.kinds import KINDS
+from jbw.measurement.roles import QUANTITIES, ROLES, si_of
+from jbw.units import si_unit
+
+HEAD = """\
+# Campaign file of jbw. Lines marked CHECK hold what the records do not say.
+# See what jbw makes of it: jbw check campaign.toml
+# Channels are paths, such as group.name: [3] is the fourth item, counted from zero; (4)
+# and {4} are it counted from one, as in MATLAB; [:] takes all; 'a - b' is a difference.
+
+[campaign]"""
+NAMED = "campaign.toml"
+LISTED = 12  # channels named in a comment
+MOST_BLOCKS = 40  # tests drafted from one file
+# Keys of a test that are offered in a comment.
+OPTIONAL = ("level", "band", "delay", "assembly", "run", "exclude", "span")
+# A channel's name to its role, most telling first.
+HINTS = (
+    (r"^t$|time|zeit", "time"),
+    (r"restoring|friction", "restoring_force"),
+    (r"^freq|^f_?hz$", "frequency"),
+    (r"phase|^phi$", "phase"),
+    (r"vel|laser|vib|^v$|ldv", "velocity"),
+    (r"acc", "acceleration"),
+    (r"dis[pl]|lvdt|^[yx]$|pos", "displacement"),
+    (r"force|load|^f$", "force"),
+    (r"input|shaker|volt|drive|source|amp|^u$|^v1$", "input"),
+)
+KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", msine="multisine",
+                  sinesw="sweep")  # fmt: skip
+FEW_COLUMNS = 16  # a table of more is no record of a few channels
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A campaign file not yet written.
+
+    Attributes:
+        text: TOML.
+        assumed: What the records did not say, one line each.
+    """
+
+    text: str
+    assumed: tuple[str, ...]
+
+
+def start_campaign(folder: str | Path) -> Draft:
+    """Look at the measurement files of a folder and draft its campaign file.
+
+    Files whose names differ only in their last number are repeats of one test.
+
+    Raises:
+        DataError: No such folder, or no measurement file in it that can be read.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise DataError(f"Folder `{folder}` does not exist.", remedy="Name the folder of records.")
+    assumed: list[str] = []
+    blocks = [block for files in _groups(folder) for block in _blocks(files, assumed)]
+    if not any("[[test]]" in block for block in blocks):
+        raise DataError(
+            f"Folder `{folder}` has no measurement file that can be read.",
+            remedy=" ".join(["Suffixes: " + ", ".join(READERS) + ".", *assumed]),
+        )
+    name = f"name = {toml(folder.resolve().name or 'campaign')}"
+    head = [HEAD, name, *commented(Head, ("modal_mass", "gain")), ""]
+    foot = ["# [identify]", *commented(Identify, Identify.model_fields), ""]
+    return Draft("\n".join([*head, *blocks, *foot]), tuple(assumed))
+
+
+def write_campaign(draft: Draft, folder: str | Path) -> Path:
+    """Write a draft as `campaign.toml`, unless there is one.
+
+    Raises:
+        ConfigError: The folder has a campaign file already.
+    """
+    path = Path(folder) / NAMED
+    try:
+        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), "wb") as file:
+            file.write(draft.text.encode())
+    except FileExistsError:
+        raise ConfigError(
+            f"`{path}` exists already, and is not overwritten.",
+            remedy="See the draft with: jbw init --print FOLDER",
+        ) from None
+    return path
+
+
+def _groups(folder: Path) -> Iterator[list[Path]]:
+    """Files by test: equal names but for the last number."""
+    files = [p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in READERS]
+    visible = sorted((p for p in files if not p.name.startswith(".")), key=_stem)
+    for _, group in groupby(visible, key=_stem):
+        yield sorted(group)
+
+
+def _stem(path: Path) -> tuple[str, str]:
+    return re.sub(r"\d+$", "", path.stem), path.suffix.lower()
+
+
+def _blocks(files: Sequence[Path], assumed: list[str]) -> list[str]:
+    """The [[test]] tables of some files, or a comment where they cannot be a test."""
+    first = files[0]
+    try:
+        leaves = channels_of(first)
+    except JbwError as error:
+        assumed.append(error.what)
+        return ["".join(f"# {line}\n" for line in error.what.splitlines())]
+    found = _records_in(_series_in(leaves))
+    blocks = [_block(files, series, leaves, assumed) for series in found[:MOST_BLOCKS]]
+    if len(found) > MOST_BLOCKS:
+        blocks.append(f"# {len(found) - MOST_BLOCKS} more groups like these are in the file.\n")
+    return blocks
+
+
+def _block(
+    files: Sequence[Path],
+    series: Mapping[str, Leaf],
+    leaves: Mapping[str, Leaf],
+    assumed: list[str],
+) -> str:
+    """One [[test]] table; as a comment where no channel is named like a response."""
+    first, roles = files[0], _roles_of(series)
+    if not RESPONSES & set(roles):
+        assumed.append(f"{first.name}: no channel is named like a response.")
+        return _skeleton(files, series or leaves)
+    kind, known = _kind_of(first, roles)
+    notes = [] if known else [f"{first.name}: kind {kind!r} is a guess."]
+    guessed = [role for role, name in roles.items() if "ampl" in _last_name(name)]
+    notes += [f"{first.name}: role {role} of {roles[role]} is a guess." for role in guessed]
+    lines = [
+        "[[test]]",
+        f"kind = {toml(kind)}" + ("" if known else "  # CHECK: a guess"),
+        f"files = {toml(_pattern(files))}  # {len(files)} file(s), one repeat each",
+        f"channels = {toml(roles)}"
+        + (f"  # CHECK: {', '.join(guessed)} is a guess" if guessed else ""),
+    ]
+    lines += _units(first, roles, series, notes)
+    if not (traits := KINDS[kind]).is_curve:
+        lines += _sampling(first, roles, series, leaves, notes)
+    if traits.is_steady:
+        lines.append("tones = [1.0]  # CHECK: frequencies [Hz]")
+        notes.append(f"{first.name}: tones must be given.")
+    if traits.is_stepped:
+        lines.append("dwell = 1.0  # CHECK: duration of each step [s]")
+    if others := [name for name in series if name not in roles.values()]:
+        lines.append(f"# not used: {_listed(others)}")
+    assumed += notes
+    return "\n".join([*lines, *commented(TestSpec, OPTIONAL)]) + "\n"
+
+
+def _skeleton(files: Sequence[Path], found: Mapping[str, Leaf]) -> str:
+    """A [[test]] table to be filled in by hand, commented out."""
+    lines = [
+        f"# CHECK: name the channels of {toml(files[0].name)} by hand, from {_listed(found)}.",
+        "# [[test]]",
+        '# kind = "sweep"',
+        f"# files = {toml(_pattern(files))}",
+        '# channels = { input = "...", velocity = "..." }',
+        '# units = { input = "V", velocity = "m/s" }',
+        "# fs = 1024.0",
+    ]
+    if sources := {role: _pattern(files) for role in _roles_of(found) if role in SOURCES}:
+        own = toml({**sources, "velocity": "..."})
+        lines.append(f"# where the response lies in files of its own: files = {own}")
+    return "\n".join(lines) + "\n"
+
+
+def _units(
+    path: Path, roles: Mapping[str, str], leaves: Mapping[str, Leaf], notes: list[str]
+) -> list[str]:
+    units = {
+        role: leaves[name].unit or si_unit(QUANTITIES[role][0])
+        for role, name in roles.items()
+        if role != "time" or leaves[name].unit  # seconds, unless the file says otherwise
+    }
+    guessed = [role for role in units if not leaves[roles[role]].unit]
+    if not guessed:
+        return [f"units = {toml(units)}"]
+    notes += [f"{path.name}: unit of {role} assumed to be {units[role]}." for role in guessed]
+    return [f"units = {toml(units)}  # CHECK: not in the file for {', '.join(guessed)}"]
+
+
+def _sampling(
+    path: Path,
+    roles: Mapping[str, str],
+    series: Mapping[str, Leaf],
+    leaves: Mapping[str, Leaf],
+    notes: list[str],
+) -> list[str]:
+    if "time" in roles or any(series[name].fs for name in roles.values()):
+        return []
+    scalars = [name for name, leaf in leaves.items() if all(n == 1 for n in leaf.shape)]
+    scalar = next((n for n in scalars if n.lower().strip("_") in ("fs", "fs_hz")), "")
+    if scalar:
+        return [f"fs = {toml(scalar)}  # the scalar of that name in the file"]
+    notes.append(f"{path.name}: the sampling frequency fs must be given.")
+    return ["# fs = 1024.0  # CHECK: sampling frequency [Hz], not in the file"]
+
+
+def _pattern(files: Sequence[Path]) -> str | list[str]:
+    if len(files) == 1:
+        return files[0].name
+    pattern = f"{_stem(files[0])[0]}*{files[0].suffix}"
+    also = {p for p in files[0].parent.glob(pattern) if p.is_file()}
+    # The pattern is only shorter to read; it must mean these files and no other.
+    return pattern if also == set(files) else [path.name for path in files]
+
+
+def _listed(found: Sequence[str] | Mapping[str, Leaf]) -> str:
+    # As TOML strings: a name from a file must not end the comment's line.
+    some = [toml(name) for name in list(found)[:LISTED]]
+    more = len(found) - len(some)
+    return (", ".join(some) or "nothing") + (f" and {more} more" if more else "")
+
+
+def _series_in(leaves: Mapping[str, Leaf]) -> dict[str, Leaf]:
+    """The arrays that are one series, and the rows or columns of narrow tables, by their paths."""
+    found: dict[str, Leaf] = {}
+    for name, leaf in leaves.items():
+        long = [length for length in leaf.shape if length > 1]
+        if len(long) == 1:
+            found[name] = leaf
+        elif len(leaf.shape) == 2 and min(long, default=0) <= FEW_COLUMNS < max(long, default=0):
+            along_rows = leaf.shape[0] < leaf.shape[1]
+            found |= {
+                f"{name}[{i}]" if along_rows else f"{name}[:, {i}]": leaf for i in range(min(long))
+            }
+    return found
+
+
+def _records_in(series: Mapping[str, Leaf]) -> list[dict[str, Leaf]]:
+    """Series by the struct or group that they lie in, where several hold the same names."""
+    groups: dict[str, dict[str, Leaf]] = {}
+    for name, leaf in series.items():
+        groups.setdefault(name.rpartition(".")[0], {})[name] = leaf
+    alike = len(groups) > 1 and len({frozenset(map(_last_name, g)) for g in groups.values()}) == 1
+    return list(groups.values()) if alike else [dict(series)]
+
+
+def _last_name(path: str) -> str:
+    """The last name of a path, without what follows in brackets."""
+    return re.split(r"[./]", re.sub(r"\[[^\]]*\]", "", path))[-1].lower()
+
+
+def _roles_of(series: Mapping[str, Leaf]) -> dict[str, str]:
+    """Role to channel, by the channels' names, and by their units where the file gives them."""
+    roles: dict[str, str] = {}
+    for name, leaf in series.items():
+        if (role := _role(name, leaf.unit)) and role not in roles:
+            roles[role] = name
+    if {"frequency", "phase", "force", "input"} <= set(roles) and not RESPONSES & set(roles):
+        # Beside a force and a phase, an amplitude is that of the response.
+        roles["acceleration"] = roles.pop("input")
+    return roles
+
+
+def _role(name: str, unit: str) -> str:
+    """What a channel is by its name, unless its unit says otherwise; nothing where unknown."""
+    last = _last_name(name)
+    by_name = [last] if last in ROLES else []
+    by_name += [role for pattern, role in HINTS if re.search(pattern, last)]
+    for role in by_name:
+        with suppress(ConfigError):  # another unit than the role's
+            if unit:
+                si_of(role, unit)
+            return role
+    return ""
+
+
+def _kind_of(path: Path, roles: Mapping[str, str]) -> tuple[str, bool]:
+    """Kind of a test by its file's name and channels, and whether these say so."""
+    if {"frequency", "phase"} <= set(roles):
+        return "frf", True
+    name = path.stem.lower()
+    driven = bool(SOURCES & set(roles))
+    fitting = {"decay": True, "loop": "restoring_force" in roles, "frf": False}
+    for hint, kind in {**{kind: kind for kind in KINDS}, **KIND_HINTS}.items():
+        if hint in name and fitting.get(kind, driven):
+            return kind, True
+    if not driven and {"restoring_force", "displacement"} <= set(roles):
+        return "loop", False
+    return ("sweep" if driven else "decay"), False

@@ -1,0 +1,201 @@
+"""The files that a test means, inside the campaign's folder, and its repeats as records."""
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from fnmatch import fnmatch
+from pathlib import Path
+
+from jbw.campaign.schema import TestSpec
+from jbw.errors import ConfigError, DataError, JbwError
+from jbw.measurement.files.assemble import joined
+from jbw.measurement.files.paths import closest
+from jbw.measurement.files.read import records
+from jbw.measurement.files.sampling import Wanted
+from jbw.measurement.records import Record
+
+DATA_FOLDER = "$JBW_DATA"
+Part = tuple[Path, Wanted]  # a file, and what to take from it
+
+
+def repeats_of(
+    test: TestSpec, name: str, folder: Path, *, allow_outside: bool = False
+) -> Iterator[Record | JbwError]:
+    """Repeats of a test in SI, without the excluded ones; not yet checked sample by sample.
+
+    What cannot be read comes as the error, in its place, so that the others can still be seen.
+    """
+    unused = set(test.exclude)
+    number = kept = 0
+    try:
+        sets = _file_sets(test, name, folder, allow_outside)
+    except JbwError as error:
+        yield error
+        return
+    for parts in sets:
+        dropped = {x for x in test.exclude if isinstance(x, str) and _matches(parts, x)}
+        unused -= dropped
+        if dropped:  # perhaps because it cannot be read
+            number += 1
+            continue
+        for item in _read(parts):
+            if number in unused:
+                unused.remove(number)
+            else:
+                kept += 1
+                yield item
+            number += 1
+    if unused:
+        yield _unused(unused, name, number)
+    elif not kept:
+        yield DataError(f"Test {name!r} has no repeats left.", remedy="Shorten `exclude`.")
+
+
+def _file_sets(test: TestSpec, name: str, folder: Path, allow_outside: bool) -> list[list[Part]]:
+    """The files of each repeat; more than one where roles have files of their own."""
+    wanted = Wanted(
+        test.channels,
+        test.units,
+        test.fs,
+        test.scale,
+        test.repeats,
+        test.span,
+        test.amplitudes,
+        test.remove_mean,
+    )
+    if not isinstance(test.files, Mapping):
+        files = found_files(test.files, folder, allow_outside=allow_outside)
+        return [[(file, wanted)] for file in files]
+    columns = []
+    for patterns in dict.fromkeys(test.files.values()):
+        roles = [role for role, own in test.files.items() if own == patterns]
+        files = found_files(patterns, folder, allow_outside=allow_outside)
+        columns.append([(file, _only(wanted, roles)) for file in files])
+    counts = {len(column) for column in columns}
+    if len(counts) > 1:
+        listed = ", ".join(f"{column[0][0].name}: {len(column)}" for column in columns)
+        raise DataError(
+            f"Test {name!r} must have equally many files for each role, but has {listed}.",
+            remedy="Files are paired in their natural order; name those that belong together.",
+        )
+    return [list(parts) for parts in zip(*columns, strict=True)]
+
+
+def _only(wanted: Wanted, roles: Sequence[str]) -> Wanted:
+    """What to take from a file that holds some of the roles."""
+    channels, units, scale = (
+        {role: table[role] for role in roles if role in table}
+        for table in (wanted.channels or {}, wanted.units, wanted.scale)
+    )
+    return replace(wanted, channels=channels, units=units, scale=scale)
+
+
+def _matches(parts: Sequence[Part], pattern: str) -> bool:
+    return any(fnmatch(file.name, pattern) for file, _ in parts)
+
+
+def _read(parts: Sequence[Part]) -> tuple[Record | JbwError, ...]:
+    try:
+        read = [records(file, wanted) for file, wanted in parts]
+        return read[0] if len(read) == 1 else joined(read)
+    except JbwError as error:
+        return (error,)
+
+
+def _unused(unused: set[int | str], name: str, number: int) -> ConfigError:
+    listed = ", ".join(repr(item) for item in sorted(unused, key=str))
+    return ConfigError(
+        f"Test {name!r}: `exclude` names {listed}, which is none of its {number} repeats.",
+        remedy="Repeats are counted from zero; file names may hold * and ?.",
+    )
+
+
+def found_files(
+    patterns: Iterable[str], folder: Path, *, allow_outside: bool = False
+) -> list[Path]:
+    """Files that the patterns name, each once, in the order of the patterns.
+
+    Args:
+        patterns: File names or patterns with * and ?, relative to the folder; $JBW_DATA at their
+            beginning is the folder of that environment variable.
+        folder: The campaign file's folder.
+        allow_outside: Let them lead out of the folder.
+
+    Raises:
+        ConfigError: A URL, a path out of the folder, or $JBW_DATA where it is not set.
+        DataError: Nothing matches.
+    """
+    found: list[Path] = []
+    for written in patterns:
+        _refuse_url(written)
+        pattern = _with_data_folder(written)
+        # First the pattern itself, so that nothing outside is even looked at; then the links.
+        _stay_inside(folder / pattern, pattern, folder, allow_outside)
+        for file in _matching(pattern, folder):
+            _stay_inside(file, pattern, folder, allow_outside)
+            if file not in found:
+                found.append(file)
+    return found
+
+
+def _stay_inside(path: Path, pattern: str, folder: Path, allow_outside: bool) -> None:
+    if not allow_outside and not path.resolve().is_relative_to(folder.resolve()):
+        raise ConfigError(
+            f"`files` = {pattern!r} leads out of the campaign's folder `{folder}`.",
+            why="A campaign file from elsewhere must not read your other files.",
+            remedy="Move the data beside the campaign file, or pass --allow-outside.",
+        )
+
+
+def _with_data_folder(pattern: str) -> str:
+    """The pattern with the data folder of this machine in the place of $JBW_DATA."""
+    if not pattern.startswith(DATA_FOLDER):
+        return pattern
+    folder = os.environ.get(DATA_FOLDER[1:])
+    if not folder:
+        raise ConfigError(
+            f"`files` = {pattern!r} begins with {DATA_FOLDER}, which is not set.",
+            remedy=f"Set the environment variable {DATA_FOLDER[1:]} to the folder of your data.",
+        )
+    return str(Path(folder).absolute()) + pattern[len(DATA_FOLDER) :]
+
+
+def _refuse_url(pattern: str) -> None:
+    if re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", pattern):
+        raise ConfigError(
+            f"`files` = {pattern!r} is a URL, and jbw never fetches anything.",
+            remedy="Download the file first and name it here.",
+        )
+
+
+def _matching(pattern: str, folder: Path) -> list[Path]:
+    literal = folder / pattern
+    if literal.is_file() or not re.search(r"[*?\[]", pattern):
+        matches = [literal] if literal.is_file() else []
+    elif Path(pattern).is_absolute():
+        anchor = Path(Path(pattern).anchor)
+        matches = [*anchor.glob(str(Path(pattern).relative_to(anchor)))]
+    else:
+        matches = [*folder.glob(pattern)]
+    files = sorted((p for p in matches if p.is_file()), key=_natural)
+    if not files:
+        raise _nothing(pattern, folder)
+    return files
+
+
+def _natural(path: Path) -> list[tuple[int, int | str]]:
+    """Sorting key with numbers by value, so that run_2 comes before run_10."""
+    parts = re.split(r"(\d+)", path.name)
+    return [(1, int(part)) if part.isdecimal() else (0, part) for part in parts]
+
+
+def _nothing(pattern: str, folder: Path) -> DataError:
+    found = sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
+    nearest = closest(pattern, found)
+    guess = f"Did you mean `{nearest}`? " if nearest else ""
+    more = f" and {len(found) - 10} more" if len(found) > 10 else ""
+    return DataError(
+        f"`files` = {pattern!r} matches nothing in `{folder}`.",
+        remedy=f"{guess}Found: {', '.join(found[:10]) or 'nothing'}{more}.",
+    )

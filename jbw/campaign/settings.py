@@ -1,0 +1,204 @@
+"""The choices of an identification: the [identify] and [joint] tables as typed records."""
+
+import sys
+from collections.abc import Container, Iterator, Mapping, Sequence
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, StrictBool
+
+from jbw.campaign.document import Table, checked, key, refuse, unlike
+from jbw.campaign.values import (
+    Bounds,
+    Count,
+    Index,
+    Kinds,
+    Levels,
+    Modes,
+    OneOf,
+    Strings,
+    strings,
+)
+from jbw.errors import ConfigError
+from jbw.inference.samplers.register import SAMPLERS
+from jbw.measurement.kinds import KINDS
+from jbw.quantities import OSCILLATOR, Quantity
+
+STIFFNESS = "1/s^2"  # unit of a part of omega_n^2
+SPRING = "cubic"  # a prior on its parameter brings the law of this name, unless laws are stated
+
+Prior = Mapping[str, tuple[float, float]]
+Sampler = Annotated[str, OneOf(lambda: ("auto", *SAMPLERS))]
+
+
+def _coordinates() -> tuple[str, ...]:
+    """Names of coordinates: a law that is defined elsewhere has loaded the register already."""
+    register = sys.modules.get("jbw.oscillator.laws")
+    laws = () if register is None else register.LAWS.values()
+    named = dict.fromkeys(name for law in laws for name in law.coordinates)
+    return tuple(dict.fromkeys(("auto", "paper", "products", *named)))
+
+
+Coordinates = Annotated[str, OneOf(_coordinates)]
+Reference = Literal["linear", "cubic"]
+References = Annotated[
+    tuple[Reference, ...],
+    BeforeValidator(strings, json_schema_input_type=Reference | list[Reference]),
+]
+
+
+class Identify(Table):
+    """What to fit, what to hold out, and how to draw; every default stands here.
+
+    None stands for what the data or the sampler decide.
+    """
+
+    fit_levels: Levels | None = key(
+        None, "sweep levels to fit; the others are predicted", [0.05, 0.20]
+    )
+    fit_repeats: Count | None = key(None, "so many repeats are fitted; the rest held out", 32)
+    fit: Kinds | None = key(None, f"kinds to fit, among {', '.join(KINDS)}; all by default")
+    hold_out: Strings = key((), "names of tests that no fit sees")
+    compare_with: References = key(
+        ("linear",),
+        "oscillators without hysteresis to compare with; linear by default",
+        ["linear", "cubic"],
+    )
+    offsets: Literal["auto", "runs", "none"] = key(
+        "auto",
+        "whether each run has an omega_n and a zeta of its own; auto: where the data show it",
+        "auto",
+    )
+    model_error: Literal["auto", "none"] = key(
+        "auto",
+        "auto: coloured residuals, and misfit that all repeats share, count for fewer values; "
+        "none: the law is taken for exact",
+        "auto",
+    )
+    coordinates: Coordinates = key(
+        "auto",
+        "sample the laws' parameters as the paper does, or their products; auto: products where no "
+        "more is known",
+        "auto",
+    )
+    substeps: Count | None = key(None, "solver steps a sample; by default as many as the data take")
+    sampler: Sampler = key(
+        "auto",
+        "of the joint posterior; auto: elliptical slices where time is stepped through, else NUTS; "
+        "importance, tempered_smc, nested and quadrature give the evidence too",
+        "auto",
+    )
+    profiles: StrictBool = key(
+        False, "follow every parameter's profile likelihood, at some hundred fits", True
+    )
+    num_chains: Count = key(4, "chains", 4)
+    num_samples: Count | None = key(None, "draws kept a chain", 1000)
+    num_warmup: Index | None = key(None, "draws to adapt with, a chain", 500)
+    seed: Index = key(0, "of the random numbers", 0)
+    modes: Modes = key(
+        (), "frequencies of the modes in the band [Hz], the joint's own first", [18.8]
+    )
+    prior: Mapping[str, Bounds] = key(
+        dict, "parameter = [lower, upper], in SI", {"zeta": [0.003, 0.006]}
+    )
+
+    @classmethod
+    def of(cls, stated: "Identify | Mapping[str, Any]") -> "Identify":
+        """The record of what is stated, as a record or by its keys.
+
+        Raises:
+            ConfigError: A key or a value that the [identify] table does not admit.
+        """
+        if isinstance(stated, cls):
+            return stated
+        errors: list[str] = []
+        found = checked(cls, stated, "[identify]", errors)
+        refuse("Argument `settings`", errors)
+        return found or cls()
+
+    def draws(self, own: tuple[int, int]) -> tuple[int, int]:
+        """Draws of warm-up and draws kept of each chain.
+
+        Args:
+            own: The sampler's own numbers, for what is not stated.
+        """
+        num_warmup, num_samples = own
+        return (
+            num_warmup if self.num_warmup is None else self.num_warmup,
+            num_samples if self.num_samples is None else self.num_samples,
+        )
+
+
+class Joint(Table):
+    """The [joint] table: which laws stand beside each other across the joint."""
+
+    laws: Strings = key(
+        ("bouc_wen",), "laws of the joint, which stand beside each other", ["bouc_wen", "cubic"]
+    )
+
+
+DEFAULT_LAWS = Joint().laws
+
+
+def laws_of(laws: Sequence[str], prior: Container[Any]) -> tuple[str, ...]:
+    """Names of a campaign's laws: a prior on the cubic stiffness brings it, beside the default.
+
+    Args:
+        laws: As they are stated, or the default.
+        prior: Names of parameters with bounds of their own.
+    """
+    laws = tuple(laws)
+    return (*laws, SPRING) if SPRING in prior and laws == DEFAULT_LAWS else laws
+
+
+def law_errors(laws: Sequence[str], prior: Prior) -> list[str]:
+    """What is wrong with a campaign's laws and with the priors on their parameters.
+
+    The register of laws loads JAX, so it is asked only where [joint] or a prior needs it.
+
+    Args:
+        laws: Their names.
+        prior: Bounds that the campaign states.
+    """
+    known = {quantity.name: quantity for quantity in OSCILLATOR}
+    if tuple(laws) != DEFAULT_LAWS or set(prior) - set(known):
+        from jbw.oscillator.laws import quantities_of
+
+        try:
+            known |= {quantity.name: quantity for quantity in quantities_of(laws)}
+        except ConfigError as error:
+            return [f"[joint] laws: {' '.join(filter(None, (error.what, error.remedy)))}"]
+    told = [line for name, pair in prior.items() for line in _out_of_bounds(name, pair, known)]
+    return [f"[identify] prior: {line}" for line in told or _too_stiff(prior, known)]
+
+
+def _out_of_bounds(
+    name: str, pair: tuple[float, float], known: Mapping[str, Quantity]
+) -> Iterator[str]:
+    if name not in known:
+        yield f"{name}: unknown parameter{_owner(name)}{unlike(name, known)}."
+        return
+    least = known[name].least
+    # Nothing oscillates at omega_n = 0.
+    if least is not None and (pair[0] < least or (name == "omega_n" and pair[0] <= 0)):
+        must = f"at least {least:g}" if least else "positive"
+        yield f"{name}: must be {must}, but its lower bound is {pair[0]:g}."
+
+
+def _owner(name: str) -> str:
+    """Which law has the parameter, where another than the chosen ones does."""
+    from jbw.oscillator.laws import LAWS
+
+    owners = [law.name for law in LAWS.values() if name in law.names()]
+    return f" of the chosen laws; law `{owners[0]}` has it" if owners else ""
+
+
+def _too_stiff(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:
+    """Stiffnesses of the joint that reach beyond the whole, where nothing holds the structure."""
+    for name, (_, highest) in prior.items():
+        if known[name].unit == STIFFNESS and "omega_n" in prior:
+            least = prior["omega_n"][0] ** 2
+            if highest >= least:
+                yield (
+                    f"{name} < omega_n^2 must hold everywhere, but {name} reaches {highest:g} "
+                    f"and omega_n^2 begins at {least:g}; lower {name}'s upper bound."
+                )

@@ -1,0 +1,35 @@
+"""Options that several commands share, each said once."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+Command = Callable[..., Any]
+
+json_option = click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
+outside_option = click.option(
+    "--allow-outside", is_flag=True, help="Read files outside the campaign's folder."
+)
+run_argument = click.argument(
+    "folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path)
+)
+
+
+def out_option(where: str, what: str = "New or empty folder to write to") -> Callable[..., Command]:
+    """`--out DIR`, and where it is written when left out."""
+    return click.option(
+        "--out",
+        type=click.Path(file_okay=False, path_type=Path),
+        help=f"{what}; {where} when left out.",
+    )
+
+
+def seed_option(otherwise: str = "", default: int | None = None) -> Callable[..., Command]:
+    """`--seed N`, and whose seed is taken when left out."""
+    told = f"; the {otherwise}'s when left out" if otherwise else ""
+    return click.option(
+        "--seed", type=int, default=default, show_default=default is not None,
+        help=f"Seed of everything random{told}.",
+    )  # fmt: skip

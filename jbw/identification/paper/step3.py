@@ -1,0 +1,247 @@
+"""Step 3: zeta, alpha and delta from the third-order kernel around a third of the resonance."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import jax
+import numpy as np
+import xarray as xr
+from jaxtyping import Key
+
+from jbw.campaign.settings import Identify
+from jbw.identification.linear import PooledFit
+from jbw.identification.paper import kernel
+from jbw.identification.paper.kernel import KernelData
+from jbw.identification.priors import stated
+from jbw.identification.step import Step, attrs, finished
+from jbw.inference.fit.fitting import Fit, fit
+from jbw.inference.samplers.checkpointing import Keep, nowhere
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import Box, box
+from jbw.inference.space.ridge import along_ridge
+from jbw.measurement.probing import ThirdOrder, third_order_kernel
+from jbw.measurement.records import Test
+from jbw.oscillator.law import Bounds, Scales
+from jbw.oscillator.oscillator import prior_of
+from jbw.oscillator.paper.kernels import h1
+
+NAMES = ("zeta", "alpha", "delta")
+# Half widths of the paper's boxes about the initial fit, read from the CVs of its priors.
+PAPER_HALF_WIDTH = {"zeta": 0.20, "alpha": 0.163, "delta": 0.20, "gamma": 0.41}
+
+
+@dataclass(frozen=True)
+class KernelFit:
+    """The initial fit of Step 3.
+
+    Attributes:
+        kernels: The measured kernel of each probing test.
+        data: Their sufficient statistics.
+        fit: Least squares in the box.
+        box: The prior box of the posterior.
+    """
+
+    kernels: tuple[ThirdOrder, ...]
+    data: KernelData
+    fit: Fit
+    box: Box
+
+
+def about(centre: Mapping[str, float], half_width: Mapping[str, float]) -> Bounds:
+    """The paper's kind of box: a share of the initial fit to either side."""
+    return {
+        name: (centre[name] * (1 - share), centre[name] * (1 + share))
+        for name, share in half_width.items()
+        if name in centre
+    }
+
+
+def measured_kernels(tests: Sequence[Test], linear: PooledFit) -> tuple[ThirdOrder, ...]:
+    """The measured third-order kernel of every probing test, the source's harmonic taken out.
+
+    The source's harmonic rings the structure that slides under the tone, not that of Step 2: a
+    first kernel by H1 says how much softer it is, a second one is taken by the softer receptance.
+
+    Args:
+        tests: Probing tests with one tone each.
+        linear: Step 2: gain, and H1 at three times the tone.
+
+    Returns:
+        One kernel a test, input per unit mass.
+
+    Reference:
+        Eqs. (29), (30).
+    """
+    first = [_measured_kernel(test, linear, 0.0) for test in tests]
+    products = [_product(one, linear) for one in first if one.above_noise]
+    if not products:
+        return tuple(first)
+    softer = [2 * np.median(products) * np.mean(np.abs(one.y_1)) / np.pi for one in first]
+    return tuple(
+        _measured_kernel(test, linear, float(less))
+        for test, less in zip(tests, softer, strict=True)
+    )
+
+
+def _product(found: ThirdOrder, linear: PooledFit) -> float:
+    r"""alpha*delta by a measured kernel, from the leading term of (31) [1/(m s^2)].
+
+    $$\lambda_3 \approx -\frac{35\,\alpha\delta}{96\,Y}, \qquad
+      \lambda_3 = -\mathrm{Re}\frac{H_3}{H_1(\omega)^3 H_1(3\omega)}$$
+    """
+    once, thrice = (h1(n * found.omega, linear.omega_n, linear.zeta) for n in (1, 3))
+    lambda_3 = -np.real(np.mean(found.h3) / (once**3 * thrice))
+    return float(-96 * np.mean(found.y_peak) * lambda_3 / 35)
+
+
+def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder:
+    r"""The kernel of one test, by the receptance of the joint that slides under its tone.
+
+    $$\frac1{H(3\omega)} = \frac1{H_1(3\omega)} - \frac{2\,\alpha\delta\,|Y_1|}{\pi}$$
+
+    which is the mean over a period of the slope alpha (1 - delta |y|) of Eq. (2), to first order.
+
+    Args:
+        test: A tone.
+        linear: Step 2.
+        softer: The second term, what the tone takes from the stiffness [1/s^2].
+    """
+    omega = 2 * np.pi * test.tones_hz[0]
+    role = test.records[0].source
+    u = np.stack([linear.gain * record.channels[role] for record in test.records])
+    response = test.records[0].response
+    y = np.stack([record.channels[response] for record in test.records])
+    receptance = complex(1 / (1 / h1(3 * omega, linear.omega_n, linear.zeta) - softer))
+    return third_order_kernel(
+        u, y, test.records[0].fs, omega,
+        h1_3omega=receptance, response=response, delay=test.delay, start=test.settle,
+    )  # fmt: skip
+
+
+def fit_kernel(key: Key, tests: Sequence[Test], linear: PooledFit, settings: Identify) -> KernelFit:
+    """The initial fit of zeta, alpha and delta, and the box of their posterior.
+
+    The box is the campaign's where it states one, otherwise the paper's widths about a first fit
+    within physical bounds.
+
+    Args:
+        key: Random key of the starts.
+        tests: Probing tests.
+        linear: Step 2.
+        settings: The campaign's [identify] table.
+
+    Returns:
+        The fit in the box, at whose bounds the optimum may lie: it is said in `fit.at_bound`.
+
+    Reference:
+        Eqs. (38), (39).
+    """
+    kernels = measured_kernels(tests, linear)
+    data = kernel.reduce(kernels, linear.omega_n)
+    bounds = {name: pair for name, pair in stated(settings).items() if name in NAMES}
+    if set(bounds) != set(NAMES):
+        scales = Scales(linear.omega_n, linear.zeta, float(np.max(data.y_peak)))
+        wide = {"zeta": (0.2 * linear.zeta, 3.0 * linear.zeta), **prior_of(["bouc_wen"], scales)}
+        first = fit(kernel.residual, box({n: wide[n] for n in NAMES}), data, starts=16, key=key)
+        centred = about(first.theta, {name: PAPER_HALF_WIDTH[name] for name in NAMES})
+        bounds = {**centred, **bounds}
+    prior = box({name: bounds[name] for name in NAMES})
+    return KernelFit(kernels, data, fit(kernel.residual, prior, data, starts=16, key=key), prior)
+
+
+def third_order_steps(
+    key: Key, step: KernelFit, settings: Identify, *, keep: Keep = nowhere
+) -> dict[str, Step]:
+    """Posterior of zeta, alpha and delta by (36): NUTS, the paper's walk, and a tuned walk.
+
+    NUTS and the tuned walk go along the ridge alpha*delta, from wall to wall of the box, with the
+    noise integrated out; the paper's walk in the box itself, with the noise as estimated. All
+    chains start dispersed, so that their comparison can tell: the paper's chain, started at one
+    optimum, agrees with itself and says nothing.
+
+    Args:
+        key: Random key.
+        step: The initial fit.
+        settings: The campaign's [identify] table.
+        keep: Where the chains outlive the process.
+
+    Returns:
+        The steps "third_order_nuts", "third_order_paper" and "third_order_walk".
+
+    Reference:
+        Eqs. (35), (36).
+    """
+    options: dict[str, dict[str, Any]] = {
+        "third_order_nuts": {"sampler": "nuts", "num_warmup": 500, "num_samples": 500},
+        "third_order_paper": {"sampler": "random_walk_paper"},
+        "third_order_walk": {"sampler": "random_walk", "num_warmup": 2000, "num_samples": 20_000},
+    }
+    steps = {}
+    for one, (name, chosen) in zip(jax.random.split(key, 3), options.items(), strict=True):
+        started = perf_counter()
+        about = step.box, step.data
+        chosen |= {"num_chains": settings.num_chains, "chain_method": "vectorized"}
+        chosen |= {"attrs": attrs(), "kept": keep(name)}
+        if name == "third_order_paper":
+            tree = sample(one, kernel.known_noise_log_likelihood, *about, **chosen)
+        else:
+            noisy = as_noise(step.fit)
+            tree = sample(
+                one, kernel.log_likelihood, *about, options={"adapt_mass": True},
+                coordinates=along_ridge(noisy.theta, noisy.covariance, step.box), **chosen,
+            )  # fmt: skip
+        said = (*_products(tree, step), *_notes(step))
+        steps[name] = finished(
+            name, tree, step.box, step.fit, started,
+            statements=said, chi_square=step.fit.chi_square,
+        )  # fmt: skip
+    return steps
+
+
+def as_noise(best: Fit) -> Fit:
+    """A fit whose misfit counts as noise, as it does where the noise is integrated out.
+
+    Args:
+        best: The fit, its covariance by the noise of the repeats.
+    """
+    chi_square, dof = best.chi_square
+    return replace(best, covariance=best.covariance * max(1.0, chi_square / max(dof, 1)))
+
+
+def _products(tree: xr.DataTree, step: KernelFit) -> tuple[str, ...]:
+    """What the kernel does determine, with its interval."""
+    posterior = tree["posterior"].to_dataset()
+    product = (posterior["alpha"] * posterior["delta"]).values
+    low, high = np.quantile(product, [0.005, 0.995])
+    return (
+        f"The kernel determines lambda_3 and with it the product alpha*delta: {product.mean():.6g} "
+        f"1/(m s^2), 99 % interval [{low:.6g}, {high:.6g}]; alpha and delta apart come from the "
+        "box and from the error of the model (31).",
+    )
+
+
+def _notes(step: KernelFit) -> tuple[str, ...]:
+    return tuple(note for measured in step.kernels for note in measured.notes)
+
+
+def integrals(posterior: xr.Dataset, data: KernelData) -> np.ndarray:
+    r"""Energy of each draw's kernel over the probing band, for conv(n_s).
+
+    $$\int_B |H_3(\omega)|^2\,\mathrm{d}\omega$$
+
+    Args:
+        posterior: Draws of zeta, alpha and delta.
+        data: The probing frequencies.
+
+    Returns:
+        One integral a draw, shape (chain, draw).
+
+    Reference:
+        Eq. (40).
+    """
+    theta = {name: posterior[name].values.ravel() for name in NAMES}
+    magnitude = np.abs(np.asarray(jax.vmap(lambda t: kernel.predict(t, data))(theta))) ** 2
+    integral = np.trapezoid(magnitude, np.asarray(data.omega), axis=-1)
+    return integral.reshape(posterior.sizes["chain"], posterior.sizes["draw"])

@@ -1,0 +1,148 @@
+r"""Do the runs of a campaign shift? Offsets of omega_n and zeta by run, where the data show them.
+
+A structure mounted anew, warmed up or driven harder comes back with another natural frequency. One
+omega_n for all runs then leaves residuals that are no noise, and intervals several times too
+narrow. So every run's own offset is read off the fit's residuals, and where the offsets differ by
+more than chance allows, each run gets its own in the likelihood, with a scatter of the size seen.
+"""
+
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+from scipy import stats
+
+from jbw.campaign.settings import Identify
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.groups.scatter import scatter_grid
+from jbw.observables.dataset import Dataset, best_offsets, by_label, with_directions
+from jbw.observables.observable import OFFSETS
+from jbw.observables.runs import assemblies_of
+
+BY_CHANCE = 1e-3  # probability below which shifts are taken for real
+LEAST, MOST = (1e-7, 1e-4), (1e-2, 0.5)  # scatter of omega_n and zeta, relative
+
+
+@dataclass(frozen=True)
+class Shifts:
+    """Offsets of the runs as a common fit's residuals show them.
+
+    Attributes:
+        runs: Names of the runs.
+        offset: omega_n [rad/s] and zeta [-] of each run less the fit's.
+        std: Standard errors.
+        scatter: Standard deviation over runs of each, the errors' part taken out.
+        p: Probability of such differences by chance.
+    """
+
+    runs: tuple[str, ...]
+    offset: Float[np.ndarray, "run own"]
+    std: Float[np.ndarray, "run own"]
+    scatter: Float[np.ndarray, " own"]
+    p: float
+
+
+def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None:
+    r"""Read the offsets of the runs off the residuals of a fit that knows none.
+
+    $$W_r = J_r^T J_r, \quad \hat b_r = W_r^{-1} J_r^T r, \quad
+      \chi^2 = \sum_r (\hat b_r - \bar b)^T W_r (\hat b_r - \bar b)$$
+
+    Args:
+        best: The fit.
+        names: Parameters in the order of its Jacobian.
+        data: The dataset that was fitted.
+
+    Returns:
+        The shifts; None with fewer than two runs that know their offsets.
+    """
+    columns = [names.index(name) for name in OFFSETS if name in names]
+    if len(columns) < len(OFFSETS):
+        return None
+    left = by_label(best.residual, data)
+    slopes = by_label(-best.jacobian[:, columns], data)
+    labels, size = data.shared_runs, len(OFFSETS)
+    precision, pull = np.zeros((len(labels), size, size)), np.zeros((len(labels), size))
+    for part in data.parts:
+        for label, run in zip(part.labels, part.runs, strict=True):
+            if not part.own_shifts:
+                slope, number = slopes[label], labels.index(run)
+                precision[number] += slope.T @ slope
+                pull[number] += slope.T @ left[label]
+    known = np.array([np.linalg.cond(one) < 1e12 if one.any() else False for one in precision])
+    if known.sum() < 2:
+        return None
+    precision, pull = precision[known], pull[known]
+    offset = np.linalg.solve(precision, pull[..., None])[..., 0]
+    common = np.linalg.solve(precision.sum(axis=0), pull.sum(axis=0))
+    apart = offset - common
+    chi_square = float(np.einsum("ri,rij,rj->", apart, precision, apart))
+    covariance = np.linalg.inv(precision)
+    std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    dof = len(OFFSETS) * (int(known.sum()) - 1)
+    return Shifts(
+        runs=tuple(name for name, one in zip(labels, known, strict=True) if one),
+        offset=offset,
+        std=std,
+        scatter=_scatter(offset, std),
+        p=float(stats.chi2.sf(chi_square, dof)),
+    )
+
+
+def _scatter(
+    offset: Float[np.ndarray, "run own"], std: Float[np.ndarray, "run own"]
+) -> NDArray[np.float64]:
+    """Standard deviation of the runs beyond their errors, at least a tenth of what is seen."""
+    seen = np.var(offset, axis=0, ddof=1)
+    return np.sqrt(np.maximum(seen - np.mean(std**2, axis=0), 0.01 * seen))
+
+
+def wanted(shifts: Shifts | None, settings: Identify) -> bool:
+    """Whether runs get offsets: as the campaign says, or where the data show them."""
+    if shifts is None or settings.offsets == "none":
+        return False
+    return settings.offsets == "runs" or shifts.p < BY_CHANCE
+
+
+def with_offsets(best: Fit, shifts: Shifts, data: Dataset) -> Dataset:
+    """The dataset in which every run has offsets of its own.
+
+    Args:
+        best: The fit, where predictions are linearised.
+        shifts: The offsets seen.
+        data: The dataset.
+    """
+    centre = np.array([best.theta[name] for name in OFFSETS])
+    least, most = (tuple(np.array(part) * centre) for part in (LEAST, MOST))
+    scatter = np.clip(shifts.scatter, least, most)
+    own = dict(zip(shifts.runs, shifts.offset, strict=True))
+    nested = bool(assemblies_of(tuple(dict.fromkeys(data.runs))))
+    return replace(
+        with_directions(best.theta, data, own),
+        scatters=jnp.asarray(scatter_grid(least, most, assemblies=nested)),
+        scatter=jnp.asarray(scatter),
+    )
+
+
+def recentred(best: Fit, data: Dataset) -> Dataset:
+    """The dataset linearised about the runs' offsets as they are now known.
+
+    Args:
+        best: The fit with offsets.
+        data: The dataset, whose runs have offsets.
+    """
+    return with_directions(best.theta, data, best_offsets(best.theta, data))
+
+
+def sentence_of(shifts: Shifts) -> str:
+    """What was seen of the runs, in words."""
+    apart = shifts.offset[:, 0] - shifts.offset[:, 0].mean()
+    seen = ", ".join(
+        f"{name} {b / (2 * np.pi):+.3g} Hz" for name, b in zip(shifts.runs, apart, strict=True)
+    )
+    return (
+        f"The natural frequency differs from run to run by more than chance (p = {shifts.p:.1g}): "
+        f"{seen}. Each run has offsets of omega_n and zeta of its own in the likelihood."
+    )

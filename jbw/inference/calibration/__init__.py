@@ -1,0 +1,1 @@
+"""Simulation-based calibration: does a posterior hold the truth as often as it says?"""

@@ -1,0 +1,215 @@
+r"""Simulation-based calibration: does a posterior hold the truth as often as it says?
+
+Parameters drawn from the prior, data simulated from them and draws of their posterior are three
+draws of one joint distribution, so that the rank of the truth among the draws is uniform,
+
+$$\theta^* \sim \pi, \quad D \sim p(D \mid \theta^*), \quad \theta_{1..L} \sim p(\theta \mid D)
+\;\Rightarrow\; \#\{l : f(\theta_l, D) < f(\theta^*, D)\} \sim U\{0, \dots, L\}$$
+
+for every quantity f. The log likelihood is always among them: a likelihood that forgets the data
+leaves the ranks of all parameters uniform, and not its own.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from blackjax.diagnostics import potential_scale_reduction
+from jaxtyping import Array, Bool, Float, Int, Key, PyTree
+
+from jbw.errors import ConfigError
+from jbw.inference.calibration.record import Calibration, Ranked, judged
+from jbw.inference.fit.locate import Search, locate
+from jbw.inference.samplers.chains import in_batches
+from jbw.inference.samplers.draw import draws_of
+from jbw.inference.samplers.register import Sampler
+from jbw.inference.space.box import Box, from_unit
+from jbw.inference.space.precision import require_float64
+from jbw.inference.space.problem import LogLikelihood, Problem, Theta, problem_of
+from jbw.inference.space.reparametrisation import in_box
+
+LOG_LIKELIHOOD = "log_likelihood"
+TAIL = 0.005  # on either side of a 99 % interval
+Quantity = Callable[[Theta, PyTree], Float[Array, ""]]
+Report = Callable[[int], None]
+
+
+class Model(NamedTuple):
+    """A posterior, and where its data come from.
+
+    Attributes:
+        simulate: (key, theta) to data, as the world makes them; not by the likelihood's code.
+        log_likelihood: (theta, data) to independent terms [nats].
+        box: Prior bounds.
+        quantities: Further quantities by name, each (theta, data) to one number.
+        search: How least squares find the posterior; None where it is drawn from the whole box.
+    """
+
+    simulate: Callable[[Key[Array, ""], Theta], PyTree]
+    log_likelihood: LogLikelihood
+    box: Box
+    quantities: Mapping[str, Quantity] = {}
+    search: Search | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every quantity that is ranked: the parameters, the log likelihood, the further ones."""
+        return (*self.box.names, LOG_LIKELIHOOD, *self.quantities)
+
+
+def calibrate(
+    key: Key[Array, ""],
+    model: Model,
+    sampler: Sampler,
+    options: Any,
+    *,
+    num_replications: int = 1000,
+    num_ranks: int = 100,
+    batch: int = 100,
+    report: Report = lambda done: None,
+) -> Calibration:
+    """Rank the truth among the draws of its posterior, for many truths drawn from the prior.
+
+    Replications run side by side in one compiled function, `batch` at a time. A replication fails
+    where a draw is not finite, where the chains disagree, or where the sampler did not come to its
+    end: its ranks stay as they are, those of draws that are not numbers at the lowest.
+
+    Args:
+        key: Random key.
+        model: Posterior and simulator.
+        sampler: One of the register.
+        options: The sampler's own record.
+        num_replications: Truths.
+        num_ranks: L, draws that each truth is ranked among.
+        batch: Replications side by side.
+        report: Called with the number of replications done.
+
+    Returns:
+        Ranks, failures, coverage and the verdict.
+
+    Raises:
+        ConfigError: A count that is not positive, fewer draws than ranks, a quantity named like a
+            parameter, or a float32 session.
+
+    Reference:
+        Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), Bayesian Analysis 20, 461.
+    """
+    require_float64()
+    _check(model, num_replications, num_ranks, batch)
+    keys, batch = jax.random.split(key, num_replications), min(batch, num_replications)
+    padded = jnp.concatenate([keys, keys[: -num_replications % batch]])
+    rows = []
+    for first in range(0, num_replications, batch):
+        found = _batch(padded[first : first + batch], model, sampler, options, num_ranks)
+        rows.append(jax.tree.map(np.asarray, found))
+        report(min(first + batch, num_replications))
+    whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:num_replications], *rows)
+    return judged(model.names, whole, num_ranks)
+
+
+@eqx.filter_jit
+def _batch(
+    keys: Key[Array, " replication"], model: Model, sampler: Sampler, options: Any, num_ranks: int
+) -> Ranked:
+    return jax.vmap(lambda key: _replication(key, model, sampler, options, num_ranks))(keys)
+
+
+def _replication(
+    key: Key[Array, ""], model: Model, sampler: Sampler, options: Any, num_ranks: int
+) -> Ranked:
+    key_truth, key_data, key_place, key_draws, key_rank = jax.random.split(key, 5)
+    x = jax.random.uniform(key_truth, (len(model.box.names),))
+    truth = from_unit(x, model.box)
+    data = model.simulate(key_data, truth)
+    drawn = draws_of(sampler, key_draws, placed(key_place, model, data), options)
+
+    def values(theta: Theta) -> Float[Array, " quantity"]:
+        own = [theta[name] for name in model.box.names]
+        likelihood = jnp.sum(model.log_likelihood(theta, data))
+        beside = [f(theta, data) for f in model.quantities.values()]
+        return jnp.stack([*own, likelihood, *beside])
+
+    shape = drawn.theta[model.box.names[0]].shape
+    # The truth stands among the draws: quantities are compiled once.
+    rows = {name: jnp.append(jnp.ravel(v), truth[name]) for name, v in drawn.theta.items()}
+    found = in_batches(values, rows)
+    of_draws = found[:-1].reshape(*shape, -1)
+    arrived = jnp.asarray(drawn.possible) & drawn.arrived
+    return ranked(key_rank, found[-1], of_draws, arrived, num_ranks)
+
+
+def placed(key: Key[Array, ""], model: Model, data: PyTree) -> Problem:
+    """The posterior of one data set, in the coordinates that it is drawn in.
+
+    Args:
+        key: Random key of the search.
+        model: Posterior.
+        data: Its data.
+    """
+    if model.search is not None:
+        return locate(key, model.search, model.log_likelihood, model.box, data)
+    return problem_of(model.log_likelihood, model.box, data, in_box(model.box, None, None, 1))
+
+
+def ranked(
+    key: Key[Array, ""],
+    truth: Float[Array, " quantity"],
+    draws: Float[Array, "chain draw quantity"],
+    arrived: Bool[Array, ""],
+    num_ranks: int,
+) -> Ranked:
+    """Rank one truth among evenly thinned draws of its posterior.
+
+    Args:
+        key: Random key, of which way ties fall.
+        truth: Every quantity at the truth.
+        draws: At the draws.
+        arrived: Whether the sampler came to its end.
+        num_ranks: L.
+
+    Returns:
+        The ranks, whether the truth is inside the central 99 % of all draws, and what failed.
+    """
+    flat = draws.reshape(-1, draws.shape[-1])
+    kept = flat[np.linspace(0, len(flat) - 1, num_ranks).round().astype(int)]
+    tail = round(TAIL * len(flat))
+    below, ties = _place(truth, flat)
+    inside = (below + ties >= max(tail, 1)) & (below <= len(flat) - max(tail, 1))
+    below, ties = _place(truth, kept)
+    extra = jax.random.randint(key, below.shape, 0, ties + 1)
+    finite = jnp.all(jnp.isfinite(flat)) & jnp.all(jnp.isfinite(truth))
+    return Ranked(below + extra, inside, finite, arrived, jnp.max(split_r_hat(draws)))
+
+
+def _place(
+    truth: Float[Array, " quantity"], draws: Float[Array, "draw quantity"]
+) -> tuple[Int[Array, " quantity"], Int[Array, " quantity"]]:
+    return jnp.sum(draws < truth, axis=0), jnp.sum(draws == truth, axis=0)
+
+
+def split_r_hat(draws: Float[Array, "chain draw quantity"]) -> Float[Array, " quantity"]:
+    """BlackJAX's potential scale reduction of half chains; where nothing varies, chains agree.
+
+    Args:
+        draws: Draws of every chain.
+
+    Reference:
+        Gelman et al. (2013), Bayesian Data Analysis, section 11.4.
+    """
+    half = draws.shape[1] // 2
+    chains = jnp.concatenate([draws[:, :half], draws[:, draws.shape[1] - half :]])
+    still = jnp.all(chains == chains[0, 0], axis=(0, 1))
+    return jnp.where(still, 1.0, potential_scale_reduction(chains))
+
+
+def _check(model: Model, num_replications: int, num_ranks: int, batch: int) -> None:
+    given = {"num_replications": num_replications, "num_ranks": num_ranks, "batch": batch}
+    for name, value in given.items():
+        if value < 1:
+            raise ConfigError(f"Argument `{name}` must be at least 1, but is {value}.")
+    twice = {*model.quantities} & {*model.box.names, LOG_LIKELIHOOD}
+    if twice:
+        raise ConfigError(f"Quantity {sorted(twice)[0]!r} is named like one that is always ranked.")

@@ -1,0 +1,1 @@
+"""Least squares, and what data know about parameters."""

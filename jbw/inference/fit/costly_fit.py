@@ -1,0 +1,175 @@
+"""Least squares for residuals that cost a simulation: one compiled Jacobian, few evaluations.
+
+`jbw.inference.fit.fitting.fit` compiles the whole iteration, which pays where a residual is cheap
+and starts are many. Compiling a solver's derivatives several times over would cost more than the
+fit.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+from numpy.typing import NDArray
+from scipy.optimize import OptimizeResult, least_squares
+
+from jbw.errors import ModelError
+from jbw.inference.fit.fitting import START_MARGIN, Fit, Residual, describe_optimum, linearise
+from jbw.inference.space.box import Box, to_unit
+from jbw.inference.space.coordinates import Composed, Logarithms, Unit
+from jbw.inference.space.precision import require_float64
+
+Part = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
+Vector = Float[Array, " parameter"]
+TOLERANCE = 1e-10  # of the cost and of the step, relative
+
+
+def costly_fit(
+    residual: Residual,
+    box: Box,
+    data: PyTree = None,
+    *,
+    starts: Mapping[str, Any],
+    max_evaluations: int = 60,
+    tolerance: float = TOLERANCE,
+) -> Fit:
+    """Minimise a sum of squares in the box by scipy's trust region, one start after the other.
+
+    Residual and Jacobian come from one function, compiled once for a `residual`, names and shapes.
+    The search goes along the logarithms of parameters with positive bounds: what is known only of a
+    product is a straight valley there, and a curved one in the parameters themselves.
+
+    Args:
+        residual: (theta, data) to real residuals in units of their standard deviation.
+        box: Bounds.
+        data: Whatever `residual` takes.
+        starts: The starts by name, one value or one a start.
+        max_evaluations: Evaluations from each start at most.
+        tolerance: Relative tolerance on the cost and on the step.
+
+    Returns:
+        The best fit.
+
+    Raises:
+        ConfigError: A float32 session.
+        ModelError: The residual is finite at no start.
+
+    Reference:
+        Section 3.1, in place of its sequential quadratic programming; Branch, Coleman and Li
+        (1999), SIAM J. Sci. Comput. 21, 1.
+    """
+    require_float64()
+    values = np.broadcast_arrays(*(np.atleast_1d(starts[name]) for name in box.names))
+    x_starts = to_unit(dict(zip(box.names, map(jnp.asarray, values), strict=True)), box)
+    part = evaluator(residual, box, data)
+
+    def one(s: NDArray[np.float64]) -> OptimizeResult | None:
+        if not np.all(np.isfinite(part(s, 0))):
+            return None
+        return trust_region(part, s, max_evaluations, tolerance)
+
+    inside = np.clip(
+        jax.vmap(lambda x: to_search(x, box))(x_starts), START_MARGIN, 1 - START_MARGIN
+    )
+    found = [one(s) for s in np.asarray(inside)]
+    costs = np.array([np.inf if each is None else each.cost for each in found])
+    best = found[int(np.argmin(costs))]
+    if best is None:
+        raise ModelError(
+            f"The residual is finite at none of the {len(costs)} starts.",
+            remedy="Check the data for NaN, and the bounds for parameters that cannot be solved.",
+        )
+    x, slope = (np.asarray(each) for each in from_search(jnp.asarray(best.x), box))
+    jacobian = part(best.x, 1) / slope
+    return describe_optimum(x, part(best.x, 0), jacobian, box, costs, bool(best.success))
+
+
+def trust_region(
+    part: Part, start: NDArray[np.float64], max_evaluations: int, tolerance: float
+) -> OptimizeResult:
+    """Scipy's trust region in the unit cube; a residual that is not a number is out of reach.
+
+    Args:
+        part: Residual (0) and Jacobian (1) as functions of the coordinates.
+        start: Where to start.
+        max_evaluations: Evaluations at most.
+        tolerance: Relative tolerance on the cost and on the step.
+    """
+    return least_squares(
+        lambda s: np.nan_to_num(part(s, 0), nan=1e100, posinf=1e100, neginf=-1e100),
+        start,
+        lambda s: part(s, 1),  # pyright: ignore[reportArgumentType]
+        bounds=(0.0, 1.0),
+        x_scale="jac",
+        max_nfev=max_evaluations,
+        ftol=tolerance,
+        xtol=tolerance,
+        gtol=1e-15,
+    )
+
+
+def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
+    """Residual (0) or Jacobian with respect to s (1), as a function of s and which of the two.
+
+    Args:
+        residual: (theta, data) to residuals.
+        box: Bounds.
+        data: Whatever `residual` takes.
+    """
+
+    @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
+    def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        x, slope = from_search(jnp.array(s), box)
+        jacobian, left = linearise(residual, x, box, data)
+        return np.asarray(left), np.asarray(jacobian) * np.asarray(slope)
+
+    def part(s: NDArray[np.float64], which: int) -> NDArray[np.float64]:
+        return at(tuple(s.tolist()))[which]
+
+    return part
+
+
+def search_coordinate(box: Box) -> Composed:
+    r"""From the coordinate s of the search, in the unit cube, to the parameters.
+
+    $$\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$$
+
+    where the bounds are positive, and linear in s otherwise.
+
+    Args:
+        box: Bounds.
+    """
+    logs = Logarithms(tuple(bool(low > 0) for low in np.asarray(box.lower)))
+    return Composed((Unit(logs.inverse(box.lower), logs.inverse(box.upper)), logs))
+
+
+def from_search(s: Vector, box: Box) -> tuple[Vector, Vector]:
+    """The unit coordinate x at s, and dx / ds.
+
+    Args:
+        s: Coordinate of the search.
+        box: Bounds.
+    """
+    return _unit_and_slope(search_coordinate(box), s, box)
+
+
+@eqx.filter_jit
+def _unit_and_slope(coordinate: Composed, s: Vector, box: Box) -> tuple[Vector, Vector]:
+    # Each parameter depends on its own coordinate alone: one derivative along all of them.
+    theta, slope = jax.jvp(coordinate.forward, (s,), (jnp.ones_like(s),))
+    width = box.upper - box.lower
+    return jnp.clip((theta - box.lower) / width, 0.0, 1.0), slope / width
+
+
+def to_search(x: Vector, box: Box) -> Vector:
+    """The coordinate of the search at the unit coordinate x.
+
+    Args:
+        x: Unit coordinate.
+        box: Bounds.
+    """
+    return search_coordinate(box).inverse(box.lower + x * (box.upper - box.lower))

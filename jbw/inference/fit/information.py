@@ -1,0 +1,240 @@
+"""What a fit's data know of the parameters beside their prior, before anything is sampled."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.fit.identifiability import PRESENT, UNLEARNT, combination, listed
+from jbw.inference.space.box import Box
+from jbw.inference.space.powers import Product, alone, gradient_of, log_prior_std, value_of
+
+RESOLVED = 2.0  # standard deviations from zero: where a logarithm is a coordinate
+CLOSE = 0.1  # of a value: what is known to less than that is known well
+HARDLY = (0.5, 0.3)  # of a value, and of the prior: what is known to no less than both
+SENSIBLE = 10.0  # an exponent beyond tells of boxes of unlike widths, and of no combination
+KINDS = {
+    "known": "Known: {} (one standard deviation).",
+    "roughly": "Known roughly: {}.",
+    "hardly": "Hardly known: {}.",
+    "unknown": "Not known beyond the prior: {}.",
+}
+TOLD_APART = 0.5  # a product this much better known than its factors is said to tie them
+
+
+@dataclass(frozen=True)
+class Direction:
+    """One direction of the parameters and what the data say along it.
+
+    Attributes:
+        information: Of the data over that of the prior; below 1 the prior says more.
+        ratio: Posterior over prior standard deviation along the direction.
+        names: Parameters that make it up, the leading one first.
+        text: The combination of them, leading exponent 1.
+        sd: Standard deviation of that combination, relative for a product; NaN for a mixture.
+        loadings: Share of each parameter, in prior standard deviations, in the box's order.
+    """
+
+    information: float
+    ratio: float
+    names: tuple[str, ...]
+    text: str
+    sd: float
+    loadings: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Known:
+    """How well the data know a parameter or a product.
+
+    Attributes:
+        text: What it is called in a sentence.
+        value: At the fit, in the parameters' units.
+        sd: Standard deviation, prior included.
+        ratio: The same over that under the prior alone.
+    """
+
+    text: str
+    value: float
+    sd: float
+    ratio: float
+
+    @property
+    def relative(self) -> float:
+        """Standard deviation over value; infinite at zero."""
+        return self.sd / abs(self.value) if self.value else math.inf
+
+
+@dataclass(frozen=True)
+class Information:
+    """The Fisher information of a fit in units of the prior's.
+
+    Attributes:
+        names: Parameters, in the box's order.
+        directions: The strongest first.
+        known: Every parameter, then every product, by name.
+    """
+
+    names: tuple[str, ...]
+    directions: tuple[Direction, ...]
+    known: dict[str, Known]
+
+
+def information(
+    best: Fit, box: Box, products: Iterable[Product] = (), *, worth: float = 1.0
+) -> Information:
+    r"""Fisher information of the data against the prior's, direction by direction.
+
+    $$J^T J\,v = \lambda\,\Lambda\,v, \qquad \rho = (1 + \lambda)^{-1/2}, \qquad
+      \Sigma = (J^T J + \Lambda)^{-1}$$
+
+    with J the residual's derivatives in units of the noise and Lambda the inverse variances of the
+    prior, in the logarithms of parameters that are positive and distinct from zero, and in the
+    parameters themselves otherwise. A product f has the standard deviation
+    $(\nabla f^T \Sigma \nabla f)^{1/2}$.
+
+    Args:
+        best: The fit, with its Jacobian.
+        box: The prior box.
+        products: Combinations to report beside the parameters.
+        worth: Share of the residuals that are independent.
+
+    Returns:
+        The spectrum, and how well every parameter and product is known.
+    """
+    theta = np.array([best.theta[name] for name in box.names])
+    jacobian = math.sqrt(worth) * best.jacobian
+    logs = _in_logs(theta, jacobian, box)
+    slope = np.where(logs, theta, 1.0)
+    prior = _prior_stds(logs, box)
+    values, rows = _spectrum(jacobian * slope * prior)
+    directions = tuple(
+        _direction(value, row, prior, logs, box.names)
+        for value, row in zip(values, rows, strict=True)
+    )
+    root = rows.T / np.sqrt(1 + values) * prior[:, None]
+    known = {}
+    for product in (*map(alone, box.names), *products):
+        gradient = gradient_of(product, best.theta, box.names) * slope
+        sd, alone_sd = np.linalg.norm(gradient @ root), np.linalg.norm(gradient * prior)
+        ratio = float(sd / alone_sd) if alone_sd > 0 else 1.0
+        value = float(value_of(product, best.theta))
+        known[product.name] = Known(product.text, value, float(sd), ratio)
+    return Information(box.names, directions, known)
+
+
+def _in_logs(
+    theta: NDArray[np.float64], jacobian: Float[np.ndarray, "residual parameter"], box: Box
+) -> NDArray[np.bool_]:
+    """Where the logarithm is the coordinate: the box is positive, or the data say non-zero."""
+    lower = np.asarray(box.lower)
+    resolved = theta * np.linalg.norm(jacobian, axis=0) > RESOLVED
+    return (lower > 0) | ((lower == 0) & resolved)
+
+
+def _prior_stds(logs: NDArray[np.bool_], box: Box) -> NDArray[np.float64]:
+    """Prior standard deviations of the logarithms, or of the parameters themselves."""
+    triples = zip(logs, np.asarray(box.lower), np.asarray(box.upper), strict=True)
+    return np.array(
+        [log_prior_std(a, b) if log else (b - a) / math.sqrt(12) for log, a, b in triples]
+    )
+
+
+def _spectrum(
+    scaled: Float[np.ndarray, "residual parameter"],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Eigenvalues of A^T A, largest first, and its eigenvectors as rows."""
+    # Rows of zeros make a wide matrix square: a direction without data has the eigenvalue 0.
+    missing = max(0, scaled.shape[1] - len(scaled))
+    padded = np.vstack([scaled, np.zeros((missing, scaled.shape[1]))])
+    _, values, rows = np.linalg.svd(padded, full_matrices=False)
+    return values**2, rows
+
+
+def _direction(
+    value: float,
+    row: NDArray[np.float64],
+    prior: NDArray[np.float64],
+    logs: NDArray[np.bool_],
+    names: tuple[str, ...],
+) -> Direction:
+    order = np.argsort(-np.abs(row), kind="stable")
+    lead = order[0]
+    members = [i for i in order if abs(row[i]) > PRESENT * abs(row[lead])]
+    exponents = (row / prior) / (row[lead] / prior[lead])
+    called = tuple(names[i] for i in members)
+    ratio = 1 / math.sqrt(1 + value)
+    same = bool(np.all(logs[members]) or not np.any(logs[members]))
+    same = same and float(np.max(np.abs(exponents[members]))) < SENSIBLE
+    text = (
+        combination(called, exponents[members], bool(logs[lead]))
+        if same
+        else f"a mixture of {listed(called)}"
+    )
+    sd = ratio * prior[lead] / abs(row[lead]) if same else math.nan
+    return Direction(float(value), ratio, called, text, float(sd), row * np.sign(row[lead]))
+
+
+def statements(found: Information, products: Iterable[Product] = ()) -> list[str]:
+    """What the data know and what they do not, in words with numbers.
+
+    Args:
+        found: From `information`.
+        products: The combinations that were reported.
+
+    Returns:
+        Sentences.
+    """
+    learnt = sum(each.ratio < UNLEARNT for each in found.directions)
+    said = [
+        f"The data know {learnt} of the {len(found.directions)} directions of the parameters "
+        "better than the prior does."
+    ]
+    rows = list(found.known.values())
+    for kind, words in KINDS.items():
+        of_kind = [row for row in rows if _kind(row) == kind]
+        if of_kind:
+            said.append(words.format(listed([_to(row) for row in of_kind])))
+    return said + [_tie(found, each) for each in products if _ties(found, each)]
+
+
+def _kind(row: Known) -> str:
+    if row.ratio >= UNLEARNT:
+        return "unknown"
+    if row.relative < CLOSE:
+        return "known"
+    return "hardly" if row.relative > HARDLY[0] and row.ratio > HARDLY[1] else "roughly"
+
+
+def _to(row: Known) -> str:
+    if row.ratio >= UNLEARNT:
+        return row.text
+    if row.relative < 1:
+        return f"{row.text} to {100 * row.relative:.2g} %"
+    return f"{row.text} to {row.sd:.2g} about {row.value:.2g}"
+
+
+def _factors(found: Information, product: Product) -> list[Known]:
+    return [found.known[name] for name in product.factors if name in found.known]
+
+
+def _ties(found: Information, product: Product) -> bool:
+    factors = _factors(found, product)
+    own = found.known[product.name]
+    if own.ratio >= UNLEARNT or not factors:
+        return False
+    return all(own.relative < TOLD_APART * each.relative for each in factors)
+
+
+def _tie(found: Information, product: Product) -> str:
+    times = min(each.relative for each in _factors(found, product))
+    times /= found.known[product.name].relative
+    size = f"{times:.0f}" if times >= 10 else f"{times:.2g}"
+    return (
+        f"{product.text} is known {size} times better than its factors: they can be traded for one "
+        "another."
+    )

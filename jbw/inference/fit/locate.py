@@ -1,0 +1,138 @@
+r"""Where a posterior lies, found under `vmap`: a Laplace approximation for each of many data sets.
+
+The search and the sampling go along the logarithms of chosen parameters: what is known only of a
+product is a straight valley there. The uniform prior stands in for a normal one of its variance,
+
+$$\hat u = \arg\min_u \tfrac12 |r(u)|^2 + 6\,|u - \tfrac12|^2, \qquad
+\Sigma_u = (J^T J + 12\,I)^{-1}$$
+
+in the unit coordinate u of the box, so that a direction that the data do not know has the width of
+the box and its middle for a start. Nothing of this decides what is drawn, only how fast.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Key, PyTree
+
+from jbw.inference.space.box import Box
+from jbw.inference.space.coordinates import Affine, Composed, Interval, Logarithms, Unit
+from jbw.inference.space.problem import LogLikelihood, Problem, Theta, named
+from jbw.inference.space.reparametrisation import WIDER
+
+Residual = Callable[[Theta, PyTree], Float[Array, " values"]]
+PRIOR_PRECISION = 12.0  # of a uniform distribution of width one
+BEYOND = 0.25  # widths of the box that the search may leave it by
+FIRST, RISE, FALL = 1e-2, 8.0, 4.0  # damping at first, and after steps refused or taken
+
+
+class Search(NamedTuple):
+    """How to look for a posterior.
+
+    Attributes:
+        residual: (theta, data) to residuals in standard deviations.
+        logs: Parameters to take the logarithm of; their lower bounds are positive.
+        num_looks: Points of the prior that are looked at; the best is where the search starts.
+        num_steps: Steps of the search.
+    """
+
+    residual: Residual
+    logs: tuple[str, ...] = ()
+    num_looks: int = 32
+    num_steps: int = 15
+
+
+def locate(
+    key: Key[Array, ""], search: Search, log_likelihood: LogLikelihood, box: Box, data: PyTree
+) -> Problem:
+    """Find a posterior, and the coordinates to draw it in.
+
+    Args:
+        key: Random key.
+        search: How to look for it.
+        log_likelihood: (theta, data) to terms [nats].
+        box: Prior bounds.
+        data: Whatever both functions take.
+
+    Returns:
+        The posterior, whitened about where it was found.
+    """
+    outer = Logarithms(tuple(name in search.logs for name in box.names))
+    lower, upper = outer.inverse(box.lower), outer.inverse(box.upper)
+    inner = Unit(lower, upper)
+    theta = Composed((inner, outer))
+
+    def residual(u: Float[Array, " parameter"]) -> Float[Array, " values"]:
+        own = search.residual(named(theta.forward(u), box), data)
+        return jnp.concatenate([own, jnp.sqrt(PRIOR_PRECISION) * (u - 0.5)])
+
+    start = _best_of(key, residual, len(box.names), search.num_looks)
+    found = _descend(residual, start, search.num_steps)
+    # So wide that the sampler's logit is a straight line over the box.
+    reach = WIDER * (upper - lower)
+    bounds = lower - reach, upper + reach
+    whitening = _whitened(found, inner, Interval(*bounds))
+    return Problem(log_likelihood, None, box, data, outer, *bounds, whitening, True)
+
+
+def _best_of(
+    key: Key[Array, ""], residual: Callable[[Array], Array], size: int, num_looks: int
+) -> Float[Array, " parameter"]:
+    """The point of least cost among draws of the prior."""
+    u = jax.random.uniform(key, (num_looks, size))
+    return u[jnp.argmin(jax.lax.map(lambda one: _cost(residual(one)), u, batch_size=num_looks))]
+
+
+def _cost(left: Float[Array, " values"]) -> Float[Array, ""]:
+    return jnp.nan_to_num(jnp.sum(left**2), nan=jnp.inf)
+
+
+class _Place(NamedTuple):
+    """Where a search is: point, residual and Jacobian there, damping."""
+
+    u: Float[Array, " parameter"]
+    left: Float[Array, " values"]
+    jacobian: Float[Array, "values parameter"]
+    damping: Float[Array, ""]
+
+
+def _descend(
+    residual: Callable[[Array], Array], u: Float[Array, " parameter"], num_steps: int
+) -> _Place:
+    """Levenberg and Marquardt's descent, which may leave the box a little: at bounds it sticks.
+
+    A library's solver evaluates the Jacobian in several places of its program, each of which is
+    compiled; where the residual steps through time, that costs more than the whole search.
+    """
+
+    def both(u: Array) -> tuple[Array, Array]:
+        left = residual(u)
+        return left, left
+
+    def step(at: _Place, i: Array) -> tuple[_Place, None]:
+        normal = at.jacobian.T @ at.jacobian
+        shaped = normal + at.damping * jnp.diag(jnp.diagonal(normal))
+        move = jnp.linalg.solve(shaped, at.jacobian.T @ at.left)
+        # The first step stays: so the Jacobian stands in one place and is compiled once.
+        u = jnp.where(i == 0, at.u, jnp.clip(at.u - move, -BEYOND, 1 + BEYOND))
+        jacobian, left = jax.jacfwd(both, has_aux=True)(u)
+        better = (_cost(left) < _cost(at.left)) | (i == 0)
+        there = _Place(u, left, jacobian, jnp.where(i == 0, at.damping, at.damping / FALL))
+        back = at._replace(damping=at.damping * RISE)
+        return jax.tree.map(lambda a, b: jnp.where(better, a, b), there, back), None
+
+    size = jax.eval_shape(residual, u).size
+    first = _Place(u, jnp.ones(size), jnp.eye(size, u.size), jnp.asarray(FIRST))
+    return jax.lax.scan(step, first, jnp.arange(num_steps + 1))[0]
+
+
+def _whitened(at: _Place, inner: Unit, bounds: Interval) -> Affine:
+    """The Laplace approximation in the logit of the bounds, where the residual is stationary."""
+    root = jnp.linalg.cholesky(at.jacobian.T @ at.jacobian)
+    factor = jax.scipy.linalg.solve_triangular(root, jnp.eye(at.u.size), lower=True).T
+    logit = bounds.inverse(inner.forward(at.u))
+    x = jax.nn.sigmoid(logit)
+    slope = (inner.upper - inner.lower) / ((bounds.upper - bounds.lower) * x * (1 - x))
+    return Affine(logit, slope[:, None] * factor)

@@ -1,0 +1,1 @@
+"""Repeats, and the offsets and scatter of runs."""

@@ -1,0 +1,192 @@
+r"""The scatter of runs and of assemblies: offsets that share a spread, unknown and integrated out.
+
+A run r of an assembly a has the offset $b_r = a_a + c_r$, $c \sim N(0, S)$, $a \sim N(0, T)$: a
+structure that is taken apart and mounted again comes back elsewhere than one left overnight. Where
+no assembly has two runs, there are runs alone.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Key
+
+from jbw.inference.groups.offsets import Estimate, log_determinant, solve
+
+NUM_SCATTERS = 17  # nodes of each scatter's prior, half a decade apart or less
+NUM_ASSEMBLIES = 7  # of the scatter of assemblies, beside that of runs
+
+Levels = tuple[tuple[int, ...], ...]
+"""Number of the run of each group; then, where there are assemblies, that of each run's."""
+
+
+class Spread(NamedTuple):
+    """A draw of the offsets and of their scatter.
+
+    Attributes:
+        scatter: Standard deviation over runs, then, where there are any, over assemblies.
+        offset: Offset of each run, that of its assembly included.
+    """
+
+    scatter: Float[Array, " level_own"]
+    offset: Float[Array, "run own"]
+
+
+class _Information(NamedTuple):
+    """What data say of offsets: exp(-b W b / 2 + h b)."""
+
+    precision: Float[Array, "member own own"]
+    pull: Float[Array, "member own"]
+
+
+def scatter_grid(
+    least: tuple[float, ...], most: tuple[float, ...], *, assemblies: bool = False
+) -> Float[np.ndarray, "node level_own"]:
+    """Nodes of the offsets' scatters: log-uniform priors between two bounds each.
+
+    Args:
+        least: Scatter below which an offset does not matter, of each offset.
+        most: Largest scatter believed.
+        assemblies: Whether assemblies have a scatter of their own, of the same prior.
+
+    Returns:
+        Every combination of the scatters, of runs and then of assemblies.
+    """
+    bounds = list(zip(least, most, strict=True))
+    axes = [np.geomspace(a, b, NUM_SCATTERS) for a, b in bounds]
+    if assemblies:
+        axes += [np.geomspace(a, b, NUM_ASSEMBLIES) for a, b in bounds]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+def log_density_of_offsets(
+    found: Estimate,
+    levels: Levels,
+    scatters: Float[Array, "node level_own"] | Float[np.ndarray, "node level_own"],
+) -> Float[Array, ""]:
+    r"""Log density of the groups' offsets, those of one run being the same, scatter unknown.
+
+    $$\log \frac{1}{M}\sum_{S, T} \prod_a \int N(a; 0, T) \prod_{r \in a} \int N(b - a; 0, S)
+      \prod_{g \in r} e^{-\frac12 (\hat b_g - b)^T W_g (\hat b_g - b)}\,db\,da$$
+
+    Args:
+        found: The groups' estimates.
+        levels: Which run each group belongs to, and which assembly each run.
+        scatters: Nodes of the scatter's prior.
+
+    Returns:
+        The log density [nats], up to a constant.
+    """
+    own = found.offset.shape[1]
+    if own == 0:
+        return jnp.zeros(())
+    runs = _of_runs(found, levels)
+    spread = jnp.sum(found.offset * jnp.einsum("gij,gj->gi", found.precision, found.offset))
+    nodes = _nodes(runs, levels, jnp.asarray(scatters), own)
+    return -0.5 * spread + jax.nn.logsumexp(nodes) - np.log(len(scatters))
+
+
+def draw_offsets(
+    key: Key[Array, ""],
+    found: Estimate,
+    levels: Levels,
+    scatters: Float[Array, "node level_own"],
+) -> Spread:
+    """One draw of the scatter and of every run's offset, given the shared parameters.
+
+    Args:
+        key: Random key.
+        found: The groups' estimates.
+        levels: Which run each group belongs to, and which assembly each run.
+        scatters: Nodes of the scatter's prior.
+    """
+    own = found.offset.shape[1]
+    runs = _of_runs(found, levels)
+    keys = jax.random.split(key, 3)
+    chosen = scatters[jax.random.categorical(keys[0], _nodes(runs, levels, scatters, own))]
+    centre = jnp.zeros_like(runs.pull)
+    if len(levels) > 1:
+        member = _members(levels[1])
+        together = _summed(_passed_on(runs, chosen[:own]), member)
+        centre = member @ _drawn(keys[1], together, chosen[own:])
+    beside = runs.pull - jnp.einsum("rij,rj->ri", runs.precision, centre)
+    offset = centre + _drawn(keys[2], _Information(runs.precision, beside), chosen[:own])
+    return Spread(chosen, offset)
+
+
+def _members(numbers: tuple[int, ...]) -> Float[Array, "part whole"]:
+    return jnp.asarray(np.eye(max(numbers) + 1)[list(numbers)])
+
+
+def _summed(parts: _Information, member: Float[Array, "part whole"]) -> _Information:
+    return _Information(
+        jnp.einsum("gr,gij->rij", member, parts.precision),
+        jnp.einsum("gr,gi->ri", member, parts.pull),
+    )
+
+
+def _of_runs(found: Estimate, levels: Levels) -> _Information:
+    pull = jnp.einsum("gij,gj->gi", found.precision, found.offset)
+    return _summed(_Information(found.precision, pull), _members(levels[0]))
+
+
+def _nodes(
+    runs: _Information, levels: Levels, scatters: Float[Array, "node level_own"], own: int
+) -> Float[Array, " node"]:
+    """Log density of the offsets under every scatter."""
+
+    def given(scatter: Float[Array, " level_own"]) -> Float[Array, ""]:
+        log_density = _integrated(runs, scatter[:own])
+        if len(levels) > 1:
+            together = _summed(_passed_on(runs, scatter[:own]), _members(levels[1]))
+            log_density += _integrated(together, scatter[own:])
+        return log_density
+
+    return jax.vmap(given)(scatters)
+
+
+def _scaled(
+    data: _Information, scatter: Float[Array, " own"]
+) -> tuple[Float[Array, "member own own"], Float[Array, "member own"]]:
+    """With b = s x the prior of x is standard normal: its posterior's precision, and its pull."""
+    return scatter[:, None] * data.precision * scatter + jnp.eye(len(scatter)), data.pull * scatter
+
+
+def _integrated(data: _Information, scatter: Float[Array, " own"]) -> Float[Array, ""]:
+    r"""Log of the data's density with the offsets integrated out.
+
+    $$\log \int N(b; 0, S)\, e^{-\frac12 b^T W b + h^T b}\,db$$
+    """
+    precision, pull = _scaled(data, scatter)
+    best = jnp.sum(pull * solve(precision, pull))
+    return 0.5 * (best - jnp.sum(log_determinant(precision)))
+
+
+def _passed_on(data: _Information, scatter: Float[Array, " own"]) -> _Information:
+    r"""What data of b = a + c say of a, c integrated out: W - W G W and h - W G h.
+
+    $$G = (W + S^{-1})^{-1}$$
+    """
+    precision, pull = _scaled(data, scatter)
+    weight = data.precision * scatter  # W s
+    gained = jax.vmap(lambda column: solve(precision, column), in_axes=2, out_axes=2)(
+        jnp.swapaxes(weight, 1, 2)
+    )
+    return _Information(
+        data.precision - weight @ gained,
+        data.pull - jnp.einsum("rij,rj->ri", weight, solve(precision, pull)),
+    )
+
+
+def _drawn(
+    key: Key[Array, ""], data: _Information, scatter: Float[Array, " own"]
+) -> Float[Array, "member own"]:
+    """One draw of every offset given its scatter."""
+    precision, pull = _scaled(data, scatter)
+    root = jnp.linalg.cholesky(precision)
+    white = jax.random.normal(key, pull.shape)
+    apart = jax.vmap(lambda one, w: jax.scipy.linalg.solve_triangular(one, w, lower=True, trans=1))(
+        root, white
+    )
+    return scatter * (solve(precision, pull) + apart)

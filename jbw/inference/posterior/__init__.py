@@ -1,0 +1,1 @@
+"""What draws say: the tree, summaries, checks, verdicts, comparisons, calibration."""

@@ -1,0 +1,128 @@
+"""Samplers side by side on one posterior: their numbers, and how far apart they are."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from jbw.inference.posterior.summary import diagnose
+
+QUANTILES = {"q010": 0.01, "q500": 0.5, "q990": 0.99}
+QUANTITIES = ("mean", "sd", *QUANTILES)
+GOOD_R_HAT = 1.01
+
+Row = dict[str, float | None]
+
+
+def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
+    """Mean, standard deviation and quantiles of one parameter, with their standard errors.
+
+    Args:
+        draws: Draws of every chain.
+
+    Returns:
+        mean, sd, q010, q500, q990; mcse_ before each name; ess_bulk, ess_tail and r_hat. None where
+        a number cannot be had.
+
+    Reference:
+        Vehtari et al. (2021), Bayesian Analysis 16, 667.
+    """
+    from arviz_stats.base.array import array_stats  # a second of imports, needed only here
+
+    stats: Any = array_stats  # its annotations admit tuples that it never returns here
+    row = {"mean": np.mean(draws), "sd": np.std(draws, ddof=1)}
+    row |= {name: np.quantile(draws, probability) for name, probability in QUANTILES.items()}
+    known = diagnose(draws)
+    row |= known
+    if np.isfinite(known["ess_bulk"]):
+        row |= {f"mcse_{name}": stats.mcse(draws, method=name) for name in ("mean", "sd")}
+        for name, probability in QUANTILES.items():
+            row[f"mcse_{name}"] = stats.mcse(draws, method="quantile", prob=probability)
+    return {name: float(value) if np.isfinite(value) else None for name, value in row.items()}
+
+
+def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
+    """The same from a quadrature's own table, whose errors are what it states.
+
+    Args:
+        tree: As the sampler quadrature left it.
+    """
+    table = tree["exact"].to_dataset()
+    error = float(tree.attrs["quadrature_error"])
+    rows: dict[str, Row] = {}
+    for i, name in enumerate(table["parameter"].values):
+        quantiles = table["quantiles"][i].values
+        row = {"mean": float(table["mean"][i]), "sd": float(table["sd"][i])}
+        for called, probability in QUANTILES.items():
+            place = int(np.argmin(np.abs(table["probability"].values - probability)))
+            row[called] = float(quantiles[place])
+        errors = {f"mcse_{each}": error * row["sd"] for each in QUANTITIES}
+        rows[str(name)] = {**row, **errors}
+    return rows
+
+
+def worst_ess(rows: Mapping[str, Row]) -> float | None:
+    """Smallest effective sample size, of bulk and tail, over all parameters.
+
+    Args:
+        rows: Parameter to its numbers.
+    """
+    found = [row[kind] for row in rows.values() for kind in ("ess_bulk", "ess_tail")]
+    known = [value for value in found if value is not None]
+    return min(known) if known and len(known) == len(found) else None
+
+
+def reference_of(rows: Mapping[str, Mapping[str, Row]]) -> str:
+    """The sampler that the others are measured by, where no quadrature is among them.
+
+    Args:
+        rows: Sampler to parameter to numbers.
+
+    Returns:
+        The one of the largest worst effective sample size among those whose chains agree; among
+        all where none do.
+    """
+
+    def agrees(sampler: str) -> bool:
+        found = [row["r_hat"] for row in rows[sampler].values()]
+        return all(value is not None and value < GOOD_R_HAT for value in found)
+
+    among = [sampler for sampler in rows if agrees(sampler)] or list(rows)
+    return max(among, key=lambda sampler: worst_ess(rows[sampler]) or 0.0)
+
+
+def distances(row: Row, reference: Row) -> dict[str, float | None]:
+    r"""How far numbers are from a reference's, in standard errors.
+
+    $$(a - b) / \sqrt{\mathrm{mcse}_a^2 + \mathrm{mcse}_b^2}$$
+
+    Args:
+        row: Numbers of one parameter.
+        reference: The reference's.
+
+    Returns:
+        z_ before each quantity; None where an error is not known.
+    """
+    return {f"z_{name}": _distance(row, reference, name) for name in QUANTITIES}
+
+
+def _distance(row: Row, reference: Row, name: str) -> float | None:
+    a, b = row[name], reference[name]
+    error_a, error_b = row.get(f"mcse_{name}"), reference.get(f"mcse_{name}")
+    if a is None or b is None or error_a is None or error_b is None:
+        return None
+    error = float(np.hypot(error_a, error_b))
+    return (a - b) / error if error > 0 else None
+
+
+def furthest(rows: Sequence[Row]) -> float | None:
+    """Largest of all distances, without its sign.
+
+    Args:
+        rows: Numbers with their distances.
+    """
+    found = [row.get(f"z_{name}") for row in rows for name in QUANTITIES]
+    known = [abs(value) for value in found if value is not None]
+    return max(known) if known else None

@@ -1,0 +1,1 @@
+"""Ways to draw from a posterior, one file each, and how long runs are kept."""

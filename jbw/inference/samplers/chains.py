@@ -1,0 +1,281 @@
+"""Compiled chains: start, advance by a chunk, evaluate; the same for every kernel and method.
+
+Bounds, data and whitening are arguments of the compiled functions, not constants in them: other
+data of the same shapes, or another box with the same names, run without compiling again.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, PartitionSpec
+from jaxtyping import Array, Bool, Float, Int, Key, PyTree
+
+from jbw.inference.samplers.sampler import Draw, Draws, Kernel
+from jbw.inference.space.coordinates import Interval
+from jbw.inference.space.problem import Problem
+
+MakeKernel = Callable[[Problem, Any], Kernel]
+MAX_TRIALS = 100  # starts tried before a chain is left where the likelihood is impossible
+
+
+TOGETHER = 64  # points evaluated side by side
+OVERDISPERSION = 2.0  # standard deviations of the Laplace approximation
+
+
+class Starts(NamedTuple):
+    """Where chains start.
+
+    Attributes:
+        key: Random key of all chains.
+        centre: Centre of each chain's start, whitened.
+        spread: Standard deviations to disperse the starts by about it; 0 for none.
+    """
+
+    key: Key[Array, ""]
+    centre: Float[Array, "chain parameter"]
+    spread: Float[Array, ""]
+
+
+def starts_of(
+    key: Key[Array, ""], problem: Problem, points: np.ndarray | None, num_chains: int
+) -> Starts:
+    """Dispersed starts, so that the comparison of chains can tell.
+
+    Two standard deviations about a fit; all over the box where nothing is known; at given points
+    where there are some without a covariance.
+
+    Args:
+        key: Random key of all chains.
+        problem: The posterior.
+        points: Starts in the coordinates u of the problem, one or one a chain, or None.
+        num_chains: Chains.
+    """
+    size = len(problem.box.names)
+    if problem.located or points is None:
+        spread = OVERDISPERSION if problem.located else 1.0
+        return Starts(key, jnp.zeros((num_chains, size)), jnp.asarray(spread))
+    rows = jnp.broadcast_to(jnp.asarray(points), (num_chains, size))
+    logits = jax.vmap(Interval(problem.lower, problem.upper).inverse)(rows)
+    return Starts(key, jax.vmap(problem.whitening.inverse)(logits), jnp.asarray(0.0))
+
+
+def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:
+    """Chains from dispersed starts to their end, in one piece; usable under `jit` and `vmap`.
+
+    Args:
+        make: The kernel of a problem and of options.
+        key: Random key.
+        problem: The posterior.
+        options: Options of the sampler.
+    """
+    starts = starts_of(key, problem, None, options.num_chains)
+    total = options.num_warmup + options.num_samples
+
+    def one(argument: tuple[Key[Array, ""], Array], shared: PyTree) -> PyTree:
+        problem, spread = shared
+        state, possible = _first_state(make(problem, options), argument, problem, spread)
+        # One loop, so that the step is compiled once: rows of the warm-up are written nowhere.
+        count = jnp.asarray(total)
+        return possible, _advanced(
+            make(problem, options), state, count, options.num_samples, options.num_warmup
+        )[1]
+
+    keys = jax.random.split(key, options.num_chains)
+    shared = problem, starts.spread
+    possible, draws = over_chains(one, options.chain_method)((keys, starts.centre), shared)
+    return Draws(draws.theta, draws.stats, jnp.all(possible), True)
+
+
+@eqx.filter_jit
+def start_chains(
+    starts: Starts, problem: Problem, make: MakeKernel, options: Any
+) -> tuple[PyTree, Bool[Array, " chain"]]:
+    r"""First states of the chains.
+
+    A chain starts at w + spread eta with eta standard normal (logistic where no fit is known),
+    drawn again while the posterior is impossible there.
+
+    Args:
+        starts: Where they start.
+        problem: The posterior.
+        make: The kernel of a problem and of options.
+        options: Options of the sampler.
+
+    Returns:
+        States with a leading chain axis, and whether each start is possible.
+    """
+
+    def start(argument: tuple[Key[Array, ""], Array], shared: tuple[Problem, Array]) -> PyTree:
+        problem, spread = shared
+        return _first_state(make(problem, options), argument, problem, spread)
+
+    keys = jax.random.split(starts.key, len(starts.centre))
+    shared = problem, starts.spread
+    return over_chains(start, options.chain_method)((keys, starts.centre), shared)
+
+
+@eqx.filter_jit
+def advance_chains(
+    states: PyTree,
+    count: Int[Array, ""],
+    capacity: int,
+    problem: Problem,
+    make: MakeKernel,
+    options: Any,
+) -> tuple[PyTree, Draw]:
+    """Take `count` steps with every chain; compiled once for any count up to `capacity`.
+
+    Args:
+        states: States with a leading chain axis.
+        count: Steps to take.
+        capacity: Length of the draws' axis; rows from `count` on are zero.
+        problem: The posterior.
+        make: The kernel of a problem and of options.
+        options: Options of the sampler.
+
+    Returns:
+        The states after the steps, and the draws with axes (chain, draw).
+    """
+
+    def advance(state: PyTree, shared: tuple[Problem, Array]) -> tuple[PyTree, Draw]:
+        problem, count = shared
+        return _advanced(make(problem, options), state, count, capacity, 0)
+
+    return over_chains(advance, options.chain_method)(states, (problem, count))
+
+
+@eqx.filter_jit
+def evaluate_chains(
+    theta: dict[str, Float[Array, "chain draw"]],
+    first: Int[Array, ""],
+    last: Int[Array, ""],
+    problem: Problem,
+    chain_method: str,
+) -> tuple[Float[Array, "chain draw term"], Float[Array, "chain draw"]]:
+    """Terms of the log likelihood, and the further log prior, at the draws of a chunk.
+
+    Args:
+        theta: Draws by name.
+        first: First draw to evaluate.
+        last: One past the last; the other rows of the result are zero.
+        problem: The posterior.
+        chain_method: How chains share the machine.
+
+    Returns:
+        Independent terms [nats], and the log prior [nats] without the box's constant.
+    """
+
+    def evaluate(theta: dict[str, Array], shared: tuple[Problem, Array, Array]) -> PyTree:
+        problem, first, last = shared
+
+        def one(i: Array) -> tuple[Array, Array]:
+            point = {name: values[i] for name, values in theta.items()}
+            terms = jnp.ravel(problem.log_likelihood(point, problem.data))
+            prior = 0.0 if problem.log_prior is None else problem.log_prior(point)
+            return terms, jnp.asarray(prior)
+
+        capacity = len(next(iter(theta.values())))
+        rows = _empty_rows(lambda: one(jnp.asarray(0)), capacity)
+        return jax.lax.fori_loop(first, last, lambda i, rows: _set_row(rows, i, one(i)), rows)
+
+    return over_chains(evaluate, chain_method)(theta, (problem, first, last))
+
+
+def num_devices_for(num_chains: int) -> int:
+    """Most devices that share the chains evenly."""
+    return max(n for n in range(1, jax.device_count() + 1) if num_chains % n == 0)
+
+
+def over_chains(f: Callable[..., PyTree], method: str) -> Callable[..., PyTree]:
+    """Map f(of one chain, shared) over the leading axis of its first argument.
+
+    Args:
+        f: Function of one chain and of what all chains share.
+        method: "sequential", "vectorized" or "parallel".
+    """
+
+    def mapped(chains: PyTree, shared: PyTree) -> PyTree:
+        arrays, static = eqx.partition(shared, eqx.is_array)
+
+        def in_turn(chains: PyTree, arrays: PyTree) -> PyTree:
+            return jax.lax.map(lambda one: f(one, eqx.combine(arrays, static)), chains)
+
+        if method == "vectorized":
+            return jax.vmap(lambda one: f(one, shared))(chains)
+        if method == "sequential":
+            return in_turn(chains, arrays)
+        devices = num_devices_for(len(jax.tree.leaves(chains)[0]))
+        mesh = Mesh(np.array(jax.devices()[:devices]), ("chain",))
+        each = PartitionSpec("chain")
+        specs = {"in_specs": (each, PartitionSpec()), "out_specs": each}
+        return jax.shard_map(in_turn, mesh=mesh, check_vma=False, **specs)(chains, arrays)
+
+    return mapped
+
+
+def in_batches(f: Callable[[PyTree], PyTree], points: PyTree) -> PyTree:
+    """Map a function over points, 64 side by side, compiled once whatever their number.
+
+    Args:
+        f: Of one point.
+        points: Arrays with a leading axis.
+    """
+    count = len(jax.tree.leaves(points)[0])
+    batch = min(TOGETHER, count)
+    padded = jax.tree.map(lambda v: jnp.concatenate([v, v[:1].repeat(-count % batch, 0)]), points)
+    found = jax.lax.map(f, padded, batch_size=batch)
+    return jax.tree.map(lambda values: values[:count], found)
+
+
+def _advanced(
+    kernel: Kernel, state: PyTree, count: Int[Array, ""], capacity: int, skipped: int
+) -> tuple[PyTree, Draw]:
+    """The state after `count` steps, and rows of what the steps after `skipped` left."""
+
+    def step(i: Array, carry: tuple[PyTree, Draw]) -> tuple[PyTree, Draw]:
+        state, rows = carry
+        state = kernel.step(state)
+        # A row beyond the last is dropped.
+        row = jnp.where(i < skipped, capacity, i - skipped)
+        return state, _set_row(rows, row, kernel.read(state))
+
+    rows = _empty_rows(lambda: kernel.read(state), capacity)
+    return jax.lax.fori_loop(0, count, step, (state, rows))
+
+
+def _empty_rows(f: Callable[[], PyTree], capacity: int) -> PyTree:
+    shapes = jax.eval_shape(f)
+    return jax.tree.map(lambda s: jnp.zeros((capacity, *s.shape), s.dtype), shapes)
+
+
+def _set_row(rows: PyTree, i: Array, values: PyTree) -> PyTree:
+    return jax.tree.map(lambda row, value: row.at[i].set(value), rows, values)
+
+
+def _first_state(
+    kernel: Kernel,
+    start: tuple[Key[Array, ""], Float[Array, " parameter"]],
+    problem: Problem,
+    spread: Array,
+) -> tuple[PyTree, Bool[Array, ""]]:
+    """The first state of a chain, and whether the posterior is possible there."""
+    key_start, key_chain = jax.random.split(start[0])
+    # A logistic logit is a uniform x: without a whitening the spread 1 fills the box.
+    disperse = jax.random.normal if problem.located else jax.random.logistic
+
+    def propose(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        trial, key, _, _ = carry
+        key, key_move = jax.random.split(key)
+        w = start[1] + spread * disperse(key_move, start[1].shape, start[1].dtype)
+        return trial + 1, key, w, jnp.isfinite(problem.log_density(w))
+
+    def again(carry: tuple[Array, Array, Array, Array]) -> Array:
+        return (carry[0] < MAX_TRIALS) & ~carry[3]
+
+    first = (jnp.array(0), key_start, start[1], jnp.array(False))
+    _, _, w, possible = jax.lax.while_loop(again, propose, first)
+    return kernel.init(key_chain, w), possible

@@ -1,0 +1,287 @@
+"""A tensor grid over a posterior in the whitened logit of the box, and the moments on it."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jbw.inference.samplers.chains import in_batches
+from jbw.inference.samplers.reference_density import FORBIDDEN
+from jbw.inference.samplers.weights import effective_draws
+from jbw.inference.space.coordinates import Affine, Coordinate, Vector
+from jbw.inference.space.problem import Problem, log_volume
+from jbw.inference.space.whitening import LOGIT_PRIOR_PRECISION
+
+REACH = 6.0  # standard deviations to either side of the first grids
+NODES = {1: 128, 2: 80, 3: 40, 4: 20}  # along each coordinate of them, by number of parameters
+SHRINK = 0.4  # share of the effective nodes that a rise of the power leaves
+MOST_ROUNDS = 120
+MOST_WHOLE = 8  # rounds on the posterior itself: on a thin bend the moments never settle
+STEADY = 0.03  # change of the moments, in standard deviations, at which they are settled
+HALVINGS = 50  # of the logarithm of the power, which starts at e^-60
+DEEP = 21.0  # nats below the highest node where a grid may end
+WIDEST = 60.0  # standard deviations to either side that a grid reaches at most
+WIDER = 1.2
+
+Bounds = Float[Array, "side parameter"]
+
+
+class Stretch(Coordinate):
+    r"""Every coordinate by itself, $y = \sinh(\kappa x) / \kappa$ with $\kappa$ = 1/2.
+
+    Equal steps of x are short where y is small and long in its tails: a parameter that is hardly
+    known falls off as slowly as its logit does, and would otherwise take most of the nodes.
+    """
+
+    def forward(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
+        """The stretched point."""
+        return 2.0 * jnp.sinh(0.5 * x)
+
+    def inverse(self, y: Float[Array, "..."]) -> Float[Array, "..."]:
+        """The point that is stretched to y."""
+        return 2.0 * jnp.arcsinh(0.5 * y)
+
+    def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
+        """Sum of log cosh(x / 2)."""
+        return jnp.sum(jnp.log(jnp.cosh(0.5 * x)))
+
+
+class Grid(NamedTuple):
+    """Nodes at equal spacings along every whitened coordinate.
+
+    Attributes:
+        whitening: Where the coordinate lies.
+        axes: Places of the nodes along each coordinate.
+        log_p: Log posterior density of w at each node, the first coordinate slowest [nats].
+    """
+
+    whitening: Coordinate
+    axes: Float[Array, "parameter place"]
+    log_p: Float[Array, " node"]
+
+    @property
+    def spacing(self) -> Float[Array, " parameter"]:
+        """Between nodes, along each coordinate."""
+        return self.axes[:, 1] - self.axes[:, 0]
+
+    @property
+    def nodes(self) -> Float[Array, "node parameter"]:
+        """Places of all nodes."""
+        return tensor(list(self.axes))
+
+    @property
+    def weights(self) -> Float[Array, " node"]:
+        """Share of the posterior at each node."""
+        return jax.nn.softmax(self.log_p)
+
+    @property
+    def log_evidence(self) -> Float[Array, ""]:
+        """Logarithm of the evidence [nats], by the trapezoidal rule."""
+        return jax.nn.logsumexp(self.log_p) + jnp.sum(jnp.log(self.spacing))
+
+
+def tensor(axes: list[Float[Array, " _place"]]) -> Float[Array, "node parameter"]:
+    """All combinations of places, the first axis slowest."""
+    return jnp.stack(jnp.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+def grid_within(problem: Problem, whitening: Coordinate, bounds: Bounds, num_places: int) -> Grid:
+    """A grid of so many places along each coordinate.
+
+    Args:
+        problem: The posterior; its own whitening is not used.
+        whitening: The coordinate.
+        bounds: First and last place along each coordinate.
+        num_places: Places along each.
+    """
+    axes = jnp.linspace(bounds[0], bounds[1], num_places, axis=1)
+    return Grid(whitening, axes, log_density_at(problem, whitening, tensor(list(axes))))
+
+
+def log_density_at(
+    problem: Problem, whitening: Coordinate, w: Float[Array, "node parameter"]
+) -> Float[Array, " node"]:
+    """Log posterior density of whitened points, the prior in it [nats]; FORBIDDEN at worst.
+
+    Args:
+        problem: The posterior; its own whitening is not used.
+        whitening: The coordinate.
+        w: Points.
+    """
+    placed = eqx.tree_at(lambda one: one.whitening, problem, whitening)
+    values = in_batches(placed.log_density, w)
+    return jnp.where(jnp.isfinite(values), values, FORBIDDEN)
+
+
+def whitened_by(
+    mean: Float[Array, " parameter"],
+    covariance: Float[Array, "parameter parameter"],
+    first: int = 0,
+) -> Affine:
+    """Whitening by a covariance whose first coordinate moves along one parameter's axis alone.
+
+    Args:
+        mean: Centre, as a logit.
+        covariance: Of the logit.
+        first: The parameter that depends on no other coordinate.
+    """
+    order = np.array([first, *(i for i in range(mean.size) if i != first)])
+    root = jnp.linalg.cholesky(covariance[np.ix_(order, order)])
+    return Affine(mean, jnp.zeros_like(root).at[order].set(root))
+
+
+class Place(NamedTuple):
+    """Where a posterior lies, as a logit of the unit box.
+
+    Attributes:
+        mean: Of the logit.
+        covariance: Of the logit.
+        power: Power of the likelihood that the moments are of; 1 at the end.
+        highest: Highest log density of the last grid, of the logit [nats].
+        rounds: Grids that were spent.
+        whole: How many of them at the power 1.
+        settled: Whether the moments no longer change.
+        possible: Whether the posterior was possible at any node of every grid.
+    """
+
+    mean: Float[Array, " parameter"]
+    covariance: Float[Array, "parameter parameter"]
+    power: Float[Array, ""]
+    highest: Float[Array, ""]
+    rounds: Array
+    whole: Array
+    settled: Array
+    possible: Array
+
+
+def located(problem: Problem) -> Place:
+    r"""Mean and covariance of a posterior's logit, on grids that shrink as the likelihood rises.
+
+    $$p_\beta \propto \pi\, L^\beta, \qquad 0 < \beta_1 < \dots \le 1$$
+
+    Every grid is whitened by the moments of the one before, and its power is so high that four
+    tenths of the effective nodes are left: separate modes keep their share until the end. A fit is
+    where the search starts, at the power 1; otherwise the whole prior.
+
+    Args:
+        problem: The posterior.
+    """
+    d = len(problem.box.names)
+    bounds = jnp.array([[-REACH], [REACH]]) * jnp.ones(d)
+    factor = problem.whitening.factor
+    spread = factor @ factor.T if problem.located else jnp.eye(d) / LOGIT_PRIOR_PRECISION
+    zero, none = jnp.zeros(()), jnp.array(0)
+    power = jnp.asarray(float(problem.located))
+    first = Place(
+        problem.whitening.centre, spread, power, zero, none, none, jnp.array(False), jnp.array(True)
+    )
+
+    def again(at: Place) -> Array:
+        over = at.settled | (at.whole >= MOST_WHOLE) | (at.rounds >= MOST_ROUNDS)
+        return at.possible & ~over
+
+    def narrow(at: Place) -> Place:
+        whitening = whitened_by(at.mean, at.covariance)
+        grid = grid_within(problem, whitening, bounds, NODES[d])
+        power, log_share = _raised(problem, grid, at.power)
+        shift, spread = moments(grid._replace(log_p=log_share))
+        spread = _no_narrower(spread, 0.3 * grid.spacing[0])
+        factor = whitening.factor
+        still = jnp.max(jnp.abs(shift)) < STEADY
+        still &= jnp.max(jnp.abs(spread - jnp.eye(d))) < STEADY
+        return Place(
+            at.mean + factor @ shift,
+            factor @ spread @ factor.T,
+            power,
+            jnp.max(grid.log_p) - grid.whitening.log_abs_det_jacobian(at.mean),
+            at.rounds + 1,
+            at.whole + (power == 1),
+            (power == 1) & still,
+            jnp.max(grid.log_p) > FORBIDDEN / 2,
+        )
+
+    return jax.lax.while_loop(again, narrow, first)
+
+
+def _raised(
+    problem: Problem, grid: Grid, power: Float[Array, ""]
+) -> tuple[Float[Array, ""], Float[Array, " node"]]:
+    """A higher power of the likelihood that the grid still resolves, and log p at it."""
+    placed = eqx.tree_at(lambda one: one.whitening, problem, grid.whitening)
+    slopes = jax.vmap(placed.coordinate.log_abs_det_jacobian)(grid.nodes)
+    prior = slopes - log_volume(problem.box)
+    likelihood = grid.log_p - prior
+
+    def effective(power: Float[Array, ""]) -> Float[Array, ""]:
+        return effective_draws(jax.nn.softmax(prior + power * likelihood))
+
+    least = SHRINK * effective(power)
+
+    def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, high = ends
+        middle = (low + high) / 2
+        enough = effective(jnp.exp(middle)) >= least
+        return jnp.where(enough, middle, low), jnp.where(enough, high, middle)
+
+    # In the logarithm: the first powers are small beyond guessing.
+    ends = jnp.log(jnp.maximum(power, jnp.exp(-60.0))), jnp.zeros(())
+    found = jnp.exp(jax.lax.fori_loop(0, HALVINGS, halve, ends)[0])
+    power = jnp.where(effective(jnp.ones(())) >= least, 1.0, found)
+    return power, prior + power * likelihood
+
+
+def moments(grid: Grid) -> tuple[Float[Array, " parameter"], Float[Array, "parameter parameter"]]:
+    """Mean and covariance of w on a grid.
+
+    Args:
+        grid: The grid.
+    """
+    mean = grid.weights @ grid.nodes
+    left = grid.nodes - mean
+    return mean, (grid.weights[:, None] * left).T @ left
+
+
+def _no_narrower(
+    covariance: Float[Array, "parameter parameter"], least: Float[Array, ""]
+) -> Float[Array, "parameter parameter"]:
+    """The covariance with no direction narrower than the nodes can tell."""
+    values, vectors = jnp.linalg.eigh(covariance)
+    return vectors * jnp.maximum(values, least**2) @ vectors.T
+
+
+def bounds_of(problem: Problem, whitening: Affine, place: Place, num_places: int) -> Bounds:
+    """Bounds so wide that the posterior is 21 nats below its highest node at every side.
+
+    Only the sides of the grid are looked at, each pushed out while it is too high.
+
+    Args:
+        problem: The posterior.
+        whitening: The coordinate.
+        place: Where the posterior lies.
+        num_places: Places along each coordinate of a side.
+    """
+    d = len(problem.box.names)
+    floor = place.highest + whitening.log_abs_det_jacobian(place.mean) - DEEP
+
+    def open_sides(bounds: Bounds) -> Array:
+        inner = jnp.linspace(bounds[0], bounds[1], num_places, axis=1)
+        faces = [
+            tensor([bounds[side, i][None] if j == i else inner[j] for j in range(d)])
+            for side in range(2)
+            for i in range(d)
+        ]
+        log_p = log_density_at(problem, whitening, jnp.concatenate(faces))
+        return jnp.max(log_p.reshape(2, d, -1), axis=-1) > floor
+
+    def again(state: tuple[Bounds, Array]) -> Array:
+        return jnp.any(state[1])
+
+    def push(state: tuple[Bounds, Array]) -> tuple[Bounds, Array]:
+        bounds = jnp.where(state[1], WIDER * state[0], state[0])
+        return bounds, open_sides(bounds) & (jnp.abs(bounds) < WIDEST)
+
+    first = jnp.array([[-REACH], [REACH]]) / WIDER * jnp.ones(d)
+    return jax.lax.while_loop(again, push, (first, jnp.ones((2, d), bool)))[0]

@@ -1,0 +1,200 @@
+r"""Nested slice sampling through BlackJAX, with its evidence.
+
+$$Z = \int_0^1 \ell(X)\,\mathrm{d}X, \qquad w_i = \ell_i\, (X_{i-1} - X_{i+1}) / 2$$
+
+A reference is shrunk through rising contours of its ratio ell to the posterior. Half as many points
+live as draws are asked for, at least 8 d; a tenth of them, the lowest, is replaced at a time by 2 d
+slices (at least 5) above their contour. A chain is a run of its own, resampled to draws of equal
+weight in random order.
+
+Reference:
+    Skilling (2006), Bayesian Analysis 1, 833; Yallup, Kroupa, Handley (2026), arXiv:2601.23252.
+"""
+
+from typing import Any, NamedTuple
+
+import blackjax
+import jax
+import jax.numpy as jnp
+from blackjax.smc import resampling
+from jaxtyping import Array, Bool, Float, Int, Key
+
+from jbw.errors import ModelError
+from jbw.inference.samplers.chains import over_chains
+from jbw.inference.samplers.reference_density import is_possible, log_ratio, reference
+from jbw.inference.samplers.sampler import Draws
+from jbw.inference.samplers.weights import effective_draws, pooled_evidence
+from jbw.inference.space.problem import Problem
+
+LEFT = 1e-3  # share of the evidence that may be left in the live points at the end
+ROOM = 150  # times the live points: dead ones that are kept; each time takes one nat
+TOGETHER = 10  # a tenth of the live points is replaced at once, side by side
+VOLUMES = 200  # simulated shrinkages of the prior volume
+
+
+class Options(NamedTuple):
+    """Options of nested sampling.
+
+    Attributes:
+        num_samples: Draws of each run.
+        num_chains: Runs, one after the other.
+    """
+
+    num_samples: int = 1000
+    num_chains: int = 4
+
+
+class Run(NamedTuple):
+    """One run: its draws of equal weight, its evidence, and what it cost.
+
+    Attributes:
+        theta: Draws by name.
+        log_evidence: Logarithm of the evidence [nats].
+        variance: Of log_evidence, by simulated volumes.
+        effective: Effective number of the weights.
+        num_evaluations: Points that were looked at.
+        left: Share of the evidence that was left in the live points.
+        possible: Whether the posterior was possible at any first point.
+    """
+
+    theta: dict[str, Float[Array, " draw"]]
+    log_evidence: Float[Array, ""]
+    variance: Float[Array, ""]
+    effective: Float[Array, ""]
+    num_evaluations: Int[Array, ""]
+    left: Float[Array, ""]
+    possible: Bool[Array, ""]
+
+
+def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
+    """The draws, equally weighted.
+
+    Args:
+        key: Random key.
+        problem: The posterior.
+        options: Options.
+    """
+    num_live = max(options.num_samples // 2, 8 * len(problem.box.names), 20)
+    keys = jax.random.split(key, options.num_chains)
+
+    def one(key: Key[Array, ""], problem: Problem) -> Run:
+        return _run(key, problem, num_live, options.num_samples)
+
+    found = over_chains(one, "sequential")(keys, problem)
+    facts = {
+        **pooled_evidence(found.log_evidence, found.variance),
+        "ess_weights": jnp.sum(found.effective),
+        "num_live": num_live,
+        "num_evaluations": jnp.sum(found.num_evaluations),
+    }
+    arrived = jnp.all(found.left <= LEFT)
+    return Draws(found.theta, {}, jnp.all(found.possible), arrived, facts)
+
+
+def require_arrival(arrived: bool) -> None:
+    """Refuse runs that filled their room before they came to their end.
+
+    Args:
+        arrived: Whether all came to it.
+
+    Raises:
+        ModelError: If one did not.
+    """
+    if not arrived:
+        raise ModelError(
+            f"Nested sampling left more than the share {LEFT:g} of the evidence in its live points "
+            f"after {ROOM} times their number of replacements.",
+            remedy="Narrow the prior, or pass the start and covariance of a fit.",
+        )
+
+
+class _Carry(NamedTuple):
+    """Where a run is: key, live points and evidence so far, dead points, how many, evaluations."""
+
+    key: Key[Array, ""]
+    state: Any
+    dead: Any
+    count: Int[Array, ""]
+    evaluations: Int[Array, ""]
+
+
+def _run(key: Key[Array, ""], problem: Problem, num_live: int, num_draws: int) -> Run:
+    about, d = reference(problem), len(problem.box.names)
+    together = max(1, num_live // TOGETHER)
+    room = ROOM * num_live // together * together
+
+    def ratio(w: Float[Array, " parameter"]) -> Float[Array, ""]:
+        return log_ratio(problem, w)
+
+    slices: Any = blackjax.nss(about.log_prob, ratio, max(5, 2 * d), num_delete=together)
+    key_first, key_init, key_run, key_volume, key_keep, key_order = jax.random.split(key, 6)
+    state = slices.init(about.sample(key_first, (num_live,)), key_init)
+    possible = is_possible(state.particles.loglikelihood)
+    # Rows that no point has filled were born and died above all others, where no volume is left.
+    empty = jax.tree.map(
+        lambda v: jnp.full((room, *v.shape[1:]), jnp.inf, v.dtype), state.particles
+    )
+
+    def left(state: Any) -> Float[Array, ""]:
+        live = state.integrator.logZ_live
+        return jnp.exp(live - jnp.logaddexp(state.integrator.logZ, live))
+
+    def again(at: _Carry) -> Bool[Array, ""]:
+        return possible & (left(at.state) > LEFT) & (at.count < room)
+
+    def replace(at: _Carry) -> _Carry:
+        key, key_step = jax.random.split(at.key)
+        state, info = slices.step(key_step, at.state)
+        # Both ends of a bracket are looked at before it grows.
+        looked = info.update_info.num_expansions + info.update_info.num_shrink + 2
+        dead = jax.tree.map(
+            lambda rows, new: jax.lax.dynamic_update_slice_in_dim(rows, new, at.count, 0),
+            at.dead,
+            info.particles,
+        )
+        return _Carry(key, state, dead, at.count + together, at.evaluations + jnp.sum(looked))
+
+    first = _Carry(key_run, state, empty, jnp.array(0), jnp.array(num_live))
+    last = jax.lax.while_loop(again, replace, first)
+    points = jax.tree.map(lambda *parts: jnp.concatenate(parts), last.dead, last.state.particles)
+    filled = jnp.concatenate([jnp.arange(room) < last.count, jnp.ones(num_live, bool)])
+    shares, totals = _weights(key_volume, points, filled)
+    order = jax.random.permutation(key_order, shares.size)  # points came from the edge inwards
+    kept = order[resampling.stratified(key_keep, shares[order], num_draws)]
+    return Run(
+        jax.vmap(problem.theta)(points.position[kept]),
+        jnp.mean(totals),
+        jnp.var(totals),
+        effective_draws(shares),
+        last.evaluations,
+        left(last.state),
+        possible,
+    )
+
+
+def _weights(
+    key: Key[Array, ""], points: Any, filled: Bool[Array, " point"]
+) -> tuple[Float[Array, " point"], Float[Array, " volume"]]:
+    r"""Share of every point, the mean over simulated volumes, and log evidence of each of them.
+
+    At the death of a point as many live as were born below it and have not died; the volume shrinks
+    by the largest of so many uniform numbers, $\log X_i - \log X_{i-1} = \log(u_i) / n_i$.
+    """
+    order = jnp.argsort(points.loglikelihood)
+    deaths = points.loglikelihood[order]
+    # The first points were born from the reference itself, which BlackJAX writes as NaN.
+    births = jnp.sort(jnp.nan_to_num(points.loglikelihood_birth, nan=-jnp.inf, posinf=jnp.inf))
+    num_live = jnp.maximum(jnp.searchsorted(births, deaths) - jnp.arange(deaths.size), 1)
+
+    def one(total: Array, key: Key[Array, ""]) -> tuple[Array, Array]:
+        shrunk = jnp.log1p(-jax.random.uniform(key, deaths.shape)) / num_live
+        log_x = jnp.cumsum(shrunk)
+        before = jnp.concatenate([jnp.zeros(1), log_x[:-1]])
+        after = jnp.concatenate([log_x[1:], jnp.full(1, -jnp.inf)])
+        width = before + jnp.log(-jnp.expm1(after - before)) - jnp.log(2.0)
+        weights = jnp.where(filled[order], width + deaths, -jnp.inf)
+        return total + jax.nn.softmax(weights) / VOLUMES, jax.nn.logsumexp(weights)
+
+    keys = jax.random.split(key, VOLUMES)
+    shares, totals = jax.lax.scan(one, jnp.zeros(filled.size), keys)
+    return jnp.zeros_like(shares).at[order].set(shares), totals

@@ -1,0 +1,204 @@
+r"""The posterior by quadrature: exact to a stated error, for up to four parameters.
+
+$$Z = \prod_i h_i \sum_{n} p(w_n), \qquad w_n = (n_1 h_1, \dots, n_d h_d)$$
+
+by the trapezoidal rule in the whitened logit of the box, its tails drawn in. The density vanishes
+smoothly to all sides there, bounds of the box included, so that the rule converges exponentially in
+1 / h. The whitening is that of the posterior's own moments. The rule on every other node is another
+rule of twice the spacing: what the finer one changes is the stated error, of which it keeps a
+fraction. Each
+parameter has a grid of its own along its axis, which gives its distribution function and quantiles.
+A mode is overlooked that is a few times narrower than the first spacing: a tenth of the posterior's
+deviation for two parameters, a third for three, two thirds for four. A thin ridge that bends
+through the box takes more nodes than there are: the stated error is then large, and the verdict
+fails.
+
+Reference:
+    Trefethen, Weideman (2014), SIAM Review 56, 385.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from blackjax.smc import resampling
+from jaxtyping import Array, Float, Key
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import sici
+
+from jbw.errors import ConfigError
+from jbw.inference.samplers.grid import (
+    Grid,
+    Stretch,
+    bounds_of,
+    grid_within,
+    located,
+    log_density_at,
+    whitened_by,
+)
+from jbw.inference.samplers.sampler import Draws
+from jbw.inference.space.coordinates import Affine, Composed, Identity
+from jbw.inference.space.problem import Problem
+
+PLACES = {1: 1025, 2: 257, 3: 97, 4: 41}  # along each coordinate, by number of parameters
+FACES = {1: 1, 2: 257, 3: 65, 4: 21}  # the same of a side of the grid
+PROBABILITIES = (0.005, 0.01, 0.05, 0.5, 0.95, 0.99, 0.995)
+
+
+class Options(NamedTuple):
+    """Options of quadrature.
+
+    Attributes:
+        num_samples: Draws of each chain.
+        num_chains: Groups of independent draws.
+        num_places: Nodes along each coordinate, odd; by the number of parameters when None.
+    """
+
+    num_samples: int = 1000
+    num_chains: int = 4
+    num_places: int | None = None
+
+
+class Marginal(NamedTuple):
+    """What the grid of one parameter says.
+
+    Attributes:
+        log_evidence: Logarithm of the evidence [nats].
+        mean: Of the parameter, in its unit.
+        sd: Standard deviation, in its unit.
+        quantiles: At `PROBABILITIES`.
+        error: What the finer of two rules changed: log evidence [nats], mean and standard
+            deviation over the deviation.
+    """
+
+    log_evidence: Float[Array, ""]
+    mean: Float[Array, ""]
+    sd: Float[Array, ""]
+    quantiles: Float[Array, " probability"]
+    error: Float[Array, ""]
+
+
+def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
+    """Draws by the inverse distribution function of the grid, exact by weights inside its cells.
+
+    Args:
+        key: Random key.
+        problem: The posterior, of four parameters at most.
+        options: Options.
+
+    Returns:
+        Independent draws; group `exact` with mean, sd and quantiles of every parameter.
+    """
+    d = len(problem.box.names)
+    if not isinstance(problem.outer, Identity):
+        raise ConfigError("Sampler quadrature draws in the parameters themselves, in their box.")
+    place, count = located(problem), options.num_places or PLACES[d]
+    found = [_on_its_axis(i, problem, place, count) for i in range(d)]
+    marginals = jax.tree.map(lambda *parts: jnp.stack(parts), *(one for one, _ in found))
+    grid = found[-1][1]
+    theta = _drawn(key, problem, grid, options)
+    error = jnp.max(marginals.error)
+    facts = {
+        "log_evidence": jnp.mean(marginals.log_evidence),
+        "log_evidence_error": error,
+        "quadrature_error": error,
+        "num_nodes": d * grid.log_p.size,
+        "num_evaluations": d * grid.log_p.size + options.num_samples * options.num_chains,
+    }
+    exact = {
+        "parameter": (("parameter",), list(problem.box.names)),
+        "probability": (("probability",), list(PROBABILITIES)),
+        "mean": (("parameter",), marginals.mean),
+        "sd": (("parameter",), marginals.sd),
+        "quantiles": (("parameter", "probability"), marginals.quantiles),
+    }
+    arrived = place.possible & (place.power == 1)
+    return Draws(theta, {}, place.possible, arrived, facts, {"exact": exact})
+
+
+def _on_its_axis(i: int, problem: Problem, place: Any, count: int) -> tuple[Marginal, Grid]:
+    """A grid whose first coordinate alone decides one parameter, and what it says of that."""
+    whitening = whitened_by(place.mean, place.covariance, first=i)
+    bounds = bounds_of(problem, whitening, place, FACES[len(problem.box.names)])
+    # The rule converges in the stretched coordinate as well: it is smooth, and ends as low.
+    drawn_in = Composed((Stretch(), whitening))
+    grid = grid_within(problem, drawn_in, Stretch().inverse(bounds), count)
+    d = len(grid.axes)
+    every_other = grid.log_p.reshape([count] * d)[(slice(None, None, 2),) * d]
+    coarse = Grid(drawn_in, grid.axes[:, ::2], every_other.ravel())
+    fine, rough = (_marginal(i, problem, whitening, one) for one in (grid, coarse))
+    changes = jnp.stack([
+        jnp.abs(fine.log_evidence - rough.log_evidence),
+        jnp.abs(fine.mean - rough.mean) / fine.sd,
+        jnp.abs(rough.sd / fine.sd - 1),
+    ])  # fmt: skip
+    return fine._replace(error=jnp.max(changes)), grid
+
+
+def _marginal(i: int, problem: Problem, whitening: Affine, grid: Grid) -> Marginal:
+    p = jnp.sum(grid.weights.reshape(grid.axes.shape[1], -1), axis=1)
+    centre, slope = whitening.centre[i], whitening.factor[i, 0]
+    lower, width = problem.lower[i], problem.upper[i] - problem.lower[i]
+    # Moments of the unit coordinate about its centre keep the digits of a narrow posterior.
+    middle = jax.nn.sigmoid(centre)
+    x = jax.nn.sigmoid(centre + slope * Stretch().forward(grid.axes[0])) - middle
+    mean = p @ x
+    sd = jnp.sqrt(p @ (x - mean) ** 2)
+    shape = jax.ShapeDtypeStruct((len(PROBABILITIES),), p.dtype)
+    places = jax.pure_callback(_quantiles, shape, grid.axes[0], p, vmap_method="sequential")
+    quantiles = lower + width * jax.nn.sigmoid(centre + slope * Stretch().forward(places))
+    return Marginal(
+        grid.log_evidence, lower + width * (middle + mean), width * sd, quantiles, jnp.zeros(())
+    )
+
+
+def _quantiles(axis: Any, p: Any) -> NDArray[np.float64]:
+    axis, p = np.asarray(axis), np.asarray(p)
+    if not np.all(np.isfinite(p)):
+        return np.full(len(PROBABILITIES), np.nan)
+    reach = 2 * (axis[1] - axis[0])
+
+    def short(w: float, probability: float) -> float:
+        return distribution(w, axis, p) - probability
+
+    ends = axis[0] - reach, axis[-1] + reach
+    roots: Any = [brentq(short, *ends, args=(each,), xtol=1e-12) for each in PROBABILITIES]
+    return np.array(roots)
+
+
+def distribution(
+    w: float, axis: Float[np.ndarray, " node"], p: Float[np.ndarray, " node"]
+) -> float:
+    r"""Probability below w, the integral of the series of sinc functions through the nodes.
+
+    $$F(w) = \sum_j p_j \left[\tfrac12 + \tfrac1\pi \mathrm{Si}
+    \!\left(\tfrac{\pi (w - w_j)}{h}\right)\right]$$
+
+    It converges as fast as the trapezoidal rule.
+
+    Args:
+        w: Where.
+        axis: Nodes, equally spaced.
+        p: Their shares, which sum to one.
+    """
+    scaled = np.pi * (w - axis) / (axis[1] - axis[0])
+    return float(p @ (0.5 + sici(scaled)[0] / np.pi))
+
+
+def _drawn(
+    key: Key[Array, ""], problem: Problem, grid: Grid, options: Options
+) -> dict[str, Float[Array, "chain draw"]]:
+    """Draws cell by cell, weighed by the density where they fell in the cell."""
+    count = options.num_samples * options.num_chains
+    key_cell, key_order, key_move, key_keep = jax.random.split(key, 4)
+    cells = jax.random.permutation(key_order, resampling.stratified(key_cell, grid.weights, count))
+    moved = jax.random.uniform(key_move, (count, len(grid.axes)), minval=-0.5, maxval=0.5)
+    w = grid.nodes[cells] + moved * grid.spacing
+    ratio = log_density_at(problem, grid.whitening, w) - grid.log_p[cells]
+    kept = resampling.stratified(key_keep, jax.nn.softmax(ratio), count)
+    placed = eqx.tree_at(lambda one: one.whitening, problem, grid.whitening)
+    shape = options.num_chains, options.num_samples
+    return {name: v.reshape(shape) for name, v in jax.vmap(placed.theta)(w[kept]).items()}

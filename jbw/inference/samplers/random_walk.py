@@ -1,0 +1,180 @@
+r"""The paper's sampler: random-walk Metropolis-Hastings in the unit coordinate of a box.
+
+$$x' = x + \sigma_p L \eta, \quad \eta \sim N(0, I); \qquad
+P(\text{accept}) = \min\{1, p(x')/p(x)\}\ \text{inside}, \ 0\ \text{outside}$$
+
+A proposal outside the box is rejected and the current state repeated; clipping it onto the box
+would break detailed balance.
+
+Reference:
+    Section 3.2.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, Key
+
+from jbw.inference.samplers.sampler import Draw, Kernel
+from jbw.inference.space.problem import Problem, log_density, named
+
+AVERAGING = 0.75  # exponent of the weights of the averaged step, as in dual averaging
+FORGETTING = 0.6  # exponent of the decaying gain: its sum diverges, its sum of squares converges
+FIRST_STEP = (0.1, 1.0)  # in the box, or where a fit has whitened it: where tuning starts
+
+
+class Options(NamedTuple):
+    """Options of the walk.
+
+    Attributes:
+        num_warmup: Steps of tuning, discarded.
+        num_samples: Draws kept of each chain.
+        num_chains: Chains.
+        chain_method: How chains share the machine.
+        target_accept: Acceptance that the step size is tuned to.
+        step_size: Fixed standard deviation of a proposal in x; None to tune it, in the warm-up and
+            only there. With a fixed step the walk is the same in all directions; a tuned one is
+            shaped by the covariance of a fit, where there is one.
+    """
+
+    num_warmup: int = 1000
+    num_samples: int = 1000
+    num_chains: int = 4
+    chain_method: str = "sequential"
+    target_accept: float = 0.5
+    step_size: float | None = None
+
+
+class PaperOptions(NamedTuple):
+    """The published chain: 850 draws of which 10 % are burn-in, and sigma_p; as in `Options`."""
+
+    num_warmup: int = 85
+    num_samples: int = 765
+    num_chains: int = 4
+    chain_method: str = "sequential"
+    target_accept: float = 0.5
+    step_size: float | None = 2.5108e-3
+
+
+PAPER = PaperOptions()
+
+
+class Info(NamedTuple):
+    """What happened in one step.
+
+    Attributes:
+        accept_prob: Acceptance probability; 0 for a proposal outside the box.
+        accepted: Whether the walk moved.
+        failed: Whether the log density of the proposal was not finite (a failed solve).
+    """
+
+    accept_prob: Float[Array, ""]
+    accepted: Bool[Array, ""]
+    failed: Bool[Array, ""]
+
+
+class State(NamedTuple):
+    """Where one walk is.
+
+    Attributes:
+        i: Steps taken so far, burn-in included.
+        x: Position in the unit box.
+        log_density: Log posterior density at x [nats].
+        log_step: Logarithm of the proposal's standard deviation in x.
+        log_step_average: Its average over the burn-in, used after it.
+        info: What happened in the last step.
+        rng_key: Key of the next step.
+    """
+
+    i: Int[Array, ""]
+    x: Float[Array, " parameter"]
+    log_density: Float[Array, ""]
+    log_step: Float[Array, ""]
+    log_step_average: Float[Array, ""]
+    info: Info
+    rng_key: Key[Array, ""]
+
+
+def kernel(problem: Problem, options: Options | PaperOptions) -> Kernel:
+    """The chain.
+
+    Args:
+        problem: The posterior.
+        options: Options.
+    """
+    unit = problem.unit_coordinate
+    shaped = problem.located and options.step_size is None
+    # The whitening carried from the logit to x at its centre, where the slope is x (1 - x).
+    centre = jax.nn.sigmoid(problem.whitening.centre)
+    scale = (centre * (1 - centre))[:, None] * problem.whitening.factor
+
+    def density(x: Float[Array, " parameter"]) -> Float[Array, ""]:
+        return log_density(problem, unit, x)
+
+    def init(key: Key[Array, ""], w: Float[Array, " parameter"]) -> State:
+        x = jax.nn.sigmoid(problem.whitening.forward(w))
+        first = FIRST_STEP[shaped] if options.step_size is None else options.step_size
+        log_step = jnp.log(jnp.asarray(first, dtype=float))
+        info = Info(jnp.zeros(()), jnp.array(False), jnp.array(False))
+        return State(jnp.array(0), x, density(x), log_step, log_step, info, key)
+
+    def step(state: State) -> State:
+        rng_key, key_proposal, key_accept = jax.random.split(state.rng_key, 3)
+        move = jax.random.normal(key_proposal, state.x.shape)
+        there = state.x + jnp.exp(state.log_step) * (scale @ move if shaped else move)
+        inside = jnp.all((there >= 0) & (there <= 1))
+        # The model is evaluated inside the box even for a proposal that will be rejected.
+        proposed = density(jnp.where(inside, there, state.x))
+        failed = ~jnp.isfinite(proposed)
+        ratio = jnp.exp(jnp.minimum(proposed - state.log_density, 0.0))
+        accept_prob = jnp.where(inside & ~failed, ratio, 0.0)
+        accepted = jax.random.uniform(key_accept) < accept_prob
+        log_step, average = tuned(state, accept_prob, options)
+        return State(
+            state.i + 1,
+            jnp.where(accepted, there, state.x),
+            jnp.where(accepted, proposed, state.log_density),
+            log_step,
+            average,
+            Info(accept_prob, accepted, inside & failed),
+            rng_key,
+        )
+
+    def read(state: State) -> Draw:
+        stats = {
+            "acceptance_rate": state.info.accept_prob,
+            "accepted": state.info.accepted,
+            "failed": state.info.failed,
+            "step_size": jnp.exp(state.log_step),
+        }
+        return Draw(named(unit.forward(state.x), problem.box), stats)
+
+    return Kernel(init, step, read)
+
+
+def tuned(
+    state: State, accept_prob: Float[Array, ""], options: Options | PaperOptions
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Robbins and Monro's rule on the logarithm of the step; its average takes over at the end.
+
+    Args:
+        state: Before the step.
+        accept_prob: Of the step.
+        options: Options.
+
+    Returns:
+        Logarithm of the next step's size, and its average.
+    """
+    if options.step_size is not None:
+        return state.log_step, state.log_step_average
+    t = state.i + 1.0
+    log_step = state.log_step + 2 * t**-FORGETTING * (accept_prob - options.target_accept)
+    weight = t**-AVERAGING
+    average = weight * log_step + (1 - weight) * state.log_step_average
+    last = state.i + 1 >= options.num_warmup
+    tuning = state.i < options.num_warmup
+    return (
+        jnp.where(tuning, jnp.where(last, average, log_step), state.log_step),
+        jnp.where(tuning, average, state.log_step_average),
+    )

@@ -1,0 +1,70 @@
+r"""From a density that can be drawn from to the posterior.
+
+Samplers that give the evidence start from a reference density r(w), and know of the posterior only
+its ratio to it,
+
+$$Z = \int L(\theta)\,\pi(\theta)\,\mathrm{d}\theta = E_r\!\left[e^{\ell(w)}\right], \qquad
+\ell(w) = \log p(w, D) - \log r(w)$$
+
+Where a fit has whitened w, the reference is Student's t distribution of 5 degrees of freedom, whose
+tails are heavier than a posterior's. Where nothing is known it is the prior itself: the logit of a
+uniform coordinate has the logistic distribution.
+"""
+
+import jax.numpy as jnp
+import numpyro.distributions as dist
+from jaxtyping import Array, Bool, Float
+from numpyro.distributions import Distribution
+
+from jbw.errors import ModelError
+from jbw.inference.space.problem import Problem
+
+HEAVY = 5.0
+"""Degrees of freedom of the t distribution about a fit."""
+FORBIDDEN = -1e30
+"""Log density where the posterior is impossible: tempered by zero it is zero, not NaN."""
+
+
+def reference(problem: Problem) -> Distribution:
+    """The reference density of the whitened coordinate.
+
+    Args:
+        problem: The posterior.
+    """
+    size = len(problem.box.names)
+    if problem.located:
+        return dist.MultivariateStudentT(HEAVY, jnp.zeros(size), jnp.eye(size))
+    return dist.Logistic(jnp.zeros(size), 1.0).to_event(1)
+
+
+def log_ratio(problem: Problem, w: Float[Array, " parameter"]) -> Float[Array, ""]:
+    """Log posterior density over the reference's [nats]; FORBIDDEN where impossible, never NaN.
+
+    Args:
+        problem: The posterior.
+        w: A point.
+    """
+    value = problem.log_density(w) - reference(problem).log_prob(w)
+    return jnp.where(jnp.isfinite(value), value, FORBIDDEN)
+
+
+def is_possible(log_ratios: Float[Array, "..."]) -> Bool[Array, ""]:
+    """Whether any of some log ratios is one of a possible point."""
+    return jnp.any(log_ratios > FORBIDDEN / 2)
+
+
+def require_possible(possible: bool) -> None:
+    """Refuse a posterior that is impossible wherever a sampler looked.
+
+    Args:
+        possible: Whether it is possible anywhere.
+
+    Raises:
+        ModelError: If it is not.
+    """
+    if not possible:
+        raise ModelError(
+            "The log likelihood is finite at no point that was looked at.",
+            remedy="Check the data for NaN, the noise for zero, and the prior for parameters that "
+            "the model cannot solve.",
+        )

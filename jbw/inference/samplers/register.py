@@ -1,0 +1,116 @@
+"""The register of samplers: the one list of their names, readable without JAX.
+
+A sampler is a module with a typed record `Options` and one of two functions, both pure and usable
+under `jit` and `vmap`:
+
+    kernel(problem, options) -> Kernel          a Markov chain: first state, step, what a state says
+    draw(key, problem, options) -> Draws        everything at once, with the evidence
+
+To add one, copy `elliptical_slice.py` or `importance.py`, and call `register`: it then runs
+wherever a campaign or a call names it, and the contract test looks at it.
+"""
+
+from difflib import get_close_matches
+from importlib import import_module
+from typing import Any, NamedTuple
+
+from jbw.errors import ConfigError
+
+
+class Sampler(NamedTuple):
+    """A sampler by name, its module not imported until it draws.
+
+    Attributes:
+        name: As `[identify] sampler` and `sample` take it.
+        module: Its module, or the path to that.
+        options: Name of the record of options in the module.
+        needs_fit: Whether it draws about a fit's covariance, and needs one.
+        from_prior: Whether it crosses the whole box without a fit, and without a ridge's help.
+        most_parameters: How many parameters it takes at most; None for any number.
+        draws: Steps of warm-up, and draws kept of each chain, where an evaluation steps through
+            time.
+        cheap_draws: The same where an evaluation costs microseconds.
+        suits_costly: Whether a comparison tries it by itself where time is stepped through.
+    """
+
+    name: str
+    module: Any
+    options: str = "Options"
+    needs_fit: bool = False
+    from_prior: bool = False
+    most_parameters: int | None = None
+    draws: tuple[int, int] = (1000, 1000)
+    cheap_draws: tuple[int, int] = (500, 1000)
+    suits_costly: bool = False
+
+    def suits(self, num_parameters: int) -> bool:
+        """Whether the sampler takes so many parameters."""
+        return self.most_parameters is None or num_parameters <= self.most_parameters
+
+
+_ROOM = "jbw.inference.samplers."
+SAMPLERS: dict[str, Sampler] = {}
+
+
+def register(sampler: Sampler) -> None:
+    """Add a sampler to the list, or replace the one of its name.
+
+    Args:
+        sampler: The sampler.
+    """
+    SAMPLERS[sampler.name] = sampler
+
+
+for _sampler in (
+    Sampler("nuts", _ROOM + "nuts", draws=(300, 1000), suits_costly=True),
+    Sampler(
+        "elliptical_slice", _ROOM + "elliptical_slice", needs_fit=True, draws=(25, 400),
+        suits_costly=True,
+    ),
+    Sampler(
+        "random_walk", _ROOM + "random_walk", cheap_draws=(2000, 20_000), suits_costly=True
+    ),
+    Sampler(
+        "random_walk_paper", _ROOM + "random_walk", options="PaperOptions", from_prior=True,
+        draws=(85, 765), cheap_draws=(85, 765),
+    ),
+    Sampler(
+        "importance", _ROOM + "importance", needs_fit=True, draws=(0, 1000), suits_costly=True
+    ),
+    Sampler(
+        "tempered_smc", _ROOM + "tempering", from_prior=True, draws=(0, 500), suits_costly=True
+    ),
+    Sampler("nested", _ROOM + "nested", from_prior=True, draws=(0, 500)),
+    Sampler(
+        "quadrature", _ROOM + "quadrature", from_prior=True, most_parameters=4, draws=(0, 1000)
+    ),
+):  # fmt: skip
+    register(_sampler)
+
+
+def sampler_named(name: str) -> Sampler:
+    """The sampler of a name.
+
+    Args:
+        name: One of the register.
+
+    Raises:
+        ConfigError: An unknown name; the nearest known one is said.
+    """
+    if name in SAMPLERS:
+        return SAMPLERS[name]
+    near = get_close_matches(name, SAMPLERS, 1)
+    raise ConfigError(
+        f"Argument `sampler` must be one of {', '.join(SAMPLERS)}, not {name!r}.",
+        remedy=f"Did you mean {near[0]!r}?" if near else "",
+    )
+
+
+def module_of(sampler: Sampler) -> Any:
+    """The module of a sampler, imported where it is given by its path.
+
+    Args:
+        sampler: The sampler.
+    """
+    module = sampler.module
+    return import_module(module) if isinstance(module, str) else module

@@ -1,0 +1,217 @@
+"""Draw from a posterior: one call for every sampler, one container."""
+
+import time
+import warnings
+from collections.abc import Mapping
+from typing import Any, Literal, get_args
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float, Key, PyTree
+from numpy.typing import NDArray
+
+from jbw.errors import ConfigError
+from jbw.inference.posterior.tree import looked_at, posterior_tree
+from jbw.inference.samplers.chains import evaluate_chains, num_devices_for, starts_of
+from jbw.inference.samplers.checkpointing import Kept
+from jbw.inference.samplers.chunked_run import Progress, grow_chains
+from jbw.inference.samplers.draw import draws_of, options_of
+from jbw.inference.samplers.reference_density import require_possible
+from jbw.inference.samplers.register import Sampler, module_of, sampler_named
+from jbw.inference.samplers.sampler import Draws
+from jbw.inference.space.box import Box
+from jbw.inference.space.precision import require_float64
+from jbw.inference.space.problem import LogLikelihood, LogPrior, Problem, problem_of
+from jbw.inference.space.reparametrisation import Reparametrisation, in_box
+
+ChainMethod = Literal["sequential", "vectorized", "parallel"]
+Found = tuple[Draws, NDArray[np.float64], NDArray[np.float64], float]
+
+
+def sample(
+    key: Key[Array, ""],
+    log_likelihood: LogLikelihood,
+    box: Box,
+    data: PyTree = None,
+    *,
+    sampler: str = "nuts",
+    num_warmup: int | None = None,
+    num_samples: int | None = None,
+    num_chains: int = 4,
+    chain_method: str = "sequential",
+    start: Mapping[str, Any] | None = None,
+    covariance: Float[np.ndarray, "parameter parameter"] | None = None,
+    coordinates: Reparametrisation | None = None,
+    log_prior: LogPrior | None = None,
+    options: Mapping[str, Any] | None = None,
+    attrs: Mapping[str, Mapping[str, str]] | None = None,
+    progress: Progress | None = None,
+    kept: Kept | None = None,
+) -> xr.DataTree:
+    """Sample the posterior of a log likelihood and a uniform prior in a box.
+
+    Compiled once for a `log_likelihood`, names, shapes and options: further calls with the same
+    function object run at once on other data or bounds. Under `vectorized` all chains wait for the
+    longest trajectory, so where a likelihood is slow (an ODE) prefer `parallel` or `sequential`.
+    Equal keys give equal draws for one chain method, machine and set of versions.
+
+    Args:
+        key: Random key.
+        log_likelihood: (theta, data) to independent terms [nats], whose sum is the log likelihood;
+            non-finite where a solve failed. Every draw stores its terms: return one a record or a
+            point, not one a sample of a long record.
+        box: Prior bounds.
+        data: Whatever `log_likelihood` takes, arrays in any pytree.
+        sampler: "nuts"; "elliptical_slice" (no gradient, about four evaluations a draw; needs
+            `covariance` and a posterior close to that Gaussian); "random_walk" (tuned);
+            "random_walk_paper" (fixed step, 85 + 765). With the evidence: "importance" (weighted
+            draws about `covariance`, which it needs); "tempered_smc" and "nested" (from the whole
+            box, or from heavy tails about `covariance`; a chain is a run); "quadrature" (exact, up
+            to four parameters). Or one that was registered.
+        num_warmup: Steps of adaptation in each chain, discarded; the sampler's own when None.
+        num_samples: Draws kept of each chain; the sampler's own when None. Also the particles of a
+            run of "tempered_smc", and twice the live points of "nested".
+        num_chains: Chains.
+        chain_method: "sequential", "vectorized", or "parallel" over the devices of JAX.
+        start: Start by name, one value for all or one a chain; None: uniform in the box.
+        covariance: Laplace covariance at `start` in the parameters' units: sampling is whitened by
+            it and chains start two of its standard deviations out.
+        coordinates: Other coordinates to sample in, with what a fit knows there, in place of
+            `start` and `covariance`. The draws are of the parameters all the same.
+        log_prior: theta to a further log prior density [nats].
+        options: Further options of the sampler, as its record `Options` names them.
+        attrs: `units` and `long_name` by parameter, kept beside the draws.
+        progress: Called with a `SoFar` after every chunk of steps; chains only.
+        kept: Where unfinished chains outlive the process, to go on from as if never stopped.
+
+    Returns:
+        Groups posterior, sample_stats, log_likelihood, log_prior and timing. `failed` counts the
+        walk's proposals whose likelihood was not finite; a trajectory of NUTS that meets one is
+        `diverging`. The root's attributes hold num_evaluations, of the log likelihood with the
+        warm-up's, and where the sampler gives them log_evidence and log_evidence_error [nats].
+
+    Raises:
+        ConfigError: An option, start or covariance that cannot be used, or a float32 session.
+        ModelError: No possible start.
+
+    Reference:
+        Eqs. (32), (33), (35), (36), (37).
+    """
+    require_float64()
+    entry = sampler_named(sampler)
+    given = {"num_warmup": num_warmup, "num_samples": num_samples, "num_chains": num_chains}
+    _check(given, chain_method)
+    place = coordinates or in_box(box, start, covariance, num_chains)
+    _check_suits(entry, place, box)
+    method = _available(chain_method, num_chains)
+    chosen = options_of(entry, **given, chain_method=method, **(options or {}))
+    clock = time.perf_counter()
+    problem = problem_of(log_likelihood, box, data, place, log_prior)
+    if hasattr(module_of(entry), "draw"):
+        found = _at_once(entry, key, problem, chosen, method)
+    else:
+        found = _in_chunks(entry, key, problem, place, chosen, (progress, kept))
+    drawn, terms, extra, earlier = found
+    facts = {**_plain(chosen._asdict()), "chain_method": method, "whitened": int(problem.located)}
+    return posterior_tree(
+        drawn.theta,
+        drawn.stats,
+        terms,
+        extra - float(jnp.sum(jnp.log(box.upper - box.lower))),
+        box,
+        attrs=attrs or {},
+        facts={**facts, "sampler": sampler, "seed": _words(key), **_plain(drawn.facts)},
+        groups=drawn.groups,
+        wall_time=time.perf_counter() - clock + earlier,
+    )
+
+
+def _in_chunks(
+    entry: Sampler,
+    key: Key[Array, ""],
+    problem: Problem,
+    place: Reparametrisation,
+    options: Any,
+    watched: tuple[Progress | None, Kept | None],
+) -> Found:
+    """Chains, chunk by chunk, so that they can be watched and kept."""
+    starts = starts_of(key, problem, place.start, options.num_chains)
+    make = module_of(entry).kernel
+    (draw, terms, extra), earlier = grow_chains(starts, problem, make, options, *watched)
+    facts = {"num_evaluations": looked_at(draw.stats, options.num_warmup)}
+    return Draws(draw.theta, draw.stats, True, True, facts), terms, extra, earlier
+
+
+def _at_once(
+    entry: Sampler, key: Key[Array, ""], problem: Problem, options: Any, method: str
+) -> Found:
+    """All draws at once, and the terms of the log likelihood at each."""
+    drawn = _drawn(entry, key, problem, options)
+    require_possible(bool(drawn.possible))
+    if hasattr(module_of(entry), "require_arrival"):
+        module_of(entry).require_arrival(bool(drawn.arrived))
+    bounds = jnp.asarray(0), jnp.asarray(options.num_samples)
+    terms, extra = evaluate_chains(drawn.theta, *bounds, problem, method)
+    drawn = jax.tree.map(lambda v: np.asarray(v) if isinstance(v, Array) else v, drawn)
+    return drawn, np.asarray(terms), np.asarray(extra), 0.0
+
+
+@eqx.filter_jit
+def _drawn(entry: Sampler, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:
+    return draws_of(entry, key, problem, options)
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values as netCDF can store them: truth values as 0 and 1, absent ones left out."""
+    found = {}
+    for name, value in values.items():
+        if value is not None:
+            plain = value if isinstance(value, str) else np.asarray(value).tolist()
+            found[name] = int(plain) if isinstance(plain, bool) else plain
+    return found
+
+
+def _words(key: Key[Array, ""]) -> list[int]:
+    return [int(word) for word in np.ravel(jax.random.key_data(key))]
+
+
+def _available(method: str, num_chains: int) -> str:
+    if method != "parallel" or num_devices_for(num_chains) > 1 or num_chains == 1:
+        return method
+    warnings.warn(
+        f"Chain method `parallel` needs devices that share {num_chains} chains evenly, but JAX has "
+        f"{jax.device_count()}: the chains run one after the other. Set XLA_FLAGS="
+        "--xla_force_host_platform_device_count=2 before JAX starts to use two processor cores.",
+        stacklevel=3,
+    )
+    return "sequential"
+
+
+def _check(given: Mapping[str, int | None], chain_method: str) -> None:
+    known = get_args(ChainMethod)
+    if chain_method not in known:
+        raise ConfigError(
+            f"Argument `chain_method` must be one of {', '.join(known)}, not {chain_method!r}."
+        )
+    least = {"num_samples": 1, "num_warmup": 0, "num_chains": 1}
+    for name, value in given.items():
+        if value is not None and value < least[name]:
+            raise ConfigError(f"Argument `{name}` must be at least {least[name]}, but is {value}.")
+
+
+def _check_suits(entry: Sampler, place: Reparametrisation, box: Box) -> None:
+    if entry.needs_fit and place.covariance is None:
+        raise ConfigError(
+            f"Argument `covariance` must be given for the sampler {entry.name}, but is None.",
+            why="It draws from a Gaussian and corrects what the posterior differs from it.",
+            remedy='Pass the start and covariance of a fit, or use sampler="nuts".',
+        )
+    if entry.most_parameters is not None and len(box.names) > entry.most_parameters:
+        raise ConfigError(
+            f"Sampler {entry.name} takes at most {entry.most_parameters} parameters, but the "
+            f"posterior has {len(box.names)}.",
+            remedy="Compare with nested or tempered_smc, which give the evidence too.",
+        )

@@ -1,0 +1,1 @@
+"""Where parameters live: boxes, priors, coordinates that compose."""

@@ -1,0 +1,189 @@
+r"""Changes of variable that compose: what a sampler walks in, and back to the parameters.
+
+A coordinate maps a vector x to a vector y = f(x) of the same length, one to one and smoothly. A
+density carries over with the determinant of its derivatives,
+
+$$p(x) = p(y)\,\left|\det \frac{\partial f}{\partial x}\right|$$
+
+so that a sampler may walk in whatever x it likes and the posterior of y stays what it is.
+Parameters stand in vectors in the order of their prior box.
+"""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpyro.distributions import biject_to, constraints
+from numpyro.distributions.transforms import AffineTransform, ExpTransform, Transform
+
+Vector = Float[Array, " parameter"]
+
+
+class Coordinate(eqx.Module):
+    """A change of variable; its leaves are arrays, so that it may change under `jit`."""
+
+    @abstractmethod
+    def forward(self, x: Vector) -> Vector:
+        """The point y = f(x)."""
+
+    @abstractmethod
+    def inverse(self, y: Vector) -> Vector:
+        """The point x of which y = f(x)."""
+
+    @abstractmethod
+    def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
+        """Logarithm of the absolute determinant of dy/dx at x."""
+
+
+class Identity(Coordinate):
+    """The parameters themselves."""
+
+    def forward(self, x: Vector) -> Vector:
+        """The same point."""
+        return x
+
+    def inverse(self, y: Vector) -> Vector:
+        """The same point."""
+        return y
+
+    def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
+        """Zero."""
+        return jnp.zeros(())
+
+
+class Affine(Coordinate):
+    r"""A linear map, such as the whitening by a covariance $L L^T$.
+
+    $$y = c + L x$$
+
+    Attributes:
+        centre: c.
+        factor: L; lower- or upper-triangular makes no difference.
+        log_det: Logarithm of |det L|, known once for all evaluations.
+    """
+
+    centre: Vector
+    factor: Float[Array, "parameter parameter"]
+    log_det: Float[Array, ""]
+
+    def __init__(self, centre: Vector, factor: Float[Array, "parameter parameter"]) -> None:
+        self.centre, self.factor = centre, factor
+        self.log_det = jnp.linalg.slogdet(factor)[1]
+
+    def forward(self, x: Vector) -> Vector:
+        """The point c + L x."""
+        return self.centre + self.factor @ x
+
+    def inverse(self, y: Vector) -> Vector:
+        """The point that L maps to y - c."""
+        return jnp.linalg.solve(self.factor, y - self.centre)
+
+    def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
+        """Logarithm of |det L|, the same everywhere."""
+        return self.log_det
+
+
+class _Bounded(Coordinate):
+    """A change of variable of each parameter by itself, by one of NumPyro's transforms.
+
+    Attributes:
+        lower: Lower bounds.
+        upper: Upper bounds.
+    """
+
+    lower: Vector
+    upper: Vector
+
+    @abstractmethod
+    def transform(self) -> Transform:
+        """NumPyro's transform of the whole vector."""
+
+    def forward(self, x: Vector) -> Vector:
+        """The transformed point."""
+        return jnp.asarray(self.transform()(x))
+
+    def inverse(self, y: Vector) -> Vector:
+        """The point that is transformed to y."""
+        return jnp.asarray(self.transform().inv(y))
+
+    def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
+        """Sum of the logarithms of the slopes."""
+        transform = self.transform()
+        return jnp.sum(transform.log_abs_det_jacobian(x, transform(x)))
+
+
+class Interval(_Bounded):
+    r"""From all real numbers into the bounds, $y = l + (u - l) / (1 + e^{-x})$."""
+
+    def transform(self) -> Transform:
+        """NumPyro's own map onto an interval."""
+        return biject_to(constraints.interval(self.lower, self.upper))
+
+
+class Unit(_Bounded):
+    r"""From the unit cube into the bounds, $y = l + (u - l)\,x$."""
+
+    def transform(self) -> Transform:
+        """A shift and a scale."""
+        return AffineTransform(self.lower, self.upper - self.lower)
+
+
+class Logarithms(Coordinate):
+    r"""Some parameters by their logarithms, $y_i = e^{x_i}$; the others as they are.
+
+    A product known far better than its factors is a straight valley of the logarithms and a bent
+    one of the parameters themselves, which nothing whitened by one covariance follows.
+
+    Attributes:
+        chosen: Which parameters; static.
+    """
+
+    chosen: tuple[bool, ...] = eqx.field(static=True)
+
+    def forward(self, x: Vector) -> Vector:
+        """The point with the chosen ones exponentiated."""
+        return jnp.where(self._mask, ExpTransform()(jnp.where(self._mask, x, 0.0)), x)
+
+    def inverse(self, y: Vector) -> Vector:
+        """The point with the logarithms of the chosen ones."""
+        return jnp.where(self._mask, jnp.log(jnp.where(self._mask, y, 1.0)), y)
+
+    def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
+        """Sum of the chosen logarithms."""
+        return jnp.sum(jnp.where(self._mask, x, 0.0))
+
+    @property
+    def _mask(self) -> np.ndarray:
+        return np.array(self.chosen)
+
+
+class Composed(Coordinate):
+    """One change of variable after the other, the first part first.
+
+    Attributes:
+        parts: The changes of variable.
+    """
+
+    parts: tuple[Coordinate, ...]
+
+    def forward(self, x: Vector) -> Vector:
+        """The point after all parts."""
+        for part in self.parts:
+            x = part.forward(x)
+        return x
+
+    def inverse(self, y: Vector) -> Vector:
+        """The point before all parts."""
+        for part in reversed(self.parts):
+            y = part.inverse(y)
+        return y
+
+    def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
+        """Sum over the parts, each at the point that reaches it."""
+        total = jnp.zeros(())
+        for part in self.parts:
+            total = total + part.log_abs_det_jacobian(x)
+            x = part.forward(x)
+        return total

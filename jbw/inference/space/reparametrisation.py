@@ -1,0 +1,167 @@
+"""Where a posterior is sampled: its coordinates, their bounds, and what a fit knows there."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import NDArray
+
+from jbw.errors import ConfigError
+from jbw.inference.space.box import Box, from_unit, to_unit
+from jbw.inference.space.coordinates import Coordinate, Identity, Logarithms
+
+Theta = Mapping[str, Any]
+Covariance = Float[np.ndarray, "parameter parameter"]
+
+EDGE = 1e-6  # of the box: the logit of a start on a bound would be infinite
+CERTAIN = 3.0  # conditional standard deviations from zero: then zero is out of the question
+WIDER = 10.0  # times the box's width to either side
+FLOOR = 1e-6  # of the optimum: where a lower bound of zero is put
+
+
+class Reparametrisation(NamedTuple):
+    """The coordinates u that a posterior is sampled in.
+
+    Attributes:
+        outer: From u to the parameters.
+        lower: Lower bounds of u.
+        upper: Upper bounds of u.
+        start: Where chains start, one point or one a chain; None: all over the bounds.
+        covariance: Laplace covariance of u about the one start, or None.
+    """
+
+    outer: Coordinate
+    lower: Float[Array, " parameter"]
+    upper: Float[Array, " parameter"]
+    start: NDArray[np.float64] | None = None
+    covariance: NDArray[np.float64] | None = None
+
+
+def in_box(
+    box: Box, start: Theta | None, covariance: Covariance | None, num_chains: int
+) -> Reparametrisation:
+    """The parameters themselves, in their prior box.
+
+    Args:
+        box: The prior box.
+        start: Start by name, one value for all chains or one a chain; None: uniform in the box.
+        covariance: Laplace covariance at `start`, in the parameters' units.
+        num_chains: Chains.
+
+    Raises:
+        ConfigError: Unknown or missing names, a start outside the box, a covariance without the
+            one point that it was found at.
+    """
+    known = Reparametrisation(Identity(), box.lower, box.upper)
+    if start is None:
+        if covariance is not None:
+            raise ConfigError(
+                "Argument `covariance` needs `start`, the point it was found at.",
+                remedy="Pass the `theta` of the fit beside its covariance.",
+            )
+        return known
+    points = _checked_start(start, box, num_chains)
+    if covariance is None:
+        inside = from_unit(jnp.clip(to_unit(points, box), EDGE, 1 - EDGE), box)
+        values = np.stack([np.asarray(inside[name]) for name in box.names], axis=-1)
+        return known._replace(start=values)
+    if any(np.ndim(value) for value in start.values()):
+        raise ConfigError("Argument `start` must be one point when `covariance` is given.")
+    values = np.array([float(start[name]) for name in box.names])
+    return known._replace(start=values, covariance=np.asarray(covariance))
+
+
+def _checked_start(start: Theta, box: Box, num_chains: int) -> dict[str, Float[Array, " chain"]]:
+    if set(start) != set(box.names):
+        raise ConfigError(
+            f"Argument `start` must name {', '.join(box.names)}, "
+            f"but it names {', '.join(map(str, start))}."
+        )
+    for name, lower, upper in zip(box.names, box.lower, box.upper, strict=True):
+        value = np.asarray(start[name], dtype=float)
+        if value.shape not in ((), (num_chains,)):
+            raise ConfigError(
+                f"Start of `{name}` must be one number or one a chain ({num_chains}), "
+                f"but its shape is {value.shape}."
+            )
+        if not np.all((value >= lower) & (value <= upper)):
+            raise ConfigError(
+                f"Start of `{name}` must lie in its prior [{lower:g}, {upper:g}], but is {value}.",
+                remedy="Widen the prior, or start inside it.",
+            )
+    return {
+        name: jnp.broadcast_to(jnp.asarray(value, dtype=float), (num_chains,))
+        for name, value in start.items()
+    }
+
+
+def never_zero(theta: Theta, covariance: Covariance, box: Box) -> tuple[str, ...]:
+    """Parameters to sample along their logarithms: those that cannot be zero.
+
+    Args:
+        theta: Optimum of a fit.
+        covariance: Its Laplace covariance.
+        box: The prior box.
+    """
+    conditional = 1 / np.sqrt(np.diag(np.linalg.inv(covariance)))
+    return tuple(
+        name
+        for name, low, std in zip(box.names, box.lower, conditional, strict=True)
+        if low > 0 or (low == 0 and theta[name] > CERTAIN * std)
+    )
+
+
+def along_logarithms(
+    theta: Theta, covariance: Covariance, box: Box, names: tuple[str, ...]
+) -> Reparametrisation:
+    """Some parameters by their logarithms, the others as they are.
+
+    The bounds are put ten widths of the box further out, so that the sampler's logit is a straight
+    line over the box: a logit that bends would bend the ridges with it. The posterior itself keeps
+    to the prior box.
+
+    Args:
+        theta: Optimum of a fit.
+        covariance: Its Laplace covariance.
+        box: The prior box.
+        names: The parameters to take the logarithm of.
+    """
+    outer, lower, upper = logarithms_of(theta, box, names)
+    reach = WIDER * (upper - lower)
+    start, spread = in_logarithms(theta, covariance, box, names)
+    return Reparametrisation(outer, lower - reach, upper + reach, start, spread)
+
+
+def logarithms_of(
+    theta: Theta, box: Box, names: tuple[str, ...]
+) -> tuple[Logarithms, Float[Array, " parameter"], Float[Array, " parameter"]]:
+    """The logarithms of some parameters, and the box's bounds in them.
+
+    Args:
+        theta: The optimum, which says how near to zero a bound of zero may be put.
+        box: The prior box.
+        names: The parameters.
+    """
+    outer = Logarithms(tuple(name in names for name in box.names))
+    least = np.array([FLOOR * float(theta[name]) for name in box.names])
+    lower = np.where(outer.chosen, np.maximum(box.lower, least), box.lower)
+    return outer, outer.inverse(jnp.asarray(lower)), outer.inverse(box.upper)
+
+
+def in_logarithms(
+    theta: Theta, covariance: Covariance, box: Box, names: tuple[str, ...]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    r"""Optimum and covariance by the logarithms, $\Sigma_{ij} / (\theta_i \theta_j)$.
+
+    Args:
+        theta: Optimum of a fit.
+        covariance: Its Laplace covariance.
+        box: The prior box.
+        names: The parameters given by their logarithms.
+    """
+    value = np.array([float(theta[name]) for name in box.names])
+    chosen = np.array([name in names for name in box.names])
+    positive = np.where(chosen, value, 1.0)
+    return np.where(chosen, np.log(positive), value), covariance / np.outer(positive, positive)

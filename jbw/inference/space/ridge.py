@@ -1,0 +1,197 @@
+r"""Coordinates along the direction that the data leave open, from wall to wall of the box.
+
+Where only a combination is known, as a product from one kernel, the posterior is a thin ridge that
+ends at the walls of the box. Among the parameters that have a part in it, along the weakest
+direction v of a fit and across it,
+
+$$s = s_0 + B\,w + \bigl[\tau_- + r\,(\tau_+ - \tau_-)\bigr]\,v, \qquad 0 < r < 1$$
+
+where s are those parameters, by their logarithms where they are positive, in units of the box, and
+tau_-, tau_+ is where the line through s_0 + B w meets the walls. In (w, r) the ridge is straight,
+and the wall a bound of r alone. The other parameters stay, by their logarithms. With orthonormal
+columns B and v the determinant of the change is the length between the walls:
+
+$$\left|\det \frac{\partial s}{\partial (w, r)}\right| = \tau_+ - \tau_-$$
+"""
+
+from collections.abc import Mapping
+from itertools import product
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import NDArray
+
+from jbw.inference.space.box import Box
+from jbw.inference.space.coordinates import Composed, Coordinate
+from jbw.inference.space.reparametrisation import (
+    Covariance,
+    Reparametrisation,
+    in_logarithms,
+    logarithms_of,
+)
+
+PART = 0.3  # a parameter is of the ridge from this share of its largest component on
+NARROW = 1e-9  # component of the direction below which a wall is parallel to it
+MIDDLE = (0.05, 0.95)  # where along the ridge chains start, though the optimum be at a wall
+
+Vector = Float[Array, " parameter"]
+Member = Float[Array, " member"]
+
+
+class Ridge(Coordinate):
+    """The straightened ridge: the other parameters, then w across the ridge, then r along it.
+
+    Attributes:
+        members: Places of the ridge's parameters in the box; static.
+        others: Places of all others; static.
+        lower: Lower bounds of the ridge's parameters.
+        width: Their widths.
+        origin: s_0, in units of the box.
+        across: B, orthonormal columns.
+        along: v, a unit vector.
+    """
+
+    members: tuple[int, ...] = eqx.field(static=True)
+    others: tuple[int, ...] = eqx.field(static=True)
+    lower: Member
+    width: Member
+    origin: Member
+    across: Float[Array, "member across"]
+    along: Member
+
+    def forward(self, x: Vector) -> Vector:
+        """The parameters at a point of the ridge."""
+        foot = self._foot(x)
+        low, high = walls(foot, self.along)
+        s = foot + (low + x[-1] * (high - low)) * self.along
+        return self._joined(x[: len(self.others)], self.lower + s * self.width)
+
+    def inverse(self, y: Vector) -> Vector:
+        """The point of the ridge at parameters."""
+        s = (y[np.array(self.members)] - self.lower) / self.width
+        w, tau = self.across.T @ (s - self.origin), self.along @ (s - self.origin)
+        low, high = walls(self.origin + self.across @ w, self.along)
+        r = (tau - low) / (high - low)
+        others = y[np.array(self.others, dtype=int)]
+        return jnp.concatenate([others, w, r[None]])
+
+    def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
+        """Logarithm of the length between the walls, in the parameters; -inf beside the box."""
+        low, high = walls(self._foot(x), self.along)
+        length = jnp.where(high > low, high - low, 1.0)
+        whole = jnp.log(length) + jnp.sum(jnp.log(self.width))
+        return jnp.where(high > low, whole, -jnp.inf)
+
+    def _foot(self, x: Vector) -> Member:
+        """The point s_0 + B w on the plane across the ridge."""
+        return self.origin + self.across @ x[len(self.others) : -1]
+
+    def _joined(self, others: Float[Array, " other"], members: Member) -> Vector:
+        order = np.argsort([*self.others, *self.members])
+        return jnp.concatenate([others, members])[order]
+
+
+def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Where a line enters and leaves the unit cube.
+
+    Args:
+        foot: A point on the line.
+        along: Its direction.
+
+    Returns:
+        tau_- and tau_+; the second is not above the first where the line misses the cube.
+    """
+    parallel = jnp.abs(along) < NARROW
+    slope = jnp.where(parallel, 1.0, along)
+    ends = jnp.stack([(0 - foot) / slope, (1 - foot) / slope])
+    low = jnp.max(jnp.where(parallel, -jnp.inf, ends.min(axis=0)))
+    high = jnp.min(jnp.where(parallel, jnp.inf, ends.max(axis=0)))
+    inside = jnp.all(~parallel | ((foot > 0) & (foot < 1)))
+    return low, jnp.where(inside, high, low)
+
+
+def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) -> Reparametrisation:
+    """The coordinates about a fit, whose least known direction is the ridge.
+
+    Args:
+        theta: Optimum of the fit.
+        covariance: Its Laplace covariance.
+        box: The prior box.
+    """
+    logs = tuple(n for n, low in zip(box.names, box.lower, strict=True) if low > 0)
+    outer, lower, upper = logarithms_of(theta, box, logs)
+    start, covariance = in_logarithms(theta, covariance, box, logs)
+    found = _Laplace(np.asarray(lower), np.asarray(upper - lower), start, np.asarray(covariance))
+    ridge = _ridge_of(found)
+    ends = _ends_across(ridge)
+    others = np.array(ridge.others, dtype=int)
+    point, spread = _laplace_along(found, ridge)
+    return Reparametrisation(
+        Composed((ridge, outer)),
+        jnp.concatenate([lower[others], jnp.asarray(ends.min(axis=0)), jnp.zeros(1)]),
+        jnp.concatenate([upper[others], jnp.asarray(ends.max(axis=0)), jnp.ones(1)]),
+        point,
+        spread,
+    )
+
+
+class _Laplace(NamedTuple):
+    """A fit by the logarithms of its parameters: bounds, optimum and covariance."""
+
+    lower: NDArray[np.float64]
+    width: NDArray[np.float64]
+    start: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+
+
+def _ridge_of(found: _Laplace) -> Ridge:
+    """The ridge along the weakest direction, in units of the box."""
+    unit = found.covariance / np.outer(found.width, found.width)
+    weakest = np.abs(np.linalg.eigh(unit)[1][:, -1])
+    members = np.flatnonzero(weakest > PART * weakest.max())
+    others = np.flatnonzero(weakest <= PART * weakest.max())
+    directions = np.linalg.eigh(unit[np.ix_(members, members)])[1]
+    origin = (found.start[members] - found.lower[members]) / found.width[members]
+    return Ridge(
+        tuple(members.tolist()),
+        tuple(others.tolist()),
+        jnp.asarray(found.lower[members]),
+        jnp.asarray(found.width[members]),
+        jnp.asarray(origin),
+        jnp.asarray(directions[:, :-1]),
+        jnp.asarray(directions[:, -1]),
+    )
+
+
+def _ends_across(ridge: Ridge) -> Float[np.ndarray, "corner across"]:
+    """The corners of the box as seen across the ridge: beyond them no line meets the box."""
+    corners = np.array(list(product((0.0, 1.0), repeat=len(ridge.members))))
+    return (corners - np.asarray(ridge.origin)) @ np.asarray(ridge.across)
+
+
+def _laplace_along(
+    found: _Laplace, ridge: Ridge
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Optimum and covariance in the coordinates of the ridge.
+
+    They are linear about the optimum: a turn of the ridge's parameters, and along the ridge a
+    division by the length between the walls. Chains start away from the walls, and with no more
+    than the width of a uniform r.
+    """
+    low, high = (float(wall) for wall in walls(ridge.origin, ridge.along))
+    length = max(high - low, NARROW)  # zero for an optimum in a corner
+    others, members = np.array(ridge.others, dtype=int), np.array(ridge.members)
+    across = np.zeros(len(members) - 1)
+    start = [*found.start[others], *across, np.clip(-low / length, *MIDDLE)]
+    turn = np.zeros((len(found.width), len(found.width)))
+    turn[range(len(others)), others] = 1.0
+    directions = np.column_stack([ridge.across, ridge.along]).T / found.width[members]
+    turn[np.ix_(range(len(others), len(turn)), members)] = directions
+    turn[-1] /= length
+    covariance = turn @ found.covariance @ turn.T
+    shrink = np.ones(len(turn))
+    shrink[-1] = min(1.0, 1 / np.sqrt(12 * covariance[-1, -1]))
+    return np.array(start), covariance * np.outer(shrink, shrink)

@@ -1,0 +1,225 @@
+"""Headers of a MATLAB file before v7.3, walked before its reader is let in: what they say must be.
+
+The reader takes types and sizes on trust: one changed byte among them can end the process, or take
+all of its memory. A walk in front of it refuses both at once and on every system; a process of its
+own with limits would cost its start, read every file twice, and judge by the clock.
+"""
+
+import math
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from jbw.errors import DataError
+
+HEADER = 128  # bytes of a file before its first variable
+MATRIX, COMPRESSED = 14, 15  # data types that hold further elements
+# Data type of plain numbers or text to the bytes of one: int8 to uint64, then UTF-8, -16, -32.
+NUMBERS = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
+WIDTHS = {**NUMBERS, 16: 1, 17: 2, 18: 4}
+WIDTHS_4 = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}  # the same of version 4
+NAMES = (1, 2, 16)  # data types of names
+CELL, STRUCT, OBJECT, CHAR, SPARSE = 1, 2, 3, 4, 5
+NUMERIC = range(6, 16)  # classes of arrays of numbers: double to uint64
+FUNCTION, OPAQUE = 16, 17
+MOST_BARE = 2**16  # structs without a field in an array: nothing in the file stands for them
+LONGEST_NAME = 2**16
+SLACK = 2**16  # bytes that a packed variable may hold beyond what it declares
+
+
+def require_sound(path: Path, most: int) -> None:
+    """Refuse a file of version 4 to 7 whose headers declare what is not there.
+
+    Args:
+        path: The file.
+        most: Bytes that its variables may take once unpacked.
+
+    Raises:
+        DataError: The variables take more than that.
+        ValueError: A type that does not exist, or a size beyond what the file holds.
+
+    Reference:
+        MATLAB, MAT-File Format, level 5: data elements and their tags.
+    """
+    data = memoryview(np.memmap(path, np.uint8, "r"))
+    # Version 5 to 7 begins with a text, version 4 with a number below 5000.
+    variables = _variables(data) if 0 not in data[:4] else _variables_4(data)
+    declared = 0
+    for size, walk in variables:
+        declared += size
+        if declared > most:
+            raise DataError(
+                f"File `{path.name}` declares {declared / 2**30:.1f} GiB of variables, "
+                f"but at most {most / 2**30:.0f} GiB are read at once.",
+                remedy="Save it with -v7.3, which is read in parts, or save fewer variables.",
+            )
+        if walk is not None:
+            _variable(*walk, size)
+
+
+Walk = tuple[memoryview, str, bool]  # bytes of a variable, order of its bytes, whether packed
+
+
+def _variables(data: memoryview) -> Iterator[tuple[int, Walk]]:
+    """The variables of a v5 file, each with the bytes that it takes once unpacked."""
+    order = {b"IM": "<", b"MI": ">"}.get(bytes(data[HEADER - 2 : HEADER]))
+    if order is None:
+        raise ValueError("its header has no mark of the byte order")
+    file = Elements(data[HEADER:], order)
+    while len(file.data) >= 8:
+        code, size = file.integers("II")
+        content = file.take(size)
+        if code not in (MATRIX, COMPRESSED):
+            raise ValueError(f"a variable has the data type {code}")
+        if code == COMPRESSED:
+            head = zlib.decompressobj().decompress(content[:256], 8)
+            code, size = Elements(memoryview(head), order).integers("II")
+            if code != MATRIX:
+                raise ValueError(f"a packed variable has the data type {code}")
+            yield size, (content, order, True)
+        else:
+            yield size, (content, order, False)
+
+
+def _variables_4(data: memoryview) -> Iterator[tuple[int, None]]:
+    """The sizes of a v4 file's variables: type, rows, columns, imaginary part, name, numbers."""
+    file = Elements(data, "<")
+    while len(file.data) >= 20:
+        first = struct.unpack("<i", file.data[:4])[0]
+        file.order = "<" if 0 <= first <= 5000 else ">"
+        code, rows, columns, is_complex, name = file.integers("5i")
+        width = WIDTHS_4.get(code // 10 % 10, 0)
+        if not width or min(rows, columns, name) < 0:
+            raise ValueError(f"a variable of {rows} x {columns} values is not there")
+        size = rows * columns * width * (1 + (is_complex == 1))
+        file.take(name + size)
+        yield size, None
+
+
+def _variable(content: memoryview, order: str, is_packed: bool, size: int) -> None:
+    """Walk through one variable of a v5 file, unpacked first if it is packed."""
+    if is_packed:
+        unpack = zlib.decompressobj()
+        content = memoryview(unpack.decompress(content, 8 + size + SLACK))
+        if not unpack.eof:  # where its checksum stands
+            raise ValueError("a packed variable has no end, or holds more than it declares")
+        content = Elements(content[8:], order).take(size)
+    if size:
+        _matrix(Elements(content, order))
+
+
+class Elements:
+    """The elements that lie one behind the other in the bytes that are left."""
+
+    def __init__(self, data: memoryview, order: str) -> None:
+        self.data, self.order = data, order
+
+    def take(self, count: int) -> memoryview:
+        """The next bytes, all of them."""
+        if count > len(self.data):
+            raise ValueError(f"{count} bytes are declared, where {len(self.data)} are left")
+        taken, self.data = self.data[:count], self.data[count:]
+        return taken
+
+    def integers(self, form: str) -> tuple[int, ...]:
+        """The next bytes as integers of these forms."""
+        form = self.order + form
+        return struct.unpack(form, self.take(struct.calcsize(form)))
+
+    def element(self) -> tuple[int, memoryview]:
+        """Data type and content of the next element; up to four bytes lie within its tag."""
+        (code,) = self.integers("I")
+        if size := code >> 16:
+            if size > 4:
+                raise ValueError(f"a small element has {size} bytes")
+            return code & 0xFFFF, self.take(4)[:size]
+        (size,) = self.integers("I")
+        content = self.take(size)
+        if code != MATRIX:
+            self.take(min(-size % 8, len(self.data)))
+        return code, content
+
+    def short(self, what: str, codes: tuple[int, ...]) -> memoryview:
+        """Content of the next element, which must be short and of one of the types."""
+        code, content = self.element()
+        if code not in codes or len(content) > LONGEST_NAME:
+            raise ValueError(f"its {what} have data type {code} and {len(content)} bytes")
+        return content
+
+    def whole_numbers(self, what: str, codes: tuple[int, ...]) -> tuple[int, ...]:
+        """The next element as integers of four bytes."""
+        content = self.short(what, codes)
+        return struct.unpack(f"{self.order}{len(content) // 4}i", content[: len(content) & ~3])
+
+    def numbers(self, count: int | None) -> None:
+        """Pass over an element that must hold so many numbers."""
+        code, content = self.element()
+        if code not in NUMBERS or count not in (None, len(content) / NUMBERS[code]):
+            raise ValueError(f"{count} numbers have the type {code} and {len(content)} bytes")
+
+    def text(self, count: int) -> None:
+        """Pass over a text, which may take more bytes than it has characters, or none if blank."""
+        code, content = self.element()
+        if code not in WIDTHS or 0 < len(content) < count:
+            raise ValueError(f"{count} characters have the type {code} and {len(content)} bytes")
+
+    def matrices(self, count: int) -> None:
+        """Walk through so many matrices."""
+        if 8 * count > len(self.data):
+            raise ValueError(f"{count} items are declared, where {len(self.data)} bytes are left")
+        for _ in range(count):
+            code, content = self.element()
+            if code != MATRIX:
+                raise ValueError(f"an item of an array has the data type {code}")
+            if content:  # an empty item has no bytes at all
+                _matrix(Elements(content, self.order))
+
+
+def _matrix(walk: Elements) -> None:
+    """Walk through one matrix: flags, shape, name, then what its class has."""
+    flags = walk.whole_numbers("flags", (6,))
+    if len(flags) != 2:
+        raise ValueError("a variable has no flags")
+    of_class, is_complex = flags[0] & 0xFF, flags[0] >> 11 & 1
+    if of_class == OPAQUE:  # no shape; names of itself, its system and its class
+        for _ in range(3):
+            walk.short("names", NAMES)
+        return walk.matrices(1)
+    shape = walk.whole_numbers("dimensions", (5, 6))
+    if not shape or min(shape) < 0 or len(shape) > 32:
+        raise ValueError(f"a variable has the shape {shape}")
+    walk.short("names", NAMES)
+    count = math.prod(shape)
+    if of_class in NUMERIC:
+        for _ in range(1 + is_complex):
+            walk.numbers(count)
+    elif of_class == CHAR:
+        walk.text(count)
+    elif of_class == CELL:
+        walk.matrices(count)
+    elif of_class in (STRUCT, OBJECT):
+        _fields(walk, count, of_class)
+    elif of_class == SPARSE:  # rows, columns, values
+        for _ in range(3 + is_complex):
+            walk.numbers(None)
+    elif of_class == FUNCTION:
+        walk.matrices(1)
+    else:
+        raise ValueError(f"a variable has the class {of_class}")
+    return None
+
+
+def _fields(walk: Elements, count: int, of_class: int) -> None:
+    """Walk through the fields of so many structs, or objects, which have a class name first."""
+    if of_class == OBJECT:
+        walk.short("names", NAMES)
+    lengths = walk.whole_numbers("field names", (5, 6))
+    if len(lengths) != 1 or lengths[0] < 1:
+        raise ValueError(f"a struct has field names of lengths {lengths}")
+    fields = len(walk.short("field names", NAMES)) // lengths[0]
+    if not fields and count > MOST_BARE:
+        raise ValueError(f"{count} structs have no field")
+    walk.matrices(count * fields)

@@ -1,0 +1,81 @@
+"""Every kind of test in one table: what it is, wherever that matters.
+
+Code asks a test for a property of its kind, `test.traits.is_steady`, and never for its name. A new
+kind is one `register` here and one observable.
+"""
+
+from difflib import get_close_matches
+from typing import NamedTuple
+
+from jbw.errors import ConfigError
+
+
+class Kind(NamedTuple):
+    """One kind of test.
+
+    Attributes:
+        name: Name in a campaign file.
+        meaning: What is done to the structure.
+        is_broadband: All frequencies at once, for long: averaged spectra show the linear joint.
+        is_transient: Driven from rest, and simulated from there.
+        is_steady: Tones whose steady harmonics are read, at once or in turn.
+        is_stepped: The tones come in turn, each for a dwell.
+        is_periodic: The excitation repeats itself, so that whole periods may be cut.
+        is_free: Nothing drives the structure while it is recorded.
+        is_prescribed: The displacement is given: nothing moves freely.
+        is_curve: A line for each frequency, not samples in time; lines may be masked.
+    """
+
+    name: str
+    meaning: str
+    is_broadband: bool = False
+    is_transient: bool = False
+    is_steady: bool = False
+    is_stepped: bool = False
+    is_periodic: bool = False
+    is_free: bool = False
+    is_prescribed: bool = False
+    is_curve: bool = False
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether a source drives the structure while it is recorded."""
+        return not (self.is_free or self.is_prescribed)
+
+
+KINDS: dict[str, Kind] = {}
+
+
+def register(kind: Kind) -> None:
+    """Let campaigns have tests of this kind.
+
+    Args:
+        kind: The kind; one of the same name is replaced.
+    """
+    KINDS[kind.name] = kind
+
+
+def kind_named(name: str) -> Kind:
+    """The kind of this name.
+
+    Raises:
+        ConfigError: There is none.
+    """
+    if name not in KINDS:
+        nearest = get_close_matches(name, KINDS, n=1)
+        guess = f"Did you mean `{nearest[0]}`? " if nearest else ""
+        raise ConfigError(
+            f"There is no kind of test `{name}`.", remedy=f"{guess}Known: {', '.join(KINDS)}."
+        )
+    return KINDS[name]
+
+
+register(Kind("noise", "random noise, for long", is_broadband=True))
+register(Kind("multisine", "lines of one period, over and over", is_broadband=True,
+              is_periodic=True))  # fmt: skip
+register(Kind("tones", "steady tones, all at once", is_steady=True))
+register(Kind("stepped", "steady tones in turn", is_steady=True, is_stepped=True))
+register(Kind("sweep", "a sweep from rest", is_transient=True))
+register(Kind("decay", "a free decay", is_free=True))
+register(Kind("frf", "a measured response curve", is_curve=True))
+register(Kind("loop", "force along a prescribed displacement", is_prescribed=True))

@@ -1,0 +1,261 @@
+"""Whatever was measured, in one likelihood of one joint: the parts of a campaign side by side.
+
+No kind of test is named here: every part is an `Observable`. The residual is a dictionary of rows
+by the groups' labels, and of the offsets of the runs; what optimisers take, its rows end to end,
+is made by `stacked` and read back by `by_label` alone.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jbw.inference.groups.offsets import Estimate, run_numbers, shrunk
+from jbw.inference.groups.scatter import Levels, log_density_of_offsets
+from jbw.observables.observable import OFFSETS, Observable, Theta
+from jbw.observables.runs import assemblies_of
+
+Residual = dict[str, Float[Array, " value"]]
+
+
+class Dataset(eqx.Module):
+    """All that the joint posterior is made from.
+
+    Attributes:
+        parts: The reduced data of each kind of test.
+        held: Parameters held at their values, by name; any others are being inferred.
+        scatters: Nodes of the prior of the runs' scatter of omega_n [rad/s] and zeta [-], and of
+            their assemblies' where there are any; no columns where runs have no offsets.
+        scatter: The scatter assumed in least squares.
+    """
+
+    parts: tuple[Observable, ...]
+    held: dict[str, Float[Array, ""]]
+    scatters: Float[Array, "node level_own"]
+    scatter: Float[Array, " own"]
+
+    @classmethod
+    def of(cls, parts: Sequence[Observable], held: Mapping[str, float] | None = None) -> Self:
+        """Parts whose runs have no offsets of their own.
+
+        Args:
+            parts: The reduced data.
+            held: Parameters that are not updated.
+        """
+        fixed = {name: jnp.asarray(float(value)) for name, value in (held or {}).items()}
+        return cls(tuple(parts), fixed, jnp.zeros((1, 0)), jnp.zeros(0))
+
+    @property
+    def laws(self) -> tuple[str, ...]:
+        """Names of the laws of the joint."""
+        return self.parts[0].laws
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Name of each group, in the order of the terms of the likelihood."""
+        return tuple(label for part in self.parts for label in part.labels)
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """Name of the run of each group."""
+        return tuple(run for part in self.parts for run in part.runs)
+
+    @property
+    def has_offsets(self) -> bool:
+        """Whether runs have offsets of their own."""
+        return self.scatters.shape[1] > 0
+
+    @property
+    def num_offsets(self) -> int:
+        """Offsets of a run."""
+        return len(OFFSETS) if self.has_offsets else 0
+
+    @property
+    def levels(self) -> Levels:
+        """Which run each group belongs to, and which assembly each run, where they scatter."""
+        assemblies = assemblies_of(tuple(dict.fromkeys(self.runs)))
+        if self.scatters.shape[1] == 2 * len(OFFSETS):
+            return run_numbers(self.runs), assemblies
+        return (run_numbers(self.runs),)
+
+    @property
+    def shared_runs(self) -> tuple[str, ...]:
+        """Names of the runs whose offsets least squares knows, each once."""
+        shared = (part.runs for part in self.parts if not part.own_shifts)
+        return tuple(dict.fromkeys(run for runs in shared for run in runs))
+
+    @property
+    def layout(self) -> dict[str, int]:
+        """Length of every row of the residual, by its key, in the order of `stacked`."""
+        rows = {label: part.width for part in self.parts for label in part.labels}
+        if not self.has_offsets:
+            return rows
+        return rows | {_offsets_key(run): len(OFFSETS) for run in self.shared_runs}
+
+
+def _offsets_key(run: str) -> str:
+    return f"offsets of {run}"
+
+
+def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
+    """Terms of the log likelihood: one a group, then those of the scatter of offsets and shifts.
+
+    The noise of every group is integrated out, and so are the offsets.
+
+    Args:
+        theta: Parameters by name.
+        data: The dataset.
+
+    Returns:
+        Terms [nats], up to a constant.
+
+    Reference:
+        Eqs. (36), (37).
+    """
+    everything = {**data.held, **theta}
+    if data.has_offsets:
+        found = estimates(everything, data)
+        offsets = log_density_of_offsets(found, data.levels, data.scatters)
+        return jnp.append(found.log_density, offsets)
+    each = [part.estimate(everything, 0) for part in data.parts]
+    scatter = [
+        part.scatter_terms(everything, found) for part, found in zip(data.parts, each, strict=True)
+    ]
+    return jnp.concatenate([*(found.log_density for found in each), *scatter])
+
+
+def terms_by_label(
+    terms: Float[np.ndarray, "... term"], data: Dataset
+) -> dict[str, Float[np.ndarray, "..."]]:
+    """Terms of the log likelihood by the label of their group.
+
+    Args:
+        terms: From `log_likelihood`, of one draw or of many.
+        data: The dataset.
+    """
+    return {label: terms[..., i] for i, label in enumerate(data.labels)}
+
+
+def estimates(theta: Theta, data: Dataset) -> Estimate:
+    """What every group says of the offsets of its run."""
+    found = [part.estimate(theta, data.num_offsets) for part in data.parts]
+    return Estimate(*(jnp.concatenate(rows) for rows in zip(*found, strict=True)))
+
+
+def residual(theta: Theta, data: Dataset) -> Residual:
+    """Residuals by label in standard errors, the runs' offsets at their best.
+
+    Args:
+        theta: Parameters by name.
+        data: The dataset.
+
+    Returns:
+        A row a group, and a row `offsets of RUN` of each run's offsets over their scatter.
+
+    Reference:
+        Eqs. (38), (41), (42).
+    """
+    everything = {**data.held, **theta}
+    blocks = [part.weighted(everything) for part in data.parts]
+    rows, offsets = _offsets_taken_out(blocks, data)
+    labelled = {
+        label: row
+        for part, block in zip(data.parts, rows, strict=True)
+        for label, row in zip(part.labels, block, strict=True)
+    }
+    return labelled | {_offsets_key(run): row for run, row in offsets.items()}
+
+
+def _offsets_taken_out(
+    blocks: Sequence[tuple[Float[Array, "_group _value"], Float[Array, "_group own _value"]]],
+    data: Dataset,
+) -> tuple[list[Float[Array, "_group _value"]], dict[str, Float[Array, " own"]]]:
+    """Rows of every part with its runs' best offsets taken out, and these over their scatter."""
+    rows = [block[0] for block in blocks]
+    shared = [i for i, part in enumerate(data.parts) if not part.own_shifts]
+    if not (data.has_offsets and shared):
+        return rows, {}
+    numbers = run_numbers(tuple(run for i in shared for run in data.parts[i].runs))
+    left, offsets = shrunk(
+        [rows[i] for i in shared], [blocks[i][1] for i in shared], numbers, data.scatter
+    )
+    for i, block in zip(shared, left, strict=True):
+        rows[i] = block
+    return rows, dict(zip(data.shared_runs, offsets, strict=True))
+
+
+def stacked(theta: Theta, data: Dataset) -> Float[Array, " values"]:
+    """The residual as least squares takes it: its rows end to end."""
+    rows = residual(theta, data)
+    return jnp.concatenate([rows[key] for key in data.layout])
+
+
+def by_label(
+    rows: Float[np.ndarray, " values ..."], data: Dataset
+) -> dict[str, Float[np.ndarray, " value ..."]]:
+    """What `stacked` put end to end, such as a fit's residual or its Jacobian, by label.
+
+    Args:
+        rows: Values along the first axis.
+        data: The dataset.
+    """
+    ends = np.cumsum(list(data.layout.values()))[:-1]
+    return dict(zip(data.layout, np.split(np.asarray(rows), ends), strict=True))
+
+
+def without(run: str, data: Dataset) -> Dataset:
+    """The dataset with one run's groups excluded, of the same shapes."""
+    return replace(data, parts=tuple(part.without(run) for part in data.parts))
+
+
+def halved(data: Dataset) -> Dataset | None:
+    """The dataset with twice as many steps of the solver; None where nothing is stepped."""
+    finer = [part.halved() for part in data.parts]
+    if all(part is None for part in finer):
+        return None
+    pairs = zip(data.parts, finer, strict=True)
+    return replace(data, parts=tuple(part if fine is None else fine for part, fine in pairs))
+
+
+def largest_displacement(data: Dataset, omega_n: float) -> float:
+    """Largest displacement that was measured [m]."""
+    return max((part.y_peak(omega_n) for part in data.parts), default=0.0)
+
+
+def best_offsets(theta: Mapping[str, float], data: Dataset) -> dict[str, np.ndarray]:
+    """Best offsets of omega_n and zeta of each run that has them, at one point.
+
+    Args:
+        theta: Where the joint of all runs is.
+        data: The dataset, whose runs have offsets.
+    """
+    everything = as_arrays(theta, data)
+    _, scaled = _offsets_taken_out([part.weighted(everything) for part in data.parts], data)
+    return {run: np.asarray(row * data.scatter) for run, row in scaled.items()}
+
+
+def with_directions(
+    theta: Mapping[str, float],
+    data: Dataset,
+    offsets: Mapping[str, Float[np.ndarray, " own"]] | None = None,
+) -> Dataset:
+    """The dataset with the change of every prediction by the offsets of its run, at one point.
+
+    Args:
+        theta: Where to linearise.
+        data: The dataset.
+        offsets: Offset of each run, by name, about which records are linearised; zero where it is
+            not named.
+    """
+    everything = as_arrays(theta, data)
+    parts = tuple(part.linearised(everything, offsets or {}) for part in data.parts)
+    return replace(data, parts=parts)
+
+
+def as_arrays(theta: Mapping[str, float], data: Dataset) -> dict[str, Array]:
+    """A point of the parameters with what is held, as arrays, which are not compiled in."""
+    return {**data.held, **{name: jnp.asarray(value) for name, value in theta.items()}}

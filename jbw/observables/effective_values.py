@@ -1,0 +1,86 @@
+r"""Effective number of samples of a group of data, where the model does not follow it.
+
+The misfit of a law that is not quite right is no noise: it follows the motion, the same in every
+repeat, and pushes the parameters about as much as a few independent values would. Taken for white
+noise it makes intervals absurdly narrow. So every group counts for so many values that the least
+squares' covariance is the one that a residual of that spectrum really causes.
+"""
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.ndimage import uniform_filter1d
+
+COLOURED = 0.2  # lag-one correlation above which intervals are noticeably too narrow
+MISFIT = 0.5  # of a mean's variance: misfit that repeats do not average out
+LEAST_VALUES = 8  # independent values of a group, below which nothing could be integrated out
+BY_CHANCE = 0.5  # share that white residuals of a few dozen values hardly go below
+SMOOTHED = 5  # neighbours among which a residual's squares are averaged
+
+Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
+
+
+def correlation_at_one(row: Row) -> float:
+    """Lag-one correlation of a residual; of lines of a spectrum, its magnitude."""
+    together = np.vdot(row[:-1], row[1:]) / np.real(np.vdot(row, row))
+    return float(np.abs(together) if np.iscomplexobj(row) else np.real(together))
+
+
+def is_coloured(row: Row) -> bool:
+    """Whether a residual is long enough to tell, and has a lag-one correlation that matters."""
+    return len(row) >= 2 * LEAST_VALUES and abs(correlation_at_one(row)) > COLOURED
+
+
+def effective_fraction(
+    row: Row,
+    slopes: Float[np.ndarray, "parameter n"] | Complex[np.ndarray, "parameter n"],
+    covariance: Float[np.ndarray, "parameter parameter"],
+) -> float:
+    r"""Share of values of a residual that count as independent for what is estimated.
+
+    $$w = w_t\,w_f, \qquad w_t = \frac{\bar S \sum_t D(t)}{\sum_t D(t)\,S(t)}, \quad
+      S = |r|^2, \quad D = \sum_i |(L^T J^T)_i|^2, \quad \Sigma = L L^T$$
+
+    and w_f the same of their Fourier transforms. D is the prediction's change by one standard
+    deviation of everything estimated. Where the residual is large at the places, or the
+    frequencies, at which D is, least squares scatters by more than white noise of its size causes.
+
+    Args:
+        row: What the fit leaves of the group.
+        slopes: Derivatives of the prediction by the parameters.
+        covariance: Of the parameters.
+
+    Returns:
+        w, at most 1 and at least that of eight values.
+    """
+    along = np.linalg.cholesky(covariance).T @ slopes
+    share = _overlap(row, along) * _overlap(np.fft.fft(row), np.fft.fft(along))
+    return float(np.clip(share, min(1.0, LEAST_VALUES / len(row)), 1.0))
+
+
+def _overlap(row: Row, along: Float[np.ndarray, "i n"] | Complex[np.ndarray, "i n"]) -> float:
+    """Mean square of a residual, over that where the prediction moves; at most 1."""
+    square = uniform_filter1d(np.abs(row) ** 2, SMOOTHED, mode="wrap")
+    moved = np.sum(np.abs(along) ** 2, axis=0)
+    return min(float(moved.sum() * square.mean() / np.sum(moved * square)), 1.0)
+
+
+def correlated_fraction(rows: Float[np.ndarray, "row n"] | Complex[np.ndarray, "row n"]) -> float:
+    r"""Share of independent values among correlated ones, for what acts on all of them alike.
+
+    $$1/w = 1 + 2 \sum_{k \ge 1} \rho_k$$
+
+    with the correlation over all rows, summed until it first falls below zero.
+
+    Args:
+        rows: What a fit leaves of one or more groups.
+
+    Returns:
+        w, at most 1.
+    """
+    n = rows.shape[1]
+    unit = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    spectrum = np.mean(np.abs(np.fft.fft(unit, 2 * n)) ** 2, axis=0)
+    rho = np.fft.ifft(spectrum).real[1 : n // 2]
+    below = np.flatnonzero(rho < 0)
+    total = float(rho[: below[0] if below.size else len(rho)].sum())
+    return float(np.clip(1 / (1 + 2 * total), min(1.0, LEAST_VALUES / n), 1.0))

@@ -1,0 +1,250 @@
+"""From tests of steady motion to groups of harmonics: tones, stepped sines, response curves."""
+
+import warnings
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+from numpy.typing import NDArray
+
+from jbw.errors import DataError
+from jbw.measurement.curves import ResponseCurve, displacement_of, response_curve
+from jbw.measurement.harmonics import harmonics
+from jbw.measurement.records import Test
+from jbw.observables.runs import run_of
+from jbw.quantities import derivative_order
+
+NUM_HARMONICS = 4  # odd orders balanced: what is left out is a part in 1e6 of the first
+ORDERS = (1, 3)  # compared; the others measured are the guess of the motion
+HIGHEST = 2 * NUM_HARMONICS - 1
+BELOW_NYQUIST = 0.499  # of the sampling frequency: the highest harmonic read
+NO_AMPLITUDE = 1e-9  # of the unit of the source
+CONTROLLED = 1 / 3  # of the source's variation along a curve: what a held response varies at most
+
+
+class Group(NamedTuple):
+    """One measured harmonic of one test, before it is put among others.
+
+    Attributes:
+        label: Name of the group.
+        run: Run of its test.
+        omega: Frequencies [rad/s].
+        load: Odd harmonics of the source, phases counted from its first [unit of the source].
+        motion: Odd harmonics of the displacement, zero where not measured [m].
+        order: Order that is compared: 1, 3, ...
+        values: Measured values, mean over repeats.
+        factor: From metres, or N/kg, to the unit of the values.
+        within: Scatter of the repeats about their mean, summed.
+        num_repeats: Repeats.
+        of_force: Whether the values are the force's.
+    """
+
+    label: str
+    run: str
+    omega: Float[np.ndarray, " value"]
+    load: Complex[np.ndarray, "value harmonic"]
+    motion: Complex[np.ndarray, "value harmonic"]
+    order: int
+    values: Complex[np.ndarray, " value"]
+    factor: Complex[np.ndarray, " value"]
+    within: float
+    num_repeats: int
+    of_force: bool = False
+
+
+def groups_of(tests: Sequence[Test]) -> list[Group]:
+    """Groups of all tests of steady motion that tell their own noise.
+
+    One value alone would be fitted as if it had none.
+
+    Args:
+        tests: Tests of kind tones (those of one tone count), stepped and frf.
+    """
+    single = [test for test in tests if test.kind == "tones" and len(test.tones_hz) == 1]
+    groups = tone_groups(single)
+    for test in tests:
+        if test.kind == "stepped":
+            groups += stepped_groups(test)
+        elif test.kind == "frf":
+            groups.append(curve_group(test))
+    lone = [one.label for one in groups if one.num_repeats * len(one.omega) < 2]
+    if lone:
+        warnings.warn(
+            f"Not fitted, for one frequency and one repeat tell nothing of their noise: "
+            f"{', '.join(lone)}. Measure repeats, or more tones at the same level.",
+            stacklevel=2,
+        )
+    return [one for one in groups if one.label not in lone]
+
+
+def tone_groups(tests: Sequence[Test]) -> list[Group]:
+    """Harmonics of tests with one tone each, those of one level and run together.
+
+    Args:
+        tests: Tests of kind tones, one tone each.
+
+    Returns:
+        A group for each order of each level.
+    """
+    families: dict[tuple[float, str, int], list[Test]] = {}
+    for test in tests:
+        run = run_of(test) if test.assembly or test.run else ""
+        families.setdefault((test.level, run, len(test.records)), []).append(test)
+    groups = []
+    for (_, run, _), family in families.items():
+        label = family_of(family[0]) if len(family) > 1 else family[0].name
+        omega = 2 * np.pi * np.array([test.tones_hz[0] for test in family])
+        spans = [
+            [(record, (test.settle, record.num_samples / record.fs)) for record in test.records]
+            for test in family
+        ]
+        groups += _groups(label, run or label, omega, spans, [test.delay for test in family])
+    return groups
+
+
+def family_of(test: Test) -> str:
+    """What the tests of one tone and of this one's level are called together; else nothing."""
+    return f"tones {test.level:g}" if test.is_single_tone else ""
+
+
+def harmonic_label(name: str, order: int) -> str:
+    """What a harmonic of a test is called among the groups of data."""
+    return f"{name} order {order}"
+
+
+def stepped_groups(test: Test) -> list[Group]:
+    """Harmonics at each frequency of a stepped sine, the transient of each step left out.
+
+    Args:
+        test: Test of kind stepped.
+
+    Returns:
+        A group for each order.
+
+    Raises:
+        DataError: If a record is shorter than the steps that the campaign states.
+    """
+    needed = len(test.tones_hz) * test.dwell
+    for record in test.records:
+        if record.num_samples / record.fs < needed - 0.5 / record.fs:
+            raise DataError(
+                f"Record `{record.name}` must hold {len(test.tones_hz)} steps of {test.dwell:g} s, "
+                f"but lasts {record.num_samples / record.fs:g} s.",
+                remedy="Check `tones` and `dwell` of the test.",
+            )
+    starts = [i * test.dwell for i in range(len(test.tones_hz))]
+    spans = [
+        [(record, (start + test.settle, start + test.dwell)) for record in test.records]
+        for start in starts
+    ]
+    omega = 2 * np.pi * np.array(test.tones_hz)
+    delays = [test.delay] * len(spans)
+    return _groups(test.name, run_of(test), omega, spans, delays)
+
+
+def _groups(
+    label: str, run: str, omega: NDArray[np.float64], spans: list, delays: list[float]
+) -> list[Group]:
+    """One group an order, from the repeats of every frequency."""
+    found = [_points(one, w, delay) for one, w, delay in zip(spans, omega, delays, strict=True)]
+    source, motion = np.moveaxis(np.array(found), 2, 0)
+    power = derivative_order(spans[0][0][0].response)
+    groups = []
+    for order in ORDERS:
+        factor = (1j * order * omega) ** power
+        values = factor[:, None] * motion[:, :, order // 2]
+        mean = values.mean(axis=1)
+        groups.append(
+            Group(
+                label=harmonic_label(label, order),
+                run=run,
+                omega=omega,
+                load=source.mean(axis=1),
+                motion=motion.mean(axis=1),
+                order=order,
+                values=mean,
+                factor=factor,
+                within=float(np.sum(np.abs(values - mean[:, None]) ** 2)),
+                num_repeats=values.shape[1],
+            )
+        )
+    return groups
+
+
+def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]:
+    """Odd harmonics of source and displacement of every repeat, phases counted from the source."""
+    found = []
+    for record, (start, stop) in repeats:
+        keep = slice(round(start * record.fs), round(stop * record.fs))
+        count = int(min(HIGHEST, BELOW_NYQUIST * 2 * np.pi * record.fs / omega))
+        u = harmonics(record.channels[record.source][keep], record.fs, omega, count)
+        y = harmonics(
+            record.channels[record.response][keep],
+            record.fs, omega, count, response=record.response, delay=delay,
+        )  # fmt: skip
+        n = np.arange(1, count + 1)
+        turn = np.exp(-1j * n * np.angle(u.amplitudes[0]))
+        odd = np.zeros((2, NUM_HARMONICS), complex)
+        for row, one in zip(odd, (u, y), strict=True):
+            values = (turn * one.amplitudes)[::2]
+            row[: len(values)] = values
+        found.append(odd)
+    return np.array(found)
+
+
+def curve_group(test: Test) -> Group:
+    """The group of a measured response curve.
+
+    Where the controller held the response, the force is what was measured against it.
+
+    Args:
+        test: Test of kind frf.
+
+    Returns:
+        The group of its fundamental harmonic.
+
+    Raises:
+        DataError: If repeats differ in their frequencies.
+    """
+    curves = [response_curve(record) for record in test.records]
+    if any(not np.array_equal(one.freq_hz, curves[0].freq_hz) for one in curves):
+        raise DataError(
+            f"Repeats of test `{test.name}` must share their frequencies.",
+            remedy="Make each a test of its own.",
+        )
+    omega = 2 * np.pi * curves[0].freq_hz
+    # A ratio has no amplitude: it is compared where the joint sticks, at next to none.
+    size = NO_AMPLITUDE if curves[0].is_ratio else 1.0
+    source = size * np.array([one.source for one in curves])
+    motion = size * np.array([displacement_of(one) for one in curves])
+    held = response_held(curves[0]) and not curves[0].is_ratio
+    if held:
+        # Phases are counted from the motion, which is exact here: their noise is the force's.
+        factor = np.ones(len(omega), complex)
+        values = source = source * np.exp(-1j * np.angle(motion))
+        motion = np.abs(motion)
+    else:
+        factor = (1j * omega) ** derivative_order(curves[0].response_kind) / size
+        values = factor * motion
+    first = np.arange(NUM_HARMONICS) == 0
+    mean = values.mean(axis=0)
+    return Group(
+        label=test.name,
+        run=run_of(test),
+        omega=omega,
+        load=source.mean(axis=0)[:, None] * first.astype(complex),
+        motion=motion.mean(axis=0)[:, None] * first,
+        order=1,
+        values=mean,
+        factor=factor,
+        within=float(np.sum(np.abs(values - mean) ** 2)),
+        num_repeats=len(curves),
+        of_force=held,
+    )
+
+
+def response_held(curve: ResponseCurve) -> bool:
+    """Whether a controller held the response along the curve, and the force varied."""
+    response, source = np.abs(curve.response), np.abs(curve.source)
+    return bool(response.std() / response.mean() < CONTROLLED * source.std() / source.mean())

@@ -1,0 +1,290 @@
+"""Response records under a measured input (sweeps, multisines) as an observable."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
+from typing import ClassVar, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float
+
+from jbw.errors import DataError
+from jbw.measurement.periods import periods
+from jbw.measurement.records import Record, Test
+from jbw.observables.labelled import datasets
+from jbw.observables.line_fit import oscillator_through
+from jbw.observables.motion import advance, motion_under
+from jbw.observables.observable import OFFSETS, Theta
+from jbw.observables.repeated import Repeated, Repeats, repeats
+from jbw.observables.runs import run_of
+from jbw.observables.spectral_lines import Lines, in_band, lines_of, values_of
+from jbw.quantities import LETTER_OF, UNIT_OF, derivative_order
+
+NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the first values are read from
+SUBSTEPS = 2  # of the solver between samples, until a fit shows what they take
+
+
+class Records(Repeated):
+    """Repeats of several levels, each reduced to its sufficient statistics.
+
+    Attributes:
+        source: Mean measured input of each level [V, N or N/kg].
+        mean: Mean measured response of each level [m, m/s or m/s^2].
+        repeats: Their repeats, a group a level.
+        origin: omega_n [rad/s] and zeta of each level's own run, where runs have offsets: where the
+            prediction is made and linearised in them. A record follows the phase for so many
+            periods that no line through the common omega_n reaches another day's.
+        fs: Sampling frequency [Hz]; static.
+        response: displacement, velocity or acceleration; static.
+        substeps: Steps of the solver between samples; static.
+        periodic: Whether each record is one period of a steady motion; static.
+        lines: First line of the records' spectra that is compared, and the one after the last;
+            None compares the samples. Other modes then only act on the rest; static.
+    """
+
+    kinds: ClassVar[tuple[str, ...]] = ("sweep", "multisine")
+    dimension: ClassVar[str] = "level"
+    stepped: ClassVar[bool] = True
+
+    source: Float[Array, "level time"]
+    mean: Float[Array, "level time"]
+    repeats: Repeats
+    origin: Float[Array, "level own"]
+    fs: float = eqx.field(static=True)
+    response: str = eqx.field(static=True, default="velocity")
+    substeps: int = eqx.field(static=True, default=SUBSTEPS)
+    periodic: bool = eqx.field(static=True, default=False)
+    lines: Lines | None = eqx.field(static=True, default=None)
+
+    @classmethod
+    def reduce(
+        cls,
+        tests: Sequence[Test],
+        *,
+        laws: tuple[str, ...] = ("bouc_wen",),
+        substeps: int | None = None,
+    ) -> tuple[Self, ...]:
+        """Sweeps in time, then whole periods of multisines; a part a form of record."""
+        sweeps = [test for test in tests if test.kind != "multisine"]
+        steady = [periods(test) for test in tests if test.kind == "multisine"]
+        how = {"laws": laws, "substeps": substeps}
+        return (
+            *(cls.of(same, **how) for same in by_form(sweeps)),
+            *(
+                cls.of(same, periodic=True, **how)
+                for same in by_form([test for test in steady if test is not None])
+            ),
+        )
+
+    @classmethod
+    def of(
+        cls,
+        tests: Sequence[Test],
+        *,
+        laws: tuple[str, ...] = ("bouc_wen",),
+        substeps: int | None = None,
+        periodic: bool = False,
+    ) -> Self:
+        """Sufficient statistics of the repeats of each test, all of one form.
+
+        Args:
+            tests: One test a level, all of one length, sampling frequency, response and band; of
+                equal inputs in all repeats. With a band, only its lines of the spectrum are
+                compared.
+            laws: Names of the laws of the joint.
+            substeps: Steps of the solver between samples; `SUBSTEPS` when None.
+            periodic: Whether each record is one period of a steady motion.
+
+        Returns:
+            The reduced records.
+
+        Raises:
+            DataError: If lengths, sampling frequencies, responses or bands differ.
+        """
+        forms = {form_of(test) for test in tests}
+        if len(forms) != 1:
+            raise DataError(
+                "Tests reduced together must share sampling frequency, response, length and band, "
+                f"but found {sorted(forms)}.",
+                remedy="Reduce them apart, or cut the records to one length.",
+            )
+        fs, response, length, *band_hz = forms.pop()
+        lines = lines_of(band_hz, length, fs)
+        sources = [np.stack([r.channels[r.source] for r in t.records]) for t in tests]
+        responses = [
+            np.stack([advance(r.channels[response], t.delay, fs) for r in t.records]) for t in tests
+        ]
+        responses = [in_band(r, lines) for r in responses]
+        means = np.stack([r.mean(axis=0) for r in responses])
+        # In a band, the scatter over time is that over its lines.
+        within = [np.sum((r - m) ** 2) for r, m in zip(responses, means, strict=True)]
+        size = length if lines is None else 2 * (lines[1] - lines[0])
+        return cls(
+            laws=laws,
+            source=jnp.asarray(np.stack([s.mean(axis=0) for s in sources])),
+            mean=jnp.asarray(means),
+            repeats=repeats(
+                within=np.array(within),
+                num_repeats=np.array([len(r) for r in responses]),
+                sizes=np.full(len(tests), size),
+                longest=size,
+                labels=tuple(test.name for test in tests),
+                runs=tuple(run_of(test) for test in tests),
+                scale=np.sqrt(np.sum(means**2, axis=1) / size),
+            ),
+            origin=jnp.zeros((len(tests), 0)),
+            fs=fs,
+            response=response,
+            substeps=substeps or SUBSTEPS,
+            periodic=periodic,
+            lines=lines,
+        )
+
+    @classmethod
+    def design(
+        cls,
+        source: Float[np.ndarray, " time"],
+        fs: float,
+        *,
+        response: str,
+        noise_std: float,
+        laws: tuple[str, ...] = ("bouc_wen",),
+        substeps: int = 1,
+    ) -> Self:
+        """A planned record, as it would be reduced; what it would measure is left at zero.
+
+        The information that it would give does not depend on that.
+
+        Args:
+            source: Samples of the input.
+            fs: Sampling frequency [Hz].
+            response: What would be measured: displacement, velocity or acceleration.
+            noise_std: Noise of a sample of it [m, m/s or m/s^2].
+            laws: Names of the laws of the joint.
+            substeps: Steps of the solver between samples.
+        """
+        channels = {"input": source, response: np.zeros_like(source)}
+        units = {"input": "V", response: UNIT_OF[response]}
+        test = Test("sweep", (Record(fs, channels, units),), name="planned")
+        data = cls.of([test], laws=laws, substeps=substeps)
+        return data.with_repeats(noise_std=jnp.full(1, noise_std))
+
+    @property
+    def is_complex(self) -> bool:
+        """Whether lines of the spectrum are compared."""
+        return self.lines is not None
+
+    @property
+    def unit(self) -> str:
+        """Unit of the measured response."""
+        return UNIT_OF[self.response]
+
+    def predict(self, theta: Theta) -> Float[Array, "level time"]:
+        """Response of every level to its mean measured input, at its own origin where it has one.
+
+        Args:
+            theta: The joint's parameters and `gain`.
+
+        Returns:
+            Predicted response, in the unit of the measured one.
+        """
+
+        def one(level: tuple[Array, Array]) -> Float[Array, " time"]:
+            source, origin = level
+            own = dict(zip(OFFSETS, origin, strict=False))  # none where runs have no offsets
+            motion = motion_under(
+                {**theta, **own},
+                source,
+                self.fs,
+                laws=self.laws,
+                substeps=self.substeps,
+                periodic=self.periodic,
+            )
+            return getattr(motion, LETTER_OF[self.response])
+
+        # One level after another, not batched: alone, the solver skips the work of rare events.
+        return jax.lax.map(one, (self.source, self.origin))
+
+    def misfit(self, theta: Theta) -> Float[Array, "level value"]:
+        r"""Mean measured response of every level less its prediction, where they are compared.
+
+        $$d - m(o) - J^T (\theta - o)$$
+
+        where the level has an origin o of omega_n and zeta.
+        """
+        left = values_of(self.mean - self.predict(theta), self.lines)
+        if not self.origin.shape[1]:
+            return left
+        away = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
+        return left - jnp.einsum("lo,lov->lv", away, self.repeats.directions)
+
+    def squares(self, theta: Theta) -> Float[Array, " level"]:
+        r"""Sum of squared residuals of all repeats, level by level.
+
+        $$Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$$
+        """
+        misfit = jnp.sum(self.misfit(theta) ** 2, axis=-1)
+        return self.repeats.num_repeats * misfit + self.repeats.within
+
+    def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
+        """Each level about the omega_n and zeta of its own run, where these are known."""
+        centre = np.array([float(theta[name]) for name in OFFSETS])
+        origin = np.stack([centre + offsets.get(run, 0.0) for run in self.runs])
+        placed = replace(self, origin=jnp.asarray(origin))
+        return placed.with_directions(_slope_at_origin(theta, placed))
+
+    def first_values(self) -> dict[str, float]:
+        """Linear least squares over the lines near the peak of the lowest level's spectrum."""
+        mean, source = np.asarray(self.mean), np.asarray(self.source)
+        level = int(np.argmin(np.mean(mean**2, axis=1)))
+        omega = 2 * np.pi * np.fft.rfftfreq(mean.shape[1], 1 / self.fs)[1:]
+        x, u = (np.fft.rfft(row[level])[1:] for row in (mean, source))
+        y = x / (1j * omega) ** derivative_order(self.response)
+        driven = np.abs(u) > 0.1 * np.abs(u).max()
+        near = driven & (np.abs(x) > NEAR_PEAK * np.abs(x[driven]).max())
+        return oscillator_through(omega[near], u[near], y[near])
+
+    def evenly(self) -> Self:
+        """Levels that count by their relative errors, predicted at one joint for all of them."""
+        return replace(super().evenly(), origin=self.origin[:, :0])
+
+    def y_peak(self, omega_n: float) -> float:
+        """Largest displacement [m]."""
+        return float(jnp.max(jnp.abs(self.mean))) / omega_n ** derivative_order(self.response)
+
+    def halved(self) -> Self:
+        """The records with twice as many steps of the solver."""
+        return replace(self, substeps=2 * self.substeps)
+
+    def to_dataset(
+        self, predicted: Float[np.ndarray, "draw level time"] | None = None
+    ) -> dict[str, xr.Dataset]:
+        """Response of every level over time, measured and predicted."""
+        time = np.arange(self.mean.shape[1]) / self.fs
+        return datasets(self, ("time", "s"), [time] * len(self.labels), predicted)
+
+
+@eqx.filter_jit
+def _slope_at_origin(theta: Theta, data: Records) -> Float[Array, "level value own"]:
+    """Derivative of what is compared by each level's own omega_n and zeta."""
+
+    def moved(offset: Float[Array, " own"]) -> Float[Array, "level value"]:
+        return values_of(replace(data, origin=data.origin + offset).predict(theta), data.lines)
+
+    return jax.jacfwd(moved)(jnp.zeros(len(OFFSETS)))
+
+
+def form_of(test: Test) -> tuple[float, str, int, *tuple[float, ...]]:
+    """Sampling frequency, response, length and band, which tests reduced together must share."""
+    record = test.records[0]
+    return record.fs, record.response, record.num_samples, *(test.band_hz or ())
+
+
+def by_form(tests: Sequence[Test]) -> list[list[Test]]:
+    """Tests in groups of one sampling frequency, response and length."""
+    ordered = sorted(tests, key=form_of)
+    return [list(same) for _, same in groupby(ordered, key=form_of)]

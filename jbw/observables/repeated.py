@@ -1,0 +1,300 @@
+"""Groups of data that are measured repeatedly: the statistics that their observables share."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Key
+
+from jbw.inference.groups.offsets import Estimate, estimate
+from jbw.observables.effective_values import BY_CHANCE, MISFIT, effective_fraction, is_coloured
+from jbw.observables.observable import OFFSETS, Observable, Row, Theta
+
+EXCLUDED = 1e6  # times its noise: a group that says nothing any more, and keeps its shape
+
+
+class Repeats(eqx.Module):
+    """Groups of repeated data, each with a noise of its own.
+
+    A group is a test, or one harmonic of it; its values are real numbers (samples, or real and
+    imaginary parts).
+
+    Attributes:
+        within: Scatter of the repeats about their mean, summed over repeats and values.
+        num_repeats: Repeats K.
+        size: Values N of a group.
+        num_values: Independent values n of all repeats together; fewer than there are where the
+            residual is coloured.
+        noise_std: Noise of one repeat, for least squares.
+        directions: Change of the prediction by each offset of the run; no offsets, no rows.
+        labels: Name of each group; static.
+        runs: Name of the run that each group was measured in; static.
+    """
+
+    within: Float[Array, " group"]
+    num_repeats: Float[Array, " group"]
+    size: Float[Array, " group"]
+    num_values: Float[Array, " group"]
+    noise_std: Float[Array, " group"]
+    directions: Float[Array, "group own value"]
+    labels: tuple[str, ...] = eqx.field(static=True)
+    runs: tuple[str, ...] = eqx.field(static=True)
+
+
+def repeats(
+    within: Float[np.ndarray, " group"],
+    num_repeats: Float[np.ndarray, " group"],
+    sizes: Float[np.ndarray, " group"],
+    longest: int,
+    labels: tuple[str, ...],
+    runs: tuple[str, ...],
+    scale: Float[np.ndarray, " group"],
+) -> Repeats:
+    r"""Bookkeeping of groups whose values are independent and which share their offsets.
+
+    $$\sigma^2 = \frac{S}{N (K - 1)}$$
+
+    Args:
+        within: Scatter S of the repeats about their mean.
+        num_repeats: K.
+        sizes: Values N of each group.
+        longest: Values of the widest group, to which the others are filled up.
+        labels: Names of the groups.
+        runs: Names of their runs.
+        scale: Root mean square of each group, of which a single repeat's noise is guessed as one
+            hundredth until a fit tells it.
+
+    Returns:
+        The repeats.
+    """
+    degrees = sizes * (num_repeats - 1)
+    known = degrees > 0
+    noise = np.sqrt(np.where(known, within / np.where(known, degrees, 1), (0.01 * scale) ** 2))
+    return Repeats(
+        within=jnp.asarray(within),
+        num_repeats=jnp.asarray(num_repeats, float),
+        size=jnp.asarray(sizes, float),
+        num_values=jnp.asarray(sizes * num_repeats, float),
+        noise_std=jnp.asarray(noise),
+        directions=jnp.zeros((len(labels), 0, longest)),
+        labels=labels,
+        runs=runs,
+    )
+
+
+class Repeated(Observable):
+    """An observable of repeated groups, each with one unknown noise: the shared statistics.
+
+    A subclass has a field `repeats`, and `reduce`, `predict` and `misfit`; one whose values are
+    complex says so, and one that does not compare all values, which.
+    """
+
+    repeats: eqx.AbstractVar[Repeats]
+
+    def misfit(self, theta: Theta) -> Float[Array, "group value"]:
+        """Means less predictions; real parts then imaginary parts, zero behind the last value.
+
+        Args:
+            theta: The parameters.
+        """
+        raise NotImplementedError
+
+    @property
+    def is_complex(self) -> bool:
+        """Whether the values of a group are real parts, then imaginary parts."""
+        return False
+
+    def compared(self, group: int) -> slice | Bool[np.ndarray, " value"]:
+        """Which values of a group's row are compared, of complex ones which of their pairs."""
+        size = int(self.repeats.size[group])
+        return slice(size // 2 if self.is_complex else size)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Name of each group."""
+        return self.repeats.labels
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """Name of the run of each group."""
+        return self.repeats.runs
+
+    @property
+    def width(self) -> int:
+        """Values of the widest group."""
+        return self.repeats.directions.shape[-1]
+
+    @property
+    def means(self) -> list[Row]:
+        """Mean of the repeats of each group, as much of it as is compared."""
+        mean = np.asarray(self.mean)  # pyright: ignore[reportAttributeAccessIssue]
+        return [mean[i] for i in range(len(self.labels))]
+
+    @property
+    def weight(self) -> Float[Array, " group"]:
+        r"""One over the standard error of a mean, as few as are independent.
+
+        $$\sqrt{n / N} / \sigma$$
+
+        n / N is K where all values are independent.
+        """
+        own = self.repeats
+        return jnp.sqrt(own.num_values / own.size) / own.noise_std
+
+    def weighted(
+        self, theta: Theta
+    ) -> tuple[Float[Array, "group value"], Float[Array, "group own value"]]:
+        """Residuals and directions in standard errors of a mean."""
+        weight = self.weight
+        rows = weight[:, None] * self.misfit(theta)
+        return rows, weight[:, None, None] * self.repeats.directions
+
+    def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
+        """What each group says of its offsets, its noise integrated out under 1/sigma."""
+        own = self.repeats
+        left = self.misfit(theta)
+        return estimate(left, own.within, own.num_repeats, own.num_values, own.directions)
+
+    def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
+        """Rows of `compare` in the unit of the values, complex where the values are."""
+        weight, found = np.asarray(self.weight), {}
+        for i, label in enumerate(self.labels):
+            row: Row = np.asarray(rows[label]) / weight[i]
+            if self.is_complex:
+                real, imaginary = np.split(row, 2)
+                row = real + 1j * imaginary
+            found[label] = row[self.compared(i)]
+        return found
+
+    def sizes(self) -> dict[str, float]:
+        """Root of the sum of squares of the mean of each group."""
+        pairs = zip(self.labels, self.means, strict=True)
+        return {label: float(np.linalg.norm(mean)) for label, mean in pairs}
+
+    def noise_known(self) -> dict[str, float]:
+        """Number of values of each group that was repeated."""
+        count, size = (np.asarray(x) for x in (self.repeats.num_repeats, self.repeats.size))
+        return {label: float(size[i]) for i, label in enumerate(self.labels) if count[i] > 1}
+
+    def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
+        """The data with the change of every prediction by the offsets of its run, at one point."""
+        return self.with_directions(_slope(theta, self))
+
+    def with_directions(self, slope: Float[Array, "group value own"]) -> Self:
+        """The data with derivatives of the predictions by the offsets."""
+        return self.with_repeats(directions=jnp.moveaxis(slope, -1, 1))
+
+    def with_repeats(self, **changes: Array) -> Self:
+        """The data with some of the repeats' arrays changed."""
+        return replace(self, repeats=replace(self.repeats, **changes))
+
+    def evenly(self) -> Self:
+        """Groups that count by their relative errors, whatever their noise and offsets."""
+        size = jnp.sqrt(jnp.sum(jnp.abs(self.mean) ** 2, axis=1))  # pyright: ignore[reportAttributeAccessIssue]
+        return self.with_repeats(
+            noise_std=jnp.where(size > 0, size, 1.0),
+            num_values=self.repeats.size,
+            directions=self.repeats.directions[:, :0],
+        )
+
+    def with_fitted_noise(self, theta: Theta, left: Mapping[str, Row]) -> Self:
+        r"""The data with the noise that a fit leaves, $\sigma^2 = Q / (N K)$."""
+        own = self.repeats
+        squares = jnp.asarray([np.sum(np.abs(left[label]) ** 2) for label in own.labels])
+        total = own.num_repeats * squares + own.within
+        return self.with_repeats(noise_std=jnp.sqrt(total / (own.size * own.num_repeats)))
+
+    def effective_fractions(
+        self,
+        left: Mapping[str, Row],
+        columns: Sequence[Mapping[str, Row]],
+        covariance: Float[np.ndarray, "parameter parameter"],
+    ) -> dict[str, float]:
+        r"""Fraction of independent values where a group is coloured, or misfitted in all repeats.
+
+        Misfit of variance tau^2 is the same in all K repeats, so that they count for
+
+        $$f = w\,\frac{\tau^2 + \sigma^2}{K \tau^2 + \sigma^2}$$
+
+        of as many values, w for the colour of the mean's residual.
+        """
+        own, found = self.repeats, {}
+        for i, label in enumerate(self.labels):
+            row, count = left[label], float(own.num_repeats[i])
+            size = float(own.size[i])
+            square = float(np.sum(np.abs(row) ** 2)) / size
+            noise = float(own.within[i]) / (size * (count - 1)) if count > 1 else 0.0
+            misfit = max(square - noise / count, 0.0)
+            slopes = np.stack([column[label] for column in columns])
+            fraction = effective_fraction(row, slopes, covariance)
+            if not is_coloured(row) and fraction > BY_CHANCE:
+                fraction = 1.0
+            if count > 1 and count * misfit > MISFIT * noise:
+                fraction *= (misfit + noise) / (count * misfit + noise)
+            if fraction < 1.0:
+                found[label] = fraction
+        return found
+
+    def with_effective_values(self, fractions: Mapping[str, float]) -> Self:
+        """The data that count for as many values as are independent."""
+        own = self.repeats
+        fraction = jnp.asarray(np.array([fractions.get(label, 1.0) for label in own.labels]))
+        return self.with_repeats(num_values=fraction * own.size * own.num_repeats)
+
+    def fractions_counted(self) -> dict[str, float]:
+        """Fraction of the values of each group that the likelihood counts."""
+        own = self.repeats
+        fraction = np.asarray(own.num_values / (own.size * own.num_repeats))
+        return dict(zip(own.labels, fraction.tolist(), strict=True))
+
+    def without(self, run: str) -> Self:
+        """The data with one run's groups excluded, of the same shapes."""
+        loud = np.array([EXCLUDED if name == run else 1.0 for name in self.runs])
+        return self.with_repeats(noise_std=self.repeats.noise_std * loud)
+
+    def draw_noise(
+        self,
+        key: Key[Array, ""],
+        theta: Mapping[str, Float[np.ndarray, "..."]],
+        terms: Mapping[str, Float[np.ndarray, "chain draw"]],
+        num_offsets: int,
+    ) -> dict[str, Float[np.ndarray, "chain draw"]]:
+        r"""One exact draw of each group's noise for every draw of the parameters.
+
+        $$\sigma^2 \mid \theta \sim \frac{n}{NK}\,Q(\theta) / \chi^2_{n - q}, \qquad
+          \log p = -\tfrac n2 \log Q$$
+
+        so that Q is read off the stored terms of the log likelihood, without another solve. Where
+        only n of the N K values are independent, Q counts all of them.
+        """
+        own = self.repeats
+        rows = np.stack([terms[label] for label in self.labels], axis=-1)
+        count = np.asarray(own.num_values)
+        chi_square = np.asarray(jax.random.chisquare(key, count - num_offsets, shape=rows.shape))
+        fraction = count / np.asarray(own.size * own.num_repeats)
+        noise = np.sqrt(fraction * np.exp(-2 * rows / count) / chi_square)
+        return {label: noise[..., i] for i, label in enumerate(self.labels)}
+
+
+@eqx.filter_jit
+def _slope(theta: Theta, data: Repeated) -> Float[Array, "group value own"]:
+    """Derivative of the predictions by the offsets of omega_n and zeta."""
+
+    def shifted(offset: Float[Array, " own"]) -> dict[str, Array]:
+        return {**theta, **{name: theta[name] + b for name, b in zip(OFFSETS, offset, strict=True)}}
+
+    return -jax.jacfwd(lambda offset: data.misfit(shifted(offset)))(jnp.zeros(len(OFFSETS)))
+
+
+def distinct(labels: Sequence[str]) -> tuple[str, ...]:
+    """Labels of which no two are alike: those that come again have a number behind them."""
+    seen: dict[str, int] = {}
+    found = []
+    for label in labels:
+        seen[label] = seen.get(label, 0) + 1
+        found.append(label if seen[label] == 1 else f"{label} ({seen[label]})")
+    return tuple(found)

@@ -1,0 +1,130 @@
+r"""What every law does that knows no better: by its force, its rate and its move alone.
+
+Exact for no law, right for all whose force is continuous and odd and whose rate is proportional to
+the velocity.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from jbw.oscillator.kinks import Ends, StepPath, kick, signed
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.steady.waveform import crest, exponentials, synthesis
+
+Law = Any  # a `jbw.oscillator.law.Law`, whose methods call these functions
+Memory = Any
+
+
+def slope(law: Law, y: Scalar, memory: Memory, direction: Scalar) -> Scalar:
+    """Slope dF/dy of a motion in a direction [1/s^2]."""
+    sign = signed(1.0, direction)
+    rate = jax.tree.map(lambda x: jnp.asarray(x, float), law.rate(y, sign, memory))
+    _, rise = jax.jvp(
+        lambda y, memory: jnp.asarray(law.force(y, sign, memory), float),
+        (y, memory),
+        (sign, rate),
+    )
+    return sign * rise
+
+
+def move_by_rates(law: Law, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
+    """Memory after a monotone move by Runge and Kutta's rule of order 4 in `law.move_steps`."""
+    step = dy / law.move_steps
+
+    def moved(memory: Memory, slope: Memory, part: float) -> Memory:
+        return jax.tree.map(lambda m, s: m + part * s, memory, slope)
+
+    for index in range(law.move_steps if jax.tree.leaves(memory) else 0):
+        here = y + index * step
+        k_1 = law.rate(here, step, memory)
+        k_2 = law.rate(here + 0.5 * step, step, moved(memory, k_1, 0.5))
+        k_3 = law.rate(here + 0.5 * step, step, moved(memory, k_2, 0.5))
+        k_4 = law.rate(here + step, step, moved(memory, k_3, 1.0))
+        memory = jax.tree.map(
+            lambda m, a, b, c, d: m + (a + 2.0 * b + 2.0 * c + d) / 6.0,
+            memory, k_1, k_2, k_3, k_4,
+        )  # fmt: skip
+    return memory
+
+
+def remainder_by_rates(
+    law: Law, h: Scalar, y: Scalar, v: Scalar, memory: Memory
+) -> tuple[Scalar, Scalar]:
+    """Remainder F - K y and h times its rate, from the law's force and rate."""
+    own, rate = law.stiffness(), law.rate(y, v, memory)
+    force, rise = jax.jvp(
+        lambda y, memory: law.force(y, v, memory),
+        (y, memory),
+        (h * v, jax.tree.map(lambda x: h * x, rate)),
+    )
+    return force - own * y, rise - own * h * v
+
+
+def turn_by_slopes(
+    law: Law, y: Scalar, memory: Memory, ends: Ends, lift: Scalar
+) -> tuple[Memory, Scalar, Scalar]:
+    """Two moves through a turning point, and the kick of the slope's jump there."""
+    path = StepPath.through(ends, lift)
+    top = y + path.before
+    there = law.move(y, memory, path.before)
+    jump = slope(law, top, there, path.after) - slope(law, top, there, path.before)
+    found = kick(1.0 - path.fraction, jnp.where(path.turns, jump * path.bend, 0.0), 0.0)
+    return law.move(top, there, path.after), found.v, found.y
+
+
+def loop_by_moves(law: Law, y_peak: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Equivalent stiffness and damping by the trapezium rule on half a cycle from the tip."""
+    y_peak = jnp.asarray(y_peak, float)
+    at_zero = y_peak == 0.0
+    peak, own = jnp.where(at_zero, 1.0, y_peak), law.stiffness()
+    theta = jnp.linspace(0.0, jnp.pi, law.loop_points + 1)
+
+    def left(y: Array, memory: Memory) -> Array:
+        return law.force(y, 0.0 * y, memory) - own * y
+
+    def onward(memory: Memory, pair: Array) -> tuple[Memory, Array]:
+        before, after = peak * pair[0], peak * pair[1]
+        memory = law.move(before, memory, after - before)
+        return memory, left(after, memory)
+
+    like = jnp.broadcast_shapes(*(jnp.shape(x) for x in jax.tree.leaves((law, peak))))
+    tip = jax.tree.map(lambda x: jnp.broadcast_to(x, like).astype(float), law.at_tip(peak))
+    pairs = jnp.stack([jnp.cos(theta[:-1]), jnp.cos(theta[1:])], 1)
+    _, rest = jax.lax.scan(onward, tip, pairs)
+    force = jnp.concatenate([jnp.broadcast_to(left(peak, tip), like)[None], rest])
+    weights = jnp.ones(theta.size).at[jnp.array([0, -1])].set(0.5) * 2.0 / law.loop_points
+    real, imaginary = (
+        jnp.where(at_zero, 0.0, jnp.tensordot(weights * wave, force, 1) / peak)
+        for wave in (jnp.cos(theta), -jnp.sin(theta))
+    )
+    return own + real, imaginary
+
+
+def harmonics_by_moves(
+    law: Law, q: Complex[Array, " harmonic"], max_turns: int
+) -> Complex[Array, " harmonic"]:
+    """Odd harmonics of the remainder on a uniform grid of half a period from the crest."""
+    points = max(law.period_points, 32 * q.shape[0]) // 2
+    theta = crest(q) + np.pi * np.arange(2 * points) / points
+    r = law.force_over_period(q, theta, max_turns) - law.stiffness() * synthesis(q, theta)
+    return 2.0 / points * (r[:points] @ exponentials(theta[:points], q.shape[0]).conj())
+
+
+def force_by_moves(
+    law: Law, q: Complex[Array, " harmonic"], theta: Float[Array, " time"]
+) -> Float[Array, " time"]:
+    """Force in the second of two periods, whose first sets the memory."""
+    y, rise = synthesis(q, theta), synthesis(q, theta, 1)
+
+    def onward(carry: tuple, point: tuple) -> tuple[tuple, Array]:
+        (y, memory), (y_next, rise) = carry, point
+        memory = law.move(y, memory, y_next - y)
+        return (y_next, memory), law.force(y_next, rise, memory)
+
+    start = jax.tree.map(lambda x: jnp.asarray(x, y.dtype), (0.0, law.at_rest()))
+    settled, _ = jax.lax.scan(onward, start, (y, rise))
+    return jax.lax.scan(onward, settled, (y, rise))[1]

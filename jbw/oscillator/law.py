@@ -1,0 +1,299 @@
+r"""The protocol of a joint's law, and what every law has without saying more.
+
+A law is one force across the joint, per unit modal mass. It is a record whose leaves are its
+parameters, a table that names them, and a few functions; `jbw.oscillator.laws` holds the register.
+Several laws may stand beside each other in one `Oscillator`.
+
+The oscillator solves the linear part with the stuck stiffness K exactly; a law acts there through
+its remainder $r = F - K y$, which is small and whose rate has few kinks. How a law goes through a
+time step is therefore said by five functions (`branch`, `remainder`, `glide`, `turn`, `shift`) of
+which the defaults need `move`, `force` and `rate` alone.
+"""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Complex, Float
+
+from jbw.oscillator import generic
+from jbw.oscillator.kinks import Ends
+from jbw.oscillator.law_records import Bounds as Bounds
+from jbw.oscillator.law_records import Conversion as Conversion
+from jbw.oscillator.law_records import Coordinates as Coordinates
+from jbw.oscillator.law_records import Loop as Loop
+from jbw.oscillator.law_records import Monomial as Monomial
+from jbw.oscillator.law_records import Scales as Scales
+from jbw.oscillator.parameters import Scalar
+from jbw.quantities import Quantity
+
+Branch = Any  # a pytree, what holds between two kinks
+Memory = Any  # a pytree of scalars: z of Bouc-Wen, the sliders' forces, () of a spring
+
+
+class Law(eqx.Module):
+    r"""One force F across the joint, per unit modal mass; its leaves are its parameters.
+
+    A law says its `table`, its `prior` and its `force`; one with a memory says `at_rest` and
+    `rate` too. All else has a generic default here, to be overridden where more is known.
+
+    Attributes:
+        name: Name in a campaign, `[joint] laws = ["bouc_wen"]`; a class variable.
+        table: Every parameter's name, symbol, unit, meaning and least value; a class variable.
+        products: What weak motion knows of them; a class variable.
+        coordinates: Other parameters to sample in, by name; a class variable.
+    """
+
+    name: ClassVar[str]
+    table: ClassVar[tuple[Quantity, ...]]
+    products: ClassVar[tuple[Monomial, ...]] = ()
+    coordinates: ClassVar[Mapping[str, Coordinates]] = {}
+    # Steps of the generic move along a monotone path.
+    move_steps: ClassVar[int] = 8
+    # Moves of half a cycle in the generic loop, and of a period in the generic harmonics.
+    loop_points: ClassVar[int] = 128
+    period_points: ClassVar[int] = 512
+
+    # -- of the kind of law ------------------------------------------------------------------------
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(quantity.name for quantity in cls.table)
+
+    @classmethod
+    def build(cls, theta: Mapping[str, Any]) -> Self:
+        """The law of a dictionary of its own parameters, in which others may stand too."""
+        return cls(**{name: theta[name] for name in cls.names()})
+
+    @classmethod
+    def of(cls, theta: Mapping[str, Any]) -> Self:
+        """The law of a dictionary in its own parameters or any of its other coordinates.
+
+        Args:
+            theta: Parameters by name; with other coordinates omega_n [rad/s] among them.
+        """
+        for coordinates in cls.coordinates.values():
+            if set(coordinates.names) <= theta.keys():
+                return cls.build(coordinates.to_parameters(theta))
+        return cls.build(theta)
+
+    def parameters(self) -> dict[str, Any]:
+        """Values of the parameters by name, the inverse of `build`."""
+        return {name: getattr(self, name) for name in self.names()}
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        """Wide bounds of the parameters from scales alone, never from a fit of this law."""
+        raise NotImplementedError(f"The law {cls.name} states no prior.")
+
+    @classmethod
+    def coordinate_bounds(
+        cls, coordinates: str, bounds: Bounds, theta: Mapping[str, float], stated: Bounds
+    ) -> Bounds:
+        """Bounds of other coordinates about a fit; a law with coordinates says them.
+
+        Args:
+            coordinates: Which of the law's coordinates.
+            bounds: Bounds of the law's own parameters.
+            theta: The fit, in the law's own parameters, and omega_n [rad/s].
+            stated: Bounds that the campaign states itself.
+        """
+        raise NotImplementedError(f"The law {cls.name} bounds no coordinates {coordinates}.")
+
+    @classmethod
+    def caution(cls, bounds: Bounds) -> str | None:
+        """A warning about bounds within which the law misbehaves, or None."""
+        return None
+
+    # -- of one law --------------------------------------------------------------------------------
+    def at_rest(self) -> Memory:
+        """Memory before any motion."""
+        return ()
+
+    def force(self, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
+        """Force F, on the side of the springs [N/kg]."""
+        raise NotImplementedError
+
+    def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
+        """Rate of the memory, which for a law without rate dependence is proportional to v."""
+        return ()
+
+    def stiffness(self) -> Scalar:
+        """Slope dF/dy at rest, which omega_n^2 holds already [1/s^2]."""
+        rest = jax.tree.map(lambda x: jnp.asarray(x, float), self.at_rest())
+        return generic.slope(self, jnp.zeros(()), rest, jnp.ones(()))
+
+    def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
+        """Memory after a monotone move from y by dy, by Runge and Kutta's rule along the path.
+
+        For laws whose rate is proportional to v.
+        """
+        return generic.move_by_rates(self, y, memory, dy)
+
+    def at_tip(self, y_peak: Scalar) -> Memory:
+        """Memory at y = Y on the steady loop between -Y and Y; the second time there."""
+        memory = self.move(0.0 * y_peak, self.at_rest(), y_peak)
+        memory = self.move(y_peak, memory, -2.0 * y_peak)
+        return self.move(-y_peak, memory, 2.0 * y_peak)
+
+    def loop(self, y_peak: Scalar) -> Loop:
+        """Equivalent stiffness and damping of the steady loop, by moves from its tip.
+
+        The trapezium rule on half a cycle, of which the other half is the mirror; good to about
+        1e-4 where the force has kinks. At Y = 0 the stiffness of rest.
+        """
+        return Loop(*generic.loop_by_moves(self, y_peak))
+
+    # -- through a time step of length h ---------------------------------------------------------
+    @property
+    def stepped(self) -> bool:
+        """Whether the time step knows this law; otherwise a stock solver integrates `rate`."""
+        return True
+
+    def branch(self, v: Scalar, memory: Memory) -> Branch:
+        """What holds until the next kink, such as signs; for the functions below."""
+        return ()
+
+    def remainder(
+        self, h: Scalar, y: Scalar, v: Scalar, memory: Memory, branch: Branch
+    ) -> tuple[Scalar, Scalar]:
+        """Remainder r = F - K y [N/kg], and h times its rate."""
+        return generic.remainder_by_rates(self, h, y, v, memory)
+
+    def bend(
+        self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Memory, branch: Branch
+    ) -> Scalar:
+        """Half of h^2 times the remainder's second derivative on the branch."""
+        rate = jax.tree.map(lambda x: jnp.asarray(x, float), self.rate(y, v, memory))
+        _, bend = jax.jvp(
+            lambda y, v, memory: self.remainder(h, y, v, memory, branch)[1],
+            (y, v, memory),
+            (v, a, rate),
+        )
+        return 0.5 * h * bend
+
+    def glide(
+        self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch
+    ) -> tuple[Memory, Bool[Array, "..."] | bool]:
+        """Memory after a step without a turn, and whether it met a kink, so that `turn` is due."""
+        # A kink that is not said here, such as a yield, leaves the step first order in h.
+        return self.move(y, memory, dy), False
+
+    def turn(
+        self, y: Scalar, memory: Memory, ends: Ends, lift: Scalar
+    ) -> tuple[Memory, Scalar, Scalar]:
+        r"""Memory after a step that may turn, and what the kink there gives to the motion.
+
+        At a turning point the slope of the force jumps, so the second derivative of r does by
+        $J_2 = (F'_+ - F'_-)\,\ddot y$.
+
+        Args:
+            y: Displacement at the start [m].
+            memory: Memory at the start.
+            ends: Slopes h v of the step's cubic path at its start and end, and its rise [m].
+            lift: Quartic term of the path [m].
+
+        Returns:
+            Memory at the end, the kick on v over h and that on y over h^2 [m/s^2].
+        """
+        return generic.turn_by_slopes(self, y, memory, ends, lift)
+
+    def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch) -> Memory:
+        """Memory after the corrector's small change of y, on the branch at the end."""
+        return self.move(y, memory, dy)
+
+    # -- along a periodic motion -----------------------------------------------------------------
+    def scaled(self, length: Scalar, stiffness: Scalar) -> "Law":
+        """The law in units of displacement l and of stiffness kappa, F(l q) / (kappa l)."""
+        return ScaledLaw(self, length, stiffness)
+
+    def harmonics(
+        self, q: Complex[Array, " harmonic"], max_turns: int
+    ) -> Complex[Array, " harmonic"]:
+        """Odd harmonics of the remainder r along the motion, by moves over two periods.
+
+        Alternates between time and frequency on a uniform grid that begins at the crest; the first
+        period sets the memory, which is exact for laws that forget all but their last turns. The
+        error falls with the square of the number of points where the force has kinks.
+
+        Args:
+            q: Complex amplitudes of the odd orders of y.
+            max_turns: Turning points of y allowed in a period.
+        """
+        return generic.harmonics_by_moves(self, q, max_turns)
+
+    def force_over_period(
+        self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
+    ) -> Float[Array, " time"]:
+        """Steady force at angles of a period, in rising order, by moves over two periods [N/kg].
+
+        Args:
+            q: Complex amplitudes of the odd orders of y.
+            theta: Angles [rad].
+            max_turns: Turning points of y allowed in a period.
+        """
+        return generic.force_by_moves(self, q, theta)
+
+    # -- for other programs ------------------------------------------------------------------------
+    def convert(self, omega_n: float, zeta: float, mass: float) -> Mapping[str, Conversion]:
+        """The oscillator of this law alone, of a modal mass [kg], in other conventions."""
+        return {}
+
+    # -- at the doors ------------------------------------------------------------------------------
+    def admits(self, memory: Memory) -> None:
+        """Raise a ModelError for a start that the law cannot hold; concrete values only."""
+
+    def doubts(self) -> str | None:
+        """A warning about parameters of which the force may diverge, or None; concrete only."""
+        return None
+
+    def memory_unit(self, omega_n: Scalar) -> Memory:
+        """Factors that make the memory comparable with a velocity; those of a force."""
+        return jax.tree.map(lambda _: 1.0 / omega_n, self.at_rest())
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the law has a memory."""
+        return bool(jax.tree.leaves(self.at_rest()))
+
+
+class ScaledLaw(Law):
+    r"""A law in other units, $F(\ell q)/(\kappa\ell)$, its memory as it is; $K q/\kappa$ at l = 0.
+
+    Attributes:
+        law: F.
+        length: Unit l of displacement.
+        unit: Unit kappa of stiffness.
+    """
+
+    name: ClassVar[str] = "scaled"
+    table: ClassVar[tuple[Quantity, ...]] = ()
+
+    law: Law
+    length: Scalar
+    unit: Scalar
+
+    def stiffness(self) -> Scalar:
+        """K / kappa."""
+        return self.law.stiffness() / self.unit
+
+    def at_rest(self) -> Memory:
+        """The law's own."""
+        return self.law.at_rest()
+
+    def force(self, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
+        """Force in these units."""
+        at_rest = self.length == 0.0
+        length = jnp.where(at_rest, 1.0, self.length)
+        force = self.law.force(length * y, length * v, memory) / length
+        return jnp.where(at_rest, self.law.stiffness() * y, force) / self.unit
+
+    def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
+        """Rate of the law's own memory."""
+        return self.law.rate(self.length * y, self.length * v, memory)
+
+    def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
+        """The law's own move."""
+        return self.law.move(self.length * y, memory, self.length * dy)

@@ -1,0 +1,103 @@
+"""The register of laws: one file a law, one line of registration here.
+
+A law that is defined elsewhere, in a test or a notebook, joins by `register` and is then known by
+its name wherever a campaign or a command names laws.
+"""
+
+import re
+from collections.abc import Callable, Iterable
+from difflib import get_close_matches
+from typing import Any
+
+from jbw.errors import ConfigError
+from jbw.oscillator.law import Law
+from jbw.oscillator.laws.bouc_wen import BoucWenLaw
+from jbw.oscillator.laws.jenkins import Jenkins, jenkins
+from jbw.oscillator.laws.springs import Cubic as Cubic
+from jbw.oscillator.laws.springs import Polynomial as Polynomial
+from jbw.quantities import Quantity
+
+Kind = type[Law]
+
+# By name; a family makes the law of `name_3` from the number.
+LAWS: dict[str, Kind] = {law.name: law for law in (BoucWenLaw, Cubic, Jenkins)}
+FAMILIES: dict[str, Callable[[int], Kind]] = {"jenkins": jenkins}
+
+
+def is_law(kind: Any) -> bool:
+    """Whether this is a kind of law, a class."""
+    return isinstance(kind, type) and issubclass(kind, Law)
+
+
+def register(law: Kind) -> Kind:
+    """Make a law known by its name; usable as a decorator.
+
+    Args:
+        law: The class.
+
+    Raises:
+        ConfigError: Another law has this name, or it is no law.
+    """
+    if not is_law(law):
+        raise ConfigError(f"A law must be a subclass of `Law`, but this is {law!r}.")
+    if LAWS.get(law.name, law) is not law:
+        raise ConfigError(f"There is a law `{law.name}` already.")
+    LAWS[law.name] = law
+    return law
+
+
+def law_named(name: str | Kind) -> Kind:
+    """The kind of law of a name, such as `bouc_wen` or `jenkins_3`; a law's class is itself.
+
+    Raises:
+        ConfigError: There is no such law; with the nearest known name.
+    """
+    if is_law(name):
+        return name  # pyright: ignore[reportReturnType]
+    if name in LAWS:
+        return LAWS[str(name)]
+    member = re.fullmatch(r"(\w+)_([1-9]\d?)", str(name))
+    if member and member[1] in FAMILIES:
+        return FAMILIES[member[1]](int(member[2]))
+    known = [*LAWS, *(f"{family}_3" for family in FAMILIES)]
+    nearest = get_close_matches(str(name), known, n=1, cutoff=0.5)
+    hint = f"; did you mean `{nearest[0]}`" if nearest else ""
+    raise ConfigError(f"Unknown law `{name}`{hint} (known: {', '.join(known)}).")
+
+
+def laws_named(names: Iterable[str | Kind]) -> tuple[Kind, ...]:
+    """The kinds of several laws that stand beside each other.
+
+    Raises:
+        ConfigError: One is unknown, one is there twice, or two share a parameter's name.
+    """
+    kinds = tuple(law_named(name) for name in names)
+    owner: dict[str, str] = {}
+    for kind in kinds:
+        if kind.name in [other.name for other in kinds if other is not kind]:
+            raise ConfigError(f"There are two laws of the name `{kind.name}`.")
+        if kinds.count(kind) > 1:
+            raise ConfigError(f"The law `{kind.name}` is named twice.")
+        for name in kind.names():
+            if name in owner:
+                raise ConfigError(
+                    f"The laws `{owner[name]}` and `{kind.name}` share the parameter `{name}` and "
+                    "cannot stand beside each other."
+                )
+            owner[name] = kind.name
+    return kinds
+
+
+def quantities_of(laws: Iterable[str | Kind]) -> tuple[Quantity, ...]:
+    """The tables of several laws, one after the other."""
+    return tuple(quantity for law in laws_named(laws) for quantity in law.table)
+
+
+def vocabulary() -> dict[str, Quantity]:
+    """Quantities of all laws by name: parameters, products and other coordinates."""
+    found: dict[str, Quantity] = {}
+    for law in LAWS.values():
+        coordinates = (each for other in law.coordinates.values() for each in other.table)
+        products = (product.quantity for product in law.products)
+        found |= {each.name: each for each in (*law.table, *coordinates, *products)}
+    return found

@@ -1,0 +1,258 @@
+r"""The Bouc-Wen law, $dZ/dt = \alpha v - \gamma |v| |Z|^{\nu-1} Z - \delta v |Z|^\nu$."""
+
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float
+
+import jbw.oscillator.laws.closed_path as closed_path
+import jbw.oscillator.laws.folded_path as folded_path
+from jbw.errors import ModelError
+from jbw.oscillator.kinks import Ends, signed
+from jbw.oscillator.law import Bounds, Conversion, Coordinates, Law, Loop, Monomial, Scales
+from jbw.oscillator.laws.conversions import conversions
+from jbw.oscillator.laws.hysteresis import hysteresis_map, hysteresis_rate, steady_loop
+from jbw.oscillator.laws.kinked_step import kinked_step
+from jbw.oscillator.laws.piecewise_map import smooth_move
+from jbw.oscillator.parameters import Scalar
+from jbw.quantities import Quantity
+
+_ALPHA = Quantity("alpha", "α", "1/s^2", "stiffness of the hysteretic part", 0.0)
+_DELTA = Quantity("delta", "δ", "1/m", "softening of the hysteresis")
+_GAMMA = Quantity("gamma", "γ", "1/m", "opening of the hysteresis loop")
+
+SHARE = (0.002, 0.9)  # of the stiffness: from a joint that hardly carries to nearly all of it
+FORCED_SHARE = (0.01, 1.0)  # under a prescribed displacement nothing else need carry at all
+REACH = 4.0  # times a fitted product: where it is looked for
+
+# Weak motion knows the joint by alpha delta and alpha gamma alone: its softening and its losses.
+_PRODUCTS = Coordinates(
+    "products",
+    forward=(
+        Monomial(_ALPHA, {"share": 1, "omega_n": 2}),
+        Monomial(_DELTA, {"softening": 1, "share": -1}),
+        Monomial(_GAMMA, {"opening": 1, "share": -1}),
+    ),
+    inverse=(
+        Monomial(
+            Quantity("softening", "α δ / ωₙ²", "1/m", "softening, alpha * delta / omega_n^2"),
+            {"alpha": 1, "delta": 1, "omega_n": -2},
+        ),
+        Monomial(
+            Quantity("opening", "α γ / ωₙ²", "1/m", "opening, alpha * gamma / omega_n^2"),
+            {"alpha": 1, "gamma": 1, "omega_n": -2},
+        ),
+        Monomial(
+            Quantity("share", "α / ωₙ²", "1", "joint's share of the stiffness, alpha / omega_n^2"),
+            {"alpha": 1, "omega_n": -2},
+        ),
+    ),
+)
+
+
+class BoucWenLaw(Law):
+    r"""The paper's hysteresis; its memory is the force Z itself.
+
+    $$\dot Z = \alpha\dot y - \gamma|\dot y||Z|^{\nu-1}Z - \delta\dot y|Z|^\nu$$
+
+    Attributes:
+        alpha: Stiffness [1/s^2].
+        delta: Softening [1/m for nu = 1].
+        gamma: Opening of the loop [1/m for nu = 1].
+        nu: Smoothness exponent [-]; static. Only nu = 1 has a closed form.
+
+    Reference:
+        Eq. (2).
+    """
+
+    name: ClassVar[str] = "bouc_wen"
+    table: ClassVar[tuple[Quantity, ...]] = (_ALPHA, _DELTA, _GAMMA)
+    products: ClassVar[tuple[Monomial, ...]] = (
+        Monomial(
+            Quantity("alpha_delta", "α δ", "1/(m s^2)", "softening, alpha * delta"),
+            {"alpha": 1, "delta": 1},
+        ),
+        Monomial(
+            Quantity("alpha_gamma", "α γ", "1/(m s^2)", "opening, alpha * gamma"),
+            {"alpha": 1, "gamma": 1},
+        ),
+    )
+    coordinates: ClassVar[Mapping[str, Coordinates]] = {"products": _PRODUCTS}
+
+    alpha: Scalar
+    delta: Scalar
+    gamma: Scalar
+    nu: float = eqx.field(default=1.0, static=True)
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        r"""Softening and opening matter where delta Y and gamma Y are of order one.
+
+        alpha is a part of omega_n^2; gamma may not exceed delta by so much that the loop is
+        unbounded.
+        """
+        share = FORCED_SHARE if scales.forced else (0.002, 0.5)
+        return {
+            "alpha": (share[0] * scales.omega_n**2, share[1] * scales.omega_n**2),
+            "delta": (0.01 / scales.y_peak, 20.0 / scales.y_peak),
+            "gamma": (0.0, 20.0 / scales.y_peak),
+        }
+
+    @classmethod
+    def coordinate_bounds(
+        cls, coordinates: str, bounds: Bounds, theta: Mapping[str, float], stated: Bounds
+    ) -> Bounds:
+        """Products to four times the larger fitted one, below zero where delta or gamma may be."""
+        found = cls.coordinates[coordinates].from_parameters(theta)
+        largest = REACH * max(abs(found["softening"]), abs(found["opening"]))
+        square = theta["omega_n"] ** 2
+        alpha = stated.get("alpha")
+        return {
+            "softening": (-largest if bounds["delta"][0] < 0 else 0.0, largest),
+            "opening": (-largest if bounds["gamma"][0] < 0 else 0.0, largest),
+            "share": SHARE if alpha is None else (alpha[0] / square, alpha[1] / square),
+        }
+
+    @classmethod
+    def caution(cls, bounds: Bounds) -> str | None:
+        """Where the law lets Z grow for ever: measured joints may need it."""
+        lowest = bounds["gamma"][0] + bounds["delta"][0]
+        if lowest >= 0:
+            return None
+        return (
+            f"The prior lets gamma + delta fall to {lowest:.4g} 1/m, where the hysteretic force "
+            "grows without bound; draws that diverge count as failed solves. Raise the lower bound "
+            "of gamma above -delta unless that is meant."
+        )
+
+    def stiffness(self) -> Scalar:
+        """Alpha: the joint sticks [1/s^2]."""
+        return self.alpha
+
+    def at_rest(self) -> Scalar:
+        """Z = 0 [N/kg]."""
+        return 0.0
+
+    def force(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
+        """Z [N/kg]."""
+        return memory
+
+    def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
+        """Rate of Z [N/kg/s]."""
+        return hysteresis_rate(self, v, memory)
+
+    def move(self, y: Scalar, memory: Scalar, dy: Scalar) -> Scalar:
+        """Z after a monotone move: exact for nu = 1."""
+        return hysteresis_map(self, memory, dy) if self.nu == 1.0 else super().move(y, memory, dy)
+
+    @property
+    def stepped(self) -> bool:
+        """Only with nu = 1 has the law an exact map."""
+        return self.nu == 1.0
+
+    def branch(self, v: Scalar, memory: Scalar) -> Scalar:
+        """The constant c of dZ/dy = alpha - c Z, gamma sgn(v) + delta sgn(Z) [1/m]."""
+        return signed(self.gamma, v) + signed(self.delta, memory)
+
+    def remainder(
+        self, h: Scalar, y: Scalar, v: Scalar, memory: Scalar, branch: Scalar
+    ) -> tuple[Scalar, Scalar]:
+        """Z - alpha y, whose rate -c v Z is continuous."""
+        return memory - self.alpha * y, -h * branch * v * memory
+
+    def bend(
+        self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Scalar, branch: Scalar
+    ) -> Scalar:
+        """Half of h^2 times its second derivative."""
+        slope = self.alpha - branch * memory
+        return -0.5 * h**2 * branch * (a * memory + v**2 * slope)
+
+    def glide(
+        self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar
+    ) -> tuple[Scalar, Bool[Array, "..."]]:
+        """Z by a polynomial, and whether it passed zero or the move was too long for that."""
+        moved = smooth_move(self.alpha, branch, memory, dy)
+        return moved, (memory * moved <= 0.0) | (jnp.abs(branch * dy) > 1.0)
+
+    def turn(
+        self, y: Scalar, memory: Scalar, ends: Ends, lift: Scalar
+    ) -> tuple[Scalar, Scalar, Scalar]:
+        """Through a turning point, a zero of Z or both, with derivatives written by hand."""
+        return kinked_step((self.alpha, self.delta, self.gamma), memory, ends, lift)
+
+    def shift(self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar) -> Scalar:
+        """Z along its tangent."""
+        return memory + (self.alpha - branch * memory) * dy
+
+    def scaled(self, length: Scalar, stiffness: Scalar) -> "BoucWenLaw":
+        """In units of displacement and stiffness."""
+        return BoucWenLaw(self.alpha / stiffness, self.delta * length, self.gamma * length, self.nu)
+
+    def harmonics(
+        self, q: Complex[Array, " harmonic"], max_turns: int
+    ) -> Complex[Array, " harmonic"]:
+        """By quadrature between turning points and zeros of Z, whose periodicity is solved for."""
+        if max_turns == 2:
+            return self.alpha * closed_path.relaxed_force(q, self.delta, self.gamma)
+        return self.alpha * folded_path.relaxed_force(q, self.delta, self.gamma, max_turns)
+
+    def force_over_period(
+        self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
+    ) -> Float[Array, " time"]:
+        """Exact, closed over the period."""
+        if max_turns == 2:
+            return self.alpha * closed_path.force_over_period(q, theta, self.delta, self.gamma)
+        return self.alpha * folded_path.force_over_period(
+            q, theta, self.delta, self.gamma, max_turns
+        )
+
+    def admits(self, memory: Scalar) -> None:
+        """Refuse a Z beyond alpha/(delta + |gamma|), from which it would run away."""
+        softening = np.maximum(np.asarray(self.delta) + np.abs(np.asarray(self.gamma)), 0.0)
+        limit = np.maximum(np.asarray(self.alpha), 0.0)
+        if self.nu == 1.0 and np.any(np.abs(memory) * softening > limit):
+            raise ModelError(
+                f"Initial z = {memory} N/kg lies beyond the largest force that the joint holds, "
+                f"alpha/(delta + |gamma|) = {limit / softening} N/kg.",
+                remedy="Start within it, or from rest.",
+            )
+
+    def doubts(self) -> str | None:
+        """Parameters for which nothing bounds Z; the motion may stay bounded all the same."""
+        alpha, delta, gamma = (np.asarray(x) for x in (self.alpha, self.delta, self.gamma))
+        linear = (delta == 0.0) & (gamma == 0.0)
+        conditions = {
+            "alpha > 0": alpha > 0.0,
+            "delta + gamma > 0": (delta + gamma > 0.0) | linear,
+            "gamma >= 0": gamma >= 0.0,
+        }
+        broken = [name for name, holds in conditions.items() if not np.all(holds)]
+        if not broken:
+            return None
+        return (
+            f"The joint is bounded for {' and '.join(conditions)}, but alpha = {self.alpha}, "
+            f"delta = {self.delta}, gamma = {self.gamma} break {' and '.join(broken)}: z may "
+            "diverge. Check their signs, or keep the input so small that it does not."
+        )
+
+    def at_tip(self, y_peak: Scalar) -> Scalar:
+        """Z at y = Y on the steady loop: closed form for nu = 1."""
+        return steady_loop(self, y_peak).z_max if self.nu == 1.0 else super().at_tip(y_peak)
+
+    def loop(self, y_peak: Scalar) -> Loop:
+        """Closed form for nu = 1."""
+        if self.nu != 1.0:
+            return super().loop(y_peak)
+        loop = steady_loop(self, y_peak)
+        return Loop(loop.k_eq, loop.c_eq_omega)
+
+    def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
+        """As of Baber and Noori, which OpenSees takes, and as in the hysteretic benchmark."""
+        nu = {"nu": self.nu, "restoring": None}
+        return conversions(
+            SimpleNamespace(omega_n=omega_n, zeta=zeta, **self.parameters(), **nu), mass
+        )

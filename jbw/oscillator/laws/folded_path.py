@@ -1,0 +1,195 @@
+r"""Hysteretic force along a periodic motion that turns more than twice a period (nu = 1).
+
+Between two turning points the exact map gives the force from the last turning point directly. Its
+value at the first one is the root of the periodicity z(theta + pi) = -z(theta), one scalar
+equation, monotone with slope in [1, 2]. Units as for the closed path.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.lax import stop_gradient
+from jaxtyping import Array, Complex, Float
+
+from jbw.oscillator.laws.closed_path import opening
+from jbw.oscillator.laws.hysteresis import hysteresis_map
+from jbw.oscillator.laws.relaxation import psi
+from jbw.oscillator.parameters import Hysteresis, Scalar
+from jbw.oscillator.steady.waveform import crest, exponentials, flatter, gauss_legendre, synthesis
+
+_NODES = 24
+_NODES_PER_HARMONIC = 2
+_GRID_PER_HARMONIC = 16
+_LEAST_GRID = 128
+_NUM_HALVINGS = 20
+_NUM_PERIODICITY = 12
+
+
+def relaxed_force(
+    q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
+) -> Complex[Array, " harmonic"]:
+    r"""Harmonics of r = z/alpha - y by Gauss-Legendre between turning points and zeros of z.
+
+    Args:
+        q: Complex amplitudes of the odd orders of y.
+        delta: Softening, in the inverse unit of `q`.
+        gamma: Opening, in the inverse unit of `q`.
+        max_turns: Turning points in a period, at most.
+
+    Returns:
+        Complex amplitudes of r, in the unit of `q`.
+    """
+    num_harmonics = q.shape[0]
+    law = _unit_law(delta, gamma)
+    turns = turning_angles(q, max_turns)
+    y_turn, z_turn = _turning_states(q, turns, law)
+    turns, zeros = stop_gradient((turns, _zeros(q, turns, y_turn, z_turn, law)))
+    breaks = jnp.stack([turns[:-1], zeros], -1).ravel()
+    breaks = jnp.append(breaks, turns[-1])
+    num_nodes = _NODES + _NODES_PER_HARMONIC * num_harmonics
+    theta, weights = gauss_legendre(num_nodes, breaks[:-1], breaks[1:])
+    basis = exponentials(theta, num_harmonics)
+    y = jnp.sum(basis * q, -1).real
+    first = np.repeat(np.arange(turns.shape[0] - 1), 2)
+    z = hysteresis_map(law, z_turn[first, None], y - y_turn[first, None])
+    return 2.0 / jnp.pi * jnp.einsum("sp,spn->n", weights * (z - y), basis.conj())
+
+
+def force_over_period(
+    q: Complex[Array, " harmonic"],
+    theta: Float[Array, " time"],
+    delta: Scalar,
+    gamma: Scalar,
+    max_turns: int,
+) -> Float[Array, " time"]:
+    """Hysteretic force z/alpha at angles of the period.
+
+    Args:
+        q: Complex amplitudes of the odd orders of y.
+        theta: Angles [rad].
+        delta: Softening, in the inverse unit of `q`.
+        gamma: Opening, in the inverse unit of `q`.
+        max_turns: Turning points in a period, at most.
+
+    Returns:
+        z/alpha, in the unit of `q`.
+    """
+    law = _unit_law(delta, gamma)
+    turns = turning_angles(q, max_turns)
+    y_turn, z_turn = _turning_states(q, turns, law)
+    after = jnp.mod(theta - turns[0], 2.0 * jnp.pi)
+    side = jnp.where(after >= jnp.pi, -1.0, 1.0)
+    place = turns[0] + jnp.where(after >= jnp.pi, after - jnp.pi, after)
+    last = jnp.searchsorted(turns[1:-1], place, side="right")
+    return side * hysteresis_map(law, z_turn[last], side * synthesis(q, theta) - y_turn[last])
+
+
+def turning_angles(q: Complex[Array, " harmonic"], max_turns: int) -> Float[Array, " turn"]:
+    r"""Turning points of half a period, from the crest to its mirror, padded by the latter.
+
+    Args:
+        q: Complex amplitudes of the odd orders of y.
+        max_turns: Turning points in a period, at most.
+
+    Returns:
+        max_turns/2 + 1 angles in rising order [rad]; their first derivatives by `q` are exact.
+    """
+    start = crest(q)
+    points = max(_LEAST_GRID, _GRID_PER_HARMONIC * q.shape[0])
+    # Half a cell off the ends, whose zeros of y' are known.
+    theta = stop_gradient(start) + np.pi * (np.arange(points) + 0.5) / points
+    rising = synthesis(stop_gradient(q), theta, 1) > 0.0
+    size = max_turns // 2 - 1
+    (cell,) = jnp.nonzero(rising[1:] != rising[:-1], size=size, fill_value=points)
+    found = cell < points
+    lower = theta[jnp.minimum(cell, points - 2)]
+    inner = _polish(q, lower, jnp.pi / points)
+    end = start + jnp.pi
+    return jnp.concatenate([start[None], jnp.where(found, inner, end), end[None]])
+
+
+def _polish(
+    q: Complex[Array, " harmonic"], lower: Float[Array, " turn"], width: float
+) -> Float[Array, " turn"]:
+    """Zero of y' in each cell: halving, then Newton, whose last step carries the derivative."""
+    fixed = stop_gradient(q)
+    sign = jnp.sign(synthesis(fixed, lower, 1))
+
+    def halve(i: Array, lower: Array) -> Array:
+        half = width * 0.5 ** (i + 1.0)
+        return lower + jnp.where(sign * synthesis(fixed, lower + half, 1) > 0.0, half, 0.0)
+
+    angle = jax.lax.fori_loop(0, _NUM_HALVINGS, halve, lower)
+    angle = stop_gradient(flatter(fixed, angle))
+    return flatter(q, angle)
+
+
+def _turning_states(
+    q: Complex[Array, " harmonic"], turns: Float[Array, " turn"], law: Hysteresis
+) -> tuple[Float[Array, " turn"], Float[Array, " turn"]]:
+    """Displacement and steady force at the turning points; the last mirrors the first."""
+    y = synthesis(q, turns)
+    y = y.at[-1].set(-y[0])
+
+    def path(law: Hysteresis, y: Array, z: Array) -> Array:
+        def move(z: Array, dy: Array) -> tuple[Array, Array]:
+            after = hysteresis_map(law, z, dy)
+            return after, after
+
+        return jnp.append(z, jax.lax.scan(move, z, jnp.diff(y))[1])
+
+    def newton(law: Hysteresis, y: Array, z: Array) -> Array:
+        (end, slope) = jax.jvp(lambda z: path(law, y, z)[-1], (z,), (jnp.ones_like(z),))
+        return z - (end + z) / (1.0 + slope)
+
+    fixed = stop_gradient((law, y))
+    z = y[0] - opening(y[0], law.delta, law.gamma)
+    z = jax.lax.fori_loop(0, _NUM_PERIODICITY, lambda _, z: newton(*fixed, z), stop_gradient(z))
+    # At the root two more steps change no digit and carry two derivatives.
+    z = newton(law, y, newton(law, y, stop_gradient(z)))
+    return y, path(law, y, z)
+
+
+def _zeros(
+    q: Complex[Array, " harmonic"],
+    turns: Float[Array, " turn"],
+    y_turn: Float[Array, " turn"],
+    z_turn: Float[Array, " turn"],
+    law: Hysteresis,
+) -> Float[Array, " segment"]:
+    """Angle at which z vanishes between two turning points; their middle where it does not."""
+    q, turns, y_turn, z_turn, law = stop_gradient((q, turns, y_turn, z_turn, law))
+    lower, upper = turns[:-1], turns[1:]
+    direction = jnp.sign(y_turn[1:] - y_turn[:-1])
+    distance = -psi(law.gamma - law.delta, direction * z_turn[:-1])
+    target = y_turn[:-1] + direction * distance
+    crosses = z_turn[:-1] * z_turn[1:] < 0.0
+    middle = 0.5 * (lower + upper)
+
+    def halve(_: int, bounds: tuple[Array, Array]) -> tuple[Array, Array]:
+        lower, upper = bounds
+        half = 0.5 * (lower + upper)
+        before = direction * (synthesis(q, half) - target) < 0.0
+        return jnp.where(before, half, lower), jnp.where(before, upper, half)
+
+    lower, upper = jax.lax.fori_loop(0, _NUM_HALVINGS, halve, (lower, upper))
+    return jnp.where(crosses, 0.5 * (lower + upper), middle)
+
+
+class _UnitLaw(NamedTuple):
+    """The hysteresis of z/alpha."""
+
+    alpha: Scalar
+    delta: Scalar
+    gamma: Scalar
+
+    @property
+    def nu(self) -> float:
+        """The exponent, no leaf."""
+        return 1.0
+
+
+def _unit_law(delta: Scalar, gamma: Scalar) -> Any:
+    return _UnitLaw(jnp.ones_like(delta), delta, gamma)

@@ -1,0 +1,289 @@
+r"""Jenkins sliders in parallel: springs that each slip at a displacement of their own."""
+
+from collections.abc import Mapping
+from functools import cache, reduce
+from typing import Any, ClassVar, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.lax import stop_gradient
+from jaxtyping import Array, Bool, Complex, Float
+
+from jbw.oscillator.kinks import Ends, StepPath, kept, kick, signed, slope_kick
+from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.steady.waveform import angle_of, crest, exponentials, gauss_legendre, synthesis
+from jbw.quantities import Quantity
+
+# The first slip is looked for between these parts of the largest displacement, the others from
+# there on up by ratios of at least one, so that no two sliders may change places. The ratios
+# together span as much; a slider that never slips is a linear spring.
+SLIP = (0.02, 2.0)
+SHARE = (0.002, 0.5)  # of the stiffness, all sliders together
+FORCED_SHARE = (0.01, 1.0)
+_NODES, _NODES_PER_HARMONIC = 24, 2
+_NEVER = 1e30  # a slip of the dimensionless problem without a load
+_SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
+
+def _table(count: int) -> tuple[Quantity, ...]:
+    """Parameters of so many sliders, in the order of their slips."""
+    rows = []
+    for i in range(1, count + 1):
+        low, before = (f"{number}".translate(_SUBSCRIPT) for number in (i, i - 1))
+        rows.append(Quantity(f"stiffness_{i}", f"α{low}", "1/s^2", f"stiffness of slider {i}", 0.0))
+        if i == 1:
+            rows.append(_slip(1))
+        else:
+            meaning = f"slip of slider {i} over that of slider {i - 1}"
+            rows.append(Quantity(f"slip_ratio_{i}", f"φ{low}/φ{before}", "1", meaning, 1.0))
+    return tuple(rows)
+
+
+def _slip(i: int) -> Quantity:
+    low = f"{i}".translate(_SUBSCRIPT)
+    return Quantity(f"slip_{i}", f"φ{low}", "m", f"displacement at which slider {i} slips", 0.0)
+
+
+def _slips(count: int) -> tuple[Monomial, ...]:
+    """The other sliders' slips, products of the first one and the ratios."""
+    return tuple(
+        Monomial(_slip(i), {"slip_1": 1} | {f"slip_ratio_{j}": 1 for j in range(2, i + 1)})
+        for i in range(2, count + 1)
+    )
+
+
+class Jenkins(Law):
+    r"""Parallel array of Jenkins elements; its memory is the tuple of the springs' stretches x.
+
+    $$F = \sum_i \alpha_i x_i, \qquad x_i \leftarrow \mathrm{clip}(x_i + dy,\,
+      -\varphi_i,\, \varphi_i)$$
+
+    The move is exact for every monotone path. A Masing law: damping follows from softening.
+
+    Attributes:
+        alpha: Stiffness of each slider [1/s^2]; scalars, or an array of one axis.
+        phi: Displacement at which each slips [m].
+
+    Reference:
+        Iwan (1966).
+    """
+
+    name: ClassVar[str] = "jenkins"
+    table: ClassVar[tuple[Quantity, ...]] = _table(1)
+
+    alpha: tuple[Scalar, ...] = eqx.field(converter=tuple)
+    phi: tuple[Scalar, ...] = eqx.field(converter=tuple)
+
+    def __check_init__(self) -> None:
+        if len(self.alpha) != len(self.phi):
+            raise ValueError("Jenkins needs as many `phi` as `alpha`.")
+
+    @classmethod
+    def build(cls, theta: Mapping[str, Any]) -> Self:
+        """The array of stiffness_1, slip_1, stiffness_2, slip_ratio_2 (or slip_2 itself), ..."""
+        phi = [theta["slip_1"]]
+        for i in range(2, len(cls.table) // 2 + 1):
+            own = f"slip_{i}"
+            phi.append(theta[own] if own in theta else phi[-1] * theta[f"slip_ratio_{i}"])
+        return cls(tuple(theta[f"stiffness_{i}"] for i in range(1, len(phi) + 1)), tuple(phi))
+
+    def parameters(self) -> dict[str, Any]:
+        """Values by name."""
+        values: dict[str, Any] = {}
+        for i, (alpha, phi) in enumerate(zip(self.alpha, self.phi, strict=True)):
+            values[f"stiffness_{i + 1}"] = alpha
+            values |= {f"slip_ratio_{i + 1}": phi / self.phi[i - 1]} if i else {"slip_1": phi}
+        return values
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        """An equal part of the stiffness for each slider; the first slip, and ratios from there."""
+        count = len(cls.table) // 2
+        share = FORCED_SHARE if scales.forced else SHARE
+        low, high = (float(part * scales.omega_n**2 / count) for part in share)
+        least, most = (part * scales.y_peak for part in SLIP)
+        bounds: Bounds = {"stiffness_1": (low, high), "slip_1": (least, most)}
+        for i in range(2, count + 1):
+            bounds[f"stiffness_{i}"] = (low, high)
+            bounds[f"slip_ratio_{i}"] = (1.0, (most / least) ** (1.0 / (count - 1)))
+        return bounds
+
+    # -- motion ------------------------------------------------------------------------------------
+    def stiffness(self) -> Scalar:
+        """All sliders stuck [1/s^2]."""
+        return sum(self.alpha)
+
+    def at_rest(self) -> tuple[Scalar, ...]:
+        """No spring stretched."""
+        return tuple(0.0 for _ in self.alpha)
+
+    def force(self, y: Scalar, v: Scalar, memory: tuple[Scalar, ...]) -> Scalar:
+        """Sum of the sliders' forces [N/kg]."""
+        return sum(alpha * x for alpha, x in zip(self.alpha, memory, strict=True))
+
+    def rate(self, y: Scalar, v: Scalar, memory: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
+        """A spring stretches as y moves while its slider sticks."""
+        slips = self.branch(v, memory)
+        return tuple(jnp.where(slip, 0.0, v) for slip in slips)
+
+    def move(self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar) -> tuple[Scalar, ...]:
+        """Stretches after a monotone move, exact."""
+        return tuple(jnp.clip(x + dy, -phi, phi) for x, phi in zip(memory, self.phi, strict=True))
+
+    def memory_unit(self, omega_n: Scalar) -> tuple[Scalar, ...]:
+        """A stretch times omega_n is a velocity."""
+        return tuple(omega_n for _ in self.alpha)
+
+    # -- through a time step -----------------------------------------------------------------------
+    def branch(self, v: Scalar, memory: tuple[Scalar, ...]) -> tuple[Bool[Array, "..."], ...]:
+        """Which sliders slip; a stretch is exactly phi there, for it was clipped to it."""
+        pairs = zip(memory, self.phi, strict=True)
+        return tuple(signed(x, v) >= phi for x, phi in pairs)
+
+    def remainder(
+        self, h: Scalar, y: Scalar, v: Scalar, memory: tuple[Scalar, ...], branch: tuple
+    ) -> tuple[Scalar, Scalar]:
+        """What slip has taken, sum alpha (x - y); its rate is that of the slipping sliders."""
+        pairs = zip(self.alpha, memory, strict=True)
+        return sum(alpha * (x - y) for alpha, x in pairs), -h * v * self._slipping(branch)
+
+    def bend(
+        self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: tuple, branch: tuple
+    ) -> Scalar:
+        """Half of h^2 times its second derivative."""
+        return -0.5 * h**2 * a * self._slipping(branch)
+
+    def glide(
+        self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar, branch: tuple
+    ) -> tuple[tuple[Scalar, ...], Bool[Array, "..."]]:
+        """The exact move, and whether a slider began to slip."""
+        moved = self.move(y, memory, dy)
+        after = self.branch(dy, moved)
+        met = (now != was for now, was in zip(after, branch, strict=True))
+        return moved, reduce(jnp.logical_or, met)
+
+    def turn(
+        self, y: Scalar, memory: tuple[Scalar, ...], ends: Ends, lift: Scalar
+    ) -> tuple[tuple[Scalar, ...], Scalar, Scalar]:
+        """Every slider may begin to slip before the turning point and again after it."""
+        path = StepPath.through(ends, lift)
+        start = jnp.where(ends[0] == 0.0, ends[1], ends[0])
+        top, end, kick_v, kick_y = [], [], 0.0, 0.0
+        for alpha, phi, x in zip(self.alpha, self.phi, memory, strict=True):
+            jumps = []
+            there = kept(jnp.clip(x + path.before, -phi, phi))
+            slid = signed(there, start) >= phi
+            begins = slid & (signed(x, start) < phi)
+            jumps.append((begins, path.passage(signed(phi, start) - x, first=True)))
+            last = kept(jnp.clip(there + path.after, -phi, phi))
+            begins = path.turns & (signed(last, ends[1]) >= phi)
+            place = path.before + signed(phi, ends[1]) - there
+            jumps.append((begins, path.passage(place, first=False)))
+            # Slip begins: the slope of r falls by alpha. It ends where the motion turns.
+            for begins, s in jumps:
+                s = kept(jnp.where(begins, s, 1.0))
+                lost = jnp.where(begins, -alpha, 0.0)
+                v, dy = slope_kick(1.0 - s, lost * path.cubic.slope(s), lost * path.cubic.bend(s))
+                kick_v, kick_y = kept((kick_v + v, kick_y + dy))
+            regained = jnp.where(path.turns & slid, alpha, 0.0)
+            found = kick(1.0 - path.fraction, regained * path.bend, 0.0)
+            kick_v, kick_y = kept((kick_v + found.v, kick_y + found.y))
+            top.append(there)
+            end.append(last)
+        return tuple(end), kick_v, kick_y
+
+    def shift(
+        self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar, branch: tuple
+    ) -> tuple[Scalar, ...]:
+        """Only what sticks moves."""
+        triples = zip(memory, self.phi, branch, strict=True)
+        return tuple(jnp.where(slip, x, jnp.clip(x + dy, -phi, phi)) for x, phi, slip in triples)
+
+    def _slipping(self, branch: tuple) -> Scalar:
+        """Stiffness of the sliders that slip [1/s^2]."""
+        pairs = zip(self.alpha, branch, strict=True)
+        return sum(jnp.where(slip, alpha, 0.0) for alpha, slip in pairs)
+
+    # -- along a periodic motion -------------------------------------------------------------------
+    def at_tip(self, y_peak: Scalar) -> tuple[Scalar, ...]:
+        """Stretches at y = Y of the steady loop."""
+        return tuple(jnp.minimum(y_peak, phi) for phi in self.phi)
+
+    def loop(self, y_peak: Scalar) -> Loop:
+        r"""Closed form, with c = arccos(1 - 2 phi/Y) where Y > phi, and alpha elsewhere.
+
+        $$\kappa = \frac{\alpha}{\pi}\left(c - \tfrac12 \sin 2c\right)
+          + 4j\,\frac{\alpha\varphi (Y - \varphi)}{\pi Y^2}$$
+        """
+        y_peak = jnp.asarray(y_peak, float)
+        stiffness, damping = 0.0 * y_peak, 0.0 * y_peak
+        for alpha, phi in zip(self.alpha, self.phi, strict=True):
+            slips = y_peak > phi
+            part = jnp.where(slips, phi / jnp.where(slips, y_peak, 1.0), 0.5)
+            c = jnp.arccos(1.0 - 2.0 * part)
+            real = (c - 0.5 * jnp.sin(2.0 * c)) / jnp.pi
+            stiffness = stiffness + alpha * jnp.where(slips, real, 1.0)
+            losses = 4.0 / jnp.pi * part * (1.0 - part)
+            damping = damping + alpha * jnp.where(slips, losses, 0.0)
+        return Loop(stiffness, damping)
+
+    def scaled(self, length: Scalar, stiffness: Scalar) -> "Jenkins":
+        """In units of displacement and stiffness; at a length of zero nothing slips."""
+        at_rest = length == 0.0
+        length = jnp.where(at_rest, 1.0, length)
+        slips = tuple(jnp.where(at_rest, _NEVER, phi / length) for phi in self.phi)
+        return Jenkins(tuple(alpha / stiffness for alpha in self.alpha), slips)
+
+    def harmonics(
+        self, q: Complex[Array, " harmonic"], max_turns: int
+    ) -> Complex[Array, " harmonic"]:
+        """By quadrature between the turning points and the angle where each slider slips again."""
+        if max_turns > 2:
+            return super().harmonics(q, max_turns)
+        start = crest(q)
+        peak = synthesis(q, start)
+        num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
+        total = jnp.zeros_like(q)
+        for alpha, phi in zip(self.alpha, self.phi, strict=True):
+            begin, again = stop_gradient((start, angle_of(q, start, peak - 2.0 * phi)))
+            parts = (
+                gauss_legendre(num_nodes, begin, again),
+                gauss_legendre(num_nodes, again, begin + jnp.pi),
+            )
+            theta, weights = (jnp.concatenate(part) for part in zip(*parts, strict=True))
+            basis = exponentials(theta, q.shape[0])
+            r = self._unloading(phi, peak, jnp.sum(basis * q, -1).real)
+            total = total + alpha * ((weights * r) @ basis.conj())
+        return 2.0 / jnp.pi * total
+
+    def force_over_period(
+        self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
+    ) -> Float[Array, " time"]:
+        """Exact for two turning points a period."""
+        if max_turns > 2:
+            return super().force_over_period(q, theta, max_turns)
+        peak = synthesis(q, crest(q))
+        side = jnp.where(synthesis(q, theta, 1) > 0.0, -1.0, 1.0)
+        y = side * synthesis(q, theta)
+        parts = (
+            alpha * (y + self._unloading(phi, peak, y))
+            for alpha, phi in zip(self.alpha, self.phi, strict=True)
+        )
+        return side * sum(parts)
+
+    def _unloading(self, phi: Scalar, peak: Scalar, y: Scalar) -> Scalar:
+        """Stretch less displacement on the way down from the peak: first stuck, then slipping."""
+        return jnp.where(peak > phi, -jnp.minimum(peak - phi, y + phi), 0.0)
+
+
+@cache
+def jenkins(count: int) -> type[Jenkins]:
+    """The kind of law with so many sliders, `jenkins_3` in a campaign."""
+    body = {
+        "name": f"jenkins_{count}",
+        "table": _table(count),
+        "products": _slips(count),
+        "__module__": __name__,
+    }
+    return type(f"Jenkins{count}", (Jenkins,), body)

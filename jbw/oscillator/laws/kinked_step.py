@@ -1,0 +1,230 @@
+r"""The joint's part of one time step, through a turning point, a zero of z, or both.
+
+The residual force $r = z - \alpha y$ has jumps of its second and third derivative: at a turning
+point $J_2 = -2\gamma|\dot v|z$, $J_3 = -2\gamma\,\mathrm{sgn}(v_1)\,\ddot v z$; at a zero of z
+$J_2 = -2\alpha\delta v|v|$, $J_3 = -6\alpha\delta|v|\dot v + 4\alpha\gamma\delta v^3$. They are
+paid back as kicks on v and y: with J_2 the state is of order 4, with the rest its derivatives are
+too. The derivatives are written out: found by AD they cost several times as much.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from jbw.oscillator.kinks import (
+    Cubic,
+    Ends,
+    Kick,
+    PathSlopes,
+    hermite,
+    hermite_basis,
+    kept,
+    kick,
+    passage,
+    signed,
+    turning_point,
+)
+from jbw.oscillator.laws.piecewise_map import MoveSlopes, TwoMoves, two_moves
+from jbw.oscillator.parameters import Scalar
+
+# Derivatives by delta, gamma, z, the path's start, end and rise, and its lift.
+Slopes = tuple[Scalar, ...]
+Law = tuple[Scalar, Scalar, Scalar]
+
+
+class _Kinked(NamedTuple):
+    """z at the end and the kicks (times 1/h and 1/h^2), and the derivatives of each."""
+
+    values: tuple[Scalar, Scalar, Scalar]
+    slopes: tuple[Slopes, Slopes, Slopes]
+
+
+class _Motion(NamedTuple):
+    """Path of a step, where it turns and how sharply, and the two moves along it."""
+
+    path: Cubic
+    turns: Bool[Array, "..."]
+    fraction: Scalar
+    sharpness: Scalar
+    moves: TwoMoves
+
+
+@jax.custom_jvp
+def kinked_step(law: Law, z: Scalar, ends: Ends, lift: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+    """Force z at the end of a step and what its kinks give to the motion.
+
+    Args:
+        law: alpha [1/s^2], delta [1/m] and gamma [1/m].
+        z: Force at the start [N/kg].
+        ends: Slopes h v of the step's cubic path at its start and end, and its rise [m].
+        lift: Quartic term of the path, (h d/dt)^4 y / 24 [m]: without it the turning point would
+            be of order 4 only, and its derivatives, which move it within the step, of order 3.
+
+    Returns:
+        z at the end [N/kg], the kick on v over h [m/s^2], and that on y over h^2 [m/s^2].
+    """
+    return _kinked(law, z, ends, lift).values
+
+
+@kinked_step.defjvp
+def _kinked_step_jvp(primals, tangents):
+    (alpha, *_), z, *_ = primals
+    (alpha_dot, delta_dot, gamma_dot), z_dot, ends_dot, lift_dot = tangents
+    values, slopes = _kinked(*primals)
+    dots = (delta_dot, gamma_dot, z_dot, *ends_dot, lift_dot)
+
+    def total(value, slopes):
+        # All results scale with (alpha, z).
+        by_alpha = kept((value - z * slopes[2]) / alpha)
+        return by_alpha * alpha_dot + sum(s * x for s, x in zip(slopes, dots, strict=True))
+
+    return values, tuple(total(*pair) for pair in zip(values, slopes, strict=True))
+
+
+def _kinked(law: Law, z: Scalar, ends: Ends, lift: Scalar) -> _Kinked:
+    """Values and derivatives; what is not asked for is not computed under jit."""
+    motion = _motion(law, z, ends, lift)
+    fraction_slopes, sharpness_slopes, by_path, by_lift = _turn_slopes(motion, ends, lift)
+    z_1 = motion.moves.end
+    turn_slopes = _along(motion.moves.turn_slopes, by_path, by_lift)
+    end_slopes = _along(motion.moves.end_slopes, by_path, by_lift)
+    turn, turn_kicks = _turn_kick(law, ends, motion, turn_slopes, sharpness_slopes, fraction_slopes)
+    zero, zero_kicks = _zero_kick(law, z, motion, end_slopes)
+    kicks = (kept(_sum(*pair)) for pair in zip(turn_kicks, zero_kicks, strict=True))
+    return _Kinked((z_1, turn.v + zero.v, turn.y + zero.y), (end_slopes, *kicks))
+
+
+def _motion(law: Law, z: Scalar, ends: Ends, lift: Scalar) -> _Motion:
+    """Where the path turns, and z along it."""
+    start, end, rise = ends
+    turns = jnp.asarray(start * end < 0.0)
+    path = kept(hermite(*ends))
+    fraction, sharpness = turning_point(turns, path)
+    weight = (fraction * (1.0 - fraction)) ** 2
+    before = kept(jnp.where(turns, path.move(fraction) + lift * weight, rise))
+    directions = jnp.where(start == 0.0, end, start), end
+    moves = two_moves(*law, z, (before, rise - before), directions)
+    return _Motion(path, turns, fraction, sharpness, moves)
+
+
+def _turn_slopes(
+    motion: _Motion, ends: Ends, lift: Scalar
+) -> tuple[PathSlopes, PathSlopes, PathSlopes, Scalar]:
+    """Derivatives by the path of where it turns, of how sharply, and of the move until then.
+
+    The cubic being flat there, its move depends on the path alone and not on where it turns.
+    """
+    move, slope, bend = hermite_basis(motion.fraction)
+    per_bend = kept(jnp.where(motion.turns, signed(1.0 / motion.sharpness, ends[0]), 0.0))
+    fraction = PathSlopes(*kept(tuple(per_bend * x for x in slope)))
+    sign = -signed(1.0, ends[0])
+    twist = 6.0 * motion.path.c_3
+    sharpness = (sign * (b + twist * f) for b, f in zip(bend, fraction, strict=True))
+    s = motion.fraction
+    weight = s * (1.0 - s)
+    shift = 2.0 * lift * weight * (1.0 - 2.0 * s)
+    move = (m + shift * f for m, f in zip(move, fraction, strict=True))
+    return (
+        fraction,
+        PathSlopes(*kept(tuple(sharpness))),
+        PathSlopes(*kept(tuple(move))),
+        kept(weight**2),
+    )
+
+
+def _along(moves: MoveSlopes, by_path: PathSlopes, by_lift: Scalar) -> Slopes:
+    """Derivatives by the path instead of by the two moves along it."""
+    delta, gamma, z, first, second = moves
+    more = first - second
+    start, end, rise = (more * x for x in by_path)
+    return kept((delta, gamma, z, start, end, rise + second, more * by_lift))
+
+
+def _turn_kick(
+    law: Law,
+    ends: Ends,
+    motion: _Motion,
+    z_slopes: Slopes,
+    sharpness_slopes: PathSlopes,
+    fraction_slopes: PathSlopes,
+) -> tuple[Kick, tuple[Slopes, Slopes]]:
+    """Kick of the turning point, and its derivatives."""
+    gamma, z = law[2], motion.moves.turn
+    twice = jnp.where(motion.turns, -2.0, 0.0)
+    sharpness, twist = motion.sharpness, signed(6.0 * motion.path.c_3, ends[1])
+    found = kick(1.0 - motion.fraction, twice * gamma * sharpness * z, twice * gamma * twist * z)
+    six = signed(6.0, ends[1])
+    twist_slopes = PathSlopes(six, six, -2.0 * six)
+
+    def by_path(weights):
+        by_fraction, by_2, by_3 = weights
+        by_z = twice * gamma * (by_2 * sharpness + by_3 * twist)
+        by_gamma = twice * z * (by_2 * sharpness + by_3 * twist)
+        by_2, by_3 = twice * gamma * z * by_2, twice * gamma * z * by_3
+        by_z, by_gamma, by_2, by_3 = kept((by_z, by_gamma, by_2, by_3))
+        delta, gamma_, z_, *path, lift = (by_z * x for x in z_slopes)
+        path = (
+            p + by_2 * a + by_3 * b - by_fraction * s
+            for p, a, b, s in zip(
+                path, sharpness_slopes, twist_slopes, fraction_slopes, strict=True
+            )
+        )
+        return delta, gamma_ + by_gamma, z_, *path, lift
+
+    return found, (by_path(found.v_slopes), by_path(found.y_slopes))
+
+
+def _zero_kick(
+    law: Law, z: Scalar, motion: _Motion, end_slopes: Slopes
+) -> tuple[Kick, tuple[Slopes, Slopes]]:
+    """Kick of the zero of z, and its derivatives."""
+    alpha, delta, gamma = law
+    path, z_1 = motion.path, motion.moves.end
+    crosses = z * z_1 < 0.0
+    steady = crosses & ~motion.turns
+    share = kept(1.0 / jnp.where(crosses, z - z_1, 1.0))
+    s = passage(steady, path, z * share, motion.moves.zero)
+    speed, bend = kept((path.slope(s), path.bend(s)))
+    size = jnp.abs(speed)
+    twice = jnp.where(crosses, -2.0 * alpha, 0.0)
+    shape_2, shape_3 = speed * size, 3.0 * size * bend - 2.0 * gamma * speed**3
+    shape_2, shape_3 = kept((twice * shape_2, twice * shape_3))
+    found = kick(1.0 - s, delta * shape_2, delta * shape_3)
+
+    # Where z passes zero: on the exact map if the path does not turn, else on a chord of z.
+    move_basis, slope_basis, bend_basis = (kept(tuple(b)) for b in hermite_basis(s))
+    per_speed = kept(jnp.where(steady, 1.0 / jnp.where(steady, speed, 1.0), 0.0))
+    chord = jnp.where(steady, 0.0, share**2)
+    zero = motion.moves.zero_slopes
+    targets = (zero.delta, zero.gamma, zero.z, *(-x for x in move_basis), 0.0)
+    s_slopes = tuple(
+        per_speed * a + chord * z * b for a, b in zip(targets, end_slopes, strict=True)
+    )
+    s_slopes = kept((*s_slopes[:2], s_slopes[2] - chord * z_1, *s_slopes[3:]))
+    scale = twice * delta
+
+    def by_all(weights):
+        by_fraction, by_2, by_3 = weights
+        by_speed = scale * (
+            2.0 * by_2 * size + by_3 * (signed(3.0, speed) * bend - 6.0 * gamma * speed**2)
+        )
+        by_bend = scale * by_3 * 3.0 * size
+        by_s = by_speed * bend + by_bend * 6.0 * path.c_3 - by_fraction
+        by_speed, by_bend, by_s = kept((by_speed, by_bend, by_s))
+        by_delta, by_gamma, by_z, *by_path, by_lift = (by_s * x for x in s_slopes)
+        by_path = (
+            x + by_speed * a + by_bend * b
+            for x, a, b in zip(by_path, slope_basis, bend_basis, strict=True)
+        )
+        by_delta = by_delta + by_2 * shape_2 + by_3 * shape_3
+        by_gamma = by_gamma - 2.0 * scale * by_3 * speed**3
+        return by_delta, by_gamma, by_z, *by_path, by_lift
+
+    return found, (by_all(found.v_slopes), by_all(found.y_slopes))
+
+
+def _sum(first: Sequence[Scalar], second: Sequence[Scalar]) -> Slopes:
+    return tuple(a + b for a, b in zip(first, second, strict=True))

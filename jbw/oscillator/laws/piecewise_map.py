@@ -1,0 +1,274 @@
+r"""Exact monotone moves of z for nu = 1 in signed form, cheap enough for a time step.
+
+On one branch $dz/dy = \alpha - c z$ with
+$c = \gamma\,\mathrm{sgn}\,\dot y + \delta\,\mathrm{sgn}\,z$, so a signed move dy gives
+$z + (\alpha - c z)\,dy\,P(c\,dy)$, $P(x) = (1 - e^{-x})/x$: no absolute values, no 0/0, and no
+logarithm unless z changes sign.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.custom_derivatives import SymbolicZero
+from jaxtyping import Array, Bool
+from numpy.polynomial import Chebyshev, Polynomial
+
+from jbw.oscillator.kinks import kept, signed
+from jbw.oscillator.parameters import Scalar
+
+
+def _interpolated(function: Callable, upper: float, degree: int, lower: float = 0.0) -> list[float]:
+    """Power coefficients of the Chebyshev interpolant of a function on [lower, upper]."""
+    fit = Chebyshev.interpolate(function, degree, domain=[lower, upper])
+    return [float(c) for c in fit.convert(kind=Polynomial).coef]
+
+
+def _expm1_ratio(x: np.ndarray) -> np.ndarray:
+    """P(x), with its limit at 0."""
+    return np.where(x == 0.0, 1.0, -np.expm1(-x) / np.where(x == 0.0, 1.0, x))
+
+
+# P on [-1, 1]; error 3e-15: a bias here shifts the stiffness, and the phase adds it up.
+_P = _interpolated(_expm1_ratio, 1.0, 12, -1.0)
+# Its derivative on the same interval, in gradients only; error 1e-11.
+_P_SLOPE = _interpolated(lambda x: (np.expm1(-x) + x * np.exp(-x)) / x**2, 1.0, 9, -1.0)
+# atanh(t)/t as a function of t^2, t up to tanh(1/2); error 1e-13.
+_ATANH = _interpolated(lambda s: np.arctanh(np.sqrt(s)) / np.sqrt(s), np.tanh(0.5) ** 2, 9)
+
+
+def _polynomial(terms: list, x: Scalar) -> Scalar:
+    """Sum of terms[n] x^n by Estrin's scheme: few dependent operations."""
+    while len(terms) > 1:
+        odd = terms[-1:] if len(terms) % 2 else []
+        terms = [a + b * x for a, b in zip(terms[::2], terms[1::2], strict=False)] + odd
+        x = x * x
+    return terms[0]
+
+
+def saturation(x: Scalar) -> Scalar:
+    """P(x) = (1 - exp(-x))/x for |x| <= 1."""
+    return _polynomial(_P, x)
+
+
+def _far_saturation(x: Scalar) -> Scalar:
+    """P(x) for |x| <= 4, through P(2x) = P(x) (1 - x P(x)/2)."""
+    x = 0.25 * x
+    p = kept(saturation(x))
+    p = p * (1.0 - 0.5 * x * p)
+    return kept(p * (1.0 - x * p))
+
+
+def leg_bend(x: Scalar) -> Scalar:
+    """P'(x) for |x| <= 4, through 2 P'(2x) = P'(x) (1 - x P(x)) - P(x)^2/2."""
+    x = 0.25 * x
+    p, slope = kept((saturation(x), _polynomial(_P_SLOPE, x)))
+    slope = 0.5 * slope * (1.0 - x * p) - 0.25 * p**2
+    p = p * (1.0 - 0.5 * x * p)
+    return kept(0.5 * slope * (1.0 - 2.0 * x * p) - 0.25 * p**2)
+
+
+def smooth_move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
+    r"""Force z after a move dy along one branch, $|c\,dy| \le 1$.
+
+    $$z + (\alpha - c z)\,dy\,P(c\,dy)$$
+    """
+    return z + (alpha - c * z) * dy * saturation(c * dy)
+
+
+def leg(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> tuple[Scalar, Scalar]:
+    r"""Force z after a move dy along one branch, $|c\,dy| \le 4$, and $\phi$.
+
+    $$z_1 = z + (\alpha - c z)\,\phi, \quad \phi = dy\,P(c\,dy), \qquad
+      \partial_{dy} z_1 = \alpha - c z_1, \quad \partial_z z_1 = 1 - c\phi, \quad
+      \partial_c z_1 = (\alpha - c z)\,dy^2 P'(c\,dy) - z\phi$$
+    """
+    phi = dy * _far_saturation(c * dy)
+    return kept((z + (alpha - c * z) * phi, phi))
+
+
+@jax.custom_jvp
+def distance(c: Scalar, w: Scalar) -> Scalar:
+    r"""Distance d from z = 0 to $z = \alpha w$ along one branch, $|c d| \le 4$.
+
+    $$d = -\frac{\log(1 - c w)}{c}$$
+
+    With $q = (1 - c w)^{1/4}$ it is $8 w\,\mathrm{atanh}(t)/t / ((1 + q)^2 (1 + q^2))$,
+    $t = (1 - q)/(1 + q)$: no cancellation at c w = 0.
+    """
+    q_2 = jnp.sqrt(1.0 - c * w)
+    q = jnp.sqrt(q_2)
+    scale = 1.0 / ((1.0 + q) ** 2 * (1.0 + q_2))
+    scale = kept(scale)
+    return kept(8.0 * w * scale * _polynomial(_ATANH, (c * w * scale) ** 2))
+
+
+@partial(distance.defjvp, symbolic_zeros=True)
+def _distance_jvp(primals, tangents):
+    c, w = primals
+    d = distance(c, w)
+    return d, _total(
+        d,
+        tangents,
+        lambda: -(d**2) * leg_bend(c * d) / (1.0 - c * w),
+        lambda: 1.0 / (1.0 - c * w),
+    )
+
+
+def _total(out: Scalar, tangents: tuple, *partials: Callable[[], Scalar]) -> Scalar:
+    """Total derivative: only the partial derivatives that are asked for are computed."""
+    terms = [
+        kept(derivative()) * tangent
+        for derivative, tangent in zip(partials, tangents, strict=True)
+        if not isinstance(tangent, SymbolicZero)
+    ]
+    return sum(terms, jnp.zeros_like(out))
+
+
+Pair = tuple[Scalar, Scalar]
+
+
+class MoveSlopes(NamedTuple):
+    """Derivatives of a result of two moves; alpha's follows from the scaling of (alpha, z)."""
+
+    delta: Scalar
+    gamma: Scalar
+    z: Scalar
+    first: Scalar
+    second: Scalar
+
+
+class TwoMoves(NamedTuple):
+    """Force after each move, and the move at which z passes zero in the first.
+
+    Attributes:
+        turn: z after the first move [N/kg].
+        end: z after the second [N/kg].
+        zero: Signed move from the start to the zero of z, where the first move crosses it [m].
+        turn_slopes: Derivatives of `turn`.
+        end_slopes: Derivatives of `end`.
+        zero_slopes: Derivatives of `zero`.
+    """
+
+    turn: Scalar
+    end: Scalar
+    zero: Scalar
+    turn_slopes: MoveSlopes
+    end_slopes: MoveSlopes
+    zero_slopes: MoveSlopes
+
+
+class _Leg(NamedTuple):
+    """One monotone leg on one branch: signs of its terms in c, start, length, end and phi."""
+
+    gamma_sign: Scalar
+    delta_sign: Scalar
+    c: Scalar
+    start: Scalar
+    length: Scalar
+    end: Scalar
+    phi: Scalar
+
+
+class _Legs(NamedTuple):
+    """The legs of two moves and which move, if one, crosses z = 0; `past` is its distance."""
+
+    a: _Leg
+    b: _Leg
+    c: _Leg
+    early: Bool[Array, "..."]
+    late: Bool[Array, "..."]
+    past: Scalar
+
+
+def two_moves(
+    alpha: Scalar, delta: Scalar, gamma: Scalar, z: Scalar, moves: Pair, directions: Pair
+) -> TwoMoves:
+    """Force z after each of two monotone moves, of which one may lead through z = 0.
+
+    Args:
+        alpha: Stiffness of the hysteretic part [1/s^2].
+        delta: Softening [1/m].
+        gamma: Opening [1/m].
+        z: Force before the moves [N/kg].
+        moves: Signed moves [m].
+        directions: Their signs, also where a move is zero.
+
+    Returns:
+        The forces and their slopes; what is not asked for is not computed under jit.
+    """
+    legs = _legs(alpha, delta, gamma, z, moves, directions)
+    a, b, c, early, late, past = legs
+    length_a = jnp.where(early, past - moves[0], moves[0])
+    length_b = jnp.where(early | late, past, moves[1])
+    bend_a, bend_b, bend_c = (
+        length**2 * leg_bend(leg.c * length)
+        for leg, length in ((a, length_a), (b, length_b), (c, c.length))
+    )
+    # Slope of the signed distance to zero by the force there: 1/(alpha - c z).
+    per_start = kept(1.0 / jnp.where(early, alpha - a.c * z, 1.0))
+    per_turn = kept(1.0 / jnp.where(late, alpha - b.c * a.end, 1.0))
+    slope_b, slope_c = kept((alpha - b.c * b.end, alpha - c.c * c.end))
+    zero_a = alpha * bend_a * per_start
+    by_a = kept(jnp.where(early, -slope_b * zero_a, (alpha - a.c * z) * bend_a - z * a.phi))
+    by_z = kept(jnp.where(early, slope_b * per_start, 1.0 - a.c * a.phi))
+    by_first = kept(jnp.where(early, slope_b, alpha - a.c * a.end))
+    own_b = (alpha - b.c * b.start) * bend_b - b.start * b.phi
+    turn_b = kept(jnp.where(early, own_b, 0.0))
+    after = jnp.where(early, 1.0 - c.c * c.phi, 1.0 - b.c * b.phi)
+    after = kept(jnp.where(late, slope_c * per_turn, after))
+    end_b = jnp.where(late, -slope_c * alpha * bend_b * per_turn, own_b)
+    end_b = kept(jnp.where(early, after * own_b, end_b))
+    end_c = kept((alpha - c.c * c.start) * bend_c - c.start * c.phi)
+    none = jnp.zeros_like(by_z)
+    return TwoMoves(
+        jnp.where(early, b.end, a.end),
+        c.end,
+        -length_a,
+        MoveSlopes(*_by_law((a, by_a), (b, turn_b)), by_z, by_first, none),
+        MoveSlopes(
+            *_by_law((a, after * by_a), (b, end_b), (c, end_c)),
+            after * by_z,
+            after * by_first,
+            slope_c,
+        ),
+        MoveSlopes(*_by_law((a, zero_a)), -per_start, none, none),
+    )
+
+
+def _by_law(*terms: tuple[_Leg, Scalar]) -> Pair:
+    """Derivatives by delta and gamma from those by the constants c of the legs."""
+    by_delta = sum((leg.delta_sign * by_c for leg, by_c in terms), 0.0)
+    by_gamma = sum((leg.gamma_sign * by_c for leg, by_c in terms), 0.0)
+    return kept((by_delta, by_gamma))
+
+
+def _legs(
+    alpha: Scalar, delta: Scalar, gamma: Scalar, z: Scalar, moves: Pair, directions: Pair
+) -> _Legs:
+    """Three legs: the first move as if z kept its sign; what is left of it after a zero, or else
+    the second move; what is left of that after a zero, or else the second move.
+    """  # noqa: D205
+
+    def along(gamma_sign, delta_sign, start, length):
+        c = kept(gamma_sign * gamma + delta_sign * delta)
+        end, phi = leg(alpha, c, start, length)
+        return _Leg(gamma_sign, delta_sign, c, start, length, end, phi)
+
+    first, second = (signed(1.0, direction) for direction in directions)
+    a = along(first, jnp.where(z == 0.0, first, signed(1.0, z)), z, moves[0])
+    early = jnp.asarray(z * a.end < 0.0)
+    sign_b = jnp.where(early, first, second), jnp.where(early, first, signed(1.0, a.end))
+    # Signed distance from zero to a.end along the first leg's branch, or the second's.
+    c_zero = kept(jnp.where(early, a.c, sign_b[0] * gamma + sign_b[1] * delta))
+    heading_to_zero = early | (a.end * second < 0.0)
+    past = distance(c_zero, jnp.where(heading_to_zero, a.end, 0.0) / alpha)
+    b = along(*sign_b, jnp.where(early, 0.0, a.end), jnp.where(early, past, moves[1]))
+    late = ~early & jnp.asarray(a.end * b.end < 0.0)
+    sign_c = jnp.where(late, second, signed(1.0, b.end))
+    rest = jnp.where(late, moves[1] + past, jnp.where(early, moves[1], 0.0))
+    c = along(second, sign_c, jnp.where(late, 0.0, b.end), rest)
+    return _Legs(a, b, c, early, late, past)

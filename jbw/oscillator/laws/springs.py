@@ -1,0 +1,176 @@
+r"""Springs: smooth restoring forces $f(y)$ without memory, per unit mass."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from jbw.oscillator.kinks import kept
+from jbw.oscillator.law import Bounds, Law, Loop, Scales
+from jbw.oscillator.parameters import Restoring, Scalar
+from jbw.oscillator.steady.waveform import odd_harmonics, synthesis
+from jbw.quantities import Quantity
+
+
+class Spring(Law):
+    """Base of the springs: a law without memory, which may be called with the displacement."""
+
+    def __call__(self, y: Scalar) -> Scalar:
+        """Force at the displacement y [m]."""
+        raise NotImplementedError
+
+    def stiffness(self) -> Scalar:
+        """None: a part linear in y is added to omega_n^2, not held by it."""
+        return 0.0
+
+    def remainder(
+        self, h: Scalar, y: Scalar, v: Scalar, memory: tuple[()], branch: tuple[()]
+    ) -> tuple[Scalar, Scalar]:
+        """The force f(y), and h times its rate f'(y) v."""
+        return kept(jax.jvp(self, (y,), (h * v,)))
+
+    def scaled(self, length: Scalar, stiffness: Scalar) -> "Spring":
+        """In units of displacement and stiffness."""
+        return ScaledSpring(self, length, stiffness)
+
+    def harmonics(
+        self, q: Complex[Array, " harmonic"], max_turns: int
+    ) -> Complex[Array, " harmonic"]:
+        """By a uniform grid, exact for polynomials to degree 7."""
+        return odd_harmonics(self, q)
+
+    def force_over_period(
+        self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
+    ) -> Float[Array, " time"]:
+        """The force of the displacement there."""
+        return self(synthesis(q, theta))  # pyright: ignore[reportReturnType]
+
+    def loop(self, y_peak: Scalar) -> Loop:
+        """First harmonic over Y of an odd force, exact for polynomials to degree 61; no losses."""
+        y_peak = jnp.asarray(y_peak, float)
+        peak = jnp.where(y_peak == 0.0, 1.0, y_peak)
+        cosines = np.cos(np.pi * (np.arange(16) + 0.5) / 32)
+        first = sum(c * self(c * peak) for c in cosines) / 8.0
+        _, at_rest = jax.jvp(self, (jnp.zeros_like(peak),), (jnp.ones_like(peak),))
+        stiffness = jnp.where(y_peak == 0.0, at_rest, first / peak)
+        return Loop(stiffness, jnp.zeros_like(stiffness))
+
+    def force(self, y: Scalar, v: Scalar, memory: tuple[()]) -> Scalar:
+        """Force at the displacement y [N/kg]."""
+        return self(y)
+
+
+class Cubic(Spring):
+    r"""Cubic stiffness, $f(y) = \lambda_3\,y^3$ [N/kg].
+
+    Beside no other law it makes a Duffing oscillator of natural frequency omega_n.
+
+    Attributes:
+        lambda_3: Cubic stiffness, positive where it stiffens [1/(m^2 s^2)].
+    """
+
+    name: ClassVar[str] = "cubic"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("cubic", "λ₃", "1/(m^2 s^2)", "cubic stiffness beside the joint"),
+    )
+
+    lambda_3: Scalar
+
+    @classmethod
+    def build(cls, theta: Mapping[str, Any]) -> Self:
+        """The spring of `cubic`."""
+        return cls(theta["cubic"])
+
+    def parameters(self) -> dict[str, Any]:
+        """Values by name."""
+        return {"cubic": self.lambda_3}
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        """At the largest displacement up to three tenths of the linear stiffness, either sign."""
+        most = 0.3 * scales.omega_n**2 / scales.y_peak**2
+        return {"cubic": (-most, most)}
+
+    def __call__(self, y: Scalar) -> Scalar:
+        """Force at the displacement y [m]."""
+        return self.lambda_3 * y**3
+
+
+class Polynomial(Spring):
+    r"""Polynomial stiffness, $f(y) = \sum_{n \ge 2} c_n\,y^n$ [N/kg].
+
+    Attributes:
+        coefficients: c_2, c_3, c_4, ... [1/(m^(n-1) s^2)]; None for a power that is not there.
+            The periodic responses, being of odd orders, need None (or a plain 0) for even powers.
+    """
+
+    name: ClassVar[str] = "polynomial"
+    table: ClassVar[tuple[Quantity, ...]] = ()
+
+    coefficients: tuple[Scalar | None, ...] = eqx.field(converter=tuple)
+
+    def parameters(self) -> dict[str, Any]:
+        """Values by name, c_2, c_3, ... of the powers that are there."""
+        terms = enumerate(self.coefficients, start=2)
+        return {f"c_{n}": c for n, c in terms if c is not None}
+
+    def __call__(self, y: Scalar) -> Scalar:
+        """Force at the displacement y [m]."""
+        terms = enumerate(self.coefficients, start=2)
+        return sum((c * y**n for n, c in terms if c is not None), 0.0 * y)
+
+
+class ScaledSpring(Spring):
+    r"""A spring in other units, $f(\ell q)/(\kappa\ell)$; $f'(0)\,q/\kappa$ at l = 0.
+
+    Attributes:
+        spring: f, from the displacement to the force.
+        length: Unit l of displacement.
+        unit: Unit kappa of stiffness.
+    """
+
+    name: ClassVar[str] = "scaled"
+    table: ClassVar[tuple[Quantity, ...]] = ()
+
+    spring: Spring
+    length: Scalar
+    unit: Scalar
+
+    def __call__(self, y: Scalar) -> Scalar:
+        """Force at the displacement y."""
+        at_rest = self.length == 0.0
+        length = jnp.where(at_rest, 1.0, self.length)
+        _, linear = jax.jvp(self.spring, (jnp.zeros_like(y),), (y,))
+        return jnp.where(at_rest, linear, self.spring(length * y) / length) / self.unit
+
+
+class Callable(Spring):
+    """Any function of the displacement as a law.
+
+    Attributes:
+        function: From y [m] to f(y) [N/kg]; a pytree, whose leaves are parameters.
+    """
+
+    name: ClassVar[str] = "callable"
+    table: ClassVar[tuple[Quantity, ...]] = ()
+
+    function: Restoring
+
+    def __call__(self, y: Scalar) -> Scalar:
+        """Force at the displacement y [m]."""
+        return self.function(y)
+
+
+def as_law(force: Restoring) -> Spring:
+    """A restoring force as a law: itself where it is one."""
+    return force if isinstance(force, Spring) else Callable(force)
+
+
+def is_odd(force: Restoring, y: float) -> bool:
+    """Whether f(-y) = -f(y) at one displacement."""
+    there, back = np.asarray(force(y)), np.asarray(force(-y))
+    return bool(np.all(np.abs(there + back) <= 1e-9 * np.abs(there - back)))

@@ -1,0 +1,171 @@
+"""The oscillator across whose joint any laws stand beside each other."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.tree_util import Partial, all_leaves
+from jaxtyping import Array, Float
+
+from jbw.oscillator.law import Bounds, Law, Loop, Memory, Scales
+from jbw.oscillator.laws import Kind, laws_named
+from jbw.oscillator.laws.bouc_wen import BoucWenLaw
+from jbw.oscillator.laws.springs import as_law
+from jbw.oscillator.parameters import Restoring, Scalar
+
+
+class Oscillator(eqx.Module):
+    r"""Single-mode oscillator, per unit modal mass, with the forces F_l of its laws.
+
+    $$\ddot y + 2\zeta\omega_n\dot y + k\,y + \sum_l F_l = u, \qquad
+      k = \omega_n^2 - \sum_l K_l$$
+
+    `omega_n` is the natural frequency at small amplitude, where every law has its stiffness K_l of
+    rest. Without a law it is linear. Leaves are scalars or arrays of one shape, a batch.
+
+    Attributes:
+        omega_n: Natural frequency at small amplitude [rad/s].
+        zeta: Viscous damping ratio [-].
+        laws: The forces across the joint.
+
+    Reference:
+        Eqs. (1), (39).
+    """
+
+    omega_n: Scalar
+    zeta: Scalar
+    laws: tuple[Law, ...] = eqx.field(default=(), converter=tuple)
+
+    @property
+    def k(self) -> Scalar:
+        """Stiffness beside the laws, omega_n^2 - sum K [1/s^2]."""
+        return self.omega_n**2 - sum(law.stiffness() for law in self.laws)
+
+    def at_rest(self) -> tuple[Memory, ...]:
+        """Memories of the laws before any motion."""
+        return tuple(law.at_rest() for law in self.laws)
+
+    def force(self, y: Scalar, v: Scalar, memory: tuple[Memory, ...]) -> Scalar:
+        """Sum of the laws' forces [N/kg]."""
+        pairs = zip(self.laws, memory, strict=True)
+        return sum((law.force(y, v, own) for law, own in pairs), 0.0 * y)
+
+    def move(self, y: Scalar, memory: tuple[Memory, ...], dy: Scalar) -> tuple[Memory, ...]:
+        """Memories after a monotone move from y by dy."""
+        pairs = zip(self.laws, memory, strict=True)
+        return tuple(law.move(y, own, dy) for law, own in pairs)
+
+    def at_tip(self, y_peak: Scalar) -> tuple[Memory, ...]:
+        """Memories at y = Y on the steady loops between -Y and Y."""
+        return tuple(law.at_tip(y_peak) for law in self.laws)
+
+    def loop(self, y_peak: Scalar) -> Loop:
+        """Equivalent stiffness and damping of all laws together at amplitude Y [m]."""
+        loops = [law.loop(y_peak) for law in self.laws]
+        none = 0.0 * jnp.asarray(y_peak, float)
+        return Loop(sum((x.stiffness for x in loops), none), sum((x.damping for x in loops), none))
+
+    def force_along(self, y: Float[Array, " time"]) -> Float[Array, " time"]:
+        """Restoring force k y + sum F along a displacement that starts at rest at y = 0 [N/kg].
+
+        Args:
+            y: Displacement, taken to go straight from sample to sample [m].
+        """
+
+        def onward(carry: tuple, y_next: Array) -> tuple[tuple, Array]:
+            y_last, memory = carry
+            dy = y_next - y_last
+            memory = self.move(y_last, memory, dy)
+            return (y_next, memory), self.force(y_next, dy, memory)  # pyright: ignore[reportReturnType]
+
+        start = jax.tree.map(lambda x: jnp.asarray(x, float), (0.0, self.at_rest()))
+        return self.k * y + jax.lax.scan(onward, start, y)[1]
+
+    def parameters(self) -> dict[str, Any]:
+        """omega_n, zeta and the laws' parameters by name."""
+        own = {"omega_n": self.omega_n, "zeta": self.zeta}
+        return own | {name: x for law in self.laws for name, x in law.parameters().items()}
+
+
+def _as_pytree(force: Restoring | None) -> Restoring | None:
+    """A plain function as a pytree without leaves; a pytree as it is."""
+    return Partial(force) if callable(force) and all_leaves([force]) else force
+
+
+class BoucWen(eqx.Module):
+    r"""Single-mode Bouc-Wen oscillator, per unit modal mass.
+
+    $$\ddot y + 2\zeta\omega_n\dot y + k\,y + Z = u, \qquad k = \omega_n^2 - \alpha$$
+    $$\dot Z = \alpha\dot y - \gamma|\dot y||Z|^{\nu-1}Z - \delta\dot y|Z|^\nu$$
+
+    `omega_n` is the natural frequency at small amplitude, where the joint sticks. Leaves may be
+    scalars or arrays of one shape (a batch of joints). A force f(y) of `restoring` is added to
+    the left side of the first equation; None, the default, is the paper's model.
+
+    Attributes:
+        omega_n: Natural frequency at small amplitude [rad/s].
+        zeta: Viscous damping ratio [-].
+        alpha: Stiffness of the hysteretic part [1/s^2].
+        delta: Softening of the hysteresis [1/m for nu = 1].
+        gamma: Opening of the hysteresis loop [1/m for nu = 1].
+        nu: Smoothness exponent [-]; static.
+        restoring: Smooth force beside the hysteretic one, from y [m] to f(y) [N/kg], such as
+            `Cubic`; a pytree whose leaves are parameters too.
+
+    Reference:
+        Eqs. (1), (2), (39).
+    """
+
+    omega_n: Scalar
+    zeta: Scalar
+    alpha: Scalar
+    delta: Scalar
+    gamma: Scalar
+    nu: float = eqx.field(default=1.0, static=True)
+    restoring: Restoring | None = eqx.field(default=None, converter=_as_pytree)
+
+    @property
+    def k(self) -> Scalar:
+        """Stiffness beside the joint, omega_n^2 - alpha [1/s^2]."""
+        return self.omega_n**2 - self.alpha
+
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        """The laws across the joint: Bouc-Wen's, and that of `restoring` beside it."""
+        beside = () if self.restoring is None else (as_law(self.restoring),)
+        return (BoucWenLaw(self.alpha, self.delta, self.gamma, self.nu), *beside)
+
+
+Joint = Oscillator | BoucWen
+
+
+def as_oscillator(joint: Joint) -> Oscillator:
+    """An oscillator of laws; a `BoucWen` is one."""
+    if isinstance(joint, Oscillator):
+        return joint
+    return Oscillator(joint.omega_n, joint.zeta, joint.laws)
+
+
+def oscillator_of(theta: Mapping[str, Any], laws: Iterable[str | Kind]) -> Oscillator:
+    """The oscillator of a dictionary of parameters.
+
+    Args:
+        theta: omega_n [rad/s], zeta [-] and the parameters of every law, in its own or any other
+            of its coordinates; more may stand there.
+        laws: Names of the laws, or their classes.
+
+    Returns:
+        The oscillator.
+    """
+    forces = tuple(law.of(theta) for law in laws_named(laws))
+    return Oscillator(theta["omega_n"], theta["zeta"], forces)
+
+
+def prior_of(laws: Iterable[str | Kind], scales: Scales) -> Bounds:
+    """Wide bounds of all parameters of several laws, from scales alone."""
+    bounds: Bounds = {}
+    for law in laws_named(laws):
+        bounds |= law.prior(scales)
+    return bounds

@@ -1,0 +1,126 @@
+r"""Harmonic probing: the Volterra kernels of the polynomial oscillator at any order.
+
+Kernels are symmetric in their frequencies; the frequencies of one call broadcast.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+from math import factorial
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Complex, Float
+
+from jbw.errors import ConfigError
+from jbw.oscillator.paper.kernels import PolynomialOscillator, kernel_1, nonlinear_force
+
+
+def kernel(system: PolynomialOscillator, *omega: Float[ArrayLike, "..."]) -> Complex[Array, "..."]:
+    r"""Symmetric kernel of any order, as many as there are frequencies.
+
+    With $G(S) = |S|!\,H_{|S|}$ on a set S of frequencies with sum $\omega_S$,
+
+    $$G(S) = -H_1(\omega_S)\Bigl[2\rho\sum_{\{A,B\}} G(A)G(B)
+      + 6\lambda_3\sum_{\{A,B,C\}} G(A)G(B)G(C)\Bigr],$$
+
+    the sums over the ways to part S into two or three sets. The work grows like 4^order.
+
+    Args:
+        system: Polynomial oscillator.
+        *omega: Angular frequencies, one for each order [rad/s].
+
+    Returns:
+        Kernel [m^(1-n) s^(2n)] of order n, complex.
+
+    Raises:
+        ConfigError: If there is no frequency.
+
+    Reference:
+        Eqs. (18), (27).
+    """
+    if not omega:
+        raise ConfigError("A kernel needs at least one frequency `omega`, but none was given.")
+    everything = tuple(range(len(omega)))
+    probed: dict[tuple[int, ...], Array] = {}
+    for size in range(1, len(omega) + 1):
+        for subset in combinations(everything, size):
+            linear = kernel_1(system, sum(jnp.asarray(omega[i]) for i in subset))
+            if size == 1:
+                probed[subset] = linear
+                continue
+            pairs = sum(probed[a] * probed[b] for a, b in _partitions(subset, 2))
+            triples = sum(probed[a] * probed[b] * probed[c] for a, b, c in _partitions(subset, 3))
+            probed[subset] = -linear * (2 * system.rho * pairs + 6 * system.lambda_3 * triples)
+    return probed[everything] / factorial(len(omega))
+
+
+def _partitions(items: tuple[int, ...], blocks: int) -> Iterator[tuple[tuple[int, ...], ...]]:
+    """Every way to part `items` into so many non-empty blocks, each counted once."""
+    if blocks == 1:
+        yield (items,)
+        return
+    first, rest = items[0], items[1:]
+    for size in range(len(items) - blocks + 1):
+        for mates in combinations(rest, size):
+            others = tuple(i for i in rest if i not in mates)
+            for tail in _partitions(others, blocks - 1):
+                yield ((first, *mates), *tail)
+
+
+def leading_diagonals(
+    system: PolynomialOscillator, omega: Float[ArrayLike, "..."], max_order: int = 5
+) -> tuple[Complex[Array, "..."], ...]:
+    r"""Leading diagonals $H_n(\omega,\dots,\omega)$ of the kernels from order 1 up.
+
+    $$H_n = -H_1(n\omega)\Bigl[\rho\sum_{i+k=n} H_i H_k
+      + \lambda_3\sum_{i+k+l=n} H_i H_k H_l\Bigr]$$
+
+    Args:
+        system: Polynomial oscillator.
+        omega: Angular frequency [rad/s].
+        max_order: Highest order returned.
+
+    Returns:
+        (H_1, ..., H_max_order) [m^(1-n) s^(2n)], complex.
+
+    Reference:
+        Eqs. (18), (28).
+    """
+    omega = jnp.asarray(omega)
+    diagonals = [kernel_1(system, omega)]
+    for order in range(2, max_order + 1):
+        force = nonlinear_force(system, diagonals)
+        diagonals.append(-kernel_1(system, order * omega) * force)
+    return tuple(diagonals)
+
+
+def cross_kernel(
+    system: PolynomialOscillator,
+    omega: Sequence[Float[ArrayLike, "..."]],
+    inputs: Sequence[int],
+) -> Complex[Array, "..."]:
+    r"""Symmetric kernel of several inputs: the excitation u and the square wave u_0.
+
+    $$H_\eta^{(i_1\dots i_\eta)} = (-1)^{\#0}\,H_\eta$$
+
+    u_0 stands on the left of the equation of motion and so drives it as -u_0, at the same point.
+
+    Args:
+        system: Polynomial oscillator.
+        omega: Angular frequencies, one for each order [rad/s].
+        inputs: Input of each frequency: 1 for u, 0 for u_0.
+
+    Returns:
+        Kernel [m^(1-n) s^(2n)] of order n, complex.
+
+    Raises:
+        ConfigError: If `inputs` does not name 0 or 1 for each frequency.
+
+    Reference:
+        Eqs. (14), (15), (18).
+    """
+    if len(inputs) != len(omega) or not set(inputs) <= {0, 1}:
+        raise ConfigError(
+            f"`inputs` must name 0 (u_0) or 1 (u) for each of the {len(omega)} frequencies, "
+            f"but is {tuple(inputs)}."
+        )
+    return (-1) ** list(inputs).count(0) * kernel(system, *omega)

@@ -1,0 +1,227 @@
+"""Cubic polynomials that bound the loop and replace the hysteretic force."""
+
+from functools import partial
+from typing import Literal, get_args
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Real
+
+from jbw.errors import ConfigError, ModelError
+from jbw.oscillator.checks import (
+    is_concrete,
+    require_at_least,
+    require_closed_form,
+    require_finite,
+)
+from jbw.oscillator.laws.hysteresis import steady_loop
+from jbw.oscillator.laws.relaxation import unloading_lag
+from jbw.oscillator.oscillator import BoucWen
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.steady.waveform import gauss_legendre
+
+Variant = Literal["least_squares", "chebyshev", "taylor_least_squares", "printed", "printed_closed"]
+_NUM_NODES = 48
+
+
+class Smoothing(eqx.Module):
+    """Coefficients of the smoothed hysteretic force, switched on the sign of the velocity.
+
+    Attributes:
+        lambda_0: Force at y = 0, opposing the motion [N/kg].
+        lambda_1: Linear stiffness [1/s^2].
+        lambda_2: Quadratic coefficient [1/(m s^2)]; it opens the loop together with lambda_0.
+        lambda_3: Cubic stiffness [1/(m^2 s^2)].
+    """
+
+    lambda_0: Scalar
+    lambda_1: Scalar
+    lambda_2: Scalar
+    lambda_3: Scalar
+
+
+def smoothing(
+    joint: BoucWen,
+    y_peak: Real[ArrayLike, "..."],
+    variant: Variant = "least_squares",
+    y_open: Real[ArrayLike, "..."] | None = None,
+) -> Smoothing:
+    r"""Coefficients lambda_0..lambda_3 of the polynomial that replaces Z on a loop of peak Y.
+
+    The unloading force c_0 + c_1 y + c_2 y^2 + c_3 y^3 is fitted over [-Y, Y], and
+
+    $$\lambda_0 = -c_0, \quad \lambda_1 = c_1, \quad \lambda_2 = c_2, \quad \lambda_3 = c_3$$
+
+    as Eqs. (7), (8) and (14) need it. The variants:
+
+    - `"least_squares"`: uniform weight, exact paths: Eq. (9) with the unloading polynomial in both
+      of its integrands.
+    - `"chebyshev"`: weight 1/sqrt(Y^2 - y^2), exact paths; keeps the first and third cosine
+      harmonics of Z for y = Y cos(theta).
+    - `"taylor_least_squares"`: uniform weight, paths cut after the cubic term; closed form.
+    - `"printed"`: Eqs. (10)-(13) untouched, with + before 105 in (13). They keep single terms of
+      the closed form above, and their lambda_0 and lambda_2 have the opposite sign.
+    - `"printed_closed"`: Eqs. (24), (25), the printed ones for y_open = gamma = 0.
+
+    Args:
+        joint: Bouc-Wen parameters with nu = 1; omega_n, zeta and `restoring` have no influence.
+        y_peak: Largest displacement Y of the loop [m].
+        variant: One of the names above.
+        y_open: Threshold y_0 of the loop [m], within (-Y, Y); that of `steady_loop` when None.
+
+    Returns:
+        Coefficients of the smoothed force.
+
+    Raises:
+        ModelError: `nu` is not 1, a concrete argument is not finite, or `y_open` lies outside the
+            loop.
+        ConfigError: The variant is unknown, or a concrete `y_peak` is not positive.
+
+    Reference:
+        Eqs. (7)-(13), (24), (25).
+    """
+    if variant not in get_args(Variant):
+        known = ", ".join(f'"{name}"' for name in get_args(Variant))
+        raise ConfigError(f'Argument `variant` must be one of {known}, but it is "{variant}".')
+    require_closed_form(joint)
+    require_finite(joint, y_peak=y_peak)
+    require_at_least("y_peak", y_peak, 0.0, open_end=True)
+    if y_open is None:
+        y_open = steady_loop(joint, y_peak).y_open
+    else:
+        _require_inside(y_open, y_peak)
+    return _smoothing(joint, y_peak, y_open, variant)
+
+
+def smoothed_force(
+    smoothing: Smoothing, y: Real[ArrayLike, "..."], v: Real[ArrayLike, "..."]
+) -> Scalar:
+    r"""Polynomial restoring force that replaces Z.
+
+    $$F(y, v) = \lambda_1 y + \lambda_3 y^3 + \mathrm{sgn}(v)\,(\lambda_0 - \lambda_2 y^2)$$
+
+    It switches on the sign of the velocity; the paper's sgn(du/dt) is the same below resonance
+    only. Meant for coefficients with the sign rule of `smoothing`, not for the printed ones.
+
+    Args:
+        smoothing: Coefficients.
+        y: Displacement [m].
+        v: Velocity [m/s]; only its sign counts, and at zero the two branches are averaged.
+
+    Returns:
+        Force [N/kg].
+
+    Reference:
+        Eqs. (7), (8).
+    """
+    y = jnp.asarray(y)
+    elastic = (smoothing.lambda_1 + smoothing.lambda_3 * y**2) * y
+    return elastic + jnp.sign(v) * (smoothing.lambda_0 - smoothing.lambda_2 * y**2)
+
+
+def _require_inside(y_open: ArrayLike, y_peak: ArrayLike) -> None:
+    """Raise unless the threshold lies within the loop."""
+    if is_concrete(y_open, y_peak) and not np.all(np.abs(y_open) < np.asarray(y_peak)):
+        raise ModelError(
+            f"Argument `y_open` must lie between -y_peak and y_peak, but y_open = {y_open} with "
+            f"y_peak = {y_peak}.",
+            remedy="Leave `y_open` out to take the threshold of the steady loop.",
+        )
+
+
+@partial(jax.jit, static_argnames="variant")
+def _smoothing(joint: BoucWen, y_peak: ArrayLike, y_open: ArrayLike, variant: Variant) -> Smoothing:
+    alpha, d, g, eta, y_peak = jnp.broadcast_arrays(
+        joint.alpha, joint.delta * y_peak, joint.gamma * y_peak, y_open / y_peak, y_peak
+    )
+    fit = {
+        "least_squares": _least_squares,
+        "chebyshev": _chebyshev,
+        "taylor_least_squares": _taylor_least_squares,
+        "printed": _printed,
+        "printed_closed": _printed_closed,
+    }[variant]
+    lambda_0, lambda_1, lambda_2, lambda_3 = fit(d, g, eta)
+    return Smoothing(
+        lambda_0=alpha * y_peak * lambda_0,
+        lambda_1=alpha * lambda_1,
+        lambda_2=alpha / y_peak * lambda_2,
+        lambda_3=alpha / y_peak**2 * lambda_3,
+    )
+
+
+# The fits are in units of Y and alpha Y: d = delta Y, g = gamma Y, eta = y_open/Y, s = y/Y. They
+# return lambda_0..lambda_3 of s - eta - lag; the line is in the span, so only the lag is fitted.
+Coefficients = tuple[Array, Array, Array, Array]
+
+
+def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
+    """Projection on the Legendre polynomials P_0..P_3."""
+    s, weights = _two_segments(-1.0, eta, 1.0)
+    lost = weights * unloading_lag(s, *(x[..., None] for x in (eta, d, g)))
+    basis = (1.0, s, 1.5 * s**2 - 0.5, 2.5 * s**3 - 1.5 * s)
+    p_0, p_1, p_2, p_3 = ((n + 0.5) * jnp.sum(lost * p, -1) for n, p in enumerate(basis))
+    return eta + p_0 - 0.5 * p_2, 1.0 - p_1 + 1.5 * p_3, -1.5 * p_2, -2.5 * p_3
+
+
+def _chebyshev(d: Array, g: Array, eta: Array) -> Coefficients:
+    """Projection on T_0..T_3, the cosine series of the lag in theta, s = cos(theta)."""
+    theta, weights = _two_segments(0.0, jnp.arccos(eta), jnp.pi)
+    lost = weights * unloading_lag(jnp.cos(theta), *(x[..., None] for x in (eta, d, g)))
+    t_0, t_1, t_2, t_3 = (2.0 / jnp.pi * jnp.sum(lost * jnp.cos(n * theta), -1) for n in range(4))
+    return eta + 0.5 * t_0 - t_2, 1.0 - t_1 + 3.0 * t_3, -2.0 * t_2, -4.0 * t_3
+
+
+def _two_segments(lower: float, middle: Array, upper: float) -> tuple[Array, Array]:
+    """Quadrature nodes and weights on both sides of the threshold, where the lag has a kink."""
+    left = gauss_legendre(_NUM_NODES, lower, middle)
+    right = gauss_legendre(_NUM_NODES, middle, upper)
+    nodes, weights = (jnp.concatenate(pair, -1) for pair in zip(left, right, strict=True))
+    return nodes, weights
+
+
+def _taylor_least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
+    """Exact minimiser of Eq. (9) for paths cut after the cubic term."""
+    dg, dd_gg = d * g, d**2 + g**2
+    c_0 = (
+        (-eta + 3 * d * eta / 16 + g * eta**2 / 2 + dg / 48 - 3 * dg * eta**2 / 16)
+        + (-dd_gg * eta**3 / 6 + 3 * d * eta**3 / 8 - 3 * dg * eta**4 / 16)
+        + (-d * eta**5 / 16 + dg * eta**6 / 48)
+    )
+    c_1 = (
+        (1 - 5 * d / 32 - g * eta + 5 * dg * eta / 16 + dd_gg * eta**2 / 2)
+        + (-45 * d * eta**2 / 32 + 15 * dg * eta**3 / 16 + 25 * d * eta**4 / 32)
+        + (-5 * dg * eta**5 / 16 - 7 * d * eta**6 / 32 + dg * eta**7 / 16)
+    )
+    c_2 = (
+        (g / 2 - 5 * dg / 16 - dd_gg * eta / 2 + 15 * d * eta / 16 - 15 * dg * eta**2 / 16)
+        + (-5 * d * eta**3 / 8 + 5 * dg * eta**4 / 16)
+        + (3 * d * eta**5 / 16 - dg * eta**6 / 16)
+    )
+    c_3 = (
+        (dd_gg / 6 - 35 * d / 96 + 35 * dg * eta / 48 + 35 * d * eta**2 / 32)
+        + (-35 * dg * eta**3 / 48 - 35 * d * eta**4 / 32)
+        + (7 * dg * eta**5 / 16 + 35 * d * eta**6 / 96 - 5 * dg * eta**7 / 48)
+    )
+    return -c_0, c_1, c_2, c_3
+
+
+def _printed(d: Array, g: Array, eta: Array) -> Coefficients:
+    """Eqs. (10)-(13) as printed: lambda_0 = +c_0 and lambda_2 = -c_2, with terms left out."""
+    dg, dd_gg = d * g, d**2 + g**2
+    lambda_0 = -eta + 3 * d * eta / 16 + g * eta**2 / 2
+    lambda_2 = -g / 2 + dd_gg * eta / 2 - 15 * d * eta / 16 + 15 * dg * eta**2 / 16
+    lambda_3 = (
+        d**2 / 6
+        + (-35 * d + 105 * d * eta**2 - 105 * d * eta**4) / 96
+        + 35 * dg * (eta - eta**3) / 48
+    )
+    return lambda_0, jnp.ones_like(d), lambda_2, lambda_3
+
+
+def _printed_closed(d: Array, g: Array, eta: Array) -> Coefficients:
+    """Eqs. (24), (25): the closed loop, where only lambda_1 and lambda_3 remain."""
+    zero = jnp.zeros_like(d)
+    return zero, jnp.ones_like(d), zero, d**2 / 6 - 35 * d / 96

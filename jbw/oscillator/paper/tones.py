@@ -1,0 +1,199 @@
+r"""Response of the polynomial oscillator to several tones at once, line by line.
+
+The input is $u(t) = \mathrm{Re}\sum_i A_i e^{j\omega_i t}$ with complex peak amplitudes, so phases
+are free. A line is a combination of the tones' frequencies, $N\omega_a + M\omega_b + L\omega_c$.
+"""
+
+from itertools import combinations_with_replacement
+from math import factorial, prod
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Complex, Float, Inexact, Int
+
+from jbw.errors import ConfigError
+from jbw.oscillator.paper.kernels import PolynomialOscillator
+from jbw.oscillator.paper.probing import kernel
+
+
+class Terms(eqx.Module):
+    r"""Every term of one order: $y_\eta(t) = \sum c\,e^{j\Omega t}$, conjugates included.
+
+    Attributes:
+        exponents: The powers (p, q, r, s, v, w) of (A, A*, B, B*, C, C*) [-].
+        weight: Multinomial coefficient, eta! / (p! q! r! s! v! w!) [-].
+        combination: Multiples of the tones, (p - q, r - s, v - w) [-].
+        omega: Frequency Omega of the term [rad/s].
+        coefficient: Complex coefficient c [m].
+    """
+
+    exponents: Int[ArrayLike, "term slot"]
+    weight: Int[ArrayLike, " term"]
+    combination: Int[ArrayLike, "term tone"]
+    omega: Float[Array, " term"]
+    coefficient: Complex[Array, " term"]
+
+
+class Lines(eqx.Module):
+    r"""Lines of a response, $y(t) = \mathrm{Re}\sum Y\,e^{j\Omega t}$.
+
+    Attributes:
+        combination: Multiples of the tones; the first that is not zero is positive [-].
+        omega: Frequency Omega of the line; negative ones may occur [rad/s].
+        amplitude: Complex peak amplitude Y; the mean for the line of zero multiples [m].
+    """
+
+    combination: Int[ArrayLike, "line tone"]
+    omega: Float[Array, " line"]
+    amplitude: Complex[Array, " line"]
+
+
+def tone_terms(
+    system: PolynomialOscillator,
+    omega: Float[ArrayLike, " tone"],
+    amplitude: Inexact[ArrayLike, " _tone"],
+    order: int,
+) -> Terms:
+    r"""Terms of one homogeneous order in the response to a few tones.
+
+    $$y_\eta = \frac{1}{2^\eta}\sum_{p+q+r+s+v+w=\eta} \frac{\eta!}{p!\,q!\,r!\,s!\,v!\,w!}
+      A^p \bar A^q B^r \bar B^s C^v \bar C^w\, H_\eta\, e^{j(N\omega_a+M\omega_b+L\omega_c)t}$$
+
+    with N = p - q, M = r - s, L = v - w, and H_eta at p times omega_a, q times -omega_a, and so
+    on. The printed (20) uses N, M, L for the powers as well.
+
+    Args:
+        system: Polynomial oscillator.
+        omega: Angular frequencies of the tones [rad/s].
+        amplitude: Complex peak amplitudes of the tones [N/kg].
+        order: Order eta.
+
+    Returns:
+        The terms, two-sided.
+
+    Raises:
+        ConfigError: If `order` is less than 1, or the tones are not two equal rows.
+
+    Reference:
+        Eqs. (19)-(22).
+    """
+    omega, amplitude = jnp.asarray(omega), jnp.asarray(amplitude)
+    if omega.ndim != 1 or omega.shape != amplitude.shape:
+        raise ConfigError(
+            "`omega` and `amplitude` must hold one value for each tone, but have shapes "
+            f"{omega.shape} and {amplitude.shape}."
+        )
+    if order < 1:
+        raise ConfigError(f"`order` must be 1 or more, but is {order}.")
+    slots = np.array(list(combinations_with_replacement(range(2 * omega.size), order)))
+    exponents = (slots[:, :, None] == np.arange(2 * omega.size)).sum(axis=1)
+    weight = np.array([factorial(order) // prod(map(factorial, row)) for row in exponents.tolist()])
+    combination = exponents[:, 0::2] - exponents[:, 1::2]
+    coefficient = _coefficients(system, omega, amplitude, slots, weight)
+    return Terms(exponents, weight, combination, jnp.asarray(combination) @ omega, coefficient)
+
+
+@jax.jit
+def _coefficients(
+    system: PolynomialOscillator,
+    omega: Float[Array, " tone"],
+    amplitude: Inexact[Array, " tone"],
+    slots: Int[ArrayLike, "term order"],
+    weight: Int[ArrayLike, " term"],
+) -> Complex[Array, " term"]:
+    """Coefficients of the terms that take these slots of (A, A*, B, B*, ...)."""
+    signed = jnp.stack([omega, -omega], axis=1).ravel()
+    half = jnp.stack([amplitude, jnp.conj(amplitude)], axis=1).ravel() / 2.0
+    return jnp.asarray(weight) * jnp.prod(half[slots], axis=1) * kernel(system, *signed[slots].T)
+
+
+def tone_response(
+    system: PolynomialOscillator,
+    omega: Float[ArrayLike, " tone"],
+    amplitude: Inexact[ArrayLike, " _tone"],
+    max_order: int = 3,
+) -> Lines:
+    r"""Steady response to one, two, three or more tones, through a given order.
+
+    $$y(t) = y_1 + \dots + y_\eta = \mathrm{Re}\sum_{N,M,L} Y_{NML}\,
+      e^{j(N\omega_a+M\omega_b+L\omega_c)t}$$
+
+    Terms of all orders on one combination are summed. The error is of the next order in the
+    amplitude (the next but one without `rho`), where the series converges at all.
+
+    Args:
+        system: Polynomial oscillator.
+        omega: Angular frequencies of the tones [rad/s].
+        amplitude: Complex peak amplitudes of the tones [N/kg].
+        max_order: Highest order kept.
+
+    Returns:
+        One line for each combination, in lexical order from the mean up.
+
+    Raises:
+        ConfigError: If `max_order` is less than 1, or the tones are not two equal rows.
+
+    Reference:
+        Eqs. (19)-(22).
+    """
+    if max_order < 1:
+        raise ConfigError(f"`max_order` must be 1 or more, but is {max_order}.")
+    terms = [tone_terms(system, omega, amplitude, order) for order in range(1, max_order + 1)]
+    combination = np.concatenate([np.asarray(part.combination) for part in terms])
+    coefficient = jnp.concatenate([part.coefficient for part in terms])
+    one_sided = np.array([tuple(row) >= (0,) * len(row) for row in combination.tolist()])
+    lines, place = np.unique(combination[one_sided], axis=0, return_inverse=True)
+    total = jnp.zeros(len(lines), coefficient.dtype).at[place].add(coefficient[one_sided])
+    sides = np.where(lines.any(axis=1), 2.0, 1.0)
+    return Lines(lines, jnp.asarray(lines) @ jnp.asarray(omega), jnp.asarray(sides) * total)
+
+
+def merge_lines(lines: Lines, tolerance: float = 1e-9) -> Lines:
+    r"""Sum the lines that fall on one frequency, as with tones at omega and 3 omega.
+
+    Negative frequencies are turned positive by $\mathrm{Re}\,Y e^{j\Omega t} =
+    \mathrm{Re}\,\bar Y e^{-j\Omega t}$. Not under `jit`: which lines meet depends on values.
+
+    Args:
+        lines: Lines as `tone_response` returns them.
+        tolerance: Lines closer than this, over the highest frequency, are one [-].
+
+    Returns:
+        Lines in rising frequency; each keeps the combination of least order.
+
+    Reference:
+        Eqs. (19)-(22).
+    """
+    omega, amplitude = np.asarray(lines.omega), np.asarray(lines.amplitude)
+    combination = np.asarray(lines.combination)
+    turned = omega < 0.0
+    omega = np.abs(omega)
+    amplitude = np.where(turned, amplitude.conj(), amplitude)
+    combination = np.where(turned[:, None], -combination, combination)
+    by_frequency = np.argsort(omega, kind="stable")
+    gaps = np.diff(omega[by_frequency]) > tolerance * omega.max()
+    groups = np.split(by_frequency, np.flatnonzero(gaps) + 1)
+    least = [min(group, key=lambda i: np.abs(combination[i]).sum()) for group in groups]
+    total = np.array([amplitude[group].sum() for group in groups])
+    at_rest = omega[least] <= tolerance * omega.max()
+    merged = np.where(at_rest, np.real(total), total)
+    return Lines(combination[least], jnp.asarray(omega[least]), jnp.asarray(merged))
+
+
+def synthesize(lines: Lines, t: Float[ArrayLike, "..."]) -> Float[Array, "..."]:
+    r"""Response in time from its lines, $y(t) = \mathrm{Re}\sum Y\,e^{j\Omega t}$.
+
+    Args:
+        lines: Lines of the response.
+        t: Time [s].
+
+    Returns:
+        Displacement [m].
+
+    Reference:
+        Eqs. (19)-(22).
+    """
+    phase = jnp.asarray(t)[..., None] * lines.omega
+    return jnp.sum(jnp.real(lines.amplitude * jnp.exp(1j * phase)), axis=-1)

@@ -1,0 +1,1 @@
+"""Periodic responses of the oscillator with any laws."""

@@ -1,0 +1,269 @@
+r"""Harmonic balance of the oscillator in its dimensionless form: residual and Newton's iteration.
+
+Harmonics are stored as real arrays of shape (2, harmonic): real and imaginary parts of the odd
+orders 1, 3, 5, ... of y = Re sum q_n exp(j n theta).
+"""
+
+from functools import partial, reduce
+from operator import add
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix
+from jaxtyping import Array, ArrayLike, Bool, Complex, Float, Shaped
+
+from jbw.oscillator.admission import require_odd
+from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.steady.waveform import orders
+
+Packed = Float[Array, "2 harmonic"]
+
+# Newton's last step measures the error of the iterate before it; the convergence is quadratic, so
+# what is returned is good to roundoff.
+_TOLERANCE = 1e-8
+_MAX_NEWTON = 16
+_MAX_LOADS = 64
+_LEAST_LOAD_STEP = 1e-3
+
+
+def pack(q: Complex[Array, " harmonic"]) -> Packed:
+    """Real and imaginary parts of complex amplitudes."""
+    return jnp.stack([q.real, q.imag])
+
+
+def unpack(packed: Packed) -> Complex[Array, " harmonic"]:
+    """Complex amplitudes from their real and imaginary parts."""
+    return jax.lax.complex(packed[0], packed[1])
+
+
+def linear_response(joint: Oscillator, omega: Scalar, num_harmonics: int) -> Packed:
+    r"""Response of the sticking joint to a unit load, q_1 = 1/(1 - Omega^2 + 2 j zeta Omega).
+
+    Args:
+        joint: Dimensionless oscillator; its laws have no influence.
+        omega: Omega [-].
+        num_harmonics: Number of odd harmonics.
+
+    Returns:
+        Packed harmonics [-].
+    """
+    first = np.arange(num_harmonics) == 0
+    return pack(jnp.where(first, 1.0 / _dynamic_stiffness(joint, omega, np.ones(1)), 0.0))
+
+
+def imbalance(
+    joint: Joint,
+    omega: Scalar,
+    q: Complex[Array, " harmonic"],
+    load: Shaped[ArrayLike, " harmonic"],
+    max_turns: int = 2,
+) -> Complex[Array, " harmonic"]:
+    r"""What a motion leaves of the balance, harmonic by harmonic, in any units.
+
+    $$R_n = (\omega_n^2 - n^2\omega^2 + 2j\zeta\omega_n n\omega)\,q_n + \sum r_n - u_n$$
+
+    where r = F - K y, so that the stiffness omega_n^2 of the sticking joint is not split. How its
+    harmonics come is each law's own: Bouc-Wen's by quadrature between the turning points and zeros
+    of z, whose steady value at the turning points is solved for, not marched.
+
+    Args:
+        joint: The oscillator.
+        omega: Angular frequency.
+        q: Complex amplitudes of the odd orders of y.
+        load: Those u_n of the input.
+        max_turns: Turning points of y allowed in a period.
+
+    Returns:
+        R_n, in the unit of `load`.
+    """
+    left = _dynamic_stiffness(joint, omega, orders(q.shape[0])) * q - load
+    return reduce(add, (law.harmonics(q, max_turns) for law in joint.laws), left)
+
+
+def refined(
+    joint: Joint,
+    omega: Scalar,
+    start: Complex[Array, " harmonic"],
+    load: Complex[Array, " harmonic"],
+    num_steps: int = 2,
+) -> Complex[Array, " harmonic"]:
+    r"""Motion from a close guess, such as a measured one, by few steps of Newton's iteration.
+
+    $$q \leftarrow q - R_q^{-1} R(q)$$
+
+    The error is squared in each step. The derivatives are those of the last step, which are the
+    implicit ones where it has converged.
+
+    Args:
+        joint: The oscillator.
+        omega: Angular frequency [rad/s].
+        start: Guess of the odd orders of y [m].
+        load: Odd orders of the force per unit mass [N/kg].
+        num_steps: Steps.
+
+    Returns:
+        Odd orders of y [m].
+
+    Raises:
+        ModelError: A spring has an even part.
+    """
+    joint = as_oscillator(joint)
+    require_odd(joint)
+
+    def left(packed: Packed) -> Packed:
+        return pack(imbalance(joint, omega, unpack(packed), load))
+
+    packed, size = pack(start), 2 * start.shape[0]
+    for _ in range(num_steps):
+        packed = jax.lax.stop_gradient(packed)
+        slope = jax.lax.stop_gradient(jax.jacfwd(left)(packed)).reshape(size, size)
+        packed -= jnp.linalg.solve(slope, left(packed).ravel()).reshape(packed.shape)
+    return unpack(packed)
+
+
+def residual(packed: Packed, problem: tuple[Oscillator, Scalar], max_turns: int) -> Packed:
+    """Imbalance of the dimensionless oscillator under cos(Omega theta).
+
+    Args:
+        packed: Packed harmonics of y [-].
+        problem: Dimensionless oscillator and Omega.
+        max_turns: Turning points of y allowed in a period.
+
+    Returns:
+        Packed residuals [-].
+    """
+    joint, omega = problem
+    q = unpack(packed)
+    return pack(imbalance(joint, omega, q, orders(q.shape[0]) == 1, max_turns))
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(3,))
+def balance(
+    joint: Oscillator, omega: Scalar, start: Packed, max_turns: int
+) -> tuple[Packed, Float[Array, ""]]:
+    """Root of the residual, by loading in as few steps as Newton's iteration allows.
+
+    The full load is tried at once from `start`; where that fails, the load rises from the linear
+    response in steps, halved on failure and doubled on success. The derivatives are implicit, so
+    they cost one linear solve and know nothing of the path.
+
+    Args:
+        joint: Dimensionless oscillator.
+        omega: Omega [-].
+        start: Packed harmonics for the first try; carries no derivative.
+        max_turns: Turning points of y allowed in a period.
+
+    Returns:
+        Packed harmonics at the largest load reached, and that load, 1 where converged [-].
+    """
+    linear = linear_response(joint, omega, start.shape[1])
+
+    def unfinished(state: tuple) -> Array:
+        load, step, _, tries = state
+        return (load < 1.0) & (tries < _MAX_LOADS) & (step > _LEAST_LOAD_STEP)
+
+    def advance(state: tuple) -> tuple:
+        load, step, packed, tries = state
+        next_load = jnp.minimum(load + step, 1.0)
+        tried, ok = newton(loaded(joint, next_load), omega, packed, max_turns)
+        kept = jnp.where(load > 0.0, packed, linear)
+        return (
+            jnp.where(ok, next_load, load),
+            jnp.where(ok, 2.0 * step, 0.5 * step),
+            jnp.where(ok, tried, kept),
+            tries + 1,
+        )
+
+    none = jnp.zeros_like(omega)
+    load, _, packed, _ = jax.lax.while_loop(unfinished, advance, (none, none + 1.0, start, 0))
+    return packed, load
+
+
+@balance.defjvp
+def _balance_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple:
+    """Implicit differentiation: R_q dq = -(dR along the parameters)."""
+    joint, omega, start = primals
+    packed, load = balance(joint, omega, start, max_turns)
+    _, change = jax.jvp(
+        lambda joint, omega: residual(packed, (joint, omega), max_turns),
+        (joint, omega),
+        tangents[:2],
+    )
+    jacobian = jax.jacfwd(residual)(packed, (joint, omega), max_turns)
+    size = packed.size
+    step = jnp.linalg.solve(jacobian.reshape(size, size), -change.ravel())
+    return (packed, load), (step.reshape(packed.shape), jnp.zeros_like(load))
+
+
+def newton(
+    joint: Oscillator, omega: Scalar, start: Packed, max_turns: int
+) -> tuple[Packed, Bool[Array, ""]]:
+    """Newton's iteration for the residual from `start`, at full load.
+
+    Args:
+        joint: Dimensionless oscillator.
+        omega: Omega [-].
+        start: Packed harmonics to start from.
+        max_turns: Turning points of y allowed in a period.
+
+    Returns:
+        Packed harmonics and whether the iteration converged.
+    """
+    solution = optimistix.root_find(
+        lambda packed, problem: residual(packed, problem, max_turns),
+        optimistix.Newton(rtol=_TOLERANCE, atol=_TOLERANCE),
+        start,
+        (joint, omega),
+        max_steps=_MAX_NEWTON,
+        throw=False,
+    )
+    converged = solution.result == optimistix.RESULTS.successful
+    return solution.value, converged & jnp.all(jnp.isfinite(solution.value))
+
+
+def _dynamic_stiffness(
+    joint: Joint, omega: Scalar, n: Float[np.ndarray, "..."]
+) -> Complex[Array, "..."]:
+    frequency = jnp.asarray(omega) * n
+    return (
+        jnp.asarray(joint.omega_n) ** 2 - frequency**2 + 2j * joint.zeta * joint.omega_n * frequency
+    )
+
+
+def dimensionless(
+    oscillator: Oscillator, omega: Scalar, amplitude: Scalar
+) -> tuple[Oscillator, Array, Array]:
+    r"""Oscillator, frequency and unit of displacement of the dimensionless problem.
+
+    $$\Omega = \omega/\omega_n, \quad \ell = A/\omega_n^2, \quad
+      F(\ell q)/A, \quad y = \ell q$$
+
+    Args:
+        oscillator: The oscillator.
+        omega: Angular frequency [rad/s].
+        amplitude: Amplitude A of the force [N/kg].
+
+    Returns:
+        Dimensionless oscillator, Omega, A/omega_n^2 [m].
+    """
+    stiffness = oscillator.omega_n**2
+    length = jnp.asarray(amplitude / stiffness)
+    laws = tuple(law.scaled(length, stiffness) for law in oscillator.laws)
+    unit = Oscillator(jnp.ones_like(length), oscillator.zeta, laws)
+    return unit, jnp.asarray(omega / oscillator.omega_n), length
+
+
+def loaded(oscillator: Oscillator, load: Scalar) -> Oscillator:
+    """The dimensionless oscillator under a part of its load.
+
+    Args:
+        oscillator: Dimensionless oscillator.
+        load: The part, from 0 to 1 [-].
+
+    Returns:
+        Dimensionless oscillator, in the unit of displacement of that load.
+    """
+    laws = tuple(law.scaled(load, 1.0) for law in oscillator.laws)
+    return Oscillator(oscillator.omega_n, oscillator.zeta, laws)

@@ -1,0 +1,189 @@
+r"""The frequency-response curve followed by its arc length, through folds where there are some."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix
+from jaxtyping import Array, Complex, Float
+
+from jbw.errors import ModelError
+from jbw.oscillator.admission import require_sense
+from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
+from jbw.oscillator.steady.balance import (
+    balance,
+    dimensionless,
+    linear_response,
+    residual,
+    unpack,
+)
+from jbw.oscillator.steady.waveform import num_turns
+
+# A relative change of the frequency this large counts as much as one of the harmonics by 1.
+_FREQUENCY_SCALE = 0.2
+_LEAST_STEP = 1e-6
+_GROWTH = 1.5
+_TOLERANCE = 1e-10
+_MAX_NEWTON = 8
+
+Point = Float[Array, " unknown"]
+
+
+class ResponseCurve(eqx.Module):
+    """Points along a frequency-response curve.
+
+    Attributes:
+        omega: Angular frequencies, not monotone where the curve folds [rad/s].
+        harmonics: Complex peak amplitudes of orders 1, 3, 5, ... [m].
+        onward: Whether the frequency moves towards the end of the curve at the point; where it
+            moves back, between two folds, the response is unstable.
+    """
+
+    omega: Float[np.ndarray, " point"]
+    harmonics: Complex[np.ndarray, "point harmonic"]
+    onward: np.ndarray
+
+
+def response_curve(
+    joint: Joint,
+    omega_start: float,
+    omega_stop: float,
+    amplitude: float,
+    num_harmonics: int = 8,
+    *,
+    step: float = 0.1,
+    max_points: int = 2000,
+    max_turns: int = 2,
+) -> ResponseCurve:
+    r"""Frequency-response curve at one level by pseudo-arclength continuation.
+
+    The unknowns are the harmonics q and the frequency; each point lies on the plane
+
+    $$\tau\cdot(X - X_0) = s, \qquad \|dX\|^2 = \frac{\|dq\|^2}{\|q\|^2}
+      + \left(\frac{d\omega}{0.2\,\omega}\right)^2$$
+
+    ahead of the last one along its tangent tau, so the curve is followed round its folds. The
+    step s is halved where Newton's iteration fails and grows back to `step`. A loop over compiled
+    steps: not for use under `jit`.
+
+    Args:
+        joint: A `BoucWen` with nu = 1, or an `Oscillator`, scalars.
+        omega_start: Angular frequency of the first point [rad/s], where one response exists.
+        omega_stop: Angular frequency at which to stop, on either side of the first [rad/s].
+        amplitude: Force amplitude A [N/kg].
+        num_harmonics: Number of odd harmonics.
+        step: Largest arc length between two points [-].
+        max_points: Points after which to stop.
+        max_turns: Turning points of y allowed in a period.
+
+    Returns:
+        The curve; its last point lies at or beyond `omega_stop`.
+
+    Raises:
+        ModelError: The first point does not converge, the step has shrunk to nothing, the points
+            do not reach `omega_stop`, or as for `steady_state`.
+        ConfigError: As for `steady_state`.
+    """
+    given, joint = joint, as_oscillator(joint)
+    require_sense(given, omega_start, amplitude, num_harmonics, max_turns)
+    unit, first, length = dimensionless(*jax.tree.map(_scalar, (joint, omega_start, amplitude)))
+    last = omega_stop / float(joint.omega_n)
+    side = 1.0 if last > first else -1.0
+    point, direction = _first_point(unit, first, side, num_harmonics, max_turns)
+    points, directions, arc = [point], [direction], step
+    _require_progress(True, points, joint, amplitude)
+    while side * (float(points[-1][-1]) - last) < 0.0:
+        tried, direction, good = _advance(
+            unit, points[-1], directions[-1], jnp.asarray(arc), max_turns
+        )
+        if not good:
+            arc = 0.5 * arc
+            _require_progress(arc > _LEAST_STEP, points, joint, amplitude)
+            continue
+        points.append(tried)
+        directions.append(direction)
+        _require_progress(len(points) < max_points, points, joint, amplitude)
+        arc = min(step, _GROWTH * arc)
+    x = np.stack(points)
+    q = x[:, :-1].reshape(-1, 2, num_harmonics)
+    return ResponseCurve(
+        omega=x[:, -1] * float(joint.omega_n),
+        harmonics=float(length) * (q[:, 0] + 1j * q[:, 1]),
+        onward=side * np.stack(directions)[:, -1] > 0.0,
+    )
+
+
+@eqx.filter_jit
+def _first_point(
+    unit: Oscillator, ratio: Array, side: float, num_harmonics: int, max_turns: int
+) -> tuple[Point, Point]:
+    """The response at the first frequency and the direction there; NaN where not found."""
+    start = linear_response(unit, ratio, num_harmonics)
+    packed, load = balance(unit, ratio, start, max_turns)
+    x = jnp.where(load == 1.0, jnp.append(packed.ravel(), ratio), jnp.nan)
+    ahead = jnp.zeros_like(x).at[-1].set(side)
+    return x, _tangent(unit, x, ahead, max_turns)
+
+
+@eqx.filter_jit
+def _advance(
+    unit: Oscillator, x: Point, direction: Point, arc: Float[Array, ""], max_turns: int
+) -> tuple[Point, Point, Array]:
+    """The next point, the direction there, and whether it was found."""
+    scale = _scale(x)
+    predicted = x + arc * direction * scale
+
+    def on_plane(tried: Point, _: None) -> Point:
+        off = jnp.dot(direction, (tried - predicted) / scale)
+        return jnp.append(_equations(unit, tried, max_turns), off)
+
+    solution = optimistix.root_find(
+        on_plane,
+        optimistix.Newton(rtol=_TOLERANCE, atol=_TOLERANCE),
+        predicted,
+        max_steps=_MAX_NEWTON,
+        throw=False,
+    )
+    tried = solution.value
+    ahead = _tangent(unit, tried, direction, max_turns)
+    near = jnp.linalg.norm((tried - predicted) / scale) < arc
+    turns = num_turns(unpack(tried[:-1].reshape(2, -1)))
+    good = (solution.result == optimistix.RESULTS.successful) & near & (turns <= max_turns)
+    return tried, ahead, good & jnp.all(jnp.isfinite(ahead))
+
+
+def _equations(unit: Oscillator, x: Point, max_turns: int) -> Float[Array, " equation"]:
+    return residual(x[:-1].reshape(2, -1), (unit, x[-1]), max_turns).ravel()
+
+
+def _tangent(unit: Oscillator, x: Point, previous: Point, max_turns: int) -> Point:
+    """Unit tangent of the curve, scaled, on the side of the previous one."""
+    scale = _scale(x)
+    jacobian = jax.jacfwd(lambda x: _equations(unit, x, max_turns))(x) * scale
+    bordered = jnp.concatenate([jacobian, previous[None]])
+    end = jnp.zeros_like(x).at[-1].set(1.0)
+    tangent = jnp.linalg.solve(bordered, end)
+    return tangent / jnp.linalg.norm(tangent)
+
+
+def _scale(x: Point) -> Point:
+    """What counts as a change by 1: the size of the harmonics, a fifth of the frequency."""
+    size = jnp.full_like(x, jnp.linalg.norm(x[:-1]))
+    return size.at[-1].set(_FREQUENCY_SCALE * x[-1])
+
+
+def _scalar(value: float | Array) -> Float[Array, ""]:
+    return jnp.asarray(value, float)
+
+
+def _require_progress(good: bool, points: list[Point], joint: Oscillator, amplitude: float) -> None:
+    """Raise where the continuation stopped short."""
+    if good and np.all(np.isfinite(points[-1])):
+        return
+    omega = float(points[-1][-1]) * float(joint.omega_n)
+    raise ModelError(
+        f"The response curve at amplitude = {amplitude:g} stopped at omega = {omega:g} after "
+        f"{len(points)} points.",
+        remedy="Start where the response is nearly linear, raise `max_points` or `max_turns`, or "
+        "lower `step`.",
+    )

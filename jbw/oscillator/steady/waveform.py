@@ -1,0 +1,173 @@
+r"""Half-wave symmetric periodic motions y = Re sum q_n exp(j n theta) of odd orders n."""
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.lax import stop_gradient
+from jaxtyping import Array, ArrayLike, Complex, Float, Int, Real
+
+from jbw.oscillator.parameters import Restoring
+
+# Newton's steps from the grid; the grid's cell of the extremum is at most 0.05 rad wide.
+_NUM_NEWTON = 4
+_POINTS_PER_HARMONIC = 8
+_LEAST_POINTS = 64
+
+
+def orders(num_harmonics: int) -> Float[np.ndarray, " harmonic"]:
+    """The odd orders 1, 3, 5, ..."""
+    return 2.0 * np.arange(num_harmonics) + 1.0
+
+
+def exponentials(theta: Float[Array, "..."], num_harmonics: int) -> Complex[Array, "... harmonic"]:
+    r"""The basis exp(j n theta), by products, doubling the number of orders each time.
+
+    Args:
+        theta: Angles [rad].
+        num_harmonics: Number of odd orders.
+
+    Returns:
+        exp(j n theta) along a new last axis.
+    """
+    powers = jnp.exp(1j * theta)[..., None]
+    while (known := powers.shape[-1]) < num_harmonics:
+        shift = jnp.exp(2j * known * theta)[..., None]
+        powers = jnp.concatenate([powers, shift * powers[..., : num_harmonics - known]], -1)
+    return powers
+
+
+def synthesis(
+    q: Complex[Array, " harmonic"], theta: Float[Array, "..."], derivative: int = 0
+) -> Float[Array, "..."]:
+    r"""Motion or a derivative by theta, Re sum (j n)^m q_n exp(j n theta).
+
+    Args:
+        q: Complex amplitudes of the odd orders.
+        theta: Angles [rad].
+        derivative: Order m of the derivative.
+
+    Returns:
+        The motion, in the unit of `q`.
+    """
+    basis = exponentials(theta, q.shape[0])
+    return jnp.sum(basis * (1j * orders(q.shape[0])) ** derivative * q, -1).real
+
+
+def crest(q: Complex[Array, " harmonic"]) -> Float[Array, ""]:
+    r"""Angle of the largest displacement.
+
+    Its first derivative by `q` is exact; with it, so are two derivatives of y at the crest.
+
+    Args:
+        q: Complex amplitudes of the odd orders.
+
+    Returns:
+        Angle theta_t, modulo 2 pi, where y' = 0 and y = max |y| [rad].
+    """
+    theta, basis = _half_grid(q.shape[0])
+    y = jnp.real(basis @ q)
+    top = jnp.argmax(jnp.abs(y))
+    angle = jnp.asarray(theta)[top] + jnp.where(y[top] < 0.0, jnp.pi, 0.0)
+    fixed = stop_gradient(q)
+    angle = jax.lax.fori_loop(0, _NUM_NEWTON, lambda _, angle: flatter(fixed, angle), angle)
+    return flatter(q, stop_gradient(angle))
+
+
+def num_turns(q: Complex[Array, " harmonic"]) -> Int[Array, ""]:
+    """Number of turning points of y in a period, counted on a grid.
+
+    Args:
+        q: Complex amplitudes of the odd orders.
+
+    Returns:
+        Sign changes of y'; 2 for a simple loop.
+    """
+    _, basis = _half_grid(q.shape[0])
+    slope = jnp.real(basis @ (1j * orders(q.shape[0]) * q))
+    rising = jnp.append(slope, -slope[0]) > 0.0
+    return 2 * jnp.sum(rising[1:] != rising[:-1])
+
+
+def odd_harmonics(force: Restoring, q: Complex[Array, " harmonic"]) -> Complex[Array, " harmonic"]:
+    r"""Harmonics of an odd force along the motion, from its values on a uniform grid.
+
+    $$f_n = \frac{2}{M}\sum_{j<M} f(y(\theta_j))\,e^{-jn\theta_j}, \qquad
+      \theta_j = \pi j/M, \quad M = \max(64, 8H)$$
+
+    The other half of the period mirrors this one. Exact for polynomials to degree 7; for other
+    smooth forces the error falls exponentially with the number of points.
+
+    Args:
+        force: Odd function of the displacement.
+        q: Complex amplitudes of the H odd orders of y.
+
+    Returns:
+        Complex amplitudes of f, in its unit.
+    """
+    _, basis = _half_grid(q.shape[0])
+    return 2.0 / basis.shape[0] * (jnp.asarray(force(jnp.real(basis @ q))) @ basis.conj())
+
+
+def _half_grid(
+    num_harmonics: int,
+) -> tuple[Float[np.ndarray, " grid"], Complex[np.ndarray, "grid harmonic"]]:
+    """Angles over half a period and the basis there."""
+    points = max(_LEAST_POINTS, _POINTS_PER_HARMONIC * num_harmonics)
+    theta = np.pi * np.arange(points) / points
+    return theta, np.exp(1j * theta[:, None] * orders(num_harmonics))
+
+
+def flatter(q: Complex[Array, " harmonic"], theta: Float[Array, "..."]) -> Float[Array, "..."]:
+    """One step of Newton's iteration for y' = 0."""
+    curvature = synthesis(q, theta, 2)
+    safe = jnp.where(curvature == 0.0, 1.0, curvature)
+    return theta - synthesis(q, theta, 1) / safe
+
+
+def angle_of(
+    q: Complex[Array, " harmonic"], start: Float[Array, ""], target: Float[Array, ""]
+) -> Float[Array, ""]:
+    """Angle in the half period after the crest `start` at which y falls to a target.
+
+    Good enough for a break point of a quadrature, whose error enters by a higher power.
+    """
+    ratio = target / synthesis(q, start)
+    angle = start + jnp.arccos(jnp.clip(jnp.where(jnp.isfinite(ratio), ratio, 0.0), -1.0, 1.0))
+
+    def newton(_: int, angle: Array) -> Array:
+        slope = synthesis(q, angle, 1)
+        step = (synthesis(q, angle) - target) / jnp.where(slope == 0.0, -1.0, slope)
+        return jnp.clip(angle - step, start, start + jnp.pi)
+
+    return jax.lax.fori_loop(0, 5, newton, angle)
+
+
+def gauss_legendre(
+    num_nodes: int, lower: Real[ArrayLike, "..."], upper: Real[ArrayLike, "..."]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Nodes and weights on [lower, upper], exact for polynomials of degree 2 num_nodes - 1.
+
+    Args:
+        num_nodes: Number of nodes.
+        lower: Lower ends of the segments.
+        upper: Upper ends of the segments.
+
+    Returns:
+        Nodes and weights, along a new last axis.
+    """
+    nodes, weights = _rule(num_nodes)
+    lower, upper = jnp.broadcast_arrays(jnp.asarray(lower, float), jnp.asarray(upper, float))
+    width = (upper - lower)[..., None]
+    return lower[..., None] + width * nodes, width * weights
+
+
+@cache
+def _rule(num_nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights on [0, 1]."""
+    nodes, _ = np.polynomial.legendre.leggauss(num_nodes)
+    # Christoffel's sum of squares; numpy's own weights are off by 1e-12 at the ends.
+    squares = np.polynomial.legendre.legvander(nodes, num_nodes - 1) ** 2
+    weights = 1.0 / (squares @ (np.arange(num_nodes) + 0.5))
+    return 0.5 * (nodes + 1.0), 0.5 * weights

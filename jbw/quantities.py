@@ -1,0 +1,122 @@
+"""The quantities that jbw speaks of: name, symbol, unit and meaning of each, in one table.
+
+Parameters of a law of the joint stand in that law's own table, in the same record. Units are in
+one dialect: `rad/s`, `N/kg`, `1/m`, `1/(m s^2)`: SI factors separated by spaces, powers by `^`, one
+stroke, a parenthesis below it where several factors stand there, `1` for a pure number. Runs of
+jbw up to 0.1 wrote `rad s-1` and `m^-2 s^6` as well; `in_dialect` reads them.
+"""
+
+import re
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from jbw.errors import ConfigError
+
+
+class Quantity(NamedTuple):
+    """One quantity.
+
+    Attributes:
+        name: Name in campaigns, results and code, such as `omega_n`.
+        symbol: Symbol for people, such as `ωₙ`.
+        unit: SI unit; `1` for a pure number.
+        meaning: What it is, in a few words.
+        least: Lowest value that makes sense; None where there is none.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    meaning: str
+    least: float | None = None
+
+    @property
+    def attrs(self) -> dict[str, str]:
+        """Attributes of its variable in a dataset."""
+        return {"units": self.unit, "long_name": self.meaning, "symbol": self.symbol}
+
+
+def attrs_of(quantities: Iterable[Quantity]) -> dict[str, dict[str, str]]:
+    """Attributes of variables by name."""
+    return {quantity.name: quantity.attrs for quantity in quantities}
+
+
+# Of the linear oscillator, whatever stands across the joint.
+OSCILLATOR = (
+    Quantity("omega_n", "ωₙ", "rad/s", "natural frequency, joint stuck", 0.0),
+    Quantity("zeta", "ζ", "1", "viscous damping ratio", 0.0),
+    Quantity("gain", "gain", "N/kg/V", "force per unit mass and unit of input", 0.0),
+)
+
+# Responses in the order of the derivative of the displacement.
+MOTION = (
+    Quantity("displacement", "y", "m", "displacement"),
+    Quantity("velocity", "v", "m/s", "velocity"),
+    Quantity("acceleration", "a", "m/s^2", "acceleration"),
+)
+UNIT_OF = {quantity.name: quantity.unit for quantity in MOTION}
+LETTER_OF = {quantity.name: quantity.symbol for quantity in MOTION}
+
+# Of everything else that a result or a bench speaks of by this name.
+OTHERS = (
+    Quantity("input", "u", "V", "voltage of the source"),
+    Quantity("force", "F", "N", "force of the source"),
+    Quantity("restoring_force", "R", "N", "force that holds the specimen"),
+    Quantity("frequency", "f", "Hz", "frequency"),
+    Quantity("phase", "φ", "rad", "phase of the response"),
+    Quantity("noise_std", "noise sd", "1", "noise of one repeat"),
+    Quantity("h3", "H₃", "s^6/m^2", "third-order kernel"),
+    Quantity("lambda_3", "λ₃", "1/(m^2 s^2)", "cubic coefficient of the smoothed law"),
+    Quantity("log_likelihood", "log L", "1", "log likelihood"),
+    Quantity("response", "v", "m/s", "velocity at one instant"),
+)
+BY_NAME = {each.name: each for each in (*OSCILLATOR, *MOTION, *OTHERS)}
+
+
+def derivative_order(response: str) -> int:
+    """How often the displacement was differentiated to give a response: 0, 1 or 2.
+
+    Args:
+        response: displacement, velocity or acceleration.
+
+    Returns:
+        The order p; the response's spectrum is (j omega)^p times the displacement's.
+
+    Raises:
+        ConfigError: Another word.
+    """
+    if response not in UNIT_OF:
+        raise ConfigError(
+            f"Argument `response` must be one of {', '.join(UNIT_OF)}, but it is {response!r}."
+        )
+    return list(UNIT_OF).index(response)
+
+
+def per(unit: str, source: str) -> str:
+    """A unit divided by another: `m` per `V` is `m/V`, `m` per `N/kg` is `m/(N/kg)`."""
+    return f"{unit}/({source})" if "/" in source else f"{unit}/{source}"
+
+
+def gain_unit(source: str) -> str:
+    """Unit of the gain of a source: force per unit modal mass over what drives it.
+
+    A source that is a force, in N, has one over the modal mass; a force per mass, the number 1.
+    """
+    return {"N": "1/kg", "N/kg": "1"}.get(source) or per("N/kg", source)
+
+
+def in_dialect(unit: str) -> str:
+    """A unit in the one dialect, also where an old run wrote `m s-1` or `m^-2 s^6`."""
+    stem, words, rest = unit.partition(" per ")
+    # What stands after a letter and a sign is a power; `m/s^2`, of today, has no such thing.
+    if not re.search(r"[A-Za-z]\^?-\d", stem):
+        return unit
+    factors = re.findall(r"([A-Za-z]+)\^?(-?\d+)?", stem)
+    above = [name + _power(n or "1") for name, n in factors if not n.startswith("-")]
+    below = [name + _power(n[1:]) for name, n in factors if n.startswith("-")]
+    under = f"({' '.join(below)})" if len(below) > 1 else below[0]
+    return f"{' '.join(above) or '1'}/{under}{words}{rest}"
+
+
+def _power(exponent: str) -> str:
+    return "" if exponent == "1" else f"^{exponent}"

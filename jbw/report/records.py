@@ -1,0 +1,235 @@
+"""Measured records in time against what the posterior predicts: sweeps, decays, multisines."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from jbw.report import style
+from jbw.report.result import fitted_text, frequency, level_text, quantiles, tests, unit_of
+from jbw.report.style import BAND, INK, MODEL, Panels, legend, panels, plain, shade, title
+from jbw.report.text import axis_label, percent
+
+COLUMNS = 1000  # extremes drawn of a full record: as many as the figure has points across
+FEWER = 300  # the same where three panels share the width
+MOST_DECAYS = 6  # records drawn: the first held-out ones, then the fitted ones
+PERIODS, WIDE_PERIODS = 6, 8
+PREDICTIVE_LABEL = "99 % predictive band (noise included)"
+BANDS = (
+    ("predictive_band", style.PREDICTIVE, PREDICTIVE_LABEL),
+    ("measured_band", style.REPEATS, "99 % band of the repeats"),
+    ("model_band", MODEL, BAND),
+)
+Samples = Float[np.ndarray, " time"]
+
+
+def extremes(
+    time: Samples, lower: Samples, upper: Samples, count: int | None = COLUMNS
+) -> tuple[Float[np.ndarray, " bin"], Float[np.ndarray, " bin"], Float[np.ndarray, " bin"]]:
+    """Return the least of `lower` and the largest of `upper` in each of `count` stretches.
+
+    Without a count they are returned as they are.
+    """
+    if count is None:
+        return time, lower, upper
+    size = max(1, -(-time.size // count))
+    starts = np.arange(0, time.size, size)
+    least, most = np.minimum.reduceat(lower, starts), np.maximum.reduceat(upper, starts)
+    return time[np.minimum(starts + size // 2, time.size - 1)], least, most
+
+
+def draw_record(
+    ax: Axes,
+    part: xr.Dataset,
+    *,
+    less: Samples | float = 0.0,
+    count: int | None = None,
+    measured: str = "_measured",
+    ticks: int | None = None,
+) -> None:
+    """Draw a record and whatever bands it has.
+
+    Args:
+        ax: Where.
+        part: The record, or a part of it.
+        less: Taken off all of them.
+        count: Stretches of which only the extremes are drawn; None draws point by point.
+        measured: Label of the measured record.
+        ticks: Marks along the time at most.
+    """
+    time = np.asarray(part["time"], float)
+    for name, colour, label in BANDS:
+        if name in part:
+            low, _, high = quantiles(part, name) - less
+            shade(ax, *extremes(time, low, high, count), colour, label, alpha=0.5)
+    if "measured" in part:
+        values = np.asarray(part["measured"], float) - less
+        if count is None:
+            ax.plot(time, values, color=INK, lw=0.8, label=measured)
+        else:
+            shade(ax, *extremes(time, values, values, count), INK, measured, alpha=0.6)
+    ax.margins(x=0)
+    if ticks is not None:
+        ax.locator_params(axis="x", nbins=ticks)
+
+
+def response_label(test: xr.Dataset, name: str = "measured") -> str:
+    """Return the label of a record's ordinate."""
+    return axis_label(plain(test.attrs.get("response", "response")), unit_of(test[name]))
+
+
+def short(name: str, most: int = 16) -> str:
+    """Return a name that fits a panel's title."""
+    return name if len(name) <= most else name[: most - 1] + "…"
+
+
+def length_of(part: Samples, periods: int) -> int:
+    """Return the samples of so many periods of a motion, by its crossings of zero."""
+    crossings = max(1, np.count_nonzero(np.diff(np.signbit(part))))
+    return int(2 * periods * part.size / crossings)
+
+
+def around(measured: Samples, half: int) -> slice:
+    """Return `half` samples on either side of the largest swing."""
+    peak = int(np.nanargmax(np.abs(measured)))
+    return slice(max(0, peak - half), min(measured.size, peak + half))
+
+
+def resonance_slice(measured: Samples, periods: int = PERIODS) -> slice:
+    """Return the samples of some `periods` of the response around its largest swing."""
+    near = measured[around(measured, max(16, measured.size // 40))]
+    return around(measured, length_of(near, periods) // 2)
+
+
+def verification_sweep(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw each sweep with its bands: whole, at the resonance, and there less the model's median.
+
+    Panels: for each test a row of three (3 axes a test).
+    """
+    found = tests(
+        tree, "verification/sweep", "measured", "measured_band", "model_band", "predictive_band"
+    )
+    axes = panels(ax, len(found), 3, height=0.7 + 1.75 * len(found))
+    for (whole, zoom, rest), (name, test) in zip(axes, found, strict=True):
+        part = test.isel(time=resonance_slice(np.asarray(test["measured"], float)))
+        _whole_sweep(whole, test)
+        draw_record(zoom, part, ticks=4)
+        draw_record(rest, part, less=quantiles(part, "model_band")[1], ticks=4)
+        whole.set_ylabel(response_label(test))
+        words = (short(plain(name)), level_text(test), fitted_text(test))
+        title(whole, ", ".join(filter(None, words)), size=8)
+        title(zoom, "at the resonance", size=8)
+        title(rest, "less the model's median", size=8)
+    for each in axes[-1]:
+        each.set_xlabel("time [s]")
+    legend(axes, ax)
+    return axes
+
+
+def _whole_sweep(ax: Axes, test: xr.Dataset) -> None:
+    """Draw the record as filled extremes, and the outline of the predictive band."""
+    time, measured = (np.asarray(test[name], float) for name in ("time", "measured"))
+    repeats = "repeats not fitted" if "fitted" in test.attrs else "repeats"
+    label = f"measured, mean of the {repeats}"
+    shade(ax, *extremes(time, measured, measured), INK, label, alpha=0.75)
+    low, _, high = quantiles(test, "predictive_band")
+    reach = max(3, time.size // 96)
+    shown = slice(None, None, max(1, reach // 4))
+    for edge in (minimum_filter1d(low, reach), maximum_filter1d(high, reach)):
+        ax.plot(time[shown], edge[shown], color=MODEL, lw=0.9)
+    ax.lines[-1].set_label("outline of the 99 % predictive band")
+    ax.margins(x=0)
+
+
+def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw decays with their bands: whole, some late periods, and what the model leaves.
+
+    Panels: for each record a row of three (3 axes a record), held-out records first, 6 at most.
+    """
+    found = tests(tree, "verification/decay", "measured", "model_band", "predictive_band")
+    ordered = sorted(found, key=lambda test: int(test[1].attrs.get("fitted", 1)))[:MOST_DECAYS]
+    axes = panels(ax, len(ordered), 3, height=0.7 + 1.5 * len(ordered))
+    for (whole, zoom, rest), (name, test) in zip(axes, ordered, strict=True):
+        look = {"count": FEWER, "measured": "measured, in the band"}
+        draw_record(whole, test[["measured"]], **look)
+        _outline(whole, test)
+        draw_record(zoom, test.isel(time=_late(np.asarray(test["measured"], float))), ticks=3)
+        draw_record(rest, test, less=quantiles(test, "model_band")[1], **look)
+        for each in (whole, rest):
+            _mark_seen(each, test)
+        whole.set_ylabel(response_label(test))
+        known = "fitted" if int(test.attrs.get("fitted", 1)) else "held out"
+        title(whole, f"{short(plain(name))}, {known}", size=8)
+        title(zoom, "some late periods", size=8)
+        title(rest, f"left by the model: {percent(test.attrs.get('nrmse'), 2)}", size=8)
+    for each in axes[-1]:
+        each.set_xlabel("time [s]")
+    legend(axes, ax)
+    return axes
+
+
+def _outline(ax: Axes, test: xr.Dataset) -> None:
+    """Draw the outline of the model's band."""
+    low, _, high = quantiles(test, "model_band")
+    at, *edges = extremes(np.asarray(test["time"], float), low, high, FEWER)
+    for edge in edges:
+        ax.plot(at, edge, color=MODEL, lw=0.9)
+    ax.lines[-1].set_label("outline of the model")
+
+
+def _mark_seen(ax: Axes, test: xr.Dataset) -> None:
+    """Mark until where a held-out record gave its initial state."""
+    seen = float(test.attrs.get("seen_s", 0.0))
+    if seen > 0:
+        ax.axvline(float(test["time"][0]) + seen, color=style.SOFT, lw=0.8, ls="--")
+
+
+def _late(measured: Samples) -> slice:
+    """Return some periods at two thirds of a record, where an error of frequency has built up."""
+    middle = 2 * measured.size // 3
+    near = measured[middle : middle + max(64, measured.size // 20)]
+    return slice(middle, middle + length_of(near, PERIODS))
+
+
+def verification_multisine(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw a steady multisine's response in time and its spectrum with what models leave.
+
+    Panels: for each test some periods around the largest response, and the spectra (2 axes a test).
+    """
+    found = tests(tree, "verification/multisine", "measured", "model_band", "error_spectrum")
+    axes = panels(ax, len(found), 2, height=0.6 + 2.7 * len(found), width_ratios=[1, 1.35])
+    for (left, right), (name, test) in zip(axes, found, strict=True):
+        measured = np.asarray(test["measured"], float)
+        largest = test.isel(time=around(measured, length_of(measured, WIDE_PERIODS) // 2))
+        draw_record(left, largest[["measured", "model_band"]], measured="measured", ticks=4)
+        _spectra(right, test)
+        left.set(xlabel="time [s]", ylabel=response_label(test))
+        right.set(
+            xlabel="frequency [Hz]", ylabel=axis_label("amplitude", unit_of(test["measured"]))
+        )
+        title(left, f"{short(plain(name))}, {fitted_text(test)}", size=8)
+        errors = f"error {percent(test.attrs.get('nrmse'), 2)}"
+        for other in ("linear", "cubic"):
+            if f"nrmse_{other}" in test.attrs:
+                errors += f", {other} {percent(test.attrs[f'nrmse_{other}'], 2)}"
+        title(right, errors, size=8)
+    legend(axes, ax)
+    return axes
+
+
+def _spectra(ax: Axes, test: xr.Dataset) -> None:
+    """Draw the spectra as points, since between the lines of a period there is nothing."""
+    freq = frequency(test)
+    for name, colour, label in (
+        ("measured", INK, "measured"),
+        ("linear_error", style.SKY, "left by a linear oscillator"),
+        ("error", MODEL, "left by the model"),
+    ):
+        if f"{name}_spectrum" in test:
+            values = np.asarray(test[f"{name}_spectrum"], float)
+            ax.plot(freq, values, ".", color=colour, ms=2.5, label=label, rasterized=True)
+    ax.set_yscale("log")
+    ax.margins(x=0)

@@ -1,0 +1,188 @@
+"""One description of a table, shown on the page and in the terminal."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from jbw.errors import printable
+from jbw.report.text import NOTHING, Names, number, percent, symbol, typed
+
+Row = Mapping[str, Any]
+MARKS = {"good": "green", "doubt": "yellow", "bad": "bold red", "flag": "bold"}
+
+
+class Cell(NamedTuple):
+    """What stands in one place of a table.
+
+    Attributes:
+        text: As people read it, on the page.
+        mark: good, doubt, bad or flag; empty for nothing special.
+        typed: As the terminal shows it, where that differs by more than its letters.
+    """
+
+    text: str
+    mark: str = ""
+    typed: str = ""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: what it is called, what it shows of a row, what that means.
+
+    Attributes:
+        heading: Its heading with the unit, if any.
+        show: The row's text or cell.
+        meaning: What the numbers are, for the note below the page's table.
+        align: right, left, unit, or wrap for long text, and left wrap.
+        spared: Where the screen is narrow, the order in which columns go; 0 stays.
+        only: page or terminal, where it is not for both.
+    """
+
+    heading: str
+    show: Callable[[Any], str | Cell]
+    meaning: str = ""
+    align: str = "right"
+    spared: int = 0
+    only: str = ""
+
+    def cell(self, row: Any) -> Cell:
+        """What it shows of a row."""
+        shown = self.show(row)
+        return shown if isinstance(shown, Cell) else Cell(shown)
+
+
+class Section(NamedTuple):
+    """Rows that belong together.
+
+    Attributes:
+        rows: The rows.
+        name: What the terminal calls them; empty in a table of one section.
+        heading: What the page calls them.
+        badge: Their status.
+        remark: What else stands in their heading on the page.
+    """
+
+    rows: Sequence[Any]
+    name: str = ""
+    heading: str = ""
+    badge: Cell = Cell("")
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: columns and sections of rows.
+
+    Attributes:
+        title: What it holds.
+        columns: The columns.
+        sections: The rows, by section.
+        note: What is to be said of all of it, after the columns' meanings.
+        of: What the sections are, such as `step`: a column of the terminal's table.
+    """
+
+    title: str
+    columns: tuple[Column, ...]
+    sections: tuple[Section, ...]
+    note: str = ""
+    of: str = ""
+
+    @property
+    def rows(self) -> list[Any]:
+        """All rows."""
+        return [row for section in self.sections for row in section.rows]
+
+    def told(self, where: str) -> list[Column]:
+        """Columns that say anything on the page or in the terminal."""
+        here = [column for column in self.columns if column.only in ("", where)]
+        rows = self.rows
+        return [c for c in here if any(c.cell(row).text not in ("", NOTHING) for row in rows)]
+
+    @property
+    def meanings(self) -> str:
+        """What the columns mean, and the note."""
+        meant = [
+            f"{' '.join(column.heading.split())}: {column.meaning}."
+            for column in self.told("page")
+            if column.meaning
+        ]
+        return " ".join(filter(None, (*meant, self.note)))
+
+
+def table(title: str, rows: Iterable[Any], *columns: Column, note: str = "") -> Table:
+    """A table of one section."""
+    return Table(title, columns, (Section(list(rows)),), note)
+
+
+def named(heading: str, known: Names) -> Column:
+    """The column of names: symbols on the page, in the terminal as one types them."""
+    return Column(
+        heading, lambda row: Cell(symbol(row["name"], known), typed=row["name"]), align="left"
+    )
+
+
+def by_sd(heading: str, key: str, meaning: str = "", spared: int = 0) -> Column:
+    """A column of numbers to the digits of their row's standard deviation."""
+    return Column(heading, lambda row: number(row.get(key), row.get("sd")), meaning, spared=spared)
+
+
+def digits(heading: str, key: str, count: int = 3, meaning: str = "", spared: int = 0) -> Column:
+    """A column of numbers to so many digits of their own."""
+    return Column(heading, lambda row: number(row.get(key), digits=count), meaning, spared=spared)
+
+
+def shares(heading: str, key: str, meaning: str = "", spared: int = 0) -> Column:
+    """A column of ratios in percent."""
+    return Column(heading, lambda row: percent(row.get(key), digits=2), meaning, spared=spared)
+
+
+def print_table(screen: Any, shown: Table) -> None:
+    """Print a table with as many columns as the screen has room for.
+
+    Args:
+        screen: A Rich console.
+        shown: The table.
+    """
+
+    def width() -> int:
+        return screen.measure(made, options=screen.options.update(max_width=10_000)).maximum
+
+    made = _rich(shown, 0)
+    for most in sorted({column.spared for column in shown.columns} - {0}):
+        if width() <= screen.width:
+            break
+        made = _rich(shown, most)
+    # In a file or pipe lines may be as long as they are; only a terminal folds them.
+    room = screen.width if screen.is_terminal else max(width(), screen.width)
+    screen.print(made, width=room, crop=False)
+
+
+def _rich(shown: Table, spared: int) -> Any:
+    """The table as Rich knows it, without the columns that are spared first."""
+    from rich.box import SIMPLE_HEAD  # the page needs no terminal
+    from rich.table import Table as Rich
+    from rich.text import Text
+
+    columns = [each for each in shown.told("terminal") if not 0 < each.spared <= spared]
+    title = Text(printable(shown.title)) if shown.title else None
+    made = Rich(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    if shown.of:
+        made.add_column(shown.of, overflow="fold")
+    for column in columns:
+        justify = "right" if column.align == "right" else "left"
+        made.add_column(Text(column.heading), justify=justify, overflow="fold")
+    if shown.of:
+        made.add_column("verdict")
+
+    def text(cell: Cell) -> Text:
+        # Text, not markup, and no control characters: names come from files.
+        return Text(printable(cell.typed or typed(cell.text)), MARKS.get(cell.mark, ""))
+
+    for section in shown.sections:
+        for place, row in enumerate(section.rows):
+            first = place == 0
+            ends = (Cell(section.name), section.badge) if first else (Cell(""), Cell(""))
+            cells = [column.cell(row) for column in columns]
+            made.add_row(*map(text, (ends[0], *cells, ends[1]) if shown.of else cells))
+        made.add_section()
+    return made

@@ -1,0 +1,223 @@
+"""One test at the rig: played or pulled, answered, sensed and recorded."""
+
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbw.errors import ConfigError
+from jbw.measurement.kinds import kind_named
+from jbw.measurement.records import Record, Test
+from jbw.quantities import BY_NAME
+from jbw.rig.conditions import Conditions, digitise, stream
+from jbw.rig.generator import Excitation, Multisine, Noise, Steps, Tone, analog, draw_phases
+from jbw.rig.integrator import GRID, respond
+from jbw.rig.plans import Plan, Preset
+from jbw.rig.prescribed_motion import Growth, Held, holding_force, pulled
+from jbw.rig.specimen import Specimen
+
+Samples = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A plan where it is carried out: on which rig, under which conditions."""
+
+    plan: Plan
+    rig: Preset
+    conditions: Conditions
+
+    def stream(self, repeat: int, channel: int) -> np.random.Generator:
+        """Random numbers of one channel of one repeat."""
+        return stream(self.conditions, zlib.crc32(self.plan.name.encode()), repeat, channel)
+
+    def sensed(
+        self, role: str, analog: Samples, noise_std: float, full_scale: float, key: tuple[int, int]
+    ) -> Samples:
+        """What a sensor and its converter make of a channel; `key` is its repeat and stream."""
+        return digitise(
+            analog,
+            noise_std=noise_std,
+            full_scale=full_scale,
+            bits=self.conditions.bits,
+            rng=self.stream(*key),
+            channel=f"`{role}` of {self.plan.name}",
+        )
+
+
+def record_test(
+    plan: Plan, rig: Preset, days: Sequence[Specimen], conditions: Conditions
+) -> tuple[list[Test], dict[str, tuple[Samples, ...]]]:
+    """Records of a planned test, and what was demanded of the source.
+
+    Args:
+        plan: The test as planned.
+        rig: The rig.
+        days: The specimen of each repeat.
+        conditions: What the records suffer from.
+
+    Returns:
+        One test, or one a day where the joint differs from day to day; and by test the demand of
+        each repeat [V or N], where the source is recorded.
+
+    Raises:
+        ConfigError: For a joint taken by itself on a rig whose modal mass nobody knows.
+    """
+    bench, excitation = Bench(plan, rig, conditions), plan.excitation
+    repeats = range(plan.repeats)
+    demands: list[Samples] = []
+    if isinstance(excitation, Growth | Held) and rig.source != "force":
+        raise ConfigError(
+            f"Test `{plan.name}` measures newtons, so the rig must measure the shaker's `force`, "
+            f"but measures its `{rig.source}`.",
+            remedy='Give the preset source = "force" and the inverse of the modal mass as gain.',
+        )
+    if isinstance(excitation, Growth):
+        records = [_pulled(bench, excitation, days[r], r) for r in repeats]
+    elif isinstance(excitation, Held):
+        records = [_held(bench, excitation, days[r], r) for r in repeats]
+    else:
+        records, demands = _shaken(bench, excitation, days)
+    tests = _tests(bench, records)
+    if not demands:
+        return tests, {}
+    sizes = np.cumsum([len(test.records) for test in tests])[:-1]
+    split = np.split(np.arange(len(demands)), sizes)
+    return tests, {
+        test.name: tuple(demands[i] for i in part) for test, part in zip(tests, split, strict=True)
+    }
+
+
+def _tests(bench: Bench, records: Sequence[Record]) -> list[Test]:
+    """The records as one test, or as one a day."""
+    plan, excitation = bench.plan, bench.plan.excitation
+    whole = Test(
+        kind=plan.kind,
+        records=tuple(records),
+        name=plan.name,
+        level=excitation.level,
+        tones_hz=_tones(excitation),
+        band_hz=plan.band_hz,
+        dwell=excitation.dwell if isinstance(excitation, Steps) else float("nan"),
+        settle=plan.settle,
+        delay=bench.conditions.delay if records[0].channels.keys() & {"velocity"} else 0.0,
+        periods=excitation.periods if isinstance(excitation, Multisine) else 1,
+    )
+    if not bench.conditions.varies:
+        return [whole]
+    tests = []
+    for day, record in enumerate(records, start=1):
+        name = f"{plan.name}_day{day}"
+        kept = replace(record, name=f"{name}_01")
+        tests.append(replace(whole, records=(kept,), name=name, run=f"day {day}"))
+    return tests
+
+
+def _tones(excitation: Excitation | Growth | Held) -> tuple[float, ...]:
+    if isinstance(excitation, Tone):
+        return (excitation.frequency_hz,)
+    return excitation.frequencies_hz if isinstance(excitation, Steps) else ()
+
+
+def _shaken(
+    bench: Bench, excitation: Excitation, days: Sequence[Specimen]
+) -> tuple[list[Record], list[Samples]]:
+    """Records under the shaker; of a free decay, whose shaker is off by then, the velocity only."""
+    distinct = bench.conditions.varies or isinstance(excitation, Noise)
+    driven = kind_named(bench.plan.kind).is_driven
+    records, demands = [], []
+    demand = source = velocity = np.empty(0)
+    for r in range(bench.plan.repeats):
+        if r == 0 or distinct:
+            demand, source, velocity = _play(bench, excitation, days[r], r)
+        channels = {bench.rig.source: _source(bench, source, r)} if driven else {}
+        records.append(_record(bench, {**channels, "velocity": _laser(bench, velocity, r)}, r))
+        demands.append(demand)
+    return records, demands if driven else []
+
+
+def _play(
+    bench: Bench, excitation: Excitation, specimen: Specimen, repeat: int
+) -> tuple[Samples, Samples, Samples]:
+    """Demanded source, source at the shaker and velocity, as they are before any sensor."""
+    conditions, fs = bench.conditions, bench.conditions.fs
+    phases = draw_phases(excitation, bench.stream(repeat if _fresh(excitation) else 0, 0), fs)
+    first = round(excitation.settle * fs)
+    last = first + round(excitation.duration * fs)
+    demand = analog(excitation, fs, phases, fs=fs)(first, last)
+    source = analog(excitation, fs, phases, fs=fs, distortion=conditions.distortion)(first, last)
+    # The channel that lags shows at t what the specimen did at t - delay: its clock starts later.
+    fine = analog(
+        excitation, GRID * fs, phases, fs=fs, lag=conditions.delay, distortion=conditions.distortion
+    )
+    gain = bench.rig.gain
+    _, velocity, _ = respond(specimen, lambda i, j: gain * fine(i, j), last, fs)
+    return demand, source, velocity[first:]
+
+
+def _fresh(excitation: Excitation) -> bool:
+    """Whether every repeat draws phases of its own; a multisine is played again as it was."""
+    return isinstance(excitation, Noise)
+
+
+def _source(bench: Bench, source: Samples, repeat: int) -> Samples:
+    noise = bench.conditions.input_noise_std
+    return bench.sensed(bench.rig.source, source, noise, bench.rig.input_range, (repeat, 1))
+
+
+def _laser(bench: Bench, velocity: Samples, repeat: int) -> Samples:
+    noise = bench.conditions.noise_std
+    if bench.conditions.noise_ratio is not None:
+        noise = bench.conditions.noise_ratio * float(np.sqrt(np.mean(velocity**2)))
+    return bench.sensed("velocity", velocity, noise, bench.rig.velocity_range, (repeat, 2))
+
+
+def _pulled(bench: Bench, growth: Growth, specimen: Specimen, repeat: int) -> Record:
+    """A slow loop: the displacement that was prescribed, and the force it took."""
+    rig, noise = bench.rig, bench.conditions.force_noise_std
+    y, force = pulled(specimen, growth, bench.conditions.fs)
+    force = force / rig.gain
+    channels = {
+        "displacement": bench.sensed("displacement", y, 0.0, rig.displacement_range, (repeat, 2)),
+        "restoring_force": bench.sensed(
+            "restoring_force", force, noise, rig.force_range, (repeat, 1)
+        ),
+    }
+    return _record(bench, channels, repeat)
+
+
+def _held(bench: Bench, held: Held, specimen: Specimen, repeat: int) -> Record:
+    r"""A controller's curve, line by line.
+
+    A sine fitted to a dwell of T seconds keeps of a channel's noise $\sigma\sqrt{2 / (T f_s)}$ in
+    either part of its amplitude.
+    """
+    force = holding_force(specimen, held) / bench.rig.gain
+    std = bench.conditions.force_noise_std * np.sqrt(2 / (held.dwell * bench.conditions.fs))
+    real, imaginary = std * bench.stream(repeat, 1).standard_normal((2, force.size))
+    force = force + real + 1j * imaginary
+    channels = {
+        "frequency": np.asarray(held.frequencies_hz),
+        "force": np.abs(force),
+        "displacement": np.full(force.size, held.level),
+        "phase": -np.angle(force),
+    }
+    return _record(bench, channels, repeat, fs=float("nan"))
+
+
+def _record(
+    bench: Bench, channels: Mapping[str, Samples], repeat: int, fs: float | None = None
+) -> Record:
+    return Record(
+        fs=bench.conditions.fs if fs is None else fs,
+        channels=channels,
+        units={role: BY_NAME[role].unit for role in channels},
+        name=f"{bench.plan.name}_{repeat + 1:02d}",
+        provenance={
+            "reader": "jbw.rig",
+            "preset": bench.rig.name,
+            "seed": str(bench.conditions.seed),
+        },
+    )

@@ -1,0 +1,213 @@
+"""`jbw.compare`: several samplers on one posterior of a campaign, beside the truth where known."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import jax
+import xarray as xr
+from jaxtyping import Array, Key
+
+from jbw.campaign.load import Campaign, force_per_unit
+from jbw.errors import ConfigError, JbwError
+from jbw.identification.posteriors import Known, Posterior, posterior_of
+from jbw.identification.step import attrs
+from jbw.inference.samplers.checkpointing import SoFar
+from jbw.inference.samplers.register import SAMPLERS, sampler_named
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.precision import require_float64
+from jbw.inference.space.ridge import along_ridge
+from jbw.report.comparison import comparison
+from jbw.study.comparison_record import Drawn, record_of
+from jbw.study.store import write_figure, write_json
+
+logger = logging.getLogger("jbw")
+Report = Callable[[str], None]
+Watch = Callable[[str, SoFar], None]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Result of `compare`.
+
+    Attributes:
+        posterior: What was drawn from.
+        trees: The draws of every sampler.
+        record: All numbers in plain values, as `compare.json` holds them.
+    """
+
+    posterior: Posterior
+    trees: dict[str, xr.DataTree]
+    record: dict[str, Any]
+
+
+def compare(
+    campaign: Campaign,
+    *,
+    step: str = "joint",
+    samplers: Sequence[str] | None = None,
+    seed: int | None = None,
+    num_chains: int = 4,
+    twice: bool = True,
+    known: Known | None = None,
+    report: Report = logger.info,
+    watch: Watch = lambda name, so_far: None,
+) -> Comparison:
+    """Draw from one posterior of a campaign by several samplers and set their answers side by side.
+
+    Args:
+        campaign: From `jbw.load_campaign` or the virtual rig.
+        step: "joint", or of the paper's cut "third_order" (Step 3) or "opening" (Step 4).
+        samplers: Names as `[identify] sampler` takes them; when None, all that suit the posterior:
+            quadrature up to four parameters, and where an evaluation steps through time neither
+            nested sampling nor the published walk.
+        seed: Seed of everything random; the campaign's, or 0, when None.
+        num_chains: Chains of each sampler.
+        twice: Whether every sampler but quadrature runs a second time, which shows its time
+            without compiling.
+        known: What a finished run says of its prior and of Step 3.
+        report: Called with one sentence at every stage.
+        watch: Called with a sampler's name and how far its chains are.
+
+    Returns:
+        Draws and numbers. A sampler that cannot draw from this posterior is in the record with the
+        reason.
+
+    Raises:
+        ConfigError: An unknown step or sampler, or a float32 session.
+        DataError: Tests that do not allow the step.
+    """
+    require_float64()
+    unknown = [name for name in samplers or () if name not in SAMPLERS]
+    if unknown:
+        raise ConfigError(
+            f"Argument `samplers` must name some of {', '.join(SAMPLERS)}, not {unknown[0]!r}."
+        )
+    seed = campaign.settings.seed if seed is None else seed
+    gain = force_per_unit(campaign)
+    posterior = posterior_of(
+        step,
+        campaign.tests,
+        campaign.settings,
+        laws=campaign.laws,
+        gain=gain,
+        seed=seed,
+        known=known,
+        report=report,
+    )
+    found = side_by_side(
+        posterior, samplers=samplers, seed=seed, num_chains=num_chains, twice=twice,
+        report=report, watch=watch,
+    )  # fmt: skip
+    return replace(found, record={"campaign": campaign.name, **found.record})
+
+
+def side_by_side(
+    posterior: Posterior,
+    *,
+    samplers: Sequence[str] | None = None,
+    seed: int = 0,
+    num_chains: int = 4,
+    twice: bool = True,
+    report: Report = logger.info,
+    watch: Watch = lambda name, so_far: None,
+) -> Comparison:
+    """The same for a posterior that is at hand.
+
+    Args:
+        posterior: What to draw from.
+        samplers: Names; when None, all that suit it.
+        seed: Seed of everything random.
+        num_chains: Chains of each sampler.
+        twice: Whether every sampler but quadrature runs a second time.
+        report: Called with one sentence for every sampler.
+        watch: Called with its name and how far its chains are.
+    """
+    key = jax.random.fold_in(jax.random.key(seed), len(SAMPLERS))
+    drawn: dict[str, Drawn] = {}
+    refused: dict[str, str] = {}
+    for name in samplers or suited(posterior):
+        report(f"Drawing by {name}")
+        try:
+            drawn[name] = _drawn(key, posterior, name, num_chains, twice, watch)
+        except JbwError as error:
+            refused[name] = str(error)
+    record = {
+        "posterior": posterior.name,
+        "parameters": list(posterior.box.names),
+        "seed": seed,
+        **record_of(drawn, posterior),
+        "refused": refused,
+    }
+    return Comparison(posterior, {name: one.tree for name, one in drawn.items()}, record)
+
+
+def suited(posterior: Posterior) -> tuple[str, ...]:
+    """Samplers that a posterior is drawn from by unless they are named.
+
+    Args:
+        posterior: What is drawn from.
+    """
+    size = len(posterior.box.names)
+    found = [
+        one
+        for one in SAMPLERS.values()
+        if one.suits(size) and (one.suits_costly or not posterior.stepped)
+    ]
+    # The exact one first: the others are measured by it.
+    return tuple(one.name for one in sorted(found, key=lambda one: one.most_parameters is None))
+
+
+def _drawn(
+    key: Key[Array, ""],
+    posterior: Posterior,
+    sampler: str,
+    num_chains: int,
+    twice: bool,
+    watch: Watch,
+) -> Drawn:
+    entry = sampler_named(sampler)
+    num_warmup, num_samples = entry.draws if posterior.stepped else entry.cheap_draws
+    options: dict[str, Any] = {
+        "sampler": sampler,
+        "num_warmup": num_warmup,
+        "num_samples": num_samples,
+        "num_chains": num_chains,
+        "attrs": attrs(posterior.laws),
+        "progress": lambda so_far: watch(sampler, so_far),
+    }
+    best, about = posterior.fit, (posterior.log_likelihood, posterior.box, posterior.data)
+    if posterior.stepped:  # all start at the fit, as the procedure's own chains do
+        options |= {"start": best.theta, "covariance": best.covariance}
+    elif not entry.from_prior:  # along the ridge of the fit; the others cross the whole box
+        place = along_ridge(best.theta, best.covariance, posterior.box)
+        options |= {"coordinates": place}
+    parallel = "parallel" if jax.device_count() > 1 and num_chains % 2 == 0 else "sequential"
+    options["chain_method"] = parallel if posterior.stepped else "vectorized"
+
+    def once(key: Key[Array, ""]) -> tuple[xr.DataTree, float]:
+        started = perf_counter()
+        tree = sample(key, *about, **options, options={"adapt_mass": True})
+        return tree, perf_counter() - started
+
+    keys = jax.random.split(key)
+    tree, cold = once(keys[0])
+    if not twice or entry.most_parameters is not None:  # which has nothing to do otherwise
+        return Drawn(tree, cold, None)
+    tree, warm = once(keys[1])
+    return Drawn(tree, cold, warm)
+
+
+def save_comparison(folder: Path, found: Comparison) -> None:
+    """Write compare.png and compare.json, the numbers last.
+
+    Args:
+        folder: New or empty folder, as `claim` left it.
+        found: The comparison.
+    """
+    if found.trees:
+        write_figure(folder / "compare.png", comparison(found.record))
+    write_json(folder / "compare.json", found.record)

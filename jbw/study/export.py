@@ -1,0 +1,158 @@
+"""A run's posterior in files that other programs read: CSV, MATLAB and a line of OpenSees."""
+
+import csv
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from jbw.errors import ConfigError, DataError
+from jbw.oscillator.law import Conversion
+from jbw.oscillator.laws import quantities_of
+from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.steady.backbone import backbone
+from jbw.quantities import OSCILLATOR
+from jbw.verification.bands import QUANTILES, band
+from jbw.verification.draws import Draws, Laws, parameter_names, thin
+from jbw.verification.predictive_basis import basis_of
+
+NUM_DRAWS = 1000  # carried along the backbone
+NUM_AMPLITUDES = 100
+MARKS = tuple(f"q{1000 * q:03.0f}" for q in QUANTILES)
+
+
+@dataclass(frozen=True)
+class Export:
+    """What `write_export` writes.
+
+    Attributes:
+        parameters: Rows convention, parameter, unit, mean, sd and quantiles; in jbw's convention
+            alone where the law is known by no other, or several stand beside each other.
+        backbone: Columns by name: amplitude, and frequency, damping and force with their bands.
+        draws: Draws of the joint's parameters by name.
+        material: The joint of the posterior means as a material of OpenSees, where it has one.
+    """
+
+    parameters: list[dict[str, Any]]
+    backbone: dict[str, NDArray[np.float64]]
+    draws: Draws
+    material: str | None
+
+
+def export(tree: xr.DataTree, mass: float = 1.0, y_max: float | None = None) -> Export:
+    """The joint in several conventions, and its frequency and damping against amplitude.
+
+    Args:
+        tree: The result, as `posterior.nc` holds it.
+        mass: Modal mass [kg]; with 1, forces are per kilogram.
+        y_max: Largest displacement of the backbone [m]; the largest measured when None.
+
+    Returns:
+        What is to be written.
+
+    Raises:
+        DataError: The main posterior lacks a parameter of the joint, or no amplitude is known.
+        ConfigError: The amplitude or mass is not positive.
+    """
+    laws = basis_of(tree).laws
+    draws = thin(tree["posterior"].to_dataset(), NUM_DRAWS, laws=laws)
+    needed = [name for name in parameter_names(laws) if name != "gain"]
+    missing = [name for name in needed if name not in draws]
+    if missing:
+        raise DataError(
+            f"The main posterior must hold all of {', '.join(needed)}, but lacks "
+            f"{', '.join(missing)}.",
+            why="Without them there is no oscillator to hand on.",
+            remedy="Identify from tests that move the mass, such as noise, sweeps or tones.",
+        )
+    y_max = float(tree.attrs.get("y_peak", 0.0)) if y_max is None else y_max
+    for name, value in {"y_max": y_max, "mass": mass}.items():
+        if not value > 0.0:
+            raise ConfigError(
+                f"Argument `{name}` must be positive, but it is {value:g}.",
+                remedy=f"Give it: --{name.replace('_', '-')}.",
+            )
+    mean = _converted({name: float(np.mean(values)) for name, values in draws.items()}, laws, mass)
+    material = next((one.material for one in mean.values() if one.material), None)
+    parameters = list(_parameters(draws, laws, mass))
+    return Export(parameters, _backbone(draws, laws, mass, y_max), draws, material)
+
+
+def _converted(theta: Mapping[str, float], laws: Laws, mass: float) -> Mapping[str, Conversion]:
+    """The oscillator in other conventions, which know one law alone."""
+    joint = oscillator_of(theta, laws)
+    if len(joint.laws) != 1:
+        return {}
+    return joint.laws[0].convert(theta["omega_n"], theta["zeta"], mass)
+
+
+def _parameters(draws: Draws, laws: Laws, mass: float) -> Iterable[dict[str, Any]]:
+    units = {quantity.name: quantity.unit for quantity in (*OSCILLATOR, *quantities_of(laws))}
+    names = [name for name in units if name in draws and name != "gain"]
+    for name in names:
+        yield _row("jbw", name, units[name], draws[name])
+    rows = zip(*(draws[name] for name in names), strict=True)
+    every = [_converted(dict(zip(names, map(float, row), strict=True)), laws, mass) for row in rows]
+    for convention, first in every[0].items():
+        for name, unit in first.units.items():
+            values = np.array([one[convention].values[name] for one in every])
+            yield _row(convention, name, unit, values)
+
+
+def _row(convention: str, name: str, unit: str, values: NDArray[np.float64]) -> dict[str, Any]:
+    facts = {"mean": float(np.mean(values)), "sd": float(np.std(values))}
+    facts |= dict(zip(MARKS, map(float, band(values)), strict=True))
+    return {"convention": convention, "parameter": name, "unit": unit, **facts}
+
+
+def _backbone(
+    draws: Draws, laws: Laws, mass: float, y_max: float
+) -> dict[str, NDArray[np.float64]]:
+    y_peak = y_max * np.arange(1, NUM_AMPLITUDES + 1) / NUM_AMPLITUDES
+    columns = {name: jnp.asarray(values)[:, None] for name, values in draws.items()}
+    found = backbone(oscillator_of(columns, laws), jnp.asarray(y_peak))
+    curves = {
+        "frequency_hz": np.asarray(found.omega) / (2 * np.pi),
+        "damping_ratio": np.asarray(found.zeta),
+        "force_n": mass * np.asarray(found.amplitude),
+    }
+    table = {"amplitude_m": y_peak}
+    for name, values in curves.items():
+        table |= {f"{name}_{m}": q for m, q in zip(MARKS, band(values), strict=True)}
+    return table
+
+
+def write_export(folder: Path, result: Export) -> tuple[Path, ...]:
+    """Write parameters.csv, backbone.csv, jbw.mat and joint.tcl.
+
+    Args:
+        folder: New or empty folder, as `claim` left it.
+        result: From `export`.
+
+    Returns:
+        The files.
+    """
+    from scipy.io import savemat
+
+    parameters, curves = folder / "parameters.csv", folder / "backbone.csv"
+    matlab, material = folder / "jbw.mat", folder / "joint.tcl"
+    _write_rows(parameters, list(result.parameters[0]), [r.values() for r in result.parameters])
+    _write_rows(curves, list(result.backbone), zip(*result.backbone.values(), strict=True))
+    savemat(matlab, {"draws": result.draws, "backbone": result.backbone}, oned_as="column")
+    if result.material is None:
+        return parameters, curves, matlab
+    words = "# The joint of the posterior means, in N, m and kg; mass and dashpot are the model's."
+    material.write_text(f"{words}\n{result.material}\n", encoding="utf-8")
+    return parameters, curves, matlab, material
+
+
+def _write_rows(path: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        writer.writerows(rows)

@@ -1,0 +1,178 @@
+"""A run's folder, written whole or not at all."""
+
+import json
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from jbw.errors import RunError
+from jbw.report.figures import figure_of, save_figures
+from jbw.report.page import write_page
+from jbw.report.prediction import prediction
+from jbw.report.style import Panels
+from jbw.verification.verify import safe
+
+
+def claim(folder: Path) -> Path:
+    """Make sure that a run may be written to a folder, before any work is done.
+
+    Args:
+        folder: New or empty folder.
+
+    Returns:
+        The folder, made.
+
+    Raises:
+        RunError: If it holds something, or cannot be written.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise RunError(
+            f"The output folder {folder} cannot be written: {error.strerror or error}.",
+            remedy="Choose another with --out.",
+        ) from error
+    if any(folder.iterdir()):
+        raise RunError(
+            f"The output folder {folder} must be new or empty, but it holds "
+            f"{sorted(path.name for path in folder.iterdir())[0]}.",
+            why="Results of two runs must not be mixed.",
+            remedy="Choose another with --out, or empty it.",
+        )
+    return folder
+
+
+def save_run(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
+    """Write posterior.nc and summary.json, then figures/ and report.html.
+
+    Args:
+        folder: The run's folder, as `claim` left it.
+        tree: The collected result.
+        summary: What `summary.json` is to hold.
+
+    Raises:
+        RunError: If something cannot be written or drawn; a failing report leaves the result.
+    """
+    save_result(folder, tree, summary)
+    save_report(folder, tree, summary)
+
+
+def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
+    """Write posterior.nc and summary.json.
+
+    Both are made in a hidden folder beside their place and moved there when complete, the summary
+    last: a folder with `summary.json` holds a whole result.
+
+    Args:
+        folder: The run's folder.
+        tree: The collected result.
+        summary: What `summary.json` is to hold.
+
+    Raises:
+        RunError: If the disk is full or the folder cannot be written.
+    """
+    try:
+        with writing(folder, "posterior.nc", "summary.json") as part:
+            tree.to_netcdf(part / "posterior.nc", engine="h5netcdf")
+            write_json(part / "summary.json", summary)
+    except OSError as error:
+        raise RunError(
+            f"The result cannot be written to {folder}: {error.strerror or error}.",
+            remedy="Free some space, or make the folder writable; an interrupted run goes on with "
+            f"jbw resume {folder}.",
+        ) from error
+
+
+def save_report(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
+    """Write figures/ and report.html beside a result.
+
+    Args:
+        folder: The run's folder.
+        tree: The collected result.
+        summary: What `summary.json` holds.
+
+    Raises:
+        RunError: If a figure or the page fails, for whatever reason: the result is not touched.
+    """
+    try:
+        with writing(folder, "figures", "report.html") as part:
+            (part / "figures").mkdir()
+            save_figures(tree, part / "figures")
+            write_page(summary, tree, part / "report.html")
+    except Exception as error:
+        raise RunError(
+            f"The report of {folder} failed: {type(error).__name__}: {error}",
+            why="posterior.nc and summary.json are saved and whole.",
+            remedy=f"Write the report again: jbw report {folder}.",
+        ) from error
+
+
+def save_predictions(
+    folder: Path, found: Mapping[str, xr.Dataset], rows: Sequence[Mapping[str, Any]]
+) -> None:
+    """Write predictions.nc, predictions.json and figures/, a figure a test; as `save_run` does.
+
+    Args:
+        folder: New or empty folder, as `claim` left it.
+        found: Each test's bands by its name.
+        rows: The tests in plain numbers.
+    """
+    with writing(folder, "figures", "predictions.json", "predictions.nc") as part:
+        tree = xr.DataTree.from_dict({f"/{safe(test)}": one for test, one in found.items()})
+        tree.to_netcdf(part / "predictions.nc", engine="h5netcdf")
+        (part / "figures").mkdir()
+        for number, (test, one) in enumerate(found.items(), start=1):
+            slug = re.sub(r"[^\w.-]+", "_", test)
+            write_figure(part / "figures" / f"{number:02d}_{slug}.png", prediction(test, one))
+        write_json(part / "predictions.json", list(rows))
+
+
+@contextmanager
+def writing(folder: Path, *names: str) -> Iterator[Path]:
+    """A hidden folder to write into, whose content is moved to its place when it is complete.
+
+    Args:
+        folder: Where it is to lie in the end.
+        names: What is written: files and folders, the last of them moved last.
+    """
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as name:
+        yield Path(name)
+        _move(Path(name), folder, names)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Plain values as JSON; a number that is not finite is an error."""
+    text = json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def write_figure(path: Path, drawn: Panels) -> None:
+    """A figure as PNG."""
+    figure_of(drawn).savefig(path, dpi=130, facecolor="white")
+
+
+def _move(part: Path, folder: Path, names: Sequence[str]) -> None:
+    """Move what was made to its place, the last name last."""
+    for made in names:
+        target = folder / made
+        if target.is_dir():
+            shutil.rmtree(target)
+        elif (part / made).is_file():
+            _sync(part / made)
+        os.replace(part / made, target)
+
+
+def _sync(path: Path) -> None:
+    """Let a file's content reach the disk before its name does."""
+    with path.open("rb+") as stream:
+        os.fsync(stream.fileno())

@@ -1,0 +1,72 @@
+"""Bands of what draws predict, and how far a measurement lies from them."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from jbw.inference.posterior.summary import QUANTILES
+
+
+def error(measured: NDArray[Any], predicted: NDArray[Any]) -> float:
+    """Error of a prediction, root mean square, over the root mean square of what was measured."""
+    return float(np.linalg.norm(measured - predicted) / np.linalg.norm(measured))
+
+
+def errors(
+    measured: NDArray[np.float64],
+    model: Float[np.ndarray, "draw value"],
+    others: Mapping[str, NDArray[np.float64]],
+    noise_std: float | None,
+) -> dict[str, float]:
+    r"""How far a test lies from the model, and from the oscillators it is compared with.
+
+    Args:
+        measured: Mean of the repeats.
+        model: Its prediction by every draw.
+        others: Its prediction by other oscillators, by their names.
+        noise_std: Noise of the mean, where it is known.
+
+    Returns:
+        `nrmse`, the error of the median; `nrmse_linear` and so on, of the others; and `coverage`,
+        the share of the `num_values` values inside the predictive band, `gaussian_band`.
+    """
+    found = {"nrmse": error(measured, np.median(model, axis=0))}
+    found |= {f"nrmse_{name}": error(measured, other) for name, other in others.items()}
+    if noise_std is not None:
+        low, _, high = gaussian_band(model, noise_std)
+        inside = (measured >= low) & (measured <= high)
+        found |= {"coverage": float(np.mean(inside)), "num_values": inside.size}
+    return found
+
+
+def band(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Quantiles 0.5 %, 50 % and 99.5 % along the first axis: a 99 % band about its median."""
+    return np.quantile(values, QUANTILES, axis=0)
+
+
+def gaussian_band(
+    model: Float[np.ndarray, " draw *value"], noise_std: float | Float[np.ndarray, " *value"]
+) -> NDArray[np.float64]:
+    r"""The 99 % band of what is to be measured: the draws' variance and the noise's together.
+
+    $$m \pm 2.576 \sqrt{\mathrm{var}_\theta + \sigma^2}$$
+
+    Args:
+        model: Prediction by every draw, whose median over draws is m.
+        noise_std: Noise sigma; 0 for the parameters alone.
+
+    Returns:
+        Lower edge, median and upper edge along a new first axis.
+    """
+    half = norm.ppf(QUANTILES[-1]) * np.sqrt(model.var(axis=0) + noise_std**2)
+    median = np.median(model, axis=0)
+    return np.stack([median - half, median, median + half])
+
+
+def phase_near(h: NDArray[Any], reference: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Phase on the branch next to a reference, so that bands do not straddle +-pi."""
+    return reference + np.angle(h * np.exp(-1j * reference))

@@ -1,0 +1,143 @@
+"""Tests that nobody measured: a sweep, steps or a tone as asked for, and what they would show."""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from jbw.errors import ConfigError
+from jbw.measurement.records import Record, Test
+from jbw.observables.harmonic_groups import ORDERS
+from jbw.oscillator.excitation import sampled, sweep
+from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.steady.cycle import steady_state
+from jbw.quantities import UNIT_OF, derivative_order
+from jbw.verification.bands import QUANTILES, band, gaussian_band, phase_near
+from jbw.verification.noise import noise_of
+from jbw.verification.predicted import Predicted, Source
+from jbw.verification.predictive_basis import Basis
+
+NUM_STEPS = 61  # of a stepped sine, when not asked otherwise
+FADE = 0.02  # of a sweep's duration, at its end
+NUM_HARMONICS = 4  # balanced
+
+
+def planned_sweep(
+    basis: Basis, band_hz: tuple[float, float], level: float, duration: float, fs: float
+) -> Test:
+    """A linear sweep from rest, fading out over the last 2 % of its duration.
+
+    Args:
+        basis: The run, whose source and response the test has.
+        band_hz: First and last frequency [Hz].
+        level: Amplitude [unit of the run's source].
+        duration: Duration [s].
+        fs: Sampling frequency [Hz].
+
+    Raises:
+        ConfigError: An argument is not positive, or the sweep reaches half the sampling frequency.
+    """
+    _require_positive(sweep=min(band_hz), level=level, duration=duration, fs=fs)
+    if max(band_hz) >= 0.5 * fs:
+        raise ConfigError(
+            f"Argument `sweep` must stay below fs/2 = {0.5 * fs:g} Hz, but reaches "
+            f"{max(band_hz):g} Hz.",
+            remedy="Raise --fs.",
+        )
+    u = sampled(sweep(level, *band_hz, duration, fade=FADE * duration), fs, round(duration * fs))
+    name = f"sweep {band_hz[0]:g} to {band_hz[1]:g} Hz at {level:g}"
+    return Test("sweep", (_record(basis, "sweep", np.asarray(u), fs),), name, level=level)
+
+
+def planned_tones(basis: Basis, freq_hz: Sequence[float], level: float) -> Test:
+    """Steady tones in turn, one of them or many.
+
+    Args:
+        basis: The run, whose source and response the test has.
+        freq_hz: Frequencies [Hz].
+        level: Amplitude [unit of the run's source].
+
+    Raises:
+        ConfigError: An argument is not positive.
+    """
+    _require_positive(level=level, **{"tone" if len(freq_hz) == 1 else "stepped": min(freq_hz)})
+    kind = "tones" if len(freq_hz) == 1 else "stepped"
+    ends = f"{freq_hz[0]:g} Hz"
+    if kind == "stepped":
+        ends = f"{freq_hz[0]:g} to {freq_hz[-1]:g} Hz"
+    record = _record(basis, kind, np.full(2, level), np.nan)
+    name = f"{'tone' if kind == 'tones' else 'stepped'} {ends} at {level:g}"
+    return Test(kind, (record,), name, level=level, tones_hz=tuple(map(float, freq_hz)))
+
+
+def steps(band_hz: tuple[float, float]) -> tuple[float, ...]:
+    """Frequencies of a stepped sine over a band [Hz]."""
+    return tuple(np.linspace(*band_hz, NUM_STEPS).tolist())
+
+
+def predict_planned(source: Source, test: Test) -> Predicted:
+    """First and third harmonic of the steady motion at each tone of a planned test.
+
+    Args:
+        source: What is carried.
+        test: From `planned.planned_tones`.
+
+    Returns:
+        Magnitudes and phases over (quantile, freq), of the third harmonic with the suffix `_3`.
+
+    Raises:
+        ModelError: The steady motion of some draw was not found.
+    """
+    record = test.records[0]
+    omega = 2 * np.pi * np.asarray(test.tones_hz)
+    columns = {name: jnp.asarray(values)[:, None] for name, values in source.draws.items()}
+    joint = oscillator_of(columns, source.basis.laws)
+    motion = np.asarray(steady_state(joint, omega, columns["gain"] * test.level, NUM_HARMONICS))
+    magnitude = {"units": UNIT_OF[record.response], "long_name": record.response}
+    phase = {"units": "rad", "long_name": "phase of the response"}
+    dims = ("quantile", "freq")
+    noises = {order: noise_of(source.basis, test, order=order) for order in ORDERS}
+    variables = {}
+    for order, noise in noises.items():
+        suffix = "" if order == 1 else f"_{order}"
+        factor = (1j * order * omega) ** derivative_order(record.response)
+        values = factor * motion[:, :, order // 2]
+        middle = np.unwrap(np.angle(np.mean(values, axis=0))).astype(np.float64)
+        turned = np.asarray(phase_near(values, middle), float)
+        variables[f"model_magnitude{suffix}"] = (dims, band(np.abs(values)), magnitude)
+        variables[f"model_phase{suffix}"] = (dims, band(turned), phase)
+        if source.noise and noise.std is not None:
+            predictive = gaussian_band(np.abs(values), noise.std)
+            variables[f"predictive_magnitude{suffix}"] = (dims, predictive, magnitude)
+    freq = ("freq", omega / (2 * np.pi), {"units": "Hz"})
+    attrs = {"held": record.source, "quantity": record.response}
+    attrs["level_unit"] = record.units[record.source]
+    dataset = xr.Dataset(variables, {"freq": freq, "quantile": list(QUANTILES)}, attrs)
+    return Predicted(dataset, np.abs(motion[..., 0]).max(axis=-1), noises[1])
+
+
+def _record(basis: Basis, kind: str, source: np.ndarray, fs: float) -> Record:
+    """A record of the source alone, its response unknown, in the units of the run."""
+    driven = [one for one in basis.seen.values() if one.source and one.response in UNIT_OF]
+    alike = [one for one in driven if one.kind == kind] or driven
+    unit = alike[0].source if alike else "unit of the run's source"
+    response = alike[0].response if alike else "displacement"
+    role = "force" if unit == "N" else "input"
+    return Record(
+        fs,
+        {role: source, response: np.full(len(source), np.nan)},
+        {role: unit, response: UNIT_OF[response]},
+        name="not measured",
+    )
+
+
+def _require_positive(**values: float) -> None:
+    for name, value in values.items():
+        if not (np.isfinite(value) and value > 0):
+            raise ConfigError(
+                f"Argument `{name}` must be positive, but is {value:g}.",
+                remedy=f"Give it, as in --{name} "
+                + {"sweep": "10:25", "stepped": "15:22"}.get(name, "1")
+                + ".",
+            )

@@ -1,0 +1,199 @@
+"""A run's posterior carried through any test, seen or not: bands, errors, how far it reaches."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from jbw.errors import ConfigError
+from jbw.inference.thresholds import BEYOND
+from jbw.measurement.records import Test
+from jbw.verification.bands import QUANTILES, band
+from jbw.verification.curves import predict_curve
+from jbw.verification.decays import predict_decay
+from jbw.verification.draws import NUM_DRAWS, count_of
+from jbw.verification.in_time import predict_records
+from jbw.verification.noise import LEFT_OUT
+from jbw.verification.planned import predict_planned
+from jbw.verification.predicted import Predicted, Source, is_measured
+from jbw.verification.predictive_basis import Basis, gain_for, seen_of
+from jbw.verification.steady_motion import predict_loop, predict_periods
+
+HARDLY = 0.01  # of an input's power near the mode: less hardly touches it
+MOST_SAMPLES = 8_000_000  # of all draws of a record together
+FEWEST = 20  # draws through however long a record
+ERRORS = ("coverage", "num_values", "nrmse")
+
+
+@dataclass(frozen=True)
+class Request:
+    """How to predict.
+
+    Attributes:
+        num_draws: Draws of the posterior at most; fewer through long records.
+        noise: Whether bands include the noise, where it is known.
+        gain: Gain that the campaign of the tests states, or the inverse of its modal mass.
+        seed: Of everything random.
+    """
+
+    num_draws: int = NUM_DRAWS
+    noise: bool = True
+    gain: float | None = None
+    seed: int = 0
+
+
+def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Dataset:
+    """Bands of a run's posterior on a test that it need never have seen.
+
+    Args:
+        basis: The run.
+        test: A test of any kind; one whose response is NaN throughout is only planned.
+        request: How to predict.
+
+    Returns:
+        Measured values beside bands over `quantile`: `model_*` of the parameters, `predictive_*`
+        with the noise where that is asked for and known; over time, frequency or both.
+        Attributes: `coverage` of the 99 % band and its `num_values`, `nrmse`, `noise` in words,
+        `y_peak` the 99 % band of the peak displacement [m], `extrapolation` its upper edge over
+        the largest displacement among what was fitted, `kind`, `level` and `num_draws`.
+
+    Raises:
+        ConfigError: Too few draws.
+        DataError: A source that the run's gain is not for, or a posterior without the joint.
+    """
+    asked = request or Request()
+    source = _source(basis, test, asked)
+    found = predicted(source, test)
+    dataset, facts = found.dataset, _facts(found, basis, test, asked)
+    kept = dataset.attrs | facts | {"num_draws": count_of(source.draws)}
+    dropped = []
+    if not asked.noise or found.noise.std is None:
+        dropped += [name for name in dataset.data_vars if "predictive" in str(name)]
+    if not is_measured(test):
+        dropped += [name for name in dataset.data_vars if "measured" in str(name)]
+        kept = {name: value for name, value in kept.items() if name not in (*ERRORS, "num_repeats")}
+    dataset = dataset.drop_vars(dropped)
+    dataset.attrs = kept
+    return dataset
+
+
+def predicted(source: Source, test: Test) -> Predicted:
+    """A test beside its prediction, by the route of its kind.
+
+    Args:
+        source: What is carried through the model.
+        test: A test of any kind.
+    """
+    return _route(test)(source, test)
+
+
+def _route(test: Test) -> Callable[[Source, Test], Predicted]:
+    """How a test is predicted; under a recorded input from rest, unless it is another motion."""
+    traits = test.traits
+    if traits.is_free:
+        return predict_decay
+    if traits.is_prescribed:
+        return predict_loop
+    if traits.is_curve or traits.is_stepped or test.is_single_tone:
+        return predict_curve if is_measured(test) else predict_planned
+    return predict_periods if test.is_cyclic else predict_records
+
+
+def _source(basis: Basis, test: Test, asked: Request) -> Source:
+    """The draws that a test is predicted with: fewer of them through long records."""
+    most, route = asked.num_draws, _route(test)
+    if route is predict_decay:
+        draws = basis.thinned(most, basis.decay)
+    else:
+        if route in (predict_records, predict_periods):
+            most = min(most, max(FEWEST, MOST_SAMPLES // test.records[0].num_samples))
+        draws = basis.draws(most, gain_for(basis, test, asked.gain), asked.seed)
+    return Source(basis, draws, noise=asked.noise, bare=0.0, seed=asked.seed)
+
+
+def _facts(found: Predicted, basis: Basis, test: Test, asked: Request) -> dict[str, Any]:
+    """What is said of a prediction beside its errors."""
+    noise = found.noise.says if asked.noise else LEFT_OUT
+    facts: dict[str, Any] = {"test": test.name, "kind": test.kind, "noise": noise}
+    if np.isfinite(test.level):
+        facts |= {"level": test.level, "level_unit": level_unit(test, found.dataset)}
+    if asked.noise and found.noise.std is not None:
+        facts["noise_std"] = found.noise.std
+    if found.peak is not None:
+        facts["y_peak"] = band(found.peak)
+    if (extrapolation := found.extrapolation(basis)) is not None:
+        facts |= {"y_peak_fitted": basis.y_peak, "extrapolation": extrapolation}
+    return facts
+
+
+def level_unit(test: Test, dataset: xr.Dataset) -> str:
+    """Unit of a test's level: what its dataset says, else its source's."""
+    return str(dataset.attrs.get("level_unit", seen_of(test).source))
+
+
+def warnings_of(dataset: xr.Dataset) -> list[str]:
+    """What must be known before a prediction is trusted, one sentence each.
+
+    Args:
+        dataset: From `predict`.
+    """
+    attrs, found = dataset.attrs, []
+    if attrs.get("extrapolation", 0.0) > BEYOND:
+        found.append(
+            f"Test `{attrs['test']}` is predicted to reach {attrs['y_peak'][-1]:.3g} m, "
+            f"{attrs['extrapolation']:.2g} times the largest displacement that was fitted "
+            f"({attrs['y_peak_fitted']:.3g} m), where nothing shows that the joint follows the "
+            "law: its bands may be far too narrow; add a test of that level to the campaign and "
+            "identify again."
+        )
+    if attrs.get("input_near_mode", 1.0) < HARDLY:
+        found.append(
+            f"Test `{attrs['test']}` has {attrs['input_near_mode']:.2g} of its input's power "
+            "within 25 % of the natural frequency, so it hardly moves the mode that was "
+            "identified: other modes may rule its response; choose a test around the mode."
+        )
+    return found
+
+
+def row_of(dataset: xr.Dataset) -> dict[str, Any]:
+    """A prediction in plain numbers, None where one is not known.
+
+    Args:
+        dataset: From `predict`.
+    """
+    attrs = dataset.attrs
+    row = {name: attrs.get(name) for name in ("test", "kind", "level", "level_unit", "noise")}
+    row |= {name: attrs.get(name) for name in (*ERRORS, "num_draws")}
+    row["y_peak"] = (
+        dict(zip(map(str, QUANTILES), map(float, attrs["y_peak"]), strict=True))
+        if "y_peak" in attrs
+        else None
+    )
+    row |= {name: attrs.get(name) for name in ("y_peak_fitted", "extrapolation")}
+    row["beyond"] = attrs.get("extrapolation", 0.0) > BEYOND
+    row["warnings"] = warnings_of(dataset)
+    plain = {n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in row.items()}
+    return plain
+
+
+def chosen(tests: tuple[Test, ...], names: tuple[str, ...], argument: str) -> tuple[Test, ...]:
+    """Tests by their names; all of them when none is named.
+
+    Args:
+        tests: The campaign's tests.
+        names: Names.
+        argument: What the names were given as, for the message.
+
+    Raises:
+        ConfigError: No test has such a name.
+    """
+    known = {test.name: test for test in tests}
+    missing = [name for name in names if name not in known]
+    if missing:
+        raise ConfigError(
+            f"{argument} must name a test of the campaign, but is {missing[0]!r}.",
+            remedy=f"The tests are {', '.join(known)}.",
+        )
+    return tuple(known[name] for name in names) or tests

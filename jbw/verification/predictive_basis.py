@@ -1,0 +1,199 @@
+"""What a finished run predicts with: its draws, and what it held, fitted and knows of the noise."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+
+from jbw.errors import ConfigError, DataError
+from jbw.measurement.curves import response_curve
+from jbw.measurement.records import INPUTS, RESPONSES, Test
+from jbw.observables.harmonic_groups import family_of, response_held
+from jbw.verification.draws import Draws, Laws, parameter_names, scattered, thin, unnamed_laws
+
+SUBSTEPS = 2  # of the solver a sample, for a run that does not say how many its data took
+SCATTER_KEY = 200  # of the seed
+
+
+class Seen(NamedTuple):
+    """A test of the run's campaign, as far as predictions need it.
+
+    Attributes:
+        kind: Its kind.
+        source: Unit of its source; empty without one.
+        response: What is compared: its response, or the force that a held response takes.
+        level: Its level; None where it has none, or the run does not say.
+        family: Name that its group of data shares with other tests of its level; else empty.
+    """
+
+    kind: str
+    source: str
+    response: str
+    level: float | None = None
+    family: str = ""
+
+
+@dataclass(frozen=True)
+class Basis:
+    """What predictions start from.
+
+    Attributes:
+        posterior: The main posterior, with dimensions (chain, draw).
+        held: Parameters that were not updated.
+        seen: Tests of the run's campaign by name; none where the run does not say.
+        y_peak: Largest displacement among what was fitted [m]; 0 where not known.
+        scatter: Standard deviation of omega_n [rad/s] and zeta over runs; empty without offsets.
+        substeps: Steps of the solver between samples.
+        decay: The posterior of free decays: the main one where there is no other.
+        decay_facts: Of the free decays that were fitted: the `worth` of a value and the scatter
+            `shift_std` of the records' natural frequencies [rad/s]; empty where there were none.
+        laws: Names of the laws of the joint.
+    """
+
+    posterior: xr.Dataset
+    held: Mapping[str, float]
+    seen: Mapping[str, Seen]
+    y_peak: float
+    scatter: tuple[float, ...]
+    substeps: int
+    decay: xr.Dataset
+    decay_facts: Mapping[str, float]
+    laws: Laws
+
+    def thinned(self, num_draws: int, posterior: xr.Dataset | None = None) -> Draws:
+        """Evenly spaced draws of the main posterior, or of another, beside what was held.
+
+        Raises:
+            ConfigError: Fewer than two draws.
+        """
+        if num_draws < 2:
+            raise ConfigError(
+                f"Argument `draws` must be at least 2, but is {num_draws}.",
+                why="A band needs draws on both sides.",
+                remedy="Some 100 carry a 99 % band.",
+            )
+        chosen = self.posterior if posterior is None else posterior
+        return thin(chosen, num_draws, self.held, self.laws)
+
+    def draws(self, num_draws: int, gain: float | None = None, seed: int = 0) -> Draws:
+        """Parameters of the joint and gain, one value a draw, as a further run would show them.
+
+        Args:
+            num_draws: Draws at most.
+            gain: Gain [N/kg per unit of the source] where it is not the run's.
+            seed: Of the scatter of the runs.
+
+        Raises:
+            DataError: A parameter is neither among the draws nor held.
+        """
+        known = self.thinned(num_draws)
+        size = len(next(iter(known.values()))) if known else 0
+        if gain is not None:
+            known["gain"] = np.full(size, gain)
+        missing = [name for name in parameter_names(self.laws) if name not in known]
+        if missing:
+            raise DataError(
+                f"The run's main posterior lacks {', '.join(missing)}, which a prediction needs.",
+                remedy="State `gain` or `modal_mass` in the campaign of the tests to predict."
+                if missing == ["gain"]
+                else "Identify from tests that move the mass, such as noise, sweeps or tones.",
+            )
+        key = jax.random.fold_in(jax.random.key(seed), SCATTER_KEY)
+        return scattered(key, known, jnp.asarray(self.scatter))
+
+
+def basis_of(tree: xr.DataTree) -> Basis:
+    """What a run's result predicts with.
+
+    Args:
+        tree: The result, as `posterior.nc` holds it.
+
+    Raises:
+        DataError: It has no main posterior.
+    """
+    if "posterior" not in tree.children:
+        raise DataError(
+            "The result has no group /posterior, so there is nothing to predict with.",
+            remedy="Give the folder of a finished run.",
+        )
+    attrs = tree.attrs
+    posterior = tree["posterior"].to_dataset()
+    decay = "/steps/decay/posterior"
+    seen = json.loads(str(attrs.get("tests", "{}")))
+    return Basis(
+        posterior,
+        json.loads(str(attrs.get("held", "{}"))),
+        {name: Seen(**facts) for name, facts in seen.items()},
+        float(attrs.get("y_peak", 0.0)),
+        tuple(np.atleast_1d(attrs["scatter"]).tolist()) if "scatter" in attrs else (),
+        int(attrs.get("substeps", SUBSTEPS)),
+        tree[decay].to_dataset() if decay in tree.groups else posterior,
+        json.loads(str(attrs.get("decay", "{}"))),
+        tuple(json.loads(attrs["laws"])) if "laws" in attrs else unnamed_laws(posterior),
+    )
+
+
+def basis_attrs(basis: Basis) -> dict[str, Any]:
+    """The same as attributes of the result, to be read back by `basis_of`.
+
+    Args:
+        basis: What predictions start from.
+    """
+    attrs: dict[str, Any] = {
+        "held": json.dumps(dict(basis.held)),
+        "tests": json.dumps({name: one._asdict() for name, one in basis.seen.items()}),
+        "substeps": basis.substeps,
+        "y_peak": basis.y_peak,
+        "laws": json.dumps(basis.laws),
+    }
+    if basis.decay_facts:
+        attrs["decay"] = json.dumps(dict(basis.decay_facts))
+    return attrs | ({"scatter": np.asarray(basis.scatter)} if basis.scatter else {})
+
+
+def seen_of(test: Test) -> Seen:
+    """A test's kind, the unit of its source and what is compared."""
+    record = test.records[0]
+    place = (test.level if np.isfinite(test.level) else None, family_of(test))
+    if test.traits.is_prescribed:
+        return Seen(test.kind, "N", "restoring_force", *place)
+    source = next((role for role in INPUTS if role in record.channels), "")
+    response = next((role for role in RESPONSES if role in record.channels), "")
+    if test.traits.is_curve:
+        curve = response_curve(record)
+        if curve.is_ratio:
+            response = f"{response} ratio"
+        elif response_held(curve):
+            response = source
+    # A free decay has no source, whatever was recorded beside it.
+    unit = "" if test.traits.is_free else record.units.get(source, "")
+    return Seen(test.kind, unit, response, *place)
+
+
+def gain_for(basis: Basis, test: Test, stated: float | None) -> float | None:
+    """Gain for a test's own source; None where it is the run's.
+
+    Args:
+        basis: The run.
+        test: The test to predict.
+        stated: Gain that the test's campaign states, or the inverse of its modal mass.
+
+    Raises:
+        DataError: The source is in another unit than the run's, and no gain is stated.
+    """
+    if stated is not None:
+        return stated
+    unit = seen_of(test).source
+    known = {one.source for one in basis.seen.values()} - {""}
+    if unit and known and unit not in known:
+        raise DataError(
+            f"Test `{test.name}` has its source in {unit}, but the run's gain is per "
+            f"{' or '.join(sorted(known))}.",
+            remedy="State `modal_mass` or `gain` in the campaign of the test.",
+        )
+    return None

@@ -1,0 +1,109 @@
+"""Oscillators without hysteresis fitted to the same tests: what a joint must do better than."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.space.box import box
+from jbw.observables.dataset import Dataset, stacked
+from jbw.observables.loops import Loops
+from jbw.observables.observable import Observable
+
+LAWS: dict[str, tuple[str, ...]] = {"linear": (), "cubic": ("cubic",)}
+REACH = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # of the joint's own
+STIFFEST = 10.0  # times omega_n^2 at the largest displacement: bound of the cubic stiffness
+
+
+class Reference(NamedTuple):
+    """An oscillator that the joint is compared with.
+
+    Attributes:
+        parameters: omega_n [rad/s], zeta [-], gain and those of its laws.
+        laws: Names of its laws.
+    """
+
+    parameters: dict[str, float]
+    laws: tuple[str, ...]
+
+
+def references(
+    data: Dataset, known: Mapping[str, float], y_peak: float, kinds: Sequence[str] = ("linear",)
+) -> dict[str, Reference]:
+    r"""The linear and the cubic oscillator that come closest to all fitted tests.
+
+    $$\min \sum_i |d_i - m_i|^2 / |d_i|^2, \qquad
+      \ddot y + 2\zeta\omega_n\dot y + \omega_n^2 y + \lambda_3 y^3 = g u$$
+
+    with lambda_3 = 0 for the linear one. Every group of data counts by its relative error, so that
+    no level is fitted at the others' expense. Line fits are left out, and so are free decays beside
+    other tests: they have errors of another kind.
+
+    Args:
+        data: What the joint posterior was made from.
+        known: omega_n, zeta and gain of the joint, from which the fit starts.
+        y_peak: Largest displacement measured [m].
+        kinds: Which, among linear and cubic.
+
+    Returns:
+        The oscillators by kind; empty where nothing else than line fits was fitted.
+    """
+    known = {name: value for name, value in known.items() if name in REACH}
+    even = [part.evenly() for part in data.parts]
+    parts = [part for part in even if part is not None]
+    parts = parts or [part for part in data.parts if part.own_shifts]
+    if not parts:
+        return {}
+    held = {name: float(value) for name, value in data.held.items() if name in REACH}
+    forced = [part for part in parts if isinstance(part, Loops)]
+    found: dict[str, Reference] = {}
+    for kind in kinds:
+        if len(forced) == len(parts):
+            found[kind] = _spring(forced, known | held, kind)
+        else:
+            start = found["linear"].parameters if "linear" in found else known
+            found[kind] = _fitted(parts, held, start, y_peak, kind)
+    return found
+
+
+def _fitted(
+    parts: Sequence[Observable],
+    held: Mapping[str, float],
+    known: Mapping[str, float],
+    y_peak: float,
+    kind: str,
+) -> Reference:
+    """The oscillator of one kind with the least relative error."""
+    free = [name for name in REACH if name not in held and name in known]
+    bounds = {name: (REACH[name][0] * known[name], REACH[name][1] * known[name]) for name in free}
+    start = {name: known[name] for name in free}
+    if kind == "cubic":
+        most = STIFFEST * known["omega_n"] ** 2 / y_peak**2
+        bounds["cubic"], start["cubic"] = (-most, most), 0.0
+    data = Dataset.of([replace(part, laws=LAWS[kind]) for part in parts], held)
+    # An error quoted to two digits needs no closer optimum.
+    best = costly_fit(
+        stacked, box(bounds), data, starts=start, max_evaluations=40, tolerance=1e-6
+    )  # fmt: skip
+    return Reference({**held, **best.theta}, LAWS[kind])
+
+
+def _spring(forced: Sequence[Loops], known: Mapping[str, float], kind: str) -> Reference:
+    r"""Spring that comes closest to prescribed-displacement loops, by linear least squares.
+
+    $$\min \sum_i \frac{|g F_i - \omega_n^2 y_i - \lambda_3 y_i^3|^2}{|g F_i|^2}$$
+    """
+    y = np.concatenate([np.asarray(part.counted * part.displacement) for part in forced])
+    measured = np.concatenate([np.asarray(part.counted * part.mean) for part in forced])
+    force = known["gain"] * measured
+    scale = np.linalg.norm(force, axis=1, keepdims=True)
+    reach = np.abs(y).max()
+    columns = [y, reach * (y / reach) ** 3][: 2 if kind == "cubic" else 1]
+    design = np.stack([(column / scale).ravel() for column in columns], axis=1)
+    stiffness = np.linalg.lstsq(design, (force / scale).ravel())[0]
+    found = {**known, "omega_n": float(np.sqrt(max(stiffness[0], 0.0)))}
+    if kind == "cubic":
+        found["cubic"] = float(stiffness[1] / reach**2)
+    return Reference(found, LAWS[kind])

@@ -1,0 +1,91 @@
+"""Changes of variable: there and back, and the determinant of their derivatives by JAX."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jbw.inference.space.box import box
+from jbw.inference.space.coordinates import (
+    Affine,
+    Composed,
+    Identity,
+    Interval,
+    Logarithms,
+    Unit,
+)
+from jbw.inference.space.problem import problem_of
+from jbw.inference.space.reparametrisation import along_logarithms, in_box
+from jbw.inference.space.ridge import along_ridge
+
+BOX = box({"a": (1.0, 20.0), "b": (1.0, 30.0), "c": (-1.0, 1.0)})
+THETA = {"a": 8.0, "b": 7.0, "c": 0.1}
+ROOT = np.array([[1.0, 0.0, 0.0], [-0.8, 0.05, 0.0], [0.0, 0.0, 0.02]]) * [[8.0], [7.0], [1.0]]
+COVARIANCE = ROOT @ ROOT.T
+WHITENING = Affine(jnp.array([0.2, -0.3, 0.1]), jnp.asarray(np.triu(ROOT.T)) + 0.1 * jnp.eye(3))
+
+
+def ridge():
+    return along_ridge(THETA, COVARIANCE, BOX)
+
+
+COORDINATES = {
+    "identity": (Identity(), [0.3, -2.0, 5.0]),
+    "affine": (WHITENING, [0.3, -0.2, 0.5]),
+    "interval": (Interval(BOX.lower, BOX.upper), [0.3, -2.0, 5.0]),
+    "unit": (Unit(BOX.lower, BOX.upper), [0.3, 0.2, 0.9]),
+    "logarithms": (Logarithms((True, False, True)), [0.3, -2.0, 1.0]),
+    "ridge": (ridge().outer, [0.12, 0.01, 0.4]),
+    "composed": (Composed((WHITENING, Interval(BOX.lower, BOX.upper))), [0.1, 0.2, -0.3]),
+}
+
+
+@pytest.mark.parametrize("name", COORDINATES)
+def test_there_and_back(name):
+    coordinate, x = COORDINATES[name]
+    back = coordinate.inverse(coordinate.forward(jnp.array(x)))
+    np.testing.assert_allclose(back, x, rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", COORDINATES)
+def test_the_determinant_is_that_of_the_derivatives(name):
+    coordinate, x = COORDINATES[name]
+    jacobian = jax.jacfwd(coordinate.forward)(jnp.array(x))
+    np.testing.assert_allclose(
+        coordinate.log_abs_det_jacobian(jnp.array(x)), jnp.linalg.slogdet(jacobian)[1], rtol=1e-10
+    )
+
+
+def gaussian(theta, data):
+    return -0.5 * jnp.square(jnp.stack([theta[n] for n in BOX.names]) - data)
+
+
+PLACES = {
+    "box": in_box(BOX, None, None, 4),
+    "fit": in_box(BOX, THETA, COVARIANCE, 4),
+    "logarithms": along_logarithms(THETA, COVARIANCE, BOX, ("a", "b")),
+    "ridge": ridge(),
+}
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_density_is_likelihood_prior_the_box_and_the_change_of_variable(name):
+    data = jnp.array([7.0, 6.0, 0.0])
+    problem = problem_of(gaussian, BOX, data, PLACES[name], lambda theta: -3.0 * theta["c"])
+    w = jnp.array([0.1, -0.2, 0.3])
+    theta = problem.theta(w)
+    slope = jnp.linalg.slogdet(jax.jacfwd(problem.coordinate.forward)(w))[1]
+    inner = jnp.sum(gaussian(theta, data)) - 3.0 * theta["c"] - np.log(19.0 * 29.0 * 2.0)
+    np.testing.assert_allclose(problem.log_density(w), inner + slope, rtol=1e-12)
+
+
+@pytest.mark.parametrize("value", [jnp.nan, jnp.inf, -jnp.inf])
+def test_a_failed_solve_is_impossible_not_an_error(value):
+    problem = problem_of(lambda theta, data: jnp.array([0.0, value]), BOX, None, PLACES["box"])
+    assert problem.log_density(jnp.zeros(3)) == -jnp.inf
+
+
+def test_beyond_the_box_nothing_is_possible():
+    problem = problem_of(gaussian, BOX, jnp.zeros(3), PLACES["logarithms"])
+    w = problem.coordinate.inverse(jnp.array([25.0, 7.0, 0.0]))
+    assert problem.log_density(w) == -jnp.inf

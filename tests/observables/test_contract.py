@@ -1,0 +1,287 @@
+"""What every kind of test must hold to, whoever wrote it; and a kind that this file brings."""
+
+from dataclasses import replace
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from decays import BAND, SETTLE, decay_test
+
+from jbw.campaign.settings import Identify
+from jbw.identification.assemble import assemble
+from jbw.identification.joint import joint_step
+from jbw.identification.prepare import prepare
+from jbw.measurement.kinds import KINDS, Kind
+from jbw.measurement.kinds import register as register_kind
+from jbw.measurement.records import Record, Test
+from jbw.observables.dataset import Dataset, by_label, log_likelihood, residual, stacked, without
+from jbw.observables.decay import Decays, decay_of
+from jbw.observables.labelled import datasets
+from jbw.observables.line_fit import LineReading
+from jbw.observables.loops import Loops
+from jbw.observables.observable import Observable
+from jbw.observables.records import Records
+from jbw.observables.register import OBSERVABLES, observable_for, register
+from jbw.observables.repeated import Repeated, Repeats, repeats
+from jbw.observables.runs import run_of
+from jbw.observables.steady import Points
+from jbw.observables.weighting import left_by_label
+from jbw.oscillator.oscillator import oscillator_of
+
+TRUTH = {
+    "omega_n": 127.5, "zeta": 2e-3, "alpha": 2400.0, "delta": 90.0, "gamma": 35.0, "gain": 0.5,
+}  # fmt: skip
+FS = 256.0
+RNG = np.random.default_rng(0)
+
+
+class RingDown(Repeated):
+    """Frequencies read at some amplitudes of a ring-down: a kind of test that jbw does not know."""
+
+    kinds: ClassVar[tuple[str, ...]] = ("ring_down",)
+    suffix: ClassVar[str] = "_ring_down"
+    dimension: ClassVar[str] = "ring_down"
+    informs: ClassVar[frozenset[str]] = frozenset({"omega_n"})
+
+    amplitude: jax.Array
+    mean: jax.Array
+    repeats: Repeats = eqx.field()
+
+    @classmethod
+    def reduce(cls, tests, *, laws=("bouc_wen",), substeps=None):
+        rows = [np.stack([r.channels["frequency"] for r in t.records]) for t in tests]
+        mean = np.stack([row.mean(axis=0) for row in rows])
+        within = [np.sum((row - m) ** 2) for row, m in zip(rows, mean, strict=True)]
+        size = mean.shape[1]
+        amplitude = [t.records[0].channels["displacement"] for t in tests]
+        of_groups = repeats(
+            within=np.array(within), num_repeats=np.array([len(row) for row in rows]),
+            sizes=np.full(len(tests), size), longest=size,
+            labels=tuple(t.name for t in tests), runs=tuple(run_of(t) for t in tests),
+            scale=np.abs(mean).max(axis=1),
+        )  # fmt: skip
+        return (
+            cls(
+                laws=laws, amplitude=jnp.asarray(np.stack(amplitude)), mean=jnp.asarray(mean),
+                repeats=of_groups,
+            ),
+        )  # fmt: skip
+
+    def predict(self, theta):
+        joint = oscillator_of(theta, self.laws)
+        stiffness = jax.vmap(jax.vmap(joint.loop))(self.amplitude).stiffness
+        return jnp.sqrt(joint.k + stiffness) / (2 * jnp.pi)
+
+    def misfit(self, theta):
+        return self.mean - self.predict(theta)
+
+    def first_values(self):
+        return {"omega_n": float(2 * np.pi * np.max(self.mean)), "zeta": 0.01}
+
+    def y_peak(self, omega_n):
+        return float(jnp.max(self.amplitude))
+
+    def to_dataset(self, predicted=None):
+        return datasets(self, ("displacement", "m"), list(self.amplitude), predicted)
+
+
+def theta(**changes):
+    return {name: jnp.asarray(value) for name, value in {**TRUTH, **changes}.items()}
+
+
+def record(fs=FS, **channels):
+    units = {
+        "input": "V", "velocity": "m/s", "displacement": "m", "restoring_force": "N",
+        "frequency": "Hz",
+    }  # fmt: skip
+    return Record(fs, channels, {name: units[name] for name in channels})
+
+
+def noisy(values, noise=1e-3):
+    return values + noise * np.abs(values).max() * RNG.normal(size=values.shape)
+
+
+def sweep(num, name="sweep"):
+    t = np.arange(256) / FS
+    u = np.sin(2 * np.pi * (18 * t + 2 * t**2)) * np.sin(np.pi * t / t[-1]) ** 2
+    seen = [record(input=u, velocity=noisy(0.02 * u)) for _ in range(num)]
+    return Test("sweep", tuple(seen), name, 1.0)
+
+
+def tone(num, hz=6.0):
+    t = np.arange(512) / FS
+    u, y = np.cos(2 * np.pi * hz * t), 4e-5 * np.cos(2 * np.pi * hz * t)
+    seen = [record(input=u, displacement=noisy(y, 1e-2)) for _ in range(num)]
+    return Test("tones", tuple(seen), f"tone {hz:g}", 1.0, tones_hz=(hz,))
+
+
+def loop(num, name="loop"):
+    y = 1e-3 * np.sin(2 * np.pi * np.arange(200) / 100) * np.linspace(0.3, 1.0, 200)
+    seen = [record(displacement=y, restoring_force=noisy(3e4 * y)) for _ in range(num)]
+    return Test("loop", tuple(seen), name, 1e-3, settle=0.1)
+
+
+def free(num, name="impacts"):
+    return replace(decay_test(), records=decay_test().records[:num], name=name)
+
+
+def ring_down(num, name="ring", noise=2e-4):
+    y = np.linspace(2e-4, 4e-3, 12)
+    shape = RingDown.reduce([Test("ring_down", (record(displacement=y, frequency=y),), name)])[0]
+    clean = np.asarray(shape.predict(theta())[0])
+    seen = [record(displacement=y, frequency=noisy(clean, noise / clean.max())) for _ in range(num)]
+    return Test("ring_down", tuple(seen), name)
+
+
+MAKERS = {Records: sweep, Points: tone, Loops: loop, Decays: free, RingDown: ring_down}
+
+
+def made(kind, num):
+    """Tests of a kind with so many repeats; of tones two, for one value tells no noise."""
+    return [tone(num, 5.0), tone(num)] if kind is Points else [MAKERS[kind](num)]
+
+
+def read():
+    mean = np.array([TRUTH[name] for name in ("omega_n", "zeta", "gain")])
+    return LineReading.of(mean, np.diag((1e-3 * mean) ** 2), 2e-5, "noise")
+
+
+def noise_free(kind) -> Observable:
+    """Data of a kind of test that the truth predicts exactly."""
+    if kind is LineReading:
+        data = read()
+        return replace(data, mean=data.predict(theta()))
+    data = kind.reduce(made(kind, 2))[0]
+    if kind is Decays:
+        curve = decay_of(theta(), data)
+        steps = data.envelope.shape[1]
+        enters = 2 + 3 * np.arange(2)
+        rows = [jnp.exp(curve[i : i + steps] + 0.3j) for i in enters]
+        return replace(data, envelope=jnp.stack(rows))
+    kept = data.counted if kind is Loops else 1.0
+    return replace(data, mean=kept * data.predict(theta()))
+
+
+KINDS_OF_DATA = (*OBSERVABLES, LineReading, RingDown)
+every_kind = pytest.mark.parametrize("kind", KINDS_OF_DATA, ids=lambda kind: kind.__name__)
+
+
+@every_kind
+def test_nothing_is_left_of_what_the_truth_predicts(kind):
+    data = noise_free(kind)
+    rows, wrong = data.compare(theta()), data.compare(theta(omega_n=128.0, alpha=3000.0))
+    assert tuple(rows) == data.labels
+    assert all(row.shape == (data.width,) for row in rows.values())
+    off = np.linalg.norm(np.concatenate([np.asarray(row) for row in wrong.values()]))
+    # Of a wrong joint's residual: rounding, and for a decay its cubics between steps.
+    for row in rows.values():
+        assert np.linalg.norm(np.asarray(row)) < 1e-4 * off
+
+
+@every_kind
+def test_the_residual_is_keyed_by_the_labels_and_comes_back_from_its_rows(kind):
+    data = Dataset.of([noise_free(kind)])
+    rows = residual(theta(alpha=3000.0), data)
+    assert set(rows) == set(data.layout) == set(data.labels)
+    again = by_label(np.asarray(stacked(theta(alpha=3000.0), data)), data)
+    for label, row in rows.items():
+        np.testing.assert_array_equal(again[label], np.asarray(row))
+    assert len(data.runs) == len(data.labels)
+    left = left_by_label(np.concatenate(list(again.values())), data)
+    assert set(left) <= set(data.labels)
+    assert set(data.parts[0].to_dataset()) == set(data.labels)
+
+
+@every_kind
+def test_the_likelihood_has_the_slope_that_differences_give(kind):
+    data = Dataset.of([noise_free(kind)])
+
+    def total(omega_n):
+        return jnp.sum(stacked(theta(omega_n=omega_n, alpha=2600.0), data) ** 2)
+
+    slope = float(jax.jit(jax.grad(total))(jnp.asarray(127.52)))
+    step = 1e-4
+    pair = [float(total(jnp.asarray(127.52 + sign * step))) for sign in (1, -1)]
+    # Central differences of step h are wrong by a third derivative times h^2; where a decay's
+    # record enters is found by Gauss and Newton, whose slope is exact where nothing is left.
+    rel = 0.1 if kind is Decays else 1e-4
+    assert slope == pytest.approx((pair[0] - pair[1]) / (2 * step), rel=rel)
+    assert np.all(np.isfinite(log_likelihood(theta(alpha=2600.0), data)))
+
+
+@pytest.mark.parametrize("kind", list(MAKERS), ids=lambda kind: kind.__name__)
+def test_one_repeat_and_many_reduce_to_the_same_groups(kind):
+    one, many = (kind.reduce(made(kind, num))[0] for num in (1, 3))
+    if one.own_shifts:  # records that are no repeats of one another: a group each
+        assert len(many.labels) == 3 * len(one.labels)
+        return
+    assert one.labels == many.labels
+    assert one.width == many.width
+    assert not one.noise_known()
+    assert set(many.noise_known()) == set(many.labels)
+
+
+@every_kind
+def test_an_excluded_run_says_nothing(kind):
+    data = Dataset.of([noise_free(kind)])
+    if data.parts[0].own_shifts:
+        return
+    out = without(data.runs[0], data)
+    wrong = theta(omega_n=128.0)
+    assert jnp.sum(stacked(wrong, out) ** 2) < 1e-6 * jnp.sum(stacked(wrong, data) ** 2)
+
+
+@pytest.fixture
+def known_kind():
+    """The kind of this file registered, and forgotten again."""
+    register_kind(Kind("ring_down", "frequencies of a ring-down"))
+    register(RingDown)
+    yield
+    OBSERVABLES.remove(RingDown)
+    del KINDS["ring_down"]
+
+
+def test_a_kind_of_ones_own_is_identified_without_a_change_to_jbw(known_kind):
+    assert observable_for("ring_down") is RingDown
+    tests = [ring_down(4, "first"), ring_down(4, "second")]
+    data = assemble(tests, Identify(), gain=1.0)
+    assert [type(part) for part in data.parts] == [RingDown]
+    settings = Identify(
+        num_chains=2, num_warmup=100, num_samples=200, substeps=2,
+        prior={"alpha": (500.0, 6000.0), "delta": (20.0, 400.0), "gamma": (34.9, 35.1)},
+    )  # fmt: skip
+    step, _ = joint_step(jax.random.key(0), data, {}, settings)
+    draws = step.posterior["posterior"].to_dataset()
+    product = (draws["alpha"] * draws["delta"]).values
+    truth = TRUTH["alpha"] * TRUTH["delta"]
+    assert abs(product.mean() - truth) < 4 * product.std()
+    assert product.std() < 0.1 * truth
+    assert draws["noise_std_ring_down"].dims == ("chain", "draw", "ring_down")
+
+
+@pytest.mark.parametrize(
+    ("laws", "names"),
+    [
+        ((), ("omega_n",)),
+        (("cubic",), ("omega_n", "cubic")),
+        (("jenkins_2",), ("omega_n", "jenkins_2")),
+    ],
+    ids=["linear", "cubic", "sliders"],
+)
+def test_a_campaign_of_other_laws_is_prepared(known_kind, laws, names):
+    data = assemble([ring_down(4, "first")], Identify(), laws=laws, gain=1.0)
+    ready = prepare(jax.random.split(jax.random.key(0)), data, Identify())
+    assert data.laws == laws
+    found = ready.box.names
+    assert found[0] == "omega_n"
+    assert all(any(name in one for one in found) or name in laws for name in names)
+    assert np.all(np.isfinite(list(ready.fit.theta.values())))
+
+
+def test_decays_of_this_file_are_those_of_the_band():
+    data = Decays.of(free(2))
+    assert BAND[0] < data.centre_hz < BAND[1]
+    assert SETTLE > 0

@@ -1,0 +1,17 @@
+"""Laws in other programs' conventions."""
+
+import pytest
+
+from jbw.oscillator.laws import Cubic
+from jbw.oscillator.laws.bouc_wen import BoucWenLaw
+
+
+def test_bouc_wen_is_known_elsewhere_and_a_spring_is_not():
+    found = BoucWenLaw(500.0, 340.0, 33.0).convert(118.0, 0.005, 2.0)
+    benchmark = found["hysteretic benchmark"]
+    assert benchmark.values["alpha"] == pytest.approx(2.0 * 500.0)
+    assert benchmark.units["alpha"] == "N/m"
+    assert benchmark.material is None
+    (line,) = [one.material for one in found.values() if one.material]
+    assert line.startswith("uniaxialMaterial BoucWen 1 ")
+    assert Cubic(1e6).convert(118.0, 0.005, 2.0) == {}

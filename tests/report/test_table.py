@@ -1,0 +1,44 @@
+"""One description of a table: columns that say nothing go, numbers are typed in the terminal."""
+
+import pytest
+from rich.console import Console
+
+from jbw.report.table import Cell, Column, print_table, table
+from jbw.report.text import typed
+
+ROWS = [{"name": "beam", "x": "−3.2×10⁻⁶"}, {"name": "[red]arm[/red]\x1b", "x": "–"}]
+COLUMNS = (
+    Column("name", lambda row: row["name"], align="left"),
+    Column("x [m]\nof it", lambda row: Cell(row["x"], "flag"), "how far it moved", spared=1),
+    Column("nothing", lambda _: "–", "never told"),
+    Column("page", lambda _: "here", only="page"),
+)
+
+
+@pytest.mark.parametrize(
+    ("printed", "expected"),
+    [
+        ("3.2×10⁻⁶ %", "3.2e-06 %"),
+        ("−1.50 to 2×10¹²", "-1.50 to 2e+12"),
+        ("–", "-"),
+        ("sweep – up", "sweep – up"),
+    ],
+)
+def test_numbers_are_shown_as_one_types_them(printed, expected):
+    assert typed(printed) == expected
+
+
+def test_columns_that_say_nothing_go_with_their_meaning():
+    shown = table("Beams", ROWS, *COLUMNS, note="All are toys.")
+    assert [column.heading for column in shown.told("page")] == ["name", "x [m]\nof it", "page"]
+    assert [column.heading for column in shown.told("terminal")] == ["name", "x [m]\nof it"]
+    assert shown.meanings == "x [m] of it: how far it moved. All are toys."
+
+
+@pytest.mark.parametrize(("width", "has_x"), [(60, True), (22, False)])
+def test_a_narrow_screen_spares_columns_and_names_steer_nothing(capsys, width, has_x):
+    print_table(Console(width=width, highlight=False), table("Beams", ROWS, *COLUMNS))
+    told = capsys.readouterr().out
+    assert ("-3.2e-06" in told) == has_x
+    assert "[red]arm[/red]" in told
+    assert "\x1b" not in told

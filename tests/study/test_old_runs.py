@@ -1,0 +1,90 @@
+"""Runs that version 0.1 wrote: its units, its facts of tests, no names of laws."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from made_runs import GAIN, JOINT, SILENT, a_test, same
+
+from jbw.errors import DataError
+from jbw.study.export import export
+from jbw.study.store import save_report
+from jbw.study.study import load_study
+from jbw.verification.noise import ALIKE, OWN
+
+OLD = {"omega_n": "rad s-1", "zeta": "1", "alpha": "s-2", "delta": "m-1", "gamma": "m-1"}
+TESTS = {"sweep": {"kind": "sweep", "source": "V", "response": "velocity"}}
+
+
+def old_run(folder, draws, **attrs):
+    """A folder as 3c7f4fa left it: posterior.nc with its groups and attributes, summary.json."""
+    posterior = xr.Dataset(
+        {
+            name: (("chain", "draw"), values.reshape(2, -1), {"units": OLD.get(name, "")})
+            for name, values in draws.items()
+        }
+    )
+    noise = np.full((2, posterior.sizes["draw"], 1), 2e-3)
+    posterior["noise_std"] = (("chain", "draw", "level"), noise, {"units": "m s-1"})
+    posterior = posterior.assign_coords(level=["sweep"])
+    time, quantile = np.arange(8) / 256.0, [0.005, 0.5, 0.995]
+    wide = (("quantile", "time"), np.linspace(-1, 1, 24).reshape(3, 8), {"units": "m s-1"})
+    sweep = xr.Dataset(
+        {
+            "measured": ("time", np.linspace(-1, 1, 8), {"units": "m s-1"}),
+            **{name: wide for name in ("measured_band", "model_band", "predictive_band")},
+        },
+        {"time": time, "quantile": quantile},
+        {"level": 0.01, "level_unit": "V", "response": "velocity", "fitted": 1, "nrmse": 0.1},
+    )
+    tree = xr.DataTree.from_dict({"/posterior": posterior, "/verification/sweep/sweep": sweep})
+    facts = {"tests": json.dumps(TESTS), "held": json.dumps({"gain": GAIN}), "substeps": 2}
+    tree.attrs = {"sampler": "nuts", "y_peak": 1e-3, **facts, **attrs}
+    tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    record = {
+        "campaign": "old", "verdict": {"status": "ok", "findings": []}, "main": "joint",
+        "steps": {}, "predictions": {}, "loops": {}, "comparison": {}, "seed": 0, "inputs": {},
+        "command": "jbw identify", "wall_time_s": 1.0, "versions": {"jbw": "0.1.0"},
+    }  # fmt: skip
+    (folder / "summary.json").write_text(json.dumps(record))
+    return folder
+
+
+def drawn(**more):
+    draws = same(SILENT, **more)
+    del draws["gain"]
+    return draws
+
+
+def test_an_old_run_still_predicts(tmp_path):
+    study = load_study(old_run(tmp_path, drawn()))
+    seen, new = a_test(0.01), a_test(0.02, name="new")
+    assert study.predict(seen).attrs["noise"] == OWN
+    found = study.predict(new)
+    assert found.attrs["nrmse"] < 1e-3  # the source's convolution is good to 1e-4
+    assert (found.attrs["noise"], found.attrs["noise_std"]) == (ALIKE, pytest.approx(2e-3))
+
+
+def test_an_old_run_with_a_cubic_spring_still_has_it(tmp_path):
+    weak = load_study(old_run(tmp_path, drawn(cubic=0.0))).predict(a_test(0.01))
+    (other := tmp_path / "stiff").mkdir()
+    stiff = load_study(old_run(other, drawn(cubic=1e9))).predict(a_test(0.01))
+    assert stiff.attrs["nrmse"] > 10 * weak.attrs["nrmse"]
+
+
+def test_an_old_run_is_still_reported_and_exported(tmp_path):
+    draws = {name: np.full(4, value) for name, value in {**JOINT, "gain": GAIN}.items()}
+    study = load_study(old_run(tmp_path, draws))
+    save_report(tmp_path, study.tree, study.summary())
+    assert "old" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    rows = {row["parameter"]: row for row in export(study.tree).parameters if row["unit"]}
+    assert rows["omega_n"]["mean"] == pytest.approx(JOINT["omega_n"])
+
+
+def test_a_run_that_cannot_be_read_says_which_version_made_it(tmp_path):
+    tests = json.dumps({"sweep": {**TESTS["sweep"], "colour": "blue"}})
+    with pytest.raises(DataError, match=r"cannot be read: .*colour") as caught:
+        load_study(old_run(tmp_path, drawn(), tests=tests))
+    assert "version 0.1.0" in caught.value.why
+    assert "identify again" in caught.value.remedy
