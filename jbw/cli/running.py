@@ -14,8 +14,8 @@ import platformdirs
 
 from jbw.cli.progress import progress
 from jbw.errors import JbwError
+from jbw.run.checkpoints import INTERRUPTED
 from jbw.run.folder import Run
-from jbw.run.interruption import INTERRUPTED
 
 NOT_TRUSTED = 4
 Say = Callable[[str], None]

@@ -1,47 +1,94 @@
-"""Two generations of every checkpoint, each with a hash of its own: the newest whole one counts."""
+"""Chains that outlive the process: checkpoints in two generations, and stops that lose nothing."""
 
 import hashlib
 import io
+import os
+import signal
+import socket
+import sys
+import threading
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
+from types import FrameType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jbw.run.files import write_whole
-from jbw.run.interruption import Interruption
 
 MAGIC = b"jbw-checkpoint-1"
 EVERY_S = 5.0  # between two savings at least
 COST = 0.02  # share of the time that saving may take
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+INTERRUPTED = 5  # exit code
 Watch = Callable[[str, Any], None]
 
 
-def unwatched(name: str, so_far: Any) -> None:
-    """The `Watch` of chains that nobody waits for."""
+class Interruption:
+    """Whether a run was asked to stop, and whether it waits for a saving to do so."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        self.waits = False  # chains are growing that the next saving will hold
+
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        self.asked = True
+        if not self.waits:
+            raise KeyboardInterrupt
+
+    @contextmanager
+    def heard(self, farewell: Callable[[], str]) -> Iterator[None]:
+        """Listen to Ctrl-C and SIGTERM.
+
+        Python runs a handler only between two of its own instructions, which compiled chains may
+        be far from. A thread therefore hears the signals as they come: it says at once that the
+        first was heard, and ends the process at the second, which can tear no file.
+
+        Args:
+            farewell: What to say before the process ends.
+        """
+        if threading.current_thread() is not threading.main_thread():
+            yield  # only the main thread may listen
+            return
+        heard, told = socket.socketpair()
+        told.setblocking(False)
+        before = {number: signal.signal(number, self._ask) for number in SIGNALS}
+        wakeup = signal.set_wakeup_fd(told.fileno(), warn_on_full_buffer=False)
+        threading.Thread(target=self._listen, args=(heard, farewell), daemon=True).start()
+        try:
+            yield
+        finally:
+            signal.set_wakeup_fd(wakeup)
+            for number, handler in before.items():
+                signal.signal(number, handler)
+            told.close()
+
+    def _listen(self, heard: socket.socket, farewell: Callable[[], str]) -> None:
+        count = 0
+        while received := heard.recv(1):
+            if received[0] not in SIGNALS:
+                continue
+            count += 1
+            if count > 1:
+                print(farewell(), file=sys.stderr, flush=True)
+                os._exit(INTERRUPTED)
+            when = " when this chunk of draws is saved" if self.waits else ""
+            print(f"Stopping{when}; again to leave at once.", file=sys.stderr, flush=True)
+        heard.close()
 
 
 class Generation(NamedTuple):
-    """A checkpoint as it was read.
-
-    Attributes:
-        number: How many were saved before it.
-        arrays: What it holds.
-    """
+    """A checkpoint as it was read: how many were saved before it, and the arrays that it holds."""
 
     number: int
     arrays: dict[str, np.ndarray]
 
 
 def pack(number: int, arrays: Mapping[str, np.ndarray]) -> bytes:
-    """A checkpoint as bytes: a line with the hash of all that follows, the number, the arrays.
-
-    Args:
-        number: How many were saved before it.
-        arrays: Plain arrays by name.
-    """
+    """A checkpoint as bytes: a line with the hash of all that follows, the number, the arrays."""
     stream = io.BytesIO()
     np.savez(stream, allow_pickle=False, **arrays)
     content = b"%d\n" % number + stream.getvalue()
@@ -49,11 +96,7 @@ def pack(number: int, arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def unpack(content: bytes) -> Generation | None:
-    """A checkpoint from its bytes; None where they are torn or changed.
-
-    Args:
-        content: What a file held.
-    """
+    """A checkpoint from its bytes; None where they are torn or changed."""
     head, _, rest = content.partition(b"\n")
     if head != b"%s %s" % (MAGIC, hashlib.sha256(rest).hexdigest().encode()):
         return None
@@ -73,7 +116,11 @@ class Checkpoint:
     """
 
     def __init__(
-        self, folder: Path, name: str, interruption: Interruption, watch: Watch = unwatched
+        self,
+        folder: Path,
+        name: str,
+        interruption: Interruption,
+        watch: Watch = lambda name, so_far: None,
     ) -> None:
         self._name, self._watch = name, watch
         self._files = [folder / f"{name}.{i}.checkpoint" for i in (0, 1)]
@@ -84,29 +131,25 @@ class Checkpoint:
     def load(self) -> dict[str, np.ndarray] | None:
         """What was saved last and is whole, or None; what is damaged is warned of."""
         contents = [path.read_bytes() for path in self._files if path.exists()]
-        found = sorted((one for c in contents if (one := unpack(c))), key=lambda one: one.number)
-        if len(found) < len(contents):
-            then = "the one before it is used" if found else "its chains start again"
+        whole = sorted(filter(None, map(unpack, contents)), key=lambda one: one.number)
+        if len(whole) < len(contents):
+            then = "the one before it is used" if whole else "its chains start again"
             warnings.warn(
                 f"A checkpoint of {self._name} in {self._files[0].parent} is damaged: {then}.",
                 stacklevel=2,
             )
-        if not found:
+        if not whole:
             return None
-        self._number = found[-1].number + 1
-        return found[-1].arrays
+        self._number = whole[-1].number + 1
+        return whole[-1].arrays
 
     def grown(self, so_far: Any) -> None:
-        """Pass on how far the chains are.
-
-        Args:
-            so_far: What is known of them.
-        """
+        """Pass on how far the chains are."""
         self._watch(self._name, so_far)
 
     def due(self) -> bool:
         """Whether to save: when asked to stop, or when saving takes a small share of the time."""
-        self._interruption.wait(True)
+        self._interruption.waits = True
         if self._interruption.asked:
             return True
         return perf_counter() - self._saved > max(EVERY_S, self._cost / COST)
@@ -127,5 +170,6 @@ class Checkpoint:
         self._number += 1
         self._saved = perf_counter()
         self._cost = self._saved - clock
-        self._interruption.wait(not last)
-        self._interruption.stop_if_asked()
+        self._interruption.waits = not last
+        if self._interruption.asked:
+            raise KeyboardInterrupt

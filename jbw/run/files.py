@@ -14,10 +14,6 @@ ROOM_OF_RIG = 300 * 2**20  # with the records of the virtual rig
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file so that a kill or a full disk leaves the old one, or the new one, never half.
 
-    Args:
-        path: The file.
-        content: What it is to hold.
-
     Raises:
         RunError: If the disk is full or the folder cannot be written.
     """
@@ -31,29 +27,26 @@ def write_whole(path: Path, content: bytes) -> None:
         _sync_folder(path.parent)
     except OSError as error:
         part.unlink(missing_ok=True)
-        raise cannot_write(path, error) from error
+        raise RunError(
+            f"{path} cannot be written: {error.strerror or error}.",
+            why="What was saved before is whole.",
+            remedy="Free some space, or make the folder writable, and go on: jbw resume RUN.",
+        ) from error
 
 
-def cannot_write(path: Path, error: OSError) -> RunError:
-    """The error of a file that cannot be written.
-
-    Args:
-        path: The file.
-        error: What the system said.
-    """
-    return RunError(
-        f"{path} cannot be written: {error.strerror or error}.",
-        why="What was saved before is whole.",
-        remedy="Free some space, or make the folder writable, and go on: jbw resume RUN.",
-    )
+def _sync_folder(folder: Path) -> None:
+    """Let a rename outlive a power cut, where the system can."""
+    if os.name != "posix":
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def require_room(folder: Path, room: int = ROOM) -> None:
-    """Make sure that a folder's disk has room for a run, before any work is done.
-
-    Args:
-        folder: The run's folder.
-        room: Bytes that the run may need.
+    """Refuse a folder whose disk has not so many bytes left, before any work is done.
 
     Raises:
         RunError: If it has not.
@@ -68,21 +61,6 @@ def require_room(folder: Path, room: int = ROOM) -> None:
 
 
 def hash_of(path: Path) -> str:
-    """SHA-256 of a file, in hexadecimal digits.
-
-    Args:
-        path: The file.
-    """
+    """SHA-256 of a file, in hexadecimal digits."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-def _sync_folder(folder: Path) -> None:
-    """Let a rename outlive a power cut, where the system can."""
-    if os.name != "posix":
-        return
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -6,13 +6,14 @@ import os
 import platform
 import shutil
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
 from jbw.errors import RunError
-from jbw.run.checkpoints import Checkpoint, Watch, unwatched
+from jbw.run.checkpoints import Checkpoint, Interruption, Watch
 from jbw.run.files import ROOM, ROOM_OF_RIG, require_room
-from jbw.run.interruption import Interruption
 from jbw.run.manifest import Manifest, read_manifest, write_manifest
 
 HIDDEN = ".run"  # beside the results, until these are complete
@@ -20,38 +21,30 @@ MANIFEST, LOCK = "manifest.json", "lock"
 UNSUPPORTED = {errno.ENOTSUP, errno.ENOLCK, errno.ENOSYS}  # some network folders know no locks
 
 
-class FolderLock:
-    """The right to write to a run's folder, held until `release` or the end of the process.
+@contextmanager
+def _locked(folder: Path) -> Iterator[IO[str]]:
+    """The right to write to a run's folder, given back at once where what follows fails.
 
-    The system lets go of it when the process ends, however that comes.
-
-    Args:
-        path: The lock file; made when absent, and left where it is.
+    It lasts as long as the stream is open: the system lets go of it when the process ends,
+    however that comes.
 
     Raises:
-        RunError: If another process holds it.
+        RunError: If another process holds it, or the folder cannot be written.
     """
-
-    def __init__(self, path: Path) -> None:
-        self._stream = path.open("a+", encoding="utf-8")
-        try:
-            _lock(self._stream)
-        except OSError as error:
-            if error.errno not in UNSUPPORTED:
-                holder = _holder(self._stream)
-                self._stream.close()
-                raise RunError(
-                    f"Another process{holder} is writing to {path.parent.parent}.",
-                    why="Results of two runs must not be mixed.",
-                    remedy="Wait until it ends, or choose another folder.",
-                ) from error
-        self._stream.truncate(0)
-        self._stream.write(json.dumps({"pid": os.getpid(), "host": platform.node()}))
-        self._stream.flush()
-
-    def release(self) -> None:
-        """Let another process write."""
-        self._stream.close()
+    try:
+        (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
+        stream = (folder / HIDDEN / LOCK).open("a+", encoding="utf-8")
+        _lock(stream, folder)
+        stream.truncate(0)
+        stream.write(json.dumps({"pid": os.getpid(), "host": platform.node()}))
+        stream.flush()
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    try:
+        yield stream
+    except BaseException:
+        stream.close()
+        raise
 
 
 def _holder(stream: IO[str]) -> str:
@@ -64,28 +57,33 @@ def _holder(stream: IO[str]) -> str:
         return ""
 
 
-def _lock(stream: IO[str]) -> None:
-    if sys.platform == "win32":
-        import msvcrt
+def _lock(stream: IO[str], folder: Path) -> None:
+    try:
+        if sys.platform == "win32":
+            import msvcrt
 
-        # Beyond the text, which others must be able to read.
-        stream.seek(2**20)
-        msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)
-        stream.seek(0)
-    else:
-        import fcntl
+            # Beyond the text, which others must be able to read.
+            stream.seek(2**20)
+            msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)
+            stream.seek(0)
+        else:
+            import fcntl
 
-        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno in UNSUPPORTED:
+            return
+        holder = _holder(stream)
+        stream.close()
+        raise RunError(
+            f"Another process{holder} is writing to {folder}.",
+            why="Results of two runs must not be mixed.",
+            remedy="Wait until it ends, or choose another folder.",
+        ) from error
 
 
 class Run:
-    """A run that this process may write.
-
-    Args:
-        folder: The run's folder.
-        manifest: What it was asked for.
-        lock: The right to write there.
-        fresh: Whether it begins here.
+    """A run that this process may write, as long as it holds the lock; fresh where it begins here.
 
     Attributes:
         folder: The run's folder.
@@ -94,11 +92,11 @@ class Run:
         watch: Called with the name of a posterior and how far its chains are.
     """
 
-    def __init__(self, folder: Path, manifest: Manifest, lock: FolderLock, *, fresh: bool) -> None:
+    def __init__(self, folder: Path, manifest: Manifest, lock: IO[str], *, fresh: bool) -> None:
         self.folder, self.manifest = folder, manifest
         self._lock, self._fresh = lock, fresh
         self.interruption = Interruption()
-        self.watch: Watch = unwatched
+        self.watch: Watch = lambda name, so_far: None
 
     @property
     def campaign(self) -> Path:
@@ -106,19 +104,11 @@ class Run:
         return self.folder / self.manifest.campaign
 
     def keep(self, name: str) -> Checkpoint:
-        """Where the chains of a posterior outlive the process.
-
-        Args:
-            name: Name of the posterior.
-        """
+        """Where the chains of the posterior of this name outlive the process."""
         return Checkpoint(self.folder / HIDDEN, name, self.interruption, self.watch)
 
     def note(self, manifest: Manifest) -> None:
-        """Write down what became known.
-
-        Args:
-            manifest: In place of the one before.
-        """
+        """Write down what became known, in place of the manifest of before."""
         if manifest != self.manifest:
             write_manifest(self.folder / HIDDEN / MANIFEST, manifest)
         self.manifest = manifest
@@ -138,18 +128,11 @@ class Run:
 
     def close(self) -> None:
         """Let another process write to the folder."""
-        self._lock.release()
+        self._lock.close()
 
 
 def begin(folder: Path, manifest: Manifest) -> Run:
-    """Begin a run in a new or empty folder.
-
-    Args:
-        folder: The run's folder.
-        manifest: What is asked for.
-
-    Returns:
-        The run, which holds the folder's lock.
+    """Begin a run in a new or empty folder, and hold the folder's lock.
 
     Raises:
         RunError: If the folder holds something or an unfinished run, cannot be written, has no
@@ -158,8 +141,7 @@ def begin(folder: Path, manifest: Manifest) -> Run:
     unfinished = folder / HIDDEN / MANIFEST
     if not unfinished.exists():
         _require_empty(folder)
-    lock = _locked(folder)
-    try:
+    with _locked(folder) as lock:
         if unfinished.exists():
             raise RunError(
                 f"The folder {folder} holds a run that was interrupted.",
@@ -168,21 +150,12 @@ def begin(folder: Path, manifest: Manifest) -> Run:
             )
         _require_empty(folder)  # another process may have been here before the lock
         require_room(folder, ROOM if manifest.preset is None else ROOM_OF_RIG)
-        write_manifest(folder / HIDDEN / MANIFEST, manifest)
-    except BaseException:
-        lock.release()
-        raise
+        write_manifest(unfinished, manifest)
     return Run(folder, manifest, lock, fresh=True)
 
 
 def reopen(folder: Path) -> Run | None:
-    """Go on with a run that was interrupted.
-
-    Args:
-        folder: The run's folder.
-
-    Returns:
-        The run, which holds the folder's lock; None where it is finished.
+    """Go on with a run that was interrupted, and hold its folder's lock; None where it is finished.
 
     Raises:
         RunError: If there is no run, its manifest is damaged, or another process writes there.
@@ -195,15 +168,11 @@ def reopen(folder: Path) -> Run | None:
             f"The folder {folder} holds no run to go on with.",
             remedy=f"Begin one: jbw identify CAMPAIGN --out {folder}.",
         )
-    lock = _locked(folder)
-    try:
+    with _locked(folder) as lock:
         manifest = read_manifest(folder / HIDDEN / MANIFEST)
         require_room(folder)
         for part in folder.glob(".part-*"):
             shutil.rmtree(part, ignore_errors=True)
-    except BaseException:
-        lock.release()
-        raise
     return Run(folder, manifest, lock, fresh=False)
 
 
@@ -219,14 +188,6 @@ def _require_empty(folder: Path) -> None:
             why="Results of two runs must not be mixed.",
             remedy="Choose another with --out, or empty it.",
         )
-
-
-def _locked(folder: Path) -> FolderLock:
-    try:
-        (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
-        return FolderLock(folder / HIDDEN / LOCK)
-    except OSError as error:
-        raise _unwritable(folder, error) from error
 
 
 def _unwritable(folder: Path, error: OSError) -> RunError:

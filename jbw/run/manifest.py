@@ -64,12 +64,7 @@ def machine() -> dict[str, str]:
 
 
 def write_manifest(path: Path, manifest: Manifest) -> None:
-    """Write a manifest, with the hash of its content.
-
-    Args:
-        path: The file.
-        manifest: What it is to hold.
-    """
+    """Write a manifest, with the hash of its content."""
     content = {"format": FORMAT, **asdict(manifest)}
     text = json.dumps({"sha256": _digest(content), **content}, indent=1, ensure_ascii=False)
     write_whole(path, text.encode())
@@ -77,9 +72,6 @@ def write_manifest(path: Path, manifest: Manifest) -> None:
 
 def read_manifest(path: Path) -> Manifest:
     """The manifest of an unfinished run.
-
-    Args:
-        path: The file.
 
     Raises:
         RunError: If it cannot be read, was changed, or is of another format.
@@ -114,16 +106,24 @@ def with_inputs(manifest: Manifest, campaign: Path, inputs: Mapping[str, str]) -
         DataError: If other files belong to the campaign than before, or one changed.
     """
     folder = campaign.resolve().parent
-    found = {_below(folder, Path(name)): digest for name, digest in inputs.items()}
+    found = {_below(folder, Path(name).resolve()): digest for name, digest in inputs.items()}
     known = found if manifest.inputs is None else manifest.inputs
-    for name in sorted(set(found) | set(known)):
+    for name in sorted(found | known):
         if name not in known:
             raise _other_data(f"{name} is among the campaign's files, but was not before.")
         if name not in found:
             raise _other_data(f"{name} is no more among the campaign's files.")
-        if known[name] != found[name]:
-            raise _other_data(f"{name} changed since the run began.")
+        _require_same(name, known[name], found[name])
     return replace(manifest, inputs=found)
+
+
+def _below(folder: Path, path: Path) -> str:
+    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else str(path)
+
+
+def _require_same(name: str, was: str, now: str) -> None:
+    if was != now:
+        raise _other_data(f"{name} changed since the run began.")
 
 
 def _other_data(what: str) -> DataError:
@@ -132,27 +132,19 @@ def _other_data(what: str) -> DataError:
     )
 
 
-def _below(folder: Path, path: Path) -> str:
-    path = path.resolve()
-    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else str(path)
-
-
 def require_unchanged(manifest: Manifest, campaign: Path) -> None:
     """Refuse to go on with another campaign, other data or other versions than at the start.
-
-    Args:
-        manifest: The run as it began.
-        campaign: The campaign file.
 
     Raises:
         ConfigError: If the campaign file changed or is gone.
         DataError: If a data file did.
         RunError: If the run was begun with other versions of what decides the draws.
     """
+    here = versions()
     other = [
-        f"{name} {was}, not {versions().get(name)}"
+        f"{name} {was}, not {here.get(name)}"
         for name, was in manifest.versions.items()
-        if versions().get(name) != was
+        if here.get(name) != was
     ]
     if other:
         raise RunError(
@@ -162,7 +154,12 @@ def require_unchanged(manifest: Manifest, campaign: Path) -> None:
         )
     if manifest.text is not None:
         _require_same_text(manifest.text, campaign)
-    _require_same_files(manifest.inputs or {}, campaign.resolve().parent)
+    for name, digest in (manifest.inputs or {}).items():
+        try:
+            now = hash_of(campaign.resolve().parent / name)
+        except OSError as error:
+            raise _other_data(f"{name} cannot be read: {error.strerror or error}.") from error
+        _require_same(name, digest, now)
 
 
 def _require_same_text(text: str, campaign: Path) -> None:
@@ -181,13 +178,3 @@ def _require_same_text(text: str, campaign: Path) -> None:
                 why="Its chains would go on with another configuration.",
                 remedy=RESTORE,
             )
-
-
-def _require_same_files(inputs: Mapping[str, str], folder: Path) -> None:
-    for name, digest in inputs.items():
-        try:
-            now = hash_of(folder / name)
-        except OSError as error:
-            raise _other_data(f"{name} cannot be read: {error.strerror or error}.") from error
-        if now != digest:
-            raise _other_data(f"{name} changed since the run began.")

@@ -9,9 +9,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from jbw.errors import RunError
-from jbw.run.checkpoints import Checkpoint, pack
+from jbw.run.checkpoints import Checkpoint, Interruption, pack
 from jbw.run.folder import HIDDEN, begin, reopen
-from jbw.run.interruption import Interruption
 from jbw.run.manifest import Manifest
 
 ARRAYS = {"state/0": np.arange(5, dtype=np.uint32), "theta/gamma": np.full((2, 5), 1 / 3)}

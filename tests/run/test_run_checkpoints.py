@@ -9,8 +9,7 @@ import pytest
 
 from jbw.errors import RunError
 from jbw.run import checkpoints, files
-from jbw.run.checkpoints import Checkpoint, pack, unpack
-from jbw.run.interruption import Interruption
+from jbw.run.checkpoints import Checkpoint, Interruption, pack, unpack
 
 
 def arrays(n):

@@ -7,14 +7,14 @@ import threading
 
 import pytest
 
-from jbw.run.interruption import Interruption
+from jbw.run.checkpoints import Interruption
 
 # The key derivation stands for compiled chains: it lets other threads run and knows no signals.
 LONG = """
 import hashlib
-from jbw.run.interruption import Interruption
+from jbw.run.checkpoints import Interruption
 interruption = Interruption()
-interruption.wait(True)
+interruption.waits = True
 with interruption.heard(lambda: "Saved."):
     print("working", flush=True)
     hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)
