@@ -142,13 +142,7 @@ def _replication(
 
 
 def placed(key: Key[Array, ""], model: Model, data: PyTree) -> Problem:
-    """The posterior of one data set, in the coordinates that it is drawn in.
-
-    Args:
-        key: Random key of the search.
-        model: Posterior.
-        data: Its data.
-    """
+    """The posterior of one data set, in the coordinates that it is drawn in."""
     if model.search is not None:
         return locate(key, model.search, model.log_likelihood, model.box, data)
     return problem_of(model.log_likelihood, model.box, data, in_box(model.box, None, None, 1))
@@ -192,9 +186,6 @@ def _place(
 
 def split_r_hat(draws: Float[Array, "chain draw quantity"]) -> Float[Array, " quantity"]:
     """BlackJAX's potential scale reduction of half chains; where nothing varies, chains agree.
-
-    Args:
-        draws: Draws of every chain.
 
     Reference:
         Gelman et al. (2013), Bayesian Data Analysis, section 11.4.

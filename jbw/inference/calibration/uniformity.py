@@ -20,12 +20,7 @@ LEAST = 1e-9  # below, the sum of the pointwise tails is the p-value, an upper b
 
 
 def chi_square_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
-    """p-value of Pearson's chi-square of the ranks in about 20 bins.
-
-    Args:
-        ranks: Each between 0 and `num_ranks`.
-        num_ranks: L, draws that each truth was ranked among.
-    """
+    """p-value of Pearson's chi-square of the ranks in about 20 bins."""
     bins = np.array_split(np.arange(num_ranks + 1), min(NUM_BINS, num_ranks + 1))
     expected = len(ranks) * np.array([len(one) for one in bins]) / (num_ranks + 1)
     edges = [one[0] for one in bins] + [num_ranks + 1]
@@ -49,10 +44,6 @@ def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
     r"""p-value of the ECDF's most extreme point, simultaneous over all points.
 
     $$\gamma = \min_i 2 \min\{P(C_i \le c_i),\, P(C_i \ge c_i)\}$$
-
-    Args:
-        ranks: Each between 0 and `num_ranks`.
-        num_ranks: L.
 
     Returns:
         Probability of a gamma as small or smaller for uniform ranks.
@@ -99,13 +90,7 @@ def ecdf_envelope(
 
 
 def coverage_interval(inside: int, count: int, level: float = 0.99) -> tuple[float, float]:
-    """Clopper-Pearson interval of a probability.
-
-    Args:
-        inside: Successes.
-        count: Trials.
-        level: Confidence.
-    """
+    """Clopper-Pearson interval of a probability."""
     found = stats.binomtest(inside, count).proportion_ci(level, method="exact")
     return float(found.low), float(found.high)
 

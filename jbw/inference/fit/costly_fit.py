@@ -91,14 +91,7 @@ def costly_fit(
 def trust_region(
     part: Part, start: NDArray[np.float64], max_evaluations: int, tolerance: float
 ) -> OptimizeResult:
-    """Scipy's trust region in the unit cube; a residual that is not a number is out of reach.
-
-    Args:
-        part: Residual (0) and Jacobian (1) as functions of the coordinates.
-        start: Where to start.
-        max_evaluations: Evaluations at most.
-        tolerance: Relative tolerance on the cost and on the step.
-    """
+    """Scipy's trust region in the unit cube; a residual that is not a number is out of reach."""
     return least_squares(
         lambda s: np.nan_to_num(part(s, 0), nan=1e100, posinf=1e100, neginf=-1e100),
         start,
@@ -113,13 +106,7 @@ def trust_region(
 
 
 def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
-    """Residual (0) or Jacobian with respect to s (1), as a function of s and which of the two.
-
-    Args:
-        residual: (theta, data) to residuals.
-        box: Bounds.
-        data: Whatever `residual` takes.
-    """
+    """Residual (0) or Jacobian with respect to s (1), as a function of s and which of the two."""
 
     @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
     def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -139,21 +126,13 @@ def search_coordinate(box: Box) -> Composed:
     $$\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$$
 
     where the bounds are positive, and linear in s otherwise.
-
-    Args:
-        box: Bounds.
     """
     logs = Logarithms(tuple(bool(low > 0) for low in np.asarray(box.lower)))
     return Composed((Unit(logs.inverse(box.lower), logs.inverse(box.upper)), logs))
 
 
 def from_search(s: Vector, box: Box) -> tuple[Vector, Vector]:
-    """The unit coordinate x at s, and dx / ds.
-
-    Args:
-        s: Coordinate of the search.
-        box: Bounds.
-    """
+    """The unit coordinate x at s, and dx / ds."""
     return _unit_and_slope(search_coordinate(box), s, box)
 
 
@@ -166,10 +145,5 @@ def _unit_and_slope(coordinate: Composed, s: Vector, box: Box) -> tuple[Vector, 
 
 
 def to_search(x: Vector, box: Box) -> Vector:
-    """The coordinate of the search at the unit coordinate x.
-
-    Args:
-        x: Unit coordinate.
-        box: Bounds.
-    """
+    """The coordinate of the search at the unit coordinate x."""
     return search_coordinate(box).inverse(box.lower + x * (box.upper - box.lower))

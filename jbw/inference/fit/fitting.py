@@ -135,16 +135,7 @@ def describe_optimum(
     costs: NDArray[np.float64],
     converged: bool,
 ) -> Fit:
-    """The record of an optimum x, however it was found.
-
-    Args:
-        x: Optimum in the unit coordinate.
-        residual: Residuals there, in units of their standard deviation.
-        jacobian: Their derivatives with respect to x.
-        box: Bounds.
-        costs: Reached from all starts.
-        converged: Whether the fit met its tolerance.
-    """
+    """The record of an optimum x, however it was found."""
     covariance_x, singular_values = _covariance(jacobian)
     width = np.asarray(box.upper - box.lower)
     covariance = covariance_x * np.outer(width, width)
@@ -208,14 +199,7 @@ def _solve(
 def linearise(
     residual: Residual, x: Float[Array, " parameter"], box: Box, data: PyTree
 ) -> tuple[Float[Array, "residual parameter"], Float[Array, " residual"]]:
-    """Jacobian with respect to the unit coordinate x, and residual, in one pass.
-
-    Args:
-        residual: (theta, data) to residuals.
-        x: Where.
-        box: Bounds.
-        data: Whatever `residual` takes.
-    """
+    """Jacobian with respect to the unit coordinate x, and residual, in one pass."""
 
     def both(x: Array) -> tuple[Array, Array]:
         left = _real(residual(from_unit(x, box), data))

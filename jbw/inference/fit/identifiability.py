@@ -76,10 +76,6 @@ def weak_direction_of_draws(
 ) -> WeakDirection | None:
     """The same from draws of a posterior.
 
-    Args:
-        draws: Draws by name, in the parameters' units, in any shape.
-        box: The prior box.
-
     Returns:
         The weak direction, or None where there is no such direction.
     """

@@ -49,13 +49,6 @@ def locate(
 ) -> Problem:
     """Find a posterior, and the coordinates to draw it in.
 
-    Args:
-        key: Random key.
-        search: How to look for it.
-        log_likelihood: (theta, data) to terms [nats].
-        box: Prior bounds.
-        data: Whatever both functions take.
-
     Returns:
         The posterior, whitened about where it was found.
     """

@@ -92,12 +92,7 @@ def known_estimate(
 def solve(
     matrix: Float[Array, "group own own"], vector: Float[Array, "group own"]
 ) -> Float[Array, "group own"]:
-    """Solution of the normal equations; zero where a group knows nothing of its offsets.
-
-    Args:
-        matrix: Symmetric and positive semidefinite, any number of offsets a group.
-        vector: Right-hand sides.
-    """
+    """Solution of the normal equations; zero where a group knows nothing of its offsets."""
     lower, pivots = factorised(matrix)
     known = jnp.all(jnp.stack(pivots) > 0, axis=0)
     inverse = [1 / jnp.where(known, pivot, 1.0) for pivot in pivots]
@@ -125,9 +120,6 @@ def factorised(
     Written out over rows and columns, which are few: a call of LAPACK for each of the small
     matrices would cost more than all of it. A pivot is zero from where a row is a combination of
     those before it, to rounding.
-
-    Args:
-        matrix: Symmetric and positive semidefinite.
 
     Returns:
         Rows of L below its diagonal, and the pivots D.

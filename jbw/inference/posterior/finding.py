@@ -42,9 +42,6 @@ class Verdict:
 def judge(findings: Iterable[Finding]) -> Verdict:
     """The verdict that follows from findings; one that says nothing is not assessed.
 
-    Args:
-        findings: What was looked at, here and elsewhere.
-
     Returns:
         The verdict.
     """
@@ -58,14 +55,6 @@ def judge(findings: Iterable[Finding]) -> Verdict:
 def limited(
     code: str, reason: str, number: float | int, limit: float | int, action: str
 ) -> Finding:
-    """A finding that is ok up to a limit.
-
-    Args:
-        code: Short name.
-        reason: One sentence with the number.
-        number: The number.
-        limit: The most that is ok.
-        action: What to do beyond it.
-    """
+    """A finding that is ok up to a limit."""
     good = number <= limit
     return Finding(code, "ok" if good else "failed", reason, float(number), "" if good else action)

@@ -45,9 +45,6 @@ def deepest_split(draws: Draws) -> Split | None:
     A kernel estimate of each marginal is looked through for a valley below half of both peaks
     beside it, with 2 % of the draws or more on either side. Modes that overlap in every marginal
     are not seen.
-
-    Args:
-        draws: Draws of every scalar quantity, finite.
     """
     found = [
         (depth, split) for name, values in draws.items() for depth, split in _valley(name, values)
@@ -89,9 +86,6 @@ def _error(side: Float[np.ndarray, "chain draw"]) -> float:
 
 def modes_finding(draws: Draws) -> Finding:
     """Whether any quantity has more than one mode, and what each weighs.
-
-    Args:
-        draws: Draws of every scalar quantity, finite.
 
     Returns:
         Failed where there are two, for no mean or interval describes them; its number is the share

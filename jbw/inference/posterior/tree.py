@@ -14,12 +14,7 @@ VERSIONED = ("jax", "jaxlib", "numpyro", "numpy")
 
 
 def looked_at(stats: Mapping[str, Any], num_warmup: int) -> int:
-    """Evaluations of the log likelihood by all chains, as many a draw in the warm-up as after.
-
-    Args:
-        stats: The sampler's statistics by name, each (chain, draw).
-        num_warmup: Steps of warm-up of each chain.
-    """
+    """Evaluations of the log likelihood by all chains, as many a draw in the warm-up as after."""
     like = next(iter(stats.values()))
     each = np.mean(stats["n_steps"]) if "n_steps" in stats else 1.0
     return round(float(each) * like.shape[0] * (num_warmup + like.shape[1]))

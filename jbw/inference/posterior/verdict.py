@@ -182,9 +182,6 @@ def _trajectories(stats: xr.Dataset) -> list[Finding]:
 def direct_findings(facts: Mapping[Any, Any]) -> list[Finding]:
     """Judge what such a sampler says of itself; nothing for chains.
 
-    Args:
-        facts: Attributes of the tree's root.
-
     Returns:
         A finding each for k-hat, the effective number of the weights, the last temperature and
         the error of the quadrature, where there is one.

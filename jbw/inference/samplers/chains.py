@@ -47,12 +47,6 @@ def starts_of(
 
     Two standard deviations about a fit; all over the box where nothing is known; at given points
     where there are some without a covariance.
-
-    Args:
-        key: Random key of all chains.
-        problem: The posterior.
-        points: Starts in the coordinates u of the problem, one or one a chain, or None.
-        num_chains: Chains.
     """
     size = len(problem.box.names)
     if problem.located or points is None:
@@ -64,14 +58,7 @@ def starts_of(
 
 
 def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:
-    """Chains from dispersed starts to their end, in one piece; usable under `jit` and `vmap`.
-
-    Args:
-        make: The kernel of a problem and of options.
-        key: Random key.
-        problem: The posterior.
-        options: Options of the sampler.
-    """
+    """Chains from dispersed starts to their end, in one piece; usable under `jit` and `vmap`."""
     starts = starts_of(key, problem, None, options.num_chains)
     total = options.num_warmup + options.num_samples
 
@@ -99,12 +86,6 @@ def start_chains(
     A chain starts at w + spread eta with eta standard normal (logistic where no fit is known),
     drawn again while the posterior is impossible there.
 
-    Args:
-        starts: Where they start.
-        problem: The posterior.
-        make: The kernel of a problem and of options.
-        options: Options of the sampler.
-
     Returns:
         States with a leading chain axis, and whether each start is possible.
     """
@@ -129,16 +110,9 @@ def advance_chains(
 ) -> tuple[PyTree, Draw]:
     """Take `count` steps with every chain; compiled once for any count up to `capacity`.
 
-    Args:
-        states: States with a leading chain axis.
-        count: Steps to take.
-        capacity: Length of the draws' axis; rows from `count` on are zero.
-        problem: The posterior.
-        make: The kernel of a problem and of options.
-        options: Options of the sampler.
-
     Returns:
-        The states after the steps, and the draws with axes (chain, draw).
+        The states after the steps, and the draws with axes (chain, draw), `capacity` of them, zero
+        from `count` on.
     """
 
     def advance(state: PyTree, shared: tuple[Problem, Array]) -> tuple[PyTree, Draw]:
@@ -158,15 +132,9 @@ def evaluate_chains(
 ) -> tuple[Float[Array, "chain draw term"], Float[Array, "chain draw"]]:
     """Terms of the log likelihood, and the further log prior, at the draws of a chunk.
 
-    Args:
-        theta: Draws by name.
-        first: First draw to evaluate.
-        last: One past the last; the other rows of the result are zero.
-        problem: The posterior.
-        chain_method: How chains share the machine.
-
     Returns:
-        Independent terms [nats], and the log prior [nats] without the box's constant.
+        Independent terms [nats], and the log prior [nats] without the box's constant; zero but
+        from `first` to `last`.
     """
 
     def evaluate(theta: dict[str, Array], shared: tuple[Problem, Array, Array]) -> PyTree:
@@ -191,12 +159,7 @@ def num_devices_for(num_chains: int) -> int:
 
 
 def over_chains(f: Callable[..., PyTree], method: str) -> Callable[..., PyTree]:
-    """Map f(of one chain, shared) over the leading axis of its first argument.
-
-    Args:
-        f: Function of one chain and of what all chains share.
-        method: "sequential", "vectorized" or "parallel".
-    """
+    """Map f(of one chain, shared) over the leading axis of its first argument."""
 
     def mapped(chains: PyTree, shared: PyTree) -> PyTree:
         arrays, static = eqx.partition(shared, eqx.is_array)
@@ -218,12 +181,7 @@ def over_chains(f: Callable[..., PyTree], method: str) -> Callable[..., PyTree]:
 
 
 def in_batches(f: Callable[[PyTree], PyTree], points: PyTree) -> PyTree:
-    """Map a function over points, 64 side by side, compiled once whatever their number.
-
-    Args:
-        f: Of one point.
-        points: Arrays with a leading axis.
-    """
+    """Map a function over points, 64 side by side, compiled once whatever their number."""
     count = len(jax.tree.leaves(points)[0])
     batch = min(TOGETHER, count)
     padded = jax.tree.map(lambda v: jnp.concatenate([v, v[:1].repeat(-count % batch, 0)]), points)

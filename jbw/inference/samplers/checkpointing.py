@@ -86,12 +86,7 @@ def plain_states(states: PyTree) -> list[np.ndarray]:
 
 
 def states_like(plain: list[np.ndarray], like: PyTree) -> PyTree:
-    """States from their plain leaves: the kinds, and the devices, of other states.
-
-    Args:
-        plain: From `plain_states`.
-        like: States of the same chains, such as the first.
-    """
+    """States from their plain leaves: the kinds, and the devices, of other states."""
     leaves, tree = jax.tree.flatten(like)
     restored = [_restored(*pair) for pair in zip(plain, leaves, strict=True)]
     return jax.tree.unflatten(tree, restored)
@@ -113,14 +108,7 @@ def _is_key(leaf: Array) -> bool:
 
 
 def fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) -> str:
-    """Hash of all that decides the draws: key, starts, data, coordinates, sampler and options.
-
-    Args:
-        starts: Random key of all chains, and where they start.
-        problem: The posterior; its functions by name only.
-        make: The kernel of a problem and of options, by name.
-        options: Options of the sampler.
-    """
+    """Hash of all that decides the draws: key, starts, data, coordinates, sampler and options."""
     functions = [
         getattr(f, "__qualname__", type(f).__name__)
         for f in (problem.log_likelihood, problem.log_prior, make)
@@ -136,12 +124,7 @@ def fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) 
 
 
 def as_arrays(chains: Chains, mark: str) -> dict[str, np.ndarray]:
-    """Chains by name, for a `Kept`.
-
-    Args:
-        chains: The chains.
-        mark: Their `fingerprint`.
-    """
+    """Chains by name, for a `Kept`."""
     found = {
         "fingerprint": np.array(mark),
         "done": np.array(chains.done),
@@ -161,12 +144,7 @@ def as_arrays(chains: Chains, mark: str) -> dict[str, np.ndarray]:
 
 
 def from_arrays(arrays: Arrays, mark: str) -> Chains | None:
-    """Chains from what a `Kept` held; None when they are not of this posterior.
-
-    Args:
-        arrays: From `as_arrays`.
-        mark: The `fingerprint` that they must bear.
-    """
+    """Chains from what a `Kept` held; None when they are not of this posterior."""
     if str(arrays.get("fingerprint")) != mark:
         return None
     states = [arrays[f"state/{i}"] for i in range(sum(n.startswith("state/") for n in arrays))]

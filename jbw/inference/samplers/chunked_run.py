@@ -53,14 +53,6 @@ def grow_chains(
     Every chunk runs the same compiled loop with another count of steps: chains that were kept go
     on to the very draws that they would have come to without a break.
 
-    Args:
-        starts: Where they start.
-        problem: The posterior.
-        make: The kernel of a problem and of options.
-        options: Options of the sampler: steps of warm-up, draws to keep after it, and its own.
-        progress: Called after every chunk.
-        kept: Where the chains outlive the process.
-
     Returns:
         Draws, terms of the log likelihood and further log prior, (chain, draw); and the time that
         earlier processes spent on them [s].

@@ -11,14 +11,7 @@ from jbw.inference.space.problem import Problem
 
 
 def draws_of(sampler: Sampler, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:
-    """Draw from a posterior by a sampler; pure, usable under `jit` and `vmap`.
-
-    Args:
-        sampler: One of the register.
-        key: Random key.
-        problem: The posterior.
-        options: The sampler's own record.
-    """
+    """Draw from a posterior by a sampler; pure, usable under `jit` and `vmap`."""
     module = module_of(sampler)
     if hasattr(module, "draw"):
         return module.draw(key, problem, options)

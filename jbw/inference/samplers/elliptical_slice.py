@@ -66,12 +66,7 @@ class State(NamedTuple):
 
 
 def kernel(problem: Problem, options: Options) -> Kernel:
-    """The chain.
-
-    Args:
-        problem: The posterior, whitened by a fit.
-        options: Options.
-    """
+    """The chain."""
 
     def ratio(w: Float[Array, " parameter"]) -> Float[Array, ""]:
         # The shrinking ends at a comparison that NaN would pass, and -1e30 from nowhere.

@@ -89,14 +89,7 @@ def tensor(axes: list[Float[Array, " _place"]]) -> Float[Array, "node parameter"
 
 
 def grid_within(problem: Problem, whitening: Coordinate, bounds: Bounds, num_places: int) -> Grid:
-    """A grid of so many places along each coordinate.
-
-    Args:
-        problem: The posterior; its own whitening is not used.
-        whitening: The coordinate.
-        bounds: First and last place along each coordinate.
-        num_places: Places along each.
-    """
+    """A grid of so many places along each coordinate."""
     axes = jnp.linspace(bounds[0], bounds[1], num_places, axis=1)
     return Grid(whitening, axes, log_density_at(problem, whitening, tensor(list(axes))))
 
@@ -104,13 +97,7 @@ def grid_within(problem: Problem, whitening: Coordinate, bounds: Bounds, num_pla
 def log_density_at(
     problem: Problem, whitening: Coordinate, w: Float[Array, "node parameter"]
 ) -> Float[Array, " node"]:
-    """Log posterior density of whitened points, the prior in it [nats]; FORBIDDEN at worst.
-
-    Args:
-        problem: The posterior; its own whitening is not used.
-        whitening: The coordinate.
-        w: Points.
-    """
+    """Log posterior density of whitened points, the prior in it [nats]; FORBIDDEN at worst."""
     placed = eqx.tree_at(lambda one: one.whitening, problem, whitening)
     values = in_batches(placed.log_density, w)
     return jnp.where(jnp.isfinite(values), values, FORBIDDEN)
@@ -121,13 +108,7 @@ def whitened_by(
     covariance: Float[Array, "parameter parameter"],
     first: int = 0,
 ) -> Affine:
-    """Whitening by a covariance whose first coordinate moves along one parameter's axis alone.
-
-    Args:
-        mean: Centre, as a logit.
-        covariance: Of the logit.
-        first: The parameter that depends on no other coordinate.
-    """
+    """Whitening by a covariance whose first coordinate moves along one parameter's axis alone."""
     order = np.array([first, *(i for i in range(mean.size) if i != first)])
     root = jnp.linalg.cholesky(covariance[np.ix_(order, order)])
     return Affine(mean, jnp.zeros_like(root).at[order].set(root))
@@ -165,9 +146,6 @@ def located(problem: Problem) -> Place:
     Every grid is whitened by the moments of the one before, and its power is so high that four
     tenths of the effective nodes are left: separate modes keep their share until the end. A fit is
     where the search starts, at the power 1; otherwise the whole prior.
-
-    Args:
-        problem: The posterior.
     """
     d = len(problem.box.names)
     bounds = jnp.array([[-REACH], [REACH]]) * jnp.ones(d)
@@ -234,11 +212,7 @@ def _raised(
 
 
 def moments(grid: Grid) -> tuple[Float[Array, " parameter"], Float[Array, "parameter parameter"]]:
-    """Mean and covariance of w on a grid.
-
-    Args:
-        grid: The grid.
-    """
+    """Mean and covariance of w on a grid."""
     mean = grid.weights @ grid.nodes
     left = grid.nodes - mean
     return mean, (grid.weights[:, None] * left).T @ left
@@ -256,12 +230,6 @@ def bounds_of(problem: Problem, whitening: Affine, place: Place, num_places: int
     """Bounds so wide that the posterior is 21 nats below its highest node at every side.
 
     Only the sides of the grid are looked at, each pushed out while it is too high.
-
-    Args:
-        problem: The posterior.
-        whitening: The coordinate.
-        place: Where the posterior lies.
-        num_places: Places along each coordinate of a side.
     """
     d = len(problem.box.names)
     floor = place.highest + whitening.log_abs_det_jacobian(place.mean) - DEEP

@@ -56,11 +56,6 @@ class Options(NamedTuple):
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
     """Draws of equal weight.
 
-    Args:
-        key: Random key.
-        problem: The posterior, whitened by a fit.
-        options: Options.
-
     Returns:
         The draws; `log_weight` is the raw one [nats] of the draw that each is a copy of.
     """

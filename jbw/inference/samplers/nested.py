@@ -67,13 +67,7 @@ class Run(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """The draws, equally weighted.
-
-    Args:
-        key: Random key.
-        problem: The posterior.
-        options: Options.
-    """
+    """The draws, equally weighted."""
     num_live = max(options.num_samples // 2, 8 * len(problem.box.names), 20)
     keys = jax.random.split(key, options.num_chains)
 
@@ -93,9 +87,6 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 
 def require_arrival(arrived: bool) -> None:
     """Refuse runs that filled their room before they came to their end.
-
-    Args:
-        arrived: Whether all came to it.
 
     Raises:
         ModelError: If one did not.

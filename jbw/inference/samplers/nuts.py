@@ -39,10 +39,6 @@ class Options(NamedTuple):
 def kernel(problem: Problem, options: Options) -> Kernel:
     """The chain.
 
-    Args:
-        problem: The posterior.
-        options: Options.
-
     Returns:
         A kernel whose statistics hold `diverging`: trajectories whose energy went astray, those
         that met a point without a likelihood among them.

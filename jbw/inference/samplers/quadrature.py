@@ -84,11 +84,6 @@ class Marginal(NamedTuple):
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
     """Draws by the inverse distribution function of the grid, exact by weights inside its cells.
 
-    Args:
-        key: Random key.
-        problem: The posterior, of four parameters at most.
-        options: Options.
-
     Returns:
         Independent draws; group `exact` with mean, sd and quantiles of every parameter.
     """
@@ -178,11 +173,6 @@ def distribution(
     \!\left(\tfrac{\pi (w - w_j)}{h}\right)\right]$$
 
     It converges as fast as the trapezoidal rule.
-
-    Args:
-        w: Where.
-        axis: Nodes, equally spaced.
-        p: Their shares, which sum to one.
     """
     scaled = np.pi * (w - axis) / (axis[1] - axis[0])
     return float(p @ (0.5 + sici(scaled)[0] / np.pi))

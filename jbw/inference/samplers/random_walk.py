@@ -97,12 +97,7 @@ class State(NamedTuple):
 
 
 def kernel(problem: Problem, options: Options | PaperOptions) -> Kernel:
-    """The chain.
-
-    Args:
-        problem: The posterior.
-        options: Options.
-    """
+    """The chain."""
     unit = problem.unit_coordinate
     shaped = problem.located and options.step_size is None
     # The whitening carried from the logit to x at its centre, where the slope is x (1 - x).
@@ -157,11 +152,6 @@ def tuned(
     state: State, accept_prob: Float[Array, ""], options: Options | PaperOptions
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Robbins and Monro's rule on the logarithm of the step; its average takes over at the end.
-
-    Args:
-        state: Before the step.
-        accept_prob: Of the step.
-        options: Options.
 
     Returns:
         Logarithm of the next step's size, and its average.

@@ -26,11 +26,7 @@ FORBIDDEN = -1e30
 
 
 def reference(problem: Problem) -> Distribution:
-    """The reference density of the whitened coordinate.
-
-    Args:
-        problem: The posterior.
-    """
+    """The reference density of the whitened coordinate."""
     size = len(problem.box.names)
     if problem.located:
         return dist.MultivariateStudentT(HEAVY, jnp.zeros(size), jnp.eye(size))
@@ -38,12 +34,7 @@ def reference(problem: Problem) -> Distribution:
 
 
 def log_ratio(problem: Problem, w: Float[Array, " parameter"]) -> Float[Array, ""]:
-    """Log posterior density over the reference's [nats]; FORBIDDEN where impossible, never NaN.
-
-    Args:
-        problem: The posterior.
-        w: A point.
-    """
+    """Log posterior density over the reference's [nats]; FORBIDDEN where impossible, never NaN."""
     value = problem.log_density(w) - reference(problem).log_prob(w)
     return jnp.where(jnp.isfinite(value), value, FORBIDDEN)
 
@@ -55,9 +46,6 @@ def is_possible(log_ratios: Float[Array, "..."]) -> Bool[Array, ""]:
 
 def require_possible(possible: bool) -> None:
     """Refuse a posterior that is impossible wherever a sampler looked.
-
-    Args:
-        possible: Whether it is possible anywhere.
 
     Raises:
         ModelError: If it is not.

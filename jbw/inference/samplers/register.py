@@ -53,11 +53,7 @@ SAMPLERS: dict[str, Sampler] = {}
 
 
 def register(sampler: Sampler) -> None:
-    """Add a sampler to the list, or replace the one of its name.
-
-    Args:
-        sampler: The sampler.
-    """
+    """Add a sampler to the list, or replace the one of its name."""
     SAMPLERS[sampler.name] = sampler
 
 
@@ -107,10 +103,6 @@ def sampler_named(name: str) -> Sampler:
 
 
 def module_of(sampler: Sampler) -> Any:
-    """The module of a sampler, imported where it is given by its path.
-
-    Args:
-        sampler: The sampler.
-    """
+    """The module of a sampler, imported where it is given by its path."""
     module = sampler.module
     return import_module(module) if isinstance(module, str) else module

@@ -18,9 +18,6 @@ def smoothed(
 
     ArviZ fits the tail; usable under `jit` and `vmap`, which call it once for each set of weights.
 
-    Args:
-        log_weights: Raw log weights [nats], minus infinity where there is no weight.
-
     Returns:
         Weights that sum to one, and k-hat: below 0.7 they can be trusted.
 
@@ -47,9 +44,6 @@ def effective_draws(weights: Float[Array, " draw"]) -> Float[Array, ""]:
 
     $$\left(\sum_i w_i\right)^2 / \sum_i w_i^2$$
 
-    Args:
-        weights: Weights of any sum.
-
     Reference:
         Kish (1965), Survey Sampling.
     """
@@ -66,10 +60,6 @@ def pooled_evidence(
 
     What each run says of its own error may leave something out, and the scatter of few runs may
     be small by chance: the larger of the two is taken.
-
-    Args:
-        log_evidence: Of each run [nats].
-        variance: Of each, as the run itself knows it [nats^2].
 
     Returns:
         log_evidence and log_evidence_error [nats].

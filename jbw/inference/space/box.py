@@ -79,10 +79,6 @@ def to_unit(
 
     $$x = (\theta - \theta_{min}) / (\theta_{max} - \theta_{min})$$
 
-    Args:
-        theta: Parameters by name, in their units, of one common shape.
-        box: The prior box.
-
     Returns:
         x [-], in the order of `box.names` along the last axis.
     """

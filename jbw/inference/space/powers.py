@@ -48,11 +48,6 @@ def gradient_of(
     r"""Derivatives of the product by the parameters, finite also where one of them is zero.
 
     $$\partial_i = p_i\,\theta_i^{p_i - 1} \prod_{j \ne i} \theta_j^{p_j}$$
-
-    Args:
-        product: The product.
-        theta: Parameters by name.
-        names: Parameters, in the order of the result.
     """
     found = np.zeros(len(names))
     for name, power in product.powers.items():
@@ -68,10 +63,6 @@ def prior_of(product: Product, box: Box) -> tuple[float, float]:
       E[\theta^{-1}] = \frac{\log(u/l)}{u - l}$$
 
     multiplied over the parameters, which are independent.
-
-    Args:
-        product: The product.
-        box: The prior box.
 
     Returns:
         Mean and standard deviation; infinite where a negative power meets a bound at zero.
@@ -114,10 +105,6 @@ def log_prior_std(lower: float, upper: float) -> float:
     """Standard deviation of log theta for theta uniform in a box that is not negative.
 
     From zero on, log theta is an exponential variable: its standard deviation is 1.
-
-    Args:
-        lower: Lower bound, at least 0.
-        upper: Upper bound.
     """
     return prior_std(lower, upper) if lower > 0 else 1.0
 
@@ -126,10 +113,6 @@ def log_prior_of(product: Product, box: Box) -> float:
     r"""Standard deviation of the product's logarithm under the box's uniform prior.
 
     $$\Bigl(\sum_i p_i^2\,\mathrm{var}(\log\theta_i)\Bigr)^{1/2}$$
-
-    Args:
-        product: The product.
-        box: The prior box, not negative.
     """
     places = [box.names.index(name) for name in product.powers]
     stds = [log_prior_std(float(box.lower[i]), float(box.upper[i])) for i in places]

@@ -74,15 +74,7 @@ def problem_of(
     place: Reparametrisation,
     log_prior: LogPrior | None = None,
 ) -> Problem:
-    """The posterior in given coordinates.
-
-    Args:
-        log_likelihood: (theta, data) to independent terms [nats].
-        box: Prior bounds.
-        data: Whatever the likelihood takes.
-        place: Coordinates, and what a fit knows in them.
-        log_prior: theta to a further log prior density [nats].
-    """
+    """The posterior in given coordinates."""
     located = place.start is not None and place.covariance is not None
     whitening = no_whitening(len(box.names))
     if place.start is not None and place.covariance is not None:
@@ -106,11 +98,6 @@ def log_density(
 
     with V the volume of the box; minus infinity outside of it. A failed solve is data for the
     sampler: such parameters are impossible, not an error.
-
-    Args:
-        problem: The posterior.
-        coordinate: From x to the parameters.
-        x: A point.
 
     Reference:
         Eqs. (32), (33), (35), (36), (37).

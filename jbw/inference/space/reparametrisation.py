@@ -44,12 +44,6 @@ def in_box(
 ) -> Reparametrisation:
     """The parameters themselves, in their prior box.
 
-    Args:
-        box: The prior box.
-        start: Start by name, one value for all chains or one a chain; None: uniform in the box.
-        covariance: Laplace covariance at `start`, in the parameters' units.
-        num_chains: Chains.
-
     Raises:
         ConfigError: Unknown or missing names, a start outside the box, a covariance without the
             one point that it was found at.
@@ -137,13 +131,7 @@ def along_logarithms(
 def logarithms_of(
     theta: Theta, box: Box, names: tuple[str, ...]
 ) -> tuple[Logarithms, Float[Array, " parameter"], Float[Array, " parameter"]]:
-    """The logarithms of some parameters, and the box's bounds in them.
-
-    Args:
-        theta: The optimum, which says how near to zero a bound of zero may be put.
-        box: The prior box.
-        names: The parameters.
-    """
+    """The logarithms of some parameters, and the box's bounds in them."""
     outer = Logarithms(tuple(name in names for name in box.names))
     least = np.array([FLOOR * float(theta[name]) for name in box.names])
     lower = np.where(outer.chosen, np.maximum(box.lower, least), box.lower)
@@ -153,14 +141,7 @@ def logarithms_of(
 def in_logarithms(
     theta: Theta, covariance: Covariance, box: Box, names: tuple[str, ...]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    r"""Optimum and covariance by the logarithms, $\Sigma_{ij} / (\theta_i \theta_j)$.
-
-    Args:
-        theta: Optimum of a fit.
-        covariance: Its Laplace covariance.
-        box: The prior box.
-        names: The parameters given by their logarithms.
-    """
+    r"""Optimum and covariance by the logarithms, $\Sigma_{ij} / (\theta_i \theta_j)$."""
     value = np.array([float(theta[name]) for name in box.names])
     chosen = np.array([name in names for name in box.names])
     positive = np.where(chosen, value, 1.0)

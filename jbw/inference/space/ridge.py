@@ -97,10 +97,6 @@ class Ridge(Coordinate):
 def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Where a line enters and leaves the unit cube.
 
-    Args:
-        foot: A point on the line.
-        along: Its direction.
-
     Returns:
         tau_- and tau_+; the second is not above the first where the line misses the cube.
     """

@@ -32,12 +32,6 @@ def laplace_whitening(
     prior's precision in z: directions of which the data say nothing keep the width of the box. A
     centre closer to a bound than its standard deviation is moved inside.
 
-    Args:
-        start: Centre.
-        covariance: Covariance about it.
-        lower: Lower bounds.
-        upper: Upper bounds.
-
     Returns:
         The linear map to the logit.
 
