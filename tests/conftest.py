@@ -1,5 +1,6 @@
 """Shared by all tests: float64, jaxtyping shapes checked by beartype, the golden numbers."""
 
+import gc
 import json
 import os
 from pathlib import Path
@@ -12,12 +13,23 @@ if os.environ.get("JBW_CHECK_SHAPES") != "0":
     check_shapes()  # before any test file imports jbw
 jax.config.update("jax_enable_x64", True)
 
+# Linux lets a process map 65,530 pieces of memory; each compiled function holds a dozen.
+MAPS, MANY_MAPS = Path("/proc/self/maps"), 25_000
 GOLDEN = json.loads((Path(__file__).parent / "golden.json").read_text())
 
 
 @pytest.fixture(scope="session")
 def golden():
     return GOLDEN
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled_code_does_not_pile_up():
+    """A process that runs out of mappings dies inside the compiler, not in the test that filled it."""
+    yield
+    if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MANY_MAPS:
+        jax.clear_caches()
+        gc.collect()
 
 
 def pytest_collection_modifyitems(items):
