@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from jbw.inference.space.powers import Product
+from jbw.inference.space.box import Product
 from jbw.oscillator.law import Coordinates, Law, Monomial
 from jbw.oscillator.laws import laws_named
 

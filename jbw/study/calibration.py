@@ -18,7 +18,7 @@ from jbw.inference.calibration.replications import Model, calibrate
 from jbw.inference.samplers.draw import options_of
 from jbw.inference.samplers.register import SAMPLERS, Sampler
 from jbw.inference.samplers.register import sampler_named as registered
-from jbw.inference.space.precision import require_float64
+from jbw.inference.space.box import require_float64
 from jbw.quantities import BY_NAME, attrs_of
 from jbw.report.calibration import rank_ecdfs
 from jbw.study import calibration_designs as designs

@@ -18,7 +18,7 @@ from jbw.identification.step import attrs
 from jbw.inference.samplers.checkpointing import SoFar
 from jbw.inference.samplers.register import SAMPLERS, sampler_named
 from jbw.inference.samplers.sampling import sample
-from jbw.inference.space.precision import require_float64
+from jbw.inference.space.box import require_float64
 from jbw.inference.space.ridge import along_ridge
 from jbw.report.comparison import comparison
 from jbw.study.comparison_record import Drawn, record_of

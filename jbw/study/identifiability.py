@@ -15,8 +15,7 @@ from jbw.inference.fit.identifiability import listed
 from jbw.inference.fit.information import information, statements
 from jbw.inference.fit.profiles import Profile, profile_statements, profiles
 from jbw.inference.fit.sensitivity import box_sensitivity, contraction, sensitivity_statements
-from jbw.inference.space.powers import alone, value_of
-from jbw.inference.space.precision import require_float64
+from jbw.inference.space.box import alone, require_float64, value_of
 from jbw.observables.dataset import stacked
 from jbw.study.identifiability_record import Identifiability, reached
 

@@ -12,7 +12,7 @@ from jbw.identification.fitted import Fitted
 from jbw.inference.fit.information import Direction, Information
 from jbw.inference.fit.profiles import Profile
 from jbw.inference.fit.sensitivity import Sensitivity
-from jbw.inference.space.powers import Product
+from jbw.inference.space.box import Product
 
 REACHED = 0.01  # of the best cost: a start that came so near found the optimum
 NOTHING = 0.05  # of cost: a difference of chi-square of 0.1 prefers neither

@@ -14,7 +14,7 @@ from jbw.campaign.load import Campaign, force_per_unit
 from jbw.identification.procedure import Identification, Report, run_procedure
 from jbw.inference.posterior.verdict import judge
 from jbw.inference.samplers.checkpointing import Keep, nowhere
-from jbw.inference.space.precision import require_float64
+from jbw.inference.space.box import require_float64
 from jbw.measurement.records import INPUTS, Test
 from jbw.quantities import gain_unit
 from jbw.study.collect import collect

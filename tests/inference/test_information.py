@@ -10,8 +10,7 @@ from jbw.errors import ConfigError
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.information import Information, Known, information, statements
 from jbw.inference.fit.sensitivity import box_sensitivity, contraction, sensitivity_statements
-from jbw.inference.space.box import box
-from jbw.inference.space.powers import Product, alone, log_prior_of, prior_of
+from jbw.inference.space.box import Product, alone, box, log_prior_of, prior_of
 
 AB = Product("a_b", "a*b", {"a": 1.0, "b": 1.0}, ("a", "b"))
 

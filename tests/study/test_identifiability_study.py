@@ -17,7 +17,7 @@ from jbw.identification.fitted import fit_dataset
 from jbw.identification.procedure import Identification
 from jbw.identification.step import Step
 from jbw.inference.posterior.verdict import judge
-from jbw.inference.space.powers import value_of
+from jbw.inference.space.box import value_of
 from jbw.observables.dataset import Dataset
 from jbw.observables.line_fit import LineReading
 from jbw.oscillator.oscillator import oscillator_of

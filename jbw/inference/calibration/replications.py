@@ -26,8 +26,7 @@ from jbw.inference.fit.locate import Search, locate
 from jbw.inference.samplers.chains import in_batches
 from jbw.inference.samplers.draw import draws_of
 from jbw.inference.samplers.register import Sampler
-from jbw.inference.space.box import Box, from_unit
-from jbw.inference.space.precision import require_float64
+from jbw.inference.space.box import Box, from_unit, require_float64
 from jbw.inference.space.problem import LogLikelihood, Problem, Theta, problem_of
 from jbw.inference.space.reparametrisation import in_box
 

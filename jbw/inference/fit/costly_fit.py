@@ -19,9 +19,8 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from jbw.errors import ModelError
 from jbw.inference.fit.fitting import START_MARGIN, Fit, Residual, describe_optimum, linearise
-from jbw.inference.space.box import Box, to_unit
+from jbw.inference.space.box import Box, require_float64, to_unit
 from jbw.inference.space.coordinates import Composed, Logarithms, Unit
-from jbw.inference.space.precision import require_float64
 
 Part = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 Vector = Float[Array, " parameter"]

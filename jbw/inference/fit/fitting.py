@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from jbw.errors import ConfigError, ModelError
 from jbw.inference.fit.identifiability import WeakDirection, weak_direction
-from jbw.inference.space.box import Box, from_unit, to_unit
-from jbw.inference.space.precision import require_float64
+from jbw.inference.space.box import Box, from_unit, require_float64, to_unit
 
 Residual = Callable[[Mapping[str, Array], Any], Float[Array, " residual"]]
 BOX_STD = 1 / np.sqrt(12)  # of a uniform x

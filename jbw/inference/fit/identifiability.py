@@ -10,8 +10,7 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 from scipy.linalg import eigh, qr
 
-from jbw.inference.space.box import Box
-from jbw.inference.space.powers import prior_std
+from jbw.inference.space.box import Box, prior_std
 
 Matrix = Float[np.ndarray, "parameter parameter"]
 UNLEARNT = 0.7  # posterior over prior standard deviation: the data have not halved the variance

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.fit.identifiability import PRESENT, UNLEARNT, combination, listed
-from jbw.inference.space.box import Box
-from jbw.inference.space.powers import Product, alone, gradient_of, log_prior_std, value_of
+from jbw.inference.space.box import Box, Product, alone, gradient_of, log_prior_std, value_of
 
 RESOLVED = 2.0  # standard deviations from zero: where a logarithm is a coordinate
 CLOSE = 0.1  # of a value: what is known to less than that is known well

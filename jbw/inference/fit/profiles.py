@@ -15,8 +15,7 @@ from jbw.errors import ConfigError
 from jbw.inference.fit.costly_fit import evaluator, from_search, to_search
 from jbw.inference.fit.fitting import Fit, Residual
 from jbw.inference.fit.walks import walk
-from jbw.inference.space.box import Box, from_unit
-from jbw.inference.space.precision import require_float64
+from jbw.inference.space.box import Box, from_unit, require_float64
 from jbw.inference.thresholds import THRESHOLD
 
 logger = logging.getLogger("jbw")

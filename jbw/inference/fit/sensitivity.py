@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from jbw.inference.fit.identifiability import listed
 from jbw.inference.fit.information import RESOLVED
-from jbw.inference.space.box import Box
-from jbw.inference.space.powers import Product, log_prior_of, prior_of, value_of
+from jbw.inference.space.box import Box, Product, log_prior_of, prior_of, value_of
 
 CUT = 0.1  # of the box's width, or of the posterior's where that is less
 WIDTH = 8.0  # standard deviations: width of a posterior

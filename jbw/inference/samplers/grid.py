@@ -12,8 +12,7 @@ from jbw.inference.samplers.chains import in_batches
 from jbw.inference.samplers.reference_density import FORBIDDEN
 from jbw.inference.samplers.weights import effective_draws
 from jbw.inference.space.coordinates import Affine, Coordinate, Vector
-from jbw.inference.space.problem import Problem, log_volume
-from jbw.inference.space.whitening import LOGIT_PRIOR_PRECISION
+from jbw.inference.space.problem import LOGIT_PRIOR_PRECISION, Problem, log_volume
 
 REACH = 6.0  # standard deviations to either side of the first grids
 NODES = {1: 128, 2: 80, 3: 40, 4: 20}  # along each coordinate of them, by number of parameters

@@ -22,8 +22,7 @@ from jbw.inference.samplers.draw import draws_of, options_of
 from jbw.inference.samplers.reference_density import require_possible
 from jbw.inference.samplers.register import Sampler, module_of, sampler_named
 from jbw.inference.samplers.sampler import Draws
-from jbw.inference.space.box import Box
-from jbw.inference.space.precision import require_float64
+from jbw.inference.space.box import Box, require_float64
 from jbw.inference.space.problem import LogLikelihood, LogPrior, Problem, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation, in_box
 

@@ -1,11 +1,13 @@
-"""The prior box: names, lower and upper bounds, and the unit coordinate x inside it."""
+"""The uniform prior in a box: bounds, the unit coordinate x, products of powers of parameters."""
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.errors import ConfigError
@@ -100,3 +102,127 @@ def from_unit(x: Float[Array, "... parameter"], box: Box) -> dict[str, Float[Arr
     """
     theta = box.lower + x * (box.upper - box.lower)
     return {name: theta[..., i] for i, name in enumerate(box.names)}
+
+
+def require_float64() -> None:
+    """Refuse a float32 session.
+
+    Raises:
+        ConfigError: JAX runs in float32.
+    """
+    if not jax.config.jax_enable_x64:
+        raise ConfigError(
+            "Inference needs float64, but JAX runs in float32.",
+            why="Posteriors as narrow as 1e-6 of the box are lost in single precision.",
+            remedy="Call jbw.enable_x64() before any array is made.",
+        )
+
+
+class Product(NamedTuple):
+    r"""A product of powers, $\prod_i \theta_i^{p_i}$.
+
+    Attributes:
+        name: Its name in results, such as "alpha_delta".
+        text: Its name in sentences, such as "alpha*delta".
+        powers: Exponent p by parameter of the box.
+        factors: Quantities that might be traded for one another in it.
+    """
+
+    name: str
+    text: str
+    powers: Mapping[str, float]
+    factors: tuple[str, ...] = ()
+
+
+def alone(name: str) -> Product:
+    """A parameter by itself."""
+    return Product(name, name, {name: 1.0})
+
+
+def value_of(product: Product, theta: Mapping[str, Any]) -> Any:
+    """The product's value at one point, or of draws."""
+    return math.prod(theta[name] ** power for name, power in product.powers.items())
+
+
+def gradient_of(
+    product: Product, theta: Mapping[str, float], names: tuple[str, ...]
+) -> Float[np.ndarray, " parameter"]:
+    r"""Derivatives of the product by the parameters, finite also where one of them is zero.
+
+    $$\partial_i = p_i\,\theta_i^{p_i - 1} \prod_{j \ne i} \theta_j^{p_j}$$
+    """
+    gradient = np.zeros(len(names))
+    for name, power in product.powers.items():
+        lowered = product._replace(powers={**product.powers, name: power - 1})
+        gradient[names.index(name)] = power * value_of(lowered, theta)
+    return gradient
+
+
+def prior_of(product: Product, box: Box) -> tuple[float, float]:
+    r"""Mean and standard deviation of the product under the box's uniform prior.
+
+    $$E[\theta^p] = \frac{u^{p+1} - l^{p+1}}{(p + 1)(u - l)}, \qquad
+      E[\theta^{-1}] = \frac{\log(u/l)}{u - l}$$
+
+    multiplied over the parameters, which are independent.
+
+    Returns:
+        Mean and standard deviation; infinite where a negative power meets a bound at zero.
+
+    Raises:
+        ConfigError: If the product names a parameter that the box has not.
+    """
+    missing = [name for name in product.powers if name not in box.names]
+    if missing:
+        raise ConfigError(
+            f"Argument `product` must name parameters of the box, but names {', '.join(missing)}.",
+            remedy=f"The box has {', '.join(box.names)}.",
+        )
+    mean, square = 1.0, 1.0
+    for name, power in product.powers.items():
+        i = box.names.index(name)
+        bounds = float(box.lower[i]), float(box.upper[i])
+        mean *= _moment(power, *bounds)
+        square *= _moment(2 * power, *bounds)
+    if not math.isfinite(square):
+        return mean, math.inf
+    return mean, math.sqrt(max(square - mean**2, 0.0))
+
+
+def prior_std(lower: float, upper: float) -> float:
+    """Standard deviation of log theta (of theta, unless positive) for theta uniform in a box."""
+    if lower <= 0:
+        return (upper - lower) / math.sqrt(12)
+    # In units of the geometric mean, theta runs from 1/r to r.
+    r = math.sqrt(upper / lower)
+    log_r, width = math.log(r), r - 1 / r
+    if log_r < 1e-3:  # the moments below cancel; the logarithm is uniform to one in a million
+        return log_r / math.sqrt(3)
+    first = (r + 1 / r) * log_r / width - 1
+    second = log_r**2 + 2 - 2 * (r + 1 / r) * log_r / width
+    return math.sqrt(second - first**2)
+
+
+def log_prior_std(lower: float, upper: float) -> float:
+    """Standard deviation of log theta in a box that is not negative; from zero on it is 1."""
+    return prior_std(lower, upper) if lower > 0 else 1.0
+
+
+def log_prior_of(product: Product, box: Box) -> float:
+    r"""Standard deviation of the product's logarithm under the box's uniform prior.
+
+    $$\Bigl(\sum_i p_i^2\,\mathrm{var}(\log\theta_i)\Bigr)^{1/2}$$
+    """
+    places = [box.names.index(name) for name in product.powers]
+    stds = [log_prior_std(float(box.lower[i]), float(box.upper[i])) for i in places]
+    return math.hypot(
+        *(power * std for power, std in zip(product.powers.values(), stds, strict=True))
+    )
+
+
+def _moment(power: float, lower: float, upper: float) -> float:
+    if power < 0 and lower <= 0 <= upper:
+        return math.inf
+    if power == -1:
+        return math.log(upper / lower) / (upper - lower)
+    return (upper ** (power + 1) - lower ** (power + 1)) / ((power + 1) * (upper - lower))
