@@ -103,7 +103,6 @@ def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
     return replace(
         found,
         covariance=covariance,
-        singular_values=np.sqrt([information]) * width,
         weak=weak_direction(found.theta, covariance, prior),
         jacobian=np.sqrt([[information]]),
     )

@@ -13,17 +13,23 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import PyTree
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
 from jbw.errors import ModelError
-from jbw.inference.fit.fitting import START_MARGIN, Fit, Residual, describe_optimum, linearise
-from jbw.inference.space.box import Box, require_float64, to_unit
-from jbw.inference.space.coordinates import Composed, Logarithms, Unit
+from jbw.inference.fit.fitting import (
+    START_MARGIN,
+    Fit,
+    Residual,
+    describe_optimum,
+    linearise,
+    named_starts,
+)
+from jbw.inference.space.box import Box, require_float64
+from jbw.inference.space.coordinates import Composed, Logarithms, Unit, Vector
 
 Part = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
-Vector = Float[Array, " parameter"]
 TOLERANCE = 1e-10  # of the cost and of the step, relative
 
 
@@ -62,8 +68,6 @@ def costly_fit(
         (1999), SIAM J. Sci. Comput. 21, 1.
     """
     require_float64()
-    values = np.broadcast_arrays(*(np.atleast_1d(starts[name]) for name in box.names))
-    x_starts = to_unit(dict(zip(box.names, map(jnp.asarray, values), strict=True)), box)
     part = evaluator(residual, box, data)
 
     def one(s: NDArray[np.float64]) -> OptimizeResult | None:
@@ -71,20 +75,17 @@ def costly_fit(
             return None
         return trust_region(part, s, max_evaluations, tolerance)
 
-    inside = np.clip(
-        jax.vmap(lambda x: to_search(x, box))(x_starts), START_MARGIN, 1 - START_MARGIN
-    )
-    found = [one(s) for s in np.asarray(inside)]
-    costs = np.array([np.inf if each is None else each.cost for each in found])
-    best = found[int(np.argmin(costs))]
+    inside = jax.vmap(lambda x: to_search(x, box))(named_starts(starts, box))
+    ends = [one(s) for s in np.clip(inside, START_MARGIN, 1 - START_MARGIN)]
+    costs = np.array([np.inf if end is None else end.cost for end in ends])
+    best = ends[int(np.argmin(costs))]
     if best is None:
         raise ModelError(
             f"The residual is finite at none of the {len(costs)} starts.",
             remedy="Check the data for NaN, and the bounds for parameters that cannot be solved.",
         )
     x, slope = (np.asarray(each) for each in from_search(jnp.asarray(best.x), box))
-    jacobian = part(best.x, 1) / slope
-    return describe_optimum(x, part(best.x, 0), jacobian, box, costs, bool(best.success))
+    return describe_optimum(x, part(best.x, 0), part(best.x, 1) / slope, box, costs)
 
 
 def trust_region(

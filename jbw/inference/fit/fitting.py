@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array, Bool, Float, Key, PyTree
+from jaxtyping import Array, Float, Key, PyTree
 from numpy.typing import NDArray
 
 from jbw.errors import ConfigError, ModelError
@@ -18,6 +18,8 @@ from jbw.inference.space.box import Box, from_unit, require_float64, to_unit
 
 Residual = Callable[[Mapping[str, Array], Any], Float[Array, " residual"]]
 BOX_STD = 1 / np.sqrt(12)  # of a uniform x
+TOLERANCE = 1e-9  # of the cost and the logit, relative and absolute
+MOST_STEPS = 256
 NEAR_BOUND = 0.01  # of the box, where the optimum may lie beyond the bound
 START_MARGIN = 1e-3  # of the box: on a bound itself the logit is infinite and its slope zero
 
@@ -30,11 +32,8 @@ class Fit:
         theta: Optimum by name, in the parameters' units.
         x: Optimum in the unit coordinate, in the order of the box.
         cost: Half the sum of squared residuals.
-        num_residuals: Length of the residual.
         covariance: Gauss-Newton covariance in the parameters' units, for residuals in units of
             their standard deviation; directions known worse than the box have the box's.
-        singular_values: Of the Jacobian with respect to x, largest first.
-        converged: Whether the best fit met its tolerance.
         at_bound: Parameters whose optimum lies on or beyond a bound: "lower" or "upper".
         weak: What the data do not determine, or None.
         waterfall: Costs reached from all starts, lowest first; infinite where a start failed.
@@ -45,10 +44,7 @@ class Fit:
     theta: dict[str, float]
     x: NDArray[np.float64]
     cost: float
-    num_residuals: int
     covariance: NDArray[np.float64]
-    singular_values: NDArray[np.float64]
-    converged: bool
     at_bound: dict[str, str]
     weak: WeakDirection | None
     waterfall: NDArray[np.float64]
@@ -56,21 +52,9 @@ class Fit:
     jacobian: Float[np.ndarray, "residual parameter"]
 
     @property
-    def condition(self) -> float:
-        """Largest over smallest singular value of the Jacobian with respect to x."""
-        smallest = self.singular_values[-1]
-        return float(self.singular_values[0] / smallest) if smallest > 0 else float("inf")
-
-    @property
     def chi_square(self) -> tuple[float, int]:
         """Sum of squared residuals and its degrees of freedom."""
-        return 2 * self.cost, self.num_residuals - len(self.x)
-
-
-class _Solution(NamedTuple):
-    x: Float[Array, "start parameter"]
-    cost: Float[Array, " start"]
-    converged: Bool[Array, " start"]
+        return 2 * self.cost, len(self.residual) - len(self.x)
 
 
 def fit(
@@ -80,9 +64,6 @@ def fit(
     *,
     starts: int | Mapping[str, Any] = 8,
     key: Key[Array, ""] | None = None,
-    max_steps: int = 256,
-    rtol: float = 1e-9,
-    atol: float = 1e-9,
 ) -> Fit:
     r"""Minimise a sum of squares in the box by Levenberg-Marquardt from many starts.
 
@@ -97,9 +78,6 @@ def fit(
         data: Whatever `residual` takes.
         starts: How many starts to draw uniformly in the box, or the starts by name.
         key: Random key of drawn starts.
-        max_steps: Steps from each start at most.
-        rtol: Relative tolerance on the cost and the logit u.
-        atol: Absolute tolerance on the same.
 
     Returns:
         The best fit.
@@ -112,18 +90,16 @@ def fit(
         Section 3.1, in place of its sequential quadratic programming.
     """
     require_float64()
-    x_starts = _starts(starts, box, key)
-    solution = _solve(residual, box, data, x_starts, rtol, atol, max_steps)
-    costs = np.where(np.isfinite(solution.cost), solution.cost, np.inf)
+    ends, reached = _solve(residual, box, data, _starts(starts, box, key))
+    costs = np.where(np.isfinite(reached), reached, np.inf)
     best = int(np.argmin(costs))
     if not np.isfinite(costs[best]):
         raise ModelError(
             f"The residual is finite at none of the {len(costs)} fits' ends.",
             remedy="Check the data for NaN, and the bounds for parameters that cannot be solved.",
         )
-    jacobian, r = map(np.asarray, linearise(residual, solution.x[best], box, data))
-    x = np.asarray(solution.x[best])
-    return describe_optimum(x, r, jacobian, box, costs, bool(solution.converged[best]))
+    jacobian, r = map(np.asarray, linearise(residual, ends[best], box, data))
+    return describe_optimum(np.asarray(ends[best]), r, jacobian, box, costs)
 
 
 def describe_optimum(
@@ -132,15 +108,15 @@ def describe_optimum(
     jacobian: Float[np.ndarray, "residual parameter"],
     box: Box,
     costs: NDArray[np.float64],
-    converged: bool,
 ) -> Fit:
-    """The record of an optimum x, however it was found."""
-    covariance_x, singular_values = _covariance(jacobian)
+    """The record of an optimum x, however it was found; the Jacobian is with respect to x."""
+    values, rows = svd_of_all(jacobian)
+    root = rows.T / np.maximum(values, 1 / BOX_STD)  # no direction is wider than the box
     width = np.asarray(box.upper - box.lower)
-    covariance = covariance_x * np.outer(width, width)
+    covariance = root @ root.T * np.outer(width, width)
     theta = {name: float(value) for name, value in from_unit(jnp.asarray(x), box).items()}
     return Fit(
-        theta, x, float(np.min(costs)), len(residual), covariance, singular_values, converged,
+        theta, x, float(np.min(costs)), covariance,
         at_bound=_at_bound(x, jacobian, residual, box.names),
         weak=weak_direction(theta, covariance, box),
         waterfall=np.sort(costs), residual=residual, jacobian=jacobian / width,
@@ -163,9 +139,14 @@ def _starts(
                 f"Argument `starts` must name {', '.join(box.names)}, "
                 f"but it names {', '.join(map(str, starts))}."
             )
-        values = np.broadcast_arrays(*(np.atleast_1d(starts[name]) for name in box.names))
-        x = to_unit(dict(zip(box.names, map(jnp.asarray, values), strict=True)), box)
+        x = named_starts(starts, box)
     return jnp.clip(x, START_MARGIN, 1 - START_MARGIN)
+
+
+def named_starts(starts: Mapping[str, Any], box: Box) -> Float[Array, "start parameter"]:
+    """Unit coordinates of starts given by name, one value for all or one a start."""
+    values = np.broadcast_arrays(*(np.atleast_1d(starts[name]) for name in box.names))
+    return to_unit(dict(zip(box.names, map(jnp.asarray, values), strict=True)), box)
 
 
 @eqx.filter_jit
@@ -174,21 +155,17 @@ def _solve(
     box: Box,
     data: PyTree,
     x_starts: Float[Array, "start parameter"],
-    rtol: float,
-    atol: float,
-    max_steps: int,
-) -> _Solution:
-    solver = optx.LevenbergMarquardt(rtol=rtol, atol=atol)
+) -> tuple[Float[Array, "start parameter"], Float[Array, " start"]]:
+    """Where each start led, and the cost there."""
+    solver = optx.LevenbergMarquardt(rtol=TOLERANCE, atol=TOLERANCE)
 
     def of_logit(u: Array, data: PyTree) -> Array:
         return _real(residual(from_unit(jax.nn.sigmoid(u), box), data))
 
-    def one(x: Array) -> _Solution:
+    def one(x: Array) -> tuple[Array, Array]:
         u = jax.scipy.special.logit(x)
-        found = optx.least_squares(of_logit, solver, u, data, max_steps=max_steps, throw=False)
-        r = of_logit(found.value, data)
-        success = found.result == optx.RESULTS.successful
-        return _Solution(jax.nn.sigmoid(found.value), 0.5 * jnp.sum(r**2), success)
+        end = optx.least_squares(of_logit, solver, u, data, max_steps=MOST_STEPS, throw=False).value
+        return jax.nn.sigmoid(end), 0.5 * jnp.sum(of_logit(end, data) ** 2)
 
     # One after another: each start takes its own number of steps, and a solver runs unbatched.
     return jax.lax.map(one, x_starts)
@@ -216,16 +193,14 @@ def _real(residual: Array) -> Float[Array, " residual"]:
     return residual.ravel()
 
 
-def _covariance(
+def svd_of_all(
     jacobian: Float[np.ndarray, "residual parameter"],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Inverse of J^T J, with no direction wider than the box, and the singular values of J."""
-    num_parameters = jacobian.shape[1]
+    """Singular values, one a parameter and the largest first, and their directions as rows."""
     # Rows of zeros make a wide Jacobian square: a direction without data has the singular value 0.
-    padding = np.zeros((max(0, num_parameters - len(jacobian)), num_parameters))
-    _, values, rows = np.linalg.svd(np.vstack([jacobian, padding]), full_matrices=False)
-    root = rows.T / np.maximum(values, 1 / BOX_STD)
-    return root @ root.T, values
+    missing = max(0, jacobian.shape[1] - len(jacobian))
+    padded = np.vstack([jacobian, np.zeros((missing, jacobian.shape[1]))])
+    return np.linalg.svd(padded, full_matrices=False)[1:]
 
 
 def _at_bound(
@@ -237,10 +212,10 @@ def _at_bound(
     """Parameters near a bound whose own Newton step leads onto it or beyond."""
     curvature = np.sum(jacobian**2, axis=0)
     step = -(jacobian.T @ residual) / np.where(curvature > 0, curvature, np.inf)
-    found = {}
+    sides = {}
     for i, name in enumerate(names):
         if x[i] < NEAR_BOUND and x[i] + step[i] <= 0:
-            found[name] = "lower"
+            sides[name] = "lower"
         if x[i] > 1 - NEAR_BOUND and x[i] + step[i] >= 1:
-            found[name] = "upper"
-    return found
+            sides[name] = "upper"
+    return sides

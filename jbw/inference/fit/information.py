@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
-from jbw.inference.fit.fitting import Fit
+from jbw.inference.fit.fitting import Fit, svd_of_all
 from jbw.inference.fit.identifiability import PRESENT, UNLEARNT, combination, listed
 from jbw.inference.space.box import Box, Product, alone, gradient_of, log_prior_std, value_of
 
@@ -110,7 +110,8 @@ def information(
     logs = _in_logs(theta, jacobian, box)
     slope = np.where(logs, theta, 1.0)
     prior = _prior_stds(logs, box)
-    values, rows = _spectrum(jacobian * slope * prior)
+    singular, rows = svd_of_all(jacobian * slope * prior)
+    values = singular**2
     directions = tuple(
         _direction(value, row, prior, logs, box.names)
         for value, row in zip(values, rows, strict=True)
@@ -141,17 +142,6 @@ def _prior_stds(logs: NDArray[np.bool_], box: Box) -> NDArray[np.float64]:
     return np.array(
         [log_prior_std(a, b) if log else (b - a) / math.sqrt(12) for log, a, b in triples]
     )
-
-
-def _spectrum(
-    scaled: Float[np.ndarray, "residual parameter"],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Eigenvalues of A^T A, largest first, and its eigenvectors as rows."""
-    # Rows of zeros make a wide matrix square: a direction without data has the eigenvalue 0.
-    missing = max(0, scaled.shape[1] - len(scaled))
-    padded = np.vstack([scaled, np.zeros((missing, scaled.shape[1]))])
-    _, values, rows = np.linalg.svd(padded, full_matrices=False)
-    return values**2, rows
 
 
 def _direction(

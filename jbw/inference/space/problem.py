@@ -85,9 +85,7 @@ def problem_of(
         whitening = laplace_whitening(place.start, place.covariance, *bounds)
     else:
         whitening = Affine(jnp.zeros(size), jnp.eye(size))
-    return Problem(
-        log_likelihood, log_prior, box, data, place.outer, *bounds, whitening, located
-    )
+    return Problem(log_likelihood, log_prior, box, data, place.outer, *bounds, whitening, located)
 
 
 def named(values: Float[Array, "... parameter"], box: Box) -> dict[str, Array]:
