@@ -11,10 +11,14 @@ from jbw.campaign.settings import Identify
 from jbw.identification.combinations import combinations
 from jbw.identification.fitted import Fitted, fit_joint, fitted_of
 from jbw.identification.procedure import Identification
-from jbw.inference.fit.identifiability import listed
+from jbw.inference.fit.identifiability import (
+    box_sensitivity,
+    contraction,
+    listed,
+    sensitivity_statements,
+)
 from jbw.inference.fit.information import information, statements
 from jbw.inference.fit.profiles import Profile, profile_statements, profiles
-from jbw.inference.fit.sensitivity import box_sensitivity, contraction, sensitivity_statements
 from jbw.inference.space.box import alone, require_float64, value_of
 from jbw.observables.dataset import stacked
 from jbw.study.identifiability_record import Identifiability, reached

@@ -9,9 +9,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jbw.identification.fitted import Fitted
+from jbw.inference.fit.identifiability import Sensitivity
 from jbw.inference.fit.information import Direction, Information
 from jbw.inference.fit.profiles import Profile
-from jbw.inference.fit.sensitivity import Sensitivity
 from jbw.inference.space.box import Product
 
 REACHED = 0.01  # of the best cost: a start that came so near found the optimum

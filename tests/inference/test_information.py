@@ -8,8 +8,8 @@ from scipy.stats import truncnorm
 
 from jbw.errors import ConfigError
 from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.fit.identifiability import box_sensitivity, contraction, sensitivity_statements
 from jbw.inference.fit.information import Information, Known, information, statements
-from jbw.inference.fit.sensitivity import box_sensitivity, contraction, sensitivity_statements
 from jbw.inference.space.box import Product, alone, box, log_prior_of, prior_of
 
 AB = Product("a_b", "a*b", {"a": 1.0, "b": 1.0}, ("a", "b"))
@@ -71,12 +71,6 @@ def test_a_product_is_known_and_its_factors_are_not():
     assert "1 of the 2 directions" in words
     assert "Known: a*b to 0.33 %" in words
     assert "times better than its factors" in words
-
-
-def test_half_the_worth_is_half_the_information():
-    best, bounds = fitted_product()
-    whole, half = (information(best, bounds, worth=w).directions[0] for w in (1.0, 0.5))
-    assert half.information == pytest.approx(0.5 * whole.information, rel=1e-12)
 
 
 def test_a_bound_at_zero_takes_a_logarithm_only_where_the_data_tell_it_from_zero():

@@ -6,7 +6,6 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import chi2
 
-from jbw.errors import ConfigError
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.profiles import profile_statements, profiles
 from jbw.inference.space.box import box
@@ -58,7 +57,7 @@ def test_a_curved_profile_against_scipy_with_the_value_held():
     data = measured(2.0 * np.exp(-1.5 * X), 0.05)
     bounds = box({"height": (0.5, 8.0), "rate": (0.05, 9.0)})
     best = costly_fit(curve, bounds, data, starts={"height": 1.0, "rate": 1.0})
-    found = profiles(curve, bounds, data, best, names=["rate"])["rate"]
+    found = profiles(curve, bounds, data, best)["rate"]
 
     def held(rate):
         def cost(height):
@@ -130,13 +129,3 @@ def test_a_profile_that_finds_a_better_fit_says_so():
     assert found["slope"].better > 1
     assert np.min([np.min(one.chi_square) for one in found.values()]) == 0.0
     assert "stopped short" in profile_statements(found)[-1]
-
-
-@pytest.mark.parametrize(
-    ("options", "says"), [({"names": ["c"]}, "holds c"), ({"num_points": 2}, "is 2")]
-)
-def test_bad_arguments(options, says):
-    bounds = box({"a": (1.0, 4.0), "b": (1.0, 9.0)})
-    best = costly_fit(of_product, bounds, jnp.full(4, 3.0), starts={"a": 2.0, "b": 3.0})
-    with pytest.raises(ConfigError, match=says):
-        profiles(of_product, bounds, jnp.full(4, 3.0), best, **options)

@@ -9,10 +9,9 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 
 from jbw.inference.fit.fitting import Fit, svd_of_all
-from jbw.inference.fit.identifiability import PRESENT, UNLEARNT, combination, listed
+from jbw.inference.fit.identifiability import PRESENT, RESOLVED, UNLEARNT, combination, listed
 from jbw.inference.space.box import Box, Product, alone, gradient_of, log_prior_std, value_of
 
-RESOLVED = 2.0  # standard deviations from zero: where a logarithm is a coordinate
 CLOSE = 0.1  # of a value: what is known to less than that is known well
 HARDLY = (0.5, 0.3)  # of a value, and of the prior: what is known to no less than both
 SENSIBLE = 10.0  # an exponent beyond tells of boxes of unlike widths, and of no combination
@@ -83,9 +82,7 @@ class Information:
     known: dict[str, Known]
 
 
-def information(
-    best: Fit, box: Box, products: Iterable[Product] = (), *, worth: float = 1.0
-) -> Information:
+def information(best: Fit, box: Box, products: Iterable[Product] = ()) -> Information:
     r"""Fisher information of the data against the prior's, direction by direction.
 
     $$J^T J\,v = \lambda\,\Lambda\,v, \qquad \rho = (1 + \lambda)^{-1/2}, \qquad
@@ -100,17 +97,15 @@ def information(
         best: The fit, with its Jacobian.
         box: The prior box.
         products: Combinations to report beside the parameters.
-        worth: Share of the residuals that are independent.
 
     Returns:
         The spectrum, and how well every parameter and product is known.
     """
     theta = np.array([best.theta[name] for name in box.names])
-    jacobian = math.sqrt(worth) * best.jacobian
-    logs = _in_logs(theta, jacobian, box)
+    logs = _in_logs(theta, best.jacobian, box)
     slope = np.where(logs, theta, 1.0)
     prior = _prior_stds(logs, box)
-    singular, rows = svd_of_all(jacobian * slope * prior)
+    singular, rows = svd_of_all(best.jacobian * slope * prior)
     values = singular**2
     directions = tuple(
         _direction(value, row, prior, logs, box.names)

@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,15 +11,23 @@ import numpy as np
 from jaxtyping import Float, PyTree
 from numpy.typing import NDArray
 
-from jbw.errors import ConfigError
-from jbw.inference.fit.costly_fit import evaluator, from_search, to_search
+from jbw.inference.fit.costly_fit import Part, evaluator, from_search, to_search, trust_region
 from jbw.inference.fit.fitting import Fit, Residual
-from jbw.inference.fit.walks import walk
 from jbw.inference.space.box import Box, from_unit, require_float64
 from jbw.inference.thresholds import THRESHOLD
 
 logger = logging.getLogger("jbw")
 FLAT = 0.1  # of chi-square: less is no preference at all
+PLACES = 4  # on either side of the fit, within
+REACH = 3.0  # standard deviations, a little beyond the 2.58 of 99 %
+MOST_FURTHER = 6  # places beyond, each twice as far as the last
+MOST_EVALUATIONS = 12  # of a point: the neighbour's optimum is near
+TOLERANCE = 1e-7  # of the cost and of the step, relative
+ON_BOUND = 1e-6  # of the box: nearer there is no room for points
+STEEP = 1.5  # standard deviations between two points: more, and a line between them tells little
+MOST_HALVINGS = 6  # of the gap in which a side passes the threshold
+
+Point = tuple[NDArray[np.float64], float]  # where, and chi-square
 
 
 @dataclass(frozen=True)
@@ -51,9 +59,6 @@ def profiles(
     data: PyTree,
     best: Fit,
     *,
-    names: Iterable[str] | None = None,
-    num_points: int = 9,
-    worth: float = 1.0,
     report: Callable[[str], None] = logger.debug,
 ) -> dict[str, Profile]:
     r"""Profile of chi-square along every parameter.
@@ -70,40 +75,30 @@ def profiles(
         box: Bounds.
         data: Whatever `residual` takes.
         best: The fit of the same residual, box and data.
-        names: Parameters to profile; all when None.
-        num_points: Points of a profile, the fit among them; more where it reaches further.
-        worth: Share of the residuals that are independent.
         report: Called with one sentence for every parameter.
 
     Returns:
         Profiles by name.
 
     Raises:
-        ConfigError: A name that the box has not, fewer than three points, or a float32 session.
+        ConfigError: A float32 session.
 
     Reference:
         Raue et al. (2009), Bioinformatics 25, 1923.
     """
     require_float64()
-    wanted = box.names if names is None else tuple(names)
-    unknown = [name for name in wanted if name not in box.names]
-    if unknown or num_points < 3:
-        raise ConfigError(
-            f"Argument `names` must name parameters of the box, but holds {', '.join(unknown)}."
-            if unknown
-            else f"Argument `num_points` must be at least 3, but is {num_points}.",
-            remedy=f"The parameters are {', '.join(box.names)}; nine points are usual.",
-        )
     part = evaluator(residual, box, data)
     start = np.asarray(to_search(jnp.asarray(best.x), box))
-    options: dict[str, Any] = {"num_points": num_points, "worth": worth, "threshold": THRESHOLD}
     walks = {}
-    for name in wanted:
+    for held, name in enumerate(box.names):
         report(f"Profile of {name}")
-        walks[name] = walk(part, start, box.names.index(name), **options)
-    least = min(np.min(cost) for _, cost in walks.values()) if walks else 0.0
-    better = max(2 * worth * best.cost - least, 0.0)
-    return {name: _profile(name, s, cost - least, better, box) for name, (s, cost) in walks.items()}
+        walks[name] = walk(part, start, held)
+    least = min(np.min(chi_square) for _, chi_square in walks.values())
+    better = max(2 * best.cost - least, 0.0)
+    return {
+        name: _profile(name, s, chi_square - least, better, box)
+        for name, (s, chi_square) in walks.items()
+    }
 
 
 def _profile(
@@ -117,19 +112,18 @@ def _profile(
     path = from_unit(jnp.stack([from_search(jnp.asarray(row), box)[0] for row in s]), box)
     root = np.sqrt(np.maximum(chi_square, 0.0))
     middle = int(np.argmin(chi_square))
-    ends = [
-        _crossing(s[: middle + 1, held][::-1], root[: middle + 1][::-1]),
-        _crossing(s[middle:, held], root[middle:]),
-    ]
-    places = np.array([0.0 if ends[0] is None else ends[0], 1.0 if ends[1] is None else ends[1]])
-    bounds = [_value(place, held, box) for place in places]
+    below = _crossing(s[: middle + 1, held][::-1], root[: middle + 1][::-1])
+    above = _crossing(s[middle:, held], root[middle:])
     return Profile(
         name,
         np.asarray(path[name]),
         chi_square,
         {key: np.asarray(value) for key, value in path.items()},
-        (bounds[0], bounds[1]),
-        (ends[0] is None, ends[1] is None),
+        (
+            _value(0.0 if below is None else below, held, box),
+            _value(1.0 if above is None else above, held, box),
+        ),
+        (below is None, above is None),
         better,
     )
 
@@ -153,14 +147,101 @@ def _value(place: float, held: int, box: Box) -> float:
     return float(box.lower[held] + x[held] * (box.upper[held] - box.lower[held]))
 
 
-def profile_statements(found: Mapping[str, Profile]) -> list[str]:
-    """Every profile in a sentence.
+def walk(
+    part: Part, start: NDArray[np.float64], held: int
+) -> tuple[Float[np.ndarray, "point parameter"], Float[np.ndarray, " point"]]:
+    """Hold one coordinate at points on both sides of a fit, the others at their best.
 
-    Args:
-        found: From `profiles`.
+    Returns:
+        Coordinates of the optima, the held one rising, and their chi-square.
     """
-    said = [_sentence(each) for each in found.values()]
-    better = max((each.better for each in found.values()), default=0.0)
+    sd = _sd(part(start, 1), held)
+    centre = float(np.sum(part(start, 0) ** 2))
+    sides: list[list[Point]] = []
+    for sign in (-1.0, 1.0):
+        s, side = start, [(start, centre)]
+        for place in _places(start[held], sign, sd):
+            within = abs(place - start[held]) <= REACH * sd * (1 + 1e-9)
+            if not within and side[-1][1] > centre + THRESHOLD:
+                break
+            s, chi_square = _constrained(part, s, held, place)
+            side.append((s, chi_square))
+        sides.append(_refined(part, side, held))
+    rows, costs = zip(*sides[0][:0:-1], *sides[1], strict=True)
+    return np.array(rows), np.array(costs)
+
+
+def _refined(part: Part, side: list[Point], held: int) -> list[Point]:
+    """A side with points put in where it rises to the threshold too steeply for a line.
+
+    Another parameter may have met its bound there: the valley ends and a wall begins.
+    """
+    centre = side[0][1]
+    for _ in range(MOST_HALVINGS):
+        rise = np.array([max(chi_square - centre, 0.0) for _, chi_square in side])
+        beyond = np.flatnonzero(rise > THRESHOLD)
+        if not beyond.size:
+            break
+        j = int(beyond[0])
+        if np.sqrt(rise[j]) - np.sqrt(rise[j - 1]) < STEEP:
+            break
+        inner, outer = side[j - 1][0], side[j][0]
+        between = _constrained(part, inner, held, (inner[held] + outer[held]) / 2)
+        side = [*side[:j], between, *side[j:]]
+    return side
+
+
+def _sd(jacobian: Float[np.ndarray, "residual parameter"], held: int) -> float:
+    """Standard deviation of one coordinate, all others free; a box's width where there is none."""
+    others = np.delete(jacobian, held, axis=1)
+    own = jacobian[:, held]
+    explained = others @ np.linalg.lstsq(others, own)[0] if others.shape[1] else 0.0
+    left = float(np.linalg.norm(own - explained))
+    # What the others explain up to rounding carries no information of its own.
+    left = left if left > 1e-9 * float(np.linalg.norm(own)) else 0.0
+    return min(1 / left, 1.0) if left > 0 else 1.0
+
+
+def _places(centre: float, side: float, sd: float) -> list[float]:
+    """Where to hold the coordinate on one side, outwards; the last one is the box's bound."""
+    room = 1 - centre if side > 0 else centre
+    if room <= ON_BOUND:
+        return []
+    reach = min(REACH * sd, room)
+    steps = list(reach * np.arange(1, PLACES + 1) / PLACES)
+    further = [REACH * sd * 2.0**k for k in range(1, MOST_FURTHER + 1)]
+    steps += [each for each in further if reach < each < room]
+    if steps[-1] < room:
+        steps.append(room)
+    # On the bound itself exactly: a difference may miss it by rounding.
+    return [float(np.clip(centre + side * step, 0.0, 1.0)) for step in steps]
+
+
+def _constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> Point:
+    """Optimum of the other coordinates, from a neighbour's, and its chi-square."""
+    free = np.arange(len(s)) != held
+
+    def whole(rest: NDArray[np.float64]) -> NDArray[np.float64]:
+        point = np.full(len(s), place)
+        point[free] = rest
+        return point
+
+    if not np.any(free):
+        alone = whole(np.empty(0))
+        return alone, float(np.sum(part(alone, 0) ** 2))
+
+    def of_rest(rest: NDArray[np.float64], which: int) -> NDArray[np.float64]:
+        value = part(whole(rest), which)
+        return value[:, free] if which else value
+
+    end: Any = trust_region(of_rest, np.clip(s[free], 0.0, 1.0), MOST_EVALUATIONS, TOLERANCE)
+    return whole(end.x), 2 * float(end.cost)
+
+
+def profile_statements(of_all: Mapping[str, Profile]) -> list[str]:
+    """Every one of `profiles` in a sentence."""
+    said = [_sentence(each) for each in of_all.values()]
+    better = max((each.better for each in of_all.values()), default=0.0)
     if better > FLAT:
         said.append(
             f"The profiles found a better fit, chi-square lower by {better:.3g}: the fit had "
