@@ -2,11 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-from jbw.errors import ModelError
-from jbw.oscillator.conventions import (
+from conventions import (
     BaberNoori,
     Benchmark,
     from_baber_noori,
@@ -15,6 +11,10 @@ from jbw.oscillator.conventions import (
     to_baber_noori,
     to_benchmark,
 )
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jbw.errors import ModelError
 from jbw.oscillator.laws.hysteresis import hysteresis_rate
 from jbw.oscillator.laws.springs import Cubic
 from jbw.oscillator.oscillator import BoucWen

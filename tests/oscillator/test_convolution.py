@@ -6,11 +6,11 @@ import jax
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from volterra.convolution import volterra_response, volterra_sums
+from volterra.kernels import PolynomialOscillator
+from volterra.tones import synthesize, tone_response
 
 from jbw.errors import ConfigError, DataError
-from jbw.oscillator.paper.convolution import volterra_response, volterra_sums
-from jbw.oscillator.paper.kernels import PolynomialOscillator
-from jbw.oscillator.paper.tones import synthesize, tone_response
 
 SYSTEM = PolynomialOscillator(damping=0.8, stiffness=4.0, rho=0.7, lambda_3=-0.5)
 

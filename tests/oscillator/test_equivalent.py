@@ -5,17 +5,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.tree_util import Partial
-from scipy.integrate import solve_ivp
-
-from jbw.errors import ConfigError, ModelError
-from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.paper.equivalent import (
+from equivalent_system import (
     equivalent_acceleration,
     simulate_equivalent,
     smoothed_harmonics,
     square_wave,
 )
+from jax.tree_util import Partial
+from scipy.integrate import solve_ivp
+
+from jbw.errors import ConfigError, ModelError
+from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.paper.smoothing import Smoothing, smoothed_force, smoothing
 
 JOINT = BoucWen(118.12388377497622, 0.00444, 497.40, 340.21, 32.84)

@@ -6,9 +6,8 @@ import jax
 import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
-
-from jbw.oscillator.paper.impulse import impulse_1, impulse_2, impulse_3
-from jbw.oscillator.paper.kernels import PolynomialOscillator, kernel_1, kernel_2, kernel_3
+from volterra.impulse import impulse_1, impulse_2, impulse_3
+from volterra.kernels import PolynomialOscillator, kernel_1, kernel_2, kernel_3
 
 SYSTEM = PolynomialOscillator(damping=0.8, stiffness=4.0, rho=0.7, lambda_3=-0.5)
 HITS = ((0.0, 1.0), (0.35, -0.6), (1.1, 0.8))

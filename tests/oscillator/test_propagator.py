@@ -3,8 +3,7 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
-
-from jbw.oscillator.linear import held_input, hermite_input, propagate, propagator
+from volterra.propagator import held_input, hermite_input, propagate, propagator
 
 
 def exact(stiffness, damping, dt):

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from equivalent_system import equivalent_acceleration
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
 from shooting import shooting
@@ -14,7 +15,6 @@ from shooting import shooting
 from jbw.errors import ModelError
 from jbw.oscillator.laws.springs import Cubic, Polynomial
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.paper.equivalent import equivalent_acceleration
 from jbw.oscillator.paper.kernels import h3, third_harmonic
 from jbw.oscillator.paper.smoothing import smoothing
 from jbw.oscillator.response import simulate

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
+from volterra.kernels import PolynomialOscillator, kernel_2, kernel_3
+from volterra.probing import kernel
+from volterra.tones import Lines, merge_lines, synthesize, tone_response, tone_terms
 
 from jbw.errors import ConfigError
-from jbw.oscillator.paper.kernels import PolynomialOscillator, h1, kernel_2, kernel_3
-from jbw.oscillator.paper.probing import kernel
-from jbw.oscillator.paper.tones import Lines, merge_lines, synthesize, tone_response, tone_terms
+from jbw.oscillator.paper.kernels import h1
 
 SYSTEM = PolynomialOscillator(damping=0.25, stiffness=1.0, rho=0.4, lambda_3=-0.3)
 BASE = 0.05

@@ -2,21 +2,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from volterra.kernels import PolynomialOscillator, kernel_1, kernel_2, kernel_3, nearly_closed
 
 from jbw.errors import JbwError
 from jbw.oscillator.laws.hysteresis import steady_loop
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.paper.kernels import (
-    PolynomialOscillator,
-    h1,
-    h3,
-    kernel_1,
-    kernel_2,
-    kernel_3,
-    kernel_31,
-    nearly_closed,
-    third_harmonic,
-)
+from jbw.oscillator.paper.kernels import h1, h3, kernel_31, third_harmonic
 from jbw.oscillator.paper.smoothing import Smoothing, smoothing
 
 OMEGA_N = 2 * np.pi * 18.8

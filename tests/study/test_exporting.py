@@ -5,11 +5,11 @@ import csv
 import numpy as np
 import pytest
 import xarray as xr
+from conventions import BaberNoori, Benchmark, from_baber_noori, from_benchmark
 from scipy.io import loadmat
 
 from jbw.cli import run
 from jbw.errors import ConfigError, DataError
-from jbw.oscillator.conventions import BaberNoori, Benchmark, from_baber_noori, from_benchmark
 from jbw.study.export import export, write_export
 
 TRUTH = {"omega_n": 118.1239, "zeta": 0.00444, "alpha": 497.40, "delta": 340.21, "gamma": 32.84}

@@ -4,96 +4,16 @@ Peak complex amplitudes and $e^{+j\omega t}$ throughout. Kernels are symmetric i
 frequencies, and the frequencies of one call broadcast.
 """
 
-from collections.abc import Sequence
-
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Complex, Float, Inexact
 
 from jbw.oscillator.checks import require_none
 from jbw.oscillator.laws.hysteresis import steady_loop
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.paper.smoothing import Smoothing, Variant, smoothing
-from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.paper.smoothing import Variant, smoothing
 
 Real = Float[ArrayLike, "..."]
 Kernel = Complex[Array, "..."]
-
-
-class PolynomialOscillator(eqx.Module):
-    r"""Oscillator with a quadratic and a cubic spring, per unit mass.
-
-    $$\ddot y + 2\zeta\omega_n\dot y + \omega_0^2\,y + \rho\,y^2 + \lambda_3\,y^3 = u$$
-
-    The coefficients are constant. In the smoothed joint `rho` switches with the sign of the
-    velocity; there a steady response has no even harmonics, and `rho = 0` is the system to probe.
-
-    Attributes:
-        damping: Viscous damping, 2 zeta omega_n [1/s]; omega_n need not be omega_0.
-        stiffness: Linear stiffness, omega_0^2 = k + lambda_1 [1/s^2].
-        rho: Quadratic stiffness [1/(m s^2)].
-        lambda_3: Cubic stiffness [1/(m^2 s^2)].
-
-    Reference:
-        Eqs. (14), (26).
-    """
-
-    damping: Scalar
-    stiffness: Scalar
-    rho: Scalar
-    lambda_3: Scalar
-
-
-def nearly_closed(joint: BoucWen, polynomial: Smoothing) -> PolynomialOscillator:
-    r"""Cubic oscillator equivalent to a joint whose loop hardly opens.
-
-    $$\ddot y + 2\zeta\omega_n\dot y + (k + \lambda_1)\,y + \lambda_3\,y^3 = u$$
-
-    Args:
-        joint: Bouc-Wen parameters.
-        polynomial: Coefficients that smooth its loop; only lambda_1 and lambda_3 are used.
-
-    Returns:
-        The cubic oscillator, with `rho` zero.
-
-    Raises:
-        ModelError: The joint has a restoring force beside the hysteretic one.
-
-    Reference:
-        Eq. (26).
-    """
-    require_none(joint, "nearly_closed")
-    return PolynomialOscillator(
-        damping=2.0 * joint.zeta * joint.omega_n,
-        stiffness=joint.k + polynomial.lambda_1,
-        rho=0.0,
-        lambda_3=polynomial.lambda_3,
-    )
-
-
-def nonlinear_force(
-    system: PolynomialOscillator, parts: Sequence[Inexact[Array, "..."]]
-) -> Inexact[Array, "..."]:
-    r"""Part of homogeneous order n in the force $\rho y^2 + \lambda_3 y^3$.
-
-    $$f_n = \rho\sum_{i+k=n} y_i y_k + \lambda_3\sum_{i+k+l=n} y_i y_k y_l$$
-
-    It needs the parts of y of lower order only, and drives the next: $y_n = -h_1 * f_n$.
-
-    Args:
-        system: Polynomial oscillator.
-        parts: The parts of y of orders 1 to n - 1 [m].
-
-    Returns:
-        The force of order n [N/kg].
-
-    Reference:
-        Eq. (17).
-    """
-    y, order = dict(enumerate(parts, start=1)), len(parts) + 1
-    square = sum(y[i] * y[order - i] for i in y)
-    cube = sum(y[i] * y[k] * y[order - i - k] for i in y for k in y if i + k < order)
-    return jnp.asarray(system.rho * square + system.lambda_3 * cube)
 
 
 def h1(omega: Real, omega_n: Real, zeta: Real) -> Kernel:
@@ -113,72 +33,6 @@ def h1(omega: Real, omega_n: Real, zeta: Real) -> Kernel:
         Eq. (23).
     """
     return 1.0 / (jnp.square(omega_n) - jnp.square(omega) + 2j * zeta * omega_n * omega)
-
-
-def kernel_1(system: PolynomialOscillator, omega: Real) -> Kernel:
-    r"""Receptance of the linear part of a polynomial oscillator.
-
-    $$H_1(\omega) = \frac{1}{\omega_0^2 - \omega^2 + 2j\zeta\omega_n\omega}$$
-
-    Args:
-        system: Polynomial oscillator.
-        omega: Angular frequency [rad/s].
-
-    Returns:
-        Receptance [s^2], complex.
-
-    Reference:
-        Eq. (23).
-    """
-    return 1.0 / (system.stiffness - jnp.square(omega) + 1j * system.damping * omega)
-
-
-def kernel_2(system: PolynomialOscillator, omega_1: Real, omega_2: Real) -> Kernel:
-    r"""Second-order kernel of a polynomial oscillator.
-
-    $$H_2(\omega_1,\omega_2) = -\rho\,H_1(\omega_1)\,H_1(\omega_2)\,H_1(\omega_1+\omega_2)$$
-
-    Args:
-        system: Polynomial oscillator.
-        omega_1: First angular frequency [rad/s].
-        omega_2: Second angular frequency [rad/s].
-
-    Returns:
-        Kernel [m^-1 s^4], complex.
-
-    Reference:
-        Eq. (18), by harmonic probing.
-    """
-    h = [kernel_1(system, omega) for omega in (omega_1, omega_2, omega_1 + omega_2)]
-    return -system.rho * h[0] * h[1] * h[2]
-
-
-def kernel_3(system: PolynomialOscillator, omega_1: Real, omega_2: Real, omega_3: Real) -> Kernel:
-    r"""Third-order kernel of a polynomial oscillator.
-
-    $$H_3 = H_1(\omega_1) H_1(\omega_2) H_1(\omega_3) H_1(\omega_1+\omega_2+\omega_3)
-      \Bigl[-\lambda_3 + \tfrac{2}{3}\rho^2\bigl(H_1(\omega_1+\omega_2)
-      + H_1(\omega_1+\omega_3) + H_1(\omega_2+\omega_3)\bigr)\Bigr]$$
-
-    Args:
-        system: Polynomial oscillator.
-        omega_1: First angular frequency [rad/s].
-        omega_2: Second angular frequency [rad/s].
-        omega_3: Third angular frequency [rad/s].
-
-    Returns:
-        Kernel [m^-2 s^6], complex.
-
-    Reference:
-        Eqs. (18), (27); the printed (27) is the case rho = 0.
-    """
-
-    def h(omega: Real) -> Kernel:
-        return kernel_1(system, omega)
-
-    pairs = h(omega_1 + omega_2) + h(omega_1 + omega_3) + h(omega_2 + omega_3)
-    bracket = -system.lambda_3 + (2.0 / 3.0) * jnp.square(system.rho) * pairs
-    return h(omega_1) * h(omega_2) * h(omega_3) * h(omega_1 + omega_2 + omega_3) * bracket
 
 
 def kernel_31(omega: Real, omega_n: Real, zeta: Real, lambda_3: Real) -> Kernel:

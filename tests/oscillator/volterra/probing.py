@@ -9,9 +9,9 @@ from math import factorial
 
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Complex, Float
+from volterra.kernels import PolynomialOscillator, kernel_1, nonlinear_force
 
 from jbw.errors import ConfigError
-from jbw.oscillator.paper.kernels import PolynomialOscillator, kernel_1, nonlinear_force
 
 
 def kernel(system: PolynomialOscillator, *omega: Float[ArrayLike, "..."]) -> Complex[Array, "..."]:

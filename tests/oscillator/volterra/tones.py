@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float, Inexact, Int
+from volterra.kernels import PolynomialOscillator
+from volterra.probing import kernel
 
 from jbw.errors import ConfigError
-from jbw.oscillator.paper.kernels import PolynomialOscillator
-from jbw.oscillator.paper.probing import kernel
 
 
 class Terms(eqx.Module):

@@ -7,8 +7,8 @@ every delay is positive. They hold for an underdamped oscillator with some dampi
 
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Complex, Float
+from volterra.kernels import PolynomialOscillator
 
-from jbw.oscillator.paper.kernels import PolynomialOscillator
 from jbw.oscillator.parameters import Scalar
 
 Delay = Float[ArrayLike, "..."]

@@ -12,12 +12,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
+from volterra.impulse import impulse_1, impulse_2, impulse_3
+from volterra.kernels import PolynomialOscillator, nonlinear_force
+from volterra.propagator import held_input, hermite_input, propagate, propagator
 
 from jbw.errors import ConfigError, DataError
 from jbw.oscillator.checks import is_concrete
-from jbw.oscillator.linear import held_input, hermite_input, propagate, propagator
-from jbw.oscillator.paper.impulse import impulse_1, impulse_2, impulse_3
-from jbw.oscillator.paper.kernels import PolynomialOscillator, nonlinear_force
 from jbw.oscillator.parameters import Scalar
 
 Hold = Literal["first", "zero"]
