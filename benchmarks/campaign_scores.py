@@ -10,10 +10,9 @@ from scipy.stats import kstest
 
 from jbw import rig
 from jbw.errors import ConfigError
-from jbw.identification.assemble import assemble, reading_of
+from jbw.identification.assemble import assemble, measured, reading_of
 from jbw.identification.coordinates import box_of
 from jbw.identification.linear_step import linear_step
-from jbw.identification.selection import decay_tests, linear_test, sweep_tests
 from jbw.identification.starts import first_values
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.samplers.sampling import sample
@@ -82,8 +81,8 @@ def score_campaigns(
         raise ConfigError(f'Argument `campaign` must be one of {known}, but is "{campaign}".')
     rows = []
     for seed in range(num_campaigns):
-        measured = CAMPAIGNS[campaign](seed, repeats, noise_ratio, substeps)
-        rows.append(_identified(seed, *measured))
+        made = CAMPAIGNS[campaign](seed, repeats, noise_ratio, substeps)
+        rows.append(_identified(seed, *made))
         report(seed + 1)
     names = tuple(rows[0][0])
     z = np.array([list(row[0].values()) for row in rows])
@@ -105,17 +104,8 @@ def _mixed(seed: int, repeats: int | None, noise_ratio: float | None, substeps: 
     campaign = rig.measure(
         "mixed", seed=seed, repeats=repeats, noise_ratio=noise_ratio, force_noise_std=FORCE_NOISE
     )
-    tests = campaign.tests
-    chosen = campaign.settings.model_copy(update={"substeps": substeps})
-    noise = linear_test(tests)
-    data = assemble(
-        tests,
-        chosen,
-        linear=None if noise is None else linear_step(noise),
-        sweeps=sweep_tests(tests, chosen),
-        decays=decay_tests(tests, chosen),
-    )
-    return data, campaign
+    settings = campaign.settings.model_copy(update={"substeps": substeps})
+    return assemble(measured(campaign.tests, settings)), campaign
 
 
 CAMPAIGNS = {"sweeps": _sweeps, "mixed": _mixed}

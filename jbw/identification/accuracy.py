@@ -19,17 +19,10 @@ NUM_DRAWS = 32
 
 
 def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
-    r"""Whether the solver's step could have moved the posterior.
+    r"""Whether the solver's step could have moved the posterior; None where nothing is stepped.
 
     Halving the step changes the log likelihood by $\Delta\ell(\theta)$ and so a posterior mean by
     $\mathrm{Cov}(\theta, \Delta\ell)$, at most $\mathrm{sd}(\Delta\ell)$ standard deviations.
-
-    Args:
-        posterior: Draws of the parameters that were updated.
-        data: The dataset.
-
-    Returns:
-        A finding whose number is sd(Delta l) over draws; None where nothing is stepped.
     """
     change = solver_change(thinned(posterior), data)
     return None if change is None else solver_error(change)
@@ -117,13 +110,8 @@ def residual_finding(
 def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
     """How much of the worst group a fit leaves, of those that a fit should follow closely.
 
-    Args:
-        error: Size of what is left over that of what was measured, by label.
-        data: The dataset.
-
-    Returns:
-        A finding whose number is the residual over the group, root mean squares; None where no
-        observable says how much is too much.
+    `error` is the residual over the group, root mean squares, by label. None where no observable
+    says how much is too much.
     """
     bounded = {
         label: part.most_misfit

@@ -1,65 +1,108 @@
 """From the tests of a campaign to the dataset of the joint posterior, by the register of kinds."""
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from jbw.campaign.settings import DEFAULT_LAWS, Identify, laws_of
-from jbw.errors import ConfigError, DataError
-from jbw.identification.linear_step import LinearStep
-from jbw.identification.selection import DecaySplit, Sweeps, loop_tests
+from jbw.errors import DataError
+from jbw.identification.linear_step import LinearStep, linear_step
+from jbw.identification.selection import (
+    DecaySplit,
+    Sweeps,
+    decay_tests,
+    fitted,
+    linear_test,
+    loop_tests,
+    sweep_tests,
+)
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
 from jbw.observables.line_fit import LineReading
-from jbw.observables.observable import Observable
+from jbw.observables.observable import Observable, run_of
 from jbw.observables.register import OBSERVABLES
-from jbw.observables.runs import run_of
+
+logger = logging.getLogger("jbw")
+Report = Callable[[str], None]
 
 
-def assemble(
+@dataclass(frozen=True)
+class Measured:
+    """A campaign's tests, split before anything is fitted.
+
+    Attributes:
+        tests: All of them.
+        chosen: Those that `fit` and `hold_out` leave.
+        settings: The campaign's [identify] table.
+        laws: Names of the laws of the joint.
+        gain: Gain that the campaign states [N/kg per unit of the input].
+        linear: Step 2, when there was a noise test.
+        sweeps: The split of the sweeps, when there were any.
+        decays: The split of the free decays, when any may be fitted.
+    """
+
+    tests: tuple[Test, ...]
+    chosen: tuple[Test, ...]
+    settings: Identify
+    laws: tuple[str, ...]
+    gain: float | None
+    linear: LinearStep | None
+    sweeps: Sweeps | None
+    decays: DecaySplit | None
+
+
+def measured(
     tests: Sequence[Test],
     settings: Identify,
     *,
     laws: tuple[str, ...] | None = None,
-    linear: LinearStep | None = None,
-    sweeps: Sweeps | None = None,
-    decays: DecaySplit | None = None,
     gain: float | None = None,
-) -> Dataset:
-    """Everything that a campaign fits, in one dataset.
+    report: Report = logger.info,
+) -> Measured:
+    """Step 2, where there is a noise test, and what is fitted and held out.
+
+    Args:
+        tests: The campaign's tests.
+        settings: Its [identify] table.
+        laws: Names of the laws of the joint; those of a campaign that names none when None.
+        gain: Gain that the campaign states [N/kg per unit of the input].
+        report: Called with one sentence at every stage.
+
+    Raises:
+        ConfigError: If `hold_out` names no test, or settings do not fit the tests.
+    """
+    laws = laws_of(DEFAULT_LAWS, settings.prior) if laws is None else laws
+    chosen = fitted(tests, settings)
+    noise, linear = linear_test(tests), None
+    if noise is not None:
+        report(f"Step 2: line fit of {noise.name}")
+        linear = linear_step(noise, gain)
+    sweeps, decays = sweep_tests(tests, settings), decay_tests(tests, settings, chosen)
+    return Measured(tuple(tests), tuple(chosen), settings, laws, gain, linear, sweeps, decays)
+
+
+def assemble(seen: Measured) -> Dataset:
+    """Everything that a campaign fits, in one dataset, without offsets of the runs.
 
     Fitted are all tests but those held out: tones near the resonance (they validate), levels and
     repeats of sweeps beside `fit_levels` and `fit_repeats`, tests named by `hold_out`, and kinds
     not among `fit`, where that is given. A multisine of several periods is fitted in time, as
     steady motion; noise enters by its line fit.
 
-    Args:
-        tests: The campaign's tests.
-        settings: Its [identify] table.
-        laws: Names of the laws of the joint.
-        linear: Step 2, when there was a noise test.
-        sweeps: The split of the sweeps.
-        decays: The split of the free decays.
-        gain: Force per unit mass and unit of the input, when the campaign knows it.
-
-    Returns:
-        The dataset, without offsets of the runs.
-
     Raises:
         DataError: If nothing is left to fit.
-        ConfigError: If `hold_out` names no test.
     """
-    laws = laws_of(DEFAULT_LAWS, settings.prior) if laws is None else laws
-    chosen = fitted(tests, settings)
-    names = {test.name for test in chosen}
+    linear, laws, gain = seen.linear, seen.laws, seen.gain
     parts: list[Observable] = []
-    if linear is not None and linear.is_random and linear.test.name in names:
+    if linear is not None and linear.is_random and linear.test.name in _names(seen.chosen):
         parts.append(reading_of(linear, gain, laws))
-    usable = _reducible(chosen, linear, sweeps, decays)
+    usable = _reducible(seen)
     for observable in OBSERVABLES:
         own = [test for test in usable if test.kind in observable.kinds]
         if own:
-            parts += observable.reduce(own, laws=laws, substeps=settings.substeps)
+            parts += observable.reduce(own, laws=laws, substeps=seen.settings.substeps)
     if not parts:
         raise DataError(
             "The campaign has no test that the joint can be fitted to.",
@@ -67,51 +110,31 @@ def assemble(
             remedy="Add sweeps, stepped sines, response curves, loops, free decays or tones near "
             "a third of the resonance; or shorten `hold_out`.",
         )
-    told = frozenset().union(*(part.informs for part in parts))
+    informed = frozenset().union(*(part.informs for part in parts))
     held = {} if gain is None else {"gain": gain}
-    if "gain" not in told:  # nothing tells the modal mass: per kilogram
+    if "gain" not in informed:  # nothing tells the modal mass: per kilogram
         held = {"gain": gain or 1.0}
-    if "zeta" not in told:  # nothing moves freely, and nothing is damped
+    if "zeta" not in informed:  # nothing moves freely, and nothing is damped
         held["zeta"] = 0.0
     return Dataset.of(parts, held)
 
 
-def _reducible(
-    chosen: Sequence[Test],
-    linear: LinearStep | None,
-    sweeps: Sweeps | None,
-    decays: DecaySplit | None,
-) -> list[Test]:
+def _names(tests: Sequence[Test]) -> set[str]:
+    return {test.name for test in tests}
+
+
+def _reducible(seen: Measured) -> list[Test]:
     """The chosen tests with the repeats to fit alone; without those that validate."""
-    names = {test.name for test in chosen}
-    validating = set()
-    if linear is not None:
-        validating = {test.name for test in loop_tests(chosen, linear.natural_hz)}
+    chosen, linear = seen.chosen, seen.linear
+    validating = () if linear is None else loop_tests(chosen, linear.natural_hz)
     split = [test for test in chosen if test.traits.is_transient or test.traits.is_free]
-    apart = {test.name for test in split} | validating
-    found = [] if sweeps is None else [t for t in sweeps.fitted if t.name in names]
+    apart = _names(validating) | _names(split)
+    sweeps = () if seen.sweeps is None else seen.sweeps.fitted
+    found = [test for test in sweeps if test.name in _names(chosen)]
     found += [test for test in chosen if test.name not in apart]
-    if decays is not None and any(test.traits.is_free for test in chosen):
-        found.append(decays.fitted)
+    if seen.decays is not None and any(test.traits.is_free for test in chosen):
+        found.append(seen.decays.fitted)
     return found
-
-
-def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
-    """Tests that `fit` and `hold_out` leave.
-
-    Raises:
-        ConfigError: If `hold_out` names no test.
-    """
-    names = [test.name for test in tests]
-    held_out = settings.hold_out
-    unknown = [name for name in held_out if name not in names]
-    if unknown:
-        raise ConfigError(
-            f"Setting `hold_out` must name tests of the campaign, but holds {unknown}.",
-            remedy=f"The tests are {', '.join(names)}.",
-        )
-    kinds = {test.kind for test in tests} if settings.fit is None else settings.fit
-    return [test for test in tests if test.kind in kinds and test.name not in held_out]
 
 
 def reading_of(

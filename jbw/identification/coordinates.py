@@ -1,17 +1,125 @@
-"""In which parameters the joint posterior lives, and within which bounds."""
+"""In which parameters the joint posterior lives, within which bounds, and what products it knows.
 
-from collections.abc import Mapping
+Prior boxes are the campaign's where it states them, otherwise wide ones from scales alone.
+"""
+
+import warnings
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
+import numpy as np
+
 from jbw.campaign.settings import Identify
-from jbw.identification.priors import joint_box, stated
+from jbw.errors import ConfigError
 from jbw.inference.fit.fitting import Fit
-from jbw.inference.space.box import Box, box
+from jbw.inference.space.box import Box, Product, box
 from jbw.observables.dataset import Dataset, largest_displacement
-from jbw.oscillator.law import Bounds, Coordinates, Law
+from jbw.oscillator.law import Bounds, Coordinates, Law, Monomial, Scales
 from jbw.oscillator.laws import laws_named
+from jbw.oscillator.oscillator import prior_of
 
 PAPER = "paper"  # the laws' own parameters
+
+
+def stated(settings: Identify) -> Bounds:
+    """Bounds of the campaign's [identify.prior] table."""
+    return {name: (float(low), float(high)) for name, (low, high) in settings.prior.items()}
+
+
+def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
+    """Box of the joint route: the joint's parameters, and the gain, where they are not held."""
+    # Where nothing tells of damping, the displacement is prescribed in every test.
+    forced = all("zeta" not in part.informs for part in data.parts)
+    omega_n = known.get("omega_n") or _stiffest(data) ** 0.5
+    gain = None if "gain" in data.held else (known["gain"], min(p.gain_std() for p in data.parts))
+    prior = joint_box(
+        settings,
+        omega_n,
+        known.get("zeta", 0.01),
+        gain,
+        largest_displacement(data, omega_n),
+        laws=data.laws,
+        linear=any(part.is_linear for part in data.parts),
+        forced=forced,
+    )
+    return box({name: pair for name, pair in bounds_of(prior).items() if name not in data.held})
+
+
+def joint_box(
+    settings: Identify,
+    omega_n: float,
+    zeta: float,
+    gain: tuple[float, float] | None,
+    y_peak: float,
+    *,
+    laws: tuple[str, ...] = ("bouc_wen",),
+    linear: bool = True,
+    forced: bool = False,
+) -> Box:
+    """Box of the joint route: all parameters of the joint, and the gain.
+
+    Args:
+        settings: The campaign's [identify] table.
+        omega_n: Natural frequency of Step 2 [rad/s].
+        zeta: Damping ratio of Step 2 [-].
+        gain: Gain of Step 2 and its standard deviation, or None when it is held at one
+            (a known gain or modal mass).
+        y_peak: Largest displacement measured [m].
+        laws: Names of the laws of the joint, whose own priors hold where nothing is stated.
+        linear: Whether omega_n and zeta were read where the joint hardly slips. At a high level
+            they hold its softening and its losses, and tell the oscillator's own only roughly.
+        forced: Whether all tests prescribe the displacement.
+
+    Returns:
+        The box, in the order omega_n, zeta, parameters of the laws, gain.
+
+    Raises:
+        ConfigError: The campaign's bounds of a stiffness reach the whole stiffness.
+    """
+    given = stated(settings)
+    bounds: Bounds = {"omega_n": (0.97 * omega_n, 1.03 * omega_n), "zeta": (0.2 * zeta, 3.0 * zeta)}
+    if not linear:
+        bounds |= {"omega_n": (0.7 * omega_n, 1.5 * omega_n), "zeta": (0.005 * zeta, 3.0 * zeta)}
+    if forced:
+        bounds["omega_n"] = (0.2 * omega_n, 2.0 * omega_n)
+    bounds |= prior_of(laws, Scales(omega_n, zeta, y_peak, forced))
+    if gain is not None:
+        reach = max(0.1 * gain[0], 8 * gain[1]) if np.isfinite(gain[1]) else 0.5 * gain[0]
+        bounds["gain"] = (gain[0] - reach, gain[0] + reach)
+    bounds = {name: given.get(name, pair) for name, pair in bounds.items()}
+    for law in laws_named(laws):
+        own = {name: bounds[name] for name in law.names()}
+        _require_stiffness(law, own, given, omega_n)
+        if (caution := law.caution(own)) is not None:
+            warnings.warn(caution, stacklevel=2)
+    return box(bounds)
+
+
+def _require_stiffness(law: type[Law], own: Bounds, given: Bounds, omega_n: float) -> None:
+    """Refuse a prior within which the joint alone is stiffer than omega_n^2: nothing else holds."""
+    least = {name: pair[0] for name, pair in own.items()}
+    for name in own.keys() & given.keys():
+        stiffness = float(law.build({**least, name: own[name][1]}).stiffness())
+        if stiffness >= omega_n**2:
+            raise ConfigError(
+                f"Prior of `{name}`: {name} < omega_n^2 must hold, but {name} reaches "
+                f"{own[name][1]:g} and omega_n^2 is {omega_n**2:g} by Step 2.",
+                why="The joint's stiffness is a part of the whole, omega_n^2.",
+                remedy=f"Lower {name}'s upper bound in [identify.prior].",
+            )
+
+
+def _stiffest(data: Dataset) -> float:
+    """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""
+    gain = float(data.held.get("gain", 1.0))
+    found = [part.stiffness(gain) for part in data.parts]
+    return max(value for value in found if value is not None)
+
+
+def bounds_of(prior: Box) -> Bounds:
+    """Bounds of a box by name."""
+    sides = zip(prior.names, prior.lower, prior.upper, strict=True)
+    return {name: (float(low), float(high)) for name, low, high in sides}
 
 
 class Chosen(NamedTuple):
@@ -40,57 +148,11 @@ class Chosen(NamedTuple):
         )
 
 
-def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
-    """Box of the joint route: the joint's parameters, and the gain, where they are not held.
-
-    Args:
-        settings: The campaign's [identify] table.
-        data: The dataset.
-        known: First values of omega_n, zeta and gain.
-
-    Returns:
-        The box, the campaign's own bounds where it states them.
-    """
-    # Where nothing tells of damping, the displacement is prescribed in every test.
-    forced = all("zeta" not in part.informs for part in data.parts)
-    omega_n = known.get("omega_n") or _stiffest(data) ** 0.5
-    gain = None if "gain" in data.held else (known["gain"], min(p.gain_std() for p in data.parts))
-    prior = joint_box(
-        settings,
-        omega_n,
-        known.get("zeta", 0.01),
-        gain,
-        largest_displacement(data, omega_n),
-        laws=data.laws,
-        linear=any(part.is_linear for part in data.parts),
-        forced=forced,
-    )
-    return box({name: pair for name, pair in bounds_of(prior).items() if name not in data.held})
-
-
-def bounds_of(prior: Box) -> Bounds:
-    """Bounds of a box by name."""
-    sides = zip(prior.names, prior.lower, prior.upper, strict=True)
-    return {name: (float(low), float(high)) for name, low, high in sides}
-
-
-def _stiffest(data: Dataset) -> float:
-    """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""
-    gain = float(data.held.get("gain", 1.0))
-    found = [part.stiffness(gain) for part in data.parts]
-    return max(value for value in found if value is not None)
-
-
 def chosen_coordinates(best: Fit, settings: Identify, laws: tuple[str, ...]) -> list[Chosen]:
     """Coordinates to sample in, law by law: its products where no more is known.
 
     A campaign says so by `coordinates`; otherwise, where it bounds none of the law's parameters
     itself and the fit leaves one of them open.
-
-    Args:
-        best: The fit, in the laws' own parameters or already in other coordinates.
-        settings: The campaign's [identify] table.
-        laws: Names of the laws.
     """
     found = []
     for law in laws_named(laws):
@@ -109,14 +171,7 @@ def chosen_coordinates(best: Fit, settings: Identify, laws: tuple[str, ...]) -> 
 def coordinate_box(
     prior: Box, theta: Mapping[str, float], settings: Identify, chosen: Chosen
 ) -> Box:
-    """Box of a law's other coordinates about a fit, that of the other parameters kept.
-
-    Args:
-        prior: The box of the laws' own parameters.
-        theta: The fit, in these.
-        settings: The campaign's [identify] table, whose own bounds count.
-        chosen: The coordinates.
-    """
+    """Box of a law's other coordinates about a fit, that of the other parameters kept."""
     bounds, (law, coordinates) = bounds_of(prior), chosen
     other = law.coordinate_bounds(coordinates.name, bounds, theta, stated(settings))
     found: Bounds = {}
@@ -126,3 +181,42 @@ def coordinate_box(
         elif not other.keys() <= found.keys():
             found |= other
     return box(found)
+
+
+def combinations(
+    names: Iterable[str], laws: tuple[str, ...] = ("bouc_wen",)
+) -> tuple[Product, ...]:
+    r"""The products that weak motion knows of every law, and its parameters if not sampled.
+
+    Args:
+        names: Parameters of the box.
+        laws: Names of the laws of the joint.
+
+    Returns:
+        Those combinations whose parameters are all in the box.
+    """
+    present = set(names)
+    found = []
+    for law in laws_named(laws):
+        coordinates = _sampled_in(law, present)
+        own = [] if coordinates is None else list(coordinates.forward)
+        for monomial in (*own, *law.products):
+            product = _product(monomial, coordinates, is_product=monomial in law.products)
+            if product.powers.keys() <= present:
+                found.append(product)
+    return tuple(found)
+
+
+def _sampled_in(law: type[Law], present: set[str]) -> Coordinates | None:
+    """Which other coordinates of a law are in the box, if any."""
+    own = (one for one in law.coordinates.values() if set(one.names) & present)
+    return next(own, None)
+
+
+def _product(monomial: Monomial, coordinates: Coordinates | None, *, is_product: bool) -> Product:
+    powers = monomial.powers
+    if is_product and coordinates is not None:
+        powers = coordinates.powers(powers)
+    factors = tuple(monomial.powers) if is_product else ()
+    words = "*".join(factors) if is_product else monomial.name
+    return Product(monomial.name, words, {name: float(p) for name, p in powers.items()}, factors)

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Key
 
-from jbw.observables.dataset import Dataset, terms_by_label
+from jbw.observables.dataset import Dataset
 from jbw.observables.observable import Observable
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import BY_NAME
@@ -21,15 +21,9 @@ def draw_noise_std(
     terms: Float[np.ndarray, "chain draw term"],
     data: Dataset,
 ) -> dict[str, Draws]:
-    """One exact draw of each group's noise for every draw of the parameters, by label.
-
-    Args:
-        key: Random key.
-        theta: Draws of all parameters, and what was held.
-        terms: Terms of the log likelihood of every draw.
-        data: The dataset.
-    """
-    labelled, found = terms_by_label(terms, data), {}
+    """One exact draw of each group's noise for every draw of the parameters, by label."""
+    labelled = {label: terms[..., i] for i, label in enumerate(data.labels)}
+    found: dict[str, Draws] = {}
     for part in data.parts:
         if part.dimension:
             key, now = jax.random.split(key)
@@ -38,13 +32,7 @@ def draw_noise_std(
 
 
 def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.DataTree:
-    """The posterior with the noise of each group, the laws' own parameters and their products.
-
-    Args:
-        key: Random key of the noise.
-        tree: The groups that the sampler left.
-        data: The dataset.
-    """
+    """The posterior with the noise of each group, the laws' own parameters and their products."""
     posterior = tree["posterior"].to_dataset()
     terms = tree["log_likelihood"].to_dataset()["terms"].values
     held = {name: np.asarray(value) for name, value in data.held.items()}

@@ -14,9 +14,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from jbw.identification.accuracy import thinned
 from jbw.inference.posterior.finding import Finding
-from jbw.inference.posterior.summary import QUANTILES
+from jbw.inference.posterior.summary import QUANTILES, evenly_spaced
 from jbw.inference.posterior.verdict import bands_finding
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.oscillator import oscillator_of
@@ -44,31 +43,24 @@ def effects(
     y_peak: float,
     laws: tuple[str, ...] = ("bouc_wen",),
 ) -> Effects | None:
-    r"""What the joint does to frequency and damping at an amplitude, from its steady loop.
+    r"""What the joint does to frequency and damping at an amplitude Y [m], from its steady loop.
 
     $$\frac{\Delta\omega}{\omega_n} = \sqrt{\frac{k + k_{eq}}{\omega_n^2}} - 1, \qquad
       \frac{\Delta\zeta}{\zeta} = \frac{E}{2\pi\,\zeta\,\omega^2 Y^2}$$
 
-    Args:
-        posterior: Draws of the laws' parameters and whatever of omega_n, zeta was sampled.
-        held: The parameters that were not.
-        y_peak: Amplitude Y [m].
-        laws: Names of the laws of the joint.
-
-    Returns:
-        The effects; None where there is no damping to compare with, or no motion.
+    `held` has the parameters that were not sampled. None where there is no damping to compare
+    with, or no motion.
 
     Reference:
         Equivalent stiffness and damping of the steady loop of Eq. (2).
     """
-    joint = _names(laws)
-    names = tuple(name for name in joint if name in posterior)
-    theta = {**held, **thinned(posterior, names, NUM_DRAWS)}
-    if not (laws and _complete(theta, joint, y_peak)) or not np.all(theta["zeta"]):
+    keep = evenly_spaced(posterior, NUM_DRAWS)
+    theta = _joint_draws(posterior, held, laws)
+    if theta is None or not (laws and y_peak > 0 and np.all(theta["zeta"])):
         return None
-    alone = {name: jnp.broadcast_to(theta[name], len(theta[names[0]])) for name in joint}
-    shift, added = _effects(alone, y_peak, laws)
-    return Effects(np.asarray(shift), np.asarray(added / alone["zeta"]))
+    some = {name: values.ravel()[keep] for name, values in theta.items()}
+    shift, added = _effects(some, y_peak, laws)
+    return Effects(np.asarray(shift), np.asarray(added) / some["zeta"])
 
 
 def response_finding(
@@ -81,41 +73,33 @@ def response_finding(
 
     $$\omega(Y) = \sqrt{k + k_{eq}}, \qquad \zeta(Y) = \zeta + \frac{E}{2\pi\,\omega^2 Y^2}$$
 
-    Args:
-        posterior: Draws of the laws' parameters and whatever of omega_n, zeta was sampled.
-        held: The parameters that were not.
-        y_peak: Largest amplitude fitted [m]; looked at from a tenth of it upwards.
-        laws: Names of the laws of the joint.
-
-    Returns:
-        The finding; None where there is no motion, or a parameter is missing.
+    from a tenth of the largest amplitude fitted, `y_peak` [m], upwards. None where there is no
+    motion, or a parameter is missing.
     """
-    joint = _names(laws)
-    theta = {**held, **{name: posterior[name].values for name in joint if name in posterior}}
-    if not _complete(theta, joint, y_peak):
+    theta = _joint_draws(posterior, held, laws)
+    if theta is None or y_peak <= 0:
         return None
-    alone = dict(zip(joint, np.broadcast_arrays(*(theta[name] for name in joint)), strict=True))
-    flat = {name: jnp.asarray(values.ravel()) for name, values in alone.items()}
-    shape = alone["omega_n"].shape
+    flat = {name: values.ravel() for name, values in theta.items()}
     seen = {}
     for share in SHARES:
         shift, added = _effects(flat, share * y_peak, laws)
         place = f"at {share * y_peak:.2g} m"
         seen[f"the natural frequency {place}"] = (1 + shift) * flat["omega_n"]
         seen[f"the damping {place}"] = flat["zeta"] + added
+    shape = theta["omega_n"].shape
     return bands_finding({name: np.asarray(one).reshape(shape) for name, one in seen.items()})
 
 
-def _names(laws: tuple[str, ...]) -> tuple[str, ...]:
-    """Parameters of the oscillator with these laws."""
-    own = [quantity.name for quantity in OSCILLATOR if quantity.name != "gain"]
-    return (*own, *(quantity.name for quantity in quantities_of(laws)))
-
-
-def _complete(
-    theta: Mapping[str, float | np.ndarray], names: tuple[str, ...], y_peak: float
-) -> bool:
-    return set(names) <= set(theta) and y_peak > 0
+def _joint_draws(
+    posterior: xr.Dataset, held: Mapping[str, float], laws: tuple[str, ...]
+) -> dict[str, Float[np.ndarray, "chain draw"]] | None:
+    """Every draw of the oscillator with these laws; None where a parameter is missing."""
+    table = [*OSCILLATOR, *quantities_of(laws)]
+    names = [quantity.name for quantity in table if quantity.name != "gain"]
+    theta = {**held, **{name: posterior[name].values for name in names if name in posterior}}
+    if not set(names) <= set(theta):
+        return None
+    return dict(zip(names, np.broadcast_arrays(*(theta[name] for name in names)), strict=True))
 
 
 @partial(jax.jit, static_argnames="laws")

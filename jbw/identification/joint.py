@@ -1,21 +1,53 @@
-"""All parameters set to update: the joint posterior of everything that was measured."""
+"""All parameters set to update: the joint posterior of everything that was measured.
+
+Prepared and fitted, drawn by the sampler that suits what was measured, completed by what follows
+from the draws, and checked.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
+from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import xarray as xr
 from jaxtyping import Array, Key
 
 from jbw.campaign.settings import Identify
+from jbw.identification.accuracy import residual_finding, shape_finding, solver_finding
 from jbw.identification.derived import with_derived
-from jbw.identification.drawing import sample_joint, stuck
-from jbw.identification.posterior_checks import posterior_checks
+from jbw.identification.equivalent import effects, effects_sentence, response_finding
+from jbw.identification.leaving_out import (
+    consistency_finding,
+    leave_one_out,
+    left_out_dataset,
+    left_out_sentence,
+)
 from jbw.identification.prepare import prepare
-from jbw.identification.step import Step, finished
+from jbw.identification.run_effects import runs_dataset, runs_sentence
+from jbw.identification.step import Step, attrs, finished
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.posterior.finding import Finding
+from jbw.inference.posterior.verdict import Verdict
 from jbw.inference.samplers.checkpointing import Keep, nowhere
-from jbw.observables.dataset import Dataset
+from jbw.inference.samplers.register import sampler_named
+from jbw.inference.samplers.rewhitening import sample_again
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import Box
+from jbw.inference.space.reparametrisation import along_logarithms, never_zero
+from jbw.inference.space.ridge import along_ridge
+from jbw.observables.dataset import (
+    Dataset,
+    error_by_label,
+    fractions_counted,
+    largest_displacement,
+    left_by_label,
+    log_likelihood,
+)
+
+ROUNDS = 3  # times that slices are drawn again, where their chains disagree
+STUCK = {"frozen_chain", "r_hat"}  # findings of a sampler that does not fit the posterior
 
 
 def joint_step(
@@ -47,16 +79,20 @@ def joint_step(
     """
     started = perf_counter()
     keys = jax.random.split(key, 5)
-    ready = prepare(keys[:2], data, settings, _means(earlier))
+    known: dict[str, float] = {}
+    for step in ("third_order_nuts", "opening_nuts"):
+        if step in earlier:
+            known |= earlier[step].means
+    ready = prepare(keys[:2], data, settings, known)
     prior, best, data = ready.box, ready.fit, ready.data
     chains = sample_joint(keys[2], data, prior, best, settings, keep, name=name)
     posterior = with_derived(keys[3], chains, data)
-    beside = posterior_checks(keys[4], posterior["posterior"].to_dataset(), prior, best, data)
-    for group, dataset in beside.groups.items():
+    checks = posterior_checks(keys[4], posterior["posterior"].to_dataset(), prior, best, data)
+    for group, dataset in checks.groups.items():
         posterior[group] = xr.DataTree(dataset)
     step = finished(
         name, posterior, prior, best, started,
-        findings=beside.findings, statements=[*ready.words, *beside.words],
+        findings=checks.findings, statements=[*ready.statements, *checks.words],
         held={held: float(value) for held, value in data.held.items()},
         chi_square=ready.chi_square,
     )  # fmt: skip
@@ -64,11 +100,104 @@ def joint_step(
     return replace(step, statements=(*step.statements, *words)), data
 
 
-def _means(earlier: Mapping[str, Step]) -> dict[str, float]:
-    """Posterior means of the paper's steps, which are where to start."""
-    found: dict[str, float] = {}
-    for step in ("third_order_nuts", "opening_nuts"):
-        if step in earlier:
-            group = earlier[step].posterior["posterior"]
-            found |= {str(n): float(v.mean()) for n, v in group.data_vars.items()}
-    return found
+def sample_joint(
+    key: Key[Array, ""],
+    data: Dataset,
+    prior: Box,
+    best: Fit,
+    settings: Identify,
+    keep: Keep,
+    *,
+    name: str,
+) -> xr.DataTree:
+    """Draws in the coordinate whitened by the fit's covariance.
+
+    Where time is stepped through, by elliptical slices about the Laplace approximation, at a few
+    evaluations a draw: along the ridge of the fit, from wall to wall of the box, where it leaves a
+    direction open or runs into a wall; otherwise along the logarithms of what cannot be zero. Where
+    evaluations are cheap, by NUTS along the model's own gradient. Slices whose chains disagree are
+    drawn again about their own moments, up to three times.
+    """
+    sampler = settings.sampler
+    if sampler == "auto":
+        sampler = "elliptical_slice" if data.stepped else "nuts"
+    num_warmup, num_samples = settings.draws(sampler_named(sampler).draws)
+    options = {
+        "sampler": sampler,
+        "num_warmup": num_warmup,
+        "num_samples": num_samples,
+        "num_chains": settings.num_chains,
+        "chain_method": "parallel" if jax.device_count() > 1 else "sequential",
+        "options": {"adapt_mass": True},
+        "attrs": attrs(data.laws),
+    }
+    if sampler != "elliptical_slice":
+        about = {"start": best.theta, "covariance": best.covariance, "kept": keep(name)}
+        return sample(key, log_likelihood, prior, data, **about, **options)
+    if best.weak is not None or best.at_bound:
+        coordinates = along_ridge(best.theta, best.covariance, prior)
+    else:
+        logs = never_zero(best.theta, best.covariance, prior)
+        coordinates = along_logarithms(best.theta, best.covariance, prior, logs)
+    return sample_again(
+        key, log_likelihood, prior, data, coordinates=coordinates, rounds=ROUNDS,
+        keep=lambda i: keep(f"{name}_{i}" if i else name), **options,
+    )  # fmt: skip
+
+
+def stuck(posterior: xr.DataTree, judged: Verdict) -> list[str]:
+    """What to do where elliptical slices do not mix, in words; nothing where they do."""
+    failed = {finding.code for finding in judged.findings if finding.status != "ok"}
+    if posterior.attrs.get("sampler") != "elliptical_slice" or not failed & STUCK:
+        return []
+    return [
+        "The posterior is too far from the Gaussian about the fit for elliptical slices: "
+        'sampler = "nuts" in [identify] follows the gradient of the model, for some hundred times '
+        "as many evaluations a draw."
+    ]
+
+
+class Checks(NamedTuple):
+    """What was seen beside the chains.
+
+    Attributes:
+        groups: Labelled arrays to keep beside the draws, by name.
+        findings: For the verdict.
+        words: For the reader, a sentence each.
+    """
+
+    groups: dict[str, xr.Dataset]
+    findings: list[Finding]
+    words: list[str]
+
+
+def posterior_checks(
+    key: Key[Array, ""], posterior: xr.Dataset, prior: Box, best: Fit, data: Dataset
+) -> Checks:
+    """Residuals, the solver, runs, effects and levels left out, of a posterior and its fit."""
+    seen = Checks({}, [], [])
+    left = left_by_label(best.residual, data)
+    error = error_by_label(left, data)
+    judged = (
+        residual_finding(left, fractions_counted(data), error),
+        shape_finding(error, data),
+        solver_finding(posterior[list(prior.names)], data),
+    )
+    seen.findings.extend(finding for finding in judged if finding is not None)
+    if (runs := runs_dataset(key, posterior, prior.names, data)) is not None:
+        seen.groups["runs"] = runs
+        seen.words.append(runs_sentence(runs))
+    theta = {name: jnp.asarray(value) for name, value in best.theta.items()} | dict(data.held)
+    for part in data.parts:
+        seen.words.extend(part.statements(theta))
+    held = {name: float(value) for name, value in data.held.items()}
+    y_peak = largest_displacement(data, best.theta.get("omega_n", held.get("omega_n", 1.0)))
+    if (bands := response_finding(posterior, held, y_peak, data.laws)) is not None:
+        seen.findings.append(bands)
+    if (found := effects(posterior, held, y_peak, data.laws)) is not None:
+        seen.words.append(effects_sentence(found, y_peak))
+    if (left_out := leave_one_out(best, prior, data)) is not None:
+        seen.groups["leave_one_out"] = left_out_dataset(left_out)
+        seen.findings.append(consistency_finding(left_out))
+        seen.words.append(left_out_sentence(left_out))
+    return seen

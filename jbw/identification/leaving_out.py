@@ -19,8 +19,7 @@ from jbw.inference.fit.costly_fit import costly_fit, linearise
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.verdict import Finding
 from jbw.inference.space.box import Box
-from jbw.observables.dataset import Dataset, stacked, without
-from jbw.observables.weighting import left_by_label, size_by_label
+from jbw.observables.dataset import Dataset, left_by_label, size_by_label, stacked, without
 
 MOVES = 4.0  # standard deviations of the change: beyond, the runs contradict each other
 NO_SCATTER = 1e-12  # of runs: all of them have the common parameters
@@ -51,15 +50,8 @@ class LeftOut:
 def leave_one_out(best: Fit, prior: Box, data: Dataset) -> LeftOut | None:
     """Fit again without each run of records, harmonics or loops in turn.
 
-    Two runs must be left, so that no fit is of one level alone.
-
-    Args:
-        best: The fit of all.
-        prior: Its box.
-        data: The dataset.
-
-    Returns:
-        The fits; None with fewer than two such runs, or three runs in all.
+    Two runs must be left, so that no fit is of one level alone: None with fewer than two such
+    runs, or three runs in all.
     """
     own = [part for part in data.parts if part.sizes() and not part.own_shifts]
     runs = tuple(dict.fromkeys(run for part in own for run in part.runs))

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import DataError
-from jbw.identification.weighted import floored
 from jbw.measurement.channels import passband
 from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
@@ -64,13 +63,6 @@ def line_fit_start(frf: FRF, band: tuple[float, float] | None = None) -> LineFit
     Weighted by |H|^4 over the variance, which is what 1/H inherits. Reads the FRF as it stands, so
     a short window reads too high a damping. No covariance (NaN): a start for `line_fit`.
 
-    Args:
-        frf: Estimated receptance.
-        band: Lowest and highest frequency to fit [Hz]; by default 20 % about the peak.
-
-    Returns:
-        The fit.
-
     Raises:
         DataError: Fewer than 4 lines, or no resonance that loses energy.
     """
@@ -102,15 +94,14 @@ def line_fit_start(frf: FRF, band: tuple[float, float] | None = None) -> LineFit
     )  # fmt: skip
 
 
+def floored(variance: NDArray[np.float64], h: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Variance kept off zero: a noise-free line would outweigh all others."""
+    typical = np.mean(variance[np.isfinite(variance)]) if np.isfinite(variance).any() else 0.0
+    return np.maximum(variance, max(1e-6 * typical, (1e-12 * np.abs(h).max()) ** 2))
+
+
 def lines_of(frf: FRF, band: tuple[float, float] | None) -> slice:
-    """Lines of the FRF inside the band; by default 20 % to either side of the peak.
-
-    Args:
-        frf: Estimated receptance.
-        band: Lowest and highest frequency [Hz].
-
-    Returns:
-        The slice of its lines.
+    """Lines of the FRF inside the band [Hz]; by default 20 % to either side of the peak.
 
     Raises:
         DataError: Fewer than 4 lines.

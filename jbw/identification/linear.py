@@ -7,11 +7,10 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import optimize, stats
 
 from jbw.errors import ConfigError, DataError
-from jbw.identification.line_method import LineFit, line_fit_start, lines_of
-from jbw.identification.weighted import covariance_of, floored, least_squares
+from jbw.identification.line_method import LineFit, floored, line_fit_start, lines_of
 from jbw.identification.windowed import line_errors, receptance, smeared
 from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
@@ -104,16 +103,16 @@ def line_fit(
     theta = np.concatenate([start.theta, extra])
     observed = floored(part.variance * np.abs(_to_measured(part)) ** 2, data)
     variance, of_sum = observed, None
-    theta, jacobian, chi_square = least_squares(model, data, variance, theta, typical)
+    theta, jacobian, chi_square = _least_squares(model, data, variance, theta, typical)
     # The errors depend on the parameters, weakly: two rounds settle the weights.
     for _ in range(2 if frf.window == "hann" else 0):
         errors = line_errors(part, observed * frf.num_averages, tuple(theta[:3]), leakage=smear)
         variance, of_sum = floored(errors.variance, data), errors.of_sum
-        theta, jacobian, chi_square = least_squares(model, data, variance, theta, typical)
+        theta, jacobian, chi_square = _least_squares(model, data, variance, theta, typical)
     upper, lower = (*theta[3:], 0.0, 0.0)[:2]
     fit = LineFit(
         omega_n=float(theta[0]), zeta=float(theta[1]), gain=float(theta[2]),
-        covariance=covariance_of(jacobian, variance, of_sum)[:3, :3],
+        covariance=_covariance_of(jacobian, variance, of_sum)[:3, :3],
         upper=float(upper), lower=float(lower * part.omega.mean() ** 2),
         chi_square=chi_square, dof=2 * len(data) - len(theta), num_lines=len(data),
         band_hz=start.band_hz, smeared=smear,
@@ -197,6 +196,54 @@ def _part(frf: FRF, lines: slice) -> FRF:
     """The FRF at some of its lines."""
     arrays = ("freq", "h", "coherence", "variance", "input_spectrum", "output_spectrum")
     return replace(frf, **{name: getattr(frf, name)[lines] for name in arrays})
+
+
+def _least_squares(
+    model: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
+    data: NDArray[np.complex128],
+    variance: NDArray[np.float64],
+    start: NDArray[np.float64],
+    typical: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.complex128], float]:
+    """Parameters, complex Jacobian of the model and chi-square, weighted by the variance."""
+    weight = np.sqrt(2 / variance)  # each component has half of the variance
+
+    def misfit(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        r = weight * (model(x * typical) - data)
+        return np.concatenate([r.real, r.imag])
+
+    low = np.full(len(start), -np.inf)
+    low[1] = 1e-6  # a damping of zero has no steady response
+    high = np.full(len(start), np.inf)
+    high[1] = 0.999 / typical[1]
+    x0 = np.clip(start / typical, low + 1e-9, high)
+    # Widths of zeta's size matter in omega_n too, so its step is scaled down.
+    size = np.ones(len(start))
+    size[0] = typical[1]
+    found = optimize.least_squares(
+        misfit, x0, jac="3-point", x_scale=size, bounds=(low, high), xtol=1e-14, ftol=1e-14,
+        gtol=1e-14,
+    )  # fmt: skip
+    if not (np.all(np.isfinite(found.x)) and found.x[1] > 2e-6):
+        raise DataError(
+            "The fit of the oscillator to the FRF found no positive damping.",
+            remedy="Check `delay`, `band` and which channel is the input.",
+        )
+    half = len(data)
+    jacobian = (found.jac[:half] + 1j * found.jac[half:]) / weight[:, None] / typical
+    return found.x * typical, jacobian, float(2 * found.cost)
+
+
+def _covariance_of(
+    jacobian: NDArray[np.complex128],
+    variance: NDArray[np.float64],
+    of_sum: Callable[[NDArray[np.complex128]], NDArray[np.float64]] | None,
+) -> NDArray[np.float64]:
+    """Covariance of weighted least squares; of correlated lines where `of_sum` knows them."""
+    scale = np.linalg.norm(jacobian, axis=0)
+    weighted = (jacobian / scale).conj().T * (2 / variance)
+    inverse = np.linalg.inv((weighted @ (jacobian / scale)).real) / np.outer(scale, scale)
+    return inverse if of_sum is None else of_sum(inverse @ (weighted * scale[:, None]))
 
 
 def _warn_when_doubtful(fit: LineFit, frf: FRF) -> None:

@@ -9,7 +9,7 @@ from jbw.identification.linear import LineFit, PooledFit, line_fit, pool
 from jbw.measurement.periods import steady
 from jbw.measurement.records import Test
 from jbw.measurement.spectra import FRF, frf
-from jbw.observables.motion import advance
+from jbw.observables.samples import advance
 from jbw.oscillator.paper.kernels import h1
 from jbw.quantities import BY_NAME, derivative_order, gain_unit, per
 

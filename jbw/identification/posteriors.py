@@ -10,19 +10,17 @@ from jaxtyping import Array, Key, PyTree
 
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, DataError
-from jbw.identification.drawing import steps_through_time
+from jbw.identification.assemble import Measured, Report, assemble, measured
 from jbw.identification.linear_step import LinearStep
-from jbw.identification.paper import kernel, opening, step3, step4
-from jbw.identification.prepare import Measured, Report, measured, prepare
-from jbw.identification.reweighting import refit
-from jbw.identification.selection import Sweeps, probing_tests
+from jbw.identification.paper import kernel, step3, step4
+from jbw.identification.prepare import Fitted, prepare, refit
+from jbw.identification.selection import probing_tests
+from jbw.identification.step import means_of
 from jbw.inference.fit.fitting import Fit
-from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import LogLikelihood
-from jbw.inference.space.ridge import along_ridge
 from jbw.measurement.records import Test
-from jbw.observables.dataset import Dataset, log_likelihood
+from jbw.observables.dataset import log_likelihood
 from jbw.observables.records import Records
 
 logger = logging.getLogger("jbw")
@@ -78,15 +76,8 @@ def posterior_of(
 ) -> Posterior:
     """Do the procedure as far as the fit of one step, and stop before its draws.
 
-    Args:
-        step: "joint", "third_order" or "opening".
-        tests: The campaign's tests.
-        settings: Its [identify] table.
-        laws: Names of the laws of the joint.
-        gain: Gain that the campaign states [N/kg per unit of the input].
-        seed: Of the starts.
-        known: What a finished run says of its prior and of Step 3.
-        report: Called with one sentence at every stage.
+    `step` is "joint", "third_order" or "opening", `known` what a finished run says of its prior
+    and of Step 3; the other arguments are as of `run_procedure`.
 
     Raises:
         ConfigError: An unknown step.
@@ -96,9 +87,9 @@ def posterior_of(
         raise ConfigError(f"Argument `step` must be one of {', '.join(STEPS)}, not {step!r}.")
     key, known = jax.random.key(seed), known or Known()
     seen = measured(tests, settings, laws=laws, gain=gain, report=report)
-    linear = seen.linear
     if step == "joint":
         return _joint(key, seen, known, report)
+    linear = seen.linear
     probing = [] if linear is None else probing_tests(tests, linear.natural_hz)
     if linear is None or not probing:
         raise DataError(
@@ -106,7 +97,7 @@ def posterior_of(
             remedy='Compare on step "joint".',
         )
     if step == "opening":
-        return _opening(key, seen.sweeps, settings, linear, probing, known, report)
+        return _opening(key, seen, linear, probing, known, report)
     report(f"Step 3: third-order kernel at {len(probing)} frequencies")
     found = step3.fit_kernel(key, probing, linear.pooled, settings)
     best = step3.as_noise(found.fit)
@@ -115,50 +106,45 @@ def posterior_of(
 
 def _opening(
     key: Key[Array, ""],
-    sweeps: Sweeps | None,
-    settings: Identify,
+    seen: Measured,
     linear: LinearStep,
     probing: Sequence[Test],
     known: Known,
     report: Report,
 ) -> Posterior:
-    if sweeps is None:
+    if seen.sweeps is None:
         raise DataError(
             "Step `opening` needs sweeps, which the campaign lacks.",
             remedy='Compare on step "third_order" or "joint".',
         )
+    settings = seen.settings
     keys, means = jax.random.split(key, 3), dict(known.means)
     if not means:
         report("Step 3: means of zeta, alpha and delta, by NUTS")
         found = step3.fit_kernel(keys[0], probing, linear.pooled, settings)
-        noisy = step3.as_noise(found.fit)
-        tree = sample(
-            keys[1], kernel.log_likelihood, found.box, found.data,
-            coordinates=along_ridge(noisy.theta, noisy.covariance, found.box),
-            num_warmup=500, num_samples=500, chain_method="vectorized",
-        )  # fmt: skip
-        means = {str(n): float(v.mean()) for n, v in tree["posterior"].data_vars.items()}
+        means = means_of(step3.draw(keys[1], found, num_warmup=500, num_samples=500))
     report("Step 4: gamma alone, the earlier steps held")
-    records = Records.of(sweeps.fitted, substeps=settings.substeps)
+    records = Records.of(seen.sweeps.fitted, substeps=settings.substeps)
     start = step4.fit_opening(keys[2], records, linear.pooled, means, settings)
     return Posterior(
-        "opening", opening.log_likelihood, start.box, start.curve, start.fit, stepped=False
+        "opening", step4.log_likelihood, start.box, start.curve, start.fit, stepped=False
     )
 
 
 def _joint(key: Key[Array, ""], seen: Measured, known: Known, report: Report) -> Posterior:
-    data = seen.dataset()
+    data = assemble(seen)
     report(f"Least squares: all parameters from {len(data.labels)} groups of data")
     ready = prepare(jax.random.split(key), data, seen.settings)
-    prior, best = _as_known(ready.box, ready.fit, ready.data, known)
-    stepped = steps_through_time(ready.data)
+    prior, best = _as_known(ready, known)
+    stepped = ready.data.stepped
     return Posterior("joint", log_likelihood, prior, ready.data, best, stepped, data.laws)
 
 
-def _as_known(prior: Box, best: Fit, data: Dataset, known: Known) -> tuple[Box, Fit]:
+def _as_known(ready: Fitted, known: Known) -> tuple[Box, Fit]:
     """The prior of the run, which may have started elsewhere, and the fit in it."""
+    prior = ready.box
     if not known.bounds:
-        return prior, best
+        return prior, ready.fit
     if set(known.bounds) != set(prior.names):
         raise ConfigError(
             f"The run sampled {', '.join(known.bounds)}, but the campaign leads to "
@@ -168,4 +154,4 @@ def _as_known(prior: Box, best: Fit, data: Dataset, known: Known) -> tuple[Box, 
         )
     lower, upper = zip(*(known.bounds[name] for name in prior.names), strict=True)
     prior = Box(prior.names, jnp.asarray(lower), jnp.asarray(upper))
-    return prior, refit(best, prior, data)
+    return prior, refit(ready.fit, prior, ready.data)

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field, replace
 import jax
 from jaxtyping import Array, Key
 
-from jbw.campaign.settings import DEFAULT_LAWS, Identify, laws_of
-from jbw.identification.assemble import fitted
+from jbw.campaign.settings import Identify
+from jbw.identification.assemble import Measured, Report, assemble, measured
 from jbw.identification.joint import joint_step
 from jbw.identification.linear_step import LinearStep
 from jbw.identification.paper import step3
 from jbw.identification.paper.step4 import opening_steps
-from jbw.identification.prepare import Measured, Report, measured
-from jbw.identification.selection import DecaySplit, Sweeps, decay_tests, probing_tests
+from jbw.identification.prepare import Fitted
+from jbw.identification.selection import DecaySplit, Sweeps, probing_tests
 from jbw.identification.step import Step
 from jbw.inference.samplers.checkpointing import Keep, nowhere
 from jbw.measurement.records import Test
@@ -52,6 +52,11 @@ class Identification:
     def main(self) -> Step:
         """The posterior that the verdict is about: the joint one where there is one."""
         return self.steps.get("joint") or self.steps["third_order_nuts"]
+
+    @property
+    def fitted(self) -> Fitted | None:
+        """The fit that the main posterior started from; None without a joint posterior."""
+        return None if self.data is None else Fitted(self.main.fit, self.main.box, self.data)
 
     @property
     def decay(self) -> Step | None:
@@ -92,30 +97,27 @@ def run_procedure(
         DataError: If there is nothing that the joint can be fitted to.
     """
     keys = iter(jax.random.split(jax.random.key(seed), 16))
-    laws = laws_of(DEFAULT_LAWS, settings.prior) if laws is None else laws
-    decays = decay_tests(tests, settings, fitted(tests, settings))
     seen = measured(tests, settings, laws=laws, gain=gain, report=report)
-    seen = replace(seen, decays=decays)
-    found = Identification(linear=seen.linear, sweeps=seen.sweeps, decays=decays)
-    if seen.linear is not None and "bouc_wen" in laws:
+    found = Identification(linear=seen.linear, sweeps=seen.sweeps, decays=seen.decays)
+    if seen.linear is not None and "bouc_wen" in seen.laws:
         found = _paper_steps(found, seen.linear, seen, keys, report, keep)
-    data = seen.dataset()
+    data = assemble(seen)
     report(f"Joint posterior: all parameters from {len(data.labels)} groups of data")
     step, data = joint_step(next(keys), data, found.steps, settings, keep=keep)
     found = replace(found, data=data, steps={**found.steps, "joint": step})
-    return found if decays is None else _with_decays(found, seen, seed, report, keep)
+    return found if seen.decays is None else _with_decays(found, seen, seed, report, keep)
 
 
 def _with_decays(
     found: Identification, seen: Measured, seed: int, report: Report, keep: Keep
 ) -> Identification:
     """The posterior of the decays by themselves, where there are other tests."""
-    free = [test for test in seen.tests if test.traits.is_free]
-    if len(free) == len(seen.tests):
+    if all(test.traits.is_free for test in seen.tests):
         return replace(found, decay_data=_decays_of(found.data))
     report("Free decays: the joint from them alone")
     key = jax.random.fold_in(jax.random.key(seed), DECAY_KEY)
-    step, data = joint_step(key, seen.dataset(free), {}, seen.settings, name="decay", keep=keep)
+    free = replace(seen, chosen=tuple(test for test in seen.chosen if test.traits.is_free))
+    step, data = joint_step(key, assemble(free), {}, seen.settings, name="decay", keep=keep)
     return replace(found, decay_data=_decays_of(data), steps={**found.steps, "decay": step})
 
 
@@ -140,7 +142,7 @@ def _paper_steps(
     report(f"Step 3: third-order kernel at {len(probing)} frequencies")
     kernel_fit = step3.fit_kernel(next(keys), probing, linear.pooled, settings)
     steps = step3.third_order_steps(next(keys), kernel_fit, settings, keep=keep)
-    chosen = {test.name for test in fitted(seen.tests, settings)}
+    chosen = {test.name for test in seen.chosen}
     sweeps = [] if found.sweeps is None else found.sweeps.fitted
     swept = by_form([test for test in sweeps if test.name in chosen])
     if swept:

@@ -6,23 +6,31 @@ narrow. So every run's own offset is read off the fit's residuals, and where the
 more than chance allows, each run gets its own in the likelihood, with a scatter of the size seen.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+import xarray as xr
+from jaxtyping import Array, Float, Key
 from numpy.typing import NDArray
 from scipy import stats
 
 from jbw.campaign.settings import Identify
+from jbw.identification.accuracy import thinned
 from jbw.inference.fit.fitting import Fit
-from jbw.inference.groups.scatter import scatter_grid
-from jbw.observables.dataset import Dataset, best_offsets, by_label, with_directions
-from jbw.observables.observable import OFFSETS
-from jbw.observables.runs import assemblies_of
+from jbw.inference.groups.scatter import Spread, draw_offsets, scatter_grid
+from jbw.inference.posterior.summary import QUANTILES
+from jbw.observables.dataset import Dataset, best_offsets, by_label, estimates, with_directions
+from jbw.observables.observable import OFFSETS, assemblies_of
+from jbw.quantities import BY_NAME
 
 BY_CHANCE = 1e-3  # probability below which shifts are taken for real
 LEAST, MOST = (1e-7, 1e-4), (1e-2, 0.5)  # scatter of omega_n and zeta, relative
+NUM_DRAWS = 200
+PLURAL = {"run": "runs", "assembly": "assemblies"}
 
 
 @dataclass(frozen=True)
@@ -50,13 +58,7 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
     $$W_r = J_r^T J_r, \quad \hat b_r = W_r^{-1} J_r^T r, \quad
       \chi^2 = \sum_r (\hat b_r - \bar b)^T W_r (\hat b_r - \bar b)$$
 
-    Args:
-        best: The fit.
-        names: Parameters in the order of its Jacobian.
-        data: The dataset that was fitted.
-
-    Returns:
-        The shifts; None with fewer than two runs that know their offsets.
+    None with fewer than two runs that know their offsets.
     """
     columns = [names.index(name) for name in OFFSETS if name in names]
     if len(columns) < len(OFFSETS):
@@ -107,13 +109,7 @@ def wanted(shifts: Shifts | None, settings: Identify) -> bool:
 
 
 def with_offsets(best: Fit, shifts: Shifts, data: Dataset) -> Dataset:
-    """The dataset in which every run has offsets of its own.
-
-    Args:
-        best: The fit, where predictions are linearised.
-        shifts: The offsets seen.
-        data: The dataset.
-    """
+    """The dataset in which every run has offsets of its own."""
     centre = np.array([best.theta[name] for name in OFFSETS])
     least, most = (tuple(np.array(part) * centre) for part in (LEAST, MOST))
     scatter = np.clip(shifts.scatter, least, most)
@@ -127,12 +123,7 @@ def with_offsets(best: Fit, shifts: Shifts, data: Dataset) -> Dataset:
 
 
 def recentred(best: Fit, data: Dataset) -> Dataset:
-    """The dataset linearised about the runs' offsets as they are now known.
-
-    Args:
-        best: The fit with offsets.
-        data: The dataset, whose runs have offsets.
-    """
+    """The dataset linearised about the runs' offsets as they are now known."""
     return with_directions(best.theta, data, best_offsets(best.theta, data))
 
 
@@ -145,4 +136,80 @@ def sentence_of(shifts: Shifts) -> str:
     return (
         f"The natural frequency differs from run to run by more than chance (p = {shifts.p:.1g}): "
         f"{seen}. Each run has offsets of omega_n and zeta of its own in the likelihood."
+    )
+
+
+def runs_dataset(
+    key: Key[Array, ""], posterior: xr.Dataset, names: tuple[str, ...], data: Dataset
+) -> xr.Dataset | None:
+    """Draws of every run's omega_n and zeta, and of their standard deviation over runs.
+
+    omega_n and zeta of the posterior are the population's mean. Of each draw of the parameters the
+    scatter and the offsets are drawn from their density given the data.
+
+    Returns:
+        `omega_n` and `zeta` over (draw, run), `spread_omega_n` and `spread_zeta` over (draw), with
+        the suffix `_assembly` over assemblies where there are any; None where runs have no offsets.
+    """
+    if not data.has_offsets:
+        return None
+    theta = {name: jnp.asarray(v) for name, v in thinned(posterior, names, NUM_DRAWS).items()}
+    num_draws = len(theta[names[0]])
+    drawn = _draws(jax.random.split(key, num_draws), theta, data)
+    runs = list(dict.fromkeys(data.runs))
+    centre = {**data.held, **theta}
+    found = {}
+    for i, name in enumerate(OFFSETS):
+        own = np.asarray(drawn.offset[:, :, i]) + np.reshape(centre[name], (-1, 1))
+        attrs = {**BY_NAME[name].attrs, "long_name": f"{name} of each run"}
+        found[name] = (("draw", "run"), own, attrs)
+        unit = BY_NAME[name].unit
+        for level, over in enumerate(list(PLURAL)[: drawn.scatter.shape[1] // len(OFFSETS)]):
+            suffix = "" if over == "run" else f"_{over}"
+            spread = np.asarray(drawn.scatter[:, len(OFFSETS) * level + i])
+            attrs = {"units": unit, "long_name": f"sd of {name} over {PLURAL[over]}"}
+            found[f"spread_{name}{suffix}"] = ("draw", spread, attrs)
+    return xr.Dataset(found, {"run": runs, "draw": np.arange(num_draws)})
+
+
+@eqx.filter_jit
+def _draws(
+    keys: Key[Array, " draw"], theta: Mapping[str, Float[Array, " draw"]], data: Dataset
+) -> Spread:
+    def one(pair: tuple[Array, Mapping[str, Array]]) -> Spread:
+        key, some = pair
+        found = estimates({**data.held, **some}, data)
+        return draw_offsets(key, found, data.levels, data.scatters)
+
+    return jax.lax.map(one, (keys, dict(theta)))
+
+
+def runs_summary(runs: xr.Dataset) -> dict[str, dict[str, dict[str, float]]]:
+    """Mean, sd and 99 % interval of every run's values, and of the spreads, plain values only."""
+    rows = {}
+    for name, values in runs.data_vars.items():
+        each = {"": values} if values.ndim == 1 else {r: values.sel(run=r) for r in runs.run.values}
+        rows[str(name)] = {str(key): _row(one.values) for key, one in each.items()}
+    return rows
+
+
+def _row(draws: Float[np.ndarray, " draw"]) -> dict[str, float]:
+    low, middle, high = np.quantile(draws, QUANTILES)
+    return {
+        "mean": float(draws.mean()), "sd": float(draws.std(ddof=1)),
+        "q005": float(low), "median": float(middle), "q995": float(high),
+    }  # fmt: skip
+
+
+def runs_sentence(runs: xr.Dataset) -> str:
+    """How far omega_n scatters, in words."""
+    told = []
+    for over, plural in PLURAL.items():
+        name = "spread_omega_n" + ("" if over == "run" else f"_{over}")
+        if name in runs:
+            low, middle, high = np.quantile(runs[name].values, QUANTILES) / (2 * np.pi)
+            told.append(f"{middle:.2g} Hz [{low:.2g}, {high:.2g}] over {plural}")
+    return (
+        "The natural frequency of the posterior is the population's mean; it scatters by "
+        f"{' and '.join(told)} (standard deviation, 99 % interval)."
     )

@@ -23,6 +23,23 @@ class Sweeps:
     held_out: tuple[Test, ...]
 
 
+def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
+    """Tests that `fit` and `hold_out` leave.
+
+    Raises:
+        ConfigError: If `hold_out` names no test.
+    """
+    names = [test.name for test in tests]
+    unknown = [name for name in settings.hold_out if name not in names]
+    if unknown:
+        raise ConfigError(
+            f"Setting `hold_out` must name tests of the campaign, but holds {unknown}.",
+            remedy=f"The tests are {', '.join(names)}.",
+        )
+    kinds = {test.kind for test in tests} if settings.fit is None else settings.fit
+    return [test for test in tests if test.kind in kinds and test.name not in settings.hold_out]
+
+
 def linear_test(tests: Sequence[Test]) -> Test | None:
     """The noise or multisine test of the lowest level: the most linear one, for Step 2."""
     noise = [test for test in tests if test.traits.is_broadband]
@@ -30,15 +47,7 @@ def linear_test(tests: Sequence[Test]) -> Test | None:
 
 
 def probing_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
-    """Tests with one tone around a third of the natural frequency, by frequency, for Step 3.
-
-    Args:
-        tests: The campaign's tests.
-        natural_hz: Natural frequency of Step 2 [Hz].
-
-    Returns:
-        The probing tests, lowest frequency first.
-    """
+    """Tests with one tone around a third of the natural frequency, by frequency, for Step 3."""
     single = [test for test in tests if test.is_single_tone]
     low, high = (part * natural_hz for part in THIRD)
     return tuple(
@@ -58,13 +67,6 @@ def sweep_tests(tests: Sequence[Test], settings: Identify) -> Sweeps | None:
 
     `fit_levels` names the levels to fit; by default the lowest and the highest of three or more,
     all of fewer. `fit_repeats` is how many repeats of them are fitted, half by default.
-
-    Args:
-        tests: The campaign's tests.
-        settings: The campaign's [identify] table.
-
-    Returns:
-        The split, or None without sweeps.
 
     Raises:
         ConfigError: A level that no sweep has, or more repeats than there are.
@@ -112,16 +114,9 @@ class DecaySplit:
 def decay_tests(
     tests: Sequence[Test], settings: Identify, chosen: Sequence[Test] | None = None
 ) -> DecaySplit | None:
-    """Free decays split into what is fitted and what is held out.
+    """Free decays split into what is fitted and what is held out; None without any to fit.
 
-    Args:
-        tests: The campaign's tests.
-        settings: The campaign's [identify] table; `fit_repeats` of each test are fitted, half by
-            default.
-        chosen: Tests that may be fitted; all of them when None.
-
-    Returns:
-        The split, or None without decays.
+    Of each of the `chosen` tests, all of them when None, `fit_repeats` are fitted, half by default.
 
     Raises:
         ConfigError: Tests of different bands, or more repeats than there are.

@@ -25,14 +25,7 @@ FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03  # relative: weights of such a curve
 
 
 def first_values(data: Dataset) -> dict[str, float]:
-    """Natural frequency, damping and gain as the first part tells them that can.
-
-    Args:
-        data: The dataset.
-
-    Returns:
-        omega_n [rad/s], zeta [-] and gain; empty where nothing shows them.
-    """
+    """omega_n [rad/s], zeta [-] and gain as the first part tells them that can; empty if none."""
     return next((found for part in data.parts if (found := part.first_values())), {})
 
 
@@ -45,15 +38,6 @@ def from_amplitude_curve(
       2\,\zeta(Y)\,\omega(Y)^2 = 2\zeta\omega_n\omega(Y) + \sum_l C_l(Y)$$
 
     with K and C of the steady loops: no solve in time, so that many starts cost nothing.
-
-    Args:
-        key: Random key of the starts.
-        data: The dataset.
-        prior: The box.
-        known: Values that are not to be read here.
-
-    Returns:
-        Values by name; empty where no part has such a curve.
     """
     curve = next((c for part in data.parts if (c := part.amplitude_curve()) is not None), None)
     if curve is None or "zeta" not in prior.names:
@@ -94,15 +78,6 @@ def fit_from(key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str,
 
     Where that fit does not explain the data, also from the best of many points all over the box:
     their costs are looked at first, for a solve costs far less than a fit.
-
-    Args:
-        key: Random key of the points.
-        data: The dataset.
-        prior: The box.
-        known: Starting values by name; the middle of the box for the others.
-
-    Returns:
-        The best fit, with the costs from all starts.
     """
     middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
     start = {name: known.get(name, float(middle[name])) for name in prior.names}

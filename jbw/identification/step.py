@@ -49,6 +49,17 @@ class Step:
     held: dict[str, float]
     wall_s: float
 
+    @property
+    def means(self) -> dict[str, float]:
+        """Posterior means of everything drawn."""
+        return means_of(self.posterior)
+
+
+def means_of(tree: xr.DataTree) -> dict[str, float]:
+    """Posterior means by name."""
+    group = tree["posterior"].to_dataset()
+    return {str(name): float(draws.mean()) for name, draws in group.data_vars.items()}
+
 
 def finished(
     name: str,
@@ -68,15 +79,12 @@ def finished(
         name: Name of the step.
         posterior: The groups that the sampler left.
         box: Its prior.
-        fit: The fit it started from, whose chi-square is judged too.
+        fit: The fit it started from.
         started: `perf_counter()` at the start of the step [s].
         findings: What else was looked at.
         statements: Sentences besides those that the fit itself gives.
         held: Parameters that were not updated.
         chi_square: Chi-square and its degrees of freedom, where the noise is known from repeats.
-
-    Returns:
-        The step.
     """
     judged = verdict(posterior, box, chi_square=chi_square)
     said = [*statements]

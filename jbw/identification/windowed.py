@@ -17,16 +17,9 @@ Real = NDArray[np.float64]
 
 
 def receptance(omega: Real, omega_n: float, zeta: float, gain: float) -> Complex:
-    r"""Receptance of the linear oscillator, gain / (omega_n^2 - omega^2 + 2j zeta omega_n omega).
+    """Receptance of the linear oscillator, gain / (omega_n^2 - omega^2 + 2j zeta omega_n omega).
 
-    Args:
-        omega: Angular frequencies [rad/s].
-        omega_n: Natural frequency [rad/s].
-        zeta: Damping ratio [-].
-        gain: Force per unit mass and unit of input [N/kg per unit].
-
-    Returns:
-        Displacement per unit of input [m per unit].
+    Displacement per unit of input [m per unit], with omega [rad/s] and gain [N/kg per unit].
 
     Reference:
         Eq. (23).
@@ -44,18 +37,8 @@ def smeared(
       \frac{g\,(e^{s\tau} - e^{\bar s\tau})}{2j\omega_d},\quad
       w_a = \Big(1-\frac\tau T\Big)\frac{2+\cos(2\pi\tau/T)}{3} + \frac{\sin(2\pi\tau/T)}{2\pi}$$
 
-    with s = -zeta omega_n + j omega_d: the receptance convolved with |W|^2, in closed form.
-
-    Args:
-        omega: Angular frequencies [rad/s].
-        omega_n: Natural frequency [rad/s].
-        zeta: Damping ratio, below one [-].
-        gain: Force per unit mass and unit of input [N/kg per unit].
-        window_s: Duration T of the window [s].
-        order: Derivative p that was measured: 0, 1 or 2.
-
-    Returns:
-        Smeared receptance (p = 0), mobility (1) or accelerance (2).
+    with s = -zeta omega_n + j omega_d, zeta < 1: the receptance convolved with |W|^2, in closed
+    form. T is `window_s` [s]; p, the `order`, is 0 for a receptance, 1 mobility, 2 accelerance.
     """
     omega_d = omega_n * np.sqrt(1 - zeta**2)
     s = -zeta * omega_n + 1j * omega_d
@@ -98,14 +81,7 @@ class LineErrors:
         return np.abs(self.hermitian[len(self.hermitian) // 2])
 
     def of_sum(self, weights: Complex) -> Real:
-        """Covariance of Re sum_i G_ai d_i.
-
-        Args:
-            weights: G, shape (parameter, line).
-
-        Returns:
-            Covariance, shape (parameter, parameter).
-        """
+        """Covariance of Re sum_i G_ai d_i by G (parameter, line), over parameters."""
         total = np.zeros((len(weights), len(weights)), complex)
         reach = len(self.hermitian) // 2
         num_lines = weights.shape[-1]
@@ -120,7 +96,7 @@ class LineErrors:
 def line_errors(
     frf: FRF, noise_ratio: Real, theta: tuple[float, float, float], leakage: bool
 ) -> LineErrors:
-    r"""Errors of the lines of an H1 estimate, in the response as measured.
+    r"""Errors of the lines of an H1 estimate and their neighbours, in the response as measured.
 
     For Gaussian input and noise the error of a line is sum_k R_k conj(U_k) / sum_k |U_k|^2, with
     R_k the part of segment k's response that H times its input does not explain. Hence
@@ -138,9 +114,6 @@ def line_errors(
         noise_ratio: Unexplained power over input power at each line, in the response measured.
         theta: omega_n, zeta, gain.
         leakage: Whether the input is random, so that the window leaks.
-
-    Returns:
-        Errors of each line and its neighbours.
     """
     order = derivative_order(frf.response)
     memory = 1 / (theta[1] * theta[0] * frf.window_s)  # in windows

@@ -16,8 +16,7 @@ from jaxtyping import Array, Float
 
 from jbw.inference.groups.offsets import Estimate, run_numbers, shrunk
 from jbw.inference.groups.scatter import Levels, log_density_of_offsets
-from jbw.observables.observable import OFFSETS, Observable, Theta
-from jbw.observables.runs import assemblies_of
+from jbw.observables.observable import OFFSETS, Observable, Row, Theta, assemblies_of
 
 Residual = dict[str, Float[Array, " value"]]
 
@@ -40,12 +39,7 @@ class Dataset(eqx.Module):
 
     @classmethod
     def of(cls, parts: Sequence[Observable], held: Mapping[str, float] | None = None) -> Self:
-        """Parts whose runs have no offsets of their own.
-
-        Args:
-            parts: The reduced data.
-            held: Parameters that are not updated.
-        """
+        """Parts whose runs have no offsets of their own; `held` are parameters not updated."""
         fixed = {name: jnp.asarray(float(value)) for name, value in (held or {}).items()}
         return cls(tuple(parts), fixed, jnp.zeros((1, 0)), jnp.zeros(0))
 
@@ -68,6 +62,11 @@ class Dataset(eqx.Module):
     def has_offsets(self) -> bool:
         """Whether runs have offsets of their own."""
         return self.scatters.shape[1] > 0
+
+    @property
+    def stepped(self) -> bool:
+        """Whether an evaluation steps through time."""
+        return any(part.stepped for part in self.parts)
 
     @property
     def num_offsets(self) -> int:
@@ -104,14 +103,7 @@ def _offsets_key(run: str) -> str:
 def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
     """Terms of the log likelihood: one a group, then those of the scatter of offsets and shifts.
 
-    The noise of every group is integrated out, and so are the offsets.
-
-    Args:
-        theta: Parameters by name.
-        data: The dataset.
-
-    Returns:
-        Terms [nats], up to a constant.
+    The noise of every group is integrated out, and so are the offsets; up to a constant [nats].
 
     Reference:
         Eqs. (36), (37).
@@ -121,23 +113,9 @@ def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
         found = estimates(everything, data)
         offsets = log_density_of_offsets(found, data.levels, data.scatters)
         return jnp.append(found.log_density, offsets)
-    each = [part.estimate(everything, 0) for part in data.parts]
-    scatter = [
-        part.scatter_terms(everything, found) for part, found in zip(data.parts, each, strict=True)
-    ]
-    return jnp.concatenate([*(found.log_density for found in each), *scatter])
-
-
-def terms_by_label(
-    terms: Float[np.ndarray, "... term"], data: Dataset
-) -> dict[str, Float[np.ndarray, "..."]]:
-    """Terms of the log likelihood by the label of their group.
-
-    Args:
-        terms: From `log_likelihood`, of one draw or of many.
-        data: The dataset.
-    """
-    return {label: terms[..., i] for i, label in enumerate(data.labels)}
+    each = [(part, part.estimate(everything, 0)) for part in data.parts]
+    scatter = [part.scatter_terms(everything, found) for part, found in each]
+    return jnp.concatenate([*(found.log_density for _, found in each), *scatter])
 
 
 def estimates(theta: Theta, data: Dataset) -> Estimate:
@@ -148,10 +126,6 @@ def estimates(theta: Theta, data: Dataset) -> Estimate:
 
 def residual(theta: Theta, data: Dataset) -> Residual:
     """Residuals by label in standard errors, the runs' offsets at their best.
-
-    Args:
-        theta: Parameters by name.
-        data: The dataset.
 
     Returns:
         A row a group, and a row `offsets of RUN` of each run's offsets over their scatter.
@@ -197,12 +171,7 @@ def stacked(theta: Theta, data: Dataset) -> Float[Array, " values"]:
 def by_label(
     rows: Float[np.ndarray, " values ..."], data: Dataset
 ) -> dict[str, Float[np.ndarray, " value ..."]]:
-    """What `stacked` put end to end, such as a fit's residual or its Jacobian, by label.
-
-    Args:
-        rows: Values along the first axis.
-        data: The dataset.
-    """
+    """What `stacked` put end to end, such as a fit's residual or its Jacobian, by label."""
     ends = np.cumsum(list(data.layout.values()))[:-1]
     return dict(zip(data.layout, np.split(np.asarray(rows), ends), strict=True))
 
@@ -227,12 +196,7 @@ def largest_displacement(data: Dataset, omega_n: float) -> float:
 
 
 def best_offsets(theta: Mapping[str, float], data: Dataset) -> dict[str, np.ndarray]:
-    """Best offsets of omega_n and zeta of each run that has them, at one point.
-
-    Args:
-        theta: Where the joint of all runs is.
-        data: The dataset, whose runs have offsets.
-    """
+    """Best offsets of omega_n and zeta of each run that has them, at one point."""
     everything = as_arrays(theta, data)
     _, scaled = _offsets_taken_out([part.weighted(everything) for part in data.parts], data)
     return {run: np.asarray(row * data.scatter) for run, row in scaled.items()}
@@ -245,11 +209,7 @@ def with_directions(
 ) -> Dataset:
     """The dataset with the change of every prediction by the offsets of its run, at one point.
 
-    Args:
-        theta: Where to linearise.
-        data: The dataset.
-        offsets: Offset of each run, by name, about which records are linearised; zero where it is
-            not named.
+    Records are linearised about the `offsets` of their run, zero where not named.
     """
     everything = as_arrays(theta, data)
     parts = tuple(part.linearised(everything, offsets or {}) for part in data.parts)
@@ -259,3 +219,67 @@ def with_directions(
 def as_arrays(theta: Mapping[str, float], data: Dataset) -> dict[str, Array]:
     """A point of the parameters with what is held, as arrays, which are not compiled in."""
     return {**data.held, **{name: jnp.asarray(value) for name, value in theta.items()}}
+
+
+def left_by_label(rows: Float[np.ndarray, " values"], data: Dataset) -> dict[str, Row]:
+    """What a fit leaves of the mean of each group, in its unit; complex where its values are.
+
+    `rows` is `stacked` at the fit, or a column of its Jacobian.
+    """
+    labelled = by_label(rows, data)
+    each = [part.in_units(labelled) for part in data.parts]
+    return {label: row for found in each for label, row in found.items()}
+
+
+def size_by_label(data: Dataset) -> dict[str, float]:
+    """Root of the sum of squares of the mean of each group of `left_by_label`."""
+    return {label: size for part in data.parts for label, size in part.sizes().items()}
+
+
+def error_by_label(left: Mapping[str, Row], data: Dataset) -> dict[str, float]:
+    """Size of what a fit leaves of the mean of each group, over that of the mean."""
+    sizes = size_by_label(data)
+    return {label: float(np.linalg.norm(left[label])) / size for label, size in sizes.items()}
+
+
+def with_fitted_noise(
+    theta: Mapping[str, float], left: Mapping[str, Row], data: Dataset
+) -> Dataset:
+    """The dataset with the noise that a fit leaves in every group."""
+    everything = as_arrays(theta, data)
+    parts = tuple(part.with_fitted_noise(everything, left) for part in data.parts)
+    return replace(data, parts=parts)
+
+
+def effective_fractions(
+    rows: Float[np.ndarray, " values"],
+    jacobian: Float[np.ndarray, "values parameter"],
+    covariance: Float[np.ndarray, "parameter parameter"],
+    data: Dataset,
+) -> dict[str, float]:
+    """Fraction of independent values of each group that is coloured, or misfitted in all repeats.
+
+    Args:
+        rows: `stacked` at a fit.
+        jacobian: Its derivatives by the parameters.
+        covariance: Of the fit.
+        data: The dataset that was fitted.
+
+    Returns:
+        Fractions below one, by label.
+    """
+    left = left_by_label(rows, data)
+    columns = [left_by_label(column, data) for column in np.asarray(jacobian).T]
+    each = [part.effective_fractions(left, columns, covariance) for part in data.parts]
+    return {label: fraction for found in each for label, fraction in found.items()}
+
+
+def with_effective_values(fractions: Mapping[str, float], data: Dataset) -> Dataset:
+    """The dataset with as many independent values as the residuals have, all where not named."""
+    parts = tuple(part.with_effective_values(fractions) for part in data.parts)
+    return replace(data, parts=parts)
+
+
+def fractions_counted(data: Dataset) -> dict[str, float]:
+    """Fraction of the values of each group that the likelihood counts."""
+    return {label: f for part in data.parts for label, f in part.fractions_counted().items()}

@@ -13,17 +13,17 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 from jaxtyping import Array, Complex, Float, Key
 
 from jbw.inference.groups.offsets import Estimate
 from jbw.inference.groups.scatter import log_density_of_offsets
 from jbw.measurement.demodulation import read_decay
-from jbw.observables.decay_entry import Match, match
-from jbw.observables.decay_envelopes import WINDOW, Envelopes, decay_of
+from jbw.observables.decay_envelopes import WINDOW, Envelopes, Match, match
 from jbw.observables.effective_values import correlated_fraction
-from jbw.observables.observable import AmplitudeCurve, Row, Theta
-from jbw.quantities import UNIT_OF, derivative_order
+from jbw.observables.observable import AmplitudeCurve, Drawn, Draws, Row, Theta
+from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.response import simulate
+from jbw.quantities import LETTER_OF, UNIT_OF, derivative_order
 
 NUM_OWN = 3  # unknowns of a record besides its noise: amplitude, phase, shift
 SCATTERS = np.geomspace(1e-8, 1e-2, 25)  # of omega_n: a log-uniform prior of the shifts' scatter
@@ -59,11 +59,7 @@ class Decays(Envelopes):
         return UNIT_OF[self.response]
 
     def matches(self, theta: Theta) -> Match:
-        """Every record matched to the decay of the joint, fields with a leading axis of records.
-
-        Args:
-            theta: The joint's parameters.
-        """
+        """Every record matched to the decay of the joint, fields with a leading axis of records."""
         decay = decay_of(theta, self)
         return jax.vmap(lambda one: match(decay, one, self.step_s))(self.envelope)
 
@@ -90,11 +86,8 @@ class Decays(Envelopes):
         where Q is what the best initial state and shift leave, A their normal matrix, n the number
         of independent real values, and the shift's estimate has the standard error e. The noise is
         integrated out under 1/sigma. Q is linear enough in the three unknowns for this to be exact
-        to the accuracy of a Laplace approximation at the signal-to-noise ratio of a decay.
-
-        Args:
-            theta: The joint's parameters.
-            num_offsets: Offsets of a run; a record knows the first, the shift, alone.
+        to the accuracy of a Laplace approximation at the signal-to-noise ratio of a decay. Of the
+        offsets of a run, a record knows the first, the shift, alone.
 
         Reference:
             Eq. (37) on the envelope, initial states and noise inferred.
@@ -171,12 +164,8 @@ class Decays(Envelopes):
         return dict.fromkeys(self.names, float(self.fraction))
 
     def draw_noise(
-        self,
-        key: Key[Array, ""],
-        theta: Mapping[str, Float[np.ndarray, "..."]],
-        terms: Mapping[str, Float[np.ndarray, "chain draw"]],
-        num_offsets: int,
-    ) -> dict[str, Float[np.ndarray, "chain draw"]]:
+        self, key: Key[Array, ""], theta: Drawn, terms: Mapping[str, Draws], num_offsets: int
+    ) -> dict[str, Draws]:
         r"""Exact draw of the noise of each record, given everything else.
 
         $$\sigma^2 \mid \theta \sim w Q(\theta) / \chi^2_{n - 3}$$
@@ -228,31 +217,39 @@ class Decays(Envelopes):
             f"{self.envelope.shape[1]} values of a record are counted as independent.",
         ]
 
-    def to_dataset(
-        self, predicted: Complex[np.ndarray, "draw record step"] | None = None
-    ) -> dict[str, xr.Dataset]:
-        """Magnitude of every envelope over time, measured and predicted."""
-        time = np.arange(self.envelope.shape[1]) * self.step_s
-        attrs, found = {"units": self.unit}, {}
-        for i, name in enumerate(self.names):
-            measured = np.abs(np.asarray(self.envelope[i]))
-            found[name] = xr.Dataset(
-                {"measured": ("time", measured, attrs)}, {"time": ("time", time, {"units": "s"})}
-            )
-            if predicted is not None:
-                rows = np.abs(np.asarray(predicted)[:, i])
-                found[name]["predicted"] = (("draw", "time"), rows, attrs)
-        return found
+
+def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:
+    """Logarithm of the envelope of the joint's free decay, through the band's filter.
+
+    log |X| + j arg X at steps of `step_s`, the phase without jumps. Begun at rest at its greatest
+    displacement, its memory on the steady loop of that amplitude.
+
+    Reference:
+        Eqs. (1), (2) with u = 0.
+    """
+    joint = oscillator_of(theta, data.laws)
+    start = (data.y_start, jnp.zeros(()), joint.at_tip(data.y_start))
+    free = simulate(
+        joint,
+        jnp.zeros(data.num_samples),
+        data.fs,
+        hold="zero",
+        initial=start,
+        substeps=data.substeps,
+    )
+    kernel = jnp.stack([data.taps.real, data.taps.imag])[:, None, :]
+    x = getattr(free, LETTER_OF[data.response])[None, None, :]
+    parts = jax.lax.conv_general_dilated(x, kernel, (data.stride,), "VALID")[0]
+    envelope = jax.lax.complex(parts[0], parts[1])
+    turns = jnp.angle(envelope[1:] * jnp.conj(envelope[:-1]) * data.rotation)
+    phase = jnp.concatenate([jnp.zeros(1), jnp.cumsum(turns)])
+    return jax.lax.complex(jnp.log(jnp.abs(envelope)), phase)
 
 
 @eqx.filter_jit
-def _matched(theta: Theta, data: Decays) -> Match:
-    return data.matches(theta)
-
-
 def matched(theta: Mapping[str, Array | float], data: Decays) -> Match:
     """Every record matched at one point of the parameters, compiled."""
-    return _matched({name: jnp.asarray(value) for name, value in theta.items()}, data)
+    return data.matches({name: jnp.asarray(value) for name, value in theta.items()})
 
 
 @eqx.filter_jit

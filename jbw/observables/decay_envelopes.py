@@ -1,7 +1,13 @@
-"""Envelopes of free decays in a band: read from records, and predicted from the joint."""
+"""Envelopes of free decays in a band, read from records, and where these enter the model's.
+
+The motion of a free joint forgets how it began but for its amplitude and phase: whatever the
+impact, it soon runs along one and the same decay, which a weaker impact enters later. So the model
+is simulated once, from above the strongest record, and every record is found on it: its initial
+state is the place at which it enters (its amplitude) and a rotation (its phase).
+"""
 
 from collections.abc import Sequence
-from typing import ClassVar, Self
+from typing import ClassVar, NamedTuple, Self
 
 import equinox as eqx
 import jax
@@ -12,15 +18,16 @@ from jaxtyping import Array, Complex, Float
 from jbw.errors import DataError
 from jbw.measurement.demodulation import BandFilter, Reading, band_filter, demodulate, read_decay
 from jbw.measurement.records import Test
-from jbw.observables.observable import Observable, Theta
-from jbw.oscillator.oscillator import oscillator_of
-from jbw.oscillator.response import simulate
-from jbw.quantities import LETTER_OF, derivative_order
+from jbw.observables.observable import Laws, Observable
+from jbw.quantities import derivative_order
 
 LEAST_VALUES = 16  # of an envelope: a decay of five parameters and three of its own
 HEADROOM = 1.02  # of the strongest record, where the simulated decay begins
 SPARE = 1.3  # times the duration that the measured rates ask for
 WINDOW = 0.25  # s, of a reading of frequency and damping
+NUM_REFINEMENTS = 3  # Gauss-Newton steps to a record's place on the decay
+# Of Lagrange's cubics through -1, 0, 1 and 2, a column each: coefficients of 1, f, f^2 and f^3.
+CUBICS = np.array([[0, 6, 0, 0], [-2, -3, 6, -1], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
 
 
 def filter_of(test: Test) -> BandFilter:
@@ -97,26 +104,16 @@ class Envelopes(Observable):
 
     @classmethod
     def reduce(
-        cls,
-        tests: Sequence[Test],
-        *,
-        laws: tuple[str, ...] = ("bouc_wen",),
-        substeps: int | None = None,
+        cls, tests: Sequence[Test], *, laws: Laws = ("bouc_wen",), substeps: int | None = None
     ) -> tuple[Self, ...]:
         """Envelopes of the decays of each test."""
         return tuple(cls.of(test, laws=laws, substeps=substeps or 1) for test in tests)
 
     @classmethod
-    def of(cls, test: Test, *, laws: tuple[str, ...] = ("bouc_wen",), substeps: int = 1) -> Self:
-        """Envelopes of the decays of a test, cut to the shortest.
+    def of(cls, test: Test, *, laws: Laws = ("bouc_wen",), substeps: int = 1) -> Self:
+        """Envelopes of the decays of a test, cut to the shortest; `settle` is left out.
 
-        Args:
-            test: Decays of one mode; `settle` is left out at their beginning.
-            laws: Names of the laws of the joint.
-            substeps: Steps of the solver between samples.
-
-        Returns:
-            The reduced decays; noise and scatter are first guesses.
+        Noise and scatter are first guesses.
 
         Raises:
             DataError: No band, records too short, or fewer than 16 independent values in one.
@@ -179,35 +176,116 @@ def _course(envelope: np.ndarray, chosen: BandFilter, order: int) -> tuple[float
     return float(start) / omega**order, SPARE * (wait + size.shape[1] * chosen.step_s)
 
 
-def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:
-    r"""Logarithm of the envelope of the joint's free decay, through the band's filter.
+class Entry(NamedTuple):
+    """Where a record lies on the decay: its initial state, and its own natural frequency.
 
-    Begun at rest at its greatest displacement, its memory on the steady loop of that amplitude.
-
-    Args:
-        theta: The joint's parameters.
-        data: The reduced decays.
-
-    Returns:
-        log |X| + j arg X at steps of `step_s`, the phase without jumps.
-
-    Reference:
-        Eqs. (1), (2) with u = 0.
+    Attributes:
+        place: Place of its first value, in steps.
+        phase: Rotation [rad].
+        shift: Of its natural frequency [rad/s].
     """
-    joint = oscillator_of(theta, data.laws)
-    start = (data.y_start, jnp.zeros(()), joint.at_tip(data.y_start))
-    free = simulate(
-        joint,
-        jnp.zeros(data.num_samples),
-        data.fs,
-        hold="zero",
-        initial=start,
-        substeps=data.substeps,
-    )
-    kernel = jnp.stack([data.taps.real, data.taps.imag])[:, None, :]
-    x = getattr(free, LETTER_OF[data.response])[None, None, :]
-    parts = jax.lax.conv_general_dilated(x, kernel, (data.stride,), "VALID")[0]
-    envelope = jax.lax.complex(parts[0], parts[1])
-    turns = jnp.angle(envelope[1:] * jnp.conj(envelope[:-1]) * data.rotation)
-    phase = jnp.concatenate([jnp.zeros(1), jnp.cumsum(turns)])
-    return jax.lax.complex(jnp.log(jnp.abs(envelope)), phase)
+
+    place: Float[Array, "..."]
+    phase: Float[Array, "..."]
+    shift: Float[Array, "..."]
+
+
+class Match(NamedTuple):
+    """A record matched to the decay by least squares.
+
+    Attributes:
+        entry: Where it lies.
+        misfit: Sum of squared moduli of what is left.
+        residual: What is left.
+        precision: Normal matrix of log amplitude, phase and shift, for noise of unit variance.
+        rate: Change of the log amplitude by the place, at the entry.
+    """
+
+    entry: Entry
+    misfit: Float[Array, ""]
+    residual: Complex[Array, " sample"]
+    precision: Float[Array, "own own"]
+    rate: Float[Array, ""]
+
+
+def along(
+    decay: Complex[Array, " step"], place: Float[Array, " time"]
+) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
+    """Logarithm of a decay between its steps, and its derivative by the place [steps].
+
+    By cubics; by straight lines beyond its ends.
+    """
+    whole = jax.lax.stop_gradient(jnp.floor(place))
+    f = place - whole
+    index = whole.astype(int)[:, None] + jnp.arange(-1, 3)
+    inside = jnp.clip(index, 0, len(decay) - 1)
+    ends = jnp.where(index < 0, decay[1] - decay[0], decay[-1] - decay[-2])
+    values = decay[inside] + (index - inside) * ends
+    one = jnp.ones_like(f)
+    weights = jnp.stack([one, f, f**2, f**3], axis=-1) @ CUBICS
+    slopes = jnp.stack([0 * one, one, 2 * f, 3 * f**2], axis=-1) @ CUBICS
+    return jnp.sum(weights * values, axis=-1), jnp.sum(slopes * values, axis=-1)
+
+
+def follow(
+    decay: Complex[Array, " step"], entry: Entry, steps: Float[Array, " time"], step_s: float
+) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
+    """Envelope of a record that enters the decay, and the slope of its logarithm by the place.
+
+    At some `steps` since its first value, each of a time `step_s` [s].
+    """
+    log, slope = along(decay, entry.place + steps)
+    return jnp.exp(log + 1j * (entry.phase + entry.shift * step_s * steps)), slope
+
+
+def match(
+    decay: Complex[Array, " step"], envelope: Complex[Array, " sample"], step_s: float
+) -> Match:
+    """Least-squares initial state and frequency of a record on the decay, of steps `step_s` [s]."""
+    steps = jnp.arange(len(envelope), dtype=float)
+    entry = jax.lax.stop_gradient(_first_entry(decay, envelope, steps, step_s))
+    for _ in range(NUM_REFINEMENTS):
+        # At the optimum an earlier step has no influence: only the last one carries derivatives.
+        entry = jax.lax.stop_gradient(entry)
+        _, precision, gradient, rate = _normal(decay, envelope, entry, steps, step_s)
+        gain = jnp.linalg.solve(precision, gradient)
+        entry = Entry(entry.place + gain[0] / rate, entry.phase + gain[1], entry.shift + gain[2])
+    residual, precision, _, rate = _normal(decay, envelope, entry, steps, step_s)
+    misfit = jnp.sum(jnp.square(residual.real) + jnp.square(residual.imag))
+    return Match(entry, misfit, residual, precision, rate)
+
+
+def _first_entry(
+    decay: Complex[Array, " step"],
+    envelope: Complex[Array, " sample"],
+    steps: Float[Array, " sample"],
+    step_s: float,
+) -> Entry:
+    """Entry by the amplitude a quarter into the record, then by the turn that is left."""
+    quarter = len(envelope) // 4
+    size = jnp.mean(jnp.log(jnp.abs(envelope[max(quarter - 3, 0) : quarter + 4])))
+    grid = jnp.arange(len(decay), dtype=float)
+    place = jnp.interp(-size, -decay.real, grid) - quarter
+    log, _ = along(decay, place + steps)
+    ratio = envelope * jnp.exp(jnp.conj(log))  # its phase is what the model lacks
+    turn = jnp.angle(jnp.sum(ratio[1:] * jnp.conj(ratio[:-1])))
+    phase = jnp.angle(jnp.sum(ratio * jnp.exp(-1j * turn * steps)))
+    return Entry(place, phase, turn / step_s)
+
+
+def _normal(
+    decay: Complex[Array, " step"],
+    envelope: Complex[Array, " sample"],
+    entry: Entry,
+    steps: Float[Array, " sample"],
+    step_s: float,
+) -> tuple[Complex[Array, " sample"], Float[Array, "own own"], Float[Array, " own"], Array]:
+    """Residual, normal matrix and gradient by log amplitude, phase and shift, and the rate."""
+    model, slope = follow(decay, entry, steps, step_s)
+    residual = envelope - model
+    rate = slope[0].real
+    ones = jnp.ones_like(model)
+    columns = model * jnp.stack([slope / rate, 1j * ones, 1j * step_s * steps * ones])
+    precision = (jnp.conj(columns) @ columns.T).real
+    gradient = (jnp.conj(columns) @ residual).real
+    return residual, precision, gradient, rate

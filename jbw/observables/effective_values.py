@@ -40,17 +40,10 @@ def effective_fraction(
     $$w = w_t\,w_f, \qquad w_t = \frac{\bar S \sum_t D(t)}{\sum_t D(t)\,S(t)}, \quad
       S = |r|^2, \quad D = \sum_i |(L^T J^T)_i|^2, \quad \Sigma = L L^T$$
 
-    and w_f the same of their Fourier transforms. D is the prediction's change by one standard
-    deviation of everything estimated. Where the residual is large at the places, or the
-    frequencies, at which D is, least squares scatters by more than white noise of its size causes.
-
-    Args:
-        row: What the fit leaves of the group.
-        slopes: Derivatives of the prediction by the parameters.
-        covariance: Of the parameters.
-
-    Returns:
-        w, at most 1 and at least that of eight values.
+    and w_f the same of their Fourier transforms; at most 1 and at least that of eight values. D is
+    the prediction's change by one standard deviation of everything estimated, by its derivatives J,
+    `slopes`. Where the residual is large at the places, or the frequencies, at which D is, least
+    squares scatters by more than white noise of its size causes.
     """
     along = np.linalg.cholesky(covariance).T @ slopes
     share = _overlap(row, along) * _overlap(np.fft.fft(row), np.fft.fft(along))
@@ -70,12 +63,6 @@ def correlated_fraction(rows: Float[np.ndarray, "row n"] | Complex[np.ndarray, "
     $$1/w = 1 + 2 \sum_{k \ge 1} \rho_k$$
 
     with the correlation over all rows, summed until it first falls below zero.
-
-    Args:
-        rows: What a fit leaves of one or more groups.
-
-    Returns:
-        w, at most 1.
     """
     n = rows.shape[1]
     unit = rows / np.linalg.norm(rows, axis=1, keepdims=True)

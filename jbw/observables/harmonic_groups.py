@@ -12,7 +12,7 @@ from jbw.errors import DataError
 from jbw.measurement.curves import ResponseCurve, displacement_of, response_curve
 from jbw.measurement.harmonics import harmonics
 from jbw.measurement.records import Test
-from jbw.observables.runs import run_of
+from jbw.observables.observable import run_of
 from jbw.quantities import derivative_order
 
 NUM_HARMONICS = 4  # odd orders balanced: what is left out is a part in 1e6 of the first
@@ -54,12 +54,9 @@ class Group(NamedTuple):
 
 
 def groups_of(tests: Sequence[Test]) -> list[Group]:
-    """Groups of all tests of steady motion that tell their own noise.
+    """Groups of all tests of steady motion (of one tone, stepped, frf) that tell their own noise.
 
     One value alone would be fitted as if it had none.
-
-    Args:
-        tests: Tests of kind tones (those of one tone count), stepped and frf.
     """
     single = [test for test in tests if test.kind == "tones" and len(test.tones_hz) == 1]
     groups = tone_groups(single)
@@ -79,14 +76,7 @@ def groups_of(tests: Sequence[Test]) -> list[Group]:
 
 
 def tone_groups(tests: Sequence[Test]) -> list[Group]:
-    """Harmonics of tests with one tone each, those of one level and run together.
-
-    Args:
-        tests: Tests of kind tones, one tone each.
-
-    Returns:
-        A group for each order of each level.
-    """
+    """Harmonics of tests with one tone each, those of one level and run together."""
     families: dict[tuple[float, str, int], list[Test]] = {}
     for test in tests:
         run = run_of(test) if test.assembly or test.run else ""
@@ -115,12 +105,6 @@ def harmonic_label(name: str, order: int) -> str:
 
 def stepped_groups(test: Test) -> list[Group]:
     """Harmonics at each frequency of a stepped sine, the transient of each step left out.
-
-    Args:
-        test: Test of kind stepped.
-
-    Returns:
-        A group for each order.
 
     Raises:
         DataError: If a record is shorter than the steps that the campaign states.
@@ -194,15 +178,9 @@ def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]
 
 
 def curve_group(test: Test) -> Group:
-    """The group of a measured response curve.
+    """The group of a measured response curve, of its fundamental harmonic.
 
     Where the controller held the response, the force is what was measured against it.
-
-    Args:
-        test: Test of kind frf.
-
-    Returns:
-        The group of its fundamental harmonic.
 
     Raises:
         DataError: If repeats differ in their frequencies.

@@ -17,19 +17,17 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.inference.groups.offsets import Estimate, known_estimate
-from jbw.observables.observable import OFFSETS, Observable, Theta
+from jbw.observables.observable import EXCLUDED, Laws, Observable, Theta, slope_by_offsets
 from jbw.oscillator.oscillator import oscillator_of
 
 MOST = 6.0  # rms: amplitudes beyond have a share of 1e-8
 NUM_NODES = 24
 MARGIN = 0.05  # of the joint's shift of a reading: a standard deviation for what is left out
 READ = ("omega_n", "zeta", "gain")
-EXCLUDED = 1e6  # times its standard deviations: a reading that says nothing any more
 
 
 class LineReading(Observable):
@@ -59,17 +57,9 @@ class LineReading(Observable):
         y_rms: float,
         run: str = "",
         *,
-        laws: tuple[str, ...] = ("bouc_wen",),
+        laws: Laws = ("bouc_wen",),
     ) -> Self:
-        """A line fit's result as data.
-
-        Args:
-            mean: omega_n, zeta and gain.
-            covariance: Theirs.
-            y_rms: Displacement, rms [m].
-            run: Name of the run.
-            laws: Names of the laws of the joint.
-        """
+        """A line fit's omega_n, zeta and gain as data, of motion of displacement `y_rms` [m]."""
         return cls(
             mean=jnp.asarray(mean),
             covariance=jnp.asarray(covariance),
@@ -95,13 +85,7 @@ class LineReading(Observable):
         return len(READ)
 
     def predict(self, theta: Theta) -> Float[Array, " read"]:
-        """Equivalent natural frequency and damping of the joint in random motion, and the gain.
-
-        Args:
-            theta: The joint's parameters and `gain`.
-
-        Returns:
-            omega_eq [rad/s], zeta_eq [-], gain.
+        """Equivalent omega_n [rad/s] and zeta of the joint in random motion, and the gain.
 
         Reference:
             Eqs. (23), (39), the joint's first harmonic averaged over Rayleigh's amplitudes.
@@ -168,38 +152,20 @@ class LineReading(Observable):
         """Displacement of the random motion, rms [m]."""
         return float(self.y_rms)
 
-    def to_dataset(
-        self, predicted: Float[np.ndarray, "draw read"] | None = None
-    ) -> dict[str, xr.Dataset]:
-        """The three numbers, measured and predicted."""
-        found = xr.Dataset({"measured": ("read", np.asarray(self.mean))}, {"read": list(READ)})
-        if predicted is not None:
-            found["predicted"] = (("draw", "read"), np.asarray(predicted))
-        return {self.labels[0]: found}
-
 
 @eqx.filter_jit
 def _slope(theta: Theta, data: LineReading) -> Float[Array, "read own"]:
-    def shifted(offset: Float[Array, " own"]) -> dict[str, Array]:
-        return {**theta, **{name: theta[name] + b for name, b in zip(OFFSETS, offset, strict=True)}}
-
-    return jax.jacfwd(lambda offset: data.predict(shifted(offset)))(jnp.zeros(len(OFFSETS)))
+    return slope_by_offsets(data.predict, theta)
 
 
 def oscillator_through(
     omega: NDArray[np.float64], u: NDArray[np.complex128], y: NDArray[np.complex128]
 ) -> dict[str, float]:
-    r"""Natural frequency, damping and gain by linear least squares, no iteration.
+    r"""Natural frequency [rad/s], damping and gain by linear least squares, no iteration.
 
     $$(\omega_n^2 + 2j\zeta\omega_n\omega)\,Y - g\,U = \omega^2\,Y$$
 
-    Args:
-        omega: Angular frequencies [rad/s].
-        u: Source at these [unit of the source].
-        y: Displacement at these [m].
-
-    Returns:
-        omega_n [rad/s], zeta [-] and gain.
+    by the source U and the displacement Y [m] at some omega [rad/s].
     """
     columns = np.column_stack([y, 1j * omega * y, -u])
     scale = np.linalg.norm(columns, axis=0)

@@ -6,16 +6,13 @@ from typing import ClassVar, Self
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 from jaxtyping import Array, Bool, Float
 
 from jbw.errors import DataError
 from jbw.measurement.curves import forced_loop
 from jbw.measurement.records import Test
-from jbw.observables.labelled import datasets
-from jbw.observables.observable import Theta
-from jbw.observables.repeated import Repeated, Repeats, repeats
-from jbw.observables.runs import run_of
+from jbw.observables.observable import Laws, Theta, run_of
+from jbw.observables.repeated import Repeated, Repeats, filled, repeats
 from jbw.oscillator.oscillator import oscillator_of
 
 
@@ -44,27 +41,20 @@ class Loops(Repeated):
 
     @classmethod
     def reduce(
-        cls,
-        tests: Sequence[Test],
-        *,
-        laws: tuple[str, ...] = ("bouc_wen",),
-        substeps: int | None = None,
+        cls, tests: Sequence[Test], *, laws: Laws = ("bouc_wen",), substeps: int | None = None
     ) -> tuple[Self, ...]:
+        """All tests side by side; moves of the hysteresis are exact and take no steps."""
+        return (cls.of(tests, laws=laws),)
+
+    @classmethod
+    def of(cls, tests: Sequence[Test], *, laws: Laws = ("bouc_wen",)) -> Self:
         """Mean force of the repeats of each test under the same displacement.
 
-        Args:
-            tests: Tests of kind loop; `settle` seconds at the start are predicted but not compared.
-            laws: Names of the laws of the joint.
-            substeps: Not needed: moves of the hysteresis are exact.
+        `settle` seconds at the start are predicted but not compared.
 
         Raises:
             DataError: If repeats of one test differ in length.
         """
-        return (cls.of(tests, laws=laws),) if tests else ()
-
-    @classmethod
-    def of(cls, tests: Sequence[Test], *, laws: tuple[str, ...] = ("bouc_wen",)) -> Self:
-        """As `reduce`, of at least one test."""
         found = [[forced_loop(record) for record in test.records] for test in tests]
         for test, one in zip(tests, found, strict=True):
             if len({len(loop.force) for loop in one}) > 1:
@@ -72,11 +62,7 @@ class Loops(Repeated):
                     f"Repeats of test `{test.name}` must be of one length.",
                     remedy="Cut them with `span`, or make each a test of its own.",
                 )
-        longest = max(len(one[0].force) for one in found)
-
-        def filled(rows: list[np.ndarray], mode: str = "constant") -> np.ndarray:
-            return np.stack([np.pad(row, (0, longest - len(row)), mode) for row in rows])  # pyright: ignore
-
+        displacement = [np.mean([loop.displacement for loop in one], axis=0) for one in found]
         force = [np.stack([loop.force for loop in one]) for one in found]
         counted = [
             (np.arange(rows.shape[1]) >= round(test.settle * one[0].fs)).astype(float)
@@ -89,20 +75,16 @@ class Loops(Repeated):
         ]
         return cls(
             laws=laws,
-            displacement=jnp.asarray(
-                filled(
-                    [np.mean([loop.displacement for loop in one], axis=0) for one in found], "edge"
-                )
-            ),
-            counted=jnp.asarray(filled(counted)),
-            mean=jnp.asarray(filled(mean)),
+            displacement=filled(displacement, "edge"),
+            counted=filled(counted),
+            mean=filled(mean),
             repeats=repeats(
                 within=np.array(within),
                 num_repeats=np.array([len(one) for one in found]),
                 sizes=np.array([keep.sum() for keep in counted]),
-                longest=longest,
-                labels=tuple(test.name for test in tests),
-                runs=tuple(run_of(test) for test in tests),
+                longest=max(map(len, mean)),
+                labels=[test.name for test in tests],
+                runs=[run_of(test) for test in tests],
                 scale=np.array([np.sqrt(np.mean(m**2)) for m in mean]),
             ),
         )
@@ -113,15 +95,11 @@ class Loops(Repeated):
         return "N"
 
     def predict(self, theta: Theta) -> Float[Array, "test time"]:
-        r"""Restoring force along the displacement, the joint unloaded at the start.
+        r"""Restoring force along the displacement, the joint unloaded at the start [N].
 
         $$F = m\,(k\,y + \sum_l F_l), \qquad m = 1 / g$$
 
-        Args:
-            theta: The joint's parameters and `gain`, the inverse of the modal mass [1/kg].
-
-        Returns:
-            Force [N].
+        with the `gain` g, the inverse of the modal mass [1/kg].
 
         Reference:
             Eqs. (1), (2).
@@ -145,9 +123,3 @@ class Loops(Repeated):
         """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""
         force = np.ptp(np.asarray(self.mean), axis=1)
         return float(np.max(gain * force / np.ptp(np.asarray(self.displacement), axis=1)))
-
-    def to_dataset(
-        self, predicted: Float[np.ndarray, "draw test time"] | None = None
-    ) -> dict[str, xr.Dataset]:
-        """Force of every test over the displacement, measured and predicted."""
-        return datasets(self, ("displacement", "m"), list(np.asarray(self.displacement)), predicted)

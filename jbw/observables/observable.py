@@ -6,26 +6,27 @@ measured repeatedly are in `jbw.observables.repeated`, so that a new kind of suc
 and `predict` alone.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 from jaxtyping import Array, Complex, Float, Key
 
 from jbw.inference.groups.offsets import Estimate
 from jbw.measurement.records import Test
 
 OFFSETS = ("omega_n", "zeta")  # of a run, where it has its own
+EXCLUDED = 1e6  # times its noise: a group that says nothing any more, and keeps its shape
+OF = " / "  # between the name of an assembly and that of one of its runs
+
 Theta = Mapping[str, Array]
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
-
-
-def prediction(theta: Theta, data: "Observable") -> Any:
-    """What the parameters predict of data, as a function that compiled code may be kept for."""
-    return data.predict(theta)
+Draws = Float[np.ndarray, "chain draw"]
+Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, and what was held
+Laws = tuple[str, ...]
 
 
 class AmplitudeCurve(NamedTuple):
@@ -71,15 +72,11 @@ class Observable(eqx.Module):
     own_shifts: ClassVar[bool] = False
     most_misfit: ClassVar[float | None] = None
 
-    laws: tuple[str, ...] = eqx.field(static=True, kw_only=True, default=("bouc_wen",))
+    laws: Laws = eqx.field(static=True, kw_only=True, default=("bouc_wen",))
 
     @classmethod
     def reduce(
-        cls,
-        tests: Sequence[Test],
-        *,
-        laws: tuple[str, ...] = ("bouc_wen",),
-        substeps: int | None = None,
+        cls, tests: Sequence[Test], *, laws: Laws = ("bouc_wen",), substeps: int | None = None
     ) -> tuple[Self, ...]:
         """Sufficient statistics of tests, in as many parts as their forms ask for.
 
@@ -121,35 +118,18 @@ class Observable(eqx.Module):
         raise NotImplementedError
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        """What every group says of the offsets of its run, its noise integrated out.
-
-        Args:
-            theta: The parameters.
-            num_offsets: Offsets of a run; none where runs have none.
-        """
+        """What every group says of the offsets of its run, its noise integrated out."""
         raise NotImplementedError
 
     def scatter_terms(self, theta: Theta, found: Estimate) -> Float[Array, " term"]:
-        """Terms of the log likelihood besides the groups', where runs have no offsets.
-
-        Args:
-            theta: The parameters.
-            found: From `estimate`.
-        """
+        """Terms of the log likelihood besides those of `estimate`, where runs have no offsets."""
         return jnp.zeros(0)
 
-    def compare(self, theta: Theta) -> dict[str, Array]:
-        """Residual of every group in standard errors, by its label."""
-        return dict(zip(self.labels, self.weighted(theta)[0], strict=True))
-
     def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
-        """Rows of `compare` in the unit of the values, without what fills them up.
+        """Rows of the residual by label, or of its derivatives, in the unit of the values.
 
-        Args:
-            rows: Residuals, or their derivatives, by label.
-
-        Returns:
-            Rows of those groups that a fit's misfit is judged by; complex where the values are.
+        Complex where these are, without what fills them up; of those groups that a fit's misfit is
+        judged by.
         """
         return {}
 
@@ -164,7 +144,7 @@ class Observable(eqx.Module):
     def linearised(
         self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]
     ) -> "Observable":
-        """The data with the change of every prediction by the offsets of its run, at one point.
+        """The data with the change of every prediction by the offsets of its run.
 
         Args:
             theta: Where to linearise.
@@ -173,12 +153,7 @@ class Observable(eqx.Module):
         return self
 
     def with_fitted_noise(self, theta: Theta, left: Mapping[str, Row]) -> "Observable":
-        """The data with the noise that a fit leaves in every group.
-
-        Args:
-            theta: The fit.
-            left: What it leaves, from `in_units`.
-        """
+        """The data with the noise of every group that a fit leaves, by `in_units`."""
         return self
 
     def effective_fractions(
@@ -197,11 +172,7 @@ class Observable(eqx.Module):
         return {}
 
     def with_effective_values(self, fractions: Mapping[str, float]) -> "Observable":
-        """The data that count for as many values as are independent.
-
-        Args:
-            fractions: By label; one where not named.
-        """
+        """The data that count for as many values as are independent, all where not named."""
         return self
 
     def fractions_counted(self) -> dict[str, float]:
@@ -213,12 +184,8 @@ class Observable(eqx.Module):
         return self
 
     def draw_noise(
-        self,
-        key: Key[Array, ""],
-        theta: Mapping[str, Float[np.ndarray, "..."]],
-        terms: Mapping[str, Float[np.ndarray, "chain draw"]],
-        num_offsets: int,
-    ) -> dict[str, Float[np.ndarray, "chain draw"]]:
+        self, key: Key[Array, ""], theta: Drawn, terms: Mapping[str, Draws], num_offsets: int
+    ) -> dict[str, Draws]:
         """One draw of each group's noise for every draw of the parameters, by label.
 
         Args:
@@ -242,11 +209,7 @@ class Observable(eqx.Module):
         return float("inf")
 
     def y_peak(self, omega_n: float) -> float:
-        """Largest displacement that was measured [m]; of noise, of which the rms is known, that.
-
-        Args:
-            omega_n: Natural frequency, where a velocity or an acceleration was measured [rad/s].
-        """
+        """Largest displacement [m], of noise its rms, by omega_n [rad/s] where not measured."""
         return 0.0
 
     def stiffness(self, gain: float) -> float | None:
@@ -265,14 +228,35 @@ class Observable(eqx.Module):
         """What is to be said of the data at the optimum, a sentence each."""
         return []
 
-    def to_dataset(self, predicted: Any = None) -> dict[str, xr.Dataset]:
-        """What was measured of every group with its coordinate, and what draws predict.
 
-        Args:
-            predicted: Results of `predict`, the draws along a first axis; the measured values
-                alone without.
+def prediction(theta: Theta, data: Observable) -> Any:
+    """What the parameters predict of data, as a function that compiled code may be kept for."""
+    return data.predict(theta)
 
-        Returns:
-            By label, `measured`, and `predicted` with the dimension `draw` in front.
-        """
-        raise NotImplementedError
+
+def slope_by_offsets(predict: Callable[[Theta], Array], theta: Theta) -> Float[Array, "*row own"]:
+    """Derivative of a prediction by the offsets of omega_n and zeta, along a last axis."""
+
+    def shifted(offset: Float[Array, " own"]) -> Array:
+        own = {name: theta[name] + b for name, b in zip(OFFSETS, offset, strict=True)}
+        return predict({**theta, **own})
+
+    return jax.jacfwd(shifted)(jnp.zeros(len(OFFSETS)))
+
+
+def run_of(test: Test) -> str:
+    """Name of a test's run: its assembly and day where stated, else the test itself."""
+    return OF.join(part for part in (test.assembly, test.run) if part) or test.name
+
+
+def assemblies_of(runs: tuple[str, ...]) -> tuple[int, ...]:
+    """Number of each run's assembly; nothing unless there are several, one with several runs.
+
+    Args:
+        runs: Names of the runs, each once.
+    """
+    owners = [run.partition(OF)[0] for run in runs]
+    order = list(dict.fromkeys(owners))
+    if not 1 < len(order) < len(runs):
+        return ()
+    return tuple(order.index(owner) for owner in owners)

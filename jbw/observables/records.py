@@ -9,19 +9,15 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 from jaxtyping import Array, Float
 
 from jbw.errors import DataError
 from jbw.measurement.periods import periods
 from jbw.measurement.records import Record, Test
-from jbw.observables.labelled import datasets
 from jbw.observables.line_fit import oscillator_through
-from jbw.observables.motion import advance, motion_under
-from jbw.observables.observable import OFFSETS, Theta
+from jbw.observables.observable import OFFSETS, Laws, Theta, run_of
 from jbw.observables.repeated import Repeated, Repeats, repeats
-from jbw.observables.runs import run_of
-from jbw.observables.spectral_lines import Lines, in_band, lines_of, values_of
+from jbw.observables.samples import Lines, advance, in_band, lines_of, motion_under, values_of
 from jbw.quantities import LETTER_OF, UNIT_OF, derivative_order
 
 NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the first values are read from
@@ -62,22 +58,16 @@ class Records(Repeated):
 
     @classmethod
     def reduce(
-        cls,
-        tests: Sequence[Test],
-        *,
-        laws: tuple[str, ...] = ("bouc_wen",),
-        substeps: int | None = None,
+        cls, tests: Sequence[Test], *, laws: Laws = ("bouc_wen",), substeps: int | None = None
     ) -> tuple[Self, ...]:
         """Sweeps in time, then whole periods of multisines; a part a form of record."""
         sweeps = [test for test in tests if test.kind != "multisine"]
         steady = [periods(test) for test in tests if test.kind == "multisine"]
-        how = {"laws": laws, "substeps": substeps}
-        return (
-            *(cls.of(same, **how) for same in by_form(sweeps)),
-            *(
-                cls.of(same, periodic=True, **how)
-                for same in by_form([test for test in steady if test is not None])
-            ),
+        forms = [(same, False) for same in by_form(sweeps)]
+        forms += [(same, True) for same in by_form([test for test in steady if test is not None])]
+        return tuple(
+            cls.of(same, laws=laws, substeps=substeps, periodic=periodic)
+            for same, periodic in forms
         )
 
     @classmethod
@@ -85,7 +75,7 @@ class Records(Repeated):
         cls,
         tests: Sequence[Test],
         *,
-        laws: tuple[str, ...] = ("bouc_wen",),
+        laws: Laws = ("bouc_wen",),
         substeps: int | None = None,
         periodic: bool = False,
     ) -> Self:
@@ -98,9 +88,6 @@ class Records(Repeated):
             laws: Names of the laws of the joint.
             substeps: Steps of the solver between samples; `SUBSTEPS` when None.
             periodic: Whether each record is one period of a steady motion.
-
-        Returns:
-            The reduced records.
 
         Raises:
             DataError: If lengths, sampling frequencies, responses or bands differ.
@@ -132,8 +119,8 @@ class Records(Repeated):
                 num_repeats=np.array([len(r) for r in responses]),
                 sizes=np.full(len(tests), size),
                 longest=size,
-                labels=tuple(test.name for test in tests),
-                runs=tuple(run_of(test) for test in tests),
+                labels=[test.name for test in tests],
+                runs=[run_of(test) for test in tests],
                 scale=np.sqrt(np.sum(means**2, axis=1) / size),
             ),
             origin=jnp.zeros((len(tests), 0)),
@@ -152,7 +139,7 @@ class Records(Repeated):
         *,
         response: str,
         noise_std: float,
-        laws: tuple[str, ...] = ("bouc_wen",),
+        laws: Laws = ("bouc_wen",),
         substeps: int = 1,
     ) -> Self:
         """A planned record, as it would be reduced; what it would measure is left at zero.
@@ -186,11 +173,7 @@ class Records(Repeated):
     def predict(self, theta: Theta) -> Float[Array, "level time"]:
         """Response of every level to its mean measured input, at its own origin where it has one.
 
-        Args:
-            theta: The joint's parameters and `gain`.
-
-        Returns:
-            Predicted response, in the unit of the measured one.
+        In the unit of the measured one.
         """
 
         def one(level: tuple[Array, Array]) -> Float[Array, " time"]:
@@ -259,13 +242,6 @@ class Records(Repeated):
     def halved(self) -> Self:
         """The records with twice as many steps of the solver."""
         return replace(self, substeps=2 * self.substeps)
-
-    def to_dataset(
-        self, predicted: Float[np.ndarray, "draw level time"] | None = None
-    ) -> dict[str, xr.Dataset]:
-        """Response of every level over time, measured and predicted."""
-        time = np.arange(self.mean.shape[1]) / self.fs
-        return datasets(self, ("time", "s"), [time] * len(self.labels), predicted)
 
 
 @eqx.filter_jit

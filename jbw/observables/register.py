@@ -15,16 +15,7 @@ OBSERVABLES: list[type[Observable]] = [Records, Points, Loops, Decays]
 
 
 def register(observable: type[Observable]) -> type[Observable]:
-    """Make an observable take its kinds of tests; usable as a decorator.
-
-    Args:
-        observable: The class.
-    """
+    """Make an observable take its kinds of tests; usable as a decorator."""
     if observable not in OBSERVABLES:
         OBSERVABLES.append(observable)
     return observable
-
-
-def observable_for(kind: str) -> type[Observable] | None:
-    """Which observable takes a kind of test; None where the likelihood has no use for it."""
-    return next((one for one in OBSERVABLES if kind in one.kinds), None)

@@ -1,8 +1,9 @@
 """Groups of data that are measured repeatedly: the statistics that their observables share."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Self
+from typing import Literal, Self
 
 import equinox as eqx
 import jax
@@ -12,9 +13,15 @@ from jaxtyping import Array, Bool, Float, Key
 
 from jbw.inference.groups.offsets import Estimate, estimate
 from jbw.observables.effective_values import BY_CHANCE, MISFIT, effective_fraction, is_coloured
-from jbw.observables.observable import OFFSETS, Observable, Row, Theta
-
-EXCLUDED = 1e6  # times its noise: a group that says nothing any more, and keeps its shape
+from jbw.observables.observable import (
+    EXCLUDED,
+    Drawn,
+    Draws,
+    Observable,
+    Row,
+    Theta,
+    slope_by_offsets,
+)
 
 
 class Repeats(eqx.Module):
@@ -50,8 +57,8 @@ def repeats(
     num_repeats: Float[np.ndarray, " group"],
     sizes: Float[np.ndarray, " group"],
     longest: int,
-    labels: tuple[str, ...],
-    runs: tuple[str, ...],
+    labels: Sequence[str],
+    runs: Sequence[str],
     scale: Float[np.ndarray, " group"],
 ) -> Repeats:
     r"""Bookkeeping of groups whose values are independent and which share their offsets.
@@ -63,13 +70,10 @@ def repeats(
         num_repeats: K.
         sizes: Values N of each group.
         longest: Values of the widest group, to which the others are filled up.
-        labels: Names of the groups.
+        labels: Names of the groups; those that come again get a number.
         runs: Names of their runs.
         scale: Root mean square of each group, of which a single repeat's noise is guessed as one
             hundredth until a fit tells it.
-
-    Returns:
-        The repeats.
     """
     degrees = sizes * (num_repeats - 1)
     known = degrees > 0
@@ -81,26 +85,39 @@ def repeats(
         num_values=jnp.asarray(sizes * num_repeats, float),
         noise_std=jnp.asarray(noise),
         directions=jnp.zeros((len(labels), 0, longest)),
-        labels=labels,
-        runs=runs,
+        labels=_distinct(labels),
+        runs=tuple(runs),
     )
+
+
+def filled(rows: Sequence[np.ndarray], mode: Literal["constant", "edge"] = "constant") -> Array:
+    """Rows side by side, zero behind their last value, or that value itself by mode edge."""
+    longest = max(map(len, rows))
+    return jnp.asarray(np.stack([np.pad(row, (0, longest - len(row)), mode) for row in rows]))
+
+
+def _distinct(labels: Sequence[str]) -> tuple[str, ...]:
+    """Labels of which no two are alike: those that come again have a number behind them."""
+    seen: Counter[str] = Counter()
+    found = []
+    for label in labels:
+        seen[label] += 1
+        found.append(label if seen[label] == 1 else f"{label} ({seen[label]})")
+    return tuple(found)
 
 
 class Repeated(Observable):
     """An observable of repeated groups, each with one unknown noise: the shared statistics.
 
-    A subclass has a field `repeats`, and `reduce`, `predict` and `misfit`; one whose values are
-    complex says so, and one that does not compare all values, which.
+    A subclass has the fields `repeats` and `mean`, and `reduce`, `predict` and `misfit`; one whose
+    values are complex says so, and one that does not compare all values, which.
     """
 
+    mean: eqx.AbstractVar[Array]
     repeats: eqx.AbstractVar[Repeats]
 
     def misfit(self, theta: Theta) -> Float[Array, "group value"]:
-        """Means less predictions; real parts then imaginary parts, zero behind the last value.
-
-        Args:
-            theta: The parameters.
-        """
+        """Means less predictions; real parts then imaginary parts, zero behind the last value."""
         raise NotImplementedError
 
     @property
@@ -129,12 +146,6 @@ class Repeated(Observable):
         return self.repeats.directions.shape[-1]
 
     @property
-    def means(self) -> list[Row]:
-        """Mean of the repeats of each group, as much of it as is compared."""
-        mean = np.asarray(self.mean)  # pyright: ignore[reportAttributeAccessIssue]
-        return [mean[i] for i in range(len(self.labels))]
-
-    @property
     def weight(self) -> Float[Array, " group"]:
         r"""One over the standard error of a mean, as few as are independent.
 
@@ -160,7 +171,7 @@ class Repeated(Observable):
         return estimate(left, own.within, own.num_repeats, own.num_values, own.directions)
 
     def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
-        """Rows of `compare` in the unit of the values, complex where the values are."""
+        """Rows of the residual in the unit of the values, complex where the values are."""
         weight, found = np.asarray(self.weight), {}
         for i, label in enumerate(self.labels):
             row: Row = np.asarray(rows[label]) / weight[i]
@@ -171,9 +182,9 @@ class Repeated(Observable):
         return found
 
     def sizes(self) -> dict[str, float]:
-        """Root of the sum of squares of the mean of each group."""
-        pairs = zip(self.labels, self.means, strict=True)
-        return {label: float(np.linalg.norm(mean)) for label, mean in pairs}
+        """Root of the sum of squares of the mean of each group, zero behind its last value."""
+        norms = np.linalg.norm(np.asarray(self.mean), axis=1)
+        return dict(zip(self.labels, norms.tolist(), strict=True))
 
     def noise_known(self) -> dict[str, float]:
         """Number of values of each group that was repeated."""
@@ -194,7 +205,7 @@ class Repeated(Observable):
 
     def evenly(self) -> Self:
         """Groups that count by their relative errors, whatever their noise and offsets."""
-        size = jnp.sqrt(jnp.sum(jnp.abs(self.mean) ** 2, axis=1))  # pyright: ignore[reportAttributeAccessIssue]
+        size = jnp.sqrt(jnp.sum(jnp.abs(self.mean) ** 2, axis=1))
         return self.with_repeats(
             noise_std=jnp.where(size > 0, size, 1.0),
             num_values=self.repeats.size,
@@ -257,12 +268,8 @@ class Repeated(Observable):
         return self.with_repeats(noise_std=self.repeats.noise_std * loud)
 
     def draw_noise(
-        self,
-        key: Key[Array, ""],
-        theta: Mapping[str, Float[np.ndarray, "..."]],
-        terms: Mapping[str, Float[np.ndarray, "chain draw"]],
-        num_offsets: int,
-    ) -> dict[str, Float[np.ndarray, "chain draw"]]:
+        self, key: Key[Array, ""], theta: Drawn, terms: Mapping[str, Draws], num_offsets: int
+    ) -> dict[str, Draws]:
         r"""One exact draw of each group's noise for every draw of the parameters.
 
         $$\sigma^2 \mid \theta \sim \frac{n}{NK}\,Q(\theta) / \chi^2_{n - q}, \qquad
@@ -282,19 +289,4 @@ class Repeated(Observable):
 
 @eqx.filter_jit
 def _slope(theta: Theta, data: Repeated) -> Float[Array, "group value own"]:
-    """Derivative of the predictions by the offsets of omega_n and zeta."""
-
-    def shifted(offset: Float[Array, " own"]) -> dict[str, Array]:
-        return {**theta, **{name: theta[name] + b for name, b in zip(OFFSETS, offset, strict=True)}}
-
-    return -jax.jacfwd(lambda offset: data.misfit(shifted(offset)))(jnp.zeros(len(OFFSETS)))
-
-
-def distinct(labels: Sequence[str]) -> tuple[str, ...]:
-    """Labels of which no two are alike: those that come again have a number behind them."""
-    seen: dict[str, int] = {}
-    found = []
-    for label in labels:
-        seen[label] = seen.get(label, 0) + 1
-        found.append(label if seen[label] == 1 else f"{label} ({seen[label]})")
-    return tuple(found)
+    return -slope_by_offsets(data.misfit, theta)

@@ -11,15 +11,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 from jaxtyping import Array, Complex, Float, Inexact, Int
 
 from jbw.measurement.records import Test
 from jbw.observables.harmonic_groups import NUM_HARMONICS, ORDERS, Group, groups_of, harmonic_label
-from jbw.observables.labelled import datasets
 from jbw.observables.line_fit import oscillator_through
-from jbw.observables.observable import Theta
-from jbw.observables.repeated import Repeated, Repeats, Row, distinct, repeats
+from jbw.observables.observable import Laws, Theta
+from jbw.observables.repeated import Repeated, Repeats, filled, repeats
 from jbw.oscillator.oscillator import Joint, as_oscillator, oscillator_of
 from jbw.oscillator.steady.balance import refined
 from jbw.quantities import derivative_order
@@ -62,27 +60,15 @@ class Points(Repeated):
 
     @classmethod
     def reduce(
-        cls,
-        tests: Sequence[Test],
-        *,
-        laws: tuple[str, ...] = ("bouc_wen",),
-        substeps: int | None = None,
+        cls, tests: Sequence[Test], *, laws: Laws = ("bouc_wen",), substeps: int | None = None
     ) -> tuple[Self, ...]:
         """Harmonics of all tests side by side."""
         groups = groups_of(tests)
         return (cls.of(groups, laws=laws),) if groups else ()
 
     @classmethod
-    def of(cls, groups: Sequence[Group], *, laws: tuple[str, ...] = ("bouc_wen",)) -> Self:
-        """Groups side by side; those of one test share its points.
-
-        Args:
-            groups: The groups, those of a test with the same omega, load and motion.
-            laws: Names of the laws of the joint.
-
-        Returns:
-            The points.
-        """
+    def of(cls, groups: Sequence[Group], *, laws: Laws = ("bouc_wen",)) -> Self:
+        """Groups side by side; those with the same omega, load and motion share their points."""
         tests: dict[bytes, int] = {}
         omega, load, motion, first = [], [], [], []
         for group in groups:
@@ -93,11 +79,6 @@ class Points(Repeated):
                 load.append(group.load)
                 motion.append(group.motion)
             first.append(tests[key])
-        longest = max(len(group.values) for group in groups)
-
-        def filled(rows: list[np.ndarray]) -> Array:
-            return jnp.asarray(np.stack([np.pad(row, (0, longest - len(row))) for row in rows]))
-
         sizes = np.array([2 * len(group.values) for group in groups])
         return cls(
             laws=laws,
@@ -114,9 +95,9 @@ class Points(Repeated):
                 within=np.array([group.within for group in groups]),
                 num_repeats=np.array([group.num_repeats for group in groups]),
                 sizes=sizes,
-                longest=2 * longest,
-                labels=distinct([group.label for group in groups]),
-                runs=tuple(group.run for group in groups),
+                longest=int(max(sizes)),
+                labels=[group.label for group in groups],
+                runs=[group.run for group in groups],
                 scale=np.array([np.sqrt(np.mean(np.abs(g.values) ** 2) / 2) for g in groups]),
             ),
             of_force=tuple(group.of_force for group in groups),
@@ -132,7 +113,7 @@ class Points(Repeated):
         response: str,
         noise_std: float,
         num_samples: int,
-        laws: tuple[str, ...] = ("bouc_wen",),
+        laws: Laws = ("bouc_wen",),
     ) -> Self:
         r"""Planned tones, as they would be read.
 
@@ -165,20 +146,8 @@ class Points(Repeated):
         """Harmonics have a phase."""
         return True
 
-    @property
-    def counts(self) -> list[int]:
-        """Number of points of each group."""
-        return [int(size) // 2 for size in np.asarray(self.repeats.size)]
-
     def predict(self, theta: Theta) -> Complex[Array, "group value"]:
-        """Predicted values of every group, zero behind its last.
-
-        Args:
-            theta: The joint's parameters and `gain`.
-
-        Returns:
-            Response in its measured unit, or force in the source's.
-        """
+        """Response in its measured unit, or force in the source's; zero behind a group's last."""
         column, of_force = self.position[:, None], np.array(self.of_force)
         forced = moved = jnp.zeros(self.point.shape, complex)
         if of_force.any():
@@ -196,7 +165,7 @@ class Points(Repeated):
         """Linear least squares over the first harmonics of the smallest motion at its peak."""
         point, position = np.asarray(self.point), np.asarray(self.position)
         motion, load, omega = (np.asarray(x) for x in (self.motion, self.load, self.omega))
-        sizes = self.counts
+        sizes = [int(size) // 2 for size in np.asarray(self.repeats.size)]
         first = [i for i in range(len(sizes)) if position[i] == 0 and sizes[i] >= 3]
         first = first or [i for i in range(len(sizes)) if position[i] == 0]
         peaks = [np.abs(motion[point[i, : sizes[i]], 0]).max() for i in first]
@@ -208,29 +177,9 @@ class Points(Repeated):
         """Largest displacement [m]."""
         return float(jnp.max(jnp.abs(self.motion)))
 
-    def to_dataset(
-        self, predicted: Complex[np.ndarray, "draw group value"] | None = None
-    ) -> dict[str, xr.Dataset]:
-        """Harmonics of every group over frequency, measured and predicted."""
-        point, counts = np.asarray(self.point), self.counts
-        freq = np.asarray(self.omega) / (2 * np.pi)
-        axes = [freq[point[i, :count]] for i, count in enumerate(counts)]
-        return datasets(self, ("freq", "Hz"), axes, predicted)
-
-    @property
-    def means(self) -> list[Row]:
-        """Mean of the repeats of each group at its own points."""
-        mean = np.asarray(self.mean)
-        return [mean[i, :count] for i, count in enumerate(self.counts)]
-
 
 def motion_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, "point harmonic"]:
-    """Odd harmonics of the displacement under the measured force of every point [m].
-
-    Args:
-        theta: The joint's parameters and `gain`.
-        data: The points.
-    """
+    """Odd harmonics of the displacement under the measured force of every point [m]."""
     joint = oscillator_of(theta, data.laws)
     return jax.vmap(lambda omega, guess, load: refined(joint, omega, guess, load))(
         data.omega, data.motion, theta["gain"] * data.load

@@ -12,8 +12,8 @@ from jaxtyping import Array, Complex, Float
 from jbw.campaign.settings import DEFAULT_LAWS
 from jbw.observables.dataset import Dataset
 from jbw.observables.harmonic_groups import NUM_HARMONICS
-from jbw.observables.motion import response_to
 from jbw.observables.records import Records
+from jbw.observables.samples import response_to
 from jbw.observables.steady import Points
 from jbw.oscillator.excitation import sampled, sweep
 from jbw.oscillator.oscillator import oscillator_of

@@ -10,8 +10,8 @@ from jaxtyping import Array, Float, Key
 
 from jbw.identification.paper import kernel
 from jbw.identification.paper.kernel import KernelData
-from jbw.identification.paper.opening import OpeningCurve, opening_curve
-from jbw.identification.paper.opening import log_likelihood as opening_likelihood
+from jbw.identification.paper.step4 import OpeningCurve, opening_curve
+from jbw.identification.paper.step4 import log_likelihood as opening_likelihood
 from jbw.inference.calibration.replications import Model
 from jbw.inference.fit.locate import Search
 from jbw.inference.space.box import Box

@@ -6,11 +6,10 @@ import numpy as np
 import xarray as xr
 
 from jbw.campaign.settings import Identify
-from jbw.identification.assemble import fitted
 from jbw.identification.linear_step import LinearStep, linear_dataset
 from jbw.identification.paper.step3 import KernelFit, integrals
 from jbw.identification.procedure import Identification, Report
-from jbw.identification.selection import Sweeps, loop_tests, probing_tests
+from jbw.identification.selection import Sweeps, fitted, loop_tests, probing_tests
 from jbw.identification.step import Step
 from jbw.inference.posterior.summary import running_mean
 from jbw.measurement.records import Test

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from jbw.campaign.load import Campaign, force_per_unit
 from jbw.campaign.settings import Identify
-from jbw.identification.combinations import combinations
-from jbw.identification.fitted import Fitted, fit_joint, fitted_of
+from jbw.identification.coordinates import combinations
+from jbw.identification.prepare import Fitted, fit_joint
 from jbw.identification.procedure import Identification
 from jbw.inference.fit.identifiability import (
     box_sensitivity,
@@ -98,7 +98,7 @@ def look_again(
     Returns:
         The answer; None without a joint posterior.
     """
-    fitted = fitted_of(found)
+    fitted = found.fitted
     if fitted is None:
         return None
     before = look(fitted, with_profiles=settings.profiles, report=report)

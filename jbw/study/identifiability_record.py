@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from jbw.identification.fitted import Fitted
+from jbw.identification.prepare import Fitted
 from jbw.inference.fit.identifiability import Sensitivity
 from jbw.inference.fit.information import Direction, Information
 from jbw.inference.fit.profiles import Profile

@@ -11,7 +11,7 @@ import xarray as xr
 from jbw.identification.linear_step import NAMES, LinearStep, units_of
 from jbw.identification.paper.sequential_vs_joint import compare_routes
 from jbw.identification.procedure import Identification
-from jbw.identification.run_scatter import runs_summary
+from jbw.identification.run_effects import runs_summary
 from jbw.identification.step import Step
 from jbw.inference.posterior.summary import as_plain, correlations, summarise
 from jbw.inference.posterior.verdict import Verdict

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, decay_of
-from jbw.observables.decay_entry import Entry, follow, match
-from jbw.observables.decay_envelopes import envelopes, filter_of, readings
+from jbw.observables.decay_envelopes import Entry, envelopes, filter_of, follow, match, readings
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 from jbw.quantities import UNIT_OF, derivative_order

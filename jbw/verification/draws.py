@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.measurement.records import Record
-from jbw.observables.motion import motion_under
 from jbw.observables.observable import OFFSETS
+from jbw.observables.samples import motion_under
 from jbw.oscillator.laws import quantities_of
 from jbw.quantities import LETTER_OF
 

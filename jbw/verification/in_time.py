@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import frf
-from jbw.observables.motion import advance
-from jbw.observables.spectral_lines import in_band, lines_of, noise_share
+from jbw.observables.samples import advance, in_band, lines_of, noise_share
 from jbw.quantities import derivative_order, per
 from jbw.verification.bands import QUANTILES, band, error, gaussian_band, phase_near
 from jbw.verification.draws import Draws, predict_motion, with_references

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from jbw.measurement.integration import differentiate, integrate
 from jbw.measurement.loops import enclosed_area, mean_cycle
 from jbw.measurement.records import Record, Test
-from jbw.observables.motion import advance
+from jbw.observables.samples import advance
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.response import simulate
 from jbw.verification.bands import QUANTILES, band

@@ -16,7 +16,7 @@ from jbw.measurement.records import Test
 from jbw.observables.loops import Loops
 from jbw.observables.observable import prediction
 from jbw.observables.records import Records
-from jbw.observables.spectral_lines import in_band, noise_share
+from jbw.observables.samples import in_band, noise_share
 from jbw.quantities import UNIT_OF, derivative_order
 from jbw.verification.bands import QUANTILES, band, errors, gaussian_band
 from jbw.verification.draws import carry, count_of, with_references

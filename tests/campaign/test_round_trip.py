@@ -13,9 +13,7 @@ import pytest
 
 from jbw.campaign.load import load_campaign
 from jbw.campaign.settings import Identify
-from jbw.identification.assemble import assemble
-from jbw.identification.linear_step import linear_step
-from jbw.identification.selection import decay_tests, linear_test, sweep_tests
+from jbw.identification.assemble import assemble, measured
 from jbw.measurement.files.sep005 import from_sep005, to_sep005
 from jbw.measurement.kinds import KINDS
 from jbw.observables.dataset import log_likelihood
@@ -56,11 +54,7 @@ def score(campaign):
         settings = Identify(substeps=1)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            data = assemble(
-                tests, settings,
-                linear=linear_step(linear_test([t for t in tests if t.kind == "noise"])),
-                sweeps=sweep_tests(tests, settings), decays=decay_tests(tests, settings),
-            )  # fmt: skip
+            data = assemble(measured(tests, settings))
         return data.labels, np.asarray(compiled(truth, data))
 
     return of

@@ -5,8 +5,13 @@ import numpy as np
 import pytest
 
 from jbw import rig
-from jbw.identification.paper.opening import log_likelihood, misfit, opening_curve, residual
-from jbw.identification.paper.step4 import with_curvature
+from jbw.identification.paper.step4 import (
+    log_likelihood,
+    misfit,
+    opening_curve,
+    residual,
+    with_curvature,
+)
 from jbw.inference.fit.fitting import fit
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import box

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from jbw.campaign.settings import Identify
-from jbw.identification.assemble import assemble
+from jbw.identification.assemble import assemble, measured
 from jbw.identification.derived import with_derived
 from jbw.identification.prepare import explained
 from jbw.measurement.records import Record, Test
@@ -35,7 +35,7 @@ def pull(name, repeats, noise):
 @pytest.fixture(scope="module")
 def data():
     tests = (pull("often", 3, 0.05), pull("once", 1, 0.05))
-    return assemble(tests, Identify(), linear=None, sweeps=None, decays=None, gain=1.0)
+    return assemble(measured(tests, Identify(), gain=1.0))
 
 
 THETA = {"omega_n": OMEGA_N, "zeta": 0.01, "alpha": 1000.0, "delta": 1e-3, "gamma": 1e-3}

@@ -8,7 +8,7 @@ from jbw.campaign.schema import parse
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, ModelError
 from jbw.identification.accuracy import residual_finding
-from jbw.identification.priors import joint_box
+from jbw.identification.coordinates import joint_box
 from jbw.planning.description import parse as parse_plan
 
 CAMPAIGN = """

@@ -5,7 +5,7 @@ import pytest
 
 from jbw.campaign.settings import Identify
 from jbw.errors import DataError
-from jbw.identification.assemble import assemble
+from jbw.identification.assemble import assemble, measured
 from jbw.measurement.records import Record, Test
 
 FS, HZ = 512.0, (5.0, 6.0)
@@ -31,7 +31,7 @@ def tone(hz, repeats, seed=0):
 
 
 def gathered(*tests):
-    return assemble(tests, Identify(), linear=None, sweeps=None, decays=None, gain=1.0)
+    return assemble(measured(tests, Identify(), gain=1.0))
 
 
 def test_one_tone_with_one_repeat_is_left_out_and_said_to_be():

@@ -5,8 +5,8 @@ import pytest
 
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
+from jbw.identification.coordinates import joint_box
 from jbw.identification.paper.step3 import PAPER_HALF_WIDTH, about
-from jbw.identification.priors import joint_box
 from jbw.identification.selection import (
     decay_tests,
     linear_test,

@@ -11,24 +11,29 @@ import pytest
 from decays import BAND, SETTLE, decay_test
 
 from jbw.campaign.settings import Identify
-from jbw.identification.assemble import assemble
+from jbw.identification.assemble import assemble, measured
 from jbw.identification.joint import joint_step
 from jbw.identification.prepare import prepare
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.kinds import register as register_kind
 from jbw.measurement.records import Record, Test
-from jbw.observables.dataset import Dataset, by_label, log_likelihood, residual, stacked, without
+from jbw.observables.dataset import (
+    Dataset,
+    by_label,
+    left_by_label,
+    log_likelihood,
+    residual,
+    stacked,
+    without,
+)
 from jbw.observables.decay import Decays, decay_of
-from jbw.observables.labelled import datasets
 from jbw.observables.line_fit import LineReading
 from jbw.observables.loops import Loops
-from jbw.observables.observable import Observable
+from jbw.observables.observable import Observable, run_of
 from jbw.observables.records import Records
-from jbw.observables.register import OBSERVABLES, observable_for, register
+from jbw.observables.register import OBSERVABLES, register
 from jbw.observables.repeated import Repeated, Repeats, repeats
-from jbw.observables.runs import run_of
 from jbw.observables.steady import Points
-from jbw.observables.weighting import left_by_label
 from jbw.oscillator.oscillator import oscillator_of
 
 TRUTH = {
@@ -83,9 +88,6 @@ class RingDown(Repeated):
 
     def y_peak(self, omega_n):
         return float(jnp.max(self.amplitude))
-
-    def to_dataset(self, predicted=None):
-        return datasets(self, ("displacement", "m"), list(self.amplitude), predicted)
 
 
 def theta(**changes):
@@ -172,7 +174,8 @@ every_kind = pytest.mark.parametrize("kind", KINDS_OF_DATA, ids=lambda kind: kin
 @every_kind
 def test_nothing_is_left_of_what_the_truth_predicts(kind):
     data = noise_free(kind)
-    rows, wrong = data.compare(theta()), data.compare(theta(omega_n=128.0, alpha=3000.0))
+    alone = Dataset.of([data])
+    rows, wrong = residual(theta(), alone), residual(theta(omega_n=128.0, alpha=3000.0), alone)
     assert tuple(rows) == data.labels
     assert all(row.shape == (data.width,) for row in rows.values())
     off = np.linalg.norm(np.concatenate([np.asarray(row) for row in wrong.values()]))
@@ -192,22 +195,23 @@ def test_the_residual_is_keyed_by_the_labels_and_comes_back_from_its_rows(kind):
     assert len(data.runs) == len(data.labels)
     left = left_by_label(np.concatenate(list(again.values())), data)
     assert set(left) <= set(data.labels)
-    assert set(data.parts[0].to_dataset()) == set(data.labels)
 
 
 @every_kind
 def test_the_likelihood_has_the_slope_that_differences_give(kind):
     data = Dataset.of([noise_free(kind)])
+    alpha = 2410.0 if kind is Decays else 2600.0
 
     def total(omega_n):
-        return jnp.sum(stacked(theta(omega_n=omega_n, alpha=2600.0), data) ** 2)
+        return jnp.sum(stacked(theta(omega_n=omega_n, alpha=alpha), data) ** 2)
 
     slope = float(jax.jit(jax.grad(total))(jnp.asarray(127.52)))
     step = 1e-4
     pair = [float(total(jnp.asarray(127.52 + sign * step))) for sign in (1, -1)]
-    # Central differences of step h are wrong by a third derivative times h^2; where a decay's
-    # record enters is found by Gauss and Newton, whose slope is exact where nothing is left.
-    rel = 0.1 if kind is Decays else 1e-4
+    # Central differences of step h are wrong by a third derivative times h^2. A decay's shift is
+    # where Gauss and Newton end, whose slope leaves out what is left times its curvature: of first
+    # order in the error of alpha, 0.13 % where that is 10 (0.26 % at 20, 1.3 % at 100, 4 % at 200).
+    rel = 2e-3 if kind is Decays else 1e-4
     assert slope == pytest.approx((pair[0] - pair[1]) / (2 * step), rel=rel)
     assert np.all(np.isfinite(log_likelihood(theta(alpha=2600.0), data)))
 
@@ -245,9 +249,8 @@ def known_kind():
 
 
 def test_a_kind_of_ones_own_is_identified_without_a_change_to_jbw(known_kind):
-    assert observable_for("ring_down") is RingDown
     tests = [ring_down(4, "first"), ring_down(4, "second")]
-    data = assemble(tests, Identify(), gain=1.0)
+    data = assemble(measured(tests, Identify(), gain=1.0))
     assert [type(part) for part in data.parts] == [RingDown]
     settings = Identify(
         num_chains=2, num_warmup=100, num_samples=200, substeps=2,
@@ -272,7 +275,7 @@ def test_a_kind_of_ones_own_is_identified_without_a_change_to_jbw(known_kind):
     ids=["linear", "cubic", "sliders"],
 )
 def test_a_campaign_of_other_laws_is_prepared(known_kind, laws, names):
-    data = assemble([ring_down(4, "first")], Identify(), laws=laws, gain=1.0)
+    data = assemble(measured([ring_down(4, "first")], Identify(), laws=laws, gain=1.0))
     ready = prepare(jax.random.split(jax.random.key(0)), data, Identify())
     assert data.laws == laws
     found = ready.box.names

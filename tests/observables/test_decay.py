@@ -19,7 +19,7 @@ from jbw.errors import DataError
 from jbw.measurement.demodulation import band_filter, demodulate, read_decay
 from jbw.measurement.records import Record, Test
 from jbw.observables.decay import Decays, decay_of
-from jbw.observables.decay_entry import along, match
+from jbw.observables.decay_envelopes import along, match
 
 THETA = {name: jnp.asarray(value) for name, value in TRUTH.items()}
 

@@ -10,20 +10,29 @@ import xarray as xr
 
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, DataError
-from jbw.identification.assemble import assemble
+from jbw.identification.assemble import assemble, measured
 from jbw.identification.joint import joint_step
 from jbw.identification.leaving_out import consistency_finding, leave_one_out
-from jbw.identification.reweighting import with_weights
-from jbw.identification.run_effects import shifts_of, wanted, with_offsets
-from jbw.identification.run_scatter import runs_dataset, runs_sentence, runs_summary
+from jbw.identification.prepare import with_weights
+from jbw.identification.run_effects import (
+    runs_dataset,
+    runs_sentence,
+    runs_summary,
+    shifts_of,
+    wanted,
+    with_offsets,
+)
 from jbw.identification.starts import first_values
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import box
 from jbw.measurement.records import Record, Test
-from jbw.observables.dataset import Dataset, estimates, log_likelihood, stacked
-from jbw.observables.weighting import (
+from jbw.observables.dataset import (
+    Dataset,
     effective_fractions,
+    estimates,
     left_by_label,
+    log_likelihood,
+    stacked,
     with_effective_values,
     with_fitted_noise,
 )
@@ -87,7 +96,7 @@ def loop(seed=0):
 
 @pytest.fixture(scope="module")
 def mixed():
-    return assemble([curve(5), curve(20), curve(60), loop()], Identify(), gain=GAIN)
+    return assemble(measured([curve(5), curve(20), curve(60), loop()], Identify(), gain=GAIN))
 
 
 def theta(**changes):
@@ -157,7 +166,7 @@ def test_offsets_of_runs_are_seen_and_let_in():
         for i, (level, w) in enumerate(zip((5, 20, 40, 60), shifted, strict=True))
     ]
     prior = box(PRIOR)
-    data = assemble(tests, Identify(), gain=GAIN)
+    data = assemble(measured(tests, Identify(), gain=GAIN))
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
     best = costly_fit(stacked, prior, data, starts=middle)
     shifts = shifts_of(best, prior.names, data)
@@ -187,7 +196,7 @@ def test_every_run_has_its_own_frequency_and_assemblies_scatter_more_than_days()
         for i, (day, w) in enumerate(zip(("monday", "friday"), pair, strict=True))
     ]
     prior = box(PRIOR)
-    data = assemble([*tests, curve(5, name="alone")], Identify(), gain=GAIN)
+    data = assemble(measured([*tests, curve(5, name="alone")], Identify(), gain=GAIN))
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
     best = costly_fit(stacked, prior, data, starts=middle)
     shifts = shifts_of(best, prior.names, data)
@@ -217,7 +226,7 @@ def test_every_run_has_its_own_frequency_and_assemblies_scatter_more_than_days()
 
 def test_runs_that_agree_get_no_offsets():
     prior = box(PRIOR)
-    data = assemble([curve(5), curve(20), curve(60)], Identify(), gain=GAIN)
+    data = assemble(measured([curve(5), curve(20), curve(60)], Identify(), gain=GAIN))
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
     best = costly_fit(stacked, prior, data, starts=middle)
     shifts = shifts_of(best, prior.names, data)
@@ -233,7 +242,7 @@ def test_a_mixed_campaign_of_the_right_law_counts_in_full(mixed):
 
 
 def test_misfit_shared_by_all_repeats_does_not_count_as_often():
-    data = assemble([curve(20, repeats=16)], Identify(), gain=GAIN)
+    data = assemble(measured([curve(20, repeats=16)], Identify(), gain=GAIN))
     prior = box({**PRIOR, "zeta": (0.00349, 0.00351)})  # away from the truth
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
     best = costly_fit(stacked, prior, data, starts={**middle, "zeta": 0.0035})
@@ -248,13 +257,15 @@ def test_misfit_shared_by_all_repeats_does_not_count_as_often():
 def test_leaving_a_run_out_is_a_fit_of_the_others():
     tests = [curve(5), curve(20), curve(60)]
     prior = box(PRIOR)
-    data = assemble(tests, Identify(), gain=GAIN)
+    data = assemble(measured(tests, Identify(), gain=GAIN))
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
     best = costly_fit(stacked, prior, data, starts=middle)
     found = leave_one_out(best, prior, data)
     assert found is not None
     assert found.runs == ("held at 5", "held at 20", "held at 60")
-    apart = costly_fit(stacked, prior, assemble(tests[1:], Identify(), gain=GAIN), starts=middle)
+    apart = costly_fit(
+        stacked, prior, assemble(measured(tests[1:], Identify(), gain=GAIN)), starts=middle
+    )
     change = (found.estimate[0] - list(apart.theta.values())) / found.std[0]
     # Two iterations along the valley of alpha delta, each to its tolerance.
     assert np.abs(change).max() < 0.02
@@ -269,7 +280,7 @@ def test_leaving_a_run_out_is_a_fit_of_the_others():
 def test_a_level_that_contradicts_the_others_is_found():
     tests = [curve(5), curve(20), curve(60, omega_n=501.0)]
     prior = box(PRIOR)
-    data = assemble(tests, Identify(), gain=GAIN)
+    data = assemble(measured(tests, Identify(), gain=GAIN))
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
     best = costly_fit(stacked, prior, data, starts=middle)
     finding = consistency_finding(leave_one_out(best, prior, data))
@@ -278,7 +289,7 @@ def test_a_level_that_contradicts_the_others_is_found():
 
 
 def test_the_linear_look_reads_a_held_curve():
-    found = first_values(assemble([curve(5), curve(60)], Identify(), gain=GAIN))
+    found = first_values(assemble(measured([curve(5), curve(60)], Identify(), gain=GAIN)))
     # At the lowest level: 10 um on a joint that softens by 4/(3 pi) alpha delta Y, and the noise.
     assert found["omega_n"] == pytest.approx(500.0, rel=1e-3)
     assert found["zeta"] == pytest.approx(0.003, rel=0.4)
@@ -287,12 +298,12 @@ def test_the_linear_look_reads_a_held_curve():
 
 def test_hold_out_and_fit_choose_the_tests(mixed):
     tests = [curve(5), curve(20), loop()]
-    data = assemble(tests, Identify(hold_out=["held at 5"], fit=["frf"]), gain=GAIN)
+    data = assemble(measured(tests, Identify(hold_out=["held at 5"], fit=["frf"]), gain=GAIN))
     assert [part.repeats.labels for part in data.parts] == [("held at 20",)]
     with pytest.raises(ConfigError, match="`hold_out` must name tests"):
-        assemble(tests, Identify(hold_out=["other"]), gain=GAIN)
+        assemble(measured(tests, Identify(hold_out=["other"]), gain=GAIN))
     with pytest.raises(DataError, match="no test that the joint can be fitted to"):
-        assemble(tests, Identify(fit=["sweep"]), gain=GAIN)
+        assemble(measured(tests, Identify(fit=["sweep"]), gain=GAIN))
 
 
 @pytest.mark.slow

@@ -10,8 +10,8 @@ from jbw.errors import DataError
 from jbw.identification.derived import draw_noise_std
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
-from jbw.observables.motion import advance, response_to
 from jbw.observables.records import Records
+from jbw.observables.samples import advance, response_to
 
 FS = 256.0
 TRUTH = {

@@ -11,7 +11,7 @@ from jbw.identification.linear_step import linear_step
 from jbw.measurement.periods import periods
 from jbw.measurement.records import Record, Test
 from jbw.observables.records import Records
-from jbw.observables.spectral_lines import in_band, lines_of, noise_share, values_of
+from jbw.observables.samples import in_band, lines_of, noise_share, values_of
 
 FS, SIZE = 256.0, 2048
 

@@ -194,7 +194,7 @@ def test_predicted_spread_is_that_of_fits_to_noisy_records():
     import jax.numpy as jnp
     from scipy.optimize import least_squares
 
-    from jbw.observables.motion import response_to
+    from jbw.observables.samples import response_to
 
     test = Sweep(level=0.06, start_hz=12.0, stop_hz=26.0, rate=2.8, rest=3.0, fs=512.0)
     theta, noise = JOINT, Noise(5e-4, "velocity")

@@ -17,7 +17,7 @@ from jbw.cli import run as command
 from jbw.errors import ConfigError
 from jbw.identification.paper import kernel
 from jbw.identification.paper.kernel import KernelData
-from jbw.identification.paper.opening import log_likelihood as opening_likelihood
+from jbw.identification.paper.step4 import log_likelihood as opening_likelihood
 from jbw.inference.calibration.replications import calibrate
 from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate

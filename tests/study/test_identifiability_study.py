@@ -12,8 +12,8 @@ import jbw.cli.identifiability
 from jbw.campaign.load import load_campaign
 from jbw.campaign.settings import Identify
 from jbw.cli import run
-from jbw.identification.combinations import combinations
-from jbw.identification.fitted import fit_dataset
+from jbw.identification.coordinates import combinations
+from jbw.identification.prepare import prepare
 from jbw.identification.procedure import Identification
 from jbw.identification.step import Step
 from jbw.inference.posterior.verdict import judge
@@ -72,7 +72,8 @@ def test_noise_alone_knows_nothing_of_the_joint():
     mean, sd = np.array([118.1, 0.00444, 15.0]), np.array([0.01, 2e-5, 0.01])
     data = Dataset.of([LineReading.of(mean, np.diag(sd**2), 2e-5, "noise")])
     prior = {"alpha": [425.0, 590.0], "delta": [272.0, 408.0], "gamma": [20.0, 48.0]}
-    found = look(fit_dataset(jax.random.key(0), data, Identify(prior=prior)), with_profiles=False)
+    settings = Identify(prior=prior, coordinates="paper")
+    found = look(prepare(jax.random.split(jax.random.key(0)), data, settings), with_profiles=False)
     known = found.information.known
     assert all(known[name].ratio < 0.1 for name in ("omega_n", "zeta", "gain"))
     for name in (*prior, "alpha_delta", "alpha_gamma"):

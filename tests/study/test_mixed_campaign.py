@@ -6,11 +6,9 @@ import pytest
 
 from jbw import rig
 from jbw.campaign.settings import Identify
-from jbw.identification.assemble import assemble
+from jbw.identification.assemble import assemble, measured
 from jbw.identification.coordinates import box_of
-from jbw.identification.linear_step import linear_step
-from jbw.identification.reweighting import reweight
-from jbw.identification.selection import decay_tests, linear_test, sweep_tests
+from jbw.identification.prepare import reweight
 from jbw.identification.starts import first_values, fit_from
 from jbw.inference.samplers.sampling import sample
 from jbw.observables.dataset import log_likelihood
@@ -42,27 +40,19 @@ def joint_of(data, settings, seed):
     prior = box_of(settings, data, known)
     keys = jax.random.split(jax.random.key(seed), 3)
     first = fit_from(keys[0], data, prior, known)
-    prior, best, data, _ = reweight(keys[1], data, prior, first, settings)
+    ready = reweight(keys[1], data, prior, first, settings)
     tree = sample(
-        keys[2], log_likelihood, prior, data, sampler="importance", num_chains=4, num_samples=50,
-        start=best.theta, covariance=best.covariance,
+        keys[2], log_likelihood, ready.box, ready.data, sampler="importance", num_chains=4,
+        num_samples=50, start=ready.fit.theta, covariance=ready.fit.covariance,
     )  # fmt: skip
-    return Weighed(tree), data
+    return Weighed(tree), ready.data
 
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_truth_lies_within_the_joint_posterior(seed):
     campaign = rig.measure("mixed", seed=seed, repeats=2, noise_ratio=0.02, force_noise_std=0.2)
     tests, settings = campaign.tests, Identify(**{**campaign.settings, "substeps": 2})
-    noise = linear_test(tests)
-    assert noise is not None
-    data = assemble(
-        tests,
-        settings,
-        linear=linear_step(noise),
-        sweeps=sweep_tests(tests, settings),
-        decays=decay_tests(tests, settings),
-    )
+    data = assemble(measured(tests, settings))
     found, data = joint_of(data, settings, seed)
     assert found.khat < 0.7
     for name, value in truth_of(campaign).items():
@@ -78,7 +68,7 @@ def of_days(offsets, **more):
         omega_n_cv=5e-4, zeta_cv=0.05,
     )  # fmt: skip
     settings = Identify(**{**campaign.settings, "offsets": offsets, "substeps": 2, **more})
-    data = assemble(campaign.tests, settings, sweeps=sweep_tests(campaign.tests, settings))
+    data = assemble(measured(campaign.tests, settings))
     found, data = joint_of(data, settings, 0)
     sd = found.sd("omega_n")
     days = [day["omega_n"] for day in campaign.truth["days"]]

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import simpson
 from scipy.interpolate import CubicSpline
 
-from jbw.identification.paper.opening import log_likelihood, opening_curve
+from jbw.identification.paper.step4 import log_likelihood, opening_curve
 from jbw.inference.posterior.summary import diagnose
 from jbw.inference.samplers.sampling import sample
 from jbw.study import calibration_designs as designs

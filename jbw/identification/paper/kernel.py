@@ -45,11 +45,9 @@ def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:
     $$\sigma_i^2 = \frac{S_i}{2(K_i - 1)}$$
 
     Args:
-        kernels: The measured kernel of each probing test, input per unit mass [N/kg].
+        kernels: The measured kernel of each probing test, input per unit mass [N/kg]; those below
+            the noise are left out.
         omega_n: Natural frequency of Step 2 [rad/s].
-
-    Returns:
-        The reduced data, in the order of the frequencies given; those below the noise left out.
 
     Raises:
         DataError: If fewer than two frequencies are usable or a test has one repeat.
@@ -83,20 +81,13 @@ def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:
 
 
 def predict(theta: Mapping[str, Array], data: KernelData) -> Complex[Array, " freq"]:
-    r"""The paper's closed form at the probing frequencies.
+    r"""The paper's closed form at the probing frequencies [m^-2 s^6].
 
     $$H_3(\omega) = -\lambda_3\,H_1(\omega)^3\,H_1(3\omega), \qquad
       \lambda_3 = \alpha\Bigl(\frac{\delta^2}{6} - \frac{35\,\delta}{96\,Y}\Bigr)$$
 
     At one amplitude it depends on alpha and delta through lambda_3 alone: they are not
     separately identifiable from it.
-
-    Args:
-        theta: zeta, alpha and delta.
-        data: The reduced data.
-
-    Returns:
-        Kernel [m^-2 s^6].
 
     Reference:
         Eqs. (25), (31).

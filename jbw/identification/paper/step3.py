@@ -11,10 +11,10 @@ import xarray as xr
 from jaxtyping import Key
 
 from jbw.campaign.settings import Identify
+from jbw.identification.coordinates import stated
 from jbw.identification.linear import PooledFit
 from jbw.identification.paper import kernel
 from jbw.identification.paper.kernel import KernelData
-from jbw.identification.priors import stated
 from jbw.identification.step import Step, attrs, finished
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.samplers.checkpointing import Keep, nowhere
@@ -30,18 +30,16 @@ from jbw.oscillator.paper.kernels import h1
 NAMES = ("zeta", "alpha", "delta")
 # Half widths of the paper's boxes about the initial fit, read from the CVs of its priors.
 PAPER_HALF_WIDTH = {"zeta": 0.20, "alpha": 0.163, "delta": 0.20, "gamma": 0.41}
+SAMPLERS: dict[str, dict[str, Any]] = {
+    "third_order_nuts": {"sampler": "nuts", "num_warmup": 500, "num_samples": 500},
+    "third_order_paper": {"sampler": "random_walk_paper"},
+    "third_order_walk": {"sampler": "random_walk", "num_warmup": 2000, "num_samples": 20_000},
+}
 
 
 @dataclass(frozen=True)
 class KernelFit:
-    """The initial fit of Step 3.
-
-    Attributes:
-        kernels: The measured kernel of each probing test.
-        data: Their sufficient statistics.
-        fit: Least squares in the box.
-        box: The prior box of the posterior.
-    """
+    """The initial fit of Step 3 in the prior box, from the kernel of each probing test."""
 
     kernels: tuple[ThirdOrder, ...]
     data: KernelData
@@ -63,13 +61,7 @@ def measured_kernels(tests: Sequence[Test], linear: PooledFit) -> tuple[ThirdOrd
 
     The source's harmonic rings the structure that slides under the tone, not that of Step 2: a
     first kernel by H1 says how much softer it is, a second one is taken by the softer receptance.
-
-    Args:
-        tests: Probing tests with one tone each.
-        linear: Step 2: gain, and H1 at three times the tone.
-
-    Returns:
-        One kernel a test, input per unit mass.
+    The input is per unit mass.
 
     Reference:
         Eqs. (29), (30).
@@ -101,12 +93,8 @@ def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder
 
     $$\frac1{H(3\omega)} = \frac1{H_1(3\omega)} - \frac{2\,\alpha\delta\,|Y_1|}{\pi}$$
 
-    which is the mean over a period of the slope alpha (1 - delta |y|) of Eq. (2), to first order.
-
-    Args:
-        test: A tone.
-        linear: Step 2.
-        softer: The second term, what the tone takes from the stiffness [1/s^2].
+    which is the mean over a period of the slope alpha (1 - delta |y|) of Eq. (2), to first order;
+    `softer` is its second term [1/s^2].
     """
     omega = 2 * np.pi * test.tones_hz[0]
     role = test.records[0].source
@@ -121,19 +109,10 @@ def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder
 
 
 def fit_kernel(key: Key, tests: Sequence[Test], linear: PooledFit, settings: Identify) -> KernelFit:
-    """The initial fit of zeta, alpha and delta, and the box of their posterior.
+    """The initial fit of zeta, alpha and delta to probing tests, and the box of their posterior.
 
     The box is the campaign's where it states one, otherwise the paper's widths about a first fit
-    within physical bounds.
-
-    Args:
-        key: Random key of the starts.
-        tests: Probing tests.
-        linear: Step 2.
-        settings: The campaign's [identify] table.
-
-    Returns:
-        The fit in the box, at whose bounds the optimum may lie: it is said in `fit.at_bound`.
+    within physical bounds. The optimum may lie at its bounds: it is said in `fit.at_bound`.
 
     Reference:
         Eqs. (38), (39).
@@ -161,56 +140,49 @@ def third_order_steps(
     chains start dispersed, so that their comparison can tell: the paper's chain, started at one
     optimum, agrees with itself and says nothing.
 
-    Args:
-        key: Random key.
-        step: The initial fit.
-        settings: The campaign's [identify] table.
-        keep: Where the chains outlive the process.
-
     Returns:
         The steps "third_order_nuts", "third_order_paper" and "third_order_walk".
 
     Reference:
         Eqs. (35), (36).
     """
-    options: dict[str, dict[str, Any]] = {
-        "third_order_nuts": {"sampler": "nuts", "num_warmup": 500, "num_samples": 500},
-        "third_order_paper": {"sampler": "random_walk_paper"},
-        "third_order_walk": {"sampler": "random_walk", "num_warmup": 2000, "num_samples": 20_000},
-    }
+    how = {"num_chains": settings.num_chains, "attrs": attrs()}
+    notes = tuple(note for one in step.kernels for note in one.notes)
     steps = {}
-    for one, (name, chosen) in zip(jax.random.split(key, 3), options.items(), strict=True):
+    for one, (name, options) in zip(jax.random.split(key, 3), SAMPLERS.items(), strict=True):
         started = perf_counter()
-        about = step.box, step.data
-        chosen |= {"num_chains": settings.num_chains, "chain_method": "vectorized"}
-        chosen |= {"attrs": attrs(), "kept": keep(name)}
+        options = {**options, **how, "kept": keep(name)}
         if name == "third_order_paper":
-            tree = sample(one, kernel.known_noise_log_likelihood, *about, **chosen)
-        else:
-            noisy = as_noise(step.fit)
+            likelihood = kernel.known_noise_log_likelihood
             tree = sample(
-                one, kernel.log_likelihood, *about, options={"adapt_mass": True},
-                coordinates=along_ridge(noisy.theta, noisy.covariance, step.box), **chosen,
-            )  # fmt: skip
-        said = (*_products(tree, step), *_notes(step))
+                one, likelihood, step.box, step.data, chain_method="vectorized", **options
+            )
+        else:
+            tree = draw(one, step, options={"adapt_mass": True}, **options)
         steps[name] = finished(
             name, tree, step.box, step.fit, started,
-            statements=said, chi_square=step.fit.chi_square,
+            statements=(_product_sentence(tree), *notes), chi_square=step.fit.chi_square,
         )  # fmt: skip
     return steps
 
 
-def as_noise(best: Fit) -> Fit:
-    """A fit whose misfit counts as noise, as it does where the noise is integrated out.
+def draw(key: Key, step: KernelFit, **options: Any) -> xr.DataTree:
+    """Draws along the ridge alpha*delta, the noise integrated out."""
+    noisy = as_noise(step.fit)
+    ridge = along_ridge(noisy.theta, noisy.covariance, step.box)
+    return sample(
+        key, kernel.log_likelihood, step.box, step.data,
+        coordinates=ridge, chain_method="vectorized", **options,
+    )  # fmt: skip
 
-    Args:
-        best: The fit, its covariance by the noise of the repeats.
-    """
+
+def as_noise(best: Fit) -> Fit:
+    """A fit whose misfit counts as noise, as it does where the noise is integrated out."""
     chi_square, dof = best.chi_square
     return replace(best, covariance=best.covariance * max(1.0, chi_square / max(dof, 1)))
 
 
-def _products(tree: xr.DataTree, step: KernelFit) -> tuple[str, ...]:
+def _product_sentence(tree: xr.DataTree) -> str:
     """What the kernel does determine, with its interval."""
     posterior = tree["posterior"].to_dataset()
     product = (posterior["alpha"] * posterior["delta"]).values
@@ -218,25 +190,14 @@ def _products(tree: xr.DataTree, step: KernelFit) -> tuple[str, ...]:
     return (
         f"The kernel determines lambda_3 and with it the product alpha*delta: {product.mean():.6g} "
         f"1/(m s^2), 99 % interval [{low:.6g}, {high:.6g}]; alpha and delta apart come from the "
-        "box and from the error of the model (31).",
+        "box and from the error of the model (31)."
     )
 
 
-def _notes(step: KernelFit) -> tuple[str, ...]:
-    return tuple(note for measured in step.kernels for note in measured.notes)
-
-
 def integrals(posterior: xr.Dataset, data: KernelData) -> np.ndarray:
-    r"""Energy of each draw's kernel over the probing band, for conv(n_s).
+    r"""Energy of each draw's kernel over the probing band, for conv(n_s), shape (chain, draw).
 
     $$\int_B |H_3(\omega)|^2\,\mathrm{d}\omega$$
-
-    Args:
-        posterior: Draws of zeta, alpha and delta.
-        data: The probing frequencies.
-
-    Returns:
-        One integral a draw, shape (chain, draw).
 
     Reference:
         Eq. (40).

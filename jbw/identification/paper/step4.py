@@ -1,10 +1,15 @@
-"""Step 4 by the paper's cut: gamma alone, the earlier steps held at their means."""
+"""Step 4 by the paper's cut: gamma alone, the earlier steps held at their means.
+
+With one parameter left, the misfit of each level is a smooth function of gamma: a few dozen solves
+at Chebyshev nodes give it everywhere, and every sampler then runs on the series.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,17 +17,8 @@ import xarray as xr
 from jaxtyping import Array, Float, Key
 
 from jbw.campaign.settings import Identify
+from jbw.identification.coordinates import stated
 from jbw.identification.linear import PooledFit
-from jbw.identification.paper.opening import (
-    OpeningCurve,
-    as_arrays,
-    log_likelihood,
-    misfit,
-    misfits,
-    opening_curve,
-    residual,
-)
-from jbw.identification.priors import stated
 from jbw.identification.step import Step, attrs, finished
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.fit.identifiability import weak_direction
@@ -32,12 +28,102 @@ from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box, box
 from jbw.observables.records import Records
 
+NODES = 48
 REACH = 3.0  # of delta: where gamma is looked for when the campaign states no prior
 WRONG = 0.05  # nats: what the series may be wrong by where the posterior lies
 SAMPLERS = {
     "opening_nuts": {"sampler": "nuts", "num_warmup": 300, "num_samples": 1000},
     "opening_paper": {"sampler": "random_walk_paper"},
 }
+
+
+class OpeningCurve(eqx.Module):
+    r"""Misfit of each level as a Chebyshev series in gamma.
+
+    $$K\,|\bar v - m(\gamma)|^2 = \sum_k c_k\,T_k(s), \qquad s \in [-1, 1]$$
+
+    Attributes:
+        coefficients: c_k of each level.
+        within: S of each level.
+        num_values: Measured values of each level, over repeats and time.
+        noise_std: Noise of one repeat, from the scatter of the repeats.
+        lower: Least gamma of the series [1/m].
+        upper: Greatest gamma [1/m].
+    """
+
+    coefficients: Float[Array, "level node"]
+    within: Float[Array, " level"]
+    num_values: Float[Array, " level"]
+    noise_std: Float[Array, " level"]
+    lower: Float[Array, ""]
+    upper: Float[Array, ""]
+
+
+def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> OpeningCurve:
+    """Solve at the Chebyshev nodes of gamma's prior and make the series; usable under vmap."""
+    s = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
+    gamma = prior.lower[0] + (s + 1) / 2 * (prior.upper[0] - prior.lower[0])
+    values = misfits(gamma, as_arrays(held), records)
+    # Discrete orthogonality of the polynomials at these nodes; the mean comes with half the weight.
+    series = 2 / NODES * np.polynomial.chebyshev.chebvander(s, NODES - 1).T
+    series[0] /= 2
+    return OpeningCurve(
+        coefficients=(series @ values).T,
+        within=records.repeats.within,
+        num_values=records.repeats.num_values,
+        noise_std=records.repeats.noise_std,
+        lower=prior.lower[0],
+        upper=prior.upper[0],
+    )
+
+
+@jax.jit
+def misfits(
+    gamma: Float[Array, " node"], held: Mapping[str, Array], records: Records
+) -> Float[Array, "node level"]:
+    """Misfit of every level by solves, gamma [1/m] after gamma."""
+
+    def one(value: Float[Array, ""]) -> Float[Array, " level"]:
+        return records.squares({**held, "gamma": value}) - records.repeats.within
+
+    return jax.lax.map(one, gamma)
+
+
+def misfit(gamma: Float[Array, ""], curve: OpeningCurve) -> Float[Array, " level"]:
+    """Value of the series, by Clenshaw's recurrence."""
+    s = 2 * (gamma - curve.lower) / (curve.upper - curve.lower) - 1
+
+    def step(carry: tuple, c: Float[Array, " level"]) -> tuple:
+        b_1, b_2 = carry
+        return (c + 2 * s * b_1 - b_2, b_1), None
+
+    zero = jnp.zeros(curve.coefficients.shape[0])
+    (b_1, b_2), _ = jax.lax.scan(step, (zero, zero), curve.coefficients.T[:0:-1])
+    return curve.coefficients[:, 0] + s * b_1 - b_2
+
+
+def log_likelihood(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " level"]:
+    """Log likelihood of each level, its noise integrated out under Jeffreys' prior.
+
+    Reference:
+        Eq. (37), on the velocity as in (41).
+    """
+    squares = jnp.maximum(misfit(theta["gamma"], curve), 0.0) + curve.within
+    return -curve.num_values / 2 * jnp.log(squares)
+
+
+def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " level"]:
+    """Root of each level's misfit in units of its noise: half its square is the cost.
+
+    Reference:
+        Eqs. (41), (42).
+    """
+    return jnp.sqrt(jnp.maximum(misfit(theta["gamma"], curve), 1e-300)) / curve.noise_std
+
+
+def as_arrays(held: Mapping[str, float]) -> dict[str, Array]:
+    """Held parameters as arrays, which are not compiled in."""
+    return {name: jnp.asarray(float(value)) for name, value in held.items()}
 
 
 class OpeningFit(NamedTuple):
@@ -86,11 +172,6 @@ def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
 
     The root of a misfit has no slope at its minimum, from which least squares would know nothing;
     and what the earlier steps got wrong counts as noise, which is integrated out.
-
-    Args:
-        found: The fit.
-        prior: Box of gamma.
-        curve: The likelihood's series.
     """
 
     def cost(gamma: Float[Array, ""]) -> Float[Array, ""]:
@@ -119,13 +200,7 @@ def opening_steps(
 ) -> dict[str, Step]:
     """Posterior of gamma by NUTS and by the paper's walk, everything else held.
 
-    Args:
-        key: Random key.
-        records: The reduced sweeps.
-        linear: Step 2: omega_n and gain.
-        third_order: Step 3: zeta, alpha and delta, taken at their means.
-        settings: The campaign's [identify] table.
-        keep: Where the chains outlive the process.
+    Held are omega_n and gain of Step 2, and zeta, alpha and delta at the means of Step 3.
 
     Returns:
         The steps "opening_nuts" and "opening_paper".
@@ -134,10 +209,9 @@ def opening_steps(
         Eqs. (37), (41), (42).
     """
     started = perf_counter()
-    group = third_order.posterior["posterior"]
-    means = {str(n): float(v.mean()) for n, v in group.data_vars.items()}
     fit_key, *keys = jax.random.split(key, 3)
-    curve, best, prior, held = fit_opening(fit_key, records, linear, means, settings)
+    start = fit_opening(fit_key, records, linear, third_order.means, settings)
+    curve, best, prior, held = start
     chi_square = (2 * best.cost, records.mean.size)
     said = (
         "Gamma is conditional on the means of Steps 2 and 3: their errors are in it, "

@@ -1,0 +1,121 @@
+"""Samples that are compared: brought to one time and into a band, and predicted from the joint."""
+
+from collections.abc import Mapping, Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jbw.errors import DataError
+from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.response import Response, simulate
+from jbw.quantities import LETTER_OF
+
+Lines = tuple[int, int]  # the first line of a spectrum that counts, and the one after the last
+
+
+def advance(samples: np.ndarray, delay: float, fs: float) -> np.ndarray:
+    r"""Undo a channel's delay tau [s] by the phase of its spectrum, at rest at both ends.
+
+    $$x(t + \tau) \leftrightarrow X(\omega)\,e^{+j\omega\tau}$$
+    """
+    if delay == 0.0:
+        return samples
+    omega = 2 * np.pi * np.fft.rfftfreq(len(samples), 1 / fs)
+    return np.fft.irfft(np.fft.rfft(samples) * np.exp(1j * omega * delay), len(samples))
+
+
+def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:
+    """First line of a record's spectrum in a band, and the one after the last; None without a band.
+
+    Raises:
+        DataError: If the band holds no line.
+    """
+    if not band_hz:
+        return None
+    first, last = np.ceil(band_hz[0] * length / fs), np.floor(band_hz[1] * length / fs)
+    lines = max(int(first), 1), min(int(last), (length - 1) // 2) + 1
+    if lines[1] <= lines[0]:
+        raise DataError(
+            f"Key `band` must hold a line of the records' spectra, which lie {fs / length:.3g} Hz "
+            f"apart up to {fs / 2:g} Hz, but is {list(band_hz)}.",
+            remedy="Widen the band, or leave it out.",
+        )
+    return lines
+
+
+def in_band(samples: np.ndarray, lines: Lines | None) -> np.ndarray:
+    """Samples along the last axis with nothing left but some lines of their spectrum."""
+    if lines is None:
+        return samples
+    spectrum = np.fft.rfft(samples)
+    kept = np.zeros_like(spectrum)
+    kept[..., lines[0] : lines[1]] = spectrum[..., lines[0] : lines[1]]
+    return np.fft.irfft(kept, samples.shape[-1])
+
+
+def noise_share(lines: Lines | None, length: int) -> float:
+    """Share of white noise that is left in some lines of its spectrum, as a standard deviation."""
+    return 1.0 if lines is None else float(np.sqrt(2 * (lines[1] - lines[0]) / length))
+
+
+def values_of(
+    samples: Float[Array, "*batch time"], lines: Lines | None
+) -> Float[Array, "*batch value"]:
+    r"""What is compared of samples: themselves, or the lines of a band, of the same sum of squares.
+
+    $$\sqrt{2/N}\,(\mathrm{Re}\,X_n, \mathrm{Im}\,X_n)$$
+    """
+    if lines is None:
+        return samples
+    spectrum = jnp.fft.rfft(samples)[..., lines[0] : lines[1]]
+    scale = np.sqrt(2 / samples.shape[-1])
+    return scale * jnp.concatenate([spectrum.real, spectrum.imag], axis=-1)
+
+
+def motion_under(
+    theta: Mapping[str, Array],
+    source: Float[Array, " time"],
+    fs: float,
+    *,
+    laws: tuple[str, ...] = ("bouc_wen",),
+    substeps: int = 2,
+    periodic: bool = False,
+) -> Response:
+    """Motion of the joint under a measured input, from rest or steady.
+
+    The input between its samples is the band-limited one that the sampling saw.
+
+    Args:
+        theta: The joint's parameters and `gain` [N/kg per unit of the input].
+        source: Measured input [unit of the input].
+        fs: Sampling frequency [Hz].
+        laws: Names of the laws of the joint.
+        substeps: Steps of the solver between samples.
+        periodic: Whether the input is one period of a steady test.
+
+    Reference:
+        Eqs. (1), (2).
+    """
+    return simulate(
+        oscillator_of(theta, laws),
+        theta["gain"] * source,
+        fs,
+        hold="band_limited",
+        substeps=substeps,
+        periodic=periodic,
+    )
+
+
+def response_to(
+    theta: Mapping[str, Array],
+    source: Float[Array, " time"],
+    fs: float,
+    *,
+    laws: tuple[str, ...] = ("bouc_wen",),
+    response: str = "velocity",
+    substeps: int = 2,
+) -> Float[Array, " time"]:
+    """Displacement [m], velocity [m/s] or acceleration [m/s^2] of `motion_under`, from rest."""
+    motion = motion_under(theta, source, fs, laws=laws, substeps=substeps)
+    return getattr(motion, LETTER_OF[response])
