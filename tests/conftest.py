@@ -25,7 +25,7 @@ def golden():
 
 @pytest.fixture(scope="module", autouse=True)
 def _compiled_code_does_not_pile_up():
-    """A process out of mappings dies inside the compiler, not in the test that filled it."""
+    """A process that runs out of mappings dies in the compiler, not in the test that filled it."""
     yield
     if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MANY_MAPS:
         jax.clear_caches()

@@ -18,12 +18,11 @@ from jbw.observables import harmonic_groups as steady
 from jbw.observables.dataset import Dataset
 from jbw.observables.loops import Loops
 from jbw.observables.steady import Points
+from jbw.verification.backbone import amplitude_verification
 from jbw.verification.bands import errors
 from jbw.verification.curves import curves_of, predict_curves
-from jbw.verification.decays import amplitude_verification
-from jbw.verification.draws import scattered
 from jbw.verification.predicted import Source
-from jbw.verification.predictive_basis import basis_of
+from jbw.verification.predictive_basis import basis_of, scattered
 from jbw.verification.reference_oscillators import references
 from jbw.verification.steady_motion import predict_loop, predict_periods
 from jbw.verification.verify import place

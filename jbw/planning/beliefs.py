@@ -4,7 +4,6 @@ The joint is only guessed, and what a test tells depends on it. So every number 
 at several joints, and judged by the worst of ten.
 """
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -18,7 +17,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.inference.space.box import Box, box
 from jbw.oscillator.laws import quantities_of
 from jbw.planning.keys import Range, shares_of
-from jbw.verification.draws import Draws, thin, unnamed_laws
+from jbw.verification.predictive_basis import Draws, laws_of_run, thin
 
 # A single value is known to a factor of two; the natural frequency, which a tap shows, far better.
 REACH = {"omega_n": 1.1}
@@ -176,9 +175,7 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
         DataError: The posterior lacks a parameter of the joint, or its damping is held at zero.
     """
     posterior = tree["posterior"].to_dataset()
-    laws = (
-        tuple(json.loads(tree.attrs["laws"])) if "laws" in tree.attrs else unnamed_laws(posterior)
-    )
+    laws = laws_of_run(tree)
     needed = _joint_names(laws)
     missing = [name for name in needed if name not in posterior and name not in held]
     if missing:

@@ -1,7 +1,6 @@
 """`jbw.sbc`: does a step of the procedure hold the truth as often as it says?"""
 
 import logging
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
@@ -23,12 +22,10 @@ from jbw.quantities import BY_NAME, attrs_of
 from jbw.report.calibration import rank_ecdfs
 from jbw.study import calibration_designs as designs
 from jbw.study import calibration_models as models
-from jbw.study.campaign_designs import joint_design, opening_design, probing_design
-from jbw.study.linear_calibration import calibrate_linear
+from jbw.study.calibration_designs import Report
 from jbw.study.store import write_figure, write_json
 
 logger = logging.getLogger("jbw")
-Report = Callable[[str], None]
 STEPS = ("linear", "third_order", "opening", "joint")
 REPLICATIONS = {"linear": 1000, "third_order": 1000, "opening": 1000, "joint": 200}
 NOISES = ("unknown", "known")
@@ -103,12 +100,11 @@ def sbc(
         report(f"{step}: {done} of {count} replications")
 
     if step == "linear":
-        frf, prior = designs.lines()
-        chosen, name = None, "line_fit"
-        found = calibrate_linear(key, frf, prior, num_replications=count, report=told)
+        name = "line_fit"
+        found = models.calibrate_linear(key, *designs.lines(), num_replications=count, report=told)
     else:
         chosen = _step(step, campaign, noise == "known", report)
-        name = chosen.sampler if sampler is None else sampler
+        name = sampler or chosen.sampler
         found = calibrate(
             key, *suited(chosen, name), num_replications=count, batch=chosen.batch, report=told
         )
@@ -119,9 +115,23 @@ def sbc(
         "noise": noise if step == "third_order" else None,
         "seed": seed,
         "wall_time_s": round(perf_counter() - started, 2),
-        **record_of(found),
+        "replications": len(found.ranks),
+        "ranks": found.num_ranks,
+        "failures": {reason: int(each.sum()) for reason, each in found.failures.items()},
+        "failed": int(found.failed.sum()),
+        "quantities": {
+            quantity: {
+                "p_chi_square": found.p_chi_square[quantity],
+                "p_ecdf": found.p_ecdf[quantity],
+                "coverage_99": found.coverage[quantity][0],
+                "coverage_99_lower": found.coverage[quantity][1],
+                "coverage_99_upper": found.coverage[quantity][2],
+            }
+            for quantity in found.names
+        },
+        "verdict": asdict(found.verdict),
     }
-    return Sbc(found, tree_of(found, record), record)
+    return Sbc(found, _tree(found, record), record)
 
 
 def suited(step: models.Step, name: str) -> tuple[Model, Sampler, Any]:
@@ -129,10 +139,6 @@ def suited(step: models.Step, name: str) -> tuple[Model, Sampler, Any]:
 
     Where time is stepped through, and for samplers that need it, least squares find the posterior
     first; the others cross the whole box, so that nothing helps them that a campaign would not.
-
-    Args:
-        step: What is calibrated.
-        name: Name of the sampler.
 
     Returns:
         The model, the sampler and its options.
@@ -164,13 +170,13 @@ def suited(step: models.Step, name: str) -> tuple[Model, Sampler, Any]:
 def _step(step: str, campaign: Campaign | None, known_noise: bool, report: Report) -> models.Step:
     """The posterior and its simulator, from a campaign or the short tests."""
     if step == "third_order":
-        probing = designs.probing() if campaign is None else probing_design(campaign, report)
+        probing = designs.probing_of(campaign, report) if campaign else designs.probing()
         return models.third_order(probing, known_noise=known_noise)
     if step == "opening":
         return models.opening(
-            designs.opening() if campaign is None else opening_design(campaign, report)
+            designs.opening_of(campaign, report) if campaign else designs.opening()
         )
-    return models.joint(designs.joint() if campaign is None else joint_design(campaign, report))
+    return models.joint(designs.joint_of(campaign, report) if campaign else designs.joint())
 
 
 def _check(step: str, sampler: str | None, noise: str) -> None:
@@ -184,68 +190,27 @@ def _check(step: str, sampler: str | None, noise: str) -> None:
         )
 
 
-def record_of(found: Calibration) -> dict[str, Any]:
-    """The numbers of a calibration in plain values.
-
-    Args:
-        found: The calibration.
-    """
-    return {
-        "replications": len(found.ranks),
-        "ranks": found.num_ranks,
-        "failures": {reason: int(each.sum()) for reason, each in found.failures.items()},
-        "failed": int(found.failed.sum()),
-        "quantities": {
-            name: {
-                "p_chi_square": found.p_chi_square[name],
-                "p_ecdf": found.p_ecdf[name],
-                "coverage_99": found.coverage[name][0],
-                "coverage_99_lower": found.coverage[name][1],
-                "coverage_99_upper": found.coverage[name][2],
-            }
-            for name in found.names
-        },
-        "verdict": asdict(found.verdict),
-    }
-
-
-def tree_of(found: Calibration, record: dict[str, Any]) -> xr.DataTree:
-    """Ranks and failures by name, with units.
-
-    Args:
-        found: The calibration.
-        record: Facts of the run, as attributes.
-    """
+def _tree(found: Calibration, record: dict[str, Any]) -> xr.DataTree:
+    """Ranks and failures by name, with units; facts of the run as attributes."""
+    known = {**attrs(), **attrs_of(BY_NAME.values())}
     variables: dict[str, Any] = {
         "failed": ("replication", found.failed.astype("int8"), {"units": "1"})
     }
     for i, name in enumerate(found.names):
-        of = {"quantity_units": _unit(name)}
-        long = {"long_name": f"draws below the true {name}", "units": "1", **of}
-        variables[f"rank_{name}"] = ("replication", found.ranks[:, i], long)
-        inside = found.inside[:, i].astype("int8")
-        told = {"long_name": f"true {name} inside the 99 % interval", "units": "1"}
-        variables[f"inside_{name}"] = ("replication", inside, told)
-    facts = {k: record[k] for k in ("step", "sampler", "seed", "ranks") if record[k] is not None}
+        stem = "h3" if name.startswith("h3_") else name  # `h3_18Hz` is the kernel there
+        unit = known.get(stem, {"units": "1"})["units"]
+        below = {"long_name": f"draws below the true {name}", "units": "1", "quantity_units": unit}
+        inside = {"long_name": f"true {name} inside the 99 % interval", "units": "1"}
+        variables[f"rank_{name}"] = ("replication", found.ranks[:, i], below)
+        variables[f"inside_{name}"] = ("replication", found.inside[:, i].astype("int8"), inside)
     tree = xr.DataTree.from_dict({"ranks": xr.Dataset(variables)})
-    tree.attrs.update(facts)
+    facts = ("step", "sampler", "seed", "ranks")
+    tree.attrs.update({name: record[name] for name in facts if record[name] is not None})
     return tree
 
 
 def save_sbc(folder: Path, found: Sbc) -> None:
-    """Write ranks.nc, sbc.png and sbc.json, the numbers last.
-
-    Args:
-        folder: New or empty folder, as `claim` left it.
-        found: The calibration.
-    """
+    """Write ranks.nc, sbc.png and sbc.json, the numbers last."""
     found.tree.to_netcdf(folder / "ranks.nc", engine="h5netcdf")
     write_figure(folder / "sbc.png", rank_ecdfs(found.calibration))
     write_json(folder / "sbc.json", found.record)
-
-
-def _unit(name: str) -> str:
-    """Unit of a quantity whose ranks were counted; `h3_18Hz` is the third-order kernel there."""
-    stem = "h3" if name.startswith("h3_") else name
-    known = {**attrs(), **attrs_of(BY_NAME.values())}
-    return known[stem]["units"] if stem in known else "1"

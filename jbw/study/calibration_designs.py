@@ -1,21 +1,29 @@
-"""What is calibrated when no campaign is given: short tests of the virtual rig, a poor laser.
+"""What is calibrated: a campaign's own tests, noise and prior, or short tests of the virtual rig.
 
-Noise of 1 mm/s, twenty times the rig's, leaves posteriors that are not points and a ridge of alpha
-and delta a hundredth as thick as it is long.
+The rig's have a poor laser: noise of 1 mm/s, twenty times the rig's, leaves posteriors that are not
+points and a ridge of alpha and delta a hundredth as thick as it is long.
 """
 
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from jbw import rig
+from jbw.campaign.load import Campaign, force_per_unit
+from jbw.errors import DataError
+from jbw.identification.linear_step import LinearStep, linear_step
+from jbw.identification.paper import step3, step4
 from jbw.identification.paper.kernel import KernelData
+from jbw.identification.posteriors import posterior_of
+from jbw.identification.selection import linear_test, probing_tests, sweep_tests
 from jbw.inference.space.box import Box, box
+from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import FRF
+from jbw.observables.dataset import Dataset
 from jbw.observables.records import Records
-from jbw.observables.repeated import repeats
 from jbw.oscillator.excitation import sampled, sweep
 from jbw.rig.presets import PRIOR, PROBING_HZ, TRUTH
 
@@ -30,44 +38,26 @@ SWEPT_HZ = (10.0, 28.0)
 FADE = 0.25  # s at both ends: what starts at full size is not band-limited
 LINES_HZ = (16.0, 21.6, 0.05)  # first, last, spacing
 LINE_NOISE = 0.01  # of the largest line, both components together
+Report = Callable[[str], None]
 
 
-class SweepDesign(NamedTuple):
-    """Sweeps, and what is known of them.
-
-    Attributes:
-        records: Inputs, repeats and sampling.
-        noise_std: Noise of one sample of one repeat, level by level.
-        held: Parameters that are not inferred.
-        prior: Box of those that are.
-    """
-
-    records: Records
-    noise_std: Float[Array, " level"]
-    held: dict[str, float]
-    prior: Box
-
-
-class KernelDesign(NamedTuple):
-    """Probing tones.
+class Design[Data: KernelData | Records](NamedTuple):
+    """Tests whose data are to be simulated, and what is known of them.
 
     Attributes:
-        data: Frequencies, displacements, noise of one repeat.
-        num_repeats: Repeats at every frequency.
-        prior: Box of zeta, alpha and delta.
+        data: Reduced data, of which only what the tests prescribe is used: frequencies or inputs,
+            repeats, and the noise of one repeat.
+        prior: Box of the parameters that are inferred.
+        held: Those that are not.
     """
 
-    data: KernelData
-    num_repeats: int
+    data: Data
     prior: Box
+    held: Mapping[str, float] = {}
 
 
-def probing(num_repeats: int = REPEATS) -> KernelDesign:
-    """Five probing tones and the paper's boxes.
-
-    Args:
-        num_repeats: Repeats at each tone.
-    """
+def probing(num_repeats: int = REPEATS) -> Design[KernelData]:
+    """Zeta, alpha and delta from five probing tones, in the paper's boxes."""
     size = len(PROBING_HZ)
     data = KernelData(
         omega=2 * np.pi * jnp.array(PROBING_HZ),
@@ -78,51 +68,34 @@ def probing(num_repeats: int = REPEATS) -> KernelDesign:
         y_peak=jnp.array(Y_PEAK),
         omega_n=jnp.asarray(float(TRUTH.omega_n)),
     )
-    return KernelDesign(data, num_repeats, box({n: PRIOR[n] for n in ("zeta", "alpha", "delta")}))
+    return Design(data, box({name: PRIOR[name] for name in ("zeta", "alpha", "delta")}))
 
 
-def sweeping(num_repeats: int = 4) -> Records:
-    """Two sweeps of 2 s through the resonance.
-
-    Args:
-        num_repeats: Repeats of each.
-    """
+def _sweeping(noise_std: float, num_repeats: int = 4) -> Records:
+    """Two sweeps of 2 s through the resonance, with this noise of one sample of one repeat."""
     t = np.arange(LENGTH) / FS
     rise = np.where(t < FADE, (1 - np.cos(np.pi * t / FADE)) / 2, 1.0)
-    source = [rise * sampled(sweep(a, *SWEPT_HZ, BURST, fade=FADE), FS, LENGTH) for a in LEVELS]
-    count, size = len(LEVELS), np.full(len(LEVELS), LENGTH)
-    return Records(
-        source=jnp.stack(source),
-        mean=jnp.zeros((count, LENGTH)),
-        repeats=repeats(
-            within=np.ones(count),
-            num_repeats=np.full(count, num_repeats),
-            sizes=size,
-            longest=LENGTH,
-            labels=tuple(f"sweep_{level:.2f}V" for level in LEVELS),
-            runs=("",) * count,
-            scale=np.ones(count),
-        ),
-        origin=jnp.zeros((count, 0)),
-        fs=FS,
-        substeps=2,
-    )
+    tests = []
+    for level in LEVELS:
+        u = rise * np.asarray(sampled(sweep(level, *SWEPT_HZ, BURST, fade=FADE), FS, LENGTH))
+        channels = {"input": u, "velocity": np.zeros(LENGTH)}
+        record = Record(FS, channels, {"input": "V", "velocity": "m/s"})
+        tests.append(Test("sweep", (record,) * num_repeats, f"sweep_{level:.2f}V", level=level))
+    return Records.of(tests).with_repeats(noise_std=jnp.full(len(LEVELS), noise_std))
 
 
-def opening() -> SweepDesign:
+def opening() -> Design[Records]:
     """Gamma alone from both sweeps, in the paper's box."""
     held = {name: value for name, value in truth().items() if name != "gamma"}
-    noise = jnp.full(len(LEVELS), 5 * VELOCITY_NOISE)
-    return SweepDesign(sweeping(), noise, held, box({"gamma": PRIOR["gamma"]}))
+    return Design(_sweeping(5 * VELOCITY_NOISE), box({"gamma": PRIOR["gamma"]}), held)
 
 
-def joint() -> SweepDesign:
+def joint() -> Design[Records]:
     """All parameters from both sweeps: the paper's boxes, 1 % about omega_n, 5 % about the gain."""
     omega_n = truth()["omega_n"]
     bounds = {"omega_n": (0.99 * omega_n, 1.01 * omega_n), **PRIOR}
     bounds["gain"] = (0.95 * GAIN, 1.05 * GAIN)
-    noise = jnp.full(len(LEVELS), 2 * VELOCITY_NOISE)
-    return SweepDesign(sweeping(), noise, {}, box(bounds))
+    return Design(_sweeping(2 * VELOCITY_NOISE), box(bounds))
 
 
 def lines() -> tuple[FRF, Box]:
@@ -146,3 +119,89 @@ def truth() -> dict[str, float]:
     """Parameters of the rig, the paper's Table 1, with its gain."""
     names = ("omega_n", "zeta", "alpha", "delta", "gamma")
     return {**{name: float(getattr(TRUTH, name)) for name in names}, "gain": GAIN}
+
+
+def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
+    """Tones, displacements, noise and prior of a campaign's Step 3.
+
+    Raises:
+        DataError: Without noise and tones, or with tones of different numbers of repeats.
+    """
+    report("Reading the design of Step 3 from the campaign")
+    found = _kernel_fit(campaign, _linear(campaign))
+    counts = np.unique(np.asarray(found.data.num_repeats)).astype(int)
+    if len(counts) > 1:
+        raise DataError(
+            f"Step 3 is calibrated with one number of repeats, but the tones have {counts}.",
+            remedy="Exclude repeats until all tones have as many.",
+        )
+    return Design(found.data, found.box)
+
+
+def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
+    """Sweeps, noise and prior of a campaign's Step 4; held is what Steps 2 and 3 fit.
+
+    Raises:
+        DataError: Without noise, tones or sweeps.
+    """
+    report("Reading the design of Step 4 from the campaign")
+    sweeps = sweep_tests(campaign.tests, campaign.settings)
+    if sweeps is None:
+        raise DataError("Step 4 needs sweeps, which the campaign lacks.")
+    linear = _linear(campaign)
+    means = _kernel_fit(campaign, linear).fit.theta
+    records = Records.of(sweeps.fitted, substeps=campaign.settings.substeps)
+    found = step4.fit_opening(jax.random.key(0), records, linear.pooled, means, campaign.settings)
+    return Design(_timed(records), found.box, found.held)
+
+
+def joint_of(campaign: Campaign, report: Report) -> Design[Records]:
+    """Sweeps, noise and prior of the joint posterior; what else it is made from is left out.
+
+    Raises:
+        DataError: Without sweeps of one form.
+    """
+    posterior = posterior_of(
+        "joint",
+        campaign.tests,
+        campaign.settings,
+        laws=campaign.laws,
+        gain=force_per_unit(campaign),
+        report=report,
+    )
+    data = posterior.data
+    parts = [p for p in data.parts if isinstance(p, Records)] if isinstance(data, Dataset) else []
+    if len(parts) != 1:
+        raise DataError(
+            f"The joint posterior is calibrated on sweeps of one form, but there are {len(parts)}.",
+            remedy="Leave one form of sweeps, or calibrate without a campaign.",
+        )
+    held = {name: float(value) for name, value in data.held.items()}
+    return Design(_timed(parts[0]), posterior.box, held)
+
+
+def _linear(campaign: Campaign) -> LinearStep:
+    noise = linear_test(campaign.tests)
+    if noise is None:
+        raise DataError("Steps 3 and 4 need a noise test for Step 2, which the campaign lacks.")
+    return linear_step(noise, force_per_unit(campaign))
+
+
+def _kernel_fit(campaign: Campaign, linear: LinearStep) -> step3.KernelFit:
+    probing = probing_tests(campaign.tests, linear.natural_hz)
+    return step3.fit_kernel(jax.random.key(0), probing, linear.pooled, campaign.settings)
+
+
+def _timed(records: Records) -> Records:
+    """Records that the simulator can make: compared in time, from rest, of several repeats."""
+    wrong = {
+        "a band": records.lines is not None,
+        "whole periods": records.periodic,
+        "one repeat": bool(np.any(np.asarray(records.repeats.num_repeats) < 2)),
+        "runs with offsets": records.origin.shape[1] > 0,
+        "accelerations": records.response == "acceleration",
+    }
+    named = [name for name, found in wrong.items() if found]
+    if named:
+        raise DataError(f"Sweeps with {named[0]} cannot be simulated for a calibration.")
+    return records

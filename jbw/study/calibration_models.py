@@ -1,28 +1,39 @@
 """The posteriors of the procedure beside simulators of their data, ready to be calibrated."""
 
 from collections.abc import Callable
-from typing import NamedTuple, cast
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple, cast
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.tree_util import Partial
 from jaxtyping import Array, Float, Key
+from numpy.typing import NDArray
 
+from jbw.errors import DataError
+from jbw.identification.coordinates import combinations
+from jbw.identification.linear import line_fit
 from jbw.identification.paper import kernel
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.paper.step4 import OpeningCurve, opening_curve
 from jbw.identification.paper.step4 import log_likelihood as opening_likelihood
-from jbw.inference.calibration.replications import Model
+from jbw.identification.windowed import receptance
+from jbw.inference.calibration.record import Calibration, judged
+from jbw.inference.calibration.replications import LOG_LIKELIHOOD, Model, Quantity, ranked
 from jbw.inference.fit.locate import Search
-from jbw.inference.space.box import Box
+from jbw.inference.space.box import Box, Product, from_unit, value_of
 from jbw.inference.space.problem import Theta
+from jbw.measurement.spectra import FRF
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
 from jbw.observables.records import Records
-from jbw.study.calibration_designs import KernelDesign, SweepDesign
-from jbw.study.simulators import kernel_of_known_noise, measured_kernel, measured_records
+from jbw.study.calibration_designs import Design
+from jbw.study.simulators import measured_kernel, measured_records
 
-PRODUCTS = {"alpha_delta": ("alpha", "delta"), "alpha_gamma": ("alpha", "gamma")}
 WHERE = 0.55  # of a record, where a sweep has just passed the resonance
+LINEAR = ("omega_n", "zeta", "gain")
+DRAWS = (4, 250)  # of Step 2, in chains
 
 
 class Step(NamedTuple):
@@ -41,7 +52,7 @@ class Step(NamedTuple):
     stepped: bool = False
 
 
-def third_order(design: KernelDesign, *, known_noise: bool = False) -> Step:
+def third_order(design: Design[KernelData], *, known_noise: bool = False) -> Step:
     """Step 3: zeta, alpha and delta from the kernel at the probing tones.
 
     Args:
@@ -49,23 +60,20 @@ def third_order(design: KernelDesign, *, known_noise: bool = False) -> Step:
         known_noise: Whether the likelihood is told the noise, as (36) supposes; otherwise it has to
             learn it from the repeats, as Step 3 does.
     """
-    simulate = kernel_of_known_noise if known_noise else measured_kernel
-    quantities = {
-        **_products(design.prior.names),
-        "lambda_3": _lambda_3,
-        **{
-            f"h3_{hertz:.4g}Hz": Partial(_h3_magnitude, index=i)
-            for i, hertz in enumerate(np.asarray(design.data.omega) / (2 * np.pi))
-        },
-    }
-    model = Model(
-        Partial(simulate, design=design.data, num_repeats=design.num_repeats),
-        kernel.known_noise_log_likelihood if known_noise else kernel.log_likelihood,
-        design.prior,
-        quantities,
-        Search(kernel.residual, _logs(design.prior)),
+    data = design.data
+    simulate = Partial(
+        measured_kernel,
+        design=data,
+        num_repeats=int(data.num_repeats[0]),
+        known_noise=known_noise,
     )
-    return Step(model, 100, "importance")
+    likelihood = kernel.known_noise_log_likelihood if known_noise else kernel.log_likelihood
+    quantities, logs = _products(design.prior)
+    quantities["lambda_3"] = _lambda_3
+    for i, hertz in enumerate(np.asarray(data.omega) / (2 * np.pi)):
+        quantities[f"h3_{hertz:.4g}Hz"] = partial(_h3_magnitude, index=i)
+    search = Search(kernel.residual, logs)
+    return Step(Model(simulate, likelihood, design.prior, quantities, search), 100, "importance")
 
 
 def _lambda_3(theta: Theta, data: KernelData) -> Float[Array, ""]:
@@ -78,44 +86,32 @@ def _h3_magnitude(theta: Theta, data: KernelData, index: int) -> Float[Array, ""
     return jnp.abs(kernel.predict(theta, data))[index]
 
 
-def opening(design: SweepDesign) -> Step:
-    """Step 4: gamma from sweeps, everything else held.
+def opening(design: Design[Records]) -> Step:
+    """Step 4: gamma from sweeps, everything else held."""
 
-    Args:
-        design: Sweeps, noise, what is held, prior.
-    """
-
-    def simulate(key: Key[Array, ""], theta: Theta, held: Theta) -> OpeningCurve:
-        whole = {**held, **theta}
-        records = measured_records(key, whole, design.records, design.noise_std)
+    def simulate(key: Key[Array, ""], theta: Theta) -> OpeningCurve:
+        records = measured_records(key, _whole(theta, design), design.data)
         return opening_curve(records, design.held, design.prior)
 
-    held = {name: jnp.asarray(value) for name, value in design.held.items()}
-    model = Model(Partial(simulate, held=held), opening_likelihood, design.prior)
-    return Step(model, 100, "quadrature")
+    return Step(Model(simulate, opening_likelihood, design.prior), 100, "quadrature")
 
 
-def joint(design: SweepDesign) -> Step:
-    """All parameters from sweeps.
-
-    Args:
-        design: Sweeps, noise, what is held, prior.
-    """
-    held = {name: jnp.asarray(value) for name, value in design.held.items()}
+def joint(design: Design[Records]) -> Step:
+    """All parameters from sweeps."""
 
     def simulate(key: Key[Array, ""], theta: Theta) -> Dataset:
-        whole = {**held, **theta}
-        records = measured_records(key, whole, design.records, design.noise_std)
+        records = measured_records(key, _whole(theta, design), design.data)
         return Dataset.of([records], design.held)
 
-    model = Model(
-        simulate,
-        log_likelihood,
-        design.prior,
-        {**_products(design.prior.names), "response": _response},
-        Search(stacked, _logs(design.prior), 64, 30),
-    )
+    quantities, logs = _products(design.prior)
+    quantities["response"] = _response
+    search = Search(stacked, logs, 64, 30)
+    model = Model(simulate, log_likelihood, design.prior, quantities, search)
     return Step(model, 4, "importance", stepped=True)
+
+
+def _whole(theta: Theta, design: Design[Records]) -> Theta:
+    return {**{name: jnp.asarray(value) for name, value in design.held.items()}, **theta}
 
 
 def _response(theta: Theta, data: Dataset) -> Float[Array, ""]:
@@ -125,17 +121,74 @@ def _response(theta: Theta, data: Dataset) -> Float[Array, ""]:
     return records.predict({**data.held, **theta})[-1, at]
 
 
-def _products(names: tuple[str, ...]) -> dict[str, Callable[[Theta, object], Float[Array, ""]]]:
-    wanted = {one: both for one, both in PRODUCTS.items() if set(both) <= set(names)}
-    return {one: Partial(_product, names=both) for one, both in wanted.items()}
+def _products(prior: Box) -> tuple[dict[str, Quantity], tuple[str, ...]]:
+    """Products that are known better than their factors, and factors that cannot be zero."""
+    every = combinations(prior.names)
+    found = [each for each in every if set(each.factors) == each.powers.keys()]
+    factors = {name for each in found for name in each.powers}
+    bounds = zip(prior.names, np.asarray(prior.lower), strict=True)
+    logs = tuple(name for name, low in bounds if name in factors and low > 0)
+    return {each.name: partial(_product, product=each) for each in found}, logs
 
 
-def _product(theta: Theta, data: object, names: tuple[str, str]) -> Float[Array, ""]:
-    return theta[names[0]] * theta[names[1]]
+def _product(theta: Theta, data: Any, product: Product) -> Float[Array, ""]:
+    return value_of(product, theta)
 
 
-def _logs(prior: Box) -> tuple[str, ...]:
-    """Parameters whose product is known better than they are, and that cannot be zero."""
-    wanted = set().union(*PRODUCTS.values())
-    known = zip(prior.names, np.asarray(prior.lower), strict=True)
-    return tuple(name for name, low in known if name in wanted and low > 0)
+def calibrate_linear(
+    key: Key[Array, ""],
+    design: FRF,
+    prior: Box,
+    *,
+    num_replications: int = 1000,
+    num_ranks: int = 100,
+    report: Callable[[int], None] = lambda done: None,
+) -> Calibration:
+    r"""Rank omega_n, zeta and gain of Step 2 among draws of what line fits say of them.
+
+    $$\theta \mid D \sim N(\hat\theta, C)$$
+
+    with the fit's own covariance C. A fit that finds no resonance is a failure.
+
+    Reference:
+        Eqs. (23), (38), (39).
+    """
+    rows = []
+    for i, one in enumerate(jax.random.split(key, num_replications)):
+        rows.append(_line_replication(one, design, prior))
+        if (i + 1) % 100 == 0 or i + 1 == num_replications:
+            report(i + 1)
+    keys = jax.random.split(jax.random.fold_in(key, num_replications), num_replications)
+    rank = jax.jit(jax.vmap(partial(ranked, num_ranks=num_ranks)))
+    found = rank(keys, *(jnp.array(column) for column in zip(*rows, strict=True)))
+    return judged((*LINEAR, LOG_LIKELIHOOD), found, num_ranks)
+
+
+def _line_replication(
+    key: Key[Array, ""], design: FRF, prior: Box
+) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
+    """Quantities at the truth, at the draws, and whether there was a fit."""
+    rng = np.random.default_rng(np.asarray(jax.random.key_data(key)))
+    point = from_unit(jnp.asarray(rng.uniform(size=3)), prior)
+    theta = np.array([float(point[name]) for name in LINEAR])
+    # Written out once more: the likelihood's own formula would hide its slips.
+    omega_n, zeta, gain = theta
+    stiffness = omega_n**2 - design.omega**2 + 2j * zeta * omega_n * design.omega
+    # Half of the variance in each component.
+    noise = rng.normal(size=(2, design.freq.size)) * np.sqrt(design.variance / 2)
+    measured = replace(design, h=gain / stiffness + noise[0] + 1j * noise[1])
+    try:
+        fit = line_fit(measured, (measured.freq[0], measured.freq[-1]))
+    except DataError:
+        return np.append(theta, 0.0), np.full((*DRAWS, 4), np.nan), False
+    draws = rng.multivariate_normal(fit.theta, fit.covariance, DRAWS)
+    values = np.append(theta, _line_log_likelihood(theta, measured))
+    likelihood = _line_log_likelihood(draws, measured)
+    return values, np.concatenate([draws, likelihood[..., None]], axis=-1), True
+
+
+def _line_log_likelihood(theta: Float[np.ndarray, "... 3"], measured: FRF) -> NDArray[np.float64]:
+    """Of all lines, up to a constant [nats]."""
+    omega_n, zeta, gain = np.moveaxis(theta[..., None], -2, 0)
+    misfit = measured.h - receptance(measured.omega, omega_n, zeta, gain)
+    return -np.sum(np.abs(misfit) ** 2 / measured.variance, axis=-1)

@@ -2,27 +2,28 @@
 
 from collections.abc import Mapping, Sequence
 
+import jax
 import numpy as np
 import xarray as xr
 
 from jbw.campaign.settings import Identify
 from jbw.identification.linear_step import LinearStep, linear_dataset
+from jbw.identification.paper import kernel
 from jbw.identification.paper.step3 import KernelFit, integrals
 from jbw.identification.procedure import Identification, Report
-from jbw.identification.selection import Sweeps, fitted, loop_tests, probing_tests
+from jbw.identification.selection import Sweeps, probing_tests
 from jbw.identification.step import Step
 from jbw.inference.posterior.summary import running_mean
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset, largest_displacement
+from jbw.quantities import derivative_order
 from jbw.verification.backbone import backbone_group
-from jbw.verification.draws import NUM_DRAWS, predict_motion
-from jbw.verification.kernels import kernel_verification, tone_spectrum
-from jbw.verification.predicted import Source
-from jbw.verification.predictive_basis import SUBSTEPS, Basis, basis_attrs, seen_of
-from jbw.verification.reference_oscillators import references
-from jbw.verification.verify import Groups, Tested, verify_forced, verify_free
+from jbw.verification.bands import QUANTILES, polar
+from jbw.verification.in_time import predict_motion
+from jbw.verification.predictive_basis import NUM_DRAWS, SUBSTEPS, Basis, basis_attrs, seen_of
+from jbw.verification.verify import Groups, verify
 
-NUM_NOISE_DRAWS = 20  # of the draws, through long noise records
+SPECTRUM = 4.2  # of the tone: the highest frequency of its spectrum shown
 
 
 def collect(
@@ -56,8 +57,8 @@ def collect(
         groups |= _kernel_groups(tests, found.linear, found.kernel, found.steps)
     if found.sweeps is not None:
         groups |= _conv_of_velocity(found.steps, found.sweeps)
-    basis = basis_for(tests, found)
-    groups |= _verified(tests, found, basis, settings, seed, report)
+    basis = _basis(tests, found)
+    groups |= verify(tests, found, basis, settings, seed, report)
     curve = backbone_group(basis.thinned(NUM_DRAWS), basis.y_peak, basis.laws)
     if curve is not None:
         groups["/verification/backbone"] = curve
@@ -67,13 +68,8 @@ def collect(
     return tree
 
 
-def basis_for(tests: Sequence[Test], found: Identification) -> Basis:
-    """What predictions start from, as `basis_of` reads it from the result.
-
-    Args:
-        tests: The campaign's tests.
-        found: What the procedure found.
-    """
+def _basis(tests: Sequence[Test], found: Identification) -> Basis:
+    """What predictions start from, as `basis_of` reads it from the result."""
     posterior = found.main.posterior["posterior"].to_dataset()
     omega_n = float(posterior["omega_n"].mean()) if "omega_n" in posterior else 1.0
     decay, facts = found.decay, {}
@@ -81,6 +77,7 @@ def basis_for(tests: Sequence[Test], found: Identification) -> Basis:
         facts = {n: float(getattr(found.decay_data, n)) for n in ("shift_std", "substeps")}
         facts["worth"] = float(found.decay_data.fraction)
     fitted_data = found.data or Dataset.of([found.decay_data] if found.decay_data else [])
+    y_peak = largest_displacement(fitted_data, omega_n)
     shared = [part for part in fitted_data.parts if not part.own_shifts]
     counts = (getattr(part, "substeps", None) for part in shared)
     steps = [count for count in counts if count is not None]
@@ -88,76 +85,13 @@ def basis_for(tests: Sequence[Test], found: Identification) -> Basis:
         posterior,
         found.main.held,
         {test.name: seen_of(test) for test in tests},
-        _largest(found, omega_n),
+        y_peak,
         tuple(np.asarray(fitted_data.scatter).tolist()),
         max(steps, default=SUBSTEPS),
         posterior if decay is None else decay.posterior["posterior"].to_dataset(),
         facts,
         fitted_data.laws,
     )
-
-
-def _verified(
-    tests: Sequence[Test],
-    found: Identification,
-    basis: Basis,
-    settings: Identify,
-    seed: int,
-    report: Report,
-) -> Groups:
-    """Every test beside the model and the oscillators without hysteresis."""
-    groups: Groups = {}
-    kinds = settings.compare_with
-    tested = tested_of(tests, found, settings)
-    if found.data is not None:
-        report("Verification and validation: every test against the model, and without hysteresis")
-        draws, few = (basis.draws(n, seed=seed) for n in (NUM_DRAWS, NUM_NOISE_DRAWS))
-        mean = {name: float(np.mean(values)) for name, values in draws.items()}
-        reach = largest_displacement(found.data, mean["omega_n"])
-        source = Source(basis, draws, references(found.data, mean, reach, kinds), seed=seed)
-        natural_hz = mean["omega_n"] / (2 * np.pi)
-        if found.linear is not None:
-            natural_hz = found.linear.natural_hz
-        groups |= verify_forced(source, few, tested, natural_hz)
-    if found.decay_data is not None:
-        report("Verification: free decays, frequency and damping against amplitude")
-        draws = basis.thinned(NUM_DRAWS, basis.decay)
-        known = {name: float(draws[name].mean()) for name in ("omega_n", "zeta")}
-        data = Dataset.of([found.decay_data])
-        others = references(data, known, float(found.decay_data.y_start), kinds)
-        groups |= verify_free(Source(basis, draws, others, seed=seed), tested)
-    return groups
-
-
-def tested_of(tests: Sequence[Test], found: Identification, settings: Identify) -> Tested:
-    """The campaign's tests by what was done with them.
-
-    Args:
-        tests: The campaign's tests.
-        found: What the procedure found.
-        settings: Its [identify] table.
-    """
-    chosen = frozenset(test.name for test in fitted(tests, settings))
-    validating = () if found.linear is None else loop_tests(tests, found.linear.natural_hz)
-    decays, num_fitted = None, 0
-    if found.decays is not None:
-        decays = found.decays.together, found.decays.names
-        num_fitted = len(found.decays.fitted.records)
-    compared: list[Test] = []
-    if found.sweeps is not None:
-        swept = {test.name for test in found.sweeps.fitted}
-        others = {test.name for test in found.sweeps.held_out}
-        chosen -= others - swept  # levels that are not fitted
-        rest = [t for t in found.sweeps.fitted if t.name not in chosen or t.name not in others]
-        compared = [*found.sweeps.held_out, *rest]
-    return Tested(tests, chosen, compared, validating, decays, num_fitted)
-
-
-def _largest(found: Identification, omega_n: float) -> float:
-    """Largest displacement among what was fitted [m], as far as the joint was seen."""
-    if found.data is None:
-        return float(found.decay_data.y_start) if found.decay_data is not None else 0.0
-    return largest_displacement(found.data, omega_n)
 
 
 def _groups(step: Step, truth: Mapping[str, float]) -> Groups:
@@ -171,18 +105,58 @@ def _groups(step: Step, truth: Mapping[str, float]) -> Groups:
 
 
 def _kernel_groups(
-    tests: tuple[Test, ...], linear: LinearStep, kernel: KernelFit, steps: Mapping[str, Step]
+    tests: tuple[Test, ...], linear: LinearStep, third_order: KernelFit, steps: Mapping[str, Step]
 ) -> Groups:
     """Step 3: measured kernel against its bands, a spectrum, conv(n) of the kernel."""
     probing = probing_tests(tests, linear.natural_hz)
-    groups: Groups = {"/verification/spectrum": tone_spectrum(probing[len(probing) // 2])}
+    groups: Groups = {"/verification/spectrum": _tone_spectrum(probing[len(probing) // 2])}
     posteriors = {}
     for name, prefix in (("third_order_nuts", "nuts"), ("third_order_paper", "paper")):
         posteriors[prefix] = steps[name].posterior["posterior"].to_dataset()
-        energy = integrals(posteriors[prefix], kernel.data)
+        energy = integrals(posteriors[prefix], third_order.data)
         groups[f"/steps/{name}/sample_stats"] = _with_conv(steps[name], energy, "rad s^11/m^4")
-    groups["/verification/h3"] = kernel_verification(kernel.kernels, kernel.data, posteriors)
+    groups["/verification/h3"] = _kernel_verification(third_order, posteriors)
     return groups
+
+
+def _kernel_verification(found: KernelFit, posteriors: Mapping[str, xr.Dataset]) -> xr.Dataset:
+    """Measured third-order kernel of every repeat, (repeat, freq), against the bands of Step 3.
+
+    Posteriors by the prefix of their variables.
+    """
+    data, omega = found.data, np.asarray(found.data.omega)
+    shown = [k for k in found.kernels if np.any(np.isclose(k.omega, omega))]
+    repeats = min(len(k.h3) for k in shown)
+    h = np.stack([k.h3[:repeats] for k in shown], axis=-1)
+    unit = {"units": "s^6/m^2", "long_name": "third-order kernel"}
+    how = np.angle(h.mean(axis=0)), unit, {"units": "rad"}
+    variables = polar("measured", h, *how, ("repeat", "freq"))
+    variables |= {
+        "correction": ("freq", [k.source_ratio for k in shown], {"units": "1"}),
+        "y_peak": ("freq", np.asarray(data.y_peak), {"units": "m"}),
+    }
+    for prefix, posterior in posteriors.items():
+        theta = {name: posterior[name].values.ravel() for name in ("zeta", "alpha", "delta")}
+        model = np.asarray(jax.vmap(lambda t: kernel.predict(t, data))(theta))
+        variables |= polar(prefix, model, *how)
+    freq = ("freq", omega / (2 * np.pi), {"units": "Hz"})
+    return xr.Dataset(variables, {"freq_hz": freq, "quantile": list(QUANTILES)})
+
+
+def _tone_spectrum(test: Test) -> xr.Dataset:
+    """Peak amplitude over frequency of the displacement of one tone, through a Hann window."""
+    record = test.records[0]
+    x = record.channels[record.response][round(test.settle * record.fs) :]
+    window = np.hanning(len(x))
+    freq = np.fft.rfftfreq(len(x), 1 / record.fs)
+    keep = (freq > 0.3 * test.tones_hz[0]) & (freq < SPECTRUM * test.tones_hz[0])
+    amplitude = np.abs(np.fft.rfft(x * window))[keep] * 2 / window.sum()
+    amplitude /= (2 * np.pi * freq[keep]) ** derivative_order(record.response)
+    return xr.Dataset(
+        {"amplitude": ("freq", amplitude, {"units": "m", "long_name": "displacement"})},
+        {"freq": ("freq", freq[keep], {"units": "Hz"})},
+        {"tone_hz": test.tones_hz[0], "test": test.name},
+    )
 
 
 def _with_conv(step: Step, energy: np.ndarray, unit: str) -> xr.Dataset:

@@ -1,13 +1,14 @@
 """`jbw.compare`: several samplers on one posterior of a campaign, beside the truth where known."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 import xarray as xr
 from jaxtyping import Array, Key
 
@@ -15,13 +16,22 @@ from jbw.campaign.load import Campaign, force_per_unit
 from jbw.errors import ConfigError, JbwError
 from jbw.identification.posteriors import Known, Posterior, posterior_of
 from jbw.identification.step import attrs
+from jbw.inference.posterior.compare import (
+    Row,
+    distances,
+    exact_numbers,
+    furthest,
+    numbers,
+    reference_of,
+    worst_ess,
+)
+from jbw.inference.posterior.verdict import converged, verdict
 from jbw.inference.samplers.checkpointing import SoFar
 from jbw.inference.samplers.register import SAMPLERS, sampler_named
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import require_float64
 from jbw.inference.space.ridge import along_ridge
 from jbw.report.comparison import comparison
-from jbw.study.comparison_record import Drawn, record_of
 from jbw.study.store import write_figure, write_json
 
 logger = logging.getLogger("jbw")
@@ -42,6 +52,20 @@ class Comparison:
     posterior: Posterior
     trees: dict[str, xr.DataTree]
     record: dict[str, Any]
+
+
+class Drawn(NamedTuple):
+    """One sampler's draws, and the seconds of its calls.
+
+    Attributes:
+        tree: The draws of the last call.
+        cold_s: The first call, compiling included.
+        warm_s: The second one, with another key; None when there was none.
+    """
+
+    tree: xr.DataTree
+    cold_s: float
+    warm_s: float | None
 
 
 def compare(
@@ -115,17 +139,7 @@ def side_by_side(
     report: Report = logger.info,
     watch: Watch = lambda name, so_far: None,
 ) -> Comparison:
-    """The same for a posterior that is at hand.
-
-    Args:
-        posterior: What to draw from.
-        samplers: Names; when None, all that suit it.
-        seed: Seed of everything random.
-        num_chains: Chains of each sampler.
-        twice: Whether every sampler but quadrature runs a second time.
-        report: Called with one sentence for every sampler.
-        watch: Called with its name and how far its chains are.
-    """
+    """The same for a posterior that is at hand."""
     key = jax.random.fold_in(jax.random.key(seed), len(SAMPLERS))
     drawn: dict[str, Drawn] = {}
     refused: dict[str, str] = {}
@@ -139,18 +153,14 @@ def side_by_side(
         "posterior": posterior.name,
         "parameters": list(posterior.box.names),
         "seed": seed,
-        **record_of(drawn, posterior),
+        **_numbers_of(drawn, posterior),
         "refused": refused,
     }
     return Comparison(posterior, {name: one.tree for name, one in drawn.items()}, record)
 
 
 def suited(posterior: Posterior) -> tuple[str, ...]:
-    """Samplers that a posterior is drawn from by unless they are named.
-
-    Args:
-        posterior: What is drawn from.
-    """
+    """Samplers that a posterior is drawn from by unless they are named."""
     size = len(posterior.box.names)
     found = [
         one
@@ -201,13 +211,68 @@ def _drawn(
     return Drawn(tree, cold, warm)
 
 
-def save_comparison(folder: Path, found: Comparison) -> None:
-    """Write compare.png and compare.json, the numbers last.
+def _numbers_of(drawn: Mapping[str, Drawn], posterior: Posterior) -> dict[str, Any]:
+    """The numbers of all samplers, and their distances from the reference."""
+    if not drawn:
+        return {"reference": None, "samplers": {}}
+    rows: dict[str, dict[str, Row]] = {}
+    for sampler, one in drawn.items():
+        group = one.tree["posterior"].to_dataset()
+        rows[sampler] = {name: numbers(group[name].values) for name in posterior.box.names}
+    exact = "quadrature" in drawn and converged(drawn["quadrature"].tree.attrs)
+    chains = {name: row for name, row in rows.items() if name != "quadrature"} or rows
+    reference = "quadrature" if exact else reference_of(chains)
+    truth = exact_numbers(drawn["quadrature"].tree) if exact else rows[reference]
+    for sampler, parameters in rows.items():
+        for name, row in parameters.items():
+            if sampler != reference:
+                row |= distances(row, truth[name])
+            elif exact:
+                row |= truth[name]
+    base = drawn[reference].tree.attrs
+    return {
+        "reference": reference,
+        "samplers": {
+            name: _row(one, rows[name], base if name != reference else None, posterior)
+            for name, one in drawn.items()
+        },
+    }
 
-    Args:
-        folder: New or empty folder, as `claim` left it.
-        found: The comparison.
-    """
+
+def _row(
+    one: Drawn, rows: Mapping[str, Row], base: Mapping[Any, Any] | None, posterior: Posterior
+) -> dict[str, Any]:
+    """One sampler in plain values."""
+    attrs, ess = one.tree.attrs, worst_ess(rows)
+    found = verdict(one.tree, posterior.box)
+    sizes = one.tree["posterior"].to_dataset().sizes
+    return {
+        "draws": int(sizes["chain"] * sizes["draw"]),
+        "ess": ess,
+        "num_evaluations": int(attrs["num_evaluations"]),
+        "wall_cold_s": round(one.cold_s, 4),
+        "wall_warm_s": None if one.warm_s is None else round(one.warm_s, 4),
+        "ess_per_s_cold": None if ess is None else ess / one.cold_s,
+        "ess_per_s_warm": None if ess is None or one.warm_s is None else ess / one.warm_s,
+        "log_evidence": attrs.get("log_evidence"),
+        "log_evidence_error": attrs.get("log_evidence_error"),
+        "z_log_evidence": None if base is None else _evidence_distance(attrs, base),
+        "furthest": furthest(list(rows.values())),
+        "verdict": found.status,
+        "failed": [finding.code for finding in found.findings if finding.status == "failed"],
+        "parameters": dict(rows),
+    }
+
+
+def _evidence_distance(attrs: Mapping[Any, Any], base: Mapping[Any, Any]) -> float | None:
+    if "log_evidence" not in attrs or "log_evidence" not in base:
+        return None
+    error = float(np.hypot(attrs["log_evidence_error"], base["log_evidence_error"]))
+    return float(attrs["log_evidence"] - base["log_evidence"]) / error if error > 0 else None
+
+
+def save_comparison(folder: Path, found: Comparison) -> None:
+    """Write compare.png and compare.json, the numbers last."""
     if found.trees:
         write_figure(folder / "compare.png", comparison(found.record))
     write_json(folder / "compare.json", found.record)

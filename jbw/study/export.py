@@ -18,8 +18,7 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 from jbw.quantities import OSCILLATOR
 from jbw.verification.bands import QUANTILES, band
-from jbw.verification.draws import Draws, Laws, parameter_names, thin
-from jbw.verification.predictive_basis import basis_of
+from jbw.verification.predictive_basis import Draws, Laws, laws_of_run, parameter_names, thin
 
 NUM_DRAWS = 1000  # carried along the backbone
 NUM_AMPLITUDES = 100
@@ -59,7 +58,7 @@ def export(tree: xr.DataTree, mass: float = 1.0, y_max: float | None = None) -> 
         DataError: The main posterior lacks a parameter of the joint, or no amplitude is known.
         ConfigError: The amplitude or mass is not positive.
     """
-    laws = basis_of(tree).laws
+    laws = laws_of_run(tree)
     draws = thin(tree["posterior"].to_dataset(), NUM_DRAWS, laws=laws)
     needed = [name for name in parameter_names(laws) if name != "gain"]
     missing = [name for name in needed if name not in draws]
@@ -129,10 +128,6 @@ def _backbone(
 
 def write_export(folder: Path, result: Export) -> tuple[Path, ...]:
     """Write parameters.csv, backbone.csv, jbw.mat and joint.tcl.
-
-    Args:
-        folder: New or empty folder, as `claim` left it.
-        result: From `export`.
 
     Returns:
         The files.

@@ -1,9 +1,10 @@
-"""`jbw.identify`: a campaign in, a posterior with its verdict, bands and report out."""
+"""`jbw.identify`: a campaign in; a posterior with its verdict, bands and summary out."""
 
 import logging
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
+from importlib.metadata import version
 from time import perf_counter
 from typing import Any
 
@@ -11,20 +12,26 @@ import numpy as np
 import xarray as xr
 
 from jbw.campaign.load import Campaign, force_per_unit
+from jbw.identification.linear_step import NAMES, LinearStep, units_of
+from jbw.identification.paper.sequential_vs_joint import compare_routes
 from jbw.identification.procedure import Identification, Report, run_procedure
-from jbw.inference.posterior.verdict import judge
+from jbw.identification.run_effects import runs_summary
+from jbw.identification.step import Step
+from jbw.inference.posterior.summary import as_plain, correlations, summarise
+from jbw.inference.posterior.verdict import Verdict, judge
 from jbw.inference.samplers.checkpointing import Keep, nowhere
 from jbw.inference.space.box import require_float64
 from jbw.measurement.records import INPUTS, Test
 from jbw.quantities import gain_unit
+from jbw.report.result import node
 from jbw.study.collect import collect
-from jbw.study.identifiability import look_again
-from jbw.study.identifiability_record import as_group
+from jbw.study.identifiability import as_group, look_again, plain
 from jbw.study.study import Study, input_hashes
-from jbw.study.summary import summarise_study
-from jbw.verification.findings import prediction_findings
+from jbw.verification.verify import KINDS, prediction_findings
 
 logger = logging.getLogger("jbw")
+VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy", "scipy")
+ERRORS = ("coverage", "num_values", "nrmse", "nrmse_linear", "nrmse_cubic", "extrapolation")
 
 
 def identify(
@@ -63,17 +70,28 @@ def identify(
         campaign.tests, campaign.settings, laws=campaign.laws,
         gain=force_per_unit(campaign), seed=seed, report=report, keep=keep,
     )  # fmt: skip
-    with_gain_unit(campaign.tests, found)
+    _name_gain_unit(campaign.tests, found)
     known = look_again(found, campaign.settings, report)
     tree = collect(campaign.tests, found, seed, truth, report, campaign.settings)
     main = found.main
     verdict = judge([*main.verdict.findings, *prediction_findings(tree)])
     found = replace(found, steps={**found.steps, main.name: replace(main, verdict=verdict)})
-    record = summarise_study(
-        campaign.name, found, tree,
-        seed=seed, inputs=input_hashes(campaign), truth=truth,
-        command=command or " ".join(["jbw", *sys.argv[1:]]), wall_s=perf_counter() - started,
-    )  # fmt: skip
+    steps = {} if found.linear is None else {"linear": _linear(found.linear, truth or {})}
+    steps |= {name: _step(step, truth or {}) for name, step in found.steps.items()}
+    record = {
+        "campaign": campaign.name,
+        "verdict": _verdict(verdict),
+        "main": main.name,
+        "steps": steps,
+        "comparison": compare_routes(found),
+        "predictions": _predictions(tree),
+        "loops": _loops(tree),
+        "versions": {package: version(package) for package in VERSIONED},
+        "seed": seed,
+        "inputs": input_hashes(campaign),
+        "command": command or " ".join(["jbw", *sys.argv[1:]]),
+        "wall_time_s": round(perf_counter() - started, 2),
+    }
     tree["procedure"] = xr.DataTree(steps_group(record))
     if known is not None:
         tree["identifiability"] = xr.DataTree(as_group(known))
@@ -81,7 +99,7 @@ def identify(
     return Study(tree, record, campaign, found)
 
 
-def with_gain_unit(tests: Sequence[Test], found: Identification) -> None:
+def _name_gain_unit(tests: Sequence[Test], found: Identification) -> None:
     """Write the unit of the gain, which the source's unit decides, into every posterior."""
     units = [record.units for test in tests for record in test.records]
     driven = [unit for each in units for role, unit in each.items() if role in INPUTS]
@@ -93,12 +111,8 @@ def with_gain_unit(tests: Sequence[Test], found: Identification) -> None:
 def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
     """What the summary says of each step, for the flow diagram.
 
-    Args:
-        record: What `summary.json` holds.
-
-    Returns:
-        Over (step): `verdict`, the least effective draws `ess` [-] and the largest `r_hat` [-]; NaN
-        where a step drew nothing. No durations: equal runs leave equal groups.
+    Over (step): `verdict`, the least effective draws `ess` [-] and the largest `r_hat` [-]; NaN
+    where a step drew nothing. No durations: equal runs leave equal groups.
     """
     steps = record["steps"]
     rows = [
@@ -126,3 +140,98 @@ def _extreme(step: Mapping[str, Any], what: str, choose: Callable[..., float]) -
     values = [facts.get(what) for facts in (step.get("parameters") or {}).values()]
     known = [float(value) for value in values if value is not None]
     return choose(known) if known else float("nan")
+
+
+def _verdict(found: Verdict) -> dict[str, Any]:
+    findings = [asdict(finding) for finding in found.findings]
+    for finding in findings:
+        finding["number"] = plain(finding["number"])
+    return {"status": found.status, "findings": findings}
+
+
+def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
+    """Step 2 in the form of the others: a Gaussian about the pooled mean."""
+    std = np.sqrt(np.diag(step.pooled.covariance))
+    units = units_of(step)
+    parameters = {
+        name: {
+            "map": float(mean),
+            "mean": float(mean),
+            "sd": float(sd),
+            "cv": plain(cv),
+            "q005": float(mean - 2.5758 * sd),
+            "q995": float(mean + 2.5758 * sd),
+            "unit": units[name],
+            "truth": truth.get(name),
+        }
+        for name, mean, sd, cv in zip(NAMES, step.pooled.mean, std, step.pooled.cv, strict=True)
+    }
+    repeats = step.pooled.num_repeats
+    counted = "one record has no CV" if repeats < 2 else f"CV is over {repeats} repeats"
+    words = (
+        f"Read at {step.y_rms:.2g} m rms of displacement: omega_n is the oscillator's at that "
+        f"amplitude, which the joint's softening lowers; {counted}."
+    )
+    return {"parameters": parameters, "statements": [words]}
+
+
+def _step(step: Step, truth: Mapping[str, float]) -> dict[str, Any]:
+    rows = as_plain(summarise(step.posterior, step.box))
+    posterior = step.posterior["posterior"].to_dataset()
+    for name, row in rows.items():
+        row["unit"] = posterior[name].attrs.get("units", "unit of the group")
+        row["truth"] = truth.get(name)
+        known = row["truth"] is not None and row["sd"]
+        row["z"] = (row["mean"] - row["truth"]) / row["sd"] if known else None
+    found = {
+        "verdict": _verdict(step.verdict),
+        "parameters": rows,
+        "statements": list(step.statements),
+        "correlation": correlations(step.posterior),
+    }
+    if "runs" in step.posterior.children:
+        found["runs"] = runs_summary(step.posterior["runs"].to_dataset())
+    return {**found, "wall_time_s": round(step.wall_s, 2)}
+
+
+def _predictions(tree: xr.DataTree) -> dict[str, Any]:
+    """Coverage and error by test, beside a linear oscillator's; None where not known."""
+    found = {}
+    for kind in KINDS:
+        for name, test in _tests(tree, f"verification/{kind}").items():
+            attrs = test.attrs
+            # Tests of several kinds may share a name with another's group.
+            called = name if name not in found else f"{name} ({kind})"
+            found[called] = {
+                "kind": kind,
+                "level": _known(attrs, "level"),
+                "level_unit": str(attrs.get("level_unit", "")),
+                "fitted": bool(attrs["fitted"]),
+                **{key: _known(attrs, key) for key in ERRORS},
+            }
+    return found
+
+
+def _known(attrs: Mapping[Any, Any], name: str) -> float | None:
+    return plain(float(attrs[name])) if name in attrs else None
+
+
+def _loops(tree: xr.DataTree) -> dict[str, Any]:
+    return {
+        name: {
+            "level": _known(node.attrs, "level"),
+            "tone_hz": float(node.attrs["tone_hz"]),
+            **{
+                str(key): [float(value) for value in area.values]
+                for key, area in node.data_vars.items()
+                if "area" in str(key)
+            },
+        }
+        for name, node in _tests(tree, "validation/loops").items()
+    }
+
+
+def _tests(tree: xr.DataTree, path: str) -> dict[str, xr.DataTree]:
+    """The tests under a group, none where the group is absent."""
+    found = node(tree, path)
+    return {} if found is None else dict(found.children)

@@ -3,8 +3,7 @@ r"""Data as the world makes them, to test likelihoods by: nothing here is shared
 A simulator takes a key, the true parameters and a design, which is reduced data of which only what
 the test prescribes is used: frequencies, inputs, repeats, noise. It returns reduced data of the
 same form. Formulas stand here a second time on purpose: a factor that a likelihood drops is not
-dropped here with it. Motion is integrated by classical Runge-Kutta steps under the input that the
-samples' spectrum stands for.
+dropped here with it.
 """
 
 from collections.abc import Mapping
@@ -26,7 +25,12 @@ State = Float[Array, "3"]
 
 
 def measured_kernel(
-    key: Key[Array, ""], theta: Theta, design: KernelData, num_repeats: int
+    key: Key[Array, ""],
+    theta: Theta,
+    design: KernelData,
+    num_repeats: int,
+    *,
+    known_noise: bool = False,
 ) -> KernelData:
     r"""Repeats of the third-order kernel, noise in real and imaginary part, reduced as in Step 3.
 
@@ -36,45 +40,21 @@ def measured_kernel(
 
     $$\hat\sigma_i^2 = \frac{1}{2(K - 1)} \sum_k |H_{ik} - \bar H_i|^2$$
 
-    Args:
-        key: Random key.
-        theta: zeta, alpha and delta.
-        design: Frequencies, displacements and noise of one repeat, in the middle.
-        num_repeats: K.
+    With `known_noise` it is the design's and the likelihood is told, as (36) supposes.
     """
-    key, key_size = jax.random.split(key)
-    spread = jax.random.uniform(key_size, (design.omega.size,), minval=-1.0)
-    return _repeated(key, theta, design, num_repeats, design.noise_std * UNKNOWN**spread)
-
-
-def _repeated(
-    key: Key[Array, ""],
-    theta: Theta,
-    design: KernelData,
-    num_repeats: int,
-    noise_std: Float[Array, " freq"],
-) -> KernelData:
+    noise_std = design.noise_std
+    if not known_noise:
+        key, key_size = jax.random.split(key)
+        spread = jax.random.uniform(key_size, (design.omega.size,), minval=-1.0)
+        noise_std = noise_std * UNKNOWN**spread
     noise = jax.random.normal(key, (2, num_repeats, design.omega.size)) * noise_std
     repeats = kernel_values(theta, design) + noise[0] + 1j * noise[1]
     mean = jnp.mean(repeats, axis=0)
     within = jnp.sum(jnp.abs(repeats - mean) ** 2, axis=0)
     scatter = jnp.sqrt(within / (2 * (num_repeats - 1)))
-    return replace(design, mean=mean, within=within, noise_std=scatter)
-
-
-def kernel_of_known_noise(
-    key: Key[Array, ""], theta: Theta, design: KernelData, num_repeats: int
-) -> KernelData:
-    """The same where the noise is the design's and the likelihood is told, as (36) supposes.
-
-    Args:
-        key: Random key.
-        theta: zeta, alpha and delta.
-        design: Frequencies, displacements and noise of one repeat.
-        num_repeats: K.
-    """
-    found = _repeated(key, theta, design, num_repeats, design.noise_std)
-    return replace(found, noise_std=design.noise_std)
+    return replace(
+        design, mean=mean, within=within, noise_std=noise_std if known_noise else scatter
+    )
 
 
 def kernel_values(theta: Theta, design: KernelData) -> Complex[Array, " freq"]:
@@ -83,10 +63,6 @@ def kernel_values(theta: Theta, design: KernelData) -> Complex[Array, " freq"]:
     $$H_3(\omega) = \frac{-\alpha\,(\delta^2/6 - 35\,\delta/(96 Y))}
       {(\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega)^3\,
        (\omega_n^2 - 9\omega^2 + 6j\zeta\omega_n\omega)}$$
-
-    Args:
-        theta: zeta, alpha and delta.
-        design: Frequencies and displacements.
 
     Returns:
         Kernel [m^-2 s^6].
@@ -102,35 +78,28 @@ def kernel_values(theta: Theta, design: KernelData) -> Complex[Array, " freq"]:
     return -cubic / (first**3 * third)
 
 
-def measured_records(
-    key: Key[Array, ""], theta: Theta, design: Records, noise_std: Float[Array, " level"]
-) -> Records:
+def measured_records(key: Key[Array, ""], theta: Theta, design: Records) -> Records:
     r"""Repeats of every level with white noise, reduced to mean and scatter.
 
     $$\bar v = v + \sigma\,\eta / \sqrt K, \qquad S \sim \sigma^2 \chi^2_{N (K - 1)}$$
-
-    Args:
-        key: Random key.
-        theta: The joint's five parameters and `gain`.
-        design: Inputs, repeats, sampling; compared in time, not in a band.
-        noise_std: Noise of one sample of one repeat, in the unit of the response.
     """
     key_mean, key_within = jax.random.split(key)
     count, size = design.repeats.num_repeats, design.source.shape[-1]
-    column = "yva".index({"displacement": "y", "velocity": "v"}[design.response])
+    noise_std = design.repeats.noise_std
+    column = ("displacement", "velocity").index(design.response)
     force = theta["gain"] * design.source
     clean = jax.vmap(lambda u: motion(theta, u, design.fs)[:, column])(force)
     error = jax.random.normal(key_mean, clean.shape)
     mean = clean + (noise_std / jnp.sqrt(count))[:, None] * error
     within = noise_std**2 * 2 * jax.random.gamma(key_within, size * (count - 1) / 2)
-    repeats = replace(
-        design.repeats, within=within, noise_std=jnp.sqrt(within / (size * (count - 1)))
-    )
-    return replace(design, mean=mean, repeats=repeats)
+    scatter = jnp.sqrt(within / (size * (count - 1)))
+    return replace(design, mean=mean).with_repeats(within=within, noise_std=scatter)
 
 
 def motion(theta: Theta, force: Float[Array, " time"], fs: float) -> Float[Array, "time 3"]:
     r"""Displacement, velocity and hysteretic force from rest, by classical Runge-Kutta steps.
+
+    The input between the samples is what their spectrum stands for.
 
     $$\ddot y + 2\zeta\omega_n\dot y + (\omega_n^2 - \alpha)\,y + Z = u, \qquad
     \dot Z = \alpha\dot y - \gamma|\dot y|Z - \delta\dot y|Z|$$

@@ -21,13 +21,7 @@ from jbw.verification.verify import safe
 
 
 def claim(folder: Path) -> Path:
-    """Make sure that a run may be written to a folder, before any work is done.
-
-    Args:
-        folder: New or empty folder.
-
-    Returns:
-        The folder, made.
+    """Make a new or empty folder that a run may be written to, before any work is done.
 
     Raises:
         RunError: If it holds something, or cannot be written.
@@ -55,11 +49,6 @@ def claim(folder: Path) -> Path:
 def save_run(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
     """Write posterior.nc and summary.json, then figures/ and report.html.
 
-    Args:
-        folder: The run's folder, as `claim` left it.
-        tree: The collected result.
-        summary: What `summary.json` is to hold.
-
     Raises:
         RunError: If something cannot be written or drawn; a failing report leaves the result.
     """
@@ -72,11 +61,6 @@ def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> 
 
     Both are made in a hidden folder beside their place and moved there when complete, the summary
     last: a folder with `summary.json` holds a whole result.
-
-    Args:
-        folder: The run's folder.
-        tree: The collected result.
-        summary: What `summary.json` is to hold.
 
     Raises:
         RunError: If the disk is full or the folder cannot be written.
@@ -95,11 +79,6 @@ def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> 
 
 def save_report(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
     """Write figures/ and report.html beside a result.
-
-    Args:
-        folder: The run's folder.
-        tree: The collected result.
-        summary: What `summary.json` holds.
 
     Raises:
         RunError: If a figure or the page fails, for whatever reason: the result is not touched.
@@ -120,13 +99,7 @@ def save_report(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> 
 def save_predictions(
     folder: Path, found: Mapping[str, xr.Dataset], rows: Sequence[Mapping[str, Any]]
 ) -> None:
-    """Write predictions.nc, predictions.json and figures/, a figure a test; as `save_run` does.
-
-    Args:
-        folder: New or empty folder, as `claim` left it.
-        found: Each test's bands by its name.
-        rows: The tests in plain numbers.
-    """
+    """Write predictions.nc, predictions.json and figures/, a figure a test; as `save_run` does."""
     with writing(folder, "figures", "predictions.json", "predictions.nc") as part:
         tree = xr.DataTree.from_dict({f"/{safe(test)}": one for test, one in found.items()})
         tree.to_netcdf(part / "predictions.nc", engine="h5netcdf")
@@ -147,7 +120,14 @@ def writing(folder: Path, *names: str) -> Iterator[Path]:
     """
     with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as name:
         yield Path(name)
-        _move(Path(name), folder, names)
+        for made in names:
+            part, target = Path(name, made), folder / made
+            if target.is_dir():
+                shutil.rmtree(target)
+            elif part.is_file():
+                with part.open("rb+") as stream:
+                    os.fsync(stream.fileno())  # its content reaches the disk before its name does
+            os.replace(part, target)
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -159,20 +139,3 @@ def write_json(path: Path, value: Any) -> None:
 def write_figure(path: Path, drawn: Panels) -> None:
     """A figure as PNG."""
     figure_of(drawn).savefig(path, dpi=130, facecolor="white")
-
-
-def _move(part: Path, folder: Path, names: Sequence[str]) -> None:
-    """Move what was made to its place, the last name last."""
-    for made in names:
-        target = folder / made
-        if target.is_dir():
-            shutil.rmtree(target)
-        elif (part / made).is_file():
-            _sync(part / made)
-        os.replace(part / made, target)
-
-
-def _sync(path: Path) -> None:
-    """Let a file's content reach the disk before its name does."""
-    with path.open("rb+") as stream:
-        os.fsync(stream.fileno())

@@ -16,9 +16,8 @@ from jbw.inference.posterior.finding import Finding, Verdict
 from jbw.measurement.records import Test
 from jbw.report.result import node, read_result
 from jbw.study.store import claim, save_run
-from jbw.verification.draws import NUM_DRAWS
 from jbw.verification.predict import Request, chosen, predict
-from jbw.verification.predictive_basis import Basis, basis_of
+from jbw.verification.predictive_basis import NUM_DRAWS, Basis, basis_of
 
 
 @dataclass(frozen=True)
@@ -116,9 +115,6 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
 def basis_of_run(folder: Path) -> Basis:
     """What a finished run predicts with.
 
-    Args:
-        folder: The run's folder.
-
     Raises:
         DataError: The folder holds no finished run, or one that this version cannot read.
     """
@@ -163,11 +159,7 @@ def campaign_of(folder: Path, stated: Path | None = None) -> Path:
 
 
 def known_of(folder: Path) -> tuple[dict[str, Any], Known]:
-    """The summary of a run, and what its posterior knows of priors and of Step 3.
-
-    Args:
-        folder: The run's folder.
-    """
+    """The summary of a run, and what its posterior knows of priors and of Step 3."""
     summary, tree = read_result(folder)
     bounds, means = {}, {}
     if summary["main"] == "joint" and "posterior" in tree.children:
@@ -181,11 +173,7 @@ def known_of(folder: Path) -> tuple[dict[str, Any], Known]:
 
 
 def require_same_inputs(campaign: Campaign, summary: Mapping[str, Any]) -> None:
-    """Refuse a campaign whose records are not those of the run.
-
-    Args:
-        campaign: The campaign.
-        summary: The run's summary; empty when there is no run.
+    """Refuse a campaign whose records are not those of the run, where a run's summary is given.
 
     Raises:
         ConfigError: If a record differs.
@@ -200,11 +188,7 @@ def require_same_inputs(campaign: Campaign, summary: Mapping[str, Any]) -> None:
 
 
 def input_hashes(campaign: Campaign) -> dict[str, str]:
-    """File to hash, of everything that was read.
-
-    Args:
-        campaign: The campaign.
-    """
+    """File to hash, of everything that was read."""
     records = [record for test in campaign.tests for record in test.records]
     known = [r.provenance for r in records if "sha256" in r.provenance]
     return {one.get("path", ""): one["sha256"] for one in known}

@@ -1,4 +1,4 @@
-"""The backbone of the posterior, and the loops that bend it, as the report draws them."""
+"""Frequency and damping against amplitude, of the posterior and as decays show them, and loops."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -9,16 +9,22 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
+from jbw.measurement.records import Test
+from jbw.observables.decay_envelopes import filter_of, readings
 from jbw.oscillator.law import Law
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
+from jbw.quantities import UNIT_OF, derivative_order
 from jbw.verification.bands import QUANTILES, band
-from jbw.verification.draws import Draws, Laws, parameter_names
+from jbw.verification.predicted import carry
+from jbw.verification.predictive_basis import Draws, Laws, parameter_names
 
 NUM_AMPLITUDES = 40
 CARRIED_ON = 1.25  # times the largest fitted displacement: how far the curves go on
 PARTS = (0.25, 0.5, 1.0)  # of the largest fitted displacement: the loops
 NUM_PHASES = 64  # of half a loop
+NUM_OF_DECAYS = 60  # amplitudes beside decays, up to a little more than the largest measured
+HERTZ, RATIO, BANDS = {"units": "Hz"}, {"units": "1"}, ("quantile", "amplitude")
 
 
 def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None:
@@ -28,11 +34,6 @@ def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None
     own moves, and up again as its mirror,
 
     $$Z(y), \; -Y < y < Y \text{ on the way down}, \qquad Z(-y) = -Z(y)$$
-
-    Args:
-        draws: Parameters of the joint, one value a draw.
-        y_peak: Largest displacement among what was fitted [m].
-        laws: Laws of the joint.
 
     Returns:
         Bands over (quantile, amplitude) and (quantile, loop, phase); None where the draws lack a
@@ -45,65 +46,104 @@ def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None
     if not needed <= set(draws) or not 0.0 < y_peak < np.inf:
         return None
     amplitude = np.linspace(0.0, CARRIED_ON * y_peak, NUM_AMPLITUDES + 1)[1:]
-    omega, zeta = map(np.asarray, _curves(draws, jnp.asarray(amplitude), laws))
+    frequency, damping = carry(_curves, draws, jnp.asarray(amplitude), laws)
     peaks = y_peak * np.asarray(PARTS)
     angle = np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1]
     half = peaks[:, None] * np.cos(angle)
-    falling, stuck = map(np.asarray, _unloading(draws, jnp.asarray(peaks), jnp.asarray(half), laws))
+    falling, stuck = carry(_unloading, draws, jnp.asarray(peaks), jnp.asarray(half), laws)
     y, z = np.concatenate([half, -half], -1), np.concatenate([falling, -falling], -1)
     slip = z - stuck[:, None, None] * y
-    curves, loops = ("quantile", "amplitude"), ("quantile", "loop", "phase")
+    loops = ("quantile", "loop", "phase")
     force = {"units": "N/kg", "long_name": "hysteretic force"}
+    stiffness = {"units": "1/s^2", "long_name": "stiffness of Z without slip"}
     return xr.Dataset(
         {
-            "frequency": (curves, band(omega / (2 * np.pi)), {"units": "Hz"}),
-            "damping": (curves, band(zeta), {"units": "1"}),
+            "frequency": (BANDS, band(frequency), HERTZ),
+            "damping": (BANDS, band(damping), RATIO),
             "loop_y": (("loop", "phase"), y, {"units": "m"}),
             "loop_z": (loops, band(z), force),
             "loop_slip": (loops, band(slip), {**force, "long_name": "Z less that without slip"}),
-            "stuck": (
-                "quantile",
-                band(stuck),
-                {"units": "1/s^2", "long_name": "stiffness of Z without slip"},
-            ),
+            "stuck": ("quantile", band(stuck), stiffness),
         },
         {"amplitude": ("amplitude", amplitude, {"units": "m"}), "quantile": list(QUANTILES)},
         {"y_fitted": float(y_peak)},
     )
 
 
-@partial(jax.jit, static_argnames="laws")
 def _curves(
-    draws: Mapping[str, Array], amplitude: Float[Array, " amplitude"], laws: Laws
-) -> tuple[Array, Array]:
-    def one(theta: Mapping[str, Array]) -> tuple[Array, Array]:
-        found = backbone(oscillator_of(theta, laws), amplitude)
-        return found.omega, found.zeta
-
-    return jax.vmap(one)(draws)
+    theta: Mapping[str, Array], amplitude: Float[Array, " amplitude"], laws: Laws
+) -> tuple[Float[Array, " amplitude"], Float[Array, " amplitude"]]:
+    """Frequency [Hz] and damping at amplitudes of the displacement."""
+    found = backbone(oscillator_of(theta, laws), amplitude)
+    return found.omega / (2 * jnp.pi), found.zeta
 
 
-@partial(jax.jit, static_argnames="laws")
 def _unloading(
-    draws: Mapping[str, Array],
+    theta: Mapping[str, Array],
     peaks: Float[Array, " loop"],
     y: Float[Array, "loop phase"],
     laws: Laws,
-) -> tuple[Float[Array, "draw loop phase"], Float[Array, " draw"]]:
+) -> tuple[Float[Array, "loop phase"], Float[Array, ""]]:
     """Force of the laws with a memory on the way down from each peak, and their stiffness."""
 
     def along(law: Law, peak: Array, y: Float[Array, " phase"]) -> Float[Array, " phase"]:
         top = law.at_tip(peak)
         return jax.vmap(lambda to: law.force(to, -1.0, law.move(peak, top, to - peak)))(y)  # pyright: ignore[reportReturnType]
 
-    def one(theta: Mapping[str, Array]) -> tuple[Array, Array]:
-        hysteretic = [
-            law for law in oscillator_of(theta, laws).laws if jax.tree.leaves(law.at_rest())
-        ]
-        force, stiffness = jnp.zeros_like(y), jnp.zeros(())
-        for law in hysteretic:
+    force, stiffness = jnp.zeros_like(y), jnp.zeros(())
+    for law in oscillator_of(theta, laws).laws:
+        if jax.tree.leaves(law.at_rest()):
             force += jax.vmap(partial(along, law))(peaks, y)
             stiffness += law.stiffness()
-        return force, stiffness
+    return force, stiffness
 
-    return jax.vmap(one)(draws)
+
+def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws) -> xr.Dataset:
+    r"""Frequency and damping against amplitude: read from free decays, and of the model.
+
+    $$X = \omega(Y)^p\,Y, \qquad \omega = \omega(Y), \quad \zeta_{eq} = \zeta_{eq}(Y)$$
+
+    with the backbone of the oscillator on the right and p the order of the measured derivative.
+
+    Returns:
+        Readings over (record, piece) and bands over (quantile, amplitude).
+
+    Reference:
+        Equivalent stiffness and damping of the steady loop of Eq. (2), `oscillator.backbone`.
+    """
+    found = readings(test)
+    pieces = min(len(one.amplitude) for one in found)
+    sizes, frequencies, ratios = (
+        np.stack([getattr(one, name)[:pieces] for one in found])
+        for name in ("amplitude", "frequency_hz", "damping")
+    )
+    amplitude = np.linspace(0.0, 1.05 * sizes.max(), NUM_OF_DECAYS + 1)[1:]
+    response = test.records[0].response
+    centre, order = 2 * np.pi * filter_of(test).centre_hz, derivative_order(response)
+    frequency, damping = carry(_of_response, draws, jnp.asarray(amplitude), centre, order, laws)
+    unit, dims = {"units": UNIT_OF[response], "long_name": response}, ("record", "piece")
+    return xr.Dataset(
+        {
+            "measured_amplitude": (dims, sizes, unit),
+            "measured_frequency": (dims, frequencies, HERTZ),
+            "measured_damping": (dims, ratios, RATIO),
+            "model_frequency": (BANDS, band(frequency), HERTZ),
+            "model_damping": (BANDS, band(damping), RATIO),
+            "fitted": ("record", (np.arange(len(found)) < num_fitted).astype(int)),
+        },
+        {"amplitude": ("amplitude", amplitude, unit), "quantile": list(QUANTILES)},
+    )
+
+
+def _of_response(
+    theta: Mapping[str, Array],
+    amplitude: Float[Array, " amplitude"],
+    centre: float,
+    order: int,
+    laws: Laws,
+) -> tuple[Float[Array, " amplitude"], Float[Array, " amplitude"]]:
+    """Frequency [Hz] and damping at amplitudes of the measured response."""
+    joint, omega = oscillator_of(theta, laws), jnp.full_like(amplitude, centre)
+    for _ in range(3):  # the displacement of an amplitude depends weakly on the frequency
+        omega = backbone(joint, amplitude / omega**order).omega
+    return _curves(theta, amplitude / omega**order, laws)

@@ -21,6 +21,7 @@ def errors(
     model: Float[np.ndarray, "draw value"],
     others: Mapping[str, NDArray[np.float64]],
     noise_std: float | None,
+    repeats: Float[np.ndarray, "repeat value"] | None = None,
 ) -> dict[str, float]:
     r"""How far a test lies from the model, and from the oscillators it is compared with.
 
@@ -28,7 +29,8 @@ def errors(
         measured: Mean of the repeats.
         model: Its prediction by every draw.
         others: Its prediction by other oscillators, by their names.
-        noise_std: Noise of the mean, where it is known.
+        noise_std: Noise of what is counted, where it is known.
+        repeats: What is counted, where it is not the mean.
 
     Returns:
         `nrmse`, the error of the median; `nrmse_linear` and so on, of the others; and `coverage`,
@@ -37,10 +39,14 @@ def errors(
     found = {"nrmse": error(measured, np.median(model, axis=0))}
     found |= {f"nrmse_{name}": error(measured, other) for name, other in others.items()}
     if noise_std is not None:
-        low, _, high = gaussian_band(model, noise_std)
-        inside = (measured >= low) & (measured <= high)
+        inside = within(measured if repeats is None else repeats, gaussian_band(model, noise_std))
         found |= {"coverage": float(np.mean(inside)), "num_values": inside.size}
     return found
+
+
+def within(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which values lie inside a band."""
+    return (values >= edges[0]) & (values <= edges[-1])
 
 
 def band(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -70,3 +76,27 @@ def gaussian_band(
 def phase_near(h: NDArray[Any], reference: NDArray[np.float64]) -> NDArray[np.float64]:
     """Phase on the branch next to a reference, so that bands do not straddle +-pi."""
     return reference + np.angle(h * np.exp(-1j * reference))
+
+
+def polar(
+    name: str,
+    values: NDArray[Any],
+    reference: NDArray[np.float64],
+    magnitude: Mapping[str, str],
+    phase: Mapping[str, str],
+    dims: str | tuple[str, ...] = ("quantile", "freq"),
+) -> dict[str, Any]:
+    """Variables `name_magnitude` and `name_phase` of complex values; over `quantile` their bands.
+
+    Args:
+        name: What the values are of.
+        values: The values, or those of every draw.
+        reference: Phase that theirs are next to.
+        magnitude: Attributes of the magnitude, its unit among them.
+        phase: The same of the phase.
+        dims: Dimensions of the variables.
+    """
+    size, angle = np.abs(values), phase_near(values, reference)
+    if "quantile" in dims:
+        size, angle = band(size), band(angle)
+    return {f"{name}_magnitude": (dims, size, magnitude), f"{name}_phase": (dims, angle, phase)}

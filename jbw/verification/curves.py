@@ -1,7 +1,8 @@
 """Harmonics of steady motion beside the model's: response curves, stepped sines and tones.
 
-Where runs have offsets of their own, the draws are those of a further run (`draws.scattered`): a
-test, fitted or not, is compared with the joint of all runs and the scatter between them.
+Where runs have offsets of their own, the draws are those of a further run
+(`predictive_basis.scattered`): a test, fitted or not, is compared with the joint of all runs and
+the scatter between them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,10 +26,9 @@ from jbw.observables.harmonic_groups import (
 )
 from jbw.observables.steady import Points, force_of, motion_of
 from jbw.quantities import UNIT_OF
-from jbw.verification.bands import QUANTILES, band, errors, gaussian_band, phase_near
-from jbw.verification.draws import Draws, carry, with_references
-from jbw.verification.noise import noise_of, of_repeats
-from jbw.verification.predicted import Predicted, Source
+from jbw.verification.bands import QUANTILES, errors, gaussian_band, phase_near, polar
+from jbw.verification.predicted import Predicted, Source, carry, noise_of, of_repeats
+from jbw.verification.predictive_basis import Draws, count_of
 
 ROUNDS = 3  # of Newton's iteration, each from the median of the draws of the one before
 CLOSE = 0.01  # of the motion: a guess from which one round of two steps is exact to 1e-8
@@ -47,22 +47,16 @@ class Curve(NamedTuple):
 
 
 def curves_of(tests: Sequence[Test], of_tones: str = "") -> dict[str, Curve]:
-    """Curves by name: one a test, but one for all tones of a level.
-
-    Args:
-        tests: Of kind frf, stepped or tones (one tone); others are passed over.
-        of_tones: What the name of a curve of tones ends in.
-    """
+    """Curves by name: one a test, but one for all tones of a level; other kinds are passed over."""
     found: dict[str, Curve] = {}
     tones: dict[float, list[Test]] = {}
     for test in tests:
-        match test.kind:
-            case "frf":
-                found[test.name] = Curve([curve_group(test)], test)
-            case "stepped":
-                found[test.name] = Curve(stepped_groups(test), test)
-            case "tones" if len(test.tones_hz) == 1:
-                tones.setdefault(test.level, []).append(test)
+        if test.traits.is_curve:
+            found[test.name] = Curve([curve_group(test)], test)
+        elif test.traits.is_stepped:
+            found[test.name] = Curve(stepped_groups(test), test)
+        elif test.is_single_tone:
+            tones.setdefault(test.level, []).append(test)
     for family in tones.values():
         groups, width = tone_groups(family), len(ORDERS)
         for i in range(0, len(groups), width):
@@ -73,12 +67,7 @@ def curves_of(tests: Sequence[Test], of_tones: str = "") -> dict[str, Curve]:
 
 
 def predict_curve(source: Source, test: Test) -> Predicted:
-    """Harmonics of a tone, a stepped sine or a response curve.
-
-    Args:
-        source: What is carried.
-        test: Of kind tones (one tone), stepped or frf.
-    """
+    """Harmonics of a tone, a stepped sine or a response curve."""
     (found,) = predict_curves(source, list(curves_of([test]).values()))
     return found
 
@@ -89,10 +78,6 @@ def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
     Where a controller held the response the force is what is predicted, its phase counted from
     the displacement; else the response, its phase counted from the source.
 
-    Args:
-        source: What is carried.
-        curves: What was measured.
-
     Returns:
         For each curve magnitudes and phases over (freq) and (quantile, freq), of the third
         harmonic with the suffix `_3`; attributes as of `jbw.verification.bands.errors`, over real
@@ -101,37 +86,45 @@ def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
     if not curves:
         return []
     data = Points.of([group for curve in curves for group in curve.groups], laws=source.basis.laws)
-    (model, peaks), others = with_references(
-        lambda some, laws: _carried(replace(_nameless(data), laws=laws), some),
-        source.draws, data.laws, source.references,
-    )  # fmt: skip
-    counts, found, row = np.asarray(data.repeats.num_repeats), [], 0
+    # Without the names of their groups tests of one shape share compiled code.
+    none = ("",) * len(data.repeats.labels)
+    nameless = replace(data, repeats=replace(data.repeats, labels=none, runs=none))
+    (model, peaks), others = source.carried(
+        lambda draws, laws: _carried(replace(nameless, laws=laws), draws)
+    )
+    found, row = [], 0
     for curve in curves:
         rows = range(row, row + len(curve.groups))
+        row, test = rows.stop, curve.test
         noises = [
             noise_of(
-                source.basis, curve.test, of_repeats(data.repeats, i),
-                label=group.label, order=group.order,
+                source.basis, test, of_repeats(data.repeats, i), label=one.label, order=one.order
             )
-            for i, group in zip(rows, curve.groups, strict=True)
-        ]  # fmt: skip
-        dataset = compare_curve(
-            curve,
-            [model[:, i] for i in rows],
-            [{name: values[i] for name, (values, _) in others.items()} for i in rows],
-            [source.std(one, counts[i]) for i, one in zip(rows, noises, strict=True)],
-        )
+            for i, one in zip(rows, curve.groups, strict=True)
+        ]
+        order = np.argsort(curve.groups[0].omega)
+        size, omega = len(order), curve.groups[0].omega[order]
+        variables, attrs = {}, _facts(curve.groups[0], test)
+        for i, group, noise in zip(rows, curve.groups, noises, strict=True):
+            if not np.any(group.values):
+                continue  # a harmonic beyond what the sampling shows
+            of_others = {
+                name: values[i, :size]
+                for name, (values, _) in others.items()
+                # A linear oscillator has no higher harmonics to compare.
+                if group.order == 1 or name != "linear"
+            }
+            std = source.std(noise, float(data.repeats.num_repeats[i]))
+            drawn, said = _compared(group, test, model[:, i, :size], of_others, order, std)
+            suffix = "" if group.order == 1 else f"_{group.order}"
+            variables |= {name + suffix: variable for name, variable in drawn.items()}
+            attrs |= {name + suffix: value for name, value in said.items()}
+        freq = ("freq", omega / (2 * np.pi), {"units": "Hz"})
+        dataset = xr.Dataset(variables, {"freq": freq, "quantile": list(QUANTILES)}, attrs)
         # A ratio was measured at an amplitude that it does not tell.
-        known = "ratio" not in curve.test.records[0].provenance
-        found.append(Predicted(dataset, peaks[:, row] if known else None, noises[0]))
-        row = rows.stop
+        known = "ratio" not in test.records[0].provenance
+        found.append(Predicted(dataset, peaks[:, rows[0]] if known else None, noises[0]))
     return found
-
-
-def _nameless(data: Points) -> Points:
-    """Points without the names of their groups, so that tests of one shape share compiled code."""
-    none = ("",) * len(data.repeats.labels)
-    return replace(data, repeats=replace(data.repeats, labels=none, runs=none))
 
 
 def _carried(
@@ -141,7 +134,7 @@ def _carried(
     point, column = np.asarray(data.point), np.asarray(data.position)[:, None]
     there = np.asarray(data.factor) != 0  # not behind a group's last point
     held = np.array(data.of_force)
-    size = len(next(iter(draws.values())))
+    size = count_of(draws)
     values = np.zeros((size, *point.shape), complex)
     moved = np.broadcast_to(np.asarray(data.motion), (size, *data.motion.shape))
     if not held.all():
@@ -149,20 +142,14 @@ def _carried(
         values = np.asarray(data.factor) * moved[:, point, column]
     if held.any():
         values[:, held] = carry(_forces, draws, data)[:, held]
-        moved = np.where(_points_of(data, held)[:, None], np.asarray(data.motion), moved)
+        of_held = np.isin(np.arange(len(data.omega)), point[held][there[held]])
+        moved = np.where(of_held[:, None], np.asarray(data.motion), moved)
     return values, np.max(np.abs(moved[..., 0])[:, point], axis=-1, where=there, initial=0.0)
 
 
 def _forces(theta: Mapping[str, Array], data: Points) -> Complex[Array, "group value"]:
     """Force of every group that the measured motion takes, in the unit of the source."""
     return data.factor * force_of(theta, data)[data.point] / theta["gain"]
-
-
-def _points_of(data: Points, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which points belong to some groups."""
-    found = np.zeros(len(data.omega), bool)
-    found[np.asarray(data.point)[chosen][np.asarray(data.factor)[chosen] != 0]] = True
-    return found
 
 
 def _motion(data: Points, draws: Draws) -> Complex[np.ndarray, "draw point harmonic"]:
@@ -182,52 +169,6 @@ def _motion(data: Points, draws: Draws) -> Complex[np.ndarray, "draw point harmo
     return motion
 
 
-def compare_curve(
-    curve: Curve,
-    models: Sequence[NDArray[np.complex128]],
-    others: Sequence[Mapping[str, NDArray[np.complex128]]],
-    noises: Sequence[float | None],
-) -> xr.Dataset:
-    """One curve beside predictions of it, as of `predict_curves`.
-
-    Args:
-        curve: What was measured.
-        models: Values of each harmonic by every draw.
-        others: The same of other oscillators, by name.
-        noises: Noise of the mean of each harmonic, in its real and in its imaginary part, where
-            it is known.
-    """
-    omega = curve.groups[0].omega
-    order, size = np.argsort(omega), len(omega)
-    variables: dict[str, Any] = {}
-    attrs: dict[str, Any] = {}
-    for group, padded, of_others, noise in zip(curve.groups, models, others, noises, strict=True):
-        if not np.any(group.values):
-            continue  # a harmonic beyond what the sampling shows
-        suffix = "" if group.order == 1 else f"_{group.order}"
-        model = padded[:, :size]
-        # A linear oscillator has no higher harmonics to compare.
-        shown = {n: x[:size] for n, x in of_others.items() if group.order == 1 or n != "linear"}
-        parts = {name: _parts(one) for name, one in shown.items()}
-        far = errors(_parts(group.values), _parts(model), parts, noise)
-        attrs |= {name + suffix: value for name, value in far.items()}
-        drawn = _harmonic(group, curve.test, model[:, order], shown, order, noise)
-        variables |= {name + suffix: variable for name, variable in drawn.items()}
-    return xr.Dataset(
-        variables,
-        {
-            "freq": ("freq", omega[order] / (2 * np.pi), {"units": "Hz"}),
-            "quantile": list(QUANTILES),
-        },
-        {**_facts(curve.groups[0], curve.test), **attrs},
-    )
-
-
-def _parts(values: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Real and imaginary parts, as they enter the likelihood."""
-    return np.concatenate([values.real, values.imag], axis=-1)
-
-
 def _facts(group: Group, test: Test) -> dict[str, Any]:
     """What was held and what was measured."""
     record = test.records[0]
@@ -243,15 +184,20 @@ def _facts(group: Group, test: Test) -> dict[str, Any]:
     }
 
 
-def _harmonic(
+def _compared(
     group: Group,
     test: Test,
     model: Complex[np.ndarray, "draw value"],
     others: Mapping[str, Complex[np.ndarray, " value"]],
     order: NDArray[np.intp],
-    noise: float | None,
-) -> dict[str, Any]:
-    """Variables of one harmonic, in the order of the frequencies."""
+    noise_std: float | None,
+) -> tuple[dict[str, Any], dict[str, float]]:
+    """Variables of one harmonic in the order of the frequencies, and its errors.
+
+    The noise is that of the mean, in its real and in its imaginary part, where it is known.
+    """
+    parts = {name: _parts(one) for name, one in others.items()}
+    said = errors(_parts(group.values), _parts(model), parts, noise_std)
     record = test.records[0]
     turn = np.ones(len(order))
     magnitude = {"units": UNIT_OF[record.response], "long_name": record.response}
@@ -260,24 +206,22 @@ def _harmonic(
         turn = np.exp(-1j * np.angle(group.motion[order, 0]))
         magnitude = {"units": record.units[record.source], "long_name": record.source}
         what = "phase of the force ahead of the displacement"
-    phase = {"units": "rad", "long_name": what}
-    measured, model = turn * group.values[order], turn * model
+    measured, model = turn * group.values[order], turn * model[:, order]
     reference = np.angle(measured)
-    dims = ("quantile", "freq")
-    found = {
-        "measured_magnitude": ("freq", np.abs(measured), magnitude),
-        "measured_phase": ("freq", reference, phase),
-        "model_magnitude": (dims, band(np.abs(model)), magnitude),
-        "model_phase": (dims, band(phase_near(model, reference)), phase),
-    }
-    if noise is not None:
+    how = reference, magnitude, {"units": "rad", "long_name": what}
+    found = polar("measured", measured, *how, "freq") | polar("model", model, *how)
+    if noise_std is not None:
         size, turned = np.abs(model), phase_near(model, reference)
         # Across the phasor a noise turns it by its share of the length.
-        angle = noise / np.abs(np.median(size, axis=0))
-        found["predictive_magnitude"] = (dims, gaussian_band(size, noise), magnitude)
-        found["predictive_phase"] = (dims, gaussian_band(turned, angle), phase)
+        angle = noise_std / np.abs(np.median(size, axis=0))
+        dims = ("quantile", "freq")
+        found["predictive_magnitude"] = (dims, gaussian_band(size, noise_std), magnitude)
+        found["predictive_phase"] = (dims, gaussian_band(turned, angle), how[-1])
     for name, values in others.items():
-        alone = turn * values[order]
-        found[f"{name}_magnitude"] = ("freq", np.abs(alone), magnitude)
-        found[f"{name}_phase"] = ("freq", phase_near(alone, reference), phase)
-    return found
+        found |= polar(name, turn * values[order], *how, "freq")
+    return found, said
+
+
+def _parts(values: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Real and imaginary parts, as they enter the likelihood."""
+    return np.concatenate([values.real, values.imag], axis=-1)

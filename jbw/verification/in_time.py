@@ -4,22 +4,32 @@ A record is brought on time once, its input carried through the model once; band
 the frequency response are both made from that.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import frf
-from jbw.observables.samples import advance, in_band, lines_of, noise_share
-from jbw.quantities import derivative_order, per
-from jbw.verification.bands import QUANTILES, band, error, gaussian_band, phase_near
-from jbw.verification.draws import Draws, predict_motion, with_references
-from jbw.verification.noise import Noise, noise_of, of_samples
-from jbw.verification.predicted import Predicted, Source, is_measured
+from jbw.observables.samples import advance, in_band, lines_of, motion_under, noise_share
+from jbw.quantities import LETTER_OF, derivative_order, per
+from jbw.verification.bands import QUANTILES, band, errors, gaussian_band, polar
+from jbw.verification.predicted import (
+    Noise,
+    Predicted,
+    Source,
+    carry,
+    is_measured,
+    noise_of,
+    of_samples,
+)
+from jbw.verification.predictive_basis import Draws, Laws
 
 SETTLING = 8.0  # s of a noise record during which the unknown start of the motion dies out
 NEAR = (0.75, 1.25)  # of the natural frequency: the band around the mode
@@ -51,6 +61,31 @@ class Motion(NamedTuple):
     start: int
 
 
+def predict_motion(
+    draws: Draws, record: Record, laws: Laws, *, substeps: int = 2
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Response of every draw to the measured input of a record, from rest.
+
+    Returns:
+        Responses of shape (draw, time), in the unit of the measured response, and the peak
+        displacement of every draw [m].
+    """
+    source = jnp.asarray(record.channels[record.source])
+    return carry(_response, draws, source, record.fs, record.response, substeps, laws)
+
+
+def _response(
+    theta: Mapping[str, Array],
+    source: Float[Array, " time"],
+    fs: float,
+    response: str,
+    substeps: int,
+    laws: Laws,
+) -> tuple[Float[Array, " time"], Float[Array, ""]]:
+    motion = motion_under(theta, source, fs, laws=laws, substeps=substeps)
+    return getattr(motion, LETTER_OF[response]), jnp.max(jnp.abs(motion.y))
+
+
 def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Motion:
     """Carry the input of a test's first record through the model.
 
@@ -61,17 +96,16 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
     """
     test = _on_time(test)
     record, steps = test.records[0], substeps or source.basis.substeps
-    (model, peak), others = with_references(
-        lambda some, laws: predict_motion(some, record, laws, substeps=steps),
-        source.draws, source.basis.laws, source.references,
-    )  # fmt: skip
+    (model, peak), others = source.carried(
+        lambda draws, laws: predict_motion(draws, record, laws, substeps=steps)
+    )
     alone = {name: response for name, (response, _) in others.items()}
     if not is_measured(test):
         stand_in = {**record.channels, record.response: np.median(model, axis=0)}
         test = replace(test, records=(replace(record, channels=stand_in),))
         measured = stand_in[record.response][None]
         return Motion(test, measured, model, peak, alone, noise_of(source.basis, test), 0)
-    measured = np.stack([one.channels[one.response] for one in repeated(test)])
+    measured = np.stack([one.channels[one.response] for one in _repeated(test)])
     start = round(_settling(test, source.draws) * record.fs)
     lines = lines_of(test.band_hz or (), measured.shape[1], record.fs)
     size = measured.shape[1] if lines is None else 2 * (lines[1] - lines[0])
@@ -84,16 +118,14 @@ def predict_records(source: Source, test: Test) -> Predicted:
 
     Repeats that have inputs of their own, as of noise, leave the first record to compare in time.
     What a record's unknown start makes of it is left out: the first seconds of noise, and `settle`.
-
-    Args:
-        source: What is carried.
-        test: Its records are the repeats of one input, or noise.
     """
     motion = motion_of(source, test)
     dataset = compare_records(source, motion)
-    share, band_hz = around_mode(motion.test.records[0], source.draws)
+    record = motion.test.records[0]
+    share, band_hz = _around_mode(record, source.draws)
     dataset.attrs["input_near_mode"] = share
-    if band_hz is not None and _has_frf(test):
+    long_enough = test.traits.is_broadband and record.num_samples > 2 * SETTLING * record.fs
+    if band_hz is not None and (test.traits.is_transient or long_enough):
         in_frequency = compare_frfs(motion, band_hz)
         attrs = in_frequency.attrs | dataset.attrs
         dataset = dataset.merge(in_frequency).assign_attrs(attrs)
@@ -101,20 +133,11 @@ def predict_records(source: Source, test: Test) -> Predicted:
 
 
 def compare_records(source: Source, motion: Motion) -> xr.Dataset:
-    r"""Repeats of one input beside the model's responses to it, in a band where the test has one.
-
-    The predictive band is that of a Gaussian with the draws' variance and the noise's together,
-
-    $$m(t) \pm 2.576 \sqrt{\mathrm{var}_\theta[v(t; \theta)] + \sigma^2}$$
-
-    Args:
-        source: What was carried.
-        motion: The test beside its simulated responses.
+    """Repeats of one input beside the model's responses to it, in a band where the test has one.
 
     Returns:
-        Variables over (quantile, time); attributes `coverage`, the share of all measured samples
-        inside the predictive band, `nrmse`, the error of the median against the mean repeat, and
-        `nrmse_linear` and so on, that of the oscillators to compare with.
+        Variables over (quantile, time); attributes as of `jbw.verification.bands.errors`, coverage
+        over all measured samples.
     """
     test, record = motion.test, motion.test.records[0]
     fs, response, size = record.fs, record.response, motion.measured.shape[1] - motion.start
@@ -125,29 +148,26 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
 
     measured, model = compared(motion.measured), compared(motion.model)
     others = {name: compared(one) for name, one in motion.others.items()}
-    noise_std = source.std(motion.noise) or 0.0
-    predictive = gaussian_band(model, noise_std * noise_share(lines, size))
-    mean = measured.mean(axis=0)
-    inside = (measured >= predictive[0]) & (measured <= predictive[-1])
-    unit, time = record.units[response], np.arange(size) / fs + motion.start / fs
+    noise_std = (source.std(motion.noise) or 0.0) * noise_share(lines, size)
+    mean, unit = measured.mean(axis=0), {"units": record.units[response]}
     dims = ("quantile", "time")
     return xr.Dataset(
         {
-            "measured": ("time", mean, {"units": unit, "long_name": f"mean measured {response}"}),
-            "measured_band": (dims, band(measured), {"units": unit}),
-            "model_band": (dims, band(model), {"units": unit}),
-            "predictive_band": (dims, predictive, {"units": unit}),
+            "measured": ("time", mean, {**unit, "long_name": f"mean measured {response}"}),
+            "measured_band": (dims, band(measured), unit),
+            "model_band": (dims, band(model), unit),
+            "predictive_band": (dims, gaussian_band(model, noise_std), unit),
         },
-        {"time": ("time", time, {"units": "s"}), "quantile": list(QUANTILES)},
+        {
+            "time": ("time", np.arange(size) / fs + motion.start / fs, {"units": "s"}),
+            "quantile": list(QUANTILES),
+        },
         {
             "level": test.level,
             "level_unit": record.units[record.source],
             "response": response,
             "num_repeats": len(measured),
-            "coverage": float(inside.mean()),
-            "num_values": inside.size,
-            "nrmse": error(mean, predictive[1]),
-            **{f"nrmse_{name}": error(mean, one) for name, one in others.items()},
+            **errors(mean, model, others, noise_std, measured),
         },
     )
 
@@ -155,67 +175,50 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
 def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
     """FRF of every repeat, and of every draw under the first one's input, by the same estimator.
 
-    Args:
-        motion: A noise or sweep test beside its simulated responses.
-        band_hz: Band to show [Hz].
-
     Returns:
         Magnitudes and phases, measured over (repeat, freq) and of the model over (quantile, freq).
     """
     test, record = motion.test, motion.test.records[0]
-    estimate = _sweep_frf if test.kind == "sweep" else _noise_frf
-    source = record.channels[record.source]
-    measured = [
-        estimate(r.channels[r.source], r.channels[r.response], r, band_hz) for r in test.records
-    ]
-    freq = measured[0][0]
+    estimate = partial(_frf, band_hz=band_hz, whole=test.traits.is_transient)
+    source, unit = record.channels[record.source], record.units[record.source]
+    measured = [estimate(r.channels[r.source], r.channels[r.response], r) for r in test.records]
     h = np.stack([one for _, one in measured])
-    simulated = np.stack([estimate(source, one, record, band_hz)[1] for one in motion.model])
-    reference = np.angle(h.mean(axis=0))
-    unit = record.units[record.source]
-    magnitude = {"units": per("m", unit), "long_name": "receptance"}
+    simulated = np.stack([estimate(source, one, record)[1] for one in motion.model])
+    how = np.angle(h.mean(axis=0)), {"units": per("m", unit), "long_name": "receptance"}
     phase = {"units": "rad"}
-    dims, bands = ("repeat", "freq"), ("quantile", "freq")
     return xr.Dataset(
         {
-            "measured_magnitude": (dims, np.abs(h), magnitude),
-            "measured_phase": (dims, phase_near(h, reference), phase),
-            "model_magnitude": (bands, band(np.abs(simulated)), magnitude),
-            "model_phase": (bands, band(phase_near(simulated, reference)), phase),
+            **polar("measured", h, *how, phase, ("repeat", "freq")),
+            **polar("model", simulated, *how, phase),
         },
-        {"freq": ("freq", freq, {"units": "Hz"}), "quantile": list(QUANTILES)},
+        {"freq": ("freq", measured[0][0], {"units": "Hz"}), "quantile": list(QUANTILES)},
         {"level": test.level, "level_unit": unit, "kind": test.kind},
     )
 
 
-def _noise_frf(
-    u: NDArray[np.float64], y: NDArray[np.float64], record: Record, band_hz: tuple[float, float]
+def _frf(
+    u: NDArray[np.float64],
+    y: NDArray[np.float64],
+    record: Record,
+    band_hz: tuple[float, float],
+    *,
+    whole: bool,
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    skip = round(SETTLING * record.fs)
-    estimate = frf(u[skip:], y[skip:], record.fs, response=record.response, band=band_hz)
-    return estimate.freq, estimate.h
-
-
-def _sweep_frf(
-    u: NDArray[np.float64], y: NDArray[np.float64], record: Record, band_hz: tuple[float, float]
-) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    r"""Ratio of the spectra of a whole sweep, $H = Y(\omega) / U(\omega)$."""
+    r"""Receptance in a band; of a whole sweep the ratio of spectra, $H = Y(\omega) / U(\omega)$."""
+    if not whole:
+        skip = round(SETTLING * record.fs)
+        found = frf(u[skip:], y[skip:], record.fs, response=record.response, band=band_hz)
+        return found.freq, found.h
     freq = np.fft.rfftfreq(len(u), 1 / record.fs)
     keep = (freq >= band_hz[0]) & (freq <= band_hz[1])
     ratio = np.fft.rfft(y)[keep] / np.fft.rfft(u)[keep]
     return freq[keep], ratio / (2j * np.pi * freq[keep]) ** derivative_order(record.response)
 
 
-def around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, float] | None]:
-    """Share of an input's power in the band around the mode, and how far it fills that band.
+def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, float] | None]:
+    """Share of an input's power in the band around the mode, and how far it fills that band [Hz].
 
-    Args:
-        record: The record.
-        draws: Parameters of the joint.
-
-    Returns:
-        The share, and the lowest and highest frequency [Hz]; None where next to nothing of the
-        band is driven.
+    The band is None where next to nothing of it is driven.
     """
     source = record.channels[record.source]
     freq = np.fft.rfftfreq(len(source), 1 / record.fs)[1:]
@@ -230,25 +233,17 @@ def around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, float
     return share, (float(low), float(high)) if enough else None
 
 
-def repeated(test: Test) -> tuple[Record, ...]:
+def _repeated(test: Test) -> list[Record]:
     """Repeats of the first record's input; the first alone where every repeat has its own."""
     first = test.records[0]
     source = first.channels[first.source]
     size = 0.1 * np.linalg.norm(source)  # noise of the input channel is far below
-    return tuple(
+    return [
         record
         for record in test.records
         if record.num_samples == first.num_samples
         and np.linalg.norm(record.channels[record.source] - source) <= size
-    )
-
-
-def _has_frf(test: Test) -> bool:
-    """Whether the frequency response of a test is estimated: noise must outlast its start."""
-    record = test.records[0]
-    if test.traits.is_transient:
-        return True
-    return test.traits.is_broadband and record.num_samples > 2 * SETTLING * record.fs
+    ]
 
 
 def _on_time(test: Test) -> Test:

@@ -13,9 +13,8 @@ from jbw.oscillator.excitation import sampled, sweep
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.cycle import steady_state
 from jbw.quantities import UNIT_OF, derivative_order
-from jbw.verification.bands import QUANTILES, band, gaussian_band, phase_near
-from jbw.verification.noise import noise_of
-from jbw.verification.predicted import Predicted, Source
+from jbw.verification.bands import QUANTILES, gaussian_band, polar
+from jbw.verification.predicted import Predicted, Source, noise_of
 from jbw.verification.predictive_basis import Basis
 
 NUM_STEPS = 61  # of a stepped sine, when not asked otherwise
@@ -61,13 +60,12 @@ def planned_tones(basis: Basis, freq_hz: Sequence[float], level: float) -> Test:
     Raises:
         ConfigError: An argument is not positive.
     """
-    _require_positive(level=level, **{"tone" if len(freq_hz) == 1 else "stepped": min(freq_hz)})
-    kind = "tones" if len(freq_hz) == 1 else "stepped"
-    ends = f"{freq_hz[0]:g} Hz"
-    if kind == "stepped":
-        ends = f"{freq_hz[0]:g} to {freq_hz[-1]:g} Hz"
+    single = len(freq_hz) == 1
+    _require_positive(level=level, **{"tone" if single else "stepped": min(freq_hz)})
+    kind = "tones" if single else "stepped"
+    ends = f"{freq_hz[0]:g}" if single else f"{freq_hz[0]:g} to {freq_hz[-1]:g}"
+    name = f"{'tone' if single else kind} {ends} Hz at {level:g}"
     record = _record(basis, kind, np.full(2, level), np.nan)
-    name = f"{'tone' if kind == 'tones' else 'stepped'} {ends} at {level:g}"
     return Test(kind, (record,), name, level=level, tones_hz=tuple(map(float, freq_hz)))
 
 
@@ -78,10 +76,6 @@ def steps(band_hz: tuple[float, float]) -> tuple[float, ...]:
 
 def predict_planned(source: Source, test: Test) -> Predicted:
     """First and third harmonic of the steady motion at each tone of a planned test.
-
-    Args:
-        source: What is carried.
-        test: From `planned.planned_tones`.
 
     Returns:
         Magnitudes and phases over (quantile, freq), of the third harmonic with the suffix `_3`.
@@ -96,20 +90,18 @@ def predict_planned(source: Source, test: Test) -> Predicted:
     motion = np.asarray(steady_state(joint, omega, columns["gain"] * test.level, NUM_HARMONICS))
     magnitude = {"units": UNIT_OF[record.response], "long_name": record.response}
     phase = {"units": "rad", "long_name": "phase of the response"}
-    dims = ("quantile", "freq")
     noises = {order: noise_of(source.basis, test, order=order) for order in ORDERS}
     variables = {}
     for order, noise in noises.items():
-        suffix = "" if order == 1 else f"_{order}"
         factor = (1j * order * omega) ** derivative_order(record.response)
         values = factor * motion[:, :, order // 2]
         middle = np.unwrap(np.angle(np.mean(values, axis=0))).astype(np.float64)
-        turned = np.asarray(phase_near(values, middle), float)
-        variables[f"model_magnitude{suffix}"] = (dims, band(np.abs(values)), magnitude)
-        variables[f"model_phase{suffix}"] = (dims, band(turned), phase)
+        drawn = polar("model", values, middle, magnitude, phase)
         if source.noise and noise.std is not None:
             predictive = gaussian_band(np.abs(values), noise.std)
-            variables[f"predictive_magnitude{suffix}"] = (dims, predictive, magnitude)
+            drawn["predictive_magnitude"] = (("quantile", "freq"), predictive, magnitude)
+        suffix = "" if order == 1 else f"_{order}"
+        variables |= {name + suffix: variable for name, variable in drawn.items()}
     freq = ("freq", omega / (2 * np.pi), {"units": "Hz"})
     attrs = {"held": record.source, "quantity": record.response}
     attrs["level_unit"] = record.units[record.source]

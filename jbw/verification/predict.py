@@ -7,18 +7,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from jbw.errors import ConfigError
+from jbw.errors import ConfigError, DataError
 from jbw.inference.thresholds import BEYOND
 from jbw.measurement.records import Test
 from jbw.verification.bands import QUANTILES, band
 from jbw.verification.curves import predict_curve
 from jbw.verification.decays import predict_decay
-from jbw.verification.draws import NUM_DRAWS, count_of
 from jbw.verification.in_time import predict_records
-from jbw.verification.noise import LEFT_OUT
 from jbw.verification.planned import predict_planned
-from jbw.verification.predicted import Predicted, Source, is_measured
-from jbw.verification.predictive_basis import Basis, gain_for, seen_of
+from jbw.verification.predicted import LEFT_OUT, Predicted, Source, is_measured
+from jbw.verification.predictive_basis import NUM_DRAWS, Basis, count_of, seen_of
 from jbw.verification.steady_motion import predict_loop, predict_periods
 
 HARDLY = 0.01  # of an input's power near the mode: less hardly touches it
@@ -65,11 +63,20 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     """
     asked = request or Request()
     source = _source(basis, test, asked)
-    found = predicted(source, test)
-    dataset, facts = found.dataset, _facts(found, basis, test, asked)
-    kept = dataset.attrs | facts | {"num_draws": count_of(source.draws)}
-    dropped = []
-    if not asked.noise or found.noise.std is None:
+    dataset, peak, noise = found = predicted(source, test)
+    facts = {"test": test.name, "kind": test.kind, "num_draws": count_of(source.draws)}
+    facts["noise"] = noise.says if asked.noise else LEFT_OUT
+    if np.isfinite(test.level):
+        unit = str(dataset.attrs.get("level_unit", seen_of(test).source))
+        facts |= {"level": test.level, "level_unit": unit}
+    if asked.noise and noise.std is not None:
+        facts["noise_std"] = noise.std
+    if peak is not None:
+        facts["y_peak"] = band(peak)
+    if (extrapolation := found.extrapolation(basis)) is not None:
+        facts |= {"y_peak_fitted": basis.y_peak, "extrapolation": extrapolation}
+    kept, dropped = dataset.attrs | facts, []
+    if not asked.noise or noise.std is None:
         dropped += [name for name in dataset.data_vars if "predictive" in str(name)]
     if not is_measured(test):
         dropped += [name for name in dataset.data_vars if "measured" in str(name)]
@@ -80,12 +87,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
 
 
 def predicted(source: Source, test: Test) -> Predicted:
-    """A test beside its prediction, by the route of its kind.
-
-    Args:
-        source: What is carried through the model.
-        test: A test of any kind.
-    """
+    """A test beside its prediction, by the route of its kind."""
     return _route(test)(source, test)
 
 
@@ -109,36 +111,31 @@ def _source(basis: Basis, test: Test, asked: Request) -> Source:
     else:
         if route in (predict_records, predict_periods):
             most = min(most, max(FEWEST, MOST_SAMPLES // test.records[0].num_samples))
-        draws = basis.draws(most, gain_for(basis, test, asked.gain), asked.seed)
+        draws = basis.draws(most, _gain(basis, test, asked.gain), asked.seed)
     return Source(basis, draws, noise=asked.noise, bare=0.0, seed=asked.seed)
 
 
-def _facts(found: Predicted, basis: Basis, test: Test, asked: Request) -> dict[str, Any]:
-    """What is said of a prediction beside its errors."""
-    noise = found.noise.says if asked.noise else LEFT_OUT
-    facts: dict[str, Any] = {"test": test.name, "kind": test.kind, "noise": noise}
-    if np.isfinite(test.level):
-        facts |= {"level": test.level, "level_unit": level_unit(test, found.dataset)}
-    if asked.noise and found.noise.std is not None:
-        facts["noise_std"] = found.noise.std
-    if found.peak is not None:
-        facts["y_peak"] = band(found.peak)
-    if (extrapolation := found.extrapolation(basis)) is not None:
-        facts |= {"y_peak_fitted": basis.y_peak, "extrapolation": extrapolation}
-    return facts
+def _gain(basis: Basis, test: Test, stated: float | None) -> float | None:
+    """Gain for a test's own source; None where it is the run's.
 
-
-def level_unit(test: Test, dataset: xr.Dataset) -> str:
-    """Unit of a test's level: what its dataset says, else its source's."""
-    return str(dataset.attrs.get("level_unit", seen_of(test).source))
+    Raises:
+        DataError: The source is in another unit than the run's, and no gain is stated.
+    """
+    if stated is not None:
+        return stated
+    unit = seen_of(test).source
+    known = {one.source for one in basis.seen.values()} - {""}
+    if unit and known and unit not in known:
+        raise DataError(
+            f"Test `{test.name}` has its source in {unit}, but the run's gain is per "
+            f"{' or '.join(sorted(known))}.",
+            remedy="State `modal_mass` or `gain` in the campaign of the test.",
+        )
+    return None
 
 
 def warnings_of(dataset: xr.Dataset) -> list[str]:
-    """What must be known before a prediction is trusted, one sentence each.
-
-    Args:
-        dataset: From `predict`.
-    """
+    """What must be known before a prediction of `predict` is trusted, one sentence each."""
     attrs, found = dataset.attrs, []
     if attrs.get("extrapolation", 0.0) > BEYOND:
         found.append(
@@ -158,24 +155,17 @@ def warnings_of(dataset: xr.Dataset) -> list[str]:
 
 
 def row_of(dataset: xr.Dataset) -> dict[str, Any]:
-    """A prediction in plain numbers, None where one is not known.
-
-    Args:
-        dataset: From `predict`.
-    """
+    """A prediction of `predict` in plain numbers, None where one is not known."""
     attrs = dataset.attrs
-    row = {name: attrs.get(name) for name in ("test", "kind", "level", "level_unit", "noise")}
-    row |= {name: attrs.get(name) for name in (*ERRORS, "num_draws")}
-    row["y_peak"] = (
-        dict(zip(map(str, QUANTILES), map(float, attrs["y_peak"]), strict=True))
-        if "y_peak" in attrs
-        else None
-    )
+    known = ("test", "kind", "level", "level_unit", "noise", *ERRORS, "num_draws")
+    row = {name: attrs.get(name) for name in known}
+    peak = attrs.get("y_peak")
+    marks = map(str, QUANTILES)
+    row["y_peak"] = None if peak is None else dict(zip(marks, map(float, peak), strict=True))
     row |= {name: attrs.get(name) for name in ("y_peak_fitted", "extrapolation")}
     row["beyond"] = attrs.get("extrapolation", 0.0) > BEYOND
     row["warnings"] = warnings_of(dataset)
-    plain = {n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in row.items()}
-    return plain
+    return {n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in row.items()}
 
 
 def chosen(tests: tuple[Test, ...], names: tuple[str, ...], argument: str) -> tuple[Test, ...]:

@@ -1,17 +1,46 @@
-"""A test beside what is predicted of it: what every kind of test hands back."""
+"""What is carried through the model, a test beside its prediction, and the noise known of it."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from jaxtyping import Array, Float, PyTree
 from numpy.typing import NDArray
 
 from jbw.measurement.records import Test
+from jbw.observables.harmonic_groups import harmonic_label
+from jbw.observables.repeated import Repeats
+from jbw.quantities import in_dialect
 from jbw.verification.bands import band
-from jbw.verification.draws import Draws, References
-from jbw.verification.noise import Noise
-from jbw.verification.predictive_basis import Basis
+from jbw.verification.predictive_basis import Basis, Draws, Laws, Seen, count_of, seen_of
+
+OWN = "of this test, as fitted"
+ALIKE = "mean of the fitted tests of its kind"
+REPEATS = "scatter of the test's own repeats"
+UNKNOWN = "not known: band of the parameters alone"
+LEFT_OUT = "left out, as asked: band of the parameters alone"
+LANES = 8  # draws carried through the model at once
+
+
+class Noise(NamedTuple):
+    """Noise of one repeat of a test.
+
+    Attributes:
+        std: Its standard deviation, in the unit of what is compared; None where the band is that
+            of the parameters alone.
+        says: Where it is known from, or why not.
+    """
+
+    std: float | None
+    says: str
+
+
+NOT_KNOWN = Noise(None, UNKNOWN)
 
 
 class Predicted(NamedTuple):
@@ -41,7 +70,8 @@ class Source:
     Attributes:
         basis: The run.
         draws: Parameters of the joint and gain.
-        references: Oscillators without hysteresis that are carried beside them, by name.
+        references: Parameters and laws of oscillators without hysteresis that are carried beside
+            them, by name.
         noise: Whether the noise is part of the bands, where it is known.
         bare: Noise of bands whose noise is not known: 0 counts what lies in the band of the
             parameters alone, None counts nothing.
@@ -50,7 +80,7 @@ class Source:
 
     basis: Basis
     draws: Draws
-    references: References = field(default_factory=dict)
+    references: Mapping[str, tuple[Mapping[str, float], Laws]] = field(default_factory=dict)
     noise: bool = True
     bare: float | None = None
     seed: int = 0
@@ -61,8 +91,130 @@ class Source:
             return self.bare
         return known.std / float(np.sqrt(num_repeats))
 
+    def carried(self, predict: Callable[[Draws, Laws], PyTree]) -> tuple[Any, dict[str, Any]]:
+        """What every draw predicts, and what each oscillator does that they are compared with.
+
+        Args:
+            predict: Draws and laws to predictions, the draws along the first axis.
+        """
+        others = {}
+        for name, (parameters, laws) in self.references.items():
+            alone = {key: np.array([value]) for key, value in parameters.items()}
+            others[name] = jax.tree.map(lambda rows: rows[0], predict(alone, laws))
+        return predict(self.draws, self.basis.laws), others
+
 
 def is_measured(test: Test) -> bool:
     """Whether a test has a response, or is only planned."""
     record = test.records[0]
     return bool(np.any(np.isfinite(record.channels[record.response])))
+
+
+def carry(predict: Callable[..., PyTree], draws: Draws, *args: Any) -> PyTree:
+    """Prediction of every draw, `LANES` at a time: compiled once for any number of draws.
+
+    Args:
+        predict: (theta, *args) to what is predicted; a function of a module, so that what was
+            compiled is found again.
+        draws: Parameters of the joint and gain, one value a draw.
+        args: What else it takes; all but arrays is known as it compiles.
+
+    Returns:
+        Predictions in NumPy, the draws along the first axis.
+    """
+    count = count_of(draws)
+    lanes = min(LANES, count)
+    parts = []
+    for first in range(0, count, lanes):
+        # The last lanes repeat the last draw, so that every call has the same shape.
+        chosen = np.minimum(np.arange(first, first + lanes), count - 1)
+        some = {name: jnp.asarray(values[chosen]) for name, values in draws.items()}
+        parts.append(_carried(predict, some, args))
+    return jax.tree.map(lambda *rows: np.concatenate(rows)[:count], *parts)
+
+
+@eqx.filter_jit
+def _carried(predict: Callable[..., PyTree], draws: Mapping[str, Array], args: Any) -> PyTree:
+    return jax.vmap(lambda theta: predict(theta, *args))(draws)
+
+
+def noise_of(
+    basis: Basis, test: Test, repeated: Noise = NOT_KNOWN, *, label: str = "", order: int = 0
+) -> Noise:
+    """Noise of one repeat of a test, or of one of its harmonics.
+
+    That of the test itself where it was fitted, by the label of its group of data; else what its
+    own repeats tell; else the mean over fitted tests of its kind and response, those of its level
+    where there are any; else it is not known.
+    """
+    known, wanted = noise_by_label(basis.posterior), seen_of(test)
+    if (label or test.name) in known and _form(basis.seen.get(test.name, wanted)) == _form(wanted):
+        return Noise(known[label or test.name], OWN)
+    if repeated.std is not None:
+        return repeated
+    if not basis.seen:  # a run that does not say what its tests were knows of sweeps alone
+        alike = {name: (None, std) for name, std in known.items() if test.traits.is_transient}
+    else:
+        alike = {
+            name: (one.level, known[name])
+            for test_name, one in {**basis.seen, test.name: wanted}.items()
+            if (one.kind, one.response) == (wanted.kind, wanted.response)
+            for name in _labels(test_name, one, order)
+            if name in known
+        }
+    near = [std for level, std in alike.values() if level == test.level]
+    chosen = near or [std for _, std in alike.values()]
+    return Noise(float(np.mean(chosen)), ALIKE) if chosen else NOT_KNOWN
+
+
+def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
+    """Each labelled group of data and the mean of its noise."""
+    found = {}
+    for name, values in posterior.data_vars.items():
+        dims = [dim for dim in values.dims if dim not in ("chain", "draw")]
+        if str(name).startswith("noise_std") and len(dims) == 1 and dims[0] in values.coords:
+            means = values.mean(("chain", "draw")).values
+            found |= dict(zip(map(str, values[dims[0]].values), map(float, means), strict=True))
+    return found
+
+
+def of_repeats(repeats: Repeats, group: int = 0) -> Noise:
+    """What the scatter of a group's repeats tells."""
+    return _of_scatter(
+        *(float(x[group]) for x in (repeats.within, repeats.size, repeats.num_repeats))
+    )
+
+
+def of_samples(measured: Float[np.ndarray, "repeat time"], size: int) -> Noise:
+    """What the scatter of repeats of one record tells, of which `size` values are independent."""
+    within = float(np.sum((measured - measured.mean(axis=0)) ** 2))
+    return _of_scatter(within, size, len(measured))
+
+
+def _of_scatter(within: float, size: float, count: float) -> Noise:
+    """Noise by the sum of squares that so many repeats of so many values leave about their mean."""
+    if count < 2:
+        return NOT_KNOWN
+    return Noise(float(np.sqrt(within / (size * (count - 1)))), REPEATS)
+
+
+def of_decays(posterior: xr.Dataset, unit: str) -> Noise:
+    """Mean noise of the free decays that were fitted, where they were measured in this unit."""
+    stored = posterior.get("noise_std")
+    if stored is None or "record" not in stored.dims:
+        return NOT_KNOWN
+    if in_dialect(stored.attrs.get("units", "")) != unit:
+        return NOT_KNOWN
+    return Noise(float(stored.mean()), ALIKE)
+
+
+def _form(seen: Seen) -> tuple[str, str, str]:
+    return seen.kind, seen.source, seen.response
+
+
+def _labels(name: str, seen: Seen, order: int) -> tuple[str, ...]:
+    """What the groups of data of a test may be called that hold its harmonic of this order."""
+    names = (name, seen.family) if seen.family else (name,)
+    if not order:
+        return names
+    return (*(harmonic_label(one, order) for one in names), *(names if order == 1 else ()))

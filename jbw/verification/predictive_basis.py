@@ -6,18 +6,24 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from jaxtyping import Array, Key
+from numpy.typing import ArrayLike, NDArray
 
 from jbw.errors import ConfigError, DataError
+from jbw.inference.posterior.summary import evenly_spaced
 from jbw.measurement.curves import response_curve
 from jbw.measurement.records import INPUTS, RESPONSES, Test
 from jbw.observables.harmonic_groups import family_of, response_held
-from jbw.verification.draws import Draws, Laws, parameter_names, scattered, thin, unnamed_laws
+from jbw.observables.observable import OFFSETS
+from jbw.oscillator.laws import quantities_of
 
+NUM_DRAWS = 100  # outer quantiles of 99 % bands need about as many
 SUBSTEPS = 2  # of the solver a sample, for a run that does not say how many its data took
 SCATTER_KEY = 200  # of the seed
+Draws = dict[str, NDArray[np.float64]]
+Laws = tuple[str, ...]
 
 
 class Seen(NamedTuple):
@@ -78,7 +84,7 @@ class Basis:
                 remedy="Some 100 carry a 99 % band.",
             )
         chosen = self.posterior if posterior is None else posterior
-        return thin(chosen, num_draws, self.held, self.laws)
+        return thin(chosen, num_draws, self.held, laws=self.laws)
 
     def draws(self, num_draws: int, gain: float | None = None, seed: int = 0) -> Draws:
         """Parameters of the joint and gain, one value a draw, as a further run would show them.
@@ -92,9 +98,8 @@ class Basis:
             DataError: A parameter is neither among the draws nor held.
         """
         known = self.thinned(num_draws)
-        size = len(next(iter(known.values()))) if known else 0
         if gain is not None:
-            known["gain"] = np.full(size, gain)
+            known["gain"] = np.full(count_of(known) if known else 0, gain)
         missing = [name for name in parameter_names(self.laws) if name not in known]
         if missing:
             raise DataError(
@@ -104,14 +109,62 @@ class Basis:
                 else "Identify from tests that move the mass, such as noise, sweeps or tones.",
             )
         key = jax.random.fold_in(jax.random.key(seed), SCATTER_KEY)
-        return scattered(key, known, jnp.asarray(self.scatter))
+        return scattered(key, known, self.scatter)
+
+
+def count_of(draws: Mapping[str, Any]) -> int:
+    """How many draws there are."""
+    return len(next(iter(draws.values())))
+
+
+def parameter_names(laws: Laws) -> tuple[str, ...]:
+    """Names of the oscillator's parameters, those of its laws, and `gain`."""
+    return ("omega_n", "zeta", *(quantity.name for quantity in quantities_of(laws)), "gain")
+
+
+def thin(
+    posterior: xr.Dataset, num_draws: int, held: Mapping[str, float] | None = None, *, laws: Laws
+) -> Draws:
+    """Evenly spaced draws over all chains of each parameter of the joint and `gain`.
+
+    Args:
+        posterior: Posterior group with dimensions (chain, draw).
+        num_draws: Draws to keep at most.
+        held: Parameters that were not updated, the same in every draw.
+        laws: Laws of the joint.
+    """
+    keep = evenly_spaced(posterior, num_draws)
+    fixed = {name: np.full(len(keep), float(value)) for name, value in (held or {}).items()}
+    names = [name for name in parameter_names(laws) if name in posterior]
+    return {**fixed, **{name: posterior[name].values.ravel()[keep] for name in names}}
+
+
+def scattered(key: Key[Array, ""], draws: Draws, scatter: ArrayLike) -> Draws:
+    r"""Draws of the joint as a further run would show it, offset from the joint of all runs.
+
+    $$\omega_n + b_1, \quad \zeta + b_2, \qquad b \sim N(0, \mathrm{diag}(s^2))$$
+
+    with the standard deviations s over runs of omega_n [rad/s] and zeta [-]. Without scatter, where
+    runs have no offsets, the draws stay as they are.
+    """
+    std = np.asarray(scatter)
+    if not std.size:
+        return draws
+    b = std * np.asarray(jax.random.normal(key, (count_of(draws), len(OFFSETS))))
+    moved = {name: draws[name] + b[:, i] for i, name in enumerate(OFFSETS)}
+    # Damping cannot leave the law: an offset beyond it stops at a hundredth of the draw.
+    return {**draws, **moved, "zeta": np.maximum(moved["zeta"], 0.01 * draws["zeta"])}
+
+
+def laws_of_run(tree: xr.DataTree) -> Laws:
+    """Laws of a run; until 0.1 runs did not name them: there was one, and a spring beside it."""
+    if "laws" in tree.attrs:
+        return tuple(json.loads(str(tree.attrs["laws"])))
+    return ("bouc_wen", "cubic") if "cubic" in tree["posterior"] else ("bouc_wen",)
 
 
 def basis_of(tree: xr.DataTree) -> Basis:
     """What a run's result predicts with.
-
-    Args:
-        tree: The result, as `posterior.nc` holds it.
 
     Raises:
         DataError: It has no main posterior.
@@ -134,16 +187,12 @@ def basis_of(tree: xr.DataTree) -> Basis:
         int(attrs.get("substeps", SUBSTEPS)),
         tree[decay].to_dataset() if decay in tree.groups else posterior,
         json.loads(str(attrs.get("decay", "{}"))),
-        tuple(json.loads(attrs["laws"])) if "laws" in attrs else unnamed_laws(posterior),
+        laws_of_run(tree),
     )
 
 
 def basis_attrs(basis: Basis) -> dict[str, Any]:
-    """The same as attributes of the result, to be read back by `basis_of`.
-
-    Args:
-        basis: What predictions start from.
-    """
+    """The same as attributes of the result, to be read back by `basis_of`."""
     attrs: dict[str, Any] = {
         "held": json.dumps(dict(basis.held)),
         "tests": json.dumps({name: one._asdict() for name, one in basis.seen.items()}),
@@ -173,27 +222,3 @@ def seen_of(test: Test) -> Seen:
     # A free decay has no source, whatever was recorded beside it.
     unit = "" if test.traits.is_free else record.units.get(source, "")
     return Seen(test.kind, unit, response, *place)
-
-
-def gain_for(basis: Basis, test: Test, stated: float | None) -> float | None:
-    """Gain for a test's own source; None where it is the run's.
-
-    Args:
-        basis: The run.
-        test: The test to predict.
-        stated: Gain that the test's campaign states, or the inverse of its modal mass.
-
-    Raises:
-        DataError: The source is in another unit than the run's, and no gain is stated.
-    """
-    if stated is not None:
-        return stated
-    unit = seen_of(test).source
-    known = {one.source for one in basis.seen.values()} - {""}
-    if unit and known and unit not in known:
-        raise DataError(
-            f"Test `{test.name}` has its source in {unit}, but the run's gain is per "
-            f"{' or '.join(sorted(known))}.",
-            remedy="State `modal_mass` or `gain` in the campaign of the test.",
-        )
-    return None

@@ -1,44 +1,176 @@
-"""Every test of a campaign beside the model, fitted or held out: which test is verified how."""
+"""Every test of a campaign beside the model, fitted or held out, and what that says of it.
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+A narrow posterior of the wrong law passes every look at its chains. It fails where a simpler
+oscillator predicts better, or where tests that no fit saw leave its bands.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from jbw.campaign.settings import Identify
+from jbw.identification.procedure import Identification, Report
+from jbw.identification.selection import Sweeps, fitted, loop_tests
+from jbw.inference.posterior.verdict import Finding
 from jbw.measurement.records import Test
+from jbw.observables.dataset import Dataset, largest_displacement
 from jbw.quantities import derivative_order
+from jbw.verification.backbone import amplitude_verification
 from jbw.verification.curves import curves_of, predict_curves
-from jbw.verification.decays import amplitude_verification, verify_decays
-from jbw.verification.draws import Draws
+from jbw.verification.decays import verify_decays
 from jbw.verification.in_time import compare_frfs, compare_records, motion_of
 from jbw.verification.predict import predicted
-from jbw.verification.predicted import Predicted, Source
-from jbw.verification.steady_loops import loop_validation
+from jbw.verification.predicted import ALIKE, Predicted, Source
+from jbw.verification.predictive_basis import NUM_DRAWS, Basis
+from jbw.verification.reference_oscillators import references
+from jbw.verification.steady_motion import loop_validation
 
+NUM_FEW = 20  # of the draws, through long records
 BAND = (0.75, 1.25)  # of the natural frequency: where FRFs are shown
+BETTER = 1.1  # times the error of a simpler oscillator: beyond, that one is the better model
+LEAST_COVERAGE = 0.95  # of a 99 % band over a record
+LEAST_VALUES = 50  # of a record whose coverage says something
+KINDS = ("sweep", "curve", "loop", "multisine", "decay")
+SIMPLER = ("linear", "cubic")
 Groups = dict[str, xr.Dataset]
 
 
-@dataclass(frozen=True)
-class Tested:
-    """The tests of a campaign by what was done with them.
+def verify(
+    tests: Sequence[Test],
+    found: Identification,
+    basis: Basis,
+    settings: Identify,
+    seed: int,
+    report: Report,
+) -> Groups:
+    """Every test beside the model and the oscillators without hysteresis.
 
-    Attributes:
-        tests: All of them but free decays.
-        fitted: Names of those that the posterior was made from.
-        sweeps: Repeats of sweeps that no fit saw; the fitted ones where a level has no others.
-        validating: Tones near the resonance, of which the loops are compared.
-        decays: All free decays, the fitted ones first, by name.
-        num_fitted_decays: How many of them were fitted.
+    Args:
+        tests: The campaign's tests.
+        found: What the procedure found.
+        basis: What predictions start from.
+        settings: The campaign's [identify] table.
+        seed: Seed of the predictive noise.
+        report: Called with one sentence at every stage.
+
+    Returns:
+        Path in the result's tree to its dataset.
     """
+    groups: Groups = {}
+    if found.data is not None:
+        report("Verification and validation: every test against the model, and without hysteresis")
+        draws = basis.draws(NUM_DRAWS, seed=seed)
+        mean = {name: float(np.mean(values)) for name, values in draws.items()}
+        reach = largest_displacement(found.data, mean["omega_n"])
+        others = references(found.data, mean, reach, settings.compare_with)
+        source = Source(basis, draws, others, seed=seed)
+        names = {test.name for test in fitted(tests, settings)}
+        groups |= verify_forced(source, tests, names, found)
+    if found.decays is not None and found.decay_data is not None:
+        report("Verification: free decays, frequency and damping against amplitude")
+        draws = basis.thinned(NUM_DRAWS, basis.decay)
+        known = {name: float(draws[name].mean()) for name in ("omega_n", "zeta")}
+        data = Dataset.of([found.decay_data])
+        reach = float(found.decay_data.y_start)
+        source = Source(
+            basis, draws, references(data, known, reach, settings.compare_with), seed=seed
+        )
+        together, num_fitted = found.decays.together, len(found.decays.fitted.records)
+        groups |= verify_free(source, together, found.decays.names, num_fitted)
+    return groups
 
-    tests: Sequence[Test] = ()
-    fitted: frozenset[str] = frozenset()
-    sweeps: Sequence[Test] = ()
-    validating: Sequence[Test] = ()
-    decays: tuple[Test, Sequence[str]] | None = None
-    num_fitted_decays: int = 0
+
+def verify_forced(
+    source: Source, tests: Sequence[Test], names: set[str], found: Identification
+) -> Groups:
+    """Verification and validation on every test but free decays.
+
+    Args:
+        source: What is carried through the model.
+        tests: The campaign's tests.
+        names: Those that the posterior was made from.
+        found: What the procedure found.
+    """
+    natural_hz = float(np.mean(source.draws["omega_n"])) / (2 * np.pi)
+    loops: tuple[Test, ...] = ()
+    if found.linear is not None:
+        natural_hz = found.linear.natural_hz
+        loops = loop_tests(tests, natural_hz)
+    names, sweeps = _compared_sweeps(names, found.sweeps)
+    band_hz = BAND[0] * natural_hz, BAND[1] * natural_hz
+    long = replace(source, draws=source.basis.draws(NUM_FEW, seed=source.seed))
+    frfs, verified = {}, {}
+
+    def add(kind: str, name: str, one: Predicted, is_fitted: bool) -> None:
+        attrs = {"noise": one.noise.says, "fitted": int(is_fitted)}
+        extrapolation = one.extrapolation(source.basis)
+        if extrapolation is not None and not is_fitted:
+            attrs["extrapolation"] = extrapolation
+        verified[place(f"verification/{kind}", name)] = one.dataset.assign_attrs(attrs)
+
+    for test in sweeps:
+        motion = motion_of(source, test)
+        frfs[place("verification/frf", test.name)] = compare_frfs(motion, band_hz)
+        one = Predicted(compare_records(source, motion), motion.peak, motion.noise)
+        add("sweep", test.name, one, test.name in names)
+    for test in tests:
+        if test.traits.is_broadband and not test.is_cyclic:
+            motion = motion_of(replace(long, references={}), test, substeps=1)
+            frfs[place("verification/frf", test.name)] = compare_frfs(motion, band_hz)
+    # Fitted tones of a level make a curve apart from the others.
+    validating = {test.name for test in loops}
+    rest = [test for test in tests if test.name not in validating]
+    curves = curves_of([test for test in rest if test.name in names])
+    curves |= curves_of([test for test in rest if test.name not in names], " (held out)")
+    compared = predict_curves(source, list(curves.values()))
+    for (name, curve), one in zip(curves.items(), compared, strict=True):
+        add("curve", name, one, curve.test.name in names)
+    for test in tests:
+        if test.traits.is_prescribed or test.is_cyclic:
+            one = predicted(long if test.is_cyclic else source, test)
+            add(test.kind, test.name, one, test.name in names)
+    used = {safe(name) for name in names}
+    for path, dataset in (frfs | verified).items():
+        dataset.attrs.setdefault("fitted", int(path.rsplit("/", 1)[-1] in used))
+        dataset.attrs["offsets"] = int(len(source.basis.scatter) > 0)
+    laws = source.basis.laws
+    validated = {
+        place("validation/loops", test.name): loop_validation(test, source.draws, laws)
+        for test in loops
+    }
+    return frfs | verified | validated
+
+
+def _compared_sweeps(names: set[str], sweeps: Sweeps | None) -> tuple[set[str], list[Test]]:
+    """What was fitted, less sweeps of other levels; and the repeats of sweeps that no fit saw.
+
+    Where a level has no others, the fitted repeats are compared.
+    """
+    if sweeps is None:
+        return names, []
+    others = {test.name for test in sweeps.held_out}
+    names = names - (others - {test.name for test in sweeps.fitted})
+    rest = [test for test in sweeps.fitted if test.name not in names & others]
+    return names, [*sweeps.held_out, *rest]
+
+
+def verify_free(source: Source, test: Test, names: Sequence[str], num_fitted: int) -> Groups:
+    """Free decays: every record against its bands, and the curves of frequency and damping."""
+    compared = verify_decays(source, test, num_fitted)
+    power = derivative_order(test.records[0].response)
+    unit = float(np.mean(source.draws["omega_n"])) ** power * source.basis.y_peak
+    for dataset in compared:
+        if not dataset.attrs["fitted"] and unit > 0:
+            dataset.attrs["extrapolation"] = dataset.attrs["level"] / unit
+    groups = {
+        place("verification/decay", name): dataset
+        for name, dataset in zip(names, compared, strict=True)
+    }
+    curves = amplitude_verification(test, num_fitted, source.draws, source.basis.laws)
+    return groups | {"/verification/amplitude": curves}
 
 
 def place(group: str, name: str) -> str:
@@ -51,89 +183,77 @@ def safe(name: str) -> str:
     return name.replace("/", "\N{DIVISION SLASH}")
 
 
-def verify_forced(source: Source, few: Draws, tested: Tested, natural_hz: float) -> Groups:
-    """Verification and validation on every test but free decays.
+def prediction_findings(tree: xr.DataTree) -> list[Finding]:
+    """Whether the joint predicts better than simpler oscillators, and within its bands.
 
-    Args:
-        source: What is carried through the model.
-        few: Some of its draws, for long records.
-        tested: The campaign's tests.
-        natural_hz: Natural frequency [Hz].
+    Returns:
+        A finding `simpler_model`, whose number is the largest error over that of the best simpler
+        oscillator, where one was compared; and `held_out_coverage`, whose number is the least share
+        of a record that no fit saw inside its 99 % band, where there was any.
     """
-    long, band_hz = replace(source, draws=few), (BAND[0] * natural_hz, BAND[1] * natural_hz)
-    frfs, verified = {}, {}
-    for test in tested.sweeps:
-        motion = motion_of(source, test)
-        frfs[place("verification/frf", test.name)] = compare_frfs(motion, band_hz)
-        found = Predicted(compare_records(source, motion), motion.peak, motion.noise)
-        verified[place("verification/sweep", test.name)] = _said(found, source, tested, test)
-    for test in tested.tests:
-        if test.traits.is_broadband and not test.is_cyclic:
-            motion = motion_of(replace(long, references={}), test, substeps=1)
-            frfs[place("verification/frf", test.name)] = compare_frfs(motion, band_hz)
-    verified |= _curves(source, tested)
-    loops = [(test, source) for test in tested.tests if test.traits.is_prescribed]
-    cyclic = [(test, long) for test in tested.tests if test.is_cyclic]
-    for test, carried in (*loops, *cyclic):
-        found = predicted(carried, test)
-        path = place(f"verification/{test.kind}", test.name)
-        verified[path] = _said(found, source, tested, test)
-    used = {safe(name) for name in tested.fitted}
-    for path, dataset in (frfs | verified).items():
-        dataset.attrs.setdefault("fitted", int(path.rsplit("/", 1)[-1] in used))
-        dataset.attrs["offsets"] = int(len(source.basis.scatter) > 0)
-    validated = {
-        place("validation/loops", test.name): loop_validation(test, source.draws, source.basis.laws)
-        for test in tested.validating
+    tests = {
+        name: {"group": kind, **one.attrs}
+        for kind in KINDS
+        if (path := f"/verification/{kind}") in tree.groups
+        for name, one in tree[path].children.items()
+        if "nrmse" in one.attrs
     }
-    return frfs | verified | validated
+    return [*_simpler(tests), *_coverage(tests)]
 
 
-def _curves(source: Source, tested: Tested) -> Groups:
-    """Response curves, stepped sines and tones; fitted tones of a level apart from the others."""
-    validating = {test.name for test in tested.validating}
-    rest = [test for test in tested.tests if test.name not in validating]
-    fitted = [test for test in rest if test.name in tested.fitted]
-    held_out = [test for test in rest if test.name not in tested.fitted]
-    curves = curves_of(fitted) | curves_of(held_out, " (held out)")
-    found = predict_curves(source, list(curves.values()))
-    return {
-        place("verification/curve", name): _said(one, source, tested, curve.test)
-        for (name, curve), one in zip(curves.items(), found, strict=True)
+def _simpler(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
+    ratios = {
+        (name, kind): attrs["nrmse"] / attrs[f"nrmse_{kind}"]
+        for name, attrs in tests.items()
+        for kind in SIMPLER
+        if np.isfinite(attrs.get(f"nrmse_{kind}", np.nan)) and attrs[f"nrmse_{kind}"] > 0
     }
-
-
-def _said(found: Predicted, source: Source, tested: Tested, test: Test) -> xr.Dataset:
-    """A prediction's dataset, with where its noise is known from and how far it reaches."""
-    dataset = found.dataset
-    dataset.attrs |= {"noise": found.noise.says, "fitted": int(test.name in tested.fitted)}
-    extrapolation = found.extrapolation(source.basis)
-    if extrapolation is not None and not dataset.attrs["fitted"]:
-        dataset.attrs["extrapolation"] = extrapolation
-    return dataset
-
-
-def verify_free(source: Source, tested: Tested) -> Groups:
-    """Free decays: every record against its bands, and the curves of frequency and damping.
-
-    Args:
-        source: What is carried through the model.
-        tested: The campaign's tests.
-    """
-    if tested.decays is None:
-        return {}
-    together, names = tested.decays
-    compared = verify_decays(source, together, tested.num_fitted_decays)
-    power = derivative_order(together.records[0].response)
-    unit = float(np.mean(source.draws["omega_n"])) ** power * source.basis.y_peak
-    for dataset in compared:
-        if not dataset.attrs["fitted"] and unit > 0:
-            dataset.attrs["extrapolation"] = dataset.attrs["level"] / unit
-    groups = {
-        place("verification/decay", name): dataset
-        for name, dataset in zip(names, compared, strict=True)
-    }
-    curves = amplitude_verification(
-        together, tested.num_fitted_decays, source.draws, source.basis.laws
+    # A joint that cannot be solved where another model can is no better than that.
+    ratios = {key: ratio if np.isfinite(ratio) else np.inf for key, ratio in ratios.items()}
+    if not ratios:
+        return []
+    name, kind = max(ratios, key=lambda pair: ratios[pair])
+    worst, attrs = float(ratios[name, kind]), tests[name]
+    ok = worst < BETTER
+    seen = "fitted" if attrs.get("fitted") else "never fitted"
+    finding = Finding(
+        "simpler_model",
+        "ok" if ok else "failed",
+        f"On {name} ({seen}) the joint's error is {attrs['nrmse']:.2g} of the record, that of the "
+        f"best {kind} oscillator {attrs[f'nrmse_{kind}']:.2g}; it must be below {BETTER:g} times "
+        "that, here as on every other test.",
+        worst,
+        ""
+        if ok
+        else "The law of the joint does not hold there: fit fewer levels, add `cubic` to the "
+        "prior, or doubt that hysteresis is what the data show.",
     )
-    return groups | {"/verification/amplitude": curves}
+    return [finding]
+
+
+def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
+    # Harmonics and loops of another level may have another noise: a mean of theirs proves nothing.
+    shares = {
+        name: float(attrs["coverage"])
+        for name, attrs in tests.items()
+        if not attrs.get("fitted")
+        and (attrs["group"] == "sweep" or attrs.get("noise") != ALIKE)
+        and np.isfinite(attrs.get("coverage", np.nan))
+        and attrs.get("num_values", 0) >= LEAST_VALUES
+    }
+    if not shares:
+        return []
+    worst = min(shares, key=lambda name: shares[name])
+    ok = shares[worst] >= LEAST_COVERAGE
+    finding = Finding(
+        "held_out_coverage",
+        "ok" if ok else "failed",
+        f"Of {worst}, which no fit saw, {shares[worst]:.1%} lie inside the 99 % band, the least of "
+        f"all; it must be at least {LEAST_COVERAGE:.0%}.",
+        shares[worst],
+        ""
+        if ok
+        else "The intervals are too narrow for what was not fitted: the law does not hold there, "
+        "or runs differ; mark them by `run`.",
+    )
+    return [finding]

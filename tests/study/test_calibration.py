@@ -25,7 +25,6 @@ from jbw.study import calibration_designs as designs
 from jbw.study import calibration_models as models
 from jbw.study import simulators
 from jbw.study.calibration import sbc, suited
-from jbw.study.linear_calibration import calibrate_linear
 
 SEEDS = (0, 1, 2)
 LEAST = 1e-4
@@ -70,7 +69,7 @@ def test_the_simulated_motion_is_that_of_the_solver():
     """Two integrators that share nothing; the noise of the mean, 0.7 mm/s, is 200 times more."""
     design = designs.joint()
     theta = {name: float(value) for name, value in designs.truth().items()}
-    force = theta["gain"] * design.records.source[-1]
+    force = theta["gain"] * design.data.source[-1]
     joint = BoucWen(*(theta[name] for name in ("omega_n", "zeta", "alpha", "delta", "gamma")))
     solved = simulate(joint, force, designs.FS, hold="band_limited", substeps=8)
     own = simulators.motion({n: jnp.asarray(v) for n, v in theta.items()}, force, designs.FS)
@@ -81,7 +80,7 @@ def test_the_simulated_motion_is_that_of_the_solver():
 def test_the_simulated_kernel_is_reduced_as_a_campaign_is():
     design = designs.probing(200)
     theta = {"zeta": jnp.asarray(0.0044), "alpha": jnp.asarray(497.0), "delta": jnp.asarray(340.0)}
-    found = simulators.kernel_of_known_noise(jax.random.key(0), theta, design.data, 200)
+    found = simulators.measured_kernel(jax.random.key(0), theta, design.data, 200, known_noise=True)
     spread = simulators.measured_kernel(jax.random.key(0), theta, design.data, 200).noise_std
     factor = np.asarray(spread / design.data.noise_std)
     assert np.all(np.abs(np.log(factor)) < np.log(simulators.UNKNOWN) + 0.2)
@@ -139,7 +138,7 @@ def test_what_cannot_be_meant_is_refused(options, says):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_step_2_is_calibrated(seed):
-    found = calibrate_linear(jax.random.key(seed), *designs.lines())
+    found = models.calibrate_linear(jax.random.key(seed), *designs.lines())
     assert least_p(found) > LEAST
     assert not found.failed.any()
 

@@ -21,8 +21,7 @@ from jbw.inference.space.box import value_of
 from jbw.observables.dataset import Dataset
 from jbw.observables.line_fit import LineReading
 from jbw.oscillator.oscillator import oscillator_of
-from jbw.study.identifiability import identifiability, look, look_again
-from jbw.study.identifiability_record import as_group, reached
+from jbw.study.identifiability import as_group, identifiability, look, look_again, reached
 
 PRODUCTS = {"alpha_delta": TRUTH["alpha"] * TRUTH["delta"]}
 PRODUCTS |= {"alpha_gamma": TRUTH["alpha"] * TRUTH["gamma"]}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jbw.verification.findings import prediction_findings
+from jbw.verification.verify import prediction_findings
 
 
 def tree_of(**tests):

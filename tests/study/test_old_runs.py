@@ -11,7 +11,7 @@ from jbw.errors import DataError
 from jbw.study.export import export
 from jbw.study.store import save_report
 from jbw.study.study import load_study
-from jbw.verification.noise import ALIKE, OWN
+from jbw.verification.predicted import ALIKE, OWN
 
 OLD = {"omega_n": "rad s-1", "zeta": "1", "alpha": "s-2", "delta": "m-1", "gamma": "m-1"}
 TESTS = {"sweep": {"kind": "sweep", "source": "V", "response": "velocity"}}

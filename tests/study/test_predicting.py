@@ -25,7 +25,9 @@ from jbw.errors import ConfigError, DataError
 from jbw.measurement.records import Test
 from jbw.study.store import save_result
 from jbw.study.study import Study, load_study
-from jbw.verification.noise import (
+from jbw.verification.planned import planned_sweep, planned_tones
+from jbw.verification.predict import Request, predict, row_of, warnings_of
+from jbw.verification.predicted import (
     ALIKE,
     LEFT_OUT,
     NOT_KNOWN,
@@ -33,11 +35,9 @@ from jbw.verification.noise import (
     REPEATS,
     UNKNOWN,
     Noise,
+    Predicted,
     noise_of,
 )
-from jbw.verification.planned import planned_sweep, planned_tones
-from jbw.verification.predict import Request, predict, row_of, warnings_of
-from jbw.verification.predicted import Predicted
 from jbw.verification.predictive_basis import basis_attrs, basis_of, seen_of
 
 

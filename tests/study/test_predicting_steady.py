@@ -22,9 +22,9 @@ from made_runs import (
 )
 
 from jbw.measurement.records import Record, Test
-from jbw.verification.noise import REPEATS, UNKNOWN
 from jbw.verification.planned import planned_tones
 from jbw.verification.predict import Request, predict
+from jbw.verification.predicted import REPEATS, UNKNOWN
 from jbw.verification.predictive_basis import basis_of
 
 

@@ -69,7 +69,7 @@ def test_samplers_agree_with_the_outside_answer_on_step_4(seed):
     design = designs.opening()
     truth = {n: jnp.asarray(v) for n, v in designs.truth().items()}
     key = jax.random.key(seed)
-    records = measured_records(key, truth, design.records, design.noise_std)
+    records = measured_records(key, truth, design.data)
     curve = opening_curve(records, design.held, design.prior)
     lower, upper = float(design.prior.lower[0]), float(design.prior.upper[0])
     mean, sd = outside(records, design.held, lower, upper)
