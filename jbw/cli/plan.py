@@ -32,7 +32,7 @@ def plan(source: Path | None, limits: Path | None, json_: bool, example: bool) -
     a finished run, for which the next tests are planned. Without either an example is printed.
     """
     if example or source is None:
-        from jbw.planning.keys import EXAMPLE
+        from jbw.planning import EXAMPLE
 
         click.echo(EXAMPLE, nl=False)
         return

@@ -18,7 +18,7 @@ def schema(file: str) -> None:
     `#:schema campaign.schema.json` (Even Better TOML, taplo, tombi).
     """
     if file == "plan":
-        from jbw.planning.keys import plan_file
+        from jbw.planning.description import plan_file
 
         model = plan_file()
     else:

@@ -44,12 +44,15 @@ class Law(eqx.Module):
         table: Every parameter's name, symbol, unit, meaning and least value; a class variable.
         products: What weak motion knows of them; a class variable.
         coordinates: Other parameters to sample in, by name; a class variable.
+        usual: Where a parameter lies as a part of another quantity, for plans that know nothing of
+            it: what it is a part of, and the least and largest part; a class variable.
     """
 
     name: ClassVar[str]
     table: ClassVar[tuple[Quantity, ...]]
     products: ClassVar[tuple[Monomial, ...]] = ()
     coordinates: ClassVar[Mapping[str, Coordinates]] = {}
+    usual: ClassVar[Mapping[str, tuple[str, tuple[float, float]]]] = {}
     # Steps of the generic move along a monotone path.
     move_steps: ClassVar[int] = 8
     # Moves of half a cycle in the generic loop, and of a period in the generic harmonics.

@@ -7,58 +7,82 @@ at several joints, and judged by the worst of ten.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from scipy.stats import qmc
 
 from jbw.campaign.settings import DEFAULT_LAWS
-from jbw.errors import ConfigError, DataError
+from jbw.errors import DataError
 from jbw.inference.space.box import Box, box
-from jbw.oscillator.laws import quantities_of
-from jbw.planning.keys import Range, shares_of
-from jbw.verification.predictive_basis import Draws, laws_of_run, thin
+from jbw.oscillator.laws import laws_named, quantities_of
+from jbw.verification.predictive_basis import Draws, laws_of_run, parameter_names, thin
 
 # A single value is known to a factor of two; the natural frequency, which a tap shows, far better.
 REACH = {"omega_n": 1.1}
 FACTOR = 2.0
+Range = tuple[float, float]
 UNBOUNDED = 10.0  # factor to either side, where a posterior tells nothing of its prior's box
 
 
 @dataclass(frozen=True)
 class Beliefs:
-    """Joints that are held possible, and what is known before the test.
+    """Joints that are held possible, and what is known before the test."""
 
-    Attributes:
-        joints: All parameters and `gain`, one value a joint, in their units.
-        names: Those that are inferred.
-        scale: Units of their relative changes, joint by joint.
-        precision: Information that there is already, about the relative changes [-].
-        box: Bounds of the inferred parameters, for telling what stays undetermined.
-        laws: Laws of the joint.
-    """
-
-    joints: Draws
-    names: tuple[str, ...]
-    scale: Float[np.ndarray, "joint parameter"]
-    precision: Float[np.ndarray, "parameter parameter"]
-    box: Box
+    joints: Draws  # all parameters and `gain`, one value a joint, in their units
+    names: tuple[str, ...]  # those that are inferred
+    scale: Float[np.ndarray, "joint parameter"]  # units of their relative changes
+    precision: Float[np.ndarray, "parameter parameter"]  # known of the relative changes [-]
+    box: Box  # of the inferred parameters, for telling what stays undetermined
     laws: tuple[str, ...] = DEFAULT_LAWS
-
-    @property
-    def law_names(self) -> tuple[str, ...]:
-        """Parameters of the laws."""
-        return tuple(quantity.name for quantity in quantities_of(self.laws))
 
     @property
     def num_joints(self) -> int:
         """How many joints."""
         return len(self.scale)
 
-    def each(self) -> Iterator[tuple[dict[str, float], Float[np.ndarray, " parameter"]]]:
-        """Every joint, and the units of its relative changes."""
-        for i, row in enumerate(self.scale):
-            yield {name: float(values[i]) for name, values in self.joints.items()}, row
+    def each(self) -> Iterator[dict[str, Array]]:
+        """Every joint's parameters by name."""
+        for i in range(self.num_joints):
+            yield {name: jnp.asarray(values[i]) for name, values in self.joints.items()}
+
+
+def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
+    """Names that stand for a stiffness of a law as a share of omega_n^2, and the stiffness."""
+    return {
+        monomial.name: name
+        for law in laws_named(laws)
+        for coordinates in law.coordinates.values()
+        for monomial in coordinates.inverse
+        for name in law.names()
+        if monomial.powers == {name: 1, "omega_n": -2}
+    }
+
+
+def usual_of(laws: tuple[str, ...]) -> dict[str, tuple[str, Range]]:
+    """Parameters that a default stands for: what they are parts of, and which parts."""
+    return {name: part for law in laws_named(laws) for name, part in law.usual.items()}
+
+
+def ranges_of(
+    omega_n: Range, stated: Mapping[str, Range | None], laws: tuple[str, ...]
+) -> dict[str, Range]:
+    """Ranges of all of the joint's parameters, the usual ones where nothing is stated."""
+    ranges = {"omega_n": omega_n, "zeta": stated["zeta"]}
+    share_of = {stiffness: share for share, stiffness in shares_of(laws).items()}
+    usual = usual_of(laws)
+    for name in (quantity.name for quantity in quantities_of(laws)):
+        share = share_of.get(name, "")
+        if stated[name] is not None:
+            ranges[name] = stated[name]
+        elif share:
+            ranges[share] = stated[share] or usual[name][1]
+        else:
+            whole, (least, most) = usual[name]
+            low, high = sorted(map(abs, ranges[whole]))
+            ranges[name] = least * low, most * high
+    return ranges
 
 
 def before(
@@ -83,14 +107,13 @@ def before(
         held: What is known exactly, such as `gain`.
         num_joints: Joints drawn, by a Latin hypercube.
         seed: Of the draws.
-        laws: Laws of the joint.
-
-    Raises:
-        ConfigError: A range that holds zero, or whose ends are not in order.
+        laws: Of the joint.
     """
-    for name, pair in ranges.items():
-        require_one_sign(name, pair)
-    drawn = _drawn(ranges, num_joints, seed)
+    unit = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed)).random(num_joints)
+    drawn = {
+        name: low * (high / low) ** x
+        for (name, (low, high)), x in zip(ranges.items(), unit.T, strict=True)
+    }
     wide = {name: _widened(name, pair) for name, pair in ranges.items()}
     std = np.array([np.log(abs(b / a)) for a, b in wide.values()]) / np.sqrt(12)
     covariance, given = np.diag(std**2), list(ranges)
@@ -99,9 +122,12 @@ def before(
             drawn[stiffness] = drawn.pop(share) * drawn["omega_n"] ** 2
             low, high = wide[share]
             wide[stiffness] = (low * wide["omega_n"][0] ** 2, high * wide["omega_n"][1] ** 2)
-            covariance = _with_stiffness_for_share(covariance, given, share)
+            # log stiffness = log share + 2 log omega_n
+            to_stiffness = np.eye(len(given))
+            to_stiffness[given.index(share), given.index("omega_n")] = 2.0
+            covariance = to_stiffness @ covariance @ to_stiffness.T
             given[given.index(share)] = stiffness
-    names = tuple(name for name in (*_joint_names(laws), "gain") if name in given)
+    names = tuple(name for name in parameter_names(laws) if name in given)
     order = [given.index(name) for name in names]
     fixed = {name: np.full(num_joints, value) for name, value in held.items()}
     return Beliefs(
@@ -112,43 +138,6 @@ def before(
         box=box({name: _rising(wide[name]) for name in names}),
         laws=laws,
     )
-
-
-def _joint_names(laws: tuple[str, ...]) -> tuple[str, ...]:
-    """Parameters that a joint of these laws needs, without the gain of the source."""
-    return ("omega_n", "zeta", *(quantity.name for quantity in quantities_of(laws)))
-
-
-def _with_stiffness_for_share(
-    covariance: Float[np.ndarray, "parameter parameter"], given: list[str], share: str
-) -> Float[np.ndarray, "parameter parameter"]:
-    """Covariance with log stiffness = log share + 2 log omega_n in the place of log share."""
-    to_stiffness = np.eye(len(given))
-    to_stiffness[given.index(share), given.index("omega_n")] = 2.0
-    return to_stiffness @ covariance @ to_stiffness.T
-
-
-def require_one_sign(name: str, pair: Range) -> None:
-    """Refuse a range within which relative changes have no meaning.
-
-    Raises:
-        ConfigError: It holds zero, or its ends are not in order.
-    """
-    low, high = pair
-    if not (low * high > 0 and low <= high):
-        raise ConfigError(
-            f"Range `{name}` must be [lower, upper] of one sign, but is [{low:g}, {high:g}].",
-            why="A coefficient of variation needs a value that cannot be zero.",
-            remedy="Bound it away from zero.",
-        )
-
-
-def _drawn(ranges: Mapping[str, Range], num_joints: int, seed: int) -> Draws:
-    unit = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed)).random(num_joints)
-    return {
-        name: low * (high / low) ** x
-        for (name, (low, high)), x in zip(ranges.items(), unit.T, strict=True)
-    }
 
 
 def _widened(name: str, pair: Range) -> Range:
@@ -164,19 +153,15 @@ def _rising(pair: Range) -> Range:
 
 
 def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> Beliefs:
-    """Beliefs from the main posterior of a run.
-
-    Args:
-        tree: The result, as `posterior.nc` holds it.
-        held: What is known exactly, where the posterior does not hold it, such as `gain`.
-        num_joints: Draws taken, evenly spaced.
+    """Beliefs from evenly spaced draws of a run's main posterior, and what it held, as the gain.
 
     Raises:
         DataError: The posterior lacks a parameter of the joint, or its damping is held at zero.
     """
     posterior = tree["posterior"].to_dataset()
     laws = laws_of_run(tree)
-    needed = _joint_names(laws)
+    names = parameter_names(laws)
+    needed = [name for name in names if name != "gain"]
     missing = [name for name in needed if name not in posterior and name not in held]
     if missing:
         raise DataError(
@@ -191,7 +176,7 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
             why="Loops under prescribed displacement do not tell how the joint moves by itself.",
             remedy="Plan from ranges: jbw plan PLAN.toml.",
         )
-    names = tuple(name for name in (*needed, "gain") if name in posterior)
+    names = tuple(name for name in names if name in posterior)
     every = {name: posterior[name].values.ravel() for name in names}
     means = {name: float(values.mean()) for name, values in every.items()}
     positive = {name: bool((values > 0).all()) for name, values in every.items()}

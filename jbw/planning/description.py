@@ -1,64 +1,164 @@
-"""From a plan file to what is believed, wanted and possible; all errors at once."""
+"""The plan file: its typed tables, and what they say is believed, wanted and possible."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
-from jbw.campaign.document import checked, document_of, refuse, text_of, unknown_tables
-from jbw.campaign.settings import DEFAULT_LAWS, Joint
+from jbw.campaign.document import (
+    Table,
+    checked,
+    document_of,
+    key,
+    refuse,
+    text_of,
+    unknown_tables,
+)
+from jbw.campaign.settings import DEFAULT_LAWS, STIFFNESS, Joint
+from jbw.campaign.values import (
+    Count,
+    Index,
+    Positive,
+    number,
+    strings,
+    text,
+    whole,
+)
 from jbw.errors import ConfigError
 from jbw.oscillator.laws import quantities_of
-from jbw.planning.keys import (
-    MOTIONS,
-    PARTS,
-    RANGES,
-    STIFFNESS,
-    TABLES,
-    PlanTable,
-    Range,
-    plan_table,
-    shares_of,
-)
+from jbw.planning.beliefs import Range, ranges_of, shares_of, usual_of
 from jbw.planning.plan import Noise
-from jbw.planning.proposals import Grid
+from jbw.planning.proposals import GRIDS, Grid
+from jbw.quantities import UNIT_OF
 from jbw.units import quantity_of, to_si
 
-GRID_KEYS = {"frequencies": "frequencies_hz", "span": "span_hz"}
+MOTIONS = tuple(UNIT_OF)
+
+
+def _range(value: Any) -> Range:
+    """A number that is not zero, or [lower, upper] of one sign: a CV needs a value beside zero."""
+    if not isinstance(value, list | tuple):
+        value = [value, value]
+    elif len(value) != 2:
+        raise ValueError(f"must be a number or [lower, upper], but is {value!r}.")
+    low, high = number(value[0]), number(value[1])
+    if not (low * high > 0 and low <= high):
+        raise ValueError(
+            f"must be a number other than 0, or [lower, upper] of one sign with lower < upper, "
+            f"but is {value}; bound it away from zero."
+        )
+    return float(low), float(high)
+
+
+def _positive(found: Range) -> Range:
+    if found[0] < 0:
+        raise ValueError(f"must be positive, but is {list(found)}.")
+    return found
+
+
+def _part(found: Range) -> Range:
+    """A share below one: the rest is the stiffness beside the joint."""
+    if found[1] >= 1:
+        raise ValueError(
+            f"must lie between 0 and 1, a part of the stiffness, but reaches {found[1]:g}."
+        )
+    return found
+
+
+def _motion_unit(value: Any) -> str:
+    quantity_of(text(value), MOTIONS)
+    return value
+
+
+def _fraction(value: Any) -> float:
+    if not 0 < number(value) < 1:
+        raise ValueError(f"must lie between 0 and 1, 0.05 for 5 %, but is {value}.")
+    return float(value)
+
+
+AnyRange = Annotated[Range, BeforeValidator(_range, json_schema_input_type=float | Range)]
+PositiveRange = Annotated[AnyRange, AfterValidator(_positive)]
+Part = Annotated[PositiveRange, AfterValidator(_part)]
+
+
+class PlanTable(Table):
+    """The [plan] table but for the parameters of the laws; every default stands here."""
+
+    natural_hz: PositiveRange | None = key(None, "natural frequency at small amplitude [Hz]")
+    omega_n: PositiveRange | None = key(None, "the same [rad/s], instead")
+    zeta: PositiveRange = key((0.002, 0.01), "viscous damping ratio [-]")
+    gain: PositiveRange | None = key(None, "force per modal mass for one volt [N/kg/V]")
+    modal_mass: PositiveRange | None = key(None, "[kg], where the input is a force in N")
+    noise: Positive | None = key(
+        None, "standard deviation of a sample of the response, in noise_unit"
+    )
+    noise_unit: Annotated[str, BeforeValidator(_motion_unit)] = key(
+        "m/s", "its unit, which says what is measured"
+    )
+    fs: Positive | None = key(None, "sampling frequency [Hz]")
+    wanted: tuple[str, ...] | None = key(None, "parameters to be known; by default the laws'")
+    cv: Annotated[float, BeforeValidator(_fraction)] = key(
+        0.05, "their wished coefficient of variation [-]"
+    )
+    max_input: Positive | None = key(None, "largest input [V, N or N/kg]")
+    max_displacement: Positive | None = key(None, "largest displacement [m]")
+    max_repeats: Count = key(1000, "most repeats of a test")
+    joints: Annotated[int, Field(ge=2), BeforeValidator(whole(2))] = key(
+        16, "how many joints are drawn from the ranges"
+    )
+    seed: Index = key(0, "of the draws")
+
+
+@cache
+def plan_table(laws: tuple[str, ...] = DEFAULT_LAWS) -> type[PlanTable]:
+    """The [plan] table of a joint with these laws, whose parameters are keys too.
+
+    Raises:
+        ConfigError: An unknown law, or laws that cannot stand beside each other.
+    """
+    fields: dict[str, Any] = {}
+    for quantity in quantities_of(laws):
+        kind: Any = AnyRange if quantity.least is None else PositiveRange
+        fields[quantity.name] = kind | None, key(None, f"{quantity.meaning} [{quantity.unit}]")
+    words = Literal["omega_n", "zeta", *fields]  # pyright: ignore[reportInvalidTypeForm]
+    check = BeforeValidator(strings, json_schema_input_type=words | list[words])
+    says = PlanTable.model_fields["wanted"].description or ""
+    wanted: Any = Annotated[tuple[words, ...] | None, check], key(None, says)
+    part: Any = Part
+    for share, name in shares_of(laws).items():
+        fields[share] = part | None, key(None, f"{name} / omega_n^2, instead of {name}")
+    return create_model("PlanTable", __base__=PlanTable, wanted=wanted, **fields)
+
+
+TABLES: dict[str, type[Table]] = {"joint": Joint, "plan": PlanTable, **GRIDS}
+
+
+def plan_file() -> type[Table]:
+    """The whole file, as its JSON Schema tells it to editors."""
+    fields: dict[str, Any] = {name: (table | None, None) for name, table in TABLES.items()}
+    fields["plan"] = plan_table() | None, None
+    return create_model("PlanFile", __base__=Table, **fields)
 
 
 @dataclass(frozen=True)
 class Description:
-    """A plan file, checked.
+    """A plan file, checked; None where nothing is said."""
 
-    Attributes:
-        ranges: Of the joint's parameters, and of the gain where it is no single value.
-        gain: Force per modal mass for one unit of the input where it is known exactly; None where
-            nothing is said of it.
-        input_unit: V, N or N/kg; None where nothing says it.
-        noise: Of the response; None where it is not given.
-        settings: The [plan] table.
-        grids: Candidates by kind.
-        laws: Laws of the joint.
-    """
-
-    ranges: Mapping[str, Range]
-    gain: float | None = None
-    input_unit: str | None = None
-    noise: Noise | None = None
+    ranges: Mapping[str, Range]  # of the joint's parameters, and of a gain of no single value
+    gain: float | None = None  # force per modal mass for one unit of the input, known exactly
+    input_unit: str | None = None  # V, N or N/kg
+    noise: Noise | None = None  # of the response
     settings: PlanTable = field(default_factory=PlanTable)
-    grids: Mapping[str, Grid] = field(default_factory=dict)
+    grids: Mapping[str, Grid] = field(default_factory=dict)  # candidates by kind
     laws: tuple[str, ...] = DEFAULT_LAWS
 
 
 def read_description(path: Path, *, of_run: bool = False) -> Description:
-    """Read and check a plan file.
-
-    Args:
-        path: The TOML file.
-        of_run: Whether a run tells the joint, so that the file must not.
+    """Read and check a plan file; `parse` says more.
 
     Raises:
         ConfigError: No such file, not UTF-8 TOML, or against the schema.
@@ -80,94 +180,77 @@ def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Desc
     """
     document = document_of(source, file)
     errors = unknown_tables(document, TABLES)
-    laws, model = _laws(document.get("joint", {}), errors)
+    joint = checked(Joint, document.get("joint", {}), "[joint]", errors) or Joint()
+    try:
+        laws, model = joint.laws, plan_table(joint.laws)
+    except ConfigError as error:
+        errors.append(f"[joint] laws: {error}")
+        laws, model = DEFAULT_LAWS, plan_table()
     given = document.get("plan", {})
     plan = checked(model, given, "[plan]", errors)
-    errors += _contradictions(plan, given, laws, of_run)
+    given = set(given) if isinstance(given, dict) else set()
+    told = _told_twice(given, laws)
+    told += _told_by_run(plan, given, laws) if of_run else _missing(plan, given, laws)
+    errors += [f"[plan]{line}" for line in told]
     if of_run and "joint" in document:
         errors.append("[joint]: the run tells it; leave it out.")
-    grids = {}
-    for name in ("sweep", "tones", "stepped"):
-        if name in document:
-            table = checked(TABLES[name], document[name], f"[{name}]", errors)
-            grids[name] = {} if table is None else dict(table)
-            errors += _times(name, grids[name])
+    grids = {
+        name: checked(table, document[name], f"[{name}]", errors)
+        for name, table in GRIDS.items()
+        if name in document
+    }
     refuse(file, errors)
     plan = plan or PlanTable()
     gain, unit, ranges = _force(plan)
     return Description(
-        ranges={} if of_run else {**_joint(plan, laws), **ranges},
+        ranges={} if of_run else {**ranges_of(_omega_n(plan), plan.model_dump(), laws), **ranges},
         gain=gain,
         input_unit=unit,
         noise=_noise(plan),
         settings=plan,
-        grids={kind: _grid(table) for kind, table in grids.items()},
+        grids={name: grid for name, grid in grids.items() if grid is not None},
         laws=laws,
     )
 
 
-def _laws(given: Any, errors: list[str]) -> tuple[tuple[str, ...], type[PlanTable]]:
-    """Laws of the joint, and the table whose keys are their parameters."""
-    joint = checked(Joint, given, "[joint]", errors) or Joint()
-    try:
-        return joint.laws, plan_table(joint.laws)
-    except ConfigError as error:
-        errors.append(f"[joint] laws: {error}")
-        return DEFAULT_LAWS, plan_table(DEFAULT_LAWS)
+def _told_twice(given: set[str], laws: tuple[str, ...]) -> list[str]:
+    pairs = [("natural_hz", "omega_n"), *shares_of(laws).items(), ("gain", "modal_mass")]
+    return [f": give {one} or {other}, not both." for one, other in pairs if {one, other} <= given]
 
 
-def _contradictions(
-    plan: PlanTable | None, given: Any, laws: tuple[str, ...], of_run: bool
-) -> list[str]:
-    """Keys that are missing, or say the same twice."""
-    given = given if isinstance(given, dict) else {}
-    shares = shares_of(laws)
-    pairs = [("natural_hz", "omega_n"), *shares.items(), ("gain", "modal_mass")]
-    told = [
-        f"[plan]: give {one} or {other}, not both."
-        for one, other in pairs
-        if one in given and other in given
+def _told_by_run(plan: PlanTable | None, given: set[str], laws: tuple[str, ...]) -> list[str]:
+    names = ("natural_hz", "omega_n", "zeta", *shares_of(laws))
+    joint = (*names, *(quantity.name for quantity in quantities_of(laws)))
+    told = [f" {name}: the run tells it; leave it out." for name in joint if name in given]
+    return told + [
+        f" {name}: must be a single value beside a run, but is {list(plan[name])}."
+        for name in ("gain", "modal_mass")
+        if plan and plan[name] and plan[name][0] != plan[name][1]
     ]
-    quantities = quantities_of(laws)
-    if of_run:
-        joint = ("natural_hz", "omega_n", "zeta", *shares, *(q.name for q in quantities))
-        told += [f"[plan] {key}: the run tells it; leave it out." for key in joint if key in given]
-        told += [
-            f"[plan] {key}: must be a single value beside a run, but is {list(plan[key])}."
-            for key in ("gain", "modal_mass")
-            if plan and plan[key] and plan[key][0] != plan[key][1]
-        ]
-        return told
-    if not {"natural_hz", "omega_n"} & set(given):
-        told.append("[plan] natural_hz: missing; natural frequency at small amplitude [Hz].")
+
+
+def _missing(plan: PlanTable | None, given: set[str], laws: tuple[str, ...]) -> list[str]:
+    """Keys that no default stands for, and stiffnesses of the joint beyond the whole."""
+    told, usual = [], usual_of(laws)
+    tells_frequency = bool({"natural_hz", "omega_n"} & given)
+    if not tells_frequency:
+        told.append(" natural_hz: missing; natural frequency at small amplitude [Hz].")
+    names = [quantity.name for quantity in quantities_of(laws) if quantity.name not in usual]
+    fields = plan_table(laws).model_fields
     told += [
-        f"[plan] {name}: missing; {plan_table(laws).model_fields[name].description}."
-        for name in (*_without_default(laws), "noise")
+        f" {name}: missing; {fields[name].description}."
+        for name in (*names, "noise")
         if name not in given
     ]
-    least = _omega_n(plan)[0] ** 2 if plan and {"natural_hz", "omega_n"} & set(given) else np.inf
-    for name in [quantity.name for quantity in quantities if quantity.unit == STIFFNESS]:
-        if plan and plan[name] and plan[name][1] >= least:
-            told.append(
-                f"[plan] {name}: must stay below omega_n^2, which begins at {least:g}, "
-                f"but reaches {plan[name][1]:g}."
-            )
-    return told
-
-
-def _without_default(laws: Sequence[str]) -> list[str]:
-    """Parameters of the laws that must be told: no default stands for them."""
-    bounded = {name for share, name in shares_of(tuple(laws)).items() if share in RANGES}
-    return [q.name for q in quantities_of(laws) if q.name not in bounded | set(PARTS)]
-
-
-def _times(kind: str, table: Mapping[str, Any]) -> list[str]:
-    if "dwell" in table and table.get("settle", 0.0) >= table["dwell"]:
-        return [
-            f"[{kind}] settle: must be shorter than dwell ({table['dwell']:g} s), "
-            f"but is {table['settle']:g}."
-        ]
-    return []
+    if plan is None or not tells_frequency:
+        return told
+    least = _omega_n(plan)[0] ** 2
+    return told + [
+        f" {quantity.name}: must stay below omega_n^2, which begins at {least:g}, "
+        f"but reaches {plan[quantity.name][1]:g}."
+        for quantity in quantities_of(laws)
+        if quantity.unit == STIFFNESS and (plan[quantity.name] or (0, 0))[1] >= least
+    ]
 
 
 def _omega_n(plan: PlanTable) -> Range:
@@ -175,24 +258,6 @@ def _omega_n(plan: PlanTable) -> Range:
         return plan.omega_n
     low, high = plan["natural_hz"]
     return 2 * np.pi * low, 2 * np.pi * high
-
-
-def _joint(plan: PlanTable, laws: tuple[str, ...]) -> dict[str, Range]:
-    """Ranges of all of the joint's parameters, defaults where nothing is said."""
-    ranges = {"omega_n": _omega_n(plan), "zeta": plan.zeta}
-    share_of = {name: share for share, name in shares_of(laws).items()}
-    for quantity in quantities_of(laws):
-        name = quantity.name
-        share = share_of.get(name, "")
-        if plan[name] is not None:
-            ranges[name] = plan[name]
-        elif share:
-            ranges[share] = plan[share] or RANGES[share]
-        else:
-            whole, (least, most) = PARTS[name]
-            low, high = sorted(map(abs, plan[whole]))
-            ranges[name] = least * low, most * high
-    return ranges
 
 
 def _force(plan: PlanTable) -> tuple[float | None, str | None, dict[str, Range]]:
@@ -211,7 +276,3 @@ def _noise(plan: PlanTable) -> Noise | None:
         return None
     quantity = quantity_of(plan.noise_unit, MOTIONS)
     return Noise(float(to_si(plan.noise, plan.noise_unit, quantity)), quantity)
-
-
-def _grid(table: Mapping[str, Any]) -> Grid:
-    return Grid(**{GRID_KEYS.get(key, key): value for key, value in table.items()})

@@ -1,81 +1,138 @@
-"""Candidates judged: repeats for the wished CV, one row a test, and what to combine."""
+r"""Candidates judged: what repeats would tell, how many the wished CV takes, and what to combine.
 
-from collections.abc import Callable, Sequence
+Parameters enter as relative changes, so that standard deviations are coefficients of variation.
+"""
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import eigh
 
 from jbw.inference.fit.identifiability import weak_direction
 from jbw.planning.beliefs import Beliefs
-from jbw.planning.information import (
-    Matrices,
-    covariance,
-    information_gain,
-    modes,
-    repeats_needed,
-    spread,
-    wanted_gain,
-    worst_decile,
-)
 from jbw.planning.plan import Chosen, Combination, Expected, Row, Wish
 from jbw.planning.prospects import Prospect
 
 STATUSES = ("ok", "too few", "not predicted", "not feasible")
+Matrices = Float[np.ndarray, "... parameter parameter"]
+
+
+class Modes(NamedTuple):
+    r"""Prior and information of one repeat, made diagonal together.
+
+    Attributes:
+        values: Information f_k of one repeat along each mode, in units of the prior's.
+        shares: Prior variance w_ik^2 of parameter i along mode k.
+    """
+
+    values: Float[np.ndarray, "joint mode"]
+    shares: Float[np.ndarray, "joint parameter mode"]
+
+
+def modes(precision: Matrices, information: Matrices) -> Modes:
+    r"""Modes of a prior P and of the information F of one repeat, joint by joint.
+
+    $$F w_k = f_k P w_k, \qquad w_k^T P w_k = 1$$
+    """
+    values, vectors = zip(*(eigh(told, precision) for told in information), strict=True)
+    return Modes(np.maximum(values, 0.0), np.square(vectors))
+
+
+def spread(found: Modes, repeats: float) -> Float[np.ndarray, "joint parameter"]:
+    r"""Standard deviation of each parameter after R repeats, relative to its value.
+
+    $$\mathrm{CV}_i^2 = [(P + R F)^{-1}]_{ii} = \sum_k \frac{w_{ik}^2}{1 + R f_k}$$
+    """
+    return np.sqrt(np.sum(found.shares / (1.0 + repeats * found.values[..., None, :]), axis=-1))
+
+
+def covariance(precision: Matrices) -> Matrices:
+    """Inverse of an information matrix, its parameters brought to one scale first."""
+    scale = 1 / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
+    both = scale[..., :, None] * scale[..., None, :]
+    return both * np.linalg.inv(both * precision)
+
+
+def worst_decile(values: Float[np.ndarray, " joint *n"]) -> Float[np.ndarray, "*n"]:
+    """The least value that nine joints in ten do not exceed."""
+    return np.quantile(values, 0.9, axis=0, method="inverted_cdf")
+
+
+def repeats_needed(found: Modes, wanted: list[int], cv: float, most: int) -> int | None:
+    """Fewest repeats, from 1 on, after which nine joints in ten know what is wanted to the CV.
+
+    None where the `most` repeats that are admitted do not suffice.
+    """
+
+    def enough(repeats: int) -> bool:
+        return bool(np.all(worst_decile(spread(found, repeats))[wanted] <= cv))
+
+    # The spread falls with every repeat.
+    repeats = 1 + bisect_left(range(1, most + 1), True, key=enough)
+    return repeats if repeats <= most else None
+
+
+def information_gain(
+    precision: Matrices, information: Matrices, wanted: Sequence[int] | None = None
+) -> Float[np.ndarray, "*joint"]:
+    r"""Expected information gain of a test, where the posterior is near Gaussian.
+
+    $$I_w = \tfrac12 \left(\log\det \Sigma_{ww} - \log\det \Sigma'_{ww}\right), \qquad
+      \Sigma = P^{-1}, \quad \Sigma' = (P + F)^{-1}$$
+
+    P is the information that there is already, F that of the test. The gain [nats] is about the
+    parameters at the positions `wanted`, the others unknown beside them; about all when None.
+    """
+    chosen = list(range(precision.shape[-1]) if wanted is None else wanted)
+    before, after = (
+        np.linalg.slogdet(covariance(p)[..., chosen, :][..., chosen])[1]
+        for p in (precision, precision + information)
+    )
+    return 0.5 * (before - after)
 
 
 def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> Row:
-    """A candidate judged: repeats, spread, gain and limits.
-
-    Args:
-        prospect: The candidate at every joint.
-        beliefs: What is known before it.
-        wish: What is wanted.
-    """
+    """A candidate judged: repeats, spread, gain and limits."""
     candidate, information = prospect.candidate, prospect.information
     wanted = [beliefs.names.index(name) for name in wish.wanted]
     found = modes(beliefs.precision, information)
     repeats = repeats_needed(found, wanted, wish.cv, wish.max_repeats)
     made = repeats or wish.max_repeats
-    known = np.isfinite(prospect.y_peak)
-    largest = float(np.max(prospect.y_peak[known], initial=0.0)) if known.any() else float("nan")
-    exceeded = _exceeded(candidate.level, largest, wish)
-    lost = (
-        [f"no response found at {prospect.num_lost} of {len(known)} joints"]
-        if prospect.num_lost
-        else []
-    )
-    weak = undetermined(beliefs, beliefs.precision + made * information, wanted)
+    y_peak = prospect.y_peak[np.isfinite(prospect.y_peak)]
+    largest = float(np.max(y_peak)) if y_peak.size else float("nan")
+    exceeded, lost = [], []
+    if largest > wish.max_displacement:
+        exceeded.append(f"peak displacement {largest:.3g} m exceeds {wish.max_displacement:g} m")
+    if candidate.level > wish.max_input:
+        exceeded.append(f"input exceeds {wish.max_input:g} {wish.input_unit}")
+    if prospect.num_lost:
+        lost = [f"no response found at {prospect.num_lost} of {beliefs.num_joints} joints"]
+    if exceeded:
+        status = "not feasible"
+    elif lost:
+        status = "not predicted"
+    else:
+        status = "too few" if repeats is None else "ok"
     return Row(
         test=str(candidate),
         level=candidate.level,
-        y_peak=float(np.median(prospect.y_peak[known])) if known.any() else float("nan"),
+        y_peak=float(np.median(y_peak)) if y_peak.size else float("nan"),
         y_peak_largest=largest,
         repeats=repeats,
         seconds_each=candidate.seconds,
         seconds=None if repeats is None else repeats * candidate.seconds,
         cv=expected(spread(found, made), beliefs, wish),
         information_gain=float(np.mean(information_gain(beliefs.precision, information))),
-        status=_status(exceeded, lost, repeats),
-        notes=(*exceeded, *lost, *([] if weak is None else [weak])),
+        status=status,
+        notes=(
+            *exceeded,
+            *lost,
+            *_undetermined(beliefs, beliefs.precision + made * information, wanted),
+        ),
     )
-
-
-def _exceeded(level: float, y_peak: float, wish: Wish) -> list[str]:
-    """The limits that a test would break."""
-    told = []
-    if y_peak > wish.max_displacement:
-        told.append(f"peak displacement {y_peak:.3g} m exceeds {wish.max_displacement:g} m")
-    if level > wish.max_input:
-        told.append(f"input exceeds {wish.max_input:g} {wish.input_unit}")
-    return told
-
-
-def _status(exceeded: list[str], lost: list[str], repeats: int | None) -> str:
-    if exceeded:
-        return "not feasible"
-    if lost:
-        return "not predicted"
-    return "too few" if repeats is None else "ok"
 
 
 def expected(
@@ -90,15 +147,10 @@ def expected(
     }
 
 
-def undetermined(beliefs: Beliefs, precision: Matrices, wanted: Sequence[int]) -> str | None:
-    """Which combination of parameters is all that the tests determine; None where all are.
+def _undetermined(beliefs: Beliefs, precision: Matrices, wanted: Sequence[int]) -> tuple[str, ...]:
+    """Which combination of parameters is all that the tests determine; none where all are.
 
     Told at the joint whose wanted parameters are known as well as at half of the joints.
-
-    Args:
-        beliefs: The joints, and the box that the tests are measured against.
-        precision: Information after the tests, joint by joint.
-        wanted: Positions of the wanted parameters.
     """
     left = covariance(precision)
     poorest = np.max(np.diagonal(left, axis1=1, axis2=2)[:, list(wanted)], axis=1)
@@ -106,7 +158,7 @@ def undetermined(beliefs: Beliefs, precision: Matrices, wanted: Sequence[int]) -
     mean = {name: float(beliefs.joints[name][i]) for name in beliefs.names}
     units = np.outer(beliefs.scale[i], beliefs.scale[i])
     found = weak_direction(mean, units * left[i], beliefs.box)
-    return None if found is None else found.text
+    return () if found is None else (found.text,)
 
 
 def ordered(rows: Sequence[Row]) -> tuple[Row, ...]:
@@ -124,60 +176,40 @@ def combine(prospects: Sequence[Prospect], beliefs: Beliefs, wish: Wish) -> Comb
 
     Each step adds the repeat that gains most about the wanted parameters for a second of
     measuring, on an average over the joints. What no longer is needed at the end, because a later
-    test told more, is taken away again, the longest first.
-
-    Args:
-        prospects: The candidates within the limits.
-        beliefs: What is known before.
-        wish: What is wanted; as many repeats in all as it admits of one test.
+    test told more, is taken away again, the longest first. There are as many repeats in all as the
+    wish admits of one test.
     """
     wanted = [beliefs.names.index(name) for name in wish.wanted]
+    seconds = np.array([prospect.candidate.seconds for prospect in prospects])
     counts = np.zeros(len(prospects), int)
     start = np.broadcast_to(beliefs.precision, (beliefs.num_joints, *beliefs.precision.shape))
 
     def told(counts: np.ndarray) -> Matrices:
         return start + sum(n * p.information for n, p in zip(counts, prospects, strict=True))
 
-    while prospects and counts.sum() < wish.max_repeats and not _met(told(counts), wanted, wish):
+    def spread_of(counts: np.ndarray) -> Float[np.ndarray, "joint parameter"]:
+        return np.sqrt(np.diagonal(covariance(told(counts)), axis1=-2, axis2=-1))
+
+    def met(counts: np.ndarray) -> bool:
+        return bool(np.all(worst_decile(spread_of(counts))[wanted] <= wish.cv))
+
+    while prospects and counts.sum() < wish.max_repeats and not met(counts):
         known = told(counts)
-        rates = [
-            float(np.mean(wanted_gain(known, p.information, wanted))) / p.candidate.seconds
-            for p in prospects
-        ]
-        counts[int(np.argmax(rates))] += 1
-    met = _met(told(counts), wanted, wish)
-    if met:
-        counts = _without_needless(counts, prospects, lambda n: _met(told(n), wanted, wish))
-    weak = undetermined(beliefs, told(counts), wanted)
+        gains = [np.mean(information_gain(known, p.information, wanted)) for p in prospects]
+        counts[int(np.argmax(gains / seconds))] += 1
+    is_met = met(counts)
+    for i in np.argsort(-seconds, kind="stable") if is_met else ():
+        fewer = counts - (np.arange(len(counts)) == i)
+        while counts[i] and met(fewer):
+            counts, fewer = fewer, fewer - (np.arange(len(counts)) == i)
     return Combination(
         tests=tuple(
             Chosen(str(p.candidate), p.candidate.level, int(n))
             for n, p in zip(counts, prospects, strict=True)
             if n
         ),
-        seconds=float(sum(n * p.candidate.seconds for n, p in zip(counts, prospects, strict=True))),
-        cv=expected(_spread(told(counts)), beliefs, wish),
-        met=met,
-        notes=() if weak is None else (weak,),
+        seconds=float(counts @ seconds),
+        cv=expected(spread_of(counts), beliefs, wish),
+        met=is_met,
+        notes=_undetermined(beliefs, told(counts), wanted),
     )
-
-
-def _without_needless(
-    counts: np.ndarray, prospects: Sequence[Prospect], met: Callable[[np.ndarray], bool]
-) -> np.ndarray:
-    """The counts without repeats that the wish does not need, the longest tests first."""
-    for i in sorted(range(len(counts)), key=lambda i: -prospects[i].candidate.seconds):
-        while counts[i]:
-            fewer = counts - (np.arange(len(counts)) == i)
-            if not met(fewer):
-                break
-            counts = fewer
-    return counts
-
-
-def _spread(precision: Matrices) -> np.ndarray:
-    return np.sqrt(np.diagonal(covariance(precision), axis1=-2, axis2=-1))
-
-
-def _met(precision: Matrices, wanted: list[int], wish: Wish) -> bool:
-    return bool(np.all(worst_decile(_spread(precision))[wanted] <= wish.cv))

@@ -1,7 +1,7 @@
 """Plans: before any test from ranges, after a run from its posterior."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,17 +9,16 @@ import numpy as np
 import xarray as xr
 
 from jbw.errors import ConfigError
+from jbw.oscillator.laws import quantities_of
 from jbw.planning.beliefs import Beliefs, after, before
 from jbw.planning.description import Description, read_description
-from jbw.planning.information import covariance
-from jbw.planning.judge import combine, expected, ordered, row
+from jbw.planning.judge import combine, covariance, expected, ordered, row
 from jbw.planning.plan import Noise, Plan, Wish
-from jbw.planning.proposals import Grid, Reach, displacement_for, propose, sampling_for
+from jbw.planning.proposals import GRIDS, Reach, displacement_for, propose, sampling_for
 from jbw.planning.prospects import prospects
 from jbw.quantities import UNIT_OF, in_dialect
 
 ADMITTED = ("ok", "too few")  # alone; together they may meet the wish
-EVERY_KIND = {"sweep": Grid(), "tones": Grid(), "stepped": Grid()}
 NOISE_ALONE = (
     "Noise alone is counted: a joint that changes from day to day or does not follow the model is "
     "known less well. Spreads beyond 30 % tell the order of magnitude only."
@@ -43,21 +42,17 @@ class _Ground:
 
     beliefs: Beliefs
     noise: Noise
-    fs: float
-    aim: float
+    fs: float | None
+    aim: float | None
     input_unit: str
     notes: tuple[str, ...]
-
-
-def _silent(_: str) -> None:
-    """Say nothing."""
 
 
 def plan_tests(
     description: Description | str | Path | None = None,
     tree: xr.DataTree | None = None,
     *,
-    report: Callable[[str], None] = _silent,
+    report: Callable[[str], None] = lambda sentence: None,
 ) -> Plan:
     """Plan tests of a joint: which level, rate, tones and repeats a wished CV takes.
 
@@ -80,20 +75,23 @@ def plan_tests(
         description = read_description(Path(description), of_run=tree is not None)
     description = description or Description({})
     ground = _before(description) if tree is None else _after(description, tree)
-    wish = _wish(description, ground)
-    reach = Reach(ground.fs, ground.aim, wish.max_input)
-    candidates = propose(description.grids or EVERY_KIND, ground.beliefs, reach)
-    found = prospects(candidates, ground.beliefs, ground.noise, report)
-    rows = [row(one, ground.beliefs, wish) for one in found]
+    beliefs, wish = ground.beliefs, _wish(description, ground)
+    natural_hz = float(np.median(beliefs.joints["omega_n"])) / (2 * np.pi)
+    aim = ground.aim or displacement_for(beliefs)
+    reach = Reach(ground.fs or sampling_for(natural_hz), aim, wish.max_input)
+    grids = description.grids or {kind: table() for kind, table in GRIDS.items()}
+    found = prospects(propose(grids, beliefs, reach), beliefs, ground.noise, report)
+    rows = [row(one, beliefs, wish) for one in found]
     admitted = [one for one, judged in zip(found, rows, strict=True) if judged.status in ADMITTED]
-    known = np.sqrt(np.diag(covariance(ground.beliefs.precision)))
+    known = np.sqrt(np.diag(covariance(beliefs.precision)))
+    unknown = tree is not None and ground.aim is None
     return Plan(
         rows=ordered(rows),
-        combination=combine(admitted, ground.beliefs, wish),
+        combination=combine(admitted, beliefs, wish),
         wish=wish,
-        num_joints=ground.beliefs.num_joints,
-        before=expected(known[None], ground.beliefs, wish),
-        notes=(*ground.notes, NOISE_ALONE),
+        num_joints=beliefs.num_joints,
+        before=expected(known[None], beliefs, wish),
+        notes=(*ground.notes, *([UNKNOWN_REACH.format(aim)] if unknown else []), NOISE_ALONE),
     )
 
 
@@ -116,8 +114,8 @@ def _before(description: Description) -> _Ground:
     return _Ground(
         beliefs=beliefs,
         noise=description.noise,
-        fs=settings.fs or _sampling(beliefs),
-        aim=settings.max_displacement or displacement_for(beliefs),
+        fs=settings.fs,
+        aim=settings.max_displacement,
         input_unit=description.input_unit or "N/kg",
         notes=(drawn,),
     )
@@ -132,34 +130,32 @@ def _after(description: Description, tree: xr.DataTree) -> _Ground:
             f"gain, but one gives {description.gain:g}.",
             remedy="Leave it out; levels are in the unit of the run's input.",
         )
+    noise = description.noise or rig.noise
+    if noise is None:
+        raise ConfigError(
+            "Key `noise` must be given beside this run, which fitted no record in time, "
+            "but it is not.",
+            why="Without the noise of a sample nothing can be said of a further record.",
+            remedy="Write [plan] with noise and noise_unit into a file and add: --limits FILE",
+        )
     held = {**rig.held, **({} if description.gain is None else {"gain": description.gain})}
     told = inferred or "gain" in held
-    held.setdefault("gain", 1.0)
-    beliefs = after(tree, held=held, num_joints=settings.joints)
+    beliefs = after(tree, held={"gain": 1.0, **held}, num_joints=settings.joints)
     unit = (description.input_unit or rig.input_unit or "input's unit") if told else "N/kg"
-    notes = [f"Made at {beliefs.num_joints} draws of the run's posterior, which counts as known."]
-    notes += [] if told else [PER_KILOGRAM]
-    aim = settings.max_displacement or rig.y_peak
-    if aim is None:
-        aim = displacement_for(beliefs)
-        notes.append(UNKNOWN_REACH.format(aim))
+    drawn = f"Made at {beliefs.num_joints} draws of the run's posterior, which counts as known."
     return _Ground(
         beliefs=beliefs,
-        noise=noise_of(description.noise, rig),
-        fs=settings.fs or rig.fs or _sampling(beliefs),
-        aim=aim,
+        noise=noise,
+        fs=settings.fs or rig.fs,
+        aim=settings.max_displacement or rig.y_peak,
         input_unit=unit,
-        notes=tuple(notes),
+        notes=(drawn,) if told else (drawn, PER_KILOGRAM),
     )
-
-
-def _sampling(beliefs: Beliefs) -> float:
-    return sampling_for(float(np.median(beliefs.joints["omega_n"])) / (2 * np.pi))
 
 
 def _wish(description: Description, ground: _Ground) -> Wish:
     settings, names = description.settings, ground.beliefs.names
-    asked = settings.wanted or ground.beliefs.law_names
+    asked = settings.wanted or [quantity.name for quantity in quantities_of(ground.beliefs.laws)]
     if not set(asked) & set(names):
         raise ConfigError(
             f"Key `wanted` must name parameters that are inferred, but has {', '.join(asked)}.",
@@ -177,39 +173,28 @@ def _wish(description: Description, ground: _Ground) -> Wish:
 
 @dataclass(frozen=True)
 class Rig:
-    """The rig that a run was measured on, as far as the run tells.
+    """The rig that a run was measured on; None where the run does not tell."""
 
-    Attributes:
-        noise: Of the response; None where the run fitted no record in time.
-        fs: Sampling frequency [Hz]; None where the run keeps no record.
-        input_unit: Unit of the input; None where it is not told.
-        y_peak: Largest displacement that was fitted [m]; None where it is not told.
-        held: Parameters that were not inferred, such as a known gain.
-    """
-
-    noise: Noise | None
-    fs: float | None
+    noise: Noise | None  # of a sample of the response
+    fs: float | None  # [Hz]
     input_unit: str | None
-    y_peak: float | None
-    held: Mapping[str, float]
+    y_peak: float | None  # largest displacement that was fitted [m]
+    held: Mapping[str, float]  # parameters that were not inferred, such as a known gain
 
 
 def rig_of(tree: xr.DataTree) -> Rig:
-    """What a run tells of its rig.
-
-    Args:
-        tree: The result, as `posterior.nc` holds it.
-    """
-    tests = list(_tests(tree))
-    y_peak = float(tree.attrs.get("y_peak", 0.0))
-    units = [str(test.attrs.get("level_unit", "")) for test in tests]
+    """What a run tells of its rig, from its result, as `posterior.nc` holds it."""
+    known = "verification" in tree.children
+    tests = [node.to_dataset() for node in tree["verification"].subtree] if known else []
     seen = json.loads(str(tree.attrs.get("tests", "{}")))
+    units = [str(test.attrs.get("level_unit", "")) for test in tests]
     units += [str(facts.get("source", "")) for facts in seen.values()]
     rates = [
         1 / float(np.median(np.diff(test["time"])))
         for test in tests
         if test.sizes.get("time", 0) > 1
     ]
+    y_peak = float(tree.attrs.get("y_peak", 0.0))
     return Rig(
         noise=_noise(tree["posterior"].to_dataset()),
         fs=float(f"{np.median(rates):.10g}") if rates else None,
@@ -217,12 +202,6 @@ def rig_of(tree: xr.DataTree) -> Rig:
         y_peak=y_peak if y_peak > 0 else None,
         held=json.loads(str(tree.attrs.get("held", "{}"))),
     )
-
-
-def _tests(tree: xr.DataTree) -> Iterator[xr.Dataset]:
-    if "verification" in tree.children:
-        for node in tree["verification"].subtree:
-            yield node.to_dataset()
 
 
 def _noise(posterior: xr.Dataset) -> Noise | None:
@@ -236,20 +215,3 @@ def _noise(posterior: xr.Dataset) -> Noise | None:
         if str(name).startswith("noise_std") and sampled and response is not None:
             return Noise(float(values.median()), response)
     return None
-
-
-def noise_of(given: Noise | None, rig: Rig) -> Noise:
-    """The noise as given, else as the run tells it.
-
-    Raises:
-        ConfigError: Neither does.
-    """
-    noise = given or rig.noise
-    if noise is None:
-        raise ConfigError(
-            "Key `noise` must be given beside this run, which fitted no record in time, "
-            "but it is not.",
-            why="Without the noise of a sample nothing can be said of a further record.",
-            remedy="Write [plan] with noise and noise_unit into a file and add: --limits FILE",
-        )
-    return noise

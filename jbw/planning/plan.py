@@ -1,6 +1,6 @@
 """What a plan is made of: tests that might be made, what is wanted, what they would tell."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,23 +10,14 @@ MOST_FADED = 0.1  # of a burst
 
 @dataclass(frozen=True)
 class Sweep:
-    """A linear sweep from rest, recorded through its burst and the free decay behind it.
+    """A linear sweep from rest, recorded through its burst and the free decay behind it."""
 
-    Attributes:
-        level: Peak of the input [V, N or N/kg].
-        start_hz: First frequency [Hz].
-        stop_hz: Last frequency [Hz].
-        rate: Sweep rate [Hz/s].
-        rest: Free decay behind the burst, recorded too; the joint is at rest at its end [s].
-        fs: Sampling frequency [Hz].
-    """
-
-    level: float
+    level: float  # peak of the input [V, N or N/kg]
     start_hz: float
     stop_hz: float
-    rate: float
-    rest: float
-    fs: float
+    rate: float  # [Hz/s]
+    rest: float  # free decay behind the burst; the joint is at rest at its end [s]
+    fs: float  # sampling frequency [Hz]
 
     @property
     def burst(self) -> float:
@@ -41,7 +32,7 @@ class Sweep:
     @property
     def num_samples(self) -> int:
         """Samples of one record."""
-        return round((self.burst + self.rest) * self.fs)
+        return round(self.seconds * self.fs)
 
     @property
     def seconds(self) -> float:
@@ -49,27 +40,18 @@ class Sweep:
         return self.burst + self.rest
 
     def __str__(self) -> str:
-        span = f"{self.start_hz:.4g}-{self.stop_hz:.4g} Hz"
-        return f"sweep {span}, {self.rate:.3g} Hz/s"
+        return f"sweep {self.start_hz:.4g}-{self.stop_hz:.4g} Hz, {self.rate:.3g} Hz/s"
 
 
 @dataclass(frozen=True)
 class Tones:
-    """Steady tones, each alone in a record of its own.
+    """Steady tones, each alone in a record of its own."""
 
-    Attributes:
-        level: Peak of the input [V, N or N/kg].
-        frequencies_hz: Their frequencies [Hz].
-        dwell: Time on each of them [s].
-        settle: Of that, the first part, which is discarded [s].
-        fs: Sampling frequency [Hz].
-    """
-
-    level: float
+    level: float  # peak of the input [V, N or N/kg]
     frequencies_hz: tuple[float, ...]
-    dwell: float
-    settle: float
-    fs: float
+    dwell: float  # time on each of them [s]
+    settle: float  # of that, the first part, which is discarded [s]
+    fs: float  # sampling frequency [Hz]
 
     @property
     def num_samples(self) -> int:
@@ -82,7 +64,8 @@ class Tones:
         return self.dwell * len(self.frequencies_hz)
 
     def __str__(self) -> str:
-        return f"tones {_listed(self.frequencies_hz)} Hz, {self.dwell:.3g} s each"
+        listed = " ".join(f"{frequency:.3g}" for frequency in self.frequencies_hz)
+        return f"tones {listed} Hz, {self.dwell:.3g} s each"
 
 
 @dataclass(frozen=True)
@@ -98,140 +81,83 @@ class Stepped(Tones):
 Candidate = Sweep | Tones
 
 
-def _listed(frequencies: tuple[float, ...]) -> str:
-    return " ".join(f"{frequency:.3g}" for frequency in frequencies)
-
-
 @dataclass(frozen=True)
 class Noise:
-    """Noise of the response channel.
+    """Noise of the response channel."""
 
-    Attributes:
-        std: Standard deviation of a sample [m, m/s or m/s^2].
-        response: displacement, velocity or acceleration.
-    """
-
-    std: float
-    response: str
+    std: float  # standard deviation of a sample [m, m/s or m/s^2]
+    response: str  # displacement, velocity or acceleration
 
 
 @dataclass(frozen=True)
 class Wish:
-    """What is wanted, and the limits.
+    """What is wanted, and the limits."""
 
-    Attributes:
-        wanted: Parameters to be known.
-        cv: Their wished coefficient of variation [-].
-        max_repeats: Most repeats of one test.
-        max_displacement: Largest displacement admitted [m].
-        max_input: Largest input admitted [V, N or N/kg].
-        input_unit: Unit of levels: V, N or N/kg.
-    """
-
-    wanted: tuple[str, ...]
-    cv: float
-    max_repeats: int = 1000
-    max_displacement: float = np.inf
-    max_input: float = np.inf
-    input_unit: str = "N/kg"
+    wanted: tuple[str, ...]  # parameters to be known
+    cv: float  # their wished coefficient of variation [-]
+    max_repeats: int = 1000  # of one test
+    max_displacement: float = np.inf  # [m]
+    max_input: float = np.inf  # [V, N or N/kg]
+    input_unit: str = "N/kg"  # V, N or N/kg
 
 
 @dataclass(frozen=True)
 class Expected:
-    """Coefficient of variation of a parameter over the joints held possible [-].
+    """Coefficient of variation of a parameter over the joints held possible [-]."""
 
-    Attributes:
-        median: At half of the joints or more.
-        worst_decile: At nine joints in ten or more; the wish is judged by it.
-    """
-
-    median: float
-    worst_decile: float
+    median: float  # at half of the joints or more
+    worst_decile: float  # at nine joints in ten or more; the wish is judged by it
 
 
 @dataclass(frozen=True)
 class Row:
     """One candidate.
 
-    Attributes:
-        test: The test in words.
-        level: Peak of the input [V, N or N/kg].
-        y_peak: Predicted peak displacement [m], median over joints.
-        y_peak_largest: The largest over joints [m].
-        repeats: Repeats that the wish takes; None where no admitted number suffices.
-        seconds_each: Measuring time of one repeat [s].
-        seconds: Measuring time of all repeats [s]; None without a number of repeats.
-        cv: Expected spread after these repeats, or after the most admitted, by parameter.
-        information_gain: Expected of one repeat, mean over joints [nats].
-        status: "ok"; "too few", where no admitted number of repeats suffices; "not feasible",
-            where a joint exceeds the largest displacement or input; or "not predicted", where no
-            response was found at some joint.
-        notes: What stands against the test, or stays undetermined, in words.
+    The status is "ok"; "too few", where no admitted number of repeats suffices; "not feasible",
+    where a joint exceeds the largest displacement or input; or "not predicted", where no response
+    was found at some joint.
     """
 
-    test: str
-    level: float
-    y_peak: float
-    y_peak_largest: float
-    repeats: int | None
-    seconds_each: float
-    seconds: float | None
-    cv: dict[str, Expected]
-    information_gain: float
+    test: str  # in words
+    level: float  # peak of the input [V, N or N/kg]
+    y_peak: float  # predicted peak displacement, median over joints [m]
+    y_peak_largest: float  # the largest over joints [m]
+    repeats: int | None  # that the wish takes; None where no admitted number suffices
+    seconds_each: float  # measuring time of one repeat [s]
+    seconds: float | None  # of all repeats [s]
+    cv: dict[str, Expected]  # after these repeats, or after the most admitted, by parameter
+    information_gain: float  # expected of one repeat, mean over joints [nats]
     status: str
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what stands against the test, or stays undetermined
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """A test of a combination.
+    """A test of a combination."""
 
-    Attributes:
-        test: The test in words.
-        level: Peak of the input [V, N or N/kg].
-        repeats: How many.
-    """
-
-    test: str
-    level: float
+    test: str  # in words
+    level: float  # peak of the input [V, N or N/kg]
     repeats: int
 
 
 @dataclass(frozen=True)
 class Combination:
-    """Tests to make together.
-
-    Attributes:
-        tests: The tests.
-        seconds: Measuring time [s].
-        cv: Expected spread after all of them.
-        met: Whether the wish is met.
-        notes: What stays undetermined, in words.
-    """
+    """Tests to make together."""
 
     tests: tuple[Chosen, ...]
-    seconds: float
-    cv: dict[str, Expected]
-    met: bool
-    notes: tuple[str, ...] = ()
+    seconds: float  # measuring time [s]
+    cv: dict[str, Expected]  # after all of them, by parameter
+    met: bool  # whether the wish is met
+    notes: tuple[str, ...] = ()  # what stays undetermined
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Candidates by measuring time, those that meet the wish within the limits first.
-
-    Attributes:
-        rows: The candidates.
-        combination: Tests that meet the wish together.
-        wish: What was asked.
-        num_joints: Joints that every number was made at.
-        before: Expected spread before any of these tests, by parameter.
-        notes: What was assumed.
-    """
+    """Candidates by measuring time, those that meet the wish within the limits first."""
 
     rows: tuple[Row, ...]
-    combination: Combination
+    combination: Combination  # tests that meet the wish together
     wish: Wish
-    num_joints: int
-    before: dict[str, Expected]
-    notes: tuple[str, ...] = field(default=())
+    num_joints: int  # that every number was made at
+    before: dict[str, Expected]  # before any of these tests, by parameter
+    notes: tuple[str, ...] = ()  # what was assumed

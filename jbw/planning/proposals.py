@@ -2,14 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import jax.numpy as jnp
 import numpy as np
+from pydantic import model_validator
 
+from jbw.campaign.document import Table, key
+from jbw.campaign.values import NonNegative, Numbers, Positive, Span
 from jbw.errors import ConfigError
 from jbw.oscillator.laws import quantities_of
-from jbw.oscillator.oscillator import Oscillator, oscillator_of
-from jbw.oscillator.steady.backbone import backbone
+from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.steady.backbone import Backbone, backbone
 from jbw.planning.beliefs import Beliefs
 from jbw.planning.plan import Candidate, Stepped, Sweep, Tones
 from jbw.planning.prospects import peak_displacements
@@ -27,42 +31,50 @@ PER_PERIOD = 40  # samples a period, at least
 DIGITS = 3
 
 
-@dataclass(frozen=True)
-class Grid:
-    """What the candidates of one kind are combined from; None where the joint decides.
+class SweepTable(Table):
+    """The [sweep] table."""
 
-    Attributes:
-        levels: Peaks of the input [V, N or N/kg].
-        frequencies_hz: Tones or steps [Hz].
-        span_hz: First and last frequency of sweeps [Hz].
-        rates: Sweep rates [Hz/s].
-        rest: Free decay behind a sweep [s].
-        dwell: Time on each tone [s].
-        settle: Of that, what is discarded [s].
-    """
+    levels: Numbers | None = key(None, "peaks of the input [V, N or N/kg]")
+    span: Span | None = key(None, "first and last frequency [Hz]")
+    rates: Numbers | None = key(None, "sweep rates [Hz/s]")
+    rest: NonNegative | None = key(None, "free decay recorded behind the burst [s]")
 
-    levels: tuple[float, ...] | None = None
-    frequencies_hz: tuple[float, ...] | None = None
-    span_hz: tuple[float, float] | None = None
-    rates: tuple[float, ...] | None = None
-    rest: float | None = None
-    dwell: float | None = None
-    settle: float | None = None
+
+class TonesTable(Table):
+    """The [tones] table."""
+
+    levels: Numbers | None = key(None, "peaks of the input [V, N or N/kg]")
+    frequencies: Numbers | None = key(None, "tones, each alone [Hz]")
+    dwell: Positive | None = key(None, "time on each frequency [s]")
+    settle: NonNegative | None = key(None, "of that, the first part, which is discarded [s]")
+
+    @model_validator(mode="after")
+    def _settles(self) -> Self:
+        settle = self.settle or 0.0
+        if self.dwell is not None and settle >= self.dwell:
+            raise ValueError(
+                f"settle: must be shorter than dwell ({self.dwell:g} s), but is {settle:g}."
+            )
+        return self
+
+
+class SteppedTable(TonesTable):
+    """The [stepped] table."""
+
+    frequencies: Numbers | None = key(None, "steps, in turn [Hz]")
+
+
+Grid = SweepTable | TonesTable  # what is left out the joint decides
+GRIDS: dict[str, type[Grid]] = {"sweep": SweepTable, "tones": TonesTable, "stepped": SteppedTable}
 
 
 @dataclass(frozen=True)
 class Reach:
-    """How far a test may go.
+    """How far a test may go."""
 
-    Attributes:
-        fs: Sampling frequency [Hz].
-        max_displacement: Largest displacement [m]; levels aim at parts of it.
-        max_input: Largest input [V, N or N/kg]; infinite where there is no limit.
-    """
-
-    fs: float
-    max_displacement: float
-    max_input: float = np.inf
+    fs: float  # sampling frequency [Hz]
+    max_displacement: float  # [m]; levels aim at parts of it
+    max_input: float = np.inf  # [V, N or N/kg]
 
 
 def sampling_for(natural_hz: float) -> float:
@@ -94,11 +106,6 @@ def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[C
     Levels that are not given aim at parts of the largest displacement, at the joint that responds
     most.
 
-    Args:
-        grids: By kind: sweep, tones, stepped.
-        beliefs: The joints held possible.
-        reach: Sampling frequency and limits.
-
     Raises:
         ConfigError: The sampling frequency is too low for a frequency of a test.
     """
@@ -122,29 +129,26 @@ def _require_sampled(candidate: Candidate) -> None:
         )
 
 
-def _sweeps(grid: Grid, beliefs: Beliefs, reach: Reach) -> list[Candidate]:
+def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[Sweep]:
     natural = _natural(beliefs)
-    low, high = grid.span_hz or tuple(_rounded(share * natural) for share in SPAN)
+    low, high = grid.span or tuple(_rounded(share * natural) for share in SPAN)
     rates = grid.rates or tuple(_rounded(natural * (high - low) / n) for n in PERIODS)
     rest = _decay(beliefs) if grid.rest is None else grid.rest
     shapes = [Sweep(1.0, low, high, rate, rest, reach.fs) for rate in rates]
     if grid.levels is not None:
         return [replace(shape, level=level) for shape in shapes for level in grid.levels]
-    steady = _steady_levels(beliefs, reach)
-    found = []
-    for shape in shapes:
-        aimed = [
-            _aimed(shape, level, y, beliefs) for level, y in zip(steady, _goals(reach), strict=True)
-        ]
-        found += [replace(shape, level=level) for level in _within(aimed, reach)]
-    return found
+    goals = list(zip(_steady_levels(beliefs, reach), _goals(reach), strict=True))
+    return [
+        replace(shape, level=level)
+        for shape in shapes
+        for level in _within([_aimed(shape, start, y, beliefs) for start, y in goals], reach)
+    ]
 
 
 def _aimed(shape: Sweep, level: float, y: float, beliefs: Beliefs) -> float:
     """Level at which a sweep moves the joint that responds most to y."""
     for _ in range(NUM_TRIES):
-        tried = replace(shape, level=level)
-        peaks = peak_displacements(tried, beliefs)
+        peaks = peak_displacements(replace(shape, level=level), beliefs)
         bounded = peaks[np.isfinite(peaks)]
         if not bounded.size:
             return level
@@ -152,9 +156,9 @@ def _aimed(shape: Sweep, level: float, y: float, beliefs: Beliefs) -> float:
     return level
 
 
-def _tones(grid: Grid, beliefs: Beliefs, reach: Reach) -> list[Candidate]:
+def _tones(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[Tones]:
     third = _natural(beliefs) / 3
-    frequencies = grid.frequencies_hz or tuple(_rounded(share * third) for share in THIRDS)
+    frequencies = grid.frequencies or tuple(_rounded(share * third) for share in THIRDS)
     # Far below its resonance the joint is a spring.
     omega_n, gain = beliefs.joints["omega_n"], beliefs.joints["gain"]
     per_metre = float(np.min(np.abs(omega_n**2 - (2 * np.pi * max(frequencies)) ** 2) / gain))
@@ -163,8 +167,8 @@ def _tones(grid: Grid, beliefs: Beliefs, reach: Reach) -> list[Candidate]:
     return [Tones(level, frequencies, dwell, settle, reach.fs) for level in levels]
 
 
-def _steps(grid: Grid, beliefs: Beliefs, reach: Reach) -> list[Candidate]:
-    frequencies = grid.frequencies_hz or _about_resonance(beliefs, reach)
+def _steps(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[Stepped]:
+    frequencies = grid.frequencies or _about_resonance(beliefs, reach)
     levels = grid.levels or _within(_steady_levels(beliefs, reach), reach)
     settle, dwell = _times(grid, beliefs)
     return [Stepped(level, frequencies, dwell, settle, reach.fs) for level in levels]
@@ -172,7 +176,7 @@ def _steps(grid: Grid, beliefs: Beliefs, reach: Reach) -> list[Candidate]:
 
 def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
     """From below the lowest resonance of the largest motion to above the highest of the least."""
-    sliding = np.asarray(backbone(_joints(beliefs), jnp.asarray(reach.max_displacement)).omega)
+    sliding = _resonance(beliefs, reach.max_displacement).omega
     sticking = beliefs.joints["omega_n"]
     width = BANDWIDTHS * float(np.max(beliefs.joints["zeta"] * sticking))
     ends = min(sliding.min(), sticking.min()) - width, max(sliding.max(), sticking.max()) + width
@@ -182,10 +186,13 @@ def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
 def _steady_levels(beliefs: Beliefs, reach: Reach) -> list[float]:
     """Inputs that hold the resonance of the joint that responds most at each goal."""
     gain = beliefs.joints["gain"]
-    forces = [
-        np.asarray(backbone(_joints(beliefs), jnp.asarray(y)).amplitude) for y in _goals(reach)
-    ]
-    return [float(np.min(force / gain)) for force in forces]
+    return [float(np.min(_resonance(beliefs, y).amplitude / gain)) for y in _goals(reach)]
+
+
+def _resonance(beliefs: Beliefs, y: float) -> Backbone:
+    """Resonance of every joint at the displacement y."""
+    theta = {name: jnp.asarray(values) for name, values in beliefs.joints.items()}
+    return backbone(oscillator_of(theta, beliefs.laws), jnp.asarray(y))
 
 
 def _goals(reach: Reach) -> list[float]:
@@ -197,7 +204,7 @@ def _within(levels: Sequence[float], reach: Reach) -> tuple[float, ...]:
     return tuple(sorted({min(_rounded(level), reach.max_input) for level in levels}))
 
 
-def _times(grid: Grid, beliefs: Beliefs) -> tuple[float, float]:
+def _times(grid: TonesTable, beliefs: Beliefs) -> tuple[float, float]:
     """Settling time and time on each tone [s]."""
     settle = _decay(beliefs) if grid.settle is None else grid.settle
     read = READ_PERIODS / _natural(beliefs)
@@ -218,11 +225,6 @@ def _decay(beliefs: Beliefs) -> float:
 
 def _natural(beliefs: Beliefs) -> float:
     return float(np.median(beliefs.joints["omega_n"]) / (2 * np.pi))
-
-
-def _joints(beliefs: Beliefs) -> Oscillator:
-    theta = {name: jnp.asarray(values) for name, values in beliefs.joints.items()}
-    return oscillator_of(theta, beliefs.laws)
 
 
 def _rounded(value: float, digits: int = DIGITS) -> float:

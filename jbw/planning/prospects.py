@@ -4,13 +4,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jbw.campaign.settings import DEFAULT_LAWS
-from jbw.observables.dataset import Dataset
+from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.harmonic_groups import NUM_HARMONICS
 from jbw.observables.records import Records
 from jbw.observables.samples import response_to
@@ -20,26 +20,22 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.cycle import steady_state
 from jbw.oscillator.steady.waveform import synthesis
 from jbw.planning.beliefs import Beliefs
-from jbw.planning.information import fisher
 from jbw.planning.plan import Candidate, Noise, Sweep, Tones
 
+# A test as the identification would reduce it, and 1 for each of its values that is measured.
+Design = tuple[Dataset, Float[Array, " value"]]
 SUBSTEPS = 1  # the exact step at the samples: derivatives to a few parts in a thousand
 NUM_PHASES = 256  # of a period, where its peak is looked for
 
 
 @dataclass(frozen=True)
 class Prospect:
-    """A candidate at every joint that is held possible.
-
-    Attributes:
-        candidate: The test.
-        information: Fisher information of one repeat, joint by joint; zero where not found.
-        y_peak: Peak displacement [m]; NaN where no response was found.
-    """
+    """A candidate at every joint that is held possible."""
 
     candidate: Candidate
+    # Fisher information of one repeat; zero where no response was found.
     information: Float[np.ndarray, " joint parameter parameter"]
-    y_peak: Float[np.ndarray, " joint"]
+    y_peak: Float[np.ndarray, " joint"]  # [m]; NaN where no response was found
 
     @property
     def num_lost(self) -> int:
@@ -56,13 +52,7 @@ def prospects(
     """Information and peak displacement of candidates at every joint.
 
     Records of sweeps are filled up to the length of the longest, for each new length would be
-    compiled anew; what fills them up is not counted.
-
-    Args:
-        candidates: The tests.
-        beliefs: The joints held possible.
-        noise: Noise of the response channel.
-        report: Called with one sentence at every candidate.
+    compiled anew; what fills them up is not counted. `report` is called at every candidate.
     """
     sweeps = [one for one in candidates if isinstance(one, Sweep)]
     longest = max((one.num_samples for one in sweeps), default=0)
@@ -76,15 +66,21 @@ def prospects(
 def _prospect(candidate: Candidate, beliefs: Beliefs, noise: Noise, longest: int) -> Prospect:
     if isinstance(candidate, Sweep):
         y_peak = peak_displacements(candidate, beliefs, longest)
-        data = [sweep_evidence(candidate, noise, longest, beliefs.laws)] * beliefs.num_joints
+        data = [_sweep_design(candidate, beliefs.laws, noise, longest)] * beliefs.num_joints
     else:
-        motions = [_motion(candidate, theta, beliefs.laws) for theta, _ in beliefs.each()]
+        omega, level = 2 * np.pi * np.array(candidate.frequencies_hz), jnp.asarray(candidate.level)
+        motions = [
+            np.asarray(_steady(theta, jnp.asarray(omega), level, beliefs.laws))
+            for theta in beliefs.each()
+        ]
         y_peak = np.array([_crest(motion) for motion in motions])
-        data = [tones_evidence(candidate, motion, noise, beliefs.laws) for motion in motions]
+        data = [_tones_design(candidate, beliefs.laws, noise, motion) for motion in motions]
     information = np.array(
         [
-            fisher(_arrays(theta), beliefs.names, jnp.asarray(scale), told, kept)
-            for (theta, scale), (told, kept) in zip(beliefs.each(), data, strict=True)
+            fisher(theta, beliefs.names, jnp.asarray(scale), planned, kept)
+            for theta, scale, (planned, kept) in zip(
+                beliefs.each(), beliefs.scale, data, strict=True
+            )
         ]
     )
     lost = ~np.isfinite(information).all(axis=(1, 2)) | ~np.isfinite(y_peak)
@@ -95,27 +91,10 @@ def _prospect(candidate: Candidate, beliefs: Beliefs, noise: Noise, longest: int
 def peak_displacements(
     candidate: Sweep, beliefs: Beliefs, longest: int = 0
 ) -> Float[np.ndarray, " joint"]:
-    """Peak displacement of every joint under a sweep [m]; not finite where it diverges.
-
-    Args:
-        candidate: The sweep.
-        beliefs: The joints held possible.
-        longest: Samples to fill the record up to.
-    """
+    """Peak displacement of every joint under a sweep [m]; not finite where it diverges."""
     source = jnp.asarray(_source(candidate, longest))
-    each = [
-        _displacement(_arrays(theta), source, candidate.fs, beliefs.laws)
-        for theta, _ in beliefs.each()
-    ]
+    each = [_displacement(theta, source, candidate.fs, beliefs.laws) for theta in beliefs.each()]
     return np.max(np.abs(np.array(each)), axis=1)
-
-
-def _motion(
-    candidate: Tones, theta: Mapping[str, float], laws: tuple[str, ...]
-) -> Complex[np.ndarray, "tone harmonic"]:
-    """Odd harmonics of the steady displacement [m], NaN where they were not found."""
-    omega = 2 * np.pi * jnp.array(candidate.frequencies_hz)
-    return np.asarray(_steady(_arrays(theta), omega, jnp.asarray(candidate.level), laws))
 
 
 def _crest(motion: Complex[np.ndarray, "tone harmonic"]) -> float:
@@ -124,19 +103,8 @@ def _crest(motion: Complex[np.ndarray, "tone harmonic"]) -> float:
     return float(np.max(np.abs([synthesis(jnp.asarray(q), phase) for q in motion])))
 
 
-def sweep_evidence(
-    candidate: Sweep, noise: Noise, longest: int = 0, laws: tuple[str, ...] = DEFAULT_LAWS
-) -> tuple[Dataset, Float[Array, " value"]]:
-    """A sweep's record, as the identification would reduce it, and which of it is measured.
-
-    The information does not depend on the response that is measured, so that it is left at zero.
-
-    Args:
-        candidate: The sweep.
-        noise: Noise of the response channel.
-        longest: Samples to fill the record up to.
-        laws: Laws of the joint.
-    """
+def _sweep_design(candidate: Sweep, laws: tuple[str, ...], noise: Noise, longest: int) -> Design:
+    """A sweep's record; its information does not depend on the response, which is left at zero."""
     source = _source(candidate, longest)
     planned = Records.design(
         source, candidate.fs, response=noise.response, noise_std=noise.std, substeps=SUBSTEPS,
@@ -146,33 +114,18 @@ def sweep_evidence(
     return Dataset.of([planned]), jnp.asarray(kept, float)
 
 
-def tones_evidence(
+def _tones_design(
     candidate: Tones,
-    motion: Complex[np.ndarray, "tone harmonic"],
+    laws: tuple[str, ...],
     noise: Noise,
-    laws: tuple[str, ...] = DEFAULT_LAWS,
-) -> tuple[Dataset, Float[Array, " value"]]:
-    r"""Harmonics of steady tones, as the identification would read them; all of it is measured.
-
-    Real and imaginary parts of a harmonic read from N samples have the variance
-    $2\sigma^2 / N$ each.
-
-    Args:
-        candidate: The tones.
-        motion: Odd harmonics of the steady displacement [m].
-        noise: Noise of the response channel.
-        laws: Laws of the joint.
-    """
+    motion: Complex[np.ndarray, "tone harmonic"],
+) -> Design:
+    """Odd harmonics of steady tones, all of which is measured."""
     omega = 2 * np.pi * np.array(candidate.frequencies_hz)
     planned = Points.design(
-        omega,
-        candidate.level,
-        motion,
-        response=noise.response,
-        noise_std=noise.std,
-        num_samples=candidate.num_samples,
-        laws=laws,
-    )
+        omega, candidate.level, motion, response=noise.response, noise_std=noise.std,
+        num_samples=candidate.num_samples, laws=laws,
+    )  # fmt: skip
     return Dataset.of([planned]), jnp.ones(2 * planned.position.size * omega.size)
 
 
@@ -185,8 +138,43 @@ def _source(candidate: Sweep, longest: int) -> Float[np.ndarray, " time"]:
         candidate.burst,
         fade=candidate.fade,
     )
-    size = max(candidate.num_samples, longest)
-    return np.asarray(sampled(played, candidate.fs, size))
+    return np.asarray(sampled(played, candidate.fs, max(candidate.num_samples, longest)))
+
+
+@eqx.filter_jit
+def fisher(
+    theta: Mapping[str, Array],
+    names: tuple[str, ...],
+    scale: Float[Array, " parameter"],
+    data: Dataset,
+    kept: Float[Array, " value"],
+) -> Float[Array, "parameter parameter"]:
+    r"""Fisher information of a test about relative changes of the parameters.
+
+    $$F = J^T J, \qquad J = \partial r / \partial x, \qquad \theta_i = \theta_{0,i} + s_i x_i$$
+
+    r being the residual in standard errors, whose derivative does not depend on what is measured,
+    and s the parameter itself where it is positive, so that the standard deviations of x are
+    coefficients of variation. The noise, which the identification integrates out, costs the
+    parameters nothing at this order.
+
+    Args:
+        theta: All parameters by name, in their units.
+        names: Those that are inferred.
+        scale: Units of their relative changes.
+        data: The test as it would be reduced; one repeat, its noise as `noise_std`.
+        kept: 1 for values that are measured, 0 for those that only fill up the record.
+
+    Returns:
+        F [-], in the order of `names`.
+    """
+
+    def moved(x: Float[Array, " parameter"]) -> Float[Array, " value"]:
+        changed = {n: theta[n] + d for n, d in zip(names, scale * x, strict=True)}
+        return stacked({**theta, **changed}, data)
+
+    slope = kept[:, None] * jax.jacfwd(moved)(jnp.zeros(len(names)))
+    return slope.T @ slope
 
 
 @partial(jax.jit, static_argnames=("fs", "laws"))
@@ -205,7 +193,3 @@ def _steady(
 ) -> Complex[Array, "tone harmonic"]:
     """Harmonics of the steady motion, NaN where they were not found."""
     return steady_state(oscillator_of(theta, laws), omega, theta["gain"] * level, NUM_HARMONICS)
-
-
-def _arrays(values: Mapping[str, float]) -> dict[str, Array]:
-    return {name: jnp.asarray(float(value)) for name, value in values.items()}

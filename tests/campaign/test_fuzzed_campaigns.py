@@ -11,9 +11,10 @@ from jbw.campaign.schema import Head, TestSpec, parse, read_spec
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.measurement.kinds import KINDS
+from jbw.planning import EXAMPLE
 from jbw.planning.description import parse as parse_plan
-from jbw.planning.description import read_description
-from jbw.planning.keys import EXAMPLE, SweepTable, TonesTable, plan_table
+from jbw.planning.description import plan_table, read_description
+from jbw.planning.proposals import SweepTable, TonesTable
 
 GOOD = """
 [campaign]

@@ -39,7 +39,7 @@ def plan_file(tmp_path):
 
 @pytest.mark.parametrize("arguments", [["plan"], ["plan", "--example"]])
 def test_without_a_file_the_example_is_printed(capsys, arguments):
-    from jbw.planning.keys import EXAMPLE
+    from jbw.planning import EXAMPLE
 
     assert run(arguments) == 0
     assert capsys.readouterr().out == EXAMPLE

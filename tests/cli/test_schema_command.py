@@ -12,7 +12,7 @@ from jbw.campaign.schema import TestSpec, read_spec
 from jbw.campaign.settings import Identify
 from jbw.cli import run
 from jbw.measurement.kinds import KINDS
-from jbw.planning.keys import EXAMPLE
+from jbw.planning import EXAMPLE
 
 CAMPAIGNS = sorted((Path(jbw.__file__).parents[1] / "notebooks" / "campaigns").glob("*.toml"))
 

@@ -7,13 +7,12 @@ from scipy.signal import lsim
 
 from jbw.inference.space.box import box
 from jbw.planning.beliefs import Beliefs
-from jbw.planning.information import (
+from jbw.planning.judge import (
     covariance,
     information_gain,
     modes,
     repeats_needed,
     spread,
-    wanted_gain,
     worst_decile,
 )
 from jbw.planning.plan import Noise, Stepped, Sweep, Tones
@@ -173,7 +172,7 @@ def test_gain_is_the_mutual_information_of_a_linear_gaussian_problem():
     part = prior[np.ix_(some, some)], data, both[np.ix_(chosen, chosen)]
     entropies = [0.5 * np.linalg.slogdet(m)[1] for m in part]
     expected = entropies[0] + entropies[1] - entropies[2]
-    assert wanted_gain(np.linalg.inv(prior), told, some) == pytest.approx(expected, rel=1e-10)
+    assert information_gain(np.linalg.inv(prior), told, some) == pytest.approx(expected, rel=1e-10)
 
 
 def test_covariance_of_parameters_known_very_differently():

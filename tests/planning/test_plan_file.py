@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from jbw.errors import ConfigError
-from jbw.planning.description import parse, read_description
-from jbw.planning.keys import EXAMPLE, MOTIONS, TABLES
+from jbw.planning import EXAMPLE
+from jbw.planning.description import MOTIONS, TABLES, parse, read_description
 from jbw.units import FACTORS
 
 LEAST = "[plan]\nnatural_hz = 20.0\ndelta = [100.0, 300.0]\nnoise = 1e-5\n"

@@ -82,6 +82,10 @@ class BoucWenLaw(Law):
         ),
     )
     coordinates: ClassVar[Mapping[str, Coordinates]] = {"products": _PRODUCTS}
+    usual: ClassVar[Mapping[str, tuple[str, tuple[float, float]]]] = {
+        "alpha": ("omega_n^2", (0.01, 0.1)),
+        "gamma": ("delta", (0.05, 0.3)),
+    }
 
     alpha: Scalar
     delta: Scalar
