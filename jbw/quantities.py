@@ -41,6 +41,8 @@ def attrs_of(quantities: Iterable[Quantity]) -> dict[str, dict[str, str]]:
     return {quantity.name: quantity.attrs for quantity in quantities}
 
 
+DEFAULT_LAWS = ("bouc_wen",)  # of a joint of which nothing else is said
+
 # Of the linear oscillator, whatever stands across the joint.
 OSCILLATOR = (
     Quantity("omega_n", "ωₙ", "rad/s", "natural frequency, joint stuck", 0.0),

@@ -1,57 +1,56 @@
-"""A campaign looked at channel by channel, without stopping at the first fault."""
+"""Whether records agree with what the campaign file says, its settings with its tests; in a table.
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+What is found stops nothing here: a campaign is looked at channel by channel to its end.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from jbw.campaign.agree import findings, unread
+import numpy as np
+
 from jbw.campaign.files import repeats_of
-from jbw.campaign.load import force_per_unit, test_names
-from jbw.campaign.schema import TestSpec, read_spec
+from jbw.campaign.schema import CampaignSpec, TestSpec, force_per_unit, read_spec, test_names
 from jbw.errors import ConfigError, DataError, JbwError
-from jbw.measurement.checks import Fault, worst
-from jbw.measurement.records import Record
+from jbw.inference.samplers.register import SAMPLERS
+from jbw.measurement.checks import Fault, inspect, worst
+from jbw.measurement.curves import forced_loop, response_curve
+from jbw.measurement.kinds import KINDS, Kind
+from jbw.measurement.passivity import gives_energy, impassive, phase_in_degrees, undecaying
+from jbw.measurement.plausibility import doubts, swapped
+from jbw.measurement.records import INPUTS, Record
+from jbw.measurement.steadiness import unsteady
+
+# Settings that not every kind of test reads, and the traits of those that do.
+READ_BY: dict[str, Callable[[Kind], bool]] = {
+    "fit_levels": lambda kind: kind.is_transient,
+    "fit_repeats": lambda kind: kind.is_transient or kind.is_free,
+    "substeps": lambda kind: kind.is_transient or kind.is_periodic or kind.is_free,
+}
 
 
 @dataclass(frozen=True)
 class Row:
-    """One channel of one test, or one setting.
+    """One channel of one test, or one setting."""
 
-    Attributes:
-        test: The test's name; "[identify]" of a setting.
-        channel: The channel's name or path in the file, or the setting's key.
-        role: What it is.
-        unit: Its unit in the file, as the campaign says.
-        fs: Sampling frequency [Hz]; None when unknown or not a time record.
-        repeats: Repeats that could be read.
-        status: ok, warning or error.
-        findings: What was found in it, over all repeats.
-    """
-
-    test: str
-    channel: str
+    test: str  # the test's name; "[identify]" of a setting
+    channel: str  # its name or path in the file, or the setting's key
     role: str
-    unit: str
-    fs: float | None
-    repeats: int
-    status: str
-    findings: tuple[Fault, ...]
+    unit: str  # in the file, as the campaign says
+    fs: float | None  # sampling frequency [Hz]; None when unknown or not a time record
+    repeats: int  # that could be read
+    status: str  # ok, warning or error
+    findings: tuple[Fault, ...]  # over all repeats
 
 
 @dataclass(frozen=True)
 class Check:
-    """A whole campaign, checked.
-
-    Attributes:
-        campaign: Its name.
-        rows: Its channels.
-        exit_code: 0 when usable, 2 when the campaign file must change, 3 when the data must.
-    """
+    """A whole campaign, checked."""
 
     campaign: str
     rows: tuple[Row, ...]
-    exit_code: int
+    exit_code: int  # 0 when usable, 2 when the campaign file must change, 3 when the data must
 
     @property
     def status(self) -> str:
@@ -70,18 +69,40 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
         ConfigError: The campaign file itself is against the schema.
     """
     path = Path(path)
-    spec = read_spec(path)
-    folder = path.resolve().parent
+    spec, folder = read_spec(path), path.resolve().parent
     rows = [
         Row("[identify]", fault.channel, "", "", None, 0, fault.severity, (fault,))
         for fault in unread(spec)
     ]
-    codes = {0}
+    codes = set()
     for test, name in zip(spec.tests, test_names(spec), strict=True):
-        seen = _looked_at(test, name, folder, allow_outside, force_per_unit(spec))
-        rows += seen.rows(test, name)
-        codes |= seen.codes()
-    return Check(spec.name, tuple(rows), min(codes - {0}, default=0))
+        found: list[Fault] = []
+        failures: list[JbwError] = []
+        first: list[Record] = []
+        repeats = 0
+        for item in repeats_of(test, name, folder, allow_outside=allow_outside):
+            if isinstance(item, Record):
+                repeats += 1
+                per_unit = force_per_unit(spec)
+                for fault in findings(item, test, first, per_unit=per_unit):
+                    found.append(replace(fault, what=f"{item.name}: {fault.what}"))
+                first = first or [_without_samples(item)]
+            elif not isinstance(item, ConfigError | DataError):
+                raise item
+            elif item.args not in [failure.args for failure in failures]:
+                failures.append(item)
+        codes |= {failure.exit_code for failure in failures}
+        codes |= {DataError.exit_code} if worst(found) == "error" else set()
+        fs = first[0].fs if first and first[0].fs == first[0].fs else None
+        # What could not be read is told once a test, in its first channel's row.
+        failed = [Fault("error", "", each.what, each.why, each.remedy) for each in failures]
+        for role, channel in test.channels.items():
+            own = [fault for fault in found if fault.channel == role] + failed
+            own.sort(key=lambda fault: fault.severity)
+            unit = test.units.get(role, "")
+            rows.append(Row(name, channel, role, unit, fs, repeats, worst(own), tuple(own)))
+            failed = []
+    return Check(spec.name, tuple(rows), min(codes, default=0))
 
 
 def as_json(check: Check) -> dict[str, Any]:
@@ -90,62 +111,137 @@ def as_json(check: Check) -> dict[str, Any]:
     return {"campaign": check.campaign, "status": check.status, "channels": channels}
 
 
-@dataclass(frozen=True)
-class _Seen:
-    """What is left of a test once its records have been looked at, one at a time."""
-
-    findings: Sequence[Fault]
-    failures: Sequence[JbwError]
-    fs: float | None
-    repeats: int
-
-    def codes(self) -> set[int]:
-        found = {failure.exit_code for failure in self.failures}
-        return found | ({DataError.exit_code} if worst(self.findings) == "error" else set())
-
-    def rows(self, test: TestSpec, name: str) -> list[Row]:
-        rows = []
-        failed = tuple(
-            Fault("error", "", failure.what, failure.why, failure.remedy)
-            for failure in self.failures
-        )
-        for role, channel in test.channels.items():
-            found = tuple(finding for finding in self.findings if finding.channel == role)
-            found += () if rows else failed  # once a test, in its first channel's row
-            found = tuple(sorted(found, key=lambda finding: finding.severity))
-            unit = test.units.get(role, "")
-            rows.append(Row(name, channel, role, unit, self.fs, self.repeats, worst(found), found))
-        return rows
-
-
-def _looked_at(
-    test: TestSpec, name: str, folder: Path, allow_outside: bool, per_unit: float | None
-) -> _Seen:
-    placed: list[Fault] = []
-    failures: list[JbwError] = []
-    first: list[Record] = []
-    repeats = 0
-    for item in repeats_of(test, name, folder, allow_outside=allow_outside):
-        if isinstance(item, ConfigError | DataError):
-            if item.args not in [failure.args for failure in failures]:
-                failures.append(item)
-            continue
-        if isinstance(item, JbwError):
-            raise item
-        repeats += 1
-        found = findings(item, test, first, per_unit=per_unit)
-        placed += [_placed(finding, item.name) for finding in found]
-        first = first or [_without_samples(item)]
-    fs = first[0].fs if first and first[0].fs == first[0].fs else None
-    return _Seen(placed, failures, fs, repeats)
-
-
-def _placed(finding: Fault, record: str) -> Fault:
-    what = f"{record}: {finding.what}"
-    return Fault(finding.severity, finding.channel, what, finding.why, finding.remedy)
-
-
 def _without_samples(record: Record) -> Record:
     """The record's head, so that a huge campaign is never held in memory."""
     empty = {role: samples[:0].copy() for role, samples in record.channels.items()}
     return Record(record.fs, empty, record.units, record.name)
+
+
+def unread(spec: CampaignSpec) -> Iterator[Fault]:
+    """Settings that the tests of a campaign cannot use: they change nothing, and are told."""
+    traits, settings = [test.traits for test in spec.tests], spec.settings
+    for name, reads in READ_BY.items():
+        if name in settings.keys() and not any(map(reads, traits)):
+            readers = ", ".join(kind.name for kind in KINDS.values() if reads(kind))
+            yield _unread(name, f"only tests of kind {readers} read it, of which there are none")
+    for kind in settings.fit or ():
+        if kind not in {test.kind for test in spec.tests}:
+            yield _unread("fit", f"no test is of kind {kind}")
+    if settings.offsets == "runs" and len(spec.tests) == 1:
+        yield _unread("offsets", "there is one run alone, which nothing can differ from")
+    sampler = SAMPLERS.get(settings.sampler)
+    if settings.num_warmup and sampler and not sampler.draws[0]:
+        yield _unread("num_warmup", f"sampler {sampler.name} has nothing to adapt")
+    if "gain" in settings.prior and not (spec.gain is None and spec.modal_mass is None):
+        yield _unread("prior gain", "the campaign states the gain, which is not identified then")
+    elif "gain" in settings.prior and not any(kind.is_driven for kind in traits):
+        yield _unread("prior gain", "no test has a source whose gain could be identified")
+    if "zeta" in settings.prior and all(kind.is_prescribed for kind in traits):
+        yield _unread("prior zeta", "along a prescribed displacement nothing moves freely")
+
+
+def _unread(name: str, reason: str) -> Fault:
+    return Fault("warning", name, f"`{name}` changes nothing: {reason}.", remedy="Leave it out.")
+
+
+def findings(
+    record: Record, test: TestSpec, first: Sequence[Record] = (), *, per_unit: float | None = None
+) -> tuple[Fault, ...]:
+    """Everything found in a record: by itself, against its test, beside the test's first repeat.
+
+    Args:
+        record: A repeat of the test.
+        test: What the campaign file says.
+        first: The test's first repeat, when this is not it.
+        per_unit: Force per modal mass for one unit of the input, when known.
+    """
+    found = list(inspect(record, masked=test.gaps == "mask"))
+    fits = _fits_curve if test.traits.is_curve else _fits_test
+    contradictions = list(fits(record, test))
+    for other in first:
+        if record.fs != other.fs and not np.isnan(record.fs):
+            contradictions.append(
+                (
+                    f"Repeats of a test must have one sampling frequency, but this has "
+                    f"{record.fs:g} Hz and {other.name} has {other.fs:g} Hz.",
+                    "",
+                    "Make two tests of them.",
+                )
+            )
+    found += [Fault("error", record.response, *told) for told in contradictions]
+    if worst(found) != "error":
+        found += _believable(record, test, per_unit)
+    return tuple(found)
+
+
+def _fits_test(record: Record, test: TestSpec) -> Iterator[tuple[str, str, str]]:
+    """What in a record contradicts the campaign file, why it matters, and the remedy."""
+    nyquist = record.fs / 2
+    if test.band and test.band[1] > nyquist:
+        yield (
+            f"`band` ends at {test.band[1]:g} Hz, above half the sampling frequency "
+            f"({nyquist:g} Hz).",
+            "",
+            f"Lower the band's end to at most {nyquist:g} Hz, or correct fs.",
+        )
+    high = [tone for tone in test.tones if 3 * tone >= nyquist]
+    if high:
+        yield (
+            f"Tone {high[0]:g} Hz must lie below a third of half the sampling frequency "
+            f"({nyquist / 3:.4g} Hz).",
+            "Its third harmonic folds back otherwise.",
+            "Drop the tone, or measure with a higher sampling frequency.",
+        )
+    length = record.num_samples / record.fs
+    needed = test.dwell * len(test.tones) if test.traits.is_stepped else test.settle
+    if needed > length:
+        taken = "the steps take" if test.traits.is_stepped else "`settle` alone takes"
+        yield (
+            f"The record lasts {length:.4g} s, but {taken} {needed:.4g} s.",
+            "",
+            "Correct settle, dwell or tones, or give the whole record.",
+        )
+    if record.num_samples % test.periods:
+        yield (
+            f"The record's {record.num_samples} samples are not {test.periods} whole periods.",
+            "Averages over periods would drift through the record.",
+            "Correct periods, or cut the record to whole ones with span.",
+        )
+
+
+def _fits_curve(record: Record, test: TestSpec) -> Iterator[tuple[str, str, str]]:
+    freq = record.channels["frequency"]
+    freq = freq[np.isfinite(freq)]
+    if "phase" not in record.channels:
+        yield (
+            "The response is real and has no phase.",
+            "An amplitude alone does not tell the damping from the stiffness.",
+            "Name the channel `phase`, or one that holds the complex response.",
+        )
+    if test.band and len(freq) and not np.any((freq >= test.band[0]) & (freq <= test.band[1])):
+        yield (
+            f"No line of the curve, {freq.min():.4g} to {freq.max():.4g} Hz, lies in "
+            f"`band` = [{test.band[0]:g}, {test.band[1]:g}] Hz.",
+            "",
+            "Correct band, or the unit of frequency: it may be rad/s.",
+        )
+
+
+def _believable(record: Record, test: TestSpec, per_unit: float | None) -> Iterator[Fault]:
+    """Doubts that take an estimate from the record, by the kind of its test."""
+    driven = any(role in record.channels for role in INPUTS)
+    traits = test.traits
+    if traits.is_broadband:
+        yield from doubts(record, test.band, delay=test.delay, per_unit=per_unit)
+    elif traits.is_transient and driven:
+        yield from swapped(record)
+    elif traits.is_steady:
+        dwell = test.dwell if traits.is_stepped else None
+        yield from unsteady(record, test.tones, settle=test.settle, dwell=dwell)
+    elif traits.is_curve:
+        yield from phase_in_degrees(record.channels["phase"])
+        yield from impassive(response_curve(record))
+    elif traits.is_prescribed:
+        yield from gives_energy(forced_loop(record))
+    elif traits.is_free:
+        yield from undecaying(record, test.settle)

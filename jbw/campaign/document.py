@@ -60,12 +60,7 @@ def unlike(name: str, known: Iterable[str]) -> str:
 
 
 def text_of(path: Path, what: str, remedy: str) -> str:
-    """Text of a file that somebody wrote.
-
-    Args:
-        path: The file.
-        what: What it should be, for messages.
-        remedy: What to do where there is none.
+    """Text of a file that somebody wrote; messages say what it should be, and what to do.
 
     Raises:
         ConfigError: No such file, or not UTF-8.
@@ -81,11 +76,7 @@ def text_of(path: Path, what: str, remedy: str) -> str:
 
 
 def document_of(source: str, file: str) -> dict[str, Any]:
-    """The document that a TOML text holds.
-
-    Args:
-        source: TOML text.
-        file: Its name, for messages.
+    """The document that the TOML text of a file holds.
 
     Raises:
         ConfigError: Not TOML.
@@ -102,9 +93,8 @@ def document_of(source: str, file: str) -> dict[str, Any]:
 
 def unknown_tables(document: Mapping[str, Any], tables: Collection[str]) -> list[str]:
     """What to say of tables that nobody knows."""
-    return [
-        f"[{key}]: unknown table{unlike(key, tables)}." for key in document if key not in tables
-    ]
+    unknown = [name for name in document if name not in tables]
+    return [f"[{name}]: unknown table{unlike(name, tables)}." for name in unknown]
 
 
 def checked[Found: Table](
@@ -168,27 +158,26 @@ def refuse(file: str, errors: Sequence[str]) -> None:
 
 def json_schema(model: type[Table]) -> dict[str, Any]:
     """JSON Schema of a file's model, for editors: without titles and defaults that say nothing."""
-
-    def plain(node: Any) -> Any:
-        if isinstance(node, list):
-            return [plain(item) for item in node]
-        if not isinstance(node, dict):
-            return node
-        found = {key: plain(item) for key, item in node.items()}
-        if isinstance(found.get("title"), str):
-            del found["title"]
-        default = found.get("default", 0)
-        if default in (None, {}, []) or default != default:  # NaN: nothing is stated
-            found.pop("default")
-        if "anyOf" in found:  # TOML has no null: an optional key is one that is left out
-            options = [option for option in found["anyOf"] if option != {"type": "null"}]
-            found |= {"anyOf": options} if len(options) > 1 else options[0]
-            if len(options) == 1:
-                del found["anyOf"]
-        return found
-
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
-    return head | plain(model.model_json_schema())
+    return head | _plain(model.model_json_schema())
+
+
+def _plain(node: Any) -> Any:
+    if isinstance(node, list):
+        return [_plain(item) for item in node]
+    if not isinstance(node, dict):
+        return node
+    found = {key: _plain(item) for key, item in node.items()}
+    if isinstance(found.get("title"), str):
+        del found["title"]
+    default = found.get("default", 0)
+    if default in (None, {}, []) or default != default:  # NaN: nothing is stated
+        del found["default"]
+    # TOML has no null: an optional key is one that is left out.
+    options = [one for one in found.pop("anyOf", []) if one != {"type": "null"}]
+    if len(options) == 1:
+        return found | options[0]
+    return found | {"anyOf": options} if options else found
 
 
 def toml(value: Any) -> str:

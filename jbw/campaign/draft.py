@@ -1,8 +1,7 @@
 """A first campaign file from what lies in a folder, with comments and every guess marked."""
 
-import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
@@ -50,15 +49,10 @@ FEW_COLUMNS = 16  # a table of more is no record of a few channels
 
 @dataclass(frozen=True)
 class Draft:
-    """A campaign file not yet written.
+    """A campaign file not yet written."""
 
-    Attributes:
-        text: TOML.
-        assumed: What the records did not say, one line each.
-    """
-
-    text: str
-    assumed: tuple[str, ...]
+    text: str  # TOML
+    assumed: tuple[str, ...]  # what the records did not say, one line each
 
 
 def start_campaign(folder: str | Path) -> Draft:
@@ -72,8 +66,12 @@ def start_campaign(folder: str | Path) -> Draft:
     folder = Path(folder)
     if not folder.is_dir():
         raise DataError(f"Folder `{folder}` does not exist.", remedy="Name the folder of records.")
+    files = [p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in READERS]
+    visible = sorted((p for p in files if not p.name.startswith(".")), key=_stem)
     assumed: list[str] = []
-    blocks = [block for files in _groups(folder) for block in _blocks(files, assumed)]
+    blocks = []
+    for _, repeats in groupby(visible, key=_stem):
+        blocks += _blocks(sorted(repeats), assumed)
     if not any("[[test]]" in block for block in blocks):
         raise DataError(
             f"Folder `{folder}` has no measurement file that can be read.",
@@ -93,7 +91,7 @@ def write_campaign(draft: Draft, folder: str | Path) -> Path:
     """
     path = Path(folder) / NAMED
     try:
-        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), "wb") as file:
+        with path.open("xb") as file:
             file.write(draft.text.encode())
     except FileExistsError:
         raise ConfigError(
@@ -103,23 +101,15 @@ def write_campaign(draft: Draft, folder: str | Path) -> Path:
     return path
 
 
-def _groups(folder: Path) -> Iterator[list[Path]]:
-    """Files by test: equal names but for the last number."""
-    files = [p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in READERS]
-    visible = sorted((p for p in files if not p.name.startswith(".")), key=_stem)
-    for _, group in groupby(visible, key=_stem):
-        yield sorted(group)
-
-
 def _stem(path: Path) -> tuple[str, str]:
+    """What the repeats of a test share: the name but for its last number, and the suffix."""
     return re.sub(r"\d+$", "", path.stem), path.suffix.lower()
 
 
 def _blocks(files: Sequence[Path], assumed: list[str]) -> list[str]:
     """The [[test]] tables of some files, or a comment where they cannot be a test."""
-    first = files[0]
     try:
-        leaves = channels_of(first)
+        leaves = channels_of(files[0])
     except JbwError as error:
         assumed.append(error.what)
         return ["".join(f"# {line}\n" for line in error.what.splitlines())]
@@ -137,33 +127,62 @@ def _block(
     assumed: list[str],
 ) -> str:
     """One [[test]] table; as a comment where no channel is named like a response."""
-    first, roles = files[0], _roles_of(series)
+
+    def assume(what: str) -> None:
+        assumed.append(f"{files[0].name}: {what}")
+
+    roles = _roles_of(series)
     if not RESPONSES & set(roles):
-        assumed.append(f"{first.name}: no channel is named like a response.")
+        assume("no channel is named like a response.")
         return _skeleton(files, series or leaves)
-    kind, known = _kind_of(first, roles)
-    notes = [] if known else [f"{first.name}: kind {kind!r} is a guess."]
+    kind, known = _kind_of(files[0], roles)
+    traits = KINDS[kind]
+    if not known:
+        assume(f"kind {kind!r} is a guess.")
     guessed = [role for role, name in roles.items() if "ampl" in _last_name(name)]
-    notes += [f"{first.name}: role {role} of {roles[role]} is a guess." for role in guessed]
+    for role in guessed:
+        assume(f"role {role} of {roles[role]} is a guess.")
     lines = [
         "[[test]]",
         f"kind = {toml(kind)}" + ("" if known else "  # CHECK: a guess"),
         f"files = {toml(_pattern(files))}  # {len(files)} file(s), one repeat each",
         f"channels = {toml(roles)}"
         + (f"  # CHECK: {', '.join(guessed)} is a guess" if guessed else ""),
+        _units({role: series[name] for role, name in roles.items()}, assume),
     ]
-    lines += _units(first, roles, series, notes)
-    if not (traits := KINDS[kind]).is_curve:
-        lines += _sampling(first, roles, series, leaves, notes)
+    timed = "time" in roles or any(series[name].fs for name in roles.values())
+    if not traits.is_curve and not timed:
+        lines.append(_sampling(leaves, assume))
     if traits.is_steady:
         lines.append("tones = [1.0]  # CHECK: frequencies [Hz]")
-        notes.append(f"{first.name}: tones must be given.")
+        assume("tones must be given.")
     if traits.is_stepped:
         lines.append("dwell = 1.0  # CHECK: duration of each step [s]")
     if others := [name for name in series if name not in roles.values()]:
         lines.append(f"# not used: {_listed(others)}")
-    assumed += notes
     return "\n".join([*lines, *commented(TestSpec, OPTIONAL)]) + "\n"
+
+
+def _units(channels: Mapping[str, Leaf], assume: Callable[[str], None]) -> str:
+    units = {
+        role: leaf.unit or si_unit(QUANTITIES[role][0])
+        for role, leaf in channels.items()
+        if role != "time" or leaf.unit  # seconds, unless the file says otherwise
+    }
+    guessed = [role for role in units if not channels[role].unit]
+    for role in guessed:
+        assume(f"unit of {role} assumed to be {units[role]}.")
+    mark = f"  # CHECK: not in the file for {', '.join(guessed)}" if guessed else ""
+    return f"units = {toml(units)}{mark}"
+
+
+def _sampling(leaves: Mapping[str, Leaf], assume: Callable[[str], None]) -> str:
+    for name, leaf in leaves.items():
+        is_scalar = all(length == 1 for length in leaf.shape)
+        if is_scalar and name.lower().strip("_") in ("fs", "fs_hz"):
+            return f"fs = {toml(name)}  # the scalar of that name in the file"
+    assume("the sampling frequency fs must be given.")
+    return "# fs = 1024.0  # CHECK: sampling frequency [Hz], not in the file"
 
 
 def _skeleton(files: Sequence[Path], found: Mapping[str, Leaf]) -> str:
@@ -181,38 +200,6 @@ def _skeleton(files: Sequence[Path], found: Mapping[str, Leaf]) -> str:
         own = toml({**sources, "velocity": "..."})
         lines.append(f"# where the response lies in files of its own: files = {own}")
     return "\n".join(lines) + "\n"
-
-
-def _units(
-    path: Path, roles: Mapping[str, str], leaves: Mapping[str, Leaf], notes: list[str]
-) -> list[str]:
-    units = {
-        role: leaves[name].unit or si_unit(QUANTITIES[role][0])
-        for role, name in roles.items()
-        if role != "time" or leaves[name].unit  # seconds, unless the file says otherwise
-    }
-    guessed = [role for role in units if not leaves[roles[role]].unit]
-    if not guessed:
-        return [f"units = {toml(units)}"]
-    notes += [f"{path.name}: unit of {role} assumed to be {units[role]}." for role in guessed]
-    return [f"units = {toml(units)}  # CHECK: not in the file for {', '.join(guessed)}"]
-
-
-def _sampling(
-    path: Path,
-    roles: Mapping[str, str],
-    series: Mapping[str, Leaf],
-    leaves: Mapping[str, Leaf],
-    notes: list[str],
-) -> list[str]:
-    if "time" in roles or any(series[name].fs for name in roles.values()):
-        return []
-    scalars = [name for name, leaf in leaves.items() if all(n == 1 for n in leaf.shape)]
-    scalar = next((n for n in scalars if n.lower().strip("_") in ("fs", "fs_hz")), "")
-    if scalar:
-        return [f"fs = {toml(scalar)}  # the scalar of that name in the file"]
-    notes.append(f"{path.name}: the sampling frequency fs must be given.")
-    return ["# fs = 1024.0  # CHECK: sampling frequency [Hz], not in the file"]
 
 
 def _pattern(files: Sequence[Path]) -> str | list[str]:

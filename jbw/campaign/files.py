@@ -1,10 +1,10 @@
 """The files that a test means, inside the campaign's folder, and its repeats as records."""
 
+import fnmatch
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from fnmatch import fnmatch
 from pathlib import Path
 
 from jbw.campaign.schema import TestSpec
@@ -34,7 +34,8 @@ def repeats_of(
         yield error
         return
     for parts in sets:
-        dropped = {x for x in test.exclude if isinstance(x, str) and _matches(parts, x)}
+        files = [file.name for file, _ in parts]
+        dropped = {x for x in test.exclude if isinstance(x, str) and fnmatch.filter(files, x)}
         unused -= dropped
         if dropped:  # perhaps because it cannot be read
             number += 1
@@ -47,7 +48,11 @@ def repeats_of(
                 yield item
             number += 1
     if unused:
-        yield _unused(unused, name, number)
+        listed = ", ".join(repr(item) for item in sorted(unused, key=str))
+        yield ConfigError(
+            f"Test {name!r}: `exclude` names {listed}, which is none of its {number} repeats.",
+            remedy="Repeats are counted from zero; file names may hold * and ?.",
+        )
     elif not kept:
         yield DataError(f"Test {name!r} has no repeats left.", remedy="Shorten `exclude`.")
 
@@ -91,10 +96,6 @@ def _only(wanted: Wanted, roles: Sequence[str]) -> Wanted:
     return replace(wanted, channels=channels, units=units, scale=scale)
 
 
-def _matches(parts: Sequence[Part], pattern: str) -> bool:
-    return any(fnmatch(file.name, pattern) for file, _ in parts)
-
-
 def _read(parts: Sequence[Part]) -> tuple[Record | JbwError, ...]:
     try:
         read = [records(file, wanted) for file, wanted in parts]
@@ -103,24 +104,13 @@ def _read(parts: Sequence[Part]) -> tuple[Record | JbwError, ...]:
         return (error,)
 
 
-def _unused(unused: set[int | str], name: str, number: int) -> ConfigError:
-    listed = ", ".join(repr(item) for item in sorted(unused, key=str))
-    return ConfigError(
-        f"Test {name!r}: `exclude` names {listed}, which is none of its {number} repeats.",
-        remedy="Repeats are counted from zero; file names may hold * and ?.",
-    )
-
-
 def found_files(
     patterns: Iterable[str], folder: Path, *, allow_outside: bool = False
 ) -> list[Path]:
     """Files that the patterns name, each once, in the order of the patterns.
 
-    Args:
-        patterns: File names or patterns with * and ?, relative to the folder; $JBW_DATA at their
-            beginning is the folder of that environment variable.
-        folder: The campaign file's folder.
-        allow_outside: Let them lead out of the folder.
+    A pattern is a file's name with * and ? relative to the campaign's folder; $JBW_DATA at its
+    beginning is the folder of that environment variable.
 
     Raises:
         ConfigError: A URL, a path out of the folder, or $JBW_DATA where it is not set.
@@ -128,7 +118,11 @@ def found_files(
     """
     found: list[Path] = []
     for written in patterns:
-        _refuse_url(written)
+        if re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", written):
+            raise ConfigError(
+                f"`files` = {written!r} is a URL, and jbw never fetches anything.",
+                remedy="Download the file first and name it here.",
+            )
         pattern = _with_data_folder(written)
         # First the pattern itself, so that nothing outside is even looked at; then the links.
         _stay_inside(folder / pattern, pattern, folder, allow_outside)
@@ -161,41 +155,26 @@ def _with_data_folder(pattern: str) -> str:
     return str(Path(folder).absolute()) + pattern[len(DATA_FOLDER) :]
 
 
-def _refuse_url(pattern: str) -> None:
-    if re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", pattern):
-        raise ConfigError(
-            f"`files` = {pattern!r} is a URL, and jbw never fetches anything.",
-            remedy="Download the file first and name it here.",
-        )
-
-
 def _matching(pattern: str, folder: Path) -> list[Path]:
     literal = folder / pattern
     if literal.is_file() or not re.search(r"[*?\[]", pattern):
-        matches = [literal] if literal.is_file() else []
-    elif Path(pattern).is_absolute():
-        anchor = Path(Path(pattern).anchor)
-        matches = [*anchor.glob(str(Path(pattern).relative_to(anchor)))]
+        matches = [literal]
     else:
-        matches = [*folder.glob(pattern)]
-    files = sorted((p for p in matches if p.is_file()), key=_natural)
-    if not files:
-        raise _nothing(pattern, folder)
-    return files
+        anchor = Path(literal.anchor) if Path(pattern).is_absolute() else folder
+        matches = anchor.glob(str(literal.relative_to(anchor)))
+    if files := sorted((path for path in matches if path.is_file()), key=_natural):
+        return files
+    found = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    nearest = closest(pattern, found)
+    guess = f"Did you mean `{nearest}`? " if nearest else ""
+    more = f" and {len(found) - 10} more" if len(found) > 10 else ""
+    raise DataError(
+        f"`files` = {pattern!r} matches nothing in `{folder}`.",
+        remedy=f"{guess}Found: {', '.join(found[:10]) or 'nothing'}{more}.",
+    )
 
 
 def _natural(path: Path) -> list[tuple[int, int | str]]:
     """Sorting key with numbers by value, so that run_2 comes before run_10."""
     parts = re.split(r"(\d+)", path.name)
     return [(1, int(part)) if part.isdecimal() else (0, part) for part in parts]
-
-
-def _nothing(pattern: str, folder: Path) -> DataError:
-    found = sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
-    nearest = closest(pattern, found)
-    guess = f"Did you mean `{nearest}`? " if nearest else ""
-    more = f" and {len(found) - 10} more" if len(found) > 10 else ""
-    return DataError(
-        f"`files` = {pattern!r} matches nothing in `{folder}`.",
-        remedy=f"{guess}Found: {', '.join(found[:10]) or 'nothing'}{more}.",
-    )

@@ -4,11 +4,9 @@ import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
-from jbw.campaign.agree import findings, unread
+from jbw.campaign.check import findings, unread
 from jbw.campaign.files import repeats_of
-from jbw.campaign.schema import CampaignSpec, TestSpec, read_spec
+from jbw.campaign.schema import TestSpec, force_per_unit, read_spec, test_names
 from jbw.campaign.settings import DEFAULT_LAWS, Identify, laws_of
 from jbw.errors import JbwError
 from jbw.measurement.files.read import report
@@ -17,27 +15,16 @@ from jbw.measurement.records import Record, Test
 
 @dataclass(frozen=True)
 class Campaign:
-    """Everything that was measured on one joint, in SI.
-
-    Attributes:
-        name: What to call it.
-        folder: Where the campaign file lies.
-        tests: The tests, in the order of the file.
-        gain: Force per modal mass for one volt [N/kg/V], when known.
-        modal_mass: Modal mass [kg], when known.
-        settings: The [identify] table, checked; a mapping of its keys is taken too.
-        path: The campaign file.
-        laws: Names of the laws that stand beside each other across the joint.
-    """
+    """Everything that was measured on one joint, in SI."""
 
     name: str
-    folder: Path
-    tests: tuple[Test, ...]
-    gain: float | None = None
-    modal_mass: float | None = None
-    settings: Identify = field(default_factory=Identify)
-    path: Path = Path()
-    laws: tuple[str, ...] = DEFAULT_LAWS
+    folder: Path  # of the campaign file
+    tests: tuple[Test, ...]  # in the order of the file
+    gain: float | None = None  # force per modal mass for one volt [N/kg/V], when known
+    modal_mass: float | None = None  # [kg], when known
+    settings: Identify = field(default_factory=Identify)  # a mapping of its keys is taken too
+    path: Path = Path()  # of the campaign file
+    laws: tuple[str, ...] = DEFAULT_LAWS  # that stand beside each other across the joint
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "settings", Identify.of(self.settings))
@@ -67,25 +54,6 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     return Campaign(
         spec.name, folder, tuple(tests), spec.gain, spec.modal_mass, spec.settings, path, spec.laws
     )
-
-
-def test_names(spec: CampaignSpec) -> list[str]:
-    """The tests' names: as given, else kind and level, numbered where that is not unique."""
-    taken = {test.name for test in spec.tests}
-    names = []
-    for test in spec.tests:
-        known = "" if np.isnan(test.level) else f" {test.level:g}"
-        base = test.name or f"{test.kind}{known}"
-        candidates = (base if n == 1 else f"{base} ({n})" for n in range(1, len(spec.tests) + 2))
-        name = test.name or next(name for name in candidates if name not in taken)
-        taken.add(name)
-        names.append(name)
-    return names
-
-
-def force_per_unit(spec: CampaignSpec | Campaign) -> float | None:
-    """Force per modal mass for one unit of the input [1/kg, or N/kg/V], when the campaign says."""
-    return spec.gain if spec.modal_mass is None else 1 / spec.modal_mass
 
 
 def _checked(

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
+import numpy as np
 from pydantic import ConfigDict, Field, StrictBool, model_validator
 
 from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
@@ -126,20 +127,27 @@ class CampaignSpec:
     laws: tuple[str, ...] = DEFAULT_LAWS
 
 
-def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
-    """Check the text of a campaign file.
+def test_names(spec: CampaignSpec) -> list[str]:
+    """The tests' names: as given, else kind and level, numbered where that is not unique."""
+    taken = {test.name for test in spec.tests}
+    names = []
+    for test in spec.tests:
+        known = "" if np.isnan(test.level) else f" {test.level:g}"
+        base = test.name or f"{test.kind}{known}"
+        candidates = (base if n == 1 else f"{base} ({n})" for n in range(1, len(spec.tests) + 2))
+        name = test.name or next(name for name in candidates if name not in taken)
+        taken.add(name)
+        names.append(name)
+    return names
+
+
+def force_per_unit(campaign: Any) -> float | None:
+    """Force per modal mass for one unit of the input [1/kg, or N/kg/V], when the campaign says.
 
     Args:
-        source: TOML text.
-        file: Its name, for messages.
-
-    Raises:
-        ConfigError: Not TOML, or anything unknown, missing or of the wrong type; all at once.
+        campaign: As checked, or as loaded with its records.
     """
-    document, errors = document_of(source, file), []
-    spec = _campaign(document, errors)
-    refuse(file, errors)
-    return spec
+    return campaign.gain if campaign.modal_mass is None else 1 / campaign.modal_mass
 
 
 def read_spec(path: Path) -> CampaignSpec:
@@ -148,14 +156,19 @@ def read_spec(path: Path) -> CampaignSpec:
     Raises:
         ConfigError: No such file, not UTF-8 TOML, or against the schema.
     """
-    source = text_of(path, "Campaign file", "Write one with: jbw init FOLDER")
-    return parse(source, path.name)
+    return parse(text_of(path, "Campaign file", "Write one with: jbw init FOLDER"), path.name)
 
 
-def _campaign(document: Mapping[str, Any], errors: list[str]) -> CampaignSpec:
-    errors += unknown_tables(document, CampaignFile.model_fields)
-    head = checked(Head, document.get("campaign", {}), "[campaign]", errors)
-    joint = checked(Joint, document.get("joint", {}), "[joint]", errors)
+def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
+    """Check the TOML text of a campaign file, whose name is for messages.
+
+    Raises:
+        ConfigError: Not TOML, or anything unknown, missing or of the wrong type; all at once.
+    """
+    document = document_of(source, file)
+    errors = unknown_tables(document, CampaignFile.model_fields)
+    head = checked(Head, document.get("campaign", {}), "[campaign]", errors) or Head()
+    joint = checked(Joint, document.get("joint", {}), "[joint]", errors) or Joint()
     tables = document.get("test", [])
     if not isinstance(tables, list) or not tables:
         errors.append("[[test]]: at least one test is needed, each under its own [[test]].")
@@ -164,14 +177,14 @@ def _campaign(document: Mapping[str, Any], errors: list[str]) -> CampaignSpec:
         checked(TestSpec, table, f"[[test]] {i + 1}", errors) for i, table in enumerate(tables)
     ]
     tests = [test for test in found if test is not None]
-    settings = checked(Identify, document.get("identify", {}), "[identify]", errors)
+    settings = checked(Identify, document.get("identify", {}), "[identify]", errors) or Identify()
     if len(tests) == len(tables):
-        errors += [*_repeated_names(tests), *_unknown_levels(tests, settings or Identify())]
-    head, joint, settings = head or Head(), joint or Joint(), settings or Identify()
+        errors += [*_repeated_names(tests), *_unknown_levels(tests, settings)]
     # Laws that are stated are all there are, so that a prior on any other is refused.
     stated = "laws" in joint.model_fields_set
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
     errors += law_errors(laws, settings.prior)
+    refuse(file, errors)
     return CampaignSpec(head.name, tuple(tests), head.gain, head.modal_mass, settings, laws)
 
 

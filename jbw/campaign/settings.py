@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Container, Iterator, Mapping, Sequence
+from math import inf
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, StrictBool
@@ -13,7 +14,6 @@ from jbw.campaign.values import (
     Index,
     Kinds,
     Levels,
-    Modes,
     OneOf,
     Strings,
     strings,
@@ -21,7 +21,7 @@ from jbw.campaign.values import (
 from jbw.errors import ConfigError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.kinds import KINDS
-from jbw.quantities import OSCILLATOR, Quantity
+from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, Quantity
 
 STIFFNESS = "1/s^2"  # unit of a part of omega_n^2
 SPRING = "cubic"  # a prior on its parameter brings the law of this name, unless laws are stated
@@ -94,9 +94,6 @@ class Identify(Table):
     num_samples: Count | None = key(None, "draws kept a chain", 1000)
     num_warmup: Index | None = key(None, "draws to adapt with, a chain", 500)
     seed: Index = key(0, "of the random numbers", 0)
-    modes: Modes = key(
-        (), "frequencies of the modes in the band [Hz], the joint's own first", [18.8]
-    )
     prior: Mapping[str, Bounds] = key(
         dict, "parameter = [lower, upper], in SI", {"zeta": [0.003, 0.006]}
     )
@@ -116,11 +113,7 @@ class Identify(Table):
         return found or cls()
 
     def draws(self, own: tuple[int, int]) -> tuple[int, int]:
-        """Draws of warm-up and draws kept of each chain.
-
-        Args:
-            own: The sampler's own numbers, for what is not stated.
-        """
+        """Draws of warm-up and draws kept, a chain; the sampler's own where none are stated."""
         num_warmup, num_samples = own
         return (
             num_warmup if self.num_warmup is None else self.num_warmup,
@@ -132,20 +125,12 @@ class Joint(Table):
     """The [joint] table: which laws stand beside each other across the joint."""
 
     laws: Strings = key(
-        ("bouc_wen",), "laws of the joint, which stand beside each other", ["bouc_wen", "cubic"]
+        DEFAULT_LAWS, "laws of the joint, which stand beside each other", ["bouc_wen", "cubic"]
     )
 
 
-DEFAULT_LAWS = Joint().laws
-
-
 def laws_of(laws: Sequence[str], prior: Container[Any]) -> tuple[str, ...]:
-    """Names of a campaign's laws: a prior on the cubic stiffness brings it, beside the default.
-
-    Args:
-        laws: As they are stated, or the default.
-        prior: Names of parameters with bounds of their own.
-    """
+    """Names of a campaign's laws: a prior on the cubic stiffness brings it, beside the default."""
     laws = tuple(laws)
     return (*laws, SPRING) if SPRING in prior and laws == DEFAULT_LAWS else laws
 
@@ -154,10 +139,6 @@ def law_errors(laws: Sequence[str], prior: Prior) -> list[str]:
     """What is wrong with a campaign's laws and with the priors on their parameters.
 
     The register of laws loads JAX, so it is asked only where [joint] or a prior needs it.
-
-    Args:
-        laws: Their names.
-        prior: Bounds that the campaign states.
     """
     known = {quantity.name: quantity for quantity in OSCILLATOR}
     if tuple(laws) != DEFAULT_LAWS or set(prior) - set(known):
@@ -167,21 +148,20 @@ def law_errors(laws: Sequence[str], prior: Prior) -> list[str]:
             known |= {quantity.name: quantity for quantity in quantities_of(laws)}
         except ConfigError as error:
             return [f"[joint] laws: {' '.join(filter(None, (error.what, error.remedy)))}"]
-    told = [line for name, pair in prior.items() for line in _out_of_bounds(name, pair, known)]
-    return [f"[identify] prior: {line}" for line in told or _too_stiff(prior, known)]
+    told = [*_out_of_bounds(prior, known)] or [*_too_stiff(prior, known)]
+    return [f"[identify] prior: {line}" for line in told]
 
 
-def _out_of_bounds(
-    name: str, pair: tuple[float, float], known: Mapping[str, Quantity]
-) -> Iterator[str]:
-    if name not in known:
-        yield f"{name}: unknown parameter{_owner(name)}{unlike(name, known)}."
-        return
-    least = known[name].least
-    # Nothing oscillates at omega_n = 0.
-    if least is not None and (pair[0] < least or (name == "omega_n" and pair[0] <= 0)):
-        must = f"at least {least:g}" if least else "positive"
-        yield f"{name}: must be {must}, but its lower bound is {pair[0]:g}."
+def _out_of_bounds(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:
+    for name, (lower, _) in prior.items():
+        if name not in known:
+            yield f"{name}: unknown parameter{_owner(name)}{unlike(name, known)}."
+            continue
+        least = known[name].least
+        # Nothing oscillates at omega_n = 0.
+        if least is not None and (lower < least or (name == "omega_n" and lower <= 0)):
+            must = f"at least {least:g}" if least else "positive"
+            yield f"{name}: must be {must}, but its lower bound is {lower:g}."
 
 
 def _owner(name: str) -> str:
@@ -194,11 +174,10 @@ def _owner(name: str) -> str:
 
 def _too_stiff(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:
     """Stiffnesses of the joint that reach beyond the whole, where nothing holds the structure."""
+    least = prior["omega_n"][0] ** 2 if "omega_n" in prior else inf
     for name, (_, highest) in prior.items():
-        if known[name].unit == STIFFNESS and "omega_n" in prior:
-            least = prior["omega_n"][0] ** 2
-            if highest >= least:
-                yield (
-                    f"{name} < omega_n^2 must hold everywhere, but {name} reaches {highest:g} "
-                    f"and omega_n^2 begins at {least:g}; lower {name}'s upper bound."
-                )
+        if known[name].unit == STIFFNESS and highest >= least:
+            yield (
+                f"{name} < omega_n^2 must hold everywhere, but {name} reaches {highest:g} "
+                f"and omega_n^2 begins at {least:g}; lower {name}'s upper bound."
+            )

@@ -22,13 +22,9 @@ Role = Literal[*ROLES]  # pyright: ignore[reportInvalidTypeForm]
 
 @dataclass(frozen=True)
 class OneOf:
-    """One of the names in a register, as it stands when a file is read.
+    """One of the names in a register, as it stands when a file is read."""
 
-    Attributes:
-        known: The names; called anew each time, for more may be registered.
-    """
-
-    known: Callable[[], Iterable[str]]
+    known: Callable[[], Iterable[str]]  # called anew each time, for more may be registered
 
     def check(self, value: Any) -> str:
         """The name, if it is known."""
@@ -99,13 +95,6 @@ def bounds(value: Any) -> tuple[Any, Any]:
     if len(pair) != 2 or pair[0] >= pair[1]:
         raise ValueError(f"must be [lower, upper] with lower < upper, but is {list(value)}.")
     return pair
-
-
-def unequal(value: Any) -> tuple[Any, ...]:
-    """Numbers, all different."""
-    if len(set(numbers(value))) < len(value):
-        raise ValueError(f"must not repeat a frequency, but is {list(value)}.")
-    return tuple(value)
 
 
 def _sampling(value: Any) -> float | str:
@@ -192,7 +181,6 @@ Kinds = Annotated[
 ]
 Numbers = Annotated[tuple[Positive, ...], BeforeValidator(numbers)]
 Levels = Annotated[tuple[NonNegative, ...], BeforeValidator(numbers)]
-Modes = Annotated[tuple[Positive, ...], BeforeValidator(unequal)]
 Bounds = Annotated[tuple[float, float], BeforeValidator(bounds)]
 Span = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(bounds)]
 Sampling = Annotated[float | str, BeforeValidator(_sampling)]

@@ -8,8 +8,7 @@ import click
 
 from jbw.campaign.check import Check, as_json, check_campaign
 from jbw.campaign.files import repeats_of
-from jbw.campaign.load import test_names
-from jbw.campaign.schema import read_spec
+from jbw.campaign.schema import read_spec, test_names
 from jbw.cli.options import json_option, outside_option
 from jbw.cli.printing import show, show_json
 from jbw.errors import RunError

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jbw
-from jbw.campaign.agree import unread
+from jbw.campaign.check import unread
 from jbw.campaign.schema import parse, read_spec
 from jbw.cli import run
 
@@ -30,7 +30,6 @@ def campaign(settings, *kinds, head=""):
     [
         ("fit_repeats = 2", ["frf", "loop"], "fit_repeats"),
         ("substeps = 2", ["frf"], "substeps"),
-        ("modes = [18.8]", ["sweep"], "modes"),
         ('fit = ["sweep", "noise"]', ["sweep"], "fit"),
         ('offsets = "runs"', ["sweep"], "offsets"),
         ('sampler = "nested"\nnum_warmup = 9', ["sweep"], "num_warmup"),
@@ -62,12 +61,12 @@ def test_check_shows_it_and_loading_warns_of_it(tmp_path, capsys):
     time = np.arange(512) / 256.0
     wave = np.exp(-2.0 * time) * np.cos(60.0 * time)
     np.savetxt(tmp_path / "a.csv", np.c_[time, wave], delimiter=",", header="t,v", comments="")
-    text = campaign("modes = [9.5]", "decay").replace("a.h5", "a.csv")
+    text = campaign('offsets = "runs"', "decay").replace("a.h5", "a.csv")
     units = 'units = { velocity = "m/s" }\nfs = 256.0\n[identify]'
     file = tmp_path / "campaign.toml"
     file.write_text(text.replace("[identify]", units))
     assert run(["check", str(file), "--json"]) == 0
     row = json.loads(capsys.readouterr().out)["channels"][0]
-    assert (row["test"], row["channel"], row["status"]) == ("[identify]", "modes", "warning")
-    with pytest.warns(UserWarning, match=r"campaign.toml, \[identify\]: `modes` changes nothing"):
+    assert (row["test"], row["channel"], row["status"]) == ("[identify]", "offsets", "warning")
+    with pytest.warns(UserWarning, match=r"campaign.toml, \[identify\]: `offsets` changes nothing"):
         jbw.load_campaign(file)
