@@ -7,10 +7,11 @@ from pathlib import Path
 from jbw.campaign.check import findings, unread
 from jbw.campaign.files import repeats_of
 from jbw.campaign.schema import TestSpec, force_per_unit, read_spec, test_names
-from jbw.campaign.settings import DEFAULT_LAWS, Identify, laws_of
+from jbw.campaign.settings import Identify, laws_of
 from jbw.errors import JbwError
 from jbw.measurement.files.read import report
 from jbw.measurement.records import Record, Test
+from jbw.quantities import DEFAULT_LAWS
 
 
 @dataclass(frozen=True)

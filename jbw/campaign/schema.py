@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, StrictBool, model_validator
 
 from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
-from jbw.campaign.settings import DEFAULT_LAWS, Identify, Joint, law_errors, laws_of
+from jbw.campaign.settings import Identify, Joint, law_errors, laws_of
 from jbw.campaign.values import (
     Channels,
     Count,
@@ -29,6 +29,7 @@ from jbw.campaign.values import (
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.kinds import Kind as Traits
 from jbw.measurement.roles import ratio_of
+from jbw.quantities import DEFAULT_LAWS
 
 RESPONSES = {"displacement", "velocity", "acceleration"}
 SOURCES = {"input", "force"}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jbw.campaign.settings import DEFAULT_LAWS, Identify, laws_of
+from jbw.campaign.settings import Identify, laws_of
 from jbw.errors import DataError
 from jbw.identification.linear_step import LinearStep, linear_step
 from jbw.identification.selection import (
@@ -23,6 +23,7 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.line_fit import LineReading
 from jbw.observables.observable import Observable, run_of
 from jbw.observables.register import OBSERVABLES
+from jbw.quantities import DEFAULT_LAWS
 
 logger = logging.getLogger("jbw")
 Report = Callable[[str], None]

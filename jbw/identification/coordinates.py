@@ -17,6 +17,7 @@ from jbw.observables.dataset import Dataset, largest_displacement
 from jbw.oscillator.law import Bounds, Coordinates, Law, Monomial, Scales
 from jbw.oscillator.laws import laws_named
 from jbw.oscillator.oscillator import prior_of
+from jbw.quantities import DEFAULT_LAWS
 
 PAPER = "paper"  # the laws' own parameters
 
@@ -52,7 +53,7 @@ def joint_box(
     gain: tuple[float, float] | None,
     y_peak: float,
     *,
-    laws: tuple[str, ...] = ("bouc_wen",),
+    laws: tuple[str, ...] = DEFAULT_LAWS,
     linear: bool = True,
     forced: bool = False,
 ) -> Box:
@@ -183,9 +184,7 @@ def coordinate_box(
     return box(found)
 
 
-def combinations(
-    names: Iterable[str], laws: tuple[str, ...] = ("bouc_wen",)
-) -> tuple[Product, ...]:
+def combinations(names: Iterable[str], laws: tuple[str, ...] = DEFAULT_LAWS) -> tuple[Product, ...]:
     r"""The products that weak motion knows of every law, and its parameters if not sampled.
 
     Args:

@@ -19,7 +19,7 @@ from jbw.inference.posterior.summary import QUANTILES, evenly_spaced
 from jbw.inference.posterior.verdict import bands_finding
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.oscillator import oscillator_of
-from jbw.quantities import OSCILLATOR
+from jbw.quantities import DEFAULT_LAWS, OSCILLATOR
 
 NUM_DRAWS = 200
 SHARES = (0.1, 0.3, 1.0)  # of the largest amplitude: where the response is looked at
@@ -41,7 +41,7 @@ def effects(
     posterior: xr.Dataset,
     held: Mapping[str, float],
     y_peak: float,
-    laws: tuple[str, ...] = ("bouc_wen",),
+    laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Effects | None:
     r"""What the joint does to frequency and damping at an amplitude Y [m], from its steady loop.
 
@@ -67,7 +67,7 @@ def response_finding(
     posterior: xr.Dataset,
     held: Mapping[str, float],
     y_peak: float,
-    laws: tuple[str, ...] = ("bouc_wen",),
+    laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Finding | None:
     r"""Whether chains agree on what response bands are made of, from every draw.
 

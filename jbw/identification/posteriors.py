@@ -22,6 +22,7 @@ from jbw.inference.space.problem import LogLikelihood
 from jbw.measurement.records import Test
 from jbw.observables.dataset import log_likelihood
 from jbw.observables.records import Records
+from jbw.quantities import DEFAULT_LAWS
 
 logger = logging.getLogger("jbw")
 STEPS = ("joint", "third_order", "opening")
@@ -47,7 +48,7 @@ class Posterior:
     data: PyTree
     fit: Fit
     stepped: bool
-    laws: tuple[str, ...] = ("bouc_wen",)
+    laws: tuple[str, ...] = DEFAULT_LAWS
 
 
 @dataclass(frozen=True)

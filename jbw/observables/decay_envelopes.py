@@ -19,7 +19,7 @@ from jbw.errors import DataError
 from jbw.measurement.demodulation import BandFilter, Reading, band_filter, demodulate, read_decay
 from jbw.measurement.records import Test
 from jbw.observables.observable import Laws, Observable
-from jbw.quantities import derivative_order
+from jbw.quantities import DEFAULT_LAWS, derivative_order
 
 LEAST_VALUES = 16  # of an envelope: a decay of five parameters and three of its own
 HEADROOM = 1.02  # of the strongest record, where the simulated decay begins
@@ -104,13 +104,13 @@ class Envelopes(Observable):
 
     @classmethod
     def reduce(
-        cls, tests: Sequence[Test], *, laws: Laws = ("bouc_wen",), substeps: int | None = None
+        cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
         """Envelopes of the decays of each test."""
         return tuple(cls.of(test, laws=laws, substeps=substeps or 1) for test in tests)
 
     @classmethod
-    def of(cls, test: Test, *, laws: Laws = ("bouc_wen",), substeps: int = 1) -> Self:
+    def of(cls, test: Test, *, laws: Laws = DEFAULT_LAWS, substeps: int = 1) -> Self:
         """Envelopes of the decays of a test, cut to the shortest; `settle` is left out.
 
         Noise and scatter are first guesses.

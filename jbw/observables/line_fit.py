@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from jbw.inference.groups.offsets import Estimate, known_estimate
 from jbw.observables.observable import EXCLUDED, Laws, Observable, Theta, slope_by_offsets
 from jbw.oscillator.oscillator import oscillator_of
+from jbw.quantities import DEFAULT_LAWS
 
 MOST = 6.0  # rms: amplitudes beyond have a share of 1e-8
 NUM_NODES = 24
@@ -57,7 +58,7 @@ class LineReading(Observable):
         y_rms: float,
         run: str = "",
         *,
-        laws: Laws = ("bouc_wen",),
+        laws: Laws = DEFAULT_LAWS,
     ) -> Self:
         """A line fit's omega_n, zeta and gain as data, of motion of displacement `y_rms` [m]."""
         return cls(

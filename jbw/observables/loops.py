@@ -14,6 +14,7 @@ from jbw.measurement.records import Test
 from jbw.observables.observable import Laws, Theta, run_of
 from jbw.observables.repeated import Repeated, Repeats, filled, repeats
 from jbw.oscillator.oscillator import oscillator_of
+from jbw.quantities import DEFAULT_LAWS
 
 
 class Loops(Repeated):
@@ -41,13 +42,13 @@ class Loops(Repeated):
 
     @classmethod
     def reduce(
-        cls, tests: Sequence[Test], *, laws: Laws = ("bouc_wen",), substeps: int | None = None
+        cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
         """All tests side by side; moves of the hysteresis are exact and take no steps."""
         return (cls.of(tests, laws=laws),)
 
     @classmethod
-    def of(cls, tests: Sequence[Test], *, laws: Laws = ("bouc_wen",)) -> Self:
+    def of(cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS) -> Self:
         """Mean force of the repeats of each test under the same displacement.
 
         `settle` seconds at the start are predicted but not compared.

@@ -17,6 +17,7 @@ from jaxtyping import Array, Complex, Float, Key
 
 from jbw.inference.groups.offsets import Estimate
 from jbw.measurement.records import Test
+from jbw.quantities import DEFAULT_LAWS
 
 OFFSETS = ("omega_n", "zeta")  # of a run, where it has its own
 EXCLUDED = 1e6  # times its noise: a group that says nothing any more, and keeps its shape
@@ -72,11 +73,11 @@ class Observable(eqx.Module):
     own_shifts: ClassVar[bool] = False
     most_misfit: ClassVar[float | None] = None
 
-    laws: Laws = eqx.field(static=True, kw_only=True, default=("bouc_wen",))
+    laws: Laws = eqx.field(static=True, kw_only=True, default=DEFAULT_LAWS)
 
     @classmethod
     def reduce(
-        cls, tests: Sequence[Test], *, laws: Laws = ("bouc_wen",), substeps: int | None = None
+        cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
         """Sufficient statistics of tests, in as many parts as their forms ask for.
 

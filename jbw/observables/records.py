@@ -18,7 +18,7 @@ from jbw.observables.line_fit import oscillator_through
 from jbw.observables.observable import OFFSETS, Laws, Theta, run_of
 from jbw.observables.repeated import Repeated, Repeats, repeats
 from jbw.observables.samples import Lines, advance, in_band, lines_of, motion_under, values_of
-from jbw.quantities import LETTER_OF, UNIT_OF, derivative_order
+from jbw.quantities import DEFAULT_LAWS, LETTER_OF, UNIT_OF, derivative_order
 
 NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the first values are read from
 SUBSTEPS = 2  # of the solver between samples, until a fit shows what they take
@@ -58,7 +58,7 @@ class Records(Repeated):
 
     @classmethod
     def reduce(
-        cls, tests: Sequence[Test], *, laws: Laws = ("bouc_wen",), substeps: int | None = None
+        cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
         """Sweeps in time, then whole periods of multisines; a part a form of record."""
         sweeps = [test for test in tests if test.kind != "multisine"]
@@ -75,7 +75,7 @@ class Records(Repeated):
         cls,
         tests: Sequence[Test],
         *,
-        laws: Laws = ("bouc_wen",),
+        laws: Laws = DEFAULT_LAWS,
         substeps: int | None = None,
         periodic: bool = False,
     ) -> Self:
@@ -139,7 +139,7 @@ class Records(Repeated):
         *,
         response: str,
         noise_std: float,
-        laws: Laws = ("bouc_wen",),
+        laws: Laws = DEFAULT_LAWS,
         substeps: int = 1,
     ) -> Self:
         """A planned record, as it would be reduced; what it would measure is left at zero.

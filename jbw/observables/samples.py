@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from jbw.errors import DataError
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.response import Response, simulate
-from jbw.quantities import LETTER_OF
+from jbw.quantities import DEFAULT_LAWS, LETTER_OF
 
 Lines = tuple[int, int]  # the first line of a spectrum that counts, and the one after the last
 
@@ -78,7 +78,7 @@ def motion_under(
     source: Float[Array, " time"],
     fs: float,
     *,
-    laws: tuple[str, ...] = ("bouc_wen",),
+    laws: tuple[str, ...] = DEFAULT_LAWS,
     substeps: int = 2,
     periodic: bool = False,
 ) -> Response:
@@ -112,7 +112,7 @@ def response_to(
     source: Float[Array, " time"],
     fs: float,
     *,
-    laws: tuple[str, ...] = ("bouc_wen",),
+    laws: tuple[str, ...] = DEFAULT_LAWS,
     response: str = "velocity",
     substeps: int = 2,
 ) -> Float[Array, " time"]:

@@ -20,7 +20,7 @@ from jbw.observables.observable import Laws, Theta
 from jbw.observables.repeated import Repeated, Repeats, filled, repeats
 from jbw.oscillator.oscillator import Joint, as_oscillator, oscillator_of
 from jbw.oscillator.steady.balance import refined
-from jbw.quantities import derivative_order
+from jbw.quantities import DEFAULT_LAWS, derivative_order
 
 NUM_NODES = 16
 
@@ -60,14 +60,14 @@ class Points(Repeated):
 
     @classmethod
     def reduce(
-        cls, tests: Sequence[Test], *, laws: Laws = ("bouc_wen",), substeps: int | None = None
+        cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
         """Harmonics of all tests side by side."""
         groups = groups_of(tests)
         return (cls.of(groups, laws=laws),) if groups else ()
 
     @classmethod
-    def of(cls, groups: Sequence[Group], *, laws: Laws = ("bouc_wen",)) -> Self:
+    def of(cls, groups: Sequence[Group], *, laws: Laws = DEFAULT_LAWS) -> Self:
         """Groups side by side; those with the same omega, load and motion share their points."""
         tests: dict[bytes, int] = {}
         omega, load, motion, first = [], [], [], []
@@ -113,7 +113,7 @@ class Points(Repeated):
         response: str,
         noise_std: float,
         num_samples: int,
-        laws: Laws = ("bouc_wen",),
+        laws: Laws = DEFAULT_LAWS,
     ) -> Self:
         r"""Planned tones, as they would be read.
 

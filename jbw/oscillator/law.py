@@ -44,8 +44,6 @@ class Law(eqx.Module):
         table: Every parameter's name, symbol, unit, meaning and least value; a class variable.
         products: What weak motion knows of them; a class variable.
         coordinates: Other parameters to sample in, by name; a class variable.
-        usual: Where a parameter lies as a part of another quantity, for plans that know nothing of
-            it: what it is a part of, and the least and largest part; a class variable.
     """
 
     name: ClassVar[str]

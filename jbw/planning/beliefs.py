@@ -13,10 +13,10 @@ import xarray as xr
 from jaxtyping import Array, Float
 from scipy.stats import qmc
 
-from jbw.campaign.settings import DEFAULT_LAWS
 from jbw.errors import DataError
 from jbw.inference.space.box import Box, box
 from jbw.oscillator.laws import laws_named, quantities_of
+from jbw.quantities import DEFAULT_LAWS
 from jbw.verification.predictive_basis import Draws, laws_of_run, parameter_names, thin
 
 # A single value is known to a factor of two; the natural frequency, which a tap shows, far better.

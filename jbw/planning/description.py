@@ -18,7 +18,7 @@ from jbw.campaign.document import (
     text_of,
     unknown_tables,
 )
-from jbw.campaign.settings import DEFAULT_LAWS, STIFFNESS, Joint
+from jbw.campaign.settings import STIFFNESS, Joint
 from jbw.campaign.values import (
     Count,
     Index,
@@ -33,7 +33,7 @@ from jbw.oscillator.laws import quantities_of
 from jbw.planning.beliefs import Range, ranges_of, shares_of, usual_of
 from jbw.planning.plan import Noise
 from jbw.planning.proposals import GRIDS, Grid
-from jbw.quantities import UNIT_OF
+from jbw.quantities import DEFAULT_LAWS, UNIT_OF
 from jbw.units import quantity_of, to_si
 
 MOTIONS = tuple(UNIT_OF)

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jbw.campaign.settings import DEFAULT_LAWS, Identify, laws_of
+from jbw.campaign.settings import Identify, laws_of
 from jbw.errors import ConfigError
 from jbw.measurement.kinds import kind_named
 from jbw.measurement.records import Test
 from jbw.oscillator.oscillator import Joint, as_oscillator
+from jbw.quantities import DEFAULT_LAWS
 from jbw.rig.conditions import Conditions, check, specimen_of_days
 from jbw.rig.plans import Plan, Preset
 from jbw.rig.presets import PRIOR, TRUTH, plans_named, preset_named

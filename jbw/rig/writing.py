@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from jbw.errors import RunError
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record, Test
+from jbw.quantities import DEFAULT_LAWS
 from jbw.rig.acquisition import RigCampaign
 
 _HEAD = """\
@@ -108,7 +109,7 @@ def _write_text(path: Path, text: str) -> None:
 
 def _campaign_text(campaign: RigCampaign) -> str:
     blocks = [_HEAD.format(name=_toml(campaign.name))]
-    if campaign.laws != ("bouc_wen",):
+    if campaign.laws != DEFAULT_LAWS:
         blocks.append(f"[joint]\nlaws = {_toml(list(campaign.laws))}\n")
     blocks += [_test_text(test) for test in campaign.tests]
     if stated := dict(campaign.settings):

@@ -16,7 +16,7 @@ from jbw.identification.step import Step
 from jbw.inference.posterior.summary import running_mean
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset, largest_displacement
-from jbw.quantities import derivative_order
+from jbw.quantities import DEFAULT_LAWS, derivative_order
 from jbw.verification.backbone import backbone_group
 from jbw.verification.bands import QUANTILES, polar
 from jbw.verification.in_time import predict_motion
@@ -173,7 +173,7 @@ def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
         gamma = np.asarray(steps[name].posterior["posterior"].to_dataset()["gamma"])
         grid = np.linspace(gamma.min(), gamma.max(), 9)
         draws = {n: np.full(9, v) for n, v in steps[name].held.items()} | {"gamma": grid}
-        energy = np.sum(predict_motion(draws, record, ("bouc_wen",))[0] ** 2, axis=-1) / record.fs
+        energy = np.sum(predict_motion(draws, record, DEFAULT_LAWS)[0] ** 2, axis=-1) / record.fs
         smooth = np.polynomial.Polynomial.fit(grid, energy, 4)
         added[f"/steps/{name}/sample_stats"] = _with_conv(steps[name], smooth(gamma), "m^2/s")
     return added

@@ -18,6 +18,7 @@ from jbw.measurement.records import INPUTS, RESPONSES, Test
 from jbw.observables.harmonic_groups import family_of, response_held
 from jbw.observables.observable import OFFSETS
 from jbw.oscillator.laws import quantities_of
+from jbw.quantities import DEFAULT_LAWS
 
 NUM_DRAWS = 100  # outer quantiles of 99 % bands need about as many
 SUBSTEPS = 2  # of the solver a sample, for a run that does not say how many its data took
@@ -160,7 +161,7 @@ def laws_of_run(tree: xr.DataTree) -> Laws:
     """Laws of a run; until 0.1 runs did not name them: there was one, and a spring beside it."""
     if "laws" in tree.attrs:
         return tuple(json.loads(str(tree.attrs["laws"])))
-    return ("bouc_wen", "cubic") if "cubic" in tree["posterior"] else ("bouc_wen",)
+    return (*DEFAULT_LAWS, "cubic") if "cubic" in tree["posterior"] else DEFAULT_LAWS
 
 
 def basis_of(tree: xr.DataTree) -> Basis:

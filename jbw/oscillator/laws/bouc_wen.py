@@ -82,6 +82,7 @@ class BoucWenLaw(Law):
         ),
     )
     coordinates: ClassVar[Mapping[str, Coordinates]] = {"products": _PRODUCTS}
+    # Where plans that know nothing of a parameter look for it: as which part of what.
     usual: ClassVar[Mapping[str, tuple[str, tuple[float, float]]]] = {
         "alpha": ("omega_n^2", (0.01, 0.1)),
         "gamma": ("delta", (0.05, 0.3)),
