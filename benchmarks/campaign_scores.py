@@ -13,7 +13,7 @@ from jbw.errors import ConfigError
 from jbw.identification.assemble import assemble, measured, reading_of
 from jbw.identification.coordinates import box_of
 from jbw.identification.linear_step import linear_step
-from jbw.identification.starts import first_values
+from jbw.identification.prepare import first_values
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.samplers.sampling import sample
 from jbw.observables.dataset import Dataset, log_likelihood, stacked

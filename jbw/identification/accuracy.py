@@ -25,7 +25,18 @@ def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
     $\mathrm{Cov}(\theta, \Delta\ell)$, at most $\mathrm{sd}(\Delta\ell)$ standard deviations.
     """
     change = solver_change(thinned(posterior), data)
-    return None if change is None else solver_error(change)
+    if change is None:
+        return None
+    shift = float(np.std(change))
+    ok = shift < SHIFT
+    return Finding(
+        "solver_error",
+        "ok" if ok else "failed",
+        f"Halving the solver's step moves no posterior mean by more than {shift:.2g} standard "
+        f"deviations; it must be below {SHIFT:g}.",
+        shift,
+        "" if ok else "Set `substeps` in [identify] to twice its value.",
+    )
 
 
 def solver_change(
@@ -37,20 +48,6 @@ def solver_change(
         return None
     draws = {name: jnp.asarray(values) for name, values in theta.items()}
     return np.asarray(_log_likelihoods(draws, finer) - _log_likelihoods(draws, data))
-
-
-def solver_error(change: NDArray[np.float64]) -> Finding:
-    """The finding that follows from a change of the log likelihood of draws."""
-    shift = float(np.std(change))
-    ok = shift < SHIFT
-    return Finding(
-        "solver_error",
-        "ok" if ok else "failed",
-        f"Halving the solver's step moves no posterior mean by more than {shift:.2g} standard "
-        f"deviations; it must be below {SHIFT:g}.",
-        shift,
-        "" if ok else "Set `substeps` in [identify] to twice its value.",
-    )
 
 
 def thinned(

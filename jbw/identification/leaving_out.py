@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from jbw.identification.starts import inside
+from jbw.identification.prepare import inside
 from jbw.inference.fit.costly_fit import costly_fit, linearise
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.verdict import Finding

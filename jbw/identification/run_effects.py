@@ -15,7 +15,6 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Key
-from numpy.typing import NDArray
 from scipy import stats
 
 from jbw.campaign.settings import Identify
@@ -23,7 +22,7 @@ from jbw.identification.accuracy import thinned
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.groups.scatter import Spread, draw_offsets, scatter_grid
 from jbw.inference.posterior.summary import QUANTILES
-from jbw.observables.dataset import Dataset, best_offsets, by_label, estimates, with_directions
+from jbw.observables.dataset import Dataset, by_label, estimates, with_directions
 from jbw.observables.observable import OFFSETS, assemblies_of
 from jbw.quantities import BY_NAME
 
@@ -41,7 +40,7 @@ class Shifts:
         runs: Names of the runs.
         offset: omega_n [rad/s] and zeta [-] of each run less the fit's.
         std: Standard errors.
-        scatter: Standard deviation over runs of each, the errors' part taken out.
+        scatter: Standard deviation over runs of each beyond its errors, a tenth of all at least.
         p: Probability of such differences by chance.
     """
 
@@ -84,28 +83,20 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
     covariance = np.linalg.inv(precision)
     std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     dof = len(OFFSETS) * (int(known.sum()) - 1)
+    seen = np.var(offset, axis=0, ddof=1)
+    beyond = np.maximum(seen - np.mean(std**2, axis=0), 0.01 * seen)
     return Shifts(
         runs=tuple(name for name, one in zip(labels, known, strict=True) if one),
         offset=offset,
         std=std,
-        scatter=_scatter(offset, std),
+        scatter=np.sqrt(beyond),
         p=float(stats.chi2.sf(chi_square, dof)),
     )
 
 
-def _scatter(
-    offset: Float[np.ndarray, "run own"], std: Float[np.ndarray, "run own"]
-) -> NDArray[np.float64]:
-    """Standard deviation of the runs beyond their errors, at least a tenth of what is seen."""
-    seen = np.var(offset, axis=0, ddof=1)
-    return np.sqrt(np.maximum(seen - np.mean(std**2, axis=0), 0.01 * seen))
-
-
-def wanted(shifts: Shifts | None, settings: Identify) -> bool:
+def wanted(shifts: Shifts, settings: Identify) -> bool:
     """Whether runs get offsets: as the campaign says, or where the data show them."""
-    if shifts is None or settings.offsets == "none":
-        return False
-    return settings.offsets == "runs" or shifts.p < BY_CHANCE
+    return settings.offsets == "runs" or (settings.offsets != "none" and shifts.p < BY_CHANCE)
 
 
 def with_offsets(best: Fit, shifts: Shifts, data: Dataset) -> Dataset:
@@ -120,11 +111,6 @@ def with_offsets(best: Fit, shifts: Shifts, data: Dataset) -> Dataset:
         scatters=jnp.asarray(scatter_grid(least, most, assemblies=nested)),
         scatter=jnp.asarray(scatter),
     )
-
-
-def recentred(best: Fit, data: Dataset) -> Dataset:
-    """The dataset linearised about the runs' offsets as they are now known."""
-    return with_directions(best.theta, data, best_offsets(best.theta, data))
 
 
 def sentence_of(shifts: Shifts) -> str:

@@ -20,7 +20,16 @@ from jbw.inference.groups.scatter import log_density_of_offsets
 from jbw.measurement.demodulation import read_decay
 from jbw.observables.decay_envelopes import WINDOW, Envelopes, Match, match
 from jbw.observables.effective_values import correlated_fraction
-from jbw.observables.observable import AmplitudeCurve, Drawn, Draws, Row, Theta
+from jbw.observables.observable import (
+    AmplitudeCurve,
+    Covariance,
+    Drawn,
+    Draws,
+    Row,
+    Rows,
+    Theta,
+    Weighted,
+)
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.response import simulate
 from jbw.quantities import LETTER_OF, UNIT_OF, derivative_order
@@ -67,9 +76,7 @@ class Decays(Envelopes):
         """Envelope of every record, at its best initial state and shift."""
         return self.envelope - self.matches(theta).residual
 
-    def weighted(
-        self, theta: Theta
-    ) -> tuple[Float[Array, "record value"], Float[Array, "record own value"]]:
+    def weighted(self, theta: Theta) -> Weighted:
         """Residuals in standard deviations of the noise, and the shift in that of its scatter."""
         found = self.matches(theta)
         weight = jnp.sqrt(self.fraction) / self.noise_std
@@ -137,7 +144,7 @@ class Decays(Envelopes):
         norms = np.linalg.norm(np.asarray(self.envelope), axis=1)
         return dict(zip(self.names, norms.tolist(), strict=True))
 
-    def with_fitted_noise(self, theta: Theta, left: Mapping[str, Row]) -> Self:
+    def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
         """The decays with the noise of every record, and the scatter of their frequencies."""
         found = matched(theta, self)
         noise = jnp.sqrt(found.misfit / (2 * self.envelope.shape[1] - NUM_OWN))
@@ -146,10 +153,7 @@ class Decays(Envelopes):
         return replace(self, noise_std=noise, shift_std=jnp.asarray(scatter))
 
     def effective_fractions(
-        self,
-        left: Mapping[str, Row],
-        columns: Sequence[Mapping[str, Row]],
-        covariance: Float[np.ndarray, "parameter parameter"],
+        self, left: Rows, columns: Sequence[Rows], covariance: Covariance
     ) -> dict[str, float]:
         """One fraction of all records, by the correlation of what is left of them together."""
         fraction = correlated_fraction(np.stack([left[name] for name in self.names]))

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.inference.groups.offsets import Estimate, known_estimate
-from jbw.observables.observable import EXCLUDED, Laws, Observable, Theta, slope_by_offsets
+from jbw.observables.observable import EXCLUDED, Laws, Observable, Theta, Weighted, slope_by_offsets
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
@@ -117,7 +117,7 @@ class LineReading(Observable):
         left = jax.scipy.linalg.solve_triangular(root, columns, lower=True)
         return left[None, :, 0], left[:, 1:].T[None], jnp.sum(jnp.log(jnp.diag(root)))
 
-    def weighted(self, theta: Theta) -> tuple[Float[Array, "1 read"], Float[Array, "1 own read"]]:
+    def weighted(self, theta: Theta) -> Weighted:
         """Read less predicted, and the offsets' directions, in standard deviations."""
         return self._whitened(theta)[:2]
 

@@ -25,6 +25,9 @@ OF = " / "  # between the name of an assembly and that of one of its runs
 
 Theta = Mapping[str, Array]
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
+Rows = Mapping[str, Row]  # by the groups' labels
+Weighted = tuple[Float[Array, "group value"], Float[Array, "group own value"]]
+Covariance = Float[np.ndarray, "parameter parameter"]
 Draws = Float[np.ndarray, "chain draw"]
 Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, and what was held
 Laws = tuple[str, ...]
@@ -112,9 +115,7 @@ class Observable(eqx.Module):
         """What the parameters predict, a row a group, in the unit of the measured values."""
         raise NotImplementedError
 
-    def weighted(
-        self, theta: Theta
-    ) -> tuple[Float[Array, "group value"], Float[Array, "group own value"]]:
+    def weighted(self, theta: Theta) -> Weighted:
         """Residuals of every group, and directions of its run's offsets, in standard errors."""
         raise NotImplementedError
 
@@ -153,15 +154,12 @@ class Observable(eqx.Module):
         """
         return self
 
-    def with_fitted_noise(self, theta: Theta, left: Mapping[str, Row]) -> "Observable":
+    def with_fitted_noise(self, theta: Theta, left: Rows) -> "Observable":
         """The data with the noise of every group that a fit leaves, by `in_units`."""
         return self
 
     def effective_fractions(
-        self,
-        left: Mapping[str, Row],
-        columns: Sequence[Mapping[str, Row]],
-        covariance: Float[np.ndarray, "parameter parameter"],
+        self, left: Rows, columns: Sequence[Rows], covariance: Covariance
     ) -> dict[str, float]:
         """Fraction of the values of each group that count as independent, where less than one.
 

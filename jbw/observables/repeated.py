@@ -15,11 +15,14 @@ from jbw.inference.groups.offsets import Estimate, estimate
 from jbw.observables.effective_values import BY_CHANCE, MISFIT, effective_fraction, is_coloured
 from jbw.observables.observable import (
     EXCLUDED,
+    Covariance,
     Drawn,
     Draws,
     Observable,
     Row,
+    Rows,
     Theta,
+    Weighted,
     slope_by_offsets,
 )
 
@@ -156,9 +159,7 @@ class Repeated(Observable):
         own = self.repeats
         return jnp.sqrt(own.num_values / own.size) / own.noise_std
 
-    def weighted(
-        self, theta: Theta
-    ) -> tuple[Float[Array, "group value"], Float[Array, "group own value"]]:
+    def weighted(self, theta: Theta) -> Weighted:
         """Residuals and directions in standard errors of a mean."""
         weight = self.weight
         rows = weight[:, None] * self.misfit(theta)
@@ -212,7 +213,7 @@ class Repeated(Observable):
             directions=self.repeats.directions[:, :0],
         )
 
-    def with_fitted_noise(self, theta: Theta, left: Mapping[str, Row]) -> Self:
+    def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
         r"""The data with the noise that a fit leaves, $\sigma^2 = Q / (N K)$."""
         own = self.repeats
         squares = jnp.asarray([np.sum(np.abs(left[label]) ** 2) for label in own.labels])
@@ -220,10 +221,7 @@ class Repeated(Observable):
         return self.with_repeats(noise_std=jnp.sqrt(total / (own.size * own.num_repeats)))
 
     def effective_fractions(
-        self,
-        left: Mapping[str, Row],
-        columns: Sequence[Mapping[str, Row]],
-        covariance: Float[np.ndarray, "parameter parameter"],
+        self, left: Rows, columns: Sequence[Rows], covariance: Covariance
     ) -> dict[str, float]:
         r"""Fraction of independent values where a group is coloured, or misfitted in all repeats.
 

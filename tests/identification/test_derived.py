@@ -9,7 +9,7 @@ import xarray as xr
 
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import assemble, measured
-from jbw.identification.derived import with_derived
+from jbw.identification.joint import with_derived
 from jbw.identification.prepare import explained
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import log_likelihood

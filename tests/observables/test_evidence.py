@@ -13,7 +13,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.joint import joint_step
 from jbw.identification.leaving_out import consistency_finding, leave_one_out
-from jbw.identification.prepare import with_weights
+from jbw.identification.prepare import first_values, with_weights
 from jbw.identification.run_effects import (
     runs_dataset,
     runs_sentence,
@@ -22,7 +22,6 @@ from jbw.identification.run_effects import (
     wanted,
     with_offsets,
 )
-from jbw.identification.starts import first_values
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import box
 from jbw.measurement.records import Record, Test

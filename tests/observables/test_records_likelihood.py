@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from jbw.errors import DataError
-from jbw.identification.derived import draw_noise_std
+from jbw.identification.joint import draw_noise_std
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
 from jbw.observables.records import Records

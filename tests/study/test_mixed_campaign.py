@@ -8,8 +8,7 @@ from jbw import rig
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.coordinates import box_of
-from jbw.identification.prepare import reweight
-from jbw.identification.starts import first_values, fit_from
+from jbw.identification.prepare import first_values, fit_from, reweight
 from jbw.inference.samplers.sampling import sample
 from jbw.observables.dataset import log_likelihood
 

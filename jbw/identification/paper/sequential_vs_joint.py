@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jbw.identification.linear_step import NAMES, LinearStep
+from jbw.identification.linear_step import NAMES
 from jbw.identification.procedure import Identification
 from jbw.identification.step import Step
 
@@ -43,7 +43,11 @@ def compare_routes(found: Identification) -> dict[str, Any]:
 
 def _cut(found: Identification) -> Moments:
     """Mean and sd of every parameter by the step of the paper that identifies it."""
-    moments = {} if found.linear is None else _of_linear(found.linear)
+    moments: Moments = {}
+    if found.linear is not None:
+        mean, variance = found.linear.pooled.mean, np.diag(found.linear.pooled.covariance)
+        pairs = zip(mean.tolist(), np.sqrt(variance).tolist(), strict=True)
+        moments = dict(zip(NAMES, pairs, strict=True))
     for name, wanted in CUT.items():
         if name not in found.steps:
             continue
@@ -52,13 +56,6 @@ def _cut(found: Identification) -> Moments:
         wanted = {*wanted, *(p for p, factor in PRODUCTS.items() if factor in wanted)}
         moments |= {one: own[one] for one in own if one in wanted}
     return moments
-
-
-def _of_linear(linear: LinearStep) -> Moments:
-    sd = np.sqrt(np.diag(linear.pooled.covariance))
-    return {
-        name: (float(m), float(s)) for name, m, s in zip(NAMES, linear.pooled.mean, sd, strict=True)
-    }
 
 
 def _draws_of(step: Step) -> Moments:
