@@ -8,31 +8,48 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from jbw import rig
-    from jbw.campaign.load import Campaign, load_campaign
-    from jbw.errors import ConfigError, DataError, JbwError, ModelError, RunError
-    from jbw.identification.linear import line_fit, pool
-    from jbw.measurement.files.read import read
-    from jbw.measurement.harmonics import harmonics
-    from jbw.measurement.probing import third_order_kernel
-    from jbw.measurement.records import Record, Test
-    from jbw.measurement.spectra import frf
-    from jbw.oscillator import laws
-    from jbw.oscillator.laws.hysteresis import hysteresis_map, hysteresis_rate, steady_loop
-    from jbw.oscillator.laws.springs import Cubic, Polynomial
-    from jbw.oscillator.oscillator import BoucWen, Oscillator
-    from jbw.oscillator.paper.kernels import h1, h3, third_harmonic
-    from jbw.oscillator.paper.smoothing import smoothing
-    from jbw.oscillator.response import Response, simulate
-    from jbw.oscillator.steady.backbone import backbone, frequency_response
-    from jbw.oscillator.steady.continuation import response_curve
-    from jbw.oscillator.steady.cycle import steady_cycle, steady_state
-    from jbw.planning.making import plan_tests
-    from jbw.study.calibration import sbc
-    from jbw.study.compare import compare
-    from jbw.study.identifiability import identifiability
-    from jbw.study.identify import identify
-    from jbw.study.study import Study, load_study
+    from jbw import rig as rig
+    from jbw.campaign.load import Campaign as Campaign
+    from jbw.campaign.load import load_campaign as load_campaign
+    from jbw.errors import ConfigError as ConfigError
+    from jbw.errors import DataError as DataError
+    from jbw.errors import JbwError as JbwError
+    from jbw.errors import ModelError as ModelError
+    from jbw.errors import RunError as RunError
+    from jbw.identification.linear import line_fit as line_fit
+    from jbw.identification.linear import pool as pool
+    from jbw.measurement.files.read import read as read
+    from jbw.measurement.harmonics import harmonics as harmonics
+    from jbw.measurement.probing import third_order_kernel as third_order_kernel
+    from jbw.measurement.records import Record as Record
+    from jbw.measurement.records import Test as Test
+    from jbw.measurement.spectra import frf as frf
+    from jbw.oscillator import laws as laws
+    from jbw.oscillator.laws.hysteresis import hysteresis_map as hysteresis_map
+    from jbw.oscillator.laws.hysteresis import hysteresis_rate as hysteresis_rate
+    from jbw.oscillator.laws.hysteresis import steady_loop as steady_loop
+    from jbw.oscillator.laws.springs import Cubic as Cubic
+    from jbw.oscillator.laws.springs import Polynomial as Polynomial
+    from jbw.oscillator.oscillator import BoucWen as BoucWen
+    from jbw.oscillator.oscillator import Oscillator as Oscillator
+    from jbw.oscillator.paper.kernels import h1 as h1
+    from jbw.oscillator.paper.kernels import h3 as h3
+    from jbw.oscillator.paper.kernels import third_harmonic as third_harmonic
+    from jbw.oscillator.paper.smoothing import smoothing as smoothing
+    from jbw.oscillator.response import Response as Response
+    from jbw.oscillator.response import simulate as simulate
+    from jbw.oscillator.steady.backbone import backbone as backbone
+    from jbw.oscillator.steady.backbone import frequency_response as frequency_response
+    from jbw.oscillator.steady.continuation import response_curve as response_curve
+    from jbw.oscillator.steady.cycle import steady_cycle as steady_cycle
+    from jbw.oscillator.steady.cycle import steady_state as steady_state
+    from jbw.planning.making import plan_tests as plan_tests
+    from jbw.study.calibration import sbc as sbc
+    from jbw.study.compare import compare as compare
+    from jbw.study.identifiability import identifiability as identifiability
+    from jbw.study.identify import identify as identify
+    from jbw.study.study import Study as Study
+    from jbw.study.study import load_study as load_study
 
 __version__ = "0.1.0"
 
@@ -83,51 +100,7 @@ _HOME = {
 # Rooms that are public as a whole.
 _ROOMS = {"laws": "jbw.oscillator.laws", "rig": "jbw.rig"}
 
-__all__ = [
-    "BoucWen",
-    "Campaign",
-    "ConfigError",
-    "Cubic",
-    "DataError",
-    "JbwError",
-    "ModelError",
-    "Oscillator",
-    "Polynomial",
-    "Record",
-    "Response",
-    "RunError",
-    "Study",
-    "Test",
-    "backbone",
-    "compare",
-    "enable_x64",
-    "frequency_response",
-    "frf",
-    "h1",
-    "h3",
-    "harmonics",
-    "hysteresis_map",
-    "hysteresis_rate",
-    "identifiability",
-    "identify",
-    "laws",
-    "line_fit",
-    "load_campaign",
-    "load_study",
-    "plan_tests",
-    "pool",
-    "read",
-    "response_curve",
-    "rig",
-    "sbc",
-    "simulate",
-    "smoothing",
-    "steady_cycle",
-    "steady_loop",
-    "steady_state",
-    "third_harmonic",
-    "third_order_kernel",
-]
+__all__ = [*_HOME, *_ROOMS, "enable_x64"]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def enable_x64() -> None:
