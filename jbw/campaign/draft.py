@@ -8,13 +8,14 @@ from itertools import groupby
 from pathlib import Path
 
 from jbw.campaign.document import commented, toml
-from jbw.campaign.schema import RESPONSES, SOURCES, Head, TestSpec
+from jbw.campaign.schema import Head, TestSpec
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.measurement.files.detect import READERS
 from jbw.measurement.files.read import channels_of
 from jbw.measurement.files.tree import Leaf
 from jbw.measurement.kinds import KINDS
+from jbw.measurement.records import INPUTS, RESPONSES
 from jbw.measurement.roles import QUANTITIES, ROLES, si_of
 from jbw.units import si_unit
 
@@ -132,7 +133,7 @@ def _block(
         assumed.append(f"{files[0].name}: {what}")
 
     roles = _roles_of(series)
-    if not RESPONSES & set(roles):
+    if roles.keys().isdisjoint(RESPONSES):
         assume("no channel is named like a response.")
         return _skeleton(files, series or leaves)
     kind, known = _kind_of(files[0], roles)
@@ -196,7 +197,7 @@ def _skeleton(files: Sequence[Path], found: Mapping[str, Leaf]) -> str:
         '# units = { input = "V", velocity = "m/s" }',
         "# fs = 1024.0",
     ]
-    if sources := {role: _pattern(files) for role in _roles_of(found) if role in SOURCES}:
+    if sources := {role: _pattern(files) for role in _roles_of(found) if role in INPUTS}:
         own = toml({**sources, "velocity": "..."})
         lines.append(f"# where the response lies in files of its own: files = {own}")
     return "\n".join(lines) + "\n"
@@ -253,7 +254,9 @@ def _roles_of(series: Mapping[str, Leaf]) -> dict[str, str]:
     for name, leaf in series.items():
         if (role := _role(name, leaf.unit)) and role not in roles:
             roles[role] = name
-    if {"frequency", "phase", "force", "input"} <= set(roles) and not RESPONSES & set(roles):
+    if {"frequency", "phase", "force", "input"} <= set(roles) and roles.keys().isdisjoint(
+        RESPONSES
+    ):
         # Beside a force and a phase, an amplitude is that of the response.
         roles["acceleration"] = roles.pop("input")
     return roles
@@ -277,7 +280,7 @@ def _kind_of(path: Path, roles: Mapping[str, str]) -> tuple[str, bool]:
     if {"frequency", "phase"} <= set(roles):
         return "frf", True
     name = path.stem.lower()
-    driven = bool(SOURCES & set(roles))
+    driven = not roles.keys().isdisjoint(INPUTS)
     fitting = {"decay": True, "loop": "restoring_force" in roles, "frf": False}
     for hint, kind in {**{kind: kind for kind in KINDS}, **KIND_HINTS}.items():
         if hint in name and fitting.get(kind, driven):

@@ -75,8 +75,13 @@ def _file_sets(test: TestSpec, name: str, folder: Path, allow_outside: bool) -> 
     columns = []
     for patterns in dict.fromkeys(test.files.values()):
         roles = [role for role, own in test.files.items() if own == patterns]
+        channels, units, scale = (
+            {role: table[role] for role in roles if role in table}
+            for table in (test.channels, test.units, test.scale)
+        )
+        some = replace(wanted, channels=channels, units=units, scale=scale)
         files = found_files(patterns, folder, allow_outside=allow_outside)
-        columns.append([(file, _only(wanted, roles)) for file in files])
+        columns.append([(file, some) for file in files])
     counts = {len(column) for column in columns}
     if len(counts) > 1:
         listed = ", ".join(f"{column[0][0].name}: {len(column)}" for column in columns)
@@ -85,15 +90,6 @@ def _file_sets(test: TestSpec, name: str, folder: Path, allow_outside: bool) -> 
             remedy="Files are paired in their natural order; name those that belong together.",
         )
     return [list(parts) for parts in zip(*columns, strict=True)]
-
-
-def _only(wanted: Wanted, roles: Sequence[str]) -> Wanted:
-    """What to take from a file that holds some of the roles."""
-    channels, units, scale = (
-        {role: table[role] for role in roles if role in table}
-        for table in (wanted.channels or {}, wanted.units, wanted.scale)
-    )
-    return replace(wanted, channels=channels, units=units, scale=scale)
 
 
 def _read(parts: Sequence[Part]) -> tuple[Record | JbwError, ...]:

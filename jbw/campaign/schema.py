@@ -28,11 +28,10 @@ from jbw.campaign.values import (
 )
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.kinds import Kind as Traits
+from jbw.measurement.records import INPUTS, RESPONSES
 from jbw.measurement.roles import ratio_of
 from jbw.quantities import DEFAULT_LAWS
 
-RESPONSES = {"displacement", "velocity", "acceleration"}
-SOURCES = {"input", "force"}
 NAN = float("nan")  # where nothing is stated of a number
 
 
@@ -198,13 +197,13 @@ def _needs(test: TestSpec) -> list[str]:
         for role in names
         if role not in roles
     ]
-    if not roles & RESPONSES:
+    if roles.isdisjoint(RESPONSES):
         told.append(f"channels: needs a response, one of {', '.join(sorted(RESPONSES))}.")
     ratios = [role for role, unit in test.units.items() if ratio_of(role, unit) is not None]
     if ratios and not traits.is_curve:
         curves = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)
         told.append(f"units: `{test.units[ratios[0]]}` of `{ratios[0]}` is for kind {curves} only.")
-    if traits.is_driven and not (roles & SOURCES or ratios):
+    if traits.is_driven and roles.isdisjoint(INPUTS) and not ratios:
         told.append(f"channels: kind `{test.kind}` needs `input` or `force`.")
     if traits.is_prescribed and not (
         "displacement" in roles and roles & {"restoring_force", "force"}

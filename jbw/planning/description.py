@@ -189,7 +189,8 @@ def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Desc
     given = document.get("plan", {})
     plan = checked(model, given, "[plan]", errors)
     given = set(given) if isinstance(given, dict) else set()
-    told = _told_twice(given, laws)
+    pairs = [("natural_hz", "omega_n"), *shares_of(laws).items(), ("gain", "modal_mass")]
+    told = [f": give {one} or {other}, not both." for one, other in pairs if {one, other} <= given]
     told += _told_by_run(plan, given, laws) if of_run else _missing(plan, given, laws)
     errors += [f"[plan]{line}" for line in told]
     if of_run and "joint" in document:
@@ -211,11 +212,6 @@ def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Desc
         grids={name: grid for name, grid in grids.items() if grid is not None},
         laws=laws,
     )
-
-
-def _told_twice(given: set[str], laws: tuple[str, ...]) -> list[str]:
-    pairs = [("natural_hz", "omega_n"), *shares_of(laws).items(), ("gain", "modal_mass")]
-    return [f": give {one} or {other}, not both." for one, other in pairs if {one, other} <= given]
 
 
 def _told_by_run(plan: PlanTable | None, given: set[str], laws: tuple[str, ...]) -> list[str]:

@@ -76,6 +76,11 @@ class Reach:
     max_displacement: float  # [m]; levels aim at parts of it
     max_input: float = np.inf  # [V, N or N/kg]
 
+    @property
+    def goals(self) -> list[float]:
+        """Displacements that levels aim at [m]."""
+        return [share * self.max_displacement for share in SHARES]
+
 
 def sampling_for(natural_hz: float) -> float:
     """A power of two with forty samples a period or more [Hz]."""
@@ -137,7 +142,7 @@ def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[Sweep]:
     shapes = [Sweep(1.0, low, high, rate, rest, reach.fs) for rate in rates]
     if grid.levels is not None:
         return [replace(shape, level=level) for shape in shapes for level in grid.levels]
-    goals = list(zip(_steady_levels(beliefs, reach), _goals(reach), strict=True))
+    goals = list(zip(_steady_levels(beliefs, reach), reach.goals, strict=True))
     return [
         replace(shape, level=level)
         for shape in shapes
@@ -162,7 +167,7 @@ def _tones(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[Tones]:
     # Far below its resonance the joint is a spring.
     omega_n, gain = beliefs.joints["omega_n"], beliefs.joints["gain"]
     per_metre = float(np.min(np.abs(omega_n**2 - (2 * np.pi * max(frequencies)) ** 2) / gain))
-    levels = grid.levels or _within([per_metre * y for y in _goals(reach)], reach)
+    levels = grid.levels or _within([per_metre * y for y in reach.goals], reach)
     settle, dwell = _times(grid, beliefs)
     return [Tones(level, frequencies, dwell, settle, reach.fs) for level in levels]
 
@@ -186,17 +191,13 @@ def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
 def _steady_levels(beliefs: Beliefs, reach: Reach) -> list[float]:
     """Inputs that hold the resonance of the joint that responds most at each goal."""
     gain = beliefs.joints["gain"]
-    return [float(np.min(_resonance(beliefs, y).amplitude / gain)) for y in _goals(reach)]
+    return [float(np.min(_resonance(beliefs, y).amplitude / gain)) for y in reach.goals]
 
 
 def _resonance(beliefs: Beliefs, y: float) -> Backbone:
     """Resonance of every joint at the displacement y."""
     theta = {name: jnp.asarray(values) for name, values in beliefs.joints.items()}
     return backbone(oscillator_of(theta, beliefs.laws), jnp.asarray(y))
-
-
-def _goals(reach: Reach) -> list[float]:
-    return [share * reach.max_displacement for share in SHARES]
 
 
 def _within(levels: Sequence[float], reach: Reach) -> tuple[float, ...]:

@@ -4,10 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jbw.campaign.schema import TestSpec, parse
+from jbw.campaign.schema import parse
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
-from jbw.measurement.kinds import KINDS
 
 GOOD = """
 [campaign]
@@ -110,50 +109,6 @@ def test_no_test_at_all():
 def test_repeated_names():
     block = GOOD[GOOD.index("[[test]]") : GOOD.index("[identify]")] + 'name = "a"\n'
     assert "'a' is given to 2 tests" in refused(f"{block}\n{block}")
-
-
-VALUES = st.recursive(
-    st.one_of(
-        st.integers(-(2**40), 2**40), st.floats(), st.booleans(), st.sampled_from(["", "V", "x"])
-    ),
-    lambda inner: st.one_of(
-        st.lists(inner, max_size=3),
-        st.dictionaries(st.sampled_from(["input", "velocity", "zeta", "q"]), inner, max_size=3),
-    ),
-    max_leaves=6,
-)
-
-
-def toml(value):
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(toml, value)) + "]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f'"{value}"' if isinstance(value, str) else repr(value)
-
-
-@pytest.mark.fault(52)
-@settings(max_examples=150, deadline=None)
-@given(
-    test=st.dictionaries(st.sampled_from([*TestSpec.model_fields, "knd"]), VALUES, max_size=6),
-    identify=st.dictionaries(st.sampled_from([*Identify.model_fields, "sed"]), VALUES, max_size=4),
-    kind=st.sampled_from(list(KINDS)),
-)
-def test_any_values_are_accepted_or_refused_plainly(test, identify, kind):
-    lines = [
-        "[[test]]",
-        *(f"{key} = {toml(value)}" for key, value in ({"kind": kind} | test).items()),
-    ]
-    lines += ["[identify]", *(f"{key} = {toml(value)}" for key, value in identify.items())]
-    try:
-        spec = parse("\n".join(lines))
-    except ConfigError:
-        return
-    assert set(identify) <= set(Identify.model_fields)
-    assert set(test) <= set(TestSpec.model_fields)
-    assert spec.tests[0].channels
 
 
 @settings(max_examples=60, deadline=None)

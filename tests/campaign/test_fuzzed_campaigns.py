@@ -121,7 +121,15 @@ def taken_or_refused(check: Callable, source, file: str) -> None:
 def test_any_values_under_any_keys(campaign, test, identify, kind):
     tables = {"[campaign]": campaign, "[[test]]": {"kind": kind} | test, "[identify]": identify}
     source = "\n".join(line for item in tables.items() for line in table(*item))
-    taken_or_refused(parse, source, "campaign.toml")
+
+    def parsed(text):
+        spec = parse(text)
+        assert set(identify) <= set(Identify.model_fields)
+        assert set(test) <= set(TestSpec.model_fields)
+        assert spec.tests[0].channels
+        return spec
+
+    taken_or_refused(parsed, source, "campaign.toml")
 
 
 @pytest.mark.fault(52)
