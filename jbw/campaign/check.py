@@ -14,7 +14,7 @@ from jbw.campaign.files import repeats_of
 from jbw.campaign.schema import CampaignSpec, TestSpec, force_per_unit, read_spec, test_names
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
-from jbw.measurement.checks import Fault, inspect, worst
+from jbw.measurement.checks import Fault, inspect, ordered, worst
 from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.passivity import gives_energy, impassive, phase_in_degrees, undecaying
@@ -132,12 +132,23 @@ def unread(spec: CampaignSpec) -> Iterator[Fault]:
     sampler = SAMPLERS.get(settings.sampler)
     if settings.num_warmup and sampler and not sampler.draws[0]:
         yield _unread("num_warmup", f"sampler {sampler.name} has nothing to adapt")
+    if settings.coordinates != "auto" and not _has_coordinates(spec.laws, settings.coordinates):
+        told = f"no law of the joint ({', '.join(spec.laws)}) has other coordinates to choose"
+        yield _unread("coordinates", told)
     if "gain" in settings.prior and not (spec.gain is None and spec.modal_mass is None):
         yield _unread("prior gain", "the campaign states the gain, which is not identified then")
     elif "gain" in settings.prior and not any(kind.is_driven for kind in traits):
         yield _unread("prior gain", "no test has a source whose gain could be identified")
     if "zeta" in settings.prior and all(kind.is_prescribed for kind in traits):
         yield _unread("prior zeta", "along a prescribed displacement nothing moves freely")
+
+
+def _has_coordinates(laws: Sequence[str], chosen: str) -> bool:
+    """Whether laws have the chosen coordinates, or any beside their own where these are chosen."""
+    from jbw.oscillator.laws import laws_named  # loads JAX
+
+    others = {name for law in laws_named(laws) for name in law.coordinates}
+    return bool(others) if chosen == "paper" else chosen in others
 
 
 def _unread(name: str, reason: str) -> Fault:
@@ -156,6 +167,7 @@ def findings(
         per_unit: Force per modal mass for one unit of the input, when known.
     """
     found = list(inspect(record, masked=test.gaps == "mask"))
+    found += ordered(record) if test.traits.is_curve else []
     fits = _fits_curve if test.traits.is_curve else _fits_test
     contradictions = list(fits(record, test))
     for other in first:

@@ -205,6 +205,8 @@ def _needs(test: TestSpec) -> list[str]:
         told.append(f"units: `{test.units[ratios[0]]}` of `{ratios[0]}` is for kind {curves} only.")
     if traits.is_driven and roles.isdisjoint(INPUTS) and not ratios:
         told.append(f"channels: kind `{test.kind}` needs `input` or `force`.")
+    if lacking := [f"`{role}`" for role in traits.channels if role not in roles]:
+        told.append(f"channels: kind `{test.kind}` needs {' and '.join(lacking)}.")
     if traits.is_prescribed and not (
         "displacement" in roles and roles & {"restoring_force", "force"}
     ):
@@ -230,7 +232,7 @@ def _contradictions(test: TestSpec) -> list[str]:
     # only a curve can leave lines out.
     curves = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)
     is_curve, roles, told = test.traits.is_curve, set(test.channels), []
-    if not is_curve and roles & {"frequency", "phase"}:
+    if not is_curve and (roles - set(test.traits.channels)) & {"frequency", "phase"}:
         told.append(f"channels: `frequency` and `phase` belong to kind {curves}.")
     if not is_curve and test.amplitudes != "peak":
         told.append(

@@ -52,9 +52,7 @@ def inspect(record: Record, *, masked: bool = False) -> tuple[Fault, ...]:
             x, gaps = x[np.isfinite(x)], None
         broken = gaps or _magnitude(role, x)
         found.append(broken)
-        if not broken and role == "frequency":
-            found.append(_ordered(role, x))
-        elif not broken and np.isfinite(record.fs):
+        if not broken and np.isfinite(record.fs):
             found += _signal(role, x, record.fs)
     return tuple(sorted(filter(None, found), key=lambda finding: finding.severity))
 
@@ -132,16 +130,21 @@ def _largest(x: NDArray[np.float64]) -> float:
     return max(map(abs, _extremes(x)))
 
 
-def _ordered(role: str, x: NDArray[np.float64]) -> Fault | None:
+def ordered(record: Record) -> list[Fault]:
+    """Whether the lines of a curve go one way."""
+    x = record.channels["frequency"]
+    x = x[np.isfinite(x)]
     steps = np.diff(x)
     if np.all(x > 0) and (np.all(steps > 0) or np.all(steps < 0)):
-        return None
-    return Fault(
-        "error",
-        role,
-        "Frequencies must be positive and go one way.",
-        remedy="Sort the lines of the measured FRF and drop repeated ones and 0 Hz.",
-    )
+        return []
+    return [
+        Fault(
+            "error",
+            "frequency",
+            "Frequencies must be positive and go one way.",
+            remedy="Sort the lines of the measured FRF and drop repeated ones and 0 Hz.",
+        )
+    ]
 
 
 def _dead(role: str, x: NDArray[np.float64]) -> Fault | None:

@@ -24,6 +24,7 @@ class Kind(NamedTuple):
         is_free: Nothing drives the structure while it is recorded.
         is_prescribed: The displacement is given: nothing moves freely.
         is_curve: A line for each frequency, not samples in time; lines may be masked.
+        channels: Roles that a test must have, where no trait above says them.
     """
 
     name: str
@@ -36,11 +37,19 @@ class Kind(NamedTuple):
     is_free: bool = False
     is_prescribed: bool = False
     is_curve: bool = False
+    channels: tuple[str, ...] = ()
 
     @property
     def is_driven(self) -> bool:
         """Whether a source drives the structure while it is recorded."""
+        if self.channels:
+            return "input" in self.channels or "force" in self.channels
         return not (self.is_free or self.is_prescribed)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it has no trait, so that its observable alone says what is done with it."""
+        return True not in self
 
 
 KINDS: dict[str, Kind] = {}

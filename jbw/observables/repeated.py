@@ -133,6 +133,11 @@ class Repeated(Observable):
         size = int(self.repeats.size[group])
         return slice(size // 2 if self.is_complex else size)
 
+    def coordinate(self, group: int) -> tuple[str, str, Float[np.ndarray, " value"]]:
+        """What the compared values of a group stand over: name, unit, places; here, numbers."""
+        count = np.asarray(self.mean)[group][self.compared(group)].size
+        return "number", "1", np.arange(1.0, count + 1.0)
+
     @property
     def labels(self) -> tuple[str, ...]:
         """Name of each group."""

@@ -21,8 +21,14 @@ Memory = Any
 
 def slope(law: Law, y: Scalar, memory: Memory, direction: Scalar) -> Scalar:
     """Slope dF/dy of a motion in a direction [1/s^2]."""
+    like = jnp.broadcast_shapes(
+        *(jnp.shape(x) for x in jax.tree.leaves((law, y, memory, direction)))
+    )
     sign = signed(1.0, direction)
-    rate = jax.tree.map(lambda x: jnp.asarray(x, float), law.rate(y, sign, memory))
+    y, sign, memory, rate = jax.tree.map(
+        lambda x: jnp.broadcast_to(x, like).astype(float),
+        (y, sign, memory, law.rate(y, sign, memory)),
+    )
     _, rise = jax.jvp(
         lambda y, memory: jnp.asarray(law.force(y, sign, memory), float),
         (y, memory),

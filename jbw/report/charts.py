@@ -22,6 +22,7 @@ from jbw.report.result import (
     tests,
     unit_of,
     unwrapped_band,
+    verified,
 )
 from jbw.report.style import BAND, INK, MODEL, PREDICTIVE, REPEATS
 from jbw.report.text import axis_label
@@ -91,7 +92,7 @@ def charts_of(tree: xr.DataTree) -> list[Chart]:
     """
     found = []
     makers: tuple[Callable[[xr.DataTree], list[Chart]], ...] = (
-        _frfs, _curves, _in_time, _loops, _forced_loops, _backbone,
+        _frfs, _curves, _in_time, _loops, _forced_loops, _groups, _backbone,
     )  # fmt: skip
     for make in makers:
         try:
@@ -236,6 +237,24 @@ def _forced_loops(tree: xr.DataTree) -> list[Chart]:
         unit = unit_of(test["measured_force"])
         axes = ("displacement [mm]", axis_label("restoring force", unit))
         charts.append(Chart(f"Forced loop {_called(name, test)}", axes, lines))
+    return charts
+
+
+def _groups(tree: xr.DataTree) -> list[Chart]:
+    """Return tests of further kinds over their own coordinate, a chart a group of values."""
+    charts = []
+    for _, name, test in verified(tree, "axis"):
+        axis = str(test.attrs["axis"])
+        for label, group in test.groupby("group"):
+            one = group.sortby(axis)
+            place = np.asarray(one[axis], float)
+            lines = _of_test(
+                place, quantiles(one, "model_band"), one["measured"], MODEL, _called(name, test)
+            )
+            kind = str(test.attrs.get("kind", "response")).replace("_", " ")
+            across = axis_label(axis, unit_of(one[axis]))
+            axes = (across, axis_label(kind, unit_of(one["measured"])))
+            charts.append(Chart(f"{kind} {label}", axes, lines))
     return charts
 
 

@@ -7,6 +7,8 @@ import xarray as xr
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
+from jbw.errors import DataError
+from jbw.report.records import BANDS, short
 from jbw.report.result import (
     beside,
     fitted_text,
@@ -16,8 +18,9 @@ from jbw.report.result import (
     tests,
     unit_of,
     unwrapped_band,
+    verified,
 )
-from jbw.report.style import LEVELS, Panels, legend, log_y, plain, shade, stacks, title
+from jbw.report.style import INK, LEVELS, Panels, legend, log_y, plain, shade, stacks, title
 from jbw.report.text import axis_label
 
 MOST_MARKS = 60
@@ -51,6 +54,41 @@ def verification_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     for row, label in ((1, "phase [°]"), (2, "off the median [%]")):
         for each in axes[row::3, 0]:
             each.set_ylabel(label)
+    legend(axes, ax)
+    return axes
+
+
+def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw tests of further kinds over their own coordinate, against the model's bands.
+
+    Panels: one a test.
+
+    Raises:
+        DataError: If there is none.
+    """
+    found = [(name, test) for _, name, test in verified(tree, "axis")]
+    if not found:
+        raise DataError("The result has no test of a further kind.")
+    axes, stack = stacks(ax, len(found), 1, height=2.5)
+    for (only,), (name, test) in zip(stack, found, strict=True):
+        axis = str(test.attrs["axis"])
+        for _, group in test.groupby("group"):
+            one = group.sortby(axis)
+            place = np.asarray(one[axis], float)
+            for variable, colour, label in BANDS:
+                if variable in one:
+                    low, _, high = quantiles(one, variable)
+                    shade(only, place, low, high, colour, label, alpha=0.5)
+            if "measured" in one:
+                look = {"color": INK, "ms": 3, "mfc": "none"}
+                only.plot(place, one["measured"], "o", label="measured", **look)
+        level = level_text(test) if "level" in test.attrs else ""
+        words = (short(plain(name), 32), level, fitted_text(test))
+        title(only, ", ".join(filter(None, words)), size=8)
+        only.locator_params(axis="x", nbins=5)
+        only.set_xlabel(axis_label(plain(axis), unit_of(test[axis])))
+        kind = plain(str(test.attrs.get("kind", "response")).replace("_", " "))
+        only.set_ylabel(axis_label(kind, unit_of(test["model_band"])))
     legend(axes, ax)
     return axes
 

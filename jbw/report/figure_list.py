@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from jbw.report.backbone import amplitude_curves, backbone
 from jbw.report.convergence import running_means, trace_rank
-from jbw.report.curves import verification_curves
+from jbw.report.curves import verification_curves, verification_groups
 from jbw.report.identifiability import information_spectrum, profile_curves
 from jbw.report.kernel import harmonic_spectrum, kernel_bands
 from jbw.report.linear import linear_frf, softening, verification_frf
@@ -160,6 +160,13 @@ FIGURE_LIST = (
         "Does the model follow the force along a prescribed displacement?",
         "Measured loops and the model's 99 % parameter band, beside the best linear spring. The "
         "energy lost is the work of the force over the whole record.",
+    ),
+    Entry(
+        "groups",
+        verification_groups,
+        "extra_groups",
+        "Does the model predict tests of kinds that were added to jbw?",
+        "Means of the repeats over the coordinate of such a test, with the model's 99 % bands.",
     ),
     Entry(
         "multisine",

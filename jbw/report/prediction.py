@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from jbw.report.curves import verification_curves
+from jbw.report.curves import verification_curves, verification_groups
 from jbw.report.loops import verification_loops
 from jbw.report.records import (
     PREDICTIVE_LABEL,
@@ -50,6 +50,8 @@ def prediction(name: str, dataset: xr.Dataset) -> Panels:
         name: Name of the test.
         dataset: From `jbw.verification.predict.predict`.
     """
+    if "axis" in dataset.attrs:
+        return verification_groups(_tree(str(dataset.attrs["kind"]), {name: dataset}))
     variables = set(map(str, dataset.data_vars))
     if "record" in dataset.dims:
         if {"measured", "predictive_band"} <= variables:

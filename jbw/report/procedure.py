@@ -9,13 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyBboxPatch
 
 from jbw.report.loops import enclosed_areas
-from jbw.report.result import Parameter, branch, node, of_law, parameters
+from jbw.report.result import Parameter, branch, node, of_law, parameters, verified
 from jbw.report.style import GREEN, INK, SOFT, VERMILLION, panels
 from jbw.report.text import NOTHING, number, percent, quantity, spread_text
 
 SAMPLERS = {"nuts": "NUTS", "paper": "paper's walk", "walk": "tuned walk"}
 COLOURS = {"ok": GREEN, "failed": VERMILLION, "not assessed": INK}
-COMPARED = ("sweep", "curve", "loop", "multisine", "decay")
 LINE = 0.17  # height of a line of text [in]
 PAD, GAP = 0.1, 0.2  # above and below the text of a box, and between boxes [in]
 
@@ -159,11 +158,8 @@ def _outcome(told: xr.Dataset, name: str, texts: list[str], who: str) -> Outcome
 def _verified(tree: xr.DataTree) -> list[Outcome]:
     """Return the errors of all tests, those that were fitted and those that were not."""
     errors: dict[bool, list[float]] = {False: [], True: []}
-    for kind in COMPARED:
-        parent = node(tree, f"verification/{kind}")
-        for test in parent.children.values() if parent is not None else ():
-            if "nrmse" in test.attrs:
-                errors[bool(test.attrs.get("fitted", 1))].append(float(test.attrs["nrmse"]))
+    for _, _, test in verified(tree, "nrmse"):
+        errors[bool(test.attrs.get("fitted", 1))].append(float(test.attrs["nrmse"]))
     return [
         Outcome(f"{len(errors[fitted])} {called}", "", f"error {_range(errors[fitted])}", "")
         for fitted, called in ((True, "fitted"), (False, "not fitted"))

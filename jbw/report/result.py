@@ -101,6 +101,17 @@ def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Data
     return sorted(found, key=lambda test: float(test[1].attrs.get("level", 0.0)))
 
 
+def verified(tree: xr.DataTree, attribute: str) -> list[tuple[str, str, xr.Dataset]]:
+    """Return every test beside its prediction that has an attribute: its group, name and bands."""
+    verification = node(tree, "verification")
+    return [
+        (group, name, test.to_dataset())
+        for group, parent in (verification.children if verification is not None else {}).items()
+        for name, test in parent.children.items()
+        if attribute in test.attrs
+    ]
+
+
 def names_of(tree: xr.DataTree, summary: Mapping[str, Any] | None = None) -> dict[str, Quantity]:
     """Return symbol, unit and meaning of every parameter of a run, by name.
 

@@ -23,11 +23,11 @@ from jbw.inference.samplers.checkpointing import Keep, nowhere
 from jbw.inference.space.box import require_float64
 from jbw.measurement.records import INPUTS, Test
 from jbw.quantities import gain_unit
-from jbw.report.result import node
+from jbw.report.result import node, verified
 from jbw.study.collect import collect
 from jbw.study.identifiability import as_group, look_again, plain
 from jbw.study.study import Study, input_hashes
-from jbw.verification.verify import KINDS, prediction_findings
+from jbw.verification.verify import prediction_findings
 
 logger = logging.getLogger("jbw")
 VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy", "scipy")
@@ -197,18 +197,17 @@ def _step(step: Step, truth: Mapping[str, float]) -> dict[str, Any]:
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:
     """Coverage and error by test, beside a linear oscillator's; None where not known."""
     found = {}
-    for kind in KINDS:
-        for name, test in _tests(tree, f"verification/{kind}").items():
-            attrs = test.attrs
-            # Tests of several kinds may share a name with another's group.
-            called = name if name not in found else f"{name} ({kind})"
-            found[called] = {
-                "kind": kind,
-                "level": _known(attrs, "level"),
-                "level_unit": str(attrs.get("level_unit", "")),
-                "fitted": bool(attrs["fitted"]),
-                **{key: _known(attrs, key) for key in ERRORS},
-            }
+    for kind, name, test in verified(tree, "nrmse"):
+        attrs = test.attrs
+        # Tests of several kinds may share a name with another's group.
+        called = name if name not in found else f"{name} ({kind})"
+        found[called] = {
+            "kind": kind,
+            "level": _known(attrs, "level"),
+            "level_unit": str(attrs.get("level_unit", "")),
+            "fitted": bool(attrs["fitted"]),
+            **{key: _known(attrs, key) for key in ERRORS},
+        }
     return found
 
 

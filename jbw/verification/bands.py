@@ -20,7 +20,7 @@ def errors(
     measured: NDArray[np.float64],
     model: Float[np.ndarray, "draw value"],
     others: Mapping[str, NDArray[np.float64]],
-    noise_std: float | None,
+    noise_std: float | NDArray[np.float64] | None,
     repeats: Float[np.ndarray, "repeat value"] | None = None,
 ) -> dict[str, float]:
     r"""How far a test lies from the model, and from the oscillators it is compared with.
@@ -29,7 +29,7 @@ def errors(
         measured: Mean of the repeats.
         model: Its prediction by every draw.
         others: Its prediction by other oscillators, by their names.
-        noise_std: Noise of what is counted, where it is known.
+        noise_std: Noise of what is counted, where it is known; one for all values or one each.
         repeats: What is counted, where it is not the mean.
 
     Returns:

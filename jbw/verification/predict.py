@@ -13,6 +13,7 @@ from jbw.measurement.records import Test
 from jbw.verification.bands import QUANTILES, band
 from jbw.verification.curves import predict_curve
 from jbw.verification.decays import predict_decay
+from jbw.verification.groups import has_groups_alone, predict_groups
 from jbw.verification.in_time import predict_records
 from jbw.verification.planned import predict_planned
 from jbw.verification.predicted import LEFT_OUT, Predicted, Source, is_measured
@@ -94,6 +95,8 @@ def predicted(source: Source, test: Test) -> Predicted:
 def _route(test: Test) -> Callable[[Source, Test], Predicted]:
     """How a test is predicted; under a recorded input from rest, unless it is another motion."""
     traits = test.traits
+    if has_groups_alone(test):
+        return predict_groups
     if traits.is_free:
         return predict_decay
     if traits.is_prescribed:
@@ -109,7 +112,7 @@ def _source(basis: Basis, test: Test, asked: Request) -> Source:
     if route is predict_decay:
         draws = basis.thinned(most, basis.decay)
     else:
-        if route in (predict_records, predict_periods):
+        if route in (predict_records, predict_periods, predict_groups):
             most = min(most, max(FEWEST, MOST_SAMPLES // test.records[0].num_samples))
         draws = basis.draws(most, _gain(basis, test, asked.gain), asked.seed)
     return Source(basis, draws, noise=asked.noise, bare=0.0, seed=asked.seed)

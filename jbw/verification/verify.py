@@ -21,6 +21,7 @@ from jbw.quantities import derivative_order
 from jbw.verification.backbone import amplitude_verification
 from jbw.verification.curves import curves_of, predict_curves
 from jbw.verification.decays import verify_decays
+from jbw.verification.groups import has_groups_alone
 from jbw.verification.in_time import compare_frfs, compare_records, motion_of
 from jbw.verification.predict import predicted
 from jbw.verification.predicted import ALIKE, Predicted, Source
@@ -33,7 +34,6 @@ BAND = (0.75, 1.25)  # of the natural frequency: where FRFs are shown
 BETTER = 1.1  # times the error of a simpler oscillator: beyond, that one is the better model
 LEAST_COVERAGE = 0.95  # of a 99 % band over a record
 LEAST_VALUES = 50  # of a record whose coverage says something
-KINDS = ("sweep", "curve", "loop", "multisine", "decay")
 SIMPLER = ("linear", "cubic")
 Groups = dict[str, xr.Dataset]
 
@@ -129,7 +129,7 @@ def verify_forced(
     for (name, curve), one in zip(curves.items(), compared, strict=True):
         add("curve", name, one, curve.test.name in names)
     for test in tests:
-        if test.traits.is_prescribed or test.is_cyclic:
+        if test.traits.is_prescribed or test.is_cyclic or has_groups_alone(test):
             one = predicted(long if test.is_cyclic else source, test)
             add(test.kind, test.name, one, test.name in names)
     used = {safe(name) for name in names}
@@ -191,11 +191,11 @@ def prediction_findings(tree: xr.DataTree) -> list[Finding]:
         oscillator, where one was compared; and `held_out_coverage`, whose number is the least share
         of a record that no fit saw inside its 99 % band, where there was any.
     """
+    parents = tree["verification"].children if "verification" in tree.children else {}
     tests = {
-        name: {"group": kind, **one.attrs}
-        for kind in KINDS
-        if (path := f"/verification/{kind}") in tree.groups
-        for name, one in tree[path].children.items()
+        name: {"group": group, **one.attrs}
+        for group, parent in parents.items()
+        for name, one in parent.children.items()
         if "nrmse" in one.attrs
     }
     return [*_simpler(tests), *_coverage(tests)]

@@ -33,6 +33,8 @@ def campaign(settings, *kinds, head=""):
         ('fit = ["sweep", "noise"]', ["sweep"], "fit"),
         ('offsets = "runs"', ["sweep"], "offsets"),
         ('sampler = "nested"\nnum_warmup = 9', ["sweep"], "num_warmup"),
+        ('coordinates = "products"\n[joint]\nlaws = "jenkins_3"', ["sweep"], "coordinates"),
+        ('coordinates = "paper"\n[joint]\nlaws = "cubic"', ["sweep"], "coordinates"),
         ("prior = { gain = [1.0, 2.0] }", ["decay"], "prior gain"),
         ("prior = { zeta = [0.1, 0.2] }", ["loop"], "prior zeta"),
     ],
@@ -46,6 +48,7 @@ def test_what_no_test_reads_is_told(settings, kinds, name):
 
 def test_one_test_that_reads_it_is_enough():
     settings = 'fit_repeats = 2\nsubsteps = 1\noffsets = "runs"\nprior = { zeta = [0.1, 0.2] }'
+    settings += '\ncoordinates = "products"'
     assert not list(unread(parse(campaign(settings, "frf", "loop", "decay"))))
     head = "[campaign]\nmodal_mass = 2.0"
     (fault,) = unread(parse(campaign("prior = { gain = [1.0, 2.0] }", "sweep", head=head)))

@@ -1,14 +1,13 @@
-"""What every kind of test must hold to, whoever wrote it; and a kind that this file brings."""
+"""What every kind of test must hold to, whoever wrote it; and a kind that the tests bring."""
 
 from dataclasses import replace
-from typing import ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from decays import BAND, SETTLE, decay_test
+from guests import RingDown
 
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import assemble, measured
@@ -29,65 +28,16 @@ from jbw.observables.dataset import (
 from jbw.observables.decay import Decays, decay_of
 from jbw.observables.line_fit import LineReading
 from jbw.observables.loops import Loops
-from jbw.observables.observable import Observable, run_of
+from jbw.observables.observable import Observable
 from jbw.observables.records import Records
 from jbw.observables.register import OBSERVABLES, register
-from jbw.observables.repeated import Repeated, Repeats, repeats
 from jbw.observables.steady import Points
-from jbw.oscillator.oscillator import oscillator_of
 
 TRUTH = {
     "omega_n": 127.5, "zeta": 2e-3, "alpha": 2400.0, "delta": 90.0, "gamma": 35.0, "gain": 0.5,
 }  # fmt: skip
 FS = 256.0
 RNG = np.random.default_rng(0)
-
-
-class RingDown(Repeated):
-    """Frequencies read at some amplitudes of a ring-down: a kind of test that jbw does not know."""
-
-    kinds: ClassVar[tuple[str, ...]] = ("ring_down",)
-    suffix: ClassVar[str] = "_ring_down"
-    dimension: ClassVar[str] = "ring_down"
-    informs: ClassVar[frozenset[str]] = frozenset({"omega_n"})
-
-    amplitude: jax.Array
-    mean: jax.Array
-    repeats: Repeats = eqx.field()
-
-    @classmethod
-    def reduce(cls, tests, *, laws=("bouc_wen",), substeps=None):
-        rows = [np.stack([r.channels["frequency"] for r in t.records]) for t in tests]
-        mean = np.stack([row.mean(axis=0) for row in rows])
-        within = [np.sum((row - m) ** 2) for row, m in zip(rows, mean, strict=True)]
-        size = mean.shape[1]
-        amplitude = [t.records[0].channels["displacement"] for t in tests]
-        of_groups = repeats(
-            within=np.array(within), num_repeats=np.array([len(row) for row in rows]),
-            sizes=np.full(len(tests), size), longest=size,
-            labels=tuple(t.name for t in tests), runs=tuple(run_of(t) for t in tests),
-            scale=np.abs(mean).max(axis=1),
-        )  # fmt: skip
-        return (
-            cls(
-                laws=laws, amplitude=jnp.asarray(np.stack(amplitude)), mean=jnp.asarray(mean),
-                repeats=of_groups,
-            ),
-        )  # fmt: skip
-
-    def predict(self, theta):
-        joint = oscillator_of(theta, self.laws)
-        stiffness = jax.vmap(jax.vmap(joint.loop))(self.amplitude).stiffness
-        return jnp.sqrt(joint.k + stiffness) / (2 * jnp.pi)
-
-    def misfit(self, theta):
-        return self.mean - self.predict(theta)
-
-    def first_values(self):
-        return {"omega_n": float(2 * np.pi * np.max(self.mean)), "zeta": 0.01}
-
-    def y_peak(self, omega_n):
-        return float(jnp.max(self.amplitude))
 
 
 def theta(**changes):
@@ -240,7 +190,7 @@ def test_an_excluded_run_says_nothing(kind):
 
 @pytest.fixture
 def known_kind():
-    """The kind of this file registered, and forgotten again."""
+    """The kind of the tests registered, and forgotten again."""
     register_kind(Kind("ring_down", "frequencies of a ring-down"))
     register(RingDown)
     yield

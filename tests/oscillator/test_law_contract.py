@@ -1,55 +1,21 @@
-"""What holds for every law of the register, and for one that this file defines."""
-
-from typing import ClassVar
+"""What holds for every law of the register, and for one that the tests define."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from guests import Bilinear
 
 import jbw
 from jbw.errors import ConfigError
-from jbw.oscillator.law import Law, Scales
+from jbw.oscillator.law import Scales
 from jbw.oscillator.laws import LAWS, law_named, laws_named, register
 from jbw.oscillator.oscillator import Oscillator, oscillator_of, prior_of
-from jbw.quantities import Quantity
 
 SCALES = Scales(omega_n=118.0, zeta=0.005, y_peak=4e-3)
 FS = 1024.0
 TIME = np.arange(256) / FS
 INPUT = 8.0 * np.sin(2 * np.pi * 17 * TIME) * np.sin(2 * np.pi * 3 * TIME)
-
-
-class Bilinear(Law):
-    """A spring of stiffness `bilinear_k` that yields at the displacement `bilinear_yield`."""
-
-    name: ClassVar[str] = "bilinear"
-    table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("bilinear_k", "k_b", "1/s^2", "stiffness before yield", 0.0),
-        Quantity("bilinear_yield", "y_b", "m", "displacement at yield", 0.0),
-    )
-    bilinear_k: float
-    bilinear_yield: float
-
-    @classmethod
-    def prior(cls, scales):
-        most = 0.5 * scales.omega_n**2
-        return {"bilinear_k": (1e-3 * most, most), "bilinear_yield": (1e-4, scales.y_peak)}
-
-    def at_rest(self):
-        return 0.0
-
-    def force(self, y, v, memory):
-        return memory
-
-    def rate(self, y, v, memory):
-        yields = jnp.sign(v) * memory >= self.bilinear_k * self.bilinear_yield
-        return jnp.where(yields, 0.0, self.bilinear_k * v)
-
-    def move(self, y, memory, dy):
-        most = self.bilinear_k * self.bilinear_yield
-        return jnp.clip(memory + self.bilinear_k * dy, -most, most)
-
 
 THETA = {
     "bouc_wen": {"alpha": 497.4, "delta": 340.21, "gamma": 32.84},
@@ -65,7 +31,7 @@ THETA = {
 
 @pytest.fixture(params=[*THETA])
 def law(request):
-    """One of every kind, of the register or of this file."""
+    """One of every kind, of the register or of the tests."""
     kind = Bilinear if request.param == "bilinear" else law_named(request.param)
     return kind.of(THETA[request.param])
 
@@ -104,6 +70,18 @@ def test_the_prior_is_inside_the_limits(law):
         assert quantity.least is None or low >= quantity.least
     upper = law.build({name: high for name, (_, high) in bounds.items()})
     assert upper.stiffness() < SCALES.omega_n**2
+
+
+def test_a_batch_is_its_members(law):
+    """As the draws of a posterior are: an array for every parameter."""
+    pair = [law, jax.tree.map(lambda x: 1.1 * x, law)]
+    both = jax.tree.map(lambda *x: jnp.stack([jnp.asarray(one, float) for one in x]), *pair)
+    loops = [one.loop(3e-3) for one in pair]
+    np.testing.assert_allclose(both.stiffness(), [one.stiffness() for one in pair], rtol=1e-12)
+    loop = both.loop(3e-3)
+    np.testing.assert_allclose(loop.stiffness, [one.stiffness for one in loops], rtol=1e-10)
+    damping = [one.damping for one in loops]
+    np.testing.assert_allclose(loop.damping, damping, rtol=1e-10, atol=1e-9)
 
 
 def test_no_motion_leaves_rest(law):

@@ -79,6 +79,23 @@ def multisine(rng):
     return xr.Dataset(found, coords, attrs | {"nrmse": 1e-3, "nrmse_linear": 0.03})
 
 
+def further(rng):
+    y, unit = np.linspace(1e-3, 5e-3, 9), {"units": "Hz"}
+    model = 18.8 - 100 * y
+    found = {
+        "measured": ("value", model + 1e-2 * rng.standard_normal(9), unit),
+        "model_band": (("quantile", "value"), model * (1 + 1e-4 * SPREAD[:, None]), unit),
+        "predictive_band": (("quantile", "value"), model * (1 + 5e-4 * SPREAD[:, None]), unit),
+    }
+    coords = {
+        "displacement": ("value", y, {"units": "m"}),
+        "group": ("value", np.repeat(np.array(["first", "second"], object), [5, 4])),
+        "quantile": QUANTILE,
+    }
+    attrs = {"kind": "ring_down", "axis": "displacement", "fitted": 0, "nrmse": 5e-4}
+    return xr.Dataset(found, coords, attrs)
+
+
 def steady_groups(rng):
     groups = {
         f"/verification/curve/held at {level:g}": curve(rng, level, level < 0.3, force=True)
@@ -88,4 +105,5 @@ def steady_groups(rng):
         groups[f"/verification/curve/stepped {level:g}"] = curve(rng, level, True, force=False)
     for level in (0.01, 0.015, 0.02, 0.03):
         groups[f"/verification/loop/loop {level:g}"] = loop(rng, level)
-    return {**groups, "/verification/multisine/periodic": multisine(rng)}
+    groups["/verification/multisine/periodic"] = multisine(rng)
+    return {**groups, "/verification/ring_down/rung": further(rng)}

@@ -1,0 +1,138 @@
+"""A law, a kind of test and a sampler that jbw does not know, as anybody would write them."""
+
+from typing import ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jbw.inference.samplers.sampler import Draw, Kernel
+from jbw.observables.observable import run_of
+from jbw.observables.repeated import Repeated, Repeats, repeats
+from jbw.oscillator.law import Law
+from jbw.oscillator.law_records import Conversion
+from jbw.oscillator.oscillator import oscillator_of
+from jbw.quantities import Quantity
+
+
+class Bilinear(Law):
+    """A spring of stiffness `bilinear_k` that yields at the displacement `bilinear_yield`."""
+
+    name: ClassVar[str] = "bilinear"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("bilinear_k", "k_b", "1/s^2", "stiffness before yield", 0.0),
+        Quantity("bilinear_yield", "y_b", "m", "displacement at yield", 0.0),
+    )
+    bilinear_k: float
+    bilinear_yield: float
+
+    @classmethod
+    def prior(cls, scales):
+        most = 0.5 * scales.omega_n**2
+        return {"bilinear_k": (1e-3 * most, most), "bilinear_yield": (1e-4, scales.y_peak)}
+
+    def at_rest(self):
+        return 0.0
+
+    def force(self, y, v, memory):
+        return memory
+
+    def rate(self, y, v, memory):
+        yields = jnp.sign(v) * memory >= self.bilinear_k * self.bilinear_yield
+        return jnp.where(yields, 0.0, self.bilinear_k * v)
+
+    def move(self, y, memory, dy):
+        most = self.bilinear_k * self.bilinear_yield
+        return jnp.clip(memory + self.bilinear_k * dy, -most, most)
+
+    def convert(self, omega_n, zeta, mass):
+        values = {"E": mass * self.bilinear_k, "epsyP": self.bilinear_yield}
+        material = f"uniaxialMaterial ElasticPP 1 {values['E']:.6g} {values['epsyP']:.6g}"
+        return {"ElasticPP, OpenSees": Conversion(values, {"E": "N/m", "epsyP": "m"}, material)}
+
+
+class RingDown(Repeated):
+    """Frequencies read at some amplitudes of a ring-down: a kind of test that jbw does not know."""
+
+    kinds: ClassVar[tuple[str, ...]] = ("ring_down",)
+    suffix: ClassVar[str] = "_ring_down"
+    dimension: ClassVar[str] = "ring_down"
+    informs: ClassVar[frozenset[str]] = frozenset({"omega_n"})
+
+    amplitude: jax.Array
+    mean: jax.Array
+    repeats: Repeats = eqx.field()
+
+    @classmethod
+    def reduce(cls, tests, *, laws=("bouc_wen",), substeps=None):
+        rows = [np.stack([r.channels["frequency"] for r in t.records]) for t in tests]
+        mean = np.stack([row.mean(axis=0) for row in rows])
+        within = [np.sum((row - m) ** 2) for row, m in zip(rows, mean, strict=True)]
+        size = mean.shape[1]
+        amplitude = [t.records[0].channels["displacement"] for t in tests]
+        of_groups = repeats(
+            within=np.array(within), num_repeats=np.array([len(row) for row in rows]),
+            sizes=np.full(len(tests), size), longest=size,
+            labels=tuple(t.name for t in tests), runs=tuple(run_of(t) for t in tests),
+            scale=np.abs(mean).max(axis=1),
+        )  # fmt: skip
+        return (
+            cls(
+                laws=laws, amplitude=jnp.asarray(np.stack(amplitude)), mean=jnp.asarray(mean),
+                repeats=of_groups,
+            ),
+        )  # fmt: skip
+
+    @property
+    def unit(self):
+        return "Hz"
+
+    def predict(self, theta):
+        joint = oscillator_of(theta, self.laws)
+        stiffness = jax.vmap(jax.vmap(joint.loop))(self.amplitude).stiffness
+        return jnp.sqrt(joint.k + stiffness) / (2 * jnp.pi)
+
+    def misfit(self, theta):
+        return self.mean - self.predict(theta)
+
+    def first_values(self):
+        return {"omega_n": float(2 * np.pi * np.max(self.mean)), "zeta": 0.01}
+
+    def coordinate(self, group):
+        return "displacement", "m", np.asarray(self.amplitude[group])
+
+    def y_peak(self, omega_n):
+        return float(jnp.max(self.amplitude))
+
+
+class AboutTheFit:
+    """Metropolis' rule on independent proposals, normal about the fit and wider than it."""
+
+    class Options(NamedTuple):
+        """Counts."""
+
+        num_warmup: int = 0
+        num_samples: int = 1000
+        num_chains: int = 4
+        chain_method: str = "sequential"
+
+    @staticmethod
+    def kernel(problem, options):
+        wide = 1.5
+
+        def ratio(w):  # of the posterior over the proposal, in the fit's whitened coordinate
+            return problem.log_density(w) + 0.5 * jnp.sum((w / wide) ** 2)
+
+        def step(state):
+            w, key = state
+            key, key_move, key_take = jax.random.split(key, 3)
+            there = wide * jax.random.normal(key_move, w.shape)
+            taken = jnp.log(jax.random.uniform(key_take)) < ratio(there) - ratio(w)
+            return jnp.where(taken, there, w), key
+
+        return Kernel(
+            lambda key, w: (w, key),
+            step,
+            lambda state: Draw(problem.theta(state[0]), {"x": jnp.zeros(())}),
+        )
