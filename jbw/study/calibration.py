@@ -11,6 +11,7 @@ import xarray as xr
 
 from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError
+from jbw.identification.procedure import Report
 from jbw.identification.step import attrs
 from jbw.inference.calibration.record import Calibration
 from jbw.inference.calibration.replications import Model, calibrate
@@ -22,7 +23,6 @@ from jbw.quantities import BY_NAME, attrs_of
 from jbw.report.calibration import rank_ecdfs
 from jbw.study import calibration_designs as designs
 from jbw.study import calibration_models as models
-from jbw.study.calibration_designs import Report
 from jbw.study.store import write_figure, write_json
 
 logger = logging.getLogger("jbw")
@@ -96,17 +96,19 @@ def sbc(
     count = REPLICATIONS[step] if num_replications is None else num_replications
     started, key = perf_counter(), jax.random.key(seed)
 
-    def told(done: int) -> None:
+    def progress(done: int) -> None:
         report(f"{step}: {done} of {count} replications")
 
     if step == "linear":
         name = "line_fit"
-        found = models.calibrate_linear(key, *designs.lines(), num_replications=count, report=told)
+        found = models.calibrate_linear(
+            key, *designs.lines(), num_replications=count, report=progress
+        )
     else:
         chosen = _step(step, campaign, noise == "known", report)
         name = sampler or chosen.sampler
         found = calibrate(
-            key, *suited(chosen, name), num_replications=count, batch=chosen.batch, report=told
+            key, *suited(chosen, name), num_replications=count, batch=chosen.batch, report=progress
         )
     record = {
         "step": step,

@@ -4,7 +4,7 @@ The rig's have a poor laser: noise of 1 mm/s, twenty times the rig's, leaves pos
 points and a ridge of alpha and delta a hundredth as thick as it is long.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax
@@ -18,6 +18,7 @@ from jbw.identification.linear_step import LinearStep, linear_step
 from jbw.identification.paper import step3, step4
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.posteriors import posterior_of
+from jbw.identification.procedure import Report
 from jbw.identification.selection import linear_test, probing_tests, sweep_tests
 from jbw.inference.space.box import Box, box
 from jbw.measurement.records import Record, Test
@@ -38,7 +39,6 @@ SWEPT_HZ = (10.0, 28.0)
 FADE = 0.25  # s at both ends: what starts at full size is not band-limited
 LINES_HZ = (16.0, 21.6, 0.05)  # first, last, spacing
 LINE_NOISE = 0.01  # of the largest line, both components together
-Report = Callable[[str], None]
 
 
 class Design[Data: KernelData | Records](NamedTuple):

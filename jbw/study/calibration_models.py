@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from jbw.errors import DataError
 from jbw.identification.coordinates import combinations
 from jbw.identification.linear import line_fit
+from jbw.identification.linear_step import NAMES
 from jbw.identification.paper import kernel
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.paper.step4 import OpeningCurve, opening_curve
@@ -32,7 +33,6 @@ from jbw.study.calibration_designs import Design
 from jbw.study.simulators import measured_kernel, measured_records
 
 WHERE = 0.55  # of a record, where a sweep has just passed the resonance
-LINEAR = ("omega_n", "zeta", "gain")
 DRAWS = (4, 250)  # of Step 2, in chains
 
 
@@ -161,7 +161,7 @@ def calibrate_linear(
     keys = jax.random.split(jax.random.fold_in(key, num_replications), num_replications)
     rank = jax.jit(jax.vmap(partial(ranked, num_ranks=num_ranks)))
     found = rank(keys, *(jnp.array(column) for column in zip(*rows, strict=True)))
-    return judged((*LINEAR, LOG_LIKELIHOOD), found, num_ranks)
+    return judged((*NAMES, LOG_LIKELIHOOD), found, num_ranks)
 
 
 def _line_replication(
@@ -170,7 +170,7 @@ def _line_replication(
     """Quantities at the truth, at the draws, and whether there was a fit."""
     rng = np.random.default_rng(np.asarray(jax.random.key_data(key)))
     point = from_unit(jnp.asarray(rng.uniform(size=3)), prior)
-    theta = np.array([float(point[name]) for name in LINEAR])
+    theta = np.array([float(point[name]) for name in NAMES])
     # Written out once more: the likelihood's own formula would hide its slips.
     omega_n, zeta, gain = theta
     stiffness = omega_n**2 - design.omega**2 + 2j * zeta * omega_n * design.omega

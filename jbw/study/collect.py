@@ -34,18 +34,10 @@ def collect(
     report: Report,
     settings: Identify,
 ) -> xr.DataTree:
-    """Gather posteriors, verification and validation into one tree.
+    """Posteriors, verification and validation as the tree that is saved as `posterior.nc`.
 
-    Args:
-        tests: The campaign's tests.
-        found: What the procedure found.
-        seed: Seed of the predictive noise.
-        truth: True parameters where the campaign is virtual: only written beside the draws.
-        report: Called with one sentence at every stage.
-        settings: The campaign's [identify] table.
-
-    Returns:
-        The tree that is saved as `posterior.nc`.
+    The truth, where the campaign is virtual, is only written beside the draws; the seed is that of
+    the predictive noise.
     """
     groups: Groups = {}
     if found.linear is not None:

@@ -15,6 +15,7 @@ from jaxtyping import Array, Key
 from jbw.campaign.load import Campaign, force_per_unit
 from jbw.errors import ConfigError, JbwError
 from jbw.identification.posteriors import Known, Posterior, posterior_of
+from jbw.identification.procedure import Report
 from jbw.identification.step import attrs
 from jbw.inference.posterior.compare import (
     Row,
@@ -35,7 +36,6 @@ from jbw.report.comparison import comparison
 from jbw.study.store import write_figure, write_json
 
 logger = logging.getLogger("jbw")
-Report = Callable[[str], None]
 Watch = Callable[[str, SoFar], None]
 
 
@@ -111,17 +111,10 @@ def compare(
             f"Argument `samplers` must name some of {', '.join(SAMPLERS)}, not {unknown[0]!r}."
         )
     seed = campaign.settings.seed if seed is None else seed
-    gain = force_per_unit(campaign)
     posterior = posterior_of(
-        step,
-        campaign.tests,
-        campaign.settings,
-        laws=campaign.laws,
-        gain=gain,
-        seed=seed,
-        known=known,
-        report=report,
-    )
+        step, campaign.tests, campaign.settings, laws=campaign.laws,
+        gain=force_per_unit(campaign), seed=seed, known=known, report=report,
+    )  # fmt: skip
     found = side_by_side(
         posterior, samplers=samplers, seed=seed, num_chains=num_chains, twice=twice,
         report=report, watch=watch,

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -15,9 +14,10 @@ from jbw.errors import ConfigError, DataError
 from jbw.oscillator.law import Conversion
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.oscillator import oscillator_of
-from jbw.oscillator.steady.backbone import backbone
 from jbw.quantities import OSCILLATOR
+from jbw.verification.backbone import curves
 from jbw.verification.bands import QUANTILES, band
+from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, laws_of_run, parameter_names, thin
 
 NUM_DRAWS = 1000  # carried along the backbone
@@ -113,15 +113,10 @@ def _backbone(
     draws: Draws, laws: Laws, mass: float, y_max: float
 ) -> dict[str, NDArray[np.float64]]:
     y_peak = y_max * np.arange(1, NUM_AMPLITUDES + 1) / NUM_AMPLITUDES
-    columns = {name: jnp.asarray(values)[:, None] for name, values in draws.items()}
-    found = backbone(oscillator_of(columns, laws), jnp.asarray(y_peak))
-    curves = {
-        "frequency_hz": np.asarray(found.omega) / (2 * np.pi),
-        "damping_ratio": np.asarray(found.zeta),
-        "force_n": mass * np.asarray(found.amplitude),
-    }
+    frequency, damping, force = carry(curves, draws, y_peak, laws)
     table = {"amplitude_m": y_peak}
-    for name, values in curves.items():
+    columns = {"frequency_hz": frequency, "damping_ratio": damping, "force_n": mass * force}
+    for name, values in columns.items():
         table |= {f"{name}_{m}": q for m, q in zip(MARKS, band(values), strict=True)}
     return table
 
@@ -134,16 +129,16 @@ def write_export(folder: Path, result: Export) -> tuple[Path, ...]:
     """
     from scipy.io import savemat
 
-    parameters, curves = folder / "parameters.csv", folder / "backbone.csv"
+    parameters, backbone = folder / "parameters.csv", folder / "backbone.csv"
     matlab, material = folder / "jbw.mat", folder / "joint.tcl"
     _write_rows(parameters, list(result.parameters[0]), [r.values() for r in result.parameters])
-    _write_rows(curves, list(result.backbone), zip(*result.backbone.values(), strict=True))
+    _write_rows(backbone, list(result.backbone), zip(*result.backbone.values(), strict=True))
     savemat(matlab, {"draws": result.draws, "backbone": result.backbone}, oned_as="column")
     if result.material is None:
-        return parameters, curves, matlab
+        return parameters, backbone, matlab
     words = "# The joint of the posterior means, in N, m and kg; mass and dashpot are the model's."
     material.write_text(f"{words}\n{result.material}\n", encoding="utf-8")
-    return parameters, curves, matlab, material
+    return parameters, backbone, matlab, material
 
 
 def _write_rows(path: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:

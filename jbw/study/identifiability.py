@@ -1,7 +1,7 @@
 """Which parameters the data know: before sampling by the fit, afterwards by the draws too."""
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -13,7 +13,7 @@ from jbw.campaign.load import Campaign, force_per_unit
 from jbw.campaign.settings import Identify
 from jbw.identification.coordinates import combinations
 from jbw.identification.prepare import Fitted, fit_joint
-from jbw.identification.procedure import Identification
+from jbw.identification.procedure import Identification, Report
 from jbw.inference.fit.identifiability import (
     Sensitivity,
     box_sensitivity,
@@ -30,7 +30,6 @@ logger = logging.getLogger("jbw")
 NARROWED = 0.5  # of the prior's variance
 REACHED = 0.01  # of the best cost: a start that came so near found the optimum
 NOTHING = 0.05  # of cost: a difference of chi-square of 0.1 prefers neither
-Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -125,12 +124,10 @@ def identifiability(
         DataError: Tests that the joint cannot be fitted to.
     """
     require_float64()
-    settings = campaign.settings
-    seed = settings.seed if seed is None else seed
-    gain = force_per_unit(campaign)
     fitted = fit_joint(
-        campaign.tests, settings, laws=campaign.laws, gain=gain, seed=seed, report=report
-    )
+        campaign.tests, campaign.settings, laws=campaign.laws, gain=force_per_unit(campaign),
+        seed=campaign.settings.seed if seed is None else seed, report=report,
+    )  # fmt: skip
     return look(fitted, with_profiles=profiles, report=report)
 
 

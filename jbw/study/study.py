@@ -45,8 +45,12 @@ class Study:
     @property
     def verdict(self) -> Verdict:
         """The verdict on the main posterior."""
-        told = self.record["verdict"]
-        return Verdict(told["status"], tuple(_finding(one) for one in told["findings"]))
+        stored = self.record["verdict"]
+        findings = []
+        for row in stored["findings"]:
+            number = float("nan") if row["number"] is None else row["number"]  # JSON has no NaN
+            findings.append(Finding(**{**row, "number": number}))
+        return Verdict(stored["status"], tuple(findings))
 
     def summary(self) -> dict[str, Any]:
         """Every step and parameter in numbers, and in words what is identified."""
@@ -81,12 +85,6 @@ class Study:
     def save(self, folder: str | Path) -> None:
         """Write posterior.nc, summary.json, figures and report.html into a new or empty folder."""
         save_run(claim(Path(folder)), self.tree, self.record)
-
-
-def _finding(row: dict[str, Any]) -> Finding:
-    """A finding as it is stored; JSON has no NaN."""
-    number = float("nan") if row["number"] is None else float(row["number"])
-    return Finding(row["code"], row["status"], row["reason"], number, row["action"])
 
 
 def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
@@ -134,11 +132,7 @@ def _basis(folder: Path, record: Mapping[str, Any], tree: xr.DataTree) -> Basis:
 
 
 def campaign_of(folder: Path, stated: Path | None = None) -> Path:
-    """The campaign file of a run's folder.
-
-    Args:
-        folder: The run's folder.
-        stated: What the user says it is.
+    """The campaign file of a run's folder: what the user says it is, or the run.
 
     Raises:
         ConfigError: If neither the user nor the folder says which it is.

@@ -46,7 +46,7 @@ def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None
     if not needed <= set(draws) or not 0.0 < y_peak < np.inf:
         return None
     amplitude = np.linspace(0.0, CARRIED_ON * y_peak, NUM_AMPLITUDES + 1)[1:]
-    frequency, damping = carry(_curves, draws, jnp.asarray(amplitude), laws)
+    frequency, damping, _ = carry(curves, draws, jnp.asarray(amplitude), laws)
     peaks = y_peak * np.asarray(PARTS)
     angle = np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1]
     half = peaks[:, None] * np.cos(angle)
@@ -70,12 +70,12 @@ def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None
     )
 
 
-def _curves(
+def curves(
     theta: Mapping[str, Array], amplitude: Float[Array, " amplitude"], laws: Laws
-) -> tuple[Float[Array, " amplitude"], Float[Array, " amplitude"]]:
-    """Frequency [Hz] and damping at amplitudes of the displacement."""
+) -> tuple[Float[Array, " amplitude"], ...]:
+    """Frequency [Hz], damping and force [N/kg] at amplitudes of the displacement [m]."""
     found = backbone(oscillator_of(theta, laws), amplitude)
-    return found.omega / (2 * jnp.pi), found.zeta
+    return found.omega / (2 * jnp.pi), found.zeta, found.amplitude
 
 
 def _unloading(
@@ -120,7 +120,7 @@ def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws
     amplitude = np.linspace(0.0, 1.05 * sizes.max(), NUM_OF_DECAYS + 1)[1:]
     response = test.records[0].response
     centre, order = 2 * np.pi * filter_of(test).centre_hz, derivative_order(response)
-    frequency, damping = carry(_of_response, draws, jnp.asarray(amplitude), centre, order, laws)
+    frequency, damping, _ = carry(_of_response, draws, jnp.asarray(amplitude), centre, order, laws)
     unit, dims = {"units": UNIT_OF[response], "long_name": response}, ("record", "piece")
     return xr.Dataset(
         {
@@ -141,9 +141,9 @@ def _of_response(
     centre: float,
     order: int,
     laws: Laws,
-) -> tuple[Float[Array, " amplitude"], Float[Array, " amplitude"]]:
-    """Frequency [Hz] and damping at amplitudes of the measured response."""
+) -> tuple[Float[Array, " amplitude"], ...]:
+    """The same at amplitudes of the measured response."""
     joint, omega = oscillator_of(theta, laws), jnp.full_like(amplitude, centre)
     for _ in range(3):  # the displacement of an amplitude depends weakly on the frequency
         omega = backbone(joint, amplitude / omega**order).omega
-    return _curves(theta, amplitude / omega**order, laws)
+    return curves(theta, amplitude / omega**order, laws)

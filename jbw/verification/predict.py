@@ -172,12 +172,7 @@ def row_of(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def chosen(tests: tuple[Test, ...], names: tuple[str, ...], argument: str) -> tuple[Test, ...]:
-    """Tests by their names; all of them when none is named.
-
-    Args:
-        tests: The campaign's tests.
-        names: Names.
-        argument: What the names were given as, for the message.
+    """Tests by their names, which were given as `argument`; all of them when none is named.
 
     Raises:
         ConfigError: No test has such a name.

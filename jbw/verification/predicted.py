@@ -92,11 +92,7 @@ class Source:
         return known.std / float(np.sqrt(num_repeats))
 
     def carried(self, predict: Callable[[Draws, Laws], PyTree]) -> tuple[Any, dict[str, Any]]:
-        """What every draw predicts, and what each oscillator does that they are compared with.
-
-        Args:
-            predict: Draws and laws to predictions, the draws along the first axis.
-        """
+        """What every draw predicts along a first axis, and what each reference does by name."""
         others = {}
         for name, (parameters, laws) in self.references.items():
             alone = {key: np.array([value]) for key, value in parameters.items()}

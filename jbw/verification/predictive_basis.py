@@ -128,11 +128,7 @@ def thin(
 ) -> Draws:
     """Evenly spaced draws over all chains of each parameter of the joint and `gain`.
 
-    Args:
-        posterior: Posterior group with dimensions (chain, draw).
-        num_draws: Draws to keep at most.
-        held: Parameters that were not updated, the same in every draw.
-        laws: Laws of the joint.
+    At most `num_draws` of them; what was held is the same in every draw.
     """
     keep = evenly_spaced(posterior, num_draws)
     fixed = {name: np.full(len(keep), float(value)) for name, value in (held or {}).items()}

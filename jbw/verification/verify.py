@@ -46,19 +46,7 @@ def verify(
     seed: int,
     report: Report,
 ) -> Groups:
-    """Every test beside the model and the oscillators without hysteresis.
-
-    Args:
-        tests: The campaign's tests.
-        found: What the procedure found.
-        basis: What predictions start from.
-        settings: The campaign's [identify] table.
-        seed: Seed of the predictive noise.
-        report: Called with one sentence at every stage.
-
-    Returns:
-        Path in the result's tree to its dataset.
-    """
+    """Every test beside the model and the oscillators without hysteresis, by path in the tree."""
     groups: Groups = {}
     if found.data is not None:
         report("Verification and validation: every test against the model, and without hysteresis")
@@ -86,14 +74,7 @@ def verify(
 def verify_forced(
     source: Source, tests: Sequence[Test], names: set[str], found: Identification
 ) -> Groups:
-    """Verification and validation on every test but free decays.
-
-    Args:
-        source: What is carried through the model.
-        tests: The campaign's tests.
-        names: Those that the posterior was made from.
-        found: What the procedure found.
-    """
+    """Verification and validation on every test but free decays; `names` are those fitted."""
     natural_hz = float(np.mean(source.draws["omega_n"])) / (2 * np.pi)
     loops: tuple[Test, ...] = ()
     if found.linear is not None:
