@@ -15,8 +15,7 @@ from jbw.identification.procedure import Report
 from jbw.identification.step import attrs
 from jbw.inference.calibration.record import Calibration
 from jbw.inference.calibration.replications import Model, calibrate
-from jbw.inference.samplers.draw import options_of
-from jbw.inference.samplers.register import SAMPLERS, Sampler
+from jbw.inference.samplers.register import SAMPLERS, Sampler, options_of
 from jbw.inference.samplers.register import sampler_named as registered
 from jbw.inference.space.box import require_float64
 from jbw.quantities import BY_NAME, attrs_of

@@ -14,9 +14,8 @@ from jax.scipy.stats import norm
 from jbw.errors import ConfigError
 from jbw.inference.calibration.replications import Model, calibrate, split_r_hat
 from jbw.inference.fit.locate import Search
-from jbw.inference.samplers.draw import options_of
-from jbw.inference.samplers.register import Sampler, sampler_named
-from jbw.inference.samplers.sampler import Draws
+from jbw.inference.samplers.chains import Draws
+from jbw.inference.samplers.register import Sampler, options_of, sampler_named
 from jbw.inference.space.box import box
 
 SEEDS = (0, 1, 2)

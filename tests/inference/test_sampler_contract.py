@@ -15,9 +15,8 @@ from scipy.stats import kstest
 from jbw.errors import ConfigError
 from jbw.inference.posterior.summary import diagnose
 from jbw.inference.samplers import register
-from jbw.inference.samplers.draw import draws_of, options_of
-from jbw.inference.samplers.register import SAMPLERS, Sampler, sampler_named
-from jbw.inference.samplers.sampler import Draw, Kernel
+from jbw.inference.samplers.chains import Draw, Kernel, draws_of
+from jbw.inference.samplers.register import SAMPLERS, Sampler, options_of, sampler_named
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import box
 from jbw.inference.space.problem import problem_of

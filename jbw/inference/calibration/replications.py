@@ -23,8 +23,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 from jbw.errors import ConfigError
 from jbw.inference.calibration.record import Calibration, Ranked, judged
 from jbw.inference.fit.locate import Search, locate
-from jbw.inference.samplers.chains import in_batches
-from jbw.inference.samplers.draw import draws_of
+from jbw.inference.samplers.chains import draws_of, in_batches
 from jbw.inference.samplers.register import Sampler
 from jbw.inference.space.box import Box, from_unit, require_float64
 from jbw.inference.space.problem import LogLikelihood, Problem, Theta, problem_of

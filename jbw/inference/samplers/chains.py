@@ -1,4 +1,4 @@
-"""Compiled chains: start, advance by a chunk, evaluate; the same for every kernel and method.
+"""Kernels and draws, and compiled chains: start, advance by a chunk, evaluate, for any kernel.
 
 Bounds, data and whitening are arguments of the compiled functions, not constants in them: other
 data of the same shapes, or another box with the same names, run without compiling again.
@@ -14,16 +14,57 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
-from jbw.inference.samplers.sampler import Draw, Draws, Kernel
+from jbw.inference.samplers.register import Sampler, module_of
 from jbw.inference.space.coordinates import Interval
 from jbw.inference.space.problem import Problem
 
-MakeKernel = Callable[[Problem, Any], Kernel]
 MAX_TRIALS = 100  # starts tried before a chain is left where the likelihood is impossible
-
-
 TOGETHER = 64  # points evaluated side by side
 OVERDISPERSION = 2.0  # standard deviations of the Laplace approximation
+
+
+class Draw(NamedTuple):
+    """What one step of a chain leaves: the parameters by name, and the sampler's statistics."""
+
+    theta: dict[str, Float[Array, "..."]]
+    stats: dict[str, Array]
+
+
+class Kernel(NamedTuple):
+    """A Markov chain whose law is the posterior.
+
+    Attributes:
+        init: (key, w) to the first state, w the start in the whitened coordinate.
+        step: A state to the next.
+        read: A state to what it says.
+    """
+
+    init: Callable[[Key[Array, ""], Float[Array, " parameter"]], PyTree]
+    step: Callable[[PyTree], PyTree]
+    read: Callable[[PyTree], Draw]
+
+
+class Draws(NamedTuple):
+    """Draws of equal weight from one posterior.
+
+    Attributes:
+        theta: By name, each (chain, draw), in the parameters' units.
+        stats: Statistics of the draws, each (chain, draw).
+        possible: Whether the posterior is possible wherever the sampler must start.
+        arrived: Whether the sampler came to its end.
+        facts: Numbers of the whole run, such as log_evidence [nats] and its standard error.
+        groups: Further groups of the tree: group to variable to (dimensions, values).
+    """
+
+    theta: dict[str, Float[Array, "chain draw"]]
+    stats: dict[str, Array]
+    possible: Bool[Array, ""] | bool
+    arrived: Bool[Array, ""] | bool
+    facts: dict[str, Any] = {}  # noqa: RUF012
+    groups: dict[str, dict[str, Any]] = {}  # noqa: RUF012
+
+
+MakeKernel = Callable[[Problem, Any], Kernel]
 
 
 class Starts(NamedTuple):
@@ -55,6 +96,14 @@ def starts_of(
     rows = jnp.broadcast_to(jnp.asarray(points), (num_chains, size))
     logits = jax.vmap(Interval(problem.lower, problem.upper).inverse)(rows)
     return Starts(key, jax.vmap(problem.whitening.inverse)(logits), jnp.asarray(0.0))
+
+
+def draws_of(sampler: Sampler, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:
+    """Draw from a posterior by a sampler; pure, usable under `jit` and `vmap`."""
+    module = module_of(sampler)
+    if hasattr(module, "draw"):
+        return module.draw(key, problem, options)
+    return draw_chains(module.kernel, key, problem, options)
 
 
 def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
-from jbw.inference.samplers.sampler import Draw
+from jbw.inference.samplers.chains import Draw
 from jbw.inference.space.problem import Problem
 
 Arrays = Mapping[str, np.ndarray]

@@ -25,8 +25,8 @@ from blackjax.mcmc import elliptical_slice
 from blackjax.mcmc.elliptical_slice import EllipSliceState
 from jaxtyping import Array, Float, Int, Key
 
-from jbw.inference.samplers.reference_density import FORBIDDEN, HEAVY, log_ratio
-from jbw.inference.samplers.sampler import Draw, Kernel
+from jbw.inference.samplers.chains import Draw, Kernel
+from jbw.inference.samplers.evidence import FORBIDDEN, HEAVY, log_ratio
 from jbw.inference.space.problem import Problem
 
 MOVES = 3  # ellipses a draw: one leaves w^2 correlated by E[cos^2] = 1/2, three by 1/8

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.inference.samplers.chains import in_batches
-from jbw.inference.samplers.reference_density import FORBIDDEN
-from jbw.inference.samplers.weights import effective_draws
+from jbw.inference.samplers.evidence import FORBIDDEN, effective_draws
 from jbw.inference.space.coordinates import Affine, Coordinate, Vector
 from jbw.inference.space.problem import LOGIT_PRIOR_PRECISION, Problem, log_volume
 

@@ -13,24 +13,31 @@ Reference:
     several rounds, Cappé et al. (2008), Statistics and Computing 18, 447.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from blackjax.smc import resampling
 from jaxtyping import Array, Float, Key
+from numpy.typing import NDArray
 
-from jbw.inference.samplers.chains import in_batches
-from jbw.inference.samplers.reference_density import FORBIDDEN, is_possible, log_ratio, reference
-from jbw.inference.samplers.sampler import Draws
-from jbw.inference.samplers.weights import effective_draws, smoothed
+from jbw.inference.samplers.chains import Draws, in_batches
+from jbw.inference.samplers.evidence import (
+    FORBIDDEN,
+    effective_draws,
+    is_possible,
+    log_ratio,
+    reference,
+)
 from jbw.inference.space.coordinates import Affine
 from jbw.inference.space.problem import Problem
 
 FEW = 0.05  # share of the draws that moments are taken from at least
 DEEPEST = 200.0  # nats below the best that a draw is told apart
 HALVINGS = 30  # of the power that flattens the weights
+SMALLEST = -700.0  # log weight that counts as zero, and is still a number
 NUGGET = 1e-8  # of the variance of the coordinate, where draws coincide
 ENOUGH = 0.1  # effective draws for each draw that is kept: then the sampler has arrived
 
@@ -88,6 +95,34 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
     possible = is_possible(ratio)
     arrived = possible & (effective >= ENOUGH * kept.size)
     return Draws(theta, {"log_weight": raw[kept]}, possible, arrived, facts)
+
+
+def smoothed(
+    log_weights: Float[Array, " draw"],
+) -> tuple[Float[Array, " draw"], Float[Array, ""]]:
+    """Normalised weights, their tail smoothed by a generalised Pareto fit, and its shape k-hat.
+
+    ArviZ fits the tail; usable under `jit` and `vmap`, which call it once for each set of weights.
+
+    Returns:
+        Weights that sum to one, and k-hat: below 0.7 they can be trusted.
+
+    Reference:
+        Vehtari et al. (2024), JMLR 25, 72.
+    """
+    raw = jnp.maximum(log_weights - jnp.max(log_weights), SMALLEST)
+    shapes = jax.ShapeDtypeStruct(raw.shape, raw.dtype), jax.ShapeDtypeStruct((), raw.dtype)
+    found, khat = jax.pure_callback(_smooth, shapes, raw, vmap_method="sequential")
+    return jax.nn.softmax(found), khat
+
+
+def _smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    from arviz_stats.base.array import array_stats  # a second of imports, needed only here
+
+    stats: Any = array_stats  # its annotations admit tuples that it never returns here
+    # ArviZ takes the negative of the log weights, as a leave-one-out log likelihood gives them.
+    found, khat = stats.psislw(-np.asarray(raw))
+    return np.asarray(found), np.asarray(khat, dtype=float)
 
 
 def _kept(key: Key[Array, ""], weights: Float[Array, " draw"], options: Options) -> Array:

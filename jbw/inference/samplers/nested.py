@@ -20,10 +20,14 @@ from blackjax.smc import resampling
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from jbw.errors import ModelError
-from jbw.inference.samplers.chains import over_chains
-from jbw.inference.samplers.reference_density import is_possible, log_ratio, reference
-from jbw.inference.samplers.sampler import Draws
-from jbw.inference.samplers.weights import effective_draws, pooled_evidence
+from jbw.inference.samplers.chains import Draws, over_chains
+from jbw.inference.samplers.evidence import (
+    effective_draws,
+    is_possible,
+    log_ratio,
+    pooled_evidence,
+    reference,
+)
 from jbw.inference.space.problem import Problem
 
 LEFT = 1e-3  # share of the evidence that may be left in the live points at the end
@@ -45,17 +49,7 @@ class Options(NamedTuple):
 
 
 class Run(NamedTuple):
-    """One run: its draws of equal weight, its evidence, and what it cost.
-
-    Attributes:
-        theta: Draws by name.
-        log_evidence: Logarithm of the evidence [nats].
-        variance: Of log_evidence, by simulated volumes.
-        effective: Effective number of the weights.
-        num_evaluations: Points that were looked at.
-        left: Share of the evidence that was left in the live points.
-        possible: Whether the posterior was possible at any first point.
-    """
+    """One run: draws, evidence and its variance by simulated volumes [nats], and what it cost."""
 
     theta: dict[str, Float[Array, " draw"]]
     log_evidence: Float[Array, ""]
@@ -74,23 +68,18 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
     def one(key: Key[Array, ""], problem: Problem) -> Run:
         return _run(key, problem, num_live, options.num_samples)
 
-    found = over_chains(one, "sequential")(keys, problem)
+    runs = over_chains(one, "sequential")(keys, problem)
     facts = {
-        **pooled_evidence(found.log_evidence, found.variance),
-        "ess_weights": jnp.sum(found.effective),
+        **pooled_evidence(runs.log_evidence, runs.variance),
+        "ess_weights": jnp.sum(runs.effective),
         "num_live": num_live,
-        "num_evaluations": jnp.sum(found.num_evaluations),
+        "num_evaluations": jnp.sum(runs.num_evaluations),
     }
-    arrived = jnp.all(found.left <= LEFT)
-    return Draws(found.theta, {}, jnp.all(found.possible), arrived, facts)
+    return Draws(runs.theta, {}, jnp.all(runs.possible), jnp.all(runs.left <= LEFT), facts)
 
 
 def require_arrival(arrived: bool) -> None:
-    """Refuse runs that filled their room before they came to their end.
-
-    Raises:
-        ModelError: If one did not.
-    """
+    """Refuse runs that filled their room before they came to their end."""
     if not arrived:
         raise ModelError(
             f"Nested sampling left more than the share {LEFT:g} of the evidence in its live points "

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Key, PyTree
 from numpyro.infer import NUTS
 
-from jbw.inference.samplers.sampler import Draw, Kernel
+from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.inference.space.problem import Problem
 
 

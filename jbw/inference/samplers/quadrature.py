@@ -30,6 +30,7 @@ from scipy.optimize import brentq
 from scipy.special import sici
 
 from jbw.errors import ConfigError
+from jbw.inference.samplers.chains import Draws
 from jbw.inference.samplers.grid import (
     Grid,
     Stretch,
@@ -39,7 +40,6 @@ from jbw.inference.samplers.grid import (
     log_density_at,
     whitened_by,
 )
-from jbw.inference.samplers.sampler import Draws
 from jbw.inference.space.coordinates import Affine, Composed, Identity
 from jbw.inference.space.problem import Problem
 

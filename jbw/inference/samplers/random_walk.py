@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
-from jbw.inference.samplers.sampler import Draw, Kernel
+from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.inference.space.problem import Problem, log_density, named
 
 AVERAGING = 0.75  # exponent of the weights of the averaged step, as in dual averaging

@@ -106,3 +106,15 @@ def module_of(sampler: Sampler) -> Any:
     """The module of a sampler, imported where it is given by its path."""
     module = sampler.module
     return import_module(module) if isinstance(module, str) else module
+
+
+def options_of(sampler: Sampler, **given: Any) -> Any:
+    """The record of options of a sampler, of those given that it has.
+
+    Args:
+        sampler: One of the register.
+        given: Options by name; None, and names that it does not have, are left out.
+    """
+    record = getattr(module_of(sampler), sampler.options)
+    known = {n: v for n, v in given.items() if n in record._fields and v is not None}
+    return record(**known)

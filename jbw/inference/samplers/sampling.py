@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 
 from jbw.errors import ConfigError
 from jbw.inference.posterior.tree import looked_at, posterior_tree
-from jbw.inference.samplers.chains import evaluate_chains, num_devices_for, starts_of
+from jbw.inference.samplers.chains import (
+    Draws,
+    draws_of,
+    evaluate_chains,
+    num_devices_for,
+    starts_of,
+)
 from jbw.inference.samplers.checkpointing import Kept
 from jbw.inference.samplers.chunked_run import Progress, grow_chains
-from jbw.inference.samplers.draw import draws_of, options_of
-from jbw.inference.samplers.reference_density import require_possible
-from jbw.inference.samplers.register import Sampler, module_of, sampler_named
-from jbw.inference.samplers.sampler import Draws
+from jbw.inference.samplers.evidence import require_possible
+from jbw.inference.samplers.register import Sampler, module_of, options_of, sampler_named
 from jbw.inference.space.box import Box, require_float64
 from jbw.inference.space.problem import LogLikelihood, LogPrior, Problem, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation, in_box

@@ -21,10 +21,8 @@ from blackjax.mcmc import random_walk
 from blackjax.smc import adaptive_tempered, resampling
 from jaxtyping import Array, Bool, Float, Int, Key
 
-from jbw.inference.samplers.chains import over_chains
-from jbw.inference.samplers.reference_density import is_possible, log_ratio, reference
-from jbw.inference.samplers.sampler import Draws
-from jbw.inference.samplers.weights import pooled_evidence
+from jbw.inference.samplers.chains import Draws, over_chains
+from jbw.inference.samplers.evidence import is_possible, log_ratio, pooled_evidence, reference
 from jbw.inference.space.problem import Problem
 
 TARGET_ESS = 0.6  # share of the particles that a step of the temperature leaves effective
@@ -49,49 +47,30 @@ class Options(NamedTuple):
     num_moves: int | None = None
 
 
-class Run(NamedTuple):
-    """What one run left.
-
-    Attributes:
-        theta: Particles by name.
-        log_evidence: Logarithm of the evidence [nats].
-        variance: Of log_evidence, as the weights of its steps show it.
-        num_steps: Steps of the temperature.
-        inverse_temperature: Where it ended; below 1 it never arrived.
-        possible: Whether the posterior was possible at any first particle.
-    """
-
-    theta: dict[str, Float[Array, " draw"]]
-    log_evidence: Float[Array, ""]
-    variance: Float[Array, ""]
-    num_steps: Int[Array, ""]
-    inverse_temperature: Float[Array, ""]
-    possible: Bool[Array, ""]
-
-
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
     """The particles at the end of each run, after moves on the posterior itself."""
     keys = jax.random.split(key, options.num_chains)
     moves = options.num_moves or 5 * len(problem.box.names) + 5
 
-    def one(key: Key[Array, ""], problem: Problem) -> Run:
+    def one(key: Key[Array, ""], problem: Problem) -> tuple[Any, _State, Array]:
         return _run(key, problem, options.num_samples, moves)
 
-    found = over_chains(one, options.chain_method)(keys, problem)
-    evaluations = (found.num_steps + 1) * options.num_samples * (moves + 3)
+    theta, runs, possible = over_chains(one, options.chain_method)(keys, problem)
+    beta = runs.particles.tempering_param
     facts = {
-        **pooled_evidence(found.log_evidence, found.variance),
-        "num_steps": found.num_steps,
-        "inverse_temperature": jnp.min(found.inverse_temperature),
-        "num_evaluations": jnp.sum(evaluations),
+        **pooled_evidence(runs.log_evidence, runs.variance),
+        "num_steps": runs.num_steps,
+        "inverse_temperature": jnp.min(beta),
+        "num_evaluations": jnp.sum((runs.num_steps + 1) * options.num_samples * (moves + 3)),
     }
-    arrived = jnp.all(found.inverse_temperature >= 1)
-    return Draws(found.theta, {}, jnp.all(found.possible), arrived, facts)
+    return Draws(theta, {}, jnp.all(possible), jnp.all(beta >= 1), facts)
 
 
-class _Carry(NamedTuple):
+class _State(NamedTuple):
+    """Where a run is: key, BlackJAX's state, size of the moves, evidence [nats], its variance."""
+
     key: Key[Array, ""]
-    state: Any
+    particles: Any
     log_scale: Float[Array, ""]
     log_evidence: Float[Array, ""]
     variance: Float[Array, ""]
@@ -99,7 +78,10 @@ class _Carry(NamedTuple):
     ended: Bool[Array, ""]
 
 
-def _run(key: Key[Array, ""], problem: Problem, num_particles: int, num_moves: int) -> Run:
+def _run(
+    key: Key[Array, ""], problem: Problem, num_particles: int, num_moves: int
+) -> tuple[dict[str, Float[Array, " draw"]], _State, Bool[Array, ""]]:
+    """The particles at the end, the state there, and whether any first particle was possible."""
     about = reference(problem)
 
     def ratio(w: Float[Array, " parameter"]) -> Float[Array, ""]:
@@ -117,39 +99,37 @@ def _run(key: Key[Array, ""], problem: Problem, num_particles: int, num_moves: i
         about.log_prob, ratio, move, random_walk.init, resampling.systematic, TARGET_ESS
     )
 
-    def advance(carry: _Carry) -> _Carry:
+    def advance(at: _State) -> _State:
         # With no room left for beta, the last step only resamples and moves on the posterior.
-        ended = carry.state.tempering_param >= 1
-        key, key_step = jax.random.split(carry.key)
-        factor = jnp.exp(carry.log_scale) * _root(carry.state.particles, carry.state.weights)
-        state, info = kernel(key_step, carry.state, num_moves, {"factor": factor[None]})
+        ended = at.particles.tempering_param >= 1
+        key, key_step = jax.random.split(at.key)
+        root = _root(at.particles.particles, at.particles.weights)
+        factor = jnp.exp(at.log_scale) * root
+        particles, info = kernel(key_step, at.particles, num_moves, {"factor": factor[None]})
         accept = jnp.mean(info.update_info.acceptance_rate)
-        return _Carry(
+        return _State(
             key,
-            state,
-            carry.log_scale + accept - TARGET_ACCEPT,
-            carry.log_evidence + info.log_likelihood_increment,
-            carry.variance + jnp.sum(state.weights**2) - 1 / num_particles,
-            carry.num_steps + ~ended,
+            particles,
+            at.log_scale + accept - TARGET_ACCEPT,
+            at.log_evidence + info.log_likelihood_increment,
+            at.variance + jnp.sum(particles.weights**2) - 1 / num_particles,
+            at.num_steps + ~ended,
             ended,
         )
 
     key, key_draw = jax.random.split(key)
     w = jnp.asarray(about.sample(key_draw, (num_particles,)))
-    state = adaptive_tempered.init(w)._replace(tempering_param=jnp.zeros(()))
+    particles = adaptive_tempered.init(w)._replace(tempering_param=jnp.zeros(()))
     possible = is_possible(jax.vmap(ratio)(w))
     log_scale = jnp.log(2.38 / jnp.sqrt(w.shape[1]))
-    first = _Carry(
-        key, state, log_scale, jnp.zeros(()), jnp.zeros(()), jnp.array(0), jnp.array(False)
-    )
+    zero = jnp.zeros(())
+    first = _State(key, particles, log_scale, zero, zero, jnp.array(0), jnp.array(False))
 
-    def again(carry: _Carry) -> Bool[Array, ""]:
-        return possible & ~carry.ended & (carry.num_steps < MOST_STEPS)
+    def again(at: _State) -> Bool[Array, ""]:
+        return possible & ~at.ended & (at.num_steps < MOST_STEPS)
 
     last = jax.lax.while_loop(again, advance, first)
-    beta = last.state.tempering_param
-    theta = jax.vmap(problem.theta)(last.state.particles)
-    return Run(theta, last.log_evidence, last.variance, last.num_steps, beta, possible)
+    return jax.vmap(problem.theta)(last.particles.particles), last, possible
 
 
 def _root(

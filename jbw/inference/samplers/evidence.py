@@ -1,4 +1,4 @@
-r"""From a density that can be drawn from to the posterior.
+r"""From a density that can be drawn from to the posterior, and the evidence of weighted draws.
 
 Samplers that give the evidence start from a reference density r(w), and know of the posterior only
 its ratio to it,
@@ -11,6 +11,7 @@ tails are heavier than a posterior's. Where nothing is known it is the prior its
 uniform coordinate has the logistic distribution.
 """
 
+import jax
 import jax.numpy as jnp
 import numpyro.distributions as dist
 from jaxtyping import Array, Bool, Float
@@ -45,14 +46,43 @@ def is_possible(log_ratios: Float[Array, "..."]) -> Bool[Array, ""]:
 
 
 def require_possible(possible: bool) -> None:
-    """Refuse a posterior that is impossible wherever a sampler looked.
-
-    Raises:
-        ModelError: If it is not.
-    """
+    """Refuse a posterior that is impossible wherever a sampler looked."""
     if not possible:
         raise ModelError(
             "The log likelihood is finite at no point that was looked at.",
             remedy="Check the data for NaN, the noise for zero, and the prior for parameters that "
             "the model cannot solve.",
         )
+
+
+def effective_draws(weights: Float[Array, " draw"]) -> Float[Array, ""]:
+    r"""Effective number of weighted draws.
+
+    $$\left(\sum_i w_i\right)^2 / \sum_i w_i^2$$
+
+    Reference:
+        Kish (1965), Survey Sampling.
+    """
+    return jnp.sum(weights) ** 2 / jnp.sum(weights**2)
+
+
+def pooled_evidence(
+    log_evidence: Float[Array, " run"], variance: Float[Array, " run"]
+) -> dict[str, Float[Array, ""]]:
+    r"""Evidence of independent runs together, and the standard error of its logarithm.
+
+    $$\log\hat Z = \log \frac1R \sum_r Z_r, \qquad
+    \mathrm{se}^2 = \max\!\left(\bar{s^2},\ \mathrm{var}_r \log Z_r\right) / R$$
+
+    What each run says of its own error may leave something out, and the scatter of few runs may
+    be small by chance: the larger of the two is taken.
+
+    Returns:
+        log_evidence and log_evidence_error [nats].
+    """
+    count = log_evidence.size
+    scatter = jnp.var(log_evidence, ddof=1) if count > 1 else jnp.zeros(())
+    return {
+        "log_evidence": jax.nn.logsumexp(log_evidence) - jnp.log(count),
+        "log_evidence_error": jnp.sqrt(jnp.maximum(jnp.mean(variance), scatter) / count),
+    }
