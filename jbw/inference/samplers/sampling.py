@@ -3,6 +3,7 @@
 import time
 import warnings
 from collections.abc import Mapping
+from importlib.metadata import version
 from typing import Any, Literal, get_args
 
 import equinox as eqx
@@ -14,7 +15,6 @@ from jaxtyping import Array, Float, Key, PyTree
 from numpy.typing import NDArray
 
 from jbw.errors import ConfigError
-from jbw.inference.posterior.tree import looked_at, posterior_tree
 from jbw.inference.samplers.chains import (
     Draws,
     draws_of,
@@ -27,11 +27,13 @@ from jbw.inference.samplers.chunked_run import Progress, grow_chains
 from jbw.inference.samplers.evidence import require_possible
 from jbw.inference.samplers.register import Sampler, module_of, options_of, sampler_named
 from jbw.inference.space.box import Box, require_float64
-from jbw.inference.space.problem import LogLikelihood, LogPrior, Problem, problem_of
+from jbw.inference.space.problem import LogLikelihood, LogPrior, Problem, log_volume, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation, in_box
 
 ChainMethod = Literal["sequential", "vectorized", "parallel"]
+VERSIONED = ("jax", "jaxlib", "numpyro", "numpy")
 Found = tuple[Draws, NDArray[np.float64], NDArray[np.float64], float]
+"""Draws, terms of the log likelihood and further log prior at each, and seconds spent before."""
 
 
 def sample(
@@ -118,18 +120,21 @@ def sample(
     else:
         found = _in_chunks(entry, key, problem, place, chosen, (progress, kept))
     drawn, terms, extra, earlier = found
-    facts = {**_plain(chosen._asdict()), "chain_method": method, "whitened": int(problem.located)}
-    return posterior_tree(
-        drawn.theta,
-        drawn.stats,
-        terms,
-        extra - float(jnp.sum(jnp.log(box.upper - box.lower))),
-        box,
-        attrs=attrs or {},
-        facts={**facts, "sampler": sampler, "seed": _words(key), **_plain(drawn.facts)},
-        groups=drawn.groups,
-        wall_time=time.perf_counter() - clock + earlier,
+    tree = _tree(drawn, terms, extra - float(log_volume(box)), box, attrs or {})
+    # Kept apart, for it differs between equal runs.
+    tree["timing"] = xr.DataTree(
+        xr.Dataset(attrs={"wall_s": time.perf_counter() - clock + earlier})
     )
+    tree.attrs |= {
+        **_plain(chosen._asdict()),
+        "chain_method": method,
+        "whitened": int(problem.located),
+        "sampler": sampler,
+        "seed": [int(word) for word in np.ravel(jax.random.key_data(key))],
+        **_plain(drawn.facts),
+        **{f"version_{name}": version(name) for name in VERSIONED},
+    }
+    return tree
 
 
 def _in_chunks(
@@ -144,7 +149,10 @@ def _in_chunks(
     starts = starts_of(key, problem, place.start, options.num_chains)
     make = module_of(entry).kernel
     (draw, terms, extra), earlier = grow_chains(starts, problem, make, options, *watched)
-    facts = {"num_evaluations": looked_at(draw.stats, options.num_warmup)}
+    # As many evaluations a draw in the warm-up as after.
+    each = np.mean(draw.stats["n_steps"]) if "n_steps" in draw.stats else 1.0
+    steps = options.num_chains * (options.num_warmup + options.num_samples)
+    facts = {"num_evaluations": round(float(each) * steps)}
     return Draws(draw.theta, draw.stats, True, True, facts), terms, extra, earlier
 
 
@@ -152,7 +160,7 @@ def _at_once(
     entry: Sampler, key: Key[Array, ""], problem: Problem, options: Any, method: str
 ) -> Found:
     """All draws at once, and the terms of the log likelihood at each."""
-    drawn = _drawn(entry, key, problem, options)
+    drawn = eqx.filter_jit(draws_of)(entry, key, problem, options)
     require_possible(bool(drawn.possible))
     if hasattr(module_of(entry), "require_arrival"):
         module_of(entry).require_arrival(bool(drawn.arrived))
@@ -162,9 +170,34 @@ def _at_once(
     return drawn, np.asarray(terms), np.asarray(extra), 0.0
 
 
-@eqx.filter_jit
-def _drawn(entry: Sampler, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:
-    return draws_of(entry, key, problem, options)
+def _tree(
+    drawn: Draws,
+    terms: Float[np.ndarray, "chain draw term"],
+    log_prior: Float[np.ndarray, "chain draw"],
+    box: Box,
+    attrs: Mapping[str, Mapping[str, str]],
+) -> xr.DataTree:
+    """The posterior's one container, the prior bounds beside each parameter."""
+    dims = ("chain", "draw")
+    bounds = {
+        name: {"lower": float(box.lower[i]), "upper": float(box.upper[i])}
+        for i, name in enumerate(box.names)
+    }
+    stats = {**drawn.stats, "lp": np.sum(terms, axis=-1) + log_prior}
+    variables = {
+        "posterior": {
+            name: xr.Variable(dims, drawn.theta[name], {**bounds[name], **attrs.get(name, {})})
+            for name in box.names
+        },
+        "sample_stats": {name: xr.Variable(dims, values) for name, values in stats.items()},
+        "log_likelihood": {"terms": xr.Variable((*dims, "term"), terms)},
+        "log_prior": {"log_prior": xr.Variable(dims, log_prior)},
+    }
+    coords = {dim: np.arange(size) for dim, size in zip(dims, log_prior.shape, strict=True)}
+    datasets = {name: xr.Dataset(content, coords) for name, content in variables.items()}
+    datasets["log_likelihood"].coords["term"] = np.arange(terms.shape[-1])
+    datasets |= {group: xr.Dataset(dict(content)) for group, content in drawn.groups.items()}
+    return xr.DataTree.from_dict(datasets)
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -175,10 +208,6 @@ def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
             plain = value if isinstance(value, str) else np.asarray(value).tolist()
             found[name] = int(plain) if isinstance(plain, bool) else plain
     return found
-
-
-def _words(key: Key[Array, ""]) -> list[int]:
-    return [int(word) for word in np.ravel(jax.random.key_data(key))]
 
 
 def _available(method: str, num_chains: int) -> str:
