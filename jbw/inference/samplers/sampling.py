@@ -34,6 +34,7 @@ ChainMethod = Literal["sequential", "vectorized", "parallel"]
 VERSIONED = ("jax", "jaxlib", "numpyro", "numpy")
 Found = tuple[Draws, NDArray[np.float64], NDArray[np.float64], float]
 """Draws, terms of the log likelihood and further log prior at each, and seconds spent before."""
+_drawn = eqx.filter_jit(draws_of)
 
 
 def sample(
@@ -121,10 +122,8 @@ def sample(
         found = _in_chunks(entry, key, problem, place, chosen, (progress, kept))
     drawn, terms, extra, earlier = found
     tree = _tree(drawn, terms, extra - float(log_volume(box)), box, attrs or {})
-    # Kept apart, for it differs between equal runs.
-    tree["timing"] = xr.DataTree(
-        xr.Dataset(attrs={"wall_s": time.perf_counter() - clock + earlier})
-    )
+    spent = {"wall_s": time.perf_counter() - clock + earlier}
+    tree["timing"] = xr.DataTree(xr.Dataset(attrs=spent))  # apart: it differs between equal runs
     tree.attrs |= {
         **_plain(chosen._asdict()),
         "chain_method": method,
@@ -160,7 +159,7 @@ def _at_once(
     entry: Sampler, key: Key[Array, ""], problem: Problem, options: Any, method: str
 ) -> Found:
     """All draws at once, and the terms of the log likelihood at each."""
-    drawn = eqx.filter_jit(draws_of)(entry, key, problem, options)
+    drawn = _drawn(entry, key, problem, options)
     require_possible(bool(drawn.possible))
     if hasattr(module_of(entry), "require_arrival"):
         module_of(entry).require_arrival(bool(drawn.arrived))
