@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.typing import NDArray
 
 from jbw.inference.calibration.uniformity import chi_square_p, coverage_interval, ecdf_p
-from jbw.inference.posterior.finding import Finding, Verdict, judge, limited
+from jbw.inference.posterior.finding import Finding, Verdict, checked, judge
 
 MOST_R_HAT = 1.1  # of the chains of one replication, each a few hundred draws long
 MOST_FAILED = 0.01  # share of the replications
@@ -108,17 +108,14 @@ def _uniform(p_chi_square: dict[str, float], p_ecdf: dict[str, float]) -> Findin
     both += [(p, name, "ECDF") for name, p in p_ecdf.items()]
     p, name, test = min(both)
     p = min(1.0, p * len(both))
-    ok = p >= LEAST_P
-    return Finding(
+    return checked(
         "calibration_ranks",
-        "ok" if ok else "failed",
+        p >= LEAST_P,
         f"The ranks of {name} are the least uniform: p = {p:.2g} by the {test}, the least of "
         f"{len(both)} times their number; it must be at least {LEAST_P:g}.",
         p,
-        ""
-        if ok
-        else "Look at the figure: a slope is a bias, a hump too wide an interval, a "
-        "trough too narrow a one.",
+        "Look at the figure: a slope is a bias, a hump too wide an interval, a trough too narrow "
+        "a one.",
     )
 
 
@@ -131,9 +128,9 @@ def _covered(coverage: dict[str, tuple[float, float, float]], count: int) -> Fin
         share = coverage[name][0]
         low, high = coverage_interval(round(share * count), count, corrected)
         if not low <= LEVEL <= high:
-            return Finding(
+            return checked(
                 "calibration_coverage",
-                "failed",
+                False,
                 f"The 99 % interval of {name} holds the truth in {share:.2%} of {count} "
                 f"replications, which says {low:.2%} to {high:.2%}.",
                 share,
@@ -148,10 +145,10 @@ def _came_through(failures: dict[str, NDArray[np.bool_]]) -> Finding:
     counts = {reason: int(np.sum(each)) for reason, each in failures.items()}
     share = float(np.mean(np.any(list(failures.values()), axis=0)))
     told = ", ".join(f"{count} {reason}" for reason, count in counts.items())
-    return limited(
+    return checked(
         "calibration_failures",
+        share <= MOST_FAILED,
         f"{share:.2%} of the replications failed ({told}); it must be below {MOST_FAILED:.0%}.",
         share,
-        MOST_FAILED,
         "Use a sampler that crosses this posterior, or give it more draws.",
     )

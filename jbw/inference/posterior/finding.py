@@ -4,6 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 Status = Literal["ok", "failed", "not assessed"]
 
 
@@ -40,21 +42,14 @@ class Verdict:
 
 
 def judge(findings: Iterable[Finding]) -> Verdict:
-    """The verdict that follows from findings; one that says nothing is not assessed.
-
-    Returns:
-        The verdict.
-    """
-    found = tuple(findings)
-    statuses = {finding.status for finding in found}
+    """The verdict that follows from findings; one that says nothing is not assessed."""
+    findings = tuple(findings)
+    statuses = {finding.status for finding in findings}
     if "failed" in statuses:
-        return Verdict("failed", found)
-    return Verdict("ok" if statuses == {"ok"} else "not assessed", found)
+        return Verdict("failed", findings)
+    return Verdict("ok" if statuses == {"ok"} else "not assessed", findings)
 
 
-def limited(
-    code: str, reason: str, number: float | int, limit: float | int, action: str
-) -> Finding:
-    """A finding that is ok up to a limit."""
-    good = number <= limit
-    return Finding(code, "ok" if good else "failed", reason, float(number), "" if good else action)
+def checked(code: str, ok: bool | np.bool_, reason: str, number: float, action: str) -> Finding:
+    """A finding that is ok or failed; the action is for the failure."""
+    return Finding(code, "ok" if ok else "failed", reason, float(number), "" if ok else action)

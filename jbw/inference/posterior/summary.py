@@ -29,26 +29,31 @@ def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, total - 1, min(num_draws, total)).round().astype(int))
 
 
-def summarise(tree: xr.DataTree, box: Box | None = None, prob: float = 0.99) -> dict[str, Row]:
+def summarise(tree: xr.DataTree, box: Box | None = None) -> dict[str, Row]:
     """Summary of every scalar quantity of a posterior.
 
     Args:
         tree: Groups posterior and sample_stats, as `sample` leaves them.
         box: Prior bounds; when None, those stored beside the parameters.
-        prob: Probability of the central interval.
 
     Returns:
-        Quantity to its row: map, mean, sd, cv, the two quantiles (q005 and q995 for 0.99), kl
-        [nats from the prior], contraction (1 less the variance over the prior's), ess_bulk,
-        ess_tail, r_hat. A number that cannot be had is NaN. The map is the draw of the highest
-        posterior density.
+        Quantity to its row: map, mean, sd, cv, the quantiles q005 and q995 about 99 %, kl [nats
+        from the prior], contraction (1 less the variance over the prior's), ess_bulk, ess_tail,
+        r_hat. A number that cannot be had is NaN. The map is the draw of the highest posterior
+        density.
     """
     posterior = tree["posterior"].to_dataset()
     lp = tree["sample_stats"].to_dataset()["lp"].values
     bounds = _bounds(posterior, box)
-    scalars = [name for name, var in posterior.items() if var.dims == ("chain", "draw")]
+    return {name: _row(values, lp, bounds.get(name)) for name, values in scalars(tree).items()}
+
+
+def scalars(tree: xr.DataTree) -> dict[str, Float[np.ndarray, "chain draw"]]:
+    """Draws of every scalar quantity of a posterior, by name."""
     return {
-        str(name): _row(posterior[name].values, lp, bounds.get(str(name)), prob) for name in scalars
+        str(name): np.asarray(variable.values)
+        for name, variable in tree["posterior"].to_dataset().items()
+        if variable.dims == ("chain", "draw")
     }
 
 
@@ -67,18 +72,16 @@ def _row(
     draws: Float[np.ndarray, "chain draw"],
     lp: Float[np.ndarray, "chain draw"],
     bounds: tuple[float, float] | None,
-    prob: float,
 ) -> Row:
-    tail = (1 - prob) / 2
-    low, high = (float(q) for q in np.quantile(draws, [tail, 1 - tail]))
+    low, high = (float(q) for q in np.quantile(draws, [QUANTILES[0], QUANTILES[2]]))
     mean, sd = float(np.mean(draws)), float(np.std(draws, ddof=1))
     row = {
         "map": float(draws.ravel()[np.argmax(lp)]),
         "mean": mean,
         "sd": sd,
         "cv": sd / abs(mean) if mean else float("nan"),
-        quantile_name(tail): low,
-        quantile_name(1 - tail): high,
+        quantile_name(QUANTILES[0]): low,
+        quantile_name(QUANTILES[2]): high,
         "kl": float("nan"),
         "contraction": float("nan"),
         **diagnose(draws),
@@ -160,11 +163,7 @@ def correlations(tree: xr.DataTree) -> dict[str, dict[str, float]]:
     Returns:
         Quantity to quantity to correlation.
     """
-    columns = {
-        str(name): var.values.ravel()
-        for name, var in tree["posterior"].to_dataset().items()
-        if var.dims == ("chain", "draw")
-    }
+    columns = {name: values.ravel() for name, values in scalars(tree).items()}
     matrix = np.atleast_2d(np.corrcoef(np.array(list(columns.values()))))
     return {
         name: dict(zip(columns, row.tolist(), strict=True))

@@ -9,12 +9,12 @@ import xarray as xr
 from jaxtyping import Float
 
 from jbw.inference.fit.identifiability import weak_direction_of_draws
-from jbw.inference.posterior.finding import Finding, Verdict, judge, limited
+from jbw.inference.posterior.finding import Finding, Verdict, checked, judge
 from jbw.inference.posterior.modes import modes_finding
-from jbw.inference.posterior.summary import diagnose
+from jbw.inference.posterior.summary import Row, diagnose, scalars
 from jbw.inference.space.box import Box
 
-Draws = dict[str, Float[np.ndarray, "chain draw"]]
+Draws = Mapping[str, Float[np.ndarray, "chain draw"]]
 
 R_HAT = 1.01
 ESS = 400.0
@@ -24,6 +24,8 @@ TREE_SHARE = 0.05  # of trajectories cut at the greatest depth
 EDGE, PILE = 0.01, 2.0  # share of the box at a bound; excess over a uniform posterior there
 CHI_SQUARE = (0.2, 5.0)  # a degree of freedom
 GOOD_KHAT = 0.7  # Pareto shape above which weights cannot be trusted (Vehtari et al. 2024)
+MORE = "Draw more, or start from a fit with its covariance."
+WORST_FIRST = ("failed", "not assessed", "ok")
 QUADRATURE = 1e-3  # change by the last refinement, in nats or standard deviations
 
 
@@ -42,17 +44,13 @@ def verdict(tree: xr.DataTree, box: Box, *, chi_square: tuple[float, int] | None
     Reference:
         Vehtari et al. (2021), Bayesian Analysis 16, 667; Betancourt (2016), arXiv:1604.00695.
     """
-    draws: Draws = {
-        str(name): np.asarray(variable.values)
-        for name, variable in tree["posterior"].to_dataset().items()
-        if variable.dims == ("chain", "draw")
-    }
+    draws = scalars(tree)
     findings = [_finite(draws)]
     if findings[0].status == "ok":
         findings += [_moving(draws), *_convergence(draws), modes_finding(draws)]
         findings += [*_bounds(draws, box), _identified(draws, box)]
     findings += _trajectories(tree["sample_stats"].to_dataset())
-    findings += direct_findings(tree.attrs)
+    findings += _at_once(tree.attrs)
     if chi_square is not None:
         findings.append(_fit(*chi_square))
     return judge(findings)
@@ -62,7 +60,7 @@ def _finite(draws: Draws) -> Finding:
     counts = {name: int(np.sum(~np.isfinite(values))) for name, values in draws.items()}
     name = max(counts, key=counts.__getitem__)
     reason = f"{counts[name]} draws of {name} are not finite."
-    return limited("non_finite", reason, counts[name], 0, "Check the data for NaN.")
+    return checked("non_finite", counts[name] == 0, reason, counts[name], "Check the data for NaN.")
 
 
 def _moving(draws: Draws) -> Finding:
@@ -70,146 +68,114 @@ def _moving(draws: Draws) -> Finding:
     name = max(frozen, key=frozen.__getitem__)
     reason = f"{frozen[name]} of {len(draws[name])} chains never moved in {name}."
     action = "Start elsewhere, lengthen the warm-up, or doubt a noise that is far too small."
-    return limited("frozen_chain", reason, frozen[name], 0, action)
+    return checked("frozen_chain", frozen[name] == 0, reason, frozen[name], action)
 
 
 def _convergence(draws: Draws) -> list[Finding]:
     rows = {name: diagnose(values) for name, values in draws.items()}
-    more = "Draw more, or start from a fit with its covariance."
-    found = []
-    for code, low in (("ess_bulk", True), ("ess_tail", True), ("r_hat", False)):
-        values = {name: row[code] for name, row in rows.items()}
-        if code == "r_hat" and all(len(value) == 1 for value in draws.values()):
-            found.append(
-                Finding(
-                    code,
-                    "not assessed",
-                    "One chain cannot be compared with itself.",
-                    float("nan"),
-                    "Run at least two chains, better four.",
-                )
-            )
-            continue
-        # A number that cannot be had is the worst of all.
-        worst = {n: (-v if low else v) if np.isfinite(v) else np.inf for n, v in values.items()}
-        name = max(worst, key=worst.__getitem__)
-        value = values[name]
-        good = value >= ESS if low else value < R_HAT
-        limit = f"at least {ESS:g}" if low else f"below {R_HAT:g}"
-        reason = f"{code} of {name} is {value:.4g}; it must be {limit}."
-        found.append(Finding(code, "ok" if good else "failed", reason, value, "" if good else more))
-    return found
+    findings = [_least_effective(code, rows) for code in ("ess_bulk", "ess_tail")]
+    if all(len(values) == 1 for values in draws.values()):
+        reason, action = (
+            "One chain cannot be compared with itself.",
+            "Run at least two chains, better four.",
+        )
+        return [*findings, Finding("r_hat", "not assessed", reason, float("nan"), action)]
+    # A number that cannot be had is the worst of all.
+    name = max(rows, key=lambda name: np.nan_to_num(rows[name]["r_hat"], nan=np.inf))
+    r_hat = rows[name]["r_hat"]
+    reason = f"r_hat of {name} is {r_hat:.4g}; it must be below {R_HAT:g}."
+    return [*findings, checked("r_hat", r_hat < R_HAT, reason, r_hat, MORE)]
+
+
+def _least_effective(code: str, rows: Mapping[str, Row]) -> Finding:
+    name = min(rows, key=lambda name: np.nan_to_num(rows[name][code], nan=-np.inf))
+    size = rows[name][code]
+    reason = f"{code} of {name} is {size:.4g}; it must be at least {ESS:g}."
+    return checked(code, size >= ESS, reason, size, MORE)
 
 
 def bands_finding(draws: Draws) -> Finding:
-    """Whether the quantities that response bands are made of have converged, all in one finding.
+    """Whether the quantities that response bands are made of have converged: the worst by name.
 
     Args:
         draws: Draws of each, by what it is.
-
-    Returns:
-        Of the worst quantity, by the limits of R-hat and of the effective sample sizes.
     """
-    found = _convergence(draws)
-    worst = next((f for f in found if f.status == "failed"), None)
-    worst = worst or next((f for f in found if f.status != "ok"), found[0])
+    worst = min(_convergence(draws), key=lambda one: WORST_FIRST.index(one.status))
     return replace(worst, code="response_bands")
 
 
 def _bounds(draws: Draws, box: Box) -> list[Finding]:
-    found = []
+    findings = []
     for name, lower, upper in zip(box.names, box.lower, box.upper, strict=True):
         x = (draws[name] - float(lower)) / float(upper - lower)
         for side, share in (("lower", np.mean(x < EDGE)), ("upper", np.mean(x > 1 - EDGE))):
             if share > PILE * EDGE:
-                found.append(
-                    Finding(
-                        "at_bound",
-                        "failed",
-                        f"{share:.1%} of the posterior of {name} lie within {EDGE:.0%} of its "
-                        f"{side} bound.",
-                        float(share),
-                        f"Widen {name} {side}, or doubt the model.",
-                    )
-                )
-    return found or [Finding("at_bound", "ok", "No parameter piles up at its bounds.", 0.0)]
+                where = f"within {EDGE:.0%} of its {side} bound"
+                reason = f"{share:.1%} of the posterior of {name} lie {where}."
+                action = f"Widen {name} {side}, or doubt the model."
+                findings.append(checked("at_bound", False, reason, share, action))
+    return findings or [Finding("at_bound", "ok", "No parameter piles up at its bounds.", 0.0)]
 
 
 def _identified(draws: Draws, box: Box) -> Finding:
     weak = weak_direction_of_draws(draws, box)
     if weak is None:
         return Finding("unidentified", "ok", "The data narrow every direction.", 0.0)
-    return Finding(
-        "unidentified",
-        "failed",
+    reason = (
         f"{weak.text[0].upper()}{weak.text[1:]}: along one direction of {', '.join(weak.names)} "
-        f"the posterior has {weak.ratio:.2f} of the prior's standard deviation.",
-        weak.ratio,
-        "Report the combination, fix one of the parameters, or add tests at higher amplitude.",
+        f"the posterior has {weak.ratio:.2f} of the prior's standard deviation."
     )
+    action = "Report the combination, fix one of the parameters, or add tests at higher amplitude."
+    return checked("unidentified", False, reason, weak.ratio, action)
 
 
 def _trajectories(stats: xr.Dataset) -> list[Finding]:
-    found = []
+    findings = []
     if "diverging" in stats:
         count = int(stats["diverging"].sum())
         reason = (
             f"{count} of {stats['diverging'].size} trajectories diverged or met a failed solve."
         )
         action = "Raise target_accept, or look where in the prior the model cannot be solved."
-        found.append(limited("divergences", reason, count, 0, action))
+        findings.append(checked("divergences", count == 0, reason, count, action))
     if "failed" in stats:
         share = float(stats["failed"].mean())
         reason = f"{share:.2%} of the proposals met a failed solve."
         action = "Narrow the prior to where the model can be solved, or solve it more finely."
-        found.append(limited("failed_solves", reason, share, FAILED_SOLVES, action))
+        findings.append(checked("failed_solves", share <= FAILED_SOLVES, reason, share, action))
     if "reached_max_tree_depth" in stats:
         share = float(stats["reached_max_tree_depth"].mean())
         reason = f"{share:.1%} of the trajectories were cut at the greatest tree depth."
         action = "Start from a fit with its covariance, or raise max_tree_depth."
-        found.append(limited("tree_depth", reason, share, TREE_SHARE, action))
+        findings.append(checked("tree_depth", share <= TREE_SHARE, reason, share, action))
     if "energy" in stats and stats.sizes["draw"] > 1:
         from arviz_stats.base.array import array_stats  # a second of imports, needed only here
 
         lowest = float(np.min(array_stats.bfmi(stats["energy"].values)))
-        good = lowest >= BFMI
         reason = f"E-BFMI of the worst chain is {lowest:.2f}; it must be at least {BFMI:g}."
-        action = "" if good else "Reparametrise: the tails are not explored."
-        found.append(Finding("e_bfmi", "ok" if good else "failed", reason, lowest, action))
-    return found
+        action = "Reparametrise: the tails are not explored."
+        findings.append(checked("e_bfmi", lowest >= BFMI, reason, lowest, action))
+    return findings
 
 
-def direct_findings(facts: Mapping[Any, Any]) -> list[Finding]:
-    """Judge what such a sampler says of itself; nothing for chains.
-
-    Returns:
-        A finding each for k-hat, the effective number of the weights, the last temperature and
-        the error of the quadrature, where there is one.
-
-    Reference:
-        Vehtari et al. (2024), JMLR 25, 72.
-    """
-    found = []
-    chain = "Draw by nuts or tempered_smc: the posterior is not the Laplace approximation."
+def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
+    """What a sampler that draws everything at once says of itself in the tree's attributes."""
+    findings = []
     if "khat" in facts:
         khat = float(facts["khat"])
-        # NaN, from too few weights to tell, is not below the limit.
-        good = khat < GOOD_KHAT
         reason = f"Pareto k-hat of the weights is {khat:.2f}; it must be below {GOOD_KHAT:g}."
-        found.append(
-            Finding("khat", "ok" if good else "failed", reason, khat, "" if good else chain)
-        )
+        action = "Draw by nuts or tempered_smc: the posterior is not the Laplace approximation."
+        # NaN, from too few weights to tell, is not below the limit.
+        findings.append(checked("khat", khat < GOOD_KHAT, reason, khat, action))
     if "ess_weights" in facts:
-        effective = float(facts["ess_weights"])
-        good = effective >= ESS
-        reason = f"The weights are worth {effective:.4g} draws; it must be at least {ESS:g}."
-        action = "" if good else "Draw more."
-        found.append(Finding("ess_weights", "ok" if good else "failed", reason, effective, action))
+        size = float(facts["ess_weights"])
+        reason = f"The weights are worth {size:.4g} draws; it must be at least {ESS:g}."
+        findings.append(checked("ess_weights", size >= ESS, reason, size, "Draw more."))
     if "inverse_temperature" in facts:
         beta = float(facts["inverse_temperature"])
         reason = f"The inverse temperature ended at {beta:.3g}; it must end at 1."
         action = "Narrow the prior, or start from a fit with its covariance."
-        found.append(limited("temperature", reason, 1 - beta, 0.0, action))
+        findings.append(checked("temperature", beta >= 1, reason, 1 - beta, action))
     if "quadrature_error" in facts:
         error = float(facts["quadrature_error"])
         reason = (
@@ -217,8 +183,8 @@ def direct_findings(facts: Mapping[Any, Any]) -> list[Finding]:
             f"or nats; it must be at most {QUADRATURE:g}."
         )
         action = "Narrow the prior, or draw by nuts."
-        found.append(limited("quadrature", reason, error, QUADRATURE, action))
-    return found
+        findings.append(checked("quadrature", converged(facts), reason, error, action))
+    return findings
 
 
 def converged(facts: Mapping[Any, Any]) -> bool:
@@ -233,11 +199,9 @@ def converged(facts: Mapping[Any, Any]) -> bool:
 def _fit(chi_square: float, dof: int) -> Finding:
     ratio = chi_square / dof if dof > 0 else float("nan")
     low, high = CHI_SQUARE
-    good = low <= ratio <= high
-    return Finding(
-        "chi_square",
-        "ok" if good else "failed",
-        f"Chi-square a degree of freedom is {ratio:.3g}; it must be within {low:g} and {high:g}.",
-        ratio,
-        "" if good else "Doubt the noise, or the model.",
+    reason = (
+        f"Chi-square a degree of freedom is {ratio:.3g}; it must be within {low:g} and {high:g}."
+    )
+    return checked(
+        "chi_square", low <= ratio <= high, reason, ratio, "Doubt the noise, or the model."
     )
