@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from jbw.inference.calibration.record import LEVEL, Calibration
-from jbw.inference.calibration.uniformity import counts_below, ecdf_envelope
+from jbw.inference.calibration.record import LEVEL, Calibration, counts_below, ecdf_envelope
 from jbw.report.style import BLUE, SKY, VERMILLION, Panels, legend, panels, shade, title
 from jbw.report.text import number, symbol
 

@@ -2,7 +2,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jbw.inference.groups.likelihood import (
+from jbw.inference.groups.offsets import (
     complex_gaussian_log_likelihood,
     complex_gaussian_marginal_log_likelihood,
 )

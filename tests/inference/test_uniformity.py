@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chisquare, kstest
 
-from jbw.inference.calibration.uniformity import (
+from jbw.inference.calibration.record import (
     chi_square_p,
     counts_below,
     coverage_interval,

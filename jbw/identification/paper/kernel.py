@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jbw.errors import DataError
-from jbw.inference.groups.likelihood import (
+from jbw.inference.groups.offsets import (
     complex_gaussian_log_likelihood,
     complex_gaussian_marginal_log_likelihood,
 )

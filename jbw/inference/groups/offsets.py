@@ -1,4 +1,8 @@
-r"""Gaussian likelihood of groups of data that each have offsets of their own.
+r"""Gaussian likelihoods of repeats, and of groups of them that each have offsets of their own.
+
+K repeats d_k enter only by their mean, their within-repeat sum of squares and K:
+
+$$\sum_k |d_k - m|^2 = K |\bar d - m|^2 + S, \qquad S = \sum_k |d_k - \bar d|^2$$
 
 Structures shift: from level to level, from day to day, by a part in a thousand. A group (a test,
 or one harmonic of it) sees the shared parameters through a few offsets b of its own run, which act
@@ -7,13 +11,79 @@ runs share a scatter, unknown too (`jbw.inference.groups.scatter`). Without this
 sets the width of the posterior, and real structures make it several times too narrow.
 """
 
+import math
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Complex, Float
 
+Complexes = Complex[Array, "..."] | Complex[np.ndarray, "..."]
+Reals = Float[Array, "..."] | Float[np.ndarray, "..."] | float
 ROUNDING = 1e-14  # of a diagonal entry: a pivot below is zero but for rounding
+
+
+def complex_gaussian_log_likelihood(
+    mean: Complexes,
+    within_ss: Reals,
+    num_repeats: Reals,
+    model: Complexes,
+    noise_std: Reals,
+) -> Float[Array, "..."]:
+    r"""Log likelihood of K repeats of complex data, one term a point.
+
+    $$\log L = -K \log(2\pi\sigma^2) - \frac{K |\bar d - m|^2 + S}{2\sigma^2}$$
+
+    The transpose in (34) is the conjugate one, and sigma is the standard deviation of each real
+    component, as 2 sigma^2 requires.
+
+    Args:
+        mean: Mean of the repeats.
+        within_ss: Sum of squares S of the repeats about their mean, at each point.
+        num_repeats: K.
+        model: Prediction m.
+        noise_std: Standard deviation of the real, and of the imaginary, part of one repeat.
+
+    Returns:
+        Log likelihood of each point [nats].
+
+    Reference:
+        Eqs. (34), (36).
+    """
+    num_repeats, variance = jnp.asarray(num_repeats), jnp.square(noise_std)
+    misfit = num_repeats * _squared_modulus(mean - model) + within_ss
+    return -num_repeats * (math.log(2 * math.pi) + jnp.log(variance)) - misfit / (2 * variance)
+
+
+def complex_gaussian_marginal_log_likelihood(
+    mean: Complexes,
+    within_ss: Reals,
+    num_repeats: Reals,
+    model: Complexes,
+) -> Float[Array, ""]:
+    r"""Log likelihood of complex repeats with the unknown common noise integrated out.
+
+    $$\log p = -N K \log \sum_{i,k} |d_{ik} - m_i|^2 + \mathrm{const}$$
+
+    Args:
+        mean: Mean of the repeats.
+        within_ss: Sum of squares S: at each point, or in all.
+        num_repeats: K.
+        model: Prediction m.
+
+    Returns:
+        One number [nats], up to a constant: the points share the noise, so there are no
+        independent terms.
+
+    Reference:
+        Eq. (36) under the Jeffreys prior 1/sigma.
+    """
+    total = jnp.sum(num_repeats * _squared_modulus(mean - model)) + jnp.sum(within_ss)
+    return -mean.size * jnp.asarray(num_repeats) * jnp.log(total)
+
+
+def _squared_modulus(value: Complexes) -> Float[Array, "..."]:
+    return jnp.square(jnp.real(value)) + jnp.square(jnp.imag(value))
 
 
 class Estimate(NamedTuple):
