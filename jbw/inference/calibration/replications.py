@@ -153,18 +153,7 @@ def ranked(
     arrived: Bool[Array, ""],
     num_ranks: int,
 ) -> Ranked:
-    """Rank one truth among evenly thinned draws of its posterior.
-
-    Args:
-        key: Random key, of which way ties fall.
-        truth: Every quantity at the truth.
-        draws: At the draws.
-        arrived: Whether the sampler came to its end.
-        num_ranks: L.
-
-    Returns:
-        The ranks, whether the truth is inside the central 99 % of all draws, and what failed.
-    """
+    """Rank one truth among evenly thinned draws of its posterior, ties by chance."""
     flat = draws.reshape(-1, draws.shape[-1])
     kept = flat[np.linspace(0, len(flat) - 1, num_ranks).round().astype(int)]
     tail = round(TAIL * len(flat))

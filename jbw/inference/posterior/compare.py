@@ -19,9 +19,6 @@ Row = dict[str, float | None]
 def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
     """Mean, standard deviation and quantiles of one parameter, with their standard errors.
 
-    Args:
-        draws: Draws of every chain.
-
     Returns:
         mean, sd, q010, q500, q990; mcse_ before each name; ess_bulk, ess_tail and r_hat. None where
         a number cannot be had.
@@ -44,11 +41,7 @@ def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
 
 
 def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
-    """The same from a quadrature's own table, whose errors are what it states.
-
-    Args:
-        tree: As the sampler quadrature left it.
-    """
+    """The same from the table that a quadrature left, whose errors are what it states."""
     table = tree["exact"].to_dataset()
     error = float(tree.attrs["quadrature_error"])
     rows: dict[str, Row] = {}
@@ -64,11 +57,7 @@ def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
 
 
 def worst_ess(rows: Mapping[str, Row]) -> float | None:
-    """Smallest effective sample size, of bulk and tail, over all parameters.
-
-    Args:
-        rows: Parameter to its numbers.
-    """
+    """Smallest effective sample size, of bulk and tail, over all parameters."""
     found = [row[kind] for row in rows.values() for kind in ("ess_bulk", "ess_tail")]
     known = [value for value in found if value is not None]
     return min(known) if known and len(known) == len(found) else None
@@ -77,12 +66,8 @@ def worst_ess(rows: Mapping[str, Row]) -> float | None:
 def reference_of(rows: Mapping[str, Mapping[str, Row]]) -> str:
     """The sampler that the others are measured by, where no quadrature is among them.
 
-    Args:
-        rows: Sampler to parameter to numbers.
-
-    Returns:
-        The one of the largest worst effective sample size among those whose chains agree; among
-        all where none do.
+    It has the largest worst effective sample size of those whose chains agree; of all where none
+    do. The rows are by sampler and parameter.
     """
 
     def agrees(sampler: str) -> bool:
@@ -97,10 +82,6 @@ def distances(row: Row, reference: Row) -> dict[str, float | None]:
     r"""How far numbers are from a reference's, in standard errors.
 
     $$(a - b) / \sqrt{\mathrm{mcse}_a^2 + \mathrm{mcse}_b^2}$$
-
-    Args:
-        row: Numbers of one parameter.
-        reference: The reference's.
 
     Returns:
         z_ before each quantity; None where an error is not known.
@@ -118,11 +99,7 @@ def _distance(row: Row, reference: Row, name: str) -> float | None:
 
 
 def furthest(rows: Sequence[Row]) -> float | None:
-    """Largest of all distances, without its sign.
-
-    Args:
-        rows: Numbers with their distances.
-    """
+    """Largest of all distances, without its sign."""
     found = [row.get(f"z_{name}") for row in rows for name in QUANTITIES]
     known = [abs(value) for value in found if value is not None]
     return max(known) if known else None

@@ -16,15 +16,11 @@ from jbw.inference.space.box import Box
 Row = dict[str, float]
 QUANTILES = (0.005, 0.5, 0.995)
 """Of a 99 % interval and its middle."""
+NUM_POINTS = 256  # of a density
 
 
 def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
-    """Numbers of so many draws at most, evenly spaced over all chains laid end to end.
-
-    Args:
-        posterior: Posterior group with dimensions (chain, draw).
-        num_draws: Draws to keep at most.
-    """
+    """Numbers of so many draws at most, evenly spaced over all chains laid end to end."""
     total = posterior.sizes["chain"] * posterior.sizes["draw"]
     return np.unique(np.linspace(0, total - 1, min(num_draws, total)).round().astype(int))
 
@@ -101,9 +97,6 @@ def quantile_name(probability: float) -> str:
 def diagnose(draws: Float[np.ndarray, "chain draw"]) -> Row:
     """Effective sample sizes and split R-hat of one quantity, NaN where there are none.
 
-    Args:
-        draws: Draws of every chain.
-
     Returns:
         ess_bulk, ess_tail, r_hat (rank-normalised). All NaN for non-finite draws or where a chain
         never moved; r_hat NaN for one chain.
@@ -155,14 +148,7 @@ def kl_from_uniform(x: Float[np.ndarray, " draw"], window: int | None = None) ->
 
 
 def correlations(tree: xr.DataTree) -> dict[str, dict[str, float]]:
-    """Posterior correlations of the scalar quantities.
-
-    Args:
-        tree: Group posterior, as `sample` leaves it.
-
-    Returns:
-        Quantity to quantity to correlation.
-    """
+    """Posterior correlations of the scalar quantities, by name and name."""
     columns = {name: values.ravel() for name, values in scalars(tree).items()}
     matrix = np.atleast_2d(np.corrcoef(np.array(list(columns.values()))))
     return {
@@ -209,17 +195,11 @@ def band(
 
 
 def marginal_density(
-    draws: ArrayLike, lower: float, upper: float, num_points: int = 256
+    draws: ArrayLike, lower: float, upper: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Density of a marginal posterior in its prior interval, by a kernel estimate.
 
     Draws are mirrored at both bounds, so that a flat posterior has a flat density.
-
-    Args:
-        draws: Draws in any shape, in the parameter's unit.
-        lower: Lower bound of the prior.
-        upper: Upper bound of the prior.
-        num_points: Points of the grid.
 
     Returns:
         Grid over the draws' range widened to at most the bounds, and the density there.
@@ -227,22 +207,14 @@ def marginal_density(
     inside = np.ravel(draws)
     estimate = gaussian_kde(inside)
     reach = 4 * np.sqrt(estimate.covariance[0, 0])
-    grid = np.linspace(
-        max(lower, inside.min() - reach), min(upper, inside.max() + reach), num_points
-    )
+    ends = max(lower, inside.min() - reach), min(upper, inside.max() + reach)
+    grid = np.linspace(*ends, NUM_POINTS)
     density = estimate(grid) + estimate(2 * lower - grid) + estimate(2 * upper - grid)
     return grid, density
 
 
 def as_plain(rows: Mapping[str, Row]) -> dict[str, dict[str, Any]]:
-    """Rows for JSON, which has no NaN: None instead.
-
-    Args:
-        rows: Rows of `summarise`.
-
-    Returns:
-        The same with None for NaN.
-    """
+    """Rows of `summarise` for JSON, which has no NaN: None instead."""
     return {
         name: {key: None if np.isnan(value) else value for key, value in row.items()}
         for name, row in rows.items()

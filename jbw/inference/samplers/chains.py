@@ -33,6 +33,9 @@ class Draw(NamedTuple):
 class Kernel(NamedTuple):
     """A Markov chain whose law is the posterior.
 
+    Its options have `num_warmup` steps, discarded, `num_samples` draws kept of each of `num_chains`
+    chains, and `chain_method`, how chains share the machine.
+
     Attributes:
         init: (key, w) to the first state, w the start in the whitened coordinate.
         step: A state to the next.

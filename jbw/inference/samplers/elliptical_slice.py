@@ -34,14 +34,7 @@ COUNT = jnp.int32
 
 
 class Options(NamedTuple):
-    """Options of elliptical slices.
-
-    Attributes:
-        num_warmup: Steps that are discarded; nothing adapts.
-        num_samples: Draws kept of each chain.
-        num_chains: Chains.
-        chain_method: How chains share the machine.
-    """
+    """Options of every chain; nothing adapts in the warm-up."""
 
     num_warmup: int = 1000
     num_samples: int = 1000
@@ -50,14 +43,7 @@ class Options(NamedTuple):
 
 
 class State(NamedTuple):
-    """Where one chain is.
-
-    Attributes:
-        w: Position in the whitened coordinate.
-        log_ratio: Log posterior less log reference density at w [nats].
-        num_steps: Points that the last draw looked at.
-        rng_key: Key of the next draw.
-    """
+    """Where one chain is; `num_steps` points were looked at for the last draw."""
 
     w: Float[Array, " parameter"]
     log_ratio: Float[Array, ""]

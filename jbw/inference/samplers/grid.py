@@ -113,16 +113,13 @@ def whitened_by(
 
 
 class Place(NamedTuple):
-    """Where a posterior lies, as a logit of the unit box.
+    """Where a posterior lies: moments of its logit, on the grids so far.
 
     Attributes:
-        mean: Of the logit.
-        covariance: Of the logit.
         power: Power of the likelihood that the moments are of; 1 at the end.
         highest: Highest log density of the last grid, of the logit [nats].
         rounds: Grids that were spent.
         whole: How many of them at the power 1.
-        settled: Whether the moments no longer change.
         possible: Whether the posterior was possible at any node of every grid.
     """
 

@@ -141,13 +141,7 @@ def _kept(key: Key[Array, ""], weights: Float[Array, " draw"], options: Options)
 def moved(
     whitening: Affine, w: Float[Array, "draw parameter"], ratio: Float[Array, " draw"]
 ) -> Affine:
-    """The whitening by the weighted moments of draws, flattened where a few weights would decide.
-
-    Args:
-        whitening: Of the draws.
-        w: The draws.
-        ratio: Their log weights.
-    """
+    """The whitening by moments of weighted draws, flattened where a few weights would decide."""
     size, d = w.shape
     ratio = jnp.maximum(ratio, jnp.max(ratio) - DEEPEST)
 

@@ -37,12 +37,7 @@ VOLUMES = 200  # simulated shrinkages of the prior volume
 
 
 class Options(NamedTuple):
-    """Options of nested sampling.
-
-    Attributes:
-        num_samples: Draws of each run.
-        num_chains: Runs, one after the other.
-    """
+    """Draws of each run, and runs, one after the other."""
 
     num_samples: int = 1000
     num_chains: int = 4

@@ -13,13 +13,9 @@ from jbw.inference.space.problem import Problem
 
 
 class Options(NamedTuple):
-    """Options of NUTS.
+    """Options of NUTS, beside those of every chain.
 
     Attributes:
-        num_warmup: Steps of adaptation, discarded.
-        num_samples: Draws kept of each chain.
-        num_chains: Chains.
-        chain_method: How chains share the machine.
         target_accept: Acceptance that the step size is tuned to.
         adapt_mass: Whether a dense mass matrix is learnt; when None, where no fit has whitened.
         forward_mode: Whether gradients are taken in forward mode.

@@ -63,15 +63,10 @@ class Options(NamedTuple):
 
 
 class Marginal(NamedTuple):
-    """What the grid of one parameter says.
+    """What the grid of one parameter says, quantiles at `PROBABILITIES`.
 
-    Attributes:
-        log_evidence: Logarithm of the evidence [nats].
-        mean: Of the parameter, in its unit.
-        sd: Standard deviation, in its unit.
-        quantiles: At `PROBABILITIES`.
-        error: What the finer of two rules changed: log evidence [nats], mean and standard
-            deviation over the deviation.
+    The error is what the finer of two rules changed: log evidence [nats], mean and standard
+    deviation over the deviation.
     """
 
     log_evidence: Float[Array, ""]

@@ -25,13 +25,9 @@ FIRST_STEP = (0.1, 1.0)  # in the box, or where a fit has whitened it: where tun
 
 
 class Options(NamedTuple):
-    """Options of the walk.
+    """Options of the walk, beside those of every chain.
 
     Attributes:
-        num_warmup: Steps of tuning, discarded.
-        num_samples: Draws kept of each chain.
-        num_chains: Chains.
-        chain_method: How chains share the machine.
         target_accept: Acceptance that the step size is tuned to.
         step_size: Fixed standard deviation of a proposal in x; None to tune it, in the warm-up and
             only there. With a fixed step the walk is the same in all directions; a tuned one is
@@ -61,13 +57,7 @@ PAPER = PaperOptions()
 
 
 class Info(NamedTuple):
-    """What happened in one step.
-
-    Attributes:
-        accept_prob: Acceptance probability; 0 for a proposal outside the box.
-        accepted: Whether the walk moved.
-        failed: Whether the log density of the proposal was not finite (a failed solve).
-    """
+    """What happened in one step; `failed` is a proposal in the box with no finite density."""
 
     accept_prob: Float[Array, ""]
     accepted: Bool[Array, ""]
@@ -75,16 +65,13 @@ class Info(NamedTuple):
 
 
 class State(NamedTuple):
-    """Where one walk is.
+    """Where one walk is, after i steps.
 
     Attributes:
-        i: Steps taken so far, burn-in included.
-        x: Position in the unit box.
         log_density: Log posterior density at x [nats].
         log_step: Logarithm of the proposal's standard deviation in x.
         log_step_average: Its average over the burn-in, used after it.
         info: What happened in the last step.
-        rng_key: Key of the next step.
     """
 
     i: Int[Array, ""]

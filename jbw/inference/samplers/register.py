@@ -85,14 +85,7 @@ for _sampler in (
 
 
 def sampler_named(name: str) -> Sampler:
-    """The sampler of a name.
-
-    Args:
-        name: One of the register.
-
-    Raises:
-        ConfigError: An unknown name; the nearest known one is said.
-    """
+    """The sampler of a name; an unknown one is refused, and the nearest known one said."""
     if name in SAMPLERS:
         return SAMPLERS[name]
     near = get_close_matches(name, SAMPLERS, 1)
@@ -109,12 +102,6 @@ def module_of(sampler: Sampler) -> Any:
 
 
 def options_of(sampler: Sampler, **given: Any) -> Any:
-    """The record of options of a sampler, of those given that it has.
-
-    Args:
-        sampler: One of the register.
-        given: Options by name; None, and names that it does not have, are left out.
-    """
+    """The options of a sampler; those given that are None or that it does not have are left out."""
     record = getattr(module_of(sampler), sampler.options)
-    known = {n: v for n, v in given.items() if n in record._fields and v is not None}
-    return record(**known)
+    return record(**{n: v for n, v in given.items() if n in record._fields and v is not None})

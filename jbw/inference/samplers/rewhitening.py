@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Key
 
-from jbw.inference.posterior.summary import diagnose
+from jbw.inference.posterior.summary import diagnose, scalars
 from jbw.inference.samplers.checkpointing import Kept
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box
@@ -59,8 +59,7 @@ def sample_again(
             coordinates=coordinates, kept=keep(round_), **options,
         )  # fmt: skip
         spent += tree.attrs["num_evaluations"]
-        drawn = tree["posterior"].to_dataset()
-        draws = {name: drawn[name].values for name in box.names}
+        draws = scalars(tree)
         tree.attrs |= {"num_evaluations": spent, "rewhitened": round_}
         if round_ == rounds or agree(draws):
             break

@@ -92,13 +92,7 @@ def _checked_start(start: Theta, box: Box, num_chains: int) -> dict[str, Float[A
 
 
 def never_zero(theta: Theta, covariance: Covariance, box: Box) -> tuple[str, ...]:
-    """Parameters to sample along their logarithms: those that cannot be zero.
-
-    Args:
-        theta: Optimum of a fit.
-        covariance: Its Laplace covariance.
-        box: The prior box.
-    """
+    """Parameters to sample along their logarithms: those that by a fit cannot be zero."""
     conditional = 1 / np.sqrt(np.diag(np.linalg.inv(covariance)))
     return tuple(
         name
@@ -115,12 +109,6 @@ def along_logarithms(
     The bounds are put ten widths of the box further out, so that the sampler's logit is a straight
     line over the box: a logit that bends would bend the ridges with it. The posterior itself keeps
     to the prior box.
-
-    Args:
-        theta: Optimum of a fit.
-        covariance: Its Laplace covariance.
-        box: The prior box.
-        names: The parameters to take the logarithm of.
     """
     outer, lower, upper = logarithms_of(theta, box, names)
     reach = WIDER * (upper - lower)

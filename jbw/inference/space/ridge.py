@@ -25,7 +25,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.inference.space.box import Box
-from jbw.inference.space.coordinates import Composed, Coordinate
+from jbw.inference.space.coordinates import Composed, Coordinate, Vector
 from jbw.inference.space.reparametrisation import (
     Covariance,
     Reparametrisation,
@@ -37,7 +37,6 @@ PART = 0.3  # a parameter is of the ridge from this share of its largest compone
 NARROW = 1e-9  # component of the direction below which a wall is parallel to it
 MIDDLE = (0.05, 0.95)  # where along the ridge chains start, though the optimum be at a wall
 
-Vector = Float[Array, " parameter"]
 Member = Float[Array, " member"]
 
 
@@ -45,13 +44,11 @@ class Ridge(Coordinate):
     """The straightened ridge: the other parameters, then w across the ridge, then r along it.
 
     Attributes:
-        members: Places of the ridge's parameters in the box; static.
-        others: Places of all others; static.
-        lower: Lower bounds of the ridge's parameters.
-        width: Their widths.
+        members: Places of the ridge's parameters in the box, whose bounds `lower` and `width` are.
+        others: Places of all others.
         origin: s_0, in units of the box.
-        across: B, orthonormal columns.
-        along: v, a unit vector.
+        across: B.
+        along: v.
     """
 
     members: tuple[int, ...] = eqx.field(static=True)
@@ -95,11 +92,7 @@ class Ridge(Coordinate):
 
 
 def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Where a line enters and leaves the unit cube.
-
-    Returns:
-        tau_- and tau_+; the second is not above the first where the line misses the cube.
-    """
+    """Where a line enters and leaves the unit cube; not later than it enters where it misses it."""
     parallel = jnp.abs(along) < NARROW
     slope = jnp.where(parallel, 1.0, along)
     ends = jnp.stack([(0 - foot) / slope, (1 - foot) / slope])
@@ -110,21 +103,17 @@ def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, "
 
 
 def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) -> Reparametrisation:
-    """The coordinates about a fit, whose least known direction is the ridge.
-
-    Args:
-        theta: Optimum of the fit.
-        covariance: Its Laplace covariance.
-        box: The prior box.
-    """
+    """The coordinates about a fit: its optimum, its Laplace covariance, whose weakest is the ridge."""
     logs = tuple(n for n, low in zip(box.names, box.lower, strict=True) if low > 0)
     outer, lower, upper = logarithms_of(theta, box, logs)
     start, covariance = in_logarithms(theta, covariance, box, logs)
-    found = _Laplace(np.asarray(lower), np.asarray(upper - lower), start, np.asarray(covariance))
-    ridge = _ridge_of(found)
-    ends = _ends_across(ridge)
+    laplace = _Laplace(np.asarray(lower), np.asarray(upper - lower), start, np.asarray(covariance))
+    ridge = _ridge_of(laplace)
+    # The corners of the box as seen across the ridge: beyond them no line meets the box.
+    corners = np.array(list(product((0.0, 1.0), repeat=len(ridge.members))))
+    ends = (corners - np.asarray(ridge.origin)) @ np.asarray(ridge.across)
     others = np.array(ridge.others, dtype=int)
-    point, spread = _laplace_along(found, ridge)
+    point, spread = _laplace_along(laplace, ridge)
     return Reparametrisation(
         Composed((ridge, outer)),
         jnp.concatenate([lower[others], jnp.asarray(ends.min(axis=0)), jnp.zeros(1)]),
@@ -143,33 +132,27 @@ class _Laplace(NamedTuple):
     covariance: NDArray[np.float64]
 
 
-def _ridge_of(found: _Laplace) -> Ridge:
+def _ridge_of(laplace: _Laplace) -> Ridge:
     """The ridge along the weakest direction, in units of the box."""
-    unit = found.covariance / np.outer(found.width, found.width)
+    unit = laplace.covariance / np.outer(laplace.width, laplace.width)
     weakest = np.abs(np.linalg.eigh(unit)[1][:, -1])
     members = np.flatnonzero(weakest > PART * weakest.max())
     others = np.flatnonzero(weakest <= PART * weakest.max())
     directions = np.linalg.eigh(unit[np.ix_(members, members)])[1]
-    origin = (found.start[members] - found.lower[members]) / found.width[members]
+    origin = (laplace.start[members] - laplace.lower[members]) / laplace.width[members]
     return Ridge(
         tuple(members.tolist()),
         tuple(others.tolist()),
-        jnp.asarray(found.lower[members]),
-        jnp.asarray(found.width[members]),
+        jnp.asarray(laplace.lower[members]),
+        jnp.asarray(laplace.width[members]),
         jnp.asarray(origin),
         jnp.asarray(directions[:, :-1]),
         jnp.asarray(directions[:, -1]),
     )
 
 
-def _ends_across(ridge: Ridge) -> Float[np.ndarray, "corner across"]:
-    """The corners of the box as seen across the ridge: beyond them no line meets the box."""
-    corners = np.array(list(product((0.0, 1.0), repeat=len(ridge.members))))
-    return (corners - np.asarray(ridge.origin)) @ np.asarray(ridge.across)
-
-
 def _laplace_along(
-    found: _Laplace, ridge: Ridge
+    laplace: _Laplace, ridge: Ridge
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Optimum and covariance in the coordinates of the ridge.
 
@@ -181,13 +164,13 @@ def _laplace_along(
     length = max(high - low, NARROW)  # zero for an optimum in a corner
     others, members = np.array(ridge.others, dtype=int), np.array(ridge.members)
     across = np.zeros(len(members) - 1)
-    start = [*found.start[others], *across, np.clip(-low / length, *MIDDLE)]
-    turn = np.zeros((len(found.width), len(found.width)))
+    start = [*laplace.start[others], *across, np.clip(-low / length, *MIDDLE)]
+    turn = np.zeros((len(laplace.width), len(laplace.width)))
     turn[range(len(others)), others] = 1.0
-    directions = np.column_stack([ridge.across, ridge.along]).T / found.width[members]
+    directions = np.column_stack([ridge.across, ridge.along]).T / laplace.width[members]
     turn[np.ix_(range(len(others), len(turn)), members)] = directions
     turn[-1] /= length
-    covariance = turn @ found.covariance @ turn.T
+    covariance = turn @ laplace.covariance @ turn.T
     shrink = np.ones(len(turn))
     shrink[-1] = min(1.0, 1 / np.sqrt(12 * covariance[-1, -1]))
     return np.array(start), covariance * np.outer(shrink, shrink)
