@@ -103,7 +103,7 @@ def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, "
 
 
 def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) -> Reparametrisation:
-    """The coordinates about a fit: its optimum, its Laplace covariance, whose weakest is the ridge."""
+    """The coordinates about the optimum of a fit; its least known direction is the ridge."""
     logs = tuple(n for n, low in zip(box.names, box.lower, strict=True) if low > 0)
     outer, lower, upper = logarithms_of(theta, box, logs)
     start, covariance = in_logarithms(theta, covariance, box, logs)
