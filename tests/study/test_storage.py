@@ -50,7 +50,7 @@ def test_a_full_disk_leaves_nothing_half_written(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(storage, "_sync", full)
+    monkeypatch.setattr(storage.os, "fsync", full)
     with pytest.raises(RunError, match="No space left") as caught:
         storage.save_run(tmp_path, a_tree(), {"campaign": "toy"})
     assert "jbw resume" in caught.value.remedy
