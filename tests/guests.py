@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jbw.inference.samplers.sampler import Draw, Kernel
+from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.observables.observable import run_of
 from jbw.observables.repeated import Repeated, Repeats, repeats
 from jbw.oscillator.law import Law
