@@ -1,5 +1,8 @@
 """The errors that jbw raises on purpose: what is wrong, why it matters, what to do."""
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class JbwError(Exception):
     """Base of every deliberate error; its text is one line each for what, why and remedy.
@@ -49,3 +52,10 @@ class RunError(JbwError, RuntimeError):
     """A run's folder, disk or lock that prevents the work."""
 
     exit_code = 1
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """The beginning of a remedy: the known name most like the one that was asked for, if any."""
+    lowered = {other.lower(): other for other in known}
+    nearest = get_close_matches(name.lower(), list(lowered), n=1, cutoff=0.4)
+    return f"Did you mean `{lowered[nearest[0]]}`? " if nearest else ""

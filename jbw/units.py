@@ -1,12 +1,11 @@
 """Units at the border: a small fixed table to SI, by quantity. Inside jbw everything is SI."""
 
-from difflib import get_close_matches
 from math import pi
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jbw.errors import ConfigError
+from jbw.errors import ConfigError, did_you_mean
 
 INCH = 0.0254  # exact, by the definition of 1959
 POUND_FORCE = 4.4482216152605  # exact, 0.45359237 kg times standard gravity
@@ -70,11 +69,8 @@ def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:
     if others:
         what = f"Unit `{unit}` measures a {others[0]}, but {wanted} is needed."
         raise ConfigError(what, remedy=f"Use one of {', '.join(known)}, or correct the role.")
-    nearest = get_close_matches(written, known, n=1, cutoff=0.4)
-    guess = f"Did you mean `{nearest[0]}`? " if nearest else ""
-    raise ConfigError(
-        f"Unit `{unit}` of {wanted} is not known.", remedy=f"{guess}Known: {', '.join(known)}."
-    )
+    remedy = did_you_mean(written, known) + f"Known: {', '.join(known)}."
+    raise ConfigError(f"Unit `{unit}` of {wanted} is not known.", remedy=remedy)
 
 
 def to_si(values: ArrayLike, unit: str, quantity: str) -> NDArray[np.float64]:

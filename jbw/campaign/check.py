@@ -17,10 +17,15 @@ from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.checks import Fault, inspect, ordered, worst
 from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.kinds import KINDS, Kind
-from jbw.measurement.passivity import gives_energy, impassive, phase_in_degrees, undecaying
 from jbw.measurement.plausibility import doubts, swapped
 from jbw.measurement.records import INPUTS, Record
-from jbw.measurement.steadiness import unsteady
+from jbw.measurement.response_checks import (
+    gives_energy,
+    impassive,
+    phase_in_degrees,
+    undecaying,
+    unsteady,
+)
 
 # Settings that not every kind of test reads, and the traits of those that do.
 READ_BY: dict[str, Callable[[Kind], bool]] = {

@@ -11,12 +11,10 @@ from jbw.campaign.document import commented, toml
 from jbw.campaign.schema import Head, TestSpec
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, DataError, JbwError
-from jbw.measurement.files.detect import READERS
-from jbw.measurement.files.read import channels_of
+from jbw.measurement.files.read import READERS, channels_of
 from jbw.measurement.files.tree import Leaf
 from jbw.measurement.kinds import KINDS
-from jbw.measurement.records import INPUTS, RESPONSES
-from jbw.measurement.roles import QUANTITIES, ROLES, si_of
+from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, si_of
 from jbw.units import si_unit
 
 HEAD = """\

@@ -8,9 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from jbw.campaign.schema import TestSpec
-from jbw.errors import ConfigError, DataError, JbwError
+from jbw.errors import ConfigError, DataError, JbwError, did_you_mean
 from jbw.measurement.files.assemble import joined
-from jbw.measurement.files.paths import closest
 from jbw.measurement.files.read import records
 from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.records import Record
@@ -161,8 +160,7 @@ def _matching(pattern: str, folder: Path) -> list[Path]:
     if files := sorted((path for path in matches if path.is_file()), key=_natural):
         return files
     found = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
-    nearest = closest(pattern, found)
-    guess = f"Did you mean `{nearest}`? " if nearest else ""
+    guess = did_you_mean(pattern, found)
     more = f" and {len(found) - 10} more" if len(found) > 10 else ""
     raise DataError(
         f"`files` = {pattern!r} matches nothing in `{folder}`.",

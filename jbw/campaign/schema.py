@@ -28,8 +28,7 @@ from jbw.campaign.values import (
 )
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.kinds import Kind as Traits
-from jbw.measurement.records import INPUTS, RESPONSES
-from jbw.measurement.roles import ratio_of
+from jbw.measurement.records import INPUTS, RESPONSES, ratio_of
 from jbw.quantities import DEFAULT_LAWS
 
 NAN = float("nan")  # where nothing is stated of a number

@@ -15,7 +15,7 @@ from pydantic_core import CoreSchema, core_schema
 from jbw.campaign.document import unlike
 from jbw.errors import ConfigError
 from jbw.measurement.kinds import KINDS
-from jbw.measurement.roles import ROLES, ratio_of, si_of
+from jbw.measurement.records import ROLES, ratio_of, si_of
 
 Role = Literal[*ROLES]  # pyright: ignore[reportInvalidTypeForm]
 

@@ -6,8 +6,7 @@ import numpy as np
 import xarray as xr
 
 from jbw.identification.linear import LineFit, PooledFit, line_fit, pool
-from jbw.measurement.periods import steady
-from jbw.measurement.records import Test
+from jbw.measurement.records import Test, steady
 from jbw.measurement.spectra import FRF, frf
 from jbw.observables.samples import advance
 from jbw.oscillator.paper.kernels import h1

@@ -3,23 +3,21 @@
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import cho_factor, cho_solve
 
+from jbw.errors import ConfigError, DataError
 from jbw.measurement.channels import channel, sampling
-from jbw.measurement.sine_fit import (
-    Tones,
-    amplitude_covariance,
-    check_length,
-    check_tones,
-    half_drift,
-    refined,
-    sine_fit,
-)
 from jbw.quantities import derivative_order
 
 DRIFT_LIMIT = 0.01
+NOISE_FLOOR = 3.0  # standard errors
+# Bins of the residual's spectrum from which the noise at a harmonic is read: 12 % of scatter, over
+# a width of 64 / (duration) in which the spectrum must not bend.
+NEAREST_BINS = 64
 
 
 @dataclass(frozen=True)
@@ -51,9 +49,13 @@ class Harmonics:
     @property
     def variance(self) -> NDArray[np.float64]:
         """E|error|^2 of each amplitude, real and imaginary part together [m^2]."""
-        return np.diagonal(self.covariance, axis1=-2, axis2=-1).reshape(
-            *self.amplitudes.shape, 2
-        ).sum(axis=-1)  # fmt: skip
+        each = np.diagonal(self.covariance, axis1=-2, axis2=-1)
+        return each.reshape(*self.amplitudes.shape, 2).sum(axis=-1)
+
+    @property
+    def is_drifting(self) -> NDArray[np.bool_]:
+        """Whether Y_1 changes from half to half, by more than noise makes of it; shape (...)."""
+        return (self.drift > DRIFT_LIMIT) & (self.drift > NOISE_FLOOR * self.drift_std)
 
 
 def harmonics(
@@ -87,9 +89,6 @@ def harmonics(
         also: Angular frequencies present besides, fitted and left out [rad/s].
         refine: Whether to correct `omega` by the record itself (from its mean phase drift).
 
-    Returns:
-        Amplitudes of the displacement with their covariance.
-
     Raises:
         DataError: NaN, a record shorter than two periods or than the fit's unknowns, a harmonic
             above the Nyquist frequency.
@@ -97,29 +96,34 @@ def harmonics(
     """
     y, fs, order = channel(y, "y"), sampling(fs), derivative_order(response)
     tones = Tones(omega, num_harmonics, tuple(also))
-    check_tones(tones, fs)
-    check_length(tones, fs, y.shape[-1], start)
+    check_tones(tones, fs, y.shape[-1], start)
     skip = round(start * fs)
     t, y = np.arange(skip, y.shape[-1]) / fs, y[..., skip:]
     if refine:
-        tones = refined(y, t, tones)
+        tones = _refined(y, t, tones)
         omega = tones.omega
     n = np.arange(1.0, num_harmonics + 1)
     fitted = sine_fit(y, t, tones)
     to_displacement = np.exp(1j * n * omega * delay) / (1j * n * omega) ** order
-    drift, drift_std = half_drift(y, t, tones)
+    drift, drift_std = _drift(y, t, tones)
     cycles = omega * len(t) / (2 * np.pi * fs)
     result = Harmonics(
         omega=float(omega),
         amplitudes=fitted.amplitudes * to_displacement,
-        covariance=_rotated(amplitude_covariance(fitted, fs, n * omega), to_displacement),
+        covariance=_rotated(_covariance(fitted, fs, n * omega), to_displacement),
         drift=drift,
         drift_std=drift_std,
         residual_std=np.sqrt(np.sum(fitted.residual**2, axis=-1) / fitted.dof),
         cycles=float(cycles),
         off_bin=float(cycles - round(cycles)),
     )
-    _warn_when_drifting(result)
+    if np.any(result.is_drifting):
+        warnings.warn(
+            f"The first harmonic at {omega / (2 * np.pi):.4g} Hz changes by "
+            f"{np.max(result.drift):.1%} from one half of the record to the other: a transient is "
+            "left, or the frequency is not exact. Discard more with `start`.",
+            stacklevel=2,
+        )
     return result
 
 
@@ -133,12 +137,159 @@ def _rotated(
     return turn @ covariance @ turn.T
 
 
-def _warn_when_drifting(result: Harmonics) -> None:
-    drifting = (result.drift > DRIFT_LIMIT) & (result.drift > 3 * result.drift_std)
-    if np.any(drifting):
-        warnings.warn(
-            f"The first harmonic at {result.omega / (2 * np.pi):.4g} Hz changes by "
-            f"{np.max(result.drift):.1%} from one half of the record to the other: a transient is "
-            "left, or the frequency is not exact. Discard more with `start`.",
-            stacklevel=3,
+class Tones(NamedTuple):
+    """What is fitted to samples: the harmonics 1..n of omega, and other tones beside [rad/s]."""
+
+    omega: float
+    num_harmonics: int
+    also: tuple[float, ...] = ()
+
+
+class SineFit(NamedTuple):
+    """A fit of constant, trend and tones to samples of shape (..., time)."""
+
+    amplitudes: NDArray[np.complex128]  # of the harmonics, peak, shape (..., harmonic)
+    residual: NDArray[np.float64]  # what the fit leaves, shape (..., time)
+    inverse: NDArray[np.float64]  # (X^T X)^-1 for (Re Y_1, Im Y_1, Re Y_2, ...)
+    tones: NDArray[np.float64]  # angular frequencies of all tones fitted [rad/s]
+    dof: int  # samples less unknowns
+
+
+def sine_fit(y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones) -> SineFit:
+    """Least-squares fit of constant, trend and tones to samples of shape (..., time).
+
+    Raises:
+        DataError: Two tones too close for the record's length.
+    """
+    return _fitted(y, _design(t, tones), tones)
+
+
+def _design(t: NDArray[np.float64], tones: Tones) -> NDArray[np.float64]:
+    """Rows cos and -sin of every tone in turn, a constant and a trend, shape (unknown, time).
+
+    With -sin, c + js is the complex amplitude.
+    """
+    turn = np.tile(np.exp(-1j * tones.omega * t), (tones.num_harmonics, 1))
+    turning = np.multiply.accumulate(turn)
+    others = np.exp(-1j * np.outer(np.asarray(tones.also, float), t))
+    pairs = [row for turn in (*turning, *others) for row in (turn.real, turn.imag)]
+    return np.vstack([*pairs, np.ones_like(t), (t - t.mean()) / np.ptp(t)])
+
+
+def _fitted(y: NDArray[np.float64], design: NDArray[np.float64], tones: Tones) -> SineFit:
+    """The fit to rows of a design."""
+    num_samples = design.shape[1]
+    normal = design @ design.T
+    if np.linalg.cond(normal) > 1e8:
+        raise DataError(
+            "The tones cannot be told apart in a record of this length.",
+            why="Two of the frequencies fitted nearly coincide.",
+            remedy="Lengthen the record or leave one of `also` out.",
+        )
+    factor = cho_factor(normal)
+    solution = cho_solve(factor, design @ y.reshape(-1, num_samples).T).T
+    residual = y - solution.reshape(*y.shape[:-1], -1) @ design
+    # A second pass on the residual recovers the digits that the normal equations round off.
+    change = cho_solve(factor, design @ residual.reshape(-1, num_samples).T).T
+    solution = (solution + change).reshape(*y.shape[:-1], -1)
+    residual = y - solution @ design
+    kept = slice(0, 2 * tones.num_harmonics)
+    amplitudes = solution[..., kept][..., 0::2] + 1j * solution[..., kept][..., 1::2]
+    inverse = cho_solve(factor, np.eye(len(design)))[kept, kept]
+    orders = np.arange(1, tones.num_harmonics + 1)
+    omegas = np.concatenate([tones.omega * orders, np.asarray(tones.also, float)])
+    return SineFit(amplitudes, residual, inverse, omegas, num_samples - len(design))
+
+
+def _covariance(fit: SineFit, fs: float, omega: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance of (Re Y_1, Im Y_1, ...) for noise that may be coloured.
+
+    (X^T X)^-1, scaled by the residual's level beside each harmonic as if it were white there.
+    """
+    level = np.repeat(np.sqrt(_local_level(fit, fs, omega)), 2, axis=-1)
+    return level[..., :, None] * fit.inverse * level[..., None, :]
+
+
+def _local_level(fit: SineFit, fs: float, omega: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Variance that white noise with the residual's spectral density at each omega would have."""
+    num_samples = fit.residual.shape[-1]
+    # The Hann window keeps strong remains elsewhere (hum, other tones) out of the local bins.
+    w = np.sin(np.pi * (np.arange(num_samples) + 0.5) / num_samples) ** 2
+    power = np.abs(np.fft.rfft(fit.residual * w)) ** 2 / np.sum(w**2)
+    bins = np.arange(power.shape[-1])
+    to_bins = num_samples / (2 * np.pi * fs)
+    # Within two bins of a fitted tone, and of the constant, the fit has taken the noise as well.
+    free = np.all(np.abs(bins[:, None] - fit.tones * to_bins) > 2, axis=-1) & (bins > 2)
+    free = np.flatnonzero(free[:-1])
+    if free.size < 4:
+        white = np.sum(fit.residual**2, axis=-1) / fit.dof
+        return np.broadcast_to(white[..., None], (*white.shape, len(omega)))
+    nearest = [free[np.argsort(np.abs(free - o * to_bins))[:NEAREST_BINS]] for o in omega]
+    return np.stack([power[..., local].mean(axis=-1) for local in nearest], axis=-1)
+
+
+def _halves(
+    y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones
+) -> tuple[SineFit, SineFit]:
+    """The fits to the first and the second half of the samples, by one design."""
+    design, half = _design(t, tones), len(t) // 2
+    return (
+        _fitted(y[..., :half], design[:, :half], tones),
+        _fitted(y[..., half:], design[:, half:], tones),
+    )
+
+
+def _drift(
+    y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Relative change of the first harmonic from half to half, and what noise alone makes of it."""
+    parts = _halves(y, t, tones)
+    first, second = (part.amplitudes[..., 0] for part in parts)
+    size = np.maximum(np.abs(first), np.finfo(float).tiny)
+    fs, at = 1 / (t[1] - t[0]), np.full(tones.num_harmonics, tones.omega)
+    noise = sum(_covariance(part, fs, at)[..., :2, :2].trace(axis1=-2, axis2=-1) for part in parts)
+    return np.abs(second - first) / size, np.sqrt(noise) / size
+
+
+def _refined(y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones) -> Tones:
+    """The frequency at which the mean phase of the first harmonic stands still between halves."""
+    half = len(t) // 2
+    for _ in range(4):
+        first, second = (part.amplitudes[..., 0] for part in _halves(y, t, tones))
+        turn = np.angle(np.sum(second * first.conj()))
+        omega = tones.omega + turn / (t[half:].mean() - t[:half].mean())
+        tones = tones._replace(omega=float(omega))
+    return tones
+
+
+def check_tones(tones: Tones, fs: float, num_samples: int, start: float = 0.0) -> None:
+    """Refuse what a record of so many samples, from `start` seconds on, cannot carry.
+
+    Raises:
+        ConfigError: `omega` or `num_harmonics` is not positive.
+        DataError: The highest harmonic is above the Nyquist frequency, or the record too short.
+    """
+    omega, num_harmonics, also = tones
+    if not (np.isfinite(omega) and omega > 0):
+        raise ConfigError(f"Argument `omega` must be positive [rad/s], but it is {omega}.")
+    if num_harmonics < 1:
+        raise ConfigError(
+            f"Argument `num_harmonics` must be at least 1, but it is {num_harmonics}."
+        )
+    highest = num_harmonics * omega / (2 * np.pi)
+    if highest >= (1 - 1e-6) * fs / 2:  # the sine of the Nyquist frequency is not seen either
+        raise DataError(
+            f"Harmonic {num_harmonics} of {omega / (2 * np.pi):.4g} Hz lies at {highest:.4g} Hz, "
+            f"but a record at {fs:g} Hz ends at {fs / 2:g} Hz.",
+            why="Above half the sampling frequency a harmonic folds back onto another frequency.",
+            remedy=f"Sample above {2 * highest:.4g} Hz, or ask for fewer harmonics.",
+        )
+    # Each half must hold a period for the drift, and more samples than the fit has unknowns.
+    unknowns = 2 * (num_harmonics + len(also)) + 2
+    needed = max(4 * np.pi / omega, 2 * (unknowns + 1) / fs)
+    if (num_samples - round(start * fs)) / fs < needed * (1 - 1e-9):
+        raise DataError(
+            f"The record must last {start + needed:.4g} s (two periods after the {start:g} s "
+            f"discarded), but it lasts {num_samples / fs:.4g} s.",
+            remedy="Measure longer, or discard less.",
         )

@@ -4,10 +4,9 @@ Code asks a test for a property of its kind, `test.traits.is_steady`, and never 
 kind is one `register` here and one observable.
 """
 
-from difflib import get_close_matches
 from typing import NamedTuple
 
-from jbw.errors import ConfigError
+from jbw.errors import ConfigError, did_you_mean
 
 
 class Kind(NamedTuple):
@@ -56,11 +55,7 @@ KINDS: dict[str, Kind] = {}
 
 
 def register(kind: Kind) -> None:
-    """Let campaigns have tests of this kind.
-
-    Args:
-        kind: The kind; one of the same name is replaced.
-    """
+    """Let campaigns have tests of this kind; one of the same name is replaced."""
     KINDS[kind.name] = kind
 
 
@@ -71,11 +66,8 @@ def kind_named(name: str) -> Kind:
         ConfigError: There is none.
     """
     if name not in KINDS:
-        nearest = get_close_matches(name, KINDS, n=1)
-        guess = f"Did you mean `{nearest[0]}`? " if nearest else ""
-        raise ConfigError(
-            f"There is no kind of test `{name}`.", remedy=f"{guess}Known: {', '.join(KINDS)}."
-        )
+        remedy = did_you_mean(name, KINDS) + f"Known: {', '.join(KINDS)}."
+        raise ConfigError(f"There is no kind of test `{name}`.", remedy=remedy)
     return KINDS[name]
 
 

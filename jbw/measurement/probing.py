@@ -8,11 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from jbw.errors import DataError
 from jbw.measurement.channels import channel, same_length, sampling
-from jbw.measurement.harmonics import Harmonics, harmonics
+from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 
 PERIOD_POINTS = 4096  # of one period; a peak between two of them is missed by 3e-7 n^2 at most
 LARGE_SOURCE = 0.1
-NOISE_FLOOR = 3.0  # standard errors
 
 
 @dataclass(frozen=True)
@@ -57,11 +56,6 @@ class ThirdOrder:
     def mean(self) -> complex:
         """Mean of H3 over the repeats [m per unit^3]."""
         return complex(self.h3.mean())
-
-    @property
-    def usable(self) -> bool:
-        """Whether the frequency may enter a fit."""
-        return self.above_noise
 
 
 def third_order_kernel(

@@ -1,15 +1,30 @@
 """Measurement records: what a data-acquisition system leaves behind, in SI units."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jbw.errors import ConfigError, DataError
 from jbw.measurement.kinds import Kind, kind_named
+from jbw.units import FACTORS, plain, quantity_of, si_unit
 
 RESPONSES = ("displacement", "velocity", "acceleration")
 INPUTS = ("input", "force")
+# Role to what its channel measures: a source is a voltage, or already a force per modal mass.
+QUANTITIES: dict[str, tuple[str, ...]] = {
+    "input": ("voltage", "force per mass"),
+    "force": ("force",),
+    "displacement": ("displacement",),
+    "velocity": ("velocity",),
+    "acceleration": ("acceleration",),
+    "restoring_force": ("force",),
+    "frequency": ("frequency",),  # axis of a measured FRF, which has no sampling frequency
+    "phase": ("angle",),  # of the response relative to the force, in a measured FRF
+    "time": ("time",),  # gives the sampling frequency; not kept as a channel
+}
+ROLES = tuple(QUANTITIES)
 
 
 @dataclass(frozen=True)
@@ -104,3 +119,87 @@ class Test:
     def is_cyclic(self) -> bool:
         """Whether the records hold several whole periods of their excitation."""
         return self.traits.is_periodic and self.periods > 1
+
+
+def periods(test: Test) -> Test | None:
+    """The steady periods of a multisine as repeats; None where its period is not known.
+
+    `settle` seconds are left out at the start, rounded up to whole periods.
+
+    Raises:
+        DataError: A record that cannot be divided into so many periods.
+    """
+    if test.periods < 2:
+        return None
+    records = []
+    for record in test.records:
+        size, skipped = _layout(record, test)
+        records += [_cut(record, i * size, size) for i in range(skipped, test.periods)]
+    return replace(test, records=tuple(records))
+
+
+def steady(test: Test) -> tuple[Test, int] | None:
+    """Every record without its transient periods, and the samples of a period; None as above."""
+    if test.periods < 2:
+        return None
+    records, size = [], 0
+    for record in test.records:
+        size, skipped = _layout(record, test)
+        records.append(_cut(record, skipped * size, (test.periods - skipped) * size))
+    return replace(test, records=tuple(records)), size
+
+
+def _layout(record: Record, test: Test) -> tuple[int, int]:
+    """Samples of a period, and periods to skip."""
+    size, rest = divmod(record.num_samples, test.periods)
+    if rest:
+        raise DataError(
+            f"Record `{record.name}` must hold {test.periods} whole periods, but its "
+            f"{record.num_samples} samples cannot be divided so.",
+            remedy="Correct `periods`, or cut the record with `span`.",
+        )
+    # A settle of whole periods may come out a hair longer than them.
+    skipped = int(np.ceil(test.settle * record.fs / size - 1e-6))
+    if skipped >= test.periods:
+        raise DataError(
+            f"Key `settle` must leave a whole period of record `{record.name}`, but "
+            f"{test.settle:g} s reach into the last of its {test.periods} periods of "
+            f"{size / record.fs:.4g} s.",
+            remedy="Shorten `settle`, or measure more periods.",
+        )
+    return size, skipped
+
+
+def _cut(record: Record, start: int, size: int) -> Record:
+    channels = {role: x[start : start + size] for role, x in record.channels.items()}
+    return replace(record, channels=channels)
+
+
+def ratio_of(role: str, unit: str) -> tuple[float, str] | None:
+    """Factor to SI of a response's unit such as `m/s^2/N`, and `force` or `input` below the line.
+
+    None when the unit is no ratio of that kind.
+    """
+    if role not in RESPONSES:
+        return None
+    above, _, below = (part.strip("()") for part in plain(unit).rpartition("/"))
+    response = FACTORS[QUANTITIES[role][0]]
+    for source in ("force", "input"):
+        for quantity in QUANTITIES[source]:
+            if below in FACTORS[quantity] and above in response:
+                return response[above] / FACTORS[quantity][below], source
+    return None
+
+
+def si_of(role: str, unit: str) -> tuple[float, str]:
+    """Factor to SI and SI unit of a role whose channel is in `unit`.
+
+    Raises:
+        ConfigError: The unit is unknown or measures something else than the role.
+    """
+    try:
+        quantity = quantity_of(unit, QUANTITIES[role])
+    except ConfigError as error:
+        what = f"Role `{role}`: {error.what}"
+        raise ConfigError(what, why=error.why, remedy=error.remedy) from None
+    return FACTORS[quantity][plain(unit)], si_unit(quantity)

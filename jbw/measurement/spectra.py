@@ -6,16 +6,10 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal
+from scipy import fft, signal
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.channels import (
-    channel,
-    passband,
-    same_length,
-    sampling,
-)
-from jbw.measurement.segments import effective_averages, segment_length
+from jbw.measurement.channels import channel, passband, same_length, sampling
 from jbw.quantities import derivative_order
 
 Window = Literal["hann", "boxcar"]
@@ -24,6 +18,7 @@ Window = Literal["hann", "boxcar"]
 RESOLUTION_BINS = {"hann": 1.44, "boxcar": 0.89}
 # Below this many resolutions across a peak its damping, read off the peak, is 5 % too high or more.
 COARSE = 4.0
+DEFAULT_SEGMENTS = 16
 
 
 @dataclass(frozen=True)
@@ -135,10 +130,10 @@ def frf(
         raise DataError("Channel `u` is constant.", why="A dead input excites nothing.")
     order = derivative_order(response)
     overlap = _checked(window, estimator, overlap)
-    nperseg = segment_length(u.shape, fs, window_s, nperseg, overlap)
+    nperseg = _segment_length(u.shape, fs, window_s, nperseg, overlap)
     noverlap = int(overlap * nperseg)
     num_segments = (u.shape[-1] - noverlap) // (nperseg - noverlap)
-    averages = effective_averages(window, nperseg, noverlap, num_segments) * len(u)
+    averages = _effective_averages(window, nperseg, noverlap, num_segments) * len(u)
     if averages < 1.5:
         raise DataError(
             f"The record must hold two segments, but {u.shape[-1] / fs:g} s hold one of "
@@ -148,9 +143,10 @@ def frf(
         )
     how = {"fs": fs, "window": window, "nperseg": nperseg, "noverlap": noverlap}
     freq, s_uu, s_yy, s_uy = _spectra(u, y, band, how)
-    coherence, h = _ratios(s_uu, s_yy, s_uy, estimator)
-    h = h * np.exp(2j * np.pi * freq * delay) / (2j * np.pi * freq) ** order
     with np.errstate(divide="ignore", invalid="ignore"):
+        coherence = np.clip(np.where(s_yy > 0, np.abs(s_uy) ** 2 / (s_uu * s_yy), 0.0), 0.0, 1.0)
+        h = s_uy / s_uu if estimator == "h1" else np.where(s_uy != 0, s_yy / s_uy.conj(), np.inf)
+        h = h * np.exp(2j * np.pi * freq * delay) / (2j * np.pi * freq) ** order
         variance = (1 - coherence) / coherence * np.abs(h) ** 2 / (averages - 1)
     estimate = FRF(
         freq=freq, h=h, coherence=coherence, variance=np.where(coherence > 0, variance, np.inf),
@@ -175,6 +171,47 @@ def _checked(window: str, estimator: str, overlap: float | None) -> float:
     return float(overlap)
 
 
+def _segment_length(
+    shape: tuple[int, ...], fs: float, window_s: float | None, nperseg: int | None, overlap: float
+) -> int:
+    """Samples in a segment: as asked, or the longest that gives 16 segments in all."""
+    num_repeats, num_samples = shape
+    if window_s is not None and nperseg is not None:
+        raise ConfigError("Give `window_s` or `nperseg`, not both.")
+    each = max(3, -(-DEFAULT_SEGMENTS // num_repeats))
+    longest = int(num_samples / (each - (each - 1) * overlap))
+    if window_s is not None:
+        length = round(window_s * fs)
+    elif nperseg is not None:
+        length = int(nperseg)
+    else:
+        length = longest and (fft.prev_fast_len(longest, real=True) or longest)
+    if not 8 <= length <= num_samples:
+        raise DataError(
+            f"A segment must have at least 8 samples and fit in the record, but it has {length} "
+            f"({length / fs:g} s) and the record {num_samples} ({num_samples / fs:g} s).",
+            remedy=f"Measure {max(length, 128) / fs:g} s or more, or shorten `window_s`.",
+        )
+    return length
+
+
+def _effective_averages(window: str, nperseg: int, noverlap: int, num_segments: int) -> float:
+    r"""Independent averages that overlapping segments are worth.
+
+    $$K = N \Big/ \Big(1 + 2\sum_m \frac{N-m}{N}\,\rho_m^2\Big)$$
+
+    with N segments and rho_m the window's correlation with itself m segments later.
+
+    Reference:
+        P. D. Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70-73.
+    """
+    w = np.asarray(signal.get_window(window, nperseg))
+    step = nperseg - noverlap
+    lags = np.arange(1, min(num_segments, -(-nperseg // step)))
+    rho = np.array([w[m * step :] @ w[: nperseg - m * step] for m in lags]) / (w @ w)
+    return float(num_segments / (1 + 2 * np.sum((num_segments - lags) / num_segments * rho**2)))
+
+
 def _spectra(
     u: NDArray[np.float64],
     y: NDArray[np.float64],
@@ -193,25 +230,19 @@ def _spectra(
             f"Argument `band` = ({low:g}, {high:g}) Hz holds no line of the "
             f"{how['fs'] / how['nperseg']:g} Hz grid."
         )
-    return freq[keep], *(s.mean(axis=0)[keep] for s in (s_uu, s_yy, s_uy))
-
-
-def _ratios(
-    s_uu: NDArray[np.float64],
-    s_yy: NDArray[np.float64],
-    s_uy: NDArray[np.complex128],
-    estimator: str,
-) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    """Coherence and the H1 or H2 of the response as measured."""
+    s_uu, s_yy, s_uy = (s.mean(axis=0)[keep] for s in (s_uu, s_yy, s_uy))
     if np.any(s_uu <= 0):
         raise DataError(
             "Channel `u` must excite every line of the band, but some have no power at all.",
             remedy="Narrow `band` to what was excited.",
         )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        coherence = np.where(s_yy > 0, np.abs(s_uy) ** 2 / (s_uu * s_yy), 0.0)
-        h = s_uy / s_uu if estimator == "h1" else np.where(s_uy != 0, s_yy / s_uy.conj(), np.inf)
-    return np.clip(coherence, 0.0, 1.0), h
+    return freq[keep], s_uu, s_yy, s_uy
+
+
+def stands_out(h: NDArray[np.complex128]) -> bool:
+    """Whether there is a peak to judge; a flat or noisy estimate has none."""
+    power = np.abs(h) ** 2
+    return bool(power.max() > 10 * np.median(power))
 
 
 def _warn_when_coarse(estimate: FRF) -> None:
@@ -221,12 +252,10 @@ def _warn_when_coarse(estimate: FRF) -> None:
     """
     if estimate.window == "boxcar":
         return
-    power = np.abs(estimate.h) ** 2
     seen = half_power_bandwidth(estimate.freq, estimate.h)
-    # A flat or noisy estimate has no peak to judge.
-    if power.max() < 10 * np.median(power) or seen > COARSE * estimate.resolution_hz:
+    if not stands_out(estimate.h) or seen > COARSE * estimate.resolution_hz:
         return
-    peak = estimate.freq[np.argmax(power)]
+    peak = estimate.freq[np.argmax(np.abs(estimate.h))]
     natural = max(seen - estimate.resolution_hz, seen / 4)  # the two widths nearly add
     longer = COARSE * RESOLUTION_BINS[estimate.window] / natural
     warnings.warn(
@@ -243,10 +272,7 @@ def half_power_bandwidth(freq: NDArray[np.float64], h: NDArray[np.complex128]) -
 
     Args:
         freq: Frequencies [Hz].
-        h: Receptance.
-
-    Returns:
-        Width between the two crossings, linear between lines [Hz].
+        h: Receptance, linear in power between the lines.
     """
     power = np.abs(h) ** 2
     top = int(np.argmax(power))

@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.errors import DataError
-from jbw.measurement.periods import periods
-from jbw.measurement.records import Record, Test
+from jbw.measurement.records import Record, Test, periods
 from jbw.observables.line_fit import oscillator_through
 from jbw.observables.observable import OFFSETS, Laws, Theta, run_of
 from jbw.observables.repeated import Repeated, Repeats, repeats

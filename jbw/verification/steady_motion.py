@@ -12,10 +12,8 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
-from jbw.measurement.integration import differentiate, integrate
-from jbw.measurement.loops import enclosed_area, mean_cycle
-from jbw.measurement.periods import periods
-from jbw.measurement.records import Record, Test
+from jbw.measurement.loops import differentiate, enclosed_area, integrate, mean_cycle
+from jbw.measurement.records import Record, Test, periods
 from jbw.observables.loops import Loops
 from jbw.observables.observable import prediction
 from jbw.observables.records import Records
@@ -186,10 +184,10 @@ def _cycles(record: Record, test: Test, omega: float) -> dict[str, NDArray[np.fl
     # The first and last periods of the band's lower edge are doubtful after integration.
     inner = slice(round(2 * fs / low), -round(2 * fs / low))
     source = record.channels[record.source][keep][inner]
-    first = mean_cycle(y[inner], source, fs, omega, NUM_POINTS)
-    second = mean_cycle(v[inner], a[inner], fs, omega, NUM_POINTS)
-    turn = np.angle(np.fft.rfft(first.force)[1])
-    cycles = {"y": first.y, "u": first.force, "v": second.y, "a": second.force}
+    y, u = mean_cycle(y[inner], source, fs, omega, NUM_POINTS)
+    v, a = mean_cycle(v[inner], a[inner], fs, omega, NUM_POINTS)
+    turn = np.angle(np.fft.rfft(u)[1])
+    cycles = {"y": y, "u": u, "v": v, "a": a}
     return {name: _shifted(cycle, turn) for name, cycle in cycles.items()}
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tone_file import DRIVE, FS, LASER, ROLES, UNITS, UNITS_V, T, refused
 
 from jbw.errors import ConfigError
-from jbw.measurement.files import detect
+from jbw.measurement.files import read as door
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.read import read
@@ -173,8 +173,8 @@ def test_a_reader_of_one_s_own_is_one_module_and_one_line(tmp_path, monkeypatch)
 
     reader.contents = contents
     monkeypatch.setitem(sys.modules, reader.__name__, reader)
-    monkeypatch.setattr(detect, "READERS", dict(detect.READERS))
-    detect.register(reader.__name__, ".tones")
+    monkeypatch.setattr(door, "READERS", dict(door.READERS))
+    door.register(reader.__name__, ".tones")
     (tmp_path / "a.tones").write_text("300")
     (record,) = read(tmp_path / "a.tones", {"velocity": "laser"}, UNITS_V)
     np.testing.assert_array_equal(record.channels["velocity"], np.sin(np.arange(300)))

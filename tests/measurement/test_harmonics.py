@@ -163,7 +163,7 @@ def test_kernel_scatter_and_covariance(golden):
     assert found.std_expected == pytest.approx(expected, rel=0.1)
     assert found.covariance[0, 0] == pytest.approx(expected**2 / 400, rel=0.2)
     assert abs(found.mean - as_complex(case["H3_exp"])) < 4 * expected * np.sqrt(2 / 400)
-    assert found.usable
+    assert found.above_noise
 
 
 def test_third_harmonic_below_the_noise_is_flagged(golden):
@@ -173,7 +173,7 @@ def test_third_harmonic_below_the_noise_is_flagged(golden):
     std = y_3 / 0.3 * np.sqrt(num_samples / 2)  # signal-to-noise ratio 0.3 per component
     omega, _, u, y, _ = steady(case, num_samples, repeats=8, seed=4, noise_std=std)
     found = third_order_kernel(np.broadcast_to(u, y.shape), y, FS, omega)
-    assert not found.usable
+    assert not found.above_noise
     assert any("does not stand above the noise" in note for note in found.notes)
 
 

@@ -7,8 +7,7 @@ import pytest
 import scipy.io
 
 from jbw.errors import DataError
-from jbw.measurement.files.detect import opened
-from jbw.measurement.files.read import channels_of, read
+from jbw.measurement.files.read import channels_of, opened, read
 from jbw.measurement.files.tree import Opaque, names
 
 # Files that MATLAB itself wrote; scipy ships them with its own tests.

@@ -8,8 +8,7 @@ import pytest
 
 from jbw.errors import DataError
 from jbw.identification.linear_step import linear_step
-from jbw.measurement.periods import periods
-from jbw.measurement.records import Record, Test
+from jbw.measurement.records import Record, Test, periods
 from jbw.observables.records import Records
 from jbw.observables.samples import in_band, lines_of, noise_share, values_of
 

@@ -11,13 +11,12 @@ in MATLAB files. `a - b`, with spaces around the sign, is the difference of two 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jbw.errors import DataError
+from jbw.errors import DataError, did_you_mean
 from jbw.measurement.files.tree import Leaf, Node, Opaque, names
 
 INDICES = re.compile(r"\s*(:|-?\d+)(\s*,\s*(:|-?\d+))*\s*")
@@ -44,13 +43,6 @@ def select(root: Node, path: str) -> Leaf | list[Leaf]:
         raise DataError(f"`{path}` subtracts {len(right)} channels from {len(left)}.")
     differences = [replace(x, minus=y) for x, y in zip(left, right, strict=True)]
     return differences if isinstance(picked[0], list) else differences[0]
-
-
-def closest(path: str, found: Sequence[str]) -> str:
-    """The found name most like the one that was asked for, or nothing."""
-    lowered = {name.lower(): name for name in found}
-    nearest = get_close_matches(path.lower(), list(lowered), n=1, cutoff=0.4)
-    return lowered[nearest[0]] if nearest else ""
 
 
 def _walk(node: Node, rest: str, path: str, root: Node) -> Leaf | list[Leaf]:
@@ -177,10 +169,6 @@ def _pick(node: Leaf, steps: Sequence[int | None], path: str, root: Node) -> Lea
 def _absent(path: str, root: Node, because: str = "is not in the file") -> DataError:
     """The refusal that lists what was found, with the closest match."""
     found = [name for name, item in names(root) if isinstance(item, Leaf)]
-    nearest = closest(path, found)
     listed = ", ".join(found[:20]) + (f" and {len(found) - 20} more" if len(found) > 20 else "")
-    return DataError(
-        f"Channel `{path}` {because}.",
-        remedy=(f"Did you mean `{nearest}`? " if nearest else "")
-        + f"Found: {listed or 'nothing'}.",
-    )
+    remedy = did_you_mean(path, found) + f"Found: {listed or 'nothing'}."
+    return DataError(f"Channel `{path}` {because}.", remedy=remedy)

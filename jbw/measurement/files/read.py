@@ -1,18 +1,46 @@
-"""The one door for measurement files: read, convert to SI, check, and say what was done."""
+"""The one door for measurement files: open, convert to SI, check, and say what was done.
 
+A reader is a module with `contents(path)`, a context manager that gives the open file as a tree
+(`jbw.measurement.files.tree`), and one line in `READERS`; npz.py is the shortest to copy. It may
+raise anything, `ValueError` by preference, where the file is damaged: which becomes a refusal here.
+"""
+
+import hashlib
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 
-from jbw.errors import ConfigError, DataError, JbwError
+from jbw.errors import ConfigError, DataError, JbwError, did_you_mean
 from jbw.measurement.checks import Fault, inspect
 from jbw.measurement.files.assemble import records_of
-from jbw.measurement.files.detect import opened, sha256
-from jbw.measurement.files.paths import closest
 from jbw.measurement.files.sampling import Wanted
-from jbw.measurement.files.tree import Leaf, names
-from jbw.measurement.records import Record
-from jbw.measurement.roles import QUANTITIES, ROLES
+from jbw.measurement.files.tree import Contents, Leaf, names
+from jbw.measurement.records import ROLES, Record
+
+# Suffix to the module that reads it, imported when first needed.
+READERS: dict[str, str] = {}
+PICKLES = (".pkl", ".pickle", ".p", ".joblib", ".pt")
+
+
+def register(module: str, *suffixes: str) -> None:
+    """Let a module read the files of some suffixes.
+
+    Args:
+        module: Its dotted name; it has `contents(path)`.
+        *suffixes: Suffixes in lower case, such as ".npz".
+    """
+    READERS.update(dict.fromkeys(suffixes, module))
+
+
+register("jbw.measurement.files.mat", ".mat")
+register("jbw.measurement.files.hdf5", ".h5", ".hdf5", ".hdf", ".nc")
+register("jbw.measurement.files.npz", ".npz", ".npy")
+register("jbw.measurement.files.csv", ".csv", ".txt", ".tsv", ".dat", ".asc")
+register("jbw.measurement.files.wav", ".wav")
+register("jbw.measurement.files.uff", ".uff", ".unv")
+register("jbw.measurement.files.tdms", ".tdms")
 
 
 def read(
@@ -50,9 +78,13 @@ def read(
         DataError: Missing file or channel, damaged file, or a channel that fails a check.
         ConfigError: Unknown role or unit, or one that is missing.
     """
-    wanted = Wanted(
-        channels, units or {}, fs, scale or {}, check_repeats(repeats), check_span(span)
-    )
+    if repeats not in ("files", "rows"):
+        raise ConfigError(f"Argument `repeats` must be 'files' or 'rows', but is {repeats!r}.")
+    if span is not None and not (len(span) == 2 and 0 <= span[0] < span[1]):
+        raise ConfigError(
+            f"Argument `span` must be [first, last] in seconds, rising from 0, but is {span}."
+        )
+    wanted = Wanted(channels, units or {}, fs, scale or {}, repeats, span)
     kept = [r for i, r in enumerate(records(Path(path), wanted)) if i not in exclude]
     for record in kept:
         report(record, inspect(record))
@@ -67,15 +99,14 @@ def records(path: Path, wanted: Wanted) -> tuple[Record, ...]:
         ConfigError: Unknown role or unit, or one that is missing.
     """
     for role in [*(wanted.channels or {}), *wanted.units, *wanted.scale]:
-        if role not in QUANTITIES:
-            nearest = closest(role, ROLES)
-            guess = f"Did you mean `{nearest}`? " if nearest else ""
+        if role not in ROLES:
+            known = f"Known: {', '.join(ROLES)}."
             raise ConfigError(
-                f"Role `{role}` is not known.", remedy=f"{guess}Known: {', '.join(ROLES)}."
+                f"Role `{role}` is not known.", remedy=did_you_mean(role, ROLES) + known
             )
     try:
         with opened(path) as contents:
-            return records_of(contents, path, wanted, sha256(path))
+            return records_of(contents, path, wanted, _sha256(path))
     except JbwError as error:
         if path.name in error.what:
             raise
@@ -103,17 +134,62 @@ def report(record: Record, findings: Sequence[Fault]) -> None:
         warnings.warn(" ".join(filter(None, (what, finding.remedy))), stacklevel=3)
 
 
-def check_repeats(repeats: str) -> str:
-    """The argument `repeats`, if it is one of the two words."""
-    if repeats not in ("files", "rows"):
-        raise ConfigError(f"Argument `repeats` must be 'files' or 'rows', but is {repeats!r}.")
-    return repeats
+@contextmanager
+def opened(path: Path) -> Iterator[Contents]:
+    """Open a measurement file with the reader of its suffix.
+
+    Raises:
+        DataError: No such file, no reader for it, or a damaged file.
+    """
+    module = _reader_of(path)
+    try:
+        with import_module(module).contents(path) as contents:
+            yield contents
+    except (JbwError, KeyboardInterrupt):
+        raise
+    except Exception as error:  # a damaged file may raise anything inside a reader
+        reason = str(error).strip().splitlines()[0] if str(error).strip() else "no reason given"
+        raise DataError(
+            f"File `{path}` ({path.stat().st_size} bytes) cannot be read by the {_short(module)} "
+            f"reader: {type(error).__name__}: {reason}",
+            remedy="Copy the file again from where it was measured, or export it again.",
+        ) from error
 
 
-def check_span(span: tuple[float, float] | None) -> tuple[float, float] | None:
-    """The argument `span`, if it is a rising pair of times."""
-    if span is not None and not (len(span) == 2 and 0 <= span[0] < span[1]):
-        raise ConfigError(
-            f"Argument `span` must be [first, last] in seconds, rising from 0, but is {span}."
+def _reader_of(path: Path) -> str:
+    """Dotted name of the module that reads a file."""
+    if not path.is_file():
+        folder = path.parent
+        found = sorted(p.name for p in folder.iterdir() if p.is_file()) if folder.is_dir() else []
+        listed = f"Found: {', '.join(found[:10])}." if found else ""
+        where = listed or f"The folder `{folder}` has no files."
+        raise DataError(
+            f"File `{path}` does not exist.", remedy=did_you_mean(path.name, found) + where
         )
-    return span
+    suffix = path.suffix.lower()
+    if suffix in PICKLES:
+        raise DataError(
+            f"File `{path.name}` is a pickle, which is never read.",
+            why="Opening a pickle runs whatever program it carries.",
+            remedy="Save the arrays with numpy.savez, or as HDF5.",
+        )
+    if suffix not in READERS:
+        raise DataError(
+            f"File `{path.name}` has the suffix `{suffix}`, for which there is no reader.",
+            remedy=f"Readers: {', '.join(READERS)}.",
+        )
+    if path.stat().st_size == 0:
+        raise DataError(
+            f"File `{path}` (0 bytes) cannot be read by the {_short(READERS[suffix])} reader.",
+            remedy="The file is empty: copy or export it again.",
+        )
+    return READERS[suffix]
+
+
+def _short(module: str) -> str:
+    return module.rpartition(".")[2]
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

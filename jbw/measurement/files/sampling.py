@@ -10,10 +10,15 @@ from numpy.typing import NDArray
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.tree import Contents, Leaf, load
-from jbw.measurement.roles import si_of
-from jbw.measurement.timing import sampling_frequency, snapped
+from jbw.measurement.records import si_of
 
+REGULARITY = 1e-3  # of a sampling interval: the largest deviation of a sample from the even grid
+LOOSEST_SNAP = 2e-5  # relative: however coarse the times are printed
+SNAP = 5e-6  # relative: what six printed digits of a sampling interval lose
+
+EVEN = "Spectra and sampled inputs need even samples."
 Repeats = list[NDArray[np.float64]]
+Sources = Mapping[str, list[Leaf]]  # role to the arrays that its path selects
 
 
 @dataclass(frozen=True)
@@ -30,20 +35,18 @@ class Wanted:
     remove_mean: bool = False
 
 
-@dataclass(frozen=True)
-class Sampling:
-    """Sampling frequency [Hz], NaN for a measured FRF, and where it came from."""
-
-    fs: float
-    said: str
+WHOLE = slice(0, None)
 
 
 def sampling_of(
-    contents: Contents, sources: Mapping[str, list[Leaf]], path: Path, wanted: Wanted
-) -> Sampling:
-    """Sampling frequency: given, from the time channel, or from the file; all must agree."""
+    contents: Contents, sources: Sources, path: Path, wanted: Wanted
+) -> tuple[float, str]:
+    """Sampling frequency [Hz], NaN for a measured FRF, and where it came from.
+
+    It may be given, stated by the file, or told by a time channel; all must agree.
+    """
     if "frequency" in sources:
-        return Sampling(float("nan"), "none: a measured FRF")
+        return float("nan"), "none: a measured FRF"
     found = {**_stated(contents, sources, wanted), **_timed(sources, path, wanted)}
     if wanted.fs is not None:
         fs, said = _given(contents, path, wanted.fs)
@@ -64,7 +67,7 @@ def sampling_of(
             )
     kept = snapped(fs) if wanted.fs is None else fs
     rounded = "" if kept == fs else f", snapped from {fs:.10g} Hz"
-    return Sampling(kept, f"{kept:.10g} Hz from {said}{rounded}")
+    return kept, f"{kept:.10g} Hz from {said}{rounded}"
 
 
 def _given(contents: Contents, path: Path, fs: float | str) -> tuple[float, str]:
@@ -81,9 +84,7 @@ def _given(contents: Contents, path: Path, fs: float | str) -> tuple[float, str]
     return float(fs), said
 
 
-def _stated(
-    contents: Contents, sources: Mapping[str, list[Leaf]], wanted: Wanted
-) -> dict[str, float]:
+def _stated(contents: Contents, sources: Sources, wanted: Wanted) -> dict[str, float]:
     """Sampling frequencies that the file states, of the channels or of the whole."""
     stated = {
         f"`{(wanted.channels or {}).get(role, role)}`": item.fs
@@ -94,12 +95,12 @@ def _stated(
     return stated or ({"the file": contents.fs} if contents.fs is not None else {})
 
 
-def _timed(sources: Mapping[str, list[Leaf]], path: Path, wanted: Wanted) -> dict[str, float]:
+def _timed(sources: Sources, path: Path, wanted: Wanted) -> dict[str, float]:
     """Sampling frequency of each time channel, all of which must be even."""
     timed = {}
     for item in sources.get("time", ()):
         factor, _ = si_of("time", wanted.units.get("time") or item.unit or "s")
-        for row in rows_of(item, "time", path, wanted, 0, None, exact=False):
+        for row in rows_of(item, "time", path, wanted, exact=False):
             name = (wanted.channels or {}).get("time", "time")
             fs, before = sampling_frequency(row if factor == 1.0 else row * factor, name)
             said = f"`{name}`" if fs == before else f"`{name}` (snapped from {before:.10g} Hz)"
@@ -107,13 +108,13 @@ def _timed(sources: Mapping[str, list[Leaf]], path: Path, wanted: Wanted) -> dic
     return timed
 
 
-def cut(sampling: Sampling, span: tuple[float, float] | None, path: Path) -> tuple[int, int | None]:
-    """First sample, and one past the last, of a span in seconds."""
+def cut(fs: float, span: tuple[float, float] | None, path: Path) -> slice:
+    """Samples of a span in seconds."""
     if span is None:
-        return 0, None
-    if not np.isfinite(sampling.fs):
+        return WHOLE
+    if not np.isfinite(fs):
         raise ConfigError(f"{path.name}: `span` is for time records, not for a measured FRF.")
-    return round(span[0] * sampling.fs), round(span[1] * sampling.fs)
+    return slice(round(span[0] * fs), round(span[1] * fs))
 
 
 def rows_of(
@@ -121,8 +122,7 @@ def rows_of(
     role: str,
     path: Path,
     wanted: Wanted,
-    start: int,
-    stop: int | None,
+    part: slice = WHOLE,
     *,
     exact: bool = True,
     curve: bool = False,
@@ -131,7 +131,7 @@ def rows_of(
 
     `exact` asks for float64; a time column keeps its own type, whose last bit is its resolution.
     """
-    loaded = load(item, start, stop, np.float64 if exact else None)
+    loaded = load(item, part.start, part.stop, np.float64 if exact else None)
     where = (wanted.channels or {}).get(role, role)
     if loaded.ndim > (2 if wanted.repeats == "rows" else 1):
         raise DataError(
@@ -149,3 +149,98 @@ def rows_of(
     if exact:
         loaded = loaded.astype(np.float64, copy=False)
     return list(np.atleast_2d(loaded))
+
+
+def snapped(fs: float, uncertainty: float = 0.0) -> float:
+    """The multiple of 1 Hz, or of 0.1 Hz, that a rounded sampling frequency must mean, or itself.
+
+    A file that keeps dt = 0.000976562 s means 1024 Hz, not 1024.0005 Hz: after 16 s the two are
+    8 us apart. `uncertainty` is that of `fs`, relative, beyond six digits.
+    """
+    for step in (1.0, 0.1):
+        # Dividing by 10 instead of multiplying by 0.1 keeps 51.2 exactly 51.2.
+        near = round(fs / step) / round(1 / step)
+        if near > 0 and abs(near - fs) <= (SNAP + uncertainty) * fs:
+            return near
+    return fs
+
+
+def sampling_frequency(time: NDArray[np.floating], name: str = "time") -> tuple[float, float]:
+    r"""Sampling frequency of an even time column [Hz], snapped, and before.
+
+    $$f_s = \frac{N - 1}{t_{N-1} - t_0}, \qquad |t_n - t_0 - n / f_s| \le 10^{-3} / f_s + r$$
+
+    with r the rounding of the printed or stored times.
+    """
+    if time.ndim != 1 or len(time) < 2:
+        raise DataError(
+            f"Time channel `{name}` must hold at least two samples on one axis, "
+            f"but its shape is {time.shape}."
+        )
+    rounding = _resolution(time)
+    time = np.asarray(time, dtype=np.float64)
+    _must_increase(time, name)
+    steps = len(time) - 1
+    found = steps / (time[-1] - time[0])
+    fs = snapped(found, min(2 * rounding / (time[-1] - time[0]), LOOSEST_SNAP))
+    _no_gaps(time, rounding, name)
+    off = np.abs((time - time[0]) * fs - np.arange(steps + 1))
+    if off.max() > REGULARITY + rounding * fs:
+        i = int(np.argmax(off > REGULARITY))
+        raise DataError(
+            f"Time channel `{name}` must be even within {REGULARITY:g} of an interval at "
+            f"{fs:.6g} Hz, but sample {i} is {off[i]:.3g} off and the worst {off.max():.3g}.",
+            why=EVEN,
+            remedy="Resample to an even grid where it was measured, or give fs instead of time.",
+        )
+    return fs, found
+
+
+def _resolution(time: NDArray[np.floating]) -> float:
+    """Rounding of a time column [s]: its last bit, or its last decimal digit if that is more.
+
+    A clock that keeps significant digits from another origin shows its rounding only in the
+    intervals, late in the record; that counts up to a hundredth of an interval.
+    """
+    bit = float(np.spacing(np.abs(time).max()))
+    time = np.asarray(time, dtype=np.float64)
+    late = np.diff(time)[len(time) // 2 :]
+    interval = float(time[-1] - time[0]) / (len(time) - 1)
+    return max(bit, _last_digit(time, bit), min(_last_digit(late, 2 * bit), 0.01 * interval))
+
+
+def _last_digit(values: NDArray[np.float64], error: float) -> float:
+    """The decimal unit of which all values are multiples within their error; 0 if there is none."""
+    for digits in range(3, 10):
+        scaled = values * 10**digits
+        if np.all(np.abs(scaled - np.round(scaled)) < 1e-6 + error * 10**digits):
+            return 10.0**-digits
+    return 0.0
+
+
+def _must_increase(time: NDArray[np.float64], name: str) -> None:
+    if not np.isfinite(time).all():
+        first = int(np.flatnonzero(~np.isfinite(time))[0])
+        raise DataError(f"Time channel `{name}` must be finite, but sample {first} is not.")
+    backward = np.flatnonzero(np.diff(time) <= 0)
+    if len(backward):
+        i = int(backward[0]) + 1
+        raise DataError(
+            f"Time channel `{name}` must increase, but sample {i} ({time[i]:.9g} s) "
+            f"follows {time[i - 1]:.9g} s.",
+            why="Sorting or dropping samples silently could hide a damaged file.",
+            remedy="Export the record again, or cut it there with span = [start, stop].",
+        )
+
+
+def _no_gaps(time: NDArray[np.float64], rounding: float, name: str) -> None:
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    gaps = np.flatnonzero(steps - usual > max(0.5 * usual, 1.01 * rounding))
+    if len(gaps):
+        listed = ", ".join(f"{time[i]:.6g}-{time[i + 1]:.6g} s" for i in gaps[:5])
+        raise DataError(
+            f"Time channel `{name}` must be even, but has {len(gaps)} gap(s): {listed}.",
+            why=EVEN,
+            remedy="Keep a part without gaps with span = [start, stop], or export it again.",
+        )

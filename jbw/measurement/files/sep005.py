@@ -11,11 +11,9 @@ from jbw.errors import DataError
 from jbw.measurement.checks import inspect
 from jbw.measurement.files.assemble import records_of
 from jbw.measurement.files.read import report
-from jbw.measurement.files.sampling import Wanted
+from jbw.measurement.files.sampling import Wanted, sampling_frequency
 from jbw.measurement.files.tree import Contents, Leaf, leaf
-from jbw.measurement.records import Record
-from jbw.measurement.roles import ROLES
-from jbw.measurement.timing import sampling_frequency
+from jbw.measurement.records import ROLES, Record
 
 # The standard's letter for what a series measures, by role.
 QUANTITIES = {"force": "f", "acceleration": "a", "velocity": "v", "displacement": "d"}

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from jbw.errors import DataError
+from jbw.measurement.files.sampling import sampling_frequency
 from jbw.measurement.files.tree import Contents, Node, leaf
 from jbw.measurement.records import Record
-from jbw.measurement.timing import sampling_frequency
 
 TIME_RESPONSE, FREQUENCY_RESPONSE = 1, 4  # function types of the format
 SET_58 = re.compile(rb"^ {4}-1 *\r?\n *58[ b]", re.MULTILINE)

@@ -1,0 +1,191 @@
+"""Whether tones, curves, loops and decays can be what their campaign file says they are."""
+
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbw.errors import JbwError
+from jbw.measurement.checks import Fault
+from jbw.measurement.curves import ForcedLoop, ResponseCurve, displacement_of
+from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
+from jbw.measurement.records import Record
+
+THIRD = 3  # the highest order looked at
+LISTED = 6  # tones named in a message
+DEGREES = 20.0  # [rad]; a phase beyond three turns was written in degrees
+FEWEST_LINES = 4
+DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
+
+
+def unsteady(
+    record: Record,
+    tones_hz: Sequence[float],
+    *,
+    settle: float = 0.0,
+    dwell: float | None = None,
+) -> Iterator[Fault]:
+    """Whether tones or steps had settled, and their third harmonic stands above the noise.
+
+    Args:
+        record: A record of kind tones or stepped.
+        tones_hz: Frequencies present at once, or in turn [Hz].
+        settle: Time discarded first, in the record or in each step [s].
+        dwell: Duration of each step [s]; None when all tones are present at once.
+    """
+    y, role = record.channels[record.response], record.response
+    fitted, refused = [], []
+    for i, tone in enumerate(tones_hz):
+        part, others = y, [f for f in tones_hz if f != tone]
+        if dwell is not None:
+            part, others = y[round(i * dwell * record.fs) : round((i + 1) * dwell * record.fs)], []
+        try:
+            fitted.append(_fitted(part, record, tone, settle, others))
+        except JbwError as error:
+            what = f"Tone {tone:.4g} Hz: {error.what}"
+            refused.append(Fault("error", role, what, error.why, error.remedy))
+    yield from refused[:1]
+    if drifting := [one for one in fitted if one.is_drifting]:
+        largest = max(float(one.drift) for one in drifting)
+        yield Fault(
+            "warning",
+            role,
+            f"{_named(drifting)}: the amplitude changes by {largest:.1%} from one half of the "
+            "record to the other.",
+            "A transient is left, or the frequency is not exact.",
+            "Raise settle, or correct tones.",
+        )
+    # Only a probing test, whose tones are all present at once, is read for its third harmonic.
+    third = [(abs(one.amplitudes[-1]), float(np.sqrt(one.variance[-1] / 2))) for one in fitted]
+    buried = [i for i, (size, std) in enumerate(third) if size < NOISE_FLOOR * std]
+    if buried and dwell is None:
+        size, std = third[buried[0]]
+        yield Fault(
+            "warning",
+            role,
+            f"{_named([fitted[i] for i in buried])}: the third harmonic ({size:.2g} m) does not "
+            f"stand above the noise ({std:.2g} m).",
+            "This record alone then says nothing of the joint's third-order kernel.",
+            "Raise the level, measure longer, or leave the tone out.",
+        )
+
+
+def _fitted(
+    y: NDArray[np.float64], record: Record, tone: float, settle: float, others: Sequence[float]
+) -> Harmonics:
+    # Harmonics of one tone may coincide with another tone; those are fitted once.
+    apart = [f for f in others if all(abs(f - n * tone) > 1e-6 * tone for n in (1, 2, THIRD))]
+    omega, also = 2 * np.pi * tone, [2 * np.pi * f for f in apart]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the drift becomes a finding
+        return harmonics(
+            y, record.fs, omega, THIRD, response=record.response, start=settle, also=also
+        )
+
+
+def _named(fitted: Sequence[Harmonics]) -> str:
+    tones = ", ".join(f"{one.omega / (2 * np.pi):.4g}" for one in fitted[:LISTED])
+    more = f" and {len(fitted) - LISTED} more" if len(fitted) > LISTED else ""
+    return f"Tone {tones} Hz{more}"
+
+
+def impassive(curve: ResponseCurve) -> Iterator[Fault]:
+    r"""Doubts about signs and units of a curve.
+
+    The force does the work per cycle $-\pi F\,\mathrm{Im}\,Y$, which a passive structure takes in,
+    and the phase of the response falls with frequency through a resonance.
+    """
+    role = curve.response_kind
+    if len(curve.freq_hz) < FEWEST_LINES:
+        yield Fault(
+            "error",
+            role,
+            f"The curve has {len(curve.freq_hz)} lines, but at least {FEWEST_LINES} are needed.",
+            remedy="Measure more frequencies around the resonance.",
+        )
+        return
+    if np.all(np.angle(curve.response) == 0):
+        yield Fault(
+            "warning",
+            "phase",
+            "The response is in phase with the input at every line.",
+            "A structure with damping lags; without a phase the damping is not known.",
+            "Name the channel that holds the phase.",
+        )
+        return
+    if curve.source_kind == "force" and not np.all(curve.source > 0):
+        yield Fault(
+            "error",
+            curve.source_kind,
+            "The input's amplitude must be positive, but it is not at every line.",
+            remedy="Give amplitudes, not instantaneous values; correct the polarity in the "
+            "response.",
+        )
+    phase = np.unwrap(np.angle(curve.response[np.argsort(curve.freq_hz)]))
+    falls = phase[-1] < phase[0]
+    upright = curve if falls else replace(curve, response=np.conj(curve.response))
+    # Summed over the lines; the resonance decides the sign.
+    takes_in = np.sum(-np.imag(displacement_of(upright)) * curve.source) > 0
+    wrong = [] if falls else [("its phase rises with frequency", "phase = -1.0")]
+    wrong += [] if takes_in else [("the force takes energy out", f"{role} = -1.0")]
+    if wrong:
+        doubts, scales = zip(*wrong, strict=True)
+        yield Fault(
+            "warning",
+            role,
+            f"The response cannot be that of a passive structure: {' and '.join(doubts)}.",
+            "A wrong sign gives a joint with negative damping or stiffness.",
+            f"Turn the sign: scale = {{ {', '.join(scales)} }}.",
+        )
+
+
+def phase_in_degrees(phase: NDArray[np.float64]) -> Iterator[Fault]:
+    """The doubt that a phase given in radians was written in degrees."""
+    largest = float(np.abs(phase).max())
+    if largest > DEGREES:
+        yield Fault(
+            "warning",
+            "phase",
+            f"The phase reaches {largest:.3g} rad, more than three turns.",
+            "It reads like degrees.",
+            'Give units = { phase = "deg" }.',
+        )
+
+
+def gives_energy(loop: ForcedLoop) -> Iterator[Fault]:
+    r"""The doubt that a forced loop is traversed the wrong way round.
+
+    $$W = \int F\,dy$$
+
+    is what the joint takes in; over whole loops it cannot be negative.
+    """
+    work = float(np.trapezoid(loop.force, loop.displacement))
+    stored = float(np.ptp(loop.force) * np.ptp(loop.displacement)) / 8  # of a spring, at its most
+    if work <= -stored:
+        yield Fault(
+            "warning",
+            "displacement",
+            f"The joint gives out {-work:.3g} J over the record.",
+            "Force or displacement has its sign turned: a joint takes energy in.",
+            "Turn one: scale = { displacement = -1.0 }.",
+        )
+
+
+def undecaying(record: Record, settle: float = 0.0) -> Iterator[Fault]:
+    """The doubt that a free decay does not decay: its last quarter against its first."""
+    x = record.channels[record.response][round(settle * record.fs) :]
+    quarter = len(x) // 4
+    if quarter == 0:
+        return
+    first, last = (float(np.std(part)) for part in (x[:quarter], x[len(x) - quarter :]))
+    if last > DECAYED * first:
+        times = last / first if first else np.inf
+        yield Fault(
+            "warning",
+            record.response,
+            f"The response of the last quarter is {times:.2g} times that of the first.",
+            "A free decay falls; this record may be driven, or begin before the impact.",
+            "Correct kind, or cut the record with span or settle.",
+        )
