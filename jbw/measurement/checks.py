@@ -20,21 +20,13 @@ GUESS = {"displacement": "mm or um", "velocity": "mm/s or um/s", "acceleration":
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing wrong, or doubtful, in one channel.
+    """One thing wrong, or doubtful, in one channel."""
 
-    Attributes:
-        severity: `error` when the record cannot be used, `warning` when it is doubtful.
-        channel: The role it was found in.
-        what: What was found, with numbers.
-        why: Why it matters.
-        remedy: What to do.
-    """
-
-    severity: str
-    channel: str
-    what: str
-    why: str = ""
-    remedy: str = ""
+    severity: str  # `error` when the record cannot be used, `warning` when it is doubtful
+    channel: str  # the role it was found in
+    what: str  # what was found, with numbers
+    why: str = ""  # why it matters
+    remedy: str = ""  # what to do
 
 
 def inspect(record: Record, *, masked: bool = False) -> tuple[Fault, ...]:

@@ -16,50 +16,34 @@ class ResponseCurve:
     """Measured harmonic response at one level: amplitudes against frequency, line by line.
 
     The excitation may vary along the curve, as it does where a controller holds the response.
-
-    Attributes:
-        freq_hz: Excitation frequencies, in the order of the file [Hz].
-        source: Peak amplitude of the excitation at each line, whose phase is zero.
-        response: Complex peak amplitude X of the response x(t) = Re X exp(j order omega t).
-        source_kind: `input` or `force`.
-        response_kind: displacement, velocity or acceleration.
-        source_unit: SI unit of `source`: V, N/kg or N.
-        order: Harmonic of the excitation frequency at which the response was read.
-        is_ratio: Whether the file holds the response per unit of excitation, at an amplitude that
-            it does not tell; `source` is 1 then, and the curve is that of the linear regime.
-        name: What to call it in messages.
-        provenance: As in the record it came from.
     """
 
-    freq_hz: NDArray[np.float64]
+    freq_hz: NDArray[np.float64]  # excitation frequencies, in the order of the file [Hz]
+    # Peak amplitude of the excitation at each line, whose phase is zero.
     source: NDArray[np.float64]
+    # Complex peak amplitude X of the response x(t) = Re X exp(j order omega t).
     response: NDArray[np.complex128]
-    source_kind: str
-    response_kind: str
-    source_unit: str
-    order: int = 1
+    source_kind: str  # `input` or `force`
+    response_kind: str  # displacement, velocity or acceleration
+    source_unit: str  # SI unit of `source`: V, N/kg or N
+    order: int = 1  # harmonic of the excitation frequency at which the response was read
+    # Whether the file holds the response per unit of excitation, at an amplitude that it does
+    # not tell; `source` is 1 then, and the curve is that of the linear regime.
     is_ratio: bool = False
-    name: str = ""
-    provenance: Mapping[str, str] = field(default_factory=dict)
+    name: str = ""  # what to call it in messages
+    provenance: Mapping[str, str] = field(default_factory=dict)  # as in the record it came from
 
 
 @dataclass(frozen=True)
 class ForcedLoop:
-    """A joint driven through a prescribed displacement while its force is measured.
+    """A joint driven through a prescribed displacement while its force is measured."""
 
-    Attributes:
-        fs: Sampling frequency [Hz].
-        displacement: Prescribed displacement [m].
-        force: Restoring force of the joint [N], positive against positive displacement.
-        name: What to call it in messages.
-        provenance: As in the record it came from.
-    """
-
-    fs: float
-    displacement: NDArray[np.float64]
+    fs: float  # sampling frequency [Hz]
+    displacement: NDArray[np.float64]  # prescribed displacement [m]
+    # Restoring force of the joint [N], positive against positive displacement.
     force: NDArray[np.float64]
-    name: str = ""
-    provenance: Mapping[str, str] = field(default_factory=dict)
+    name: str = ""  # what to call it in messages
+    provenance: Mapping[str, str] = field(default_factory=dict)  # as in the record it came from
 
 
 def response_curve(record: Record, order: int = 1) -> ResponseCurve:

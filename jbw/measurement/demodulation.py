@@ -16,21 +16,13 @@ LEAST_PER_PERIOD = 11  # samples of the fastest motion in the band that a solver
 
 @dataclass(frozen=True)
 class BandFilter:
-    """A linear-phase filter that moves a band about its centre to zero frequency.
+    """A linear-phase filter that moves a band about its centre to zero frequency."""
 
-    Attributes:
-        band_hz: Where its gain is one half [Hz]; gone half a band further out.
-        fs: Sampling frequency [Hz].
-        taps: Impulse response of the low-pass part; an odd number, sum 1.
-        stride: Every so-many-th sample and tap give the same envelope, for a cheaper model.
-        step: Samples between two envelope values that white noise leaves almost independent.
-    """
-
-    band_hz: tuple[float, float]
-    fs: float
-    taps: NDArray[np.float64]
-    stride: int
-    step: int
+    band_hz: tuple[float, float]  # where its gain is one half [Hz]; gone half a band further out
+    fs: float  # sampling frequency [Hz]
+    taps: NDArray[np.float64]  # impulse response of the low-pass part; an odd number, sum 1
+    stride: int  # every so-many-th sample and tap give the same envelope, for a cheaper model
+    step: int  # samples between two envelope values that white noise leaves almost independent
 
     @property
     def centre_hz(self) -> float:
@@ -104,17 +96,11 @@ def demodulate(
 
 @dataclass(frozen=True)
 class Reading:
-    """Frequency and damping along a decay, read without any model of the joint.
+    """Frequency and damping along a decay, read without any model of the joint."""
 
-    Attributes:
-        amplitude: Peak amplitude, in the unit of the response.
-        frequency_hz: Instantaneous frequency [Hz].
-        damping: Decay rate over angular frequency [-].
-    """
-
-    amplitude: NDArray[np.float64]
-    frequency_hz: NDArray[np.float64]
-    damping: NDArray[np.float64]
+    amplitude: NDArray[np.float64]  # peak amplitude, in the unit of the response
+    frequency_hz: NDArray[np.float64]  # instantaneous frequency [Hz]
+    damping: NDArray[np.float64]  # decay rate over angular frequency [-]
 
 
 def read_decay(

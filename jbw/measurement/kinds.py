@@ -10,33 +10,20 @@ from jbw.errors import ConfigError, did_you_mean
 
 
 class Kind(NamedTuple):
-    """One kind of test.
+    """One kind of test."""
 
-    Attributes:
-        name: Name in a campaign file.
-        meaning: What is done to the structure.
-        is_broadband: All frequencies at once, for long: averaged spectra show the linear joint.
-        is_transient: Driven from rest, and simulated from there.
-        is_steady: Tones whose steady harmonics are read, at once or in turn.
-        is_stepped: The tones come in turn, each for a dwell.
-        is_periodic: The excitation repeats itself, so that whole periods may be cut.
-        is_free: Nothing drives the structure while it is recorded.
-        is_prescribed: The displacement is given: nothing moves freely.
-        is_curve: A line for each frequency, not samples in time; lines may be masked.
-        channels: Roles that a test must have, where no trait above says them.
-    """
-
-    name: str
-    meaning: str
+    name: str  # name in a campaign file
+    meaning: str  # what is done to the structure
+    # All frequencies at once, for long: averaged spectra show the linear joint.
     is_broadband: bool = False
-    is_transient: bool = False
-    is_steady: bool = False
-    is_stepped: bool = False
-    is_periodic: bool = False
-    is_free: bool = False
-    is_prescribed: bool = False
-    is_curve: bool = False
-    channels: tuple[str, ...] = ()
+    is_transient: bool = False  # driven from rest, and simulated from there
+    is_steady: bool = False  # tones whose steady harmonics are read, at once or in turn
+    is_stepped: bool = False  # the tones come in turn, each for a dwell
+    is_periodic: bool = False  # the excitation repeats itself, so that whole periods may be cut
+    is_free: bool = False  # nothing drives the structure while it is recorded
+    is_prescribed: bool = False  # the displacement is given: nothing moves freely
+    is_curve: bool = False  # a line for each frequency, not samples in time; lines may be masked
+    channels: tuple[str, ...] = ()  # roles that a test must have, where no trait above says them
 
     @property
     def is_driven(self) -> bool:

@@ -1,14 +1,13 @@
 """The paper's cantilever as a virtual test rig: `measure` a campaign, `write` it into files.
 
 The rig shares no solver, no hold and no noise model with the identification: it integrates the
-analog force on a `specimen` (`integrator`), which a generator plays (`generator`) as planned
+analog force on a specimen (`integrator`), which a generator plays (`generator`) as planned
 (`presets`), or takes the joint alone through a displacement (`prescribed_motion`), and records
 what the sensors make of it (`record_test`, `conditions`).
 """
 
 from jbw.rig.acquisition import RigCampaign, measure
-from jbw.rig.plans import Plan, Preset
-from jbw.rig.presets import LABORATORY, MIXED, PAPER, SLIDERS, TRUTH
+from jbw.rig.presets import LABORATORY, MIXED, PAPER, SLIDERS, TRUTH, Plan, Preset
 from jbw.rig.writing import write
 
 __all__ = [

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,9 @@ from jbw.measurement.records import Test
 from jbw.oscillator.oscillator import Joint, as_oscillator
 from jbw.quantities import DEFAULT_LAWS
 from jbw.rig.conditions import Conditions, check, specimen_of_days
-from jbw.rig.plans import Plan, Preset
-from jbw.rig.presets import PRIOR, TRUTH, plans_named, preset_named
+from jbw.rig.integrator import Specimen, specimen_of
+from jbw.rig.presets import PRIOR, TRUTH, Plan, Preset, plans_named, preset_named
 from jbw.rig.record_test import record_test
-from jbw.rig.specimen import Specimen, specimen_of
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def measure(
         preset: "laboratory", "paper", "mixed" or a preset of your own.
         seed: Seed of everything random.
         joint: The specimen: a `BoucWen` with nu = 1, or an `Oscillator` such as `SLIDERS`, for
-            whose laws the rig has a code of its own (`jbw.rig.specimen`).
+            whose laws the rig has a code of its own (`jbw.rig.integrator`).
         tests: Names of the tests to take, in the order of the preset; all when None.
         repeats: Records of each test; as the preset plans when None.
         noise_std: Laser noise over 0 .. fs/2 [m/s].
@@ -124,13 +124,14 @@ def measure(
     truth = _truth(rig, joint, days, conditions)
     # Two tests at once: FFT, compiled loop and random numbers all release the interpreter's lock.
     with ThreadPoolExecutor(max_workers=2) as pool:
-        taken = list(pool.map(lambda plan: record_test(plan, rig, days, conditions), plans))
+        by_plan = pool.map(lambda plan: record_test(plan, rig, days, conditions), plans)
+        taken = list(chain.from_iterable(by_plan))
     return RigCampaign(
         name=f"virtual rig, {rig.name}",
-        tests=tuple(test for tests_of_plan, _ in taken for test in tests_of_plan),
+        tests=tuple(test for test, _ in taken),
         settings=_settings(rig, plans, conditions, truth["joint"]),
         truth=truth,
-        demands={name: each for _, demands in taken for name, each in demands.items()},
+        demands={test.name: tuple(demands) for test, demands in taken if demands},
         laws=tuple(law.name for law in joint.laws),
     )
 

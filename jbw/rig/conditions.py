@@ -6,31 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import ConfigError
-from jbw.rig.specimen import Specimen
+from jbw.rig.integrator import Specimen
 
-_DAYS = 0xDA75
-"""Stream of the joint's day-to-day variation; tests use the checksum of their names."""
+DAYS = 0xDA75  # stream of the joint's day-to-day variation; tests use the checksum of their names
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """What the records suffer from.
-
-    Attributes:
-        seed: Seed of everything random.
-        fs: Sampling frequency [Hz].
-        noise_std: Laser noise over 0 .. fs/2 [m/s].
-        noise_ratio: Laser noise as a fraction of the rms velocity of each record [-]; it takes
-            the place of `noise_std` when given.
-        input_noise_std: Noise of the source's channel [V or N].
-        force_noise_std: Noise of restoring forces [N].
-        bits: Bits of the converters, sign included.
-        distortion_db: Third harmonic of the source against its fundamental [dB]; None for a pure
-            source.
-        delay: Lag of the velocity channel [s].
-        omega_n_cv: Coefficient of variation of omega_n from day to day [-].
-        zeta_cv: Coefficient of variation of zeta from day to day [-].
-    """
+    """What the records suffer from: arguments of `jbw.rig.measure`."""
 
     seed: int
     fs: float
@@ -64,7 +47,7 @@ def specimen_of_days(specimen: Specimen, count: int, conditions: Conditions) -> 
     """The specimen as assembled each day: omega_n and zeta log-normal, their means the truth."""
     days = []
     for day in range(count):
-        e = stream(conditions, _DAYS, day).standard_normal(2)
+        e = stream(conditions, DAYS, day).standard_normal(2)
         omega_n = specimen.omega_n * _scatter(conditions.omega_n_cv, e[0])
         zeta = specimen.zeta * _scatter(conditions.zeta_cv, e[1])
         days.append(specimen._replace(omega_n=omega_n, zeta=zeta))
@@ -78,11 +61,7 @@ def _scatter(cv: float, e: float) -> float:
 
 
 def check(conditions: Conditions) -> None:
-    """Refuses numbers out of range, each by the name of its argument.
-
-    Raises:
-        ConfigError: For the first number out of range.
-    """
+    """Refuses numbers out of range, each by the name of its argument."""
     if not 2 <= conditions.bits <= 24:
         raise ConfigError(f"Argument `bits` must be 2 to 24, but is {conditions.bits}.")
     if not conditions.fs > 0.0:
@@ -110,22 +89,8 @@ def digitise(
 
     $$q\,\mathrm{round}\big((x_n + \sigma e_n)/q\big), \qquad q = 2^{1-b} x_\mathrm{full}$$
 
-    With `full_scale` a power of two the values of a converter of up to 24 bits are exact in
-    float32.
-
-    Args:
-        analog: The channel at the sampling instants, in its unit.
-        noise_std: Rms of the sensor's noise, same unit.
-        full_scale: Largest magnitude the converter takes, same unit.
-        bits: Bits of the converter, sign included.
-        rng: Source of the noise.
-        channel: What to call it in the message.
-
-    Returns:
-        Samples as recorded.
-
-    Raises:
-        ConfigError: When the channel leaves the range of the converter.
+    With `full_scale` a power of two the values of a converter of up to 24 bits, sign included, are
+    exact in float32. `noise_std` and `full_scale` are in the unit of the channel.
     """
     noisy = analog + noise_std * rng.standard_normal(analog.size)
     step = full_scale * 2.0 ** (1 - bits)

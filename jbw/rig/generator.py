@@ -18,19 +18,12 @@ Samples = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Tone:
-    """A cosine, A cos(2 pi f t).
+    """A cosine, A cos(2 pi f t)."""
 
-    Attributes:
-        frequency_hz: Frequency f [Hz].
-        level: Peak voltage A [V].
-        duration: Length of the record [s].
-        settle: Time before the record starts [s]; whole periods keep the phase.
-    """
-
-    frequency_hz: float
-    level: float
-    duration: float
-    settle: float
+    frequency_hz: float  # frequency f [Hz]
+    level: float  # peak voltage A [V]
+    duration: float  # length of the record [s]
+    settle: float  # time before the record starts [s]; whole periods keep the phase
 
     def volts(self, t: Samples, distortion: float) -> Samples:
         """Voltage at times t >= 0."""
@@ -42,24 +35,15 @@ class Sweep:
     """A linear sweep from rest, A sin(phi(t)), faded out by half a cosine, then silence.
 
     The fade keeps the sampled record band-limited: a sweep cut at 40 Hz is not.
-
-    Attributes:
-        start_hz: Frequency at t = 0 [Hz].
-        stop_hz: Frequency at the end of the burst [Hz].
-        level: Peak voltage A [V].
-        burst: Length of the sweep [s].
-        fade: Length of the fade, the last part of the burst [s].
-        duration: Length of the record, burst and free decay [s].
-        settle: Time before the record starts [s]; zero to record from rest.
     """
 
-    start_hz: float
-    stop_hz: float
-    level: float
-    burst: float
-    fade: float
-    duration: float
-    settle: float = 0.0
+    start_hz: float  # frequency at t = 0 [Hz]
+    stop_hz: float  # frequency at the end of the burst [Hz]
+    level: float  # peak voltage A [V]
+    burst: float  # length of the sweep [s]
+    fade: float  # length of the fade, the last part of the burst [s]
+    duration: float  # length of the record, burst and free decay [s]
+    settle: float = 0.0  # time before the record starts [s]; zero to record from rest
 
     def volts(self, t: Samples, distortion: float) -> Samples:
         """Voltage at times t >= 0."""
@@ -78,18 +62,12 @@ class Steps:
     """A stepped sine: each frequency in turn as A cos(2 pi f (t - t_step)), without a pause.
 
     Whole periods in each dwell keep voltage and slope continuous from step to step.
-
-    Attributes:
-        frequencies_hz: Frequencies in turn [Hz].
-        level: Peak voltage A [V].
-        dwell: Time on each frequency [s].
-        settle: Time before the record starts [s]; zero to record from rest.
     """
 
-    frequencies_hz: tuple[float, ...]
-    level: float
-    dwell: float
-    settle: float = 0.0
+    frequencies_hz: tuple[float, ...]  # frequencies in turn [Hz]
+    level: float  # peak voltage A [V]
+    dwell: float  # time on each frequency [s]
+    settle: float = 0.0  # time before the record starts [s]; zero to record from rest
 
     @property
     def duration(self) -> float:
@@ -111,37 +89,23 @@ class Noise:
 
     The lines repeat after a period longer than settling and record together, so a record is an
     ordinary stretch of a stationary signal, periodic in no window.
-
-    Attributes:
-        level: Rms voltage [V].
-        duration: Length of the record [s].
-        settle: Time before the record starts [s].
     """
 
-    level: float
-    duration: float
-    settle: float
+    level: float  # rms voltage [V]
+    duration: float  # length of the record [s]
+    settle: float  # time before the record starts [s]
 
 
 @dataclass(frozen=True)
 class Multisine:
-    """Harmonics of one period in a band, of equal amplitude and random phase, over and over.
+    """Harmonics of one period in a band, of equal amplitude and random phase, over and over."""
 
-    Attributes:
-        level: Rms voltage [V].
-        period: Period, a whole number of samples [s].
-        low_hz: Lowest frequency [Hz].
-        high_hz: Where the band ends, at most half the sampling frequency [Hz].
-        periods: Periods in the record.
-        settle: Time before the record starts [s].
-    """
-
-    level: float
-    period: float
-    low_hz: float
-    high_hz: float
-    periods: int
-    settle: float
+    level: float  # rms voltage [V]
+    period: float  # period, a whole number of samples [s]
+    low_hz: float  # lowest frequency [Hz]
+    high_hz: float  # where the band ends, at most half the sampling frequency [Hz]
+    periods: int  # periods in the record
+    settle: float  # time before the record starts [s]
 
     @property
     def duration(self) -> float:

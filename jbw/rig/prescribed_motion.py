@@ -21,8 +21,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.oscillator.oscillator import Joint
-from jbw.rig.integrator import State, runge_kutta
-from jbw.rig.specimen import Specimen, doubles, specimen_of
+from jbw.rig.integrator import Specimen, State, doubles, runge_kutta, specimen_of
 
 STEPS = 16  # Runge-Kutta steps in a sample of a loop
 POINTS = 512  # steps in a period of a held response
@@ -33,17 +32,11 @@ ROUNDS = 6  # of the higher harmonics, each a hundredth of the one before
 
 @dataclass(frozen=True)
 class Growth:
-    """A prescribed displacement that grows, A (t / T) sin(2 pi f t): slow, so that no mass shows.
+    """A prescribed displacement that grows, A (t / T) sin(2 pi f t): slow, so no mass shows."""
 
-    Attributes:
-        frequency_hz: Frequency f [Hz].
-        level: Largest displacement A [m].
-        duration: Length of the record T [s].
-    """
-
-    frequency_hz: float
-    level: float
-    duration: float
+    frequency_hz: float  # frequency f [Hz]
+    level: float  # largest displacement A [m]
+    duration: float  # length of the record T [s]
 
     def displacement(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """Displacement at times t [m]."""
@@ -59,17 +52,11 @@ class Growth:
 
 @dataclass(frozen=True)
 class Held:
-    """A controller's curve: at each frequency the force that holds the response's amplitude.
+    """A controller's curve: at each frequency the force that holds the response's amplitude."""
 
-    Attributes:
-        frequencies_hz: Frequencies in turn [Hz].
-        level: Peak of the displacement's fundamental [m].
-        dwell: Time over which a line is averaged [s].
-    """
-
-    frequencies_hz: tuple[float, ...]
-    level: float
-    dwell: float
+    frequencies_hz: tuple[float, ...]  # frequencies in turn [Hz]
+    level: float  # peak of the displacement's fundamental [m]
+    dwell: float  # time over which a line is averaged [s]
 
 
 def pulled(

@@ -14,29 +14,18 @@ of the resonance its third harmonic, the stepped sine and the sweeps all of it, 
 dissipates, and the loop its stiffness without the resonance.
 """
 
-import difflib
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
-from jbw.errors import ConfigError
+from jbw.errors import ConfigError, did_you_mean
 from jbw.oscillator.laws import law_named
 from jbw.oscillator.oscillator import BoucWen, Oscillator
-from jbw.rig.plans import (
-    Plan,
-    Preset,
-    decay_plan,
-    loop_plan,
-    noise_plan,
-    pull_plan,
-    short_stepped_plan,
-    short_sweep_plan,
-    short_tone_plan,
-    stepped_plan,
-    sweep_plan,
-    tone_plan,
-)
+from jbw.rig.generator import Excitation, Noise, Steps, Sweep, Tone
+from jbw.rig.prescribed_motion import Growth, Held
 
 TRUTH = BoucWen(omega_n=2 * np.pi * 18.8, zeta=0.00444, alpha=497.40, delta=340.21, gamma=32.84)
 """The cantilever of the paper, Table 1 (the identified values, taken as the truth)."""
@@ -68,21 +57,129 @@ PRIOR: Mapping[str, tuple[float, float]] = MappingProxyType(
 
 PROBING_HZ = (5.0, 5.5, 6.0, 6.5, 6.75)
 """Probing tones, around omega_n / 3 [Hz]."""
+LOOP_HZ = 18.5
+"""Tone of the loops: resonance with the joint sliding, just below it with the joint sticking."""
+STEPPED_HZ = tuple(
+    float(f)
+    for f in np.concatenate(
+        [np.arange(3.0, 17.0, 2.0), [17.0], np.arange(17.5, 19.5, 0.0625), np.arange(20.0, 24.0)]
+    )
+)
+"""Frequencies of the stepped sine, dense at the resonance; whole periods in each dwell [Hz]."""
+RESONANCE_HZ = (17.5, 18.0, 18.25, 18.5, 18.625, 18.75, 18.875, 19.0, 19.5)
+"""Frequencies of a short stepped sine [Hz]."""
+BURST_HZ = 18.6
+"""Tone of the burst before a free decay [Hz]."""
 MODAL_MASS = 1.93
 """Of the cantilever's first mode, at the point of the shaker [kg]."""
-MIXED_TONES = tuple((f, level) for level in (6.0, 12.0, 18.0) for f in (5.5, 6.5))
-"""Probing tones of `mixed` [Hz], [N]."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One test as planned."""
+
+    name: str  # name of the test and of its files
+    kind: str  # kind of the campaign's test
+    # What the generator plays, or what the joint is taken through.
+    excitation: Excitation | Growth | Held
+    repeats: int  # how many records
+    # Band to use in the identification [Hz], when it should be stated.
+    band_hz: tuple[float, float] | None = None
+    settle: float = 0.0  # time to discard after the start of each step [s]
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A rig and its programme."""
+
+    name: str  # name of the preset
+    # Force per unit mass and volt [N/kg/V], or per newton: one over the modal mass [1/kg].
+    gain: float
+    input_range: float  # full scale of the recorded source, a power of two [V or N]
+    velocity_range: float  # full scale of the laser, a power of two [m/s]
+    plans: tuple[Plan, ...]  # the tests
+    # What is recorded of the source: its `input` in volts, or the shaker's `force`.
+    source: str = "input"
+    source_noise_std: float = 0.5e-6  # noise of that channel [V or N]
+    displacement_range: float = 1 / 64  # full scale of prescribed displacements, a power of two [m]
+    force_range: float = 512.0  # full scale of restoring forces, a power of two [N]
+    # Kinds that the joint posterior is fitted to, the others verify; all when empty.
+    fit: tuple[str, ...] = ()
+
+    @property
+    def source_unit(self) -> str:
+        """Unit of the recorded source."""
+        return "V" if self.source == "input" else "N"
+
+
+def named(kind: str, level: float, unit: str = "V") -> str:
+    """A test's name after its level: "sweep_0p05V", "noise_0p005V", no dot in it."""
+    digits = 2 if round(level, 2) == level else 3
+    return f"{kind}_{level:.{digits}f}{unit}".replace(".", "p")
+
+
+def _plan(
+    prefix: str, kind: str, excitation: Excitation, repeats: int, unit: str = "V", **stated: Any
+) -> Plan:
+    """A test named after the level of its excitation."""
+    return Plan(named(prefix, excitation.level, unit), kind, excitation, repeats, **stated)
+
+
+def _noise(level: float, duration: float, unit: str) -> Plan:
+    excitation = Noise(level, duration, settle=16.0)
+    return _plan("noise", "noise", excitation, 4, unit, band_hz=(17.0, 20.5))
+
+
+def sweep_plan(level: float) -> Plan:
+    """A sweep for Step 4: 0-40 Hz in 8 s from rest, then 8 s of decay."""
+    excitation = Sweep(0.0, 40.0, level, burst=8.0, fade=0.2, duration=16.0)
+    return _plan("sweep", "sweep", excitation, 48)
+
+
+def stepped_plan(level: float) -> Plan:
+    """A stepped sine: in the 24 s that settle a transient falls to 3e-6 of a step's change."""
+    return _plan("stepped", "stepped", Steps(STEPPED_HZ, level, dwell=32.0), 2, settle=24.0)
+
+
+def pull_plan(level: float) -> Plan:
+    """A loop under a prescribed displacement that grows in 6 s at 1 Hz."""
+    excitation = Growth(1.0, level, duration=6.0)
+    return Plan(named("pull", 1e3 * level, "mm"), "loop", excitation, repeats=2)
 
 
 def _programme(
     probing: float, stepped: tuple[float, ...], loops: tuple[float, ...]
 ) -> tuple[Plan, ...]:
+    """The tests of the paper's steps, and what verifies them."""
+    tones = (Tone(f, probing, duration=64.0, settle=64.0) for f in PROBING_HZ)
+    held = (Tone(LOOP_HZ, level, duration=16.0, settle=32.0) for level in loops)
     return (
-        *(noise_plan(level) for level in (0.05, 0.005)),
-        *(tone_plan(frequency, probing) for frequency in PROBING_HZ),
+        *(_noise(level, 512.0, "V") for level in (0.05, 0.005)),
+        *(Plan(named("tone", tone.frequency_hz, "Hz"), "tones", tone, repeats=8) for tone in tones),
         *(sweep_plan(level) for level in (0.05, 0.10, 0.20)),
         *(stepped_plan(level) for level in stepped),
-        *(loop_plan(level) for level in loops),
+        *(_plan("loop", "tones", tone, 4) for tone in held),
+    )
+
+
+def _short_programme() -> tuple[Plan, ...]:
+    """Many kinds of test, none of them long, in newtons."""
+    probing = ((f, level) for level in (6.0, 12.0, 18.0) for f in (5.5, 6.5))
+    tones = (Tone(f, level, duration=16.0, settle=32.0) for f, level in probing)
+    sweeps = (
+        Sweep(10.0, 30.0, level, burst=6.0, fade=0.2, duration=10.0) for level in (1.5, 3.0, 6.0)
+    )
+    bursts = (
+        Sweep(BURST_HZ, BURST_HZ, level, burst=6.0, fade=0.1, duration=10.0, settle=6.0)
+        for level in (0.3, 1.0)
+    )
+    return (
+        _noise(0.15, 128.0, "N"),
+        *(_plan(named("tone", tone.frequency_hz, "Hz"), "tones", tone, 4, "N") for tone in tones),
+        _plan("stepped", "stepped", Steps(RESONANCE_HZ, 0.15, dwell=24.0), 2, "N", settle=20.0),
+        *(_plan("sweep", "sweep", sweep, 6, "N") for sweep in sweeps),
+        *(_plan("decay", "decay", burst, 2, "N", band_hz=(15.0, 22.0)) for burst in bursts),
+        pull_plan(4e-3),
     )
 
 
@@ -109,24 +206,13 @@ MIXED = Preset(
     velocity_range=2.0,
     source="force",
     source_noise_std=50e-6,
-    plans=(
-        noise_plan(0.15, duration=128.0, unit="N"),
-        *(short_tone_plan(frequency, level) for frequency, level in MIXED_TONES),
-        short_stepped_plan(0.15),
-        *(short_sweep_plan(level) for level in (1.5, 3.0, 6.0)),
-        *(decay_plan(level) for level in (0.3, 1.0)),
-        pull_plan(4e-3),
-    ),
+    plans=_short_programme(),
 )
 PRESETS: Mapping[str, Preset] = MappingProxyType({p.name: p for p in (LABORATORY, PAPER, MIXED)})
 
 
 def preset_named(preset: str | Preset) -> Preset:
-    """A preset by its name, or a preset of one's own as it is.
-
-    Raises:
-        ConfigError: For an unknown name.
-    """
+    """A preset by its name, or a preset of one's own as it is."""
     if isinstance(preset, Preset):
         return preset
     if preset not in PRESETS:
@@ -136,11 +222,7 @@ def preset_named(preset: str | Preset) -> Preset:
 
 
 def plans_named(preset: Preset, names: Iterable[str] | None) -> list[Plan]:
-    """The plans with these names, in the order of the preset; all when None.
-
-    Raises:
-        ConfigError: For an unknown name, or none.
-    """
+    """The plans with these names, in the order of the preset; all when None."""
     if names is None:
         return list(preset.plans)
     wanted = [names] if isinstance(names, str) else list(names)
@@ -149,9 +231,8 @@ def plans_named(preset: Preset, names: Iterable[str] | None) -> list[Plan]:
         raise ConfigError("Argument `tests` must name at least one test, but is empty.")
     for name in wanted:
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1) or known
             raise ConfigError(
                 f'Argument `tests` must name planned tests, but holds "{name}".',
-                remedy=f"Did you mean {' or '.join(near)}?",
+                remedy=did_you_mean(name, known) + f"Known: {', '.join(known)}.",
             )
     return [plan for plan in preset.plans if plan.name in wanted]

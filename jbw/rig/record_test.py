@@ -3,6 +3,7 @@
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,9 @@ from jbw.measurement.records import Record, Test
 from jbw.quantities import BY_NAME
 from jbw.rig.conditions import Conditions, digitise, stream
 from jbw.rig.generator import Excitation, Multisine, Noise, Steps, Tone, analog, draw_phases
-from jbw.rig.integrator import GRID, respond
-from jbw.rig.plans import Plan, Preset
+from jbw.rig.integrator import GRID, Specimen, respond
 from jbw.rig.prescribed_motion import Growth, Held, holding_force, pulled
-from jbw.rig.specimen import Specimen
+from jbw.rig.presets import Plan, Preset
 
 Samples = NDArray[np.float64]
 
@@ -49,8 +49,8 @@ class Bench:
 
 def record_test(
     plan: Plan, rig: Preset, days: Sequence[Specimen], conditions: Conditions
-) -> tuple[list[Test], dict[str, tuple[Samples, ...]]]:
-    """Records of a planned test, and what was demanded of the source.
+) -> list[tuple[Test, Sequence[Samples]]]:
+    """A planned test as recorded, and what was demanded of the source in each repeat [V or N].
 
     Args:
         plan: The test as planned.
@@ -59,83 +59,85 @@ def record_test(
         conditions: What the records suffer from.
 
     Returns:
-        One test, or one a day where the joint differs from day to day; and by test the demand of
-        each repeat [V or N], where the source is recorded.
+        One test, or one a day where the joint differs from day to day; no demands where the source
+        is not recorded.
 
     Raises:
         ConfigError: For a joint taken by itself on a rig whose modal mass nobody knows.
     """
     bench, excitation = Bench(plan, rig, conditions), plan.excitation
-    repeats = range(plan.repeats)
-    demands: list[Samples] = []
-    if isinstance(excitation, Growth | Held) and rig.source != "force":
-        raise ConfigError(
-            f"Test `{plan.name}` measures newtons, so the rig must measure the shaker's `force`, "
-            f"but measures its `{rig.source}`.",
-            remedy='Give the preset source = "force" and the inverse of the modal mass as gain.',
-        )
-    if isinstance(excitation, Growth):
-        records = [_pulled(bench, excitation, days[r], r) for r in repeats]
-    elif isinstance(excitation, Held):
-        records = [_held(bench, excitation, days[r], r) for r in repeats]
+    demands: Sequence[Samples] = []
+    if isinstance(excitation, Growth | Held):
+        if rig.source != "force":
+            raise ConfigError(
+                f"Test `{plan.name}` measures newtons, so the rig must measure the shaker's "
+                f"`force`, but measures its `{rig.source}`.",
+                remedy='Give the preset source = "force" and the inverse of the modal mass as '
+                "gain.",
+            )
+        records = [
+            _pulled(bench, excitation, days[r], r)
+            if isinstance(excitation, Growth)
+            else _held(bench, excitation, days[r], r)
+            for r in range(plan.repeats)
+        ]
     else:
         records, demands = _shaken(bench, excitation, days)
-    tests = _tests(bench, records)
-    if not demands:
-        return tests, {}
-    sizes = np.cumsum([len(test.records) for test in tests])[:-1]
-    split = np.split(np.arange(len(demands)), sizes)
-    return tests, {
-        test.name: tuple(demands[i] for i in part) for test, part in zip(tests, split, strict=True)
-    }
+    whole = _test(bench, records)
+    if not conditions.varies:
+        return [(whole, demands)]
+    tests = []
+    for r, record in enumerate(records):
+        name, day = f"{plan.name}_day{r + 1}", f"day {r + 1}"
+        kept = (replace(record, name=f"{name}_01"),)
+        tests.append((replace(whole, records=kept, name=name, run=day), demands[r : r + 1]))
+    return tests
 
 
-def _tests(bench: Bench, records: Sequence[Record]) -> list[Test]:
-    """The records as one test, or as one a day."""
+def _test(bench: Bench, records: Sequence[Record]) -> Test:
     plan, excitation = bench.plan, bench.plan.excitation
-    whole = Test(
+    tones = ()
+    if isinstance(excitation, Tone):
+        tones = (excitation.frequency_hz,)
+    elif isinstance(excitation, Steps):
+        tones = excitation.frequencies_hz
+    return Test(
         kind=plan.kind,
         records=tuple(records),
         name=plan.name,
         level=excitation.level,
-        tones_hz=_tones(excitation),
+        tones_hz=tones,
         band_hz=plan.band_hz,
         dwell=excitation.dwell if isinstance(excitation, Steps) else float("nan"),
         settle=plan.settle,
-        delay=bench.conditions.delay if records[0].channels.keys() & {"velocity"} else 0.0,
+        delay=bench.conditions.delay if "velocity" in records[0].channels else 0.0,
         periods=excitation.periods if isinstance(excitation, Multisine) else 1,
     )
-    if not bench.conditions.varies:
-        return [whole]
-    tests = []
-    for day, record in enumerate(records, start=1):
-        name = f"{plan.name}_day{day}"
-        kept = replace(record, name=f"{name}_01")
-        tests.append(replace(whole, records=(kept,), name=name, run=f"day {day}"))
-    return tests
-
-
-def _tones(excitation: Excitation | Growth | Held) -> tuple[float, ...]:
-    if isinstance(excitation, Tone):
-        return (excitation.frequency_hz,)
-    return excitation.frequencies_hz if isinstance(excitation, Steps) else ()
 
 
 def _shaken(
     bench: Bench, excitation: Excitation, days: Sequence[Specimen]
 ) -> tuple[list[Record], list[Samples]]:
     """Records under the shaker; of a free decay, whose shaker is off by then, the velocity only."""
-    distinct = bench.conditions.varies or isinstance(excitation, Noise)
+    rig, conditions = bench.rig, bench.conditions
+    differ = conditions.varies or isinstance(excitation, Noise)
     driven = kind_named(bench.plan.kind).is_driven
     records, demands = [], []
     demand = source = velocity = np.empty(0)
     for r in range(bench.plan.repeats):
-        if r == 0 or distinct:
+        if r == 0 or differ:
             demand, source, velocity = _play(bench, excitation, days[r], r)
-        channels = {bench.rig.source: _source(bench, source, r)} if driven else {}
-        records.append(_record(bench, {**channels, "velocity": _laser(bench, velocity, r)}, r))
-        demands.append(demand)
-    return records, demands if driven else []
+        channels = {}
+        if driven:
+            noise = conditions.input_noise_std
+            channels[rig.source] = bench.sensed(rig.source, source, noise, rig.input_range, (r, 1))
+            demands.append(demand)
+        noise = conditions.noise_std
+        if conditions.noise_ratio is not None:
+            noise = conditions.noise_ratio * float(np.sqrt(np.mean(velocity**2)))
+        channels["velocity"] = bench.sensed("velocity", velocity, noise, rig.velocity_range, (r, 2))
+        records.append(_record(bench, channels, r))
+    return records, demands
 
 
 def _play(
@@ -143,35 +145,19 @@ def _play(
 ) -> tuple[Samples, Samples, Samples]:
     """Demanded source, source at the shaker and velocity, as they are before any sensor."""
     conditions, fs = bench.conditions, bench.conditions.fs
-    phases = draw_phases(excitation, bench.stream(repeat if _fresh(excitation) else 0, 0), fs)
+    # Every repeat of noise draws phases of its own; a multisine is played again as it was.
+    drawn = repeat if isinstance(excitation, Noise) else 0
+    phases = draw_phases(excitation, bench.stream(drawn, 0), fs)
     first = round(excitation.settle * fs)
     last = first + round(excitation.duration * fs)
-    demand = analog(excitation, fs, phases, fs=fs)(first, last)
-    source = analog(excitation, fs, phases, fs=fs, distortion=conditions.distortion)(first, last)
+    played = partial(analog, excitation, phases=phases, fs=fs)
+    demand = played(fs)(first, last)
+    source = played(fs, distortion=conditions.distortion)(first, last)
     # The channel that lags shows at t what the specimen did at t - delay: its clock starts later.
-    fine = analog(
-        excitation, GRID * fs, phases, fs=fs, lag=conditions.delay, distortion=conditions.distortion
-    )
+    fine = played(GRID * fs, lag=conditions.delay, distortion=conditions.distortion)
     gain = bench.rig.gain
     _, velocity, _ = respond(specimen, lambda i, j: gain * fine(i, j), last, fs)
     return demand, source, velocity[first:]
-
-
-def _fresh(excitation: Excitation) -> bool:
-    """Whether every repeat draws phases of its own; a multisine is played again as it was."""
-    return isinstance(excitation, Noise)
-
-
-def _source(bench: Bench, source: Samples, repeat: int) -> Samples:
-    noise = bench.conditions.input_noise_std
-    return bench.sensed(bench.rig.source, source, noise, bench.rig.input_range, (repeat, 1))
-
-
-def _laser(bench: Bench, velocity: Samples, repeat: int) -> Samples:
-    noise = bench.conditions.noise_std
-    if bench.conditions.noise_ratio is not None:
-        noise = bench.conditions.noise_ratio * float(np.sqrt(np.mean(velocity**2)))
-    return bench.sensed("velocity", velocity, noise, bench.rig.velocity_range, (repeat, 2))
 
 
 def _pulled(bench: Bench, growth: Growth, specimen: Specimen, repeat: int) -> Record:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from jbw.rig.generator import Noise, Steps, Sweep, Tone, analog, draw_phases
-from jbw.rig.plans import STEPPED_HZ, stepped_plan, sweep_plan
-from jbw.rig.presets import LABORATORY
+from jbw.rig.presets import LABORATORY, STEPPED_HZ, stepped_plan, sweep_plan
 
 FS = 1024.0
 NONE = np.empty(0)

@@ -10,11 +10,11 @@ from jbw import BoucWen, ConfigError
 from jbw.rig import LABORATORY, MIXED, SLIDERS, TRUTH, measure
 from jbw.rig.generator import Multisine, Sweep
 from jbw.rig.integrator import GRID, respond
-from jbw.rig.plans import Plan, curve_plan, pull_plan
 from jbw.rig.prescribed_motion import Growth, Held, holding_force, pulled
-from jbw.rig.presets import MODAL_MASS
+from jbw.rig.presets import MODAL_MASS, RESONANCE_HZ, Plan, pull_plan
 
 FS = 1024.0
+CURVE = Plan("curve_1p00mm", "frf", Held(RESONANCE_HZ, 1e-3, dwell=4.0), repeats=2)
 QUIET = {"noise_std": 0.0, "input_noise_std": 0.0, "force_noise_std": 0.0}
 
 
@@ -157,11 +157,10 @@ def test_the_force_that_holds_a_response_holds_it_on_the_bench():
 
 def test_a_curve_is_recorded_with_the_noise_of_a_fitted_sine():
     clean, noisy = (
-        measure(rig_of(curve_plan(1e-3)), repeats=64, force_noise_std=s).tests[0]
-        for s in (0.0, 0.02)
+        measure(rig_of(CURVE), repeats=64, force_noise_std=s).tests[0] for s in (0.0, 0.02)
     )
     first = clean.records[0].channels
-    expected = MODAL_MASS * holding_force(TRUTH, curve_plan(1e-3).excitation)
+    expected = MODAL_MASS * holding_force(TRUTH, CURVE.excitation)
     np.testing.assert_allclose(first["force"] * np.exp(-1j * first["phase"]), expected, rtol=1e-12)
     np.testing.assert_array_equal(first["displacement"], 1e-3)
     forces = [r.channels["force"] * np.exp(-1j * r.channels["phase"]) for r in noisy.records]

@@ -19,19 +19,12 @@ LEAST_LINES = 2  # of numbers, before a dialect is believed
 
 @dataclass(frozen=True)
 class Dialect:
-    """How the numbers are written.
+    """How the numbers are written."""
 
-    Attributes:
-        delimiter: Between the fields; None is any white space.
-        decimal: Decimal mark.
-        first: Line of the first numbers, counted from zero.
-        columns: Fields in a line.
-    """
-
-    delimiter: str | None
-    decimal: str
-    first: int = 0
-    columns: int = 0
+    delimiter: str | None  # between the fields; None is any white space
+    decimal: str  # decimal mark
+    first: int = 0  # line of the first numbers, counted from zero
+    columns: int = 0  # fields in a line
 
     def fields(self, line: str) -> list[str]:
         """Fields of a line, without quotes; a delimiter at its end begins none."""

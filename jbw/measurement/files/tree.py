@@ -33,23 +33,15 @@ class Stored(Protocol):
 
 @dataclass(frozen=True)
 class Leaf:
-    """A numeric array of a file, and the part of it that a path selects; read only on demand.
+    """A numeric array of a file, and the part of it that a path selects; read only on demand."""
 
-    Attributes:
-        array: The stored array.
-        axes: Stored axes still open, in the user's order.
-        fixed: Stored axis to the index taken along it.
-        fs: Sampling frequency that the file gives for it [Hz], if any.
-        unit: Unit that the file gives for it, if any.
-        minus: What to subtract from it, if it is a difference of two channels.
-    """
-
-    array: Stored
-    axes: tuple[int, ...]
+    array: Stored  # the stored array
+    axes: tuple[int, ...]  # stored axes still open, in the user's order
+    # Stored axis to the index taken along it.
     fixed: Mapping[int, int] = field(default_factory=dict)
-    fs: float | None = None
-    unit: str = ""
-    minus: "Leaf | None" = None
+    fs: float | None = None  # sampling frequency that the file gives for it [Hz], if any
+    unit: str = ""  # unit that the file gives for it, if any
+    minus: "Leaf | None" = None  # what to subtract from it, if it is a difference of two channels
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -59,31 +51,20 @@ class Leaf:
 
 @dataclass(frozen=True)
 class Opaque:
-    """Something that is no array of numbers.
+    """Something that is no array of numbers."""
 
-    Attributes:
-        kind: What it is, for messages.
-        remedy: How to export it instead.
-    """
-
-    kind: str
-    remedy: str = ""
+    kind: str  # what it is, for messages
+    remedy: str = ""  # how to export it instead
 
 
 @dataclass(frozen=True)
 class Contents:
-    """An open file.
+    """An open file."""
 
-    Attributes:
-        root: Its tree.
-        reader: Which reader opened it.
-        fs: Sampling frequency of the whole file [Hz], if it gives one.
-        notes: What the reader decided by itself, for the provenance.
-    """
-
-    root: "Node"
-    reader: str
-    fs: float | None = None
+    root: "Node"  # its tree
+    reader: str  # which reader opened it
+    fs: float | None = None  # sampling frequency of the whole file [Hz], if it gives one
+    # What the reader decided by itself, for the provenance.
     notes: Mapping[str, str] = field(default_factory=dict)
 
 
