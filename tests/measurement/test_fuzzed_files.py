@@ -16,11 +16,11 @@ import scipy.io
 import scipy.io.wavfile
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from uff_files import write_uff
 
 from jbw.errors import JbwError
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.files.read import read
-from jbw.measurement.files.uff import write_uff
 from jbw.measurement.records import Record
 
 N, FS = 48, 1024.0
@@ -73,11 +73,6 @@ def wav(path, dtype, scale):
     scipy.io.wavfile.write(path, int(FS), np.round(VELOCITY * scale, 6).astype(dtype))
 
 
-def uff(path, binary):
-    pytest.importorskip("pyuff")
-    write_uff(path, RECORD, binary=binary)
-
-
 # Name to suffix, how it is written, and the path of the velocity in it.
 FORMATS = {
     "npy": (".npy", lambda path: np.save(path, VELOCITY), "data"),
@@ -92,8 +87,8 @@ FORMATS = {
     "csv of Europe": (".csv", lambda path: csv(path, ";", ","), "velocity"),
     "wav": (".wav", lambda path: wav(path, np.int16, 2**15), "channel"),
     "wav of floats": (".wav", lambda path: wav(path, np.float32, 1), "channel"),
-    "uff": (".uff", lambda path: uff(path, binary=False), "velocity"),
-    "uff, binary": (".uff", lambda path: uff(path, binary=True), "velocity"),
+    "uff": (".uff", lambda path: write_uff(path, RECORD), "velocity"),
+    "uff, binary": (".uff", lambda path: write_uff(path, RECORD, binary=True), "velocity"),
     "tdms": (".tdms", tdms, "Log.velocity"),
 }
 WRITTEN: dict[str, bytes] = {}  # what each format's own library wrote, once

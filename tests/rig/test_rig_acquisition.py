@@ -287,7 +287,7 @@ def test_held_out_before_any_fit():
     ("options", "message"),
     [
         ({"preset": "garage"}, '"laboratory", "paper", "mixed"'),
-        ({"tests": ["sweep_0p05"]}, "Did you mean sweep_0p05V"),
+        ({"tests": ["sweep_0p05"]}, "Did you mean `sweep_0p05V`"),
         ({"tests": []}, "at least one"),
         ({"repeats": 0}, "`repeats`"),
         ({"bits": 25}, "`bits`"),

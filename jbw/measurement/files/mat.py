@@ -1,7 +1,7 @@
 """MATLAB files: v5 to v7 through scipy, v7.3 through h5py; structs, struct arrays and cells."""
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import scipy.sparse
 from jbw.errors import DataError
 from jbw.measurement.files.hdf5 import attribute, fs_of, inside, require_sound_heaps
 from jbw.measurement.files.mat_headers import require_sound
-from jbw.measurement.files.tree import MAX_BYTES, Contents, Leaf, Node, Opaque, leaf
+from jbw.measurement.files.tree import MAX_BYTES, Contents, Leaf, Node, Opaque, cells, leaf
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 USER_BLOCK = 512  # bytes of MATLAB's own header before the HDF5 part of a v7.3 file
@@ -57,20 +57,13 @@ def _node(value: Any) -> Node:
     if isinstance(value, scipy.io.matlab.mat_struct):
         return {name: _node(vars(value)[name]) for name in vars(value)["_fieldnames"]}
     if isinstance(value, np.ndarray) and value.dtype == object:
-        return _cells([_node(item) for item in value.ravel()], value.shape)
+        return cells([_node(item) for item in value.ravel()], value.shape)
     if scipy.sparse.issparse(value):
         return Opaque("a sparse matrix", "In MATLAB, export full(x).")
     array = np.asarray(value)
     if not np.issubdtype(array.dtype, np.number):
         return Opaque("text" if np.issubdtype(array.dtype, np.character) else "not numeric")
     return leaf(array)
-
-
-def _cells(nodes: Sequence[Node], shape: tuple[int, ...]) -> np.ndarray:
-    cells = np.empty(len(nodes), dtype=object)
-    for i, node in enumerate(nodes):
-        cells[i] = node
-    return cells.reshape(shape)
 
 
 def _node73(group: h5py.Group, name: str) -> Node:
@@ -96,7 +89,7 @@ def _item73(item: Any) -> Node:
         references = np.asarray(item[()]).T
         shape = tuple(n for n in references.shape if n != 1)
         nodes = [_item73(item.file[reference]) for reference in references.ravel()]
-        return _cells(nodes, shape) if shape else nodes[0]
+        return cells(nodes, shape) if shape else nodes[0]
     if of_class == "char" or not np.issubdtype(item.dtype, np.number):
         return Opaque("text" if of_class == "char" else "not numeric")
     if attribute(item.attrs, "MATLAB_empty"):
@@ -118,5 +111,5 @@ def _is_struct_array(group: h5py.Group) -> bool:
 def _structs(fields: dict[str, Any]) -> Node:
     """Struct array of fields turned into an array of structs, as v5 files have it."""
     shape = np.shape(next(iter(fields.values())))
-    structs = [{name: cells[i] for name, cells in fields.items()} for i in np.ndindex(shape)]
-    return _cells(structs, shape)
+    structs = [{name: field[i] for name, field in fields.items()} for i in np.ndindex(shape)]
+    return cells(structs, shape)

@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import DataError, did_you_mean
@@ -35,9 +34,9 @@ def select(root: Node, path: str) -> Leaf | list[Leaf]:
         DataError: Nothing is there, or it is no array of numbers.
     """
     if MINUS not in path or (isinstance(root, Mapping) and path in root):
-        return _walk(root, path.strip("/"), path, root)
+        return _walk(root, [], path.strip("/"), path, root)
     first, _, second = path.partition(MINUS)
-    picked = [_walk(root, part.strip(" /"), part.strip(), root) for part in (first, second)]
+    picked = [_walk(root, [], part.strip(" /"), part.strip(), root) for part in (first, second)]
     left, right = (item if isinstance(item, list) else [item] for item in picked)
     if len(left) != len(right):
         raise DataError(f"`{path}` subtracts {len(right)} channels from {len(left)}.")
@@ -45,33 +44,34 @@ def select(root: Node, path: str) -> Leaf | list[Leaf]:
     return differences if isinstance(picked[0], list) else differences[0]
 
 
-def _walk(node: Node, rest: str, path: str, root: Node) -> Leaf | list[Leaf]:
-    """Follow the rest of a path from a node."""
+def _walk(
+    node: Node, indices: Sequence[int | None], rest: str, path: str, root: Node
+) -> Leaf | list[Leaf]:
+    """Apply indices to a node, then follow the rest of a path from there."""
     if isinstance(node, Opaque):
         raise DataError(f"`{path}` is {node.kind}, not an array of numbers.", remedy=node.remedy)
-    if not rest:
-        if isinstance(node, Leaf):
-            return node
-        what = "is a group" if isinstance(node, Mapping) else f"has {_count(node)} items"
-        raise _absent(path, root, f"{what}, not an array")
-    if rest[0] in CLOSING:
-        indices, after = _indices(rest, path)
-        return _index(node, indices, after, path, root)
+    while rest and rest[0] in CLOSING and (isinstance(node, Leaf) or not indices):
+        more, rest = _indices(rest, path)
+        indices = [*indices, *more]
     if isinstance(node, Leaf):
-        raise _absent(path, root, f"goes on after an array of shape {node.array.shape}")
+        if rest:
+            raise _absent(path, root, f"goes on after an array of shape {node.array.shape}")
+        return _pick(node, indices, path, root)
+    if indices:
+        return _item(node, indices, rest, path, root)
     if not isinstance(node, Mapping):
-        raise _absent(path, root, f"has {_count(node)} items before `{rest}`: index them")
+        count = " x ".join(map(str, node.shape))
+        before = f" before `{rest}`: index them" if rest else ", not an array"
+        raise _absent(path, root, f"has {count} items{before}")
+    if not rest:
+        raise _absent(path, root, "is a group, not an array")
     rest = rest.lstrip("./")
     # A name that the file has as written is never split at its dots or brackets.
-    fitting = (n for n in map(str, node) if rest == n or _continues(rest, n))
+    fitting = (n for n in map(str, node) if rest.startswith(n) and rest[len(n) :][:1] in "./[({")
     name = max(fitting, key=len, default="")
     if not name:
         raise _absent(path, root)
-    return _walk(node[name], rest[len(name) :], path, root)
-
-
-def _continues(rest: str, name: str) -> bool:
-    return rest.startswith(name) and rest[len(name)] in "./[({"
+    return _walk(node[name], [], rest[len(name) :], path, root)
 
 
 def _indices(rest: str, path: str) -> tuple[list[int | None], str]:
@@ -94,58 +94,33 @@ def _indices(rest: str, path: str) -> tuple[list[int | None], str]:
     return [None if i is None else i - first for i in found], after
 
 
-def _index(
-    node: Node, indices: Sequence[int | None], after: str, path: str, root: Node
+def _item(
+    node: Mapping[str, Any] | NDArray[Any],
+    indices: Sequence[int | None],
+    rest: str,
+    path: str,
+    root: Node,
 ) -> Leaf | list[Leaf]:
-    """Apply indices to a node, then follow what comes after them."""
-    if isinstance(node, Opaque):
-        raise DataError(f"`{path}` is {node.kind}, not an array of numbers.", remedy=node.remedy)
-    if isinstance(node, Leaf):
-        positions, after = _all_indices(indices, after, path)
-        if after:
-            raise _absent(path, root, f"goes on after an array of shape {node.array.shape}")
-        return _pick(node, positions, path, root)
-    if not indices:
-        return _walk(node, after, path, root)
+    """Apply the first index to a struct or to cells, whose every item `[:]` visits in order."""
     step, *others = indices
     if isinstance(node, Mapping):
         if step in (0, None):  # a struct array of one is a struct
-            return _index(node, others, after, path, root)
+            return _walk(node, others, rest, path, root)
         raise _absent(path, root, f"{_said(step)}, but there is one item")
     if step is None:
-        return _spread(node, others, after, path, root)
+        found = [_walk(item, others, rest, path, root) for item in node]
+        if any(isinstance(item, list) for item in found):
+            raise DataError(
+                f"Path `{path}` runs over cells twice.", remedy="Keep one [:] over cells."
+            )
+        return [item for item in found if isinstance(item, Leaf)]
     if not -len(node) <= step < len(node):
         raise _absent(path, root, f"{_said(step)}, but there are {len(node)} items")
-    return _index(node[step], others, after, path, root)
-
-
-def _all_indices(
-    indices: Sequence[int | None], after: str, path: str
-) -> tuple[list[int | None], str]:
-    """The indices of all brackets in a row."""
-    found = list(indices)
-    while after and after[0] in CLOSING:
-        more, after = _indices(after, path)
-        found += more
-    return found, after
+    return _walk(node[step], others, rest, path, root)
 
 
 def _said(step: int | None) -> str:
     return f"asks for item [{step}], counted from zero"
-
-
-def _count(cells: NDArray[Any]) -> str:
-    return " x ".join(map(str, np.shape(cells)))
-
-
-def _spread(
-    cells: NDArray[Any], indices: Sequence[int | None], after: str, path: str, root: Node
-) -> list[Leaf]:
-    """Every item along the first axis of the cells, in order."""
-    found = [_index(cells[i], indices, after, path, root) for i in range(len(cells))]
-    if any(isinstance(item, list) for item in found):
-        raise DataError(f"Path `{path}` runs over cells twice.", remedy="Keep one [:] over cells.")
-    return [item for item in found if isinstance(item, Leaf)]
 
 
 def _pick(node: Leaf, steps: Sequence[int | None], path: str, root: Node) -> Leaf:

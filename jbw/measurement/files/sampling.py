@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.paths import select
-from jbw.measurement.files.tree import Contents, Leaf, load
+from jbw.measurement.files.tree import WHOLE, Contents, Leaf, load
 from jbw.measurement.records import si_of
 
 REGULARITY = 1e-3  # of a sampling interval: the largest deviation of a sample from the even grid
@@ -33,9 +33,6 @@ class Wanted:
     span: tuple[float, float] | None = None
     amplitudes: str = "peak"
     remove_mean: bool = False
-
-
-WHOLE = slice(0, None)
 
 
 def sampling_of(
@@ -131,7 +128,7 @@ def rows_of(
 
     `exact` asks for float64; a time column keeps its own type, whose last bit is its resolution.
     """
-    loaded = load(item, part.start, part.stop, np.float64 if exact else None)
+    loaded = load(item, part, np.float64 if exact else None)
     where = (wanted.channels or {}).get(role, role)
     if loaded.ndim > (2 if wanted.repeats == "rows" else 1):
         raise DataError(

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from jbw.errors import DataError
-from jbw.measurement.files.tree import Contents, Node, Opaque, leaf
+from jbw.measurement.files.tree import Contents, Node, Opaque, leaf, optional
 
 UNITS = ("unit_string", "NI_UnitDescription", "unit")  # properties that hold a channel's unit
 INTERVAL = "wf_increment"  # property that holds the sampling interval [s]
@@ -81,13 +81,7 @@ def _overheard() -> Iterator[Said]:
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
     """Open a TDMS file: groups hold channels, with their interval and unit."""
-    try:
-        nptdms = import_module("nptdms")
-    except ImportError:
-        raise DataError(
-            f"File `{path.name}` needs the package npTDMS to be read.",
-            remedy="Install it: pip install jbw[tdms]",
-        ) from None
+    nptdms = optional("nptdms", "tdms", path)
     # By its stream: given the path, npTDMS would believe a stale index file beside it.
     with _overheard() as said, Bounded(FileIO(path)) as stream:
         _require_consistent_segments(stream)

@@ -1,11 +1,9 @@
 """UFF 58 through pyuff, an optional extra: every set counted, its declared length compared."""
 
-import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +11,9 @@ import numpy as np
 
 from jbw.errors import DataError
 from jbw.measurement.files.sampling import sampling_frequency
-from jbw.measurement.files.tree import Contents, Node, leaf
-from jbw.measurement.records import Record
+from jbw.measurement.files.tree import Contents, Node, cells, leaf, optional
 
-TIME_RESPONSE, FREQUENCY_RESPONSE = 1, 4  # function types of the format
+FREQUENCY_RESPONSE = 4  # function type of the format
 SET_58 = re.compile(rb"^ {4}-1 *\r?\n *58[ b]", re.MULTILINE)
 
 
@@ -24,110 +21,23 @@ SET_58 = re.compile(rb"^ {4}-1 *\r?\n *58[ b]", re.MULTILINE)
 def contents(path: Path) -> Iterator[Contents]:
     """Open a universal file as `set[0]`, `set[1]`, ..., and by their names where unique."""
     declared = len(SET_58.findall(path.read_bytes()))
-    sets = [found for found in _all_sets(path) if found.get("type") == 58]
+    found = optional("pyuff", "uff", path).UFF(str(path)).read_sets()
+    every = found if isinstance(found, list) else [found]
+    sets = [one for one in every if one.get("type") == 58]
     if not sets or len(sets) != declared:
         raise DataError(
             f"File `{path}` declares {declared} sets of type 58, but {len(sets)} can be read.",
             remedy="Export it again, as UFF 58 with time records.",
         )
-    nodes = [_node(found, f"{path.name}, set[{i}]") for i, found in enumerate(sets)]
-    cells = np.empty(len(nodes), dtype=object)
-    for i, node in enumerate(nodes):
-        cells[i] = node
-    titles = [str(found.get("id1", "")).strip() for found in sets]
-    root: dict[str, Node] = {"set": cells}
+    nodes = [_node(one, f"{path.name}, set[{i}]") for i, one in enumerate(sets)]
+    titles = [str(one.get("id1", "")).strip() for one in sets]
+    root: dict[str, Node] = {"set": cells(nodes, (len(nodes),))}
     root |= {
         title: node
         for title, node in zip(titles, nodes, strict=True)
         if title and titles.count(title) == 1
     }
     yield Contents(root, "UFF 58")
-
-
-def write_uff(
-    path: str | Path,
-    record: Record,
-    *,
-    names: Mapping[str, str] | None = None,
-    binary: bool = False,
-) -> None:
-    """Write a record as UFF 58 time records, one set a channel, and read it again to compare.
-
-    ASCII keeps twelve digits; both keep six of the sampling interval, which the reader snaps.
-
-    Args:
-        path: File to write; an existing one is replaced when the new one is whole.
-        record: What to write, in SI.
-        names: Role to the set's name; the role itself when absent.
-        binary: Whether the samples are binary.
-
-    Raises:
-        DataError: A sample is NaN, which the format cannot hold, or the file reads back otherwise.
-    """
-    path, time = Path(path), np.arange(record.num_samples) / record.fs
-    partial = path.with_name(f".{path.stem}.{os.getpid()}.uff")
-    try:
-        for role, samples in record.channels.items():
-            if not np.isfinite(samples).all():
-                raise DataError(
-                    f"{record.name}: role `{role}` has samples that are not finite, which UFF "
-                    "turns into 0.",
-                    remedy="Write it as HDF5 with write_hdf5.",
-                )
-            name = (names or {}).get(role, role)
-            fields = _fields(name, samples, time, record.units[role], binary)
-            # Only this mode writes binary sets whole.
-            _pyuff(path).UFF(str(partial)).write_sets(fields, mode="add")
-        _same(partial, record)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def _fields(
-    name: str, samples: np.ndarray, time: np.ndarray, unit: str, binary: bool
-) -> dict[str, Any]:
-    """Fields of a set of type 58 with every one that pyuff wants filled in."""
-    return {
-        "type": 58,
-        "func_type": TIME_RESPONSE,
-        "binary": int(binary),
-        "id1": name,
-        "rsp_node": 1,
-        "rsp_dir": 1,
-        "ref_node": 1,
-        "ref_dir": 1,
-        "abscissa_spacing": 1,
-        "abscissa_axis_units_lab": "s",
-        "ordinate_axis_units_lab": unit,
-        "orddenom_spec_data_type": 0,
-        "data": samples,
-        "x": time,
-    }
-
-
-def _same(path: Path, record: Record) -> None:
-    """Compare what was written with what was meant."""
-    for found, (role, samples) in zip(_all_sets(path), record.channels.items(), strict=True):
-        data = np.asarray(found["data"])
-        # Eleven decimals of the mantissa.
-        if data.shape != samples.shape or not np.allclose(data, samples, rtol=1e-11, atol=0):
-            raise DataError(f"{record.name}: role `{role}` reads back otherwise than it was.")
-
-
-def _all_sets(path: Path) -> list[Mapping[str, Any]]:
-    found = _pyuff(path).UFF(str(path)).read_sets()
-    return found if isinstance(found, list) else [found]
-
-
-def _pyuff(path: Path) -> Any:
-    try:
-        return import_module("pyuff")
-    except ImportError:
-        raise DataError(
-            f"File `{path.name}` needs the package pyuff.",
-            remedy="Install it: pip install jbw[uff]",
-        ) from None
 
 
 def _node(found: Mapping[str, Any], where: str) -> Node:
