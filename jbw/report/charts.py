@@ -254,7 +254,7 @@ def _groups(tree: xr.DataTree) -> list[Chart]:
             kind = str(test.attrs.get("kind", "response")).replace("_", " ")
             across = axis_label(axis, unit_of(one[axis]))
             axes = (across, axis_label(kind, unit_of(one["measured"])))
-            charts.append(Chart(f"{kind} {label}", axes, lines))
+            charts.append(Chart(f"{kind.capitalize()} {label}", axes, lines))
     return charts
 
 

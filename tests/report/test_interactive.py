@@ -28,7 +28,16 @@ def few(tree):
 def test_every_kind_of_response_has_a_chart(tree):
     charts = charts_of(tree)
     kinds = {chart.heading.split()[0] for chart in charts}
-    assert kinds == {"Frequency", "Response", "Sweep", "Free", "Hysteresis", "Forced", "Backbone:"}
+    assert kinds == {
+        "Frequency",
+        "Response",
+        "Sweep",
+        "Free",
+        "Hysteresis",
+        "Forced",
+        "Ring",
+        "Backbone:",
+    }
     assert all("[" in label for chart in charts for label in chart.axes)
     assert charts_of(xr.DataTree()) == []
 

@@ -281,7 +281,7 @@ def test_they_are_verified_by_their_own_observable(of_a_kind):
     again = study.predict("second")
     np.testing.assert_allclose(again["predictive_band"], found["predictive_band"], rtol=1e-4)
     headings = {chart.heading for chart in charts_of(study.tree)}
-    assert {"ring down first", "ring down second"} <= headings
+    assert {"Ring down first", "Ring down second"} <= headings
 
 
 def test_they_are_reported_in_the_words_of_their_law(of_a_kind):
