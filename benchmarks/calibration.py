@@ -18,8 +18,8 @@ import jax
 from campaign_scores import score_campaigns
 from timing import Table, options, show
 
-from jbw.report.calibration import rank_ecdfs
 from jbw.report.figures import figure_of
+from jbw.report.studies import rank_ecdfs
 from jbw.study.calibration import REPLICATIONS, sbc
 
 CASES: dict[str, dict[str, Any]] = {

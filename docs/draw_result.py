@@ -13,8 +13,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from jbw.report import style
-from jbw.report.backbone import backbone
-from jbw.report.loops import validation_loops
+from jbw.report.loops import backbone, validation_loops
 from jbw.report.records import verification_sweep
 from jbw.report.result import read_result
 

@@ -6,6 +6,7 @@ configuration, 3 data, 4 finished but not trustworthy, 5 interrupted.
 
 import json
 import os
+import shlex
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -16,35 +17,34 @@ from typing import Any
 import click
 
 from jbw import __version__
-from jbw.cli.next_step import next_command
 from jbw.errors import JbwError
 
 INTERRUPTED = 5
 
-# Command to the place of its function, and its line in `jbw --help`; read without importing it.
+# Command to the file of its function, and its line in `jbw --help`; read without importing it.
 COMMANDS = {
-    "demo": ("jbw.cli.demo:demo", "Measure the virtual rig and identify it, start to finish."),
-    "init": ("jbw.cli.init:init", "Write a commented campaign file for a folder of records."),
-    "check": ("jbw.cli.check:check", "Check a campaign, channel by channel."),
+    "demo": ("identify", "Measure the virtual rig and identify it, start to finish."),
+    "init": ("check", "Write a commented campaign file for a folder of records."),
+    "check": ("check", "Check a campaign, channel by channel."),
     "identifiability": (
-        "jbw.cli.identifiability:identifiability",
+        "identifiability",
         "Say which parameters a campaign's data know, before sampling.",
     ),
-    "identify": ("jbw.cli.identify:identify", "Identify the joint from a campaign."),
-    "resume": ("jbw.cli.resume:resume", "Go on with a run that was killed or interrupted."),
-    "plan": (
-        "jbw.cli.plan:plan",
-        "Say which tests a wished accuracy takes.",
-    ),
-    "compare": ("jbw.cli.compare:compare", "Compare samplers on one posterior of a run."),
-    "sbc": ("jbw.cli.sbc:sbc", "Calibrate a step by simulation: ranks of simulated truths."),
-    "predict": ("jbw.cli.predict:predict", "Predict tests from a run, measured or planned."),
-    "export": ("jbw.cli.export:export", "Write a run's joint for CSV, MATLAB and OpenSees."),
-    "explain": ("jbw.cli.explain:explain", "Say what a finding of the verdict means."),
-    "report": ("jbw.cli.report:report", "Write the one-file report of a finished run."),
-    "schema": ("jbw.cli.schema:schema", "Print a file's JSON Schema, for editors."),
-    "completion": ("jbw.cli.completion:completion", "Print what completes jbw in a shell."),
+    "identify": ("identify", "Identify the joint from a campaign."),
+    "resume": ("identify", "Go on with a run that was killed or interrupted."),
+    "plan": ("plan", "Say which tests a wished accuracy takes."),
+    "compare": ("compare", "Compare samplers on one posterior of a run."),
+    "sbc": ("sbc", "Calibrate a step by simulation: ranks of simulated truths."),
+    "predict": ("predict", "Predict tests from a run, measured or planned."),
+    "export": ("result", "Write a run's joint for CSV, MATLAB and OpenSees."),
+    "explain": ("about", "Say what a finding of the verdict means."),
+    "report": ("result", "Write the one-file report of a finished run."),
+    "schema": ("about", "Print a file's JSON Schema, for editors."),
+    "completion": ("about", "Print what completes jbw in a shell."),
 }
+# Commands that take a campaign, and those that take a run: what to type after their failures.
+OF_CAMPAIGNS = ("identify", "identifiability", "compare", "predict")
+OF_RUNS = ("report", "predict", "export", "compare", "plan", "resume")
 
 
 class LazyGroup(click.Group):
@@ -58,8 +58,7 @@ class LazyGroup(click.Group):
         """The command, imported now."""
         if cmd_name not in COMMANDS:
             return None
-        module, _, function = COMMANDS[cmd_name][0].partition(":")
-        return getattr(import_module(module), function)
+        return getattr(import_module(f"jbw.cli.{COMMANDS[cmd_name][0]}"), cmd_name)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -94,8 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code.
 
-    Args:
-        arguments: Command line without the program's name; the process's own when None.
+    The command line is that without the program's name; the process's own when None.
     """
     try:
         code: Any = cli.main(arguments, prog_name="jbw", standalone_mode=False)
@@ -134,3 +132,19 @@ def _internal(error: Exception) -> int:
     click.echo(f"Internal error: {type(error).__name__}: {error}", err=True)
     click.echo("Set JBW_TRACEBACK=1 and run again to see where; please report it.", err=True)
     return JbwError.exit_code
+
+
+def next_command(arguments: Sequence[str], message: str) -> str | None:
+    """The command that brings the user on after an error; None where its message names one."""
+    if "jbw " in message or not arguments:
+        return None
+    command, rest = arguments[0], arguments[1:]
+    campaign = next((word for word in rest if word.endswith(".toml")), None)
+    if command == "check" and campaign:
+        return f"jbw check {shlex.quote(campaign)}, after the change"
+    if command in OF_CAMPAIGNS and campaign:
+        return f"jbw check {shlex.quote(campaign)}"
+    folder = next((word for word in rest if not word.startswith("-")), None)
+    if command in OF_RUNS and folder:
+        return f"jbw identify CAMPAIGN.toml --out {shlex.quote(folder)}"
+    return f"jbw {command} --help"

@@ -1,4 +1,4 @@
-"""`jbw check`: one table, channel by channel, and pictures of the channels when asked for."""
+"""Campaign files before any run: `jbw init` writes one, `jbw check` reads it channel by channel."""
 
 from collections.abc import Iterator
 from operator import attrgetter
@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from jbw.campaign.check import Check, as_json, check_campaign
+from jbw.campaign.draft import start_campaign, write_campaign
 from jbw.campaign.files import repeats_of
 from jbw.campaign.schema import read_spec, test_names
 from jbw.cli.options import json_option, outside_option
@@ -16,6 +17,25 @@ from jbw.measurement.records import Record
 from jbw.report.table import Cell, Column, table
 
 MARKS = {"ok": "good", "warning": "doubt", "error": "bad"}
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--print", "print_", is_flag=True, help="Print it to stdout; write nothing.")
+@json_option
+def init(folder: Path, print_: bool, json_: bool) -> None:
+    """Look at the records in FOLDER and write FOLDER/campaign.toml.
+
+    An existing campaign file is never overwritten. What the records do not say is marked CHECK.
+    """
+    draft = start_campaign(folder)
+    path = None if print_ else str(write_campaign(draft, folder))
+    if json_:
+        show_json({"campaign": path, "text": draft.text, "check": list(draft.assumed)})
+        return
+    click.echo(draft.text if path is None else path, nl=path is not None)
+    for assumed in draft.assumed:
+        click.echo(f"CHECK: {assumed}", err=True)
 
 
 @click.command()
@@ -39,22 +59,19 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
     else:
         _print(found)
     if figures is not None:
-        count = _draw(campaign, figures, allow_outside)
+        from jbw.report.overview import (
+            save_overviews,  # loads matplotlib, which the table needs not
+        )
+
+        try:
+            count = len(save_overviews(_first_records(campaign, allow_outside), figures))
+        except OSError as error:
+            raise RunError(
+                f"The figures cannot be written to {figures}: {error.strerror or error}.",
+                remedy="Choose another folder with --figures.",
+            ) from error
         click.echo(f"{count} figure{'s' if count != 1 else ''} in {figures}", err=json_)
     return found.exit_code
-
-
-def _draw(campaign: Path, folder: Path, allow_outside: bool) -> int:
-    """Draw what could be read, and return how many figures there are."""
-    from jbw.report.overview import save_overviews  # loads matplotlib, which the table needs not
-
-    try:
-        return len(save_overviews(_first_records(campaign, allow_outside), folder))
-    except OSError as error:
-        raise RunError(
-            f"The figures cannot be written to {folder}: {error.strerror or error}.",
-            remedy="Choose another folder with --figures.",
-        ) from error
 
 
 def _first_records(campaign: Path, allow_outside: bool) -> Iterator[tuple[str, Record]]:

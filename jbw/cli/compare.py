@@ -9,7 +9,7 @@ import click
 
 from jbw.cli.options import json_option, out_option, outside_option, seed_option
 from jbw.cli.printing import NOTHING, show, show_json
-from jbw.report.table import Column, table
+from jbw.report.table import Column, table, words
 
 
 @click.command()
@@ -86,12 +86,12 @@ def print_comparison(record: Mapping[str, Any]) -> None:
         table(
             f"{record['posterior']} posterior of {record['campaign']}",
             [{"name": name, **one} for name, one in samplers],
-            Column("sampler", lambda row: row["name"], align="left"),
-            Column("draws", lambda row: f"{row['draws']}"),
+            words("sampler", "name"),
+            words("draws", "draws", "right"),
             _number("ESS", "ess"),
             _number("ESS/s", "ess_per_s_warm"),
             _number("ESS/s cold", "ess_per_s_cold"),
-            Column("evaluations", lambda row: f"{row['num_evaluations']}"),
+            words("evaluations", "num_evaluations", "right"),
             _number("warm [s]", "wall_warm_s"),
             _number("cold [s]", "wall_cold_s"),
             Column("log evidence", _evidence),
@@ -101,8 +101,8 @@ def print_comparison(record: Mapping[str, Any]) -> None:
         table(
             f"Distances in Monte Carlo standard errors from {record['reference']}",
             rows,
-            Column("parameter", lambda row: row["parameter"], align="left"),
-            Column("sampler", lambda row: row["name"], align="left"),
+            words("parameter", "parameter"),
+            words("sampler", "name"),
             *(Column(heading, partial(_distance, key)) for heading, key in quantities.items()),
             _number("ESS bulk", "ess_bulk"),
             _number("ESS tail", "ess_tail"),

@@ -60,8 +60,10 @@ def plan(source: Path | None, limits: Path | None, json_: bool, example: bool) -
 def _print(made: "Plan") -> None:
     known = ", ".join(f"{name} {_spread(one)}" for name, one in made.before.items())
     before = f"Before any of these tests: CV {known}."
-    words = (*_remarks(made), *_recommended(made.combination, made), before, *made.notes)
-    show(plan_table(made), *words)
+    # What stands against single tests, by their numbers.
+    remarks = [f"  {i + 1}: {'; '.join(r.notes)}." for i, r in enumerate(made.rows) if r.notes]
+    recommended = _recommended(made.combination, made)
+    show(plan_table(made), *remarks, *recommended, before, *made.notes)
 
 
 def plan_table(made: "Plan") -> Table:
@@ -88,11 +90,6 @@ def plan_table(made: "Plan") -> Table:
         Column("gain [nats]", lambda one: f"{one[1].information_gain:.3g}"),
         Column("status", lambda one: one[1].status, align="left"),
     )
-
-
-def _remarks(made: "Plan") -> list[str]:
-    """What stands against single tests, by their numbers."""
-    return [f"  {i + 1}: {'; '.join(row.notes)}." for i, row in enumerate(made.rows) if row.notes]
 
 
 def _recommended(found: "Combination", made: "Plan") -> list[str]:

@@ -1,6 +1,6 @@
 """The command `jbw predict DIR`."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from math import floor, log10
 from pathlib import Path
@@ -10,37 +10,39 @@ import click
 
 from jbw.cli.options import json_option, out_option, outside_option, run_argument
 from jbw.cli.printing import NOTHING, show, show_json
-from jbw.report.table import Column, Table, table
+from jbw.report.table import Column, Table, shares, table, words
 
 if TYPE_CHECKING:
     from jbw.measurement.records import Test
     from jbw.verification.predictive_basis import Basis
 
 
-class Pair(click.ParamType):
+def _pair(
+    ctx: click.Context, param: click.Parameter, value: str | None
+) -> tuple[float, float] | None:
     """Two numbers with a colon between them."""
+    if value is None:
+        return None
+    try:
+        first, last = map(float, value.split(":"))
+    except ValueError:
+        message = f"{value!r} must be two numbers in Hz with a colon, as in 10:25."
+        raise click.BadParameter(message, ctx, param) from None
+    return first, last
 
-    name = "from:to"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, float]:
-        """The two numbers."""
-        if isinstance(value, tuple):
-            return value
-        try:
-            first, last = map(float, str(value).split(":"))
-        except ValueError:
-            self.fail(f"{value!r} must be two numbers in Hz with a colon, as in 10:25.", param, ctx)
-        return first, last
+def _from_to(name: str, what: str) -> Callable[..., Any]:
+    """An option of a test that nobody measured, between two frequencies."""
+    told = f"A {what} nobody measured, from:to [Hz]."
+    return click.option(name, callback=_pair, metavar="FROM:TO", help=told)
 
 
 @click.command()
 @run_argument
 @click.option("--campaign", type=click.Path(path_type=Path), help="Campaign file of the tests.")
 @click.option("--test", "names", multiple=True, help="A test by name; all when left out.")
-@click.option("--sweep", type=Pair(), help="A sweep nobody measured, from:to [Hz].")
-@click.option("--stepped", type=Pair(), help="A stepped sine nobody measured, from:to [Hz].")
+@_from_to("--sweep", "sweep")
+@_from_to("--stepped", "stepped sine")
 @click.option("--tone", type=float, help="A tone nobody measured [Hz].")
 @click.option("--level", "levels", type=float, multiple=True, help="Its amplitude, as the run's.")
 @click.option("--duration", type=float, default=64.0, show_default=True, help="Of the sweep [s].")
@@ -93,7 +95,11 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     if options["json_"]:
         show_json({"run": str(folder), "predictions": rows})
     else:
-        show(prediction_table(rows), *_noises(rows))
+        by_noise: dict[str, list[str]] = {}
+        for row in rows:
+            by_noise.setdefault(row["noise"], []).append(row["test"])
+        how = [f"Noise {noise} ({', '.join(named)})" for noise, named in by_noise.items()]
+        show(prediction_table(rows), *how)
         click.echo(f"Predictions: {out / 'predictions.nc'}")
 
 
@@ -125,33 +131,29 @@ def _planned(
 
 def prediction_table(rows: Sequence[dict[str, Any]]) -> Table:
     """The predictions, a line a test."""
-    from jbw.report.tables import error_column, inside, level_of  # loads matplotlib
+    from jbw.report.tables import inside, level_of  # loads matplotlib
 
     return table(
         "",
         rows,
-        Column("test", lambda row: row["test"], align="left"),
+        words("test", "test"),
         Column("level", level_of),
-        Column("kind", lambda row: row["kind"], align="left"),
+        words("kind", "kind"),
         Column("inside the band", inside),
-        error_column("error", "nrmse"),
+        shares("error", "nrmse", ""),
         Column("peak displacement [m]", _peak),
         Column("of fitted", _reach, align="left"),
     )
-
-
-def _noises(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """How the bands are to be read."""
-    for noise in dict.fromkeys(row["noise"] for row in rows):
-        named = ", ".join(row["test"] for row in rows if row["noise"] == noise)
-        yield f"Noise {noise} ({named})"
 
 
 def _peak(row: dict[str, Any]) -> str:
     if row["y_peak"] is None:
         return NOTHING
     low, middle, high = row["y_peak"].values()
-    digits = _digits(high - low, middle)
+    # Significant digits that show the interval's width to one digit, 3 to 8 of them.
+    digits = 3
+    if 0 < high - low < middle:
+        digits = min(max(2 - floor(log10((high - low) / middle)), 3), 8)
     return f"{middle:.{digits}g} [{low:.{digits}g}, {high:.{digits}g}]"
 
 
@@ -159,10 +161,3 @@ def _reach(row: dict[str, Any]) -> str:
     if row["extrapolation"] is None:
         return NOTHING
     return f"{row['extrapolation']:.2f}" + (" BEYOND" if row["beyond"] else "")
-
-
-def _digits(width: float, value: float) -> int:
-    """Significant digits that show an interval's width to one digit, 3 to 8 of them."""
-    if not 0 < width < value:
-        return 3
-    return min(max(2 - floor(log10(width / value)), 3), 8)

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import click
@@ -49,25 +49,16 @@ def _plain(value: Any) -> Any:
 
 
 def show_verdict(verdict: Mapping[str, Any], *, passed: bool = False) -> None:
-    """Print a verdict, and each finding against it with its page of `jbw explain`.
-
-    Args:
-        verdict: As a record holds it.
-        passed: Print the findings that are ok, too.
-    """
+    """Print a verdict as a record holds it, and each finding against it; those passed, too."""
     screen = console()
     status = verdict["status"]
     screen.print(Text.assemble("Verdict: ", (status, STATUS.get(status, MARKS["doubt"]))))
-    show(*_findings(verdict["findings"], passed))
-
-
-def _findings(found: Iterable[Mapping[str, Any]], passed: bool) -> Iterable[str]:
-    for finding in found:
-        told = f"  {finding['reason']} {finding['action']}".rstrip()
+    for finding in verdict["findings"]:
+        sentence = f"  {finding['reason']} {finding['action']}".rstrip()
         if finding["status"] != "ok":
-            yield f"{told} (jbw explain {finding['code']})"
+            show(f"{sentence} (jbw explain {finding['code']})")
         elif passed:
-            yield told
+            show(sentence)
 
 
 def duration(seconds: float) -> str:

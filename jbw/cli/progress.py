@@ -17,15 +17,11 @@ from jbw.cli.printing import duration
 
 LOOK_S = 1.0  # between two looks at the chains at least, on a terminal
 PLAIN_S = 15.0  # between two lines where there is none
-FEWEST = 8  # draws of a chain from where on their worth is estimated
+FEWEST = 8  # draws of a chain from where on their effective number is estimated
 
 
 class Teller:
-    """Tells stages, called with a sentence, and chains under way.
-
-    Args:
-        console: Where to.
-    """
+    """Tells stages, called with a sentence, and chains under way, on a console."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -42,9 +38,7 @@ class Teller:
     def chains(self, name: str, so_far: Any) -> None:
         """Tell how far the chains of a posterior are, no oftener than anybody can read.
 
-        Args:
-            name: The posterior.
-            so_far: What is known of them, a `jbw.inference.samplers.checkpointing.SoFar`.
+        `so_far` is what is known of them, a `jbw.inference.samplers.checkpointing.SoFar`.
         """
         last = so_far.done >= so_far.total
         every = LOOK_S if self._console.is_terminal else PLAIN_S
@@ -89,12 +83,14 @@ def progress() -> Iterator[Teller]:
 def chain_table(name: str, so_far: Any) -> Table:
     """One line a chain: steps, draws, effective draws so far, divergences, time left."""
     table = Table.grid(padding=(0, 2))
-    worth, left = effective(so_far.draws), duration(so_far.left_s)
-    for i, ess in enumerate(worth if worth is not None else [None]):
-        bar = ProgressBar(total=so_far.total, completed=so_far.done, width=24)
-        row = [f"{name} {i + 1}" if worth is not None else name, bar]
-        row.append(f"{so_far.done}/{so_far.total}")
-        row.append("warming up" if ess is None else f"{ess:.0f} effective draws")
+    sizes, left = effective(so_far.draws), duration(so_far.left_s)
+    for i, size in enumerate([None] if sizes is None else sizes):
+        row = [
+            name if size is None else f"{name} {i + 1}",
+            ProgressBar(total=so_far.total, completed=so_far.done, width=24),
+            f"{so_far.done}/{so_far.total}",
+            "warming up" if size is None else f"{size:.0f} effective draws",
+        ]
         if so_far.divergences is not None:
             row.append(f"{int(so_far.divergences[i])} divergences")
         table.add_row(*row, f"{left} left")
@@ -103,15 +99,17 @@ def chain_table(name: str, so_far: Any) -> Table:
 
 def chain_sentence(name: str, so_far: Any) -> str:
     """The same in one line for all chains."""
-    told = f"{name}: {so_far.done} of {so_far.total} steps"
-    worth = effective(so_far.draws)
-    if worth is None:
-        told += ", warming up"
+    parts = [f"{name}: {so_far.done} of {so_far.total} steps"]
+    sizes = effective(so_far.draws)
+    if sizes is None:
+        parts.append("warming up")
     else:
-        told += f", {' '.join(f'{ess:.0f}' for ess in worth)} effective draws"
+        parts.append(f"{' '.join(f'{size:.0f}' for size in sizes)} effective draws")
         if so_far.divergences is not None:
-            told += f", {int(np.sum(so_far.divergences))} divergences"
-    return told if so_far.done >= so_far.total else f"{told}, {duration(so_far.left_s)} left"
+            parts.append(f"{int(np.sum(so_far.divergences))} divergences")
+    if so_far.done < so_far.total:
+        parts.append(f"{duration(so_far.left_s)} left")
+    return ", ".join(parts)
 
 
 def effective(draws: dict[str, np.ndarray]) -> list[float] | None:

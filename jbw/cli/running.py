@@ -43,10 +43,6 @@ def prepare_jax() -> None:
 def run_to_end(run: Run, *, json_: bool = False) -> int:
     """Carry a run out; when interrupted, say how to go on.
 
-    Args:
-        run: The run, begun or gone on with.
-        json_: Print the summary as JSON instead of tables.
-
     Returns:
         Exit code: 0, 4 when the verdict of the main posterior is not ok, 5 when interrupted.
     """
@@ -91,42 +87,28 @@ def _carried_out(run: Run, say: Say) -> Mapping[str, Any]:
 
 
 def _identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
-    from jbw.study.identify import identify
-
-    truth = None
-    if run.manifest.preset is not None:
-        truth = _measured(run, run.manifest.preset, say)
-    say(f"Reading {run.campaign}")
-    study = identify(
-        _loaded(run), seed=run.manifest.seed, truth=truth, report=say,
-        keep=run.keep, command=run.manifest.command,
-    )  # fmt: skip
-    return study.tree, {**study.record, "campaign_file": str(run.campaign.resolve())}
-
-
-def _measured(run: Run, preset: str, say: Say) -> dict[str, float]:
-    """Measure the virtual rig if that was not done, and say what is true of it."""
+    """Measure the virtual rig if that is to be done, read the campaign and identify it."""
     from jbw import rig
-
-    path = run.campaign
-    if not path.exists():
-        say("Measuring the virtual rig")
-        rig.write(rig.measure(preset, seed=run.manifest.seed or 0), path.parent)
-    truth = json.loads((path.parent / "truth.json").read_text(encoding="utf-8"))
-    return {**truth["joint"], "gain": truth["gain"]}
-
-
-def _loaded(run: Run) -> Any:
-    """The campaign, and in the manifest what it was made of."""
     from jbw.campaign.load import load_campaign
     from jbw.run.manifest import with_inputs
+    from jbw.study.identify import identify
     from jbw.study.study import input_hashes
 
-    path = run.campaign
-    loaded = load_campaign(path, allow_outside=run.manifest.allow_outside)
-    known = replace(run.manifest, text=path.read_text(encoding="utf-8"))
-    run.note(with_inputs(known, path, input_hashes(loaded)))
-    return loaded
+    path, asked, truth = run.campaign, run.manifest, None
+    if asked.preset is not None:
+        if not path.exists():
+            say("Measuring the virtual rig")
+            rig.write(rig.measure(asked.preset, seed=asked.seed or 0), path.parent)
+        known = json.loads((path.parent / "truth.json").read_text(encoding="utf-8"))
+        truth = {**known["joint"], "gain": known["gain"]}
+    say(f"Reading {path}")
+    loaded = load_campaign(path, allow_outside=asked.allow_outside)
+    with_text = replace(asked, text=path.read_text(encoding="utf-8"))
+    run.note(with_inputs(with_text, path, input_hashes(loaded)))
+    study = identify(
+        loaded, seed=asked.seed, truth=truth, report=say, keep=run.keep, command=asked.command
+    )
+    return study.tree, {**study.record, "campaign_file": str(path.resolve())}
 
 
 def _told(run: Run, summary: Mapping[str, Any], json_: bool) -> int:

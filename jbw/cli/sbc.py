@@ -8,7 +8,7 @@ import click
 
 from jbw.cli.options import json_option, out_option, outside_option, seed_option
 from jbw.cli.printing import show, show_json, show_verdict
-from jbw.report.table import Column, Table, table
+from jbw.report.table import Column, Table, table, words
 
 NOT_CALIBRATED = 4
 
@@ -85,18 +85,20 @@ def sbc(
 
 def calibration_table(record: Mapping[str, Any]) -> Table:
     """The calibration, a line a quantity."""
-
-    def share(heading: str, key: str) -> Column:
-        return Column(heading, lambda row: f"{row[key]:.2%}")
-
+    columns = [
+        Column(heading, lambda row, key=key, form=form: format(row[key], form))
+        for heading, key, form in (
+            ("p (ECDF)", "p_ecdf", ".2g"),
+            ("p (chi2)", "p_chi_square", ".2g"),
+            ("99 % holds", "coverage_99", ".2%"),
+            ("of which", "coverage_99_lower", ".2%"),
+            ("to", "coverage_99_upper", ".2%"),
+        )
+    ]
     return table(
         f"{record['step']}: {record['replications']} replications by {record['sampler']}, "
         f"{record['failed']} failed",
-        [{"name": name, **one} for name, one in record["quantities"].items()],
-        Column("quantity", lambda row: row["name"], align="left"),
-        Column("p (ECDF)", lambda row: f"{row['p_ecdf']:.2g}"),
-        Column("p (chi2)", lambda row: f"{row['p_chi_square']:.2g}"),
-        share("99 % holds", "coverage_99"),
-        share("of which", "coverage_99_lower"),
-        share("to", "coverage_99_upper"),
+        [{"quantity": name, **one} for name, one in record["quantities"].items()],
+        words("quantity", "quantity"),
+        *columns,
     )

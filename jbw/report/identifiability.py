@@ -1,7 +1,6 @@
 """Which parameters and combinations the data know: spectrum, profiles, tables."""
 
 import re
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -12,19 +11,9 @@ from matplotlib.axes import Axes
 
 from jbw.errors import DataError
 from jbw.inference.thresholds import THRESHOLD
+from jbw.report import style
 from jbw.report.result import branch, names_of
-from jbw.report.style import (
-    BLUE,
-    GREEN,
-    INK,
-    SOFT,
-    VERMILLION,
-    Panels,
-    legend,
-    panels,
-    plain,
-    title,
-)
+from jbw.report.style import Panels, finish, panels, plain, title
 from jbw.report.table import Cell, Column, Row, Table, by_sd, digits, named, shares, table
 from jbw.report.text import NOTHING, Names, axis_label, number, percent, quantity, symbol
 from jbw.report.words import combination
@@ -45,31 +34,34 @@ FOLLOWS = (
 def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Draw the standard deviation over the prior's, by direction and by parameter (2 axes)."""
     known = branch(tree, GROUP, "direction_ratio", "parameter_ratio")
-    count = max(known.sizes["direction"], len(_names(known)))
-    axes = panels(ax, 1, 2, height=1.3 + 0.3 * count)
     names = names_of(tree)
-    _directions(axes[0, 0], known, names)
-    _quantities(axes[0, 1], known, names)
-    for each in axes.flat:
-        each.axvline(1.0, color=INK, lw=0.9)
-        each.set_xscale("log")
-        each.set_xlabel("standard deviation over the prior's [-]")
-        each.grid(False, axis="y")
-    legend(axes, ax)
-    return axes
-
-
-def _directions(ax: Axes, known: xr.Dataset, names: Names) -> None:
-    """Draw the spectrum as bars, the strongest direction on top."""
+    kinds = [kind for kind in ("parameter", "combination") if kind in known.coords]
+    quantities = [str(name) for kind in kinds for name in known[kind].values]
+    axes = panels(ax, 1, 2, height=1.3 + 0.3 * max(known.sizes["direction"], len(quantities)))
+    left, right = axes[0]
+    # Bars, the strongest direction on top.
     ratio = np.maximum(np.asarray(known["direction_ratio"], float), LEAST)
-    texts = [str(text) for text in known["direction_text"].values]
-    texts = [_in_lines(plain(combination(text, names))) for text in texts]
-    rows = np.arange(len(ratio))
-    left = 0.5 * ratio.min()
-    ax.barh(rows, ratio - left, 0.6, left=left, color=BLUE, alpha=0.8)
-    ax.set_yticks(rows, texts)
-    ax.set_ylim(len(ratio) - 0.4, -0.6)
-    title(ax, "Directions, strongest first, by the fit")
+    texts = [plain(combination(str(text), names)) for text in known["direction_text"].values]
+    start = 0.5 * ratio.min()
+    left.barh(np.arange(len(ratio)), ratio - start, 0.6, left=start, color=style.BLUE, alpha=0.8)
+    title(left, "Directions, strongest first, by the fit")
+    # Parameters and combinations: by the fit, and by the draws where there are any.
+    rows = np.arange(len(quantities))
+    before = np.maximum(_column(known, "ratio"), LEAST)
+    look = {"ms": 6, "mfc": "none", "color": style.BLUE, "label": "by the fit, before sampling"}
+    right.plot(before, rows, "o", **look)
+    if "parameter_contraction" in known:
+        after = np.sqrt(np.maximum(1 - _column(known, "contraction"), LEAST**2))
+        right.plot(after, rows, ".", ms=7, color=style.GREEN, label="by the draws")
+    title(right, "Parameters and combinations")
+    symbols = [symbol(name, names) for name in quantities]
+    for each, labels in ((left, list(map(_in_lines, texts))), (right, symbols)):
+        each.set_yticks(range(len(labels)), labels)
+        each.set_ylim(len(labels) - 0.4, -0.6)
+        each.axvline(1.0, color=style.INK, lw=0.9)
+        each.set_xscale("log")
+        each.grid(False, axis="y")
+    return finish(axes, ax, "standard deviation over the prior's [-]")
 
 
 def _in_lines(text: str, most: int = 22) -> str:
@@ -78,26 +70,6 @@ def _in_lines(text: str, most: int = 22) -> str:
     for part in re.split(r"(?<=[·/])", text):
         lines = [*lines, part] if len(lines[-1] + part) > most else [*lines[:-1], lines[-1] + part]
     return "\n".join(filter(None, lines))
-
-
-def _quantities(ax: Axes, known: xr.Dataset, called: Names) -> None:
-    """Draw parameters and combinations: by the fit, and by the draws where there are any."""
-    names = _names(known)
-    before = np.maximum(_column(known, "ratio"), LEAST)
-    rows = np.arange(len(names))
-    ax.plot(before, rows, "o", ms=6, mfc="none", color=BLUE, label="by the fit, before sampling")
-    if "parameter_contraction" in known:
-        left = np.sqrt(np.maximum(1 - _column(known, "contraction"), LEAST**2))
-        ax.plot(left, rows, ".", ms=7, color=GREEN, label="by the draws")
-    ax.set_yticks(rows, [symbol(name, called) for name in names])
-    ax.set_ylim(len(names) - 0.4, -0.6)
-    title(ax, "Parameters and combinations")
-
-
-def _names(known: xr.Dataset) -> list[str]:
-    """Return the parameters and then the combinations."""
-    dims = [dim for dim in ("parameter", "combination") if dim in known.coords]
-    return [str(name) for dim in dims for name in known[dim].values]
 
 
 def _column(known: xr.Dataset, what: str) -> Float[np.ndarray, " quantity"]:
@@ -116,81 +88,57 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
         raise DataError(
             "The run followed no profile likelihoods; set profiles = true in [identify]."
         )
-    values, rise = (
-        np.asarray(known[name], float) for name in ("profile_value", "profile_chi_square")
-    )
-    chosen = [i for i in range(len(values)) if np.any(np.isfinite(values[i]))]
-    lines = -(-len(chosen) // ACROSS)
+    names = names_of(tree)
+    known = known.dropna("parameter", how="all", subset=["profile_value"])
+    lines = -(-known.sizes["parameter"] // ACROSS)
     axes = panels(ax, lines, ACROSS, height=0.4 + 1.9 * lines)
-    for each in axes.flat[len(chosen) :]:
-        each.set_visible(False)
-    for each, i in zip(axes.flat, chosen, strict=False):
-        _profile(each, tree, str(known["parameter"].values[i]), values[i], rise[i])
-    for row in axes:
-        row[0].set_ylabel("rise of χ² [-]")
-    legend(axes, ax)
-    return axes
-
-
-def _profile(
-    ax: Axes,
-    tree: xr.DataTree,
-    name: str,
-    values: Float[np.ndarray, " point"],
-    rise: Float[np.ndarray, " point"],
-) -> None:
-    """Draw one profile and the threshold of its 99 % interval."""
-    ax.plot(values, rise, ".-", color=BLUE, lw=1.2, ms=5, label="profile")
-    ax.axhline(THRESHOLD, color=VERMILLION, lw=0.9, ls="--", label="99 %")
-    ax.axhline(0.0, color=SOFT, lw=0.7)
-    ax.set_ylim(-0.6, 2.2 * THRESHOLD)
-    ax.locator_params(axis="x", nbins=3)
-    known = quantity(name, names_of(tree))
-    ax.set_xlabel(axis_label(known.symbol, known.unit))
+    for spare in axes.flat[known.sizes["parameter"] :]:
+        spare.set_visible(False)
+    for i, name in enumerate(map(str, known["parameter"].values)):
+        each: Axes = axes.flat[i]
+        values, rise = known["profile_value"][i], known["profile_chi_square"][i]
+        each.plot(values, rise, ".-", color=style.BLUE, lw=1.2, ms=5, label="profile")
+        # The threshold of the 99 % interval.
+        each.axhline(THRESHOLD, color=style.VERMILLION, lw=0.9, ls="--", label="99 %")
+        each.axhline(0.0, color=style.SOFT, lw=0.7)
+        each.set_ylim(-0.6, 2.2 * THRESHOLD)
+        each.locator_params(axis="x", nbins=3)
+        each.set_xlabel(axis_label(symbol(name, names), quantity(name, names).unit))
+    return finish(axes, ax, left="rise of χ² [-]")
 
 
 def directions_table(found: Row, known: Names) -> Table:
     """The information spectrum, a row a direction, the strongest first.
 
-    Args:
-        found: `identifiability` of a summary.
-        known: The run's quantities.
+    `found` is `identifiability` of a summary, as it is for `quantities_table`.
     """
+
+    def direction(row: Row) -> Cell:
+        return Cell(combination(row["combination"], known), typed=row["combination"])
+
     return table(
         "Information spectrum, strongest direction first",
         found.get("spectrum") or [],
-        Column(
-            "direction, strongest first",
-            lambda row: Cell(combination(row["combination"], known), typed=row["combination"]),
-            align="left",
-        ),
+        Column("direction, strongest first", direction, align="left"),
         digits("information /\nprior's", "information"),
         digits("sd / prior's", "ratio", 2),
     )
 
 
 def quantities_table(found: Row, known: Names) -> Table:
-    """What is known of every parameter and combination, before and after sampling.
-
-    Args:
-        found: `identifiability` of a summary.
-        known: The run's quantities.
-    """
+    """What is known of every parameter and combination, before and after sampling."""
     facts = {**(found.get("parameters") or {}), **(found.get("combinations") or {})}
+    more = ("contraction", "box_sensitivity", "profiles")
     rows = [
-        {"name": name, **row}
-        | {
-            key: (found.get(key) or {}).get(name)
-            for key in ("contraction", "box_sensitivity", "profiles")
-        }
+        {"name": name, **row} | {key: (found.get(key) or {}).get(name) for key in more}
         for name, row in facts.items()
     ]
     return table(
         "Parameters and combinations",
         rows,
         named("parameter or combination", known),
-        replace(by_sd("fit", "value"), only="terminal"),
-        replace(digits("sd", "sd", 2), only="terminal"),
+        by_sd("fit", "value", only="terminal"),
+        digits("sd", "sd", 2, only="terminal"),
         shares("sd / value,\nby the fit", "relative"),
         digits("sd / prior's,\nby the fit", "ratio", 2),
         Column("contraction,\nby the draws", lambda row: percent(row["contraction"]), CONTRACTION),

@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
+from matplotlib.axes import Axes
 
 from jbw.errors import DataError
 from jbw.report.result import branch, frequency, quantiles, unit_of, wrap_band, wrap_degrees
-from jbw.report.style import BLUE, INK, VERMILLION, Panels, legend, log_y, panels, title
+from jbw.report.style import BLUE, INK, VERMILLION, Panels, finish, log_y, panels, title
 from jbw.report.text import axis_label
 
 SAMPLERS = {"paper": ("walk as published", VERMILLION), "nuts": ("NUTS", BLUE)}
@@ -22,16 +23,15 @@ def harmonic_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
     spectrum = branch(tree, "verification/spectrum", "amplitude")
     kernel = branch(tree, "verification/h3", "measured_magnitude", "measured_phase")
     axes = panels(ax, 1, 3, height=2.7, width_ratios=[1.6, 1, 1])
-    _spectrum(axes[0, 0], spectrum)
-    _measured_kernel(axes[0, 1], axes[0, 2], kernel, label="one repeat")
+    _measured_kernel(axes[0, 1:], kernel, label="one repeat")
     for each in axes[0, 1:]:
-        each.set_xlabel("probing frequency [Hz]")
         each.margins(x=0.12, y=0.12)
-    legend(axes, ax)
+    finish(axes, ax, "probing frequency [Hz]")
+    _spectrum(axes[0, 0], spectrum)
     return axes
 
 
-def _spectrum(ax: Any, spectrum: xr.Dataset) -> None:
+def _spectrum(ax: Axes, spectrum: xr.Dataset) -> None:
     """Draw the amplitude over frequency, the tone and its third harmonic marked."""
     freq, amplitude = frequency(spectrum), np.asarray(spectrum["amplitude"], float)
     tone = float(spectrum.attrs.get("tone_hz", freq[int(np.nanargmax(amplitude[1:])) + 1]))
@@ -40,32 +40,25 @@ def _spectrum(ax: Any, spectrum: xr.Dataset) -> None:
     ax.margins(y=0.12)
     for order, text, colour in ((1, "ω", BLUE), (3, "3ω", VERMILLION)):
         at = int(np.argmin(np.abs(freq - order * tone)))
-        ax.plot(freq[at], amplitude[at], "o", ms=5, mfc="none", color=colour, mew=1.3)
-        ax.annotate(
-            text,
-            (freq[at], amplitude[at]),
-            xytext=(5, 1),
-            textcoords="offset points",
-            color=colour,
-            fontsize=9,
-        )
+        point = (freq[at], amplitude[at])
+        ax.plot(*point, "o", ms=5, mfc="none", color=colour, mew=1.3)
+        look: Any = {"xytext": (5, 1), "textcoords": "offset points", "fontsize": 9}
+        ax.annotate(text, point, color=colour, **look)
     unit = unit_of(spectrum["amplitude"])
     ax.set(yscale="log", xlabel="frequency [Hz]", ylabel=axis_label("response amplitude", unit))
     title(ax, f"tone of {tone:g} Hz")
 
 
-def _measured_kernel(upper: Any, lower: Any, kernel: xr.Dataset, label: str) -> None:
+def _measured_kernel(pair: Panels, kernel: xr.Dataset, label: str) -> None:
     """Draw the magnitude and phase of H3 of every repeat."""
-    freq = frequency(kernel)
     magnitude = kernel["measured_magnitude"].transpose("repeat", ...)
-    phase = kernel["measured_phase"].transpose("repeat", ...)
-    dots = {"color": INK, "marker": "o", "mfc": "none", "mew": 0.6, "ms": 3.2, "lw": 0}
-    for each, values in ((upper, magnitude), (lower, wrap_degrees(phase))):
-        lines = each.plot(freq, np.asarray(values).T, **dots)
-        lines[0].set_label(label)
-    log_y(upper)
-    upper.set_ylabel(axis_label("|H₃|", unit_of(magnitude)))
-    lower.set_ylabel("arg H₃ [°]")
+    phase = wrap_degrees(kernel["measured_phase"].transpose("repeat", ...))
+    look = {"color": INK, "marker": "o", "mfc": "none", "mew": 0.6, "ms": 3.2, "lw": 0}
+    for each, values in zip(pair, (magnitude, phase), strict=True):
+        each.plot(frequency(kernel), np.asarray(values).T, **look)[0].set_label(label)
+    log_y(pair[0])
+    pair[0].set_ylabel(axis_label("|H₃|", unit_of(magnitude)))
+    pair[1].set_ylabel("arg H₃ [°]")
 
 
 def kernel_bands(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -82,45 +75,33 @@ def kernel_bands(tree: xr.DataTree, ax: Any = None) -> Panels:
     freq = frequency(kernel)
     step = np.min(np.diff(np.sort(freq))) if freq.size > 1 else 1.0
     for row, shown in zip(axes, (kernel, relative_to_median(kernel, present[-1])), strict=True):
-        _measured_kernel(row[0], row[1], shown, label="measured, each repeat")
+        _measured_kernel(row, shown, label="measured, each repeat")
         for name, side in zip(present, (0.22, -0.22), strict=False):
-            _intervals(row, freq + side * step, shown, name)
+            called, colour = SAMPLERS[name]
+            magnitude = quantiles(shown, f"{name}_magnitude")
+            phase = wrap_band(quantiles(shown, f"{name}_phase"))
+            for each, (low, middle, high) in zip(row, (magnitude, phase), strict=True):
+                look = {"lw": 4, "alpha": 0.45, "label": f"99 % parameter band, {called}"}
+                each.vlines(freq + side * step, low, high, color=colour, **look)
+                each.plot(freq + side * step, middle, "_", color=INK, ms=6, mew=0.9)
         for each in row:
             each.margins(x=0.08, y=0.12)
     axes[1, 0].set(yscale="linear", ylabel="|H₃| over median [-]")
     axes[1, 1].set_ylabel("arg H₃ less median [°]")
-    for each in axes[1]:
-        each.set_xlabel("probing frequency [Hz]")
-    legend(axes, ax)
-    return axes
+    return finish(axes, ax, "probing frequency [Hz]")
 
 
 def relative_to_median(kernel: xr.Dataset, name: str) -> xr.Dataset:
-    """Return magnitudes over, and phases less, the median of the sampler `name`."""
+    """Return magnitudes over, and phases within half a turn of, the median of a sampler."""
     middle = kernel.isel(quantile=1, drop=True)
     magnitude, phase = middle[f"{name}_magnitude"], middle[f"{name}_phase"]
-    relative = {
-        key: values / magnitude if str(key).endswith("magnitude") else _turn(values - phase)
-        for key, values in kernel.data_vars.items()
-        if str(key).endswith(("magnitude", "phase"))
-    }
+    relative = {}
+    for key, values in kernel.data_vars.items():
+        if str(key).endswith("magnitude"):
+            relative[key] = values / magnitude
+        elif str(key).endswith("phase"):
+            relative[key] = (values - phase + np.pi) % (2.0 * np.pi) - np.pi
     return kernel.assign(relative)
-
-
-def _turn(phase: xr.DataArray) -> xr.DataArray:
-    """Return differences of phase within half a turn."""
-    return (phase + np.pi) % (2.0 * np.pi) - np.pi
-
-
-def _intervals(pair: Panels, x: Float[np.ndarray, " freq"], kernel: xr.Dataset, name: str) -> None:
-    """Draw one sampler's 99 % intervals and medians of magnitude and phase."""
-    called, colour = SAMPLERS[name]
-    magnitude = quantiles(kernel, f"{name}_magnitude")
-    phase = wrap_band(quantiles(kernel, f"{name}_phase"))
-    for each, (low, middle, high) in zip(pair, (magnitude, phase), strict=True):
-        bars = each.vlines(x, low, high, color=colour, lw=4, alpha=0.45)
-        bars.set_label(f"99 % parameter band, {called}")
-        each.plot(x, middle, "_", color=INK, ms=6, mew=0.9)
 
 
 def source_correction(tree: xr.DataTree) -> Float[np.ndarray, " freq"]:

@@ -1,4 +1,4 @@
-"""Measured and predicted hysteresis loops, and the areas that they enclose."""
+"""Hysteresis loops with their areas, and frequency and damping against amplitude."""
 
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -8,64 +8,42 @@ import xarray as xr
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
+from scipy.signal import find_peaks
 
+from jbw.report import style
 from jbw.report.records import short
-from jbw.report.result import fitted_text, level_text, quantiles, tests, unit_of
-from jbw.report.style import (
-    BAND,
-    INK,
-    MODEL,
-    REPEATS,
-    SOFT,
-    Panels,
-    legend,
-    plain,
-    shade,
-    stacks,
-    title,
-)
-from jbw.report.text import number, unit_text
+from jbw.report.result import branch, fitted_text, laws_of, level_text, quantiles, tests, unit_of
+from jbw.report.style import INK, MODEL, SOFT, Panels, draw_model, finish, panels, plain, shade
+from jbw.report.text import axis_label, number, unit_text
 
-MILLI, KILO = 1e3, 1e3
+BACKBONE = "verification/backbone"
+MILLI, KILO, PERCENT = 1e3, 1e3, 100.0
 BAND_SDS = 5.15
 """Width of a normal variable's 99 % interval in standard deviations."""
+LITTLE = 0.2  # of the hysteretic force: below, only what slip changes can be seen
+PREFIXES = ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"))
+Curve = Float[np.ndarray, " point"]
 
 
 class Areas(NamedTuple):
     """Areas that a loop encloses, each as lower, median and upper of its 99 % band [J/kg].
 
-    Args:
-        measured: Of the measured loop; the three agree where no band is known.
-        model: Of the predicted loops.
+    The three of the measured loop agree where no band is known.
     """
 
-    measured: tuple[float, float, float]
-    model: tuple[float, float, float]
+    measured: Float[np.ndarray, "3"]
+    model: Float[np.ndarray, "3"]
 
 
 def enclosed_areas(test: xr.Dataset, ending: str = "") -> Areas | None:
-    """Return the areas of a test's loops, from its variables or its attributes.
+    """Return the areas of the loops of one test of the validation, None where there are none.
 
-    Args:
-        test: One test of the validation.
-        ending: "_viscous" for the loops with the viscous force.
-
-    Returns:
-        The areas [J/kg], or None where the run did not write them.
+    The ending "_viscous" is that of the loops with the viscous force.
     """
-    ends = [f"model_area_{end}{ending}" for end in ("lower", "median", "upper")]
-    measured, model = f"measured_area{ending}", f"model_area{ending}"
-    if measured in test and model in test:
-        return Areas(_three(test[measured].values), _three(test[model].values))
-    if {measured, *ends} <= set(test.attrs):
-        return Areas(_three(test.attrs[measured]), _three([test.attrs[end] for end in ends]))
-    return None
-
-
-def _three(values: Any) -> tuple[float, float, float]:
-    """Return lower, median and upper; one number stands for all of them."""
-    lower, median, upper = np.broadcast_to(np.asarray(values, float).reshape(-1), 3).tolist()
-    return lower, median, upper
+    names = (f"measured_area{ending}", f"model_area{ending}")
+    if any(name not in test for name in names):
+        return None
+    return Areas(*(np.broadcast_to(np.ravel(test[name].values), 3) for name in names))
 
 
 def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -74,27 +52,20 @@ def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     Panels: for each test a column, the force above what is left of it when the measured secant
     is taken off both loops, which leaves their areas as they are (2 axes a test, row by row).
     """
-    found = tests(
-        tree, "validation/loops", "measured_y", "measured_force", "model_y", "model_force"
-    )
-    axes, stack = stacks(ax, len(found), 2, height=4.6, height_ratios=[1, 1.3])
+    needed = ("measured_y", "measured_force", "model_y", "model_force")
+    found = tests(tree, "validation/loops", *needed)
+    axes, stack = style.stacks(ax, len(found), 2, height=4.6, height_ratios=[1, 1.3])
     for (upper, lower), (_, test) in zip(stack, found, strict=True):
-        y = np.asarray(test["measured_y"], float)
-        secant = _secant(y, np.asarray(test["measured_force"], float))
         _loops(upper, test, 0.0)
-        _loops(lower, test, secant)
-        title(upper, f"{level_text(test)}, {number(test.attrs.get('tone_hz'))} Hz")
-        title(lower, _areas_text(enclosed_areas(test)), size=8)
-        lower.set_xlabel("displacement [mm]")
+        _loops(lower, test, secant(test["measured_y"].values, test["measured_force"].values))
+        style.title(upper, f"{level_text(test)}, {number(test.attrs.get('tone_hz'))} Hz")
+        style.title(lower, _areas_text(enclosed_areas(test)), size=8)
     unit = plain(unit_text(unit_of(found[0][1]["measured_force"])))
-    for upper, lower in zip(axes[::2, 0], axes[1::2, 0], strict=True):
-        upper.set_ylabel(f"restoring force [{unit}]")
-        lower.set_ylabel(f"less its secant [{unit}]")
-    legend(axes, ax)
-    return axes
+    labels = (f"restoring force [{unit}]", f"less its secant [{unit}]")
+    return finish(axes, ax, "displacement [mm]", labels)
 
 
-def _secant(y: Float[np.ndarray, " phase"], force: Float[np.ndarray, " phase"]) -> float:
+def secant(y: Curve, force: Curve) -> float:
     """Return the stiffness between the turning points of a loop [1/s^2]."""
     top, bottom = int(np.nanargmax(y)), int(np.nanargmin(y))
     return float((force[top] - force[bottom]) / (y[top] - y[bottom]))
@@ -108,54 +79,43 @@ def _areas_text(areas: Areas | None) -> str:
     text = f"area {number(MILLI * measured, digits=4)} mJ/kg,\n"
     if not measured:
         return text + f"model {number(MILLI * areas.model[1])} mJ/kg"
-    low, _, high = (100.0 * (each / measured - 1.0) for each in areas.model)
-    half = 0.5 * (high - low)
-    return text + f"model {_signed(low, half)} to {_signed(high, half)} %"
+    low, _, high = PERCENT * (areas.model / measured - 1.0)
+    low, high = (("" if x < 0 else "+") + number(x, 0.5 * (high - low)) for x in (low, high))
+    return text + f"model {low} to {high} %"
 
 
-def _signed(value: float, sd: float) -> str:
-    """Return a number to the digits of `sd`, with its sign."""
-    text = number(value, sd)
-    return text if value < 0 else f"+{text}"
-
-
-def _loops(ax: Axes, test: xr.Dataset, secant: float) -> None:
-    """Draw one test's loops and bands, less a line of slope `secant`."""
+def _loops(ax: Axes, test: xr.Dataset, slope: float) -> None:
+    """Draw one test's loops and bands, less a line of that slope."""
     y = np.asarray(test["measured_y"], float)
     model_y = quantiles(test, "model_y")[1]
     if "measured_force_band" in test:
         label = "99 % band of the measured loop, from ζ and gain"
-        _ring(ax, y, quantiles(test, "measured_force_band") - secant * y, REPEATS, label)
-    band = quantiles(test, "model_force") - secant * model_y
-    _ring(ax, model_y, band, MODEL, f"{BAND} of the model")
+        _ring(ax, y, quantiles(test, "measured_force_band") - slope * y, style.REPEATS, label)
+    band = quantiles(test, "model_force") - slope * model_y
+    _ring(ax, model_y, band, MODEL, f"{style.BAND} of the model")
     if "measured_force_viscous" in test:
-        force = np.asarray(test["measured_force_viscous"], float) - secant * y
-        _cycle(ax, y, force, color=SOFT, lw=0.9, ls=":", label="measured, viscous force included")
-    _cycle(ax, model_y, band[1], color=MODEL, lw=0.9, label="median of the model")
-    force = np.asarray(test["measured_force"], float) - secant * y
-    _cycle(ax, y, force, color=INK, lw=1.1, ls="--", label="measured")
+        force = np.asarray(test["measured_force_viscous"], float) - slope * y
+        label = "measured, viscous force included"
+        ax.plot(*closed(MILLI * y, force), color=SOFT, lw=0.9, ls=":", label=label)
+    ax.plot(*closed(MILLI * model_y, band[1]), color=MODEL, lw=0.9, label="median of the model")
+    force = np.asarray(test["measured_force"], float) - slope * y
+    ax.plot(*closed(MILLI * y, force), color=INK, lw=1.1, ls="--", label="measured")
 
 
-def _cycle(
-    ax: Axes, y: Float[np.ndarray, " phase"], force: Float[np.ndarray, " phase"], **look: Any
-) -> None:
-    """Draw a closed loop."""
-    ax.plot(np.append(y, y[0]) * MILLI, np.append(force, force[0]), **look)
+def closed(y: Curve, force: Curve) -> tuple[Curve, Curve]:
+    """Return a cycle with its first point again at its end."""
+    return np.append(y, y[0]), np.append(force, force[0])
 
 
 def _ring(
-    ax: Axes,
-    y: Float[np.ndarray, " phase"],
-    band: Float[np.ndarray, "quantile phase"],
-    colour: str,
-    label: str,
+    ax: Axes, y: Curve, band: Float[np.ndarray, "quantile point"], colour: str, label: str
 ) -> None:
     """Fill a band of force around a loop, its falling and its rising half in turn."""
     for part, name in zip(strokes(y), (label, "_rising"), strict=True):
         shade(ax, y[part] * MILLI, band[0][part], band[2][part], colour, name, alpha=0.4)
 
 
-def strokes(y: Float[np.ndarray, " phase"]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def strokes(y: Curve) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return the samples of the falling and of the rising half of a closed cycle."""
     turned = np.roll(np.arange(y.size), -int(np.argmax(y)))
     bottom = int(np.argmin(y[turned]))
@@ -168,15 +128,16 @@ def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     Panels: one a test, lowest level first.
     """
     found = tests(tree, "verification/loop", "displacement", "measured_force", "model_force")
-    axes, stack = stacks(ax, len(found), 1, height=2.5)
+    axes, stack = style.stacks(ax, len(found), 1, height=2.5)
     for (only,), (name, test) in zip(stack, found, strict=True):
         _forced_loop(only, test)
-        title(only, f"{short(plain(name))}, {fitted_text(test)}\n{_work(test)}", size=8)
-        only.set_xlabel("displacement [mm]")
-    for each in axes[:, 0]:
-        each.set_ylabel("restoring force [kN]")
-    legend(axes, ax)
-    return axes
+        lost = ""
+        if "measured_work" in test and "model_work" in test:
+            low, _, high = np.asarray(test["model_work"], float)
+            lost = f"lost {number(test['measured_work'])} J,\n"
+            lost += f"model {number(low)} to {number(high)} J"
+        style.title(only, f"{short(plain(name))}, {fitted_text(test)}\n{lost}", size=8)
+    return finish(axes, ax, "displacement [mm]", ("restoring force [kN]",))
 
 
 def _forced_loop(ax: Axes, test: xr.Dataset) -> None:
@@ -184,37 +145,99 @@ def _forced_loop(ax: Axes, test: xr.Dataset) -> None:
     y = MILLI * np.asarray(test["displacement"], float)
     low, median, high = quantiles(test, "model_force") / KILO
     for i, part in enumerate(monotone(y)):
-        label = f"{BAND} of the model" if i == 0 else "_further"
+        label = f"{style.BAND} of the model" if i == 0 else "_further"
         shade(ax, y[part], low[part], high[part], MODEL, label, alpha=0.4)
-    ax.plot(
-        y, np.asarray(test["measured_force"], float) / KILO, color=INK, lw=0.8, label="measured"
-    )
+    ax.plot(y, test["measured_force"] / KILO, color=INK, lw=0.8, label="measured")
     ax.plot(y, median, color=MODEL, lw=0.9, ls="--", label="median of the model")
     if "linear_force" in test:
-        linear = np.asarray(test["linear_force"], float) / KILO
-        ax.plot(y, linear, color=SOFT, lw=0.8, ls=":", label="linear spring")
+        ax.plot(y, test["linear_force"] / KILO, color=SOFT, lw=0.8, ls=":", label="linear spring")
 
 
-def monotone(y: Float[np.ndarray, " point"], least: float = 0.05) -> list[NDArray[np.intp]]:
+def monotone(y: Curve, least: float = 0.05) -> list[NDArray[np.intp]]:
     """Return the stretches between turning points farther apart than `least` of the whole range."""
-    reach = least * np.ptp(y)
-    ends, extreme, rising = [0], 0, None
-    for i, value in enumerate(y):
-        if rising is None:
-            if abs(value - y[0]) > reach:
-                rising, extreme = bool(value > y[0]), i
-        elif (value - y[extreme] > 0) == rising:
-            extreme = i
-        elif abs(value - y[extreme]) > reach:
-            ends.append(extreme)
-            rising, extreme = not rising, i
-    ends.append(len(y) - 1)
-    return [np.arange(a, b + 1) for a, b in pairwise(ends) if b > a]
+    turns = [find_peaks(sign * y, prominence=least * np.ptp(y))[0] for sign in (1.0, -1.0)]
+    ends = [0, *np.sort(np.concatenate(turns)), y.size - 1]
+    return [np.arange(a, b + 1) for a, b in pairwise(ends)]
 
 
-def _work(test: xr.Dataset) -> str:
-    """Return the energy lost, measured and of the model, in words."""
-    if "measured_work" not in test or "model_work" not in test:
-        return ""
-    low, _, high = np.asarray(test["model_work"], float)
-    return f"lost {number(test['measured_work'])} J,\nmodel {number(low)} to {number(high)} J"
+def length_unit(largest: float) -> tuple[float, str]:
+    """Return factor and unit that write a length [m] with digits before the point."""
+    return next((each for each in PREFIXES if largest * each[0] >= 1.0), PREFIXES[-1])
+
+
+def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw natural frequency and equivalent damping against amplitude, with 99 % bands.
+
+    Panels: frequency, damping (2 axes); grey beyond the amplitudes that were fitted.
+    """
+    found = branch(tree, BACKBONE, "frequency", "damping")
+    axes = panels(ax, 1, 2, height=3.0)
+    factor, unit = length_unit(found.attrs["y_fitted"])
+    amplitude = factor * np.asarray(found["amplitude"], float)
+    end = factor * float(found.attrs["y_fitted"])
+    for each, name, scale in ((axes[0, 0], "frequency", 1.0), (axes[0, 1], "damping", PERCENT)):
+        draw_model(each, amplitude, scale * quantiles(found, name))
+        label = "beyond what was fitted"
+        each.axvspan(end, amplitude[-1], color=SOFT, alpha=0.15, lw=0, label=label)
+        each.set_xlim(0.0, amplitude[-1])
+        each.ticklabel_format(axis="y", useOffset=False)
+    axes[0, 0].set_ylabel(axis_label("natural frequency", "Hz"))
+    axes[0, 1].set_ylabel(axis_label("equivalent damping ratio", "%"))
+    return finish(axes, ax, axis_label("amplitude of displacement", unit))
+
+
+def steady_loops(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
+    """Draw the hysteretic force of the identified joint along cycles of three amplitudes.
+
+    Where slip changes it by less than a fifth, only the change is drawn.
+    """
+    axes = panels(ax, 1, 1, height=3.4)
+    draw_loops(tree, axes[0, 0])
+    return finish(axes, ax)[0, 0]
+
+
+def draw_loops(tree: xr.DataTree, only: Axes) -> None:
+    """Draw what `steady_loops` shows on given axes, without a legend."""
+    found = branch(tree, BACKBONE, "loop_y", "loop_z", "loop_slip", "stuck")
+    y = np.asarray(found["loop_y"].transpose("loop", "phase"), float)
+    z, slip = (
+        np.asarray(found[name].transpose("quantile", "loop", "phase"), float)[1]
+        for name in ("loop_z", "loop_slip")
+    )
+    symbol = "α" if laws_of(tree)[:1] == ("bouc_wen",) else "K"
+    small = bool(np.nanmax(np.abs(slip)) < LITTLE * np.nanmax(np.abs(z)))
+    largest = float(y.max())
+    factor, unit = length_unit(largest)
+    if not small:  # Z = K y, the joint without slip, not far above the loops
+        stiffness, top = float(found["stuck"].isel(quantile=1)), 1.15 * float(np.nanmax(z))
+        end = min(largest, top / abs(stiffness)) if stiffness else largest
+        stuck = np.array([-end, end])
+        look = {"color": SOFT, "lw": 1.0, "ls": "--", "label": f"stuck, Z = {symbol} y"}
+        only.plot(factor * stuck, stiffness * stuck, **look)
+    for x, force, colour in zip(y, slip if small else z, style.LEVELS, strict=False):
+        label = f"slipping, {number(factor * x.max())} {unit}"
+        only.plot(*closed(factor * x, force), color=colour, lw=1.2, label=label)
+    only.set_xlabel(axis_label("displacement y", unit))
+    what = f"taken by slip, Z − {symbol} y" if small else "hysteretic force Z"
+    only.set_ylabel(axis_label(what, "N/kg"))
+
+
+def amplitude_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw frequency and damping against amplitude, read from the records and of the model.
+
+    Panels: frequency, damping.
+    """
+    needed = ("measured_frequency", "measured_damping", "model_frequency", "model_damping")
+    found = branch(tree, "verification/amplitude", "measured_amplitude", *needed)
+    axes = panels(ax, 1, 2, height=3.2)
+    for each, name, factor in ((axes[0, 0], "frequency", 1.0), (axes[0, 1], "damping", PERCENT)):
+        draw_model(each, found["amplitude"], factor * quantiles(found, f"model_{name}"), "_median")
+        for i in range(found.sizes["record"]):
+            known = "fitted" not in found or bool(found["fitted"][i])
+            x, values = found["measured_amplitude"][i], factor * found[f"measured_{name}"][i]
+            label = "fitted records" if known else "held-out records"
+            each.plot(x, values, ".", color=INK if known else style.SKY, ms=4, label=label)
+    axes[0, 0].set_ylabel(axis_label("frequency", "Hz"))
+    axes[0, 1].set_ylabel(axis_label("damping ratio", "%"))
+    response = plain(found["amplitude"].attrs.get("long_name", "response"))
+    return finish(axes, ax, axis_label(f"amplitude of {response}", unit_of(found["amplitude"])))

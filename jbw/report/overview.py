@@ -12,8 +12,9 @@ from scipy.signal import ShortTimeFFT, welch
 from scipy.signal.windows import hann
 
 from jbw.measurement.records import Record
-from jbw.report.records import extremes
-from jbw.report.style import BLUE, GREEN, INK, VERMILLION, Panels, panels, plain, shade, title
+from jbw.report import style
+from jbw.report.records import Samples, extremes
+from jbw.report.style import Panels, finish, panels, plain, shade, title
 from jbw.report.text import axis_label, unit_text
 
 COLUMNS = 400  # of a spectrogram, and extremes drawn of a channel
@@ -21,7 +22,7 @@ LONGEST, SHORTEST = 1024, 32  # windows of a spectrogram [samples]
 WINDOWS = 24  # of a spectrogram, end to end, in a short record
 RANGE = 90.0  # that a spectrogram shows below its largest value [dB]
 CURVE = "frequency"  # channel of a record that is a measured response curve
-COLOURS = (BLUE, VERMILLION, GREEN, INK)
+COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.INK)
 
 
 def channel_overview(record: Record, ax: Any = None) -> Panels:
@@ -29,10 +30,6 @@ def channel_overview(record: Record, ax: Any = None) -> Panels:
 
     Panels: a row of three for each channel; one for each channel over frequency where the record
     is a measured response curve.
-
-    Args:
-        record: One repeat of a test.
-        ax: Axes of the caller, row by row, or None.
     """
     if CURVE in record.channels:
         return _curve(record, ax)
@@ -48,16 +45,9 @@ def channel_overview(record: Record, ax: Any = None) -> Panels:
 
 
 def time_history(
-    record: Record, channel: str, ax: Axes | None = None, *, colour: str = BLUE
+    record: Record, channel: str, ax: Axes | None = None, *, colour: str = style.BLUE
 ) -> Axes:
-    """Draw a channel over time, as extremes where it is long; gaps stay empty.
-
-    Args:
-        record: One repeat of a test.
-        channel: The role of the channel.
-        ax: Axes of the caller, or None.
-        colour: Of the line.
-    """
+    """Draw a channel over time, as extremes where it is long; gaps stay empty."""
     only: Axes = panels(ax, 1, 1, height=2.4)[0, 0]
     samples = np.asarray(record.channels[channel], float)
     time = np.arange(samples.size) / record.fs
@@ -73,16 +63,9 @@ def time_history(
 
 
 def power_spectrum(
-    record: Record, channel: str, ax: Axes | None = None, *, colour: str = BLUE
+    record: Record, channel: str, ax: Axes | None = None, *, colour: str = style.BLUE
 ) -> Axes:
-    """Draw a channel's power spectral density, Welch's estimate with Hann windows.
-
-    Args:
-        record: One repeat of a test.
-        channel: The role of the channel.
-        ax: Axes of the caller, or None.
-        colour: Of the line.
-    """
+    """Draw a channel's power spectral density, Welch's estimate with Hann windows."""
     only: Axes = panels(ax, 1, 1, height=2.4)[0, 0]
     samples = _complete(record, channel)
     # An eighth of the record: fine lines, and some averages.
@@ -94,13 +77,7 @@ def power_spectrum(
 
 
 def spectrogram(record: Record, channel: str, ax: Axes | None = None) -> Axes:
-    """Draw a channel's spectrogram, 90 dB below its largest value at most.
-
-    Args:
-        record: One repeat of a test.
-        channel: The role of the channel.
-        ax: Axes of the caller, or None.
-    """
+    """Draw a channel's spectrogram, 90 dB below its largest value at most."""
     only: Axes = panels(ax, 1, 1, height=3.0)[0, 0]
     time, freq, level = _levels(_complete(record, channel), record.fs)
     top = float(level.max())
@@ -116,11 +93,7 @@ def spectrogram(record: Record, channel: str, ax: Axes | None = None) -> Axes:
     return only
 
 
-def _levels(
-    samples: Float[np.ndarray, " time"], fs: float
-) -> tuple[
-    Float[np.ndarray, " slice"], Float[np.ndarray, " freq"], Float[np.ndarray, "freq slice"]
-]:
+def _levels(samples: Samples, fs: float) -> tuple[Samples, Samples, Float[np.ndarray, "freq time"]]:
     """Return times [s], frequencies [Hz] above 0 and power spectral densities [dB]."""
     wished = 2 ** int(np.log2(max(samples.size / WINDOWS, 1)))
     size = min(max(wished, SHORTEST), LONGEST, samples.size)
@@ -133,7 +106,7 @@ def _levels(
     return time[inside], transform.f[1:], level
 
 
-def _complete(record: Record, channel: str) -> Float[np.ndarray, " time"]:
+def _complete(record: Record, channel: str) -> Samples:
     """Return a channel less its mean, zero where a sample is missing."""
     samples = np.asarray(record.channels[channel], float)
     known = np.isfinite(samples)
@@ -148,9 +121,8 @@ def _curve(record: Record, ax: Any) -> Panels:
     for only, name, colour in zip(axes[:, 0], names, COLOURS * len(names), strict=False):
         only.plot(freq, record.channels[name], ".-", color=colour, lw=0.8, ms=3)
         only.set_ylabel(_label(record, name))
-    axes[-1, 0].set_xlabel("frequency [Hz]")
     title(axes[0, 0], plain(record.name), size=8)
-    return axes
+    return finish(axes, ax, "frequency [Hz]")
 
 
 def _label(record: Record, channel: str) -> str:
@@ -163,13 +135,7 @@ def _density_unit(record: Record, channel: str) -> str:
 
 
 def save_overviews(found: Iterable[tuple[str, Record]], folder: Path, dpi: int = 110) -> list[Path]:
-    """Write one PNG a test, and return the paths.
-
-    Args:
-        found: A test's name and one of its records, test by test.
-        folder: Where to write; made when absent.
-        dpi: Points per inch.
-    """
+    """Write one PNG a test and return the paths, given each test's name and one of its records."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for place, (name, record) in enumerate(found, start=1):

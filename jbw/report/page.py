@@ -1,4 +1,4 @@
-"""The report: one HTML file that needs nothing else, the verdict first."""
+"""The report as one HTML file that needs nothing else, and the same to zoom into by plotly."""
 
 import os
 from collections.abc import Mapping
@@ -9,13 +9,13 @@ import jinja2
 import xarray as xr
 from markupsafe import Markup
 
-from jbw.errors import DataError
+from jbw.errors import ConfigError, DataError, printable
 from jbw.report import tables
-from jbw.report.figure_list import FIGURE_LIST, Entry
-from jbw.report.figures import figure_of, svg
+from jbw.report.charts import charts_of, shown_text
+from jbw.report.figures import FIGURE_LIST, Entry, figure_of, svg
 from jbw.report.identifiability import directions_table, quantities_table
 from jbw.report.result import laws_of, names_of
-from jbw.report.text import Names, seconds, step_name
+from jbw.report.text import Names, seconds
 from jbw.report.words import STATUS_WORDS, badge, findings, identified_words, in_symbols
 from jbw.run.files import write_whole
 
@@ -28,6 +28,17 @@ def law_name(law: str) -> str:
     return LAWS.get(law) or LAWS.get(law.rstrip("0123456789_")) or law.replace("_", " ")
 
 
+# Nothing that was measured leaves the interactive page: no button that uploads a chart.
+PRIVATE = {"showSendToCloud": False, "plotlyServerURL": ""}
+ENVIRONMENT = jinja2.Environment(
+    loader=jinja2.PackageLoader("jbw.report"),
+    autoescape=True,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    undefined=jinja2.StrictUndefined,
+)
+
+
 class Drawn(NamedTuple):
     """A figure on the page, or the sentence that says why there is none."""
 
@@ -38,38 +49,22 @@ class Drawn(NamedTuple):
 
 
 def write_page(summary: Mapping[str, Any], tree: xr.DataTree, path: Path) -> None:
-    """Write the report of a run, whole or not at all.
-
-    Args:
-        summary: The run's summary.json.
-        tree: The run's posterior.nc.
-        path: The file to write; replaced when it exists.
-    """
+    """Write the report of a run with its summary and its tree to a file, whole or not at all."""
     write_whole(path, render_page(summary, tree).encode())
 
 
 def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
     """Return the report as HTML; every name that comes from a file is escaped."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("jbw.report"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
     verdict, known = summary.get("verdict") or {}, names_of(tree, summary)
     identifiability = summary.get("identifiability") or {}
-    # The main step comes first: it is what the others are held against.
-    main, steps = summary.get("main"), (summary.get("steps") or {}).items()
-    steps = sorted(steps, key=lambda each: each[0] != main)
     status = badge(verdict)
-    return environment.get_template("page.html").render(
+    return ENVIRONMENT.get_template("page.html").render(
         campaign=campaign_name(summary),
         laws=" and ".join(map(law_name, laws_of(tree))),
         status=status,
         status_words=STATUS_WORDS.get(status.word, "Read the findings before using it."),
         findings=findings(verdict, known),
-        steps=[_step(name, name == main, step, known) for name, step in steps],
+        steps=[_step(name, step, summary, known) for name, step in tables.main_first(summary)],
         parameters=tables.parameters_table(summary, known),
         drawn=[_draw(entry, tree) for entry in FIGURE_LIST],
         predictions=tables.predictions_table(summary),
@@ -79,7 +74,7 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         known_words=_statements(identifiability, known),
         routes=tables.routes_table(summary, known),
         route_words=_statements(summary.get("comparison"), known),
-        loops=tables.loops_table(summary, tree),
+        loops=tables.loops_table(tree),
         checks=tables.checks_table(tree, known),
         provenance=_provenance(summary),
         inputs=_inputs(summary.get("inputs") or {}),
@@ -91,11 +86,13 @@ def _statements(part: Any, known: Names) -> list[str]:
     return [in_symbols(str(each), known) for each in (part or {}).get("statements") or []]
 
 
-def _step(name: str, main: bool, step: Mapping[str, Any], known: Names) -> dict[str, Any]:
+def _step(
+    name: str, step: Mapping[str, Any], summary: Mapping[str, Any], known: Names
+) -> dict[str, Any]:
     """Return what a step says in words."""
     return {
-        "name": step_name(name) + (" (main result)" if main else ""),
-        "main": main,
+        "name": tables.step_heading(name, summary),
+        "main": name == summary.get("main"),
         "badge": badge(step.get("verdict")) if step.get("verdict") else None,
         "findings": findings(step.get("verdict"), known),
         "statements": _statements(step, known),
@@ -103,20 +100,13 @@ def _step(name: str, main: bool, step: Mapping[str, Any], known: Names) -> dict[
     }
 
 
-class Inputs(NamedTuple):
-    """The files that were read: the folder that all lie in, and each one's rest and hash."""
-
-    folder: str
-    files: list[tuple[str, str]]
-
-
-def _inputs(hashes: Mapping[str, str]) -> Inputs:
-    """Return the input files below the folder that they share."""
+def _inputs(hashes: Mapping[str, str]) -> dict[str, Any]:
+    """Return the folder that all input files lie in, and the rest and the hash of each."""
     paths = sorted(hashes)
     folders = {os.path.dirname(path) for path in paths}
     folder = os.path.commonpath(folders) if folders and "" not in folders else ""
     start = len(folder) + 1 if folder else 0
-    return Inputs(folder, [(path[start:], hashes[path]) for path in paths])
+    return {"folder": folder, "files": [(path[start:], hashes[path]) for path in paths]}
 
 
 def campaign_name(summary: Mapping[str, Any]) -> str:
@@ -138,15 +128,56 @@ def _draw(entry: Entry, tree: xr.DataTree) -> Drawn:
 def _provenance(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return what a reader needs to repeat the run."""
     versions = summary.get("versions") or {}
-    listed = (
-        ", ".join(f"{name} {version}" for name, version in versions.items())
-        if isinstance(versions, Mapping)
-        else str(versions)
-    )
+    if isinstance(versions, Mapping):
+        versions = ", ".join(f"{name} {version}" for name, version in versions.items())
     rows = [
         ("command", str(summary.get("command") or "")),
         ("seed", "" if summary.get("seed") is None else str(summary["seed"])),
         ("wall time", seconds(summary.get("wall_time_s"))),
-        ("versions", listed),
+        ("versions", str(versions)),
     ]
     return [(what, value) for what, value in rows if value]
+
+
+def write_interactive(tree: xr.DataTree, path: Path, campaign: str = "") -> None:
+    """Write the interactive figures of a run to a file, whole or not at all.
+
+    Raises:
+        ConfigError: If plotly is not installed.
+        DataError: If the result has nothing to draw.
+    """
+    write_whole(path, render_interactive(tree, campaign).encode())
+
+
+def render_interactive(tree: xr.DataTree, campaign: str = "") -> str:
+    """Return the interactive page as HTML; every name that comes from a file is escaped."""
+    try:
+        # An extra of a megabyte and a second, wanted here alone.
+        from plotly.graph_objects import Figure
+        from plotly.offline import get_plotlyjs
+    except ImportError as error:
+        raise ConfigError(
+            "Interactive figures need plotly, which is not installed.",
+            remedy='Install it: pip install "jbw[interactive]".',
+        ) from error
+    charts = charts_of(tree)
+    if not charts:
+        raise DataError("The result has no response, loop or curve to draw.")
+    drawn = []
+    for number, chart in enumerate(charts):
+        figure = Figure(data=chart.lines)
+        across, up = map(shown_text, chart.axes)
+        figure.update_layout(
+            template="plotly_white", height=460, margin={"l": 70, "r": 20, "t": 20, "b": 60},
+            xaxis_title=across, yaxis_title=up, font_size=13,
+            legend={"orientation": "h", "y": -0.2, "groupclick": "togglegroup"},
+        )  # fmt: skip
+        figure.update_yaxes(type="log" if chart.log else "linear", exponentformat="power")
+        element = figure.to_html(
+            full_html=False, include_plotlyjs=False, include_mathjax=False,
+            div_id=f"chart-{number}", config={"displaylogo": False, "responsive": True, **PRIVATE},
+        )  # fmt: skip
+        drawn.append((chart.heading, Markup(element)))
+    return ENVIRONMENT.get_template("interactive.html").render(
+        campaign=printable(campaign), drawn=drawn, plotly=Markup(get_plotlyjs())
+    )

@@ -1,6 +1,7 @@
-"""What the data said about each parameter, step by step and sampler by sampler."""
+"""What the data said about each parameter, and whether the chains can be trusted."""
 
-from collections.abc import Iterable
+import textwrap
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,20 +10,24 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from jbw.errors import DataError
-from jbw.report.result import Parameter, laws_of, node, of_joint, of_law, parameter
-from jbw.report.style import (
-    BLUE,
-    GREEN,
-    INK,
-    PURPLE,
-    SOFT,
-    VERMILLION,
-    Panels,
-    legend,
-    panels,
-    title,
+from jbw.report import style
+from jbw.report.result import (
+    Parameter,
+    branch,
+    laws_of,
+    node,
+    of_joint,
+    of_law,
+    parameter,
+    parameters,
 )
+from jbw.report.style import Panels, finish, panels, plain, title
 from jbw.report.text import axis_label
+
+POINTS = 400  # of a density, and of a running mean
+BINS = 20  # of a histogram of ranks
+MOST = 12  # parameters traced at most; the first are the joint's, Table 1 has the others
+MOST_DRAWS = 2000  # in a cloud
 
 
 class Source(NamedTuple):
@@ -35,26 +40,30 @@ class Source(NamedTuple):
 
 
 THIRD_ORDER = (
-    Source("steps/third_order_paper", "Step 3, walk as published", VERMILLION, "--"),
-    Source("steps/third_order_walk", "Step 3, tuned walk", PURPLE, "-."),
-    Source("steps/third_order_nuts", "Step 3, NUTS", BLUE, "-"),
+    Source("steps/third_order_paper", "Step 3, walk as published", style.VERMILLION, "--"),
+    Source("steps/third_order_walk", "Step 3, tuned walk", style.PURPLE, "-."),
+    Source("steps/third_order_nuts", "Step 3, NUTS", style.BLUE, "-"),
 )
 OPENING = (
-    Source("steps/opening_paper", "Step 4, γ alone, walk as published", VERMILLION, "--"),
-    Source("steps/opening_nuts", "Step 4, γ alone, NUTS", BLUE, "-"),
+    Source("steps/opening_paper", "Step 4, γ alone, walk as published", style.VERMILLION, "--"),
+    Source("steps/opening_nuts", "Step 4, γ alone, NUTS", style.BLUE, "-"),
 )
-JOINT = Source("", "Step 4, all parameters", GREEN, "-")
+JOINT = Source("", "Step 4, all parameters", style.GREEN, "-")
 
 
-def names_by(tree: xr.DataTree, sources: Iterable[Source]) -> list[str]:
+def _group(tree: xr.DataTree, source: Source) -> xr.Dataset:
+    """Return the draws of a source, empty where it was not run."""
+    found = node(tree, f"{source.path}/posterior")
+    return xr.Dataset() if found is None else found.to_dataset()
+
+
+def _names_by(tree: xr.DataTree, sources: Iterable[Source]) -> list[str]:
     """Return the parameters of the joint that any of these routes sampled, damping first.
 
     Raises:
         DataError: If none of them was run.
     """
-    groups = (node(tree, f"{source.path}/posterior") for source in sources)
-    found = [each.name for group in groups if group is not None
-             for each in of_joint(group.to_dataset())]  # fmt: skip
+    found = [each.name for source in sources for each in of_joint(_group(tree, source))]
     if not found:
         raise DataError("The result has no posterior from this step.")
     return [name for name in dict.fromkeys(found) if name != "omega_n"]
@@ -62,34 +71,31 @@ def names_by(tree: xr.DataTree, sources: Iterable[Source]) -> list[str]:
 
 def third_order_densities(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Draw prior and posterior of zeta, alpha and delta from Step 3, every sampler (3 axes)."""
-    names = names_by(tree, THIRD_ORDER)
+    names = _names_by(tree, THIRD_ORDER)
     axes = panels(ax, 1, len(names), height=2.9)
     for each, name in zip(axes[0], names, strict=True):
         _densities(each, tree, THIRD_ORDER, name)
-    axes[0, 0].set_ylabel("density over prior density [-]")
-    legend(axes, ax)
-    return axes
+    return finish(axes, ax, left="density over prior density [-]")
 
 
 def opening_density(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     """Draw prior and posterior of gamma from Step 4, alone and with all parameters free."""
-    (name, *_) = names_by(tree, OPENING)
+    (name, *_) = _names_by(tree, OPENING)
     axes = panels(ax, 1, 1, height=3.0)
     _densities(axes[0, 0], tree, (*OPENING, JOINT), name)
-    axes[0, 0].set_ylabel("density over prior density [-]")
-    legend(axes, ax)
-    return axes[0, 0]
+    return finish(axes, ax, left="density over prior density [-]")[0, 0]
 
 
-def _densities(ax: Axes, tree: xr.DataTree, sources: tuple[Source, ...], name: str) -> None:
+def _densities(ax: Axes, tree: xr.DataTree, sources: Sequence[Source], name: str) -> None:
     """Draw one parameter: the prior as 1, each posterior over it, 99 % intervals below."""
-    found = [(each, parameter(tree, f"{each.path}/posterior", name)) for each in sources]
+    found = [(each, parameter(_group(tree, each), name)) for each in sources]
     known = [(source, each) for source, each in found if each is not None]
     if not known:
         raise DataError(f"The result has no posterior of {name} from this step.")
-    boxes = [each.box for _, each in known if each.box is not None]
-    low, high = boxes[0] if boxes else _reach(known)
-    ax.plot([low, low, high, high], [0, 1, 1, 0], color=SOFT, lw=1.0, ls=":", label="prior")
+    draws = np.concatenate([each.draws.reshape(-1) for _, each in known])
+    span = (float(np.nanmin(draws)), float(np.nanmax(draws)))
+    low, high = next((each.box for _, each in known if each.box is not None), span)
+    ax.plot([low, low, high, high], [0, 1, 1, 0], color=style.SOFT, lw=1.0, ls=":", label="prior")
     top = 1.0
     for source, each in known:
         points, density = marginal_density(each.draws, each.box)
@@ -100,31 +106,25 @@ def _densities(ax: Axes, tree: xr.DataTree, sources: tuple[Source, ...], name: s
         _interval(ax, each, source.colour, -0.055 * top * row)
     truth = next((each.truth for _, each in known if each.truth is not None), None)
     if truth is not None:
-        ax.axvline(truth, color=INK, lw=1.0, label="truth of the rig")
+        ax.axvline(truth, color=style.INK, lw=1.0, label="truth of the rig")
     ax.set_ylim(-0.06 * top * (len(known) + 0.8), 1.06 * top)
     ax.set_yticks([tick for tick in ax.get_yticks() if 0 <= tick <= 1.06 * top])
     ax.set_xlabel(axis_label(known[0][1].symbol, known[0][1].unit))
     ax.locator_params(axis="x", nbins=4)
 
 
-def _reach(known: list[tuple[Source, Parameter]]) -> tuple[float, float]:
-    """Return the interval that all draws span, for parameters without a box."""
-    draws = np.concatenate([each.draws.reshape(-1) for _, each in known])
-    return float(np.nanmin(draws)), float(np.nanmax(draws))
-
-
 def _interval(ax: Axes, each: Parameter, colour: str, height: float) -> None:
     """Draw the 99 % interval and the median of draws as a bar below the densities."""
     low, middle, high = np.nanquantile(each.draws, [0.005, 0.5, 0.995])
     ax.plot([low, high], [height, height], color=colour, lw=3.0, solid_capstyle="butt", alpha=0.7)
-    ax.plot(middle, height, "|", color=INK, ms=6)
+    ax.plot(middle, height, "|", color=style.INK, ms=6)
 
 
 def routes(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Draw the 99 % interval of each parameter by every route, the truth as a line."""
     sources = (*THIRD_ORDER, *OPENING, JOINT)
-    names = names_by(tree, sources)
-    present = [each for each in sources if node(tree, f"{each.path}/posterior") is not None]
+    names = _names_by(tree, sources)
+    present = [each for each in sources if _group(tree, each)]
     axes = panels(ax, 1, len(names), height=1.2 + 0.3 * len(present), sharey=True)
     for each, name in zip(axes[0], names, strict=True):
         _forest(each, tree, present, name)
@@ -133,21 +133,20 @@ def routes(tree: xr.DataTree, ax: Any = None) -> Panels:
     return axes
 
 
-def _forest(ax: Axes, tree: xr.DataTree, sources: list[Source], name: str) -> None:
+def _forest(ax: Axes, tree: xr.DataTree, sources: Sequence[Source], name: str) -> None:
     """Draw one parameter's intervals, a row for each route that has it."""
     shown: Parameter | None = None
     for row, source in enumerate(sources):
-        each = parameter(tree, f"{source.path}/posterior", name)
-        if each is None:
-            continue
-        _interval(ax, each, source.colour, row)
-        shown = each
+        each = parameter(_group(tree, source), name)
+        if each is not None:
+            _interval(ax, each, source.colour, row)
+            shown = each
     if shown is not None:
         ax.set_xlabel(axis_label(shown.symbol, shown.unit))
         if shown.truth is not None:
-            ax.axvline(shown.truth, color=INK, lw=0.8, zorder=1.5)
+            ax.axvline(shown.truth, color=style.INK, lw=0.8, zorder=1.5)
         if shown.box is not None:
-            ax.axvspan(*shown.box, color=SOFT, alpha=0.12, lw=0, zorder=0)
+            ax.axvspan(*shown.box, color=style.SOFT, alpha=0.12, lw=0, zorder=0)
     ax.grid(False, axis="y")
     ax.locator_params(axis="x", nbins=3)
 
@@ -160,59 +159,41 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
     """
     if laws_of(tree)[:1] != ("bouc_wen",):
         raise DataError("The law of this joint has no such pair of parameters.")
-    third = [each for each in reversed(THIRD_ORDER) if _pair(tree, each) is not None]
-    present = [each for each in (third, [JOINT] if _pair(tree, JOINT) else []) if each]
+    # Of the law's parameters the first two: weak motion knows their product.
+    laws = {each: of_law(_group(tree, each)) for each in (*reversed(THIRD_ORDER), JOINT)}
+    pairs = {each: (found[0], found[1]) for each, found in laws.items() if len(found) > 1}
+    third = [each for each in pairs if each != JOINT]
+    present = [each for each in (third, [JOINT] if JOINT in pairs else []) if each]
     if not present:
         raise DataError("The result has no posterior of the pair.")
     axes = panels(ax, 1, len(present), height=3.4)
     for each, sources in zip(axes[0], present, strict=True):
         for source in sources:
-            _cloud(each, tree, source)
+            _cloud(each, source, *pairs[source])
         alone = sources == [JOINT]
         title(each, JOINT.label + ", enlarged" if alone else "Step 3, within the prior box")
         each.locator_params(axis="x", nbins=4)
         each.ticklabel_format(useOffset=False)
-    pair = _pair(tree, THIRD_ORDER[2]) or _pair(tree, THIRD_ORDER[0])
-    if pair is not None:
-        _constant_product(axes[0, 0], *pair)
-    legend(axes, ax)
-    return axes
+    pair = pairs.get(THIRD_ORDER[2]) or pairs.get(THIRD_ORDER[0])
+    if pair is not None and pair[0].box is not None and pair[1].box is not None:
+        product = np.nanmedian(pair[0].draws * pair[1].draws)
+        x = np.linspace(*pair[1].box, 200)
+        label = f"{pair[0].symbol} {pair[1].symbol} = const"
+        axes[0, 0].plot(x, product / x, color=style.INK, lw=1.0, ls="--", label=label)
+        axes[0, 0].set(xlim=pair[1].box, ylim=pair[0].box)
+    return finish(axes, ax)
 
 
-def _constant_product(ax: Axes, stiffness: Parameter, softening: Parameter) -> None:
-    """Draw the curve of the draws' median product across the prior box."""
-    if stiffness.box is None or softening.box is None:
-        return
-    product = np.nanmedian(stiffness.draws * softening.draws)
-    x = np.linspace(*softening.box, 200)
-    label = f"{stiffness.symbol} {softening.symbol} = const"
-    ax.plot(x, product / x, color=INK, lw=1.0, ls="--", label=label)
-    ax.set(xlim=softening.box, ylim=stiffness.box)
-
-
-def _pair(tree: xr.DataTree, source: Source) -> tuple[Parameter, Parameter] | None:
-    """Return the two parameters of a posterior of which weak motion knows the product, or None."""
-    group = node(tree, f"{source.path}/posterior")
-    found = [] if group is None else of_law(group.to_dataset())
-    return (found[0], found[1]) if len(found) > 1 else None
-
-
-def _cloud(ax: Axes, tree: xr.DataTree, source: Source, most: int = 2000) -> None:
-    """Draw one parameter of the pair against the other, `most` draws at most, and the truth."""
-    pair = _pair(tree, source)
-    if pair is None:
-        return
-    every = max(1, pair[0].draws.size // most)
-    y, x = (each.draws.reshape(-1)[::every] for each in pair)
+def _cloud(ax: Axes, source: Source, above: Parameter, along: Parameter) -> None:
+    """Draw one parameter of a pair against the other, so many draws at most, and the truth."""
+    every = max(1, above.draws.size // MOST_DRAWS)
+    y, x = (each.draws.reshape(-1)[::every] for each in (above, along))
     ax.plot(x, y, ".", ms=2.5, color=source.colour, alpha=0.4, mew=0, rasterized=True)
     ax.plot([], [], "o", ms=5, color=source.colour, label=source.label)
-    if pair[0].truth is not None and pair[1].truth is not None:
-        ax.plot(pair[1].truth, pair[0].truth, "P", ms=8, color=INK, mec="white", label="truth")
-    y_label, x_label = (axis_label(each.symbol, each.unit) for each in pair)
-    ax.set(xlabel=x_label, ylabel=y_label)
-
-
-POINTS = 400
+    if above.truth is not None and along.truth is not None:
+        ax.plot(along.truth, above.truth, "P", ms=8, color=style.INK, mec="white", label="truth")
+    ax.set_xlabel(axis_label(along.symbol, along.unit))
+    ax.set_ylabel(axis_label(above.symbol, above.unit))
 
 
 def marginal_density(
@@ -223,12 +204,11 @@ def marginal_density(
     $$p(x) = \frac{1}{n h} \sum_i \varphi\!\left(\frac{x - x_i}{h}\right), \qquad
       h = 0.9 \min(s, \mathrm{IQR}/1.34)\, n^{-1/5}$$
 
-    Args:
-        draws: Draws [unit of the parameter]; those that are not finite are left out.
-        box: Prior interval, or None for an unbounded parameter.
+    Draws that are not finite are left out; those that never move make a narrow peak. Without a
+    box the parameter is unbounded.
 
     Returns:
-        Points [unit] and density [1/unit]; for draws that never move, a narrow peak.
+        Points [unit of the parameter] and density [1/unit].
 
     Reference:
         Silverman, Density Estimation (1986), eq. (3.31).
@@ -249,3 +229,70 @@ def marginal_density(
     centres = 0.5 * (edges[1:] + edges[:-1])
     weights = np.exp(-0.5 * ((points[:, None] - centres) / width) ** 2)
     return points, weights @ counts / (np.asarray(draws).size * width * np.sqrt(2.0 * np.pi))
+
+
+def running_means(tree: xr.DataTree, ax: Any = None) -> Panels:
+    r"""Draw conv(n_s), each chain a line: H3 from Step 3, the velocity from Step 4 (2 axes).
+
+    $$\mathrm{conv}(n) = \frac{1}{n} \sum_{i \le n} \int |H_3^i|^2\, d\omega$$
+
+    Each line is divided by the mean of all chains' last values of its sampler.
+
+    Reference:
+        Eq. (40).
+    """
+    axes = panels(ax, 1, 2, height=2.9)
+    drawn = [
+        _conv(each, tree, source)
+        for each, sources in zip(axes[0], (THIRD_ORDER, OPENING), strict=True)
+        for source in sources
+    ]
+    if not any(drawn):
+        raise DataError("The result has no conv under any step's sample_stats.")
+    title(axes[0, 0], "third-order kernel")
+    title(axes[0, 1], "velocity")
+    return finish(axes, ax, "draw n of a chain [-]", "conv(n) over its last mean [-]")
+
+
+def _conv(ax: Axes, tree: xr.DataTree, source: Source) -> bool:
+    """Draw every chain of one sampler, thinned to what can be seen, and say if there are any."""
+    found = node(tree, f"{source.path}/sample_stats")
+    if found is None or "conv" not in found.data_vars:
+        return False
+    conv = np.asarray(found["conv"].transpose("chain", "draw"), float)
+    conv = conv / np.nanmean(conv[:, -1])
+    shown = np.unique(np.linspace(0, conv.shape[1] - 1, POINTS).astype(int))
+    look = {"color": source.colour, "ls": source.line, "lw": 0.9, "alpha": 0.8}
+    ax.plot(shown + 1, conv[:, shown].T, **look)[0].set_label(source.label)
+    return True
+
+
+def trace_rank(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw the main posterior's traces and rank histograms, a row for each parameter.
+
+    Panels: trace and ranks of every parameter in turn (2 axes a parameter).
+    """
+    found = parameters(branch(tree, "posterior"))[:MOST]
+    axes = panels(ax, len(found), 2, height=0.5 + 0.85 * len(found), sharex="col")
+    for (left, right), each in zip(axes, found, strict=True):
+        # Each chain's count in every twentieth of the pooled ranks, over the even count.
+        ranks = np.argsort(np.argsort(each.draws.reshape(-1), kind="stable"), kind="stable")
+        chains = zip(each.draws, ranks.reshape(each.draws.shape), strict=True)
+        for (draws, placed), colour in zip(chains, style.LEVELS * len(each.draws), strict=False):
+            # An image, since lines this dense hide in a vector.
+            left.plot(draws, color=colour, lw=0.4, alpha=0.8, rasterized=True)
+            counts, edges = np.histogram(placed, BINS, (0, ranks.size))
+            right.stairs(counts * BINS / draws.size, edges, color=colour, lw=1.0, baseline=None)
+        left.margins(x=0)
+        left.locator_params(axis="y", nbins=3)
+        left.ticklabel_format(axis="y", useOffset=False)
+        label = textwrap.fill(plain(axis_label(each.symbol, each.unit)), 15)
+        left.set_ylabel(label, rotation=0, ha="right", va="center", labelpad=9, fontsize=8)
+        right.axhline(1.0, color=style.SOFT, lw=0.8, ls="--")
+        right.set(ylim=(0.0, max(2.0, right.get_ylim()[1])), ylabel="share [-]")
+        right.margins(x=0)
+    title(axes[0, 0], "traces, one line a chain")
+    title(axes[0, 1], "ranks, in twentieths of all draws")
+    axes[-1, 0].set_xlabel("draw [-]")
+    axes[-1, 1].set_xlabel("rank among all draws [-]")
+    return axes

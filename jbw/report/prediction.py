@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from jbw.report.curves import verification_curves, verification_groups
+from jbw.report import style
 from jbw.report.loops import verification_loops
 from jbw.report.records import (
     PREDICTIVE_LABEL,
@@ -18,37 +18,23 @@ from jbw.report.records import (
     verification_multisine,
     verification_sweep,
 )
+from jbw.report.responses import verification_curves, verification_groups
 from jbw.report.result import beside, level_text, quantiles, unit_of, unwrapped_band
-from jbw.report.style import (
-    BAND,
-    INK,
-    MODEL,
-    PREDICTIVE,
-    Panels,
-    legend,
-    log_y,
-    panels,
-    plain,
-    shade,
-    title,
-)
-from jbw.report.text import axis_label, unit_text
+from jbw.report.style import Panels, finish, log_y, panels, plain, shade, title
+from jbw.report.text import axis_label
 
-SWEEP = {"measured", "measured_band", "model_band", "predictive_band"}
 # Variables that a figure of the report needs, the group it reads, and the figure.
 FIGURES: tuple[tuple[set[str], str, Callable[..., Panels]], ...] = (
     ({"measured", "error_spectrum"}, "multisine", verification_multisine),
     ({"measured_force", "model_force"}, "loop", verification_loops),
-    (SWEEP, "sweep", verification_sweep),
+    ({"measured", "measured_band", "model_band", "predictive_band"}, "sweep", verification_sweep),
 )
 
 
 def prediction(name: str, dataset: xr.Dataset) -> Panels:
-    """Draw a test's bands, by the figure of the report that shows such a test.
+    """Draw the bands of a test, as `jbw.verification.predict` gives them.
 
-    Args:
-        name: Name of the test.
-        dataset: From `jbw.verification.predict.predict`.
+    The figure is that of the report that shows such a test.
     """
     if "axis" in dataset.attrs:
         return verification_groups(_tree(str(dataset.attrs["kind"]), {name: dataset}))
@@ -88,14 +74,11 @@ def _in_time(name: str, dataset: xr.Dataset) -> Panels:
     draw_record(whole, dataset, count=500)
     draw_record(zoom, near, measured="measured")
     middle = quantiles(near, "model_band")[1]
-    zoom.plot(near["time"], middle, color=MODEL, lw=0.8, ls="--", label="median of the model")
-    for each in axes[0]:
-        each.set_xlabel("time [s]")
+    zoom.plot(near["time"], middle, color=style.MODEL, lw=0.8, ls="--", label="median of the model")
     whole.set_ylabel(response_label(dataset, "model_band"))
-    title(whole, f"{short(plain(name), 32)}", size=8)
+    title(whole, short(plain(name), 32), size=8)
     title(zoom, "at the largest response", size=8)
-    legend(axes, None)
-    return axes
+    return finish(axes, None, "time [s]")
 
 
 def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
@@ -111,11 +94,9 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
             log_y(column[0])
         what = plain(values.attrs.get("long_name", "response"))
         title(column[0], f"{what} at {suffix.removeprefix('_')}ω, {level_text(dataset)}", size=8)
-        unit = unit_text(unit_of(values))
-        column[0].set_ylabel(axis_label("amplitude", unit))
-        column[1].set(xlabel="frequency [Hz]", ylabel="phase [°]")
-    legend(axes, None)
-    return axes
+        column[0].set_ylabel(axis_label("amplitude", unit_of(values)))
+        column[1].set_ylabel("phase [°]")
+    return finish(axes, None, "frequency [Hz]")
 
 
 def _in_degrees(dataset: xr.Dataset, suffix: str) -> xr.Dataset:
@@ -134,8 +115,8 @@ def _harmonic(ax: Axes, dataset: xr.Dataset, variable: str) -> None:
     """Draw one quantity of a harmonic: bands, of a single frequency as bars, and marks."""
     freq = np.asarray(dataset["freq"], float)
     for prefix, colour, label, width in (
-        ("predictive", PREDICTIVE, PREDICTIVE_LABEL, 9.0),
-        ("model", MODEL, BAND, 4.0),
+        ("predictive", style.PREDICTIVE, PREDICTIVE_LABEL, 9.0),
+        ("model", style.MODEL, style.BAND, 4.0),
     ):
         if f"{prefix}_{variable}" not in dataset:
             continue
@@ -144,7 +125,7 @@ def _harmonic(ax: Axes, dataset: xr.Dataset, variable: str) -> None:
             ax.vlines(freq, low, high, color=colour, lw=width, alpha=0.6, label=label)
         else:
             shade(ax, freq, low, high, colour, label, alpha=0.5)
-        ax.plot(freq, middle, color=MODEL, lw=1.0, marker="_" if freq.size == 1 else "")
+        ax.plot(freq, middle, color=style.MODEL, lw=1.0, marker="_" if freq.size == 1 else "")
     if f"measured_{variable}" in dataset:
         measured = np.asarray(dataset[f"measured_{variable}"], float)
-        ax.plot(freq, measured, "o", color=INK, ms=4, mfc="none", label="measured")
+        ax.plot(freq, measured, "o", color=style.INK, ms=4, mfc="none", label="measured")

@@ -10,7 +10,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from jbw.report import style
 from jbw.report.result import fitted_text, frequency, level_text, quantiles, tests, unit_of
-from jbw.report.style import BAND, INK, MODEL, Panels, legend, panels, plain, shade, title
+from jbw.report.style import BAND, INK, MODEL, Panels, finish, panels, plain, shade, title
 from jbw.report.text import axis_label, percent
 
 COLUMNS = 1000  # extremes drawn of a full record: as many as the figure has points across
@@ -22,6 +22,11 @@ BANDS = (
     ("predictive_band", style.PREDICTIVE, PREDICTIVE_LABEL),
     ("measured_band", style.REPEATS, "99 % band of the repeats"),
     ("model_band", MODEL, BAND),
+)
+SPECTRA = (
+    ("measured", INK, "measured"),
+    ("linear_error", style.SKY, "left by a linear oscillator"),
+    ("error", MODEL, "left by the model"),
 )
 Samples = Float[np.ndarray, " time"]
 
@@ -48,17 +53,10 @@ def draw_record(
     less: Samples | float = 0.0,
     count: int | None = None,
     measured: str = "_measured",
-    ticks: int | None = None,
 ) -> None:
-    """Draw a record and whatever bands it has.
+    """Draw a record, by its label `measured`, and whatever bands it has, all `less` a curve.
 
-    Args:
-        ax: Where.
-        part: The record, or a part of it.
-        less: Taken off all of them.
-        count: Stretches of which only the extremes are drawn; None draws point by point.
-        measured: Label of the measured record.
-        ticks: Marks along the time at most.
+    Of so many stretches in `count` only the extremes are drawn; None draws point by point.
     """
     time = np.asarray(part["time"], float)
     for name, colour, label in BANDS:
@@ -72,8 +70,14 @@ def draw_record(
         else:
             shade(ax, *extremes(time, values, values, count), INK, measured, alpha=0.6)
     ax.margins(x=0)
-    if ticks is not None:
-        ax.locator_params(axis="x", nbins=ticks)
+    if count is None:
+        ax.locator_params(axis="x", nbins=4)
+
+
+def draw_outline(ax: Axes, time: Samples, low: Samples, high: Samples, label: str) -> None:
+    """Draw the edges of a band."""
+    ax.plot(time, low, color=MODEL, lw=0.9)
+    ax.plot(time, high, color=MODEL, lw=0.9, label=label)
 
 
 def response_label(test: xr.Dataset, name: str = "measured") -> str:
@@ -109,39 +113,29 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Panels: for each test a row of three (3 axes a test).
     """
-    found = tests(
-        tree, "verification/sweep", "measured", "measured_band", "model_band", "predictive_band"
-    )
+    bands = ("measured_band", "model_band", "predictive_band")
+    found = tests(tree, "verification/sweep", "measured", *bands)
     axes = panels(ax, len(found), 3, height=0.7 + 1.75 * len(found))
     for (whole, zoom, rest), (name, test) in zip(axes, found, strict=True):
-        part = test.isel(time=resonance_slice(np.asarray(test["measured"], float)))
-        _whole_sweep(whole, test)
-        draw_record(zoom, part, ticks=4)
-        draw_record(rest, part, less=quantiles(part, "model_band")[1], ticks=4)
+        time, measured = (np.asarray(test[key], float) for key in ("time", "measured"))
+        repeats = "repeats not fitted" if "fitted" in test.attrs else "repeats"
+        label = f"measured, mean of the {repeats}"
+        shade(whole, *extremes(time, measured, measured), INK, label, alpha=0.75)
+        low, _, high = quantiles(test, "predictive_band")
+        reach = max(3, time.size // 96)
+        shown = slice(None, None, max(1, reach // 4))
+        edges = minimum_filter1d(low, reach)[shown], maximum_filter1d(high, reach)[shown]
+        draw_outline(whole, time[shown], *edges, "outline of the 99 % predictive band")
+        whole.margins(x=0)
+        part = test.isel(time=resonance_slice(measured))
+        draw_record(zoom, part)
+        draw_record(rest, part, less=quantiles(part, "model_band")[1])
         whole.set_ylabel(response_label(test))
         words = (short(plain(name)), level_text(test), fitted_text(test))
         title(whole, ", ".join(filter(None, words)), size=8)
         title(zoom, "at the resonance", size=8)
         title(rest, "less the model's median", size=8)
-    for each in axes[-1]:
-        each.set_xlabel("time [s]")
-    legend(axes, ax)
-    return axes
-
-
-def _whole_sweep(ax: Axes, test: xr.Dataset) -> None:
-    """Draw the record as filled extremes, and the outline of the predictive band."""
-    time, measured = (np.asarray(test[name], float) for name in ("time", "measured"))
-    repeats = "repeats not fitted" if "fitted" in test.attrs else "repeats"
-    label = f"measured, mean of the {repeats}"
-    shade(ax, *extremes(time, measured, measured), INK, label, alpha=0.75)
-    low, _, high = quantiles(test, "predictive_band")
-    reach = max(3, time.size // 96)
-    shown = slice(None, None, max(1, reach // 4))
-    for edge in (minimum_filter1d(low, reach), maximum_filter1d(high, reach)):
-        ax.plot(time[shown], edge[shown], color=MODEL, lw=0.9)
-    ax.lines[-1].set_label("outline of the 99 % predictive band")
-    ax.margins(x=0)
+    return finish(axes, ax, "time [s]")
 
 
 def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -154,37 +148,22 @@ def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
     axes = panels(ax, len(ordered), 3, height=0.7 + 1.5 * len(ordered))
     for (whole, zoom, rest), (name, test) in zip(axes, ordered, strict=True):
         look = {"count": FEWER, "measured": "measured, in the band"}
+        low, middle, high = quantiles(test, "model_band")
         draw_record(whole, test[["measured"]], **look)
-        _outline(whole, test)
-        draw_record(zoom, test.isel(time=_late(np.asarray(test["measured"], float))), ticks=3)
-        draw_record(rest, test, less=quantiles(test, "model_band")[1], **look)
-        for each in (whole, rest):
-            _mark_seen(each, test)
+        edges = extremes(np.asarray(test["time"], float), low, high, FEWER)
+        draw_outline(whole, *edges, "outline of the model")
+        draw_record(zoom, test.isel(time=_late(np.asarray(test["measured"], float))))
+        draw_record(rest, test, less=middle, **look)
+        # Until where a held-out record gave its initial state.
+        seen = float(test.attrs.get("seen_s", 0.0))
+        for each in (whole, rest) if seen > 0 else ():
+            each.axvline(float(test["time"][0]) + seen, color=style.SOFT, lw=0.8, ls="--")
         whole.set_ylabel(response_label(test))
         known = "fitted" if int(test.attrs.get("fitted", 1)) else "held out"
         title(whole, f"{short(plain(name))}, {known}", size=8)
         title(zoom, "some late periods", size=8)
         title(rest, f"left by the model: {percent(test.attrs.get('nrmse'), 2)}", size=8)
-    for each in axes[-1]:
-        each.set_xlabel("time [s]")
-    legend(axes, ax)
-    return axes
-
-
-def _outline(ax: Axes, test: xr.Dataset) -> None:
-    """Draw the outline of the model's band."""
-    low, _, high = quantiles(test, "model_band")
-    at, *edges = extremes(np.asarray(test["time"], float), low, high, FEWER)
-    for edge in edges:
-        ax.plot(at, edge, color=MODEL, lw=0.9)
-    ax.lines[-1].set_label("outline of the model")
-
-
-def _mark_seen(ax: Axes, test: xr.Dataset) -> None:
-    """Mark until where a held-out record gave its initial state."""
-    seen = float(test.attrs.get("seen_s", 0.0))
-    if seen > 0:
-        ax.axvline(float(test["time"][0]) + seen, color=style.SOFT, lw=0.8, ls="--")
+    return finish(axes, ax, "time [s]")
 
 
 def _late(measured: Samples) -> slice:
@@ -204,32 +183,22 @@ def verification_multisine(tree: xr.DataTree, ax: Any = None) -> Panels:
     for (left, right), (name, test) in zip(axes, found, strict=True):
         measured = np.asarray(test["measured"], float)
         largest = test.isel(time=around(measured, length_of(measured, WIDE_PERIODS) // 2))
-        draw_record(left, largest[["measured", "model_band"]], measured="measured", ticks=4)
-        _spectra(right, test)
+        draw_record(left, largest[["measured", "model_band"]], measured="measured")
         left.set(xlabel="time [s]", ylabel=response_label(test))
-        right.set(
-            xlabel="frequency [Hz]", ylabel=axis_label("amplitude", unit_of(test["measured"]))
-        )
         title(left, f"{short(plain(name))}, {fitted_text(test)}", size=8)
+        # Points, since between the lines of a period there is nothing.
+        for kind, colour, label in SPECTRA:
+            if f"{kind}_spectrum" in test:
+                values = np.asarray(test[f"{kind}_spectrum"], float)
+                look = {"color": colour, "ms": 2.5, "label": label, "rasterized": True}
+                right.plot(frequency(test), values, ".", **look)
+        right.set_yscale("log")
+        right.margins(x=0)
+        right.set_xlabel("frequency [Hz]")
+        right.set_ylabel(axis_label("amplitude", unit_of(test["measured"])))
         errors = f"error {percent(test.attrs.get('nrmse'), 2)}"
         for other in ("linear", "cubic"):
             if f"nrmse_{other}" in test.attrs:
                 errors += f", {other} {percent(test.attrs[f'nrmse_{other}'], 2)}"
         title(right, errors, size=8)
-    legend(axes, ax)
-    return axes
-
-
-def _spectra(ax: Axes, test: xr.Dataset) -> None:
-    """Draw the spectra as points, since between the lines of a period there is nothing."""
-    freq = frequency(test)
-    for name, colour, label in (
-        ("measured", INK, "measured"),
-        ("linear_error", style.SKY, "left by a linear oscillator"),
-        ("error", MODEL, "left by the model"),
-    ):
-        if f"{name}_spectrum" in test:
-            values = np.asarray(test[f"{name}_spectrum"], float)
-            ax.plot(freq, values, ".", color=colour, ms=2.5, label=label, rasterized=True)
-    ax.set_yscale("log")
-    ax.margins(x=0)
+    return finish(axes, ax)

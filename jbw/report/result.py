@@ -20,14 +20,8 @@ TURN = 360.0  # degrees
 class Parameter(NamedTuple):
     """The draws of one parameter, with what is known of it.
 
-    Args:
-        name: Its name, with the index of an array's element.
-        symbol: Its symbol, the same.
-        unit: Its unit.
-        meaning: What it is.
-        draws: Draws of every chain.
-        box: Prior interval (lower, upper), or None.
-        truth: The value the rig was built with, or None.
+    Name and symbol carry the index of an array's element; the box is the prior interval (lower,
+    upper), the truth what the rig was built with.
     """
 
     name: str
@@ -45,16 +39,15 @@ def read_result(folder: Path) -> tuple[dict[str, Any], xr.DataTree]:
     Raises:
         DataError: If either file is missing or cannot be read.
     """
-    summary_path, tree_path = folder / "summary.json", folder / "posterior.nc"
-    for path in (summary_path, tree_path):
-        if not path.is_file():
+    for name in ("summary.json", "posterior.nc"):
+        if not (folder / name).is_file():
             raise DataError(
-                f"The folder {folder} has no {path.name}, so there is nothing to report.",
+                f"The folder {folder} has no {name}, so there is nothing to report.",
                 remedy="Give the folder of a finished run, or finish it: jbw resume DIR.",
             )
     try:
-        summary = json.loads(summary_path.read_text(encoding="utf-8"))
-        with xr.open_datatree(tree_path, engine="h5netcdf") as stored:
+        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as stored:
             tree = stored.load()
     except (OSError, ValueError) as cause:
         raise DataError(
@@ -81,8 +74,7 @@ def branch(tree: xr.DataTree, path: str, *needed: str) -> xr.Dataset:
     found = node(tree, path)
     if found is None:
         raise DataError(f"The result has no group /{path.strip('/')}.")
-    missing = [name for name in needed if name not in found.data_vars]
-    if missing:
+    if missing := [name for name in needed if name not in found.data_vars]:
         raise DataError(f"The group /{path.strip('/')} lacks {', '.join(missing)}.")
     return found.to_dataset()
 
@@ -94,10 +86,9 @@ def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Data
         DataError: If there is none, or one lacks a variable `needed`.
     """
     parent = node(tree, path)
-    names = list(parent.children) if parent is not None else []
-    if not names:
+    if parent is None or not parent.children:
         raise DataError(f"The result has no test under /{path.strip('/')}.")
-    found = [(name, branch(tree, f"{path}/{name}", *needed)) for name in names]
+    found = [(name, branch(tree, f"{path}/{name}", *needed)) for name in parent.children]
     return sorted(found, key=lambda test: float(test[1].attrs.get("level", 0.0)))
 
 
@@ -116,30 +107,24 @@ def names_of(tree: xr.DataTree, summary: Mapping[str, Any] | None = None) -> dic
     """Return symbol, unit and meaning of every parameter of a run, by name.
 
     They stand in the attributes of its posteriors; what a run of jbw 0.1 did not write comes from
-    the tables of today.
-
-    Args:
-        tree: The run's posterior.nc.
-        summary: The run's summary.json, which may tell of steps that the tree lacks.
+    the tables of today. The summary may tell of steps that the tree lacks.
     """
     found = {}
     for group in tree.subtree:
         for name, values in group.data_vars.items() if group.name == "posterior" else ():
-            attrs = {"symbol": "", "units": "", "long_name": "", **values.attrs}
-            letter, unit, meaning = (str(attrs[key]) for key in ("symbol", "units", "long_name"))
-            told = Quantity(str(name), letter, in_dialect(unit), meaning)
-            found[told.name] = told if told.symbol else _completed(told)
+            today = None if values.attrs.get("symbol") else quantity(str(name))
+            meaning = str(values.attrs.get("long_name", ""))
+            found[str(name)] = Quantity(
+                str(name),
+                str(values.attrs["symbol"]) if today is None else today.symbol,
+                unit_of(values),
+                meaning if today is None else today.meaning or meaning,
+            )
     for step in ((summary or {}).get("steps") or {}).values():
         for name in step.get("parameters") or ():
             stem = name.partition("[")[0]
             found[stem] = quantity(stem, found)
     return found
-
-
-def _completed(told: Quantity) -> Quantity:
-    """Return a quantity of a run of jbw 0.1 with the symbol that it has today."""
-    table = quantity(told.name)
-    return told._replace(symbol=table.symbol, meaning=table.meaning or told.meaning)
 
 
 def parameters(group: xr.Dataset) -> list[Parameter]:
@@ -151,33 +136,26 @@ def parameters(group: xr.Dataset) -> list[Parameter]:
         flat = np.asarray(values.transpose("chain", "draw", *rest), float)
         flat = flat.reshape(*flat.shape[:2], -1)
         for index in range(flat.shape[2]):
-            label = "".join([str(name), *([_label(values, rest, index)] if rest else [])])
+            label = f"{name}{_place(values, rest, index)}"
             truth, lower, upper = (
                 _element(values.attrs.get(key), index) for key in ("truth", "lower", "upper")
             )
-            found.append(
-                Parameter(
-                    label,
-                    symbol(label, known),
-                    known[str(name)].unit,
-                    known[str(name)].meaning,
-                    flat[:, :, index],
-                    None if lower is None or upper is None else (lower, upper),
-                    truth,
-                )
-            )
+            box = None if lower is None or upper is None else (lower, upper)
+            unit, meaning = known[str(name)].unit, known[str(name)].meaning
+            draws = flat[:, :, index]
+            found.append(Parameter(label, symbol(label, known), unit, meaning, draws, box, truth))
     return found
 
 
-def _label(values: xr.DataArray, rest: list[Any], index: int) -> str:
-    """Return the coordinates of a flat index, as in [0.05]."""
+def _place(values: xr.DataArray, rest: list[Any], index: int) -> str:
+    """Return the coordinates of a flat index, as in [0.05]; nothing of a scalar."""
     place = np.unravel_index(index, [values.sizes[dim] for dim in rest])
     marks = [
         values[dim].values[at] if dim in values.coords else at
         for dim, at in zip(rest, place, strict=True)
     ]
     texts = [str(mark) if isinstance(mark, str) else f"{mark:g}" for mark in marks]
-    return f"[{', '.join(texts)}]"
+    return f"[{', '.join(texts)}]" if texts else ""
 
 
 def _element(value: Any, index: int) -> float | None:
@@ -188,12 +166,9 @@ def _element(value: Any, index: int) -> float | None:
     return float(flat[index if flat.size > 1 else 0])
 
 
-def parameter(tree: xr.DataTree, path: str, name: str) -> Parameter | None:
-    """Return the parameter `name` of the posterior at `path`, or None where it is absent."""
-    group = node(tree, path)
-    if group is None:
-        return None
-    return next((each for each in parameters(group.to_dataset()) if each.name == name), None)
+def parameter(group: xr.Dataset, name: str) -> Parameter | None:
+    """Return the parameter `name` of a posterior group, or None where it is absent."""
+    return next((each for each in parameters(group) if each.name == name), None)
 
 
 def of_joint(group: xr.Dataset) -> list[Parameter]:
@@ -213,15 +188,16 @@ def laws_of(tree: xr.DataTree) -> tuple[str, ...]:
     """Return the laws of the joint by name; a run of jbw 0.1 knew Bouc-Wen's and a cubic spring."""
     if "laws" in tree.attrs:
         return tuple(json.loads(str(tree.attrs["laws"])))
-    return ("bouc_wen", *(["cubic"] if parameter(tree, "posterior", "cubic") else []))
+    main = node(tree, "posterior")
+    return ("bouc_wen", "cubic") if main is not None and "cubic" in main else ("bouc_wen",)
 
 
 def frequency(test: xr.Dataset) -> Float[np.ndarray, " freq"]:
     """Return the frequency axis of a group [Hz]."""
-    name = next((key for key in ("freq", "freq_hz") if key in test.coords), None)
-    if name is None:
-        raise DataError("A group of the result has no frequency axis.")
-    return np.asarray(test[name].values, float)
+    for name in ("freq", "freq_hz"):
+        if name in test.coords:
+            return np.asarray(test[name].values, float)
+    raise DataError("A group of the result has no frequency axis.")
 
 
 def unit_of(values: xr.DataArray) -> str:

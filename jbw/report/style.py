@@ -1,5 +1,6 @@
 """How every figure looks: one palette, one width, units on the axes, no display needed."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib
@@ -44,14 +45,9 @@ RC: Any = {
 
 
 def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) -> Panels:
-    """Return axes in `rows` by `columns`: the given ones, or those of a new figure.
+    """Return axes in `rows` by `columns`: those given, in reading order, or those of a new figure.
 
-    Args:
-        ax: Axes of the caller, in reading order, or None for a figure of our own.
-        rows: Rows of panels.
-        columns: Columns of panels.
-        height: Height of a new figure [in].
-        **layout: Passed to `Figure.subplots` (sharex, width_ratios, ...).
+    `height` is that of a new figure [in]; `layout` goes to `Figure.subplots`.
 
     Raises:
         ConfigError: If the number of axes given is not the number of panels.
@@ -69,7 +65,13 @@ def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) ->
         figure = Figure(figsize=(WIDTH, height), layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False, **layout)
     for each in axes.flat:
-        _dress(each)
+        # The looks of ticks and grid now: matplotlib makes them late, in the caller's style.
+        each.tick_params(which="both", color=SOFT, labelsize=8, labelcolor=INK)
+        each.tick_params(which="major", width=0.7, length=3)
+        each.tick_params(which="minor", width=0.5, length=2)
+        each.grid(True, color=GRID, linewidth=0.6)
+        for axis in (each.xaxis, each.yaxis):
+            axis.get_offset_text().set(fontsize=8, color=INK)
     return axes
 
 
@@ -79,15 +81,8 @@ def stacks(
     """Return all axes, and one stack of `rows` panels for each of `count` tests.
 
     The stacks stand side by side, `across` of them at most, and then go on below, four in two
-    pairs; axes are given and returned row by row.
-
-    Args:
-        ax: Axes of the caller, or None.
-        count: Number of tests.
-        rows: Panels in a stack.
-        height: Height of one line of stacks [in].
-        across: Stacks side by side at most.
-        **layout: Passed to `panels`; `height_ratios` are those of one stack.
+    pairs; axes are given and returned row by row. `height` is that of one line of stacks [in];
+    the `height_ratios` of the layout are those of one stack.
     """
     columns = 2 if count == 4 else min(count, across)
     lines = -(-count // columns)
@@ -99,43 +94,38 @@ def stacks(
         for line in range(lines)
         for column in range(columns)
     ]
-    for spare in found[count:]:
-        for each in spare:
-            each.set_visible(False)
+    for spare in np.ravel(found[count:]):
+        spare.set_visible(False)
     return axes, found[:count]
 
 
-def _dress(ax: Axes) -> None:
-    """Fix the looks of ticks and grid now: matplotlib makes them late, in the caller's style."""
-    ax.tick_params(which="major", labelsize=8, color=SOFT, labelcolor=INK, width=0.7, length=3)
-    ax.tick_params(which="minor", color=SOFT, labelcolor=INK, labelsize=8, width=0.5, length=2)
-    ax.grid(True, color=GRID, linewidth=0.6)
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.get_offset_text().set(fontsize=8, color=INK)
+def finish(axes: Panels, ax: Any, below: str = "", left: str | Sequence[str] = "") -> Panels:
+    """Label the lowest and the leftmost axes, put the legend in its place and return the axes.
 
-
-def legend(axes: Panels, ax: Any) -> None:
-    """Put one legend above the panels of our own figure, or into the caller's first axes."""
+    Stacks of panels have a label at the left for each of theirs. One legend stands above the
+    panels of our own figure, or in the caller's first axes.
+    """
+    labels = [left] * len(axes) if isinstance(left, str) else left
+    for row, each in enumerate(axes):
+        each[0].set_ylabel(labels[row % len(labels)] or each[0].get_ylabel())
+    for each in axes[len(labels) - 1 :: len(labels)].flat:
+        each.set_xlabel(below or each.get_xlabel())
     entries: dict[str, Any] = {}
     for each in axes.flat:
         for handle, label in zip(*each.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     if not entries:
-        return
+        return axes
+    names, handles = list(entries), list(entries.values())
     look = {"frameon": False, "fontsize": 8, "labelcolor": INK, "handlelength": 1.6}
     first = axes.flat[0]
     if ax is not None:
-        first.legend(list(entries.values()), list(entries), **look)
-        return
-    longest = max(len(label) for label in entries)
+        first.legend(handles, names, **look)
+        return axes
     # At 8 points a line of the figure holds some 120 letters; a handle takes seven.
-    first.figure.legend(
-        list(entries.values()),
-        list(entries),
-        loc="outside upper left",
-        ncols=max(1, min(len(entries), 120 // (longest + 7))),
-        **look,
-    )
+    columns = max(1, min(len(names), 120 // (max(map(len, names)) + 7)))
+    first.figure.legend(handles, names, loc="outside upper left", ncols=columns, **look)
+    return axes
 
 
 def title(ax: Axes, text: str, size: float = 9.0) -> None:
@@ -157,6 +147,13 @@ def plain(name: object) -> str:
 
 def shade(ax: Axes, x: Any, lower: Any, upper: Any, colour: str, label: str, **look: Any) -> None:
     """Fill the band between `lower` and `upper`, without an edge."""
-    ax.fill_between(x, lower, upper, **{"color": colour, "alpha": 0.35, "lw": 0, **look}).set_label(
-        label
-    )
+    look = {"color": colour, "alpha": 0.35, "lw": 0, "label": label, **look}
+    ax.fill_between(x, lower, upper, **look)
+
+
+def draw_model(
+    ax: Axes, x: Any, band: Any, label: str = "median of the model", ls: str = "-"
+) -> None:
+    """Draw the model's 99 % band and its median, the band's lower end, median and upper end."""
+    shade(ax, x, band[0], band[2], MODEL, BAND, alpha=0.4)
+    ax.plot(x, band[1], color=MODEL, lw=1.0, ls=ls, label=label)

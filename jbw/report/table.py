@@ -52,14 +52,9 @@ class Column:
 
 
 class Section(NamedTuple):
-    """Rows that belong together.
+    """Rows that belong together, with a name in the terminal and a heading on the page.
 
-    Attributes:
-        rows: The rows.
-        name: What the terminal calls them; empty in a table of one section.
-        heading: What the page calls them.
-        badge: Their status.
-        remark: What else stands in their heading on the page.
+    The badge is their status, the remark what else stands in their heading on the page.
     """
 
     rows: Sequence[Any]
@@ -71,14 +66,10 @@ class Section(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """A table: columns and sections of rows.
+    """A table: a title, columns and sections of rows.
 
-    Attributes:
-        title: What it holds.
-        columns: The columns.
-        sections: The rows, by section.
-        note: What is to be said of all of it, after the columns' meanings.
-        of: What the sections are, such as `step`: a column of the terminal's table.
+    The note is said of all of it, after the columns' meanings; `of` is what the sections are, such
+    as `step`: a column of the terminal's table.
     """
 
     title: str
@@ -121,28 +112,32 @@ def named(heading: str, known: Names) -> Column:
     )
 
 
-def by_sd(heading: str, key: str, meaning: str = "", spared: int = 0) -> Column:
+def words(heading: str, key: str, align: str = "left") -> Column:
+    """A column of texts as they are."""
+    return Column(heading, lambda row: str(row[key]), align=align)
+
+
+def by_sd(heading: str, key: str, **more: Any) -> Column:
     """A column of numbers to the digits of their row's standard deviation."""
-    return Column(heading, lambda row: number(row.get(key), row.get("sd")), meaning, spared=spared)
+    return Column(heading, lambda row: number(row.get(key), row.get("sd")), **more)
 
 
-def digits(heading: str, key: str, count: int = 3, meaning: str = "", spared: int = 0) -> Column:
+def digits(heading: str, key: str, count: int = 3, **more: Any) -> Column:
     """A column of numbers to so many digits of their own."""
-    return Column(heading, lambda row: number(row.get(key), digits=count), meaning, spared=spared)
+    return Column(heading, lambda row: number(row.get(key), digits=count), **more)
 
 
-def shares(heading: str, key: str, meaning: str = "", spared: int = 0) -> Column:
+def shares(heading: str, key: str, missing: str = NOTHING, **more: Any) -> Column:
     """A column of ratios in percent."""
-    return Column(heading, lambda row: percent(row.get(key), digits=2), meaning, spared=spared)
+
+    def share(row: Row) -> str:
+        return percent(row.get(key), digits=2).replace(NOTHING, missing)
+
+    return Column(heading, share, **more)
 
 
 def print_table(screen: Any, shown: Table) -> None:
-    """Print a table with as many columns as the screen has room for.
-
-    Args:
-        screen: A Rich console.
-        shown: The table.
-    """
+    """Print a table on a Rich console, with as many columns as that has room for."""
 
     def width() -> int:
         return screen.measure(made, options=screen.options.update(max_width=10_000)).maximum
@@ -173,16 +168,15 @@ def _rich(shown: Table, spared: int) -> Any:
         made.add_column(Text(column.heading), justify=justify, overflow="fold")
     if shown.of:
         made.add_column("verdict")
-
-    def text(cell: Cell) -> Text:
-        # Text, not markup, and no control characters: names come from files.
-        return Text(printable(cell.typed or typed(cell.text)), MARKS.get(cell.mark, ""))
-
     for section in shown.sections:
         for place, row in enumerate(section.rows):
-            first = place == 0
-            ends = (Cell(section.name), section.badge) if first else (Cell(""), Cell(""))
             cells = [column.cell(row) for column in columns]
-            made.add_row(*map(text, (ends[0], *cells, ends[1]) if shown.of else cells))
+            if shown.of:  # the ends are those of the section's first row
+                name, badge = (section.name, section.badge) if place == 0 else ("", Cell(""))
+                cells = [Cell(name), *cells, badge]
+            # Text, not markup, and no control characters: names come from files.
+            made.add_row(
+                *(Text(printable(c.typed or typed(c.text)), MARKS.get(c.mark, "")) for c in cells)
+            )
         made.add_section()
     return made

@@ -10,10 +10,21 @@ import xarray as xr
 from jbw.errors import DataError
 from jbw.inference.thresholds import BEYOND
 from jbw.report.kernel import source_correction
-from jbw.report.linear import resonance_window
 from jbw.report.loops import BAND_SDS, MILLI, enclosed_areas
+from jbw.report.responses import resonance_window
 from jbw.report.result import branch, frequency, node
-from jbw.report.table import Cell, Column, Section, Table, by_sd, digits, named, shares, table
+from jbw.report.table import (
+    Cell,
+    Column,
+    Section,
+    Table,
+    by_sd,
+    digits,
+    named,
+    shares,
+    table,
+    words,
+)
 from jbw.report.text import NOTHING, Names, number, percent, seconds, step_name, symbol, unit_text
 from jbw.report.words import badge
 
@@ -21,43 +32,47 @@ GOOD_R_HAT, FAR = 1.01, 2.576
 Summary = Mapping[str, Any]
 
 
-def parameters_table(summary: Summary, known: Names) -> Table:
-    """Table 1: every step with its verdict and what it found of every parameter.
+def main_first(summary: Summary) -> list[tuple[str, Summary]]:
+    """The steps, the main one first: it is what the others are held against."""
+    steps = (summary.get("steps") or {}).items()
+    return sorted(steps, key=lambda each: each[0] != summary.get("main"))
 
-    The main step comes first: it is what the others are held against.
-    """
-    main = summary.get("main")
-    steps = sorted((summary.get("steps") or {}).items(), key=lambda each: each[0] != main)
+
+def step_heading(name: str, summary: Summary) -> str:
+    """What a step is called."""
+    return step_name(name) + (" (main result)" if name == summary.get("main") else "")
+
+
+def parameters_table(summary: Summary, known: Names) -> Table:
+    """Table 1: every step with its verdict and what it found of every parameter."""
+    sections = []
+    for name, step in main_first(summary):
+        rows = [{"name": key, **facts} for key, facts in (step.get("parameters") or {}).items()]
+        verdict = Cell(*badge(step["verdict"])) if step.get("verdict") else Cell("")
+        wall = seconds(step.get("wall_time_s")).replace(NOTHING, "")
+        sections.append(Section(rows, name, step_heading(name, summary), verdict, wall))
     away = "distance of the mean from the truth in standard deviations, bold beyond 2.58"
     columns = (
         named("parameter", known),
         Column("unit", _unit, align="unit", only="page"),
-        by_sd("MAP", "map", "highest posterior density", 2),
+        by_sd("MAP", "map", meaning="highest posterior density", spared=2),
         by_sd("mean", "mean"),
-        digits("sd", "sd", 2, "standard deviation"),
-        shares("CV", "cv", "sd over the mean", 3),
+        digits("sd", "sd", 2, meaning="standard deviation"),
+        shares("CV", "cv", meaning="sd over the mean", spared=3),
         Column("99 % interval", _between, only="page"),
-        Column("KL", _gain, "information gained over the prior, in nats", spared=1),
+        to_place("KL", "kl", 0.1, meaning="information gained over the prior, in nats", spared=1),
         Column("ESS\nbulk / tail", _ess, "effective number of draws", only="page"),
-        Column("ESS", lambda row: number(row.get("ess_bulk"), 10.0), spared=6, only="terminal"),
+        to_place("ESS", "ess_bulk", 10.0, spared=6, only="terminal"),
         Column("R-hat", _r_hat, "above 1.01 (bold) the chains disagree"),
         by_sd("truth", "truth", spared=5),
         Column("z", _z, away, spared=4),
     )
-    sections = tuple(_section(name, name == main, step) for name, step in steps)
-    return Table(f"Campaign {summary.get('campaign', '')}", columns, sections, of="step")
+    return Table(f"Campaign {summary.get('campaign', '')}", columns, tuple(sections), of="step")
 
 
-def _section(name: str, main: bool, step: Summary) -> Section:
-    rows = [{"name": key, **facts} for key, facts in (step.get("parameters") or {}).items()]
-    judged = badge(step.get("verdict"))
-    return Section(
-        rows,
-        name,
-        step_name(name) + (" (main result)" if main else ""),
-        Cell(judged.word, judged.kind) if step.get("verdict") else Cell(""),
-        seconds(step.get("wall_time_s")).replace(NOTHING, ""),
-    )
+def to_place(heading: str, key: str, place: float, **more: Any) -> Column:
+    """A column of numbers to the same decimal place."""
+    return Column(heading, lambda row: number(row.get(key), place), **more)
 
 
 def _unit(row: Summary) -> str:
@@ -66,10 +81,6 @@ def _unit(row: Summary) -> str:
 
 def _between(row: Summary) -> str:
     return " to ".join(number(row.get(end), row.get("sd")) for end in ("q005", "q995"))
-
-
-def _gain(row: Summary) -> str:
-    return number(row.get("kl"), 0.1)
 
 
 def _ess(row: Summary) -> str:
@@ -110,19 +121,14 @@ def predictions_table(summary: Summary) -> Table:
     return table(
         "Prediction errors",
         rows,
-        Column("test", lambda row: row["test"], align="left wrap"),
+        words("test", "test", "left wrap"),
         Column("level", level_of),
         Column("used as", _fitted),
         Column("inside the\n99 % predictive band", inside),
-        error_column("error /\nrms of the record", "nrmse"),
-        error_column("the same, best\nlinear oscillator", "nrmse_linear"),
-        error_column("best\ncubic oscillator", "nrmse_cubic"),
+        shares("error /\nrms of the record", "nrmse", ""),
+        shares("the same, best\nlinear oscillator", "nrmse_linear", ""),
+        shares("best\ncubic oscillator", "nrmse_cubic", ""),
     )
-
-
-def error_column(heading: str, key: str) -> Column:
-    """A column of relative errors; empty where none is known."""
-    return Column(heading, lambda row: percent(row.get(key), digits=2).replace(NOTHING, ""))
 
 
 def inside(row: Summary) -> str:
@@ -153,46 +159,44 @@ def _fitted(row: Summary) -> str:
 def routes_table(summary: Summary, known: Names) -> Table:
     """The paper's cut beside the joint posterior, a row a parameter."""
     found = (summary.get("comparison") or {}).get("parameters") or {}
+    facts = [(route, key) for route in ("cut", "joint") for key in ("mean", "sd")]
+    rows = [
+        {"name": name, **row} | {f"{route}_{key}": row[route][key] for route, key in facts}
+        for name, row in found.items()
+    ]
 
-    def of(route: str, key: str) -> Any:
-        if key == "mean":
-            return lambda row: number(row[route]["mean"], row[route]["sd"])
-        return lambda row: number(row[route]["sd"], digits=2)
+    def mean(route: str) -> Column:
+        by = (f"{route}_mean", f"{route}_sd")
+        return Column(f"{route}: mean", lambda row: number(row[by[0]], row[by[1]]))
 
     return table(
         "The paper's cut beside the joint posterior",
-        [{"name": name, **row} for name, row in found.items()],
+        rows,
         named("parameter", known),
-        *(
-            Column(f"{route}: {key}", of(route, key))
-            for route in ("cut", "joint")
-            for key in ("mean", "sd")
-        ),
+        mean("cut"),
+        digits("cut: sd", "cut_sd", 2),
+        mean("joint"),
+        digits("joint: sd", "joint_sd", 2),
         digits("joint sd /\ncut sd", "sd_ratio", 2),
-        Column("cut less joint,\nin joint sds", lambda row: number(row.get("difference"), 1.0)),
+        to_place("cut less joint,\nin joint sds", "difference", 1.0),
     )
 
 
-def loops_table(summary: Summary, tree: xr.DataTree) -> Table:
+def loops_table(tree: xr.DataTree) -> Table:
     """The enclosed areas, a row a test and kind of force."""
     rows = []
     parent = node(tree, "validation/loops")
-    listed = dict.fromkeys(parent.children if parent is not None else ())
-    for name, facts in (listed | (summary.get("loops") or {})).items():
-        stored = node(tree, f"validation/loops/{name}")
-        test = xr.Dataset() if stored is None else stored.to_dataset()
-        own = {key: value for key, value in (facts or {}).items() if key != "level"}
-        test = test.assign_attrs(own)
+    for name, test in parent.children.items() if parent is not None else ():
         for ending, force in (("", "elastic and hysteretic"), ("_viscous", "with viscous")):
-            if (areas := enclosed_areas(test, ending)) is not None:
-                measured, model = (MILLI * np.asarray(each) for each in areas)
+            if (areas := enclosed_areas(test.to_dataset(), ending)) is not None:
+                measured, model = MILLI * areas.measured, MILLI * areas.model
                 sd = (model[2] - model[0]) / BAND_SDS
                 rows.append(dict(test=name, force=force, measured=measured, model=model, sd=sd))
     return table(
         "Areas of the hysteresis loops",
         rows,
-        Column("test", lambda row: row["test"], align="left wrap"),
-        Column("restoring force", lambda row: row["force"]),
+        words("test", "test", "left wrap"),
+        words("restoring force", "force", "right"),
         Column("measured [mJ/kg]", _measured_area),
         Column("model [mJ/kg]\nmedian", lambda row: number(row["model"][1], row["sd"])),
         Column("model [mJ/kg]\n99 % parameter band", lambda row: _interval(row, "model")),
@@ -233,7 +237,6 @@ def checks_table(tree: xr.DataTree, known: Names) -> Table:
 
 
 def _coherence(tree: xr.DataTree) -> list[tuple[str, str, str]]:
-    """The lowest coherence within the resonance."""
     line = branch(tree, "steps/linear", "coherence", "h_magnitude")
     freq = frequency(line)
     low, high = resonance_window(freq, np.asarray(line["h_magnitude"], float), depth=0.3)
@@ -243,7 +246,6 @@ def _coherence(tree: xr.DataTree) -> list[tuple[str, str, str]]:
 
 
 def _spread(tree: xr.DataTree, known: Names) -> list[tuple[str, str, str]]:
-    """The variation of the linear parameters between repeats."""
     facts = branch(tree, "steps/linear").attrs
     text = "between repeats; set it against the standard deviations of Table 1"
     names = [key.removeprefix("cv_") for key in map(str, facts) if key.startswith("cv_")]
@@ -254,7 +256,6 @@ def _spread(tree: xr.DataTree, known: Names) -> list[tuple[str, str, str]]:
 
 
 def _correction(tree: xr.DataTree) -> list[tuple[str, str, str]]:
-    """The largest part of Y(3 omega) that came from the source."""
     largest = percent(np.nanmax(source_correction(tree)), digits=2)
     text = "of Y(3ω), taken out with the measured input"
     return [("largest third harmonic of the source", largest, text)]

@@ -39,14 +39,10 @@ def quantity(name: str, known: Names | None = None) -> Quantity:
         return noise._replace(
             name=name, symbol=name.replace("noise_std_", f"{noise.symbol}, ", 1), unit=""
         )
-    return _of_laws().get(name) or Quantity(name, name, "", "")
+    # The tables of all laws of the joint load JAX: wanted only where a run did not say.
+    from jbw.oscillator.laws import vocabulary
 
-
-def _of_laws() -> dict[str, Quantity]:
-    """Return the tables of all laws of the joint; loaded only where a run did not say."""
-    from jbw.oscillator.laws import vocabulary  # loads JAX
-
-    return vocabulary()
+    return vocabulary().get(name) or Quantity(name, name, "", "")
 
 
 def symbol(name: str, known: Names | None = None) -> str:

@@ -5,7 +5,6 @@ import unicodedata
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from jbw.quantities import Quantity
 from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, symbol
 
 STATUS_WORDS = {
@@ -39,37 +38,36 @@ def badge(verdict: Any) -> Badge:
 
 def findings(verdict: Any, known: Names) -> list[dict[str, Any]]:
     """Return a verdict's findings, the bad ones first; those that ask for the same together."""
-    found = verdict.get("findings", []) if isinstance(verdict, Mapping) else []
     groups: dict[tuple[str, ...], dict[str, Any]] = {}
-    for each in found:
+    for each in verdict.get("findings", []) if isinstance(verdict, Mapping) else []:
         status, action = (str(each.get(name) or "") for name in ("status", "action"))
+        reason, value = (
+            str(each.get("reason") or each.get("code") or ""),
+            number(each.get("number")),
+        )
+        # The reason gets its number where the sentence has none.
+        if value != NOTHING and not any(letter.isdigit() for letter in reason):
+            reason = f"{reason} ({value})"
         # Without an action there is nothing to say once for all of them.
         key = (status, action) if action else (str(len(groups)),)
         group = groups.setdefault(
             key, {"badge": badge(status), "reasons": [], "action": in_symbols(action, known)}
         )
-        group["reasons"].append(_reason(each, known))
+        group["reasons"].append(in_symbols(reason, known))
     return sorted(
         groups.values(), key=lambda each: ("bad", "doubt", "good").index(each["badge"].kind)
     )
 
 
-def _reason(finding: Mapping[str, Any], known: Names) -> str:
-    """Return the reason of a finding, with its number where the sentence has none."""
-    reason = str(finding.get("reason") or finding.get("code") or "")
-    value = number(finding.get("number"))
-    told = value == NOTHING or any(letter.isdigit() for letter in reason)
-    return in_symbols(reason if told else f"{reason} ({value})", known)
-
-
 def in_symbols(text: str, known: Names) -> str:
-    """Return a sentence with parameters as symbols, products as dots and exponents raised.
-
-    Args:
-        text: The sentence, with names as in a campaign.
-        known: The run's quantities.
-    """
-    spelled = {name: each.symbol for name, each in known.items() if _is_letter(each)}
+    """Return a sentence with parameters as symbols, products as dots and exponents raised."""
+    # A name means the quantity alone, as alpha does, or is a word too, as `share` and `cubic`.
+    spelled = {
+        name: each.symbol
+        for name, each in known.items()
+        if "_" in each.name
+        or unicodedata.name(each.symbol[0], "").endswith(f" {each.name.upper()}")
+    }
     spelled |= {name.capitalize(): letter for name, letter in spelled.items()} | SPELLED
     names = "|".join(map(re.escape, sorted(spelled, key=len, reverse=True)))
     letters = "".join({letter[-1] for letter in spelled.values() if not letter.isascii()})
@@ -85,12 +83,6 @@ def in_symbols(text: str, known: Names) -> str:
     return raised(found)
 
 
-def _is_letter(quantity: Quantity) -> bool:
-    """Tell whether a name means the quantity alone, as alpha does, and `share` or `cubic` not."""
-    letter = unicodedata.name(quantity.symbol[0], "")
-    return "_" in quantity.name or letter.endswith(f" {quantity.name.upper()}")
-
-
 def combination(text: str, known: Names) -> str:
     """Return a combination of parameters in symbols: alpha*delta^-1 as α·δ^−1."""
     found = re.sub(r"[A-Za-z_]+", lambda match: symbol(match[0], known), text)
@@ -102,34 +94,25 @@ def identified_words(summary: Mapping[str, Any], known: Names) -> list[str]:
 
     A parameter counts as known up to a standard deviation of 5 % of its mean, roughly up to 30 %;
     one whose draws say less than half a nat more than its prior is the prior's.
-
-    Args:
-        summary: The run's summary.json.
-        known: The run's quantities.
     """
     main = (summary.get("steps") or {}).get(summary.get("main")) or {}
-    groups: dict[str, list[str]] = {"known": [], "roughly": [], "not": [], "prior": []}
+    grades = (
+        "Known, with its standard deviation",
+        "Known roughly",
+        "Hardly known",
+        "Not known, its prior all but unchanged",
+    )
+    groups: dict[str, list[str]] = {grade: [] for grade in grades}
     for name, facts in (main.get("parameters") or {}).items():
         cv, kl = facts.get("cv"), facts.get("kl")
         if name.startswith(UNCOUNTED) or cv is None:
             continue
+        size = abs(cv)
+        grade = 0 if size <= KNOWN else 1 if size <= ROUGHLY else 2
+        if kl is not None and kl < LEARNT:
+            grade = 3
         meaning = quantity(name, known).meaning.partition(",")[0]  # of a product without formula
-        size = percent(abs(cv), digits=2).replace(" ", "\N{NO-BREAK SPACE}")
-        groups[_grade(cv, kl)].append(
-            f"{symbol(name, known)} ({', '.join(filter(None, (size, meaning)))})"
-        )
-    heads = {
-        "known": "Known, with its standard deviation",
-        "roughly": "Known roughly",
-        "not": "Hardly known",
-        "prior": "Not known, its prior all but unchanged",
-    }
-    return [f"{heads[grade]}: {'; '.join(found)}." for grade, found in groups.items() if found]
-
-
-def _grade(cv: float, kl: float | None) -> str:
-    """Return how well a parameter is known."""
-    if kl is not None and kl < LEARNT:
-        return "prior"
-    size = abs(cv)
-    return "known" if size <= KNOWN else "roughly" if size <= ROUGHLY else "not"
+        share = percent(size, digits=2).replace(" ", "\N{NO-BREAK SPACE}")
+        facts_text = ", ".join(filter(None, (share, meaning)))
+        groups[grades[grade]].append(f"{symbol(name, known)} ({facts_text})")
+    return [f"{grade}: {'; '.join(found)}." for grade, found in groups.items() if found]

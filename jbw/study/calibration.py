@@ -19,7 +19,7 @@ from jbw.inference.samplers.register import SAMPLERS, Sampler, options_of
 from jbw.inference.samplers.register import sampler_named as registered
 from jbw.inference.space.box import require_float64
 from jbw.quantities import BY_NAME, attrs_of
-from jbw.report.calibration import rank_ecdfs
+from jbw.report.studies import rank_ecdfs
 from jbw.study import calibration_designs as designs
 from jbw.study import calibration_models as models
 from jbw.study.store import write_figure, write_json

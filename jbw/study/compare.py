@@ -32,7 +32,7 @@ from jbw.inference.samplers.register import SAMPLERS, sampler_named
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import require_float64
 from jbw.inference.space.ridge import along_ridge
-from jbw.report.comparison import comparison
+from jbw.report.studies import comparison
 from jbw.study.store import write_figure, write_json
 
 logger = logging.getLogger("jbw")

@@ -9,8 +9,7 @@ import pytest
 from rich.console import Console
 
 import jbw.cli
-from jbw.cli import run
-from jbw.cli.next_step import next_command
+from jbw.cli import next_command, run
 from jbw.cli.running import print_summary
 from jbw.errors import ModelError, RunError
 from jbw.measurement.files.hdf5 import write_hdf5

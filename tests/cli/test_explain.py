@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from jbw.cli import run
-from jbw.cli.explain import pages
+from jbw.cli.about import pages
 
 PACKAGE = Path(__file__).parents[2] / "jbw"
 JUDGES = (

@@ -21,7 +21,7 @@ CAMPAIGNS = sorted((Path(jbw.__file__).parents[1] / "notebooks" / "campaigns").g
 def schemas():
     from click.testing import CliRunner
 
-    from jbw.cli.schema import schema
+    from jbw.cli.about import schema
 
     found = {
         name: json.loads(CliRunner().invoke(schema, [name]).stdout) for name in ("campaign", "plan")

@@ -94,7 +94,7 @@ def test_the_page_fits_every_window(tree, summary, tmp_path):
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
 def test_the_interactive_page_draws_every_chart(tree, tmp_path):
     pytest.importorskip("plotly")
-    from jbw.report.interactive import write_interactive
+    from jbw.report.page import write_interactive
 
     path = tmp_path / "interactive.html"
     hostile = tree.copy()

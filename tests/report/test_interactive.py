@@ -9,11 +9,11 @@ import pytest
 import xarray as xr
 from click.testing import CliRunner
 
-from jbw.cli.report import report
+from jbw.cli.result import report
 from jbw.errors import ConfigError, DataError
-from jbw.report import interactive
+from jbw.report import page
 from jbw.report.charts import band, charts_of, line
-from jbw.report.interactive import render_interactive, write_interactive
+from jbw.report.page import render_interactive, write_interactive
 
 HOSTILE = "</script><script>alert(1)</script> & <a href='javascript:x'>"
 
@@ -105,7 +105,7 @@ def test_without_plotly_there_is_a_remedy(few, monkeypatch):
 def test_a_failed_page_leaves_the_old_one(few, tmp_path, monkeypatch):
     path = tmp_path / "interactive.html"
     path.write_text("old")
-    monkeypatch.setattr(interactive, "render_interactive", lambda *_: "\ud800")
+    monkeypatch.setattr(page, "render_interactive", lambda *_: "\ud800")
     with pytest.raises(UnicodeEncodeError):
         write_interactive(few, path)
     assert path.read_text() == "old"

@@ -6,11 +6,10 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from jbw.errors import DataError
-from jbw.report.backbone import backbone, length_unit, steady_loops
+from jbw.report.diagrams import oscillator, procedure
+from jbw.report.loops import backbone, length_unit, steady_loops
 from jbw.report.prediction import prediction
-from jbw.report.procedure import procedure
 from jbw.report.result import beside, unwrapped_band
-from jbw.report.schematic import oscillator
 
 
 def texts(ax):

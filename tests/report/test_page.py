@@ -10,7 +10,7 @@ import xarray as xr
 from click.testing import CliRunner
 from toy_summary import result_summary
 
-from jbw.cli.report import report
+from jbw.cli.result import report
 from jbw.errors import RunError
 from jbw.report.figures import FIGURE_LIST
 from jbw.report.page import render_page, write_page
@@ -167,10 +167,9 @@ def test_the_loops_areas_stand_beside_each_other(tree, summary):
     # pi * 0.12 * 4 mm * 500 1/s^2 * 4 mm = 3.016 mJ/kg: the toy's ellipse.
     assert "3.016 (2.986 to 3.046)" in text
     assert "with viscous" in text
-    # The same in attributes, out of the band and without a band of their own.
-    facts = {"measured_area": 9.0, "model_area_lower": 1.0, "model_area_median": 2.0}
-    summary["loops"] = {"other": facts | {"model_area_upper": 3.0}}
-    shown = loops_table(summary, xr.DataTree())
+    # Out of the band and without a band of their own.
+    areas = {"measured_area": 9.0, "model_area": ("quantile", [1.0, 2.0, 3.0])}
+    shown = loops_table(xr.DataTree.from_dict({"/validation/loops/other": xr.Dataset(areas)}))
     told = {column.heading: column.cell(row).text for row in shown.rows for column in shown.columns}
     assert told["test"] == "other"
     assert told["measured [mJ/kg]"] == "9000"

@@ -16,7 +16,7 @@ from jbw.errors import ConfigError
 from jbw.identification.posteriors import Posterior, posterior_of
 from jbw.inference.fit.fitting import fit
 from jbw.inference.space.box import box
-from jbw.report.comparison import comparison, effective_rates, means
+from jbw.report.studies import comparison, effective_rates, means
 from jbw.study.compare import side_by_side, suited
 
 MEAN, SD = np.array([0.3, -0.2]), np.array([0.05, 0.1])

@@ -1,0 +1,75 @@
+"""What jbw says of itself: findings explained, JSON Schemas, completion in a shell."""
+
+import json
+from difflib import get_close_matches
+from importlib.resources import files
+
+import click
+from click.shell_completion import get_completion_class
+
+from jbw.cli.options import json_option
+
+
+def pages() -> dict[str, str]:
+    """Code of a finding to what it means."""
+    text = (files("jbw.cli") / "explanations.md").read_text(encoding="utf-8")
+    sections = [section.partition("\n") for section in text.split("\n## ")[1:]]
+    return {code.strip(): page.strip() for code, _, page in sections}
+
+
+def _codes(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    return [code for code in pages() if code.startswith(incomplete)]
+
+
+@click.command()
+@click.argument("code", required=False, shell_complete=_codes)
+@json_option
+def explain(code: str | None, json_: bool) -> None:
+    """Say what a finding of the verdict means, what it looks at, and what to do.
+
+    Without CODE, all findings by name.
+    """
+    known = pages()
+    if code is not None and code not in known:
+        nearest = get_close_matches(code, known, n=1)
+        guess = f" Did you mean '{nearest[0]}'?" if nearest else ""
+        raise click.UsageError(f"No finding is called '{code}'.{guess} All: jbw explain")
+    if json_:
+        asked = known if code is None else {code: known[code]}
+        click.echo(json.dumps(asked, indent=1, ensure_ascii=False))
+    else:
+        click.echo("\n".join(known) if code is None else f"{code}\n\n{known[code]}")
+
+
+@click.command()
+@click.argument("file", type=click.Choice(["campaign", "plan"]), default="campaign")
+@click.option("--json", is_flag=True, expose_value=False, help="Print JSON, as without it.")
+def schema(file: str) -> None:
+    """Print the JSON Schema of a campaign file, or of a plan file.
+
+    An editor that knows JSON Schema for TOML then completes keys, shows what they mean and marks
+    what is wrong: write `jbw schema > campaign.schema.json`, and as the file's first line
+    `#:schema campaign.schema.json` (Even Better TOML, taplo, tombi).
+    """
+    from jbw.campaign.document import json_schema
+    from jbw.campaign.schema import CampaignFile
+    from jbw.planning.description import plan_file
+
+    model = plan_file() if file == "plan" else CampaignFile
+    click.echo(json.dumps(json_schema(model), indent=1, ensure_ascii=False))
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print what makes SHELL complete the commands and options of jbw.
+
+    Put `eval "$(jbw completion bash)"` into ~/.bashrc, the same with zsh into ~/.zshrc, or write
+    what it prints for fish to ~/.config/fish/completions/jbw.fish.
+    """
+    from jbw.cli import cli
+
+    found = get_completion_class(shell)
+    if found is None:  # Click knows all three
+        raise click.UsageError(f"Click completes nothing in {shell}.")
+    click.echo(found(cli, {}, "jbw", "_JBW_COMPLETE").source())

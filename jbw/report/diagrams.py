@@ -1,0 +1,273 @@
+"""The oscillator and the procedure as drawings, with the run's own numbers."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.patches import FancyBboxPatch, Rectangle
+
+from jbw.errors import DataError
+from jbw.report import style
+from jbw.report.loops import BACKBONE, draw_loops, enclosed_areas
+from jbw.report.result import (
+    Parameter,
+    branch,
+    laws_of,
+    node,
+    of_joint,
+    of_law,
+    parameters,
+    verified,
+)
+from jbw.report.style import INK, SOFT, VERMILLION, Panels, finish, panels, plain, title
+from jbw.report.text import NOTHING, number, percent, quantity, spread_text
+
+# Of a law with memory: the stiffness that it takes over from the spring, and the rate of its force.
+RATES = {"bouc_wen": ("α", "Ż = α ẏ − γ |ẏ| Z − δ ẏ |Z|")}
+SPRINGS = {"cubic": "λ₃ y³"}
+MOST = 6  # parameters that have room below the drawing
+WALL, MASS, RIGHT = 0.6, 4.6, 7.0  # abscissae of the drawing
+SPRING, DAMPER, HYSTERESIS = 9.6, 8.2, 6.8  # ordinates of its elements
+STROKE: Any = {"color": INK, "lw": 1.2, "solid_capstyle": "round"}
+ARROW: Any = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0}
+
+SAMPLERS = {"nuts": "NUTS", "paper": "paper's walk", "walk": "tuned walk"}
+COLOURS = {"ok": style.GREEN, "failed": VERMILLION, "not assessed": INK}
+LINE = 0.17  # height of a line of text [in]
+PAD, GAP = 0.1, 0.2  # above and below the text of a box, and between boxes [in]
+
+
+def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw mass, spring, damper and hysteretic element with the numbers of the main posterior.
+
+    Numbers are medians with half of their 99 % intervals.
+
+    Panels: the schematic; the loops of the hysteretic element where the run keeps them (2 axes).
+
+    Reference:
+        Eqs. (1), (2).
+    """
+    stored = node(tree, "posterior")
+    found = [] if stored is None else of_joint(stored.to_dataset())
+    if not found:
+        raise DataError("The result has no posterior of the joint.")
+    loops = node(tree, BACKBONE) is not None
+    axes = panels(ax, 1, 2 if loops else 1, height=3.9, width_ratios=[1.25, 1][: 1 + loops])
+    left: Axes = axes[0, 0]
+    left.set(xlim=(0.0, 10.0), ylim=(-0.3, 11.4))
+    left.axis("off")
+    memory = [law for law in laws_of(tree) if law not in SPRINGS]
+    taken, rate = RATES.get(memory[0], ("K", f"Z: {plain(memory[0])}")) if memory else ("", "")
+    stiffness = f"ωₙ² − {taken}" if taken else "ωₙ²"
+    _elements(left, stiffness, hysteretic=bool(memory))
+    terms = ["ÿ + 2ζωₙ ẏ", f"({stiffness}) y" if taken else "ωₙ² y"]
+    terms += [SPRINGS[law] for law in laws_of(tree) if law in SPRINGS] + ["Z"] * bool(memory)
+    _write(left, 0.2, 4.95, f"{' + '.join(terms)} = u", ha="left")
+    _write(left, 0.2, 4.1, rate, ha="left", color=VERMILLION)
+    for row, each in enumerate(found[:MOST]):
+        y = 3.0 - 0.6 * row
+        _write(left, 0.2, y, plain(each.symbol), ha="left", size=8)
+        _write(left, 1.2, y, spread_text(each.draws, each.unit), ha="left", size=8)
+        _write(left, 9.9, y, plain(each.meaning), ha="right", size=7, color=SOFT)
+    title(left, "one mode, per unit mass")
+    if loops:
+        draw_loops(tree, axes[0, 1])
+        title(axes[0, 1], "what slip does to the hysteretic force")
+        finish(axes[:, 1:], ax)
+    return axes
+
+
+def _elements(ax: Axes, stiffness: str, *, hysteretic: bool) -> None:
+    """Draw a wall, the elements side by side, the mass, force and motion."""
+    ax.plot([WALL, WALL], [6.0, 10.4], **STROKE)
+    for y in np.arange(6.2, 10.5, 0.5):
+        ax.plot([WALL - 0.35, WALL], [y - 0.35, y], color=SOFT, lw=0.8)
+    ax.add_patch(Rectangle((MASS, 6.0), RIGHT - MASS, 4.4, fc="none", ec=INK, lw=1.2))
+    _write(ax, (MASS + RIGHT) / 2, 8.2, "unit\nmass")
+    # The spring that stays when the joint slips.
+    coil = np.array([0.0, 0.0, *([0.28, -0.28] * 5), 0.0, 0.0])
+    x = np.concatenate([[WALL], np.linspace(1.5, 3.7, coil.size - 2), [MASS]])
+    ax.plot(x, SPRING + coil, **STROKE)
+    _write(ax, 2.6, SPRING + 0.65, stiffness)
+    # The dashpot.
+    ax.plot([WALL, 2.4], [DAMPER, DAMPER], **STROKE)
+    ax.plot([2.4, 2.4], [DAMPER - 0.22, DAMPER + 0.22], **STROKE)
+    ax.plot([2.0, 2.9, 2.9, 2.0], DAMPER + np.array([0.34, 0.34, -0.34, -0.34]), **STROKE)
+    ax.plot([2.9, MASS], [DAMPER, DAMPER], **STROKE)
+    _write(ax, 3.75, DAMPER + 0.38, "2ζωₙ")
+    if hysteretic:  # a box with a loop
+        stroke = {**STROKE, "color": VERMILLION}
+        ax.plot([WALL, 1.9], [HYSTERESIS, HYSTERESIS], **stroke)
+        ax.plot([3.3, MASS], [HYSTERESIS, HYSTERESIS], **stroke)
+        ax.add_patch(Rectangle((1.9, HYSTERESIS - 0.5), 1.4, 1.0, fc="none", ec=VERMILLION, lw=1.2))
+        angle = np.linspace(0, 2 * np.pi, 120)
+        y = np.cos(angle)
+        force = y - 0.25 * np.sin(angle) * (1 - 0.4 * y**2)
+        ax.plot(2.6 + 0.5 * y, HYSTERESIS + 0.32 * force, color=VERMILLION, lw=1.0)
+        _write(ax, 3.95, HYSTERESIS + 0.38, "Z", color=VERMILLION)
+    for y, text, colour in ((8.9, "u(t)", style.BLUE), (7.3, "y(t)", SOFT)):
+        look = {**ARROW, "color": colour, "lw": 1.2}
+        ax.annotate("", (RIGHT + 1.3, y), (RIGHT, y), arrowprops=look)
+        _write(ax, RIGHT + 1.45, y, text, ha="left", color=colour)
+
+
+def _write(ax: Axes, x: float, y: float, text: str, size: float = 9.0, **look: Any) -> None:
+    ax.text(x, y, text, fontsize=size, **{"ha": "center", "va": "center", "color": INK, **look})
+
+
+class Outcome(NamedTuple):
+    """What one sampler of a step came to: who, its verdict, what it found, how it mixed."""
+
+    words: str
+    mixing: str = ""
+    who: str = ""
+    status: str = ""
+
+
+class Box(NamedTuple):
+    """One step of the procedure; without outcomes it was left out."""
+
+    name: str
+    does: str
+    outcomes: list[Outcome]
+
+
+def _lines(outcome: Outcome) -> int:
+    return 1 + outcome.words.count("\n")
+
+
+def _height(box: Box) -> float:
+    """Return the height of a box [in]: two lines for its name, one where it was left out."""
+    lines = max(2, sum(map(_lines, box.outcomes))) if box.outcomes else 1
+    return 2 * PAD + LINE * lines
+
+
+def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
+    """Draw the steps as boxes from top to bottom, filled with the run's own numbers.
+
+    Reference:
+        Fig. 2.
+    """
+    facts = branch(tree, "procedure", "verdict", "ess", "r_hat")
+    boxes = [
+        Box("Step 2", "linear regime,\nline fit", _line_fit(tree)),
+        Box("Step 3", "third-order kernel\nH₃", _sampled(tree, facts, "third_order_")),
+        Box("Step 4", "opening of the loop,\nγ alone", _sampled(tree, facts, "opening_")),
+        Box("Joint", "all parameters\ntogether", _main(tree, facts)),
+        Box("Verification", "responses,\nfitted and not", _verified(tree)),
+        Box("Validation", "hysteresis loops,\nenclosed areas", _validated(tree)),
+    ]
+    total = sum(map(_height, boxes)) + GAP * (len(boxes) - 1)
+    only: Axes = panels(ax, 1, 1, height=total + 0.1)[0, 0]
+    only.set(xlim=(0.0, 10.0), ylim=(-total - 0.02, 0.02))
+    only.axis("off")
+    top = 0.0
+    for each in boxes:
+        _draw(only, each, top)
+        top -= _height(each) + GAP
+        if each is not boxes[-1]:
+            look = {**ARROW, "color": SOFT, "lw": 1.0}
+            only.annotate("", (1.0, top), (1.0, top + GAP), arrowprops=look)
+    return only
+
+
+def _draw(ax: Axes, box: Box, top: float) -> None:
+    """Draw a box, its step at the left, its outcomes line by line."""
+    edge, dashes, does = (INK, "-", box.does)
+    if not box.outcomes:
+        edge, dashes, does = (SOFT, "--", box.does.replace("\n", " "))
+    shape: dict[str, Any] = {"boxstyle": "round,pad=0,rounding_size=0.06", "fc": "none", "ec": edge}
+    corner, height = (0.03, top - _height(box)), _height(box)
+    ax.add_patch(FancyBboxPatch(corner, 9.94, height, lw=0.8, ls=dashes, **shape))
+    y = top - PAD
+    ax.text(0.2, y, box.name, va="top", fontsize=9, color=edge, weight="bold")
+    look: dict[str, Any] = {"va": "top", "fontsize": 8, "linespacing": 1.5}
+    ax.text(1.7, y, does, color=SOFT, **look)
+    if not box.outcomes:
+        ax.text(9.85, y, "left out: no such tests", color=SOFT, ha="right", **look)
+    for each in box.outcomes:
+        words = f"{each.who}: {each.words}" if each.who else each.words
+        ax.text(3.6, y, words, color=INK, **look)
+        ax.text(8.7, y, each.mixing, color=SOFT, ha="right", **look)
+        colour = COLOURS.get(each.status, SOFT)
+        ax.text(9.85, y, each.status, color=colour, ha="right", **look)
+        y -= LINE * _lines(each)
+
+
+def _line_fit(tree: xr.DataTree) -> list[Outcome]:
+    """Return what the line fit found."""
+    step = node(tree, "steps/linear")
+    if step is None or "pooled_omega_n" not in step.attrs:
+        return []
+    hertz = float(step.attrs["pooled_omega_n"]) / (2 * np.pi)
+    words = f"fₙ = {number(hertz, digits=5)} Hz"
+    if "pooled_zeta" in step.attrs:
+        words += f", ζ = {percent(step.attrs['pooled_zeta'])}"
+    repeats = step.sizes.get("repeat", 0)
+    return [Outcome(words, f"{repeats} repeats" if repeats else "")]
+
+
+def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[Outcome]:
+    """Return what every sampler of a step found of the law: its parameter, or their product."""
+    return [
+        _outcome(facts, f"{step}{name}", [_product(of_law(group.to_dataset()))], called)
+        for name, called in SAMPLERS.items()
+        if f"{step}{name}" in facts["step"].values
+        and (group := node(tree, f"steps/{step}{name}/posterior")) is not None
+    ]
+
+
+def _product(found: list[Parameter]) -> str:
+    """Return what is known of the product of parameters, which is all that weak motion knows."""
+    whole = quantity("_".join(each.name for each in found))
+    draws = np.prod([each.draws for each in found], axis=0)
+    return f"{whole.symbol} = {spread_text(draws, whole.unit)}"
+
+
+def _main(tree: xr.DataTree, facts: xr.Dataset) -> list[Outcome]:
+    """Return the main posterior's numbers, two in a line, and below them how it mixed."""
+    stored = parameters(branch(tree, "posterior"))
+    kept = [each for each in stored if "[" not in each.name and each.name != "gain"]
+    texts = [f"{each.symbol} = {spread_text(each.draws, each.unit)}" for each in kept]
+    found = _outcome(facts, str(facts.attrs["main"]), texts, "")
+    words = "\n".join(filter(None, (found.words, found.mixing)))
+    return [found._replace(words=words, mixing="")]
+
+
+def _outcome(facts: xr.Dataset, name: str, texts: list[str], who: str) -> Outcome:
+    """Return one posterior's quantities and verdict."""
+    row = facts.sel(step=name)
+    lines = [",  ".join(texts[i : i + 2]) for i in range(0, len(texts), 2)]
+    ess, r_hat = number(row["ess"], 10.0), number(row["r_hat"], 0.1)
+    mixing = "" if ess == NOTHING else f"ESS {ess}, R-hat {r_hat}"
+    return Outcome("\n".join(lines), mixing, who, str(row["verdict"].item()))
+
+
+def _verified(tree: xr.DataTree) -> list[Outcome]:
+    """Return the errors of all tests, those that were fitted and those that were not."""
+    errors: dict[bool, list[float]] = {True: [], False: []}
+    for _, _, test in verified(tree, "nrmse"):
+        errors[bool(test.attrs.get("fitted", 1))].append(float(test.attrs["nrmse"]))
+    outcomes = []
+    for fitted, found in errors.items():
+        if found:
+            least, most = percent(min(found), digits=2), percent(max(found), digits=2)
+            reach = f"{least} of the record's" if least == most else f"{least} to {most} of the"
+            who = f"{len(found)} {'fitted' if fitted else 'not fitted'}"
+            outcomes.append(Outcome(f"error {reach} rms", who=who))
+    return outcomes
+
+
+def _validated(tree: xr.DataTree) -> list[Outcome]:
+    """Return how far the areas of the loops are from the measured ones."""
+    parent = node(tree, "validation/loops")
+    ratios = [
+        areas.model[1] / areas.measured[1]
+        for test in (parent.children.values() if parent is not None else ())
+        if (areas := enclosed_areas(test.to_dataset())) is not None and areas.measured[1]
+    ]
+    if not ratios:
+        return []
+    largest = percent(max(abs(ratio - 1.0) for ratio in ratios), digits=2)
+    return [Outcome(f"{len(ratios)} loops, areas of the model within {largest}")]

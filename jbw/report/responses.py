@@ -1,0 +1,254 @@
+"""Frequency responses and response curves: the linear regime, and what rises with the level."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+
+from jbw.errors import DataError
+from jbw.report import style
+from jbw.report.records import BANDS, short
+from jbw.report.result import (
+    beside,
+    branch,
+    fitted_text,
+    frequency,
+    level_text,
+    quantiles,
+    tests,
+    unit_of,
+    unwrapped_band,
+    verified,
+    wrap_band,
+    wrap_degrees,
+)
+from jbw.report.style import INK, LEVELS, MODEL, Panels, finish, log_y, panels, plain, stacks, title
+from jbw.report.text import axis_label, number
+
+MOST_MARKS = 60  # measured points drawn on a curve, so that the model behind them stays visible
+Curve = Float[np.ndarray, " freq"]
+Family = list[tuple[str, xr.Dataset]]
+
+
+def resonance_window(freq: Curve, magnitude: Curve, depth: float = 0.08) -> tuple[float, float]:
+    """Return the frequencies [Hz] around the peak where the magnitude exceeds `depth` of it."""
+    peak = int(np.nanargmax(magnitude))
+    above = magnitude > depth * magnitude[peak]
+    left = peak - int(np.argmin(above[peak::-1])) if not above[: peak + 1].all() else 0
+    right = peak + int(np.argmin(above[peak:])) if not above[peak:].all() else freq.size - 1
+    return float(freq[left]), float(freq[right])
+
+
+def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw the linear FRF, its line fit and its coherence; right, the resonance alone.
+
+    Panels, in reading order: magnitude, phase, coherence, each full and zoomed (6 axes).
+    """
+    needed = ("h_magnitude", "h_phase", "coherence", "fit_magnitude", "fit_phase")
+    line = branch(tree, "steps/linear", *needed)
+    freq, magnitude = frequency(line), np.asarray(line["h_magnitude"], float)
+    peak = freq[int(np.nanargmax(magnitude))]
+    wide = (max(freq[0], peak / 6.0), min(freq[-1], 3.0 * peak))
+    near = resonance_window(freq, magnitude, depth=0.25)
+    axes = panels(ax, 3, 2, height=5.4, sharex="col", sharey="row", height_ratios=[2, 1.3, 1])
+    for column, (low, high), marks, label in (
+        (axes[:, 0], wide, {"lw": 0.7}, "measured, pooled over the repeats"),
+        (axes[:, 1], near, {"marker": ".", "ms": 2.5, "lw": 0}, None),
+    ):
+        shown = (freq >= low) & (freq <= high)
+        part = line.isel({line["h_magnitude"].dims[0]: shown})
+        measured = {"color": INK, **marks}
+        # The measured points lie on the fit, so the fit is the wider of the two and below.
+        fit = {"color": MODEL, "lw": 3.0, "alpha": 0.6, "zorder": 1.5}
+        column[0].plot(freq[shown], part["h_magnitude"], label=label, **measured)
+        column[0].plot(freq[shown], part["fit_magnitude"], label="line fit", **fit)
+        column[1].plot(freq[shown], wrap_degrees(part["h_phase"]), **measured)
+        column[1].plot(freq[shown], wrap_degrees(part["fit_phase"]), **fit)
+        column[2].plot(freq[shown], part["coherence"], **measured)
+        column[2].set_xlim(low, high)
+    axes[0, 0].set_yscale("log")
+    axes[1, 0].set_yticks([-180, -90, 0])
+    axes[2, 0].set_ylim(0.0, 1.05)
+    title(axes[0, 0], "around the mode")
+    title(axes[0, 1], "at the resonance")
+    receptance = axis_label("receptance", unit_of(line["h_magnitude"]))
+    return finish(axes, ax, "frequency [Hz]", (receptance, "phase [°]", "coherence [-]"))
+
+
+def softening(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
+    """Draw the measured FRF magnitude of every level around the resonance, its peak marked."""
+    found = tests(tree, "verification/frf", "measured_magnitude")
+    axes = panels(ax, 1, 1, height=3.3)
+    only: Axes = axes[0, 0]
+    lines = [(frequency(test), _mean_magnitude(test)) for _, test in found]
+    lows, highs = zip(*(resonance_window(*line) for line in lines), strict=True)
+    low, high = min(lows), max(highs)
+    for (_, test), line, colour in zip(found, lines, LEVELS * len(found), strict=False):
+        shown = (line[0] >= low) & (line[0] <= high)
+        freq, magnitude = (each[shown] for each in line)
+        peak = int(np.nanargmax(magnitude))
+        label = f"{_level_and_kind(test)}, peak at {number(freq[peak], digits=4)} Hz"
+        only.plot(freq, magnitude, color=colour, lw=1.1, label=label)
+        only.plot(freq[peak], magnitude[peak], "v", color=colour, ms=5)
+    log_y(only)
+    only.set_xlim(low, high)
+    unit = unit_of(found[0][1]["measured_magnitude"])
+    return finish(axes, ax, "frequency [Hz]", axis_label("receptance", unit))[0, 0]
+
+
+def _mean_magnitude(test: xr.Dataset) -> Curve:
+    """Return the magnitude averaged over the repeats."""
+    return np.asarray(test["measured_magnitude"].mean("repeat"), float)
+
+
+def _level_and_kind(test: xr.Dataset) -> str:
+    return f"{level_text(test)} {plain(test.attrs.get('kind', ''))}"
+
+
+def verification_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw measured FRFs with the range of their repeats against the model's 99 % band.
+
+    Panels: for each test a column of magnitude, phase, and magnitude over the model's median
+    (3 axes a test, row by row).
+    """
+    needed = ("measured_magnitude", "measured_phase", "model_magnitude", "model_phase")
+    found = tests(tree, "verification/frf", *needed)
+    axes, stack = stacks(ax, len(found), 3, height=5.0, height_ratios=[2, 1, 1.2])
+    for column, (_, test) in zip(stack, found, strict=True):
+        _frf_column(column, test)
+    unit = unit_of(found[0][1]["measured_magnitude"])
+    labels = (axis_label("receptance", unit), "phase [°]", "over median [-]")
+    return finish(axes, ax, "frequency [Hz]", labels)
+
+
+def _frf_column(column: Panels, test: xr.Dataset) -> None:
+    """Draw one test around its resonance: magnitude, phase, and magnitude over the median."""
+    freq = frequency(test)
+    low, high = resonance_window(freq, _mean_magnitude(test), depth=0.05)
+    shown = (freq >= low) & (freq <= high)
+    dim = next(name for name in test["model_magnitude"].dims if name != "quantile")
+    freq, test = freq[shown], test.isel({dim: shown})
+    magnitude = np.asarray(test["measured_magnitude"].transpose("repeat", ...), float)
+    phase = np.asarray(test["measured_phase"].transpose("repeat", ...), float)
+    band = quantiles(test, "model_magnitude")
+    turned = wrap_band(quantiles(test, "model_phase"))
+    for each, repeats, model in (
+        (column[0], magnitude, band),
+        (column[1], beside(phase, turned[1]), turned),
+        (column[2], magnitude / band[1], band / band[1]),
+    ):
+        if len(repeats) > 1:
+            reach = (repeats.min(axis=0), repeats.max(axis=0))
+            style.shade(each, freq, *reach, style.REPEATS, "range of all repeats", alpha=0.5)
+        each.plot(freq, repeats.mean(axis=0), color=INK, lw=0.8, label="mean of the repeats")
+        style.draw_model(each, freq, model, ls="--")
+        each.margins(x=0)
+    log_y(column[0])
+    column[1].set(ylim=(-230, 50), yticks=[-180, -90, 0])
+    title(column[0], ", ".join(filter(None, (_level_and_kind(test), fitted_text(test)))))
+
+
+def verification_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw harmonics over frequency, a colour a level, against the model's 99 % bands.
+
+    Panels: a column for each measured quantity and harmonic; magnitude, phase, and the distance
+    of both together from the model's median over the curve's peak (3 axes a column, row by row).
+    """
+    columns = _columns(tests(tree, "verification/curve", "measured_magnitude", "model_magnitude"))
+    axes, stack = stacks(ax, len(columns), 3, height=5.4, height_ratios=[2, 1.3, 1])
+    levels = {
+        level_text(test): float(test.attrs.get("level", 0.0))
+        for _, family in columns
+        for _, test in family
+    }
+    ordered = sorted(levels, key=lambda text: levels[text])
+    colours = dict(zip(ordered, level_colours(len(ordered)), strict=True))
+    for column, (suffix, family) in zip(stack, columns, strict=True):
+        for _, test in family:
+            _curve(column, test, suffix, colours[level_text(test)])
+        test = family[0][1]
+        values = test[f"measured_magnitude{suffix}"]
+        what = plain(values.attrs.get("long_name", "response"))
+        kind = plain(test.attrs.get("kind", ""))
+        title(column[0], f"{what} at {suffix.removeprefix('_')}ω, {kind}".removesuffix(", "))
+        log_y(column[0])
+        column[0].set_ylabel(axis_label("amplitude", unit_of(values)))
+    return finish(axes, ax, "frequency [Hz]", ("", "phase [°]", "off the median [%]"))
+
+
+def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Draw tests of further kinds over their own coordinate, against the model's bands.
+
+    Panels: one a test.
+    """
+    found = [(name, test) for _, name, test in verified(tree, "axis")]
+    if not found:
+        raise DataError("The result has no test of a further kind.")
+    axes, stack = stacks(ax, len(found), 1, height=2.5)
+    for (only,), (name, test) in zip(stack, found, strict=True):
+        axis = str(test.attrs["axis"])
+        for _, group in test.groupby("group"):
+            one = group.sortby(axis)
+            for variable, colour, label in BANDS:
+                if variable in one:
+                    low, _, high = quantiles(one, variable)
+                    style.shade(only, one[axis], low, high, colour, label, alpha=0.5)
+            if "measured" in one:
+                look = {"color": INK, "ms": 3, "mfc": "none", "label": "measured"}
+                only.plot(one[axis], one["measured"], "o", **look)
+        level = level_text(test) if "level" in test.attrs else ""
+        words = (short(plain(name), 32), level, fitted_text(test))
+        title(only, ", ".join(filter(None, words)), size=8)
+        only.locator_params(axis="x", nbins=5)
+        only.set_xlabel(axis_label(plain(axis), unit_of(test[axis])))
+        kind = plain(str(test.attrs.get("kind", "response")).replace("_", " "))
+        only.set_ylabel(axis_label(kind, unit_of(test["model_band"])))
+    return finish(axes, ax)
+
+
+def _columns(found: Family) -> list[tuple[str, Family]]:
+    """Return tests of one quantity and kind together, each harmonic by itself."""
+    groups: dict[tuple[str, str, str], Family] = {}
+    for name, test in found:
+        for suffix in ("", "_3"):
+            if f"measured_magnitude{suffix}" in test:
+                key = (suffix, str(test.attrs.get("quantity")), str(test.attrs.get("kind")))
+                groups.setdefault(key, []).append((name, test))
+    return [(key[0], family) for key, family in sorted(groups.items())]
+
+
+def level_colours(count: int) -> list[str]:
+    """Return colours told apart for few levels, and a ramp from dark to light for many."""
+    if count <= len(LEVELS):
+        return list(LEVELS[:count])
+    return [to_hex(colormaps["viridis"](x)) for x in np.linspace(0.25, 0.85, count)]
+
+
+def _curve(column: Panels, test: xr.Dataset, suffix: str, colour: str) -> None:
+    """Draw one curve: marks, filled where fitted; the model's band and median."""
+    freq = frequency(test)
+    measured = np.asarray(test[f"measured_magnitude{suffix}"], float)
+    phase = np.asarray(test[f"measured_phase{suffix}"], float)
+    model = quantiles(test, f"model_magnitude{suffix}")
+    turned = unwrapped_band(quantiles(test, f"model_phase{suffix}"))
+    off = np.abs(measured * np.exp(1j * phase) - model[1] * np.exp(1j * np.radians(turned[1])))
+    marks = slice(None, None, -(-freq.size // MOST_MARKS))
+    fitted = bool(test.attrs.get("fitted", 1))
+    look = {"color": colour, "lw": 0, "ms": 3.6, "marker": "o" if fitted else "^"}
+    look |= {"mfc": colour if fitted else "none", "mew": 0.8}
+    for ax, points, band in (
+        (column[0], measured, model),
+        (column[1], beside(phase, turned[1]), turned),
+    ):
+        style.shade(ax, freq, band[0], band[2], colour, "_band", alpha=0.18)
+        ax.plot(freq, band[1], color=colour, lw=1.0, ls="-" if fitted else "--")
+        ax.plot(freq[marks], points[marks], **look)
+    label = ", ".join(filter(None, (level_text(test), fitted_text(test))))
+    column[0].lines[-1].set_label(label)
+    column[2].plot(freq, 100.0 * off / np.nanmax(measured), color=colour, lw=1.0)
+    for ax in column:
+        ax.margins(x=0.02)

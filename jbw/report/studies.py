@@ -1,0 +1,137 @@
+"""Figures of studies: samplers side by side, and the ranks of a calibration."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from jbw.inference.calibration.record import LEVEL, Calibration, counts_below, ecdf_envelope
+from jbw.report import style
+from jbw.report.style import Panels, finish, panels, shade, title
+from jbw.report.text import number, symbol
+
+ERRORS = 2.0  # standard errors that a bar shows to either side
+NEAR = 0.3  # standard deviations that are drawn to scale; what lies further is compressed
+ROW = 0.24  # height of one sampler's line [in]
+STATUS = {"ok": style.GREEN, "failed": style.VERMILLION}
+ACROSS = 3  # calibrated quantities side by side
+
+
+def comparison(record: Mapping[str, Any], ax: Any = None) -> Panels:
+    """Draw the mean of every parameter by every sampler, and their effective draws a second.
+
+    The record is as `compare.json` holds it. Axes, in one column: one a parameter and one more.
+    """
+    names, count = record["parameters"], len(record["samplers"])
+    axes = panels(ax, len(names) + 1, 1, height=(len(names) + 1) * (0.55 + ROW * count))
+    for each, name in zip(axes[:-1, 0], names, strict=True):
+        means(record, name, each)
+    effective_rates(record, axes[-1, 0])
+    return finish(axes, ax)
+
+
+def means(record: Mapping[str, Any], parameter: str, ax: Axes | None = None) -> Axes:
+    """Draw one parameter's mean by every sampler, in the reference's standard deviations.
+
+    Bars are two Monte Carlo standard errors to either side.
+    """
+    here = _one_line_each(record, ax)
+    truth = record["samplers"][record["reference"]]["parameters"][parameter]
+    here.axvline(0.0, color=style.SOFT, lw=0.8)
+    for place, one in enumerate(record["samplers"].values()):
+        row = one["parameters"][parameter]
+        error = row.get("mcse_mean")
+        look = {"color": STATUS.get(one["verdict"], style.BLUE), "fmt": "o", "ms": 4, "capsize": 2}
+        away = (row["mean"] - truth["mean"]) / truth["sd"]
+        bar = None if error is None else ERRORS * error / truth["sd"]
+        here.errorbar(away, place, xerr=bar, label=f"verdict {one['verdict']}", **look)
+    _scaled(here)
+    reference = record["reference"].replace("_", " ")
+    title(
+        here,
+        f"{symbol(parameter)}: mean less that of {reference}, "
+        "bars of two Monte Carlo standard errors",
+    )
+    here.set_xlabel("distance [standard deviations of the posterior]")
+    return here
+
+
+def effective_rates(record: Mapping[str, Any], ax: Axes | None = None) -> Axes:
+    """Draw effective draws a second by every sampler, compiled and from a cold start."""
+    here = _one_line_each(record, ax)
+    for shift, kind, colour, label in (
+        (-0.18, "warm", style.BLUE, "compiled before"),
+        (0.18, "cold", style.SOFT, "compiling included"),
+    ):
+        rates = [one[f"ess_per_s_{kind}"] for one in record["samplers"].values()]
+        known = [(place + shift, rate) for place, rate in enumerate(rates) if rate]
+        if known:
+            places, values = zip(*known, strict=True)
+            here.barh(places, values, height=0.34, color=colour, label=label)
+            here.set_xscale("log")
+            least = min(here.get_xlim()[0], *values)
+            here.set_xlim(left=10 ** np.floor(np.log10(least)))
+    for place, one in enumerate(record["samplers"].values()):
+        if one["verdict"] == "failed":
+            text = f"  failed: {', '.join(dict.fromkeys(one['failed']))}"
+            rate = one["ess_per_s_warm"] or one["ess_per_s_cold"] or here.get_xlim()[0]
+            here.text(rate, place, text, va="center", fontsize=7, color=style.INK)
+    title(here, "speed, by the worst parameter")
+    here.set_xlabel("effective draws a second [1/s]")
+    return here
+
+
+def _one_line_each(record: Mapping[str, Any], ax: Axes | None) -> Axes:
+    """Return axes with one line a sampler, the first on top."""
+    names = [name.replace("_", " ") for name in record["samplers"]]
+    here: Axes = panels(ax, 1, 1, height=0.55 + ROW * len(names))[0, 0]
+    here.set_yticks(range(len(names)), names)
+    here.set_ylim(len(names) - 0.4, -0.6)
+    return here
+
+
+def _scaled(ax: Axes) -> None:
+    """Distances to scale near zero, compressed further off, with ticks at round numbers."""
+    low, high = ax.get_xlim()
+    reach = max(-low, high, NEAR)
+    ax.set_xscale("symlog", linthresh=NEAR)
+    ax.set_xlim(min(low, -NEAR), max(high, NEAR))
+    steps = (0.1, 0.3) if reach < 1 else NEAR * 10.0 ** np.arange(np.log10(reach / NEAR) + 1)
+    ticks = [sign * step for sign in (-1, 1) for step in steps]
+    left, right = ax.get_xlim()
+    shown = sorted({0.0, *(tick for tick in ticks if left <= tick <= right)})
+    ax.set_xticks(shown, [f"{tick:g}" for tick in shown])
+    ax.minorticks_off()
+
+
+def rank_ecdfs(found: Calibration, ax: Any = None) -> Panels:
+    r"""Draw the ECDF of every quantity's ranks less that of uniform ranks, in its 99 % envelope.
+
+    $$\hat F(i) - \frac{i}{L + 1}$$
+
+    A slope is a bias; an S a posterior too narrow or too wide. The line is vermillion where it
+    leaves the envelope. One axes a quantity.
+    """
+    count = len(found.names)
+    across = count if ax is not None else min(ACROSS, count)
+    lines = -(-count // across)
+    axes = panels(ax, lines, across, height=0.6 + 1.55 * lines, sharex=True, sharey=True)
+    lower, upper = ecdf_envelope(len(found.ranks), found.num_ranks, LEVEL)
+    even = np.arange(1, found.num_ranks + 1) / (found.num_ranks + 1)
+    for each, name, ranks in zip(axes.flat, found.names, found.ranks.T, strict=False):
+        ecdf = counts_below(ranks, found.num_ranks) / len(ranks)
+        inside = bool(np.all((ecdf >= lower - 1e-12) & (ecdf <= upper + 1e-12)))
+        label = "99 % of uniform ranks, all at once"
+        shade(each, even, lower - even, upper - even, style.SKY, label)
+        colour, dashes = (style.BLUE, "-") if inside else (style.VERMILLION, "--")
+        label = "ranks, inside" if inside else "ranks, outside"
+        each.step(even, ecdf - even, where="mid", color=colour, ls=dashes, lw=1.2, label=label)
+        called = symbol(name)
+        if name.startswith("h3_"):
+            called = f"|H₃| at {name.removeprefix('h3_').replace('Hz', ' Hz')}"
+        p, covered = number(found.p_ecdf[name], digits=2), f"{100 * found.coverage[name][0]:.1f}"
+        title(each, f"{called}: p = {p}, holds {covered} %", 7.5)
+    for spare in axes.flat[count:]:
+        spare.set_visible(False)
+    return finish(axes, ax, "rank / L [-]", "ECDF difference [-]")
