@@ -30,7 +30,7 @@ from jbw.identification.step import Step, attrs, finished
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.verdict import Verdict
-from jbw.inference.samplers.checkpointing import Keep, nowhere
+from jbw.inference.samplers.checkpointing import Keep, no_checkpoint
 from jbw.inference.samplers.register import sampler_named
 from jbw.inference.samplers.rewhitening import sample_again
 from jbw.inference.samplers.sampling import sample
@@ -60,7 +60,7 @@ def joint_step(
     settings: Identify,
     *,
     name: str = "joint",
-    keep: Keep = nowhere,
+    keep: Keep = no_checkpoint,
 ) -> tuple[Step, Dataset]:
     """Joint posterior of all parameters of the joint, the gain and the noise.
 

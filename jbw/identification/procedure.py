@@ -16,7 +16,7 @@ from jbw.identification.paper.step4 import opening_steps
 from jbw.identification.prepare import Fitted
 from jbw.identification.selection import DecaySplit, Sweeps, probing_tests
 from jbw.identification.step import Step
-from jbw.inference.samplers.checkpointing import Keep, nowhere
+from jbw.inference.samplers.checkpointing import Keep, no_checkpoint
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
@@ -74,7 +74,7 @@ def run_procedure(
     gain: float | None = None,
     seed: int = 0,
     report: Report = logger.info,
-    keep: Keep = nowhere,
+    keep: Keep = no_checkpoint,
 ) -> Identification:
     """Run every step that the tests of a campaign allow.
 

@@ -19,7 +19,7 @@ from jbw.identification.run_effects import runs_summary
 from jbw.identification.step import Step
 from jbw.inference.posterior.summary import as_plain, correlations, summarise
 from jbw.inference.posterior.verdict import Verdict, judge
-from jbw.inference.samplers.checkpointing import Keep, nowhere
+from jbw.inference.samplers.checkpointing import Keep, no_checkpoint
 from jbw.inference.space.box import require_float64
 from jbw.measurement.records import INPUTS, Test
 from jbw.quantities import gain_unit
@@ -40,7 +40,7 @@ def identify(
     seed: int | None = None,
     truth: Mapping[str, float] | None = None,
     report: Report = logger.info,
-    keep: Keep = nowhere,
+    keep: Keep = no_checkpoint,
     command: str | None = None,
 ) -> Study:
     """Identify the joint from a campaign: the procedure, verification and validation.

@@ -17,7 +17,7 @@ from jbw.identification.paper import kernel
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.step import Step, attrs, finished
 from jbw.inference.fit.fitting import Fit, fit
-from jbw.inference.samplers.checkpointing import Keep, nowhere
+from jbw.inference.samplers.checkpointing import Keep, no_checkpoint
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box, box
 from jbw.inference.space.ridge import along_ridge
@@ -131,7 +131,7 @@ def fit_kernel(key: Key, tests: Sequence[Test], linear: PooledFit, settings: Ide
 
 
 def third_order_steps(
-    key: Key, step: KernelFit, settings: Identify, *, keep: Keep = nowhere
+    key: Key, step: KernelFit, settings: Identify, *, keep: Keep = no_checkpoint
 ) -> dict[str, Step]:
     """Posterior of zeta, alpha and delta by (36): NUTS, the paper's walk, and a tuned walk.
 

@@ -23,7 +23,7 @@ from jbw.identification.step import Step, attrs, finished
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.fit.identifiability import weak_direction
 from jbw.inference.posterior.verdict import Finding
-from jbw.inference.samplers.checkpointing import Keep, nowhere
+from jbw.inference.samplers.checkpointing import Keep, no_checkpoint
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box, box
 from jbw.observables.records import Records
@@ -196,7 +196,7 @@ def opening_steps(
     third_order: Step,
     settings: Identify,
     *,
-    keep: Keep = nowhere,
+    keep: Keep = no_checkpoint,
 ) -> dict[str, Step]:
     """Posterior of gamma by NUTS and by the paper's walk, everything else held.
 

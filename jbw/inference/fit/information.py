@@ -1,7 +1,7 @@
 """What a fit's data know of the parameters beside their prior, before anything is sampled."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -183,7 +183,7 @@ def statements(found: Information, products: Iterable[Product] = ()) -> list[str
         of_kind = [row for row in rows if _kind(row) == kind]
         if of_kind:
             said.append(words.format(listed([_to(row) for row in of_kind])))
-    return said + [_tie(found, each) for each in products if _ties(found, each)]
+    return said + [sentence for each in products for sentence in _tie(found.known, each)]
 
 
 def _kind(row: Known) -> str:
@@ -202,23 +202,15 @@ def _to(row: Known) -> str:
     return f"{row.text} to {row.sd:.2g} about {row.value:.2g}"
 
 
-def _factors(found: Information, product: Product) -> list[Known]:
-    return [found.known[name] for name in product.factors if name in found.known]
-
-
-def _ties(found: Information, product: Product) -> bool:
-    factors = _factors(found, product)
-    own = found.known[product.name]
-    if own.ratio >= UNLEARNT or not factors:
-        return False
-    return all(own.relative < TOLD_APART * each.relative for each in factors)
-
-
-def _tie(found: Information, product: Product) -> str:
-    times = min(each.relative for each in _factors(found, product))
-    times /= found.known[product.name].relative
+def _tie(known: Mapping[str, Known], product: Product) -> list[str]:
+    """That a product is known better than its factors, where it is."""
+    own = known[product.name]
+    factors = [known[name].relative for name in product.factors if name in known]
+    if own.ratio >= UNLEARNT or not factors or own.relative >= TOLD_APART * min(factors):
+        return []
+    times = min(factors) / own.relative
     size = f"{times:.0f}" if times >= 10 else f"{times:.2g}"
-    return (
+    return [
         f"{product.text} is known {size} times better than its factors: they can be traded for one "
         "another."
-    )
+    ]

@@ -60,7 +60,7 @@ class Kept(Protocol):
 Keep = Callable[[str], Kept | None]
 
 
-def nowhere(name: str) -> None:
+def no_checkpoint(name: str) -> None:
     """The `Keep` that keeps nothing."""
 
 
@@ -125,17 +125,17 @@ def fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) 
 
 def as_arrays(chains: Chains, mark: str) -> dict[str, np.ndarray]:
     """Chains by name, for a `Kept`."""
-    found = {
+    arrays = {
         "fingerprint": np.array(mark),
         "done": np.array(chains.done),
         "wall_s": np.array(chains.wall_s),
         **{f"state/{i}": leaf for i, leaf in enumerate(chains.states)},
     }
     if chains.rows is None:
-        return found
+        return arrays
     draw, terms, extra = chains.rows
     return {
-        **found,
+        **arrays,
         **{f"theta/{name}": np.asarray(values) for name, values in draw.theta.items()},
         **{f"stats/{name}": np.asarray(values) for name, values in draw.stats.items()},
         "terms": terms,
