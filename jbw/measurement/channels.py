@@ -9,13 +9,6 @@ from jbw.errors import ConfigError, DataError
 def channel(x: ArrayLike, name: str) -> NDArray[np.float64]:
     """Samples as float64 of shape (time,) or (repeat, time), every one finite.
 
-    Args:
-        x: Samples.
-        name: What to call the channel in messages.
-
-    Returns:
-        The samples as an array.
-
     Raises:
         DataError: Not real numbers, not one or two axes, empty, or with NaN or infinity.
     """
@@ -45,14 +38,7 @@ def channel(x: ArrayLike, name: str) -> NDArray[np.float64]:
 
 
 def same_length(**channels: NDArray[np.float64]) -> None:
-    """Refuse channels that were not sampled together.
-
-    Args:
-        **channels: Channels by name.
-
-    Raises:
-        DataError: The shapes differ.
-    """
+    """Refuse channels, given by name, that were not sampled together."""
     (name, x), *others = channels.items()
     for other, y in others:
         if y.shape != x.shape:
@@ -65,29 +51,14 @@ def same_length(**channels: NDArray[np.float64]) -> None:
 
 
 def sampling(fs: float) -> float:
-    """The sampling frequency as a float [Hz], positive and finite.
-
-    Raises:
-        ConfigError: It is not.
-    """
+    """The sampling frequency as a float [Hz], positive and finite."""
     if not (np.isfinite(fs) and fs > 0):
         raise ConfigError(f"Argument `fs` must be positive [Hz], but it is {fs}.")
     return float(fs)
 
 
 def passband(band: tuple[float, float], nyquist: float) -> tuple[float, float]:
-    """Lowest and highest frequency [Hz] of a band that is not empty.
-
-    Args:
-        band: The pair as given [Hz].
-        nyquist: Half the sampling frequency [Hz].
-
-    Returns:
-        The pair as floats.
-
-    Raises:
-        ConfigError: Reversed, empty, negative or above Nyquist.
-    """
+    """Lowest and highest frequency [Hz] of a band that is not empty, reversed or above Nyquist."""
     low, high = (float(edge) for edge in band)
     if not 0 <= low < high or low >= nyquist:
         raise ConfigError(

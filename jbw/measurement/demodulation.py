@@ -47,13 +47,6 @@ def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
     bandwidth, so that there are as many of them as white noise has degrees of freedom in the band:
 
     $$B_{eq} = f_s\,\sum h^2 / (\sum h)^2$$
-
-    Args:
-        band_hz: Band of the mode [Hz].
-        fs: Sampling frequency [Hz].
-
-    Returns:
-        The filter.
     """
     half_band = (band_hz[1] - band_hz[0]) / 2
     stride = max(1, int(fs / (LEAST_PER_PERIOD * band_hz[1])))
@@ -68,16 +61,11 @@ def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
 def demodulate(
     x: Float[np.ndarray, " time"], chosen: BandFilter
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    r"""Complex envelope of a record in a band, where the filter lies wholly inside the record.
+    r"""Times [s] and complex envelope of a record in a band, peak amplitude in the unit of `x`.
 
     $$x(t) = \mathrm{Re}\,X(t)\,e^{j\omega_0 t}$$
 
-    Args:
-        x: Samples of a response.
-        chosen: The filter.
-
-    Returns:
-        Time from the first sample [s] and envelope, peak amplitude in the unit of `x`.
+    where the filter lies wholly inside the record; time counts from its first sample.
 
     Raises:
         DataError: If the record is shorter than the filter.
@@ -111,13 +99,10 @@ def read_decay(
     $$\frac{d}{dt}\log X = -\zeta\omega + j(\omega - \omega_0)$$
 
     Args:
-        envelope: Envelope, evenly spaced.
+        envelope: Envelope.
         step_s: Time between its values [s].
         centre_hz: Frequency that it is referred to [Hz].
         window_s: Length of each parabola [s]; they do not overlap.
-
-    Returns:
-        The reading in the middle of each window.
     """
     log = np.log(np.abs(envelope)) + 1j * np.unwrap(np.angle(envelope))
     size = min(len(log), max(5, round(window_s / step_s)))

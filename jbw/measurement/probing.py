@@ -93,9 +93,6 @@ def third_order_kernel(
         num_harmonics: Highest order fitted where the sampling carries it; at least 3.
         also: Angular frequencies present besides the tone [rad/s].
 
-    Returns:
-        The kernel of each repeat, its scatter, and whether it stands above the noise.
-
     Raises:
         DataError: Bad channels, 3 omega above the Nyquist frequency, no input amplitude.
 
@@ -156,21 +153,13 @@ def _measured_input(
 
 
 def peak_displacement(filtered: Harmonics) -> NDArray[np.float64]:
-    """Largest displacement over a period, rebuilt from the harmonics, shape (...) [m].
-
-    Args:
-        filtered: Harmonics of the displacement.
-
-    Returns:
-        max |y|, free of the noise between the harmonics.
-    """
+    """Largest displacement over a period, rebuilt from its harmonics, shape (...) [m]."""
     n = np.arange(1, filtered.amplitudes.shape[-1] + 1)
     turn = np.exp(2j * np.pi * np.outer(n, np.arange(PERIOD_POINTS) / PERIOD_POINTS))
     return np.max(np.abs((filtered.amplitudes @ turn).real), axis=-1)
 
 
 def _demanded(amplitude: complex | None, num_repeats: int) -> NDArray[np.complex128]:
-    """The demanded amplitude for every repeat."""
     if amplitude is None or not abs(amplitude) > 0:
         raise DataError(
             "The input's amplitude must be known, but neither `u` nor `amplitude` was given.",
@@ -189,7 +178,6 @@ def _stands_out(y_3: NDArray[np.complex128], variance: NDArray[np.float64]) -> b
 
 
 def _notes(omega: float, handling: str, ratio: float, above: bool) -> tuple[str, ...]:
-    """What the numbers do not say by themselves."""
     f = f"{omega / (2 * np.pi):.4g} Hz"
     notes = []
     if handling == "unmeasured":

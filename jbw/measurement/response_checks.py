@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,7 +124,7 @@ def impassive(curve: ResponseCurve) -> Iterator[Fault]:
         )
     phase = np.unwrap(np.angle(curve.response[np.argsort(curve.freq_hz)]))
     falls = phase[-1] < phase[0]
-    upright = curve if falls else replace(curve, response=np.conj(curve.response))
+    upright = curve if falls else curve._replace(response=np.conj(curve.response))
     # Summed over the lines; the resonance decides the sign.
     takes_in = np.sum(-np.imag(displacement_of(upright)) * curve.source) > 0
     wrong = [] if falls else [("its phase rises with frequency", "phase = -1.0")]

@@ -142,9 +142,6 @@ def analog(
         fs: Sampling frequency, twice the bandwidth of the noise [Hz].
         lag: Delay of the excitation against the grid [s].
         distortion: Third harmonic of tones, steps and sweeps, relative to the level [-].
-
-    Returns:
-        Volts between two grid indices.
     """
     if isinstance(excitation, Noise | Multisine):
         comb = _comb(excitation, phases, fs)

@@ -197,12 +197,8 @@ def runge_kutta(
 ) -> State:
     """One classical Runge-Kutta step.
 
-    Args:
-        rate: Rate of change of a state under an input.
-        settle: A state after a small step from `now`, what is not integrated put right.
-        now: State before the step.
-        inputs: Input at the beginning, in the middle and at the end.
-        h: Length of the step [s].
+    `settle` puts right what is not integrated of a state after a small step from `now`; `inputs`
+    are those at the beginning, in the middle and at the end of the step of h seconds.
     """
 
     def moved(length: Scalar, slope: State) -> State:
@@ -232,10 +228,6 @@ def respond(
     Returns:
         Displacement [m], velocity [m/s] and force of the joint beside the spring k [N/kg], each
         `(num_samples,)`.
-
-    Raises:
-        ModelError: When JAX works in float32, the rig has no such law, or the response is not
-            finite.
     """
     specimen = doubles(specimen_of(joint))
     state: State = doubles((0.0, 0.0, specimen.at_rest()))

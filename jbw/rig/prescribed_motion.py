@@ -62,13 +62,7 @@ class Held:
 def pulled(
     joint: Joint | Specimen, growth: Growth, fs: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Displacement [m] and restoring force per unit mass k y + F [N/kg] of a slow loop.
-
-    Args:
-        joint: The specimen; of a `BoucWen` nu = 1.
-        growth: The prescribed displacement.
-        fs: Sampling frequency [Hz].
-    """
+    """Displacement [m] and restoring force per unit mass k y + F [N/kg] of a slow loop."""
     specimen, count = specimen_of(joint), round(growth.duration * fs)
     fine = np.arange(2 * STEPS * count + 1) / (2 * STEPS * fs)
     force = np.asarray(_along(doubles(specimen), growth.velocity(fine), 1.0 / (STEPS * fs)))
@@ -77,15 +71,7 @@ def pulled(
 
 
 def holding_force(joint: Joint | Specimen, held: Held) -> NDArray[np.complex128]:
-    """Sinusoidal force per unit mass that holds the response, its phase against it [N/kg].
-
-    Args:
-        joint: The specimen; of a `BoucWen` nu = 1.
-        held: The curve.
-
-    Returns:
-        F_1 at each frequency, for a fundamental of the displacement of phase zero.
-    """
+    """Force F_1 per unit mass at each frequency that holds a response of phase zero [N/kg]."""
     specimen = specimen_of(joint)
     omega = 2.0 * np.pi * np.asarray(held.frequencies_hz)[:, None] * ORDERS
     k, damping = float(specimen.k), float(specimen.zeta * specimen.omega_n)

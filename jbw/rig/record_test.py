@@ -52,18 +52,8 @@ def record_test(
 ) -> list[tuple[Test, Sequence[Samples]]]:
     """A planned test as recorded, and what was demanded of the source in each repeat [V or N].
 
-    Args:
-        plan: The test as planned.
-        rig: The rig.
-        days: The specimen of each repeat.
-        conditions: What the records suffer from.
-
-    Returns:
-        One test, or one a day where the joint differs from day to day; no demands where the source
-        is not recorded.
-
-    Raises:
-        ConfigError: For a joint taken by itself on a rig whose modal mass nobody knows.
+    It is one test, or one a day where the specimen differs from day to day; there are no demands
+    where the source is not recorded.
     """
     bench, excitation = Bench(plan, rig, conditions), plan.excitation
     demands: Sequence[Samples] = []

@@ -33,21 +33,6 @@ def test_curve_of_a_mode_under_response_control():
         displacement_of(curve) / curve.source, h / (1j * OMEGA) ** 2, rtol=1e-13
     )
     assert (curve.source_kind, curve.response_kind) == ("force", "acceleration")
-    assert (curve.source_unit, curve.order, curve.name) == ("N", 1, "level 5")
-    assert curve.provenance == {"sha256": "x"}
-
-
-def test_third_harmonic_is_integrated_at_three_times_the_frequency():
-    y_3 = 1e-6 * np.exp(0.3j)
-    v_3 = y_3 * 3j * OMEGA
-    channels = {
-        "frequency": FREQ,
-        "input": np.ones(41),
-        "velocity": np.abs(v_3),
-        "phase": np.angle(v_3),
-    }
-    curve = response_curve(Record(float("nan"), channels, {"input": "V"}), order=3)
-    np.testing.assert_allclose(displacement_of(curve), y_3, rtol=1e-13)
 
 
 @pytest.mark.parametrize("role", ["restoring_force", "force"])

@@ -90,15 +90,7 @@ def contents(path: Path) -> Iterator[Contents]:
 
 
 def sniff(lines: Sequence[str], file: str) -> Dialect:
-    """The dialect that reads most lines as numbers, in at least two columns.
-
-    Args:
-        lines: First lines of the file.
-        file: Its name, for messages.
-
-    Raises:
-        DataError: Nothing reads as two columns or more, or two readings are possible.
-    """
+    """The dialect that reads most of the first lines as numbers, in at least two columns."""
     count, dialect = max((_trial(lines, marks) for marks in DIALECTS), key=lambda found: found[0])
     if count < LEAST_LINES:
         shown = " | ".join(line[:60] for line in lines[:3])

@@ -41,11 +41,8 @@ def write_hdf5(
 
     The file appears complete or not at all, and an existing one is replaced only then.
 
-    Args:
-        path: File to write.
-        record: What to write, in SI.
-        names: Role to the dataset's name, as a laboratory calls it; the role itself when absent.
-        dtype: float32 or float64; 24-bit samples fit in float32.
+    `names` gives the name of a role's dataset, as a laboratory calls it; the role itself when
+    absent. 24-bit samples fit in float32.
     """
     path = Path(path)
     partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
@@ -173,12 +170,6 @@ def require_sound_heaps(path: Path) -> None:
     """Refuse a file with a heap of texts in which one object does not lead to the next.
 
     One changed byte in a heap, and the library walks in it without end, deaf even to Ctrl-C.
-
-    Args:
-        path: The file.
-
-    Raises:
-        ValueError: An object of no size, or one that reaches beyond its heap.
 
     Reference:
         HDF5 File Format Specification 3.0, section III.E.

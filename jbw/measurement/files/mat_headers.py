@@ -33,13 +33,7 @@ SLACK = 2**16  # bytes that a packed variable may hold beyond what it declares
 def require_sound(path: Path, most: int) -> None:
     """Refuse a file of version 4 to 7 whose headers declare what is not there.
 
-    Args:
-        path: The file.
-        most: Bytes that its variables may take once unpacked.
-
-    Raises:
-        DataError: The variables take more than that.
-        ValueError: A type that does not exist, or a size beyond what the file holds.
+    It is refused too where its variables take more than `most` bytes once unpacked.
 
     Reference:
         MATLAB, MAT-File Format, level 5: data elements and their tags.

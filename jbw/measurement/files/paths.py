@@ -24,15 +24,7 @@ MINUS = " - "
 
 
 def select(root: Node, path: str) -> Leaf | list[Leaf]:
-    """What a path points at: one array, or one an item where a `[:]` runs over cells.
-
-    Args:
-        root: The file's tree.
-        path: Path to the channel, or `a - b` for the difference of two.
-
-    Raises:
-        DataError: Nothing is there, or it is no array of numbers.
-    """
+    """What a path points at: one array, or one an item where a `[:]` runs over cells."""
     if MINUS not in path or (isinstance(root, Mapping) and path in root):
         return _walk(root, [], path.strip("/"), path, root)
     first, _, second = path.partition(MINUS)

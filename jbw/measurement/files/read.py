@@ -25,12 +25,7 @@ PICKLES = (".pkl", ".pickle", ".p", ".joblib", ".pt")
 
 
 def register(module: str, *suffixes: str) -> None:
-    """Let a module read the files of some suffixes.
-
-    Args:
-        module: Its dotted name; it has `contents(path)`.
-        *suffixes: Suffixes in lower case, such as ".npz".
-    """
+    """Let a module, by its dotted name, read files of these suffixes, such as ".npz"."""
     READERS.update(dict.fromkeys(suffixes, module))
 
 
@@ -92,12 +87,7 @@ def read(
 
 
 def records(path: Path, wanted: Wanted) -> tuple[Record, ...]:
-    """Records of a file in SI, not yet checked sample by sample.
-
-    Raises:
-        DataError: Missing file or channel, damaged file, no sampling frequency.
-        ConfigError: Unknown role or unit, or one that is missing.
-    """
+    """Records of a file in SI, not yet checked sample by sample; raises as `read` does."""
     for role in [*(wanted.channels or {}), *wanted.units, *wanted.scale]:
         if role not in ROLES:
             known = f"Known: {', '.join(ROLES)}."
@@ -122,11 +112,7 @@ def channels_of(path: Path) -> dict[str, Leaf]:
 
 
 def report(record: Record, findings: Sequence[Fault]) -> None:
-    """Raise the first error among findings, and warn of the rest.
-
-    Raises:
-        DataError: A finding is an error.
-    """
+    """Raise the first error among findings as a DataError, and warn of the rest."""
     for finding in findings:
         what = f"{record.name}, channel `{finding.channel}`: {finding.what}"
         if finding.severity == "error":
@@ -136,11 +122,7 @@ def report(record: Record, findings: Sequence[Fault]) -> None:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Contents]:
-    """Open a measurement file with the reader of its suffix.
-
-    Raises:
-        DataError: No such file, no reader for it, or a damaged file.
-    """
+    """Open a measurement file with the reader of its suffix; a DataError if it cannot."""
     module = _reader_of(path)
     try:
         with import_module(module).contents(path) as contents:

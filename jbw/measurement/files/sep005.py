@@ -26,16 +26,13 @@ def from_sep005(
     *,
     name: str = "SEP-005",
 ) -> Record:
-    """A record of SEP-005 series that were sampled together.
+    """A record, in SI and checked, of SEP-005 series that were sampled together.
 
     Args:
         series: Dictionaries with `name`, `data`, `unit_str`, and `fs` or `time`.
         channels: Role to the name of its series; when None, series named like a role, or else
             those whose `quantity` tells it.
         name: What to call the record in messages.
-
-    Returns:
-        The record, in SI and checked.
 
     Raises:
         DataError: A key is missing, two series have one name, or a check finds an error.
@@ -58,14 +55,9 @@ def from_sep005(
 
 
 def to_sep005(record: Record, names: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
-    """The channels of a record as SEP-005 dictionaries, in SI.
+    """The channels of a record in time as SEP-005 dictionaries, in SI.
 
-    Args:
-        record: A record in time.
-        names: Role to the name of its series; the role itself when absent.
-
-    Raises:
-        DataError: The record is a response curve, which has no time.
+    `names` gives the name of a role's series; the role itself when absent.
     """
     if np.isnan(record.fs):
         raise DataError(f"{record.name}: SEP-005 holds time series, but this is a response curve.")

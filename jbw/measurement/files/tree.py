@@ -82,15 +82,9 @@ def names(root: Node, prefix: str = "") -> Iterator[tuple[str, Leaf | Opaque]]:
 
 
 def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> NDArray[Any]:
-    """Read a leaf as an array of one axis (time) or two (repeat, time).
+    """Read a leaf, or a part along its last open axis; axes of length one are dropped.
 
-    Args:
-        source: What to read; axes of length one are dropped.
-        part: Samples to read, along the last open axis.
-        dtype: Type to convert to while reading; as stored when None, or when complex.
-
-    Raises:
-        DataError: Too large for memory, or channels that cannot be subtracted.
+    It is converted to `dtype` while it is read; left as stored when None, or when complex.
     """
     array: Any = source.array
     axes = [axis for axis in source.axes if array.shape[axis] != 1] or source.axes[-1:]
@@ -130,11 +124,7 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
 
 
 def optional(package: str, extra: str, path: Path) -> Any:
-    """A library that only files of this format need.
-
-    Raises:
-        DataError: It is not installed.
-    """
+    """A library that only files of one format need."""
     try:
         return import_module(package)
     except ImportError:
