@@ -178,6 +178,7 @@ def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
         return -jnp.sum(log_likelihood({"gamma": gamma}, curve))
 
     width = float(prior.upper[0] - prior.lower[0])
+    levels = len(found.residual)
     information = max(float(jax.hessian(cost)(jnp.asarray(found.theta["gamma"]))), 0.0)
     # As of all fits: what is known worse than the box has the box's variance.
     covariance = np.array([[1 / max(information, 12 / width**2)]])
@@ -185,7 +186,8 @@ def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
         found,
         covariance=covariance,
         weak=weak_direction(found.theta, covariance, prior),
-        jacobian=np.sqrt([[information]]),
+        # Every level an equal part of it, so that a residual has its row.
+        jacobian=np.full((levels, 1), np.sqrt(information / levels)),
     )
 
 
