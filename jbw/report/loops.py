@@ -23,6 +23,7 @@ BAND_SDS = 5.15
 LITTLE = 0.2  # of the hysteretic force: below, only what slip changes can be seen
 PREFIXES = ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"))
 Curve = Float[np.ndarray, " point"]
+Ring = Float[np.ndarray, " point+1"]
 
 
 class Areas(NamedTuple):
@@ -102,7 +103,7 @@ def _loops(ax: Axes, test: xr.Dataset, slope: float) -> None:
     ax.plot(*closed(MILLI * y, force), color=INK, lw=1.1, ls="--", label="measured")
 
 
-def closed(y: Curve, force: Curve) -> tuple[Curve, Curve]:
+def closed(y: Curve, force: Curve) -> tuple[Ring, Ring]:
     """Return a cycle with its first point again at its end."""
     return np.append(y, y[0]), np.append(force, force[0])
 
