@@ -1,13 +1,18 @@
-"""What every public function checks when called with concrete numbers; tracers are trusted."""
+"""What the public functions refuse before they start, and report after; tracers are trusted.
 
+A joint is a `BoucWen`, its law alone, or an `Oscillator` of any laws.
+"""
+
+import warnings
 from typing import Any
 
 import jax
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import ArrayLike
+from jaxtyping import Array, ArrayLike, Complex, Int
 
-from jbw.errors import ConfigError, ModelError
+from jbw.errors import ConfigError, DataError, ModelError
+from jbw.oscillator.hold import HOLDS
 
 
 def is_concrete(*values: object) -> bool:
@@ -16,14 +21,7 @@ def is_concrete(*values: object) -> bool:
 
 
 def require_closed_form(joint: Any) -> None:
-    """Raise unless nu = 1, the exponent whose hysteresis has a closed form.
-
-    Args:
-        joint: Bouc-Wen parameters; `nu` is static, so it is checked under tracing too.
-
-    Raises:
-        ModelError: `nu` is not 1.
-    """
+    """Raise unless nu = 1, whose hysteresis has a closed form; being static, under tracing too."""
     if joint.nu != 1.0:
         raise ModelError(
             f"Parameter `nu` must be 1 for the closed-form hysteresis, but nu = {joint.nu:g}.",
@@ -32,27 +30,17 @@ def require_closed_form(joint: Any) -> None:
 
 
 def require_finite(joint: Any, **arguments: ArrayLike) -> None:
-    """Raise where a parameter of the joint or an argument is NaN or infinite; trust tracers.
-
-    Args:
-        joint: Bouc-Wen parameters.
-        **arguments: The other arguments by name.
-
-    Raises:
-        ModelError: A parameter or an argument is not finite.
-    """
+    """Raise where a parameter of the joint or an argument is NaN or infinite."""
     for kind, group in (("Parameter", parameters(joint)), ("Argument", arguments)):
         for name, value in group.items():
             if is_concrete(value) and not np.all(np.isfinite(np.asarray(value))):
-                raise ModelError(f"{kind} `{name}` must be finite, but it is {_first_bad(value)}.")
+                flat = np.ravel(np.asarray(value))
+                bad = flat[~np.isfinite(flat)][0]
+                raise ModelError(f"{kind} `{name}` must be finite, but it is {bad}.")
 
 
 def parameters(joint: Any) -> dict[str, ArrayLike]:
-    """Parameters by name, those of a record's restoring force as `restoring.lambda_3`.
-
-    Args:
-        joint: Bouc-Wen parameters, or an oscillator of any laws.
-    """
+    """Parameters by name, those of a record's restoring force as `restoring.lambda_3`."""
     if hasattr(joint, "parameters"):
         return joint.parameters()
     leaves = jax.tree_util.tree_leaves_with_path(joint)
@@ -60,17 +48,7 @@ def parameters(joint: Any) -> dict[str, ArrayLike]:
 
 
 def require_at_least(name: str, value: ArrayLike, bound: float, *, open_end: bool = False) -> None:
-    """Raise where a concrete argument lies below its bound.
-
-    Args:
-        name: Name of the argument.
-        value: Its value; trusted when traced.
-        bound: The smallest value allowed.
-        open_end: Whether the bound itself is excluded.
-
-    Raises:
-        ConfigError: The argument is below the bound, or on it where that is excluded.
-    """
+    """Raise where an argument lies below its bound, or on it where that is excluded."""
     if not is_concrete(value):
         return
     least = float(np.min(np.asarray(value)))
@@ -79,21 +57,8 @@ def require_at_least(name: str, value: ArrayLike, bound: float, *, open_end: boo
         raise ConfigError(f"Argument `{name}` must be {relation} {bound:g}, but it is {least:g}.")
 
 
-def _first_bad(value: ArrayLike) -> str:
-    flat = np.ravel(np.asarray(value))
-    return str(flat[~np.isfinite(flat)][0])
-
-
 def require_none(joint: Any, function: str) -> None:
-    """Raise where a restoring force stands beside the joint of a formula that has no place for it.
-
-    Args:
-        joint: Bouc-Wen parameters.
-        function: Name of the function that holds the formula.
-
-    Raises:
-        ModelError: There is such a force.
-    """
+    """Raise where a restoring force stands beside the joint of a formula without a place for it."""
     if joint.restoring is not None:
         raise ModelError(
             f"Parameter `restoring` must be None for `{function}`, but it is a force of kind "
@@ -101,3 +66,196 @@ def require_none(joint: Any, function: str) -> None:
             why="Its formula knows the hysteretic force and a linear spring only.",
             remedy="Use `steady_state` or `simulate`, which hold for every restoring force.",
         )
+
+
+def require_float64(
+    what: str = "The periodic response",
+    why: str = "Near resonance the balance cancels half of the digits",
+) -> None:
+    """Raise in a float32 session."""
+    if not jax.config.jax_enable_x64:
+        raise ConfigError(
+            f"{what} needs float64, but JAX runs in float32.",
+            why=f"{why} in float32.",
+            remedy='Call jbw.enable_x64() (or jax.config.update("jax_enable_x64", True)) before '
+            "any array is made.",
+        )
+
+
+def check_options(
+    fs: float, hold: str, substeps: int, num_samples: int | None, callable_input: bool
+) -> None:
+    """Refuse a float32 session and options that cannot be meant."""
+    require_float64("Time integration", "A sweep keeps no correct digit of its gradients")
+    if hold not in HOLDS:
+        raise ConfigError(f"Argument `hold` must be one of {', '.join(HOLDS)}, but is {hold!r}.")
+    if is_concrete(fs) and not (np.ndim(fs) == 0 and np.isfinite(fs) and fs > 0):
+        raise ConfigError(f"Argument `fs` must be a positive sampling rate in Hz, but is {fs}.")
+    if isinstance(substeps, bool) or not isinstance(substeps, int) or substeps < 1:
+        raise ConfigError(f"Argument `substeps` must be an integer >= 1, but is {substeps!r}.")
+    if callable_input and (not isinstance(num_samples, int) or num_samples < 2):
+        raise ConfigError(
+            f"A callable `u` needs `num_samples`, an integer >= 2, but it is {num_samples!r}."
+        )
+
+
+def check_input(u: Any, num_samples: int | None) -> None:
+    """Refuse an input without a time axis or with values that are not finite."""
+    if u.ndim == 0 or u.shape[-1] < 2:
+        raise DataError(
+            f"Argument `u` must have at least 2 samples on its last axis, but has shape {u.shape}."
+        )
+    if num_samples is not None and num_samples != u.shape[-1]:
+        raise DataError(
+            f"Argument `num_samples` is {num_samples}, but `u` has {u.shape[-1]} samples.",
+            remedy="Leave `num_samples` out for a sampled input.",
+        )
+    if is_concrete(u) and not np.all(finite := np.isfinite(u)):
+        first = tuple(int(i) for i in np.argwhere(~finite)[0])
+        raise DataError(
+            f"Argument `u` must be finite, but u{list(first)} is {u[first]} "
+            f"({np.sum(~finite)} such samples)."
+        )
+
+
+def initial_state(joint: Any, initial: tuple) -> tuple:
+    """State of a start: (y, v), (y, v, z) of the only law with a memory, or (y, v, memories)."""
+    if len(initial) not in (2, 3):
+        raise ConfigError(f"Argument `initial` must be (y, v, z), but has {len(initial)} entries.")
+    y, v, *given = initial
+    memory = joint.at_rest()
+    remembering = [law.remembers for law in joint.laws]
+    if given and isinstance(given[0], tuple):
+        memory = given[0]
+    elif given and sum(remembering) == 1 == len(jax.tree.leaves(memory)):
+        memory = tuple(
+            given[0] if has else own for has, own in zip(remembering, memory, strict=True)
+        )
+    elif given and np.any(np.asarray(given[0]) != 0.0):
+        raise ConfigError(
+            "Argument `initial` gives one z, but there are laws with several memories, or none.",
+            remedy="Give (y, v), or (y, v, memories) with the memory of every law.",
+        )
+    expected = jax.tree.structure(joint.at_rest())
+    if (found := jax.tree.structure(memory)) != expected:
+        raise ConfigError(
+            f"Argument `initial` must hold the memories of the laws as {expected}, but has {found}."
+        )
+    if is_concrete(joint, initial):
+        if not all(np.all(np.isfinite(value)) for value in jax.tree.leaves(initial)):
+            raise DataError(f"Argument `initial` must be finite, but is {initial}.")
+        for law, own in zip(joint.laws, memory, strict=True):
+            law.admits(own)
+    return y, v, memory
+
+
+def warn_of_unbounded_law(joint: Any) -> None:
+    """Warn of parameters for which a law's force may diverge."""
+    for law in joint.laws if is_concrete(joint) else ():
+        if (doubt := law.doubts()) is not None:
+            warnings.warn(doubt, stacklevel=3)
+
+
+def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:
+    """Warn where the motion turns twice within a step, as the cubic through its ends shows.
+
+    With equal signs of v at both ends, v is least (or largest) at the cubic's inflection; it has
+    turned twice if v has the other sign there, by more than 1 % of the largest velocity.
+    """
+    if not is_concrete(fs, y, v):
+        return
+    y, v = np.asarray(y), np.asarray(v)
+    start, end, rise = v[..., :-1], v[..., 1:], fs * np.diff(y)
+    # v(s) = start + bend s + twist s^2 within an interval.
+    bend, twist = 6.0 * rise - 4.0 * start - 2.0 * end, 3.0 * (start + end) - 6.0 * rise
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = -0.5 * bend / twist
+        least = start + 0.5 * bend * s
+        apart = 2.0 * np.sqrt(-least / twist)
+    deep = (start * end > 0.0) & (least * start < 0.0) & (s > 0.0) & (s < 1.0)
+    deep &= np.abs(least) > 0.01 * np.max(np.abs(v), axis=-1, keepdims=True)
+    count = int(np.sum(deep & (apart * substeps < 1.0)))
+    if count:
+        warnings.warn(
+            f"In {count} of {deep.size} sample intervals the motion turns twice within one step, "
+            f"and only one turning point a step is resolved: `substeps` = {substeps} at `fs` = "
+            f"{fs:g} Hz is too coarse for the input's highest content. Raise `substeps`, or sample "
+            "the input faster.",
+            stacklevel=3,
+        )
+
+
+def check_bounded(joint: Any, y: Any) -> None:
+    """Report a trajectory that diverged, naming the parameters."""
+    if not is_concrete(joint, y) or np.all(finite := np.isfinite(y)):
+        return
+    sample = int(np.argwhere(~finite)[0][-1])
+    beside = {name: x for name, x in parameters(joint).items() if name not in ("omega_n", "zeta")}
+    text = ", ".join(f"{name} = {value}" for name, value in beside.items())
+    raise ModelError(
+        f"The trajectory diverges at sample {sample} for {text}.",
+        why="Nothing bounds z where delta + gamma < 0 or after a start outside the bounded set; "
+        "more than one turning point in a step does the same, and so does a restoring force that "
+        "pushes away from y = 0.",
+        remedy="Check the parameters and the input's scale; raise `substeps`.",
+    )
+
+
+def check_settled(residual: Any) -> None:
+    """Report a periodic record whose steady state Newton did not find."""
+    if not is_concrete(residual) or np.all(np.asarray(residual) < 1e-8):
+        return
+    raise ModelError(
+        f"No steady state was found: the state changes by {np.max(residual):.1e} of its largest "
+        "value over the period.",
+        why="The response may not be periodic with the input's period.",
+        remedy="Give a nearer `initial`, or simulate several periods with `periodic=False`.",
+    )
+
+
+def require_periodic(joint: Any) -> None:
+    """Raise where a law does not hold along a periodic motion of odd orders."""
+    for law in joint.laws:
+        law.check_periodic()
+
+
+def require_sense(
+    joint: Any, omega: ArrayLike, amplitude: ArrayLike, num_harmonics: int, max_turns: int
+) -> None:
+    """Raise where an argument of a periodic response cannot be meant."""
+    require_periodic(joint)
+    require_finite(joint, omega=omega, amplitude=amplitude)
+    require_float64()
+    if num_harmonics < 1:
+        raise ConfigError(f"Argument `num_harmonics` must be at least 1, but is {num_harmonics}.")
+    if max_turns < 2 or max_turns % 2:
+        raise ConfigError(f"Argument `max_turns` must be even, 2 or more, but is {max_turns}.")
+    require_at_least("omega", omega, 0.0, open_end=True)
+    require_at_least("amplitude", amplitude, 0.0)
+
+
+def require_converged(
+    joint: Any,
+    omega: ArrayLike,
+    amplitude: ArrayLike,
+    harmonics: Complex[Array, "... harmonic"],
+    turns: Int[Array, "..."],
+) -> None:
+    """Raise with the first tone whose response was not found, where its harmonics are NaN."""
+    failed = np.isnan(np.asarray(harmonics)).any(axis=-1)
+    if not failed.any():
+        return
+    shape = failed.shape
+    first = np.unravel_index(np.argmax(failed), shape)
+    leaves = {"omega": omega, "amplitude": amplitude, **parameters(joint)}
+    values = {
+        name: float(np.broadcast_to(np.asarray(leaf), shape)[first])
+        for name, leaf in leaves.items()
+    }
+    text = ", ".join(f"{name} = {value:g}" for name, value in values.items())
+    raise ModelError(
+        f"The periodic response did not converge for {failed.sum()} of {failed.size} tones, the "
+        f"first at {text} ({int(np.asarray(turns)[first])} turning points a period).",
+        why="Several periodic responses may exist there, or none that turns so rarely.",
+        remedy="Lower `amplitude`, follow the branch with `response_curve`, or raise `max_turns`.",
+    )

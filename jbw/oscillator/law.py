@@ -20,13 +20,13 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator import generic
 from jbw.oscillator.kinks import Ends
-from jbw.oscillator.law_records import Bounds as Bounds
-from jbw.oscillator.law_records import Conversion as Conversion
-from jbw.oscillator.law_records import Coordinates as Coordinates
-from jbw.oscillator.law_records import Loop as Loop
-from jbw.oscillator.law_records import Monomial as Monomial
-from jbw.oscillator.law_records import Scales as Scales
+from jbw.oscillator.parameters import Bounds as Bounds
+from jbw.oscillator.parameters import Conversion as Conversion
+from jbw.oscillator.parameters import Coordinates as Coordinates
+from jbw.oscillator.parameters import Loop as Loop
+from jbw.oscillator.parameters import Monomial as Monomial
 from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.parameters import Scales as Scales
 from jbw.quantities import Quantity
 
 Branch = Any  # a pytree, what holds between two kinks
@@ -246,6 +246,9 @@ class Law(eqx.Module):
     def admits(self, memory: Memory) -> None:
         """Raise a ModelError for a start that the law cannot hold; concrete values only."""
 
+    def check_periodic(self) -> None:
+        """Raise a ModelError where `harmonics` do not hold."""
+
     def doubts(self) -> str | None:
         """A warning about parameters of which the force may diverge, or None; concrete only."""
         return None
@@ -261,11 +264,11 @@ class Law(eqx.Module):
 
 
 class ScaledLaw(Law):
-    r"""A law in other units, $F(\ell q)/(\kappa\ell)$, its memory as it is; $K q/\kappa$ at l = 0.
+    r"""A law in other units, $F(\ell q)/(\kappa\ell)$, as the balance of harmonics sees it.
 
     Attributes:
         law: F.
-        length: Unit l of displacement.
+        length: Unit l of displacement; at l = 0 the limit, the slope of F at rest.
         unit: Unit kappa of stiffness.
     """
 
@@ -280,21 +283,16 @@ class ScaledLaw(Law):
         """K / kappa."""
         return self.law.stiffness() / self.unit
 
-    def at_rest(self) -> Memory:
-        """The law's own."""
-        return self.law.at_rest()
+    def scaled(self, length: Scalar, stiffness: Scalar) -> "ScaledLaw":
+        """In other units once more."""
+        return ScaledLaw(self.law, self.length * length, self.unit * stiffness)
 
-    def force(self, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
-        """Force in these units."""
+    def harmonics(
+        self, q: Complex[Array, " harmonic"], max_turns: int
+    ) -> Complex[Array, " harmonic"]:
+        """The law's own along the motion l q."""
         at_rest = self.length == 0.0
         length = jnp.where(at_rest, 1.0, self.length)
-        force = self.law.force(length * y, length * v, memory) / length
-        return jnp.where(at_rest, self.law.stiffness() * y, force) / self.unit
-
-    def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
-        """Rate of the law's own memory."""
-        return self.law.rate(self.length * y, self.length * v, memory)
-
-    def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """The law's own move."""
-        return self.law.move(self.length * y, memory, self.length * dy)
+        harmonics = self.law.harmonics(length * q, max_turns) / length
+        left = Law.stiffness(self.law) - self.law.stiffness()
+        return jnp.where(at_rest, left * q, harmonics) / self.unit

@@ -1,11 +1,13 @@
-"""Types of the parameters."""
+"""Types of parameters, and the records with which a law is described."""
 
-from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+from jbw.quantities import Quantity
 
 Scalar = Float[Array, "..."] | float
 Restoring = Callable[[Scalar], Scalar]
@@ -37,3 +39,123 @@ def batched(function: Callable[..., Any], *arguments: Any) -> Any:
     flat = jax.tree.unflatten(structure, [leaf.ravel() for leaf in leaves])
     results = jax.vmap(function)(*flat)
     return jax.tree.map(lambda x: x.reshape(*shape, *x.shape[1:]), results)
+
+
+Powers = Mapping[str, int]
+Bounds = dict[str, tuple[float, float]]
+
+
+class Scales(NamedTuple):
+    """What is known before any law is fitted.
+
+    Attributes:
+        omega_n: Natural frequency at small amplitude [rad/s].
+        zeta: Damping ratio [-].
+        y_peak: Largest displacement measured [m].
+        forced: Whether all tests prescribe the displacement, so that nothing else than the joint
+            need carry.
+    """
+
+    omega_n: float
+    zeta: float
+    y_peak: float
+    forced: bool = False
+
+
+class Monomial(NamedTuple):
+    r"""A quantity that is a product of powers of others, $\prod_i \theta_i^{p_i}$.
+
+    Attributes:
+        quantity: The quantity: name, symbol, unit, meaning.
+        powers: Whole exponents by name of the factor.
+    """
+
+    quantity: Quantity
+    powers: Powers
+
+    @property
+    def name(self) -> str:
+        """Name of the quantity."""
+        return self.quantity.name
+
+    def of(self, theta: Mapping[str, Any]) -> Any:
+        """Its value, positive powers first and then divided by the others."""
+        value: Any = 1.0
+        for name, power in sorted(self.powers.items(), key=lambda item: item[1] < 0):
+            factor = theta[name] ** abs(power) if abs(power) != 1 else theta[name]
+            value = value * factor if power > 0 else value / factor
+        return value
+
+
+class Coordinates(NamedTuple):
+    """Other parameters in which a law is sampled, one for one with its own.
+
+    Attributes:
+        name: Name in `[identify] coordinates`, such as "products".
+        forward: The law's parameters, as powers of the coordinates and omega_n.
+        inverse: The coordinates, as powers of the law's parameters and omega_n.
+    """
+
+    name: str
+    forward: tuple[Monomial, ...]
+    inverse: tuple[Monomial, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return tuple(monomial.name for monomial in self.inverse)
+
+    @property
+    def table(self) -> tuple[Quantity, ...]:
+        """The coordinates' quantities."""
+        return tuple(monomial.quantity for monomial in self.inverse)
+
+    def to_parameters(self, theta: Mapping[str, Any]) -> dict[str, Any]:
+        """The same point in the law's own parameters; everything else in theta as it is."""
+        rest = {name: value for name, value in theta.items() if name not in self.names}
+        return rest | {monomial.name: monomial.of(theta) for monomial in self.forward}
+
+    def from_parameters(self, theta: Mapping[str, Any]) -> dict[str, Any]:
+        """The same point in these coordinates; everything else in theta as it is."""
+        own = {monomial.name for monomial in self.forward}
+        rest = {name: value for name, value in theta.items() if name not in own}
+        return rest | {monomial.name: monomial.of(theta) for monomial in self.inverse}
+
+    def powers(self, powers: Powers) -> dict[str, int]:
+        """Powers of the law's parameters, written as powers of the coordinates and omega_n."""
+        forward = {monomial.name: monomial.powers for monomial in self.forward}
+        total: dict[str, int] = {}
+        for name, power in powers.items():
+            for factor, inner in forward.get(name, {name: 1}).items():
+                total[factor] = total.get(factor, 0) + power * inner
+        return {name: power for name, power in total.items() if power}
+
+
+class Loop(NamedTuple):
+    r"""Steady loop of a law for y = Y cos(theta), F = Re sum F_n exp(j n theta).
+
+    Attributes:
+        stiffness: Equivalent stiffness, Re F_1 / Y [1/s^2].
+        damping: Equivalent damping times omega, Im F_1 / Y = E / (pi Y^2) [1/s^2].
+    """
+
+    stiffness: Float[Array, "..."]
+    damping: Float[Array, "..."]
+
+    def energy(self, y_peak: Scalar) -> Float[Array, "..."]:
+        """Dissipated in a cycle, E [J/kg]."""
+        return jnp.pi * self.damping * jnp.asarray(y_peak) ** 2
+
+
+class Conversion(NamedTuple):
+    """An oscillator in the convention of another program.
+
+    Attributes:
+        values: Its parameters by their names there.
+        units: Their units.
+        material: The line that makes it there, where there is one.
+    """
+
+    values: Mapping[str, float]
+    units: Mapping[str, str]
+    material: str | None = None

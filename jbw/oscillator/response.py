@@ -18,7 +18,7 @@ from diffrax import (
 from jaxtyping import Array, Float
 
 from jbw.oscillator.adjoint import Trajectory, solve
-from jbw.oscillator.admission import (
+from jbw.oscillator.checks import (
     check_bounded,
     check_input,
     check_options,

@@ -12,10 +12,15 @@ from jax.tree_util import Partial
 from jaxtyping import Array, Complex, Float
 
 from jbw.errors import ModelError
-from jbw.oscillator.admission import require_float64, require_odd
-from jbw.oscillator.checks import is_concrete, require_at_least, require_closed_form, require_finite
+from jbw.oscillator.checks import (
+    is_concrete,
+    require_at_least,
+    require_finite,
+    require_float64,
+    require_periodic,
+)
 from jbw.oscillator.laws.hysteresis import hysteresis_rate
-from jbw.oscillator.oscillator import BoucWen, as_oscillator
+from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import orders
 
@@ -80,8 +85,7 @@ def shooting(
     Reference:
         Eqs. (1), (2).
     """
-    require_closed_form(joint)
-    require_odd(as_oscillator(joint))
+    require_periodic(joint)
     require_finite(joint, omega=omega, amplitude=amplitude)
     require_at_least("omega", omega, 0.0, open_end=True)
     require_at_least("amplitude", amplitude, 0.0, open_end=True)

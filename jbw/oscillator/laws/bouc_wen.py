@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
-import jbw.oscillator.laws.closed_path as closed_path
-import jbw.oscillator.laws.folded_path as folded_path
+import jbw.oscillator.laws.periodic_path as periodic_path
 from jbw.errors import ModelError
+from jbw.oscillator.checks import require_closed_form
 from jbw.oscillator.kinks import Ends, signed
 from jbw.oscillator.law import Bounds, Conversion, Coordinates, Law, Loop, Monomial, Scales
 from jbw.oscillator.laws.conversions import conversions
@@ -201,19 +201,18 @@ class BoucWenLaw(Law):
         self, q: Complex[Array, " harmonic"], max_turns: int
     ) -> Complex[Array, " harmonic"]:
         """By quadrature between turning points and zeros of Z, whose periodicity is solved for."""
-        if max_turns == 2:
-            return self.alpha * closed_path.relaxed_force(q, self.delta, self.gamma)
-        return self.alpha * folded_path.relaxed_force(q, self.delta, self.gamma, max_turns)
+        return self.alpha * periodic_path.relaxed_force(q, self.delta, self.gamma, max_turns)
 
     def force_over_period(
         self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
     ) -> Float[Array, " time"]:
         """Exact, closed over the period."""
-        if max_turns == 2:
-            return self.alpha * closed_path.force_over_period(q, theta, self.delta, self.gamma)
-        return self.alpha * folded_path.force_over_period(
-            q, theta, self.delta, self.gamma, max_turns
-        )
+        args = self.delta, self.gamma, max_turns
+        return self.alpha * periodic_path.force_over_period(q, theta, *args)
+
+    def check_periodic(self) -> None:
+        """Only with nu = 1 is the force along a period known."""
+        require_closed_form(self)
 
     def admits(self, memory: Scalar) -> None:
         """Refuse a Z beyond alpha/(delta + |gamma|), from which it would run away."""

@@ -11,7 +11,7 @@ here; there the dissipating coefficient is called beta and the other one gamma.
 from typing import Any, NamedTuple
 
 from jbw.errors import ModelError
-from jbw.oscillator.law_records import Conversion
+from jbw.oscillator.parameters import Conversion
 
 BABER_NOORI_UNITS = dict(
     mass="kg", damping="N s/m", stiffness="N/m", ratio="1", beta="1/m^n", gamma="1/m^n", n="1"
@@ -82,13 +82,6 @@ def to_baber_noori(joint: Any, mass: float) -> BaberNoori:
 
     $$z = Z / \alpha: \quad k_0 = m\omega_n^2, \quad a = k / \omega_n^2, \quad
       \beta = \gamma\,\alpha^{\nu-1}, \quad \gamma_{BN} = \delta\,\alpha^{\nu-1}$$
-
-    Args:
-        joint: Parameters, scalars.
-        mass: Modal mass [kg].
-
-    Raises:
-        ModelError: The mass is not positive, or a force stands beside the joint.
     """
     omega_n, zeta, alpha, delta, gamma = _scalars(joint, mass)
     scale = alpha ** (joint.nu - 1.0)
@@ -156,12 +149,7 @@ def opensees(joint: Any, mass: float, tag: int = 1) -> str:
 
 
 def conversions(joint: Any, mass: float) -> dict[str, Conversion]:
-    """The joint in every convention of this file, by name.
-
-    Args:
-        joint: Parameters, scalars.
-        mass: Modal mass [kg].
-    """
+    """The joint in every convention of this file, by name."""
     baber, benchmark = to_baber_noori(joint, mass), to_benchmark(joint, mass)
     material = opensees(joint, mass)
     return {

@@ -22,7 +22,6 @@ SLIP = (0.02, 2.0)
 SHARE = (0.002, 0.5)  # of the stiffness, all sliders together
 FORCED_SHARE = (0.01, 1.0)
 _NODES, _NODES_PER_HARMONIC = 24, 2
-_NEVER = 1e30  # a slip of the dimensionless problem without a load
 _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
@@ -222,13 +221,6 @@ class Jenkins(Law):
             losses = 4.0 / jnp.pi * part * (1.0 - part)
             damping = damping + alpha * jnp.where(slips, losses, 0.0)
         return Loop(stiffness, damping)
-
-    def scaled(self, length: Scalar, stiffness: Scalar) -> "Jenkins":
-        """In units of displacement and stiffness; at a length of zero nothing slips."""
-        at_rest = length == 0.0
-        length = jnp.where(at_rest, 1.0, length)
-        slips = tuple(jnp.where(at_rest, _NEVER, phi / length) for phi in self.phi)
-        return Jenkins(tuple(alpha / stiffness for alpha in self.alpha), slips)
 
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int

@@ -9,11 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from jbw.errors import ModelError
+from jbw.oscillator.checks import is_concrete
 from jbw.oscillator.kinks import kept
 from jbw.oscillator.law import Bounds, Law, Loop, Scales
 from jbw.oscillator.parameters import Restoring, Scalar
 from jbw.oscillator.steady.waveform import odd_harmonics, synthesis
 from jbw.quantities import Quantity
+
+# Displacements at which a force is probed for oddness [m].
+_PROBES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 
 
 class Spring(Law):
@@ -32,10 +37,6 @@ class Spring(Law):
     ) -> tuple[Scalar, Scalar]:
         """The force f(y), and h times its rate f'(y) v."""
         return kept(jax.jvp(self, (y,), (h * v,)))
-
-    def scaled(self, length: Scalar, stiffness: Scalar) -> "Spring":
-        """In units of displacement and stiffness."""
-        return ScaledSpring(self, length, stiffness)
 
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int
@@ -62,6 +63,26 @@ class Spring(Law):
     def force(self, y: Scalar, v: Scalar, memory: tuple[()]) -> Scalar:
         """Force at the displacement y [N/kg]."""
         return self(y)
+
+    def check_periodic(self) -> None:
+        """Refuse an even part, for which the response has even orders too."""
+        if (even := self.even_part()) is not None:
+            raise ModelError(
+                f"Parameter `restoring` must be an odd force for a periodic response, but {even}.",
+                why="Harmonics of odd orders, and half a period, describe odd motions only.",
+                remedy="Put None for the even powers of `Polynomial`, or use `simulate` with "
+                "periodic=True.",
+            )
+
+    def even_part(self) -> str | None:
+        """What is even in the force at some displacements, or None; concrete values only."""
+        if not is_concrete(self):
+            return None
+        for y in _PROBES:
+            there, back = np.asarray(self(y)), np.asarray(self(-y))
+            if not np.all(np.abs(there + back) <= 1e-9 * np.abs(there - back)):
+                return "f(-y) differs from -f(y)"
+        return None
 
 
 class Cubic(Spring):
@@ -99,6 +120,9 @@ class Cubic(Spring):
         """Force at the displacement y [m]."""
         return self.lambda_3 * y**3
 
+    def even_part(self) -> None:
+        """None."""
+
 
 class Polynomial(Spring):
     r"""Polynomial stiffness, $f(y) = \sum_{n \ge 2} c_n\,y^n$ [N/kg].
@@ -123,29 +147,15 @@ class Polynomial(Spring):
         terms = enumerate(self.coefficients, start=2)
         return sum((c * y**n for n, c in terms if c is not None), 0.0 * y)
 
-
-class ScaledSpring(Spring):
-    r"""A spring in other units, $f(\ell q)/(\kappa\ell)$; $f'(0)\,q/\kappa$ at l = 0.
-
-    Attributes:
-        spring: f, from the displacement to the force.
-        length: Unit l of displacement.
-        unit: Unit kappa of stiffness.
-    """
-
-    name: ClassVar[str] = "scaled"
-    table: ClassVar[tuple[Quantity, ...]] = ()
-
-    spring: Spring
-    length: Scalar
-    unit: Scalar
-
-    def __call__(self, y: Scalar) -> Scalar:
-        """Force at the displacement y."""
-        at_rest = self.length == 0.0
-        length = jnp.where(at_rest, 1.0, self.length)
-        _, linear = jax.jvp(self.spring, (jnp.zeros_like(y),), (y,))
-        return jnp.where(at_rest, linear, self.spring(length * y) / length) / self.unit
+    def even_part(self) -> str | None:
+        """Even powers whose coefficients are not known to be zero."""
+        even = {f"c_{n}": c for n, c in enumerate(self.coefficients, start=2) if n % 2 == 0}
+        acting = [
+            name
+            for name, c in even.items()
+            if c is not None and (not is_concrete(c) or np.any(np.asarray(c) != 0.0))
+        ]
+        return f"its {', '.join(acting)} may act" if acting else None
 
 
 class Callable(Spring):
@@ -168,9 +178,3 @@ class Callable(Spring):
 def as_law(force: Restoring) -> Spring:
     """A restoring force as a law: itself where it is one."""
     return force if isinstance(force, Spring) else Callable(force)
-
-
-def is_odd(force: Restoring, y: float) -> bool:
-    """Whether f(-y) = -f(y) at one displacement."""
-    there, back = np.asarray(force(y)), np.asarray(force(-y))
-    return bool(np.all(np.abs(there + back) <= 1e-9 * np.abs(there - back)))

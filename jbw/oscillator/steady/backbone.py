@@ -7,13 +7,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Complex, Float, Real
 
-from jbw.oscillator.admission import (
-    require_closed_forms,
+from jbw.oscillator.checks import (
+    is_concrete,
+    require_at_least,
     require_converged,
-    require_odd,
+    require_finite,
+    require_periodic,
     require_sense,
 )
-from jbw.oscillator.checks import is_concrete, require_at_least, require_finite
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import batched
 from jbw.oscillator.steady.balance import (
@@ -72,8 +73,7 @@ def backbone(joint: Joint, y_peak: Real[ArrayLike, "..."]) -> Backbone:
         Z_1 and E close Eqs. (3)-(6).
     """
     given, joint = joint, as_oscillator(joint)
-    require_odd(given)
-    require_closed_forms(given)
+    require_periodic(given)
     require_finite(given, y_peak=y_peak)
     require_at_least("y_peak", y_peak, 0.0)
     y_peak = jnp.asarray(y_peak, float)

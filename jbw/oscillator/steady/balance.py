@@ -13,7 +13,7 @@ import numpy as np
 import optimistix
 from jaxtyping import Array, ArrayLike, Bool, Complex, Float, Shaped
 
-from jbw.oscillator.admission import require_odd
+from jbw.oscillator.checks import require_periodic
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import orders
@@ -107,10 +107,10 @@ def refined(
         Odd orders of y [m].
 
     Raises:
-        ModelError: A spring has an even part.
+        ModelError: nu is not 1, or a spring has an even part.
     """
     joint = as_oscillator(joint)
-    require_odd(joint)
+    require_periodic(joint)
 
     def left(packed: Packed) -> Packed:
         return pack(imbalance(joint, omega, unpack(packed), load))

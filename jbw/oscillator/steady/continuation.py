@@ -8,7 +8,7 @@ import optimistix
 from jaxtyping import Array, Complex, Float
 
 from jbw.errors import ModelError
-from jbw.oscillator.admission import require_sense
+from jbw.oscillator.checks import require_sense
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.steady.balance import (
     balance,

@@ -8,8 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float, Inexact, Int, Real
 
-from jbw.oscillator.admission import require_closed_forms, require_converged, require_sense
-from jbw.oscillator.checks import is_concrete
+from jbw.oscillator.checks import (
+    is_concrete,
+    require_converged,
+    require_periodic,
+    require_sense,
+)
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import batched
 from jbw.oscillator.steady.balance import balance, dimensionless, linear_response, unpack
@@ -116,10 +120,10 @@ def steady_cycle(
         The cycle, from theta = 0; batch axes lie before time.
 
     Raises:
-        ModelError: nu is not 1.
+        ModelError: nu is not 1, or a spring has an even part.
     """
     joint = as_oscillator(joint)
-    require_closed_forms(joint)
+    require_periodic(joint)
     theta = 2.0 * jnp.pi * jnp.arange(num_points) / num_points
     harmonics = jnp.asarray(harmonics, complex)
 

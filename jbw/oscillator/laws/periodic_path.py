@@ -1,8 +1,10 @@
-r"""Hysteretic force along a periodic motion that turns more than twice a period (nu = 1).
+r"""Hysteretic force along a periodic motion (nu = 1).
 
-Between two turning points the exact map gives the force from the last turning point directly. Its
-value at the first one is the root of the periodicity z(theta + pi) = -z(theta), one scalar
-equation, monotone with slope in [1, 2]. Units as for the closed path.
+Between two turning points the motion is monotone. Where there are two a period, the force depends
+on the path through the peak Y alone: it is the steady loop's, in closed form. Where there are more,
+the exact map gives the force from the last turning point, and its value at the first one is the
+root of the periodicity z(theta + pi) = -z(theta), one scalar equation, monotone with slope in
+[1, 2]. Everything is in one unit of length, with delta and gamma in its inverse and z over alpha.
 """
 
 from typing import Any, NamedTuple
@@ -13,12 +15,19 @@ import numpy as np
 from jax.lax import stop_gradient
 from jaxtyping import Array, Complex, Float
 
-from jbw.oscillator.laws.closed_path import opening
 from jbw.oscillator.laws.hysteresis import hysteresis_map
-from jbw.oscillator.laws.relaxation import psi
+from jbw.oscillator.laws.relaxation import half_width, opening_and_area, psi, unloading_lag
 from jbw.oscillator.parameters import Hysteresis, Scalar
-from jbw.oscillator.steady.waveform import crest, exponentials, flatter, gauss_legendre, synthesis
+from jbw.oscillator.steady.waveform import (
+    angle_of,
+    crest,
+    exponentials,
+    flatter,
+    gauss_legendre,
+    synthesis,
+)
 
+# The force is smooth between turning point and zero; each harmonic adds about pi/2 of phase there.
 _NODES = 24
 _NODES_PER_HARMONIC = 2
 _GRID_PER_HARMONIC = 16
@@ -27,10 +36,24 @@ _NUM_HALVINGS = 20
 _NUM_PERIODICITY = 12
 
 
+def opening(y_peak: Scalar, delta: Scalar, gamma: Scalar) -> Float[Array, "..."]:
+    """Displacement at which z vanishes on unloading from `y_peak`, with gamma's sign."""
+    sign = jnp.where(gamma < 0.0, -1.0, 1.0)
+    d, g = delta * y_peak, sign * gamma * y_peak
+    return sign * y_peak * opening_and_area(half_width(d, g), d + g, g)[0]
+
+
 def relaxed_force(
     q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
 ) -> Complex[Array, " harmonic"]:
-    r"""Harmonics of r = z/alpha - y by Gauss-Legendre between turning points and zeros of z.
+    r"""Harmonics of what relaxation takes from the elastic force, r = z/alpha - y.
+
+    $$r_n = \frac{2}{\pi}\int_{\theta_t}^{\theta_t+\pi} r\, e^{-jn\theta}\,d\theta, \qquad
+      r = -(y_0 + \text{lag}) \text{ on unloading}$$
+
+    by Gauss-Legendre between the turning points and the zero of z. The integrand is continuous
+    at these break points and equal at both ends, to its first derivative, so their motion adds
+    nothing to two derivatives of r_n and the nodes carry none.
 
     Args:
         q: Complex amplitudes of the odd orders of y.
@@ -41,20 +64,24 @@ def relaxed_force(
     Returns:
         Complex amplitudes of r, in the unit of `q`.
     """
+    if max_turns > 2:
+        return _folded_relaxed_force(q, delta, gamma, max_turns)
     num_harmonics = q.shape[0]
-    law = _unit_law(delta, gamma)
-    turns = turning_angles(q, max_turns)
-    y_turn, z_turn = _turning_states(q, turns, law)
-    turns, zeros = stop_gradient((turns, _zeros(q, turns, y_turn, z_turn, law)))
-    breaks = jnp.stack([turns[:-1], zeros], -1).ravel()
-    breaks = jnp.append(breaks, turns[-1])
+    delta, gamma = jnp.asarray(delta), jnp.asarray(gamma)
+    start = crest(q)
+    y_open = opening(synthesis(q, start), delta, gamma)
+    start_fixed = stop_gradient(start)
+    zero = angle_of(*stop_gradient((q, start, y_open)))
     num_nodes = _NODES + _NODES_PER_HARMONIC * num_harmonics
-    theta, weights = gauss_legendre(num_nodes, breaks[:-1], breaks[1:])
+    segments = (
+        gauss_legendre(num_nodes, start_fixed, zero),
+        gauss_legendre(num_nodes, zero, start_fixed + jnp.pi),
+    )
+    theta, weights = (jnp.concatenate(part) for part in zip(*segments, strict=True))
     basis = exponentials(theta, num_harmonics)
     y = jnp.sum(basis * q, -1).real
-    first = np.repeat(np.arange(turns.shape[0] - 1), 2)
-    z = hysteresis_map(law, z_turn[first, None], y - y_turn[first, None])
-    return 2.0 / jnp.pi * jnp.einsum("sp,spn->n", weights * (z - y), basis.conj())
+    r = -(y_open + unloading_lag(y, y_open, delta, gamma))
+    return 2.0 / jnp.pi * ((weights * r) @ basis.conj())
 
 
 def force_over_period(
@@ -76,7 +103,45 @@ def force_over_period(
     Returns:
         z/alpha, in the unit of `q`.
     """
-    law = _unit_law(delta, gamma)
+    if max_turns > 2:
+        return _folded_force_over_period(q, theta, delta, gamma, max_turns)
+    delta, gamma = jnp.asarray(delta), jnp.asarray(gamma)
+    y_open = opening(synthesis(q, crest(q)), delta, gamma)
+    # Loading mirrors unloading.
+    side = jnp.where(synthesis(q, theta, 1) > 0.0, -1.0, 1.0)
+    y = side * synthesis(q, theta)
+    return side * (y - y_open - unloading_lag(y, y_open, delta, gamma))
+
+
+def _folded_relaxed_force(
+    q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
+) -> Complex[Array, " harmonic"]:
+    """The same with more turning points, by quadrature between them and the zeros of z."""
+    num_harmonics = q.shape[0]
+    law: Any = _UnitLaw(jnp.ones_like(delta), delta, gamma)
+    turns = turning_angles(q, max_turns)
+    y_turn, z_turn = _turning_states(q, turns, law)
+    turns, zeros = stop_gradient((turns, _zeros(q, turns, y_turn, z_turn, law)))
+    breaks = jnp.stack([turns[:-1], zeros], -1).ravel()
+    breaks = jnp.append(breaks, turns[-1])
+    num_nodes = _NODES + _NODES_PER_HARMONIC * num_harmonics
+    theta, weights = gauss_legendre(num_nodes, breaks[:-1], breaks[1:])
+    basis = exponentials(theta, num_harmonics)
+    y = jnp.sum(basis * q, -1).real
+    first = np.repeat(np.arange(turns.shape[0] - 1), 2)
+    z = hysteresis_map(law, z_turn[first, None], y - y_turn[first, None])
+    return 2.0 / jnp.pi * jnp.einsum("sp,spn->n", weights * (z - y), basis.conj())
+
+
+def _folded_force_over_period(
+    q: Complex[Array, " harmonic"],
+    theta: Float[Array, " time"],
+    delta: Scalar,
+    gamma: Scalar,
+    max_turns: int,
+) -> Float[Array, " time"]:
+    """The same with more turning points, from the last one on."""
+    law: Any = _UnitLaw(jnp.ones_like(delta), delta, gamma)
     turns = turning_angles(q, max_turns)
     y_turn, z_turn = _turning_states(q, turns, law)
     after = jnp.mod(theta - turns[0], 2.0 * jnp.pi)
@@ -189,7 +254,3 @@ class _UnitLaw(NamedTuple):
     def nu(self) -> float:
         """The exponent, no leaf."""
         return 1.0
-
-
-def _unit_law(delta: Scalar, gamma: Scalar) -> Any:
-    return _UnitLaw(jnp.ones_like(delta), delta, gamma)
