@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jbw.oscillator.kinks import Ends, StepPath, kick, signed
+from jbw.oscillator.kinks import Ends, StepPath, kink_impulse, signed
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import crest, exponentials, synthesis
 
@@ -71,14 +71,14 @@ def remainder_by_rates(
 
 
 def turn_by_slopes(
-    law: Law, y: Scalar, memory: Memory, ends: Ends, lift: Scalar
+    law: Law, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
 ) -> tuple[Memory, Scalar, Scalar]:
-    """Two moves through a turning point, and the kick of the slope's jump there."""
-    path = StepPath.through(ends, lift)
+    """Two moves through a turning point, and the impulse of the slope's jump there."""
+    path = StepPath.through(ends, quartic)
     top = y + path.before
     there = law.move(y, memory, path.before)
     jump = slope(law, top, there, path.after) - slope(law, top, there, path.before)
-    found = kick(1.0 - path.fraction, jnp.where(path.turns, jump * path.bend, 0.0), 0.0)
+    found = kink_impulse(1.0 - path.fraction, jnp.where(path.turns, jump * path.bend, 0.0), 0.0)
     return law.move(top, there, path.after), found.v, found.y
 
 

@@ -108,7 +108,7 @@ class StepPath(NamedTuple):
         bend: Second derivative there, h^2 dv/dt [m].
         before: Move until there [m].
         after: Move from there to the end [m].
-        lift: Quartic term of the path [m].
+        quartic: Quartic term of the path [m].
     """
 
     cubic: Cubic
@@ -117,18 +117,18 @@ class StepPath(NamedTuple):
     bend: Scalar
     before: Scalar
     after: Scalar
-    lift: Scalar
+    quartic: Scalar
 
     @classmethod
-    def through(cls, ends: Ends, lift: Scalar) -> Self:
+    def through(cls, ends: Ends, quartic: Scalar) -> Self:
         """The path of given slopes and rise, with a quartic term for the turning point."""
         start, end, rise = ends
         turns = jnp.asarray(start * end < 0.0)
         cubic = kept(hermite(*ends))
         fraction, _ = turning_point(turns, cubic)
         weight = (fraction * (1.0 - fraction)) ** 2
-        before = kept(jnp.where(turns, cubic.move(fraction) + lift * weight, rise))
-        return cls(cubic, turns, fraction, cubic.bend(fraction), before, rise - before, lift)
+        before = kept(jnp.where(turns, cubic.move(fraction) + quartic * weight, rise))
+        return cls(cubic, turns, fraction, cubic.bend(fraction), before, rise - before, quartic)
 
     def passage(self, target: Scalar, *, first: bool) -> Scalar:
         """Fraction of the step at which the path reaches a move, before or after its turn.
@@ -157,8 +157,8 @@ class StepPath(NamedTuple):
     def _nearer(self, s: Scalar, target: Scalar) -> Scalar:
         """One step of Newton's iteration."""
         weight = s * (1.0 - s)
-        move = self.cubic.move(s) + self.lift * weight**2
-        slope = self.cubic.slope(s) + 2.0 * self.lift * weight * (1.0 - 2.0 * s)
+        move = self.cubic.move(s) + self.quartic * weight**2
+        slope = self.cubic.slope(s) + 2.0 * self.quartic * weight * (1.0 - 2.0 * s)
         return s - (move - target) / jnp.where(slope == 0.0, 1.0, slope)
 
 
@@ -180,8 +180,8 @@ def passage(
     return kept(guess - jnp.where(steady, (path.move(guess) - target) / slope, 0.0))
 
 
-class Kick(NamedTuple):
-    """Kicks on v [m/s] and on y / h [m/s], each with its derivatives by x and the jumps."""
+class KinkImpulse(NamedTuple):
+    """Impulses on v [m/s] and on y / h [m/s], each with its derivatives by x and the jumps."""
 
     v: Scalar
     y: Scalar
@@ -189,7 +189,7 @@ class Kick(NamedTuple):
     y_slopes: tuple[Scalar, Scalar, Scalar]
 
 
-def kick(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> Kick:
+def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
     r"""What the cubic through r and its rate at both ends misses of a kink inside the step.
 
     With jumps J_2, J_3 of the second and third derivative of r when a fraction x remains,
@@ -207,7 +207,7 @@ def kick(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> Kick:
         jump_3: h^4 J_3 [m/s].
 
     Returns:
-        The kicks.
+        The impulses.
     """
     weight = x * (1.0 - x)
     v_2, v_3 = -weight * (1.0 - 2.0 * x) / 12.0, -(weight**2) / 24.0
@@ -218,12 +218,12 @@ def kick(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> Kick:
         -(jump_2 * (4.0 - 18.0 * x + 20.0 * x**3) + jump_3 * weight * (4.0 - 5.0 * x - 5.0 * x**2))
         / 120.0
     )
-    kick_v, kick_y = v_2 * jump_2 + v_3 * jump_3, y_2 * jump_2 + y_3 * jump_3
-    return Kick(kick_v, kick_y, (v_x, v_2, v_3), (y_x, y_2, y_3))
+    impulse_v, impulse_y = v_2 * jump_2 + v_3 * jump_3, y_2 * jump_2 + y_3 * jump_3
+    return KinkImpulse(impulse_v, impulse_y, (v_x, v_2, v_3), (y_x, y_2, y_3))
 
 
-def slope_kick(x: Scalar, jump_1: Scalar, jump_2: Scalar) -> tuple[Scalar, Scalar]:
-    r"""Kicks of a kink where already the first derivative of r jumps, as of a slider that slips.
+def slope_jump_impulse(x: Scalar, jump_1: Scalar, jump_2: Scalar) -> tuple[Scalar, Scalar]:
+    r"""Impulses of a kink where already the first derivative of r jumps, as of a slider that slips.
 
     $$\int_0^h (r - H)\,ds = h^2 J_1
       \left(\tfrac{x^2}{2} - \tfrac{x}{2} + \tfrac{1}{12}\right) + \dots$$
@@ -236,9 +236,9 @@ def slope_kick(x: Scalar, jump_1: Scalar, jump_2: Scalar) -> tuple[Scalar, Scala
         jump_2: h^2 J_2 [N/kg].
 
     Returns:
-        Kicks on v over h and on y over h^2 [m/s^2].
+        Impulses on v over h and on y over h^2 [m/s^2].
     """
-    found = kick(x, jump_2, 0.0)
-    v = found.v - jump_1 * (0.5 * x * (x - 1.0) + 1.0 / 12.0)
-    y = found.y - jump_1 * (x * (x**2 / 6.0 - 0.15) + 1.0 / 30.0)
+    impulse = kink_impulse(x, jump_2, 0.0)
+    v = impulse.v - jump_1 * (0.5 * x * (x - 1.0) + 1.0 / 12.0)
+    y = impulse.y - jump_1 * (x * (x**2 / 6.0 - 0.15) + 1.0 / 30.0)
     return v, y

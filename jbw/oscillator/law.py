@@ -183,7 +183,7 @@ class Law(eqx.Module):
         return self.move(y, memory, dy), False
 
     def turn(
-        self, y: Scalar, memory: Memory, ends: Ends, lift: Scalar
+        self, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
         r"""Memory after a step that may turn, and what the kink there gives to the motion.
 
@@ -194,12 +194,12 @@ class Law(eqx.Module):
             y: Displacement at the start [m].
             memory: Memory at the start.
             ends: Slopes h v of the step's cubic path at its start and end, and its rise [m].
-            lift: Quartic term of the path [m].
+            quartic: Quartic term of the path [m].
 
         Returns:
-            Memory at the end, the kick on v over h and that on y over h^2 [m/s^2].
+            Memory at the end, the impulse on v over h and that on y over h^2 [m/s^2].
         """
-        return generic.turn_by_slopes(self, y, memory, ends, lift)
+        return generic.turn_by_slopes(self, y, memory, ends, quartic)
 
     def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch) -> Memory:
         """Memory after the corrector's small change of y, on the branch at the end."""

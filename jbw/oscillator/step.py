@@ -4,7 +4,7 @@ With every law's stiffness K of rest moved to the exactly solved linear part, th
 the small remainder $r = \sum (F - K y)$, whose rate is continuous where they have no kink but
 turning points. One step predicts (y, v) with r and its rate, moves the memories, and corrects
 (y, v) with the cubic through r and its rate at both ends. What that cubic misses of a kink inside
-the step is paid back as a kick on v and y. With Bouc-Wen's exact map (nu = 1) the order is 4
+the step is paid back as an impulse on v and y. With Bouc-Wen's exact map (nu = 1) the order is 4
 through the kinks at v = 0 and z = 0.
 """
 
@@ -108,7 +108,7 @@ def advance(step: ExactStep, state: State, push: Push, *, branch: bool) -> State
     y_1 = y + (step.f_11 * y + step.f_12 * v + push[0] - step.r_y * r - step.s_y * rate)
     v_1 = v + (step.f_21 * y + step.f_22 * v + push[1] - step.r_v * r - step.s_v * rate)
     if not any(law.remembers for law in laws):
-        memory_1, branches_1, kick_v, kick_y = memory, branches, 0.0, 0.0
+        memory_1, branches_1, impulse_v, impulse_y = memory, branches, 0.0, 0.0
     elif branch:
         dy = y_1 - y
         glided = [
@@ -116,24 +116,24 @@ def advance(step: ExactStep, state: State, push: Push, *, branch: bool) -> State
         ]
         kinked = reduce(jnp.logical_or, (met for _, met in glided), v * v_1 <= 0.0)
         none = jnp.zeros_like(v_1)
-        y_1, v_1, memory_1, branches_1, kick_v, kick_y = jax.lax.cond(
+        y_1, v_1, memory_1, branches_1, impulse_v, impulse_y = jax.lax.cond(
             kinked,
             lambda: _through_kinks(step, state, branches, push[2], y_1, v_1),
             lambda: (y_1, v_1, tuple(own for own, _ in glided), branches, none, none),
         )
     else:
         y_1, v_1, r, rate = kept((y_1, v_1, r, rate))
-        y_1, v_1, memory_1, branches_1, kick_v, kick_y = kept(
+        y_1, v_1, memory_1, branches_1, impulse_v, impulse_y = kept(
             _through_kinks(step, state, branches, push[2], y_1, v_1)
         )
     r_1, rate_1 = _remainder(step, y_1, v_1, memory_1, branches_1)
     change = r_1 - r
     if not branch:
         change, rate_1 = kept((change, rate_1))
-    dy = kick_y - (step.d_y * change + step.a_y * rate + step.b_y * rate_1)
+    dy = impulse_y - (step.d_y * change + step.a_y * rate + step.b_y * rate_1)
     if not branch:
         dy = kept(dy)
-    dv = kick_v - (step.d_v * change + step.a_v * rate + step.b_v * rate_1)
+    dv = impulse_v - (step.d_v * change + step.a_v * rate + step.b_v * rate_1)
     memory_2 = tuple(
         law.shift(y_1, own, dy, at) for law, own, at in zip(laws, memory_1, branches_1, strict=True)
     )
@@ -165,7 +165,7 @@ def _through_kinks(
 
     Returns:
         Predicted y and v at the end, the memories and branches there, and what is still to be
-        added to the predicted v and y: the kicks, less what the predictor already holds.
+        added to the predicted v and y: the impulses, less what the predictor already holds.
     """
     y, v, memory = state
     h, laws = step.dt, step.laws
@@ -174,20 +174,20 @@ def _through_kinks(
     shift_y, shift_v = (jnp.where(turns, x, 0.0) for x in (shift_y, shift_v))
     y_1, v_1 = kept((y_1 + shift_y, v_1 + shift_v))
     start, end, rise = h * v, h * v_1, y_1 - y
-    lift = kept(jnp.where(turns, 0.5 * h**2 * a - (3.0 * rise - 2.0 * start - end), 0.0))
+    quartic = kept(jnp.where(turns, 0.5 * h**2 * a - (3.0 * rise - 2.0 * start - end), 0.0))
     moved = [
-        law.turn(y, own, (start, end, rise), lift)
+        law.turn(y, own, (start, end, rise), quartic)
         for law, own in zip(laws, memory, strict=True)
         if law.remembers
     ]
-    kick_v = reduce(add, (kick for _, kick, _ in moved))  # pyright: ignore[reportArgumentType]
-    kick_y = reduce(add, (kick for _, _, kick in moved))  # pyright: ignore[reportArgumentType]
+    impulse_v = reduce(add, (impulse for _, impulse, _ in moved))  # pyright: ignore[reportArgumentType]
+    impulse_y = reduce(add, (impulse for _, _, impulse in moved))  # pyright: ignore[reportArgumentType]
     ends = iter(own for own, _, _ in moved)
     memory_1 = tuple(
         next(ends) if law.remembers else own for law, own in zip(laws, memory, strict=True)
     )
     branches_1 = tuple(law.branch(v_1, own) for law, own in zip(laws, memory_1, strict=True))
-    return y_1, v_1, memory_1, branches_1, h * kick_v - shift_v, h**2 * kick_y - shift_y
+    return y_1, v_1, memory_1, branches_1, h * impulse_v - shift_v, h**2 * impulse_y - shift_y
 
 
 def _second_order(

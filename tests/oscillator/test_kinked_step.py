@@ -44,5 +44,5 @@ def test_slopes_match_differences(name, delta, gamma):
 
 
 def test_smooth_steps_get_no_kick():
-    _, kick_v, kick_y = value(np.array([ALPHA, DELTA, GAMMA, *CASES["smooth"], LIFT]))
-    assert kick_v == kick_y == 0.0
+    _, impulse_v, impulse_y = value(np.array([ALPHA, DELTA, GAMMA, *CASES["smooth"], LIFT]))
+    assert impulse_v == impulse_y == 0.0

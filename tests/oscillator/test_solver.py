@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jbw.oscillator.hold import input_polynomials, quintic, substep_matrices
-from jbw.oscillator.laws.piecewise_map import distance, leg, saturation, smooth_move
+from jbw.oscillator.laws.piecewise_map import distance, saturation, segment, smooth_move
 from jbw.oscillator.linear import impulse_moments
 
 
@@ -47,7 +47,7 @@ def test_moments_of_a_free_particle_are_powers():
 RATES = st.floats(-400, 400).filter(lambda c: c == 0 or abs(c) > 1e-100)
 MOVES = st.floats(-4, 4).filter(lambda x: x == 0 or abs(x) > 1e-100)
 move_fn, smooth_fn, distance_fn = (
-    jax.jit(f) for f in (lambda *args: leg(*args)[0], smooth_move, distance)
+    jax.jit(f) for f in (lambda *args: segment(*args)[0], smooth_move, distance)
 )
 
 

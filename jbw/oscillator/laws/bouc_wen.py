@@ -184,10 +184,10 @@ class BoucWenLaw(Law):
         return moved, (memory * moved <= 0.0) | (jnp.abs(branch * dy) > 1.0)
 
     def turn(
-        self, y: Scalar, memory: Scalar, ends: Ends, lift: Scalar
+        self, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
         """Through a turning point, a zero of Z or both, with derivatives written by hand."""
-        return kinked_step((self.alpha, self.delta, self.gamma), memory, ends, lift)
+        return kinked_step((self.alpha, self.delta, self.gamma), memory, ends, quartic)
 
     def shift(self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar) -> Scalar:
         """Z along its tangent."""

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax.lax import stop_gradient
 from jaxtyping import Array, Bool, Complex, Float
 
-from jbw.oscillator.kinks import Ends, StepPath, kept, kick, signed, slope_kick
+from jbw.oscillator.kinks import Ends, StepPath, kept, kink_impulse, signed, slope_jump_impulse
 from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import angle_of, crest, exponentials, gauss_legendre, synthesis
@@ -163,10 +163,10 @@ class Jenkins(Law):
         return moved, reduce(jnp.logical_or, met)
 
     def turn(
-        self, y: Scalar, memory: tuple[Scalar, ...], ends: Ends, lift: Scalar
+        self, y: Scalar, memory: tuple[Scalar, ...], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[Scalar, ...], Scalar, Scalar]:
         """Every slider may begin to slip before the turning point and again after it."""
-        path = StepPath.through(ends, lift)
+        path = StepPath.through(ends, quartic)
         start = jnp.where(ends[0] == 0.0, ends[1], ends[0])
         # All sliders at once: one by one they take several times as long to compile.
         alpha, phi, x = (jnp.stack(part) for part in (self.alpha, self.phi, memory))
@@ -177,15 +177,17 @@ class Jenkins(Law):
         again = path.turns & (signed(last, ends[1]) >= phi)
         place = path.before + signed(phi, ends[1]) - there
         regained = jnp.where(path.turns & slid, alpha, 0.0)
-        impulse = kick(1.0 - path.fraction, regained * path.bend, 0.0)
-        kick_v, kick_y = impulse.v, impulse.y
+        turned = kink_impulse(1.0 - path.fraction, regained * path.bend, 0.0)
+        impulse_v, impulse_y = turned.v, turned.y
         # Slip begins: the slope of r falls by alpha. It ends where the motion turns.
         for begins, s in (first, (again, path.passage(place, first=False))):
             s = kept(jnp.where(begins, s, 1.0))
             lost = jnp.where(begins, -alpha, 0.0)
-            v, dy = slope_kick(1.0 - s, lost * path.cubic.slope(s), lost * path.cubic.bend(s))
-            kick_v, kick_y = kept((kick_v + v, kick_y + dy))
-        return tuple(last), jnp.sum(kick_v), jnp.sum(kick_y)
+            v, dy = slope_jump_impulse(
+                1.0 - s, lost * path.cubic.slope(s), lost * path.cubic.bend(s)
+            )
+            impulse_v, impulse_y = kept((impulse_v + v, impulse_y + dy))
+        return tuple(last), jnp.sum(impulse_v), jnp.sum(impulse_y)
 
     def shift(
         self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar, branch: tuple

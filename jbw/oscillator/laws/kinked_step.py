@@ -3,8 +3,8 @@ r"""The joint's part of one time step, through a turning point, a zero of z, or 
 The residual force $r = z - \alpha y$ has jumps of its second and third derivative: at a turning
 point $J_2 = -2\gamma|\dot v|z$, $J_3 = -2\gamma\,\mathrm{sgn}(v_1)\,\ddot v z$; at a zero of z
 $J_2 = -2\alpha\delta v|v|$, $J_3 = -6\alpha\delta|v|\dot v + 4\alpha\gamma\delta v^3$. They are
-paid back as kicks on v and y: with J_2 the state is of order 4, with the rest its derivatives are
-too. The derivatives are written out: found by AD they cost several times as much.
+paid back as impulses on v and y: with J_2 the state is of order 4, with the rest its derivatives
+are too. The derivatives are written out: found by AD they cost several times as much.
 """
 
 from collections.abc import Sequence
@@ -17,12 +17,12 @@ from jaxtyping import Array, Bool
 from jbw.oscillator.kinks import (
     Cubic,
     Ends,
-    Kick,
+    KinkImpulse,
     PathSlopes,
     hermite,
     hermite_basis,
     kept,
-    kick,
+    kink_impulse,
     passage,
     signed,
     turning_point,
@@ -30,13 +30,13 @@ from jbw.oscillator.kinks import (
 from jbw.oscillator.laws.piecewise_map import MoveSlopes, TwoMoves, two_moves
 from jbw.oscillator.parameters import Scalar
 
-# Derivatives by delta, gamma, z, the path's start, end and rise, and its lift.
+# Derivatives by delta, gamma, z, the path's start, end and rise, and its quartic term.
 Slopes = tuple[Scalar, ...]
 Law = tuple[Scalar, Scalar, Scalar]
 
 
 class _Kinked(NamedTuple):
-    """z at the end and the kicks (times 1/h and 1/h^2), and the derivatives of each."""
+    """z at the end and the impulses (times 1/h and 1/h^2), and the derivatives of each."""
 
     values: tuple[Scalar, Scalar, Scalar]
     slopes: tuple[Slopes, Slopes, Slopes]
@@ -53,28 +53,28 @@ class _Motion(NamedTuple):
 
 
 @jax.custom_jvp
-def kinked_step(law: Law, z: Scalar, ends: Ends, lift: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+def kinked_step(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     """Force z at the end of a step and what its kinks give to the motion.
 
     Args:
         law: alpha [1/s^2], delta [1/m] and gamma [1/m].
         z: Force at the start [N/kg].
         ends: Slopes h v of the step's cubic path at its start and end, and its rise [m].
-        lift: Quartic term of the path, (h d/dt)^4 y / 24 [m]: without it the turning point would
+        quartic: Quartic term of the path, (h d/dt)^4 y / 24 [m]: without it the turning point would
             be of order 4 only, and its derivatives, which move it within the step, of order 3.
 
     Returns:
-        z at the end [N/kg], the kick on v over h [m/s^2], and that on y over h^2 [m/s^2].
+        z at the end [N/kg], the impulse on v over h [m/s^2], and that on y over h^2 [m/s^2].
     """
-    return _kinked(law, z, ends, lift).values
+    return _kinked(law, z, ends, quartic).values
 
 
 @kinked_step.defjvp
 def _kinked_step_jvp(primals, tangents):
     (alpha, *_), z, *_ = primals
-    (alpha_dot, delta_dot, gamma_dot), z_dot, ends_dot, lift_dot = tangents
+    (alpha_dot, delta_dot, gamma_dot), z_dot, ends_dot, quartic_dot = tangents
     values, slopes = _kinked(*primals)
-    dots = (delta_dot, gamma_dot, z_dot, *ends_dot, lift_dot)
+    dots = (delta_dot, gamma_dot, z_dot, *ends_dot, quartic_dot)
 
     def total(value, slopes):
         # All results scale with (alpha, z).
@@ -84,34 +84,36 @@ def _kinked_step_jvp(primals, tangents):
     return values, tuple(total(*pair) for pair in zip(values, slopes, strict=True))
 
 
-def _kinked(law: Law, z: Scalar, ends: Ends, lift: Scalar) -> _Kinked:
+def _kinked(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Kinked:
     """Values and derivatives; what is not asked for is not computed under jit."""
-    motion = _motion(law, z, ends, lift)
-    fraction_slopes, sharpness_slopes, by_path, by_lift = _turn_slopes(motion, ends, lift)
+    motion = _motion(law, z, ends, quartic)
+    fraction_slopes, sharpness_slopes, by_path, by_quartic = _turn_slopes(motion, ends, quartic)
     z_1 = motion.moves.end
-    turn_slopes = _along(motion.moves.turn_slopes, by_path, by_lift)
-    end_slopes = _along(motion.moves.end_slopes, by_path, by_lift)
-    turn, turn_kicks = _turn_kick(law, ends, motion, turn_slopes, sharpness_slopes, fraction_slopes)
-    zero, zero_kicks = _zero_kick(law, z, motion, end_slopes)
-    kicks = (kept(_sum(*pair)) for pair in zip(turn_kicks, zero_kicks, strict=True))
-    return _Kinked((z_1, turn.v + zero.v, turn.y + zero.y), (end_slopes, *kicks))
+    turn_slopes = _along(motion.moves.turn_slopes, by_path, by_quartic)
+    end_slopes = _along(motion.moves.end_slopes, by_path, by_quartic)
+    turn, turn_impulses = _turn_impulse(
+        law, ends, motion, turn_slopes, sharpness_slopes, fraction_slopes
+    )
+    zero, zero_impulses = _zero_impulse(law, z, motion, end_slopes)
+    impulses = (kept(_sum(*pair)) for pair in zip(turn_impulses, zero_impulses, strict=True))
+    return _Kinked((z_1, turn.v + zero.v, turn.y + zero.y), (end_slopes, *impulses))
 
 
-def _motion(law: Law, z: Scalar, ends: Ends, lift: Scalar) -> _Motion:
+def _motion(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Motion:
     """Where the path turns, and z along it."""
     start, end, rise = ends
     turns = jnp.asarray(start * end < 0.0)
     path = kept(hermite(*ends))
     fraction, sharpness = turning_point(turns, path)
     weight = (fraction * (1.0 - fraction)) ** 2
-    before = kept(jnp.where(turns, path.move(fraction) + lift * weight, rise))
+    before = kept(jnp.where(turns, path.move(fraction) + quartic * weight, rise))
     directions = jnp.where(start == 0.0, end, start), end
     moves = two_moves(*law, z, (before, rise - before), directions)
     return _Motion(path, turns, fraction, sharpness, moves)
 
 
 def _turn_slopes(
-    motion: _Motion, ends: Ends, lift: Scalar
+    motion: _Motion, ends: Ends, quartic: Scalar
 ) -> tuple[PathSlopes, PathSlopes, PathSlopes, Scalar]:
     """Derivatives by the path of where it turns, of how sharply, and of the move until then.
 
@@ -125,7 +127,7 @@ def _turn_slopes(
     sharpness = (sign * (b + twist * f) for b, f in zip(bend, fraction, strict=True))
     s = motion.fraction
     weight = s * (1.0 - s)
-    shift = 2.0 * lift * weight * (1.0 - 2.0 * s)
+    shift = 2.0 * quartic * weight * (1.0 - 2.0 * s)
     move = (m + shift * f for m, f in zip(move, fraction, strict=True))
     return (
         fraction,
@@ -135,27 +137,29 @@ def _turn_slopes(
     )
 
 
-def _along(moves: MoveSlopes, by_path: PathSlopes, by_lift: Scalar) -> Slopes:
+def _along(moves: MoveSlopes, by_path: PathSlopes, by_quartic: Scalar) -> Slopes:
     """Derivatives by the path instead of by the two moves along it."""
     delta, gamma, z, first, second = moves
     more = first - second
     start, end, rise = (more * x for x in by_path)
-    return kept((delta, gamma, z, start, end, rise + second, more * by_lift))
+    return kept((delta, gamma, z, start, end, rise + second, more * by_quartic))
 
 
-def _turn_kick(
+def _turn_impulse(
     law: Law,
     ends: Ends,
     motion: _Motion,
     z_slopes: Slopes,
     sharpness_slopes: PathSlopes,
     fraction_slopes: PathSlopes,
-) -> tuple[Kick, tuple[Slopes, Slopes]]:
-    """Kick of the turning point, and its derivatives."""
+) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
+    """Impulse of the turning point, and its derivatives."""
     gamma, z = law[2], motion.moves.turn
     twice = jnp.where(motion.turns, -2.0, 0.0)
     sharpness, twist = motion.sharpness, signed(6.0 * motion.path.c_3, ends[1])
-    found = kick(1.0 - motion.fraction, twice * gamma * sharpness * z, twice * gamma * twist * z)
+    found = kink_impulse(
+        1.0 - motion.fraction, twice * gamma * sharpness * z, twice * gamma * twist * z
+    )
     six = signed(6.0, ends[1])
     twist_slopes = PathSlopes(six, six, -2.0 * six)
 
@@ -165,22 +169,22 @@ def _turn_kick(
         by_gamma = twice * z * (by_2 * sharpness + by_3 * twist)
         by_2, by_3 = twice * gamma * z * by_2, twice * gamma * z * by_3
         by_z, by_gamma, by_2, by_3 = kept((by_z, by_gamma, by_2, by_3))
-        delta, gamma_, z_, *path, lift = (by_z * x for x in z_slopes)
+        delta, gamma_, z_, *path, quartic = (by_z * x for x in z_slopes)
         path = (
             p + by_2 * a + by_3 * b - by_fraction * s
             for p, a, b, s in zip(
                 path, sharpness_slopes, twist_slopes, fraction_slopes, strict=True
             )
         )
-        return delta, gamma_ + by_gamma, z_, *path, lift
+        return delta, gamma_ + by_gamma, z_, *path, quartic
 
     return found, (by_path(found.v_slopes), by_path(found.y_slopes))
 
 
-def _zero_kick(
+def _zero_impulse(
     law: Law, z: Scalar, motion: _Motion, end_slopes: Slopes
-) -> tuple[Kick, tuple[Slopes, Slopes]]:
-    """Kick of the zero of z, and its derivatives."""
+) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
+    """Impulse of the zero of z, and its derivatives."""
     alpha, delta, gamma = law
     path, z_1 = motion.path, motion.moves.end
     crosses = z * z_1 < 0.0
@@ -192,7 +196,7 @@ def _zero_kick(
     twice = jnp.where(crosses, -2.0 * alpha, 0.0)
     shape_2, shape_3 = speed * size, 3.0 * size * bend - 2.0 * gamma * speed**3
     shape_2, shape_3 = kept((twice * shape_2, twice * shape_3))
-    found = kick(1.0 - s, delta * shape_2, delta * shape_3)
+    found = kink_impulse(1.0 - s, delta * shape_2, delta * shape_3)
 
     # Where z passes zero: on the exact map if the path does not turn, else on a chord of z.
     move_basis, slope_basis, bend_basis = (kept(tuple(b)) for b in hermite_basis(s))
@@ -214,14 +218,14 @@ def _zero_kick(
         by_bend = scale * by_3 * 3.0 * size
         by_s = by_speed * bend + by_bend * 6.0 * path.c_3 - by_fraction
         by_speed, by_bend, by_s = kept((by_speed, by_bend, by_s))
-        by_delta, by_gamma, by_z, *by_path, by_lift = (by_s * x for x in s_slopes)
+        by_delta, by_gamma, by_z, *by_path, by_quartic = (by_s * x for x in s_slopes)
         by_path = (
             x + by_speed * a + by_bend * b
             for x, a, b in zip(by_path, slope_basis, bend_basis, strict=True)
         )
         by_delta = by_delta + by_2 * shape_2 + by_3 * shape_3
         by_gamma = by_gamma - 2.0 * scale * by_3 * speed**3
-        return by_delta, by_gamma, by_z, *by_path, by_lift
+        return by_delta, by_gamma, by_z, *by_path, by_quartic
 
     return found, (by_all(found.v_slopes), by_all(found.y_slopes))
 

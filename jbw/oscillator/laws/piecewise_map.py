@@ -62,7 +62,7 @@ def _far_saturation(x: Scalar) -> Scalar:
     return kept(p * (1.0 - x * p))
 
 
-def leg_bend(x: Scalar) -> Scalar:
+def saturation_slope(x: Scalar) -> Scalar:
     """P'(x) for |x| <= 4, through 2 P'(2x) = P'(x) (1 - x P(x)) - P(x)^2/2."""
     x = 0.25 * x
     p, slope = kept((saturation(x), _polynomial(_P_SLOPE, x)))
@@ -79,7 +79,7 @@ def smooth_move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
     return z + (alpha - c * z) * dy * saturation(c * dy)
 
 
-def leg(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> tuple[Scalar, Scalar]:
+def segment(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> tuple[Scalar, Scalar]:
     r"""Force z after a move dy along one branch, $|c\,dy| \le 4$, and $\phi$.
 
     $$z_1 = z + (\alpha - c z)\,\phi, \quad \phi = dy\,P(c\,dy), \qquad
@@ -113,7 +113,7 @@ def _distance_jvp(primals, tangents):
     return d, _total(
         d,
         tangents,
-        lambda: -(d**2) * leg_bend(c * d) / (1.0 - c * w),
+        lambda: -(d**2) * saturation_slope(c * d) / (1.0 - c * w),
         lambda: 1.0 / (1.0 - c * w),
     )
 
@@ -161,8 +161,8 @@ class TwoMoves(NamedTuple):
     zero_slopes: MoveSlopes
 
 
-class _Leg(NamedTuple):
-    """One monotone leg on one branch: signs of its terms in c, start, length, end and phi."""
+class _Segment(NamedTuple):
+    """One monotone segment on one branch: signs of its terms in c, start, length, end and phi."""
 
     gamma_sign: Scalar
     delta_sign: Scalar
@@ -173,12 +173,12 @@ class _Leg(NamedTuple):
     phi: Scalar
 
 
-class _Legs(NamedTuple):
-    """The legs of two moves and which move, if one, crosses z = 0; `past` is its distance."""
+class _Segments(NamedTuple):
+    """The segments of two moves and which move, if one, crosses z = 0; `past` is its distance."""
 
-    a: _Leg
-    b: _Leg
-    c: _Leg
+    a: _Segment
+    b: _Segment
+    c: _Segment
     early: Bool[Array, "..."]
     late: Bool[Array, "..."]
     past: Scalar
@@ -200,13 +200,13 @@ def two_moves(
     Returns:
         The forces and their slopes; what is not asked for is not computed under jit.
     """
-    legs = _legs(alpha, delta, gamma, z, moves, directions)
-    a, b, c, early, late, past = legs
+    segments = _segments(alpha, delta, gamma, z, moves, directions)
+    a, b, c, early, late, past = segments
     length_a = jnp.where(early, past - moves[0], moves[0])
     length_b = jnp.where(early | late, past, moves[1])
     bend_a, bend_b, bend_c = (
-        length**2 * leg_bend(leg.c * length)
-        for leg, length in ((a, length_a), (b, length_b), (c, c.length))
+        length**2 * saturation_slope(part.c * length)
+        for part, length in ((a, length_a), (b, length_b), (c, c.length))
     )
     # Slope of the signed distance to zero by the force there: 1/(alpha - c z).
     per_start = kept(1.0 / jnp.where(early, alpha - a.c * z, 1.0))
@@ -239,30 +239,30 @@ def two_moves(
     )
 
 
-def _by_law(*terms: tuple[_Leg, Scalar]) -> Pair:
-    """Derivatives by delta and gamma from those by the constants c of the legs."""
-    by_delta = sum((leg.delta_sign * by_c for leg, by_c in terms), 0.0)
-    by_gamma = sum((leg.gamma_sign * by_c for leg, by_c in terms), 0.0)
+def _by_law(*terms: tuple[_Segment, Scalar]) -> Pair:
+    """Derivatives by delta and gamma from those by the constants c of the segments."""
+    by_delta = sum((part.delta_sign * by_c for part, by_c in terms), 0.0)
+    by_gamma = sum((part.gamma_sign * by_c for part, by_c in terms), 0.0)
     return kept((by_delta, by_gamma))
 
 
-def _legs(
+def _segments(
     alpha: Scalar, delta: Scalar, gamma: Scalar, z: Scalar, moves: Pair, directions: Pair
-) -> _Legs:
-    """Three legs: the first move as if z kept its sign; what is left of it after a zero, or else
-    the second move; what is left of that after a zero, or else the second move.
+) -> _Segments:
+    """Three segments: the first move as if z kept its sign, and twice what is left of a move after
+    a zero of z, or else the second move.
     """  # noqa: D205
 
     def along(gamma_sign, delta_sign, start, length):
         c = kept(gamma_sign * gamma + delta_sign * delta)
-        end, phi = leg(alpha, c, start, length)
-        return _Leg(gamma_sign, delta_sign, c, start, length, end, phi)
+        end, phi = segment(alpha, c, start, length)
+        return _Segment(gamma_sign, delta_sign, c, start, length, end, phi)
 
     first, second = (signed(1.0, direction) for direction in directions)
     a = along(first, jnp.where(z == 0.0, first, signed(1.0, z)), z, moves[0])
     early = jnp.asarray(z * a.end < 0.0)
     sign_b = jnp.where(early, first, second), jnp.where(early, first, signed(1.0, a.end))
-    # Signed distance from zero to a.end along the first leg's branch, or the second's.
+    # Signed distance from zero to a.end along the first segment's branch, or the second's.
     c_zero = kept(jnp.where(early, a.c, sign_b[0] * gamma + sign_b[1] * delta))
     heading_to_zero = early | (a.end * second < 0.0)
     past = distance(c_zero, jnp.where(heading_to_zero, a.end, 0.0) / alpha)
@@ -271,4 +271,4 @@ def _legs(
     sign_c = jnp.where(late, second, signed(1.0, b.end))
     rest = jnp.where(late, moves[1] + past, jnp.where(early, moves[1], 0.0))
     c = along(second, sign_c, jnp.where(late, 0.0, b.end), rest)
-    return _Legs(a, b, c, early, late, past)
+    return _Segments(a, b, c, early, late, past)
