@@ -11,8 +11,8 @@ from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.observables.observable import run_of
 from jbw.observables.repeated import Repeated, Repeats, repeats
 from jbw.oscillator.law import Law
-from jbw.oscillator.law_records import Conversion
 from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.parameters import Conversion
 from jbw.quantities import Quantity
 
 
