@@ -158,8 +158,7 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
     Raises:
         DataError: The posterior lacks a parameter of the joint, or its damping is held at zero.
     """
-    posterior = tree["posterior"].to_dataset()
-    laws = laws_of_run(tree)
+    laws, posterior = laws_of_run(tree), tree["posterior"].to_dataset()
     names = parameter_names(laws)
     needed = [name for name in names if name != "gain"]
     missing = [name for name in needed if name not in posterior and name not in held]

@@ -154,7 +154,16 @@ def scattered(key: Key[Array, ""], draws: Draws, scatter: ArrayLike) -> Draws:
 
 
 def laws_of_run(tree: xr.DataTree) -> Laws:
-    """Laws of a run; until 0.1 runs did not name them: there was one, and a spring beside it."""
+    """Laws of a run; until 0.1 runs did not name them: there was one, and a spring beside it.
+
+    Raises:
+        DataError: It has no main posterior.
+    """
+    if "posterior" not in tree.children:
+        raise DataError(
+            "The result has no group /posterior, so there is nothing to predict with.",
+            remedy="Give the folder of a finished run.",
+        )
     if "laws" in tree.attrs:
         return tuple(json.loads(str(tree.attrs["laws"])))
     return (*DEFAULT_LAWS, "cubic") if "cubic" in tree["posterior"] else DEFAULT_LAWS
@@ -166,12 +175,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
     Raises:
         DataError: It has no main posterior.
     """
-    if "posterior" not in tree.children:
-        raise DataError(
-            "The result has no group /posterior, so there is nothing to predict with.",
-            remedy="Give the folder of a finished run.",
-        )
-    attrs = tree.attrs
+    laws, attrs = laws_of_run(tree), tree.attrs
     posterior = tree["posterior"].to_dataset()
     decay = "/steps/decay/posterior"
     seen = json.loads(str(attrs.get("tests", "{}")))
@@ -184,7 +188,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
         int(attrs.get("substeps", SUBSTEPS)),
         tree[decay].to_dataset() if decay in tree.groups else posterior,
         json.loads(str(attrs.get("decay", "{}"))),
-        laws_of_run(tree),
+        laws,
     )
 
 
