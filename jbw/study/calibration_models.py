@@ -71,7 +71,7 @@ def third_order(design: Design[KernelData], *, known_noise: bool = False) -> Ste
     quantities, logs = _products(design.prior)
     quantities["lambda_3"] = _lambda_3
     for i, hertz in enumerate(np.asarray(data.omega) / (2 * np.pi)):
-        quantities[f"h3_{hertz:.4g}Hz"] = partial(_h3_magnitude, index=i)
+        quantities[f"h3_{hertz:.4g}Hz"] = Partial(_h3_magnitude, index=i)
     search = Search(kernel.residual, logs)
     return Step(Model(simulate, likelihood, design.prior, quantities, search), 100, "importance")
 
@@ -128,7 +128,7 @@ def _products(prior: Box) -> tuple[dict[str, Quantity], tuple[str, ...]]:
     factors = {name for each in found for name in each.powers}
     bounds = zip(prior.names, np.asarray(prior.lower), strict=True)
     logs = tuple(name for name, low in bounds if name in factors and low > 0)
-    return {each.name: partial(_product, product=each) for each in found}, logs
+    return {each.name: Partial(_product, product=each) for each in found}, logs
 
 
 def _product(theta: Theta, data: Any, product: Product) -> Float[Array, ""]:
