@@ -142,7 +142,7 @@ def impassive(curve: ResponseCurve) -> Iterator[Fault]:
 
 def phase_in_degrees(phase: NDArray[np.float64]) -> Iterator[Fault]:
     """The doubt that a phase given in radians was written in degrees."""
-    largest = float(np.abs(phase).max())
+    largest = float(np.nanmax(np.abs(phase)))  # lines that are masked are NaN
     if largest > DEGREES:
         yield Fault(
             "warning",

@@ -6,6 +6,7 @@ import pytest
 from jbw.campaign.load import load_campaign
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.curves import displacement_of, response_curve
+from jbw.measurement.files.read import read
 from jbw.measurement.records import Record
 from jbw.measurement.response_checks import impassive
 
@@ -108,6 +109,18 @@ def test_band_beside_the_curve(tmp_path):
 def test_phase_in_degrees_read_as_radians_is_doubted(tmp_path):
     with pytest.warns(UserWarning, match='units = { phase = "deg" }'):
         load_campaign(campaign(tmp_path, arrays() | {"phi": np.degrees(arrays()["phi"])}))
+
+
+def test_masked_lines_do_not_hide_a_phase_in_degrees(tmp_path):
+    phase = np.where(np.arange(81) == 3, np.nan, np.degrees(arrays()["phi"]))
+    with pytest.warns(UserWarning, match='units = { phase = "deg" }'):
+        load_campaign(campaign(tmp_path, arrays() | {"phi": phase}, gaps="mask"))
+
+
+def test_a_curve_read_by_itself_goes_one_way_too(tmp_path):
+    np.savez(tmp_path / "a.npz", **arrays() | {"f": np.roll(FREQ, 1)})
+    with pytest.raises(DataError, match="positive and go one way"):
+        read(tmp_path / "a.npz", CHANNELS, UNITS)
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])
