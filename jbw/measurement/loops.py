@@ -65,7 +65,7 @@ def mean_cycle(
     """
     y, force, fs = channel(y, "y"), channel(force, "force"), sampling(fs)
     same_length(y=y, force=force)
-    carried = int(0.9 * np.pi * fs / omega)
+    carried = int(0.9 * np.pi * fs / omega) if omega > 0 else 1  # else refused below
     tones = Tones(omega, max(1, min(MOST_HARMONICS, carried)))
     check_tones(tones, fs, y.shape[-1])
     t = np.arange(y.shape[-1]) / fs

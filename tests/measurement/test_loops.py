@@ -128,3 +128,6 @@ def test_bad_input_is_refused():
         enclosed_area(x, x, cycles=0)
     with pytest.raises(DataError, match="must last"):
         mean_cycle(x, x, FS, 2 * np.pi)
+    for omega in (0.0, np.nan):
+        with pytest.raises(ConfigError, match="`omega` must be positive"):
+            mean_cycle(x, x, FS, omega)
