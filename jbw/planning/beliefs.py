@@ -13,7 +13,7 @@ import xarray as xr
 from jaxtyping import Array, Float
 from scipy.stats import qmc
 
-from jbw.errors import DataError
+from jbw.errors import ConfigError, DataError
 from jbw.inference.space.box import Box, box
 from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.quantities import DEFAULT_LAWS
@@ -108,7 +108,17 @@ def before(
         num_joints: Joints drawn, by a Latin hypercube.
         seed: Of the draws.
         laws: Of the joint.
+
+    Raises:
+        ConfigError: A range that holds zero, or whose ends are not in order.
     """
+    for name, (low, high) in ranges.items():
+        if not (low * high > 0 and low <= high):
+            raise ConfigError(
+                f"Range `{name}` must be [lower, upper] of one sign, but is [{low:g}, {high:g}].",
+                why="A coefficient of variation needs a value that cannot be zero.",
+                remedy="Bound it away from zero.",
+            )
     unit = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed)).random(num_joints)
     drawn = {
         name: low * (high / low) ** x

@@ -55,8 +55,10 @@ def _range(value: Any) -> Range:
 
 
 def _positive(found: Range) -> Range:
-    if found[0] < 0:
-        raise ValueError(f"must be positive, but is {list(found)}.")
+    low, high = found
+    if low < 0:
+        shown = f"{low:g}" if low == high else f"[{low:g}, {high:g}]"
+        raise ValueError(f"must be positive, but is {shown}.")
     return found
 
 

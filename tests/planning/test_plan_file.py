@@ -53,7 +53,7 @@ def test_a_modal_mass_makes_newtons_and_its_range_is_inferred():
         (LEAST + "gamma = [-5.0, 5.0]\n", ["gamma: must be a number other than 0", "one sign"]),
         (LEAST + "gamma = [5.0, 4.0]\n", ["lower < upper"]),
         (LEAST + "gamma = [5.0, 6.0, 7.0]\n", ["must be a number or [lower, upper]"]),
-        (LEAST + "zeta = -0.01\n", ["zeta: must be positive"]),
+        (LEAST + "zeta = -0.01\n", ["zeta: must be positive, but is -0.01."]),
         (LEAST + "share = [0.5, 1.0]\n", ["share: must lie between 0 and 1", "reaches 1"]),
         (LEAST + "share = 0.1\nalpha = 3.0\n", ["give share or alpha, not both"]),
         (LEAST + "omega_n = 3.0\n", ["give natural_hz or omega_n, not both"]),

@@ -94,6 +94,12 @@ def test_a_single_value_is_a_guess_known_to_a_factor():
     assert np.linalg.inv(found.precision)[3, 3] == pytest.approx(np.log(4.0) ** 2 / 12)
 
 
+def test_ranges_through_zero_are_refused():
+    with pytest.raises(ConfigError, match=r"`gamma`.*one sign.*\[-1, 2\]") as caught:
+        before({**RANGES, "gamma": (-1.0, 2.0)}, held={"gain": 1.0}, num_joints=2, seed=0)
+    assert "away from zero" in str(caught.value)
+
+
 def posterior_tree(**drop):
     rng = np.random.default_rng(0)
     centre = np.array([118.0, 0.0045, 500.0, 340.0, 33.0])
