@@ -251,9 +251,9 @@ def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:
 
 
 @eqx.filter_jit
-def matched(theta: Mapping[str, Array | float], data: Decays) -> Match:
+def matched(theta: Theta, data: Decays) -> Match:
     """Every record matched at one point of the parameters, compiled."""
-    return data.matches({name: jnp.asarray(value) for name, value in theta.items()})
+    return data.matches(theta)
 
 
 @eqx.filter_jit

@@ -17,7 +17,7 @@ from jbw.identification.prepare import first_values, from_amplitude_curve, prepa
 from jbw.identification.selection import decay_tests
 from jbw.inference.posterior.summary import summarise
 from jbw.measurement.records import Record, Test
-from jbw.observables.dataset import Dataset
+from jbw.observables.dataset import Dataset, as_arrays
 from jbw.observables.decay import Decays, matched
 from jbw.observables.effective_values import correlated_fraction
 
@@ -71,7 +71,8 @@ def test_fit_finds_the_noise_and_the_shifts(fitted):
     # 2e-4 m/s of white noise through the filter: sqrt(2 sum h^2) of it in each part.
     assert np.asarray(data.noise_std) == pytest.approx(2e-4 * np.sqrt(2 * 12 / 512), rel=0.25)
     assert float(data.fraction) > 0.6
-    shifts = np.asarray(matched(fitted.fit.theta, data).entry.shift) / TRUTH["omega_n"]
+    found = matched(as_arrays(fitted.fit.theta, fitted.data), data)
+    shifts = np.asarray(found.entry.shift) / TRUTH["omega_n"]
     spread = np.array([3e-6, -4e-6, 1e-6, 0.0])
     assert np.max(np.abs((shifts - shifts.mean()) - (spread - spread.mean()))) < 5e-6
 
