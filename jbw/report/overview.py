@@ -93,7 +93,13 @@ def spectrogram(record: Record, channel: str, ax: Axes | None = None) -> Axes:
     return only
 
 
-def _levels(samples: Samples, fs: float) -> tuple[Samples, Samples, Float[np.ndarray, "freq time"]]:
+def _levels(
+    samples: Samples, fs: float
+) -> tuple[
+    Float[np.ndarray, " window"],
+    Float[np.ndarray, " freq"],
+    Float[np.ndarray, "freq window"],
+]:
     """Return times [s], frequencies [Hz] above 0 and power spectral densities [dB]."""
     wished = 2 ** int(np.log2(max(samples.size / WINDOWS, 1)))
     size = min(max(wished, SHORTEST), LONGEST, samples.size)
