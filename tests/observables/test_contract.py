@@ -147,7 +147,15 @@ def test_the_residual_is_keyed_by_the_labels_and_comes_back_from_its_rows(kind):
     assert set(left) <= set(data.labels)
 
 
-@every_kind
+@pytest.mark.parametrize(
+    "kind",
+    # Compiling the slope takes ten seconds where time is stepped or a cycle is balanced.
+    [
+        pytest.param(kind, marks=[pytest.mark.slow] if kind in (Decays, Points) else [])
+        for kind in KINDS_OF_DATA
+    ],
+    ids=lambda kind: kind.__name__,
+)
 def test_the_likelihood_has_the_slope_that_differences_give(kind):
     data = Dataset.of([noise_free(kind)])
     alpha = 2410.0 if kind is Decays else 2600.0

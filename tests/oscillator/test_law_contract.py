@@ -29,11 +29,31 @@ THETA = {
 }  # fmt: skip
 
 
+def law_of(name):
+    kind = Bilinear if name == "bilinear" else law_named(name)
+    return kind.of(THETA[name])
+
+
 @pytest.fixture(params=[*THETA])
 def law(request):
     """One of every kind, of the register or of the tests."""
-    kind = Bilinear if request.param == "bilinear" else law_named(request.param)
-    return kind.of(THETA[request.param])
+    return law_of(request.param)
+
+
+# Compiling a derivative takes seconds a law: the quickest in every run of the tests.
+AT_ONCE = {"bouc_wen", "cubic"}
+
+
+@pytest.fixture(
+    params=[
+        name if name in AT_ONCE else pytest.param(name, marks=pytest.mark.slow)
+        for name in THETA
+        if name != "jenkins"
+    ]
+)
+def compiled_law(request):
+    """One of every kind, where a test compiles long programs; one slider is one of three."""
+    return law_of(request.param)
 
 
 def oscillator(law):
@@ -134,7 +154,8 @@ def test_the_loops_energy_is_the_area_of_the_path(law):
     assert abs(complex(first) - expected) <= 1e-4 * abs(expected)
 
 
-def test_gradients_are_central_differences(law):
+def test_gradients_are_central_differences(compiled_law):
+    law = compiled_law
     start = oscillator(law)
     leaves, tree = jax.tree.flatten(start)
 
@@ -153,7 +174,8 @@ def test_gradients_are_central_differences(law):
         assert abs(found[index] - difference) <= 1e-6 * abs(difference) + 1e-8 * scale
 
 
-def test_the_steady_state_is_that_of_a_periodic_record(law):
+def test_the_steady_state_is_that_of_a_periodic_record(compiled_law):
+    law = compiled_law
     joint, omega = oscillator(law), 112.0
     harmonics = jbw.steady_state(joint, omega, 4.0, 8)
     phase = 2 * np.pi * np.arange(64) / 64
