@@ -56,6 +56,7 @@ def test_the_amplitude_curve_starts_the_fit_near_the_truth():
     assert found["alpha"] * found["gamma"] / square == pytest.approx(TRUTH["opening"], rel=0.15)
 
 
+@pytest.mark.slow
 def test_fit_recovers_the_joint_within_its_errors(fitted):
     best = fitted.fit
     std = dict(zip(best.theta, np.sqrt(np.diag(best.covariance)), strict=True))
@@ -66,6 +67,7 @@ def test_fit_recovers_the_joint_within_its_errors(fitted):
     assert std["opening"] < 0.1 * TRUTH["opening"]
 
 
+@pytest.mark.slow
 def test_fit_finds_the_noise_and_the_shifts(fitted):
     data = fitted.data.parts[0]
     # 2e-4 m/s of white noise through the filter: sqrt(2 sum h^2) of it in each part.

@@ -94,6 +94,7 @@ def test_curve_goes_round_its_folds(folded_curve):
         assert (np.max(np.abs(orbit.multipliers)) < 1.0) == stable
 
 
+@pytest.mark.slow
 def test_rising_and_falling_sweeps_differ_between_the_folds(folded_curve):
     between = folded_curve.omega[~folded_curve.onward]
     omega = np.linspace(between.min() - 2.0, between.max() + 2.0, 41)

@@ -12,6 +12,9 @@ from volterra.tones import synthesize, tone_response
 
 from jbw.errors import ConfigError, DataError
 
+# Of references of the other tests; what they are held against is integrated at length.
+pytestmark = pytest.mark.slow
+
 SYSTEM = PolynomialOscillator(damping=0.8, stiffness=4.0, rho=0.7, lambda_3=-0.5)
 
 

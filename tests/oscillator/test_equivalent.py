@@ -18,6 +18,9 @@ from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.paper.smoothing import Smoothing, smoothed_force, smoothing
 
+# Of references of the other tests; what they are held against is integrated at length.
+pytestmark = pytest.mark.slow
+
 JOINT = BoucWen(118.12388377497622, 0.00444, 497.40, 340.21, 32.84)
 
 

@@ -15,6 +15,9 @@ from volterra.tones import Lines, merge_lines, synthesize, tone_response, tone_t
 from jbw.errors import ConfigError
 from jbw.oscillator.paper.kernels import h1
 
+# Of references of the other tests; what they are held against is integrated at length.
+pytestmark = pytest.mark.slow
+
 SYSTEM = PolynomialOscillator(damping=0.25, stiffness=1.0, rho=0.4, lambda_3=-0.3)
 BASE = 0.05
 TONES = np.array([0.25, 0.40, 0.65])
