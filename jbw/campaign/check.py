@@ -129,6 +129,8 @@ def unread(spec: CampaignSpec) -> Iterator[Fault]:
         if name in settings.keys() and not any(map(reads, traits)):
             readers = ", ".join(kind.name for kind in KINDS.values() if reads(kind))
             yield _unread(name, f"only tests of kind {readers} read it, of which there are none")
+    if settings.modes:
+        yield _unread("modes", "one mode is identified, and nothing reads where others lie")
     for kind in settings.fit or ():
         if kind not in {test.kind for test in spec.tests}:
             yield _unread("fit", f"no test is of kind {kind}")

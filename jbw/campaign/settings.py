@@ -14,6 +14,7 @@ from jbw.campaign.values import (
     Index,
     Kinds,
     Levels,
+    Modes,
     OneOf,
     Strings,
     strings,
@@ -94,6 +95,9 @@ class Identify(Table):
     num_samples: Count | None = key(None, "draws kept a chain", 1000)
     num_warmup: Index | None = key(None, "draws to adapt with, a chain", 500)
     seed: Index = key(0, "of the random numbers", 0)
+    modes: Modes = key(
+        (), "frequencies of the modes in the band [Hz], the joint's own first", [18.8]
+    )
     prior: Mapping[str, Bounds] = key(
         dict, "parameter = [lower, upper], in SI", {"zeta": [0.003, 0.006]}
     )

@@ -97,6 +97,13 @@ def bounds(value: Any) -> tuple[Any, Any]:
     return pair
 
 
+def unequal(value: Any) -> tuple[Any, ...]:
+    """Numbers, all different."""
+    if len(set(numbers(value))) < len(value):
+        raise ValueError(f"must not repeat a frequency, but is {list(value)}.")
+    return tuple(value)
+
+
 def _sampling(value: Any) -> float | str:
     if isinstance(value, str) and value:
         return value
@@ -181,6 +188,7 @@ Kinds = Annotated[
 ]
 Numbers = Annotated[tuple[Positive, ...], BeforeValidator(numbers)]
 Levels = Annotated[tuple[NonNegative, ...], BeforeValidator(numbers)]
+Modes = Annotated[tuple[Positive, ...], BeforeValidator(unequal)]
 Bounds = Annotated[tuple[float, float], BeforeValidator(bounds)]
 Span = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(bounds)]
 Sampling = Annotated[float | str, BeforeValidator(_sampling)]

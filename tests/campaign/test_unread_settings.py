@@ -30,6 +30,7 @@ def campaign(settings, *kinds, head=""):
     [
         ("fit_repeats = 2", ["frf", "loop"], "fit_repeats"),
         ("substeps = 2", ["frf"], "substeps"),
+        ("modes = [18.8]", ["sweep"], "modes"),
         ('fit = ["sweep", "noise"]', ["sweep"], "fit"),
         ('offsets = "runs"', ["sweep"], "offsets"),
         ('sampler = "nested"\nnum_warmup = 9', ["sweep"], "num_warmup"),
