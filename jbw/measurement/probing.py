@@ -57,6 +57,11 @@ class ThirdOrder:
         """Mean of H3 over the repeats [m per unit^3]."""
         return complex(self.h3.mean())
 
+    @property
+    def usable(self) -> bool:
+        """Whether the frequency may enter a fit."""
+        return self.above_noise
+
 
 def third_order_kernel(
     u: ArrayLike | None,
