@@ -24,6 +24,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.errors import ModelError
+from jbw.oscillator.law import Law
 from jbw.oscillator.oscillator import Joint
 
 SUBSTEPS = 16  # Runge-Kutta steps in a sample
@@ -75,7 +76,7 @@ class Sliders(NamedTuple):
     limits: tuple[Scalar, ...]  # force at which each slips [N/kg]
 
     @classmethod
-    def build(cls, theta: Mapping[str, float]) -> "Sliders":
+    def build(cls, theta: Mapping[str, Scalar]) -> "Sliders":
         """From stiffness_1, slip_1 [m], stiffness_2, slip_ratio_2 [-] to the slip before, ..."""
         springs = tuple(x for name, x in theta.items() if name.startswith("stiffness"))
         ratios = (x for name, x in theta.items() if name.startswith("slip"))  # the first one is m
@@ -111,7 +112,7 @@ class Sliders(NamedTuple):
 
 Force = BoucWenForce | Sliders
 # Law in a campaign, without the number of a family's member, to the rig's own.
-FORCES: dict[str, Callable[[Mapping[str, float]], Force]] = {
+FORCES: dict[str, Callable[[Mapping[str, Scalar]], Force]] = {
     "bouc_wen": lambda theta: BoucWenForce(**theta),
     "jenkins": Sliders.build,
 }
@@ -141,6 +142,12 @@ class Specimen(NamedTuple):
         """Rates of the memories at a velocity."""
         return tuple(f.rate(v, m) for f, m in zip(self.forces, memory, strict=True))
 
+    def state_rate(self, state: State, u: Scalar) -> State:
+        """Rate of the state (y, v, memories) under a force per unit mass u [N/kg]."""
+        y, v, memory = state
+        a = u - 2 * self.zeta * self.omega_n * v - self.k * y
+        return v, a - self.joint_force(memory), self.rates(v, memory)
+
     def settle(self, before: tuple, after: tuple) -> tuple:
         """State (y, ..., memories) after a small step, from that before it."""
         dy = after[0] - before[0]
@@ -168,19 +175,25 @@ def specimen_of(joint: Joint | Specimen) -> Specimen:
             why="The rig integrates the hysteretic force and a linear spring by a code of its own.",
             remedy="Make records with `simulate`, which takes every restoring force.",
         )
-    forces = []
-    for law in joint.laws:
-        if (nu := getattr(law, "nu", 1.0)) != 1.0:
-            raise ModelError(f"Parameter `joint.nu` of the rig must be 1, but is {nu}.")
-        known = law.name.rstrip("_0123456789")
-        if known not in FORCES:
-            raise ModelError(
-                f"The law `{law.name}` of the joint is none of the rig's: {', '.join(FORCES)}.",
-                why="The rig integrates every law by a code of its own.",
-                remedy="Make records with `simulate`, which takes every law.",
-            )
-        forces.append(FORCES[known]({name: float(x) for name, x in law.parameters().items()}))
-    return Specimen(float(joint.omega_n), float(joint.zeta), tuple(forces))
+    return Specimen(float(joint.omega_n), float(joint.zeta), tuple(map(force_of, joint.laws)))
+
+
+def force_of(law: Law, number: Callable[[Any], Scalar] = float) -> Force:
+    """The rig's own force of a law, every parameter made a number by `number`.
+
+    Raises:
+        ModelError: For a law or an exponent that the rig does not know.
+    """
+    if (nu := getattr(law, "nu", 1.0)) != 1.0:
+        raise ModelError(f"Parameter `joint.nu` of the rig must be 1, but is {nu}.")
+    known = law.name.rstrip("_0123456789")
+    if known not in FORCES:
+        raise ModelError(
+            f"The law `{law.name}` of the joint is none of the rig's: {', '.join(FORCES)}.",
+            why="The rig integrates every law by a code of its own.",
+            remedy="Make records with `simulate`, which takes every law.",
+        )
+    return FORCES[known]({name: number(x) for name, x in law.parameters().items()})
 
 
 def doubles(numbers: Any) -> Any:
@@ -252,16 +265,11 @@ def _advance(
 ) -> tuple[State, tuple[Array, Array, Array]]:
     """Runs one block; returns its final state, and motion and force at the start of each sample."""
 
-    def rate(now: State, u: Array) -> State:
-        y, v, memory = now
-        a = u - 2 * specimen.zeta * specimen.omega_n * v - specimen.k * y
-        return v, a - specimen.joint_force(memory), specimen.rates(v, memory)
-
     def substep(i: Array, carry: tuple[Array, State]) -> tuple[Array, State]:
         start, now = carry
         at = start + 2 * i
         inputs = (u[at], u[at + 1], u[at + 2])
-        return start, runge_kutta(rate, specimen.settle, now, inputs, h)
+        return start, runge_kutta(specimen.state_rate, specimen.settle, now, inputs, h)
 
     def sample(now: State, n: Array) -> tuple[State, tuple[Array, Array, Array]]:
         _, after = lax.fori_loop(0, SUBSTEPS, substep, (GRID * n, now))

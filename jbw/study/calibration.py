@@ -159,7 +159,7 @@ def suited(step: models.Step, name: str) -> tuple[Model, Sampler, Any]:
             f"Sampler {name} takes at most {sampler.most_parameters} parameters, but the posterior "
             f"has {size}."
         )
-    found = sampler.needs_fit or (step.stepped and name not in ("quadrature", "random_walk_paper"))
+    found = sampler.needs_fit or (step.stepped and not sampler.ignores_fit)
     known = COUNTS.get(name, SHORT if found else LONG)
     counts = {**known, **(STEPPED.get(name, {}) if step.stepped else {})}
     options = options_of(

@@ -26,6 +26,7 @@ from jbw.measurement.spectra import FRF
 from jbw.observables.dataset import Dataset
 from jbw.observables.records import Records
 from jbw.oscillator.excitation import sampled, sweep
+from jbw.oscillator.oscillator import as_oscillator
 from jbw.rig.presets import PRIOR, PROBING_HZ, TRUTH
 
 GAIN = rig.LABORATORY.gain
@@ -68,7 +69,7 @@ def probing(num_repeats: int = REPEATS) -> Design[KernelData]:
         y_peak=jnp.array(Y_PEAK),
         omega_n=jnp.asarray(float(TRUTH.omega_n)),
     )
-    return Design(data, box({name: PRIOR[name] for name in ("zeta", "alpha", "delta")}))
+    return Design(data, box({name: PRIOR[name] for name in step3.NAMES}))
 
 
 def _sweeping(noise_std: float, num_repeats: int = 4) -> Records:
@@ -86,8 +87,9 @@ def _sweeping(noise_std: float, num_repeats: int = 4) -> Records:
 
 def opening() -> Design[Records]:
     """Gamma alone from both sweeps, in the paper's box."""
-    held = {name: value for name, value in truth().items() if name != "gamma"}
-    return Design(_sweeping(5 * VELOCITY_NOISE), box({"gamma": PRIOR["gamma"]}), held)
+    held = {name: value for name, value in truth().items() if name not in step4.NAMES}
+    prior = box({name: PRIOR[name] for name in step4.NAMES})
+    return Design(_sweeping(5 * VELOCITY_NOISE), prior, held)
 
 
 def joint() -> Design[Records]:
@@ -117,8 +119,8 @@ def lines() -> tuple[FRF, Box]:
 
 def truth() -> dict[str, float]:
     """Parameters of the rig, the paper's Table 1, with its gain."""
-    names = ("omega_n", "zeta", "alpha", "delta", "gamma")
-    return {**{name: float(getattr(TRUTH, name)) for name in names}, "gain": GAIN}
+    own = as_oscillator(TRUTH).parameters()
+    return {**{name: float(value) for name, value in own.items()}, "gain": GAIN}
 
 
 def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:

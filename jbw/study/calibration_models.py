@@ -16,7 +16,7 @@ from jbw.errors import DataError
 from jbw.identification.coordinates import combinations
 from jbw.identification.linear import line_fit
 from jbw.identification.linear_step import NAMES
-from jbw.identification.paper import kernel
+from jbw.identification.paper import kernel, simulated_kernel
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.paper.step4 import OpeningCurve, opening_curve
 from jbw.identification.paper.step4 import log_likelihood as opening_likelihood
@@ -30,7 +30,7 @@ from jbw.measurement.spectra import FRF
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
 from jbw.observables.records import Records
 from jbw.study.calibration_designs import Design
-from jbw.study.simulators import measured_kernel, measured_records
+from jbw.study.simulators import measured_records
 
 WHERE = 0.55  # of a record, where a sweep has just passed the resonance
 DRAWS = (4, 250)  # of Step 2, in chains
@@ -62,28 +62,16 @@ def third_order(design: Design[KernelData], *, known_noise: bool = False) -> Ste
     """
     data = design.data
     simulate = Partial(
-        measured_kernel,
+        simulated_kernel.measured_kernel,
         design=data,
         num_repeats=int(data.num_repeats[0]),
         known_noise=known_noise,
     )
     likelihood = kernel.known_noise_log_likelihood if known_noise else kernel.log_likelihood
     quantities, logs = _products(design.prior)
-    quantities["lambda_3"] = _lambda_3
-    for i, hertz in enumerate(np.asarray(data.omega) / (2 * np.pi)):
-        quantities[f"h3_{hertz:.4g}Hz"] = Partial(_h3_magnitude, index=i)
+    quantities |= simulated_kernel.ranked_quantities(data)
     search = Search(kernel.residual, logs)
     return Step(Model(simulate, likelihood, design.prior, quantities, search), 100, "importance")
-
-
-def _lambda_3(theta: Theta, data: KernelData) -> Float[Array, ""]:
-    """The paper's lambda_3 at the displacement of the first tone."""
-    delta, y_peak = theta["delta"], data.y_peak[0]
-    return theta["alpha"] * (delta**2 / 6 - 35 * delta / (96 * y_peak))
-
-
-def _h3_magnitude(theta: Theta, data: KernelData, index: int) -> Float[Array, ""]:
-    return jnp.abs(kernel.predict(theta, data))[index]
 
 
 def opening(design: Design[Records]) -> Step:

@@ -2,14 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 
-import jax
 import numpy as np
 import xarray as xr
 
 from jbw.campaign.settings import Identify
 from jbw.identification.linear_step import LinearStep, linear_dataset
-from jbw.identification.paper import kernel
-from jbw.identification.paper.step3 import KernelFit, integrals
+from jbw.identification.paper import step3, step4
+from jbw.identification.paper.step3 import KernelFit
 from jbw.identification.procedure import Identification, Report
 from jbw.identification.selection import Sweeps, probing_tests
 from jbw.identification.step import Step
@@ -105,7 +104,7 @@ def _kernel_groups(
     posteriors = {}
     for name, prefix in (("third_order_nuts", "nuts"), ("third_order_paper", "paper")):
         posteriors[prefix] = steps[name].posterior["posterior"].to_dataset()
-        energy = integrals(posteriors[prefix], third_order.data)
+        energy = step3.integrals(posteriors[prefix], third_order.data)
         groups[f"/steps/{name}/sample_stats"] = _with_conv(steps[name], energy, "rad s^11/m^4")
     groups["/verification/h3"] = _kernel_verification(third_order, posteriors)
     return groups
@@ -128,9 +127,7 @@ def _kernel_verification(found: KernelFit, posteriors: Mapping[str, xr.Dataset])
         "y_peak": ("freq", np.asarray(data.y_peak), {"units": "m"}),
     }
     for prefix, posterior in posteriors.items():
-        theta = {name: posterior[name].values.ravel() for name in ("zeta", "alpha", "delta")}
-        model = np.asarray(jax.vmap(lambda t: kernel.predict(t, data))(theta))
-        variables |= polar(prefix, model, *how)
+        variables |= polar(prefix, step3.predicted(posterior, data), *how)
     freq = ("freq", omega / (2 * np.pi), {"units": "Hz"})
     return xr.Dataset(variables, {"freq_hz": freq, "quantile": list(QUANTILES)})
 
@@ -160,12 +157,14 @@ def _with_conv(step: Step, energy: np.ndarray, unit: str) -> xr.Dataset:
 def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
     """conv(n) of the velocity for gamma alone: its energy is a smooth function of gamma."""
     record = sweeps.fitted[-1].records[0]
-    added: Groups = {}
-    for name in {"opening_nuts", "opening_paper"} & set(steps):
-        gamma = np.asarray(steps[name].posterior["posterior"].to_dataset()["gamma"])
-        grid = np.linspace(gamma.min(), gamma.max(), 9)
-        draws = {n: np.full(9, v) for n, v in steps[name].held.items()} | {"gamma": grid}
-        energy = np.sum(predict_motion(draws, record, DEFAULT_LAWS)[0] ** 2, axis=-1) / record.fs
-        smooth = np.polynomial.Polynomial.fit(grid, energy, 4)
-        added[f"/steps/{name}/sample_stats"] = _with_conv(steps[name], smooth(gamma), "m^2/s")
-    return added
+
+    def energy(draws: dict[str, np.ndarray]) -> np.ndarray:
+        return np.sum(predict_motion(draws, record, DEFAULT_LAWS)[0] ** 2, axis=-1) / record.fs
+
+    return {
+        f"/steps/{name}/sample_stats": _with_conv(
+            steps[name], step4.of_draws(steps[name], energy), "m^2/s"
+        )
+        for name in step4.SAMPLERS
+        if name in steps
+    }

@@ -14,13 +14,14 @@ import xarray as xr
 from scipy.stats import binom
 
 from jbw.cli import run as command
-from jbw.errors import ConfigError
-from jbw.identification.paper import kernel
+from jbw.errors import ConfigError, ModelError
+from jbw.identification.paper import kernel, simulated_kernel
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.paper.step4 import log_likelihood as opening_likelihood
 from jbw.inference.calibration.replications import calibrate
 from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate
+from jbw.rig import SLIDERS
 from jbw.study import calibration_designs as designs
 from jbw.study import calibration_models as models
 from jbw.study import simulators
@@ -77,18 +78,32 @@ def test_the_simulated_motion_is_that_of_the_solver():
     np.testing.assert_allclose(own[:, 0], solved.y, atol=4e-8)
 
 
+def test_the_simulated_motion_asks_the_rig_for_the_law():
+    """Sliders have kinks, which both integrators meet between their steps."""
+    design = designs.joint()
+    force = designs.GAIN * design.data.source[-1]
+    theta = {n: jnp.asarray(float(value)) for n, value in SLIDERS.parameters().items()}
+    solved = simulate(SLIDERS, force, designs.FS, hold="band_limited", substeps=8)
+    own = simulators.motion(theta, force, designs.FS, [law.name for law in SLIDERS.laws])
+    np.testing.assert_allclose(own[:, 1], solved.v, atol=1e-4 * np.max(np.abs(solved.v)))
+    with pytest.raises(ModelError, match="none of the rig's"):
+        simulators.motion({**theta, "cubic": jnp.asarray(1.0)}, force, designs.FS, ["cubic"])
+
+
 def test_the_simulated_kernel_is_reduced_as_a_campaign_is():
     design = designs.probing(200)
     theta = {"zeta": jnp.asarray(0.0044), "alpha": jnp.asarray(497.0), "delta": jnp.asarray(340.0)}
-    found = simulators.measured_kernel(jax.random.key(0), theta, design.data, 200, known_noise=True)
-    spread = simulators.measured_kernel(jax.random.key(0), theta, design.data, 200).noise_std
+    found = simulated_kernel.measured_kernel(
+        jax.random.key(0), theta, design.data, 200, known_noise=True
+    )
+    spread = simulated_kernel.measured_kernel(jax.random.key(0), theta, design.data, 200).noise_std
     factor = np.asarray(spread / design.data.noise_std)
-    assert np.all(np.abs(np.log(factor)) < np.log(simulators.UNKNOWN) + 0.2)
+    assert np.all(np.abs(np.log(factor)) < np.log(simulated_kernel.UNKNOWN) + 0.2)
     assert np.ptp(np.log(factor)) > 0.2
     # The scatter of 400 components has a relative error of 1 / sqrt(2 * 398) = 0.035.
     scatter = np.sqrt(found.within / (2 * 199))
     np.testing.assert_allclose(scatter, design.data.noise_std, rtol=0.15)
-    away = np.abs(found.mean - simulators.kernel_values(theta, design.data))
+    away = np.abs(found.mean - simulated_kernel.kernel_values(theta, design.data))
     assert np.all(away < 5 * np.asarray(design.data.noise_std) * np.sqrt(2 / 200))
 
 

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 import xarray as xr
 from jaxtyping import Key
+from numpy.typing import NDArray
 
 from jbw.campaign.settings import Identify
 from jbw.identification.coordinates import stated
@@ -194,6 +195,12 @@ def _product_sentence(tree: xr.DataTree) -> str:
     )
 
 
+def predicted(posterior: xr.Dataset, data: KernelData) -> NDArray[np.complex128]:
+    """Kernel of every draw at the tones [m^-2 s^6], shape (draw, freq), the chains end to end."""
+    theta = {name: posterior[name].values.ravel() for name in NAMES}
+    return np.asarray(jax.vmap(lambda t: kernel.predict(t, data))(theta))
+
+
 def integrals(posterior: xr.Dataset, data: KernelData) -> np.ndarray:
     r"""Energy of each draw's kernel over the probing band, for conv(n_s), shape (chain, draw).
 
@@ -202,7 +209,6 @@ def integrals(posterior: xr.Dataset, data: KernelData) -> np.ndarray:
     Reference:
         Eq. (40).
     """
-    theta = {name: posterior[name].values.ravel() for name in NAMES}
-    magnitude = np.abs(np.asarray(jax.vmap(lambda t: kernel.predict(t, data))(theta))) ** 2
+    magnitude = np.abs(predicted(posterior, data)) ** 2
     integral = np.trapezoid(magnitude, np.asarray(data.omega), axis=-1)
     return integral.reshape(posterior.sizes["chain"], posterior.sizes["draw"])

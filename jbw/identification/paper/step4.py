@@ -4,7 +4,7 @@ With one parameter left, the misfit of each level is a smooth function of gamma:
 at Chebyshev nodes give it everywhere, and every sampler then runs on the series.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from time import perf_counter
 from typing import NamedTuple
@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Key
+from numpy.typing import NDArray
 
 from jbw.campaign.settings import Identify
 from jbw.identification.coordinates import stated
@@ -28,6 +29,7 @@ from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box, box
 from jbw.observables.records import Records
 
+NAMES = ("gamma",)
 NODES = 48
 REACH = 3.0  # of delta: where gamma is looked for when the campaign states no prior
 WRONG = 0.05  # nats: what the series may be wrong by where the posterior lies
@@ -233,6 +235,19 @@ def opening_steps(
         )  # fmt: skip
         started = perf_counter()
     return steps
+
+
+def of_draws(
+    step: Step, quantity: Callable[[dict[str, NDArray[np.float64]]], NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """A smooth quantity of all parameters for every draw of gamma, by a polynomial through a few.
+
+    Shape (chain, draw).
+    """
+    gamma = np.asarray(step.posterior["posterior"].to_dataset()["gamma"])
+    grid = np.linspace(gamma.min(), gamma.max(), 9)
+    draws = {n: np.full(9, v) for n, v in step.held.items()} | {"gamma": grid}
+    return np.polynomial.Polynomial.fit(grid, quantity(draws), 4)(gamma)
 
 
 def _series_finding(

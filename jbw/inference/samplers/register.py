@@ -26,6 +26,7 @@ class Sampler(NamedTuple):
         options: Name of the record of options in the module.
         needs_fit: Whether it draws about a fit's covariance, and needs one.
         from_prior: Whether it crosses the whole box without a fit, and without a ridge's help.
+        ignores_fit: Whether it is laid over the box itself, in no coordinates of a fit.
         most_parameters: How many parameters it takes at most; None for any number.
         draws: Steps of warm-up, and draws kept of each chain, where an evaluation steps through
             time.
@@ -38,6 +39,7 @@ class Sampler(NamedTuple):
     options: str = "Options"
     needs_fit: bool = False
     from_prior: bool = False
+    ignores_fit: bool = False
     most_parameters: int | None = None
     draws: tuple[int, int] = (1000, 1000)
     cheap_draws: tuple[int, int] = (500, 1000)
@@ -68,7 +70,7 @@ for _sampler in (
     ),
     Sampler(
         "random_walk_paper", _ROOM + "random_walk", options="PaperOptions", from_prior=True,
-        draws=(85, 765), cheap_draws=(85, 765),
+        ignores_fit=True, draws=(85, 765), cheap_draws=(85, 765),
     ),
     Sampler(
         "importance", _ROOM + "importance", needs_fit=True, draws=(0, 1000), suits_costly=True
@@ -78,7 +80,8 @@ for _sampler in (
     ),
     Sampler("nested", _ROOM + "nested", from_prior=True, draws=(0, 500)),
     Sampler(
-        "quadrature", _ROOM + "quadrature", from_prior=True, most_parameters=4, draws=(0, 1000)
+        "quadrature", _ROOM + "quadrature", from_prior=True, ignores_fit=True, most_parameters=4,
+        draws=(0, 1000),
     ),
 ):  # fmt: skip
     register(_sampler)

@@ -1,0 +1,92 @@
+r"""The third-order kernel as the world makes it, to test the likelihood of Step 3 by.
+
+Nothing here is shared with that likelihood: formulas stand here a second time on purpose, so that
+a factor that it drops is not dropped here with it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.tree_util import Partial
+from jaxtyping import Array, Complex, Float, Key
+
+from jbw.identification.paper import kernel
+from jbw.identification.paper.kernel import KernelData
+from jbw.inference.calibration.replications import Quantity
+from jbw.inference.space.problem import Theta
+
+UNKNOWN = 4.0
+
+
+def measured_kernel(
+    key: Key[Array, ""],
+    theta: Theta,
+    design: KernelData,
+    num_repeats: int,
+    *,
+    known_noise: bool = False,
+) -> KernelData:
+    r"""Repeats of the third-order kernel, noise in real and imaginary part, reduced as in Step 3.
+
+    As in a campaign nobody is told the noise. It is drawn for every frequency, uniformly in its
+    logarithm over a factor `UNKNOWN` to either side of the design's: that is the prior 1/sigma of a
+    likelihood that integrates it out, but for its two ends. What least squares weigh by is
+
+    $$\hat\sigma_i^2 = \frac{1}{2(K - 1)} \sum_k |H_{ik} - \bar H_i|^2$$
+
+    With `known_noise` it is the design's and the likelihood is told, as (36) supposes.
+    """
+    noise_std = design.noise_std
+    if not known_noise:
+        key, key_size = jax.random.split(key)
+        spread = jax.random.uniform(key_size, (design.omega.size,), minval=-1.0)
+        noise_std = noise_std * UNKNOWN**spread
+    noise = jax.random.normal(key, (2, num_repeats, design.omega.size)) * noise_std
+    repeats = kernel_values(theta, design) + noise[0] + 1j * noise[1]
+    mean = jnp.mean(repeats, axis=0)
+    within = jnp.sum(jnp.abs(repeats - mean) ** 2, axis=0)
+    scatter = jnp.sqrt(within / (2 * (num_repeats - 1)))
+    return replace(
+        design, mean=mean, within=within, noise_std=noise_std if known_noise else scatter
+    )
+
+
+def kernel_values(theta: Theta, design: KernelData) -> Complex[Array, " freq"]:
+    r"""The paper's third-order kernel, written out.
+
+    $$H_3(\omega) = \frac{-\alpha\,(\delta^2/6 - 35\,\delta/(96 Y))}
+      {(\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega)^3\,
+       (\omega_n^2 - 9\omega^2 + 6j\zeta\omega_n\omega)}$$
+
+    Returns:
+        Kernel [m^-2 s^6].
+
+    Reference:
+        Eqs. (23), (25), (31).
+    """
+    zeta, alpha, delta = (theta[name] for name in ("zeta", "alpha", "delta"))
+    omega, omega_n = design.omega, design.omega_n
+    first = omega_n**2 - omega**2 + 2j * zeta * omega_n * omega
+    third = omega_n**2 - 9 * omega**2 + 6j * zeta * omega_n * omega
+    cubic = alpha * delta**2 / 6 - 35 * alpha * delta / (96 * design.y_peak)
+    return -cubic / (first**3 * third)
+
+
+def ranked_quantities(design: KernelData) -> Mapping[str, Quantity]:
+    """What Step 3 knows better than its parameters: lambda_3, and |H3| at every tone."""
+    hertz = np.asarray(design.omega) / (2 * np.pi)
+    tones = {f"h3_{f:.4g}Hz": Partial(_h3_magnitude, index=i) for i, f in enumerate(hertz)}
+    return {"lambda_3": _lambda_3, **tones}
+
+
+def _lambda_3(theta: Theta, data: KernelData) -> Float[Array, ""]:
+    """The paper's lambda_3 at the displacement of the first tone."""
+    delta, y_peak = theta["delta"], data.y_peak[0]
+    return theta["alpha"] * (delta**2 / 6 - 35 * delta / (96 * y_peak))
+
+
+def _h3_magnitude(theta: Theta, data: KernelData, index: int) -> Float[Array, ""]:
+    return jnp.abs(kernel.predict(theta, data))[index]
