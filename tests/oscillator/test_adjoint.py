@@ -71,7 +71,7 @@ def test_golden_gradients_at_four_substeps(case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", SWEEPS, ids=label)
+@pytest.mark.parametrize("case", [SWEEPS[1], *SWEEPS[3:5]], ids=label)  # one of each hold
 def test_golden_gradients_converge_with_order_4(case):
     substeps = (1, 2, 4)
     errors = [
