@@ -105,9 +105,7 @@ def test_errors_are_calibrated(order, noise_std, window_s):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("noise_std", "window_s"), [(5e-5, 16), (1e-3, 8), (1e-3, 16), (0.1, 16), (5e-5, 60)]
-)
+@pytest.mark.parametrize(("noise_std", "window_s"), [(5e-5, 16), (1e-3, 8), (1e-3, 16), (0.1, 16)])
 def test_errors_are_calibrated_over_many_records(noise_std, window_s):
     rng = np.random.default_rng(4)
     z = []

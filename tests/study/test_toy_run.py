@@ -26,7 +26,7 @@ from jbw.observables.dataset import log_likelihood
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
-from toy_campaign import DEFAULTS, PLAIN, TRUTH, write_toy  # noqa: E402
+from toy_campaign import PLAIN, TRUTH, write_toy  # noqa: E402
 
 FROZEN = HERE.parent / "toy_run.json"
 NAMES = ("omega_n", "zeta", "alpha", "delta", "gamma")
@@ -34,9 +34,8 @@ NAMES = ("omega_n", "zeta", "alpha", "delta", "gamma")
 DETERMINISTIC = 1e-6
 
 
-def run(folder, kind):
-    settings, decay = {"plain": (PLAIN, False), "defaults": (DEFAULTS, True)}[kind]
-    path = write_toy(folder, settings, decay=decay)
+def run(folder):
+    path = write_toy(folder, PLAIN)
     return jbw.identify(jbw.load_campaign(path), seed=1, report=lambda _: None)
 
 
@@ -121,9 +120,9 @@ def drawn(study):
     }
 
 
-def frozen_form(study, kind):
+def frozen_form(study):
     form = {"structure": structure(study.tree), "summary": sorted(keys_of(study.record))}
-    return form | ({"numbers": numbers(study), "drawn": drawn(study)} if kind == "plain" else {})
+    return form | {"numbers": numbers(study), "drawn": drawn(study)}
 
 
 @pytest.fixture(scope="module")
@@ -133,22 +132,13 @@ def frozen():
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory):
-    return run(tmp_path_factory.mktemp("toy"), "plain")
+    return run(tmp_path_factory.mktemp("toy"))
 
 
-@pytest.fixture(scope="module")
-def defaults(tmp_path_factory):
-    return run(tmp_path_factory.mktemp("toy"), "defaults")
-
-
-KINDS = ["plain", pytest.param("defaults", marks=pytest.mark.slow)]
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_nothing_in_the_tree_got_lost_or_changed_its_unit(kind, frozen, request):
-    found = structure(request.getfixturevalue(kind).tree)
+def test_nothing_in_the_tree_got_lost_or_changed_its_unit(plain, frozen):
+    found = structure(plain.tree)
     wrong = []
-    for path, node in frozen[kind]["structure"].items():
+    for path, node in frozen["structure"].items():
         if path not in found:
             wrong.append(f"{path} is missing")
             continue
@@ -168,15 +158,14 @@ def test_nothing_in_the_tree_got_lost_or_changed_its_unit(kind, frozen, request)
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_summary_keeps_its_keys(kind, frozen, request):
-    missing = set(frozen[kind]["summary"]) - keys_of(request.getfixturevalue(kind).record)
+def test_the_summary_keeps_its_keys(plain, frozen):
+    missing = set(frozen["summary"]) - keys_of(plain.record)
     assert not missing, sorted(missing)
 
 
 def test_fit_likelihood_and_measured_figures_are_as_they_were(plain, frozen):
     found = numbers(plain)
-    expected = frozen["plain"]["numbers"]
+    expected = frozen["numbers"]
     assert expected.keys() <= found.keys()
     # The sd over the value is taken at an optimum that a fit leaves 1e-4 of an sd from the next;
     # on another processor the linear reference's search differs by as much.
@@ -190,7 +179,7 @@ def test_fit_likelihood_and_measured_figures_are_as_they_were(plain, frozen):
 
 def test_the_posterior_is_the_same_within_monte_carlo(plain, frozen):
     """200 draws worth 166: each run's mean strays by sd / 12.9, two runs by sd / 9.1."""
-    found, expected = drawn(plain), frozen["plain"]["drawn"]
+    found, expected = drawn(plain), frozen["drawn"]
     assert plain.tree.attrs["khat"] < 0.5
     for name in NAMES:
         sd = expected[f"sd of {name}"]
@@ -235,10 +224,8 @@ def test_every_unit_is_in_the_one_dialect(plain):
 
 def write_frozen():
     jax.config.update("jax_enable_x64", True)
-    form = {}
-    for kind in ("plain", "defaults"):
-        with tempfile.TemporaryDirectory() as folder:
-            form[kind] = frozen_form(run(Path(folder), kind), kind)
+    with tempfile.TemporaryDirectory() as folder:
+        form = frozen_form(run(Path(folder)))
     FROZEN.write_text(json.dumps(form, indent=1) + "\n", encoding="utf-8")
 
 

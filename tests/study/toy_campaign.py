@@ -1,4 +1,4 @@
-"""The smallest campaign that goes through `jbw.identify`: two sweeps, a loop, a decay.
+"""The smallest campaign that goes through `jbw.identify`: two sweeps and a loop.
 
 The records are integrated by Runge and Kutta's fourth order on Eqs. (1) and (2) as they stand, at
 sixteen steps a sample, and written by h5py: nothing of jbw makes them.
@@ -42,16 +42,6 @@ channels = { displacement = "displacement", restoring_force = "restoring_force" 
 units = { displacement = "m", restoring_force = "N" }
 fs = 256.0
 """
-DECAY = """[[test]]
-kind = "decay"
-name = "ring"
-files = "ring_*.h5"
-channels = { velocity = "velocity" }
-units = { velocity = "m/s" }
-fs = 256.0
-band = [12.0, 26.0]
-settle = 0.1
-"""
 
 # Importance sampling compiles least, and steps at every sample alone are enough here.
 PLAIN = """
@@ -64,16 +54,6 @@ num_samples = 100
 substeps = 1
 offsets = "none"
 model_error = "none"
-"""
-# As far as may be by the defaults, and beside both references.
-DEFAULTS = """
-fit_levels = [1.0]
-fit_repeats = 2
-hold_out = ["weak"]
-compare_with = ["linear", "cubic"]
-sampler = "importance"
-num_chains = 2
-num_samples = 50
 """
 
 
@@ -127,7 +107,7 @@ def pulled(size):
     return y, (TRUTH["omega_n"] ** 2 - alpha) * y + np.array(force)[::SUBSTEPS]
 
 
-def write_toy(folder, identify, *, decay=False):
+def write_toy(folder, identify):
     """The campaign file, with the records beside it."""
     rng = np.random.default_rng(3)
 
@@ -146,9 +126,6 @@ def write_toy(folder, identify, *, decay=False):
         write(name, 3, 2e-3, {"input": u(np.arange(size) / FS)}, {"velocity": velocity})
     y, force = pulled(size)
     write("pull", 2, 0.02, {"displacement": y}, {"restoring_force": force / GAIN})
-    if decay:
-        _, ringing = integrated(np.zeros_like, 2 * size, 1.5e-3)
-        write("ring", 2, 1e-4, {}, {"velocity": ringing})
     path = folder / "campaign.toml"
-    path.write_text(CAMPAIGN + decay * DECAY + "\n[identify]\n" + identify, encoding="utf-8")
+    path.write_text(CAMPAIGN + "\n[identify]\n" + identify, encoding="utf-8")
     return path
