@@ -113,7 +113,10 @@ def test_phase_in_degrees_read_as_radians_is_doubted(tmp_path):
 
 def test_masked_lines_do_not_hide_a_phase_in_degrees(tmp_path):
     phase = np.where(np.arange(81) == 3, np.nan, np.degrees(arrays()["phi"]))
-    with pytest.warns(UserWarning, match='units = { phase = "deg" }'):
+    with (
+        pytest.warns(UserWarning, match="1 of 81 samples are not finite, and masked"),
+        pytest.warns(UserWarning, match='units = { phase = "deg" }'),
+    ):
         load_campaign(campaign(tmp_path, arrays() | {"phi": phase}, gaps="mask"))
 
 
