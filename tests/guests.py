@@ -106,8 +106,29 @@ class RingDown(Repeated):
         return float(jnp.max(self.amplitude))
 
 
+def metropolis(problem, propose, ratio):
+    """Metropolis' rule on independent proposals.
+
+    `propose` draws one by a key, `ratio` is the log of the posterior over their density; both in
+    the whitened coordinate.
+    """
+
+    def step(state):
+        w, key = state
+        key, key_move, key_take = jax.random.split(key, 3)
+        there = propose(key_move)
+        taken = jnp.log(jax.random.uniform(key_take)) < ratio(there) - ratio(w)
+        return jnp.where(taken, there, w), key
+
+    return Kernel(
+        lambda key, w: (w, key),
+        step,
+        lambda state: Draw(problem.theta(state[0]), {"x": jnp.zeros(())}),
+    )
+
+
 class AboutTheFit:
-    """Metropolis' rule on independent proposals, normal about the fit and wider than it."""
+    """Independent proposals, normal about the fit and wider than it."""
 
     class Options(NamedTuple):
         """Counts."""
@@ -119,20 +140,9 @@ class AboutTheFit:
 
     @staticmethod
     def kernel(problem, options):
-        wide = 1.5
-
-        def ratio(w):  # of the posterior over the proposal, in the fit's whitened coordinate
-            return problem.log_density(w) + 0.5 * jnp.sum((w / wide) ** 2)
-
-        def step(state):
-            w, key = state
-            key, key_move, key_take = jax.random.split(key, 3)
-            there = wide * jax.random.normal(key_move, w.shape)
-            taken = jnp.log(jax.random.uniform(key_take)) < ratio(there) - ratio(w)
-            return jnp.where(taken, there, w), key
-
-        return Kernel(
-            lambda key, w: (w, key),
-            step,
-            lambda state: Draw(problem.theta(state[0]), {"x": jnp.zeros(())}),
+        wide, shape = 1.5, (len(problem.box.names),)
+        return metropolis(
+            problem,
+            lambda key: wide * jax.random.normal(key, shape),
+            lambda w: problem.log_density(w) + 0.5 * jnp.sum((w / wide) ** 2),
         )

@@ -10,12 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from guests import metropolis
 from scipy.stats import kstest
 
 from jbw.errors import ConfigError
 from jbw.inference.posterior.summary import diagnose
 from jbw.inference.samplers import register
-from jbw.inference.samplers.chains import Draw, Kernel, draws_of
+from jbw.inference.samplers.chains import draws_of
 from jbw.inference.samplers.register import SAMPLERS, Sampler, options_of, sampler_named
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import box
@@ -119,22 +120,12 @@ class Everywhere:
 
     @staticmethod
     def kernel(problem, options):
-        size = len(problem.box.names)
-
-        def ratio(w):  # of the posterior over the prior, whose logit is logistic
-            return problem.log_density(w) + jnp.sum(w + 2 * jnp.log1p(jnp.exp(-w)))
-
-        def step(state):
-            w, key = state
-            key, key_move, key_take = jax.random.split(key, 3)
-            there = jax.random.logistic(key_move, (size,))
-            taken = jnp.log(jax.random.uniform(key_take)) < ratio(there) - ratio(w)
-            return jnp.where(taken, there, w), key
-
-        return Kernel(
-            lambda key, w: (w, key),
-            step,
-            lambda state: Draw(problem.theta(state[0]), {"x": jnp.zeros(())}),
+        shape = (len(problem.box.names),)
+        return metropolis(
+            problem,
+            lambda key: jax.random.logistic(key, shape),
+            # The prior's logit is logistic.
+            lambda w: problem.log_density(w) + jnp.sum(w + 2 * jnp.log1p(jnp.exp(-w))),
         )
 
 
