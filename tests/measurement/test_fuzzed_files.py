@@ -149,8 +149,10 @@ def _little_memory():
 def written(name, folder):
     suffix, write, _ = FORMATS[name]
     if name not in WRITTEN:
-        write(folder / f"whole{suffix}")
-        WRITTEN[name] = (folder / f"whole{suffix}").read_bytes()
+        path = folder / f"whole{suffix}"
+        path.unlink(missing_ok=True)  # universal files are appended to
+        write(path)
+        WRITTEN[name] = path.read_bytes()
     return WRITTEN[name]
 
 
