@@ -63,14 +63,23 @@ def contents(path: Path) -> Iterator[Contents]:
 
 
 def _require_whole(path: Path) -> None:
-    """Refuse chunks that reach beyond the file, or end where no other one begins."""
-    size = path.stat().st_size
+    """Refuse chunks beyond the file, of broken samples, or that end where no other one begins."""
+    size, frame = path.stat().st_size, 1
     with path.open("rb") as stream:
         order = {b"RIFF": "<", b"RIFX": ">"}.get(stream.read(12)[:4])
-        while order and len(head := stream.read(8)) == 8:
+        while order and (head := stream.read(8)):
+            where = stream.tell() - len(head)
+            if len(head) < 8:
+                raise ValueError(f"at byte {where} a chunk ends before its length")
             name, length = struct.unpack(f"{order}4sI", head)
             is_chunk = name.decode("ascii", "replace").isprintable()
-            if not is_chunk or stream.tell() + length > size:
-                where = stream.tell() - 8
+            if (
+                not is_chunk
+                or stream.tell() + length > size
+                or (name == b"data" and length % frame)
+            ):
                 raise ValueError(f"at byte {where} {name!r} declares {length} bytes")
-            stream.seek(length + length % 2, 1)
+            begin = stream.tell()
+            if name == b"fmt " and length >= 14:
+                frame = max(struct.unpack(f"{order}12xH", stream.read(14))[0], 1)
+            stream.seek(begin + length + length % 2)
