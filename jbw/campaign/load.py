@@ -19,7 +19,7 @@ class Campaign:
     """Everything that was measured on one joint, in SI."""
 
     name: str
-    folder: Path  # of the campaign file
+    folder: Path | None  # of the campaign file; None of a campaign in memory
     tests: tuple[Test, ...]  # in the order of the file
     gain: float | None = None  # force per modal mass for one volt [N/kg/V], when known
     modal_mass: float | None = None  # [kg], when known

@@ -4,55 +4,37 @@ from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 from itertools import chain
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jbw.campaign.settings import Identify, laws_of
+from jbw.campaign.load import Campaign
+from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.measurement.kinds import kind_named
-from jbw.measurement.records import Test
 from jbw.oscillator.oscillator import Joint, as_oscillator
-from jbw.quantities import DEFAULT_LAWS
 from jbw.rig.conditions import Conditions, check, specimen_of_days
-from jbw.rig.integrator import Specimen, specimen_of
+from jbw.rig.integrator import specimen_of
 from jbw.rig.presets import PRIOR, TRUTH, Plan, Preset, plans_named, preset_named
 from jbw.rig.record_test import record_test
 
 
 @dataclass(frozen=True)
-class RigCampaign:
-    """A campaign in memory, with the fields of one loaded from its file.
+class RigCampaign(Campaign):
+    """A campaign in memory, whose gain and modal mass the identification is to find.
+
+    Its channels are `input` [V] or `force` [N], and `velocity` [m/s]; of free decays the velocity
+    alone, of loops `displacement` [m] and `restoring_force` [N].
 
     Attributes:
-        name: Name of the campaign.
-        tests: The tests; channels `input` [V] or `force` [N], and `velocity` [m/s]; of free decays
-            the velocity alone, of loops `displacement` [m] and `restoring_force` [N].
-        settings: Choices for the identification, fixed before any fit.
         truth: What produced the data; for judging an identification, never for making one.
         demands: Test name to what was demanded of the source in each repeat [V or N], where the
             source is recorded.
-        folder: Where it was read from: nowhere.
-        gain: Not given: the identification finds it [N/kg/V].
-        modal_mass: Not given either [kg].
-        laws: Names of the laws to identify the joint with.
     """
 
-    name: str
-    tests: tuple[Test, ...]
-    settings: Identify
-    truth: Mapping[str, Any]
-    demands: Mapping[str, tuple[NDArray[np.float64], ...]] = field(repr=False)
-    folder: Path | None = None
-    gain: float | None = None
-    modal_mass: float | None = None
-    laws: tuple[str, ...] = DEFAULT_LAWS
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "settings", Identify.of(self.settings))
-        object.__setattr__(self, "laws", laws_of(self.laws, self.settings.prior))
+    truth: Mapping[str, Any] = field(default_factory=dict)
+    demands: Mapping[str, Sequence[NDArray[np.float64]]] = field(default_factory=dict, repr=False)
 
 
 def measure(
@@ -121,17 +103,24 @@ def measure(
     plans = [replace(p, repeats=repeats or p.repeats) for p in plans_named(rig, tests)]
     count = max(plan.repeats for plan in plans)
     days = specimen_of_days(specimen_of(joint), count, conditions)
-    truth = _truth(rig, joint, days, conditions)
+    joint_truth = {name: float(x) for name, x in as_oscillator(joint).parameters().items()}
     # Two tests at once: FFT, compiled loop and random numbers all release the interpreter's lock.
     with ThreadPoolExecutor(max_workers=2) as pool:
         by_plan = pool.map(lambda plan: record_test(plan, rig, days, conditions), plans)
         taken = list(chain.from_iterable(by_plan))
     return RigCampaign(
         name=f"virtual rig, {rig.name}",
+        folder=None,
         tests=tuple(test for test, _ in taken),
-        settings=_settings(rig, plans, conditions, truth["joint"]),
-        truth=truth,
-        demands={test.name: tuple(demands) for test, demands in taken if demands},
+        settings=_settings(rig, plans, conditions, joint_truth),
+        truth={
+            "preset": rig.name,
+            "gain": rig.gain,
+            "joint": joint_truth,
+            "days": [{"omega_n": day.omega_n, "zeta": day.zeta} for day in days],
+            "conditions": asdict(conditions),
+        },
+        demands={test.name: demands for test, demands in taken if demands},
         laws=tuple(law.name for law in joint.laws),
     )
 
@@ -140,26 +129,13 @@ def _settings(
     rig: Preset, plans: Sequence[Plan], conditions: Conditions, truth: Mapping[str, float]
 ) -> Identify:
     """Held out before any fit: the middle sweep level, and half of many repeats. The prior."""
-    sweeps = sorted(
-        (p for p in plans if kind_named(p.kind).is_transient), key=lambda p: p.excitation.level
-    )
+    sweeps = [plan for plan in plans if kind_named(plan.kind).is_transient]
     settings: dict[str, Any] = {"fit": list(rig.fit)} if rig.fit else {}
     if len(sweeps) >= 3:
-        levels = [p.excitation.level for p in sweeps]
-        settings["fit_levels"] = [levels[0], levels[-1]]
-    if sweeps and min(p.repeats for p in sweeps) >= 8 and not conditions.varies:
-        settings["fit_repeats"] = min(p.repeats for p in sweeps) // 2
+        levels = [plan.excitation.level for plan in sweeps]
+        settings["fit_levels"] = [min(levels), max(levels)]
+    fewest = min((plan.repeats for plan in sweeps), default=0)
+    if fewest >= 8 and not conditions.varies:
+        settings["fit_repeats"] = fewest // 2
     known = {name: bounds for name, bounds in PRIOR.items() if name in truth}
     return Identify(**settings, prior=known)
-
-
-def _truth(
-    rig: Preset, joint: Joint, days: Sequence[Specimen], conditions: Conditions
-) -> dict[str, Any]:
-    return {
-        "preset": rig.name,
-        "gain": rig.gain,
-        "joint": {name: float(x) for name, x in as_oscillator(joint).parameters().items()},
-        "days": [{"omega_n": day.omega_n, "zeta": day.zeta} for day in days],
-        "conditions": asdict(conditions),
-    }

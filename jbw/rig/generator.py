@@ -144,10 +144,16 @@ def analog(
         distortion: Third harmonic of tones, steps and sweeps, relative to the level [-].
     """
     if isinstance(excitation, Noise | Multisine):
-        comb = _comb(excitation, phases, fs)
-        period = _play_lines(excitation.level, phases, *comb, round(rate / fs), lag * fs)
+        period = _period(excitation, phases, round(rate / fs), fs, lag * fs)
         return lambda i, j: period.take(np.arange(i, j), mode="wrap")
-    return lambda i, j: _since_start(excitation, np.arange(i, j) / rate - lag, distortion)
+
+    def voltage(i: int, j: int) -> Samples:
+        t = np.arange(i, j) / rate - lag
+        u, on = np.zeros_like(t), t >= 0.0
+        u[on] = excitation.volts(t[on], distortion)
+        return u
+
+    return voltage
 
 
 def draw_phases(excitation: Excitation, rng: np.random.Generator, fs: float) -> Samples:
@@ -161,34 +167,17 @@ def draw_phases(excitation: Excitation, rng: np.random.Generator, fs: float) -> 
     return rng.uniform(0.0, 2.0 * np.pi, half_period - 1)
 
 
-def _comb(
-    excitation: Noise | Multisine, phases: Samples, fs: float
-) -> tuple[NDArray[np.int64], int]:
-    """Orders of the lines, and samples in a period."""
-    if isinstance(excitation, Multisine):
-        return excitation.lines, round(excitation.period * fs)
-    return np.arange(1, phases.size + 1), 2 * (phases.size + 1)
-
-
-def _play_lines(
-    level: float,
-    phases: Samples,
-    lines: NDArray[np.int64],
-    num_points: int,
-    factor: int,
-    lag_samples: float,
+def _period(
+    excitation: Noise | Multisine, phases: Samples, factor: int, fs: float, lag_samples: float
 ) -> Samples:
     """One period of the lines, `factor` points a sample: zero padding in frequency is exact."""
+    lines, num_points = np.arange(1, phases.size + 1), 2 * (phases.size + 1)
+    if isinstance(excitation, Multisine):
+        lines, num_points = excitation.lines, round(excitation.period * fs)
     turn = phases - 2.0 * np.pi * lines * (lag_samples / num_points)
     spectrum = np.zeros(lines[-1] + 1, complex)
-    spectrum[lines] = level / np.sqrt(2.0 * lines.size) * np.exp(1j * turn)
+    spectrum[lines] = excitation.level / np.sqrt(2.0 * lines.size) * np.exp(1j * turn)
     return np.fft.irfft(spectrum, num_points * factor, norm="forward")
-
-
-def _since_start(excitation: Tone | Sweep | Steps, t: Samples, distortion: float) -> Samples:
-    u, on = np.zeros_like(t), t >= 0.0
-    u[on] = excitation.volts(t[on], distortion)
-    return u
 
 
 def _wave(sine: Callable[[Samples], Samples], phase: Samples, distortion: float) -> Samples:

@@ -2,8 +2,8 @@
 
 Nothing here is shared with the solvers of the identification: the rig takes the numbers of a joint
 and has its own code for each law that it knows. A law that it is to know is one class here and one
-line in `FORCES`: its stiffness at rest, its memory, the force of a memory, the rate of what is
-integrated of it, and what a small step leaves of it in the end.
+line in `FORCES`: its stiffness at rest, the rate of its force where that is integrated, and what a
+small step leaves of the force in the end.
 
 It is integrated far finer than it is sampled: classical Runge-Kutta steps, sixteen to a sample,
 under the force as it is between the samples, not under any hold of the samples. With the paper's
@@ -12,7 +12,7 @@ joint the velocity of a sweep is right to 2e-7 of its rms, at most 0.02 um/s in 
 """
 
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import accumulate
 from typing import Any, NamedTuple
 
@@ -33,14 +33,12 @@ GRID = 2 * SUBSTEPS  # values of the force in a sample: at the ends and in the m
 BLOCK = 16_384
 
 Scalar = Float[Array, ""] | float
-Memory = Any  # a pytree of scalars
-State = Any  # a tuple that begins with the displacement and ends with the joint's memories
-Shaker = Callable[[int, int], NDArray[np.float64]]
-"""shaker(i, j): the force [N/kg] at grid points i .. j - 1, GRID points to a sample from t = 0."""
+Parts = tuple[Scalar, ...]  # of the joint's force: what each of the rig's forces exerts [N/kg]
+State = Any  # a tuple that begins with the displacement and ends with the parts
 
 
 class BoucWenForce(NamedTuple):
-    """Eq. (2) at nu = 1, integrated in time."""
+    """Eq. (2) at nu = 1: its force Z [N/kg] is integrated in time."""
 
     alpha: Scalar
     delta: Scalar
@@ -51,17 +49,8 @@ class BoucWenForce(NamedTuple):
         """Of the joint that sticks [1/s^2]."""
         return self.alpha
 
-    def at_rest(self) -> Scalar:
-        """No force."""
-        return 0.0
-
-    def of(self, memory: Scalar) -> Scalar:
-        """Z itself [N/kg]."""
-        return memory
-
-    def rate(self, v: Scalar, memory: Scalar) -> Scalar:
+    def rate(self, v: Scalar, z: Scalar) -> Scalar:
         """Rate of Z [N/kg/s]."""
-        z = memory
         return self.alpha * v - self.gamma * abs(v) * z - self.delta * v * abs(z)
 
     def settle(self, before: Scalar, dy: Scalar, after: Scalar) -> Scalar:
@@ -69,52 +58,34 @@ class BoucWenForce(NamedTuple):
         return after
 
 
-class Sliders(NamedTuple):
-    """Springs in parallel that each slip at a force of their own: nothing to integrate."""
+class Slider(NamedTuple):
+    """A spring that slips at a limit: its force follows from where a step ends."""
 
-    springs: tuple[Scalar, ...]  # stiffness of each [1/s^2]
-    limits: tuple[Scalar, ...]  # force at which each slips [N/kg]
+    stiffness: Scalar  # [1/s^2]
+    limit: Scalar  # force at which it slips [N/kg]
 
-    @classmethod
-    def build(cls, theta: Mapping[str, Scalar]) -> "Sliders":
-        """From stiffness_1, slip_1 [m], stiffness_2, slip_ratio_2 [-] to the slip before, ..."""
-        springs = tuple(x for name, x in theta.items() if name.startswith("stiffness"))
-        ratios = (x for name, x in theta.items() if name.startswith("slip"))  # the first one is m
-        slips = tuple(accumulate(ratios, operator.mul))
-        return cls(springs, tuple(k * y for k, y in zip(springs, slips, strict=True)))
+    def rate(self, v: Scalar, z: Scalar) -> Scalar:
+        """Nothing to integrate."""
+        return 0.0 * z
 
-    @property
-    def stiffness(self) -> Scalar:
-        """All of them stuck [1/s^2]."""
-        return sum(self.springs)
-
-    def at_rest(self) -> tuple[Scalar, ...]:
-        """No force in any."""
-        return tuple(0.0 for _ in self.springs)
-
-    def of(self, memory: tuple[Scalar, ...]) -> Scalar:
-        """Sum of their forces [N/kg]."""
-        return sum(memory)
-
-    def rate(self, v: Scalar, memory: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-        """None: their forces follow from where the step ends."""
-        return tuple(0.0 * z for z in memory)
-
-    def settle(
-        self, before: tuple[Scalar, ...], dy: Scalar, after: tuple[Scalar, ...]
-    ) -> tuple[Scalar, ...]:
+    def settle(self, before: Scalar, dy: Scalar, after: Scalar) -> Scalar:
         """Exact while the step does not turn round."""
-        return tuple(
-            jnp.clip(z + k * dy, -limit, limit)
-            for z, k, limit in zip(before, self.springs, self.limits, strict=True)
-        )
+        return jnp.clip(before + self.stiffness * dy, -self.limit, self.limit)
 
 
-Force = BoucWenForce | Sliders
-# Law in a campaign, without the number of a family's member, to the rig's own.
-FORCES: dict[str, Callable[[Mapping[str, Scalar]], Force]] = {
-    "bouc_wen": lambda theta: BoucWenForce(**theta),
-    "jenkins": Sliders.build,
+def sliders(theta: Mapping[str, Scalar]) -> list[Slider]:
+    """From stiffness_1, slip_1 [m], stiffness_2, slip_ratio_2 [-] to the slip before, ..."""
+    springs = [x for name, x in theta.items() if name.startswith("stiffness")]
+    ratios = (x for name, x in theta.items() if name.startswith("slip"))  # the first one is m
+    slips = tuple(accumulate(ratios, operator.mul))
+    return [Slider(k, k * y) for k, y in zip(springs, slips, strict=True)]
+
+
+Force = BoucWenForce | Slider
+# Law in a campaign, without the number of a family's member, to the rig's own, side by side.
+FORCES: dict[str, Callable[[Mapping[str, Scalar]], Sequence[Force]]] = {
+    "bouc_wen": lambda theta: [BoucWenForce(**theta)],
+    "jenkins": sliders,
 }
 
 
@@ -130,26 +101,26 @@ class Specimen(NamedTuple):
         """Stiffness beside the joint [1/s^2]."""
         return self.omega_n**2 - sum(force.stiffness for force in self.forces)
 
-    def at_rest(self) -> tuple[Memory, ...]:
-        """Memories before any motion."""
-        return tuple(force.at_rest() for force in self.forces)
+    def at_rest(self) -> Parts:
+        """Parts of the force before any motion."""
+        return (0.0,) * len(self.forces)
 
-    def joint_force(self, memory: tuple[Memory, ...]) -> Array:
+    def joint_force(self, parts: Parts) -> Array:
         """Force of the joint beside the spring k [N/kg]."""
-        return jnp.asarray(sum((f.of(m) for f, m in zip(self.forces, memory, strict=True)), 0.0))
+        return jnp.asarray(sum(parts, 0.0))
 
-    def rates(self, v: Scalar, memory: tuple[Memory, ...]) -> tuple[Memory, ...]:
-        """Rates of the memories at a velocity."""
-        return tuple(f.rate(v, m) for f, m in zip(self.forces, memory, strict=True))
+    def rates(self, v: Scalar, parts: Parts) -> Parts:
+        """Rates of the parts at a velocity."""
+        return tuple(force.rate(v, z) for force, z in zip(self.forces, parts, strict=True))
 
     def state_rate(self, state: State, u: Scalar) -> State:
-        """Rate of the state (y, v, memories) under a force per unit mass u [N/kg]."""
-        y, v, memory = state
+        """Rate of the state (y, v, parts) under a force per unit mass u [N/kg]."""
+        y, v, parts = state
         a = u - 2 * self.zeta * self.omega_n * v - self.k * y
-        return v, a - self.joint_force(memory), self.rates(v, memory)
+        return v, a - self.joint_force(parts), self.rates(v, parts)
 
-    def settle(self, before: tuple, after: tuple) -> tuple:
-        """State (y, ..., memories) after a small step, from that before it."""
+    def settle(self, before: State, after: State) -> State:
+        """State (y, ..., parts) after a small step, from that before it."""
         dy = after[0] - before[0]
         pairs = zip(self.forces, before[-1], after[-1], strict=True)
         return (*after[:-1], tuple(force.settle(was, dy, now) for force, was, now in pairs))
@@ -175,25 +146,28 @@ def specimen_of(joint: Joint | Specimen) -> Specimen:
             why="The rig integrates the hysteretic force and a linear spring by a code of its own.",
             remedy="Make records with `simulate`, which takes every restoring force.",
         )
-    return Specimen(float(joint.omega_n), float(joint.zeta), tuple(map(force_of, joint.laws)))
+    return Specimen(float(joint.omega_n), float(joint.zeta), forces_of(joint.laws))
 
 
-def force_of(law: Law, number: Callable[[Any], Scalar] = float) -> Force:
-    """The rig's own force of a law, every parameter made a number by `number`.
+def forces_of(laws: Iterable[Law], number: Callable[[Any], Scalar] = float) -> tuple[Force, ...]:
+    """The rig's own forces of laws, every parameter made a number by `number`.
 
     Raises:
         ModelError: For a law or an exponent that the rig does not know.
     """
-    if (nu := getattr(law, "nu", 1.0)) != 1.0:
-        raise ModelError(f"Parameter `joint.nu` of the rig must be 1, but is {nu}.")
-    known = law.name.rstrip("_0123456789")
-    if known not in FORCES:
-        raise ModelError(
-            f"The law `{law.name}` of the joint is none of the rig's: {', '.join(FORCES)}.",
-            why="The rig integrates every law by a code of its own.",
-            remedy="Make records with `simulate`, which takes every law.",
-        )
-    return FORCES[known]({name: number(x) for name, x in law.parameters().items()})
+    forces: list[Force] = []
+    for law in laws:
+        if (nu := getattr(law, "nu", 1.0)) != 1.0:
+            raise ModelError(f"Parameter `joint.nu` of the rig must be 1, but is {nu}.")
+        known = law.name.rstrip("_0123456789")
+        if known not in FORCES:
+            raise ModelError(
+                f"The law `{law.name}` of the joint is none of the rig's: {', '.join(FORCES)}.",
+                why="The rig integrates every law by a code of its own.",
+                remedy="Make records with `simulate`, which takes every law.",
+            )
+        forces += FORCES[known]({name: number(x) for name, x in law.parameters().items()})
+    return tuple(forces)
 
 
 def doubles(numbers: Any) -> Any:
@@ -228,13 +202,17 @@ def runge_kutta(
 
 
 def respond(
-    joint: Joint | Specimen, force: Shaker, num_samples: int, fs: float
+    joint: Joint | Specimen,
+    force: Callable[[int, int], NDArray[np.float64]],
+    num_samples: int,
+    fs: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Response of the joint from rest to an analog force.
 
     Args:
         joint: The specimen; of a `BoucWen` nu = 1.
-        force: Force per unit mass on the grid of `GRID` points a sample [N/kg].
+        force: Of (i, j), force per unit mass at grid points i .. j - 1, `GRID` to a sample from
+            t = 0 [N/kg].
         num_samples: Samples to return; the first is the state of rest at t = 0.
         fs: Sampling frequency [Hz].
 
@@ -273,7 +251,7 @@ def _advance(
 
     def sample(now: State, n: Array) -> tuple[State, tuple[Array, Array, Array]]:
         _, after = lax.fori_loop(0, SUBSTEPS, substep, (GRID * n, now))
-        y, v, memory = now
-        return after, (y, v, specimen.joint_force(memory))
+        y, v, parts = now
+        return after, (y, v, specimen.joint_force(parts))
 
     return lax.scan(sample, state, jnp.arange(u.shape[0] // GRID))

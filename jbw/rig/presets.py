@@ -106,11 +106,6 @@ class Preset:
     # Kinds that the joint posterior is fitted to, the others verify; all when empty.
     fit: tuple[str, ...] = ()
 
-    @property
-    def source_unit(self) -> str:
-        """Unit of the recorded source."""
-        return "V" if self.source == "input" else "N"
-
 
 def named(kind: str, level: float, unit: str = "V") -> str:
     """A test's name after its level: "sweep_0p05V", "noise_0p005V", no dot in it."""

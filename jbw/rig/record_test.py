@@ -1,7 +1,7 @@
 """One test at the rig: played or pulled, answered, sensed and recorded."""
 
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -19,6 +19,7 @@ from jbw.rig.prescribed_motion import Growth, Held, holding_force, pulled
 from jbw.rig.presets import Plan, Preset
 
 Samples = NDArray[np.float64]
+Channels = dict[str, Samples]
 
 
 @dataclass(frozen=True)
@@ -57,23 +58,45 @@ def record_test(
     """
     bench, excitation = Bench(plan, rig, conditions), plan.excitation
     demands: Sequence[Samples] = []
-    if isinstance(excitation, Growth | Held):
-        if rig.source != "force":
-            raise ConfigError(
-                f"Test `{plan.name}` measures newtons, so the rig must measure the shaker's "
-                f"`force`, but measures its `{rig.source}`.",
-                remedy='Give the preset source = "force" and the inverse of the modal mass as '
-                "gain.",
-            )
-        records = [
-            _pulled(bench, excitation, days[r], r)
-            if isinstance(excitation, Growth)
-            else _held(bench, excitation, days[r], r)
-            for r in range(plan.repeats)
-        ]
+    if not isinstance(excitation, Growth | Held):
+        channels, demands = _shaken(bench, excitation, days)
+    elif rig.source != "force":
+        raise ConfigError(
+            f"Test `{plan.name}` measures newtons, so the rig must measure the shaker's `force`, "
+            f"but measures its `{rig.source}`.",
+            remedy='Give the preset source = "force" and the inverse of the modal mass as gain.',
+        )
+    elif isinstance(excitation, Growth):
+        channels = [_pulled(bench, excitation, days[r], r) for r in range(plan.repeats)]
     else:
-        records, demands = _shaken(bench, excitation, days)
-    whole = _test(bench, records)
+        channels = [_held(bench, excitation, days[r], r) for r in range(plan.repeats)]
+    tones: tuple[float, ...] = ()
+    if isinstance(excitation, Tone):
+        tones = (excitation.frequency_hz,)
+    elif isinstance(excitation, Steps):
+        tones = excitation.frequencies_hz
+    records = [
+        Record(
+            fs=float("nan") if isinstance(excitation, Held) else conditions.fs,
+            channels=each,
+            units={role: BY_NAME[role].unit for role in each},
+            name=f"{plan.name}_{r + 1:02d}",
+            provenance={"reader": "jbw.rig", "preset": rig.name, "seed": str(conditions.seed)},
+        )
+        for r, each in enumerate(channels)
+    ]
+    whole = Test(
+        kind=plan.kind,
+        records=tuple(records),
+        name=plan.name,
+        level=excitation.level,
+        tones_hz=tones,
+        band_hz=plan.band_hz,
+        dwell=excitation.dwell if isinstance(excitation, Steps) else float("nan"),
+        settle=plan.settle,
+        delay=conditions.delay if "velocity" in channels[0] else 0.0,
+        periods=excitation.periods if isinstance(excitation, Multisine) else 1,
+    )
     if not conditions.varies:
         return [(whole, demands)]
     tests = []
@@ -84,40 +107,20 @@ def record_test(
     return tests
 
 
-def _test(bench: Bench, records: Sequence[Record]) -> Test:
-    plan, excitation = bench.plan, bench.plan.excitation
-    tones = ()
-    if isinstance(excitation, Tone):
-        tones = (excitation.frequency_hz,)
-    elif isinstance(excitation, Steps):
-        tones = excitation.frequencies_hz
-    return Test(
-        kind=plan.kind,
-        records=tuple(records),
-        name=plan.name,
-        level=excitation.level,
-        tones_hz=tones,
-        band_hz=plan.band_hz,
-        dwell=excitation.dwell if isinstance(excitation, Steps) else float("nan"),
-        settle=plan.settle,
-        delay=bench.conditions.delay if "velocity" in records[0].channels else 0.0,
-        periods=excitation.periods if isinstance(excitation, Multisine) else 1,
-    )
-
-
 def _shaken(
     bench: Bench, excitation: Excitation, days: Sequence[Specimen]
-) -> tuple[list[Record], list[Samples]]:
-    """Records under the shaker; of a free decay, whose shaker is off by then, the velocity only."""
+) -> tuple[list[Channels], list[Samples]]:
+    """Channels and demands under the shaker; of a free decay, driven no more, velocity only."""
     rig, conditions = bench.rig, bench.conditions
     differ = conditions.varies or isinstance(excitation, Noise)
     driven = kind_named(bench.plan.kind).is_driven
-    records, demands = [], []
+    recorded: list[Channels] = []
+    demands = []
     demand = source = velocity = np.empty(0)
     for r in range(bench.plan.repeats):
         if r == 0 or differ:
             demand, source, velocity = _play(bench, excitation, days[r], r)
-        channels = {}
+        channels: Channels = {}
         if driven:
             noise = conditions.input_noise_std
             channels[rig.source] = bench.sensed(rig.source, source, noise, rig.input_range, (r, 1))
@@ -126,8 +129,8 @@ def _shaken(
         if conditions.noise_ratio is not None:
             noise = conditions.noise_ratio * float(np.sqrt(np.mean(velocity**2)))
         channels["velocity"] = bench.sensed("velocity", velocity, noise, rig.velocity_range, (r, 2))
-        records.append(_record(bench, channels, r))
-    return records, demands
+        recorded.append(channels)
+    return recorded, demands
 
 
 def _play(
@@ -150,21 +153,20 @@ def _play(
     return demand, source, velocity[first:]
 
 
-def _pulled(bench: Bench, growth: Growth, specimen: Specimen, repeat: int) -> Record:
+def _pulled(bench: Bench, growth: Growth, specimen: Specimen, repeat: int) -> Channels:
     """A slow loop: the displacement that was prescribed, and the force it took."""
     rig, noise = bench.rig, bench.conditions.force_noise_std
     y, force = pulled(specimen, growth, bench.conditions.fs)
     force = force / rig.gain
-    channels = {
+    return {
         "displacement": bench.sensed("displacement", y, 0.0, rig.displacement_range, (repeat, 2)),
         "restoring_force": bench.sensed(
             "restoring_force", force, noise, rig.force_range, (repeat, 1)
         ),
     }
-    return _record(bench, channels, repeat)
 
 
-def _held(bench: Bench, held: Held, specimen: Specimen, repeat: int) -> Record:
+def _held(bench: Bench, held: Held, specimen: Specimen, repeat: int) -> Channels:
     r"""A controller's curve, line by line.
 
     A sine fitted to a dwell of T seconds keeps of a channel's noise $\sigma\sqrt{2 / (T f_s)}$ in
@@ -174,26 +176,9 @@ def _held(bench: Bench, held: Held, specimen: Specimen, repeat: int) -> Record:
     std = bench.conditions.force_noise_std * np.sqrt(2 / (held.dwell * bench.conditions.fs))
     real, imaginary = std * bench.stream(repeat, 1).standard_normal((2, force.size))
     force = force + real + 1j * imaginary
-    channels = {
+    return {
         "frequency": np.asarray(held.frequencies_hz),
         "force": np.abs(force),
         "displacement": np.full(force.size, held.level),
         "phase": -np.angle(force),
     }
-    return _record(bench, channels, repeat, fs=float("nan"))
-
-
-def _record(
-    bench: Bench, channels: Mapping[str, Samples], repeat: int, fs: float | None = None
-) -> Record:
-    return Record(
-        fs=bench.conditions.fs if fs is None else fs,
-        channels=channels,
-        units={role: BY_NAME[role].unit for role in channels},
-        name=f"{bench.plan.name}_{repeat + 1:02d}",
-        provenance={
-            "reader": "jbw.rig",
-            "preset": bench.rig.name,
-            "seed": str(bench.conditions.seed),
-        },
-    )

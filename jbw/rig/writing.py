@@ -2,17 +2,17 @@
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jbw.campaign.document import toml
 from jbw.errors import RunError
 from jbw.measurement.files.hdf5 import write_hdf5
-from jbw.measurement.records import Record, Test
+from jbw.measurement.records import Test
 from jbw.quantities import DEFAULT_LAWS
 from jbw.rig.acquisition import RigCampaign
 
@@ -63,7 +63,11 @@ def write(campaign: RigCampaign, folder: str | Path) -> Path:
         for test in campaign.tests:
             demands = campaign.demands.get(test.name, (None,) * len(test.records))
             for record, demand in zip(test.records, demands, strict=True):
-                filed = record if demand is None else _with_demand(record, demand)
+                filed = record
+                if demand is not None:  # beside what was measured of the source
+                    channels = {"demand": demand, **record.channels}
+                    units = {"demand": record.units[record.source], **record.units}
+                    filed = replace(record, channels=channels, units=units)
                 # float32 holds the 24 bits of the converters exactly; a curve has no converter.
                 kept = np.float64 if np.isnan(record.fs) else np.float32
                 write_hdf5(folder / f"{record.name}.h5", filed, dtype=kept)
@@ -94,13 +98,6 @@ def _check_folder(campaign: RigCampaign, folder: Path) -> None:
         )
 
 
-def _with_demand(record: Record, demand: NDArray[np.float64]) -> Record:
-    """The record as filed: what was asked of the source beside what was measured of it."""
-    channels = {"demand": demand, **record.channels}
-    unit = record.units[record.source]
-    return replace(record, channels=channels, units={"demand": unit, **record.units})
-
-
 def _write_text(path: Path, text: str) -> None:
     part = path.with_name(f".{path.name}.part")
     part.write_text(text, encoding="utf-8")
@@ -108,56 +105,42 @@ def _write_text(path: Path, text: str) -> None:
 
 
 def _campaign_text(campaign: RigCampaign) -> str:
-    blocks = [_HEAD.format(name=_toml(campaign.name))]
+    blocks = [_HEAD.format(name=toml(campaign.name))]
     if campaign.laws != DEFAULT_LAWS:
-        blocks.append(f"[joint]\nlaws = {_toml(list(campaign.laws))}\n")
+        blocks.append(_table("[joint]", {"laws": campaign.laws}))
     blocks += [_test_text(test) for test in campaign.tests]
     if stated := dict(campaign.settings):
-        blocks.append(_settings_text(stated))
+        prior = stated.pop("prior", None)
+        fixed = "# Fixed before any fit: what is fitted; the rest is predicted.\n[identify]"
+        blocks.append(_table(fixed, stated))
+        if prior is not None:
+            bounds = "# Uniform priors, lower and upper bound in SI.\n[identify.prior]"
+            blocks.append(_table(bounds, prior))
     return "\n".join(blocks)
 
 
-def _settings_text(settings: Mapping[str, Any]) -> str:
-    """The [identify] table, and the prior below it."""
-    plain = {key: value for key, value in settings.items() if key != "prior"}
-    lines = ["# Fixed before any fit: what is fitted; the rest is predicted.", "[identify]"]
-    lines += [f"{key} = {_toml(value)}" for key, value in plain.items()]
-    if "prior" in settings:
-        lines += ["", "# Uniform priors, lower and upper bound in SI.", "[identify.prior]"]
-        lines += [f"{name} = {_toml(list(pair))}" for name, pair in settings["prior"].items()]
-    return "\n".join(lines) + "\n"
+def _table(head: str, table: Mapping[str, Any]) -> str:
+    """A table, keys that say nothing left out."""
+    stated = [f"{key} = {toml(value)}" for key, value in table.items() if value is not None]
+    return "\n".join([head, *stated]) + "\n"
 
 
 def _test_text(test: Test) -> str:
-    """One [[test]] table, keys that say nothing left out."""
-    record = test.records[0]
+    record, purpose = test.records[0], _PURPOSE.get(test.name.split("_")[0])
     table = {
         "name": test.name,
         "kind": test.kind,
         "files": f"{test.name}_*.h5",
         "level": test.level,
         "fs": record.fs if np.isfinite(record.fs) else None,
-        "tones": list(test.tones_hz) or None,
-        "band": list(test.band_hz) if test.band_hz else None,
+        "tones": test.tones_hz or None,
+        "band": test.band_hz,
         "dwell": test.dwell if np.isfinite(test.dwell) else None,
         "settle": test.settle or None,
         "delay": test.delay or None,
         "periods": test.periods if test.periods > 1 else None,
         "run": test.run or None,
+        "channels": {role: role for role in record.channels},
+        "units": {role: record.units[role] for role in record.channels},
     }
-    lines = [f"{key} = {_toml(value)}" for key, value in table.items() if value is not None]
-    roles = list(record.channels)
-    lines.append(f"channels = {_inline((role, role) for role in roles)}")
-    lines.append(f"units = {_inline((role, record.units[role]) for role in roles)}")
-    purpose = _PURPOSE.get(test.name.split("_")[0])
-    note = f"# {purpose}\n" if purpose else ""
-    return f"{note}[[test]]\n" + "\n".join(lines) + "\n"
-
-
-def _inline(pairs: Iterable[tuple[str, str]]) -> str:
-    return "{ " + ", ".join(f"{key} = {_toml(value)}" for key, value in pairs) + " }"
-
-
-def _toml(value: str | int | float | list[float] | list[str]) -> str:
-    """A TOML value; JSON's strings, numbers and lists are all valid TOML."""
-    return json.dumps(value, ensure_ascii=False)
+    return _table(f"# {purpose}\n[[test]]" if purpose else "[[test]]", table)

@@ -17,7 +17,7 @@ from jbw.inference.space.problem import Theta
 from jbw.observables.records import Records
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
-from jbw.rig.integrator import Specimen, State, doubles, force_of, runge_kutta
+from jbw.rig.integrator import Specimen, State, doubles, forces_of, runge_kutta
 
 STEPS = 8  # Runge-Kutta steps between two samples
 
@@ -63,8 +63,7 @@ def motion(
         Eqs. (1), (2) with nu = 1, for Bouc-Wen's law.
     """
     joint = oscillator_of(theta, laws)
-    forces = tuple(force_of(law, jnp.asarray) for law in joint.laws)
-    specimen = Specimen(joint.omega_n, joint.zeta, forces)
+    specimen = Specimen(joint.omega_n, joint.zeta, forces_of(joint.laws, jnp.asarray))
     h, size = 1 / (fs * STEPS), force.shape[-1]
     # The spectrum filled up with zeros gives the input at both ends and middles of the steps.
     fine = jnp.fft.irfft(jnp.fft.rfft(force), 2 * STEPS * size) * 2 * STEPS
