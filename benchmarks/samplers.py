@@ -26,6 +26,7 @@ import numpy as np
 from timing import Table, Target, options, show, targets
 
 from jbw import rig
+from jbw.identification.assemble import measured
 from jbw.identification.posteriors import STEPS, Posterior, posterior_of
 from jbw.inference.posterior.summary import diagnose
 from jbw.inference.samplers.sampling import sample
@@ -52,7 +53,7 @@ def shortened(plan: Any) -> Any:
     return replace(plan, excitation=excitation)
 
 
-def measured() -> rig.RigCampaign:
+def rig_campaign() -> rig.RigCampaign:
     """The campaign of the virtual rig that all three posteriors come from."""
     plans = tuple(shortened(plan) for plan in rig.LABORATORY.plans)
     preset = replace(rig.LABORATORY, name="samplers", plans=plans)
@@ -149,9 +150,9 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     logging.getLogger("jax").setLevel(logging.ERROR)
     warnings.simplefilter("ignore")
-    campaign = measured()
+    campaign = rig_campaign()
     posteriors = {
-        step: posterior_of(step, campaign.tests, campaign.settings)
+        step: posterior_of(step, measured(campaign.tests, campaign.settings))
         for step in arguments.steps.split(",")
     }
     tables = {step: table_of(one, arguments.calls) for step, one in posteriors.items()}

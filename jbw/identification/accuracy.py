@@ -9,8 +9,8 @@ import xarray as xr
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
+from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.posterior.summary import evenly_spaced
-from jbw.inference.posterior.verdict import Finding
 from jbw.observables.dataset import Dataset, halved, log_likelihood
 from jbw.observables.effective_values import COLOURED, LEAST_VALUES, correlation_at_one
 
@@ -27,16 +27,13 @@ def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
     change = solver_change(thinned(posterior), data)
     if change is None:
         return None
-    shift = float(np.std(change))
-    ok = shift < SHIFT
-    return Finding(
-        "solver_error",
-        "ok" if ok else "failed",
+    shift = np.std(change)
+    reason = (
         f"Halving the solver's step moves no posterior mean by more than {shift:.2g} standard "
-        f"deviations; it must be below {SHIFT:g}.",
-        shift,
-        "" if ok else "Set `substeps` in [identify] to twice its value.",
+        f"deviations; it must be below {SHIFT:g}."
     )
+    action = "Set `substeps` in [identify] to twice its value."
+    return checked("solver_error", shift < SHIFT, reason, shift, action)
 
 
 def solver_change(
@@ -70,16 +67,10 @@ def _log_likelihoods(theta: Mapping[str, Array], data: Dataset) -> Float[Array, 
 def residual_finding(
     left: Mapping[str, np.ndarray], counted: Mapping[str, float], error: Mapping[str, float]
 ) -> Finding | None:
-    """Whether what is left of the groups is white, as the likelihood would like it.
+    """Whether what a fit leaves of the groups is white, as the likelihood would like it.
 
-    Args:
-        left: What a fit leaves of each group, by its label.
-        counted: Fraction of the values that the likelihood counts, by label.
-        error: Size of what is left over that of what was measured, by label.
-
-    Returns:
-        A finding whose number is the largest lag-one correlation of a group of 16 values or more;
-        None where there is no such group.
+    Its number is the largest lag-one correlation of a group of 16 values or more; None without
+    such a group. By label: what is `left`, the fraction of values `counted`, the relative `error`.
     """
     lag_one = {
         label: correlation_at_one(row)
@@ -91,25 +82,17 @@ def residual_finding(
     # A correlation that cannot be had is the worst of all.
     worst = max(lag_one, key=lambda label: np.nan_to_num(abs(lag_one[label]), nan=np.inf))
     coloured = sum(not abs(value) < COLOURED for value in lag_one.values())
-    return Finding(
-        "coloured_residual",
-        "failed" if coloured else "ok",
+    reason = (
         f"{coloured} of {len(lag_one)} residuals are coloured. Most of all that of {worst}, where "
         f"the fit leaves {error[worst]:.2g} with a lag-one correlation of {lag_one[worst]:.2f}, "
-        f"and the likelihood counts {counted[worst]:.2g} of the values.",
-        lag_one[worst],
-        "The model does not follow the data to their noise: its law, or a second mode."
-        if coloured
-        else "",
+        f"and the likelihood counts {counted[worst]:.2g} of the values."
     )
+    action = "The model does not follow the data to their noise: its law, or a second mode."
+    return checked("coloured_residual", not coloured, reason, lag_one[worst], action)
 
 
 def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
-    """How much of the worst group a fit leaves, of those that a fit should follow closely.
-
-    `error` is the residual over the group, root mean squares, by label. None where no observable
-    says how much is too much.
-    """
+    """How much of the worst group a fit leaves, of those whose observable says what is too much."""
     bounded = {
         label: part.most_misfit
         for part in data.parts
@@ -119,12 +102,9 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
     if not bounded:
         return None
     worst = max(bounded, key=lambda label: error[label] / bounded[label])
-    ok = error[worst] < bounded[worst]
-    return Finding(
-        "misfit",
-        "ok" if ok else "failed",
+    reason = (
         f"The best fit leaves {error[worst]:.2%} of fitted record {worst}, the worst; it must be "
-        f"less than {bounded[worst]:.0%}.",
-        error[worst],
-        "" if ok else "Doubt the band (a second mode), `settle`, or the law of the joint.",
+        f"less than {bounded[worst]:.0%}."
     )
+    action = "Doubt the band (a second mode), `settle`, or the law of the joint."
+    return checked("misfit", error[worst] < bounded[worst], reason, error[worst], action)

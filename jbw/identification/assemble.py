@@ -16,6 +16,7 @@ from jbw.identification.selection import (
     fitted,
     linear_test,
     loop_tests,
+    probing_tests,
     sweep_tests,
 )
 from jbw.measurement.records import Test
@@ -53,6 +54,17 @@ class Measured:
     sweeps: Sweeps | None
     decays: DecaySplit | None
 
+    @property
+    def probing(self) -> tuple[Test, ...]:
+        """Tests with one tone that probes the third-order kernel, for Step 3."""
+        return () if self.linear is None else probing_tests(self.tests, self.linear.natural_hz)
+
+    @property
+    def swept(self) -> list[Test]:
+        """Sweeps to fit, with the repeats to fit."""
+        sweeps = () if self.sweeps is None else self.sweeps.fitted
+        return [test for test in sweeps if test.name in _names(self.chosen)]
+
 
 def measured(
     tests: Sequence[Test],
@@ -64,12 +76,8 @@ def measured(
 ) -> Measured:
     """Step 2, where there is a noise test, and what is fitted and held out.
 
-    Args:
-        tests: The campaign's tests.
-        settings: Its [identify] table.
-        laws: Names of the laws of the joint; those of a campaign that names none when None.
-        gain: Gain that the campaign states [N/kg per unit of the input].
-        report: Called with one sentence at every stage.
+    `laws` are those of a campaign that names none when None, `gain` is what the campaign states
+    [N/kg per unit of the input], and `report` is called with one sentence at every stage.
 
     Raises:
         ConfigError: If `hold_out` names no test, or settings do not fit the tests.
@@ -95,15 +103,14 @@ def assemble(seen: Measured) -> Dataset:
     Raises:
         DataError: If nothing is left to fit.
     """
-    linear, laws, gain = seen.linear, seen.laws, seen.gain
+    linear, gain = seen.linear, seen.gain
     parts: list[Observable] = []
     if linear is not None and linear.is_random and linear.test.name in _names(seen.chosen):
-        parts.append(reading_of(linear, gain, laws))
+        parts.append(reading_of(linear, gain, seen.laws))
     usable = _reducible(seen)
     for observable in OBSERVABLES:
-        own = [test for test in usable if test.kind in observable.kinds]
-        if own:
-            parts += observable.reduce(own, laws=laws, substeps=seen.settings.substeps)
+        if own := [test for test in usable if test.kind in observable.kinds]:
+            parts += observable.reduce(own, laws=seen.laws, substeps=seen.settings.substeps)
     if not parts:
         raise DataError(
             "The campaign has no test that the joint can be fitted to.",
@@ -130,12 +137,10 @@ def _reducible(seen: Measured) -> list[Test]:
     validating = () if linear is None else loop_tests(chosen, linear.natural_hz)
     split = [test for test in chosen if test.traits.is_transient or test.traits.is_free]
     apart = _names(validating) | _names(split)
-    sweeps = () if seen.sweeps is None else seen.sweeps.fitted
-    found = [test for test in sweeps if test.name in _names(chosen)]
-    found += [test for test in chosen if test.name not in apart]
+    usable = [*seen.swept, *(test for test in chosen if test.name not in apart)]
     if seen.decays is not None and any(test.traits.is_free for test in chosen):
-        found.append(seen.decays.fitted)
-    return found
+        usable.append(seen.decays.fitted)
+    return usable
 
 
 def reading_of(

@@ -26,15 +26,10 @@ SHARES = (0.1, 0.3, 1.0)  # of the largest amplitude: where the response is look
 
 
 class Effects(NamedTuple):
-    """What the joint does at one amplitude, a value a draw.
+    """Relative change of the natural frequency, and damping ratio added over zeta [-]."""
 
-    Attributes:
-        frequency: Relative change of the natural frequency [-].
-        damping: Damping ratio added, over zeta [-].
-    """
-
-    frequency: Float[np.ndarray, " draw"]
-    damping: Float[np.ndarray, " draw"]
+    frequency: Float[Array, " draw"]
+    damping: Float[Array, " draw"]
 
 
 def effects(
@@ -48,19 +43,19 @@ def effects(
     $$\frac{\Delta\omega}{\omega_n} = \sqrt{\frac{k + k_{eq}}{\omega_n^2}} - 1, \qquad
       \frac{\Delta\zeta}{\zeta} = \frac{E}{2\pi\,\zeta\,\omega^2 Y^2}$$
 
-    `held` has the parameters that were not sampled. None where there is no damping to compare
-    with, or no motion.
+    `held` has the parameters that were not sampled. None where there is no law, no damping to
+    compare with, or no motion.
 
     Reference:
         Equivalent stiffness and damping of the steady loop of Eq. (2).
     """
-    keep = evenly_spaced(posterior, NUM_DRAWS)
     theta = _joint_draws(posterior, held, laws)
     if theta is None or not (laws and y_peak > 0 and np.all(theta["zeta"])):
         return None
-    some = {name: values.ravel()[keep] for name, values in theta.items()}
+    keep = evenly_spaced(posterior, NUM_DRAWS)
+    some = {name: values[keep] for name, values in theta.items()}
     shift, added = _effects(some, y_peak, laws)
-    return Effects(np.asarray(shift), np.asarray(added) / some["zeta"])
+    return Effects(shift, added / some["zeta"])
 
 
 def response_finding(
@@ -79,24 +74,25 @@ def response_finding(
     theta = _joint_draws(posterior, held, laws)
     if theta is None or y_peak <= 0:
         return None
-    flat = {name: values.ravel() for name, values in theta.items()}
     seen = {}
-    for share in SHARES:
-        shift, added = _effects(flat, share * y_peak, laws)
-        place = f"at {share * y_peak:.2g} m"
-        seen[f"the natural frequency {place}"] = (1 + shift) * flat["omega_n"]
-        seen[f"the damping {place}"] = flat["zeta"] + added
-    shape = theta["omega_n"].shape
-    return bands_finding({name: np.asarray(one).reshape(shape) for name, one in seen.items()})
+    for y in (share * y_peak for share in SHARES):
+        shift, added = _effects(theta, y, laws)
+        seen[f"the natural frequency at {y:.2g} m"] = (1 + shift) * theta["omega_n"]
+        seen[f"the damping at {y:.2g} m"] = theta["zeta"] + added
+    shape = posterior.sizes["chain"], posterior.sizes["draw"]
+    return bands_finding({name: np.reshape(values, shape) for name, values in seen.items()})
 
 
 def _joint_draws(
     posterior: xr.Dataset, held: Mapping[str, float], laws: tuple[str, ...]
-) -> dict[str, Float[np.ndarray, "chain draw"]] | None:
-    """Every draw of the oscillator with these laws; None where a parameter is missing."""
+) -> dict[str, Float[np.ndarray, " draw"]] | None:
+    """Every draw of the oscillator, the chains end to end; None where a parameter is missing."""
     table = [*OSCILLATOR, *quantities_of(laws)]
     names = [quantity.name for quantity in table if quantity.name != "gain"]
-    theta = {**held, **{name: posterior[name].values for name in names if name in posterior}}
+    theta = {
+        **held,
+        **{name: posterior[name].values.ravel() for name in names if name in posterior},
+    }
     if not set(names) <= set(theta):
         return None
     return dict(zip(names, np.broadcast_arrays(*(theta[name] for name in names)), strict=True))
@@ -115,10 +111,10 @@ def _effects(
 
 def effects_sentence(found: Effects, y_peak: float) -> str:
     """What the joint does, in words."""
-    shift, added = (np.quantile(one, QUANTILES) for one in found)
+    shift, added = (_share(np.quantile(values, QUANTILES)) for values in found)
     return (
         f"At {y_peak:.3g} m, the largest displacement fitted, the joint changes the natural "
-        f"frequency by {_share(shift)} and adds {_share(added)} of zeta to the damping."
+        f"frequency by {shift} and adds {added} of zeta to the damping."
     )
 
 

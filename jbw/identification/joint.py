@@ -18,12 +18,7 @@ from jaxtyping import Array, Float, Key
 from jbw.campaign.settings import Identify
 from jbw.identification.accuracy import residual_finding, shape_finding, solver_finding
 from jbw.identification.equivalent import effects, effects_sentence, response_finding
-from jbw.identification.leaving_out import (
-    consistency_finding,
-    leave_one_out,
-    left_out_dataset,
-    left_out_sentence,
-)
+from jbw.identification.leaving_out import consistency_finding, leave_one_out, left_out_sentence
 from jbw.identification.prepare import prepare
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.step import Step, attrs, finished
@@ -261,7 +256,7 @@ def posterior_checks(
     if (found := effects(posterior, held, y_peak, data.laws)) is not None:
         seen.words.append(effects_sentence(found, y_peak))
     if (left_out := leave_one_out(best, prior, data)) is not None:
-        seen.groups["leave_one_out"] = left_out_dataset(left_out)
+        seen.groups["leave_one_out"] = left_out
         seen.findings.append(consistency_finding(left_out))
         seen.words.append(left_out_sentence(left_out))
     return seen

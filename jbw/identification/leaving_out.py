@@ -7,17 +7,15 @@ its change compared with what chance allows,
 $$z = \frac{\hat\theta_{-r} - \hat\theta}{\sqrt{\sigma_{-r}^2 - \sigma^2}}$$
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
 
-from jbw.identification.prepare import inside
-from jbw.inference.fit.costly_fit import costly_fit, linearise
-from jbw.inference.fit.fitting import Fit
-from jbw.inference.posterior.verdict import Finding
+from jbw.identification.prepare import refit
+from jbw.inference.fit.fitting import Fit, linearise
+from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.space.box import Box
 from jbw.observables.dataset import Dataset, left_by_label, size_by_label, stacked, without
 
@@ -26,41 +24,21 @@ NO_SCATTER = 1e-12  # of runs: all of them have the common parameters
 LEAST_GAIN = 0.01  # of the variance: what a run must add for its absence to be judged
 
 
-@dataclass(frozen=True)
-class LeftOut:
-    """Fits without each run.
-
-    Attributes:
-        names: Parameters.
-        runs: The runs, each left out in turn.
-        estimate: Optimum without it, in the parameters' units.
-        std: Standard deviation of it.
-        z: Change over its standard deviation by chance; NaN where the run adds nothing.
-        error: Error of the run as the fit without it predicts it, rms over rms.
-    """
-
-    names: tuple[str, ...]
-    runs: tuple[str, ...]
-    estimate: Float[np.ndarray, "run parameter"]
-    std: Float[np.ndarray, "run parameter"]
-    z: Float[np.ndarray, "run parameter"]
-    error: Float[np.ndarray, " run"]
-
-
-def leave_one_out(best: Fit, prior: Box, data: Dataset) -> LeftOut | None:
+def leave_one_out(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
     """Fit again without each run of records, harmonics or loops in turn.
 
     Two runs must be left, so that no fit is of one level alone: None with fewer than two such
     runs, or three runs in all.
+
+    Returns:
+        Over (run, parameter) the optimum without the run `estimate`, its `std` and `z`, NaN where
+        the run adds nothing; over (run) the `error` of the run as that fit predicts it.
     """
     own = [part for part in data.parts if part.sizes() and not part.own_shifts]
     runs = tuple(dict.fromkeys(run for part in own for run in part.runs))
     if len(runs) < 2 or len(set(data.runs)) < 3:
         return None
-    fits = [
-        costly_fit(stacked, prior, without(run, data), starts=inside(best.theta, prior))
-        for run in runs
-    ]
+    fits = [refit(best, prior, without(run, data)) for run in runs]
     estimate = np.array([list(one.theta.values()) for one in fits])
     std = np.array([np.sqrt(np.diag(one.covariance)) for one in fits])
     variance = np.diag(best.covariance)
@@ -69,7 +47,16 @@ def leave_one_out(best: Fit, prior: Box, data: Dataset) -> LeftOut | None:
     change = estimate - np.array(list(best.theta.values()))
     z = np.where(known, change / np.sqrt(np.where(known, gained, 1.0)), np.nan)
     error = [_error(run, one, prior, data) for run, one in zip(runs, fits, strict=True)]
-    return LeftOut(tuple(best.theta), runs, estimate, std, z, np.array(error))
+    dims = ("run", "parameter")
+    return xr.Dataset(
+        {
+            "estimate": (dims, estimate, {"long_name": "optimum without the run"}),
+            "std": (dims, std, {"long_name": "its standard deviation"}),
+            "error": ("run", error, {"units": "1", "long_name": "error without the run"}),
+            "z": (dims, z, {"units": "1", "long_name": "change over its sd by chance"}),
+        },
+        {"run": list(runs), "parameter": list(best.theta)},
+    )
 
 
 def _error(run: str, without_it: Fit, prior: Box, data: Dataset) -> float:
@@ -84,44 +71,25 @@ def _error(run: str, without_it: Fit, prior: Box, data: Dataset) -> float:
     return float(missed / np.linalg.norm([sizes[label] for label in known]))
 
 
-def left_out_sentence(left_out: LeftOut) -> str:
+def left_out_sentence(left_out: xr.Dataset) -> str:
     """How well each run is predicted by the others, in words."""
-    told = [f"{run} {e:.2g}" for run, e in zip(left_out.runs, left_out.error, strict=True)]
-    return "Left out and predicted from the others, error over rms: " + ", ".join(told) + "."
+    said = [f"{error.run.item()} {error.item():.2g}" for error in left_out["error"]]
+    return "Left out and predicted from the others, error over rms: " + ", ".join(said) + "."
 
 
-def consistency_finding(left_out: LeftOut) -> Finding:
+def consistency_finding(left_out: xr.Dataset) -> Finding:
     """Whether the runs tell of one joint; its number is the largest |z|."""
-    if np.all(np.isnan(left_out.z)):
-        return Finding(
-            "leave_one_out", "ok", "No run alone adds to what the others know.", float("nan")
-        )
-    run, parameter = np.unravel_index(np.nanargmax(np.abs(left_out.z)), left_out.z.shape)
-    worst = float(abs(left_out.z[run, parameter]))
-    ok = worst < MOVES
-    return Finding(
-        "leave_one_out",
-        "ok" if ok else "failed",
-        f"Without {left_out.runs[run]} the fit of {left_out.names[parameter]} moves by {worst:.1f} "
-        f"standard deviations of such a change, more than without any other run; it must be below "
-        f"{MOVES:g}.",
-        worst,
-        ""
-        if ok
-        else "The levels ask for different joints: restrict the levels by `hold_out`, or doubt "
-        "the law.",
+    size = abs(left_out["z"])
+    if size.isnull().all():
+        reason = "No run alone adds to what the others know."
+        return Finding("leave_one_out", "ok", reason, float("nan"))
+    worst = size[size.argmax(...)]
+    reason = (
+        f"Without {worst.run.item()} the fit of {worst.parameter.item()} moves by {worst:.1f} "
+        "standard deviations of such a change, more than without any other run; it must be below "
+        f"{MOVES:g}."
     )
-
-
-def left_out_dataset(left_out: LeftOut) -> xr.Dataset:
-    """The fits without each run as labelled arrays."""
-    dims = ("run", "parameter")
-    return xr.Dataset(
-        {
-            "estimate": (dims, left_out.estimate, {"long_name": "optimum without the run"}),
-            "std": (dims, left_out.std, {"long_name": "its standard deviation"}),
-            "error": ("run", left_out.error, {"units": "1", "long_name": "error without the run"}),
-            "z": (dims, left_out.z, {"units": "1", "long_name": "change over its sd by chance"}),
-        },
-        {"run": list(left_out.runs), "parameter": list(left_out.names)},
+    action = (
+        "The levels ask for different joints: restrict the levels by `hold_out`, or doubt the law."
     )
+    return checked("leave_one_out", worst.item() < MOVES, reason, worst.item(), action)

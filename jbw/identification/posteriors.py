@@ -1,25 +1,22 @@
 """The posteriors of the procedure before anything is drawn: density, prior, data, fit."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Key, PyTree
 
-from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, DataError
-from jbw.identification.assemble import Measured, Report, assemble, measured
-from jbw.identification.linear_step import LinearStep
+from jbw.identification.assemble import Measured, Report, assemble
+from jbw.identification.linear import PooledFit
 from jbw.identification.paper import kernel, step3, step4
-from jbw.identification.prepare import Fitted, prepare, refit
-from jbw.identification.selection import probing_tests
+from jbw.identification.prepare import prepare, refit
 from jbw.identification.step import means_of
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import LogLikelihood
-from jbw.measurement.records import Test
 from jbw.observables.dataset import log_likelihood
 from jbw.observables.records import Records
 from jbw.quantities import DEFAULT_LAWS
@@ -66,11 +63,8 @@ class Known:
 
 def posterior_of(
     step: str,
-    tests: Sequence[Test],
-    settings: Identify,
+    seen: Measured,
     *,
-    laws: tuple[str, ...] | None = None,
-    gain: float | None = None,
     seed: int = 0,
     known: Known | None = None,
     report: Report = logger.info,
@@ -78,7 +72,7 @@ def posterior_of(
     """Do the procedure as far as the fit of one step, and stop before its draws.
 
     `step` is "joint", "third_order" or "opening", `known` what a finished run says of its prior
-    and of Step 3; the other arguments are as of `run_procedure`.
+    and of Step 3.
 
     Raises:
         ConfigError: An unknown step.
@@ -86,73 +80,58 @@ def posterior_of(
     """
     if step not in STEPS:
         raise ConfigError(f"Argument `step` must be one of {', '.join(STEPS)}, not {step!r}.")
-    key, known = jax.random.key(seed), known or Known()
-    seen = measured(tests, settings, laws=laws, gain=gain, report=report)
+    key, known, linear = jax.random.key(seed), known or Known(), seen.linear
     if step == "joint":
         return _joint(key, seen, known, report)
-    linear = seen.linear
-    probing = [] if linear is None else probing_tests(tests, linear.natural_hz)
-    if linear is None or not probing:
+    if linear is None or not seen.probing:
         raise DataError(
             f"Step `{step}` needs a noise test and probing tones, which the campaign lacks.",
             remedy='Compare on step "joint".',
         )
     if step == "opening":
-        return _opening(key, seen, linear, probing, known, report)
-    report(f"Step 3: third-order kernel at {len(probing)} frequencies")
-    found = step3.fit_kernel(key, probing, linear.pooled, settings)
+        return _opening(key, seen, linear.pooled, known, report)
+    report(f"Step 3: third-order kernel at {len(seen.probing)} frequencies")
+    found = step3.fit_kernel(key, seen.probing, linear.pooled, seen.settings)
     best = step3.as_noise(found.fit)
     return Posterior(step, kernel.log_likelihood, found.box, found.data, best, stepped=False)
 
 
 def _opening(
-    key: Key[Array, ""],
-    seen: Measured,
-    linear: LinearStep,
-    probing: Sequence[Test],
-    known: Known,
-    report: Report,
+    key: Key[Array, ""], seen: Measured, linear: PooledFit, known: Known, report: Report
 ) -> Posterior:
     if seen.sweeps is None:
         raise DataError(
             "Step `opening` needs sweeps, which the campaign lacks.",
             remedy='Compare on step "third_order" or "joint".',
         )
-    settings = seen.settings
-    keys, means = jax.random.split(key, 3), dict(known.means)
+    keys, means = jax.random.split(key, 3), known.means
     if not means:
         report("Step 3: means of zeta, alpha and delta, by NUTS")
-        found = step3.fit_kernel(keys[0], probing, linear.pooled, settings)
+        found = step3.fit_kernel(keys[0], seen.probing, linear, seen.settings)
         means = means_of(step3.draw(keys[1], found, num_warmup=500, num_samples=500))
     report("Step 4: gamma alone, the earlier steps held")
-    records = Records.of(seen.sweeps.fitted, substeps=settings.substeps)
-    start = step4.fit_opening(keys[2], records, linear.pooled, means, settings)
+    records = Records.of(seen.sweeps.fitted, substeps=seen.settings.substeps)
+    start = step4.fit_opening(keys[2], records, linear, means, seen.settings)
     return Posterior(
         "opening", step4.log_likelihood, start.box, start.curve, start.fit, stepped=False
     )
 
 
 def _joint(key: Key[Array, ""], seen: Measured, known: Known, report: Report) -> Posterior:
+    """The joint posterior, in the prior of the run where that is known: it may lie elsewhere."""
     data = assemble(seen)
     report(f"Least squares: all parameters from {len(data.labels)} groups of data")
     ready = prepare(jax.random.split(key), data, seen.settings)
-    prior, best = _as_known(ready, known)
-    stepped = ready.data.stepped
-    return Posterior("joint", log_likelihood, prior, ready.data, best, stepped, data.laws)
-
-
-def _as_known(ready: Fitted, known: Known) -> tuple[Box, Fit]:
-    """The prior of the run, which may have started elsewhere, and the fit in it."""
-    prior = ready.box
-    if not known.bounds:
-        return prior, ready.fit
-    if set(known.bounds) != set(prior.names):
-        raise ConfigError(
-            f"The run sampled {', '.join(known.bounds)}, but the campaign leads to "
-            f"{', '.join(prior.names)}.",
-            why="The campaign is not the run's, or was changed since.",
-            remedy="Give the run's campaign with --campaign, or compare on the campaign alone.",
-        )
-    lower, upper = zip(*(known.bounds[name] for name in prior.names), strict=True)
-    prior = Box(prior.names, jnp.asarray(lower), jnp.asarray(upper))
-    return prior, refit(ready.fit, prior, ready.data)
+    prior, best, data = ready.box, ready.fit, ready.data
+    if known.bounds:
+        if set(known.bounds) != set(prior.names):
+            raise ConfigError(
+                f"The run sampled {', '.join(known.bounds)}, but the campaign leads to "
+                f"{', '.join(prior.names)}.",
+                why="The campaign is not the run's, or was changed since.",
+                remedy="Give the run's campaign with --campaign, or compare on the campaign alone.",
+            )
+        lower, upper = zip(*(known.bounds[name] for name in prior.names), strict=True)
+        prior = Box(prior.names, jnp.asarray(lower), jnp.asarray(upper))
+        best = refit(best, prior, data)
+    return Posterior("joint", log_likelihood, prior, data, best, data.stepped, data.laws)

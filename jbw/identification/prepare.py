@@ -8,7 +8,7 @@ what is left: a further round moves the weights by less than they are known.
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Key
 
 from jbw.campaign.settings import Identify
 from jbw.identification.accuracy import NUM_DRAWS, SHIFT, solver_change
-from jbw.identification.assemble import Report, assemble, measured
+from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.coordinates import (
     PAPER,
     bounds_of,
@@ -31,7 +31,6 @@ from jbw.identification.run_effects import sentence_of, shifts_of, wanted, with_
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.space.box import Box, box, from_unit
-from jbw.measurement.records import Test
 from jbw.observables.dataset import (
     Dataset,
     best_offsets,
@@ -45,7 +44,8 @@ from jbw.observables.dataset import (
     with_fitted_noise,
 )
 from jbw.observables.observable import AmplitudeCurve
-from jbw.oscillator.oscillator import Oscillator, oscillator_of
+from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.steady.backbone import backbone
 
 logger = logging.getLogger("jbw")
 MOST_SUBSTEPS = 16
@@ -78,49 +78,35 @@ class Fitted:
     chi_square: tuple[float, int] | None = None
 
 
-def fit_joint(
-    tests: Sequence[Test],
-    settings: Identify,
-    *,
-    laws: tuple[str, ...] | None = None,
-    gain: float | None = None,
-    seed: int = 0,
-    report: Report = logger.info,
-) -> Fitted:
+def fit_joint(seen: Measured, *, seed: int = 0, report: Report = logger.info) -> Fitted:
     """Fit the joint to a campaign as the joint posterior would, in the paper's parameters.
-
-    Arguments as of `run_procedure`; `coordinates` of the settings is not read.
 
     Raises:
         DataError: If there is nothing that the joint can be fitted to.
     """
-    data = assemble(measured(tests, settings, laws=laws, gain=gain, report=report))
+    data = assemble(seen)
     report(f"Least squares: all parameters from {len(data.labels)} groups of data")
-    settings = settings.model_copy(update={"coordinates": PAPER})
+    settings = seen.settings.model_copy(update={"coordinates": PAPER})
     return prepare(jax.random.split(jax.random.key(seed)), data, settings)
 
 
 def prepare(
-    keys: Sequence[Key[Array, ""]] | Key[Array, " two"],
+    keys: Key[Array, " two"],
     data: Dataset,
     settings: Identify,
     known: Mapping[str, float] | None = None,
 ) -> Fitted:
-    """First values, the box, the fit from them, and what the fit settles.
+    """First values, the box, the fit from them and from values `known`, and what the fit settles.
 
-    Args:
-        keys: Random keys of the starts and of the steps of the solver.
-        data: What was measured.
-        settings: The campaign's [identify] table.
-        known: Values that earlier steps know.
+    The keys are of the starts, and of the draws that settle the steps of the solver.
     """
     values = {**first_values(data), **(known or {})}
     prior = box_of(settings, data, values)
     values = {**from_amplitude_curve(keys[0], data, prior, values), **values}
     first = fit_from(keys[0], data, prior, values)
-    found = reweight(keys[1], data, prior, first, settings)
-    best = replace(found.fit, waterfall=first.waterfall)  # the later fits have one start
-    return replace(found, fit=best, chi_square=explained(first, data))
+    ready = reweight(keys[1], data, prior, first, settings)
+    best = replace(ready.fit, waterfall=first.waterfall)  # the later fits have one start
+    return replace(ready, fit=best, chi_square=explained(first, data))
 
 
 def first_values(data: Dataset) -> dict[str, float]:
@@ -146,27 +132,14 @@ def from_amplitude_curve(
     laws = data.laws
 
     def left(theta: Mapping[str, Array], seen: AmplitudeCurve) -> Float[Array, " value"]:
-        omega, zeta = jax.vmap(lambda y: equivalent(oscillator_of(theta, laws), y))(seen.y)
-        return jnp.concatenate(
-            [
-                (omega / seen.omega - 1) / FREQUENCY_STD,
-                (zeta - seen.zeta) / (DAMPING_STD * jnp.max(seen.zeta)),
-            ]
-        )
+        model = backbone(oscillator_of(theta, laws), seen.y)
+        frequency = (model.omega / seen.omega - 1) / FREQUENCY_STD
+        damping = (model.zeta - seen.zeta) / (DAMPING_STD * jnp.max(seen.zeta))
+        return jnp.concatenate([frequency, damping])
 
     bounds = {name: pair for name, pair in bounds_of(prior).items() if name != "gain"}
-    found = fit(left, box(bounds), thin, starts=CURVE_STARTS, key=key)
-    return {name: value for name, value in found.theta.items() if name not in known}
-
-
-def equivalent(
-    joint: Oscillator, y_peak: Float[Array, ""]
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Equivalent frequency [rad/s] and damping ratio [-] at an amplitude."""
-    loop = joint.loop(y_peak)
-    square = joint.k + loop.stiffness
-    omega = jnp.sqrt(square)
-    return omega, joint.zeta * joint.omega_n / omega + loop.damping / (2 * square)
+    best = fit(left, box(bounds), thin, starts=CURVE_STARTS, key=key)
+    return {name: value for name, value in best.theta.items() if name not in known}
 
 
 def fit_from(key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str, float]) -> Fit:

@@ -7,17 +7,16 @@ from dataclasses import dataclass, field, replace
 import jax
 from jaxtyping import Array, Key
 
-from jbw.campaign.settings import Identify
-from jbw.identification.assemble import Measured, Report, assemble, measured
+from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.joint import joint_step
+from jbw.identification.linear import PooledFit
 from jbw.identification.linear_step import LinearStep
 from jbw.identification.paper import step3
 from jbw.identification.paper.step4 import opening_steps
 from jbw.identification.prepare import Fitted
-from jbw.identification.selection import DecaySplit, Sweeps, probing_tests
+from jbw.identification.selection import DecaySplit, Sweeps
 from jbw.identification.step import Step
 from jbw.inference.samplers.checkpointing import Keep, no_checkpoint
-from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
 from jbw.observables.records import Records, by_form
@@ -67,14 +66,7 @@ class Identification:
 
 
 def run_procedure(
-    tests: tuple[Test, ...],
-    settings: Identify,
-    *,
-    laws: tuple[str, ...] | None = None,
-    gain: float | None = None,
-    seed: int = 0,
-    report: Report = logger.info,
-    keep: Keep = no_checkpoint,
+    seen: Measured, *, seed: int = 0, report: Report = logger.info, keep: Keep = no_checkpoint
 ) -> Identification:
     """Run every step that the tests of a campaign allow.
 
@@ -82,10 +74,7 @@ def run_procedure(
     to compare with.
 
     Args:
-        tests: The campaign's tests.
-        settings: Its [identify] table.
-        laws: Names of the laws of the joint.
-        gain: Gain that the campaign states [N/kg per unit of the input], not identified then.
+        seen: The campaign's tests, and Step 2.
         seed: Seed of everything random.
         report: Called with one sentence at every stage.
         keep: Where the chains of each posterior outlive the process.
@@ -97,59 +86,41 @@ def run_procedure(
         DataError: If there is nothing that the joint can be fitted to.
     """
     keys = iter(jax.random.split(jax.random.key(seed), 16))
-    seen = measured(tests, settings, laws=laws, gain=gain, report=report)
     found = Identification(linear=seen.linear, sweeps=seen.sweeps, decays=seen.decays)
-    if seen.linear is not None and "bouc_wen" in seen.laws:
-        found = _paper_steps(found, seen.linear, seen, keys, report, keep)
+    if seen.linear is not None and seen.probing and "bouc_wen" in seen.laws:
+        kernel_fit, steps = _paper_steps(seen, seen.linear.pooled, keys, report, keep)
+        found = replace(found, kernel=kernel_fit, steps=steps)
     data = assemble(seen)
     report(f"Joint posterior: all parameters from {len(data.labels)} groups of data")
-    step, data = joint_step(next(keys), data, found.steps, settings, keep=keep)
+    step, data = joint_step(next(keys), data, found.steps, seen.settings, keep=keep)
     found = replace(found, data=data, steps={**found.steps, "joint": step})
-    return found if seen.decays is None else _with_decays(found, seen, seed, report, keep)
-
-
-def _with_decays(
-    found: Identification, seen: Measured, seed: int, report: Report, keep: Keep
-) -> Identification:
-    """The posterior of the decays by themselves, where there are other tests."""
-    if all(test.traits.is_free for test in seen.tests):
-        return replace(found, decay_data=_decays_of(found.data))
-    report("Free decays: the joint from them alone")
-    key = jax.random.fold_in(jax.random.key(seed), DECAY_KEY)
-    free = replace(seen, chosen=tuple(test for test in seen.chosen if test.traits.is_free))
-    step, data = joint_step(key, assemble(free), {}, seen.settings, name="decay", keep=keep)
-    return replace(found, decay_data=_decays_of(data), steps={**found.steps, "decay": step})
-
-
-def _decays_of(data: Dataset | None) -> Decays | None:
-    parts = () if data is None else data.parts
-    return next((part for part in parts if isinstance(part, Decays)), None)
+    if seen.decays is None:
+        return found
+    if not all(test.traits.is_free for test in seen.tests):
+        report("Free decays: the joint from them alone")
+        key = jax.random.fold_in(jax.random.key(seed), DECAY_KEY)
+        free = replace(seen, chosen=tuple(test for test in seen.chosen if test.traits.is_free))
+        step, data = joint_step(key, assemble(free), {}, seen.settings, name="decay", keep=keep)
+        found = replace(found, steps={**found.steps, "decay": step})
+    decays = next((part for part in data.parts if isinstance(part, Decays)), None)
+    return replace(found, decay_data=decays)
 
 
 def _paper_steps(
-    found: Identification,
-    linear: LinearStep,
     seen: Measured,
+    linear: PooledFit,
     keys: Iterator[Key[Array, ""]],
     report: Report,
     keep: Keep,
-) -> Identification:
+) -> tuple[step3.KernelFit, dict[str, Step]]:
     """Steps 3 and 4 by the paper's cut, as far as the tests allow them."""
-    settings = seen.settings
-    probing = probing_tests(seen.tests, linear.natural_hz)
-    if not probing:
-        return found
-    report(f"Step 3: third-order kernel at {len(probing)} frequencies")
-    kernel_fit = step3.fit_kernel(next(keys), probing, linear.pooled, settings)
-    steps = step3.third_order_steps(next(keys), kernel_fit, settings, keep=keep)
-    chosen = {test.name for test in seen.chosen}
-    sweeps = [] if found.sweeps is None else found.sweeps.fitted
-    swept = by_form([test for test in sweeps if test.name in chosen])
-    if swept:
+    report(f"Step 3: third-order kernel at {len(seen.probing)} frequencies")
+    kernel_fit = step3.fit_kernel(next(keys), seen.probing, linear, seen.settings)
+    steps = step3.third_order_steps(next(keys), kernel_fit, seen.settings, keep=keep)
+    if swept := by_form(seen.swept):
         # One record form, the one with the most levels: the curve of gamma is of one solve.
         report("Step 4: gamma alone, the earlier steps held")
-        most = max(swept, key=len)
-        records = Records.of(most, substeps=settings.substeps)
+        records = Records.of(max(swept, key=len), substeps=seen.settings.substeps)
         held = steps["third_order_nuts"]
-        steps |= opening_steps(next(keys), records, linear.pooled, held, settings, keep=keep)
-    return replace(found, kernel=kernel_fit, steps=steps)
+        steps |= opening_steps(next(keys), records, linear, held, seen.settings, keep=keep)
+    return kernel_fit, steps

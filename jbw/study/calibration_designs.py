@@ -14,6 +14,7 @@ import numpy as np
 from jbw import rig
 from jbw.campaign.load import Campaign, force_per_unit
 from jbw.errors import DataError
+from jbw.identification.assemble import measured
 from jbw.identification.linear_step import LinearStep, linear_step
 from jbw.identification.paper import step3, step4
 from jbw.identification.paper.kernel import KernelData
@@ -163,14 +164,9 @@ def joint_of(campaign: Campaign, report: Report) -> Design[Records]:
     Raises:
         DataError: Without sweeps of one form.
     """
-    posterior = posterior_of(
-        "joint",
-        campaign.tests,
-        campaign.settings,
-        laws=campaign.laws,
-        gain=force_per_unit(campaign),
-        report=report,
-    )
+    gain = force_per_unit(campaign)
+    seen = measured(campaign.tests, campaign.settings, laws=campaign.laws, gain=gain, report=report)
+    posterior = posterior_of("joint", seen, report=report)
     data = posterior.data
     parts = [p for p in data.parts if isinstance(p, Records)] if isinstance(data, Dataset) else []
     if len(parts) != 1:

@@ -14,6 +14,7 @@ from jaxtyping import Array, Key
 
 from jbw.campaign.load import Campaign, force_per_unit
 from jbw.errors import ConfigError, JbwError
+from jbw.identification.assemble import measured
 from jbw.identification.posteriors import Known, Posterior, posterior_of
 from jbw.identification.procedure import Report
 from jbw.identification.step import attrs
@@ -111,10 +112,9 @@ def compare(
             f"Argument `samplers` must name some of {', '.join(SAMPLERS)}, not {unknown[0]!r}."
         )
     seed = campaign.settings.seed if seed is None else seed
-    posterior = posterior_of(
-        step, campaign.tests, campaign.settings, laws=campaign.laws,
-        gain=force_per_unit(campaign), seed=seed, known=known, report=report,
-    )  # fmt: skip
+    gain = force_per_unit(campaign)
+    seen = measured(campaign.tests, campaign.settings, laws=campaign.laws, gain=gain, report=report)
+    posterior = posterior_of(step, seen, seed=seed, known=known, report=report)
     found = side_by_side(
         posterior, samplers=samplers, seed=seed, num_chains=num_chains, twice=twice,
         report=report, watch=watch,

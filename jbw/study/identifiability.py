@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from jbw.campaign.load import Campaign, force_per_unit
 from jbw.campaign.settings import Identify
+from jbw.identification.assemble import measured
 from jbw.identification.coordinates import combinations
 from jbw.identification.prepare import Fitted, fit_joint
 from jbw.identification.procedure import Identification, Report
@@ -124,10 +125,10 @@ def identifiability(
         DataError: Tests that the joint cannot be fitted to.
     """
     require_float64()
-    fitted = fit_joint(
-        campaign.tests, campaign.settings, laws=campaign.laws, gain=force_per_unit(campaign),
-        seed=campaign.settings.seed if seed is None else seed, report=report,
-    )  # fmt: skip
+    gain = force_per_unit(campaign)
+    seen = measured(campaign.tests, campaign.settings, laws=campaign.laws, gain=gain, report=report)
+    seed = campaign.settings.seed if seed is None else seed
+    fitted = fit_joint(seen, seed=seed, report=report)
     return look(fitted, with_profiles=profiles, report=report)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from jbw.campaign.load import Campaign, force_per_unit
+from jbw.identification.assemble import measured
 from jbw.identification.linear_step import NAMES, LinearStep, units_of
 from jbw.identification.paper.sequential_vs_joint import compare_routes
 from jbw.identification.procedure import Identification, Report, run_procedure
@@ -66,10 +67,9 @@ def identify(
     require_float64()
     started = perf_counter()
     seed = campaign.settings.seed if seed is None else seed
-    found = run_procedure(
-        campaign.tests, campaign.settings, laws=campaign.laws,
-        gain=force_per_unit(campaign), seed=seed, report=report, keep=keep,
-    )  # fmt: skip
+    gain = force_per_unit(campaign)
+    seen = measured(campaign.tests, campaign.settings, laws=campaign.laws, gain=gain, report=report)
+    found = run_procedure(seen, seed=seed, report=report, keep=keep)
     _name_gain_unit(campaign.tests, found)
     known = look_again(found, campaign.settings, report)
     tree = collect(campaign.tests, found, seed, truth, report, campaign.settings)

@@ -261,18 +261,18 @@ def test_leaving_a_run_out_is_a_fit_of_the_others():
     best = costly_fit(stacked, prior, data, starts=middle)
     found = leave_one_out(best, prior, data)
     assert found is not None
-    assert found.runs == ("held at 5", "held at 20", "held at 60")
+    assert list(found.run.values) == ["held at 5", "held at 20", "held at 60"]
     apart = costly_fit(
         stacked, prior, assemble(measured(tests[1:], Identify(), gain=GAIN)), starts=middle
     )
-    change = (found.estimate[0] - list(apart.theta.values())) / found.std[0]
+    change = (found["estimate"][0] - list(apart.theta.values())) / found["std"][0]
     # Two iterations along the valley of alpha delta, each to its tolerance.
     assert np.abs(change).max() < 0.02
     # The right law predicts a run that it never saw to its noise, of the mean of four repeats.
     force = np.abs(np.mean([r.channels["force"] for r in tests[0].records], axis=0))
     noise = NOISE / np.sqrt(4) * np.sqrt(2 * 36) / np.linalg.norm(force)
-    assert found.error[0] == pytest.approx(noise, rel=0.5)
-    np.testing.assert_allclose(found.std[0], np.sqrt(np.diag(apart.covariance)), rtol=0.02)
+    assert float(found["error"][0]) == pytest.approx(noise, rel=0.5)
+    np.testing.assert_allclose(found["std"][0], np.sqrt(np.diag(apart.covariance)), rtol=0.02)
     assert consistency_finding(found).status == "ok"  # |z| < 4 over 15 numbers: p = 1e-3
 
 

@@ -13,6 +13,7 @@ from jbw.campaign.settings import Identify
 from jbw.cli import run
 from jbw.cli.compare import print_comparison
 from jbw.errors import ConfigError
+from jbw.identification.assemble import measured
 from jbw.identification.posteriors import Posterior, posterior_of
 from jbw.inference.fit.fitting import fit
 from jbw.inference.space.box import box
@@ -95,7 +96,7 @@ def test_every_posterior_is_drawn_from_by_what_suits_it():
 
 def test_a_step_of_another_name_is_refused():
     with pytest.raises(ConfigError, match="one of joint, third_order, opening"):
-        posterior_of("fourth", (), Identify())
+        posterior_of("fourth", measured((), Identify()))
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ from jbw.identification.linear import PooledFit
 from jbw.identification.step import Step, attrs, finished
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.fit.identifiability import weak_direction
-from jbw.inference.posterior.verdict import Finding
+from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.samplers.checkpointing import Keep, no_checkpoint
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box, box
@@ -260,12 +260,8 @@ def _series_finding(
     both = [-curve.num_values / 2 * jnp.log(part + curve.within) for part in (exact, series)]
     error = np.asarray(jnp.sum(both[0] - both[1], axis=-1))
     worst = float(np.ptp(error))
-    ok = worst < WRONG
-    return Finding(
-        "series",
-        "ok" if ok else "failed",
+    reason = (
         f"The Chebyshev series of the log likelihood is wrong by {worst:.2g} nats over the "
-        f"posterior; it must be below {WRONG:g}.",
-        worst,
-        "" if ok else "Narrow the prior of gamma.",
+        f"posterior; it must be below {WRONG:g}."
     )
+    return checked("series", worst < WRONG, reason, worst, "Narrow the prior of gamma.")
