@@ -39,7 +39,11 @@ PAD, GAP = 0.1, 0.2  # above and below the text of a box, and between boxes [in]
 
 
 def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw mass, spring, damper and hysteretic element with the numbers of the main posterior.
+    """What stands for the structure, and what do the bolts do to it?
+
+    One mode with a hysteretic element for the joint; medians of the main posterior with half of
+    their 99 % intervals. Right, the element's force along cycles of a quarter, half and all of the
+    largest fitted displacement: the harder the cycle, the softer and the wider.
 
     Numbers are medians with half of their 99 % intervals.
 
@@ -144,7 +148,11 @@ def _height(box: Box) -> float:
 
 
 def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
-    """Draw the steps as boxes from top to bottom, filled with the run's own numbers.
+    """What did each step of the procedure find?
+
+    From the linear regime to the prediction of hysteresis loops; medians with half of their 99 %
+    intervals, and for every sampler its verdict, the least number of effective draws and the
+    largest R-hat.
 
     Reference:
         Fig. 2.
@@ -211,7 +219,7 @@ def _line_fit(tree: xr.DataTree) -> list[Outcome]:
 def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[Outcome]:
     """Return what every sampler of a step found of the law: its parameter, or their product."""
     return [
-        _outcome(facts, f"{step}{name}", [_product(of_law(group.to_dataset()))], called)
+        _outcome(facts, f"{step}{name}", [_product(of_law(of_joint(group.to_dataset())))], called)
         for name, called in SAMPLERS.items()
         if f"{step}{name}" in facts["step"].values
         and (group := node(tree, f"steps/{step}{name}/posterior")) is not None

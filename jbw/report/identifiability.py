@@ -32,7 +32,13 @@ FOLLOWS = (
 
 
 def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw the standard deviation over the prior's, by direction and by parameter (2 axes)."""
+    """Which parameters and combinations do the data know?
+
+    Left, the directions in which the data say more than the prior, from the derivatives of the fit;
+    at the line of 1 they say nothing. Right, the same for every parameter and for the products αδ
+    and αγ, before sampling and after it. A product far to the left of its factors is what the data
+    know; the factors are then the prior's.
+    """
     known = branch(tree, GROUP, "direction_ratio", "parameter_ratio")
     names = names_of(tree)
     kinds = [kind for kind in ("parameter", "combination") if kind in known.coords]
@@ -79,7 +85,11 @@ def _column(known: xr.Dataset, what: str) -> Float[np.ndarray, " quantity"]:
 
 
 def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw the rise of chi-square along every parameter, the others at their best.
+    """How far can each parameter move while the others make up for it?
+
+    Least χ² with the parameter held, less the least of all. A parabola that passes the dashed line
+    on both sides gives a 99 % interval; a curve that stays below it up to the bound is a limit that
+    the data do not set.
 
     One axes a parameter, three side by side; `ax` holds as many as fill the last line.
     """

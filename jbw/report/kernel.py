@@ -16,7 +16,11 @@ SAMPLERS = {"paper": ("walk as published", VERMILLION), "nuts": ("NUTS", BLUE)}
 
 
 def harmonic_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw the spectrum of one probing tone, and the measured H3 of every repeat.
+    """Does a tone come back with a third harmonic?
+
+    Left, the response spectrum to one probing tone, ω and 3ω circled; the third harmonic has to
+    stand clear of the floor. Right, the third-order kernel from every repeat: the scatter of the
+    points is what the likelihood of Step 3 sees.
 
     Panels: amplitude spectrum, magnitude of H3, phase of H3 (3 axes).
     """
@@ -62,7 +66,11 @@ def _measured_kernel(pair: Panels, kernel: xr.Dataset, label: str) -> None:
 
 
 def kernel_bands(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw the measured H3 against the 99 % parameter bands of both samplers.
+    """Does the model reproduce the measured kernel?
+
+    Measured H₃ of every repeat beside the 99 % parameter bands of each sampler; below, both against
+    a sampler's median, where small differences show. The bands carry the parameters' uncertainty
+    only, no noise: single repeats scatter beyond them, but their middle should not lie outside.
 
     Panels: magnitude, phase; below, both against the median of NUTS (4 axes). The bands are drawn
     at the probing frequencies only, side by side, since nothing was measured between them.

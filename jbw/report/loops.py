@@ -48,7 +48,10 @@ def enclosed_areas(test: xr.Dataset, ending: str = "") -> Areas | None:
 
 
 def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw the restoring force against displacement, and without its secant line.
+    """Does the model reproduce the hysteresis loops?
+
+    Restoring force against displacement; below, less the secant of the measured loop, which shows
+    its opening. The enclosed area is the energy lost in the joint per cycle and per unit mass.
 
     Panels: for each test a column, the force above what is left of it when the measured secant
     is taken off both loops, which leaves their areas as they are (2 axes a test, row by row).
@@ -124,7 +127,10 @@ def strokes(y: Curve) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw the force along a prescribed displacement, measured and of the model.
+    """Does the model follow the force along a prescribed displacement?
+
+    Measured loops and the model's 99 % parameter band, beside the best linear spring. The energy
+    lost is the work of the force over the whole record.
 
     Panels: one a test, lowest level first.
     """
@@ -167,7 +173,10 @@ def length_unit(largest: float) -> tuple[float, str]:
 
 
 def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw natural frequency and equivalent damping against amplitude, with 99 % bands.
+    """What do frequency and damping become as the joint slips?
+
+    Natural frequency and equivalent damping of the identified joint against amplitude. Beyond the
+    amplitudes that were fitted (grey) the law is trusted, not tested.
 
     Panels: frequency, damping (2 axes); grey beyond the amplitudes that were fitted.
     """
@@ -224,7 +233,11 @@ def draw_loops(tree: xr.DataTree, only: Axes) -> None:
 
 
 def amplitude_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw frequency and damping against amplitude, read from the records and of the model.
+    """How do frequency and damping depend on the amplitude?
+
+    Points are read from the envelopes without any model of the joint; the bands are the model's,
+    from the equivalent stiffness and the energy lost in its steady loop. Points that leave the band
+    on a curve tell of a joint that the law does not describe.
 
     Panels: frequency, damping.
     """

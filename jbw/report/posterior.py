@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Iterable, Sequence
+from itertools import chain, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,6 @@ from jbw.report.result import (
     node,
     of_joint,
     of_law,
-    parameter,
     parameters,
 )
 from jbw.report.style import Panels, finish, panels, plain, title
@@ -51,47 +51,55 @@ OPENING = (
 JOINT = Source("", "Step 4, all parameters", style.GREEN, "-")
 
 
-def _group(tree: xr.DataTree, source: Source) -> xr.Dataset:
-    """Return the draws of a source, empty where it was not run."""
-    found = node(tree, f"{source.path}/posterior")
-    return xr.Dataset() if found is None else found.to_dataset()
-
-
-def _names_by(tree: xr.DataTree, sources: Iterable[Source]) -> list[str]:
-    """Return the parameters of the joint that any of these routes sampled, damping first.
-
-    Raises:
-        DataError: If none of them was run.
-    """
-    found = [each.name for source in sources for each in of_joint(_group(tree, source))]
-    if not found:
+def _sampled(tree: xr.DataTree, sources: Iterable[Source]) -> dict[Source, dict[str, Parameter]]:
+    """Return the parameters of the joint by source, of those that were run, and by name."""
+    groups = {source: node(tree, f"{source.path}/posterior") for source in sources}
+    found = {
+        source: {each.name: each for each in of_joint(group.to_dataset())}
+        for source, group in groups.items()
+        if group is not None
+    }
+    if not any(found.values()):
         raise DataError("The result has no posterior from this step.")
-    return [name for name in dict.fromkeys(found) if name != "omega_n"]
+    return found
+
+
+def _names(found: dict[Source, dict[str, Parameter]]) -> list[str]:
+    """Return the parameters that any source sampled, damping first."""
+    return [n for n in dict.fromkeys(chain(*found.values())) if n != "omega_n"]
 
 
 def third_order_densities(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw prior and posterior of zeta, alpha and delta from Step 3, every sampler (3 axes)."""
-    names = _names_by(tree, THIRD_ORDER)
-    axes = panels(ax, 1, len(names), height=2.9)
-    for each, name in zip(axes[0], names, strict=True):
-        _densities(each, tree, THIRD_ORDER, name)
-    return finish(axes, ax, left="density over prior density [-]")
+    """What does the third-order kernel say about ζ, α and δ?
+
+    Densities relative to the prior, so that 1 means nothing learnt; bars are 99 % intervals with
+    their medians. Narrow peaks that differ from one sampler to the other are chains that did not
+    move, not knowledge.
+    """
+    found = _sampled(tree, THIRD_ORDER)
+    return _densities(found, _names(found), ax)
 
 
 def opening_density(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
-    """Draw prior and posterior of gamma from Step 4, alone and with all parameters free."""
-    (name, *_) = _names_by(tree, OPENING)
-    axes = panels(ax, 1, 1, height=3.0)
-    _densities(axes[0, 0], tree, (*OPENING, JOINT), name)
-    return finish(axes, ax, left="density over prior density [-]")[0, 0]
+    """What does the opening of the loop say about γ?
+
+    Density of γ relative to its prior, with the other parameters held at their estimates and with
+    all of them free. The gap between the two is the price of holding parameters that were not known
+    that well.
+    """
+    names = _names(_sampled(tree, OPENING))
+    return _densities(_sampled(tree, (*OPENING, JOINT)), names[:1], ax)[0, 0]
 
 
-def _densities(ax: Axes, tree: xr.DataTree, sources: Sequence[Source], name: str) -> None:
+def _densities(found: dict[Source, dict[str, Parameter]], names: list[str], ax: Any) -> Panels:
+    axes = panels(ax, 1, len(names), height=2.9)
+    for each, name in zip(axes[0], names, strict=True):
+        _density(each, [(source, of[name]) for source, of in found.items() if name in of])
+    return finish(axes, ax, left="density over prior density [-]")
+
+
+def _density(ax: Axes, known: Sequence[tuple[Source, Parameter]]) -> None:
     """Draw one parameter: the prior as 1, each posterior over it, 99 % intervals below."""
-    found = [(each, parameter(_group(tree, each), name)) for each in sources]
-    known = [(source, each) for source, each in found if each is not None]
-    if not known:
-        raise DataError(f"The result has no posterior of {name} from this step.")
     draws = np.concatenate([each.draws.reshape(-1) for _, each in known])
     span = (float(np.nanmin(draws)), float(np.nanmax(draws)))
     low, high = next((each.box for _, each in known if each.box is not None), span)
@@ -121,65 +129,64 @@ def _interval(ax: Axes, each: Parameter, colour: str, height: float) -> None:
 
 
 def routes(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw the 99 % interval of each parameter by every route, the truth as a line."""
-    sources = (*THIRD_ORDER, *OPENING, JOINT)
-    names = _names_by(tree, sources)
-    present = [each for each in sources if _group(tree, each)]
-    axes = panels(ax, 1, len(names), height=1.2 + 0.3 * len(present), sharey=True)
+    """Do the routes agree with each other?
+
+    Medians and 99 % intervals of every parameter by every route, within the prior box (grey).
+    Vertical lines are the truth, where it is known.
+    """
+    found = _sampled(tree, (*THIRD_ORDER, *OPENING, JOINT))
+    names = _names(found)
+    axes = panels(ax, 1, len(names), height=1.2 + 0.3 * len(found), sharey=True)
     for each, name in zip(axes[0], names, strict=True):
-        _forest(each, tree, present, name)
-    axes[0, 0].set_yticks(range(len(present)), [each.label for each in present])
-    axes[0, 0].set_ylim(len(present) - 0.4, -0.6)
+        for row, (source, sampled) in enumerate(found.items()):
+            if name in sampled:
+                _interval(each, sampled[name], source.colour, row)
+        last = next(sampled[name] for sampled in reversed(found.values()) if name in sampled)
+        each.set_xlabel(axis_label(last.symbol, last.unit))
+        if last.truth is not None:
+            each.axvline(last.truth, color=style.INK, lw=0.8, zorder=1.5)
+        if last.box is not None:
+            each.axvspan(*last.box, color=style.SOFT, alpha=0.12, lw=0, zorder=0)
+        each.grid(False, axis="y")
+        each.locator_params(axis="x", nbins=3)
+    axes[0, 0].set_yticks(range(len(found)), [source.label for source in found])
+    axes[0, 0].set_ylim(len(found) - 0.4, -0.6)
     return axes
 
 
-def _forest(ax: Axes, tree: xr.DataTree, sources: Sequence[Source], name: str) -> None:
-    """Draw one parameter's intervals, a row for each route that has it."""
-    shown: Parameter | None = None
-    for row, source in enumerate(sources):
-        each = parameter(_group(tree, source), name)
-        if each is not None:
-            _interval(ax, each, source.colour, row)
-            shown = each
-    if shown is not None:
-        ax.set_xlabel(axis_label(shown.symbol, shown.unit))
-        if shown.truth is not None:
-            ax.axvline(shown.truth, color=style.INK, lw=0.8, zorder=1.5)
-        if shown.box is not None:
-            ax.axvspan(*shown.box, color=style.SOFT, alpha=0.12, lw=0, zorder=0)
-    ax.grid(False, axis="y")
-    ax.locator_params(axis="x", nbins=3)
-
-
 def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw alpha against delta: Step 3 with the curve alpha delta = const, and all together.
+    """Can α and δ be told apart?
+
+    Draws of α against δ. Where they lie along the dashed curve, only the product α δ is determined;
+    strong sweeps, fitted with all parameters free, break the tie.
 
     Panels: Step 3 in the prior box, the joint posterior at its own scale (2 axes; 1 where the run
     has but one of them).
     """
     if laws_of(tree)[:1] != ("bouc_wen",):
         raise DataError("The law of this joint has no such pair of parameters.")
+    found = _sampled(tree, (*reversed(THIRD_ORDER), JOINT))
     # Of the law's parameters the first two: weak motion knows their product.
-    laws = {each: of_law(_group(tree, each)) for each in (*reversed(THIRD_ORDER), JOINT)}
-    pairs = {each: (found[0], found[1]) for each, found in laws.items() if len(found) > 1}
-    third = [each for each in pairs if each != JOINT]
-    present = [each for each in (third, [JOINT] if JOINT in pairs else []) if each]
+    laws = {source: of_law(sampled.values()) for source, sampled in found.items()}
+    pairs = {source: (law[0], law[1]) for source, law in laws.items() if len(law) > 1}
+    third, joint = ([s for s in pairs if (s == JOINT) == alone] for alone in (False, True))
+    present = [sources for sources in (third, joint) if sources]
     if not present:
         raise DataError("The result has no posterior of the pair.")
     axes = panels(ax, 1, len(present), height=3.4)
     for each, sources in zip(axes[0], present, strict=True):
         for source in sources:
             _cloud(each, source, *pairs[source])
-        alone = sources == [JOINT]
-        title(each, JOINT.label + ", enlarged" if alone else "Step 3, within the prior box")
+        whole = "Step 3, within the prior box"
+        title(each, f"{JOINT.label}, enlarged" if sources is joint else whole)
         each.locator_params(axis="x", nbins=4)
         each.ticklabel_format(useOffset=False)
     pair = pairs.get(THIRD_ORDER[2]) or pairs.get(THIRD_ORDER[0])
     if pair is not None and pair[0].box is not None and pair[1].box is not None:
-        product = np.nanmedian(pair[0].draws * pair[1].draws)
+        constant = np.nanmedian(pair[0].draws * pair[1].draws)
         x = np.linspace(*pair[1].box, 200)
         label = f"{pair[0].symbol} {pair[1].symbol} = const"
-        axes[0, 0].plot(x, product / x, color=style.INK, lw=1.0, ls="--", label=label)
+        axes[0, 0].plot(x, constant / x, color=style.INK, lw=1.0, ls="--", label=label)
         axes[0, 0].set(xlim=pair[1].box, ylim=pair[0].box)
     return finish(axes, ax)
 
@@ -204,11 +211,7 @@ def marginal_density(
     $$p(x) = \frac{1}{n h} \sum_i \varphi\!\left(\frac{x - x_i}{h}\right), \qquad
       h = 0.9 \min(s, \mathrm{IQR}/1.34)\, n^{-1/5}$$
 
-    Draws that are not finite are left out; those that never move make a narrow peak. Without a
-    box the parameter is unbounded.
-
-    Returns:
-        Points [unit of the parameter] and density [1/unit].
+    Draws that are not finite are left out; those that never move make a narrow peak.
 
     Reference:
         Silverman, Density Estimation (1986), eq. (3.31).
@@ -232,7 +235,10 @@ def marginal_density(
 
 
 def running_means(tree: xr.DataTree, ax: Any = None) -> Panels:
-    r"""Draw conv(n_s), each chain a line: H3 from Step 3, the velocity from Step 4 (2 axes).
+    r"""Have the running means settled?
+
+    The paper's conv(n), one line a chain. A flat line alone proves little: lines that settle at
+    different heights have not explored the same posterior.
 
     $$\mathrm{conv}(n) = \frac{1}{n} \sum_{i \le n} \int |H_3^i|^2\, d\omega$$
 
@@ -242,33 +248,27 @@ def running_means(tree: xr.DataTree, ax: Any = None) -> Panels:
         Eq. (40).
     """
     axes = panels(ax, 1, 2, height=2.9)
-    drawn = [
-        _conv(each, tree, source)
-        for each, sources in zip(axes[0], (THIRD_ORDER, OPENING), strict=True)
-        for source in sources
-    ]
-    if not any(drawn):
-        raise DataError("The result has no conv under any step's sample_stats.")
     title(axes[0, 0], "third-order kernel")
     title(axes[0, 1], "velocity")
+    for each, source in [*product(axes[0, :1], THIRD_ORDER), *product(axes[0, 1:], OPENING)]:
+        found = node(tree, f"{source.path}/sample_stats")
+        if found is None or "conv" not in found.data_vars:
+            continue
+        conv = np.asarray(found["conv"].transpose("chain", "draw"), float)
+        conv = conv / np.nanmean(conv[:, -1])
+        # Thinned to what can be seen.
+        shown = np.unique(np.linspace(0, conv.shape[1] - 1, POINTS).astype(int))
+        look = {"color": source.colour, "ls": source.line, "lw": 0.9, "alpha": 0.8}
+        each.plot(shown + 1, conv[:, shown].T, **look)[0].set_label(source.label)
+    if not any(each.lines for each in axes.flat):
+        raise DataError("The result has no conv under any step's sample_stats.")
     return finish(axes, ax, "draw n of a chain [-]", "conv(n) over its last mean [-]")
 
 
-def _conv(ax: Axes, tree: xr.DataTree, source: Source) -> bool:
-    """Draw every chain of one sampler, thinned to what can be seen, and say if there are any."""
-    found = node(tree, f"{source.path}/sample_stats")
-    if found is None or "conv" not in found.data_vars:
-        return False
-    conv = np.asarray(found["conv"].transpose("chain", "draw"), float)
-    conv = conv / np.nanmean(conv[:, -1])
-    shown = np.unique(np.linspace(0, conv.shape[1] - 1, POINTS).astype(int))
-    look = {"color": source.colour, "ls": source.line, "lw": 0.9, "alpha": 0.8}
-    ax.plot(shown + 1, conv[:, shown].T, **look)[0].set_label(source.label)
-    return True
-
-
 def trace_rank(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw the main posterior's traces and rank histograms, a row for each parameter.
+    """Did the chains of the main posterior mix?
+
+    Good traces look alike and show no trend; good ranks stay near 1 for every chain.
 
     Panels: trace and ranks of every parameter in turn (2 axes a parameter).
     """

@@ -109,7 +109,12 @@ def resonance_slice(measured: Samples, periods: int = PERIODS) -> slice:
 
 
 def verification_sweep(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw each sweep with its bands: whole, at the resonance, and there less the model's median.
+    """Does the model predict repeats that it never saw?
+
+    From the left: the whole record, some periods around the largest response, and the same less the
+    model's median, at a scale that shows the bands. The parameter band holds the model's
+    uncertainty, the predictive band adds the noise and is the one that should hold 99 % of the
+    measured points.
 
     Panels: for each test a row of three (3 axes a test).
     """
@@ -139,7 +144,11 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw decays with their bands: whole, some late periods, and what the model leaves.
+    """Does the model predict free decays that it never saw?
+
+    From the left: the whole record in the band of the mode, some late periods, and what is left
+    less the model's median. Of a held-out record the model sees the first part, up to the dashed
+    line, and predicts the rest; an error of frequency builds up towards its end.
 
     Panels: for each record a row of three (3 axes a record), held-out records first, 6 at most.
     """
@@ -174,7 +183,10 @@ def _late(measured: Samples) -> slice:
 
 
 def verification_multisine(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw a steady multisine's response in time and its spectrum with what models leave.
+    """What does the model leave of a multisine?
+
+    Left, the response around its largest swing; right, the amplitudes of the lines of one period,
+    and of what the model and the best linear oscillator leave of them.
 
     Panels: for each test some periods around the largest response, and the spectra (2 axes a test).
     """

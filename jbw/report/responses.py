@@ -44,7 +44,11 @@ def resonance_window(freq: Curve, magnitude: Curve, depth: float = 0.08) -> tupl
 
 
 def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw the linear FRF, its line fit and its coherence; right, the resonance alone.
+    """How does the structure behave when the joint is stuck?
+
+    Frequency response at the lowest level with the line fit of Step 2, and the coherence. The fit
+    should run through the points on both sides of the peak; a coherence below one at the peak tells
+    of leakage or of hysteresis already at work.
 
     Panels, in reading order: magnitude, phase, coherence, each full and zoomed (6 axes).
     """
@@ -80,7 +84,11 @@ def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def softening(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
-    """Draw the measured FRF magnitude of every level around the resonance, its peak marked."""
+    """Does the resonance move with the level?
+
+    Measured frequency responses, one line a level, each peak marked. A joint that slips pulls the
+    peak to lower frequencies and blunts it as the level rises.
+    """
     found = tests(tree, "verification/frf", "measured_magnitude")
     axes = panels(ax, 1, 1, height=3.3)
     only: Axes = axes[0, 0]
@@ -110,7 +118,11 @@ def _level_and_kind(test: xr.Dataset) -> str:
 
 
 def verification_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw measured FRFs with the range of their repeats against the model's 99 % band.
+    """Does the model predict the frequency response at every level?
+
+    Measured FRFs against the 99 % parameter band of the model, each draw simulated under the
+    measured input and passed through the same estimator; the lowest row is the magnitude over the
+    model's median. Tests marked as not fitted are predictions.
 
     Panels: for each test a column of magnitude, phase, and magnitude over the model's median
     (3 axes a test, row by row).
@@ -153,7 +165,12 @@ def _frf_column(column: Panels, test: xr.Dataset) -> None:
 
 
 def verification_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw harmonics over frequency, a colour a level, against the model's 99 % bands.
+    """Does the model follow the response curves from level to level?
+
+    Measured harmonics, filled circles where fitted and open triangles where held out, with the
+    model's 99 % parameter bands, its median a line, dashed where held out; where runs shift, the
+    bands hold the scatter of the runs. Below, how far the measured curve lies from the median, over
+    the curve's peak.
 
     Panels: a column for each measured quantity and harmonic; magnitude, phase, and the distance
     of both together from the model's median over the curve's peak (3 axes a column, row by row).
@@ -181,7 +198,9 @@ def verification_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw tests of further kinds over their own coordinate, against the model's bands.
+    """Does the model predict tests of kinds that were added to jbw?
+
+    Means of the repeats over the coordinate of such a test, with the model's 99 % bands.
 
     Panels: one a test.
     """

@@ -1,7 +1,7 @@
 """What a run left behind, as figures and tables read it: groups, names, parameters, tests."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -133,42 +133,30 @@ def parameters(group: xr.Dataset) -> list[Parameter]:
     known = names_of(xr.DataTree.from_dict({"/posterior": group}))
     for name, values in group.data_vars.items():
         rest = [dim for dim in values.dims if dim not in ("chain", "draw")]
-        flat = np.asarray(values.transpose("chain", "draw", *rest), float)
-        flat = flat.reshape(*flat.shape[:2], -1)
-        for index in range(flat.shape[2]):
-            label = f"{name}{_place(values, rest, index)}"
+        for index, place in enumerate(np.ndindex(*(values.sizes[dim] for dim in rest))):
+            one = values.isel(dict(zip(rest, place, strict=True)))
+            # The coordinates of the element, as in [0.05]; nothing of a scalar.
+            marks = [
+                one[d].item() if d in one.coords else at for d, at in zip(rest, place, strict=True)
+            ]
+            texts = [mark if isinstance(mark, str) else f"{mark:g}" for mark in marks]
+            label = f"{name}[{', '.join(texts)}]" if texts else str(name)
             truth, lower, upper = (
                 _element(values.attrs.get(key), index) for key in ("truth", "lower", "upper")
             )
             box = None if lower is None or upper is None else (lower, upper)
             unit, meaning = known[str(name)].unit, known[str(name)].meaning
-            draws = flat[:, :, index]
+            draws = np.asarray(one.transpose("chain", "draw"), float)
             found.append(Parameter(label, symbol(label, known), unit, meaning, draws, box, truth))
     return found
-
-
-def _place(values: xr.DataArray, rest: list[Any], index: int) -> str:
-    """Return the coordinates of a flat index, as in [0.05]; nothing of a scalar."""
-    place = np.unravel_index(index, [values.sizes[dim] for dim in rest])
-    marks = [
-        values[dim].values[at] if dim in values.coords else at
-        for dim, at in zip(rest, place, strict=True)
-    ]
-    texts = [str(mark) if isinstance(mark, str) else f"{mark:g}" for mark in marks]
-    return f"[{', '.join(texts)}]" if texts else ""
 
 
 def _element(value: Any, index: int) -> float | None:
     """Return one element of an attribute that is a number, an array or absent."""
     if value is None:
         return None
-    flat = np.asarray(value, float).reshape(-1)
+    flat = np.ravel(value)
     return float(flat[index if flat.size > 1 else 0])
-
-
-def parameter(group: xr.Dataset, name: str) -> Parameter | None:
-    """Return the parameter `name` of a posterior group, or None where it is absent."""
-    return next((each for each in parameters(group) if each.name == name), None)
 
 
 def of_joint(group: xr.Dataset) -> list[Parameter]:
@@ -179,9 +167,9 @@ def of_joint(group: xr.Dataset) -> list[Parameter]:
     return [each for each in parameters(group) if each.name != "gain" and " " not in each.symbol]
 
 
-def of_law(group: xr.Dataset) -> list[Parameter]:
-    """Return the parameters of the laws alone."""
-    return [each for each in of_joint(group) if each.name not in BY_NAME]
+def of_law(joint: Iterable[Parameter]) -> list[Parameter]:
+    """Return those of the joint's parameters that are its laws'."""
+    return [each for each in joint if each.name not in BY_NAME]
 
 
 def laws_of(tree: xr.DataTree) -> tuple[str, ...]:
