@@ -23,18 +23,11 @@ def errors(
     noise_std: float | NDArray[np.float64] | None,
     repeats: Float[np.ndarray, "repeat value"] | None = None,
 ) -> dict[str, float]:
-    r"""How far a test lies from the model, and from the oscillators it is compared with.
+    """How far a test lies from the model, and from the oscillators it is compared with.
 
-    Args:
-        measured: Mean of the repeats.
-        model: Its prediction by every draw.
-        others: Its prediction by other oscillators, by their names.
-        noise_std: Noise of what is counted, where it is known; one for all values or one each.
-        repeats: What is counted, where it is not the mean.
-
-    Returns:
-        `nrmse`, the error of the median; `nrmse_linear` and so on, of the others; and `coverage`,
-        the share of the `num_values` values inside the predictive band, `gaussian_band`.
+    `nrmse`, the error of the median; `nrmse_linear` and so on, of the others; and where the noise
+    of what is counted is known, the repeats or else their mean, `coverage`: the share of the
+    `num_values` values inside the predictive band, `gaussian_band`.
     """
     found = {"nrmse": error(measured, np.median(model, axis=0))}
     found |= {f"nrmse_{name}": error(measured, other) for name, other in others.items()}
@@ -61,16 +54,26 @@ def gaussian_band(
 
     $$m \pm 2.576 \sqrt{\mathrm{var}_\theta + \sigma^2}$$
 
-    Args:
-        model: Prediction by every draw, whose median over draws is m.
-        noise_std: Noise sigma; 0 for the parameters alone.
-
-    Returns:
-        Lower edge, median and upper edge along a new first axis.
+    with the median m over draws; lower edge, median and upper edge along a new first axis.
     """
     half = norm.ppf(QUANTILES[-1]) * np.sqrt(model.var(axis=0) + noise_std**2)
     median = np.median(model, axis=0)
     return np.stack([median - half, median, median + half])
+
+
+def beside(
+    dim: str,
+    measured: NDArray[np.float64],
+    model: Float[np.ndarray, "draw value"],
+    noise_std: float | NDArray[np.float64] | None,
+    unit: Mapping[str, str],
+) -> dict[str, Any]:
+    """Variables `measured`, `model_band` and, where the noise is known, `predictive_band`."""
+    dims = ("quantile", dim)
+    found = {"measured": (dim, measured, unit), "model_band": (dims, band(model), unit)}
+    if noise_std is not None:
+        found["predictive_band"] = (dims, gaussian_band(model, noise_std), unit)
+    return found
 
 
 def phase_near(h: NDArray[Any], reference: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -88,13 +91,7 @@ def polar(
 ) -> dict[str, Any]:
     """Variables `name_magnitude` and `name_phase` of complex values; over `quantile` their bands.
 
-    Args:
-        name: What the values are of.
-        values: The values, or those of every draw.
-        reference: Phase that theirs are next to.
-        magnitude: Attributes of the magnitude, its unit among them.
-        phase: The same of the phase.
-        dims: Dimensions of the variables.
+    The phase is next to a reference; `magnitude` and `phase` are their attributes.
     """
     size, angle = np.abs(values), phase_near(values, reference)
     if "quantile" in dims:

@@ -12,9 +12,9 @@ from jaxtyping import Array, Complex, Float, Key
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, decay_of
 from jbw.observables.decay_envelopes import Entry, envelopes, filter_of, follow, match
-from jbw.quantities import UNIT_OF, derivative_order
+from jbw.quantities import UNIT_OF, derivative_order, in_dialect
 from jbw.verification.bands import QUANTILES, band, error, within
-from jbw.verification.predicted import Predicted, Source, carry, of_decays
+from jbw.verification.predicted import ALIKE, NOT_KNOWN, Noise, Predicted, Source
 
 SEEN = 0.5  # s of a held-out record from which its initial state is read
 NO_SHIFT = 1e-6  # of omega_n: scatter of the records' frequencies where no decay was fitted
@@ -24,12 +24,13 @@ SILENT = 1e-6  # of a record: a noise that leaves its initial state sharp
 def predict_decay(source: Source, test: Test) -> Predicted:
     """Free decays from their first half second on, which gives the initial state.
 
-    Returns:
-        Bands over (record, quantile, time), the shorter records filled up with NaN; errors over
-        all of them.
+    Bands over (record, quantile, time), the shorter records filled up with NaN; errors over all.
     """
     data = _reduced(source, test)
-    noise = of_decays(source.basis.decay, UNIT_OF[data.response])
+    noise, stored = NOT_KNOWN, source.basis.decay.get("noise_std")
+    if stored is not None and "record" in stored.dims:
+        if in_dialect(stored.attrs.get("units", "")) == UNIT_OF[data.response]:
+            noise = Noise(float(stored.mean()), ALIKE)
     std = noise.std or SILENT * float(np.sqrt(np.mean(np.abs(data.envelope) ** 2)))
     found = _compared(source, test, data, np.full(len(test.records), std))
     # The strongest record begins with this displacement, at the natural frequency.
@@ -55,13 +56,8 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
     """Every record of all decays beside the model's, the fitted ones first.
 
     The initial state of a fitted record comes from the whole of it, that of a held-out record from
-    its first half second, so that the rest is predicted. The noise of a held-out record is the mean
-    of the fitted ones'.
-
-    Returns:
-        One dataset a record over (quantile, time); attributes `coverage`, `nrmse` and
-        `nrmse_linear` and so on concern what was predicted: all of a fitted record, a held-out one
-        after `seen_s`.
+    its first half second, so that the rest is predicted: its errors are of what comes after
+    `seen_s`, and its noise is the mean of the fitted ones'. One dataset a record.
     """
     noise_std = source.basis.decay["noise_std"].mean(("chain", "draw")).values
     every = np.append(noise_std, np.full(len(test.records) - num_fitted, noise_std.mean()))
@@ -87,9 +83,7 @@ def _compared(
     num_fitted: int = 0,
 ) -> list[xr.Dataset]:
     """Filtered motion of every record beside the model's, entered at the record's initial state."""
-    decays, others = source.carried(
-        lambda draws, laws: carry(decay_of, draws, replace(data, laws=laws))
-    )
+    decays, others = source.observed(data, decay_of)
     models = [decays, *(one[None] for one in others.values())]
     chosen, key, found = filter_of(test), jax.random.key(source.seed), []
     unit, dims = {"units": UNIT_OF[data.response]}, ("quantile", "time")

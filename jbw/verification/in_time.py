@@ -19,7 +19,7 @@ from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import frf
 from jbw.observables.samples import advance, in_band, lines_of, motion_under, noise_share
 from jbw.quantities import LETTER_OF, derivative_order, per
-from jbw.verification.bands import QUANTILES, band, errors, gaussian_band, polar
+from jbw.verification.bands import QUANTILES, band, beside, errors, polar
 from jbw.verification.predicted import (
     Noise,
     Predicted,
@@ -27,7 +27,7 @@ from jbw.verification.predicted import (
     carry,
     is_measured,
     noise_of,
-    of_samples,
+    of_scatter,
 )
 from jbw.verification.predictive_basis import Draws, Laws
 
@@ -39,37 +39,21 @@ LEAST_LINES = 8  # of a frequency response
 
 
 class Motion(NamedTuple):
-    """A test on time beside its simulated responses.
+    """A test on time beside its simulated responses."""
 
-    Attributes:
-        test: The test, its responses advanced by their delay; where nobody measured one, the
-            model's median stands in.
-        measured: Responses of the repeats of the first record's input.
-        model: Response of every draw to that input.
-        peak: Peak displacement of every draw [m].
-        others: Responses of the oscillators compared with, by name.
-        noise: Noise of one repeat.
-        start: Samples at the start that are not compared.
-    """
-
-    test: Test
-    measured: Float[np.ndarray, "repeat time"]
+    test: Test  # its responses advanced by their delay, or the model's median if not measured
+    measured: Float[np.ndarray, "repeat time"]  # of the first record's input
     model: Float[np.ndarray, "draw time"]
-    peak: Float[np.ndarray, " draw"]
-    others: dict[str, Float[np.ndarray, " time"]]
-    noise: Noise
-    start: int
+    peak: Float[np.ndarray, " draw"]  # displacement [m]
+    others: dict[str, Float[np.ndarray, " time"]]  # of the oscillators compared with
+    noise: Noise  # of one repeat
+    start: int = 0  # samples that are not compared
 
 
 def predict_motion(
     draws: Draws, record: Record, laws: Laws, *, substeps: int = 2
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Response of every draw to the measured input of a record, from rest.
-
-    Returns:
-        Responses of shape (draw, time), in the unit of the measured response, and the peak
-        displacement of every draw [m].
-    """
+    """Response (draw, time) to the measured input of a record, from rest; peak displacement [m]."""
     source = jnp.asarray(record.channels[record.source])
     return carry(_response, draws, source, record.fs, record.response, substeps, laws)
 
@@ -89,12 +73,14 @@ def _response(
 def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Motion:
     """Carry the input of a test's first record through the model.
 
-    Args:
-        source: What is carried.
-        test: Its records are the repeats of one input, or noise.
-        substeps: Steps of the solver between samples; as many as the run took when None.
+    The records are the repeats of one input, or noise; as many steps of the solver between samples
+    as the run took when None.
     """
-    test = _on_time(test)
+    delayed = [
+        (one, advance(one.channels[one.response], test.delay, one.fs)) for one in test.records
+    ]
+    on_time = (replace(one, channels={**one.channels, one.response: x}) for one, x in delayed)
+    test = replace(test, records=tuple(on_time), delay=0.0)
     record, steps = test.records[0], substeps or source.basis.substeps
     (model, peak), others = source.carried(
         lambda draws, laws: predict_motion(draws, record, laws, substeps=steps)
@@ -104,12 +90,22 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
         stand_in = {**record.channels, record.response: np.median(model, axis=0)}
         test = replace(test, records=(replace(record, channels=stand_in),))
         measured = stand_in[record.response][None]
-        return Motion(test, measured, model, peak, alone, noise_of(source.basis, test), 0)
-    measured = np.stack([one.channels[one.response] for one in _repeated(test)])
+        return Motion(test, measured, model, peak, alone, noise_of(source.basis, test))
+    # Repeats of the first record's input; noise of the input channel is far below a tenth of it.
+    u = record.channels[record.source]
+    repeated = [
+        one.channels[one.response]
+        for one in test.records
+        if one.num_samples == record.num_samples
+        and np.linalg.norm(one.channels[one.source] - u) <= 0.1 * np.linalg.norm(u)
+    ]
+    measured = np.stack(repeated)
     start = round(_settling(test, source.draws) * record.fs)
     lines = lines_of(test.band_hz or (), measured.shape[1], record.fs)
     size = measured.shape[1] if lines is None else 2 * (lines[1] - lines[0])
-    noise = noise_of(source.basis, test, of_samples(in_band(measured, lines), size))
+    compared = in_band(measured, lines)
+    within = float(np.sum((compared - compared.mean(axis=0)) ** 2))
+    noise = noise_of(source.basis, test, of_scatter(within, size, len(measured)))
     return Motion(test, measured, model, peak, alone, noise, start)
 
 
@@ -135,9 +131,7 @@ def predict_records(source: Source, test: Test) -> Predicted:
 def compare_records(source: Source, motion: Motion) -> xr.Dataset:
     """Repeats of one input beside the model's responses to it, in a band where the test has one.
 
-    Returns:
-        Variables over (quantile, time); attributes as of `jbw.verification.bands.errors`, coverage
-        over all measured samples.
+    Variables over (quantile, time); coverage is over all measured samples.
     """
     test, record = motion.test, motion.test.records[0]
     fs, response, size = record.fs, record.response, motion.measured.shape[1] - motion.start
@@ -150,14 +144,10 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
     others = {name: compared(one) for name, one in motion.others.items()}
     noise_std = (source.std(motion.noise) or 0.0) * noise_share(lines, size)
     mean, unit = measured.mean(axis=0), {"units": record.units[response]}
-    dims = ("quantile", "time")
+    variables = beside("time", mean, model, noise_std, unit)
+    variables["measured"] = ("time", mean, {**unit, "long_name": f"mean measured {response}"})
     return xr.Dataset(
-        {
-            "measured": ("time", mean, {**unit, "long_name": f"mean measured {response}"}),
-            "measured_band": (dims, band(measured), unit),
-            "model_band": (dims, band(model), unit),
-            "predictive_band": (dims, gaussian_band(model, noise_std), unit),
-        },
+        {**variables, "measured_band": (("quantile", "time"), band(measured), unit)},
         {
             "time": ("time", np.arange(size) / fs + motion.start / fs, {"units": "s"}),
             "quantile": list(QUANTILES),
@@ -175,8 +165,7 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
 def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
     """FRF of every repeat, and of every draw under the first one's input, by the same estimator.
 
-    Returns:
-        Magnitudes and phases, measured over (repeat, freq) and of the model over (quantile, freq).
+    Magnitudes and phases, measured over (repeat, freq) and of the model over (quantile, freq).
     """
     test, record = motion.test, motion.test.records[0]
     estimate = partial(_frf, band_hz=band_hz, whole=test.traits.is_transient)
@@ -231,29 +220,6 @@ def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, floa
     high = min(high, freq[np.searchsorted(grown, 1 - OUTSIDE)])
     enough = np.count_nonzero((freq >= low) & (freq <= high)) >= LEAST_LINES
     return share, (float(low), float(high)) if enough else None
-
-
-def _repeated(test: Test) -> list[Record]:
-    """Repeats of the first record's input; the first alone where every repeat has its own."""
-    first = test.records[0]
-    source = first.channels[first.source]
-    size = 0.1 * np.linalg.norm(source)  # noise of the input channel is far below
-    return [
-        record
-        for record in test.records
-        if record.num_samples == first.num_samples
-        and np.linalg.norm(record.channels[record.source] - source) <= size
-    ]
-
-
-def _on_time(test: Test) -> Test:
-    """The test with its responses advanced by their delay."""
-
-    def one(record: Record) -> Record:
-        on_time = advance(record.channels[record.response], test.delay, record.fs)
-        return replace(record, channels={**record.channels, record.response: on_time})
-
-    return replace(test, records=tuple(one(record) for record in test.records), delay=0.0)
 
 
 def _settling(test: Test, draws: Draws) -> float:

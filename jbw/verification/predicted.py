@@ -1,7 +1,7 @@
 """What is carried through the model, a test beside its prediction, and the noise known of it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -9,13 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, PyTree
 from numpy.typing import NDArray
 
 from jbw.measurement.records import Test
 from jbw.observables.harmonic_groups import harmonic_label
+from jbw.observables.observable import Observable, prediction
 from jbw.observables.repeated import Repeats
-from jbw.quantities import in_dialect
 from jbw.verification.bands import band
 from jbw.verification.predictive_basis import Basis, Draws, Laws, Seen, count_of, seen_of
 
@@ -28,33 +28,21 @@ LANES = 8  # draws carried through the model at once
 
 
 class Noise(NamedTuple):
-    """Noise of one repeat of a test.
+    """Noise of one repeat of a test."""
 
-    Attributes:
-        std: Its standard deviation, in the unit of what is compared; None where the band is that
-            of the parameters alone.
-        says: Where it is known from, or why not.
-    """
-
-    std: float | None
-    says: str
+    std: float | None  # in the unit of what is compared; None where it is not known
+    says: str  # where it is known from, or why not
 
 
 NOT_KNOWN = Noise(None, UNKNOWN)
 
 
 class Predicted(NamedTuple):
-    """A test beside its prediction.
+    """A test beside its prediction."""
 
-    Attributes:
-        dataset: Measured values and bands.
-        peak: Peak displacement of every draw [m]; None where the test does not tell it.
-        noise: Noise of one repeat.
-    """
-
-    dataset: xr.Dataset
-    peak: NDArray[np.float64] | None
-    noise: Noise
+    dataset: xr.Dataset  # measured values and bands
+    peak: NDArray[np.float64] | None  # displacement of every draw [m], where the test tells it
+    noise: Noise  # of one repeat
 
     def extrapolation(self, basis: Basis) -> float | None:
         """Upper edge of the peak displacement over the largest that was fitted, where known."""
@@ -68,14 +56,11 @@ class Source:
     """What is carried through the model, and with what it is compared.
 
     Attributes:
-        basis: The run.
-        draws: Parameters of the joint and gain.
         references: Parameters and laws of oscillators without hysteresis that are carried beside
-            them, by name.
+            the draws, by name.
         noise: Whether the noise is part of the bands, where it is known.
         bare: Noise of bands whose noise is not known: 0 counts what lies in the band of the
             parameters alone, None counts nothing.
-        seed: Of what is drawn on the way.
     """
 
     basis: Basis
@@ -99,6 +84,12 @@ class Source:
             others[name] = jax.tree.map(lambda rows: rows[0], predict(alone, laws))
         return predict(self.draws, self.basis.laws), others
 
+    def observed(
+        self, data: Observable, predict: Callable[..., PyTree] = prediction
+    ) -> tuple[Any, dict[str, Any]]:
+        """The same of reduced data, by (theta, data) to what is predicted."""
+        return self.carried(lambda draws, laws: carry(predict, draws, replace(data, laws=laws)))
+
 
 def is_measured(test: Test) -> bool:
     """Whether a test has a response, or is only planned."""
@@ -109,14 +100,8 @@ def is_measured(test: Test) -> bool:
 def carry(predict: Callable[..., PyTree], draws: Draws, *args: Any) -> PyTree:
     """Prediction of every draw, `LANES` at a time: compiled once for any number of draws.
 
-    Args:
-        predict: (theta, *args) to what is predicted; a function of a module, so that what was
-            compiled is found again.
-        draws: Parameters of the joint and gain, one value a draw.
-        args: What else it takes; all but arrays is known as it compiles.
-
-    Returns:
-        Predictions in NumPy, the draws along the first axis.
+    `predict` takes (theta, *args) and is a function of a module, so that what was compiled is found
+    again; all but arrays of `args` is known as it compiles. In NumPy, draws along the first axis.
     """
     count = count_of(draws)
     lanes = min(LANES, count)
@@ -143,8 +128,9 @@ def noise_of(
     own repeats tell; else the mean over fitted tests of its kind and response, those of its level
     where there are any; else it is not known.
     """
-    known, wanted = noise_by_label(basis.posterior), seen_of(test)
-    if (label or test.name) in known and _form(basis.seen.get(test.name, wanted)) == _form(wanted):
+    known, wanted = _noise_by_label(basis.posterior), seen_of(test)
+    # Kind, source and response of a test that was called so before may be others.
+    if (label or test.name) in known and basis.seen.get(test.name, wanted)[:3] == wanted[:3]:
         return Noise(known[label or test.name], OWN)
     if repeated.std is not None:
         return repeated
@@ -163,7 +149,7 @@ def noise_of(
     return Noise(float(np.mean(chosen)), ALIKE) if chosen else NOT_KNOWN
 
 
-def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
+def _noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
     """Each labelled group of data and the mean of its noise."""
     found = {}
     for name, values in posterior.data_vars.items():
@@ -174,43 +160,21 @@ def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
     return found
 
 
+def _labels(name: str, seen: Seen, order: int) -> list[str]:
+    """What the groups of data of a test may be called that hold its harmonic of this order."""
+    names = [name, seen.family] if seen.family else [name]
+    harmonics = [harmonic_label(one, order) for one in names] if order else []
+    return harmonics + (names if order < 2 else [])
+
+
 def of_repeats(repeats: Repeats, group: int = 0) -> Noise:
     """What the scatter of a group's repeats tells."""
-    return _of_scatter(
-        *(float(x[group]) for x in (repeats.within, repeats.size, repeats.num_repeats))
-    )
+    scatter = repeats.within, repeats.size, repeats.num_repeats
+    return of_scatter(*(float(each[group]) for each in scatter))
 
 
-def of_samples(measured: Float[np.ndarray, "repeat time"], size: int) -> Noise:
-    """What the scatter of repeats of one record tells, of which `size` values are independent."""
-    within = float(np.sum((measured - measured.mean(axis=0)) ** 2))
-    return _of_scatter(within, size, len(measured))
-
-
-def _of_scatter(within: float, size: float, count: float) -> Noise:
+def of_scatter(within: float, size: float, count: float) -> Noise:
     """Noise by the sum of squares that so many repeats of so many values leave about their mean."""
     if count < 2:
         return NOT_KNOWN
     return Noise(float(np.sqrt(within / (size * (count - 1)))), REPEATS)
-
-
-def of_decays(posterior: xr.Dataset, unit: str) -> Noise:
-    """Mean noise of the free decays that were fitted, where they were measured in this unit."""
-    stored = posterior.get("noise_std")
-    if stored is None or "record" not in stored.dims:
-        return NOT_KNOWN
-    if in_dialect(stored.attrs.get("units", "")) != unit:
-        return NOT_KNOWN
-    return Noise(float(stored.mean()), ALIKE)
-
-
-def _form(seen: Seen) -> tuple[str, str, str]:
-    return seen.kind, seen.source, seen.response
-
-
-def _labels(name: str, seen: Seen, order: int) -> tuple[str, ...]:
-    """What the groups of data of a test may be called that hold its harmonic of this order."""
-    names = (name, seen.family) if seen.family else (name,)
-    if not order:
-        return names
-    return (*(harmonic_label(one, order) for one in names), *(names if order == 1 else ()))

@@ -1,9 +1,6 @@
 """Steady motion in time beside the model's: forced loops, periods of multisines, loops of tones."""
 
 from collections.abc import Mapping
-from dataclasses import replace
-from functools import partial
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,11 +12,11 @@ from scipy.integrate import trapezoid
 from jbw.measurement.loops import differentiate, enclosed_area, integrate, mean_cycle
 from jbw.measurement.records import Record, Test, periods
 from jbw.observables.loops import Loops
-from jbw.observables.observable import prediction
 from jbw.observables.records import Records
 from jbw.observables.samples import advance, in_band, motion_under, noise_share
 from jbw.quantities import UNIT_OF, derivative_order
-from jbw.verification.bands import QUANTILES, band, errors, gaussian_band
+from jbw.verification.bands import QUANTILES, band, beside, errors, gaussian_band
+from jbw.verification.groups import groups_of
 from jbw.verification.predicted import Predicted, Source, carry, noise_of, of_repeats
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
@@ -29,73 +26,56 @@ BAND = (0.5, 20.0)  # of the tone: where a record is integrated and differentiat
 FORCE, LENGTH = {"units": "N/kg"}, {"units": "m"}
 
 
-def _carried(source: Source, data: Loops | Records) -> tuple[Any, dict[str, Any]]:
-    """What every draw predicts of the data, and what the other oscillators do."""
-    return source.carried(lambda draws, laws: carry(prediction, draws, replace(data, laws=laws)))
-
-
 def predict_loop(source: Source, test: Test) -> Predicted:
     r"""Restoring force along a prescribed displacement beside that of the model.
 
-    The energy lost is the work of the force over the record after `settle`,
+    Forces over (point) and (quantile, point); and over (quantile) the energy lost, the work of the
+    force over the record after `settle`,
 
     $$W = \int F\,\mathrm{d}y$$
-
-    Returns:
-        Forces over (point) and (quantile, point), work over (quantile); attributes as of
-        `jbw.verification.bands.errors`.
     """
     data = Loops.of([test], laws=source.basis.laws)
-    forces, others = _carried(source, data)
-    noise = noise_of(source.basis, test, of_repeats(data.repeats))
-    noise_std = source.std(noise, len(test.records))
-    counted = data.compared(0)
-    y, measured = (np.asarray(x[0])[counted] for x in (data.displacement, data.mean))
-    model = forces[:, 0, counted]
-    others = {name: one[0, counted] for name, one in others.items()}
+    (force,) = groups_of(source, test, data)
+    y = np.asarray(data.displacement[0])[data.compared(0)]
     shown = slice(None, None, -(-len(y) // MOST_POINTS))
     newton, joule, dims = {"units": "N"}, {"units": "J"}, ("quantile", "point")
     variables = {
         "displacement": ("point", y[shown], LENGTH),
-        "measured_force": ("point", measured[shown], newton),
-        "model_force": (dims, band(model)[:, shown], newton),
-        "measured_work": ((), trapezoid(measured, y), joule),
-        "model_work": ("quantile", band(trapezoid(model, y, axis=-1)), joule),
+        "measured_force": ("point", force.measured[shown], newton),
+        "model_force": (dims, band(force.model)[:, shown], newton),
+        "measured_work": ((), trapezoid(force.measured, y), joule),
+        "model_work": ("quantile", band(trapezoid(force.model, y, axis=-1)), joule),
     }
-    if noise_std is not None:
-        variables["predictive_force"] = (dims, gaussian_band(model, noise_std)[:, shown], newton)
-    variables |= {f"{n}_force": ("point", one[shown], newton) for n, one in others.items()}
-    facts = {"level": test.level, "level_unit": "m", "kind": test.kind}
-    attrs = facts | errors(measured, model, others, noise_std)
-    peak = np.full(count_of(source.draws), float(jnp.max(jnp.abs(data.displacement))))
-    return Predicted(xr.Dataset(variables, {"quantile": list(QUANTILES)}, attrs), peak, noise)
+    if force.std is not None:
+        predictive = gaussian_band(force.model, force.std)
+        variables["predictive_force"] = (dims, predictive[:, shown], newton)
+    variables |= {f"{n}_force": ("point", one[shown], newton) for n, one in force.others.items()}
+    attrs = {"level": test.level, "level_unit": "m", "kind": test.kind}
+    attrs |= errors(force.measured, force.model, force.others, force.std)
+    peak = np.full(count_of(source.draws), float(np.abs(data.displacement).max()))
+    dataset = xr.Dataset(variables, {"quantile": list(QUANTILES)}, attrs)
+    return Predicted(dataset, peak, force.noise)
 
 
 def predict_periods(source: Source, test: Test) -> Predicted:
     """Steady response over one period of a multisine beside that of the model.
 
-    Returns:
-        Response over (time) and (quantile, time); amplitude spectra over (freq), in the test's
-        band, of the measured response, the model's median, the error it leaves, and the other
-        oscillators' errors; attributes as of `jbw.verification.bands.errors`.
+    Response over (time) and (quantile, time); amplitude spectra over (freq), in the test's band, of
+    the measured response, the model's median, the error it leaves, and the other oscillators'
+    errors.
     """
-    cut = periods(test) or test
-    data = Records.of([cut], laws=source.basis.laws, substeps=source.basis.substeps, periodic=True)
-    responses, others = _carried(source, data)
-    noise = noise_of(source.basis, test, of_repeats(data.repeats))
+    cut, basis = periods(test) or test, source.basis
+    data = Records.of([cut], laws=basis.laws, substeps=basis.substeps, periodic=True)
+    responses, others = source.observed(data)
+    noise = noise_of(basis, test, of_repeats(data.repeats))
     noise_std = source.std(noise, len(cut.records))
     measured, model = np.asarray(data.mean[0]), in_band(responses[:, 0], data.lines)
     others = {name: in_band(one[0], data.lines) for name, one in others.items()}
     size, record = len(measured), cut.records[0]
-    unit = {"units": UNIT_OF[data.response], "long_name": data.response}
-    variables: dict[str, Any] = {
-        "measured": ("time", measured, unit),
-        "model_band": (("quantile", "time"), band(model), unit),
-    }
     if noise_std is not None:
         noise_std *= noise_share(data.lines, size)
-        predictive = gaussian_band(model, noise_std)
-        variables["predictive_band"] = (("quantile", "time"), predictive, unit)
+    unit = {"units": UNIT_OF[data.response], "long_name": data.response}
+    variables = beside("time", measured, model, noise_std, unit)
     freq = np.fft.rfftfreq(size, 1 / data.fs)
     low, high = cut.band_hz or (freq[1], freq[-1])
     keep = (freq >= low) & (freq <= high)
@@ -130,11 +110,8 @@ def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
     Measured: y by drift-free integration, a by differentiation in a stated band, and
     $F = g V - a - 2\zeta\omega_n v$ with the gain and the damping of every draw, so that the band
     of a measured loop carries them. Predicted: the same force on the steady cycle of every draw
-    under the measured input. Both with and without the viscous part.
-
-    Returns:
-        Loops over (phase) and (quantile, phase), areas over (quantile), one set for
-        $k y$ and the laws' forces and one, named `*_viscous`, with $2\zeta\omega_n v$ added.
+    under the measured input. Loops over (phase) and (quantile, phase), areas over (quantile), one
+    set for $k y$ and the laws' forces and one, named `*_viscous`, with $2\zeta\omega_n v$ added.
 
     Reference:
         Section 4 (validation), Eq. (1).
@@ -186,31 +163,22 @@ def _cycles(record: Record, test: Test, omega: float) -> dict[str, NDArray[np.fl
     source = record.channels[record.source][keep][inner]
     y, u = mean_cycle(y[inner], source, fs, omega, NUM_POINTS)
     v, a = mean_cycle(v[inner], a[inner], fs, omega, NUM_POINTS)
-    turn = np.angle(np.fft.rfft(u)[1])
-    cycles = {"y": y, "u": u, "v": v, "a": a}
-    return {name: _shifted(cycle, turn) for name, cycle in cycles.items()}
+    spectra = {name: np.fft.rfft(x) for name, x in {"y": y, "u": u, "v": v, "a": a}.items()}
+    turn = np.exp(-1j * np.angle(spectra["u"][1]) * np.arange(NUM_POINTS // 2 + 1))
+    return {name: np.fft.irfft(x * turn, NUM_POINTS) for name, x in spectra.items()}
 
 
 def _kinematics(
     x: NDArray[np.float64], fs: float, band_hz: tuple[float, float], response: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> list[NDArray[np.float64]]:
     """Displacement, velocity and acceleration from the one that was measured."""
-    up, down = partial(differentiate, fs=fs, band=band_hz), partial(integrate, fs=fs, band=band_hz)
-    match response:
-        case "displacement":
-            v = up(x)
-            return x, v, up(v)
-        case "velocity":
-            return down(x), x, up(x)
-        case _:
-            v = down(x)
-            return down(v), v, x
-
-
-def _shifted(cycle: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
-    """A periodic cycle with its phase counted from where `turn` was."""
-    spectrum = np.fft.rfft(cycle)
-    return np.fft.irfft(spectrum * np.exp(-1j * turn * np.arange(len(spectrum))), len(cycle))
+    order = derivative_order(response)
+    found = [x]
+    for _ in range(order):
+        found.insert(0, integrate(found[0], fs, band_hz))
+    for _ in range(2 - order):
+        found.append(differentiate(found[-1], fs, band_hz))
+    return found
 
 
 def _steady_cycle(
