@@ -35,9 +35,8 @@ def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None
 
     $$Z(y), \; -Y < y < Y \text{ on the way down}, \qquad Z(-y) = -Z(y)$$
 
-    Returns:
-        Bands over (quantile, amplitude) and (quantile, loop, phase); None where the draws lack a
-        parameter of the joint, or no displacement is known.
+    Bands over (quantile, amplitude) and (quantile, loop, phase); None where the draws lack a
+    parameter of the joint, or no displacement is known.
 
     Reference:
         Eq. (2), its steady loop.
@@ -104,9 +103,7 @@ def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws
     $$X = \omega(Y)^p\,Y, \qquad \omega = \omega(Y), \quad \zeta_{eq} = \zeta_{eq}(Y)$$
 
     with the backbone of the oscillator on the right and p the order of the measured derivative.
-
-    Returns:
-        Readings over (record, piece) and bands over (quantile, amplitude).
+    Readings over (record, piece) and bands over (quantile, amplitude).
 
     Reference:
         Equivalent stiffness and damping of the steady loop of Eq. (2), `oscillator.backbone`.

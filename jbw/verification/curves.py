@@ -35,15 +35,10 @@ CLOSE = 0.01  # of the motion: a guess from which one round of two steps is exac
 
 
 class Curve(NamedTuple):
-    """Harmonics measured at the same frequencies.
+    """Harmonics measured at the same frequencies."""
 
-    Attributes:
-        groups: The harmonics, the fundamental first.
-        test: The test they come from, or one of several tones.
-    """
-
-    groups: Sequence[Group]
-    test: Test
+    groups: Sequence[Group]  # the fundamental first
+    test: Test  # that they come from, or one of several tones
 
 
 def curves_of(tests: Sequence[Test], of_tones: str = "") -> dict[str, Curve]:
@@ -76,12 +71,9 @@ def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
     """Harmonics of several curves, all of them carried through the model at once.
 
     Where a controller held the response the force is what is predicted, its phase counted from
-    the displacement; else the response, its phase counted from the source.
-
-    Returns:
-        For each curve magnitudes and phases over (freq) and (quantile, freq), of the third
-        harmonic with the suffix `_3`; attributes as of `jbw.verification.bands.errors`, over real
-        and imaginary parts.
+    the displacement; else the response, its phase counted from the source. Magnitudes and phases
+    over (freq) and (quantile, freq), of the third harmonic with the suffix `_3`; errors over real
+    and imaginary parts.
     """
     if not curves:
         return []
@@ -94,18 +86,14 @@ def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
     )
     found, row = [], 0
     for curve in curves:
-        rows = range(row, row + len(curve.groups))
-        row, test = rows.stop, curve.test
-        noises = [
-            noise_of(
-                source.basis, test, of_repeats(data.repeats, i), label=one.label, order=one.order
-            )
-            for i, one in zip(rows, curve.groups, strict=True)
-        ]
-        order = np.argsort(curve.groups[0].omega)
-        size, omega = len(order), curve.groups[0].omega[order]
-        variables, attrs = {}, _facts(curve.groups[0], test)
-        for i, group, noise in zip(rows, curve.groups, noises, strict=True):
+        first, test, fundamental = row, curve.test, curve.groups[0]
+        row += len(curve.groups)
+        order = np.argsort(fundamental.omega)
+        size, variables, attrs, noises = len(order), {}, _facts(fundamental, test), []
+        for i, group in enumerate(curve.groups, start=first):
+            repeated = of_repeats(data.repeats, i)
+            noise = noise_of(source.basis, test, repeated, label=group.label, order=group.order)
+            noises.append(noise)
             if not np.any(group.values):
                 continue  # a harmonic beyond what the sampling shows
             of_others = {
@@ -119,11 +107,11 @@ def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
             suffix = "" if group.order == 1 else f"_{group.order}"
             variables |= {name + suffix: variable for name, variable in drawn.items()}
             attrs |= {name + suffix: value for name, value in said.items()}
-        freq = ("freq", omega / (2 * np.pi), {"units": "Hz"})
+        freq = ("freq", fundamental.omega[order] / (2 * np.pi), {"units": "Hz"})
         dataset = xr.Dataset(variables, {"freq": freq, "quantile": list(QUANTILES)}, attrs)
         # A ratio was measured at an amplitude that it does not tell.
         known = "ratio" not in test.records[0].provenance
-        found.append(Predicted(dataset, peaks[:, rows[0]] if known else None, noises[0]))
+        found.append(Predicted(dataset, peaks[:, first] if known else None, noises[0]))
     return found
 
 
@@ -194,10 +182,12 @@ def _compared(
 ) -> tuple[dict[str, Any], dict[str, float]]:
     """Variables of one harmonic in the order of the frequencies, and its errors.
 
-    The noise is that of the mean, in its real and in its imaginary part, where it is known.
+    The noise is that of the mean, in its real and in its imaginary part.
     """
-    parts = {name: _parts(one) for name, one in others.items()}
-    said = errors(_parts(group.values), _parts(model), parts, noise_std)
+    everything = {"measured": group.values, "model": model, **others}
+    # Real and imaginary parts, as they enter the likelihood.
+    parts = {n: np.concatenate([np.real(x), np.imag(x)], axis=-1) for n, x in everything.items()}
+    said = errors(parts.pop("measured"), parts.pop("model"), parts, noise_std)
     record = test.records[0]
     turn = np.ones(len(order))
     magnitude = {"units": UNIT_OF[record.response], "long_name": record.response}
@@ -220,8 +210,3 @@ def _compared(
     for name, values in others.items():
         found |= polar(name, turn * values[order], *how, "freq")
     return found, said
-
-
-def _parts(values: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Real and imaginary parts, as they enter the likelihood."""
-    return np.concatenate([values.real, values.imag], axis=-1)

@@ -25,14 +25,9 @@ NUM_HARMONICS = 4  # balanced
 def planned_sweep(
     basis: Basis, band_hz: tuple[float, float], level: float, duration: float, fs: float
 ) -> Test:
-    """A linear sweep from rest, fading out over the last 2 % of its duration.
+    """A linear sweep from rest, fading out over the last 2 % of its duration [s].
 
-    Args:
-        basis: The run, whose source and response the test has.
-        band_hz: First and last frequency [Hz].
-        level: Amplitude [unit of the run's source].
-        duration: Duration [s].
-        fs: Sampling frequency [Hz].
+    Of a level in the unit of the run's source.
 
     Raises:
         ConfigError: An argument is not positive, or the sweep reaches half the sampling frequency.
@@ -50,12 +45,7 @@ def planned_sweep(
 
 
 def planned_tones(basis: Basis, freq_hz: Sequence[float], level: float) -> Test:
-    """Steady tones in turn, one of them or many.
-
-    Args:
-        basis: The run, whose source and response the test has.
-        freq_hz: Frequencies [Hz].
-        level: Amplitude [unit of the run's source].
+    """Steady tones in turn, one of them or many, of a level in the unit of the run's source.
 
     Raises:
         ConfigError: An argument is not positive.
@@ -77,11 +67,7 @@ def steps(band_hz: tuple[float, float]) -> tuple[float, ...]:
 def predict_planned(source: Source, test: Test) -> Predicted:
     """First and third harmonic of the steady motion at each tone of a planned test.
 
-    Returns:
-        Magnitudes and phases over (quantile, freq), of the third harmonic with the suffix `_3`.
-
-    Raises:
-        ModelError: The steady motion of some draw was not found.
+    Magnitudes and phases over (quantile, freq), of the third harmonic with the suffix `_3`.
     """
     record = test.records[0]
     omega = 2 * np.pi * np.asarray(test.tones_hz)
@@ -127,9 +113,8 @@ def _record(basis: Basis, kind: str, source: np.ndarray, fs: float) -> Record:
 def _require_positive(**values: float) -> None:
     for name, value in values.items():
         if not (np.isfinite(value) and value > 0):
+            example = {"sweep": "10:25", "stepped": "15:22"}.get(name, "1")
             raise ConfigError(
                 f"Argument `{name}` must be positive, but is {value:g}.",
-                remedy=f"Give it, as in --{name} "
-                + {"sweep": "10:25", "stepped": "15:22"}.get(name, "1")
-                + ".",
+                remedy=f"Give it, as in --{name} {example}.",
             )

@@ -44,12 +44,9 @@ class Request:
 
 
 def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Dataset:
-    """Bands of a run's posterior on a test that it need never have seen.
+    """Bands of a run's posterior on a test of any kind that it need never have seen.
 
-    Args:
-        basis: The run.
-        test: A test of any kind; one whose response is NaN throughout is only planned.
-        request: How to predict.
+    A test whose response is NaN throughout is only planned.
 
     Returns:
         Measured values beside bands over `quantile`: `model_*` of the parameters, `predictive_*`
@@ -64,7 +61,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     """
     asked = request or Request()
     source = _source(basis, test, asked)
-    dataset, peak, noise = found = predicted(source, test)
+    dataset, peak, noise = found = route_of(test)(source, test)
     facts = {"test": test.name, "kind": test.kind, "num_draws": count_of(source.draws)}
     facts["noise"] = noise.says if asked.noise else LEFT_OUT
     if np.isfinite(test.level):
@@ -87,12 +84,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     return dataset
 
 
-def predicted(source: Source, test: Test) -> Predicted:
-    """A test beside its prediction, by the route of its kind."""
-    return _route(test)(source, test)
-
-
-def _route(test: Test) -> Callable[[Source, Test], Predicted]:
+def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
     """How a test is predicted; under a recorded input from rest, unless it is another motion."""
     traits = test.traits
     if has_groups_alone(test):
@@ -108,7 +100,7 @@ def _route(test: Test) -> Callable[[Source, Test], Predicted]:
 
 def _source(basis: Basis, test: Test, asked: Request) -> Source:
     """The draws that a test is predicted with: fewer of them through long records."""
-    most, route = asked.num_draws, _route(test)
+    most, route = asked.num_draws, route_of(test)
     if route is predict_decay:
         draws = basis.thinned(most, basis.decay)
     else:
@@ -119,11 +111,7 @@ def _source(basis: Basis, test: Test, asked: Request) -> Source:
 
 
 def _gain(basis: Basis, test: Test, stated: float | None) -> float | None:
-    """Gain for a test's own source; None where it is the run's.
-
-    Raises:
-        DataError: The source is in another unit than the run's, and no gain is stated.
-    """
+    """Gain for a test's own source; None where it is the run's."""
     if stated is not None:
         return stated
     unit = seen_of(test).source
@@ -172,11 +160,7 @@ def row_of(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def chosen(tests: tuple[Test, ...], names: tuple[str, ...], argument: str) -> tuple[Test, ...]:
-    """Tests by their names, which were given as `argument`; all of them when none is named.
-
-    Raises:
-        ConfigError: No test has such a name.
-    """
+    """Tests by their names, which were given as `argument`; all of them when none is named."""
     known = {test.name: test for test in tests}
     missing = [name for name in names if name not in known]
     if missing:

@@ -28,21 +28,13 @@ Laws = tuple[str, ...]
 
 
 class Seen(NamedTuple):
-    """A test of the run's campaign, as far as predictions need it.
-
-    Attributes:
-        kind: Its kind.
-        source: Unit of its source; empty without one.
-        response: What is compared: its response, or the force that a held response takes.
-        level: Its level; None where it has none, or the run does not say.
-        family: Name that its group of data shares with other tests of its level; else empty.
-    """
+    """A test of the run's campaign, as far as predictions need it."""
 
     kind: str
-    source: str
-    response: str
-    level: float | None = None
-    family: str = ""
+    source: str  # its unit; empty without one
+    response: str  # what is compared, or the force that a held response takes
+    level: float | None = None  # None where it has none, or the run does not say
+    family: str = ""  # name that its group of data shares with other tests of its level
 
 
 @dataclass(frozen=True)
@@ -90,10 +82,7 @@ class Basis:
     def draws(self, num_draws: int, gain: float | None = None, seed: int = 0) -> Draws:
         """Parameters of the joint and gain, one value a draw, as a further run would show them.
 
-        Args:
-            num_draws: Draws at most.
-            gain: Gain [N/kg per unit of the source] where it is not the run's.
-            seed: Of the scatter of the runs.
+        With a gain [N/kg per unit of the source] where it is not the run's.
 
         Raises:
             DataError: A parameter is neither among the draws nor held.
@@ -154,11 +143,7 @@ def scattered(key: Key[Array, ""], draws: Draws, scatter: ArrayLike) -> Draws:
 
 
 def laws_of_run(tree: xr.DataTree) -> Laws:
-    """Laws of a run; until 0.1 runs did not name them: there was one, and a spring beside it.
-
-    Raises:
-        DataError: It has no main posterior.
-    """
+    """Laws of a run; until 0.1 runs did not name them: there was one, and a spring beside it."""
     if "posterior" not in tree.children:
         raise DataError(
             "The result has no group /posterior, so there is nothing to predict with.",

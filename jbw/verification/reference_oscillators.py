@@ -8,7 +8,7 @@ import numpy as np
 
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import box
-from jbw.observables.dataset import Dataset, stacked
+from jbw.observables.dataset import Dataset, largest_displacement, stacked
 from jbw.observables.loops import Loops
 from jbw.observables.observable import Observable
 
@@ -18,38 +18,25 @@ STIFFEST = 10.0  # times omega_n^2 at the largest displacement: bound of the cub
 
 
 class Reference(NamedTuple):
-    """An oscillator that the joint is compared with.
-
-    Attributes:
-        parameters: omega_n [rad/s], zeta [-], gain and those of its laws.
-        laws: Names of its laws.
-    """
+    """Parameters of an oscillator that the joint is compared with, and the names of its laws."""
 
     parameters: dict[str, float]
     laws: tuple[str, ...]
 
 
 def references(
-    data: Dataset, known: Mapping[str, float], y_peak: float, kinds: Sequence[str] = ("linear",)
+    data: Dataset, known: Mapping[str, float], kinds: Sequence[str] = ("linear",)
 ) -> dict[str, Reference]:
     r"""The linear and the cubic oscillator that come closest to all fitted tests.
 
     $$\min \sum_i |d_i - m_i|^2 / |d_i|^2, \qquad
       \ddot y + 2\zeta\omega_n\dot y + \omega_n^2 y + \lambda_3 y^3 = g u$$
 
-    with lambda_3 = 0 for the linear one. Every group of data counts by its relative error, so that
-    no level is fitted at the others' expense. Line fits are left out, and so are free decays beside
-    other tests: they have errors of another kind.
-
-    Args:
-        data: What the joint posterior was made from.
-        known: omega_n, zeta and gain of the joint, from which the fit starts.
-        y_peak: Largest displacement measured [m].
-        kinds: Which, among linear and cubic.
-
-    Returns:
-        The oscillators by kind; empty where nothing else than line fits was fitted.
+    with lambda_3 = 0 for the linear one, from omega_n, zeta and gain of the joint on. Every group
+    of data counts by its relative error, so that no level is fitted at the others' expense. Line
+    fits are left out, and so are free decays beside other tests: they have errors of another kind.
     """
+    y_peak = largest_displacement(data, known["omega_n"])
     known = {name: value for name, value in known.items() if name in REACH}
     even = [part.evenly() for part in data.parts]
     parts = [part for part in even if part is not None]

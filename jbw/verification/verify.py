@@ -14,23 +14,22 @@ import xarray as xr
 from jbw.campaign.settings import Identify
 from jbw.identification.procedure import Identification, Report
 from jbw.identification.selection import Sweeps, fitted, loop_tests
-from jbw.inference.posterior.verdict import Finding
+from jbw.inference.posterior.finding import Finding, checked
 from jbw.measurement.records import Test
-from jbw.observables.dataset import Dataset, largest_displacement
+from jbw.observables.dataset import Dataset
 from jbw.quantities import derivative_order
 from jbw.verification.backbone import amplitude_verification
 from jbw.verification.curves import curves_of, predict_curves
 from jbw.verification.decays import verify_decays
 from jbw.verification.groups import has_groups_alone
-from jbw.verification.in_time import compare_frfs, compare_records, motion_of
-from jbw.verification.predict import predicted
+from jbw.verification.in_time import NEAR, Motion, compare_frfs, compare_records, motion_of
+from jbw.verification.predict import route_of
 from jbw.verification.predicted import ALIKE, Predicted, Source
-from jbw.verification.predictive_basis import NUM_DRAWS, Basis
+from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.reference_oscillators import references
 from jbw.verification.steady_motion import loop_validation
 
 NUM_FEW = 20  # of the draws, through long records
-BAND = (0.75, 1.25)  # of the natural frequency: where FRFs are shown
 BETTER = 1.1  # times the error of a simpler oscillator: beyond, that one is the better model
 LEAST_COVERAGE = 0.95  # of a 99 % band over a record
 LEAST_VALUES = 50  # of a record whose coverage says something
@@ -47,31 +46,35 @@ def verify(
     report: Report,
 ) -> Groups:
     """Every test beside the model and the oscillators without hysteresis, by path in the tree."""
+
+    def source(draws: Draws, data: Dataset, *names: str) -> Source:
+        mean = {name: float(np.mean(draws[name])) for name in names or draws}
+        return Source(basis, draws, references(data, mean, settings.compare_with), seed=seed)
+
     groups: Groups = {}
     if found.data is not None:
         report("Verification and validation: every test against the model, and without hysteresis")
-        draws = basis.draws(NUM_DRAWS, seed=seed)
-        mean = {name: float(np.mean(values)) for name, values in draws.items()}
-        reach = largest_displacement(found.data, mean["omega_n"])
-        others = references(found.data, mean, reach, settings.compare_with)
-        source = Source(basis, draws, others, seed=seed)
         names = {test.name for test in fitted(tests, settings)}
-        groups |= verify_forced(source, tests, names, found)
+        forced = source(basis.draws(NUM_DRAWS, seed=seed), found.data)
+        groups |= _verify_forced(forced, tests, names, found)
     if found.decays is not None and found.decay_data is not None:
         report("Verification: free decays, frequency and damping against amplitude")
         draws = basis.thinned(NUM_DRAWS, basis.decay)
-        known = {name: float(draws[name].mean()) for name in ("omega_n", "zeta")}
-        data = Dataset.of([found.decay_data])
-        reach = float(found.decay_data.y_start)
-        source = Source(
-            basis, draws, references(data, known, reach, settings.compare_with), seed=seed
-        )
+        free = source(draws, Dataset.of([found.decay_data]), "omega_n", "zeta")
         together, num_fitted = found.decays.together, len(found.decays.fitted.records)
-        groups |= verify_free(source, together, found.decays.names, num_fitted)
+        order = derivative_order(together.records[0].response)
+        unit = float(np.mean(draws["omega_n"])) ** order * basis.y_peak
+        compared = verify_decays(free, together, num_fitted)
+        for name, one in zip(found.decays.names, compared, strict=True):
+            if not one.attrs["fitted"] and unit > 0:
+                one.attrs["extrapolation"] = one.attrs["level"] / unit
+            groups[place("verification/decay", name)] = one
+        curves = amplitude_verification(together, num_fitted, draws, basis.laws)
+        groups["/verification/amplitude"] = curves
     return groups
 
 
-def verify_forced(
+def _verify_forced(
     source: Source, tests: Sequence[Test], names: set[str], found: Identification
 ) -> Groups:
     """Verification and validation on every test but free decays; `names` are those fitted."""
@@ -81,26 +84,34 @@ def verify_forced(
         natural_hz = found.linear.natural_hz
         loops = loop_tests(tests, natural_hz)
     names, sweeps = _compared_sweeps(names, found.sweeps)
-    band_hz = BAND[0] * natural_hz, BAND[1] * natural_hz
-    long = replace(source, draws=source.basis.draws(NUM_FEW, seed=source.seed))
-    frfs, verified = {}, {}
+    band_hz = NEAR[0] * natural_hz, NEAR[1] * natural_hz
+    basis = source.basis
+    long = replace(source, draws=basis.draws(NUM_FEW, seed=source.seed))
+    groups: Groups = {}
 
     def add(kind: str, name: str, one: Predicted, is_fitted: bool) -> None:
-        attrs = {"noise": one.noise.says, "fitted": int(is_fitted)}
-        extrapolation = one.extrapolation(source.basis)
+        attrs = {"noise": one.noise.says, **marks(is_fitted)}
+        extrapolation = one.extrapolation(basis)
         if extrapolation is not None and not is_fitted:
             attrs["extrapolation"] = extrapolation
-        verified[place(f"verification/{kind}", name)] = one.dataset.assign_attrs(attrs)
+        groups[place(f"verification/{kind}", name)] = one.dataset.assign_attrs(attrs)
+
+    def add_frf(motion: Motion) -> None:
+        name = motion.test.name
+        frf = compare_frfs(motion, band_hz).assign_attrs(marks(name in names))
+        groups[place("verification/frf", name)] = frf
+
+    def marks(is_fitted: bool) -> dict[str, Any]:
+        return {"fitted": int(is_fitted), "offsets": int(len(basis.scatter) > 0)}
 
     for test in sweeps:
         motion = motion_of(source, test)
-        frfs[place("verification/frf", test.name)] = compare_frfs(motion, band_hz)
+        add_frf(motion)
         one = Predicted(compare_records(source, motion), motion.peak, motion.noise)
         add("sweep", test.name, one, test.name in names)
     for test in tests:
         if test.traits.is_broadband and not test.is_cyclic:
-            motion = motion_of(replace(long, references={}), test, substeps=1)
-            frfs[place("verification/frf", test.name)] = compare_frfs(motion, band_hz)
+            add_frf(motion_of(replace(long, references={}), test, substeps=1))
     # Fitted tones of a level make a curve apart from the others.
     validating = {test.name for test in loops}
     rest = [test for test in tests if test.name not in validating]
@@ -111,18 +122,12 @@ def verify_forced(
         add("curve", name, one, curve.test.name in names)
     for test in tests:
         if test.traits.is_prescribed or test.is_cyclic or has_groups_alone(test):
-            one = predicted(long if test.is_cyclic else source, test)
+            one = route_of(test)(long if test.is_cyclic else source, test)
             add(test.kind, test.name, one, test.name in names)
-    used = {safe(name) for name in names}
-    for path, dataset in (frfs | verified).items():
-        dataset.attrs.setdefault("fitted", int(path.rsplit("/", 1)[-1] in used))
-        dataset.attrs["offsets"] = int(len(source.basis.scatter) > 0)
-    laws = source.basis.laws
-    validated = {
-        place("validation/loops", test.name): loop_validation(test, source.draws, laws)
-        for test in loops
-    }
-    return frfs | verified | validated
+    for test in loops:
+        validated = loop_validation(test, source.draws, basis.laws)
+        groups[place("validation/loops", test.name)] = validated
+    return groups
 
 
 def _compared_sweeps(names: set[str], sweeps: Sweeps | None) -> tuple[set[str], list[Test]]:
@@ -138,22 +143,6 @@ def _compared_sweeps(names: set[str], sweeps: Sweeps | None) -> tuple[set[str], 
     return names, [*sweeps.held_out, *rest]
 
 
-def verify_free(source: Source, test: Test, names: Sequence[str], num_fitted: int) -> Groups:
-    """Free decays: every record against its bands, and the curves of frequency and damping."""
-    compared = verify_decays(source, test, num_fitted)
-    power = derivative_order(test.records[0].response)
-    unit = float(np.mean(source.draws["omega_n"])) ** power * source.basis.y_peak
-    for dataset in compared:
-        if not dataset.attrs["fitted"] and unit > 0:
-            dataset.attrs["extrapolation"] = dataset.attrs["level"] / unit
-    groups = {
-        place("verification/decay", name): dataset
-        for name, dataset in zip(names, compared, strict=True)
-    }
-    curves = amplitude_verification(test, num_fitted, source.draws, source.basis.laws)
-    return groups | {"/verification/amplitude": curves}
-
-
 def place(group: str, name: str) -> str:
     """Path of a test in the tree."""
     return f"/{group}/{safe(name)}"
@@ -167,10 +156,9 @@ def safe(name: str) -> str:
 def prediction_findings(tree: xr.DataTree) -> list[Finding]:
     """Whether the joint predicts better than simpler oscillators, and within its bands.
 
-    Returns:
-        A finding `simpler_model`, whose number is the largest error over that of the best simpler
-        oscillator, where one was compared; and `held_out_coverage`, whose number is the least share
-        of a record that no fit saw inside its 99 % band, where there was any.
+    A finding `simpler_model`, whose number is the largest error over that of the best simpler
+    oscillator, where one was compared; and `held_out_coverage`, whose number is the least share
+    of a record that no fit saw inside its 99 % band, where there was any.
     """
     parents = tree["verification"].children if "verification" in tree.children else {}
     tests = {
@@ -193,23 +181,19 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
     ratios = {key: ratio if np.isfinite(ratio) else np.inf for key, ratio in ratios.items()}
     if not ratios:
         return []
-    name, kind = max(ratios, key=lambda pair: ratios[pair])
-    worst, attrs = float(ratios[name, kind]), tests[name]
-    ok = worst < BETTER
+    name, kind = worst = max(ratios, key=lambda pair: ratios[pair])
+    attrs = tests[name]
     seen = "fitted" if attrs.get("fitted") else "never fitted"
-    finding = Finding(
-        "simpler_model",
-        "ok" if ok else "failed",
+    reason = (
         f"On {name} ({seen}) the joint's error is {attrs['nrmse']:.2g} of the record, that of the "
         f"best {kind} oscillator {attrs[f'nrmse_{kind}']:.2g}; it must be below {BETTER:g} times "
-        "that, here as on every other test.",
-        worst,
-        ""
-        if ok
-        else "The law of the joint does not hold there: fit fewer levels, add `cubic` to the "
-        "prior, or doubt that hysteresis is what the data show.",
+        "that, here as on every other test."
     )
-    return [finding]
+    action = (
+        "The law of the joint does not hold there: fit fewer levels, add `cubic` to the prior, or "
+        "doubt that hysteresis is what the data show."
+    )
+    return [checked("simpler_model", ratios[worst] < BETTER, reason, ratios[worst], action)]
 
 
 def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
@@ -225,16 +209,13 @@ def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
     if not shares:
         return []
     worst = min(shares, key=lambda name: shares[name])
-    ok = shares[worst] >= LEAST_COVERAGE
-    finding = Finding(
-        "held_out_coverage",
-        "ok" if ok else "failed",
+    reason = (
         f"Of {worst}, which no fit saw, {shares[worst]:.1%} lie inside the 99 % band, the least of "
-        f"all; it must be at least {LEAST_COVERAGE:.0%}.",
-        shares[worst],
-        ""
-        if ok
-        else "The intervals are too narrow for what was not fitted: the law does not hold there, "
-        "or runs differ; mark them by `run`.",
+        f"all; it must be at least {LEAST_COVERAGE:.0%}."
     )
-    return [finding]
+    action = (
+        "The intervals are too narrow for what was not fitted: the law does not hold there, or "
+        "runs differ; mark them by `run`."
+    )
+    ok = shares[worst] >= LEAST_COVERAGE
+    return [checked("held_out_coverage", ok, reason, shares[worst], action)]
