@@ -11,10 +11,10 @@ from jbw.campaign.draft import start_campaign, write_campaign
 from jbw.campaign.files import repeats_of
 from jbw.campaign.schema import read_spec, test_names
 from jbw.cli.options import json_option, outside_option
-from jbw.cli.printing import show, show_json
+from jbw.cli.printing import answer, show_json
 from jbw.errors import RunError
 from jbw.measurement.records import Record
-from jbw.report.table import Cell, Column, table
+from jbw.report.table import Cell, Column, Table, table
 
 MARKS = {"ok": "good", "warning": "doubt", "error": "bad"}
 
@@ -54,14 +54,9 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
     Ends with 0 when it can be identified, 2 when the campaign file must change, 3 when data must.
     """
     found = check_campaign(campaign, allow_outside=allow_outside)
-    if json_:
-        show_json(as_json(found))
-    else:
-        _print(found)
+    answer(json_, as_json(found), *_lines(found))
     if figures is not None:
-        from jbw.report.overview import (
-            save_overviews,  # loads matplotlib, which the table needs not
-        )
+        from jbw.report.overview import save_overviews  # loads matplotlib
 
         try:
             count = len(save_overviews(_first_records(campaign, allow_outside), figures))
@@ -85,7 +80,8 @@ def _first_records(campaign: Path, allow_outside: bool) -> Iterator[tuple[str, R
             yield name, record
 
 
-def _print(found: Check) -> None:
+def _lines(found: Check) -> Iterator[Table | str]:
+    """The channels, a line each, and what was found of them."""
     names = ("test", "channel", "role", "unit")
     columns = [Column(name, attrgetter(name), align="left") for name in names]
     columns += [
@@ -93,8 +89,8 @@ def _print(found: Check) -> None:
         Column("repeats", lambda row: str(row.repeats)),
         Column("status", lambda row: Cell(row.status, MARKS[row.status]), align="left"),
     ]
-    show(table(f"Campaign {found.campaign}", found.rows, *columns))
+    yield table(f"Campaign {found.campaign}", found.rows, *columns)
     for row in found.rows:
         for each in row.findings:
-            show(f"{each.severity} {row.test}, {row.channel}: {each.what}")
-            show(*(f"    {line}" for line in (each.why, each.remedy) if line))
+            yield f"{each.severity} {row.test}, {row.channel}: {each.what}"
+            yield from (f"    {line}" for line in (each.why, each.remedy) if line)

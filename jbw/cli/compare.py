@@ -8,33 +8,29 @@ from typing import Any
 import click
 
 from jbw.cli.options import json_option, out_option, outside_option, seed_option
-from jbw.cli.printing import NOTHING, show, show_json
-from jbw.report.table import Column, table, words
+from jbw.cli.printing import answer
+from jbw.cli.running import computing
+from jbw.report.table import Column, Table, table, words
+from jbw.report.text import NOTHING
 
 
 @click.command()
 @click.argument("source", metavar="DIR", type=click.Path(exists=True, path_type=Path))
 @click.option("--step", default="joint", show_default=True, help="joint, third_order or opening.")
-@click.option("--samplers", help="Names with commas between them; all that suit when left out.")
+@click.option(
+    "--samplers", help="Names with commas between them; all that suit when left out.",
+    callback=lambda _, __, value: value and [name.strip() for name in value.split(",")],
+)  # fmt: skip
 @click.option("--campaign", type=click.Path(path_type=Path), help="The run's campaign file.")
-@click.option("--chains", default=4, show_default=True, help="Chains of each sampler.")
+@click.option(
+    "--chains", "num_chains", default=4, show_default=True, help="Chains of each sampler."
+)
 @click.option("--once", is_flag=True, help="Run each sampler once: no time without compiling.")
 @seed_option("run")
 @out_option("DIR/compare-STEP")
 @json_option
 @outside_option
-def compare(
-    source: Path,
-    step: str,
-    samplers: str | None,
-    campaign: Path | None,
-    chains: int,
-    once: bool,
-    seed: int | None,
-    out: Path | None,
-    json_: bool,
-    allow_outside: bool,
-) -> None:
+def compare(source: Path, out: Path | None, json_: bool, allow_outside: bool, **asked: Any) -> None:
     """Compare samplers on one posterior of the finished run in DIR, or of the campaign file DIR.
 
     For every parameter mean, standard deviation, quantiles and their distance in Monte Carlo
@@ -42,39 +38,33 @@ def compare(
     draws a second, compiled and cold; evaluations; evidence. compare.json has all numbers,
     compare.png the means and rates.
     """
-    from jbw.cli.progress import progress
-    from jbw.cli.running import prepare_jax
+    with computing() as say:
+        from jbw.campaign.load import load_campaign
+        from jbw.study.compare import compare as compare_samplers
+        from jbw.study.compare import save_comparison
+        from jbw.study.store import claim
+        from jbw.study.study import campaign_of, known_of, require_same_inputs
 
-    prepare_jax()
-    from jbw.campaign.load import load_campaign
-    from jbw.study.compare import compare as compare_samplers
-    from jbw.study.compare import save_comparison
-    from jbw.study.store import claim
-    from jbw.study.study import campaign_of, known_of, require_same_inputs
-
-    path, summary, known = source, {}, None
-    if source.is_dir():
-        path, summary, known = campaign_of(source, campaign), *known_of(source)
-    folder = claim(out or (source if source.is_dir() else source.parent) / f"compare-{step}")
-    named = None if samplers is None else [name.strip() for name in samplers.split(",")]
-    with progress() as say:
+        path, summary, known = source, {}, None
+        given, once = asked.pop("campaign"), asked.pop("once")
+        if source.is_dir():
+            path, summary, known = campaign_of(source, given), *known_of(source)
+        beside = source if source.is_dir() else source.parent
+        folder = claim(out or beside / f"compare-{asked['step']}")
+        if asked["seed"] is None:
+            asked["seed"] = summary.get("seed")
         say(f"Reading {path}")
         loaded = load_campaign(path, allow_outside=allow_outside)
         require_same_inputs(loaded, summary)
-        found = compare_samplers(
-            loaded, step=step, samplers=named, num_chains=chains, twice=not once, known=known,
-            seed=summary.get("seed") if seed is None else seed, report=say, watch=say.chains,
-        )  # fmt: skip
+        told = {"report": say, "watch": say.chains}
+        found = compare_samplers(loaded, twice=not once, known=known, **told, **asked)
         save_comparison(folder, found)
-    if json_:
-        show_json(found.record)
-    else:
-        print_comparison(found.record)
-        click.echo(f"Comparison: {folder / 'compare.json'}")
+    told = comparison_lines(found.record)
+    answer(json_, found.record, *told, saved=f"Comparison: {folder / 'compare.json'}")
 
 
-def print_comparison(record: Mapping[str, Any]) -> None:
-    """Two tables on stdout: a line a sampler, then a line a parameter and sampler."""
+def comparison_lines(record: Mapping[str, Any]) -> tuple[Table | str, ...]:
+    """Two tables: a line a sampler, then a line a parameter and sampler; and who was refused."""
     samplers = record["samplers"].items()
     rows = [
         {"parameter": parameter, "name": name, **one["parameters"][parameter]}
@@ -82,7 +72,7 @@ def print_comparison(record: Mapping[str, Any]) -> None:
         for name, one in samplers
     ]
     quantities = {"mean": "mean", "sd": "sd", "1 %": "q010", "50 %": "q500", "99 %": "q990"}
-    show(
+    return (
         table(
             f"{record['posterior']} posterior of {record['campaign']}",
             [{"name": name, **one} for name, one in samplers],

@@ -5,9 +5,8 @@ from pathlib import Path
 import click
 
 from jbw.cli.options import json_option, outside_option, seed_option
-from jbw.cli.printing import show, show_json
-from jbw.cli.progress import progress
-from jbw.cli.running import prepare_jax
+from jbw.cli.printing import answer
+from jbw.cli.running import computing
 
 
 @click.command()
@@ -18,25 +17,21 @@ from jbw.cli.running import prepare_jax
 @outside_option
 def identifiability(
     campaign: Path, profiles: bool, seed: int | None, json_: bool, allow_outside: bool
-) -> int:
+) -> None:
     """Say which parameters the data of the campaign file CAMPAIGN know.
 
     Fits the joint by least squares and draws nothing: the directions of the parameters in which the
     data say more than the prior, how well each parameter and product is known, and with --profiles
     how far each could move while the others make up for it.
     """
-    prepare_jax()
-    from jbw.campaign.load import load_campaign
-    from jbw.report.identifiability import directions_table, quantities_table
-    from jbw.study import identifiability as study
+    with computing() as say:
+        from jbw.campaign.load import load_campaign
+        from jbw.report.identifiability import directions_table, quantities_table
+        from jbw.study import identifiability as study
 
-    with progress() as say:
         say(f"Reading {campaign}")
         loaded = load_campaign(campaign, allow_outside=allow_outside)
         found = study.identifiability(loaded, profiles=profiles, seed=seed, report=say).summary()
         say("Done")
-    if json_:
-        show_json(found)
-    else:
-        show(directions_table(found, {}), quantities_table(found, {}), *found["statements"])
-    return 0
+    tables = directions_table(found, {}), quantities_table(found, {})
+    answer(json_, found, *tables, *found["statements"])

@@ -4,20 +4,14 @@ from pathlib import Path
 
 import click
 
-from jbw.cli.options import json_option, outside_option, seed_option
+from jbw.cli.options import json_option, out_option, outside_option, seed_option
 from jbw.cli.running import run_to_end
 from jbw.run.folder import Run, begin, reopen
 from jbw.run.manifest import Manifest, command_line, machine, require_unchanged
 
 
 @click.command()
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path("demo"),
-    show_default=True,
-    help="Folder for the records and the results, new or empty.",
-)
+@out_option("demo")
 @seed_option(default=0)
 @click.option(
     "--preset",
@@ -27,7 +21,7 @@ from jbw.run.manifest import Manifest, command_line, machine, require_unchanged
     help="Drive of the rig; with `paper` already the weakest sweep saturates the joint.",
 )
 @json_option
-def demo(out: Path, seed: int, preset: str, json_: bool) -> int:
+def demo(out: Path | None, seed: int, preset: str, json_: bool) -> int:
     """Measure the paper's cantilever on the virtual rig and identify it.
 
     Writes the records with their campaign file to OUT/campaign, and the results beside them. The
@@ -35,14 +29,12 @@ def demo(out: Path, seed: int, preset: str, json_: bool) -> int:
     and the report says why.
     """
     asked = Manifest(command_line(), "campaign/campaign.toml", seed=seed, preset=preset)
-    return run_to_end(begin(out, asked), json_=json_)
+    return run_to_end(begin(out or Path("demo"), asked), json_=json_)
 
 
 @click.command()
 @click.argument("campaign", type=click.Path(path_type=Path))
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder for the results, new or empty."
-)
+@out_option("CAMPAIGN-run")
 @seed_option("campaign")
 @json_option
 @outside_option

@@ -17,12 +17,12 @@ run_argument = click.argument(
 )
 
 
-def out_option(where: str, what: str = "New or empty folder to write to") -> Callable[..., Command]:
+def out_option(where: str) -> Callable[..., Command]:
     """`--out DIR`, and where it is written when left out."""
     return click.option(
         "--out",
         type=click.Path(file_okay=False, path_type=Path),
-        help=f"{what}; {where} when left out.",
+        help=f"New or empty folder to write to; {where} when left out.",
     )
 
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import click
 
 from jbw.cli.options import json_option
-from jbw.cli.printing import duration, show, show_json
+from jbw.cli.printing import answer, duration
+from jbw.cli.running import computing
 from jbw.report.table import Column, Table, table
 
 if TYPE_CHECKING:
@@ -38,32 +39,21 @@ def plan(source: Path | None, limits: Path | None, json_: bool, example: bool) -
         return
     if limits is not None and not source.is_dir():
         raise click.UsageError("--limits is for a run's folder; PLAN.toml holds its own.")
-    from jbw.cli.progress import progress
-    from jbw.cli.running import prepare_jax
+    with computing() as say:
+        from jbw.planning.making import plan_tests
+        from jbw.report.result import read_result
 
-    prepare_jax()
-    from jbw.planning.making import plan_tests
-    from jbw.report.result import read_result
-
-    with progress() as say:
         if source.is_dir():
             _, tree = read_result(source)
             made = plan_tests(limits, tree, report=say)
         else:
             made = plan_tests(source, report=say)
-    if json_:
-        show_json(asdict(made))
-    else:
-        _print(made)
-
-
-def _print(made: "Plan") -> None:
     known = ", ".join(f"{name} {_spread(one)}" for name, one in made.before.items())
     before = f"Before any of these tests: CV {known}."
     # What stands against single tests, by their numbers.
     remarks = [f"  {i + 1}: {'; '.join(r.notes)}." for i, r in enumerate(made.rows) if r.notes]
     recommended = _recommended(made.combination, made)
-    show(plan_table(made), *remarks, *recommended, before, *made.notes)
+    answer(json_, asdict(made), plan_table(made), *remarks, *recommended, before, *made.notes)
 
 
 def plan_table(made: "Plan") -> Table:

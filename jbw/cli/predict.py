@@ -1,6 +1,6 @@
 """The command `jbw predict DIR`."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import floor, log10
 from pathlib import Path
@@ -9,40 +9,36 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jbw.cli.options import json_option, out_option, outside_option, run_argument
-from jbw.cli.printing import NOTHING, show, show_json
+from jbw.cli.printing import answer
+from jbw.cli.running import computing
 from jbw.report.table import Column, Table, shares, table, words
+from jbw.report.text import NOTHING
 
 if TYPE_CHECKING:
     from jbw.measurement.records import Test
     from jbw.verification.predictive_basis import Basis
 
 
-def _pair(
-    ctx: click.Context, param: click.Parameter, value: str | None
-) -> tuple[float, float] | None:
-    """Two numbers with a colon between them."""
-    if value is None:
-        return None
-    try:
-        first, last = map(float, value.split(":"))
-    except ValueError:
-        message = f"{value!r} must be two numbers in Hz with a colon, as in 10:25."
-        raise click.BadParameter(message, ctx, param) from None
-    return first, last
+class FromTo(click.ParamType):
+    """Two frequencies with a colon between them."""
 
+    name = "from:to"
 
-def _from_to(name: str, what: str) -> Callable[..., Any]:
-    """An option of a test that nobody measured, between two frequencies."""
-    told = f"A {what} nobody measured, from:to [Hz]."
-    return click.option(name, callback=_pair, metavar="FROM:TO", help=told)
+    def convert(self, value: Any, *of: Any) -> tuple[float, float]:
+        """Both numbers."""
+        try:
+            first, last = map(float, value.split(":"))
+        except ValueError:
+            self.fail(f"{value!r} must be two numbers in Hz with a colon, as in 10:25.", *of)
+        return first, last
 
 
 @click.command()
 @run_argument
 @click.option("--campaign", type=click.Path(path_type=Path), help="Campaign file of the tests.")
 @click.option("--test", "names", multiple=True, help="A test by name; all when left out.")
-@_from_to("--sweep", "sweep")
-@_from_to("--stepped", "stepped sine")
+@click.option("--sweep", type=FromTo(), help="A sweep nobody measured, from:to [Hz].")
+@click.option("--stepped", type=FromTo(), help="A stepped sine nobody measured, from:to [Hz].")
 @click.option("--tone", type=float, help="A tone nobody measured [Hz].")
 @click.option("--level", "levels", type=float, multiple=True, help="Its amplitude, as the run's.")
 @click.option("--duration", type=float, default=64.0, show_default=True, help="Of the sweep [s].")
@@ -60,30 +56,25 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     a tone. predictions.nc has the bands by test, predictions.json the table, figures/ a figure of
     each. A test beyond the displacements that were fitted is said to be.
     """
-    from jbw.cli.progress import progress
-    from jbw.cli.running import prepare_jax
+    with computing() as say:
+        from jbw.campaign.load import force_per_unit, load_campaign
+        from jbw.study.store import claim, save_predictions
+        from jbw.study.study import basis_of_run
+        from jbw.verification import predict as predicting
 
-    prepare_jax()
-    from jbw.campaign.load import force_per_unit, load_campaign
-    from jbw.study.store import claim, save_predictions
-    from jbw.study.study import basis_of_run
-    from jbw.verification import predict as predicting
-
-    basis = basis_of_run(folder)
-    planned, tests, gain = list(_planned(basis, **options)), [], None
-    if campaign is not None:
-        loaded = load_campaign(campaign, allow_outside=options["allow_outside"])
-        tests = list(predicting.chosen(loaded.tests, options["names"], "--test"))
-        gain = force_per_unit(loaded)
-    elif options["names"] or not planned:
-        raise click.UsageError("Give --campaign, or --sweep, --stepped or --tone with --level.")
-    out = claim(options["out"] or folder / "predictions")
-    request = predicting.Request(options["draws"], not options["without_noise"])
-    # Planned tests are in the run's own unit, whatever the campaign says of its gain.
-    requests = [(test, replace(request, gain=gain)) for test in tests]
-    requests += [(test, request) for test in planned]
-    found = {}
-    with progress() as say:
+        basis = basis_of_run(folder)
+        # Planned tests are in the run's own unit, whatever the campaign says of its gain.
+        request = predicting.Request(options["draws"], not options["without_noise"])
+        requests = [(test, request) for test in _planned(basis, options)]
+        if campaign is not None:
+            loaded = load_campaign(campaign, allow_outside=options["allow_outside"])
+            of_units = replace(request, gain=force_per_unit(loaded))
+            tests = predicting.chosen(loaded.tests, options["names"], "--test")
+            requests = [*((test, of_units) for test in tests), *requests]
+        elif options["names"] or not requests:
+            raise click.UsageError("Give --campaign, or --sweep, --stepped or --tone with --level.")
+        out = claim(options["out"] or folder / "predictions")
+        found = {}
         for test, asked in requests:
             say(f"Predicting {test.name}")
             found[test.name] = predicting.predict(basis, test, asked)
@@ -92,37 +83,25 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
             say(f"warning: {sentence}")
         say("Writing figures")
         save_predictions(out, found, rows)
-    if options["json_"]:
-        show_json({"run": str(folder), "predictions": rows})
-    else:
-        by_noise: dict[str, list[str]] = {}
-        for row in rows:
-            by_noise.setdefault(row["noise"], []).append(row["test"])
-        how = [f"Noise {noise} ({', '.join(named)})" for noise, named in by_noise.items()]
-        show(prediction_table(rows), *how)
-        click.echo(f"Predictions: {out / 'predictions.nc'}")
+    by_noise: dict[str, list[str]] = {}
+    for row in rows:
+        by_noise.setdefault(row["noise"], []).append(row["test"])
+    how = [f"Noise {noise} ({', '.join(named)})" for noise, named in by_noise.items()]
+    record = {"run": str(folder), "predictions": rows}
+    place = f"Predictions: {out / 'predictions.nc'}"
+    answer(options["json_"], record, prediction_table(rows), *how, saved=place)
 
 
-def _planned(
-    basis: "Basis",
-    *,
-    sweep: tuple[float, float] | None,
-    stepped: tuple[float, float] | None,
-    tone: float | None,
-    levels: Sequence[float],
-    duration: float,
-    fs: float,
-    **_: Any,
-) -> "Iterator[Test]":
+def _planned(basis: "Basis", options: Mapping[str, Any]) -> "Iterator[Test]":
     """The tests that nobody measured, at each level."""
     from jbw.verification import planned
 
-    asked = sweep is not None or stepped is not None or tone is not None
-    if asked != bool(levels):
+    sweep, stepped, tone = (options[kind] for kind in ("sweep", "stepped", "tone"))
+    if any(each is not None for each in (sweep, stepped, tone)) != bool(options["levels"]):
         raise click.UsageError("--level goes with --sweep, --stepped or --tone.")
-    for level in levels:
+    for level in options["levels"]:
         if sweep is not None:
-            yield planned.planned_sweep(basis, sweep, level, duration, fs)
+            yield planned.planned_sweep(basis, sweep, level, options["duration"], options["fs"])
         if stepped is not None:
             yield planned.planned_tones(basis, planned.steps(stepped), level)
         if tone is not None:

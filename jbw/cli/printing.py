@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import click
@@ -11,7 +11,6 @@ from rich.text import Text
 
 from jbw.errors import printable
 from jbw.report.table import MARKS, Table, print_table
-from jbw.report.text import NOTHING as NOTHING
 
 PIPE_WIDTH = 160  # columns, when stdout is no terminal and has no width of its own
 MINUTE, HOUR = 60, 3600
@@ -24,15 +23,26 @@ def console() -> Console:
     return found if found.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
 
 
-def show(*shown: Table | str) -> None:
+def show(*shown: Table | Text | str) -> None:
     """Print tables and sentences on stdout; tables without rows are left out."""
     screen = console()
     for each in shown:
-        if isinstance(each, str):
+        if not isinstance(each, Table):
             # Text, not markup, and no control characters: names come from files.
-            screen.print(Text(printable(each)), soft_wrap=not screen.is_terminal)
+            text = Text(printable(each)) if isinstance(each, str) else each
+            screen.print(text, soft_wrap=not screen.is_terminal)
         elif each.rows:
             print_table(screen, each)
+
+
+def answer(json_: bool, record: Any, *shown: Table | Text | str, saved: str = "") -> None:
+    """Print a record as JSON, or else what people read of it and where it was saved."""
+    if json_:
+        show_json(record)
+        return
+    show(*shown)
+    if saved:
+        click.echo(saved)
 
 
 def show_json(record: Any) -> None:
@@ -48,17 +58,16 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def show_verdict(verdict: Mapping[str, Any], *, passed: bool = False) -> None:
-    """Print a verdict as a record holds it, and each finding against it; those passed, too."""
-    screen = console()
+def verdict_lines(verdict: Mapping[str, Any], *, passed: bool = False) -> Iterator[Text | str]:
+    """A verdict as a record holds it, and each finding against it; those passed, too."""
     status = verdict["status"]
-    screen.print(Text.assemble("Verdict: ", (status, STATUS.get(status, MARKS["doubt"]))))
+    yield Text.assemble("Verdict: ", (status, STATUS.get(status, MARKS["doubt"])))
     for finding in verdict["findings"]:
         sentence = f"  {finding['reason']} {finding['action']}".rstrip()
         if finding["status"] != "ok":
-            show(f"{sentence} (jbw explain {finding['code']})")
+            yield f"{sentence} (jbw explain {finding['code']})"
         elif passed:
-            show(sentence)
+            yield sentence
 
 
 def duration(seconds: float) -> str:

@@ -5,15 +5,18 @@ import logging
 import os
 import platform
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
 import click
 import platformdirs
 
-from jbw.cli.progress import progress
+from jbw.cli.printing import answer, verdict_lines
+from jbw.cli.progress import Teller, progress
 from jbw.errors import JbwError
+from jbw.report.table import Table
 from jbw.run.checkpoints import INTERRUPTED
 from jbw.run.folder import Run
 
@@ -40,6 +43,14 @@ def prepare_jax() -> None:
     logging.getLogger("jax").setLevel(logging.ERROR)
 
 
+@contextmanager
+def computing() -> Iterator[Teller]:
+    """Tells on stderr how far a command is, with JAX set up: import what uses JAX within."""
+    prepare_jax()
+    with progress() as say:
+        yield say
+
+
 def run_to_end(run: Run, *, json_: bool = False) -> int:
     """Carry a run out; when interrupted, say how to go on.
 
@@ -51,8 +62,7 @@ def run_to_end(run: Run, *, json_: bool = False) -> int:
         return f"Saved in {run.folder}; continue: jbw resume {shlex.quote(str(run.folder))}"
 
     try:
-        with run.interruption.heard(farewell), progress() as say:
-            prepare_jax()
+        with run.interruption.heard(farewell), computing() as say:
             run.watch = say.chains
             summary = _carried_out(run, say)
     except KeyboardInterrupt:
@@ -63,7 +73,15 @@ def run_to_end(run: Run, *, json_: bool = False) -> int:
         raise
     finally:
         run.close()
-    return _told(run, summary, json_)
+    told = *summary_lines(summary), *verdict_lines(summary["verdict"])
+    answer(json_, summary, *told, saved=f"Report: {run.folder / 'report.html'}")
+    if summary["verdict"]["status"] == "ok":
+        return 0
+    findings = summary["verdict"]["findings"]
+    code = next((one["code"] for one in findings if one["status"] != "ok"), "")
+    again = shlex.quote(str(run.folder))
+    click.echo(f"Next: jbw explain {code}, or what to measure: jbw plan {again}", err=True)
+    return NOT_TRUSTED
 
 
 def _carried_out(run: Run, say: Say) -> Mapping[str, Any]:
@@ -111,37 +129,15 @@ def _identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
     return study.tree, {**study.record, "campaign_file": str(path.resolve())}
 
 
-def _told(run: Run, summary: Mapping[str, Any], json_: bool) -> int:
-    """Print what a run found; its exit code."""
-    from jbw.cli.printing import show_json
-
-    if json_:
-        show_json(summary)
-    else:
-        print_summary(summary)
-        click.echo(f"Report: {run.folder / 'report.html'}")
-    if summary["verdict"]["status"] == "ok":
-        return 0
-    findings = summary["verdict"]["findings"]
-    code = next((one["code"] for one in findings if one["status"] != "ok"), "")
-    again = shlex.quote(str(run.folder))
-    click.echo(f"Next: jbw explain {code}, or what to measure: jbw plan {again}", err=True)
-    return NOT_TRUSTED
-
-
-def print_summary(summary: Mapping[str, Any]) -> None:
-    """The paper's Table 1, the statements, the prediction errors and the verdict, on stdout."""
-    from jbw.cli.printing import show, show_verdict
+def summary_lines(summary: Mapping[str, Any]) -> Iterator[Table | str]:
+    """The paper's Table 1, the statements and the prediction errors."""
     from jbw.report.tables import parameters_table, predictions_table
 
-    told = [
-        f"{part}: {statement}"
-        for part, found in (
-            *summary["steps"].items(),
-            ("identifiability", summary.get("identifiability") or {}),
-            ("routes", summary["comparison"]),
-        )
-        for statement in found.get("statements", ())
-    ]
-    show(parameters_table(summary, {}), *told, predictions_table(summary))
-    show_verdict(summary["verdict"])
+    yield parameters_table(summary, {})
+    for part, found in (
+        *summary["steps"].items(),
+        ("identifiability", summary.get("identifiability") or {}),
+        ("routes", summary["comparison"]),
+    ):
+        yield from (f"{part}: {statement}" for statement in found.get("statements", ()))
+    yield predictions_table(summary)

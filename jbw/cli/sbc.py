@@ -7,10 +7,9 @@ from typing import Any
 import click
 
 from jbw.cli.options import json_option, out_option, outside_option, seed_option
-from jbw.cli.printing import show, show_json, show_verdict
+from jbw.cli.printing import answer, verdict_lines
+from jbw.cli.running import NOT_TRUSTED, computing
 from jbw.report.table import Column, Table, table, words
-
-NOT_CALIBRATED = 4
 
 
 @click.command()
@@ -19,7 +18,10 @@ NOT_CALIBRATED = 4
     "--step", default="third_order", show_default=True,
     help="linear, third_order, opening or joint.",
 )  # fmt: skip
-@click.option("--replications", type=int, help="Truths; 1000, or 200 of the joint posterior.")
+@click.option(
+    "--replications", "num_replications", type=int,
+    help="Truths; 1000, or 200 of the joint posterior.",
+)  # fmt: skip
 @click.option("--sampler", help="Sampler; the cheapest that suits when left out.")
 @click.option(
     "--noise", default="unknown", show_default=True,
@@ -30,15 +32,7 @@ NOT_CALIBRATED = 4
 @json_option
 @outside_option
 def sbc(
-    source: Path | None,
-    step: str,
-    replications: int | None,
-    sampler: str | None,
-    noise: str,
-    seed: int,
-    out: Path | None,
-    json_: bool,
-    allow_outside: bool,
+    source: Path | None, out: Path | None, json_: bool, allow_outside: bool, **asked: Any
 ) -> int:
     """Calibrate a step by simulation: does it hold the truth as often as it says?
 
@@ -47,40 +41,29 @@ def sbc(
     a campaign file or the folder of a finished run, or short tests of the virtual rig. Failed
     replications are counted, never dropped. Exit code 4 when the step is not calibrated.
     """
-    from jbw.cli.progress import progress
-    from jbw.cli.running import prepare_jax
+    with computing() as say:
+        from jbw.campaign.load import load_campaign
+        from jbw.study import calibration
+        from jbw.study.store import claim
+        from jbw.study.study import campaign_of
 
-    prepare_jax()
-    from jbw.campaign.load import load_campaign
-    from jbw.study.calibration import save_sbc
-    from jbw.study.calibration import sbc as calibrate_step
-    from jbw.study.store import claim
-    from jbw.study.study import campaign_of
-
-    folder = claim(out or Path(f"sbc-{step}"))
-    try:
-        with progress() as say:
+        folder = claim(out or Path(f"sbc-{asked['step']}"))
+        try:
             campaign = None
             if source is not None:
                 path = campaign_of(source) if source.is_dir() else source
                 say(f"Reading {path}")
                 campaign = load_campaign(path, allow_outside=allow_outside)
-            found = calibrate_step(
-                campaign, step=step, num_replications=replications, sampler=sampler, noise=noise,
-                seed=seed, report=say,
-            )  # fmt: skip
-            save_sbc(folder, found)
-    except BaseException:
-        if not any(folder.iterdir()):
-            folder.rmdir()
-        raise
-    if json_:
-        show_json(found.record)
-    else:
-        show(calibration_table(found.record))
-        show_verdict(found.record["verdict"], passed=True)
-        click.echo(f"Calibration: {folder / 'sbc.json'}")
-    return 0 if found.record["verdict"]["status"] == "ok" else NOT_CALIBRATED
+            found = calibration.sbc(campaign, report=say, **asked)
+            calibration.save_sbc(folder, found)
+        except BaseException:
+            if not any(folder.iterdir()):
+                folder.rmdir()
+            raise
+    verdict = found.record["verdict"]
+    told = calibration_table(found.record), *verdict_lines(verdict, passed=True)
+    answer(json_, found.record, *told, saved=f"Calibration: {folder / 'sbc.json'}")
+    return 0 if verdict["status"] == "ok" else NOT_TRUSTED
 
 
 def calibration_table(record: Mapping[str, Any]) -> Table:

@@ -10,7 +10,8 @@ from rich.console import Console
 
 import jbw.cli
 from jbw.cli import next_command, run
-from jbw.cli.running import print_summary
+from jbw.cli.printing import show
+from jbw.cli.running import summary_lines
 from jbw.errors import ModelError, RunError
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record
@@ -213,7 +214,7 @@ def test_table_1_loses_columns_on_a_narrow_screen_but_no_digits(monkeypatch, cap
         monkeypatch.setattr(
             "jbw.cli.printing.console", lambda width=width: Console(width=width, highlight=False)
         )
-        print_summary(summary)
+        show(*summary_lines(summary))
         told = capsys.readouterr().out
         assert "…" not in told
         assert max(map(len, told.splitlines())) <= width

@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from jbw import rig
 from jbw.campaign.settings import Identify
 from jbw.cli import run
-from jbw.cli.compare import print_comparison
+from jbw.cli.compare import comparison_lines
+from jbw.cli.printing import show
 from jbw.errors import ConfigError
 from jbw.identification.assemble import measured
 from jbw.identification.posteriors import Posterior, posterior_of
@@ -83,7 +84,7 @@ def test_the_figure_has_a_line_a_parameter_and_the_rates(found, capsys):
     assert comparison(found.record, ax=axes).shape == (3, 1)
     assert isinstance(means(found.record, "p"), Axes)
     assert isinstance(effective_rates(found.record), Axes)
-    print_comparison({"campaign": "toy", **found.record})
+    show(*comparison_lines({"campaign": "toy", **found.record}))
     said = capsys.readouterr().out
     assert "tempered_smc" in said
     assert "from quadrature" in said
