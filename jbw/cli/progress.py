@@ -38,7 +38,7 @@ class Teller:
     def chains(self, name: str, so_far: Any) -> None:
         """Tell how far the chains of a posterior are, no oftener than anybody can read.
 
-        `so_far` is what is known of them, a `jbw.inference.samplers.checkpointing.SoFar`.
+        `so_far` is what is known of them, a `jbw.inference.samplers.chunked_run.SoFar`.
         """
         last = so_far.done >= so_far.total
         every = LOOK_S if self._console.is_terminal else PLAIN_S

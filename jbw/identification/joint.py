@@ -25,7 +25,7 @@ from jbw.identification.step import Step, attrs, finished
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.verdict import Verdict
-from jbw.inference.samplers.checkpointing import Keep, no_checkpoint
+from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.samplers.register import sampler_named
 from jbw.inference.samplers.rewhitening import sample_again
 from jbw.inference.samplers.sampling import sample

@@ -16,7 +16,7 @@ from jbw.identification.paper.step4 import opening_steps
 from jbw.identification.prepare import Fitted
 from jbw.identification.selection import DecaySplit, Sweeps
 from jbw.identification.step import Step
-from jbw.inference.samplers.checkpointing import Keep, no_checkpoint
+from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
 from jbw.observables.records import Records, by_form

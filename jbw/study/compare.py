@@ -8,7 +8,6 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import jax
-import numpy as np
 import xarray as xr
 from jaxtyping import Array, Key
 
@@ -20,6 +19,7 @@ from jbw.identification.procedure import Report
 from jbw.identification.step import attrs
 from jbw.inference.posterior.compare import (
     Row,
+    distance,
     distances,
     exact_numbers,
     furthest,
@@ -28,7 +28,7 @@ from jbw.inference.posterior.compare import (
     worst_ess,
 )
 from jbw.inference.posterior.verdict import converged, verdict
-from jbw.inference.samplers.checkpointing import SoFar
+from jbw.inference.samplers.chunked_run import SoFar
 from jbw.inference.samplers.register import SAMPLERS, sampler_named
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import require_float64
@@ -249,19 +249,12 @@ def _row(
         "ess_per_s_warm": None if ess is None or one.warm_s is None else ess / one.warm_s,
         "log_evidence": attrs.get("log_evidence"),
         "log_evidence_error": attrs.get("log_evidence_error"),
-        "z_log_evidence": None if base is None else _evidence_distance(attrs, base),
+        "z_log_evidence": distance(attrs, base or {}, "log_evidence", "log_evidence_error"),
         "furthest": furthest(list(rows.values())),
         "verdict": found.status,
         "failed": [finding.code for finding in found.findings if finding.status == "failed"],
         "parameters": dict(rows),
     }
-
-
-def _evidence_distance(attrs: Mapping[Any, Any], base: Mapping[Any, Any]) -> float | None:
-    if "log_evidence" not in attrs or "log_evidence" not in base:
-        return None
-    error = float(np.hypot(attrs["log_evidence_error"], base["log_evidence_error"]))
-    return float(attrs["log_evidence"] - base["log_evidence"]) / error if error > 0 else None
 
 
 def save_comparison(folder: Path, found: Comparison) -> None:

@@ -20,7 +20,7 @@ from jbw.identification.run_effects import runs_summary
 from jbw.identification.step import Step
 from jbw.inference.posterior.summary import as_plain, correlations, summarise
 from jbw.inference.posterior.verdict import Verdict, judge
-from jbw.inference.samplers.checkpointing import Keep, no_checkpoint
+from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import require_float64
 from jbw.measurement.records import INPUTS, Test
 from jbw.quantities import gain_unit

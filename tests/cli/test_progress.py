@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from jbw.cli.progress import LOOK_S, PLAIN_S, Teller, chain_sentence, effective
-from jbw.inference.samplers.checkpointing import SoFar
+from jbw.inference.samplers.chunked_run import SoFar
 
 
 def so_far(done=300, total=425, num_draws=275, divergences=(0, 2, 0, 0), left_s=100.0):

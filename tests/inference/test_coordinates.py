@@ -7,12 +7,12 @@ import pytest
 
 from jbw.inference.space.box import box
 from jbw.inference.space.coordinates import (
+    IDENTITY,
     Affine,
     Composed,
-    Identity,
-    Interval,
     Logarithms,
-    Unit,
+    interval,
+    unit,
 )
 from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import along_logarithms, in_box
@@ -30,13 +30,13 @@ def ridge():
 
 
 COORDINATES = {
-    "identity": (Identity(), [0.3, -2.0, 5.0]),
+    "identity": (IDENTITY, [0.3, -2.0, 5.0]),
     "affine": (WHITENING, [0.3, -0.2, 0.5]),
-    "interval": (Interval(BOX.lower, BOX.upper), [0.3, -2.0, 5.0]),
-    "unit": (Unit(BOX.lower, BOX.upper), [0.3, 0.2, 0.9]),
+    "interval": (interval(BOX.lower, BOX.upper), [0.3, -2.0, 5.0]),
+    "unit": (unit(BOX.lower, BOX.upper), [0.3, 0.2, 0.9]),
     "logarithms": (Logarithms((True, False, True)), [0.3, -2.0, 1.0]),
     "ridge": (ridge().outer, [0.12, 0.01, 0.4]),
-    "composed": (Composed((WHITENING, Interval(BOX.lower, BOX.upper))), [0.1, 0.2, -0.3]),
+    "composed": (Composed((WHITENING, interval(BOX.lower, BOX.upper))), [0.1, 0.2, -0.3]),
 }
 
 

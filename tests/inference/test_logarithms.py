@@ -10,7 +10,7 @@ from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.posterior.summary import summarise
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import box
-from jbw.inference.space.reparametrisation import along_logarithms, logarithms_of, never_zero
+from jbw.inference.space.reparametrisation import along_logarithms, in_logarithms, never_zero
 
 PRIOR = box({"a": (1.0, 20.0), "b": (1.0, 30.0), "c": (-1.0, 1.0)})
 STD = 0.02  # of log(a b), and of c
@@ -91,7 +91,7 @@ def test_a_parameter_that_may_be_zero_stays_as_it_is(best):
     near = box({"a": (0.0, 20.0), "b": (1.0, 30.0), "c": (-1.0, 1.0)})
     fit = costly_fit(residual, near, jnp.log(60.0), starts={"a": 8.0, "b": 7.0, "c": 0.1})
     assert never_zero(fit.theta, fit.covariance, near) == ("a", "b")  # given b, a is known to 2 %
-    _, lower, _ = logarithms_of(fit.theta, near, ("a", "b"))
+    lower = in_logarithms(fit.theta, fit.covariance, near, ("a", "b")).lower
     assert float(lower[0]) == pytest.approx(np.log(1e-6 * fit.theta["a"]))
     vague = costly_fit(
         lambda theta, data: residual(theta, data) * STD / 2.0, near, jnp.log(60.0),

@@ -8,7 +8,6 @@ from jbw.inference.posterior.summary import (
     band,
     correlations,
     diagnose,
-    marginal_density,
     running_mean,
     summarise,
 )
@@ -87,11 +86,3 @@ def test_running_mean_and_band():
     draws = np.linspace(0, 1, 1001)[:, None] * [1.0, 2.0]
     lower, median, upper = band(draws)
     np.testing.assert_allclose([lower, median, upper], np.outer([0.005, 0.5, 0.995], [1, 2]))
-
-
-def test_density_of_a_flat_posterior_is_flat_up_to_the_bounds():
-    draws = np.random.default_rng(3).uniform(2.0, 4.0, size=(4, 2000))
-    grid, density = marginal_density(draws, 2.0, 4.0)
-    assert 2.0 <= grid[0] < grid[-1] <= 4.0
-    # A kernel estimate of 8000 draws scatters by about 3 %, twice that where it is mirrored.
-    np.testing.assert_allclose(density, 0.5, atol=0.1)

@@ -18,7 +18,7 @@ from jbw.identification.paper import kernel
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.step import Step, attrs, finished
 from jbw.inference.fit.fitting import Fit, fit
-from jbw.inference.samplers.checkpointing import Keep, no_checkpoint
+from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box, box
 from jbw.inference.space.ridge import along_ridge

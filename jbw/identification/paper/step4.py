@@ -24,7 +24,7 @@ from jbw.identification.step import Step, attrs, finished
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.fit.identifiability import weak_direction
 from jbw.inference.posterior.finding import Finding, checked
-from jbw.inference.samplers.checkpointing import Keep, no_checkpoint
+from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box, box
 from jbw.observables.records import Records

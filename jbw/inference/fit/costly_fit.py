@@ -27,7 +27,7 @@ from jbw.inference.fit.fitting import (
     named_starts,
 )
 from jbw.inference.space.box import Box, require_float64
-from jbw.inference.space.coordinates import Composed, Logarithms, Unit, Vector
+from jbw.inference.space.coordinates import Composed, Logarithms, Vector, unit
 
 Part = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 TOLERANCE = 1e-10  # of the cost and of the step, relative
@@ -128,7 +128,7 @@ def search_coordinate(box: Box) -> Composed:
     where the bounds are positive, and linear in s otherwise.
     """
     logs = Logarithms(tuple(bool(low > 0) for low in np.asarray(box.lower)))
-    return Composed((Unit(logs.inverse(box.lower), logs.inverse(box.upper)), logs))
+    return Composed((unit(logs.inverse(box.lower), logs.inverse(box.upper)), logs))
 
 
 def from_search(s: Vector, box: Box) -> tuple[Vector, Vector]:

@@ -17,9 +17,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Key, PyTree
 
-from jbw.inference.space.box import Box
-from jbw.inference.space.coordinates import Affine, Composed, Interval, Logarithms, Unit
-from jbw.inference.space.problem import LogLikelihood, Problem, Theta, named
+from jbw.inference.space.box import Box, named
+from jbw.inference.space.coordinates import Affine, Composed, Logarithms, interval, unit
+from jbw.inference.space.problem import LogLikelihood, Problem, Theta
 from jbw.inference.space.reparametrisation import WIDER
 
 Residual = Callable[[Theta, PyTree], Float[Array, " values"]]
@@ -54,7 +54,7 @@ def locate(
     """
     outer = Logarithms(tuple(name in search.logs for name in box.names))
     lower, upper = outer.inverse(box.lower), outer.inverse(box.upper)
-    inner = Unit(lower, upper)
+    inner = unit(lower, upper)
     theta = Composed((inner, outer))
 
     def residual(u: Float[Array, " parameter"]) -> Float[Array, " values"]:
@@ -66,7 +66,13 @@ def locate(
     # So wide that the sampler's logit is a straight line over the box.
     reach = WIDER * (upper - lower)
     bounds = lower - reach, upper + reach
-    whitening = _whitened(found, inner, Interval(*bounds))
+    logit = interval(*bounds).inverse(inner.forward(found.u))
+    x = jax.nn.sigmoid(logit)
+    slope = (upper - lower) / ((bounds[1] - bounds[0]) * x * (1 - x))
+    # The Laplace approximation, where the residual is stationary.
+    root = jnp.linalg.cholesky(found.jacobian.T @ found.jacobian)
+    factor = jax.scipy.linalg.solve_triangular(root, jnp.eye(x.size), lower=True).T
+    whitening = Affine(logit, slope[:, None] * factor)
     return Problem(log_likelihood, None, box, data, outer, *bounds, whitening, True)
 
 
@@ -119,13 +125,3 @@ def _descend(
     size = jax.eval_shape(residual, u).size
     first = _Place(u, jnp.ones(size), jnp.eye(size, u.size), jnp.asarray(FIRST))
     return jax.lax.scan(step, first, jnp.arange(num_steps + 1))[0]
-
-
-def _whitened(at: _Place, inner: Unit, bounds: Interval) -> Affine:
-    """The Laplace approximation in the logit of the bounds, where the residual is stationary."""
-    root = jnp.linalg.cholesky(at.jacobian.T @ at.jacobian)
-    factor = jax.scipy.linalg.solve_triangular(root, jnp.eye(at.u.size), lower=True).T
-    logit = bounds.inverse(inner.forward(at.u))
-    x = jax.nn.sigmoid(logit)
-    slope = (inner.upper - inner.lower) / ((bounds.upper - bounds.lower) * x * (1 - x))
-    return Affine(logit, slope[:, None] * factor)

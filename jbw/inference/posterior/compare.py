@@ -17,11 +17,9 @@ Row = dict[str, float | None]
 
 
 def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
-    """Mean, standard deviation and quantiles of one parameter, with their standard errors.
+    """mean, sd, q010, q500 and q990 of one parameter, and mcse_ before each, its standard error.
 
-    Returns:
-        mean, sd, q010, q500, q990; mcse_ before each name; ess_bulk, ess_tail and r_hat. None where
-        a number cannot be had.
+    Further ess_bulk, ess_tail and r_hat. None is for what cannot be had.
 
     Reference:
         Vehtari et al. (2021), Bayesian Analysis 16, 667.
@@ -45,12 +43,11 @@ def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
     table = tree["exact"].to_dataset()
     error = float(tree.attrs["quadrature_error"])
     rows: dict[str, Row] = {}
-    for i, name in enumerate(table["parameter"].values):
-        quantiles = table["quantiles"][i].values
-        row = {"mean": float(table["mean"][i]), "sd": float(table["sd"][i])}
+    for name in table["parameter"].values:
+        own = table.sel(parameter=name)
+        row = {"mean": float(own["mean"]), "sd": float(own["sd"])}
         for called, probability in QUANTILES.items():
-            place = int(np.argmin(np.abs(table["probability"].values - probability)))
-            row[called] = float(quantiles[place])
+            row[called] = float(own["quantiles"].sel(probability=probability, method="nearest"))
         errors = {f"mcse_{each}": error * row["sd"] for each in QUANTITIES}
         rows[str(name)] = {**row, **errors}
     return rows
@@ -79,23 +76,23 @@ def reference_of(rows: Mapping[str, Mapping[str, Row]]) -> str:
 
 
 def distances(row: Row, reference: Row) -> dict[str, float | None]:
-    r"""How far numbers are from a reference's, in standard errors.
+    """Distances of all quantities from a reference's, z_ before each."""
+    return {f"z_{name}": distance(row, reference, name, f"mcse_{name}") for name in QUANTITIES}
+
+
+def distance(
+    row: Mapping[Any, Any], reference: Mapping[Any, Any], name: str, error: str
+) -> float | None:
+    r"""How far a number is from a reference's, in standard errors; None where one is not known.
 
     $$(a - b) / \sqrt{\mathrm{mcse}_a^2 + \mathrm{mcse}_b^2}$$
-
-    Returns:
-        z_ before each quantity; None where an error is not known.
     """
-    return {f"z_{name}": _distance(row, reference, name) for name in QUANTITIES}
-
-
-def _distance(row: Row, reference: Row, name: str) -> float | None:
-    a, b = row[name], reference[name]
-    error_a, error_b = row.get(f"mcse_{name}"), reference.get(f"mcse_{name}")
-    if a is None or b is None or error_a is None or error_b is None:
+    known: list[Any] = [each.get(key) for key in (name, error) for each in (row, reference)]
+    if None in known:
         return None
-    error = float(np.hypot(error_a, error_b))
-    return (a - b) / error if error > 0 else None
+    a, b, *errors = known
+    size = float(np.hypot(*errors))
+    return float(a - b) / size if size > 0 else None
 
 
 def furthest(rows: Sequence[Row]) -> float | None:

@@ -1,4 +1,4 @@
-"""What a posterior says: a row of numbers for every quantity, bands, densities, running means."""
+"""What a posterior says: a row of numbers for every quantity, bands, running means."""
 
 import math
 from collections.abc import Mapping
@@ -7,16 +7,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import digamma
-from scipy.stats import gaussian_kde
 
 from jbw.inference.space.box import Box
 
 Row = dict[str, float]
 QUANTILES = (0.005, 0.5, 0.995)
 """Of a 99 % interval and its middle."""
-NUM_POINTS = 256  # of a density
 
 
 def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
@@ -26,17 +24,12 @@ def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
 
 
 def summarise(tree: xr.DataTree, box: Box | None = None) -> dict[str, Row]:
-    """Summary of every scalar quantity of a posterior.
+    """Row of every scalar quantity of the tree that `sample` left, by its name.
 
-    Args:
-        tree: Groups posterior and sample_stats, as `sample` leaves them.
-        box: Prior bounds; when None, those stored beside the parameters.
-
-    Returns:
-        Quantity to its row: map, mean, sd, cv, the quantiles q005 and q995 about 99 %, kl [nats
-        from the prior], contraction (1 less the variance over the prior's), ess_bulk, ess_tail,
-        r_hat. A number that cannot be had is NaN. The map is the draw of the highest posterior
-        density.
+    A row has map (the draw of the highest posterior density), mean, sd, cv, the quantiles q005 and
+    q995 about 99 %, kl [nats from the prior], contraction (1 less the variance over the prior's),
+    ess_bulk, ess_tail and r_hat; NaN for what cannot be had. Prior bounds are those stored beside
+    the parameters when `box` is None.
     """
     posterior = tree["posterior"].to_dataset()
     lp = tree["sample_stats"].to_dataset()["lp"].values
@@ -75,18 +68,18 @@ def _row(
         "map": float(draws.ravel()[np.argmax(lp)]),
         "mean": mean,
         "sd": sd,
-        "cv": sd / abs(mean) if mean else float("nan"),
+        "cv": sd / abs(mean) if mean else math.nan,
         quantile_name(QUANTILES[0]): low,
         quantile_name(QUANTILES[2]): high,
-        "kl": float("nan"),
-        "contraction": float("nan"),
+        "kl": math.nan,
+        "contraction": math.nan,
         **diagnose(draws),
     }
     if bounds is not None and np.all(np.isfinite(draws)):
         lower, upper = bounds
         row["kl"] = kl_from_uniform(np.ravel((draws - lower) / (upper - lower)))
         row["contraction"] = 1 - 12 * sd**2 / (upper - lower) ** 2
-    return {name: value if np.isfinite(value) else float("nan") for name, value in row.items()}
+    return {name: value if np.isfinite(value) else math.nan for name, value in row.items()}
 
 
 def quantile_name(probability: float) -> str:
@@ -95,11 +88,9 @@ def quantile_name(probability: float) -> str:
 
 
 def diagnose(draws: Float[np.ndarray, "chain draw"]) -> Row:
-    """Effective sample sizes and split R-hat of one quantity, NaN where there are none.
+    """ess_bulk, ess_tail and the rank-normalised split r_hat of one quantity.
 
-    Returns:
-        ess_bulk, ess_tail, r_hat (rank-normalised). All NaN for non-finite draws or where a chain
-        never moved; r_hat NaN for one chain.
+    All are NaN for non-finite draws or where a chain never moved; r_hat is NaN for one chain.
 
     Reference:
         Vehtari et al. (2021), Bayesian Analysis 16, 667.
@@ -107,13 +98,12 @@ def diagnose(draws: Float[np.ndarray, "chain draw"]) -> Row:
     from arviz_stats.base.array import array_stats  # a second of imports, needed only here
 
     stats: Any = array_stats  # its annotations admit tuples that it never returns here
-    nothing = float("nan")
     if draws.shape[1] < 4 or not np.all(np.isfinite(draws)) or np.any(np.ptp(draws, axis=1) == 0):
-        return {"ess_bulk": nothing, "ess_tail": nothing, "r_hat": nothing}
+        return dict.fromkeys(("ess_bulk", "ess_tail", "r_hat"), math.nan)
     return {
         "ess_bulk": float(stats.ess(draws, method="bulk")),
         "ess_tail": float(stats.ess(draws, method="tail", prob=(0.05, 0.95))),
-        "r_hat": float(stats.rhat(draws)) if len(draws) > 1 else nothing,
+        "r_hat": float(stats.rhat(draws)) if len(draws) > 1 else math.nan,
     }
 
 
@@ -123,16 +113,10 @@ def kl_from_uniform(x: Float[np.ndarray, " draw"], window: int | None = None) ->
     $$D = -h(x), \qquad \hat h = \frac1n \sum_i \left[\log(x_{(i+m)} - x_{(i-m)})
     - \psi(k_i) + \psi(n + 1)\right]$$
 
-    Ranks are cut at 1 and n, and k_i counts the gaps spanned. The digamma terms, in place of
-    Vasicek's log(2m/n), make the estimate free of bias for uniform draws.
-
-    Args:
-        x: Draws in the unit coordinate, in any order. Repeated draws count; infinite where one
-            value repeats more than 2m times.
-        window: m; the nearest integer to sqrt(n) when None.
-
-    Returns:
-        Divergence [nats], slightly negative at times for draws from the prior.
+    [nats] of draws x in the unit coordinate. Ranks are cut at 1 and n, k_i counts the gaps spanned,
+    and the window m is the nearest integer to sqrt(n) when None. The digamma terms, in place of
+    Vasicek's log(2m/n), make the estimate free of bias for uniform draws; it is infinite where one
+    value repeats more than 2m times.
 
     Reference:
         Section 3.2; Vasicek (1976), J. R. Stat. Soc. B 38, 54.
@@ -164,12 +148,6 @@ def running_mean(values: Float[np.ndarray, " draw *rest"]) -> NDArray[np.float64
 
     Not a convergence test by itself: a chain that does not mix has a smooth running mean too.
 
-    Args:
-        values: One value a draw, such as the integral of |H_3|^2 over the band.
-
-    Returns:
-        Running means, of the same shape.
-
     Reference:
         Eq. (40).
     """
@@ -180,37 +158,10 @@ def running_mean(values: Float[np.ndarray, " draw *rest"]) -> NDArray[np.float64
 def band(
     draws: Float[np.ndarray, " draw *rest"], prob: float = 0.99
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Pointwise central band of a response over draws.
-
-    Args:
-        draws: Response of each draw.
-        prob: Probability inside the band, at each point by itself.
-
-    Returns:
-        Lower bound, median, upper bound.
-    """
+    """Lower bound, median and upper bound of a response's central band, point by point."""
     tail = (1 - prob) / 2
     lower, median, upper = np.quantile(draws, [tail, 0.5, 1 - tail], axis=0)
     return lower, median, upper
-
-
-def marginal_density(
-    draws: ArrayLike, lower: float, upper: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Density of a marginal posterior in its prior interval, by a kernel estimate.
-
-    Draws are mirrored at both bounds, so that a flat posterior has a flat density.
-
-    Returns:
-        Grid over the draws' range widened to at most the bounds, and the density there.
-    """
-    inside = np.ravel(draws)
-    estimate = gaussian_kde(inside)
-    reach = 4 * np.sqrt(estimate.covariance[0, 0])
-    ends = max(lower, inside.min() - reach), min(upper, inside.max() + reach)
-    grid = np.linspace(*ends, NUM_POINTS)
-    density = estimate(grid) + estimate(2 * lower - grid) + estimate(2 * upper - grid)
-    return grid, density
 
 
 def as_plain(rows: Mapping[str, Row]) -> dict[str, dict[str, Any]]:

@@ -15,7 +15,7 @@ from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
 from jbw.inference.samplers.register import Sampler, module_of
-from jbw.inference.space.coordinates import Interval
+from jbw.inference.space.coordinates import interval
 from jbw.inference.space.problem import Problem
 
 MAX_TRIALS = 100  # starts tried before a chain is left where the likelihood is impossible
@@ -33,8 +33,7 @@ class Draw(NamedTuple):
 class Kernel(NamedTuple):
     """A Markov chain whose law is the posterior.
 
-    Its options have `num_warmup` steps, discarded, `num_samples` draws kept of each of `num_chains`
-    chains, and `chain_method`, how chains share the machine.
+    Its options have `num_warmup`, `num_samples`, `num_chains` and `chain_method`.
 
     Attributes:
         init: (key, w) to the first state, w the start in the whitened coordinate.
@@ -71,13 +70,7 @@ MakeKernel = Callable[[Problem, Any], Kernel]
 
 
 class Starts(NamedTuple):
-    """Where chains start.
-
-    Attributes:
-        key: Random key of all chains.
-        centre: Centre of each chain's start, whitened.
-        spread: Standard deviations to disperse the starts by about it; 0 for none.
-    """
+    """Where chains start: key of all, whitened centre of each, deviations to disperse them by."""
 
     key: Key[Array, ""]
     centre: Float[Array, "chain parameter"]
@@ -97,7 +90,7 @@ def starts_of(
         spread = OVERDISPERSION if problem.located else 1.0
         return Starts(key, jnp.zeros((num_chains, size)), jnp.asarray(spread))
     rows = jnp.broadcast_to(jnp.asarray(points), (num_chains, size))
-    logits = jax.vmap(Interval(problem.lower, problem.upper).inverse)(rows)
+    logits = jax.vmap(interval(problem.lower, problem.upper).inverse)(rows)
     return Starts(key, jax.vmap(problem.whitening.inverse)(logits), jnp.asarray(0.0))
 
 
@@ -116,12 +109,11 @@ def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options
 
     def one(argument: tuple[Key[Array, ""], Array], shared: PyTree) -> PyTree:
         problem, spread = shared
-        state, possible = _first_state(make(problem, options), argument, problem, spread)
+        chain = make(problem, options)
+        state, possible = _first_state(chain, argument, problem, spread)
         # One loop, so that the step is compiled once: rows of the warm-up are written nowhere.
-        count = jnp.asarray(total)
-        return possible, _advanced(
-            make(problem, options), state, count, options.num_samples, options.num_warmup
-        )[1]
+        bounds = jnp.asarray(total), options.num_samples, options.num_warmup
+        return possible, _advanced(chain, state, *bounds)[1]
 
     keys = jax.random.split(key, options.num_chains)
     shared = problem, starts.spread
@@ -136,10 +128,7 @@ def start_chains(
     r"""First states of the chains.
 
     A chain starts at w + spread eta with eta standard normal (logistic where no fit is known),
-    drawn again while the posterior is impossible there.
-
-    Returns:
-        States with a leading chain axis, and whether each start is possible.
+    drawn again while the posterior is impossible there. Also returned is whether each is possible.
     """
 
     def start(argument: tuple[Key[Array, ""], Array], shared: tuple[Problem, Array]) -> PyTree:
@@ -162,9 +151,7 @@ def advance_chains(
 ) -> tuple[PyTree, Draw]:
     """Take `count` steps with every chain; compiled once for any count up to `capacity`.
 
-    Returns:
-        The states after the steps, and the draws with axes (chain, draw), `capacity` of them, zero
-        from `count` on.
+    The draws are `capacity` along their second axis, zero from `count` on.
     """
 
     def advance(state: PyTree, shared: tuple[Problem, Array]) -> tuple[PyTree, Draw]:
@@ -182,12 +169,7 @@ def evaluate_chains(
     problem: Problem,
     chain_method: str,
 ) -> tuple[Float[Array, "chain draw term"], Float[Array, "chain draw"]]:
-    """Terms of the log likelihood, and the further log prior, at the draws of a chunk.
-
-    Returns:
-        Independent terms [nats], and the log prior [nats] without the box's constant; zero but
-        from `first` to `last`.
-    """
+    """Terms of the log likelihood and further log prior [nats] at draws; 0 but in first:last."""
 
     def evaluate(theta: dict[str, Array], shared: tuple[Problem, Array, Array]) -> PyTree:
         problem, first, last = shared

@@ -1,43 +1,101 @@
-"""Chains grown chunk by chunk: the draws do not depend on where the chunks are cut."""
+"""Chains grown chunk by chunk and kept while they grow; where chunks end does not change draws."""
 
+import hashlib
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import PyTree
+from jaxtyping import Array, PyTree
 
 from jbw.errors import ModelError
 from jbw.inference.samplers.chains import (
+    Draw,
     MakeKernel,
     Starts,
     advance_chains,
     evaluate_chains,
     start_chains,
 )
-from jbw.inference.samplers.checkpointing import (
-    Chains,
-    Kept,
-    Rows,
-    SoFar,
-    as_arrays,
-    fingerprint,
-    from_arrays,
-    plain_states,
-    states_like,
-)
 from jbw.inference.space.problem import Problem
 
-Progress = Callable[[SoFar], None]
 CHUNK = 250  # steps at most between two looks at the clock; short enough for a progress bar
 CHUNK_S = 10.0  # what a chunk lasts where chains are kept: so much is lost by a kill
 # Devices wait for the slowest at the end of a chunk, the less the more steps it has: where steps
 # are long, chunks last a share of the time spent before, up to a minute.
 CHUNK_SHARE, LONGEST_S = 0.05, 60.0
 GROWTH = 4  # of a chunk over the one before, whose time is the only measure of a step
+
+Arrays = Mapping[str, np.ndarray]
+Rows = tuple[Draw, np.ndarray, np.ndarray]
+"""Draws, terms of the log likelihood and further log prior, (chain, draw, ...)."""
+
+
+class SoFar(NamedTuple):
+    """Chains under way, for those who wait.
+
+    Attributes:
+        done: Steps taken by every chain, warm-up included.
+        total: Steps in all.
+        draws: Draws kept so far by name, (chain, draw); empty during the warm-up.
+        divergences: Divergent trajectories of each chain after the warm-up; None where the sampler
+            has none.
+        left_s: Time left at the rate so far [s].
+    """
+
+    done: int
+    total: int
+    draws: dict[str, Any]
+    divergences: np.ndarray | None
+    left_s: float
+
+
+class Kept(Protocol):
+    """A place that outlives the process, for the chains of one posterior."""
+
+    def grown(self, so_far: SoFar) -> None:
+        """Told after every chunk of steps."""
+        ...
+
+    def load(self) -> Arrays | None:
+        """What was saved last, or None."""
+        ...
+
+    def due(self) -> bool:
+        """Whether to save now."""
+        ...
+
+    def save(self, arrays: Arrays, *, last: bool) -> None:
+        """Save, in place of what was saved before; `last` when the chains are complete."""
+        ...
+
+
+Keep = Callable[[str], Kept | None]
+Progress = Callable[[SoFar], None]
+
+
+def no_checkpoint(name: str) -> None:
+    """The `Keep` that keeps nothing."""
+
+
+class Chains(NamedTuple):
+    """Chains as far as they have grown.
+
+    Attributes:
+        states: Leaves of the kernel's states, as arrays that a file can hold.
+        done: Steps taken, warm-up included.
+        rows: What was kept of the draws, in one piece; nothing before the first.
+        wall_s: Time spent on them [s].
+    """
+
+    states: list[np.ndarray]
+    done: int
+    rows: list[Rows]
+    wall_s: float
 
 
 def grow_chains(
@@ -54,59 +112,53 @@ def grow_chains(
     on to the very draws that they would have come to without a break.
 
     Returns:
-        Draws, terms of the log likelihood and further log prior, (chain, draw); and the time that
-        earlier processes spent on them [s].
+        The draws, and the time that earlier processes spent on them [s].
 
     Raises:
         ModelError: No possible start.
     """
     began, total = perf_counter(), options.num_warmup + options.num_samples
-    mark = "" if kept is None else fingerprint(starts, problem, make, options)
+    mark = "" if kept is None else _fingerprint(starts, problem, make, options)
     options = options._replace(num_samples=0, num_chains=0)  # not compiled in
-    found = _resumed(kept, mark)
-    done, rows, count = found.done, [found.rows], CHUNK if kept is None else 1
-    states = _states(found, starts, problem, make, options) if done < total else None
-    told = [one for one in (progress, None if kept is None else kept.grown) if one is not None]
+    before = _resumed(kept, mark)
+    done, rows, count = before.done, before.rows, CHUNK if kept is None else 1
+    states = _states(before, starts, problem, make, options) if done < total else None
+    watching = [one for one in (progress, None if kept is None else kept.grown) if one is not None]
     while done < total:
         clock, count = perf_counter(), min(count, total - done)
         states, new = _grown(states, done, count, problem, make, options)
-        rows, done = [*rows, new], done + count
+        rows, done = [*rows, *new], done + count
         if kept is not None:
-            spent = found.wall_s + perf_counter() - began
+            spent = before.wall_s + perf_counter() - began
             count = _next_count(count, perf_counter() - clock, spent)
             if done == total or kept.due():
-                rows = [_joined(rows)]
-                chains = Chains(plain_states(states), done, rows[0], spent)
-                kept.save(as_arrays(chains, mark), last=done == total)
-        if told:
-            rate = (perf_counter() - began) / (done - found.done)
+                rows = _joined(rows)
+                plain = [np.asarray(_plain(leaf)) for leaf in jax.tree.leaves(states)]
+                kept.save(_as_arrays(Chains(plain, done, rows, spent), mark), last=done == total)
+        if watching:
+            rate = (perf_counter() - began) / (done - before.done)
             so_far = _so_far(done, total, rows, rate)
-            for tell in told:
+            for tell in watching:
                 tell(so_far)
-    joined = _joined(rows)
-    if joined is None:
-        raise ModelError("Argument `num_samples` must be at least 1, but is 0.")
-    return joined, found.wall_s
+    return _joined(rows)[0], before.wall_s
 
 
 def _resumed(kept: Kept | None, mark: str) -> Chains:
     """The chains as they were kept; none grown where there are none of this posterior."""
     arrays = None if kept is None else kept.load()
-    if arrays is None:
-        return Chains([], 0, None, 0.0)
-    found = from_arrays(arrays, mark)
-    if found is None:
+    if arrays is not None and str(arrays.get("fingerprint")) == mark:
+        return _from_arrays(arrays)
+    if arrays is not None:
         warnings.warn(
             "The chains that were kept were drawn from another posterior, or by another number "
             "of devices: they start again.",
             stacklevel=3,
         )
-        return Chains([], 0, None, 0.0)
-    return found
+    return Chains([], 0, [], 0.0)
 
 
 def _states(
-    found: Chains, starts: Starts, problem: Problem, make: MakeKernel, options: Any
+    before: Chains, starts: Starts, problem: Problem, make: MakeKernel, options: Any
 ) -> PyTree:
     """States to go on from: the kept ones, or the first."""
     first, possible = start_chains(starts, problem, make, options)
@@ -118,32 +170,35 @@ def _states(
             remedy="Check the data for NaN, the noise for zero, and the prior for parameters that "
             "the model cannot solve.",
         )
-    return states_like(found.states, first) if found.done else first
+    if not before.done:
+        return first
+    return jax.tree.map(
+        _restored, first, jax.tree.unflatten(jax.tree.structure(first), before.states)
+    )
 
 
 def _grown(
     states: PyTree, done: int, count: int, problem: Problem, make: MakeKernel, options: Any
-) -> tuple[PyTree, Rows | None]:
-    """The states after a chunk of steps, and its draws after the warm-up."""
+) -> tuple[PyTree, list[Rows]]:
+    """The states after a chunk of steps, and its draws, if any, after the warm-up."""
     states, draws = advance_chains(states, jnp.asarray(count), CHUNK, problem, make, options)
     first = min(count, max(0, options.num_warmup - done))
     if first == count:
-        return jax.block_until_ready(states), None
+        return jax.block_until_ready(states), []
     bounds = jnp.asarray(first), jnp.asarray(count)
     terms = evaluate_chains(draws.theta, *bounds, problem, options.chain_method)
-    return states, jax.tree.map(lambda r: np.asarray(r)[:, first:count], (draws, *terms))
+    return states, [jax.tree.map(lambda r: np.asarray(r)[:, first:count], (draws, *terms))]
 
 
-def _so_far(done: int, total: int, rows: list[Rows | None], rate: float) -> SoFar:
+def _so_far(done: int, total: int, rows: list[Rows], rate: float) -> SoFar:
     """What is known of the chains after a chunk, at a rate of seconds a step."""
-    joined, left_s = _joined(rows), rate * (total - done)
-    if joined is None:
+    left_s = rate * (total - done)
+    if not rows:
         return SoFar(done, total, {}, None, left_s)
-    draws, _, _ = joined
+    draws = _joined(rows)[0][0]
     diverging = draws.stats.get("diverging")
     count = None if diverging is None else np.sum(diverging, axis=1)
-    theta = {name: np.asarray(values) for name, values in draws.theta.items()}
-    return SoFar(done, total, theta, count, left_s)
+    return SoFar(done, total, draws.theta, count, left_s)
 
 
 def _next_count(count: int, seconds: float, spent: float) -> int:
@@ -153,9 +208,60 @@ def _next_count(count: int, seconds: float, spent: float) -> int:
     return max(1, min(wanted, GROWTH * count, CHUNK))
 
 
-def _joined(rows: list[Rows | None]) -> Rows | None:
-    """Rows of all chunks, one after the other."""
-    known = [row for row in rows if row is not None]
-    if not known:
-        return None
-    return jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *known)
+def _joined(rows: list[Rows]) -> list[Rows]:
+    """Rows of all chunks in one piece."""
+    return [jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *rows)] if rows else []
+
+
+def _is_key(leaf: Array) -> bool:
+    return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+
+
+def _plain(leaf: Array) -> Array:
+    return jax.random.key_data(leaf) if _is_key(leaf) else leaf
+
+
+def _restored(like: Array, plain: np.ndarray) -> Array:
+    value = jnp.asarray(plain)
+    if _is_key(like):
+        value = jax.random.wrap_key_data(value, impl=jax.random.key_impl(like))
+    return jax.device_put(value, like.sharding)
+
+
+def _fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) -> str:
+    """Hash of all that decides the draws: key, starts, data, coordinates, sampler and options."""
+    functions = [
+        getattr(f, "__qualname__", type(f).__name__)
+        for f in (problem.log_likelihood, problem.log_prior, make)
+    ]
+    known = functions, make.__module__, problem.box.names, problem.located, options
+    digest = hashlib.sha256(repr(known).encode())
+    for leaf in jax.tree.leaves(eqx.filter((starts, problem), eqx.is_array)):
+        values = np.asarray(_plain(leaf))
+        digest.update(f"{values.dtype}{values.shape}".encode())
+        digest.update(np.ascontiguousarray(values))
+    return digest.hexdigest()
+
+
+def _as_arrays(chains: Chains, mark: str) -> dict[str, np.ndarray]:
+    """Chains by name, for a `Kept`."""
+    arrays = {"fingerprint": mark, "done": chains.done, "wall_s": chains.wall_s}
+    arrays |= {f"state/{i}": leaf for i, leaf in enumerate(chains.states)}
+    for draw, terms, log_prior in chains.rows:
+        arrays |= {f"theta/{name}": values for name, values in draw.theta.items()}
+        arrays |= {f"stats/{name}": values for name, values in draw.stats.items()}
+        arrays |= {"terms": terms, "log_prior": log_prior}
+    return {name: np.asarray(values) for name, values in arrays.items()}
+
+
+def _from_arrays(arrays: Arrays) -> Chains:
+    """Chains from what a `Kept` held."""
+
+    def under(prefix: str) -> dict[str, Any]:
+        return {n.removeprefix(prefix): v for n, v in arrays.items() if n.startswith(prefix)}
+
+    leaves, rows = under("state/"), []
+    if "terms" in arrays:
+        rows = [(Draw(under("theta/"), under("stats/")), arrays["terms"], arrays["log_prior"])]
+    states = [leaves[str(i)] for i in range(len(leaves))]
+    return Chains(states, int(arrays["done"]), rows, float(arrays["wall_s"]))

@@ -11,6 +11,8 @@ tails are heavier than a posterior's. Where nothing is known it is the prior its
 uniform coordinate has the logistic distribution.
 """
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpyro.distributions as dist
@@ -66,6 +68,32 @@ def effective_draws(weights: Float[Array, " draw"]) -> Float[Array, ""]:
     return jnp.sum(weights) ** 2 / jnp.sum(weights**2)
 
 
+def weighted_moments(
+    weights: Float[Array, " draw"], points: Float[Array, "draw parameter"]
+) -> tuple[Float[Array, " parameter"], Float[Array, "parameter parameter"]]:
+    """Mean and covariance of points whose weights sum to one."""
+    mean = weights @ points
+    left = points - mean
+    return mean, (weights[:, None] * left).T @ left
+
+
+def highest_power(
+    effective: Callable[[Array], Array],
+    least: Float[Array, ""] | float,
+    ends: tuple[Array, Array],
+    halvings: int,
+) -> Float[Array, ""]:
+    """The highest power between two that leaves so many draws effective, by bisection."""
+
+    def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, high = ends
+        middle = (low + high) / 2
+        enough = effective(middle) >= least
+        return jnp.where(enough, middle, low), jnp.where(enough, high, middle)
+
+    return jax.lax.fori_loop(0, halvings, halve, ends)[0]
+
+
 def pooled_evidence(
     log_evidence: Float[Array, " run"], variance: Float[Array, " run"]
 ) -> dict[str, Float[Array, ""]]:
@@ -75,10 +103,7 @@ def pooled_evidence(
     \mathrm{se}^2 = \max\!\left(\bar{s^2},\ \mathrm{var}_r \log Z_r\right) / R$$
 
     What each run says of its own error may leave something out, and the scatter of few runs may
-    be small by chance: the larger of the two is taken.
-
-    Returns:
-        log_evidence and log_evidence_error [nats].
+    be small by chance: the larger of the two is taken. Both are in nats.
     """
     count = log_evidence.size
     scatter = jnp.var(log_evidence, ddof=1) if count > 1 else jnp.zeros(())

@@ -9,7 +9,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.inference.samplers.chains import in_batches
-from jbw.inference.samplers.evidence import FORBIDDEN, effective_draws
+from jbw.inference.samplers.evidence import (
+    FORBIDDEN,
+    effective_draws,
+    highest_power,
+    weighted_moments,
+)
 from jbw.inference.space.coordinates import Affine, Coordinate, Vector
 from jbw.inference.space.problem import LOGIT_PRIOR_PRECISION, Problem, log_volume
 
@@ -160,7 +165,7 @@ def located(problem: Problem) -> Place:
         whitening = whitened_by(at.mean, at.covariance)
         grid = grid_within(problem, whitening, bounds, NODES[d])
         power, log_share = _raised(problem, grid, at.power)
-        shift, spread = moments(grid._replace(log_p=log_share))
+        shift, spread = weighted_moments(jax.nn.softmax(log_share), grid.nodes)
         spread = _no_narrower(spread, 0.3 * grid.spacing[0])
         factor = whitening.factor
         still = jnp.max(jnp.abs(shift)) < STEADY
@@ -193,24 +198,11 @@ def _raised(
 
     least = SHRINK * effective(power)
 
-    def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
-        low, high = ends
-        middle = (low + high) / 2
-        enough = effective(jnp.exp(middle)) >= least
-        return jnp.where(enough, middle, low), jnp.where(enough, high, middle)
-
     # In the logarithm: the first powers are small beyond guessing.
     ends = jnp.log(jnp.maximum(power, jnp.exp(-60.0))), jnp.zeros(())
-    found = jnp.exp(jax.lax.fori_loop(0, HALVINGS, halve, ends)[0])
+    found = jnp.exp(highest_power(lambda log: effective(jnp.exp(log)), least, ends, HALVINGS))
     power = jnp.where(effective(jnp.ones(())) >= least, 1.0, found)
     return power, prior + power * likelihood
-
-
-def moments(grid: Grid) -> tuple[Float[Array, " parameter"], Float[Array, "parameter parameter"]]:
-    """Mean and covariance of w on a grid."""
-    mean = grid.weights @ grid.nodes
-    left = grid.nodes - mean
-    return mean, (grid.weights[:, None] * left).T @ left
 
 
 def _no_narrower(

@@ -27,9 +27,11 @@ from jbw.inference.samplers.chains import Draws, in_batches
 from jbw.inference.samplers.evidence import (
     FORBIDDEN,
     effective_draws,
+    highest_power,
     is_possible,
     log_ratio,
     reference,
+    weighted_moments,
 )
 from jbw.inference.space.coordinates import Affine
 from jbw.inference.space.problem import Problem
@@ -61,11 +63,7 @@ class Options(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """Draws of equal weight.
-
-    Returns:
-        The draws; `log_weight` is the raw one [nats] of the draw that each is a copy of.
-    """
+    """Draws of equal weight; `log_weight` is the raw one [nats] of what each is a copy of."""
     count = options.num_draws or options.num_samples * options.num_chains
     key_rounds, key_keep = jax.random.split(key)
 
@@ -103,9 +101,7 @@ def smoothed(
     """Normalised weights, their tail smoothed by a generalised Pareto fit, and its shape k-hat.
 
     ArviZ fits the tail; usable under `jit` and `vmap`, which call it once for each set of weights.
-
-    Returns:
-        Weights that sum to one, and k-hat: below 0.7 they can be trusted.
+    Below a k-hat of 0.7 they can be trusted.
 
     Reference:
         Vehtari et al. (2024), JMLR 25, 72.
@@ -148,16 +144,8 @@ def moved(
     def effective(power: Float[Array, ""]) -> Float[Array, ""]:
         return effective_draws(jax.nn.softmax(power * ratio))
 
-    def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
-        low, high = ends
-        middle = (low + high) / 2
-        enough = effective(middle) >= FEW * size
-        return jnp.where(enough, middle, low), jnp.where(enough, high, middle)
-
-    low, _ = jax.lax.fori_loop(0, HALVINGS, halve, (jnp.zeros(()), jnp.ones(())))
-    power = jnp.where(effective(jnp.ones(())) >= FEW * size, 1.0, low)
-    share = jax.nn.softmax(power * ratio)
-    mean = share @ w
-    covariance = (share[:, None] * (w - mean)).T @ (w - mean)
+    highest = highest_power(effective, FEW * size, (jnp.zeros(()), jnp.ones(())), HALVINGS)
+    power = jnp.where(effective(jnp.ones(())) >= FEW * size, 1.0, highest)
+    mean, covariance = weighted_moments(jax.nn.softmax(power * ratio), w)
     root = jnp.linalg.cholesky(covariance + NUGGET * jnp.eye(d))
     return Affine(whitening.forward(mean), whitening.factor @ root)

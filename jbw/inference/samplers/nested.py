@@ -11,6 +11,7 @@ Reference:
     Skilling (2006), Bayesian Analysis 1, 833; Yallup, Kroupa, Handley (2026), arXiv:2601.23252.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import blackjax
@@ -96,26 +97,48 @@ class _Carry(NamedTuple):
 def _run(key: Key[Array, ""], problem: Problem, num_live: int, num_draws: int) -> Run:
     about, d = reference(problem), len(problem.box.names)
     together = max(1, num_live // TOGETHER)
-    room = ROOM * num_live // together * together
-
-    def ratio(w: Float[Array, " parameter"]) -> Float[Array, ""]:
-        return log_ratio(problem, w)
-
+    ratio = partial(log_ratio, problem)
     slices: Any = blackjax.nss(about.log_prob, ratio, max(5, 2 * d), num_delete=together)
     key_first, key_init, key_run, key_volume, key_keep, key_order = jax.random.split(key, 6)
     state = slices.init(about.sample(key_first, (num_live,)), key_init)
     possible = is_possible(state.particles.loglikelihood)
+    last = _shrunk(key_run, slices, state, possible, together)
+    points = jax.tree.map(lambda *parts: jnp.concatenate(parts), last.dead, last.state.particles)
+    room = len(points.loglikelihood) - num_live
+    filled = jnp.concatenate([jnp.arange(room) < last.count, jnp.ones(num_live, bool)])
+    shares, totals = _weights(key_volume, points, filled)
+    order = jax.random.permutation(key_order, shares.size)  # points came from the edge inwards
+    kept = order[resampling.stratified(key_keep, shares[order], num_draws)]
+    return Run(
+        jax.vmap(problem.theta)(points.position[kept]),
+        jnp.mean(totals),
+        jnp.var(totals),
+        effective_draws(shares),
+        last.evaluations,
+        _left(last.state),
+        possible,
+    )
+
+
+def _left(state: Any) -> Float[Array, ""]:
+    """Share of the evidence that is left in the live points."""
+    live = state.integrator.logZ_live
+    return jnp.exp(live - jnp.logaddexp(state.integrator.logZ, live))
+
+
+def _shrunk(
+    key: Key[Array, ""], slices: Any, state: Any, possible: Bool[Array, ""], together: int
+) -> _Carry:
+    """The run from its first live points to its end."""
+    num_live = len(state.particles.loglikelihood)
+    room = ROOM * num_live // together * together
     # Rows that no point has filled were born and died above all others, where no volume is left.
     empty = jax.tree.map(
         lambda v: jnp.full((room, *v.shape[1:]), jnp.inf, v.dtype), state.particles
     )
 
-    def left(state: Any) -> Float[Array, ""]:
-        live = state.integrator.logZ_live
-        return jnp.exp(live - jnp.logaddexp(state.integrator.logZ, live))
-
     def again(at: _Carry) -> Bool[Array, ""]:
-        return possible & (left(at.state) > LEFT) & (at.count < room)
+        return possible & (_left(at.state) > LEFT) & (at.count < room)
 
     def replace(at: _Carry) -> _Carry:
         key, key_step = jax.random.split(at.key)
@@ -129,22 +152,8 @@ def _run(key: Key[Array, ""], problem: Problem, num_live: int, num_draws: int) -
         )
         return _Carry(key, state, dead, at.count + together, at.evaluations + jnp.sum(looked))
 
-    first = _Carry(key_run, state, empty, jnp.array(0), jnp.array(num_live))
-    last = jax.lax.while_loop(again, replace, first)
-    points = jax.tree.map(lambda *parts: jnp.concatenate(parts), last.dead, last.state.particles)
-    filled = jnp.concatenate([jnp.arange(room) < last.count, jnp.ones(num_live, bool)])
-    shares, totals = _weights(key_volume, points, filled)
-    order = jax.random.permutation(key_order, shares.size)  # points came from the edge inwards
-    kept = order[resampling.stratified(key_keep, shares[order], num_draws)]
-    return Run(
-        jax.vmap(problem.theta)(points.position[kept]),
-        jnp.mean(totals),
-        jnp.var(totals),
-        effective_draws(shares),
-        last.evaluations,
-        left(last.state),
-        possible,
-    )
+    first = _Carry(key, state, empty, jnp.array(0), jnp.array(num_live))
+    return jax.lax.while_loop(again, replace, first)
 
 
 def _weights(

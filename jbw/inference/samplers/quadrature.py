@@ -40,7 +40,7 @@ from jbw.inference.samplers.grid import (
     log_density_at,
     whitened_by,
 )
-from jbw.inference.space.coordinates import Affine, Composed, Identity
+from jbw.inference.space.coordinates import IDENTITY, Affine, Composed
 from jbw.inference.space.problem import Problem
 
 PLACES = {1: 1025, 2: 257, 3: 97, 4: 41}  # along each coordinate, by number of parameters
@@ -83,7 +83,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
         Independent draws; group `exact` with mean, sd and quantiles of every parameter.
     """
     d = len(problem.box.names)
-    if not isinstance(problem.outer, Identity):
+    if problem.outer != IDENTITY:
         raise ConfigError("Sampler quadrature draws in the parameters themselves, in their box.")
     place, count = located(problem), options.num_places or PLACES[d]
     found = [_on_its_axis(i, problem, place, count) for i in range(d)]

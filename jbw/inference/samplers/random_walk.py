@@ -17,7 +17,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from jbw.inference.samplers.chains import Draw, Kernel
-from jbw.inference.space.problem import Problem, log_density, named
+from jbw.inference.space.box import named
+from jbw.inference.space.problem import Problem, log_density
 
 AVERAGING = 0.75  # exponent of the weights of the averaged step, as in dual averaging
 FORGETTING = 0.6  # exponent of the decaying gain: its sum diverges, its sum of squares converges
@@ -42,26 +43,8 @@ class Options(NamedTuple):
     step_size: float | None = None
 
 
-class PaperOptions(NamedTuple):
-    """The published chain: 850 draws of which 10 % are burn-in, and sigma_p; as in `Options`."""
-
-    num_warmup: int = 85
-    num_samples: int = 765
-    num_chains: int = 4
-    chain_method: str = "sequential"
-    target_accept: float = 0.5
-    step_size: float | None = 2.5108e-3
-
-
-PAPER = PaperOptions()
-
-
-class Info(NamedTuple):
-    """What happened in one step; `failed` is a proposal in the box with no finite density."""
-
-    accept_prob: Float[Array, ""]
-    accepted: Bool[Array, ""]
-    failed: Bool[Array, ""]
+PAPER = Options(num_warmup=85, num_samples=765, step_size=2.5108e-3)
+"""The published chain: 850 draws of which 10 % are burn-in, and sigma_p."""
 
 
 class State(NamedTuple):
@@ -71,7 +54,7 @@ class State(NamedTuple):
         log_density: Log posterior density at x [nats].
         log_step: Logarithm of the proposal's standard deviation in x.
         log_step_average: Its average over the burn-in, used after it.
-        info: What happened in the last step.
+        failed: Whether the last proposal was in the box and had no finite density.
     """
 
     i: Int[Array, ""]
@@ -79,11 +62,13 @@ class State(NamedTuple):
     log_density: Float[Array, ""]
     log_step: Float[Array, ""]
     log_step_average: Float[Array, ""]
-    info: Info
+    accept_prob: Float[Array, ""]
+    accepted: Bool[Array, ""]
+    failed: Bool[Array, ""]
     rng_key: Key[Array, ""]
 
 
-def kernel(problem: Problem, options: Options | PaperOptions) -> Kernel:
+def kernel(problem: Problem, options: Options) -> Kernel:
     """The chain."""
     unit = problem.unit_coordinate
     shaped = problem.located and options.step_size is None
@@ -98,8 +83,8 @@ def kernel(problem: Problem, options: Options | PaperOptions) -> Kernel:
         x = jax.nn.sigmoid(problem.whitening.forward(w))
         first = FIRST_STEP[shaped] if options.step_size is None else options.step_size
         log_step = jnp.log(jnp.asarray(first, dtype=float))
-        info = Info(jnp.zeros(()), jnp.array(False), jnp.array(False))
-        return State(jnp.array(0), x, density(x), log_step, log_step, info, key)
+        none, no = jnp.zeros(()), jnp.array(False)
+        return State(jnp.array(0), x, density(x), log_step, log_step, none, no, no, key)
 
     def step(state: State) -> State:
         rng_key, key_proposal, key_accept = jax.random.split(state.rng_key, 3)
@@ -119,15 +104,17 @@ def kernel(problem: Problem, options: Options | PaperOptions) -> Kernel:
             jnp.where(accepted, proposed, state.log_density),
             log_step,
             average,
-            Info(accept_prob, accepted, inside & failed),
+            accept_prob,
+            accepted,
+            inside & failed,
             rng_key,
         )
 
     def read(state: State) -> Draw:
         stats = {
-            "acceptance_rate": state.info.accept_prob,
-            "accepted": state.info.accepted,
-            "failed": state.info.failed,
+            "acceptance_rate": state.accept_prob,
+            "accepted": state.accepted,
+            "failed": state.failed,
             "step_size": jnp.exp(state.log_step),
         }
         return Draw(named(unit.forward(state.x), problem.box), stats)
@@ -136,13 +123,9 @@ def kernel(problem: Problem, options: Options | PaperOptions) -> Kernel:
 
 
 def tuned(
-    state: State, accept_prob: Float[Array, ""], options: Options | PaperOptions
+    state: State, accept_prob: Float[Array, ""], options: Options
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Robbins and Monro's rule on the logarithm of the step; its average takes over at the end.
-
-    Returns:
-        Logarithm of the next step's size, and its average.
-    """
+    """Robbins and Monro's next log step and its average, which takes over at the end."""
     if options.step_size is not None:
         return state.log_step, state.log_step_average
     t = state.i + 1.0

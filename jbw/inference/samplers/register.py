@@ -23,7 +23,7 @@ class Sampler(NamedTuple):
     Attributes:
         name: As `[identify] sampler` and `sample` take it.
         module: Its module, or the path to that.
-        options: Name of the record of options in the module.
+        options: Name of the module's record of options, or of other values of it.
         needs_fit: Whether it draws about a fit's covariance, and needs one.
         from_prior: Whether it crosses the whole box without a fit, and without a ridge's help.
         ignores_fit: Whether it is laid over the box itself, in no coordinates of a fit.
@@ -69,7 +69,7 @@ for _sampler in (
         "random_walk", _ROOM + "random_walk", cheap_draws=(2000, 20_000), suits_costly=True
     ),
     Sampler(
-        "random_walk_paper", _ROOM + "random_walk", options="PaperOptions", from_prior=True,
+        "random_walk_paper", _ROOM + "random_walk", options="PAPER", from_prior=True,
         ignores_fit=True, draws=(85, 765), cheap_draws=(85, 765),
     ),
     Sampler(
@@ -106,5 +106,7 @@ def module_of(sampler: Sampler) -> Any:
 
 def options_of(sampler: Sampler, **given: Any) -> Any:
     """The options of a sampler; those given that are None or that it does not have are left out."""
-    record = getattr(module_of(sampler), sampler.options)
-    return record(**{n: v for n, v in given.items() if n in record._fields and v is not None})
+    options = getattr(module_of(sampler), sampler.options)
+    defaults = options() if isinstance(options, type) else options
+    known = {n: v for n, v in given.items() if n in defaults._fields and v is not None}
+    return defaults._replace(**known)

@@ -14,7 +14,7 @@ import xarray as xr
 from jaxtyping import Array, Float, Key
 
 from jbw.inference.posterior.summary import diagnose, scalars
-from jbw.inference.samplers.checkpointing import Kept
+from jbw.inference.samplers.chunked_run import Kept
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import LogLikelihood

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from jbw.errors import ConfigError
 from jbw.inference.samplers.chains import (
     Draws,
+    MakeKernel,
+    Starts,
     draws_of,
     evaluate_chains,
     num_devices_for,
     starts_of,
 )
-from jbw.inference.samplers.checkpointing import Kept
-from jbw.inference.samplers.chunked_run import Progress, grow_chains
+from jbw.inference.samplers.chunked_run import Kept, Progress, grow_chains
 from jbw.inference.samplers.evidence import require_possible
 from jbw.inference.samplers.register import Sampler, module_of, options_of, sampler_named
 from jbw.inference.space.box import Box, require_float64
@@ -59,16 +60,14 @@ def sample(
 ) -> xr.DataTree:
     """Sample the posterior of a log likelihood and a uniform prior in a box.
 
-    Compiled once for a `log_likelihood`, names, shapes and options: further calls with the same
-    function object run at once on other data or bounds. Under `vectorized` all chains wait for the
-    longest trajectory, so where a likelihood is slow (an ODE) prefer `parallel` or `sequential`.
-    Equal keys give equal draws for one chain method, machine and set of versions.
+    Compiled once for a `log_likelihood`, names, shapes and options. Under `vectorized` all chains
+    wait for the longest trajectory: where a likelihood is slow (an ODE) prefer `parallel` or
+    `sequential`. Equal keys give equal draws for one chain method, machine and set of versions.
 
     Args:
         key: Random key.
         log_likelihood: (theta, data) to independent terms [nats], whose sum is the log likelihood;
-            non-finite where a solve failed. Every draw stores its terms: return one a record or a
-            point, not one a sample of a long record.
+            non-finite where a solve failed. Every draw stores its terms: not one a sample.
         box: Prior bounds.
         data: Whatever `log_likelihood` takes, arrays in any pytree.
         sampler: "nuts"; "elliptical_slice" (no gradient, about four evaluations a draw; needs
@@ -77,7 +76,7 @@ def sample(
             draws about `covariance`, which it needs); "tempered_smc" and "nested" (from the whole
             box, or from heavy tails about `covariance`; a chain is a run); "quadrature" (exact, up
             to four parameters). Or one that was registered.
-        num_warmup: Steps of adaptation in each chain, discarded; the sampler's own when None.
+        num_warmup: Steps of each chain that are discarded; the sampler's own when None.
         num_samples: Draws kept of each chain; the sampler's own when None. Also the particles of a
             run of "tempered_smc", and twice the live points of "nested".
         num_chains: Chains.
@@ -94,10 +93,10 @@ def sample(
         kept: Where unfinished chains outlive the process, to go on from as if never stopped.
 
     Returns:
-        Groups posterior, sample_stats, log_likelihood, log_prior and timing. `failed` counts the
-        walk's proposals whose likelihood was not finite; a trajectory of NUTS that meets one is
-        `diverging`. The root's attributes hold num_evaluations, of the log likelihood with the
-        warm-up's, and where the sampler gives them log_evidence and log_evidence_error [nats].
+        Groups posterior, sample_stats, log_likelihood, log_prior and timing. Where the likelihood
+        is not finite the walk's proposal has `failed`, NUTS' trajectory is `diverging`. The root's
+        attributes hold num_evaluations, the warm-up's included, and where the sampler gives them
+        log_evidence and log_evidence_error [nats].
 
     Raises:
         ConfigError: An option, start or covariance that cannot be used, or a float32 session.
@@ -119,7 +118,8 @@ def sample(
     if hasattr(module_of(entry), "draw"):
         found = _at_once(entry, key, problem, chosen, method)
     else:
-        found = _in_chunks(entry, key, problem, place, chosen, (progress, kept))
+        starts = starts_of(key, problem, place.start, num_chains)
+        found = _in_chunks(starts, problem, module_of(entry).kernel, chosen, progress, kept)
     drawn, terms, extra, earlier = found
     tree = _tree(drawn, terms, extra - float(log_volume(box)), box, attrs or {})
     spent = {"wall_s": time.perf_counter() - clock + earlier}
@@ -137,16 +137,9 @@ def sample(
 
 
 def _in_chunks(
-    entry: Sampler,
-    key: Key[Array, ""],
-    problem: Problem,
-    place: Reparametrisation,
-    options: Any,
-    watched: tuple[Progress | None, Kept | None],
+    starts: Starts, problem: Problem, make: MakeKernel, options: Any, *watched: Any
 ) -> Found:
     """Chains, chunk by chunk, so that they can be watched and kept."""
-    starts = starts_of(key, problem, place.start, options.num_chains)
-    make = module_of(entry).kernel
     (draw, terms, extra), earlier = grow_chains(starts, problem, make, options, *watched)
     # As many evaluations a draw in the warm-up as after.
     each = np.mean(draw.stats["n_steps"]) if "n_steps" in draw.stats else 1.0
@@ -240,7 +233,7 @@ def _check_suits(entry: Sampler, place: Reparametrisation, box: Box) -> None:
             why="It draws from a Gaussian and corrects what the posterior differs from it.",
             remedy='Pass the start and covariance of a fit, or use sampler="nuts".',
         )
-    if entry.most_parameters is not None and len(box.names) > entry.most_parameters:
+    if not entry.suits(len(box.names)):
         raise ConfigError(
             f"Sampler {entry.name} takes at most {entry.most_parameters} parameters, but the "
             f"posterior has {len(box.names)}.",

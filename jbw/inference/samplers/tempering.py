@@ -13,6 +13,7 @@ Reference:
     Del Moral, Doucet, Jasra (2006), J. R. Stat. Soc. B 68, 411.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -22,7 +23,13 @@ from blackjax.smc import adaptive_tempered, resampling
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from jbw.inference.samplers.chains import Draws, over_chains
-from jbw.inference.samplers.evidence import is_possible, log_ratio, pooled_evidence, reference
+from jbw.inference.samplers.evidence import (
+    is_possible,
+    log_ratio,
+    pooled_evidence,
+    reference,
+    weighted_moments,
+)
 from jbw.inference.space.problem import Problem
 
 TARGET_ESS = 0.6  # share of the particles that a step of the temperature leaves effective
@@ -83,10 +90,7 @@ def _run(
 ) -> tuple[dict[str, Float[Array, " draw"]], _State, Bool[Array, ""]]:
     """The particles at the end, the state there, and whether any first particle was possible."""
     about = reference(problem)
-
-    def ratio(w: Float[Array, " parameter"]) -> Float[Array, ""]:
-        return log_ratio(problem, w)
-
+    ratio = partial(log_ratio, problem)
     walk = random_walk.build_additive_step()
 
     def move(key: Array, state: Any, log_density: Any, factor: Array) -> Any:
@@ -136,6 +140,5 @@ def _root(
     y: Float[Array, "draw parameter"], weights: Float[Array, " draw"]
 ) -> Float[Array, "parameter parameter"]:
     """Cholesky factor of the weighted covariance of particles."""
-    left = y - weights @ y
-    covariance = (weights[:, None] * left).T @ left
+    covariance = weighted_moments(weights, y)[1]
     return jnp.linalg.cholesky(covariance + NUGGET * jnp.diag(jnp.diagonal(covariance) + 1e-300))

@@ -31,13 +31,7 @@ class Box(eqx.Module):
 
 
 def box(bounds: Mapping[str, tuple[float, float]]) -> Box:
-    """Check the bounds of every parameter and make the box.
-
-    Args:
-        bounds: Parameter name to (lower, upper), in the parameter's unit.
-
-    Returns:
-        The box, in the order of `bounds`.
+    """The box of parameter names to (lower, upper), in the parameters' units, in their order.
 
     Raises:
         ConfigError: No parameter, not a pair of finite numbers, or lower not below upper.
@@ -81,8 +75,7 @@ def to_unit(
 
     $$x = (\theta - \theta_{min}) / (\theta_{max} - \theta_{min})$$
 
-    Returns:
-        x [-], in the order of `box.names` along the last axis.
+    in the order of `box.names` along the last axis.
     """
     stacked = jnp.stack([jnp.asarray(theta[name]) for name in box.names], axis=-1)
     return (stacked - box.lower) / (box.upper - box.lower)
@@ -93,23 +86,18 @@ def from_unit(x: Float[Array, "... parameter"], box: Box) -> dict[str, Float[Arr
 
     $$\theta = \theta_{min} + x\,(\theta_{max} - \theta_{min})$$
 
-    Args:
-        x: Unit coordinate [-], in the order of `box.names` along the last axis.
-        box: The prior box.
-
-    Returns:
-        Parameters by name, in their units.
+    x is in the order of `box.names` along the last axis, the parameters by name in their units.
     """
-    theta = box.lower + x * (box.upper - box.lower)
-    return {name: theta[..., i] for i, name in enumerate(box.names)}
+    return named(box.lower + x * (box.upper - box.lower), box)
+
+
+def named(values: Float[Array, "... parameter"], box: Box) -> dict[str, Float[Array, "..."]]:
+    """Parameters by name from the last axis of an array."""
+    return {name: values[..., i] for i, name in enumerate(box.names)}
 
 
 def require_float64() -> None:
-    """Refuse a float32 session.
-
-    Raises:
-        ConfigError: JAX runs in float32.
-    """
+    """Refuse a float32 session."""
     if not jax.config.jax_enable_x64:
         raise ConfigError(
             "Inference needs float64, but JAX runs in float32.",
@@ -164,10 +152,8 @@ def prior_of(product: Product, box: Box) -> tuple[float, float]:
     $$E[\theta^p] = \frac{u^{p+1} - l^{p+1}}{(p + 1)(u - l)}, \qquad
       E[\theta^{-1}] = \frac{\log(u/l)}{u - l}$$
 
-    multiplied over the parameters, which are independent.
-
-    Returns:
-        Mean and standard deviation; infinite where a negative power meets a bound at zero.
+    multiplied over the parameters, which are independent; infinite where a negative power meets a
+    bound at zero.
 
     Raises:
         ConfigError: If the product names a parameter that the box has not.

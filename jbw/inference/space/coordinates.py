@@ -37,30 +37,12 @@ class Coordinate(eqx.Module):
         """Logarithm of the absolute determinant of dy/dx at x."""
 
 
-class Identity(Coordinate):
-    """The parameters themselves."""
-
-    def forward(self, x: Vector) -> Vector:
-        """The same point."""
-        return x
-
-    def inverse(self, y: Vector) -> Vector:
-        """The same point."""
-        return y
-
-    def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Zero."""
-        return jnp.zeros(())
-
-
 class Affine(Coordinate):
-    r"""A linear map, such as the whitening by a covariance $L L^T$.
-
-    $$y = c + L x$$
+    r"""A linear map $y = c + L x$, such as the whitening by a covariance $L L^T$.
 
     Attributes:
         centre: c.
-        factor: L; lower- or upper-triangular makes no difference.
+        factor: L, of any shape.
         log_det: Logarithm of |det L|, known once for all evaluations.
     """
 
@@ -85,49 +67,32 @@ class Affine(Coordinate):
         return self.log_det
 
 
-class _Bounded(Coordinate):
-    """A change of variable of each parameter by itself, by one of NumPyro's transforms.
+class Elementwise(Coordinate):
+    """Each parameter by itself, by one of NumPyro's transforms."""
 
-    Attributes:
-        lower: Lower bounds.
-        upper: Upper bounds.
-    """
-
-    lower: Vector
-    upper: Vector
-
-    @abstractmethod
-    def transform(self) -> Transform:
-        """NumPyro's transform of the whole vector."""
+    transform: Transform
 
     def forward(self, x: Vector) -> Vector:
         """The transformed point."""
-        return jnp.asarray(self.transform()(x))
+        return jnp.asarray(self.transform(x))
 
     def inverse(self, y: Vector) -> Vector:
         """The point that is transformed to y."""
-        return jnp.asarray(self.transform().inv(y))
+        return jnp.asarray(self.transform.inv(y))
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
         """Sum of the logarithms of the slopes."""
-        transform = self.transform()
-        return jnp.sum(transform.log_abs_det_jacobian(x, transform(x)))
+        return jnp.sum(self.transform.log_abs_det_jacobian(x, self.transform(x)))
 
 
-class Interval(_Bounded):
-    r"""From all real numbers into the bounds, $y = l + (u - l) / (1 + e^{-x})$."""
-
-    def transform(self) -> Transform:
-        """NumPyro's own map onto an interval."""
-        return biject_to(constraints.interval(self.lower, self.upper))
+def interval(lower: Vector, upper: Vector) -> Elementwise:
+    r"""From all real numbers into bounds, $y = l + (u - l) / (1 + e^{-x})$."""
+    return Elementwise(biject_to(constraints.interval(lower, upper)))
 
 
-class Unit(_Bounded):
-    r"""From the unit cube into the bounds, $y = l + (u - l)\,x$."""
-
-    def transform(self) -> Transform:
-        """A shift and a scale."""
-        return AffineTransform(self.lower, self.upper - self.lower)
+def unit(lower: Vector, upper: Vector) -> Elementwise:
+    r"""From the unit cube into bounds, $y = l + (u - l)\,x$."""
+    return Elementwise(AffineTransform(lower, upper - lower))
 
 
 class Logarithms(Coordinate):
@@ -136,8 +101,7 @@ class Logarithms(Coordinate):
     A product known far better than its factors is a straight valley of the logarithms and a bent
     one of the parameters themselves, which nothing whitened by one covariance follows.
 
-    Attributes:
-        chosen: Which parameters; static.
+    Static is which are `chosen`.
     """
 
     chosen: tuple[bool, ...] = eqx.field(static=True)
@@ -160,11 +124,7 @@ class Logarithms(Coordinate):
 
 
 class Composed(Coordinate):
-    """One change of variable after the other, the first part first.
-
-    Attributes:
-        parts: The changes of variable.
-    """
+    """One change of variable after the other, the first part first."""
 
     parts: tuple[Coordinate, ...]
 
@@ -187,3 +147,7 @@ class Composed(Coordinate):
             total = total + part.log_abs_det_jacobian(x)
             x = part.forward(x)
         return total
+
+
+IDENTITY = Composed(())
+"""The parameters themselves."""

@@ -10,8 +10,8 @@ from jaxtyping import Array, Float, PyTree
 from numpy.typing import NDArray
 
 from jbw.errors import ConfigError
-from jbw.inference.space.box import Box
-from jbw.inference.space.coordinates import Affine, Composed, Coordinate, Interval, Unit
+from jbw.inference.space.box import Box, named
+from jbw.inference.space.coordinates import Affine, Composed, Coordinate, interval, unit
 from jbw.inference.space.reparametrisation import Reparametrisation
 
 Theta = Mapping[str, Float[Array, "..."]]
@@ -55,12 +55,12 @@ class Problem(eqx.Module):
     @property
     def coordinate(self) -> Composed:
         """From the whitened w to the parameters."""
-        return Composed((self.whitening, Interval(self.lower, self.upper), self.outer))
+        return Composed((self.whitening, interval(self.lower, self.upper), self.outer))
 
     @property
     def unit_coordinate(self) -> Composed:
         """From the unit cube to the parameters."""
-        return Composed((Unit(self.lower, self.upper), self.outer))
+        return Composed((unit(self.lower, self.upper), self.outer))
 
     def theta(self, w: Float[Array, " parameter"]) -> dict[str, Array]:
         """The parameters by name at a whitened point."""
@@ -80,17 +80,10 @@ def problem_of(
 ) -> Problem:
     """The posterior in given coordinates."""
     bounds, size = (place.lower, place.upper), len(box.names)
-    located = place.start is not None and place.covariance is not None
+    whitening, located = Affine(jnp.zeros(size), jnp.eye(size)), False
     if place.start is not None and place.covariance is not None:
-        whitening = laplace_whitening(place.start, place.covariance, *bounds)
-    else:
-        whitening = Affine(jnp.zeros(size), jnp.eye(size))
+        whitening, located = laplace_whitening(place.start, place.covariance, *bounds), True
     return Problem(log_likelihood, log_prior, box, data, place.outer, *bounds, whitening, located)
-
-
-def named(values: Float[Array, "... parameter"], box: Box) -> dict[str, Array]:
-    """Parameters by name from the last axis of an array."""
-    return {name: values[..., i] for i, name in enumerate(box.names)}
 
 
 def log_density(
@@ -101,8 +94,7 @@ def log_density(
     $$\log p(x | D) = \sum_i \log L_i(\theta) + \log\pi(\theta) - \log V
     + \log\left|\det \frac{\partial\theta}{\partial x}\right|$$
 
-    with V the volume of the box; minus infinity outside of it. A failed solve is data for the
-    sampler: such parameters are impossible, not an error.
+    with V the volume of the box; minus infinity outside of it, and where a solve failed.
 
     Reference:
         Eqs. (32), (33), (35), (36), (37).
@@ -135,12 +127,6 @@ def laplace_whitening(
     with x the place of the start between the bounds, 0 to 1, and z its logit. The last term is the
     prior's precision in z: directions of which the data say nothing keep the width of the box. A
     centre closer to a bound than its standard deviation is moved inside.
-
-    Returns:
-        The linear map to the logit.
-
-    Raises:
-        ConfigError: The covariance is not finite, symmetric and positive definite.
     """
     low, width = np.asarray(lower), np.asarray(upper) - np.asarray(lower)
     covariance_x = np.asarray(covariance, dtype=float) / np.outer(width, width)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from jbw.errors import ConfigError
 from jbw.inference.space.box import Box, from_unit, to_unit
-from jbw.inference.space.coordinates import Coordinate, Identity, Logarithms
+from jbw.inference.space.coordinates import IDENTITY, Coordinate, Logarithms
 
 Theta = Mapping[str, Any]
 Covariance = Float[np.ndarray, "parameter parameter"]
@@ -48,7 +48,7 @@ def in_box(
         ConfigError: Unknown or missing names, a start outside the box, a covariance without the
             one point that it was found at.
     """
-    known = Reparametrisation(Identity(), box.lower, box.upper)
+    known = Reparametrisation(IDENTITY, box.lower, box.upper)
     if start is None:
         if covariance is not None:
             raise ConfigError(
@@ -110,27 +110,23 @@ def along_logarithms(
     line over the box: a logit that bends would bend the ridges with it. The posterior itself keeps
     to the prior box.
     """
-    outer, lower, upper = logarithms_of(theta, box, names)
-    reach = WIDER * (upper - lower)
-    start, spread = in_logarithms(theta, covariance, box, names)
-    return Reparametrisation(outer, lower - reach, upper + reach, start, spread)
-
-
-def logarithms_of(
-    theta: Theta, box: Box, names: tuple[str, ...]
-) -> tuple[Logarithms, Float[Array, " parameter"], Float[Array, " parameter"]]:
-    """The logarithms of some parameters, and the box's bounds in them."""
-    outer = Logarithms(tuple(name in names for name in box.names))
-    least = np.array([FLOOR * float(theta[name]) for name in box.names])
-    lower = np.where(outer.chosen, np.maximum(box.lower, least), box.lower)
-    return outer, outer.inverse(jnp.asarray(lower)), outer.inverse(box.upper)
+    place = in_logarithms(theta, covariance, box, names)
+    reach = WIDER * (place.upper - place.lower)
+    return place._replace(lower=place.lower - reach, upper=place.upper + reach)
 
 
 def in_logarithms(
     theta: Theta, covariance: Covariance, box: Box, names: tuple[str, ...]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    r"""Optimum and covariance by the logarithms, $\Sigma_{ij} / (\theta_i \theta_j)$."""
+) -> Reparametrisation:
+    r"""The same within the box's own bounds; covariance $\Sigma_{ij} / (\theta_i \theta_j)$."""
     value = np.array([float(theta[name]) for name in box.names])
-    chosen = np.array([name in names for name in box.names])
-    positive = np.where(chosen, value, 1.0)
-    return np.where(chosen, np.log(positive), value), covariance / np.outer(positive, positive)
+    outer = Logarithms(tuple(name in names for name in box.names))
+    lower = np.where(outer.chosen, np.maximum(box.lower, FLOOR * value), box.lower)
+    positive = np.where(outer.chosen, value, 1.0)
+    return Reparametrisation(
+        outer,
+        outer.inverse(jnp.asarray(lower)),
+        outer.inverse(box.upper),
+        np.where(outer.chosen, np.log(positive), value),
+        covariance / np.outer(positive, positive),
+    )

@@ -16,7 +16,6 @@ $$\left|\det \frac{\partial s}{\partial (w, r)}\right| = \tau_+ - \tau_-$$
 
 from collections.abc import Mapping
 from itertools import product
-from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -30,7 +29,6 @@ from jbw.inference.space.reparametrisation import (
     Covariance,
     Reparametrisation,
     in_logarithms,
-    logarithms_of,
 )
 
 PART = 0.3  # a parameter is of the ridge from this share of its largest component on
@@ -104,47 +102,35 @@ def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, "
 
 def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) -> Reparametrisation:
     """The coordinates about the optimum of a fit; its least known direction is the ridge."""
-    logs = tuple(n for n, low in zip(box.names, box.lower, strict=True) if low > 0)
-    outer, lower, upper = logarithms_of(theta, box, logs)
-    start, covariance = in_logarithms(theta, covariance, box, logs)
-    laplace = _Laplace(np.asarray(lower), np.asarray(upper - lower), start, np.asarray(covariance))
-    ridge = _ridge_of(laplace)
+    positive = tuple(n for n, low in zip(box.names, box.lower, strict=True) if low > 0)
+    about = in_logarithms(theta, covariance, box, positive)
+    ridge = _ridge_of(about)
     # The corners of the box as seen across the ridge: beyond them no line meets the box.
     corners = np.array(list(product((0.0, 1.0), repeat=len(ridge.members))))
     ends = (corners - np.asarray(ridge.origin)) @ np.asarray(ridge.across)
     others = np.array(ridge.others, dtype=int)
-    point, spread = _laplace_along(laplace, ridge)
     return Reparametrisation(
-        Composed((ridge, outer)),
-        jnp.concatenate([lower[others], jnp.asarray(ends.min(axis=0)), jnp.zeros(1)]),
-        jnp.concatenate([upper[others], jnp.asarray(ends.max(axis=0)), jnp.ones(1)]),
-        point,
-        spread,
+        Composed((ridge, about.outer)),
+        jnp.concatenate([about.lower[others], jnp.asarray(ends.min(axis=0)), jnp.zeros(1)]),
+        jnp.concatenate([about.upper[others], jnp.asarray(ends.max(axis=0)), jnp.ones(1)]),
+        *_laplace_along(about, ridge),
     )
 
 
-class _Laplace(NamedTuple):
-    """A fit by the logarithms of its parameters: bounds, optimum and covariance."""
-
-    lower: NDArray[np.float64]
-    width: NDArray[np.float64]
-    start: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-
-
-def _ridge_of(laplace: _Laplace) -> Ridge:
+def _ridge_of(about: Reparametrisation) -> Ridge:
     """The ridge along the weakest direction, in units of the box."""
-    unit = laplace.covariance / np.outer(laplace.width, laplace.width)
+    lower, width = np.asarray(about.lower), np.asarray(about.upper - about.lower)
+    unit = np.asarray(about.covariance) / np.outer(width, width)
     weakest = np.abs(np.linalg.eigh(unit)[1][:, -1])
-    members = np.flatnonzero(weakest > PART * weakest.max())
-    others = np.flatnonzero(weakest <= PART * weakest.max())
+    is_member = weakest > PART * weakest.max()
+    members, others = np.flatnonzero(is_member), np.flatnonzero(~is_member)
     directions = np.linalg.eigh(unit[np.ix_(members, members)])[1]
-    origin = (laplace.start[members] - laplace.lower[members]) / laplace.width[members]
+    origin = (np.asarray(about.start)[members] - lower[members]) / width[members]
     return Ridge(
         tuple(members.tolist()),
         tuple(others.tolist()),
-        jnp.asarray(laplace.lower[members]),
-        jnp.asarray(laplace.width[members]),
+        jnp.asarray(lower[members]),
+        jnp.asarray(width[members]),
         jnp.asarray(origin),
         jnp.asarray(directions[:, :-1]),
         jnp.asarray(directions[:, -1]),
@@ -152,7 +138,7 @@ def _ridge_of(laplace: _Laplace) -> Ridge:
 
 
 def _laplace_along(
-    laplace: _Laplace, ridge: Ridge
+    about: Reparametrisation, ridge: Ridge
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Optimum and covariance in the coordinates of the ridge.
 
@@ -163,14 +149,14 @@ def _laplace_along(
     low, high = (float(wall) for wall in walls(ridge.origin, ridge.along))
     length = max(high - low, NARROW)  # zero for an optimum in a corner
     others, members = np.array(ridge.others, dtype=int), np.array(ridge.members)
-    across = np.zeros(len(members) - 1)
-    start = [*laplace.start[others], *across, np.clip(-low / length, *MIDDLE)]
-    turn = np.zeros((len(laplace.width), len(laplace.width)))
+    across, size = np.zeros(len(members) - 1), len(about.lower)
+    start = [*np.asarray(about.start)[others], *across, np.clip(-low / length, *MIDDLE)]
+    turn = np.zeros((size, size))
     turn[range(len(others)), others] = 1.0
-    directions = np.column_stack([ridge.across, ridge.along]).T / laplace.width[members]
-    turn[np.ix_(range(len(others), len(turn)), members)] = directions
+    directions = np.column_stack([ridge.across, ridge.along]).T / np.asarray(ridge.width)
+    turn[np.ix_(range(len(others), size), members)] = directions
     turn[-1] /= length
-    covariance = turn @ laplace.covariance @ turn.T
-    shrink = np.ones(len(turn))
+    covariance = turn @ np.asarray(about.covariance) @ turn.T
+    shrink = np.ones(size)
     shrink[-1] = min(1.0, 1 / np.sqrt(12 * covariance[-1, -1]))
     return np.array(start), covariance * np.outer(shrink, shrink)
