@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,9 @@ class Fault:
     remedy: str = ""  # what to do
 
 
+refusal, doubt = partial(Fault, "error"), partial(Fault, "warning")
+
+
 def inspect(record: Record, *, masked: bool = False) -> tuple[Fault, ...]:
     """Everything that the checks below find in a record, errors first.
 
@@ -51,8 +55,7 @@ def _lengths(record: Record) -> Iterator[Fault]:
     lengths = {role: len(x) for role, x in record.channels.items()}
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"`{role}` has {n}" for role, n in lengths.items())
-        yield Fault(
-            "error",
+        yield refusal(
             next(iter(lengths)),
             f"Channels must have equal lengths, but {listed} samples.",
             "Cutting the longer one would assume that both begin together.",
@@ -63,13 +66,12 @@ def _lengths(record: Record) -> Iterator[Fault]:
 def _channel(role: str, x: NDArray[np.float64], fs: float, masked: bool) -> Iterator[Fault]:
     """The checks of one channel; whatever makes its numbers meaningless ends them."""
     # NaN passes through min and max, which need no copy of a long record.
-    if not np.isfinite(_extremes(x)).all():
+    if len(x) and not np.isfinite([x.min(), x.max()]).all():
         finite = np.isfinite(x)
         bad = np.flatnonzero(~finite)
         if not (masked and len(bad) < len(x) / 2):
             first = ", ".join(str(i) for i in bad[:5])
-            yield Fault(
-                "error",
+            yield refusal(
                 role,
                 f"Samples must be finite, but {len(bad)} of {len(x)} are not; the first at "
                 f"{first}.",
@@ -78,18 +80,16 @@ def _channel(role: str, x: NDArray[np.float64], fs: float, masked: bool) -> Iter
                 'kind frf leaves such lines out with gaps = "mask".',
             )
             return
-        yield Fault(
-            "warning",
+        yield doubt(
             role,
             f"{len(bad)} of {len(x)} samples are not finite, and masked.",
             remedy="Nothing, if that is what was meant.",
         )
         x = x[finite]
     if not len(x):
-        yield Fault("error", role, "The channel is empty.", remedy="Export the record again.")
-    elif (largest := _largest(x)) > LARGEST:
-        yield Fault(
-            "error",
+        yield refusal(role, "The channel is empty.", remedy="Export the record again.")
+    elif (largest := max(-x.min(), x.max())) > LARGEST:
+        yield refusal(
             role,
             f"Sample {int(np.abs(x).argmax())} is {largest:.3g} in SI units, beyond any "
             "measurement.",
@@ -100,23 +100,13 @@ def _channel(role: str, x: NDArray[np.float64], fs: float, masked: bool) -> Iter
         yield from _signal(role, x, fs)
 
 
-def _extremes(x: NDArray[np.float64]) -> tuple[float, float]:
-    return (float(x.min()), float(x.max())) if len(x) else (0.0, 0.0)
-
-
-def _largest(x: NDArray[np.float64]) -> float:
-    """Largest absolute value."""
-    return max(map(abs, _extremes(x)))
-
-
 def ordered(record: Record) -> Iterator[Fault]:
     """Whether the lines of a curve go one way."""
     x = record.channels["frequency"]
     x = x[np.isfinite(x)]
     steps = np.diff(x)
     if not (np.all(x > 0) and (np.all(steps > 0) or np.all(steps < 0))):
-        yield Fault(
-            "error",
+        yield refusal(
             "frequency",
             "Frequencies must be positive and go one way.",
             remedy="Sort the lines of the measured FRF and drop repeated ones and 0 Hz.",
@@ -125,14 +115,12 @@ def ordered(record: Record) -> Iterator[Fault]:
 
 def _signal(role: str, x: NDArray[np.float64], fs: float) -> Iterator[Fault]:
     """The checks of a sampled signal."""
-    lowest, highest = _extremes(x)
     levels = np.unique(x[:LEVELS_FROM])
-    span, largest = highest - lowest, _largest(x)
+    span, largest = np.ptp(x), max(-x.min(), x.max())
     # A source may switch between two values; one that toggles its last bit is dead.
     toggles = len(levels) <= 2 < len(x) and (role in RESPONSES or span <= 1e-3 * largest)
     if span == 0 or toggles:
-        yield Fault(
-            "error",
+        yield refusal(
             role,
             f"The channel is constant at {x[0]:.6g}" + (" within one bit." if span > 0 else "."),
             "A dead sensor or an unconnected input looks like this.",
@@ -140,32 +128,41 @@ def _signal(role: str, x: NDArray[np.float64], fs: float) -> Iterator[Fault]:
         )
         return
     if role in RESPONSES or len(levels) > FEW_SOURCE_LEVELS:
-        yield from _clipped(role, x, fs, levels)
+        yield from _clipped(role, x, fs, float(np.diff(levels).min()))
     if len(levels) < FEWEST_LEVELS and len(x) >= 4 * FEWEST_LEVELS and role in RESPONSES:
-        yield Fault(
-            "warning",
+        yield doubt(
             role,
             f"The channel has only {len(levels)} distinct values, fewer than {FEWEST_LEVELS}.",
             "Quantisation is then no longer like white noise.",
             "Measure with a smaller range, so that more bits are used.",
         )
     if largest > PLAUSIBLE.get(role, np.inf):
-        yield Fault(
-            "warning",
+        yield doubt(
             role,
             f"The largest {role} is {largest:.3g} in SI units, more than a bolted joint survives.",
             remedy=f"Check the unit: is the file in {GUESS[role]}?",
         )
 
 
-def _clipped(
-    role: str, x: NDArray[np.float64], fs: float, levels: NDArray[np.float64]
-) -> Iterator[Fault]:
-    runs = _clipped_runs(x, float(np.diff(levels).min()))
+def _clipped(role: str, x: NDArray[np.float64], fs: float, step: float) -> Iterator[Fault]:
+    """Stretches of three or more samples cut off flat at an extreme.
+
+    A smooth peak of few bits is flat too, but falls off it by about one step of the converter;
+    a clipped one falls faster.
+    """
+    runs = []
+    for extreme in (x.max(), x.min()):
+        at = np.flatnonzero(x == extreme)
+        for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
+            start, stop = int(run[0]), int(run[-1]) + 1
+            outside = [x[i] for i in (start - 1, stop) if 0 <= i < len(x)]
+            fall = max((abs(value - extreme) for value in outside), default=0.0)
+            if stop - start >= CLIP_RUN and fall > 2 * step:
+                runs.append((start, stop))
     if not runs:
         return
     share = sum(stop - start for start, stop in runs) / len(x)
-    listed = ", ".join(f"{start / fs:.3f}-{stop / fs:.3f} s" for start, stop in runs[:4])
+    listed = ", ".join(f"{start / fs:.3f}-{stop / fs:.3f} s" for start, stop in sorted(runs)[:4])
     more = f" and {len(runs) - 4} more" if len(runs) > 4 else ""
     yield Fault(
         "error" if share > CLIPPED_SHARE else "warning",
@@ -174,21 +171,3 @@ def _clipped(
         "A clipped peak reads as softening and as harmonics.",
         "Drop the repeat with exclude, keep a clean part with span, or measure with more range.",
     )
-
-
-def _clipped_runs(x: NDArray[np.float64], step: float) -> list[tuple[int, int]]:
-    """Start and end of stretches of three or more samples cut off flat at an extreme.
-
-    A smooth peak of few bits is flat too, but falls off it by about one step of the converter;
-    a clipped one falls faster.
-    """
-    found = []
-    for extreme in (x.max(), x.min()):
-        at = np.flatnonzero(x == extreme)
-        for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
-            start, stop = run[0], run[-1] + 1
-            outside = [x[i] for i in (start - 1, stop) if 0 <= i < len(x)]
-            fall = max((abs(value - extreme) for value in outside), default=0.0)
-            if stop - start >= CLIP_RUN and fall > 2 * step:
-                found.append((int(start), int(stop)))
-    return sorted(found)

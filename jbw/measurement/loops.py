@@ -17,33 +17,25 @@ RECENT = 2048  # samples next to an end from which it is predicted
 MOST_HARMONICS = 25  # of a mean cycle
 
 
-def enclosed_area(y: ArrayLike, force: ArrayLike, cycles: int = 1) -> NDArray[np.float64]:
-    r"""Energy dissipated in a cycle, the loop's area: positive when force works against motion.
+def enclosed_area(y: ArrayLike, force: ArrayLike) -> NDArray[np.float64]:
+    r"""Energy that a loop dissipates [J/kg], its area: positive when force works against motion.
 
     $$E = \oint F\,\mathrm{d}y = \pi\sum_n n\,\mathrm{Im}(F_n \bar Y_n)$$
 
-    with Y_n, F_n the Fourier coefficients of samples that cover whole cycles. Noise in the two
-    channels adds no bias when it is independent, and band-limited loops come out exact.
-
-    Args:
-        y: Displacement over a whole number of cycles, shape (time,) or (repeat, time) [m].
-        force: Force, of the same shape [N/kg].
-        cycles: Cycles in the samples; the area is their mean [J/kg].
+    with Y_n, F_n the Fourier coefficients of displacement [m] and force [N/kg] over a cycle, of
+    shape (time,) or (repeat, time). Noise in the two channels adds no bias when it is independent,
+    and band-limited loops come out exact.
     """
     y, force = channel(y, "y"), channel(force, "force")
     same_length(y=y, force=force)
     num_samples = y.shape[-1]
-    if cycles < 1:
-        raise ConfigError(f"Argument `cycles` must be at least 1, but it is {cycles}.")
-    if num_samples < 8 * cycles:
-        raise DataError(
-            f"A cycle must have at least 8 samples, but {num_samples} samples hold {cycles} cycles."
-        )
+    if num_samples < 8:
+        raise DataError(f"A cycle must have at least 8 samples, but it has {num_samples}.")
     y_k, f_k = (2 / num_samples * np.fft.rfft(x) for x in (y, force))
     k = np.arange(y_k.shape[-1])
     if num_samples % 2 == 0:
         k[-1] = 0  # the sine of the Nyquist frequency is not seen
-    return np.pi * np.sum(k * (f_k * y_k.conj()).imag, axis=-1) / cycles
+    return np.pi * np.sum(k * (f_k * y_k.conj()).imag, axis=-1)
 
 
 def mean_cycle(
@@ -75,44 +67,37 @@ def mean_cycle(
     return at_phase, force_at_phase
 
 
-def integrate(
-    x: ArrayLike, fs: float, band: tuple[float, float], *, periodic: bool = False
-) -> NDArray[np.float64]:
+def integrate(x: ArrayLike, fs: float, band: tuple[float, float]) -> NDArray[np.float64]:
     r"""Integral over time without drift, zero mean: X(omega) / (j omega) inside a stated band.
 
-    Exact inside the band; outside, the gain falls to zero over a fifth of each edge.
+    Outside of it the gain falls to zero over a fifth of each edge. The record is continued by
+    linear prediction: steady or decaying tones come out to about 1e-3, worst at the ends.
 
     Args:
         x: Samples, shape (time,) or (repeat, time).
         fs: Sampling frequency [Hz].
         band: Lowest and highest frequency to keep [Hz]; the lowest must exceed zero.
-        periodic: Whether the record holds whole periods (then exact to rounding). Otherwise it is
-            continued by linear prediction: steady or decaying tones come out to about 1e-3, worst
-            at the ends.
     """
     if not band[0] > 0:
         raise ConfigError(
             f"Argument `band` must start above zero to integrate, but it starts at {band[0]:g} Hz.",
             why="Division by j omega turns the offset of a sensor into a drift.",
         )
-    return _in_band(x, fs, band, periodic, lambda omega: 1 / (1j * omega))
+    return _in_band(x, fs, band, lambda omega: 1 / (1j * omega))
 
 
-def differentiate(
-    x: ArrayLike, fs: float, band: tuple[float, float], *, periodic: bool = False
-) -> NDArray[np.float64]:
+def differentiate(x: ArrayLike, fs: float, band: tuple[float, float]) -> NDArray[np.float64]:
     r"""Derivative by time inside a stated band: j omega X(omega).
 
     The upper edge bounds the noise, which grows with frequency. The rest as in `integrate`.
     """
-    return _in_band(x, fs, band, periodic, lambda omega: 1j * omega)
+    return _in_band(x, fs, band, lambda omega: 1j * omega)
 
 
 def _in_band(
     x: ArrayLike,
     fs: float,
     band: tuple[float, float],
-    periodic: bool,
     factor: Callable[[NDArray[np.float64]], NDArray[Any]],
 ) -> NDArray[np.float64]:
     """Multiply the spectrum by factor(omega) inside the band."""
@@ -125,8 +110,8 @@ def _in_band(
             f"{num_samples / fs:.4g} s.",
             remedy="Raise the band's lower edge, or measure longer.",
         )
-    reach = 0 if periodic else int(4 * fs / low) if low > 0 else num_samples
-    extended = continued(x, reach) if reach else x
+    reach = int(4 * fs / low) if low > 0 else num_samples
+    extended = continued(x, reach)
     omega = 2 * np.pi * np.fft.rfftfreq(extended.shape[-1], 1 / fs)
     gain = np.zeros(omega.shape, complex)
     gain[1:] = factor(omega[1:]) * _gain(omega[1:] / (2 * np.pi), low, high)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import DataError
-from jbw.measurement.checks import Fault
+from jbw.measurement.checks import Fault, doubt
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.spectra import FRF, frf, half_power_bandwidth, stands_out
 
@@ -46,7 +46,7 @@ def doubts(
     try:
         coarse, fine = (_frf(record, n, delay) for n in (SEGMENTS, LONGEST))
     except DataError as error:  # a record of a few samples
-        yield Fault("warning", record.response, error.what, error.why, error.remedy)
+        yield doubt(record.response, error.what, error.why, error.remedy)
         return
     # Either leaves no FRF whose size or width would mean anything.
     broken = [*_swapped(record.source, coarse), *_incoherent(record.response, coarse)]
@@ -92,8 +92,7 @@ def _swapped(source: str, estimate: FRF) -> Iterator[Fault]:
     spectra = (estimate.input_spectrum[lines], estimate.output_spectrum[lines])
     of_input, of_response = (float(x.max() / np.median(x)) for x in spectra)
     if of_input >= PEAKED * of_response:
-        yield Fault(
-            "warning",
+        yield doubt(
             source,
             f"The input's spectrum is {of_input / of_response:.3g} times more peaked than the "
             "response's.",
@@ -106,8 +105,7 @@ def _incoherent(role: str, estimate: FRF) -> Iterator[Fault]:
     lines = _carried(estimate)
     coherence = float(np.median(estimate.coherence[lines])) if lines.any() else 1.0
     if coherence < LOW_COHERENCE:
-        yield Fault(
-            "warning",
+        yield doubt(
             role,
             f"The coherence with the input is {coherence:.2f} in the median of the excited lines.",
             "Little of this response comes from this input.",
@@ -126,8 +124,7 @@ def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None)
         CLEAR * np.median(inside), *inside[[0, -1]]
     ):
         return
-    yield Fault(
-        "warning",
+    yield doubt(
         role,
         f"The response is largest at {peak:.4g} Hz, outside `band` = [{band_hz[0]:g}, "
         f"{band_hz[1]:g}] Hz: {peak / (sum(band_hz) / 2):.3g} times its centre.",
@@ -143,8 +140,7 @@ def _unresolved(
     width, peak = half_power_bandwidth(freq, h), float(freq[np.abs(h).argmax()])
     lasts = record.num_samples / record.fs
     if width <= RESOLVED * resolution_hz:
-        yield Fault(
-            "warning",
+        yield doubt(
             record.response,
             f"The resonance at {peak:.4g} Hz is seen {width:.3g} Hz wide, hardly more than a "
             f"record of {lasts:.4g} s resolves ({resolution_hz:.3g} Hz).",
@@ -168,16 +164,14 @@ def _missized(
     seen = 2 / np.pi * float(np.trapezoid(np.real(1j * omega * h), omega))
     ratio = 1.0 if per_unit is None else seen / per_unit
     if seen < 0 and in_band:  # without a band another mode may have the other sign
-        yield Fault(
-            "warning",
+        yield doubt(
             role,
             "At its resonance the response moves against the input: the gain is negative.",
             "The polarity of one channel is turned, or the response was taken the other way round.",
             f"Turn it: scale = {{ {role} = -1.0 }}.",
         )
     elif not 1 / MASS_FACTOR < ratio < MASS_FACTOR:
-        yield Fault(
-            "warning",
+        yield doubt(
             role,
             f"At its resonance the response is {ratio:.3g} times what the campaign's gain or modal "
             "mass makes of the input.",

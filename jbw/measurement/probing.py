@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +34,7 @@ class ThirdOrder:
         std: Scatter of `h3` over repeats, per real component; NaN with one repeat.
         std_expected: The same as the records' noise makes it.
         covariance: Of (Re, Im) of the mean of `h3`; from the scatter when there are repeats.
-        above_noise: Whether |mean Y_3| exceeds three standard errors.
+        above_noise: Whether |mean Y_3| exceeds three standard errors, so that it may enter a fit.
         notes: What a reader of the result must know, in words.
     """
 
@@ -56,11 +57,6 @@ class ThirdOrder:
     def mean(self) -> complex:
         """Mean of H3 over the repeats [m per unit^3]."""
         return complex(self.h3.mean())
-
-    @property
-    def usable(self) -> bool:
-        """Whether the frequency may enter a fit."""
-        return self.above_noise
 
 
 def third_order_kernel(
@@ -106,19 +102,31 @@ def third_order_kernel(
     """
     y = np.atleast_2d(channel(y, "y"))
     num_harmonics = max(3, min(num_harmonics, int(0.999 * np.pi * sampling(fs) / omega)))
-    filtered = harmonics(
-        y, fs, omega, num_harmonics, response=response, delay=delay, start=start, also=also
+    fitted = partial(
+        harmonics, fs=fs, omega=omega, num_harmonics=num_harmonics, start=start, also=also
     )
+    filtered = fitted(y, response=response, delay=delay)
     y_1, y_3 = filtered.amplitudes[:, 0], filtered.amplitudes[:, 2]
     variance = filtered.variance[:, 2]
     if u is None:
-        u_1, u_3 = _demanded(amplitude, len(y)), np.full(len(y), np.nan + 0j)
+        if amplitude is None or not abs(amplitude) > 0:
+            raise DataError(
+                "The input's amplitude must be known, but neither `u` nor `amplitude` was given.",
+                why="H3 is Y(3 omega) over the cube of it.",
+                remedy="Measure the input beside the response, or give the demanded `amplitude`.",
+            )
+        u_1, u_3 = (np.full(len(y), complex(x)) for x in (amplitude, np.nan))
         relative = np.zeros(len(y))
     else:
         u = np.atleast_2d(channel(u, "u"))
         same_length(u=u, y=y)
-        source = _measured_input(u, fs, omega, num_harmonics, start, also)
+        source = fitted(u)
         u_1, u_3 = source.amplitudes[:, 0], source.amplitudes[:, 2]
+        if np.any(np.abs(u_1) ** 2 <= NOISE_FLOOR**2 * source.variance[:, 0]):
+            raise DataError(
+                f"Channel `u` holds no tone at {omega / (2 * np.pi):.4g} Hz above its noise.",
+                remedy="Check `omega` (rad/s) and which channel is the input.",
+            )
         relative = 9 * source.variance[:, 0] / np.abs(u_1) ** 2
         if h1_3omega is not None:
             y_3 = y_3 - h1_3omega * u_3
@@ -139,39 +147,11 @@ def third_order_kernel(
     )  # fmt: skip
 
 
-def _measured_input(
-    u: NDArray[np.float64],
-    fs: float,
-    omega: float,
-    num_harmonics: int,
-    start: float,
-    also: Sequence[float],
-) -> Harmonics:
-    """Harmonics of the measured input, whose first must stand above its noise."""
-    source = harmonics(u, fs, omega, num_harmonics, start=start, also=also)
-    if np.any(np.abs(source.amplitudes[:, 0]) ** 2 <= NOISE_FLOOR**2 * source.variance[:, 0]):
-        raise DataError(
-            f"Channel `u` holds no tone at {omega / (2 * np.pi):.4g} Hz above its noise.",
-            remedy="Check `omega` (rad/s) and which channel is the input.",
-        )
-    return source
-
-
 def peak_displacement(filtered: Harmonics) -> NDArray[np.float64]:
     """Largest displacement over a period, rebuilt from its harmonics, shape (...) [m]."""
     n = np.arange(1, filtered.amplitudes.shape[-1] + 1)
     turn = np.exp(2j * np.pi * np.outer(n, np.arange(PERIOD_POINTS) / PERIOD_POINTS))
     return np.max(np.abs((filtered.amplitudes @ turn).real), axis=-1)
-
-
-def _demanded(amplitude: complex | None, num_repeats: int) -> NDArray[np.complex128]:
-    if amplitude is None or not abs(amplitude) > 0:
-        raise DataError(
-            "The input's amplitude must be known, but neither `u` nor `amplitude` was given.",
-            why="H3 is Y(3 omega) over the cube of it.",
-            remedy="Measure the input beside the response, or give the demanded `amplitude`.",
-        )
-    return np.full(num_repeats, complex(amplitude))
 
 
 def _stands_out(y_3: NDArray[np.complex128], variance: NDArray[np.float64]) -> bool:

@@ -131,10 +131,11 @@ def periods(test: Test) -> Test | None:
     """
     if test.periods < 2:
         return None
-    records = []
-    for record in test.records:
-        size, skipped = _layout(record, test)
-        records += [_cut(record, i * size, size) for i in range(skipped, test.periods)]
+    records = [
+        _cut(record, start, size)
+        for record, size in (_steady(record, test) for record in test.records)
+        for start in range(0, record.num_samples, size)
+    ]
     return replace(test, records=tuple(records))
 
 
@@ -142,15 +143,12 @@ def steady(test: Test) -> tuple[Test, int] | None:
     """Every record without its transient periods, and the samples of a period; None as above."""
     if test.periods < 2:
         return None
-    records, size = [], 0
-    for record in test.records:
-        size, skipped = _layout(record, test)
-        records.append(_cut(record, skipped * size, (test.periods - skipped) * size))
-    return replace(test, records=tuple(records)), size
+    records, sizes = zip(*(_steady(record, test) for record in test.records), strict=True)
+    return replace(test, records=records), sizes[-1]
 
 
-def _layout(record: Record, test: Test) -> tuple[int, int]:
-    """Samples of a period, and periods to skip."""
+def _steady(record: Record, test: Test) -> tuple[Record, int]:
+    """A record without its transient periods, and the samples of a period."""
     size, rest = divmod(record.num_samples, test.periods)
     if rest:
         raise DataError(
@@ -167,7 +165,7 @@ def _layout(record: Record, test: Test) -> tuple[int, int]:
             f"{size / record.fs:.4g} s.",
             remedy="Shorten `settle`, or measure more periods.",
         )
-    return size, skipped
+    return _cut(record, skipped * size, (test.periods - skipped) * size), size
 
 
 def _cut(record: Record, start: int, size: int) -> Record:

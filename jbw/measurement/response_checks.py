@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import JbwError
-from jbw.measurement.checks import Fault
+from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.measurement.curves import ForcedLoop, ResponseCurve, displacement_of
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.measurement.records import Record
@@ -44,12 +44,11 @@ def unsteady(
             fitted.append(_fitted(part, record, tone, settle, others))
         except JbwError as error:
             what = f"Tone {tone:.4g} Hz: {error.what}"
-            refused.append(Fault("error", role, what, error.why, error.remedy))
+            refused.append(refusal(role, what, error.why, error.remedy))
     yield from refused[:1]
     if drifting := [one for one in fitted if one.is_drifting]:
         largest = max(float(one.drift) for one in drifting)
-        yield Fault(
-            "warning",
+        yield doubt(
             role,
             f"{_named(drifting)}: the amplitude changes by {largest:.1%} from one half of the "
             "record to the other.",
@@ -61,8 +60,7 @@ def unsteady(
     buried = [i for i, (size, std) in enumerate(third) if size < NOISE_FLOOR * std]
     if buried and dwell is None:
         size, std = third[buried[0]]
-        yield Fault(
-            "warning",
+        yield doubt(
             role,
             f"{_named([fitted[i] for i in buried])}: the third harmonic ({size:.2g} m) does not "
             f"stand above the noise ({std:.2g} m).",
@@ -98,16 +96,14 @@ def impassive(curve: ResponseCurve) -> Iterator[Fault]:
     """
     role = curve.response_kind
     if len(curve.freq_hz) < FEWEST_LINES:
-        yield Fault(
-            "error",
+        yield refusal(
             role,
             f"The curve has {len(curve.freq_hz)} lines, but at least {FEWEST_LINES} are needed.",
             remedy="Measure more frequencies around the resonance.",
         )
         return
     if np.all(np.angle(curve.response) == 0):
-        yield Fault(
-            "warning",
+        yield doubt(
             "phase",
             "The response is in phase with the input at every line.",
             "A structure with damping lags; without a phase the damping is not known.",
@@ -115,8 +111,7 @@ def impassive(curve: ResponseCurve) -> Iterator[Fault]:
         )
         return
     if curve.source_kind == "force" and not np.all(curve.source > 0):
-        yield Fault(
-            "error",
+        yield refusal(
             curve.source_kind,
             "The input's amplitude must be positive, but it is not at every line.",
             remedy="Give amplitudes, not instantaneous values; correct the polarity in the "
@@ -131,8 +126,7 @@ def impassive(curve: ResponseCurve) -> Iterator[Fault]:
     wrong += [] if takes_in else [("the force takes energy out", f"{role} = -1.0")]
     if wrong:
         doubts, scales = zip(*wrong, strict=True)
-        yield Fault(
-            "warning",
+        yield doubt(
             role,
             f"The response cannot be that of a passive structure: {' and '.join(doubts)}.",
             "A wrong sign gives a joint with negative damping or stiffness.",
@@ -144,8 +138,7 @@ def phase_in_degrees(phase: NDArray[np.float64]) -> Iterator[Fault]:
     """The doubt that a phase given in radians was written in degrees."""
     largest = float(np.nanmax(np.abs(phase)))  # lines that are masked are NaN
     if largest > DEGREES:
-        yield Fault(
-            "warning",
+        yield doubt(
             "phase",
             f"The phase reaches {largest:.3g} rad, more than three turns.",
             "It reads like degrees.",
@@ -163,8 +156,7 @@ def gives_energy(loop: ForcedLoop) -> Iterator[Fault]:
     work = float(np.trapezoid(loop.force, loop.displacement))
     stored = float(np.ptp(loop.force) * np.ptp(loop.displacement)) / 8  # of a spring, at its most
     if work <= -stored:
-        yield Fault(
-            "warning",
+        yield doubt(
             "displacement",
             f"The joint gives out {-work:.3g} J over the record.",
             "Force or displacement has its sign turned: a joint takes energy in.",
@@ -181,8 +173,7 @@ def undecaying(record: Record, settle: float = 0.0) -> Iterator[Fault]:
     first, last = (float(np.std(part)) for part in (x[:quarter], x[len(x) - quarter :]))
     if last > DECAYED * first:
         times = last / first if first else np.inf
-        yield Fault(
-            "warning",
+        yield doubt(
             record.response,
             f"The response of the last quarter is {times:.2g} times that of the first.",
             "A free decay falls; this record may be driven, or begin before the impact.",

@@ -23,13 +23,13 @@ def loop_force(y, falling, case):
 
 def test_area_of_a_viscous_ellipse():
     c, omega, amplitude = 0.8, 2 * np.pi * 5, 1.3e-3
-    theta = 2 * np.pi * 3 * np.arange(600) / 600
+    theta = 2 * np.pi * np.arange(200) / 200
     y, v = amplitude * np.cos(theta), -omega * amplitude * np.sin(theta)
     expected = np.pi * c * omega * amplitude**2
-    assert enclosed_area(y, 4000 * y + c * v, cycles=3) == pytest.approx(expected, rel=1e-12)
+    assert enclosed_area(y, 4000 * y + c * v) == pytest.approx(expected, rel=1e-12)
     # An elastic force, linear or not, encloses nothing, and the sign follows the sense.
-    assert abs(enclosed_area(y, 4000 * y + 1e9 * y**3, cycles=3)) < 1e-12 * expected
-    assert enclosed_area(y, -c * v, cycles=3) == pytest.approx(-expected, rel=1e-12)
+    assert abs(enclosed_area(y, 4000 * y + 1e9 * y**3)) < 1e-12 * expected
+    assert enclosed_area(y, -c * v) == pytest.approx(-expected, rel=1e-12)
 
 
 def test_area_of_golden_loops(golden):
@@ -58,31 +58,20 @@ def test_mean_cycle_averages_noise_away(golden):
     np.testing.assert_allclose(enclosed_area(mean_y, force), case["E_cycle"], atol=tolerance)
 
 
-@pytest.mark.parametrize("shape", ["one", "repeats"])
-def test_periodic_calculus_is_exact_inside_the_band(shape):
-    t = np.arange(4096) / FS
-    y = sum(np.cos(2 * np.pi * f * t + f) / f for f in (2, 7.25, 61))
-    v = sum(-2 * np.pi * np.sin(2 * np.pi * f * t + f) for f in (2, 7.25, 61))
-    if shape == "repeats":
-        y, v = np.stack([y, 2 * y]), np.stack([v, 2 * v])
-    drifting = v + 3.0  # an offset must not become a drift
-    np.testing.assert_allclose(integrate(drifting, FS, (1, 100), periodic=True), y, atol=1e-12)
-    np.testing.assert_allclose(differentiate(y + 1, FS, (1, 100), periodic=True), v, atol=1e-9)
-
-
 @pytest.mark.parametrize("phase", [0.0, 1.2])
 def test_record_of_broken_periods_has_no_edges(phase):
     t = np.arange(8192) / FS
     omega = 2 * np.pi * 5.03
     y, v = np.cos(omega * t + phase), -omega * np.sin(omega * t + phase)
+    y, v = np.stack([y, 2 * y]), np.stack([v, 2 * v])
     inner = slice(2048, -2048)
     # What the linear prediction misses sits at the ends; without one the error is 1 there.
     for part, tolerance in ((slice(None), 2e-3), (inner, 1e-4)):
         integral = integrate(v + 0.5, FS, (2, 100))
-        np.testing.assert_allclose(integral[part], y[part], atol=tolerance)
+        np.testing.assert_allclose(integral[:, part], y[:, part], atol=2 * tolerance)
         for low in (0, 2):
             slope = differentiate(y + 5, FS, (low, 100))
-            np.testing.assert_allclose(slope[part], v[part], atol=tolerance * omega)
+            np.testing.assert_allclose(slope[:, part], v[:, part], atol=2 * tolerance * omega)
 
 
 def test_continuation_of_decaying_tones():
@@ -123,9 +112,7 @@ def test_bad_input_is_refused():
     with pytest.raises(DataError, match="one shape"):
         enclosed_area(x, x[1:])
     with pytest.raises(DataError, match="at least 8 samples"):
-        enclosed_area(x, x, cycles=200)
-    with pytest.raises(ConfigError, match="at least 1"):
-        enclosed_area(x, x, cycles=0)
+        enclosed_area(x[:7], x[:7])
     with pytest.raises(DataError, match="must last"):
         mean_cycle(x, x, FS, 2 * np.pi)
     for omega in (0.0, np.nan):

@@ -8,7 +8,7 @@ import numpy as np
 
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.paths import select
-from jbw.measurement.files.sampling import Repeats, Sources, Wanted, cut, rows_of, sampling_of
+from jbw.measurement.files.sampling import Repeats, Wanted, cut, rows_of, sampling_of
 from jbw.measurement.files.tree import Contents, Leaf, names
 from jbw.measurement.records import (
     INPUTS,
@@ -34,9 +34,10 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
     sources = _sources(contents, path, wanted)
     fs, said = sampling_of(contents, sources, path, wanted)
     part = cut(fs, wanted.span, path)
+    provenance = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": said}
+    provenance |= contents.notes
     channels: dict[str, Repeats] = {}
     units: dict[str, str] = {}
-    done: dict[str, str] = {}
     for role, items in sources.items():
         if role == "time":
             continue
@@ -48,18 +49,25 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
         ]
         # Most files are in SI already: no copy of a long record then.
         rows = rows if factor == 1.0 else [row * factor for row in rows]
-        done[f"channel of {role}"] = (wanted.channels or {}).get(role, role)
-        done[f"unit of {role}"] = unit if factor == 1.0 else f"{unit}, times {factor:.10g}"
+        provenance[f"channel of {role}"] = (wanted.channels or {}).get(role, role)
+        provenance[f"unit of {role}"] = unit if factor == 1.0 else f"{unit}, times {factor:.10g}"
         if wanted.remove_mean and role in CENTRED:
             means = [float(row.mean()) for row in rows]
             rows = [row - mean for row, mean in zip(rows, means, strict=True)]
-            done[f"mean of {role} removed"] = ", ".join(f"{mean:.6g}" for mean in means)
+            provenance[f"mean of {role} removed"] = ", ".join(f"{mean:.6g}" for mean in means)
         channels[role] = rows
         if is_curve and (ratio := ratio_of(role, unit)):
-            source = _unit_source(ratio[1], sources, path)
+            source = ratio[1]  # its amplitude is then 1
+            if any(role in sources for role in INPUTS):
+                raise DataError(
+                    f"{path.name}: the response is per unit of excitation, but `{source}` is given "
+                    "too.",
+                    remedy="Leave the excitation out, or name the response's amplitude and its "
+                    "unit.",
+                )
             channels[source] = [np.ones(len(next(iter(channels.values()))[0]))]
             units[source] = si_unit(QUANTITIES[source][0])
-            done["ratio"] = f"response per {units[source]} of {source}"
+            provenance["ratio"] = f"response per {units[source]} of {source}"
         if any(np.iscomplexobj(row) for row in rows):
             if "phase" in sources:
                 raise DataError(
@@ -68,9 +76,7 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
                 )
             channels["phase"] = [np.angle(row) for row in rows]
             channels[role] = [np.abs(row) for row in rows]
-            units["phase"], done["phase"] = "rad", f"angle of the complex {role}"
-    provenance = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": said}
-    provenance |= {**contents.notes, **done}
+            units["phase"], provenance["phase"] = "rad", f"angle of the complex {role}"
     if wanted.span:
         provenance["span"] = f"{wanted.span[0]:g}-{wanted.span[1]:g} s"
     return _repeats(channels, Record(fs, {}, units, path.name, provenance))
@@ -86,12 +92,11 @@ def _repeats(channels: Mapping[str, Repeats], record: Record) -> tuple[Record, .
             f"{record.name}: channels must have equally many repeats, but {listed}.",
             remedy="Name channels that were recorded together.",
         )
-    found = []
-    for i in range(number):
-        taken = {role: rows[i % len(rows)] for role, rows in channels.items()}
-        name = record.name if number == 1 else f"{record.name}[{i}]"
-        found.append(replace(record, channels=taken, name=name))
-    return tuple(found)
+    taken = [{role: rows[i % len(rows)] for role, rows in channels.items()} for i in range(number)]
+    names = [record.name] if number == 1 else [f"{record.name}[{i}]" for i in range(number)]
+    return tuple(
+        replace(record, channels=each, name=name) for each, name in zip(taken, names, strict=True)
+    )
 
 
 def _unit(role: str, stated: str, path: Path, wanted: Wanted) -> str:
@@ -130,16 +135,6 @@ def _factor(role: str, unit: str, reader: str, path: Path, wanted: Wanted) -> tu
     if wanted.amplitudes == "rms" and role in (*RESPONSES, *INPUTS):
         factor *= np.sqrt(2)  # amplitudes are peak inside jbw
     return factor, si
-
-
-def _unit_source(source: str, sources: Sources, path: Path) -> str:
-    """The excitation that a response is given per unit of, whose amplitude is then 1."""
-    if any(role in sources for role in INPUTS):
-        raise DataError(
-            f"{path.name}: the response is per unit of excitation, but `{source}` is given too.",
-            remedy="Leave the excitation out, or name the response's amplitude and its unit.",
-        )
-    return source
 
 
 def _sources(contents: Contents, path: Path, wanted: Wanted) -> dict[str, list[Leaf]]:

@@ -4,6 +4,7 @@ import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -114,11 +115,9 @@ def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
     while widths and widths[-1] < 0:  # blank lines at the end
         widths.pop()
     columns = widths[-1] if widths else 0
-    first = len(widths)
-    while first > 0 and widths[first - 1] == columns:
-        first -= 1
-    count = len(widths) - first if columns > 1 else 0
-    return count, replace(marks, first=first, columns=columns)
+    count = len(list(takewhile(lambda width: width == columns, reversed(widths))))
+    dialect = replace(marks, first=len(widths) - count, columns=columns)
+    return count if columns > 1 else 0, dialect
 
 
 def _is_ambiguous(lines: Sequence[str], dialect: Dialect) -> bool:

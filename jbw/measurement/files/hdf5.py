@@ -3,7 +3,7 @@
 import mmap
 import os
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ def contents(path: Path) -> Iterator[Contents]:
     """Open an HDF5 file: groups are names, datasets stay on disk until loaded."""
     require_sound_heaps(path)
     with h5py.File(path, "r") as file:
-        yield Contents(group_tree(file), "HDF5", fs=fs_of(file.attrs))
+        yield Contents(group_tree(file, _node), "HDF5", fs=fs_of(file.attrs))
 
 
 def write_hdf5(
@@ -62,9 +62,9 @@ def write_hdf5(
         partial.unlink(missing_ok=True)
 
 
-def group_tree(group: h5py.Group) -> dict[str, Node]:
-    """Names of a group and what they hold, links resolved inside the file only."""
-    return {name: _node(group, name) for name in map(str, group) if not name.startswith("#")}
+def group_tree(group: h5py.Group, node: Callable[[h5py.Group, str], Node]) -> dict[str, Node]:
+    """Names of a group and what they hold, as `node` finds it."""
+    return {name: node(group, name) for name in map(str, group) if not name.startswith("#")}
 
 
 def fs_of(attributes: Mapping[str, Any]) -> float | None:
@@ -118,7 +118,14 @@ def _require_whole(dataset: h5py.Dataset) -> None:
         )
 
 
+def text_of(attributes: Mapping[str, Any], name: str) -> str:
+    """An attribute as text."""
+    value = attribute(attributes, name)
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
 def _node(group: h5py.Group, name: str) -> Node:
+    """What a name holds, links resolved inside the file only."""
     link = group.get(name, getlink=True)
     if isinstance(link, h5py.ExternalLink):
         raise _outside(f"{group.name}/{name}")
@@ -126,15 +133,15 @@ def _node(group: h5py.Group, name: str) -> Node:
         return _behind(group, name, link.path)
     item = group[name]
     if isinstance(item, h5py.Group):
-        return group_tree(item)
+        return group_tree(item, _node)
     return _array(item)
 
 
 def _array(item: Any) -> Node:
     if not isinstance(item, h5py.Dataset) or not np.issubdtype(item.dtype, np.number):
         return Opaque("not numeric", "Store the samples as a dataset of floats or integers.")
-    unit = attribute(item.attrs, "unit") or attribute(item.attrs, "units")
-    return leaf(inside(item), fs=fs_of(item.attrs), unit=_text(unit))
+    unit = text_of(item.attrs, "unit") or text_of(item.attrs, "units")
+    return leaf(inside(item), fs=fs_of(item.attrs), unit=unit)
 
 
 def _behind(group: h5py.Group, name: str, target: str) -> Node:
@@ -152,10 +159,6 @@ def _behind(group: h5py.Group, name: str, target: str) -> Node:
     if isinstance(here, h5py.Dataset):
         return _array(here)
     return Opaque("a soft link to a group", f"Use the group's own path `{target}`.")
-
-
-def _text(value: Any) -> str:
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
 def _outside(name: str) -> DataError:

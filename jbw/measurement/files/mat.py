@@ -12,9 +12,16 @@ import scipy.io
 import scipy.sparse
 
 from jbw.errors import DataError
-from jbw.measurement.files.hdf5 import attribute, fs_of, inside, require_sound_heaps
+from jbw.measurement.files.hdf5 import (
+    attribute,
+    fs_of,
+    group_tree,
+    inside,
+    require_sound_heaps,
+    text_of,
+)
 from jbw.measurement.files.mat_headers import require_sound
-from jbw.measurement.files.tree import MAX_BYTES, Contents, Leaf, Node, Opaque, cells, leaf
+from jbw.measurement.files.tree import MAX_BYTES, Contents, Leaf, Node, Opaque, cells, numeric
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 USER_BLOCK = 512  # bytes of MATLAB's own header before the HDF5 part of a v7.3 file
@@ -35,10 +42,7 @@ def contents(path: Path) -> Iterator[Contents]:
     if HDF5_MAGIC in (head[:8], head[USER_BLOCK:]):
         require_sound_heaps(path)
         with h5py.File(path, "r") as file:
-            root = {
-                name: _node73(file, name) for name in map(str, file) if not name.startswith("#")
-            }
-            yield Contents(root, "MATLAB v7.3", fs=fs_of(file.attrs))
+            yield Contents(group_tree(file, _node73), "MATLAB v7.3", fs=fs_of(file.attrs))
     else:
         require_sound(path, MAX_BYTES)
         with warnings.catch_warnings():
@@ -60,10 +64,7 @@ def _node(value: Any) -> Node:
         return cells([_node(item) for item in value.ravel()], value.shape)
     if scipy.sparse.issparse(value):
         return Opaque("a sparse matrix", "In MATLAB, export full(x).")
-    array = np.asarray(value)
-    if not np.issubdtype(array.dtype, np.number):
-        return Opaque("text" if np.issubdtype(array.dtype, np.character) else "not numeric")
-    return leaf(array)
+    return numeric(np.asarray(value))
 
 
 def _node73(group: h5py.Group, name: str) -> Node:
@@ -78,13 +79,17 @@ def _node73(group: h5py.Group, name: str) -> Node:
 
 
 def _item73(item: Any) -> Node:
-    found = attribute(item.attrs, "MATLAB_class") or b""
-    of_class = found.decode("utf-8", "replace") if isinstance(found, bytes) else str(found)
+    of_class = text_of(item.attrs, "MATLAB_class")
     if "MATLAB_object_decode" in item.attrs or of_class in ("table", "function_handle", "string"):
         return Opaque("a MATLAB table, object or function handle", EXPORT)
     if isinstance(item, h5py.Group):
-        fields = {name: _node73(item, name) for name in map(str, item)}
-        return _structs(fields) if _is_struct_array(item) else fields
+        fields: Any = group_tree(item, _node73)
+        if not _is_struct_array(item):
+            return fields
+        # An array of structs, as v5 files have it.
+        shape = np.shape(next(iter(fields.values())))
+        structs = [{name: fields[name][i] for name in fields} for i in np.ndindex(shape)]
+        return cells(structs, shape)
     if h5py.check_ref_dtype(item.dtype) is h5py.Reference:
         references = np.asarray(item[()]).T
         shape = tuple(n for n in references.shape if n != 1)
@@ -106,10 +111,3 @@ def _is_struct_array(group: h5py.Group) -> bool:
         and "MATLAB_class" not in item.attrs
         for item in group.values()
     )
-
-
-def _structs(fields: dict[str, Any]) -> Node:
-    """Struct array of fields turned into an array of structs, as v5 files have it."""
-    shape = np.shape(next(iter(fields.values())))
-    structs = [{name: field[i] for name, field in fields.items()} for i in np.ndindex(shape)]
-    return cells(structs, shape)

@@ -8,7 +8,8 @@ own with limits would cost its start, read every file twice, and judge by the cl
 import math
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,7 @@ def require_sound(path: Path, most: int) -> None:
     # Version 5 to 7 begins with a text, version 4 with a number below 5000.
     variables = _variables(data) if 0 not in data[:4] else _variables_4(data)
     declared = 0
-    for size, walk in variables:
+    for size, check in variables:
         declared += size
         if declared > most:
             raise DataError(
@@ -50,15 +51,11 @@ def require_sound(path: Path, most: int) -> None:
                 f"but at most {most / 2**30:.0f} GiB are read at once.",
                 remedy="Save it with -v7.3, which is read in parts, or save fewer variables.",
             )
-        if walk is not None:
-            _variable(*walk, size)
+        check()
 
 
-Walk = tuple[memoryview, str, bool]  # bytes of a variable, order of its bytes, whether packed
-
-
-def _variables(data: memoryview) -> Iterator[tuple[int, Walk]]:
-    """The variables of a v5 file, each with the bytes that it takes once unpacked."""
+def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
+    """The variables of a v5 file: the bytes that each takes once unpacked, and its check."""
     order = {b"IM": "<", b"MI": ">"}.get(bytes(data[HEADER - 2 : HEADER]))
     if order is None:
         raise ValueError("its header has no mark of the byte order")
@@ -73,13 +70,13 @@ def _variables(data: memoryview) -> Iterator[tuple[int, Walk]]:
             code, size = Elements(memoryview(head), order).integers("II")
             if code != MATRIX:
                 raise ValueError(f"a packed variable has the data type {code}")
-            yield size, (content, order, True)
+            yield size, partial(_packed, content, order, size)
         else:
-            yield size, (content, order, False)
+            yield size, partial(_matrix, content, order)
 
 
-def _variables_4(data: memoryview) -> Iterator[tuple[int, None]]:
-    """The sizes of a v4 file's variables: type, rows, columns, imaginary part, name, numbers."""
+def _variables_4(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
+    """The same of v4, whose variables have a type, rows, columns, imaginary part, name, numbers."""
     file = Elements(data, "<")
     while len(file.data) >= 20:
         first = struct.unpack("<i", file.data[:4])[0]
@@ -90,19 +87,16 @@ def _variables_4(data: memoryview) -> Iterator[tuple[int, None]]:
             raise ValueError(f"a variable of {rows} x {columns} values is not there")
         size = rows * columns * width * (1 + (is_complex == 1))
         file.take(name + size)
-        yield size, None
+        yield size, lambda: None
 
 
-def _variable(content: memoryview, order: str, is_packed: bool, size: int) -> None:
-    """Walk through one variable of a v5 file, unpacked first if it is packed."""
-    if is_packed:
-        unpack = zlib.decompressobj()
-        content = memoryview(unpack.decompress(content, 8 + size + SLACK))
-        if not unpack.eof:  # where its checksum stands
-            raise ValueError("a packed variable has no end, or holds more than it declares")
-        content = Elements(content[8:], order).take(size)
-    if size:
-        _matrix(Elements(content, order))
+def _packed(content: memoryview, order: str, size: int) -> None:
+    """Unpack a variable of a v5 file and walk through it."""
+    unpack = zlib.decompressobj()
+    unpacked = memoryview(unpack.decompress(content, 8 + size + SLACK))
+    if not unpack.eof:  # where its checksum stands
+        raise ValueError("a packed variable has no end, or holds more than it declares")
+    _matrix(Elements(unpacked[8:], order).take(size), order)
 
 
 class Elements:
@@ -168,12 +162,14 @@ class Elements:
             code, content = self.element()
             if code != MATRIX:
                 raise ValueError(f"an item of an array has the data type {code}")
-            if content:  # an empty item has no bytes at all
-                _matrix(Elements(content, self.order))
+            _matrix(content, self.order)
 
 
-def _matrix(walk: Elements) -> None:
+def _matrix(content: memoryview, order: str) -> None:
     """Walk through one matrix: flags, shape, name, then what its class has."""
+    if not content:  # an empty item has no bytes at all
+        return
+    walk = Elements(content, order)
     flags = walk.whole_numbers("flags", (6,))
     if len(flags) != 2:
         raise ValueError("a variable has no flags")
@@ -181,7 +177,8 @@ def _matrix(walk: Elements) -> None:
     if of_class == OPAQUE:  # no shape; names of itself, its system and its class
         for _ in range(3):
             walk.short("names", NAMES)
-        return walk.matrices(1)
+        walk.matrices(1)
+        return
     shape = walk.whole_numbers("dimensions", (5, 6))
     if not shape or min(shape) < 0 or len(shape) > 32:
         raise ValueError(f"a variable has the shape {shape}")
@@ -203,7 +200,6 @@ def _matrix(walk: Elements) -> None:
         walk.matrices(1)
     else:
         raise ValueError(f"a variable has the class {of_class}")
-    return None
 
 
 def _fields(walk: Elements, count: int, of_class: int) -> None:

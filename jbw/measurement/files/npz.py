@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from jbw.errors import DataError
-from jbw.measurement.files.tree import MAX_BYTES, Contents, Node, Opaque, leaf
+from jbw.measurement.files.tree import MAX_BYTES, Contents, numeric
 
 
 @contextmanager
@@ -16,26 +16,14 @@ def contents(path: Path) -> Iterator[Contents]:
     """Open an .npz archive, or an .npy array under the name `data`."""
     if path.suffix.lower() == ".npy":
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-        _require_whole(array, path)
-        yield Contents({"data": _node(array)}, "npy")
+        if (declared := array.offset + array.nbytes) != path.stat().st_size:
+            raise ValueError(f"the shape {array.shape} takes {declared} bytes")
+        yield Contents({"data": numeric(array)}, "npy")
         return
     _refuse_bomb(path)
     with np.load(path, allow_pickle=False) as archive:
         # A damaged member fails its CRC here, before any of its samples is used.
-        yield Contents({name: _node(archive[name]) for name in archive.files}, "npz")
-
-
-def _node(array: np.ndarray) -> Node:
-    if np.issubdtype(array.dtype, np.number):
-        return leaf(array)
-    return Opaque("text" if np.issubdtype(array.dtype, np.character) else "not numeric")
-
-
-def _require_whole(array: np.memmap, path: Path) -> None:
-    """Refuse a header that declares fewer values than the file holds."""
-    declared, size = array.offset + array.nbytes, path.stat().st_size
-    if declared != size:
-        raise ValueError(f"the shape {array.shape} takes {declared} bytes")
+        yield Contents({name: numeric(archive[name]) for name in archive.files}, "npz")
 
 
 def _refuse_bomb(path: Path) -> None:

@@ -96,8 +96,9 @@ def records(path: Path, wanted: Wanted) -> tuple[Record, ...]:
                 f"Role `{role}` is not known.", remedy=did_you_mean(role, ROLES) + known
             )
     try:
-        with opened(path) as contents:
-            return records_of(contents, path, wanted, _sha256(path))
+        with opened(path) as contents, path.open("rb") as stream:
+            digest = hashlib.file_digest(stream, "sha256").hexdigest()
+            return records_of(contents, path, wanted, digest)
     except JbwError as error:
         if path.name in error.what:
             raise
@@ -171,8 +172,3 @@ def _reader_of(path: Path) -> str:
 
 def _short(module: str) -> str:
     return module.rpartition(".")[2]
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -135,16 +135,12 @@ def rows_of(
             f"{path.name}: channel `{where}` must be one series, but has shape {loaded.shape}.",
             remedy=f"Take one with `{where}[0]` or `{where}[:, 0]`, or set repeats = 'rows'.",
         )
-    if np.iscomplexobj(loaded):
-        if curve:
-            return list(np.atleast_2d(loaded))
+    if np.iscomplexobj(loaded) and not curve:
         raise DataError(
             f"{path.name}: channel `{where}` is complex.",
             why="A time record is real; only the response of a measured FRF may be complex.",
             remedy="Name the real channel, or its `frequency` when it is a measured FRF.",
         )
-    if exact:
-        loaded = loaded.astype(np.float64, copy=False)
     return list(np.atleast_2d(loaded))
 
 

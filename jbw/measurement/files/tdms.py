@@ -3,42 +3,24 @@
 import logging
 import os
 import struct
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from importlib import import_module
 from io import BufferedReader, FileIO
+from logging.handlers import BufferingHandler
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike
 
 from jbw.errors import DataError
-from jbw.measurement.files.tree import Contents, Node, Opaque, leaf, optional
+from jbw.measurement.files.tree import Contents, Node, OnDemand, Opaque, leaf, optional
 
 UNITS = ("unit_string", "NI_UnitDescription", "unit")  # properties that hold a channel's unit
 INTERVAL = "wf_increment"  # property that holds the sampling interval [s]
 LEAD_IN = 28  # bytes that begin a segment
 METADATA, BIG_ENDIAN = 0x2, 0x40  # of the flags in them
-
-
-@dataclass(frozen=True)
-class Channel:
-    """A TDMS channel as an array that is read on demand."""
-
-    stored: Any
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-
-    def __getitem__(self, index: Any, /) -> Any:
-        """Read a slice of the samples."""
-        found = self.stored[index[0] if isinstance(index, tuple) else index]
-        return np.asarray(found, dtype=self.dtype)
-
-    def astype(self, dtype: DTypeLike) -> "Channel":
-        """The same channel, converted as it is read."""
-        return replace(self, dtype=np.dtype(dtype))
 
 
 class Bounded(BufferedReader):
@@ -50,31 +32,20 @@ class Bounded(BufferedReader):
         return super().read(left if size is None or size < 0 else min(size, max(left, 0)))
 
 
-class Said(logging.Handler):
-    """Keeps what the library logs, which prints the bytes of a damaged file by the page."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.messages: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Keep the message."""
-        self.messages.append(record.getMessage())
-
-
 @contextmanager
-def _overheard() -> Iterator[Said]:
-    """What the library logs, kept instead of printed."""
+def _overheard() -> Iterator[list[logging.LogRecord]]:
+    """What the library logs, kept: it prints the bytes of a damaged file by the page."""
     console = import_module("nptdms.log").log_manager.console_handler
-    log, said, before = logging.getLogger("nptdms"), Said(), console.level
+    log, kept, level = logging.getLogger("nptdms"), BufferingHandler(sys.maxsize), console.level
+    kept.setLevel(logging.WARNING)
     passed_on, log.propagate = log.propagate, False
     console.setLevel(logging.ERROR)
-    log.addHandler(said)
+    log.addHandler(kept)
     try:
-        yield said
+        yield kept.buffer
     finally:
-        log.removeHandler(said)
-        console.setLevel(before)
+        log.removeHandler(kept)
+        console.setLevel(level)
         log.propagate = passed_on
 
 
@@ -83,10 +54,10 @@ def contents(path: Path) -> Iterator[Contents]:
     """Open a TDMS file: groups hold channels, with their interval and unit."""
     nptdms = optional("nptdms", "tdms", path)
     # By its stream: given the path, npTDMS would believe a stale index file beside it.
-    with _overheard() as said, Bounded(FileIO(path)) as stream:
+    with _overheard() as logged, Bounded(FileIO(path)) as stream:
         _require_consistent_segments(stream)
         with nptdms.TdmsFile.open(stream) as file:
-            yield _checked(file, said, path)
+            yield _checked(file, logged, path)
 
 
 def _require_consistent_segments(stream: Bounded) -> None:
@@ -109,7 +80,7 @@ def _require_consistent_segments(stream: Bounded) -> None:
     stream.seek(0)
 
 
-def _checked(file: Any, said: Said, path: Path) -> Contents:
+def _checked(file: Any, logged: Sequence[logging.LogRecord], path: Path) -> Contents:
     """Contents of an opened file; refused where samples of it are not there."""
     groups = file.groups()
     if file.file_status.incomplete_final_segment or not groups:
@@ -119,9 +90,9 @@ def _checked(file: Any, said: Said, path: Path) -> Contents:
             "of its channels can be read by the tdms reader.",
             remedy="Copy the file again; the recorder may not have closed it.",
         )
-    torn = [message for message in said.messages if "not a multiple" in message]
-    if torn:
-        raise ValueError(torn[0])
+    for record in logged:
+        if "not a multiple" in record.getMessage():
+            raise ValueError(record.getMessage())
     root: dict[str, Node] = {
         group.name: {channel.name: _node(channel) for channel in group.channels()}
         for group in groups
@@ -134,5 +105,5 @@ def _node(channel: Any) -> Node:
         return Opaque("text" if channel.dtype == object else "not numeric")
     interval = float(channel.properties.get(INTERVAL) or 0.0)
     unit = next((str(channel.properties[key]) for key in UNITS if channel.properties.get(key)), "")
-    array = Channel(channel, (len(channel),), np.dtype(channel.dtype))
+    array = OnDemand((len(channel),), np.dtype(channel.dtype), lambda index: channel[index[0]])
     return leaf(array, fs=1 / interval if interval > 0 else None, unit=unit.strip())

@@ -1,7 +1,7 @@
 """What a file holds, whatever its format: a tree of names, cells and arrays, read on demand."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,22 @@ class Leaf:
 
 
 @dataclass(frozen=True)
+class OnDemand:
+    """An array of a file that a function reads, index by index, converted as it is read."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    read: Callable[[Any], Any]
+
+    def __getitem__(self, index: Any, /) -> NDArray[Any]:
+        return np.asarray(self.read(index), self.dtype)
+
+    def astype(self, dtype: DTypeLike) -> "OnDemand":
+        """The same array in another type."""
+        return replace(self, dtype=np.dtype(dtype))
+
+
+@dataclass(frozen=True)
 class Opaque:
     """Something that is no array of numbers."""
 
@@ -59,6 +75,13 @@ Node = Mapping[str, Any] | NDArray[Any] | Leaf | Opaque
 def leaf(array: Any, *, fs: float | None = None, unit: str = "") -> Leaf:
     """Leaf of a whole array, its axes in stored order."""
     return Leaf(array, tuple(range(len(array.shape))), fs=fs, unit=unit)
+
+
+def numeric(array: NDArray[Any]) -> Leaf | Opaque:
+    """Leaf of an array in memory, if it holds numbers."""
+    if np.issubdtype(array.dtype, np.number):
+        return leaf(array)
+    return Opaque("text" if np.issubdtype(array.dtype, np.character) else "not numeric")
 
 
 def cells(nodes: Sequence[Node], shape: tuple[int, ...]) -> NDArray[Any]:
@@ -104,7 +127,7 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
     is_complex = np.issubdtype(array.dtype, np.complexfloating)
     if dtype is not None and not is_complex and not isinstance(array, np.ndarray):
         array = array.astype(dtype)  # h5py converts as it reads, without a second copy
-    loaded = np.asarray(array[tuple(index)])
+    loaded = np.asarray(array[tuple(index)], None if is_complex else dtype)
     loaded = np.atleast_1d(loaded.transpose(np.argsort(np.argsort(axes))))
     if source.minus is None:
         return loaded

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,21 +47,15 @@ def _node(found: Mapping[str, Any], where: str) -> Node:
             remedy="Copy the file again, or export it again.",
         )
     unit = str(found.get("ordinate_axis_units_lab", "")).strip()
-    array = leaf(data, fs=_fs(found, where), unit="" if unit.upper() == "NONE" else unit)
-    if found.get("func_type") != FREQUENCY_RESPONSE:
-        return array
-    return {
-        "frequency": leaf(np.asarray(found["x"]), unit="Hz"),
-        "response": replace(array, fs=None),
-    }
-
-
-def _fs(found: Mapping[str, Any], where: str) -> float | None:
-    """Sampling frequency of a set in time: from its interval, or from its times if uneven."""
+    unit = "" if unit.upper() == "NONE" else unit
     if found.get("func_type") == FREQUENCY_RESPONSE:
-        return None
-    spacing = float(found.get("abscissa_inc") or 0.0)
+        return {
+            "frequency": leaf(np.asarray(found["x"]), unit="Hz"),
+            "response": leaf(data, unit=unit),
+        }
+    spacing, fs = float(found.get("abscissa_inc") or 0.0), None
     if spacing > 0:
-        return 1 / spacing
-    times = np.asarray(found["x"])
-    return sampling_frequency(times, f"{where}, abscissa")[0] if len(times) > 1 else None
+        fs = 1 / spacing
+    elif len(found["x"]) > 1:  # uneven
+        fs, _ = sampling_frequency(np.asarray(found["x"]), f"{where}, abscissa")
+    return leaf(data, fs=fs, unit=unit)

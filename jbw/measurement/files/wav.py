@@ -4,7 +4,6 @@ import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,37 +11,7 @@ import numpy as np
 import scipy.io.wavfile
 from numpy.typing import NDArray
 
-from jbw.measurement.files.tree import Contents, leaf
-
-
-@dataclass(frozen=True)
-class FullScale:
-    """Stored samples as parts of full scale, converted only as they are read."""
-
-    stored: NDArray[Any]  # (channel, time), integers or floats
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Channels and samples."""
-        return self.stored.shape
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Type of the samples as they are read."""
-        return np.dtype(np.float64)
-
-    def astype(self, dtype: Any) -> "FullScale":
-        """Itself: samples are read in double precision."""
-        return self
-
-    def __getitem__(self, index: Any, /) -> Any:
-        """Read a selection."""
-        samples = self.stored[index].astype(np.float64)
-        if self.stored.dtype == np.uint8:  # 8-bit WAV is unsigned with its zero at 128
-            return (samples - 128) / 128
-        if np.issubdtype(self.stored.dtype, np.integer):
-            return samples / 2.0 ** (8 * self.stored.dtype.itemsize - 1)
-        return samples
+from jbw.measurement.files.tree import Contents, OnDemand, leaf
 
 
 @contextmanager
@@ -57,7 +26,14 @@ def contents(path: Path) -> Iterator[Contents]:
             rate, samples = scipy.io.wavfile.read(path, mmap=True)
         except ValueError:  # 24 bits cannot be mapped; a damaged file fails again below
             rate, samples = scipy.io.wavfile.read(path)
-    array = FullScale(np.atleast_2d(samples.T))
+    stored, integer = np.atleast_2d(samples.T), np.issubdtype(samples.dtype, np.integer)
+    full = 2.0 ** (8 * samples.dtype.itemsize - 1) if integer else 1.0
+    zero = 128.0 if samples.dtype == np.uint8 else 0.0  # 8-bit WAV is unsigned
+
+    def read(index: Any) -> NDArray[np.float64]:
+        return (stored[index].astype(np.float64) - zero) / full
+
+    array = OnDemand(stored.shape, np.dtype(np.float64), read)
     notes = {"full scale": str(samples.dtype)}
     yield Contents({"channel": leaf(array)}, "WAV", fs=float(rate), notes=notes)
 
