@@ -13,6 +13,7 @@ from jbw.campaign.values import (
     Count,
     Index,
     Kinds,
+    Laws,
     Levels,
     Modes,
     OneOf,
@@ -128,8 +129,10 @@ class Identify(Table):
 class Joint(Table):
     """The [joint] table: which laws stand beside each other across the joint."""
 
-    laws: Strings = key(
-        DEFAULT_LAWS, "laws of the joint, which stand beside each other", ["bouc_wen", "cubic"]
+    laws: Laws = key(
+        DEFAULT_LAWS,
+        "laws of the joint, which stand beside each other; none, [], of a linear structure",
+        ["bouc_wen", "cubic"],
     )
 
 

@@ -183,6 +183,13 @@ Index = Annotated[int, Field(ge=0), BeforeValidator(whole(0))]
 Strings = Annotated[
     tuple[str, ...], BeforeValidator(strings, json_schema_input_type=str | list[str])
 ]
+Laws = Annotated[
+    tuple[str, ...],
+    BeforeValidator(
+        lambda value: () if value in ([], ()) else strings(value),
+        json_schema_input_type=str | list[str],
+    ),
+]
 Kinds = Annotated[
     tuple[Kind, ...], BeforeValidator(strings, json_schema_input_type=Kind | list[Kind])
 ]

@@ -32,27 +32,16 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Measured:
-    """A campaign's tests, split before anything is fitted.
-
-    Attributes:
-        tests: All of them.
-        chosen: Those that `fit` and `hold_out` leave.
-        settings: The campaign's [identify] table.
-        laws: Names of the laws of the joint.
-        gain: Gain that the campaign states [N/kg per unit of the input].
-        linear: Step 2, when there was a noise test.
-        sweeps: The split of the sweeps, when there were any.
-        decays: The split of the free decays, when any may be fitted.
-    """
+    """A campaign's tests, split before anything is fitted."""
 
     tests: tuple[Test, ...]
-    chosen: tuple[Test, ...]
+    chosen: tuple[Test, ...]  # those that `fit` and `hold_out` leave
     settings: Identify
     laws: tuple[str, ...]
-    gain: float | None
-    linear: LinearStep | None
-    sweeps: Sweeps | None
-    decays: DecaySplit | None
+    gain: float | None  # that the campaign states [N/kg per unit of the input]
+    linear: LinearStep | None  # Step 2, when there was a noise test
+    sweeps: Sweeps | None  # when there were any
+    decays: DecaySplit | None  # when any may be fitted
 
     @property
     def probing(self) -> tuple[Test, ...]:

@@ -4,8 +4,7 @@ Prior boxes are the campaign's where it states them, otherwise wide ones from sc
 """
 
 import warnings
-from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from jbw.errors import ConfigError
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box, Product, box
 from jbw.observables.dataset import Dataset, largest_displacement
-from jbw.oscillator.law import Bounds, Coordinates, Law, Monomial, Scales
+from jbw.oscillator.law import Bounds, Coordinates, Law, Scales
 from jbw.oscillator.laws import laws_named
 from jbw.oscillator.oscillator import prior_of
 from jbw.quantities import DEFAULT_LAWS
@@ -31,7 +30,11 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
     """Box of the joint route: the joint's parameters, and the gain, where they are not held."""
     # Where nothing tells of damping, the displacement is prescribed in every test.
     forced = all("zeta" not in part.informs for part in data.parts)
-    omega_n = known.get("omega_n") or _stiffest(data) ** 0.5
+    omega_n = known.get("omega_n")
+    if not omega_n:
+        # Force over displacement of the stiffest loop, peak to peak, per unit mass.
+        stiffness = (part.stiffness(float(data.held.get("gain", 1.0))) for part in data.parts)
+        omega_n = max(value for value in stiffness if value is not None) ** 0.5
     gain = None if "gain" in data.held else (known["gain"], min(p.gain_std() for p in data.parts))
     prior = joint_box(
         settings,
@@ -57,22 +60,12 @@ def joint_box(
     linear: bool = True,
     forced: bool = False,
 ) -> Box:
-    """Box of the joint route: all parameters of the joint, and the gain.
+    """Box of omega_n, zeta, the parameters of the laws, and the gain unless that is None.
 
-    Args:
-        settings: The campaign's [identify] table.
-        omega_n: Natural frequency of Step 2 [rad/s].
-        zeta: Damping ratio of Step 2 [-].
-        gain: Gain of Step 2 and its standard deviation, or None when it is held at one
-            (a known gain or modal mass).
-        y_peak: Largest displacement measured [m].
-        laws: Names of the laws of the joint, whose own priors hold where nothing is stated.
-        linear: Whether omega_n and zeta were read where the joint hardly slips. At a high level
-            they hold its softening and its losses, and tell the oscillator's own only roughly.
-        forced: Whether all tests prescribe the displacement.
-
-    Returns:
-        The box, in the order omega_n, zeta, parameters of the laws, gain.
+    omega_n [rad/s], zeta and the gain with its standard deviation are those of Step 2, `y_peak` is
+    the largest displacement [m], and `forced` where all tests prescribe it. Unless `linear`,
+    omega_n and zeta were read at a level that holds the joint's softening and its losses, and tell
+    the oscillator's own only roughly.
 
     Raises:
         ConfigError: The campaign's bounds of a stiffness reach the whole stiffness.
@@ -110,52 +103,20 @@ def _require_stiffness(law: type[Law], own: Bounds, given: Bounds, omega_n: floa
             )
 
 
-def _stiffest(data: Dataset) -> float:
-    """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""
-    gain = float(data.held.get("gain", 1.0))
-    found = [part.stiffness(gain) for part in data.parts]
-    return max(value for value in found if value is not None)
-
-
 def bounds_of(prior: Box) -> Bounds:
     """Bounds of a box by name."""
     sides = zip(prior.names, prior.lower, prior.upper, strict=True)
     return {name: (float(low), float(high)) for name, low, high in sides}
 
 
-class Chosen(NamedTuple):
-    """A law's other coordinates, chosen to sample in.
-
-    Attributes:
-        law: The law.
-        coordinates: Which of its coordinates.
-    """
-
-    law: type[Law]
-    coordinates: Coordinates
-
-    @property
-    def sentence(self) -> str:
-        """What is sampled and why, in words."""
-        names, own = (
-            [quantity.name for quantity in table]
-            for table in (self.law.table, self.coordinates.table)
-        )
-        *most, last = names
-        meanings = "; ".join(quantity.meaning for quantity in self.coordinates.table)
-        return (
-            f"The data know {', '.join(most)} and {last} by their products alone: "
-            f"{', '.join(own)} are sampled in their place ({meanings})."
-        )
-
-
-def chosen_coordinates(best: Fit, settings: Identify, laws: tuple[str, ...]) -> list[Chosen]:
+def chosen_coordinates(
+    best: Fit, settings: Identify, laws: tuple[str, ...]
+) -> Iterator[tuple[type[Law], Coordinates]]:
     """Coordinates to sample in, law by law: its products where no more is known.
 
     A campaign says so by `coordinates`; otherwise, where it bounds none of the law's parameters
     itself and the fit leaves one of them open.
     """
-    found = []
     for law in laws_named(laws):
         own, asked = set(law.names()), settings.coordinates
         if not own <= best.theta.keys():
@@ -164,58 +125,53 @@ def chosen_coordinates(best: Fit, settings: Identify, laws: tuple[str, ...]) -> 
         is_open = bool(weak) and not own & set(stated(settings))
         for name, coordinates in law.coordinates.items():
             if asked == name or (asked == "auto" and is_open):
-                found.append(Chosen(law, coordinates))
+                yield law, coordinates
                 break
-    return found
+
+
+def coordinates_sentence(law: type[Law], coordinates: Coordinates) -> str:
+    """What is sampled and why, in words."""
+    *most, last = law.names()
+    meanings = "; ".join(quantity.meaning for quantity in coordinates.table)
+    return (
+        f"The data know {', '.join(most)} and {last} by their products alone: "
+        f"{', '.join(coordinates.names)} are sampled in their place ({meanings})."
+    )
 
 
 def coordinate_box(
-    prior: Box, theta: Mapping[str, float], settings: Identify, chosen: Chosen
+    prior: Box,
+    theta: Mapping[str, float],
+    settings: Identify,
+    law: type[Law],
+    coordinates: Coordinates,
 ) -> Box:
-    """Box of a law's other coordinates about a fit, that of the other parameters kept."""
-    bounds, (law, coordinates) = bounds_of(prior), chosen
+    """Box of a law's other coordinates about a fit, in the place of its own parameters."""
+    bounds = bounds_of(prior)
     other = law.coordinate_bounds(coordinates.name, bounds, theta, stated(settings))
-    found: Bounds = {}
+    merged: Bounds = {}
     for name, pair in bounds.items():
-        if name not in law.names():
-            found[name] = pair
-        elif not other.keys() <= found.keys():
-            found |= other
-    return box(found)
+        merged |= other if name in law.names() else {name: pair}
+    return box(merged)
 
 
 def combinations(names: Iterable[str], laws: tuple[str, ...] = DEFAULT_LAWS) -> tuple[Product, ...]:
-    r"""The products that weak motion knows of every law, and its parameters if not sampled.
+    """The products that weak motion knows of every law, and its parameters if not sampled.
 
-    Args:
-        names: Parameters of the box.
-        laws: Names of the laws of the joint.
-
-    Returns:
-        Those combinations whose parameters are all in the box.
+    Of these those whose parameters are all in the box of these `names`.
     """
     present = set(names)
     found = []
     for law in laws_named(laws):
-        coordinates = _sampled_in(law, present)
-        own = [] if coordinates is None else list(coordinates.forward)
-        for monomial in (*own, *law.products):
-            product = _product(monomial, coordinates, is_product=monomial in law.products)
-            if product.powers.keys() <= present:
-                found.append(product)
-    return tuple(found)
+        other = next((c for c in law.coordinates.values() if set(c.names) & present), None)
+        if other is not None:
+            found += [Product(own.name, own.name, _real(own.powers)) for own in other.forward]
+        for product in law.products:
+            factors = tuple(product.powers)
+            powers = product.powers if other is None else other.powers(product.powers)
+            found.append(Product(product.name, "*".join(factors), _real(powers), factors))
+    return tuple(product for product in found if product.powers.keys() <= present)
 
 
-def _sampled_in(law: type[Law], present: set[str]) -> Coordinates | None:
-    """Which other coordinates of a law are in the box, if any."""
-    own = (one for one in law.coordinates.values() if set(one.names) & present)
-    return next(own, None)
-
-
-def _product(monomial: Monomial, coordinates: Coordinates | None, *, is_product: bool) -> Product:
-    powers = monomial.powers
-    if is_product and coordinates is not None:
-        powers = coordinates.powers(powers)
-    factors = tuple(monomial.powers) if is_product else ()
-    words = "*".join(factors) if is_product else monomial.name
-    return Product(monomial.name, words, {name: float(p) for name, p in powers.items()}, factors)
+def _real(powers: Mapping[str, int]) -> dict[str, float]:
+    return {name: float(power) for name, power in powers.items()}

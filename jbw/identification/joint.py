@@ -7,10 +7,9 @@ from the draws, and checked.
 from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Key
@@ -19,21 +18,20 @@ from jbw.campaign.settings import Identify
 from jbw.identification.accuracy import residual_finding, shape_finding, solver_finding
 from jbw.identification.equivalent import effects, effects_sentence, response_finding
 from jbw.identification.leaving_out import consistency_finding, leave_one_out, left_out_sentence
-from jbw.identification.prepare import prepare
+from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.step import Step, attrs, finished
-from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.verdict import Verdict
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.samplers.register import sampler_named
 from jbw.inference.samplers.rewhitening import sample_again
 from jbw.inference.samplers.sampling import sample
-from jbw.inference.space.box import Box
 from jbw.inference.space.reparametrisation import along_logarithms, never_zero
 from jbw.inference.space.ridge import along_ridge
 from jbw.observables.dataset import (
     Dataset,
+    as_arrays,
     error_by_label,
     fractions_counted,
     largest_displacement,
@@ -59,13 +57,8 @@ def joint_step(
 ) -> tuple[Step, Dataset]:
     """Joint posterior of all parameters of the joint, the gain and the noise.
 
-    Args:
-        key: Random key.
-        data: What was measured.
-        earlier: The paper's steps, when they were run.
-        settings: The campaign's [identify] table.
-        name: Name of the step.
-        keep: Where the chains outlive the process.
+    `earlier` are the paper's steps, when they were run, and `keep` says where the chains outlive
+    the process.
 
     Returns:
         The step, its posterior with the noise by group and the laws' products besides the
@@ -82,31 +75,22 @@ def joint_step(
         if step in earlier:
             known |= earlier[step].means
     ready = prepare(keys[:2], data, settings, known)
-    prior, best, data = ready.box, ready.fit, ready.data
-    chains = sample_joint(keys[2], data, prior, best, settings, keep, name=name)
-    posterior = with_derived(keys[3], chains, data)
-    checks = posterior_checks(keys[4], posterior["posterior"].to_dataset(), prior, best, data)
-    for group, dataset in checks.groups.items():
+    chains = sample_joint(keys[2], ready, settings, keep, name)
+    posterior = with_derived(keys[3], chains, ready.data)
+    groups, findings, words = posterior_checks(keys[4], posterior["posterior"].to_dataset(), ready)
+    for group, dataset in groups.items():
         posterior[group] = xr.DataTree(dataset)
     step = finished(
-        name, posterior, prior, best, started,
-        findings=checks.findings, statements=[*ready.statements, *checks.words],
-        held={held: float(value) for held, value in data.held.items()},
-        chi_square=ready.chi_square,
+        name, posterior, ready.box, ready.fit, started,
+        findings=findings, statements=[*ready.statements, *words],
+        held=ready.data.held, chi_square=ready.chi_square,
     )  # fmt: skip
-    words = stuck(step.posterior, step.verdict)
-    return replace(step, statements=(*step.statements, *words)), data
+    advice = stuck(step.posterior, step.verdict)
+    return replace(step, statements=(*step.statements, *advice)), ready.data
 
 
 def sample_joint(
-    key: Key[Array, ""],
-    data: Dataset,
-    prior: Box,
-    best: Fit,
-    settings: Identify,
-    keep: Keep,
-    *,
-    name: str,
+    key: Key[Array, ""], ready: Fitted, settings: Identify, keep: Keep, name: str
 ) -> xr.DataTree:
     """Draws in the coordinate whitened by the fit's covariance.
 
@@ -116,7 +100,7 @@ def sample_joint(
     evaluations are cheap, by NUTS along the model's own gradient. Slices whose chains disagree are
     drawn again about their own moments, up to three times.
     """
-    sampler = settings.sampler
+    prior, best, data, sampler = ready.box, ready.fit, ready.data, settings.sampler
     if sampler == "auto":
         sampler = "elliptical_slice" if data.stepped else "nuts"
     num_warmup, num_samples = settings.draws(sampler_named(sampler).draws)
@@ -185,10 +169,7 @@ def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.Da
         for quantity, value in named:
             if quantity.name not in posterior:
                 derived[quantity.name] = (("chain", "draw"), value, quantity.attrs)
-    groups = {name: node.to_dataset() for name, node in tree.children.items()}
-    complete = xr.DataTree.from_dict({**groups, "posterior": posterior.assign(derived)})
-    complete.attrs.update(tree.attrs)
-    return complete
+    return tree.assign(posterior=xr.DataTree(posterior.assign(derived)))
 
 
 def _noise_variables(noise: dict[str, Draws], data: Dataset) -> dict[str, Any]:
@@ -216,47 +197,36 @@ def _attrs(part: Observable, name: str) -> dict[str, str]:
     return {**attrs, "units": part.unit}
 
 
-class Checks(NamedTuple):
-    """What was seen beside the chains.
-
-    Attributes:
-        groups: Labelled arrays to keep beside the draws, by name.
-        findings: For the verdict.
-        words: For the reader, a sentence each.
-    """
-
-    groups: dict[str, xr.Dataset]
-    findings: list[Finding]
-    words: list[str]
-
-
 def posterior_checks(
-    key: Key[Array, ""], posterior: xr.Dataset, prior: Box, best: Fit, data: Dataset
-) -> Checks:
-    """Residuals, the solver, runs, effects and levels left out, of a posterior and its fit."""
-    seen = Checks({}, [], [])
+    key: Key[Array, ""], posterior: xr.Dataset, ready: Fitted
+) -> tuple[dict[str, xr.Dataset], list[Finding], list[str]]:
+    """Residuals, the solver, runs, effects and levels left out, of a posterior and its fit.
+
+    Labelled arrays to keep beside the draws, by name; findings; and sentences for the reader.
+    """
+    prior, best, data = ready.box, ready.fit, ready.data
+    groups: dict[str, xr.Dataset] = {}
+    words: list[str] = []
     left = left_by_label(best.residual, data)
     error = error_by_label(left, data)
-    judged = (
+    held = {name: float(value) for name, value in data.held.items()}
+    y_peak = largest_displacement(data, best.theta.get("omega_n", held.get("omega_n", 1.0)))
+    findings = [
         residual_finding(left, fractions_counted(data), error),
         shape_finding(error, data),
         solver_finding(posterior[list(prior.names)], data),
-    )
-    seen.findings.extend(finding for finding in judged if finding is not None)
+        response_finding(posterior, held, y_peak, data.laws),
+    ]
     if (runs := runs_dataset(key, posterior, prior.names, data)) is not None:
-        seen.groups["runs"] = runs
-        seen.words.append(runs_sentence(runs))
-    theta = {name: jnp.asarray(value) for name, value in best.theta.items()} | dict(data.held)
+        groups["runs"] = runs
+        words.append(runs_sentence(runs))
+    theta = as_arrays(best.theta, data)
     for part in data.parts:
-        seen.words.extend(part.statements(theta))
-    held = {name: float(value) for name, value in data.held.items()}
-    y_peak = largest_displacement(data, best.theta.get("omega_n", held.get("omega_n", 1.0)))
-    if (bands := response_finding(posterior, held, y_peak, data.laws)) is not None:
-        seen.findings.append(bands)
-    if (found := effects(posterior, held, y_peak, data.laws)) is not None:
-        seen.words.append(effects_sentence(found, y_peak))
+        words += part.statements(theta)
+    if (added := effects(posterior, held, y_peak, data.laws)) is not None:
+        words.append(effects_sentence(added, y_peak))
     if (left_out := leave_one_out(best, prior, data)) is not None:
-        seen.groups["leave_one_out"] = left_out
-        seen.findings.append(consistency_finding(left_out))
-        seen.words.append(left_out_sentence(left_out))
-    return seen
+        groups["leave_one_out"] = left_out
+        findings.append(consistency_finding(left_out))
+        words.append(left_out_sentence(left_out))
+    return groups, [finding for finding in findings if finding is not None], words

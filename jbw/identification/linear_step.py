@@ -17,21 +17,13 @@ NAMES = ("omega_n", "zeta", "gain")
 
 @dataclass(frozen=True)
 class LinearStep:
-    """What Step 2 gives.
+    """What Step 2 gives."""
 
-    Attributes:
-        test: The noise test it read.
-        fits: The line fit of each repeat.
-        pooled: Mean, covariance and CV over the repeats.
-        frf: FRF of all repeats together.
-        y_rms: Displacement of the test, rms [m]: the amplitude that the result holds for.
-    """
-
-    test: Test
-    fits: tuple[LineFit, ...]
+    test: Test  # the noise test it read
+    fits: tuple[LineFit, ...]  # one a repeat
     pooled: PooledFit
-    frf: FRF
-    y_rms: float
+    frf: FRF  # of all repeats together
+    y_rms: float  # displacement of the test, rms [m]: the amplitude that the result holds for
 
     @property
     def is_random(self) -> bool:
@@ -51,16 +43,10 @@ class LinearStep:
 
 
 def linear_step(test: Test, gain: float | None = None) -> LinearStep:
-    """Natural frequency, damping and gain of the linear regime.
+    """Natural frequency, damping and gain of the linear regime, by a noise or multisine test.
 
     Of a multisine by whole periods, which nothing leaks between: its lines scatter by noise alone.
-
-    Args:
-        test: Noise or multisine test at a low level.
-        gain: Gain to hold, when the campaign knows it [N/kg per unit of the input].
-
-    Returns:
-        The fits, per repeat and pooled.
+    `gain` is held where the campaign knows it [N/kg per unit of the input].
     """
     periodic = steady(test)
     test, size = (test, None) if periodic is None else periodic

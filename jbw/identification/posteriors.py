@@ -27,38 +27,23 @@ STEPS = ("joint", "third_order", "opening")
 
 @dataclass(frozen=True)
 class Posterior:
-    """A posterior of the procedure, to be drawn from.
+    """A posterior of the procedure, to be drawn from."""
 
-    Attributes:
-        name: "joint", "third_order" or "opening".
-        log_likelihood: (theta, data) to terms [nats].
-        box: Its prior.
-        data: What the likelihood takes.
-        fit: Least squares in the box.
-        stepped: Whether an evaluation steps through time, and costs accordingly.
-        laws: Names of the laws of the joint.
-    """
-
-    name: str
-    log_likelihood: LogLikelihood
-    box: Box
-    data: PyTree
-    fit: Fit
-    stepped: bool
+    name: str  # "joint", "third_order" or "opening"
+    log_likelihood: LogLikelihood  # (theta, data) to terms [nats]
+    box: Box  # its prior
+    data: PyTree  # what the likelihood takes
+    fit: Fit  # least squares in the box
+    stepped: bool  # whether an evaluation steps through time, and costs accordingly
     laws: tuple[str, ...] = DEFAULT_LAWS
 
 
 @dataclass(frozen=True)
 class Known:
-    """What a finished run knows of a posterior.
+    """What a finished run knows of a posterior; empty where it does not."""
 
-    Attributes:
-        bounds: Prior of the joint posterior by name; empty where it is not known.
-        means: Step 3's means of zeta, alpha and delta; empty where they are not known.
-    """
-
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    means: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # the joint's prior
+    means: Mapping[str, float] = field(default_factory=dict)  # Step 3's: zeta, alpha and delta
 
 
 def posterior_of(

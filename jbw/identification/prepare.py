@@ -26,6 +26,7 @@ from jbw.identification.coordinates import (
     box_of,
     chosen_coordinates,
     coordinate_box,
+    coordinates_sentence,
 )
 from jbw.identification.run_effects import sentence_of, shifts_of, wanted, with_offsets
 from jbw.inference.fit.costly_fit import costly_fit
@@ -59,22 +60,13 @@ FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03  # relative: weights of such a curve
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fit of the joint with what it was fitted to, ready to be drawn from.
+    """A fit of the joint with what it was fitted to, ready to be drawn from."""
 
-    Attributes:
-        fit: Least squares in the box.
-        box: The prior, in the coordinates to sample in.
-        data: The dataset with the noise, effective values and run effects that were found; its
-            residual is `jbw.observables.dataset.stacked`.
-        statements: What the fit showed, a sentence each.
-        chi_square: Of the first fit over the groups whose noise repeats tell, and its degrees of
-            freedom; None without such groups.
-    """
-
-    fit: Fit
-    box: Box
-    data: Dataset
-    statements: tuple[str, ...] = ()
+    fit: Fit  # least squares of `jbw.observables.dataset.stacked` in the box
+    box: Box  # the prior, in the coordinates to sample in
+    data: Dataset  # with the noise, effective values and run effects that were found
+    statements: tuple[str, ...] = ()  # what the fit showed, a sentence each
+    # Of the first fit over the groups whose noise repeats tell, and its degrees of freedom.
     chi_square: tuple[float, int] | None = None
 
 
@@ -205,11 +197,10 @@ def reweight(
         best = refit(best, prior, data)
         data = with_weights(best, data, settings)
         best = refit(best, prior, data)
-    for chosen in chosen_coordinates(best, settings, data.laws):
-        prior = coordinate_box(prior, best.theta, settings, chosen)
-        start = chosen.coordinates.from_parameters(best.theta)
-        best = refit(best, prior, data, theta=start)
-        words.append(chosen.sentence)
+    for law, coordinates in chosen_coordinates(best, settings, data.laws):
+        prior = coordinate_box(prior, best.theta, settings, law, coordinates)
+        best = refit(best, prior, data, theta=coordinates.from_parameters(best.theta))
+        words.append(coordinates_sentence(law, coordinates))
     if settings.substeps is None:
         finer = refined(key, data, prior, best)
         if finer is not data:

@@ -27,25 +27,15 @@ DECAY_KEY = 100  # of the seed: the paper's steps draw the same with decays and 
 
 @dataclass(frozen=True)
 class Identification:
-    """Everything that the procedure found on a campaign.
+    """Everything that the procedure found on a campaign."""
 
-    Attributes:
-        linear: Step 2, when there was a noise test.
-        kernel: Step 3's measured kernels and initial fit, when there were probing tones.
-        sweeps: The split of the sweeps, when there were any.
-        data: What the joint posterior was made from, as it was sampled.
-        decays: The split of the free decays, when there were any.
-        decay_data: Their envelopes, with the noise that the fit found.
-        steps: Every posterior by name; the joint one is named "joint".
-    """
-
-    linear: LinearStep | None = None
-    kernel: step3.KernelFit | None = None
+    linear: LinearStep | None = None  # Step 2, when there was a noise test
+    kernel: step3.KernelFit | None = None  # when there were probing tones
     sweeps: Sweeps | None = None
-    data: Dataset | None = None
+    data: Dataset | None = None  # what the joint posterior was made from, as it was sampled
     decays: DecaySplit | None = None
-    decay_data: Decays | None = None
-    steps: dict[str, Step] = field(default_factory=dict)
+    decay_data: Decays | None = None  # their envelopes, with the noise that the fit found
+    steps: dict[str, Step] = field(default_factory=dict)  # posteriors; the main one is "joint"
 
     @property
     def main(self) -> Step:
@@ -71,16 +61,8 @@ def run_procedure(
     """Run every step that the tests of a campaign allow.
 
     Free decays are part of the joint posterior; beside other tests they have one of their own too,
-    to compare with.
-
-    Args:
-        seen: The campaign's tests, and Step 2.
-        seed: Seed of everything random.
-        report: Called with one sentence at every stage.
-        keep: Where the chains of each posterior outlive the process.
-
-    Returns:
-        The posteriors and what they were made from.
+    to compare with. `report` is called with one sentence at every stage; `keep` says where the
+    chains of each posterior outlive the process.
 
     Raises:
         DataError: If there is nothing that the joint can be fitted to.

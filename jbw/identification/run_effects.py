@@ -34,21 +34,13 @@ PLURAL = {"run": "runs", "assembly": "assemblies"}
 
 @dataclass(frozen=True)
 class Shifts:
-    """Offsets of the runs as a common fit's residuals show them.
-
-    Attributes:
-        runs: Names of the runs.
-        offset: omega_n [rad/s] and zeta [-] of each run less the fit's.
-        std: Standard errors.
-        scatter: Standard deviation over runs of each beyond its errors, a tenth of all at least.
-        p: Probability of such differences by chance.
-    """
+    """Offsets of the runs as a common fit's residuals show them."""
 
     runs: tuple[str, ...]
-    offset: Float[np.ndarray, "run own"]
-    std: Float[np.ndarray, "run own"]
-    scatter: Float[np.ndarray, " own"]
-    p: float
+    offset: Float[np.ndarray, "run own"]  # omega_n [rad/s] and zeta [-] less the fit's
+    std: Float[np.ndarray, "run own"]  # standard errors
+    scatter: Float[np.ndarray, " own"]  # sd over runs beyond the errors, a tenth of all at least
+    p: float  # probability of such differences by chance
 
 
 def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None:

@@ -12,15 +12,10 @@ THIRD = (0.2, 0.45)  # of the natural frequency: where a tone probes the third-o
 
 @dataclass(frozen=True)
 class Sweeps:
-    """The sweeps, split before anything is fitted.
+    """The sweeps, split before anything is fitted."""
 
-    Attributes:
-        fitted: Fitted levels, each with its fitted repeats only.
-        held_out: Every level with the repeats that no fit sees; all of them at unfitted levels.
-    """
-
-    fitted: tuple[Test, ...]
-    held_out: tuple[Test, ...]
+    fitted: tuple[Test, ...]  # fitted levels, each with its fitted repeats only
+    held_out: tuple[Test, ...]  # every level with the repeats that no fit sees
 
 
 def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
@@ -98,17 +93,11 @@ def sweep_tests(tests: Sequence[Test], settings: Identify) -> Sweeps | None:
 
 @dataclass(frozen=True)
 class DecaySplit:
-    """The free decays, split before anything is fitted.
-
-    Attributes:
-        fitted: The decays to fit, of all tests together.
-        together: All decays, the fitted ones first.
-        names: Name of each of them: its test, and its number in the test counted from one.
-    """
+    """The free decays of all tests together, split before anything is fitted."""
 
     fitted: Test
-    together: Test
-    names: tuple[str, ...]
+    together: Test  # all decays, the fitted ones first
+    names: tuple[str, ...]  # of each of them: its test, and its number there counted from one
 
 
 def decay_tests(

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Any
 
 import xarray as xr
 
@@ -14,11 +15,7 @@ from jbw.quantities import OSCILLATOR, attrs_of
 
 
 def attrs(laws: tuple[str, ...] = ()) -> dict[str, dict[str, str]]:
-    """Attributes of the variables of a posterior, by name: units, symbol and meaning.
-
-    Args:
-        laws: Names of the laws of the joint, where they are not in the register by these.
-    """
+    """Attributes of the variables of a posterior, by name: units, symbol and meaning."""
     table = [*OSCILLATOR, *vocabulary().values()]
     for law in laws_named(laws):
         table += law.table
@@ -27,27 +24,16 @@ def attrs(laws: tuple[str, ...] = ()) -> dict[str, dict[str, str]]:
 
 @dataclass(frozen=True)
 class Step:
-    """One posterior of the procedure.
+    """One posterior of the procedure."""
 
-    Attributes:
-        name: Its name in the results, such as "third_order_nuts".
-        posterior: The groups that the sampler left.
-        verdict: How far it can be trusted.
-        fit: The least-squares fit it started from.
-        box: Its prior.
-        statements: What it identifies and what it does not, in words.
-        held: Parameters of the joint that were not updated, at the values they were held at.
-        wall_s: Duration, compiling included [s].
-    """
-
-    name: str
-    posterior: xr.DataTree
-    verdict: Verdict
-    fit: Fit
-    box: Box
-    statements: tuple[str, ...]
-    held: dict[str, float]
-    wall_s: float
+    name: str  # in the results, such as "third_order_nuts"
+    posterior: xr.DataTree  # the groups that the sampler left
+    verdict: Verdict  # how far it can be trusted
+    fit: Fit  # the least-squares fit it started from
+    box: Box  # its prior
+    statements: tuple[str, ...]  # what it identifies and what it does not, in words
+    held: dict[str, float]  # parameters that were not updated
+    wall_s: float  # compiling included
 
     @property
     def means(self) -> dict[str, float]:
@@ -70,21 +56,13 @@ def finished(
     *,
     findings: Iterable[Finding] = (),
     statements: Iterable[str] = (),
-    held: Mapping[str, float] | None = None,
+    held: Mapping[str, Any] | None = None,
     chi_square: tuple[float, int] | None = None,
 ) -> Step:
-    """Judge a posterior and put it beside what it came from.
+    """Judge a posterior, beside the `findings` of other looks, and put it beside its origin.
 
-    Args:
-        name: Name of the step.
-        posterior: The groups that the sampler left.
-        box: Its prior.
-        fit: The fit it started from.
-        started: `perf_counter()` at the start of the step [s].
-        findings: What else was looked at.
-        statements: Sentences besides those that the fit itself gives.
-        held: Parameters that were not updated.
-        chi_square: Chi-square and its degrees of freedom, where the noise is known from repeats.
+    `started` is the `perf_counter()` at the start of the step, `chi_square` that of a fit and its
+    degrees of freedom, where the noise is known from repeats.
     """
     judged = verdict(posterior, box, chi_square=chi_square)
     said = [*statements]

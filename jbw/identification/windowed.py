@@ -65,15 +65,10 @@ def _hann_transform(p: Complex, window_s: float) -> Complex:
 
 @dataclass(frozen=True)
 class LineErrors:
-    """Errors of an FRF's lines: E[d_i conj(d_j)] and E[d_i d_j] for neighbours j = i + q.
+    """Errors of an FRF's lines, over (2 NEIGHBOURS + 1, line), q from -NEIGHBOURS on."""
 
-    Attributes:
-        hermitian: E[d_i conj(d_{i+q})], shape (2 NEIGHBOURS + 1, line), q from -NEIGHBOURS on.
-        symmetric: E[d_i d_{i+q}], of the same shape; leakage makes it differ from zero.
-    """
-
-    hermitian: Complex
-    symmetric: Complex
+    hermitian: Complex  # E[d_i conj(d_{i+q})]
+    symmetric: Complex  # E[d_i d_{i+q}], which leakage makes differ from zero
 
     @property
     def variance(self) -> Real:
@@ -109,11 +104,8 @@ def line_errors(
     levels of the last two are read from the coherence. Where both are far below the leakage the
     reading errs upwards, and with it the errors of omega_n and gain (not of zeta).
 
-    Args:
-        frf: The estimate, Hann window, its lines evenly spaced.
-        noise_ratio: Unexplained power over input power at each line, in the response measured.
-        theta: omega_n, zeta, gain.
-        leakage: Whether the input is random, so that the window leaks.
+    The lines of `frf` are evenly spaced, under a Hann window, which leaks where the input is
+    random. `noise_ratio` is unexplained over input power, `theta` is (omega_n, zeta, gain).
     """
     order = derivative_order(frf.response)
     memory = 1 / (theta[1] * theta[0] * frf.window_s)  # in windows

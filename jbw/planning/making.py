@@ -155,7 +155,8 @@ def _after(description: Description, tree: xr.DataTree) -> _Ground:
 
 def _wish(description: Description, ground: _Ground) -> Wish:
     settings, names = description.settings, ground.beliefs.names
-    asked = settings.wanted or [quantity.name for quantity in quantities_of(ground.beliefs.laws)]
+    own = [quantity.name for quantity in quantities_of(ground.beliefs.laws)]
+    asked = settings.wanted or own or names
     if not set(asked) & set(names):
         raise ConfigError(
             f"Key `wanted` must name parameters that are inferred, but has {', '.join(asked)}.",

@@ -60,7 +60,7 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
     status = badge(verdict)
     return ENVIRONMENT.get_template("page.html").render(
         campaign=campaign_name(summary),
-        laws=" and ".join(map(law_name, laws_of(tree))),
+        laws=" and ".join(map(law_name, laws_of(tree))) or "a linear structure",
         status=status,
         status_words=STATUS_WORDS.get(status.word, "Read the findings before using it."),
         findings=findings(verdict, known),

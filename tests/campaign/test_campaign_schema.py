@@ -130,7 +130,8 @@ JOINT = "[joint]\nlaws = {laws}\n[[test]]"
             '["cubic"]',
             "[identify] prior: alpha: unknown parameter of the chosen laws; law `bouc_wen` has it",
         ),
-        ("[]", "[joint] laws: must be a string or a list of strings"),
+        ("[]", "alpha: unknown parameter of the chosen laws; law `bouc_wen` has it"),
+        ('[""]', "[joint] laws: must be a string or a list of strings"),
         ("3", "[joint] laws: must be a string or a list of strings"),
     ],
 )
@@ -145,6 +146,8 @@ def test_laws_of_a_campaign():
     assert parse(both + "cubic = [0.0, 1e9]\n").laws == ("cubic", "bouc_wen")
     alone = changed("[[test]]", JOINT.format(laws='"bouc_wen"')) + "cubic = [0.0, 1e9]\n"
     assert "cubic: unknown parameter of the chosen laws; law `cubic` has it" in refused(alone)
+    linear = changed("[[test]]", JOINT.format(laws="[]")).replace("alpha = [400.0, 600.0]", "")
+    assert parse(linear).laws == ()
 
 
 def test_a_prior_beyond_what_the_laws_table_admits():

@@ -3,7 +3,7 @@
 import pytest
 
 from jbw.campaign.settings import Identify
-from jbw.identification.coordinates import Chosen, coordinate_box
+from jbw.identification.coordinates import coordinate_box
 from jbw.inference.space.box import box
 from jbw.oscillator.laws.bouc_wen import SHARE, BoucWenLaw
 
@@ -17,11 +17,11 @@ BOUNDS = {
 }
 
 
-PRODUCTS = Chosen(BoucWenLaw, BoucWenLaw.coordinates["products"])
+PRODUCTS = BoucWenLaw.coordinates["products"]
 
 
 def product_box(prior, theta, settings):
-    return coordinate_box(prior, theta, settings, PRODUCTS)
+    return coordinate_box(prior, theta, settings, BoucWenLaw, PRODUCTS)
 
 
 def bounds_of(prior):
@@ -30,7 +30,7 @@ def bounds_of(prior):
 
 
 def test_products_of_a_fit():
-    found = PRODUCTS.coordinates.from_parameters(THETA)
+    found = PRODUCTS.from_parameters(THETA)
     assert found["share"] == pytest.approx(0.2)
     assert found["softening"] == pytest.approx(-6.0)
     assert found["opening"] == pytest.approx(2.0)

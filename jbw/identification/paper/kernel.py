@@ -18,25 +18,15 @@ from jbw.oscillator.paper.kernels import kernel_31
 
 
 class KernelData(eqx.Module):
-    """Measured third-order kernel at the probing frequencies, over repeats.
+    """Measured third-order kernel at the probing frequencies, over repeats."""
 
-    Attributes:
-        omega: Probing frequencies [rad/s].
-        mean: Mean of H3 over the repeats [m^-2 s^6].
-        within: Scatter of the repeats about their mean, sum of |.|^2.
-        num_repeats: Repeats at each frequency.
-        noise_std: Standard deviation of one repeat, per real component [m^-2 s^6].
-        y_peak: Largest displacement of the test at each frequency [m].
-        omega_n: Natural frequency of Step 2 [rad/s], held.
-    """
-
-    omega: Float[Array, " freq"]
-    mean: Complex[Array, " freq"]
-    within: Float[Array, " freq"]
+    omega: Float[Array, " freq"]  # probing frequencies [rad/s]
+    mean: Complex[Array, " freq"]  # of H3 over the repeats [m^-2 s^6]
+    within: Float[Array, " freq"]  # scatter of the repeats about their mean, sum of |.|^2
     num_repeats: Float[Array, " freq"]
-    noise_std: Float[Array, " freq"]
-    y_peak: Float[Array, " freq"]
-    omega_n: Float[Array, ""]
+    noise_std: Float[Array, " freq"]  # of one repeat, per real component [m^-2 s^6]
+    y_peak: Float[Array, " freq"]  # largest displacement of each test [m]
+    omega_n: Float[Array, ""]  # of Step 2 [rad/s], held
 
 
 def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:

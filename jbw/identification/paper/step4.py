@@ -44,19 +44,13 @@ class OpeningCurve(eqx.Module):
 
     $$K\,|\bar v - m(\gamma)|^2 = \sum_k c_k\,T_k(s), \qquad s \in [-1, 1]$$
 
-    Attributes:
-        coefficients: c_k of each level.
-        within: S of each level.
-        num_values: Measured values of each level, over repeats and time.
-        noise_std: Noise of one repeat, from the scatter of the repeats.
-        lower: Least gamma of the series [1/m].
-        upper: Greatest gamma [1/m].
+    over the bounds of gamma [1/m].
     """
 
-    coefficients: Float[Array, "level node"]
-    within: Float[Array, " level"]
-    num_values: Float[Array, " level"]
-    noise_std: Float[Array, " level"]
+    coefficients: Float[Array, "level node"]  # c_k
+    within: Float[Array, " level"]  # S
+    num_values: Float[Array, " level"]  # measured, over repeats and time
+    noise_std: Float[Array, " level"]  # of one repeat, from the scatter of the repeats
     lower: Float[Array, ""]
     upper: Float[Array, ""]
 
@@ -129,19 +123,12 @@ def as_arrays(held: Mapping[str, float]) -> dict[str, Array]:
 
 
 class OpeningFit(NamedTuple):
-    """The initial fit of Step 4.
+    """The initial fit of Step 4."""
 
-    Attributes:
-        curve: The likelihood's series.
-        fit: Least squares in the box.
-        box: Prior of gamma.
-        held: omega_n, zeta, alpha, delta and gain.
-    """
-
-    curve: OpeningCurve
+    curve: OpeningCurve  # the likelihood's series
     fit: Fit
-    box: Box
-    held: dict[str, float]
+    box: Box  # prior of gamma
+    held: dict[str, float]  # omega_n, zeta, alpha, delta and gain
 
 
 def fit_opening(
@@ -151,14 +138,9 @@ def fit_opening(
     means: Mapping[str, float],
     settings: Identify,
 ) -> OpeningFit:
-    """The initial fit of gamma, everything else held, and its likelihood as a series.
+    """The initial fit of gamma, its likelihood as a series.
 
-    Args:
-        key: Random key of the starts.
-        records: The reduced sweeps.
-        linear: Step 2: omega_n and gain.
-        means: Step 3: zeta, alpha and delta.
-        settings: The campaign's [identify] table.
+    Held are omega_n and gain of Step 2, and the `means` of Step 3: zeta, alpha and delta.
     """
     held = {"omega_n": linear.omega_n, "gain": linear.gain, **means}
     prior = box({"gamma": stated(settings).get("gamma", (0.0, REACH * means["delta"]))})
