@@ -60,8 +60,8 @@ def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     found = tests(tree, "validation/loops", *needed)
     axes, stack = style.stacks(ax, len(found), 2, height=4.6, height_ratios=[1, 1.3])
     for (upper, lower), (_, test) in zip(stack, found, strict=True):
-        _loops(upper, test, 0.0)
-        _loops(lower, test, secant(test["measured_y"].values, test["measured_force"].values))
+        draw_loop(upper, test, 0.0)
+        draw_loop(lower, test, secant(test["measured_y"].values, test["measured_force"].values))
         style.title(upper, f"{level_text(test)}, {number(test.attrs.get('tone_hz'))} Hz")
         style.title(lower, _areas_text(enclosed_areas(test)), size=8)
     unit = plain(unit_text(unit_of(found[0][1]["measured_force"])))
@@ -88,7 +88,7 @@ def _areas_text(areas: Areas | None) -> str:
     return text + f"model {low} to {high} %"
 
 
-def _loops(ax: Axes, test: xr.Dataset, slope: float) -> None:
+def draw_loop(ax: Axes, test: xr.Dataset, slope: float) -> None:
     """Draw one test's loops and bands, less a line of that slope."""
     y = np.asarray(test["measured_y"], float)
     model_y = quantiles(test, "model_y")[1]
@@ -137,7 +137,7 @@ def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     found = tests(tree, "verification/loop", "displacement", "measured_force", "model_force")
     axes, stack = style.stacks(ax, len(found), 1, height=2.5)
     for (only,), (name, test) in zip(stack, found, strict=True):
-        _forced_loop(only, test)
+        draw_forced_loop(only, test)
         lost = ""
         if "measured_work" in test and "model_work" in test:
             low, _, high = np.asarray(test["model_work"], float)
@@ -147,7 +147,7 @@ def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     return finish(axes, ax, "displacement [mm]", ("restoring force [kN]",))
 
 
-def _forced_loop(ax: Axes, test: xr.Dataset) -> None:
+def draw_forced_loop(ax: Axes, test: xr.Dataset) -> None:
     """Draw one record of a loop, its band stretch by stretch between the turning points."""
     y = MILLI * np.asarray(test["displacement"], float)
     low, median, high = quantiles(test, "model_force") / KILO

@@ -1,5 +1,6 @@
 """Frequency responses and response curves: the linear regime, and what rises with the level."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from jbw.report.style import INK, LEVELS, MODEL, Panels, finish, log_y, panels, 
 from jbw.report.text import axis_label, number
 
 MOST_MARKS = 60  # measured points drawn on a curve, so that the model behind them stays visible
+CURVE_LABELS = ("phase [°]", "off the median [%]")
 Curve = Float[np.ndarray, " freq"]
 Family = list[tuple[str, xr.Dataset]]
 
@@ -175,26 +177,26 @@ def verification_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     Panels: a column for each measured quantity and harmonic; magnitude, phase, and the distance
     of both together from the model's median over the curve's peak (3 axes a column, row by row).
     """
-    columns = _columns(tests(tree, "verification/curve", "measured_magnitude", "model_magnitude"))
+    found = tests(tree, "verification/curve", "measured_magnitude", "model_magnitude")
+    columns = curve_columns(found)
     axes, stack = stacks(ax, len(columns), 3, height=5.4, height_ratios=[2, 1.3, 1])
-    levels = {
-        level_text(test): float(test.attrs.get("level", 0.0))
-        for _, family in columns
-        for _, test in family
-    }
-    ordered = sorted(levels, key=lambda text: levels[text])
-    colours = dict(zip(ordered, level_colours(len(ordered)), strict=True))
+    palette = level_palette(found)
     for column, (suffix, family) in zip(stack, columns, strict=True):
-        for _, test in family:
-            _curve(column, test, suffix, colours[level_text(test)])
-        test = family[0][1]
-        values = test[f"measured_magnitude{suffix}"]
-        what = plain(values.attrs.get("long_name", "response"))
-        kind = plain(test.attrs.get("kind", ""))
-        title(column[0], f"{what} at {suffix.removeprefix('_')}ω, {kind}".removesuffix(", "))
-        log_y(column[0])
-        column[0].set_ylabel(axis_label("amplitude", unit_of(values)))
-    return finish(axes, ax, "frequency [Hz]", ("", "phase [°]", "off the median [%]"))
+        draw_curves(column, suffix, family, palette)
+    return finish(axes, ax, "frequency [Hz]", ("", *CURVE_LABELS))
+
+
+def draw_curves(column: Panels, suffix: str, family: Family, palette: Mapping[str, str]) -> None:
+    """Draw one harmonic, by its suffix, of all levels in the three panels of a column."""
+    for _, test in family:
+        _curve(column, test, suffix, palette[level_text(test)])
+    test = family[0][1]
+    values = test[f"measured_magnitude{suffix}"]
+    what = plain(values.attrs.get("long_name", "response"))
+    kind = plain(test.attrs.get("kind", ""))
+    title(column[0], f"{what} at {suffix.removeprefix('_')}ω, {kind}".removesuffix(", "))
+    log_y(column[0])
+    column[0].set_ylabel(axis_label("amplitude", unit_of(values)))
 
 
 def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -229,7 +231,7 @@ def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
     return finish(axes, ax)
 
 
-def _columns(found: Family) -> list[tuple[str, Family]]:
+def curve_columns(found: Family) -> list[tuple[str, Family]]:
     """Return tests of one quantity and kind together, each harmonic by itself."""
     groups: dict[tuple[str, str, str], Family] = {}
     for name, test in found:
@@ -238,6 +240,13 @@ def _columns(found: Family) -> list[tuple[str, Family]]:
                 key = (suffix, str(test.attrs.get("quantity")), str(test.attrs.get("kind")))
                 groups.setdefault(key, []).append((name, test))
     return [(key[0], family) for key, family in sorted(groups.items())]
+
+
+def level_palette(found: Family) -> dict[str, str]:
+    """Return a colour for every level of tests, by its text."""
+    levels = {level_text(test): float(test.attrs.get("level", 0.0)) for _, test in found}
+    ordered = sorted(levels, key=lambda text: levels[text])
+    return dict(zip(ordered, level_colours(len(ordered)), strict=True))
 
 
 def level_colours(count: int) -> list[str]:
@@ -255,19 +264,17 @@ def _curve(column: Panels, test: xr.Dataset, suffix: str, colour: str) -> None:
     model = quantiles(test, f"model_magnitude{suffix}")
     turned = unwrapped_band(quantiles(test, f"model_phase{suffix}"))
     off = np.abs(measured * np.exp(1j * phase) - model[1] * np.exp(1j * np.radians(turned[1])))
-    marks = slice(None, None, -(-freq.size // MOST_MARKS))
     fitted = bool(test.attrs.get("fitted", 1))
-    look = {"color": colour, "lw": 0, "ms": 3.6, "marker": "o" if fitted else "^"}
-    look |= {"mfc": colour if fitted else "none", "mew": 0.8}
+    label = ", ".join(filter(None, (level_text(test), fitted_text(test))))
+    look = {"color": colour, "lw": 0, "ms": 3.6, "marker": "o" if fitted else "^", "mew": 0.8}
+    look |= {"mfc": colour if fitted else "none", "markevery": -(-freq.size // MOST_MARKS)}
     for ax, points, band in (
         (column[0], measured, model),
         (column[1], beside(phase, turned[1]), turned),
     ):
         style.shade(ax, freq, band[0], band[2], colour, "_band", alpha=0.18)
         ax.plot(freq, band[1], color=colour, lw=1.0, ls="-" if fitted else "--")
-        ax.plot(freq[marks], points[marks], **look)
-    label = ", ".join(filter(None, (level_text(test), fitted_text(test))))
-    column[0].lines[-1].set_label(label)
-    column[2].plot(freq, 100.0 * off / np.nanmax(measured), color=colour, lw=1.0)
+        ax.plot(freq, points, label=label, **look)
+    column[2].plot(freq, 100.0 * off / np.nanmax(measured), color=colour, lw=1.0, label=label)
     for ax in column:
         ax.margins(x=0.02)

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 import xarray as xr
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 
 from jbw.cli.result import report
 from jbw.errors import ConfigError, DataError
 from jbw.report import page
-from jbw.report.charts import band, charts_of, line
+from jbw.report.charts import charts_of, traces
 from jbw.report.page import render_interactive, write_interactive
+from jbw.report.style import plain
 
 HOSTILE = "</script><script>alert(1)</script> & <a href='javascript:x'>"
 
@@ -58,17 +60,32 @@ def test_the_numbers_are_the_trees(tree):
 
 def test_bands_are_filled_and_named(few):
     (frequency, _) = charts_of(few)
-    low, high, median = frequency.lines
-    assert high["fill"] == "tonexty"
-    assert high["name"] == "99 % parameter band"
-    assert np.all(low["y"] <= median["y"])
-    assert np.all(median["y"] <= high["y"])
-    assert len(band([0], [0], [1], "x", "#0072b2", "g")) == 2
+    band, median = frequency.lines
+    assert band["fill"] == "toself"
+    assert band["name"] == "99 % parameter band"
+    assert band["legendgroup"] == median["legendgroup"]
+    for x, y in zip(median["x"], median["y"], strict=True):
+        edges = band["y"][np.isclose(band["x"], x)]
+        assert edges.min() <= y <= edges.max()
+
+
+def test_a_gap_in_a_band_stays_empty():
+    ax = Figure().subplots()
+    ax.fill_between([0, 1, 2, 3, 4], [0, 0, np.nan, 0, 0], 1, label="_band")
+    (band,) = traces(ax)
+    assert not band["showlegend"]
+    (gap,) = np.flatnonzero(np.isnan(band["x"][:-1]))
+    assert band["x"][:gap].max() == 1
+    assert band["x"][gap + 1 : -1].min() == 3
 
 
 def test_names_are_escaped_and_nothing_is_fetched(few):
     pytest.importorskip("plotly")
-    assert line([0], [0], HOSTILE, "#000000")["name"].startswith("&lt;/script&gt;")
+    ax = Figure().subplots()
+    ax.plot([0], [0], label=plain(f"{HOSTILE} $x$"))
+    (line,) = traces(ax)
+    assert line["name"].startswith("&lt;/script&gt;")
+    assert line["name"].endswith("$x$")
     page = render_interactive(few, HOSTILE)
     assert "alert(1)</script>" not in page
     assert "&lt;/script&gt;&lt;script&gt;alert(1)" in page
