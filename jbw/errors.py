@@ -1,6 +1,7 @@
 """The errors that jbw raises on purpose: what is wrong, why it matters, what to do."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 
 
@@ -52,6 +53,18 @@ class RunError(JbwError, RuntimeError):
     """A run's folder, disk or lock that prevents the work."""
 
     exit_code = 1
+
+
+@contextmanager
+def naming(name: str) -> Iterator[None]:
+    """Let the errors that are raised inside begin with what they are about, where they lack it."""
+    try:
+        yield
+    except JbwError as error:
+        if name in error.what:
+            raise
+        what = f"{name}: {error.what}"
+        raise type(error)(what, why=error.why, remedy=error.remedy) from None
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -24,26 +24,18 @@ NEAREST_BINS = 64
 class Harmonics:
     """Steady harmonics y(t) = Re sum Y_n exp(j n omega t), t counted from the first sample given.
 
-    Attributes:
-        omega: Angular frequency of the first harmonic [rad/s].
-        amplitudes: Complex peak displacement amplitudes of orders 1..n, shape (..., harmonic) [m].
-        covariance: Of (Re Y_1, Im Y_1, Re Y_2, ...), shape (..., 2 harmonic, 2 harmonic) [m^2];
-            the noise may be coloured, its level is read beside each harmonic.
-        drift: Change of Y_1 from the first half of the record to the second, relative; shape (...).
-        drift_std: What noise alone makes of it.
-        residual_std: Standard deviation of what the harmonics do not explain, in the unit measured.
-        cycles: Periods in the record.
-        off_bin: Distance of omega from the nearest line of a Fourier transform, in lines; the
-            least-squares fit does not mind, a transform would leak.
+    The noise may be coloured: its level is read beside each harmonic.
     """
 
-    omega: float
-    amplitudes: NDArray[np.complex128]
+    omega: float  # angular frequency of the first harmonic [rad/s]
+    amplitudes: NDArray[np.complex128]  # peak, of orders 1..n, shape (..., harmonic) [m]
+    # Of (Re Y_1, Im Y_1, Re Y_2, ...), shape (..., 2 harmonic, 2 harmonic) [m^2].
     covariance: NDArray[np.float64]
-    drift: NDArray[np.float64]
-    drift_std: NDArray[np.float64]
-    residual_std: NDArray[np.float64]
-    cycles: float
+    drift: NDArray[np.float64]  # relative change of Y_1 from half to half of the record, (...)
+    drift_std: NDArray[np.float64]  # what noise alone makes of it
+    residual_std: NDArray[np.float64]  # of what no harmonic explains, in the unit measured
+    cycles: float  # periods in the record
+    # Lines from omega to the nearest of a Fourier transform, which would leak; the fit does not.
     off_bin: float
 
     @property

@@ -19,39 +19,24 @@ LARGE_SOURCE = 0.1
 class ThirdOrder:
     """Third-order kernel on its leading diagonal, as measured at one probing frequency.
 
-    Amplitudes are complex peak values; the input's unit is that of `u` (volts if `u` is in volts).
-
-    Attributes:
-        omega: Probing frequency [rad/s].
-        h3: H3 = 4 Y(3 omega) / A^3, one a repeat [m per unit^3].
-        amplitude: A, the input's first harmonic, its phase included, one a repeat [unit].
-        u_3: The input's third harmonic, one a repeat [unit]; NaN when the input was not measured.
-        y_1: Y(omega), one a repeat [m].
-        y_3: Y(3 omega), less the source's part where that was taken out, one a repeat [m].
-        y_peak: Largest displacement over a period, one a repeat [m].
-        source: removed, measured (but not removed: `h1_3omega` was not given) or unmeasured.
-        source_ratio: |H1(3 omega) U(3 omega)| / |Y_3|, largest over the repeats; NaN if unknown.
-        std: Scatter of `h3` over repeats, per real component; NaN with one repeat.
-        std_expected: The same as the records' noise makes it.
-        covariance: Of (Re, Im) of the mean of `h3`; from the scatter when there are repeats.
-        above_noise: Whether |mean Y_3| exceeds three standard errors, so that it may enter a fit.
-        notes: What a reader of the result must know, in words.
+    Amplitudes are complex peak values, one a repeat; the input's unit is that of `u` (volts if `u`
+    is in volts).
     """
 
-    omega: float
-    h3: NDArray[np.complex128]
-    amplitude: NDArray[np.complex128]
-    u_3: NDArray[np.complex128]
-    y_1: NDArray[np.complex128]
-    y_3: NDArray[np.complex128]
-    y_peak: NDArray[np.float64]
-    source: str
-    source_ratio: float
-    std: float
-    std_expected: float
-    covariance: NDArray[np.float64]
-    above_noise: bool
-    notes: tuple[str, ...]
+    omega: float  # probing frequency [rad/s]
+    h3: NDArray[np.complex128]  # H3 = 4 Y(3 omega) / A^3 [m per unit^3]
+    amplitude: NDArray[np.complex128]  # A, the input's first harmonic, its phase included [unit]
+    u_3: NDArray[np.complex128]  # the input's third harmonic [unit]; NaN when not measured
+    y_1: NDArray[np.complex128]  # Y(omega) [m]
+    y_3: NDArray[np.complex128]  # Y(3 omega), less the source's part where that was taken out [m]
+    y_peak: NDArray[np.float64]  # largest displacement over a period [m]
+    source: str  # removed, measured (not removed: `h1_3omega` was not given) or unmeasured
+    source_ratio: float  # |H1(3 omega) U(3 omega)| / |Y_3|, the largest; NaN if unknown
+    std: float  # scatter of `h3` over repeats, per real component; NaN with one repeat
+    std_expected: float  # the same as the records' noise makes it
+    covariance: NDArray[np.float64]  # of (Re, Im) of the mean of `h3`; from the scatter if any
+    above_noise: bool  # whether |mean Y_3| exceeds three standard errors, and may enter a fit
+    notes: tuple[str, ...]  # what a reader of the result must know, in words
 
     @property
     def mean(self) -> complex:

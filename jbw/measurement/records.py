@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jbw.errors import ConfigError, DataError
+from jbw.errors import DataError, naming
 from jbw.measurement.kinds import Kind, kind_named
 from jbw.units import FACTORS, plain, quantity_of, si_unit
 
@@ -195,9 +195,6 @@ def si_of(role: str, unit: str) -> tuple[float, str]:
     Raises:
         ConfigError: The unit is unknown or measures something else than the role.
     """
-    try:
+    with naming(f"Role `{role}`"):
         quantity = quantity_of(unit, QUANTITIES[role])
-    except ConfigError as error:
-        what = f"Role `{role}`: {error.what}"
-        raise ConfigError(what, why=error.why, remedy=error.remedy) from None
     return FACTORS[quantity][plain(unit)], si_unit(quantity)

@@ -23,42 +23,25 @@ DEFAULT_SEGMENTS = 16
 
 @dataclass(frozen=True)
 class FRF:
-    """An estimated receptance and how it was estimated.
+    """An estimated receptance and how it was estimated."""
 
-    Attributes:
-        freq: Frequencies, zero excluded [Hz].
-        h: Receptance, displacement per unit of input, exp(+j omega t) convention.
-        coherence: Ordinary coherence, 0 to 1.
-        variance: E|error|^2 of `h`: the *sum* of the variances of its real and imaginary parts,
-            each of which is half of it.
-        input_spectrum: One-sided power spectral density of the input [unit^2/Hz].
-        output_spectrum: The same of the response as it was measured.
-        num_averages: Independent averages that the overlapping segments are worth.
-        num_segments: Segments of each repeat.
-        num_repeats: Repeats averaged.
-        nperseg: Samples in a segment.
-        noverlap: Samples that neighbouring segments share.
-        fs: Sampling frequency [Hz].
-        window: hann or boxcar.
-        estimator: h1 or h2.
-        response: What was measured: displacement, velocity or acceleration.
-    """
-
-    freq: NDArray[np.float64]
+    freq: NDArray[np.float64]  # frequencies, zero excluded [Hz]
+    # Receptance, displacement per unit of input, exp(+j omega t) convention.
     h: NDArray[np.complex128]
-    coherence: NDArray[np.float64]
+    coherence: NDArray[np.float64]  # ordinary coherence, 0 to 1
+    # E|error|^2 of `h`: the *sum* of the variances of its real and imaginary parts, equal halves.
     variance: NDArray[np.float64]
-    input_spectrum: NDArray[np.float64]
-    output_spectrum: NDArray[np.float64]
-    num_averages: float
-    num_segments: int
-    num_repeats: int
-    nperseg: int
-    noverlap: int
-    fs: float
+    input_spectrum: NDArray[np.float64]  # one-sided power spectral density [unit^2/Hz]
+    output_spectrum: NDArray[np.float64]  # the same of the response as it was measured
+    num_averages: float  # independent averages that the overlapping segments are worth
+    num_segments: int  # of each repeat
+    num_repeats: int  # averaged
+    nperseg: int  # samples in a segment
+    noverlap: int  # samples that neighbouring segments share
+    fs: float  # sampling frequency [Hz]
     window: Window
     estimator: Literal["h1", "h2"]
-    response: str
+    response: str  # what was measured: displacement, velocity or acceleration
 
     @property
     def omega(self) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jbw.errors import ConfigError, DataError
+from jbw.errors import ConfigError, DataError, naming
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.sampling import Repeats, Wanted, cut, rows_of, sampling_of
 from jbw.measurement.files.tree import Contents, Leaf, names
@@ -31,9 +31,9 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
         DataError: A channel is missing, ragged or of the wrong shape; no sampling frequency.
         ConfigError: A unit is missing or unknown, or no calibration is given where one is needed.
     """
-    sources = _sources(contents, path, wanted)
-    fs, said = sampling_of(contents, sources, path, wanted)
-    part = cut(fs, wanted.span, path)
+    sources = _sources(contents, wanted)
+    fs, said = sampling_of(contents, sources, wanted)
+    part = cut(fs, wanted.span)
     provenance = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": said}
     provenance |= contents.notes
     channels: dict[str, Repeats] = {}
@@ -41,12 +41,10 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
     for role, items in sources.items():
         if role == "time":
             continue
-        unit = _unit(role, items[0].unit, path, wanted)
-        factor, units[role] = _factor(role, unit, contents.reader, path, wanted)
+        unit = _unit(role, items[0].unit, wanted)
+        factor, units[role] = _factor(role, unit, contents.reader, wanted)
         is_curve = "frequency" in sources and role in RESPONSES
-        rows = [
-            row for item in items for row in rows_of(item, role, path, wanted, part, curve=is_curve)
-        ]
+        rows = [row for item in items for row in rows_of(item, role, wanted, part, curve=is_curve)]
         # Most files are in SI already: no copy of a long record then.
         rows = rows if factor == 1.0 else [row * factor for row in rows]
         provenance[f"channel of {role}"] = (wanted.channels or {}).get(role, role)
@@ -60,8 +58,7 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
             source = ratio[1]  # its amplitude is then 1
             if any(role in sources for role in INPUTS):
                 raise DataError(
-                    f"{path.name}: the response is per unit of excitation, but `{source}` is given "
-                    "too.",
+                    f"the response is per unit of excitation, but `{source}` is given too.",
                     remedy="Leave the excitation out, or name the response's amplitude and its "
                     "unit.",
                 )
@@ -71,7 +68,7 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
         if any(np.iscomplexobj(row) for row in rows):
             if "phase" in sources:
                 raise DataError(
-                    f"{path.name}: role `{role}` is complex, but `phase` is given too.",
+                    f"role `{role}` is complex, but `phase` is given too.",
                     remedy="Leave `phase` out of the channels.",
                 )
             channels["phase"] = [np.angle(row) for row in rows]
@@ -89,7 +86,7 @@ def _repeats(channels: Mapping[str, Repeats], record: Record) -> tuple[Record, .
     if any(count not in (1, number) for count in counts.values()):
         listed = ", ".join(f"`{role}` has {count}" for role, count in counts.items())
         raise DataError(
-            f"{record.name}: channels must have equally many repeats, but {listed}.",
+            f"channels must have equally many repeats, but {listed}.",
             remedy="Name channels that were recorded together.",
         )
     taken = [{role: rows[i % len(rows)] for role, rows in channels.items()} for i in range(number)]
@@ -99,12 +96,12 @@ def _repeats(channels: Mapping[str, Repeats], record: Record) -> tuple[Record, .
     )
 
 
-def _unit(role: str, stated: str, path: Path, wanted: Wanted) -> str:
+def _unit(role: str, stated: str, wanted: Wanted) -> str:
     """The unit that the caller gives, which must not contradict the one that the file states."""
     given = wanted.units.get(role, "")
     if not (given or stated):
         raise ConfigError(
-            f"{path.name}: the unit of role `{role}` is missing.",
+            f"the unit of role `{role}` is missing.",
             why="A wrong unit gives a wrong joint without any sign of it.",
             remedy=f'Say it: units = {{ {role} = "..." }}.',
         )
@@ -112,20 +109,19 @@ def _unit(role: str, stated: str, path: Path, wanted: Wanted) -> str:
         si_of(role, given)  # an unknown unit is the first thing to say
     if given and stated and plain(given) != plain(stated):
         raise DataError(
-            f"{path.name}: role `{role}` is in `{given}` by the campaign "
-            f"but in `{stated}` by the file.",
+            f"role `{role}` is in `{given}` by the campaign but in `{stated}` by the file.",
             remedy="Correct whichever is wrong; the file's own unit needs no mention.",
         )
     return given or stated
 
 
-def _factor(role: str, unit: str, reader: str, path: Path, wanted: Wanted) -> tuple[float, str]:
+def _factor(role: str, unit: str, reader: str, wanted: Wanted) -> tuple[float, str]:
     """What to multiply a channel by, and the SI unit that it has then."""
     ratio = ratio_of(role, unit)
     factor, si = si_of(role, unit) if ratio is None else (ratio[0], si_unit(QUANTITIES[role][0]))
     if reader == "WAV" and role not in wanted.scale:
         raise ConfigError(
-            f"{path.name}: role `{role}` needs a calibration, since WAV keeps no scale.",
+            f"role `{role}` needs a calibration, since WAV keeps no scale.",
             remedy=f"Give the value at full scale: scale = {{ {role} = ... }}.",
         )
     scale = float(wanted.scale.get(role, 1.0))
@@ -137,7 +133,7 @@ def _factor(role: str, unit: str, reader: str, path: Path, wanted: Wanted) -> tu
     return factor, si
 
 
-def _sources(contents: Contents, path: Path, wanted: Wanted) -> dict[str, list[Leaf]]:
+def _sources(contents: Contents, wanted: Wanted) -> dict[str, list[Leaf]]:
     """Role to the arrays that its path selects."""
     channels = wanted.channels
     if channels is None:
@@ -145,17 +141,14 @@ def _sources(contents: Contents, path: Path, wanted: Wanted) -> dict[str, list[L
         channels = {name: name for name in found if name in ROLES}
         if not channels:
             raise ConfigError(
-                f"{path.name}: no channel is named like a role ({', '.join(ROLES)}).",
+                f"no channel is named like a role ({', '.join(ROLES)}).",
                 remedy='Say which is which, channels = { velocity = "laser" }, from: '
                 f"{', '.join(found[:20])}.",
             )
     sources = {}
     for role, where in channels.items():
-        try:
+        with naming(f"role `{role}`"):
             picked = select(contents.root, where)
-        except DataError as error:
-            what = f"{path.name}, role `{role}`: {error.what}"
-            raise DataError(what, why=error.why, remedy=error.remedy) from None
         sources[role] = picked if isinstance(picked, list) else [picked]
     return sources
 

@@ -26,9 +26,8 @@ MINUS = " - "
 def select(root: Node, path: str) -> Leaf | list[Leaf]:
     """What a path points at: one array, or one an item where a `[:]` runs over cells."""
     if MINUS not in path or (isinstance(root, Mapping) and path in root):
-        return _walk(root, [], path.strip("/"), path, root)
-    first, _, second = path.partition(MINUS)
-    picked = [_walk(root, [], part.strip(" /"), part.strip(), root) for part in (first, second)]
+        return _follow(root, path)
+    picked = [_follow(root, part.strip()) for part in path.split(MINUS, 1)]
     left, right = (item if isinstance(item, list) else [item] for item in picked)
     if len(left) != len(right):
         raise DataError(f"`{path}` subtracts {len(right)} channels from {len(left)}.")
@@ -36,42 +35,52 @@ def select(root: Node, path: str) -> Leaf | list[Leaf]:
     return differences if isinstance(picked[0], list) else differences[0]
 
 
-def _walk(
-    node: Node, indices: Sequence[int | None], rest: str, path: str, root: Node
-) -> Leaf | list[Leaf]:
+def _follow(root: Node, path: str) -> Leaf | list[Leaf]:
+    """What one path points at; a refusal lists what was found, with the closest match."""
+    try:
+        return _walk(root, [], path.strip("/"))
+    except DataError as error:
+        found = [name for name, item in names(root) if isinstance(item, Leaf)]
+        more = f" and {len(found) - 20} more" if len(found) > 20 else ""
+        listed = f"Found: {', '.join(found[:20]) or 'nothing'}{more}."
+        remedy = error.remedy or did_you_mean(path, found) + listed
+        raise DataError(f"Channel `{path}` {error.what}", why=error.why, remedy=remedy) from None
+
+
+def _walk(node: Node, indices: Sequence[int | None], rest: str) -> Leaf | list[Leaf]:
     """Apply indices to a node, then follow the rest of a path from there."""
     if isinstance(node, Opaque):
-        raise DataError(f"`{path}` is {node.kind}, not an array of numbers.", remedy=node.remedy)
+        raise DataError(f"is {node.kind}, not an array of numbers.", remedy=node.remedy)
     while rest and rest[0] in CLOSING and (isinstance(node, Leaf) or not indices):
-        more, rest = _indices(rest, path)
+        more, rest = _indices(rest)
         indices = [*indices, *more]
     if isinstance(node, Leaf):
         if rest:
-            raise _absent(path, root, f"goes on after an array of shape {node.array.shape}")
-        return _pick(node, indices, path, root)
+            raise DataError(f"goes on after an array of shape {node.array.shape}.")
+        return _pick(node, indices)
     if indices:
-        return _item(node, indices, rest, path, root)
+        return _item(node, indices, rest)
     if not isinstance(node, Mapping):
         count = " x ".join(map(str, node.shape))
         before = f" before `{rest}`: index them" if rest else ", not an array"
-        raise _absent(path, root, f"has {count} items{before}")
+        raise DataError(f"has {count} items{before}.")
     if not rest:
-        raise _absent(path, root, "is a group, not an array")
+        raise DataError("is a group, not an array.")
     rest = rest.lstrip("./")
     # A name that the file has as written is never split at its dots or brackets.
     fitting = (n for n in map(str, node) if rest.startswith(n) and rest[len(n) :][:1] in "./[({")
     name = max(fitting, key=len, default="")
     if not name:
-        raise _absent(path, root)
-    return _walk(node[name], [], rest[len(name) :], path, root)
+        raise DataError("is not in the file.")
+    return _walk(node[name], [], rest[len(name) :])
 
 
-def _indices(rest: str, path: str) -> tuple[list[int | None], str]:
+def _indices(rest: str) -> tuple[list[int | None], str]:
     """The indices in the brackets that `rest` begins with, from zero, and what follows them."""
     inside, closed, after = rest[1:].partition(CLOSING[rest[0]])
     if not (closed and INDICES.fullmatch(inside)):
         raise DataError(
-            f"Path `{path}` has indices `{rest}` that cannot be read.",
+            f"has indices `{rest}` that cannot be read.",
             remedy="Write [3] for an item, counted from zero, or (4), counted from one as in "
             "MATLAB; [:] is all of them.",
         )
@@ -79,7 +88,7 @@ def _indices(rest: str, path: str) -> tuple[list[int | None], str]:
     found = [None if text == ":" else int(text) for text in re.findall(r":|-?\d+", inside)]
     if first and any(i is not None and i < first for i in found):
         raise DataError(
-            f"Path `{path}` has an index below 1 in `{rest[0]}{inside}{closed}`.",
+            f"has an index below 1 in `{rest[0]}{inside}{closed}`.",
             why="Parentheses and braces count from one, as in MATLAB; brackets from zero.",
             remedy="Write (1) or [0] for the first item.",
         )
@@ -87,55 +96,37 @@ def _indices(rest: str, path: str) -> tuple[list[int | None], str]:
 
 
 def _item(
-    node: Mapping[str, Any] | NDArray[Any],
-    indices: Sequence[int | None],
-    rest: str,
-    path: str,
-    root: Node,
+    node: Mapping[str, Any] | NDArray[Any], indices: Sequence[int | None], rest: str
 ) -> Leaf | list[Leaf]:
     """Apply the first index to a struct or to cells, whose every item `[:]` visits in order."""
     step, *others = indices
     if isinstance(node, Mapping):
         if step in (0, None):  # a struct array of one is a struct
-            return _walk(node, others, rest, path, root)
-        raise _absent(path, root, f"{_said(step)}, but there is one item")
-    if step is None:
-        found = [_walk(item, others, rest, path, root) for item in node]
-        if any(isinstance(item, list) for item in found):
-            raise DataError(
-                f"Path `{path}` runs over cells twice.", remedy="Keep one [:] over cells."
-            )
-        return [item for item in found if isinstance(item, Leaf)]
-    if not -len(node) <= step < len(node):
-        raise _absent(path, root, f"{_said(step)}, but there are {len(node)} items")
-    return _walk(node[step], others, rest, path, root)
+            return _walk(node, others, rest)
+        raise DataError(f"asks for item [{step}], counted from zero, but there is one item.")
+    if step is not None:
+        _require_within(step, len(node), f"but there are {len(node)} items")
+        return _walk(node[step], others, rest)
+    found = [_walk(item, others, rest) for item in node]
+    if any(isinstance(item, list) for item in found):
+        raise DataError("runs over cells twice.", remedy="Keep one [:] over cells.")
+    return [item for item in found if isinstance(item, Leaf)]
 
 
-def _said(step: int | None) -> str:
-    return f"asks for item [{step}], counted from zero"
+def _require_within(step: int, length: int, told: str) -> None:
+    if not -length <= step < length:
+        raise DataError(f"asks for item [{step}], counted from zero, {told}.")
 
 
-def _pick(node: Leaf, steps: Sequence[int | None], path: str, root: Node) -> Leaf:
+def _pick(node: Leaf, steps: Sequence[int | None]) -> Leaf:
     """Apply indices to the open axes of an array, in the user's order."""
-    position = 0
-    for step in steps:
-        if position >= len(node.axes):
-            raise _absent(path, root, f"goes on after an array of shape {node.array.shape}")
-        if step is None:
-            position += 1
-            continue
-        axis = node.axes[position]
-        if not -node.array.shape[axis] <= step < node.array.shape[axis]:
-            raise _absent(path, root, f"{_said(step)}, on an axis of {node.array.shape[axis]}")
-        axes = node.axes[:position] + node.axes[position + 1 :]
-        taken = step % node.array.shape[axis]
-        node = replace(node, axes=axes, fixed={**node.fixed, axis: taken})
-    return node
-
-
-def _absent(path: str, root: Node, because: str = "is not in the file") -> DataError:
-    """The refusal that lists what was found, with the closest match."""
-    found = [name for name, item in names(root) if isinstance(item, Leaf)]
-    listed = ", ".join(found[:20]) + (f" and {len(found) - 20} more" if len(found) > 20 else "")
-    remedy = did_you_mean(path, found) + f"Found: {listed or 'nothing'}."
-    return DataError(f"Channel `{path}` {because}.", remedy=remedy)
+    if len(steps) > len(node.axes):
+        raise DataError(f"goes on after an array of shape {node.array.shape}.")
+    taken = {}
+    for axis, step in zip(node.axes, steps, strict=False):
+        if step is not None:
+            length = node.array.shape[axis]
+            _require_within(step, length, f"on an axis of {length}")
+            taken[axis] = step % length
+    axes = tuple(axis for axis in node.axes if axis not in taken)
+    return replace(node, axes=axes, fixed={**node.fixed, **taken})

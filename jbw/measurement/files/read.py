@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
-from jbw.errors import ConfigError, DataError, JbwError, did_you_mean
+from jbw.errors import ConfigError, DataError, JbwError, did_you_mean, naming
 from jbw.measurement.checks import Fault, inspect, ordered
 from jbw.measurement.files.assemble import records_of
 from jbw.measurement.files.sampling import Wanted
@@ -95,16 +95,9 @@ def records(path: Path, wanted: Wanted) -> tuple[Record, ...]:
             raise ConfigError(
                 f"Role `{role}` is not known.", remedy=did_you_mean(role, ROLES) + known
             )
-    try:
-        with opened(path) as contents, path.open("rb") as stream:
-            digest = hashlib.file_digest(stream, "sha256").hexdigest()
-            return records_of(contents, path, wanted, digest)
-    except JbwError as error:
-        if path.name in error.what:
-            raise
-        # Some of what is refused inside a reader does not know the file's name.
-        what = f"{path.name}: {error.what}"
-        raise type(error)(what, why=error.why, remedy=error.remedy) from None
+    with naming(path.name), opened(path) as contents, path.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        return records_of(contents, path, wanted, digest)
 
 
 def channels_of(path: Path) -> dict[str, Leaf]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,22 +34,20 @@ class Wanted:
     remove_mean: bool = False
 
 
-def sampling_of(
-    contents: Contents, sources: Sources, path: Path, wanted: Wanted
-) -> tuple[float, str]:
+def sampling_of(contents: Contents, sources: Sources, wanted: Wanted) -> tuple[float, str]:
     """Sampling frequency [Hz], NaN for a measured FRF, and where it came from.
 
     It may be given, stated by the file, or told by a time channel; all must agree.
     """
     if "frequency" in sources:
         return float("nan"), "none: a measured FRF"
-    found = {**_stated(contents, sources, wanted), **_timed(sources, path, wanted)}
+    found = {**_stated(contents, sources, wanted), **_timed(sources, wanted)}
     if wanted.fs is not None:
-        fs, said = _given(contents, path, wanted.fs)
+        fs, said = _given(contents, wanted.fs)
         found = {said: fs, **found}
     if not found:
         raise DataError(
-            f"{path.name}: the sampling frequency is missing.",
+            "the sampling frequency is missing.",
             why="Nothing in the file gives it, and it cannot be guessed.",
             remedy="Give fs = <Hz>, or name a time column: channels = { time = ... }.",
         )
@@ -58,7 +55,7 @@ def sampling_of(
     for other, value in others:
         if abs(value - fs) > 2e-5 * fs:
             raise DataError(
-                f"{path.name}: sampling frequencies must agree, but {said} is {fs:.7g} Hz "
+                f"sampling frequencies must agree, but {said} is {fs:.7g} Hz "
                 f"and {other} is {value:.7g} Hz.",
                 remedy="Name channels of one rate, or resample them where they were measured.",
             )
@@ -67,17 +64,17 @@ def sampling_of(
     return kept, f"{kept:.10g} Hz from {said}{rounded}"
 
 
-def _given(contents: Contents, path: Path, fs: float | str) -> tuple[float, str]:
+def _given(contents: Contents, fs: float | str) -> tuple[float, str]:
     """Sampling frequency as the caller gives it: a number, or the path of a scalar."""
     said = "the argument"
     if isinstance(fs, str):
         leaf = select(contents.root, fs)
         values = load(leaf).ravel() if isinstance(leaf, Leaf) else np.zeros(0)
         if values.size != 1:
-            raise DataError(f"{path.name}: `fs` = {fs!r} must point at one number.")
+            raise DataError(f"`fs` = {fs!r} must point at one number.")
         said, fs = f"`{fs}`", float(values[0])
     if not (np.isfinite(fs) and fs > 0):
-        raise ConfigError(f"{path.name}: `fs` must be positive and finite, but is {fs}.")
+        raise ConfigError(f"`fs` must be positive and finite, but is {fs}.")
     return float(fs), said
 
 
@@ -92,12 +89,12 @@ def _stated(contents: Contents, sources: Sources, wanted: Wanted) -> dict[str, f
     return stated or ({"the file": contents.fs} if contents.fs is not None else {})
 
 
-def _timed(sources: Sources, path: Path, wanted: Wanted) -> dict[str, float]:
+def _timed(sources: Sources, wanted: Wanted) -> dict[str, float]:
     """Sampling frequency of each time channel, all of which must be even."""
     timed = {}
     for item in sources.get("time", ()):
         factor, _ = si_of("time", wanted.units.get("time") or item.unit or "s")
-        for row in rows_of(item, "time", path, wanted, exact=False):
+        for row in rows_of(item, "time", wanted, exact=False):
             name = (wanted.channels or {}).get("time", "time")
             fs, before = sampling_frequency(row if factor == 1.0 else row * factor, name)
             said = f"`{name}`" if fs == before else f"`{name}` (snapped from {before:.10g} Hz)"
@@ -105,19 +102,18 @@ def _timed(sources: Sources, path: Path, wanted: Wanted) -> dict[str, float]:
     return timed
 
 
-def cut(fs: float, span: tuple[float, float] | None, path: Path) -> slice:
+def cut(fs: float, span: tuple[float, float] | None) -> slice:
     """Samples of a span in seconds."""
     if span is None:
         return WHOLE
     if not np.isfinite(fs):
-        raise ConfigError(f"{path.name}: `span` is for time records, not for a measured FRF.")
+        raise ConfigError("`span` is for time records, not for a measured FRF.")
     return slice(round(span[0] * fs), round(span[1] * fs))
 
 
 def rows_of(
     item: Leaf,
     role: str,
-    path: Path,
     wanted: Wanted,
     part: slice = WHOLE,
     *,
@@ -132,12 +128,12 @@ def rows_of(
     where = (wanted.channels or {}).get(role, role)
     if loaded.ndim > (2 if wanted.repeats == "rows" else 1):
         raise DataError(
-            f"{path.name}: channel `{where}` must be one series, but has shape {loaded.shape}.",
+            f"channel `{where}` must be one series, but has shape {loaded.shape}.",
             remedy=f"Take one with `{where}[0]` or `{where}[:, 0]`, or set repeats = 'rows'.",
         )
     if np.iscomplexobj(loaded) and not curve:
         raise DataError(
-            f"{path.name}: channel `{where}` is complex.",
+            f"channel `{where}` is complex.",
             why="A time record is real; only the response of a measured FRF may be complex.",
             remedy="Name the real channel, or its `frequency` when it is a measured FRF.",
         )

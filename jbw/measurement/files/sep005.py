@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jbw.errors import DataError
+from jbw.errors import DataError, naming
 from jbw.measurement.checks import inspect
 from jbw.measurement.files.assemble import records_of
 from jbw.measurement.files.read import report
@@ -49,7 +49,8 @@ def from_sep005(
     digest = hashlib.sha256(b"".join(np.asarray(one["data"]).tobytes() for one in series))
     contents = Contents(dict(zip(names, leaves, strict=True)), "SEP-005")
     wanted = Wanted(_roles(series) if channels is None else channels)
-    (record,) = records_of(contents, Path(name), wanted, digest.hexdigest())
+    with naming(name):
+        (record,) = records_of(contents, Path(name), wanted, digest.hexdigest())
     report(record, inspect(record))
     return record
 
