@@ -15,8 +15,7 @@ from jbw.identification.procedure import Report
 from jbw.identification.step import attrs
 from jbw.inference.calibration.record import Calibration
 from jbw.inference.calibration.replications import Model, calibrate
-from jbw.inference.samplers.register import SAMPLERS, Sampler, options_of
-from jbw.inference.samplers.register import sampler_named as registered
+from jbw.inference.samplers.register import SAMPLERS, Sampler, options_of, sampler_named
 from jbw.inference.space.box import require_float64
 from jbw.quantities import BY_NAME, attrs_of
 from jbw.report.studies import rank_ecdfs
@@ -25,9 +24,14 @@ from jbw.study import calibration_models as models
 from jbw.study.store import write_figure, write_json
 
 logger = logging.getLogger("jbw")
-STEPS = ("linear", "third_order", "opening", "joint")
 REPLICATIONS = {"linear": 1000, "third_order": 1000, "opening": 1000, "joint": 200}
 NOISES = ("unknown", "known")
+# Of each step: the rig's short tests, those of a campaign, and the posterior that they give.
+DESIGNS = {
+    "third_order": (designs.probing, designs.probing_of, models.third_order),
+    "opening": (designs.opening, designs.opening_of, models.opening),
+    "joint": (designs.joint, designs.joint_of, models.joint),
+}
 # Of chains that start about a fit, and of those that cross the box.
 SHORT = {"num_warmup": 30, "num_samples": 125}
 LONG = {"num_warmup": 500, "num_samples": 500}
@@ -43,17 +47,11 @@ STEPPED = {"importance": {"num_samples": 128, "num_draws": 2048}}
 
 @dataclass(frozen=True)
 class Sbc:
-    """Result of `sbc`.
+    """Result of `sbc`."""
 
-    Attributes:
-        calibration: Ranks, coverage, failures and the verdict.
-        tree: The ranks as a labelled tree.
-        record: All numbers in plain values, as `sbc.json` holds them.
-    """
-
-    calibration: Calibration
-    tree: xr.DataTree
-    record: dict[str, Any]
+    calibration: Calibration  # ranks, coverage, failures and the verdict
+    tree: xr.DataTree  # the ranks, labelled
+    record: dict[str, Any]  # all numbers in plain values, as `sbc.json` holds them
 
 
 def sbc(
@@ -91,7 +89,14 @@ def sbc(
         Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), Bayesian Analysis 20, 461.
     """
     require_float64()
-    _check(step, sampler, noise)
+    for name, word, known in (("step", step, REPLICATIONS), ("noise", noise, NOISES)):
+        if word not in known:
+            raise ConfigError(f"Argument `{name}` must be one of {', '.join(known)}, not {word!r}.")
+    if sampler is not None and (sampler not in SAMPLERS or step == "linear"):
+        why = "Step 2 draws from its fit's normal law." if step == "linear" else ""
+        raise ConfigError(
+            f"Argument `sampler` must be one of {', '.join(SAMPLERS)}, not {sampler!r}.", why=why
+        )
     count = REPLICATIONS[step] if num_replications is None else num_replications
     started, key = perf_counter(), jax.random.key(seed)
 
@@ -99,40 +104,52 @@ def sbc(
         report(f"{step}: {done} of {count} replications")
 
     if step == "linear":
-        name = "line_fit"
+        sampler = "line_fit"
         found = models.calibrate_linear(
             key, *designs.lines(), num_replications=count, report=progress
         )
     else:
-        chosen = _step(step, campaign, noise == "known", report)
-        name = sampler or chosen.sampler
+        of_rig, of_campaign, posterior = DESIGNS[step]
+        design = of_rig() if campaign is None else of_campaign(campaign, report)
+        told = {"known_noise": noise == "known"} if step == "third_order" else {}
+        chosen = posterior(design, **told)
+        sampler = sampler or chosen.sampler
         found = calibrate(
-            key, *suited(chosen, name), num_replications=count, batch=chosen.batch, report=progress
-        )
+            key, *suited(chosen, sampler), num_replications=count, batch=chosen.batch,
+            report=progress,
+        )  # fmt: skip
     record = {
         "step": step,
         "campaign": None if campaign is None else campaign.name,
-        "sampler": name,
+        "sampler": sampler,
         "noise": noise if step == "third_order" else None,
         "seed": seed,
         "wall_time_s": round(perf_counter() - started, 2),
+        **_numbers_of(found),
+    }
+    return Sbc(found, _tree(found, record), record)
+
+
+def _numbers_of(found: Calibration) -> dict[str, Any]:
+    """Replications, failures, p-values, coverage and verdict in plain values."""
+    quantities = {}
+    for name in found.names:
+        share, lower, upper = found.coverage[name]
+        quantities[name] = {
+            "p_chi_square": found.p_chi_square[name],
+            "p_ecdf": found.p_ecdf[name],
+            "coverage_99": share,
+            "coverage_99_lower": lower,
+            "coverage_99_upper": upper,
+        }
+    return {
         "replications": len(found.ranks),
         "ranks": found.num_ranks,
         "failures": {reason: int(each.sum()) for reason, each in found.failures.items()},
         "failed": int(found.failed.sum()),
-        "quantities": {
-            quantity: {
-                "p_chi_square": found.p_chi_square[quantity],
-                "p_ecdf": found.p_ecdf[quantity],
-                "coverage_99": found.coverage[quantity][0],
-                "coverage_99_lower": found.coverage[quantity][1],
-                "coverage_99_upper": found.coverage[quantity][2],
-            }
-            for quantity in found.names
-        },
+        "quantities": quantities,
         "verdict": asdict(found.verdict),
     }
-    return Sbc(found, _tree(found, record), record)
 
 
 def suited(step: models.Step, name: str) -> tuple[Model, Sampler, Any]:
@@ -140,15 +157,8 @@ def suited(step: models.Step, name: str) -> tuple[Model, Sampler, Any]:
 
     Where time is stepped through, and for samplers that need it, least squares find the posterior
     first; the others cross the whole box, so that nothing helps them that a campaign would not.
-
-    Returns:
-        The model, the sampler and its options.
-
-    Raises:
-        ConfigError: A sampler that needs a location where there is none, or that the posterior has
-            too many parameters for.
     """
-    sampler, model = registered(name), step.model
+    sampler, model = sampler_named(name), step.model
     size = len(model.box.names)
     if sampler.needs_fit and model.search is None:
         raise ConfigError(
@@ -168,35 +178,11 @@ def suited(step: models.Step, name: str) -> tuple[Model, Sampler, Any]:
     return (model if found else model._replace(search=None)), sampler, options
 
 
-def _step(step: str, campaign: Campaign | None, known_noise: bool, report: Report) -> models.Step:
-    """The posterior and its simulator, from a campaign or the short tests."""
-    if step == "third_order":
-        probing = designs.probing_of(campaign, report) if campaign else designs.probing()
-        return models.third_order(probing, known_noise=known_noise)
-    if step == "opening":
-        return models.opening(
-            designs.opening_of(campaign, report) if campaign else designs.opening()
-        )
-    return models.joint(designs.joint_of(campaign, report) if campaign else designs.joint())
-
-
-def _check(step: str, sampler: str | None, noise: str) -> None:
-    for name, word, known in (("step", step, STEPS), ("noise", noise, NOISES)):
-        if word not in known:
-            raise ConfigError(f"Argument `{name}` must be one of {', '.join(known)}, not {word!r}.")
-    if sampler is not None and (sampler not in SAMPLERS or step == "linear"):
-        why = "Step 2 draws from its fit's normal law." if step == "linear" else ""
-        raise ConfigError(
-            f"Argument `sampler` must be one of {', '.join(SAMPLERS)}, not {sampler!r}.", why=why
-        )
-
-
 def _tree(found: Calibration, record: dict[str, Any]) -> xr.DataTree:
     """Ranks and failures by name, with units; facts of the run as attributes."""
     known = {**attrs(), **attrs_of(BY_NAME.values())}
-    variables: dict[str, Any] = {
-        "failed": ("replication", found.failed.astype("int8"), {"units": "1"})
-    }
+    failed = found.failed.astype("int8")
+    variables: dict[str, Any] = {"failed": ("replication", failed, {"units": "1"})}
     for i, name in enumerate(found.names):
         stem = "h3" if name.startswith("h3_") else name  # `h3_18Hz` is the kernel there
         unit = known.get(stem, {"units": "1"})["units"]
