@@ -46,15 +46,12 @@ LINE_NOISE = 0.01  # of the largest line, both components together
 class Design[Data: KernelData | Records](NamedTuple):
     """Tests whose data are to be simulated, and what is known of them.
 
-    Attributes:
-        data: Reduced data, of which only what the tests prescribe is used: frequencies or inputs,
-            repeats, and the noise of one repeat.
-        prior: Box of the parameters that are inferred.
-        held: Those that are not.
+    Of the reduced data only what the tests prescribe is used: frequencies or inputs, repeats, and
+    the noise of one repeat.
     """
 
     data: Data
-    prior: Box
+    prior: Box  # of the parameters that are inferred
     held: Mapping[str, float] = {}
 
 
@@ -125,11 +122,7 @@ def truth() -> dict[str, float]:
 
 
 def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
-    """Tones, displacements, noise and prior of a campaign's Step 3.
-
-    Raises:
-        DataError: Without noise and tones, or with tones of different numbers of repeats.
-    """
+    """Tones, displacements, noise and prior of a campaign's Step 3."""
     report("Reading the design of Step 3 from the campaign")
     found = _kernel_fit(campaign, _linear(campaign))
     counts = np.unique(np.asarray(found.data.num_repeats)).astype(int)
@@ -142,11 +135,7 @@ def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
 
 
 def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
-    """Sweeps, noise and prior of a campaign's Step 4; held is what Steps 2 and 3 fit.
-
-    Raises:
-        DataError: Without noise, tones or sweeps.
-    """
+    """Sweeps, noise and prior of a campaign's Step 4; held is what Steps 2 and 3 fit."""
     report("Reading the design of Step 4 from the campaign")
     sweeps = sweep_tests(campaign.tests, campaign.settings)
     if sweeps is None:
@@ -159,11 +148,7 @@ def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
 
 
 def joint_of(campaign: Campaign, report: Report) -> Design[Records]:
-    """Sweeps, noise and prior of the joint posterior; what else it is made from is left out.
-
-    Raises:
-        DataError: Without sweeps of one form.
-    """
+    """Sweeps, noise and prior of the joint posterior; what else it is made from is left out."""
     gain = force_per_unit(campaign)
     seen = measured(campaign.tests, campaign.settings, laws=campaign.laws, gain=gain, report=report)
     posterior = posterior_of("joint", seen, report=report)

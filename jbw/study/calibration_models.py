@@ -37,28 +37,19 @@ DRAWS = (4, 250)  # of Step 2, in chains
 
 
 class Step(NamedTuple):
-    """One calibration.
+    """One calibration."""
 
-    Attributes:
-        model: Posterior, simulator and quantities, and how least squares find the posterior.
-        batch: Replications side by side.
-        sampler: The cheapest that crosses this posterior.
-        stepped: Whether an evaluation steps through time, and costs accordingly.
-    """
-
-    model: Model
-    batch: int
-    sampler: str
-    stepped: bool = False
+    model: Model  # posterior, simulator, quantities, and how least squares find the posterior
+    batch: int  # replications side by side
+    sampler: str  # the cheapest that crosses this posterior
+    stepped: bool = False  # whether an evaluation steps through time, and costs accordingly
 
 
 def third_order(design: Design[KernelData], *, known_noise: bool = False) -> Step:
     """Step 3: zeta, alpha and delta from the kernel at the probing tones.
 
-    Args:
-        design: Tones, noise and prior.
-        known_noise: Whether the likelihood is told the noise, as (36) supposes; otherwise it has to
-            learn it from the repeats, as Step 3 does.
+    With `known_noise` the likelihood is told the noise, as (36) supposes; otherwise it has to learn
+    it from the repeats, as Step 3 does.
     """
     data = design.data
     simulate = Partial(

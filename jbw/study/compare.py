@@ -42,31 +42,19 @@ Watch = Callable[[str, SoFar], None]
 
 @dataclass(frozen=True)
 class Comparison:
-    """Result of `compare`.
+    """Result of `compare`."""
 
-    Attributes:
-        posterior: What was drawn from.
-        trees: The draws of every sampler.
-        record: All numbers in plain values, as `compare.json` holds them.
-    """
-
-    posterior: Posterior
-    trees: dict[str, xr.DataTree]
-    record: dict[str, Any]
+    posterior: Posterior  # what was drawn from
+    trees: dict[str, xr.DataTree]  # the draws of every sampler
+    record: dict[str, Any]  # all numbers in plain values, as `compare.json` holds them
 
 
 class Drawn(NamedTuple):
-    """One sampler's draws, and the seconds of its calls.
-
-    Attributes:
-        tree: The draws of the last call.
-        cold_s: The first call, compiling included.
-        warm_s: The second one, with another key; None when there was none.
-    """
+    """One sampler's draws of its last call, and the seconds of its calls."""
 
     tree: xr.DataTree
-    cold_s: float
-    warm_s: float | None
+    cold_s: float  # compiling included
+    warm_s: float | None = None  # of the second call, with another key, where there was one
 
 
 def compare(
@@ -174,44 +162,38 @@ def _drawn(
 ) -> Drawn:
     entry = sampler_named(sampler)
     num_warmup, num_samples = entry.draws if posterior.stepped else entry.cheap_draws
-    options: dict[str, Any] = {
-        "sampler": sampler,
-        "num_warmup": num_warmup,
-        "num_samples": num_samples,
-        "num_chains": num_chains,
-        "attrs": attrs(posterior.laws),
-        "progress": lambda so_far: watch(sampler, so_far),
-    }
-    best, about = posterior.fit, (posterior.log_likelihood, posterior.box, posterior.data)
+    best = posterior.fit
+    placed: dict[str, Any] = {}
     if posterior.stepped:  # all start at the fit, as the procedure's own chains do
-        options |= {"start": best.theta, "covariance": best.covariance}
+        placed = {"start": best.theta, "covariance": best.covariance}
     elif not entry.from_prior:  # along the ridge of the fit; the others cross the whole box
-        place = along_ridge(best.theta, best.covariance, posterior.box)
-        options |= {"coordinates": place}
+        placed = {"coordinates": along_ridge(best.theta, best.covariance, posterior.box)}
     parallel = "parallel" if jax.device_count() > 1 and num_chains % 2 == 0 else "sequential"
-    options["chain_method"] = parallel if posterior.stepped else "vectorized"
-
-    def once(key: Key[Array, ""]) -> tuple[xr.DataTree, float]:
+    exact = entry.most_parameters is not None  # which has nothing else to do a second time
+    calls, seconds = jax.random.split(key)[: 2 if twice and not exact else 1], []
+    for key in calls:
         started = perf_counter()
-        tree = sample(key, *about, **options, options={"adapt_mass": True})
-        return tree, perf_counter() - started
-
-    keys = jax.random.split(key)
-    tree, cold = once(keys[0])
-    if not twice or entry.most_parameters is not None:  # which has nothing to do otherwise
-        return Drawn(tree, cold, None)
-    tree, warm = once(keys[1])
-    return Drawn(tree, cold, warm)
+        tree = sample(
+            key, posterior.log_likelihood, posterior.box, posterior.data, sampler=sampler,
+            num_warmup=num_warmup, num_samples=num_samples, num_chains=num_chains,
+            attrs=attrs(posterior.laws), progress=lambda so_far: watch(sampler, so_far),
+            chain_method=parallel if posterior.stepped else "vectorized",
+            options={"adapt_mass": True}, **placed,
+        )  # fmt: skip
+        seconds.append(perf_counter() - started)
+    return Drawn(tree, *seconds)
 
 
 def _numbers_of(drawn: Mapping[str, Drawn], posterior: Posterior) -> dict[str, Any]:
     """The numbers of all samplers, and their distances from the reference."""
     if not drawn:
         return {"reference": None, "samplers": {}}
-    rows: dict[str, dict[str, Row]] = {}
-    for sampler, one in drawn.items():
-        group = one.tree["posterior"].to_dataset()
-        rows[sampler] = {name: numbers(group[name].values) for name in posterior.box.names}
+    rows = {
+        sampler: {
+            name: numbers(np.asarray(one.tree["posterior"][name])) for name in posterior.box.names
+        }
+        for sampler, one in drawn.items()
+    }
     exact = "quadrature" in drawn and converged(drawn["quadrature"].tree.attrs)
     chains = {name: row for name, row in rows.items() if name != "quadrature"} or rows
     reference = "quadrature" if exact else reference_of(chains)
@@ -223,17 +205,13 @@ def _numbers_of(drawn: Mapping[str, Drawn], posterior: Posterior) -> dict[str, A
             elif exact:
                 row |= truth[name]
     base = drawn[reference].tree.attrs
-    return {
-        "reference": reference,
-        "samplers": {
-            name: _row(one, rows[name], base if name != reference else None, posterior)
-            for name, one in drawn.items()
-        },
-    }
+    found = {name: _row(one, rows[name], base, posterior) for name, one in drawn.items()}
+    found[reference]["z_log_evidence"] = None
+    return {"reference": reference, "samplers": found}
 
 
 def _row(
-    one: Drawn, rows: Mapping[str, Row], base: Mapping[Any, Any] | None, posterior: Posterior
+    one: Drawn, rows: Mapping[str, Row], base: Mapping[Any, Any], posterior: Posterior
 ) -> dict[str, Any]:
     """One sampler in plain values."""
     attrs, ess = one.tree.attrs, worst_ess(rows)
@@ -249,7 +227,7 @@ def _row(
         "ess_per_s_warm": None if ess is None or one.warm_s is None else ess / one.warm_s,
         "log_evidence": attrs.get("log_evidence"),
         "log_evidence_error": attrs.get("log_evidence_error"),
-        "z_log_evidence": distance(attrs, base or {}, "log_evidence", "log_evidence_error"),
+        "z_log_evidence": distance(attrs, base, "log_evidence", "log_evidence_error"),
         "furthest": furthest(list(rows.values())),
         "verdict": found.status,
         "failed": [finding.code for finding in found.findings if finding.status == "failed"],

@@ -29,18 +29,14 @@ MARKS = tuple(f"q{1000 * q:03.0f}" for q in QUANTILES)
 class Export:
     """What `write_export` writes.
 
-    Attributes:
-        parameters: Rows convention, parameter, unit, mean, sd and quantiles; in jbw's convention
-            alone where the law is known by no other, or several stand beside each other.
-        backbone: Columns by name: amplitude, and frequency, damping and force with their bands.
-        draws: Draws of the joint's parameters by name.
-        material: The joint of the posterior means as a material of OpenSees, where it has one.
+    The parameters are in jbw's convention alone where the law is known by no other, or several
+    stand beside each other.
     """
 
-    parameters: list[dict[str, Any]]
-    backbone: dict[str, NDArray[np.float64]]
+    parameters: list[dict[str, Any]]  # rows convention, parameter, unit, mean, sd and quantiles
+    backbone: dict[str, NDArray[np.float64]]  # amplitude; frequency, damping, force with bands
     draws: Draws
-    material: str | None
+    material: str | None  # of OpenSees, by the posterior means, where the joint has one
 
 
 def export(tree: xr.DataTree, mass: float = 1.0, y_max: float | None = None) -> Export:
@@ -50,9 +46,6 @@ def export(tree: xr.DataTree, mass: float = 1.0, y_max: float | None = None) -> 
         tree: The result, as `posterior.nc` holds it.
         mass: Modal mass [kg]; with 1, forces are per kilogram.
         y_max: Largest displacement of the backbone [m]; the largest measured when None.
-
-    Returns:
-        What is to be written.
 
     Raises:
         DataError: The main posterior lacks a parameter of the joint, or no amplitude is known.
@@ -122,11 +115,7 @@ def _backbone(
 
 
 def write_export(folder: Path, result: Export) -> tuple[Path, ...]:
-    """Write parameters.csv, backbone.csv, jbw.mat and joint.tcl.
-
-    Returns:
-        The files.
-    """
+    """Write parameters.csv, backbone.csv, jbw.mat and joint.tcl; return the files."""
     from scipy.io import savemat
 
     parameters, backbone = folder / "parameters.csv", folder / "backbone.csv"

@@ -46,15 +46,9 @@ def motion(
     fs: float,
     laws: Iterable[str] = DEFAULT_LAWS,
 ) -> Float[Array, "time 2"]:
-    """Displacement and velocity from rest, by classical Runge-Kutta steps.
+    """Displacement and velocity under a force [N/kg] from rest, by classical Runge-Kutta steps.
 
-    The input between the samples is what their spectrum stands for.
-
-    Args:
-        theta: omega_n, zeta and the parameters of the laws.
-        force: Force per unit mass at the samples, at rest at both ends [N/kg].
-        fs: Sampling frequency [Hz].
-        laws: Names of the laws of the joint.
+    The force between the samples is what their spectrum stands for; at rest at both ends.
 
     Raises:
         ModelError: For a law that the rig does not know.

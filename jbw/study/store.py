@@ -21,12 +21,7 @@ from jbw.verification.verify import safe
 
 
 def claim(folder: Path) -> Path:
-    """Make a new or empty folder that a run may be written to, before any work is done.
-
-    Raises:
-        RunError: If it holds something, or cannot be written.
-    """
-    folder = Path(folder)
+    """Make a new or empty folder that a run may be written to, before any work is done."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -46,24 +41,11 @@ def claim(folder: Path) -> Path:
     return folder
 
 
-def save_run(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
-    """Write posterior.nc and summary.json, then figures/ and report.html.
-
-    Raises:
-        RunError: If something cannot be written or drawn; a failing report leaves the result.
-    """
-    save_result(folder, tree, summary)
-    save_report(folder, tree, summary)
-
-
 def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
     """Write posterior.nc and summary.json.
 
     Both are made in a hidden folder beside their place and moved there when complete, the summary
     last: a folder with `summary.json` holds a whole result.
-
-    Raises:
-        RunError: If the disk is full or the folder cannot be written.
     """
     try:
         with writing(folder, "posterior.nc", "summary.json") as part:
@@ -78,11 +60,7 @@ def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> 
 
 
 def save_report(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
-    """Write figures/ and report.html beside a result.
-
-    Raises:
-        RunError: If a figure or the page fails, for whatever reason: the result is not touched.
-    """
+    """Write figures/ and report.html beside a result, which a failing report does not touch."""
     try:
         with writing(folder, "figures", "report.html") as part:
             (part / "figures").mkdir()
@@ -99,7 +77,7 @@ def save_report(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> 
 def save_predictions(
     folder: Path, found: Mapping[str, xr.Dataset], rows: Sequence[Mapping[str, Any]]
 ) -> None:
-    """Write predictions.nc, predictions.json and figures/, a figure a test; as `save_run` does."""
+    """Write predictions.nc, predictions.json and figures/, a figure a test; whole as a result."""
     with writing(folder, "figures", "predictions.json", "predictions.nc") as part:
         tree = xr.DataTree.from_dict({f"/{safe(test)}": one for test, one in found.items()})
         tree.to_netcdf(part / "predictions.nc", engine="h5netcdf")
@@ -112,11 +90,9 @@ def save_predictions(
 
 @contextmanager
 def writing(folder: Path, *names: str) -> Iterator[Path]:
-    """A hidden folder to write into, whose content is moved to its place when it is complete.
+    """A hidden folder to write files and folders into, moved to their place when complete.
 
-    Args:
-        folder: Where it is to lie in the end.
-        names: What is written: files and folders, the last of them moved last.
+    In the order of their names: the last of them is moved last.
     """
     with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as name:
         yield Path(name)

@@ -15,7 +15,7 @@ from jbw.identification.procedure import Identification
 from jbw.inference.posterior.finding import Finding, Verdict
 from jbw.measurement.records import Test
 from jbw.report.result import node, read_result
-from jbw.study.store import claim, save_run
+from jbw.study.store import claim, save_report, save_result
 from jbw.verification.predict import Request, chosen, predict
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, basis_of
 
@@ -84,7 +84,9 @@ class Study:
 
     def save(self, folder: str | Path) -> None:
         """Write posterior.nc, summary.json, figures and report.html into a new or empty folder."""
-        save_run(claim(Path(folder)), self.tree, self.record)
+        claimed = claim(Path(folder))
+        save_result(claimed, self.tree, self.record)
+        save_report(claimed, self.tree, self.record)
 
 
 def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
@@ -111,11 +113,7 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
 
 
 def basis_of_run(folder: Path) -> Basis:
-    """What a finished run predicts with.
-
-    Raises:
-        DataError: The folder holds no finished run, or one that this version cannot read.
-    """
+    """What a finished run predicts with."""
     return _basis(folder, *read_result(folder))
 
 
@@ -132,19 +130,13 @@ def _basis(folder: Path, record: Mapping[str, Any], tree: xr.DataTree) -> Basis:
 
 
 def campaign_of(folder: Path, stated: Path | None = None) -> Path:
-    """The campaign file of a run's folder: what the user says it is, or the run.
-
-    Raises:
-        ConfigError: If neither the user nor the folder says which it is.
-    """
+    """The campaign file of a run's folder: what the user says it is, or the run."""
     summary, _ = read_result(folder)
     within = sorted(folder.glob("*/campaign.toml"))
-    candidates = [stated, summary.get("campaign_file"), *within]
-    for found in candidates:
-        if found is not None and (folder / found).is_file():
-            return folder / found
-        if found is not None and Path(found).is_file():
-            return Path(found)
+    for found in filter(None, [stated, summary.get("campaign_file"), *within]):
+        for path in (folder / found, Path(found)):
+            if path.is_file():
+                return path
     raise ConfigError(
         f"The run in {folder} does not say where its campaign file is.",
         why="The likelihood has to be built again from the records.",
@@ -167,11 +159,7 @@ def known_of(folder: Path) -> tuple[dict[str, Any], Known]:
 
 
 def require_same_inputs(campaign: Campaign, summary: Mapping[str, Any]) -> None:
-    """Refuse a campaign whose records are not those of the run, where a run's summary is given.
-
-    Raises:
-        ConfigError: If a record differs.
-    """
+    """Refuse a campaign whose records are not those of the run, where a run's summary is given."""
     now, then = set(input_hashes(campaign).values()), set(summary.get("inputs", {}).values())
     if then and now != then:
         raise ConfigError(

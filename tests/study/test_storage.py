@@ -17,6 +17,11 @@ def a_tree():
     )
 
 
+def save(folder, tree, summary):
+    storage.save_result(folder, tree, summary)
+    storage.save_report(folder, tree, summary)
+
+
 def test_a_folder_that_holds_something_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(RunError, match=r"notes\.txt") as caught:
@@ -26,7 +31,7 @@ def test_a_folder_that_holds_something_is_refused(tmp_path):
 
 
 def test_a_run_is_written_with_its_summary(tmp_path):
-    storage.save_run(tmp_path, a_tree(), {"campaign": "toy", "steps": {}, "verdict": {}})
+    save(tmp_path, a_tree(), {"campaign": "toy", "steps": {}, "verdict": {}})
     assert json.loads((tmp_path / "summary.json").read_text())["campaign"] == "toy"
     with xr.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as tree:
         np.testing.assert_array_equal(np.ravel(tree["posterior"]["gamma"]), np.arange(6.0))
@@ -40,7 +45,7 @@ def test_a_failing_report_leaves_the_result_and_says_how_to_try_again(tmp_path, 
 
     monkeypatch.setattr(storage, "write_page", fail)
     with pytest.raises(RunError, match="ValueError: no such glyph") as caught:
-        storage.save_run(tmp_path, a_tree(), {"campaign": "toy"})
+        save(tmp_path, a_tree(), {"campaign": "toy"})
     assert f"jbw report {tmp_path}" in caught.value.remedy
     assert {path.name for path in tmp_path.iterdir()} == {"posterior.nc", "summary.json"}
 
@@ -52,6 +57,6 @@ def test_a_full_disk_leaves_nothing_half_written(tmp_path, monkeypatch):
 
     monkeypatch.setattr(storage.os, "fsync", full)
     with pytest.raises(RunError, match="No space left") as caught:
-        storage.save_run(tmp_path, a_tree(), {"campaign": "toy"})
+        save(tmp_path, a_tree(), {"campaign": "toy"})
     assert "jbw resume" in caught.value.remedy
     assert list(tmp_path.iterdir()) == []
