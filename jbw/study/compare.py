@@ -8,6 +8,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 import xarray as xr
 from jaxtyping import Array, Key
 
