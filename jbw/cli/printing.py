@@ -61,13 +61,19 @@ def _plain(value: Any) -> Any:
 def verdict_lines(verdict: Mapping[str, Any], *, passed: bool = False) -> Iterator[Text | str]:
     """A verdict as a record holds it, and each finding against it; those passed, too."""
     status = verdict["status"]
-    yield Text.assemble("Verdict: ", (status, STATUS.get(status, MARKS["doubt"])))
+    yield Text.assemble("Verdict: ", _status(status))
+    for name, told in verdict.get("answers", {}).items():
+        yield Text.assemble(f"  {name}: ", _status(told["status"]), f". {told['question']}")
     for finding in verdict["findings"]:
         sentence = f"  {finding['reason']} {finding['action']}".rstrip()
         if finding["status"] != "ok":
             yield f"{sentence} (jbw explain {finding['code']})"
         elif passed:
             yield sentence
+
+
+def _status(status: str) -> tuple[str, str]:
+    return status, STATUS.get(status, MARKS["doubt"])
 
 
 def duration(seconds: float) -> str:

@@ -16,6 +16,7 @@ from jbw.observables.effective_values import COLOURED, LEAST_VALUES, correlation
 
 SHIFT = 0.1  # of a posterior standard deviation: what the solver may move a posterior mean
 NUM_DRAWS = 32
+TINY = np.finfo(float).tiny
 
 
 def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
@@ -108,3 +109,22 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
     )
     action = "Doubt the band (a second mode), `settle`, or the law of the joint."
     return checked("misfit", error[worst] < bounded[worst], reason, error[worst], action)
+
+
+def repeatability_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
+    """What the best fit leaves of the worst group, beside the scatter of that group's repeats.
+
+    A law that leaves more than they scatter predicts a record worse than its neighbour does.
+    `error` is what is left of a group's mean, relative to it, by label; None without repeats.
+    """
+    scatter = {label: x for part in data.parts for label, x in part.repeatability().items()}
+    ratio = {label: error[label] / max(x, TINY) for label, x in scatter.items()}
+    if not ratio:
+        return None
+    worst = max(ratio, key=lambda label: np.nan_to_num(ratio[label], nan=np.inf))
+    reason = (
+        f"The best fit leaves {error[worst]:.2%} of {worst}, whose repeats scatter by "
+        f"{scatter[worst]:.2%}, the worst of {len(ratio)}; it must leave no more than they scatter."
+    )
+    action = "Add a law to `[joint] laws`, restrict the `band`, or quote this error as the law's."
+    return checked("repeatability", ratio[worst] <= 1, reason, ratio[worst], action)

@@ -15,7 +15,12 @@ import xarray as xr
 from jaxtyping import Array, Float, Key
 
 from jbw.campaign.settings import Identify
-from jbw.identification.accuracy import residual_finding, shape_finding, solver_finding
+from jbw.identification.accuracy import (
+    repeatability_finding,
+    residual_finding,
+    shape_finding,
+    solver_finding,
+)
 from jbw.identification.equivalent import effects, effects_sentence, response_finding
 from jbw.identification.leaving_out import consistency_finding, leave_one_out, left_out_sentence
 from jbw.identification.prepare import Fitted, prepare
@@ -214,6 +219,7 @@ def posterior_checks(
     findings = [
         residual_finding(left, fractions_counted(data), error),
         shape_finding(error, data),
+        repeatability_finding(error, data),
         solver_finding(posterior[list(prior.names)], data),
         response_finding(posterior, held, y_peak, data.laws),
     ]

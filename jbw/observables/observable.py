@@ -139,6 +139,10 @@ class Observable(eqx.Module):
         """Root of the sum of squares of the mean of each group, of those of `in_units`."""
         return {}
 
+    def repeatability(self) -> dict[str, float]:
+        """Scatter of single repeats of each group, over the size of their mean; by label."""
+        return {}
+
     def noise_known(self) -> dict[str, float]:
         """Number of values of each group whose noise the repeats tell, by label."""
         return {}

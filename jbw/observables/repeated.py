@@ -189,8 +189,13 @@ class Repeated(Observable):
 
     def sizes(self) -> dict[str, float]:
         """Root of the sum of squares of the mean of each group, zero behind its last value."""
-        norms = np.linalg.norm(np.asarray(self.mean), axis=1)
-        return dict(zip(self.labels, norms.tolist(), strict=True))
+        return dict(zip(self.labels, np.linalg.norm(self.mean, axis=1).tolist(), strict=True))
+
+    def repeatability(self) -> dict[str, float]:
+        """Scatter of single repeats of each group, over the size of their mean."""
+        scatter = np.sqrt(self.repeats.within / np.maximum(self.repeats.num_repeats - 1, 1))
+        by_label, sizes = dict(zip(self.labels, scatter, strict=True)), self.sizes()
+        return {label: float(by_label[label]) / sizes[label] for label in self.noise_known()}
 
     def noise_known(self) -> dict[str, float]:
         """Number of values of each group that was repeated."""

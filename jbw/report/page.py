@@ -64,6 +64,11 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         status=status,
         status_words=STATUS_WORDS.get(status.word, "Read the findings before using it."),
         findings=findings(verdict, known),
+        answers=[
+            {"name": name, "badge": badge(told), "because": in_symbols(told["because"], known)}
+            | {"question": told["question"]}
+            for name, told in (verdict.get("answers") or {}).items()
+        ],
         steps=[_step(name, step, summary, known) for name, step in tables.main_first(summary)],
         parameters=tables.parameters_table(summary, known),
         drawn=[_draw(entry, tree) for entry in FIGURE_LIST],

@@ -18,8 +18,8 @@ from jbw.identification.paper.sequential_vs_joint import compare_routes
 from jbw.identification.procedure import Identification, Report, run_procedure
 from jbw.identification.run_effects import runs_summary
 from jbw.identification.step import Step
+from jbw.inference.posterior.finding import Verdict, answers, judge
 from jbw.inference.posterior.summary import as_plain, correlations, summarise
-from jbw.inference.posterior.verdict import Verdict, judge
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import require_float64
 from jbw.measurement.records import INPUTS, Test
@@ -146,7 +146,8 @@ def _verdict(found: Verdict) -> dict[str, Any]:
     findings = [asdict(finding) for finding in found.findings]
     for finding in findings:
         finding["number"] = plain(finding["number"])
-    return {"status": found.status, "findings": findings}
+    told = {name: asdict(answer) for name, answer in answers(found.findings)}
+    return {"status": found.status, "answers": told, "findings": findings}
 
 
 def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:

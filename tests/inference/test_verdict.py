@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from jbw.cli.about import pages
+from jbw.inference.posterior.finding import ASKED_BY, answers
 from jbw.inference.posterior.verdict import Finding, judge, verdict
 from jbw.inference.space.box import box
 
@@ -163,3 +165,22 @@ def test_nothing_looked_at_is_not_ok():
     assert judge([]).status == "not assessed"
     fine = Finding("a", "ok", "Fine.", 0.0)
     assert judge([fine, Finding("b", "failed", "Bad.", 1.0, "Act.")]).status == "failed"
+
+
+def test_the_verdict_answers_three_questions():
+    fine = [Finding(code, "ok", f"{code}.", 0.0) for code in ("r_hat", "ess_bulk", "unidentified")]
+    law = [
+        Finding("held_out_coverage", "ok", "Inside.", 1.0),
+        Finding("coloured_residual", "failed", "Coloured.", 0.9, "Doubt the law."),
+    ]
+    told = dict(answers([*fine, *law]))
+    assert {name: answer.status for name, answer in told.items()} == {
+        "sampling": "ok", "law": "failed", "knowledge": "ok",
+    }  # fmt: skip
+    assert told["law"].because == "Coloured."
+    assert told["sampling"].because == "ess_bulk."
+    assert list(dict(answers(fine))) == ["sampling", "knowledge"]
+
+
+def test_every_finding_of_the_law_and_of_knowledge_has_a_page():
+    assert set(ASKED_BY) <= set(pages())

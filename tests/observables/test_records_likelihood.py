@@ -1,5 +1,7 @@
 """Reduction and likelihood of records under a measured input."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 from scipy.stats import norm
 
 from jbw.errors import DataError
+from jbw.identification.accuracy import repeatability_finding
 from jbw.identification.joint import draw_noise_std
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
@@ -71,6 +74,25 @@ def test_noise_of_the_repeats(tests):
     data = Records.of(tests)
     # 2048 degrees of freedom: the estimate has a standard error of 1.6 %.
     assert float(data.repeats.noise_std[0]) == pytest.approx(1e-3, rel=0.07)
+
+
+@pytest.mark.fault(31)
+def test_what_a_fit_leaves_stands_beside_the_scatter_of_its_repeats(tests):
+    data = Dataset.of([Records.of(tests)])
+    velocity = np.stack([record.channels["velocity"] for record in tests[0].records])
+    mean = velocity.mean(axis=0)
+    scatter = np.sqrt(np.var(velocity, axis=0, ddof=1).sum()) / np.linalg.norm(mean)
+    assert data.parts[0].repeatability() == pytest.approx({"sweep": scatter}, rel=1e-12)
+    fine = repeatability_finding({"sweep": 0.5 * scatter}, data)
+    assert fine is not None
+    assert (fine.status, fine.number) == ("ok", pytest.approx(0.5))
+    poor = repeatability_finding({"sweep": 3 * scatter}, data)
+    assert poor is not None
+    assert poor.status == "failed"
+    assert f"leaves {3 * scatter:.2%} of sweep" in poor.reason
+    assert f"scatter by {scatter:.2%}" in poor.reason
+    once = Records.of([replace(tests[0], records=tests[0].records[:1])])
+    assert repeatability_finding({"sweep": 1.0}, Dataset.of([once])) is None
 
 
 def test_draws_of_the_noise_come_from_the_stored_likelihood(tests):

@@ -1,12 +1,27 @@
 """What a look at a posterior found, and the verdict that follows."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 Status = Literal["ok", "failed", "not assessed"]
+QUESTIONS = {
+    "sampling": "Did the computation converge?",
+    "law": "Does the model follow the data?",
+    "knowledge": "Do the data identify the parameters?",
+}
+# Codes of the findings that answer each, the most telling first; all others are of sampling.
+ASKED = {
+    "sampling": ("ess_bulk", "r_hat"),
+    "law": (
+        "repeatability", "held_out_coverage", "simpler_model", "misfit", "coloured_residual",
+        "chi_square", "leave_one_out",
+    ),
+    "knowledge": ("unidentified", "at_bound"),
+}  # fmt: skip
+ASKED_BY = {code: name for name, codes in ASKED.items() for code in codes}
 
 
 @dataclass(frozen=True)
@@ -53,3 +68,31 @@ def judge(findings: Iterable[Finding]) -> Verdict:
 def checked(code: str, ok: bool | np.bool_, reason: str, number: float, action: str) -> Finding:
     """A finding that is ok or failed; the action is for the failure."""
     return Finding(code, "ok" if ok else "failed", reason, float(number), "" if ok else action)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the findings say to one question of the verdict.
+
+    Attributes:
+        question: The question.
+        status: Their verdict.
+        because: Reasons of the findings against it, or of the first of those for it.
+    """
+
+    question: str
+    status: Status
+    because: str
+
+
+def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
+    """The three answers of a verdict by name; none where nothing was looked at."""
+    looked = tuple(findings)
+    for name, question in QUESTIONS.items():
+        own = [one for one in looked if ASKED_BY.get(one.code, "sampling") == name]
+        if own:
+            rank = {code: place for place, code in enumerate(ASKED[name])}
+            telling = min(own, key=lambda one: rank.get(one.code, len(rank)))
+            against = [one for one in own if one.status != "ok"] or [telling]
+            because = " ".join(one.reason for one in against)
+            yield name, Answer(question, judge(own).status, because)
