@@ -59,10 +59,7 @@ def thinned(
 
 @jax.jit
 def _log_likelihoods(theta: Mapping[str, Array], data: Dataset) -> Float[Array, " draw"]:
-    def one(some: Mapping[str, Array]) -> Float[Array, ""]:
-        return jnp.sum(log_likelihood(some, data))
-
-    return jax.lax.map(one, dict(theta))
+    return jax.lax.map(lambda draw: jnp.sum(log_likelihood(draw, data)), dict(theta))
 
 
 def residual_finding(

@@ -94,8 +94,9 @@ def assemble(seen: Measured) -> Dataset:
     """
     linear, gain = seen.linear, seen.gain
     parts: list[Observable] = []
-    if linear is not None and linear.is_random and linear.test.name in _names(seen.chosen):
-        parts.append(reading_of(linear, gain, seen.laws))
+    if linear is not None and linear.test.name in _names(seen.chosen):
+        if not linear.test.traits.is_periodic:  # random motion enters by its line fit alone
+            parts.append(reading_of(linear, gain, seen.laws))
     usable = _reducible(seen)
     for observable in OBSERVABLES:
         if own := [test for test in usable if test.kind in observable.kinds]:

@@ -4,7 +4,7 @@ Prior boxes are the campaign's where it states them, otherwise wide ones from sc
 """
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 
 import numpy as np
 
@@ -19,11 +19,6 @@ from jbw.oscillator.oscillator import prior_of
 from jbw.quantities import DEFAULT_LAWS
 
 PAPER = "paper"  # the laws' own parameters
-
-
-def stated(settings: Identify) -> Bounds:
-    """Bounds of the campaign's [identify.prior] table."""
-    return {name: (float(low), float(high)) for name, (low, high) in settings.prior.items()}
 
 
 def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
@@ -70,7 +65,7 @@ def joint_box(
     Raises:
         ConfigError: The campaign's bounds of a stiffness reach the whole stiffness.
     """
-    given = stated(settings)
+    given = settings.prior
     bounds: Bounds = {"omega_n": (0.97 * omega_n, 1.03 * omega_n), "zeta": (0.2 * zeta, 3.0 * zeta)}
     if not linear:
         bounds |= {"omega_n": (0.7 * omega_n, 1.5 * omega_n), "zeta": (0.005 * zeta, 3.0 * zeta)}
@@ -89,10 +84,10 @@ def joint_box(
     return box(bounds)
 
 
-def _require_stiffness(law: type[Law], own: Bounds, given: Bounds, omega_n: float) -> None:
+def _require_stiffness(law: type[Law], own: Bounds, given: Collection[str], omega_n: float) -> None:
     """Refuse a prior within which the joint alone is stiffer than omega_n^2: nothing else holds."""
     least = {name: pair[0] for name, pair in own.items()}
-    for name in own.keys() & given.keys():
+    for name in own.keys() & set(given):
         stiffness = float(law.build({**least, name: own[name][1]}).stiffness())
         if stiffness >= omega_n**2:
             raise ConfigError(
@@ -122,7 +117,7 @@ def chosen_coordinates(
         if not own <= best.theta.keys():
             continue
         weak = set() if best.weak is None else own & set(best.weak.names)
-        is_open = bool(weak) and not own & set(stated(settings))
+        is_open = bool(weak) and not own & set(settings.prior)
         for name, coordinates in law.coordinates.items():
             if asked == name or (asked == "auto" and is_open):
                 yield law, coordinates
@@ -148,7 +143,7 @@ def coordinate_box(
 ) -> Box:
     """Box of a law's other coordinates about a fit, in the place of its own parameters."""
     bounds = bounds_of(prior)
-    other = law.coordinate_bounds(coordinates.name, bounds, theta, stated(settings))
+    other = law.coordinate_bounds(coordinates.name, bounds, theta, dict(settings.prior))
     merged: Bounds = {}
     for name, pair in bounds.items():
         merged |= other if name in law.names() else {name: pair}

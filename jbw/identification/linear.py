@@ -20,6 +20,7 @@ __all__ = ["LineFit", "PooledFit", "line_fit", "line_fit_start", "pool"]
 Residuals = Literal["none", "upper", "both"]
 
 NUM_RESIDUALS = {"none": 0, "upper": 1, "both": 2}
+PER_LINE = ("freq", "h", "coherence", "variance", "input_spectrum", "output_spectrum")
 SCATTER_P = 0.01  # repeats scatter more than their errors say, below this probability
 
 
@@ -95,7 +96,8 @@ def line_fit(
     """
     smear = _checked(frf, residuals, smear)
     start = line_fit_start(frf, band)
-    part = _part(frf, lines_of(frf, band))
+    lines = lines_of(frf, band)
+    part = replace(frf, **{name: getattr(frf, name)[lines] for name in PER_LINE})
     data = part.h * _to_measured(part)
     model = _model(part, NUM_RESIDUALS[residuals], smear)
     extra = np.zeros(NUM_RESIDUALS[residuals])
@@ -190,12 +192,6 @@ def _model(
         return mode + theta[3:] @ extra
 
     return model
-
-
-def _part(frf: FRF, lines: slice) -> FRF:
-    """The FRF at some of its lines."""
-    arrays = ("freq", "h", "coherence", "variance", "input_spectrum", "output_spectrum")
-    return replace(frf, **{name: getattr(frf, name)[lines] for name in arrays})
 
 
 def _least_squares(

@@ -26,11 +26,6 @@ class LinearStep:
     y_rms: float  # displacement of the test, rms [m]: the amplitude that the result holds for
 
     @property
-    def is_random(self) -> bool:
-        """Whether it read random motion, which its line fit alone is to be fitted by."""
-        return not self.test.traits.is_periodic
-
-    @property
     def natural_hz(self) -> float:
         """Natural frequency [Hz]."""
         return self.pooled.omega_n / (2 * np.pi)

@@ -93,7 +93,8 @@ def _opening(
     if not means:
         report("Step 3: means of zeta, alpha and delta, by NUTS")
         found = step3.fit_kernel(keys[0], seen.probing, linear, seen.settings)
-        means = means_of(step3.draw(keys[1], found, num_warmup=500, num_samples=500))
+        options = step3.SAMPLERS["third_order_nuts"]
+        means = means_of(step3.draw(keys[1], found, chain_method="vectorized", **options))
     report("Step 4: gamma alone, the earlier steps held")
     records = Records.of(seen.sweeps.fitted, substeps=seen.settings.substeps)
     start = step4.fit_opening(keys[2], records, linear, means, seen.settings)

@@ -123,11 +123,9 @@ def runs_dataset(
     """Draws of every run's omega_n and zeta, and of their standard deviation over runs.
 
     omega_n and zeta of the posterior are the population's mean. Of each draw of the parameters the
-    scatter and the offsets are drawn from their density given the data.
-
-    Returns:
-        `omega_n` and `zeta` over (draw, run), `spread_omega_n` and `spread_zeta` over (draw), with
-        the suffix `_assembly` over assemblies where there are any; None where runs have no offsets.
+    scatter and the offsets are drawn from their density given the data: `omega_n` and `zeta` over
+    (draw, run), `spread_omega_n` and `spread_zeta` over (draw), with the suffix `_assembly` over
+    assemblies where there are any. None where runs have no offsets.
     """
     if not data.has_offsets:
         return None
@@ -167,16 +165,13 @@ def runs_summary(runs: xr.Dataset) -> dict[str, dict[str, dict[str, float]]]:
     rows = {}
     for name, values in runs.data_vars.items():
         each = {"": values} if values.ndim == 1 else {r: values.sel(run=r) for r in runs.run.values}
-        rows[str(name)] = {str(key): _row(one.values) for key, one in each.items()}
+        rows[str(name)] = {str(key): _row(draws.values) for key, draws in each.items()}
     return rows
 
 
 def _row(draws: Float[np.ndarray, " draw"]) -> dict[str, float]:
-    low, middle, high = np.quantile(draws, QUANTILES)
-    return {
-        "mean": float(draws.mean()), "sd": float(draws.std(ddof=1)),
-        "q005": float(low), "median": float(middle), "q995": float(high),
-    }  # fmt: skip
+    numbers = (draws.mean(), draws.std(ddof=1), *np.quantile(draws, QUANTILES))
+    return dict(zip(("mean", "sd", "q005", "median", "q995"), map(float, numbers), strict=True))
 
 
 def runs_sentence(runs: xr.Dataset) -> str:

@@ -38,23 +38,25 @@ def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
 def linear_test(tests: Sequence[Test]) -> Test | None:
     """The noise or multisine test of the lowest level: the most linear one, for Step 2."""
     noise = [test for test in tests if test.traits.is_broadband]
-    return min(noise, key=lambda test: test.level) if noise else None
+    return min(noise, key=_level, default=None)
 
 
 def probing_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
     """Tests with one tone around a third of the natural frequency, by frequency, for Step 3."""
-    single = [test for test in tests if test.is_single_tone]
     low, high = (part * natural_hz for part in THIRD)
-    return tuple(
-        sorted((t for t in single if low < t.tones_hz[0] < high), key=lambda t: t.tones_hz[0])
-    )
+    single = [test for test in tests if test.is_single_tone and low < test.tones_hz[0] < high]
+    return tuple(sorted(single, key=lambda test: test.tones_hz[0]))
 
 
 def loop_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
     """Tests with one tone near the resonance, lowest level first, for the validation by loops."""
     probing = {test.name for test in probing_tests(tests, natural_hz)}
-    single = [test for test in tests if test.is_single_tone]
-    return tuple(sorted((t for t in single if t.name not in probing), key=lambda t: t.level))
+    single = [test for test in tests if test.is_single_tone and test.name not in probing]
+    return tuple(sorted(single, key=_level))
+
+
+def _level(test: Test) -> float:
+    return test.level
 
 
 def sweep_tests(tests: Sequence[Test], settings: Identify) -> Sweeps | None:
@@ -66,9 +68,7 @@ def sweep_tests(tests: Sequence[Test], settings: Identify) -> Sweeps | None:
     Raises:
         ConfigError: A level that no sweep has, or more repeats than there are.
     """
-    sweeps = sorted(
-        (test for test in tests if test.traits.is_transient), key=lambda test: test.level
-    )
+    sweeps = [test for test in sorted(tests, key=_level) if test.traits.is_transient]
     if not sweeps:
         return None
     levels = [test.level for test in sweeps]
@@ -84,11 +84,9 @@ def sweep_tests(tests: Sequence[Test], settings: Identify) -> Sweeps | None:
     fitted, held_out = [], []
     for test in sweeps:
         count = _fitted_repeats(test, settings) if test.level in chosen else 0
-        if count:
-            fitted.append(replace(test, records=test.records[:count]))
-        if test.records[count:]:
-            held_out.append(replace(test, records=test.records[count:]))
-    return Sweeps(tuple(fitted), tuple(held_out))
+        fitted.append(replace(test, records=test.records[:count]))
+        held_out.append(replace(test, records=test.records[count:]))
+    return Sweeps(*(tuple(test for test in side if test.records) for side in (fitted, held_out)))
 
 
 @dataclass(frozen=True)

@@ -34,10 +34,8 @@ def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:
 
     $$\sigma_i^2 = \frac{S_i}{2(K_i - 1)}$$
 
-    Args:
-        kernels: The measured kernel of each probing test, input per unit mass [N/kg]; those below
-            the noise are left out.
-        omega_n: Natural frequency of Step 2 [rad/s].
+    The kernels are of input per unit mass [N/kg], those below the noise left out; omega_n [rad/s]
+    is that of Step 2.
 
     Raises:
         DataError: If fewer than two frequencies are usable or a test has one repeat.

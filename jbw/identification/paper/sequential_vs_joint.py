@@ -17,10 +17,8 @@ Moments = dict[str, tuple[float, float]]
 def compare_routes(found: Identification) -> dict[str, Any]:
     """Every parameter that both routes give, side by side; empty without a cut.
 
-    Returns:
-        `parameters`: name to the mean and sd of either route, `sd_ratio`, the joint posterior's
-        sd over the cut's, and `difference`, cut less joint in sds of the joint; `statements`,
-        what the cut costs in words; `wall_time_s` of either route.
+    The mean and sd of either route, `sd_ratio`, the joint posterior's sd over the cut's, and
+    `difference`, cut less joint in sds of the joint; what the cut costs in words and seconds.
 
     Reference:
         Section 3, Steps 2-4, against all parameters set to update.

@@ -12,7 +12,6 @@ from jaxtyping import Key
 from numpy.typing import NDArray
 
 from jbw.campaign.settings import Identify
-from jbw.identification.coordinates import stated
 from jbw.identification.linear import PooledFit
 from jbw.identification.paper import kernel
 from jbw.identification.paper.kernel import KernelData
@@ -120,7 +119,7 @@ def fit_kernel(key: Key, tests: Sequence[Test], linear: PooledFit, settings: Ide
     """
     kernels = measured_kernels(tests, linear)
     data = kernel.reduce(kernels, linear.omega_n)
-    bounds = {name: pair for name, pair in stated(settings).items() if name in NAMES}
+    bounds = {name: pair for name, pair in settings.prior.items() if name in NAMES}
     if set(bounds) != set(NAMES):
         scales = Scales(linear.omega_n, linear.zeta, float(np.max(data.y_peak)))
         wide = {"zeta": (0.2 * linear.zeta, 3.0 * linear.zeta), **prior_of(["bouc_wen"], scales)}
@@ -141,23 +140,18 @@ def third_order_steps(
     chains start dispersed, so that their comparison can tell: the paper's chain, started at one
     optimum, agrees with itself and says nothing.
 
-    Returns:
-        The steps "third_order_nuts", "third_order_paper" and "third_order_walk".
-
     Reference:
         Eqs. (35), (36).
     """
-    how = {"num_chains": settings.num_chains, "attrs": attrs()}
-    notes = tuple(note for one in step.kernels for note in one.notes)
+    how = {"num_chains": settings.num_chains, "chain_method": "vectorized", "attrs": attrs()}
+    notes = tuple(note for measured in step.kernels for note in measured.notes)
     steps = {}
     for one, (name, options) in zip(jax.random.split(key, 3), SAMPLERS.items(), strict=True):
         started = perf_counter()
         options = {**options, **how, "kept": keep(name)}
         if name == "third_order_paper":
             likelihood = kernel.known_noise_log_likelihood
-            tree = sample(
-                one, likelihood, step.box, step.data, chain_method="vectorized", **options
-            )
+            tree = sample(one, likelihood, step.box, step.data, **options)
         else:
             tree = draw(one, step, options={"adapt_mass": True}, **options)
         steps[name] = finished(
@@ -171,10 +165,7 @@ def draw(key: Key, step: KernelFit, **options: Any) -> xr.DataTree:
     """Draws along the ridge alpha*delta, the noise integrated out."""
     noisy = as_noise(step.fit)
     ridge = along_ridge(noisy.theta, noisy.covariance, step.box)
-    return sample(
-        key, kernel.log_likelihood, step.box, step.data,
-        coordinates=ridge, chain_method="vectorized", **options,
-    )  # fmt: skip
+    return sample(key, kernel.log_likelihood, step.box, step.data, coordinates=ridge, **options)
 
 
 def as_noise(best: Fit) -> Fit:

@@ -18,7 +18,6 @@ from jaxtyping import Array, Float, Key
 from numpy.typing import NDArray
 
 from jbw.campaign.settings import Identify
-from jbw.identification.coordinates import stated
 from jbw.identification.linear import PooledFit
 from jbw.identification.step import Step, attrs, finished
 from jbw.inference.fit.fitting import Fit, fit
@@ -143,7 +142,7 @@ def fit_opening(
     Held are omega_n and gain of Step 2, and the `means` of Step 3: zeta, alpha and delta.
     """
     held = {"omega_n": linear.omega_n, "gain": linear.gain, **means}
-    prior = box({"gamma": stated(settings).get("gamma", (0.0, REACH * means["delta"]))})
+    prior = box({"gamma": settings.prior.get("gamma", (0.0, REACH * means["delta"]))})
     curve = opening_curve(records, held, prior)
     found = fit(residual, prior, curve, starts=8, key=key)
     return OpeningFit(curve, with_curvature(found, prior, curve), prior, held)
@@ -184,12 +183,9 @@ def opening_steps(
     *,
     keep: Keep = no_checkpoint,
 ) -> dict[str, Step]:
-    """Posterior of gamma by NUTS and by the paper's walk, everything else held.
+    """Posterior of gamma by NUTS and by the paper's walk, by name, everything else held.
 
     Held are omega_n and gain of Step 2, and zeta, alpha and delta at the means of Step 3.
-
-    Returns:
-        The steps "opening_nuts" and "opening_paper".
 
     Reference:
         Eqs. (37), (41), (42).
