@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from jbw.campaign.files import repeats_of
-from jbw.campaign.schema import CampaignSpec, TestSpec, force_per_unit, read_spec, test_names
+from jbw.campaign.schema import CampaignSpec, TestSpec, force_per_unit, read_spec
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
-from jbw.measurement.checks import Fault, inspect, ordered, worst
+from jbw.measurement.checks import Fault, doubt, inspect, ordered, refusal, worst
 from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.plausibility import doubts, swapped
@@ -80,32 +80,33 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
         for fault in unread(spec)
     ]
     codes = set()
-    for test, name in zip(spec.tests, test_names(spec), strict=True):
+    for test in spec.tests:
         found: list[Fault] = []
-        failures: list[JbwError] = []
+        failures: dict[tuple[str, ...], JbwError] = {}
         first: list[Record] = []
         repeats = 0
-        for item in repeats_of(test, name, folder, allow_outside=allow_outside):
+        for item in repeats_of(test, folder, allow_outside=allow_outside):
             if isinstance(item, Record):
                 repeats += 1
-                per_unit = force_per_unit(spec)
-                for fault in findings(item, test, first, per_unit=per_unit):
+                for fault in findings(item, test, first, per_unit=force_per_unit(spec)):
                     found.append(replace(fault, what=f"{item.name}: {fault.what}"))
-                first = first or [_without_samples(item)]
-            elif not isinstance(item, ConfigError | DataError):
+                # Its head alone, so that a huge campaign is never held in memory.
+                empty = {role: x[:0].copy() for role, x in item.channels.items()}
+                first = first or [replace(item, channels=empty)]
+            elif isinstance(item, ConfigError | DataError):
+                failures.setdefault(item.args, item)
+            else:
                 raise item
-            elif item.args not in [failure.args for failure in failures]:
-                failures.append(item)
-        codes |= {failure.exit_code for failure in failures}
+        codes |= {failure.exit_code for failure in failures.values()}
         codes |= {DataError.exit_code} if worst(found) == "error" else set()
         fs = first[0].fs if first and first[0].fs == first[0].fs else None
         # What could not be read is told once a test, in its first channel's row.
-        failed = [Fault("error", "", each.what, each.why, each.remedy) for each in failures]
+        failed = [refusal("", each.what, each.why, each.remedy) for each in failures.values()]
         for role, channel in test.channels.items():
             own = [fault for fault in found if fault.channel == role] + failed
             own.sort(key=lambda fault: fault.severity)
             unit = test.units.get(role, "")
-            rows.append(Row(name, channel, role, unit, fs, repeats, worst(own), tuple(own)))
+            rows.append(Row(test.name, channel, role, unit, fs, repeats, worst(own), tuple(own)))
             failed = []
     return Check(spec.name, tuple(rows), min(codes, default=0))
 
@@ -114,12 +115,6 @@ def as_json(check: Check) -> dict[str, Any]:
     """The check as plain values, for scripts."""
     channels = [asdict(row) for row in check.rows]
     return {"campaign": check.campaign, "status": check.status, "channels": channels}
-
-
-def _without_samples(record: Record) -> Record:
-    """The record's head, so that a huge campaign is never held in memory."""
-    empty = {role: samples[:0].copy() for role, samples in record.channels.items()}
-    return Record(record.fs, empty, record.units, record.name)
 
 
 def unread(spec: CampaignSpec) -> Iterator[Fault]:
@@ -159,7 +154,7 @@ def _has_coordinates(laws: Sequence[str], chosen: str) -> bool:
 
 
 def _unread(name: str, reason: str) -> Fault:
-    return Fault("warning", name, f"`{name}` changes nothing: {reason}.", remedy="Leave it out.")
+    return doubt(name, f"`{name}` changes nothing: {reason}.", remedy="Leave it out.")
 
 
 def findings(
@@ -167,11 +162,7 @@ def findings(
 ) -> tuple[Fault, ...]:
     """Everything found in a record: by itself, against its test, beside the test's first repeat.
 
-    Args:
-        record: A repeat of the test.
-        test: What the campaign file says.
-        first: The test's first repeat, when this is not it.
-        per_unit: Force per modal mass for one unit of the input, when known.
+    `per_unit` is the force per modal mass for one unit of the input, when known.
     """
     found = list(inspect(record, masked=test.gaps == "mask"))
     found += ordered(record) if test.traits.is_curve else []
@@ -179,15 +170,12 @@ def findings(
     contradictions = list(fits(record, test))
     for other in first:
         if record.fs != other.fs and not np.isnan(record.fs):
-            contradictions.append(
-                (
-                    f"Repeats of a test must have one sampling frequency, but this has "
-                    f"{record.fs:g} Hz and {other.name} has {other.fs:g} Hz.",
-                    "",
-                    "Make two tests of them.",
-                )
+            said = (
+                f"Repeats of a test must have one sampling frequency, but this has {record.fs:g} "
+                f"Hz and {other.name} has {other.fs:g} Hz."
             )
-    found += [Fault("error", record.response, *told) for told in contradictions]
+            contradictions.append((said, "", "Make two tests of them."))
+    found += [refusal(record.response, *said) for said in contradictions]
     if worst(found) != "error":
         found += _believable(record, test, per_unit)
     return tuple(found)

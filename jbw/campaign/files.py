@@ -4,7 +4,7 @@ import fnmatch
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 from jbw.campaign.schema import TestSpec
@@ -19,7 +19,7 @@ Part = tuple[Path, Wanted]  # a file, and what to take from it
 
 
 def repeats_of(
-    test: TestSpec, name: str, folder: Path, *, allow_outside: bool = False
+    test: TestSpec, folder: Path, *, allow_outside: bool = False
 ) -> Iterator[Record | JbwError]:
     """Repeats of a test in SI, without the excluded ones; not yet checked sample by sample.
 
@@ -28,7 +28,7 @@ def repeats_of(
     unused = set(test.exclude)
     number = kept = 0
     try:
-        sets = _file_sets(test, name, folder, allow_outside)
+        sets = _file_sets(test, folder, allow_outside)
     except JbwError as error:
         yield error
         return
@@ -39,7 +39,13 @@ def repeats_of(
         if dropped:  # perhaps because it cannot be read
             number += 1
             continue
-        for item in _read(parts):
+        read: Sequence[Record | JbwError]
+        try:
+            columns = [records(file, wanted) for file, wanted in parts]
+            read = columns[0] if len(columns) == 1 else joined(columns)
+        except JbwError as error:
+            read = [error]
+        for item in read:
             if number in unused:
                 unused.remove(number)
             else:
@@ -49,25 +55,16 @@ def repeats_of(
     if unused:
         listed = ", ".join(repr(item) for item in sorted(unused, key=str))
         yield ConfigError(
-            f"Test {name!r}: `exclude` names {listed}, which is none of its {number} repeats.",
+            f"Test {test.name!r}: `exclude` names {listed}, which is none of its {number} repeats.",
             remedy="Repeats are counted from zero; file names may hold * and ?.",
         )
     elif not kept:
-        yield DataError(f"Test {name!r} has no repeats left.", remedy="Shorten `exclude`.")
+        yield DataError(f"Test {test.name!r} has no repeats left.", remedy="Shorten `exclude`.")
 
 
-def _file_sets(test: TestSpec, name: str, folder: Path, allow_outside: bool) -> list[list[Part]]:
+def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[Part]]:
     """The files of each repeat; more than one where roles have files of their own."""
-    wanted = Wanted(
-        test.channels,
-        test.units,
-        test.fs,
-        test.scale,
-        test.repeats,
-        test.span,
-        test.amplitudes,
-        test.remove_mean,
-    )
+    wanted = Wanted(**{field.name: getattr(test, field.name) for field in fields(Wanted)})
     if not isinstance(test.files, Mapping):
         files = found_files(test.files, folder, allow_outside=allow_outside)
         return [[(file, wanted)] for file in files]
@@ -85,18 +82,10 @@ def _file_sets(test: TestSpec, name: str, folder: Path, allow_outside: bool) -> 
     if len(counts) > 1:
         listed = ", ".join(f"{column[0][0].name}: {len(column)}" for column in columns)
         raise DataError(
-            f"Test {name!r} must have equally many files for each role, but has {listed}.",
+            f"Test {test.name!r} must have equally many files for each role, but has {listed}.",
             remedy="Files are paired in their natural order; name those that belong together.",
         )
     return [list(parts) for parts in zip(*columns, strict=True)]
-
-
-def _read(parts: Sequence[Part]) -> tuple[Record | JbwError, ...]:
-    try:
-        read = [records(file, wanted) for file, wanted in parts]
-        return read[0] if len(read) == 1 else joined(read)
-    except JbwError as error:
-        return (error,)
 
 
 def found_files(

@@ -1,12 +1,13 @@
 """From a campaign file to the tests and their records."""
 
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from jbw.campaign.check import findings, unread
 from jbw.campaign.files import repeats_of
-from jbw.campaign.schema import TestSpec, force_per_unit, read_spec, test_names
+from jbw.campaign.schema import TestSpec, force_per_unit, read_spec
 from jbw.campaign.settings import Identify, laws_of
 from jbw.errors import JbwError
 from jbw.measurement.files.read import report
@@ -48,40 +49,22 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     for fault in unread(spec):
         warnings.warn(f"{path.name}, [identify]: {fault.what} {fault.remedy}", stacklevel=2)
     folder = path.resolve().parent
-    tests = [
-        _test(test, name, _checked(test, name, folder, allow_outside, force_per_unit(spec)))
-        for test, name in zip(spec.tests, test_names(spec), strict=True)
-    ]
+    tests = []
+    for test in spec.tests:
+        kept: list[Record] = []
+        for item in repeats_of(test, folder, allow_outside=allow_outside):
+            if isinstance(item, JbwError):
+                raise item
+            # The first error is raised, what is doubtful is warned of.
+            report(item, findings(item, test, kept[:1], per_unit=force_per_unit(spec)))
+            kept.append(item)
+        tests.append(_test(test, kept))
     return Campaign(
         spec.name, folder, tuple(tests), spec.gain, spec.modal_mass, spec.settings, path, spec.laws
     )
 
 
-def _checked(
-    test: TestSpec, name: str, folder: Path, allow_outside: bool, per_unit: float | None
-) -> tuple[Record, ...]:
-    """Repeats of a test; the first error is raised, what is doubtful is warned of."""
-    kept: list[Record] = []
-    for item in repeats_of(test, name, folder, allow_outside=allow_outside):
-        if isinstance(item, JbwError):
-            raise item
-        report(item, findings(item, test, kept[:1], per_unit=per_unit))
-        kept.append(item)
-    return tuple(kept)
-
-
-def _test(spec: TestSpec, name: str, kept: tuple[Record, ...]) -> Test:
-    return Test(
-        kind=spec.kind,
-        records=kept,
-        name=name,
-        level=spec.level,
-        tones_hz=spec.tones,
-        band_hz=spec.band,
-        dwell=spec.dwell,
-        settle=spec.settle,
-        delay=spec.delay,
-        assembly=spec.assembly,
-        run=spec.run,
-        periods=spec.periods,
-    )
+def _test(spec: TestSpec, kept: Iterable[Record]) -> Test:
+    same = ("level", "dwell", "settle", "delay", "assembly", "run", "periods")
+    facts = {name: getattr(spec, name) for name in same}
+    return Test(spec.kind, tuple(kept), spec.name, tones_hz=spec.tones, band_hz=spec.band, **facts)

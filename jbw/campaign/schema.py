@@ -1,6 +1,6 @@
 """The campaign file as typed tables; what is wrong is told all at once."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -98,8 +98,8 @@ class TestSpec(Table):
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
-        if told := [*_needs(self), *_contradictions(self)]:
-            raise ValueError("\n".join(told))
+        if errors := [*_needs(self), *_contradictions(self)]:
+            raise ValueError("\n".join(errors))
         return self
 
 
@@ -119,25 +119,22 @@ class CampaignSpec:
     """A campaign file, checked; no measurement file has been opened yet."""
 
     name: str
-    tests: tuple[TestSpec, ...]
+    tests: tuple[TestSpec, ...]  # each with a name
     gain: float | None = None
     modal_mass: float | None = None
     settings: Identify = field(default_factory=Identify)
     laws: tuple[str, ...] = DEFAULT_LAWS
 
 
-def test_names(spec: CampaignSpec) -> list[str]:
-    """The tests' names: as given, else kind and level, numbered where that is not unique."""
-    taken = {test.name for test in spec.tests}
-    names = []
-    for test in spec.tests:
-        known = "" if np.isnan(test.level) else f" {test.level:g}"
-        base = test.name or f"{test.kind}{known}"
-        candidates = (base if n == 1 else f"{base} ({n})" for n in range(1, len(spec.tests) + 2))
+def _named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
+    """Tests under their names: as given, else kind and level, numbered where not unique."""
+    taken = {test.name for test in tests}
+    for test in tests:
+        base = test.kind if np.isnan(test.level) else f"{test.kind} {test.level:g}"
+        candidates = (base if n == 1 else f"{base} ({n})" for n in range(1, len(tests) + 2))
         name = test.name or next(name for name in candidates if name not in taken)
         taken.add(name)
-        names.append(name)
-    return names
+        yield test.model_copy(update={"name": name})
 
 
 def force_per_unit(campaign: Any) -> float | None:
@@ -184,72 +181,66 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
     errors += law_errors(laws, settings.prior)
     refuse(file, errors)
-    return CampaignSpec(head.name, tuple(tests), head.gain, head.modal_mass, settings, laws)
+    return CampaignSpec(head.name, tuple(_named(tests)), head.gain, head.modal_mass, settings, laws)
 
 
-def _needs(test: TestSpec) -> list[str]:
+def _needs(test: TestSpec) -> Iterator[str]:
     """What a test's kind needs and its table lacks."""
     roles, traits = set(test.channels), test.traits
-    told = [
-        f"{key}: names role `{role}`, which channels does not."
-        for key, names in (("units", test.units), ("scale", test.scale))
-        for role in names
-        if role not in roles
-    ]
+    for table, names in (("units", test.units), ("scale", test.scale)):
+        for role in names:
+            if role not in roles:
+                yield f"{table}: names role `{role}`, which channels does not."
     if roles.isdisjoint(RESPONSES):
-        told.append(f"channels: needs a response, one of {', '.join(sorted(RESPONSES))}.")
+        yield f"channels: needs a response, one of {', '.join(sorted(RESPONSES))}."
     ratios = [role for role, unit in test.units.items() if ratio_of(role, unit) is not None]
     if ratios and not traits.is_curve:
-        curves = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)
-        told.append(f"units: `{test.units[ratios[0]]}` of `{ratios[0]}` is for kind {curves} only.")
+        unit = test.units[ratios[0]]
+        yield f"units: `{unit}` of `{ratios[0]}` is for kind {_curves()} only."
     if traits.is_driven and roles.isdisjoint(INPUTS) and not ratios:
-        told.append(f"channels: kind `{test.kind}` needs `input` or `force`.")
+        yield f"channels: kind `{test.kind}` needs `input` or `force`."
     if lacking := [f"`{role}`" for role in traits.channels if role not in roles]:
-        told.append(f"channels: kind `{test.kind}` needs {' and '.join(lacking)}.")
-    if traits.is_prescribed and not (
-        "displacement" in roles and roles & {"restoring_force", "force"}
-    ):
-        told.append(f"channels: kind `{test.kind}` needs `displacement` and `restoring_force`.")
+        yield f"channels: kind `{test.kind}` needs {' and '.join(lacking)}."
+    forced = "displacement" in roles and roles & {"restoring_force", "force"}
+    if traits.is_prescribed and not forced:
+        yield f"channels: kind `{test.kind}` needs `displacement` and `restoring_force`."
     if traits.is_curve and "frequency" not in roles:
-        told.append(
-            f"channels: kind `{test.kind}` needs `frequency`, and `phase` beside real amplitudes."
-        )
+        needed = "`frequency`, and `phase` beside real amplitudes"
+        yield f"channels: kind `{test.kind}` needs {needed}."
     if traits.is_steady and not test.tones:
-        told.append(f"tones: missing; kind `{test.kind}` needs the frequencies [Hz].")
+        yield f"tones: missing; kind `{test.kind}` needs the frequencies [Hz]."
     if traits.is_stepped and not test.dwell > 0:
-        told.append("dwell: missing; kind `stepped` needs the duration of each step [s].")
+        yield "dwell: missing; kind `stepped` needs the duration of each step [s]."
     if test.settle >= test.dwell:  # never when dwell is not given: it is NaN then
-        told.append(
-            f"settle: must be shorter than dwell ({test.dwell:g} s), but is {test.settle:g}."
-        )
-    return told
+        yield f"settle: must be shorter than dwell ({test.dwell:g} s), but is {test.settle:g}."
 
 
-def _contradictions(test: TestSpec) -> list[str]:
+def _contradictions(test: TestSpec) -> Iterator[str]:
     """Keys that are given, but not meant for the test's kind or channels."""
+    curves, is_curve, roles = _curves(), test.traits.is_curve, set(test.channels)
+    if not is_curve and (roles - set(test.traits.channels)) & {"frequency", "phase"}:
+        yield f"channels: `frequency` and `phase` belong to kind {curves}."
+    if not is_curve and test.amplitudes != "peak":
+        yield f"amplitudes: for kind {curves} only; the samples of a record are what they are."
+    if is_curve and test.remove_mean:
+        yield f"remove_mean: for records in time, not for kind {curves}."
     # A transform spreads one bad sample over all frequencies, a simulation needs all of its input:
     # only a curve can leave lines out.
-    curves = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)
-    is_curve, roles, told = test.traits.is_curve, set(test.channels), []
-    if not is_curve and (roles - set(test.traits.channels)) & {"frequency", "phase"}:
-        told.append(f"channels: `frequency` and `phase` belong to kind {curves}.")
-    if not is_curve and test.amplitudes != "peak":
-        told.append(
-            f"amplitudes: for kind {curves} only; the samples of a record are what they are."
-        )
-    if is_curve and test.remove_mean:
-        told.append(f"remove_mean: for records in time, not for kind {curves}.")
     if not is_curve and test.gaps == "mask":
-        told.append(
+        yield (
             f"gaps: kind `{test.kind}` needs every sample, only {curves} can mask; "
             "keep a clean part with span, or drop the repeat with exclude."
         )
     if isinstance(test.files, Mapping) and set(test.files) != roles:
-        told.append(
+        yield (
             f"files: as a table it must name a file for each role ({', '.join(sorted(roles))}), "
             f"but names {', '.join(sorted(test.files))}."
         )
-    return told
+
+
+def _curves() -> str:
+    """The kinds that are curves, as messages name them."""
+    return ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)
 
 
 def _repeated_names(tests: Sequence[TestSpec]) -> list[str]:

@@ -9,7 +9,7 @@ import click
 from jbw.campaign.check import Check, as_json, check_campaign
 from jbw.campaign.draft import start_campaign, write_campaign
 from jbw.campaign.files import repeats_of
-from jbw.campaign.schema import read_spec, test_names
+from jbw.campaign.schema import read_spec
 from jbw.cli.options import json_option, outside_option
 from jbw.cli.printing import answer, show_json
 from jbw.errors import RunError
@@ -73,11 +73,11 @@ def _first_records(campaign: Path, allow_outside: bool) -> Iterator[tuple[str, R
     """Each test's name and the first of its repeats that can be read."""
     spec = read_spec(campaign)
     folder = campaign.resolve().parent
-    for test, name in zip(spec.tests, test_names(spec), strict=True):
-        items = repeats_of(test, name, folder, allow_outside=allow_outside)
+    for test in spec.tests:
+        items = repeats_of(test, folder, allow_outside=allow_outside)
         record = next((item for item in items if isinstance(item, Record)), None)
         if record is not None:
-            yield name, record
+            yield test.name, record
 
 
 def _lines(found: Check) -> Iterator[Table | str]:
