@@ -1,7 +1,7 @@
 """Which parameters the data know: before sampling by the fit, afterwards by the draws too."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -31,29 +31,22 @@ logger = logging.getLogger("jbw")
 NARROWED = 0.5  # of the prior's variance
 REACHED = 0.01  # of the best cost: a start that came so near found the optimum
 NOTHING = 0.05  # of cost: a difference of chi-square of 0.1 prefers neither
+Column = tuple[str | tuple[str, str], Any, str, str]  # dimensions, values, unit, meaning
 
 
 @dataclass(frozen=True)
 class Identifiability:
-    """Which parameters and products the data know.
+    """Which parameters and products the data know."""
 
-    Attributes:
-        fitted: The fit and what it was fitted to.
-        products: Combinations that are looked at beside the parameters.
-        information: Spectrum of the information, before sampling.
-        profiles: Profile of every parameter, where they were asked for.
-        contraction: After sampling: 1 less the variance over the prior's, by name.
-        sensitivity: After sampling: what a tenth less of the box does to every mean.
-        statements: All of it in words.
-    """
-
-    fitted: Fitted
-    products: tuple[Product, ...]
-    information: Information
-    profiles: dict[str, Profile]
+    fitted: Fitted  # the fit and what it was fitted to
+    products: tuple[Product, ...]  # that are looked at beside the parameters
+    information: Information  # its spectrum, before sampling
+    profiles: dict[str, Profile]  # of every parameter, where they were asked for
+    # After sampling: 1 less the variance over the prior's, and what a tenth less of the box does to
+    # every mean.
     contraction: dict[str, float] = field(default_factory=dict)
     sensitivity: dict[str, Sensitivity] = field(default_factory=dict)
-    statements: tuple[str, ...] = ()
+    statements: tuple[str, ...] = ()  # all of it in words
 
     def summary(self) -> dict[str, Any]:
         """Plain values, as under `identifiability` in summary.json; None for what is not known."""
@@ -117,9 +110,6 @@ def identifiability(
         seed: Seed of the starts; the campaign's, or 0, when None.
         report: Called with one sentence at every stage.
 
-    Returns:
-        The information spectrum, the profiles, and both in words.
-
     Raises:
         ConfigError: A float32 session, or settings that do not fit the tests.
         DataError: Tests that the joint cannot be fitted to.
@@ -166,7 +156,7 @@ def look_again(
     texts = {each.name: each.text for each in looked_at}
     said = [
         *before.statements,
-        *_contraction_words(narrowed, texts),
+        _contraction_words(narrowed, texts),
         *sensitivity_statements(sensitivity, texts),
     ]
     return replace(before, contraction=narrowed, sensitivity=sensitivity, statements=tuple(said))
@@ -190,97 +180,78 @@ def _waterfall_words(costs: NDArray[np.float64]) -> str:
     return f"{near} of {len(costs)} starts of the fit ended within 1 % of the lowest cost."
 
 
-def _contraction_words(narrowed: Mapping[str, float], texts: Mapping[str, str]) -> list[str]:
+def _contraction_words(narrowed: Mapping[str, float], texts: Mapping[str, str]) -> str:
     """Which marginals the data hardly narrowed, in words."""
-    wide = [
-        f"{texts[name]} ({max(value, 0.0):.0%})"
-        for name, value in narrowed.items()
-        if value < NARROWED
-    ]
-    if not wide:
-        return ["After sampling, every parameter has less than half of its prior variance left."]
-    return [
-        f"After sampling, the data have taken less than half of the prior variance of "
-        f"{listed(wide)}."
-    ]
+    shares = {texts[name]: max(value, 0.0) for name, value in narrowed.items() if value < NARROWED}
+    if not shares:
+        return "After sampling, every parameter has less than half of its prior variance left."
+    wide = listed([f"{text} ({share:.0%})" for text, share in shares.items()])
+    return f"After sampling, the data have taken less than half of the prior variance of {wide}."
 
 
 def as_group(found: Identifiability) -> xr.Dataset:
     """The group /identifiability of the run's tree.
 
-    Returns:
-        Variables along direction, parameter, combination and start; and along parameter and point
-        where there are profiles, NaN beyond the end of a shorter one.
+    Variables along direction, parameter, combination and start; and along parameter and point where
+    there are profiles, NaN beyond the end of a shorter one.
     """
-    directions, names = found.information.directions, found.information.names
-    variables = {
-        "direction_text": _variable("direction", [d.text for d in directions], "", "combination"),
-        "direction_information": _variable(
-            "direction", [d.information for d in directions], "1", "information over the prior's"
-        ),
-        "direction_ratio": _variable(
-            "direction", [d.ratio for d in directions], "1", "sd over the prior's, by the fit"
-        ),
-        "loadings": _variable(
-            ("direction", "parameter"),
-            [d.loadings for d in directions],
-            "1",
-            "share of each parameter, in prior standard deviations",
-        ),
-        "cost": _variable("start", found.fitted.fit.waterfall, "1", "cost reached from a start"),
+    directions, names = found.information.directions, list(found.information.names)
+    products = [each.name for each in found.products]
+    texts, power, ratio, loadings = (
+        [getattr(each, fact) for each in directions]
+        for fact in ("text", "information", "ratio", "loadings")
+    )
+    shares = "share of each parameter, in prior standard deviations"
+    columns: dict[str, Column] = {
+        "direction_text": ("direction", texts, "", "combination"),
+        "direction_information": ("direction", power, "1", "information over the prior's"),
+        "direction_ratio": ("direction", ratio, "1", "sd over the prior's, by the fit"),
+        "loadings": (("direction", "parameter"), loadings, "1", shares),
+        "cost": ("start", found.fitted.fit.waterfall, "1", "cost reached from a start"),
     }
-    variables |= _rows(found, "parameter", names)
-    variables |= _rows(found, "combination", tuple(each.name for each in found.products))
-    variables |= _profile_variables(found.profiles, names)
-    coords = {"parameter": list(names), "combination": [each.name for each in found.products]}
+    columns |= _rows(found, "parameter", names)
+    columns |= _rows(found, "combination", products)
+    columns |= _profile_columns(found.profiles, names)
+    variables = {
+        name: (dims, np.asarray(values), {"units": units, "long_name": words})
+        for name, (dims, values, units, words) in columns.items()
+    }
+    coords = {"parameter": names, "combination": products}
     return xr.Dataset(variables, {name: each for name, each in coords.items() if each})
 
 
-def _variable(dims: str | tuple[str, ...], values: Any, units: str, name: str) -> xr.Variable:
-    return xr.Variable(dims, np.asarray(values), {"units": units, "long_name": name})
-
-
-def _rows(found: Identifiability, dim: str, names: tuple[str, ...]) -> dict[str, xr.Variable]:
+def _rows(found: Identifiability, dim: str, names: Sequence[str]) -> dict[str, Column]:
     """What is known of each parameter, or of each combination."""
     if not names:
         return {}
     known = [found.information.known[name] for name in names]
     rows = {
-        f"{dim}_relative": ([row.relative for row in known], "sd over value, by the fit"),
-        f"{dim}_ratio": ([row.ratio for row in known], "sd over the prior's, by the fit"),
+        "relative": ([row.relative for row in known], "sd over value, by the fit"),
+        "ratio": ([row.ratio for row in known], "sd over the prior's, by the fit"),
     }
     if found.contraction:
-        rows |= {
-            f"{dim}_contraction": (
-                [found.contraction[name] for name in names],
-                "1 less the variance of the draws over the prior's, of logs of what is positive",
-            ),
-            f"{dim}_shift": (
-                [found.sensitivity[name].shift for name in names],
-                "largest move of the mean by a tenth less of the box, in posterior sds",
-            ),
-        }
-    return {name: _variable(dim, values, "1", words) for name, (values, words) in rows.items()}
+        rows["contraction"] = (
+            [found.contraction[name] for name in names],
+            "1 less the variance of the draws over the prior's, of logs of what is positive",
+        )
+        rows["shift"] = (
+            [found.sensitivity[name].shift for name in names],
+            "largest move of the mean by a tenth less of the box, in posterior sds",
+        )
+    return {f"{dim}_{what}": (dim, values, "1", words) for what, (values, words) in rows.items()}
 
 
-def _profile_variables(
-    profiles: Mapping[str, Profile], names: tuple[str, ...]
-) -> dict[str, xr.Variable]:
+def _profile_columns(profiles: Mapping[str, Profile], names: Sequence[str]) -> dict[str, Column]:
     if not profiles:
         return {}
     longest = max(len(each.values) for each in profiles.values())
     values, rise = np.full((2, len(names), longest), np.nan)
-    interval = np.full((len(names), 2), np.nan)
-    for i, name in enumerate(names):
-        if name in profiles:
-            one = profiles[name]
-            values[i, : len(one.values)], rise[i, : len(one.values)] = one.values, one.chi_square
-            interval[i] = one.interval
-    dims = ("parameter", "point")
+    for i, one in enumerate(profiles[name] for name in names):
+        values[i, : len(one.values)], rise[i, : len(one.values)] = one.values, one.chi_square
+    interval = [profiles[name].interval for name in names]
+    dims, unit = ("parameter", "point"), "unit of the parameter"
     return {
-        "profile_value": _variable(dims, values, "unit of the parameter", "value held"),
-        "profile_chi_square": _variable(dims, rise, "1", "rise of chi-square, the others free"),
-        "profile_interval": _variable(
-            ("parameter", "end"), interval, "unit of the parameter", "99 % interval by the profile"
-        ),
+        "profile_value": (dims, values, unit, "value held"),
+        "profile_chi_square": (dims, rise, "1", "rise of chi-square, the others free"),
+        "profile_interval": (("parameter", "end"), interval, unit, "99 % interval by the profile"),
     }

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from jbw.campaign.load import Campaign, force_per_unit
 from jbw.identification.assemble import measured
@@ -53,9 +54,6 @@ def identify(
         report: Called with one sentence at every stage.
         keep: Where the chains of each posterior outlive the process.
         command: What was typed, for the summary; this process's when None.
-
-    Returns:
-        The study.
 
     Raises:
         ConfigError: A float32 session, or settings that do not fit the tests.
@@ -115,37 +113,26 @@ def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
     where a step drew nothing. No durations: equal runs leave equal groups.
     """
     steps = record["steps"]
-    rows = [
-        (
-            str((step.get("verdict") or {}).get("status", "")),
-            _extreme(step, "ess_bulk", min),
-            _extreme(step, "r_hat", max),
-        )
-        for step in steps.values()
-    ]
-    verdict, ess, r_hat = zip(*rows, strict=True)
+    parameters = [(step.get("parameters") or {}).values() for step in steps.values()]
+
+    def worst(what: str, choose: Callable[..., float]) -> NDArray[np.float64]:
+        known = ([row[what] for row in rows if row.get(what) is not None] for rows in parameters)
+        return np.array([choose(numbers, default=np.nan) for numbers in known], float)
+
+    verdicts = [(step.get("verdict") or {}).get("status", "") for step in steps.values()]
     return xr.Dataset(
         {
-            "verdict": ("step", np.asarray(verdict, object)),
-            "ess": ("step", np.asarray(ess, float), {"units": "1"}),
-            "r_hat": ("step", np.asarray(r_hat, float), {"units": "1"}),
+            "verdict": ("step", np.asarray(verdicts, object)),
+            "ess": ("step", worst("ess_bulk", min), {"units": "1"}),
+            "r_hat": ("step", worst("r_hat", max), {"units": "1"}),
         },
         {"step": np.asarray(list(steps), object)},
         {"main": str(record["main"])},
     )
 
 
-def _extreme(step: Mapping[str, Any], what: str, choose: Callable[..., float]) -> float:
-    """Return the worst number of a step's parameters, NaN where none was drawn."""
-    values = [facts.get(what) for facts in (step.get("parameters") or {}).values()]
-    known = [float(value) for value in values if value is not None]
-    return choose(known) if known else float("nan")
-
-
 def _verdict(found: Verdict) -> dict[str, Any]:
-    findings = [asdict(finding) for finding in found.findings]
-    for finding in findings:
-        finding["number"] = plain(finding["number"])
+    findings = [{**asdict(one), "number": plain(one.number)} for one in found.findings]
     told = {name: asdict(answer) for name, answer in answers(found.findings)}
     return {"status": found.status, "answers": told, "findings": findings}
 
@@ -217,21 +204,16 @@ def _known(attrs: Mapping[Any, Any], name: str) -> float | None:
 
 
 def _loops(tree: xr.DataTree) -> dict[str, Any]:
+    found = node(tree, "validation/loops")
     return {
         name: {
-            "level": _known(node.attrs, "level"),
-            "tone_hz": float(node.attrs["tone_hz"]),
+            "level": _known(test.attrs, "level"),
+            "tone_hz": float(test.attrs["tone_hz"]),
             **{
-                str(key): [float(value) for value in area.values]
-                for key, area in node.data_vars.items()
+                str(key): area.values.tolist()
+                for key, area in test.data_vars.items()
                 if "area" in str(key)
             },
         }
-        for name, node in _tests(tree, "validation/loops").items()
+        for name, test in ({} if found is None else found.children).items()
     }
-
-
-def _tests(tree: xr.DataTree, path: str) -> dict[str, xr.DataTree]:
-    """The tests under a group, none where the group is absent."""
-    found = node(tree, path)
-    return {} if found is None else dict(found.children)
