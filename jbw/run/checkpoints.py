@@ -41,14 +41,11 @@ class Interruption:
 
     @contextmanager
     def heard(self, farewell: Callable[[], str]) -> Iterator[None]:
-        """Listen to Ctrl-C and SIGTERM.
+        """Listen to Ctrl-C and SIGTERM; the farewell is said before the process ends.
 
         Python runs a handler only between two of its own instructions, which compiled chains may
         be far from. A thread therefore hears the signals as they come: it says at once that the
         first was heard, and ends the process at the second, which can tear no file.
-
-        Args:
-            farewell: What to say before the process ends.
         """
         if threading.current_thread() is not threading.main_thread():
             yield  # only the main thread may listen
@@ -108,11 +105,8 @@ def unpack(content: bytes) -> Generation | None:
 class Checkpoint:
     """The chains of one posterior, in two files of which the older is written next.
 
-    Args:
-        folder: Where they are kept.
-        name: Name of the posterior.
-        interruption: What may ask to stop after a saving.
-        watch: Called with the name and how far the chains are, after every chunk of steps.
+    An interruption may ask to stop after a saving; `watch` is called with the name and how far the
+    chains are, after every chunk of steps.
     """
 
     def __init__(
@@ -155,14 +149,9 @@ class Checkpoint:
         return perf_counter() - self._saved > max(EVERY_S, self._cost / COST)
 
     def save(self, arrays: Mapping[str, np.ndarray], *, last: bool) -> None:
-        """Save in place of the older generation, then stop if that was asked for.
-
-        Args:
-            arrays: Plain arrays by name.
-            last: Whether the chains are complete.
+        """Save plain arrays in place of the older generation, then stop if that was asked for.
 
         Raises:
-            RunError: If the disk is full or the folder cannot be written.
             KeyboardInterrupt: If the run was asked to stop.
         """
         clock = perf_counter()

@@ -46,11 +46,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def require_room(folder: Path, room: int = ROOM) -> None:
-    """Refuse a folder whose disk has not so many bytes left, before any work is done.
-
-    Raises:
-        RunError: If it has not.
-    """
+    """Refuse a folder whose disk has not so many bytes left, before any work is done."""
     free = shutil.disk_usage(folder).free
     if free < room:
         raise RunError(

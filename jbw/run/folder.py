@@ -27,9 +27,6 @@ def _locked(folder: Path) -> Iterator[IO[str]]:
 
     It lasts as long as the stream is open: the system lets go of it when the process ends,
     however that comes.
-
-    Raises:
-        RunError: If another process holds it, or the folder cannot be written.
     """
     try:
         (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
@@ -85,11 +82,8 @@ def _lock(stream: IO[str], folder: Path) -> None:
 class Run:
     """A run that this process may write, as long as it holds the lock; fresh where it begins here.
 
-    Attributes:
-        folder: The run's folder.
-        manifest: What it was asked for, and what it read so far.
-        interruption: Whether it was asked to stop.
-        watch: Called with the name of a posterior and how far its chains are.
+    The manifest says what it was asked for and what it read so far; `watch` is called with the name
+    of a posterior and how far its chains are.
     """
 
     def __init__(self, folder: Path, manifest: Manifest, lock: IO[str], *, fresh: bool) -> None:
@@ -132,12 +126,7 @@ class Run:
 
 
 def begin(folder: Path, manifest: Manifest) -> Run:
-    """Begin a run in a new or empty folder, and hold the folder's lock.
-
-    Raises:
-        RunError: If the folder holds something or an unfinished run, cannot be written, has no
-            room, or another process writes there.
-    """
+    """Begin a run in a new or empty folder, and hold the folder's lock."""
     unfinished = folder / HIDDEN / MANIFEST
     if not unfinished.exists():
         _require_empty(folder)
@@ -155,11 +144,7 @@ def begin(folder: Path, manifest: Manifest) -> Run:
 
 
 def reopen(folder: Path) -> Run | None:
-    """Go on with a run that was interrupted, and hold its folder's lock; None where it is finished.
-
-    Raises:
-        RunError: If there is no run, its manifest is damaged, or another process writes there.
-    """
+    """Go on with an interrupted run, and hold its folder's lock; None where it is finished."""
     if not (folder / HIDDEN / MANIFEST).exists():
         if (folder / "summary.json").exists():
             shutil.rmtree(folder / HIDDEN, ignore_errors=True)  # a kill came in its removal

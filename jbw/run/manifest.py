@@ -20,39 +20,6 @@ VERSIONED = ("jbw", "jax", "jaxlib", "numpyro", "blackjax", "diffrax", "optimist
 RESTORE = "Restore it, or begin a new run in another folder: jbw identify CAMPAIGN --out DIR."
 
 
-@dataclass(frozen=True)
-class Manifest:
-    """A run as it was asked for.
-
-    Attributes:
-        command: What was typed.
-        campaign: The campaign file; relative to the run's folder where it lies in there.
-        seed: Seed given on the command line, or None.
-        preset: Preset of the virtual rig that makes the campaign first; None for a real one.
-        allow_outside: Whether files may lie outside the campaign's folder.
-        text: Content of the campaign file, once it was read.
-        inputs: Hash of every data file by its path, once they were read; relative to the
-            campaign's folder where it lies below.
-        versions: Versions of what decides the draws.
-        machine: Name of the machine, and its number of processors.
-    """
-
-    command: str
-    campaign: str
-    seed: int | None = None
-    preset: str | None = None
-    allow_outside: bool = False
-    text: str | None = None
-    inputs: dict[str, str] | None = None
-    versions: dict[str, str] = field(default_factory=lambda: versions())
-    machine: dict[str, str] = field(default_factory=lambda: machine())
-
-
-def command_line() -> str:
-    """What was typed, for the manifest."""
-    return " ".join(["jbw", *sys.argv[1:]])
-
-
 def versions() -> dict[str, str]:
     """Versions of what decides the draws."""
     return {name: version(name) for name in VERSIONED}
@@ -63,6 +30,27 @@ def machine() -> dict[str, str]:
     return {"name": platform.node(), "processors": str(os.cpu_count())}
 
 
+def command_line() -> str:
+    """What was typed, for the manifest."""
+    return " ".join(["jbw", *sys.argv[1:]])
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """A run as it was asked for."""
+
+    command: str  # what was typed
+    campaign: str  # its file; relative to the run's folder where it lies in there
+    seed: int | None = None  # given on the command line
+    preset: str | None = None  # of the virtual rig that makes the campaign first
+    allow_outside: bool = False  # whether files may lie outside the campaign's folder
+    text: str | None = None  # content of the campaign file, once it was read
+    # Hash of every data file by its path, relative to the campaign's folder where it lies below.
+    inputs: dict[str, str] | None = None
+    versions: dict[str, str] = field(default_factory=versions)
+    machine: dict[str, str] = field(default_factory=machine)
+
+
 def write_manifest(path: Path, manifest: Manifest) -> None:
     """Write a manifest, with the hash of its content."""
     content = {"format": FORMAT, **asdict(manifest)}
@@ -71,11 +59,7 @@ def write_manifest(path: Path, manifest: Manifest) -> None:
 
 
 def read_manifest(path: Path) -> Manifest:
-    """The manifest of an unfinished run.
-
-    Raises:
-        RunError: If it cannot be read, was changed, or is of another format.
-    """
+    """The manifest of an unfinished run; refused where it was changed or is of another format."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         whole = content.pop("sha256") == _digest(content) and content.pop("format") == FORMAT
@@ -97,16 +81,14 @@ def _digest(content: Mapping[str, Any]) -> str:
 def with_inputs(manifest: Manifest, campaign: Path, inputs: Mapping[str, str]) -> Manifest:
     """The manifest once its campaign was read; refused where it was read before and changed.
 
-    Args:
-        manifest: The manifest.
-        campaign: The campaign file.
-        inputs: Hash of every data file by its path, as it was read.
-
-    Raises:
-        DataError: If other files belong to the campaign than before, or one changed.
+    With the hash of every data file by its path, as it was read.
     """
     folder = campaign.resolve().parent
-    found = {_below(folder, Path(name).resolve()): digest for name, digest in inputs.items()}
+    found = {}
+    for name, digest in inputs.items():
+        path = Path(name).resolve()
+        below = path.is_relative_to(folder)
+        found[path.relative_to(folder).as_posix() if below else str(path)] = digest
     known = found if manifest.inputs is None else manifest.inputs
     for name in sorted(found | known):
         if name not in known:
@@ -115,10 +97,6 @@ def with_inputs(manifest: Manifest, campaign: Path, inputs: Mapping[str, str]) -
             raise _other_data(f"{name} is no more among the campaign's files.")
         _require_same(name, known[name], found[name])
     return replace(manifest, inputs=found)
-
-
-def _below(folder: Path, path: Path) -> str:
-    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else str(path)
 
 
 def _require_same(name: str, was: str, now: str) -> None:
@@ -133,13 +111,7 @@ def _other_data(what: str) -> DataError:
 
 
 def require_unchanged(manifest: Manifest, campaign: Path) -> None:
-    """Refuse to go on with another campaign, other data or other versions than at the start.
-
-    Raises:
-        ConfigError: If the campaign file changed or is gone.
-        DataError: If a data file did.
-        RunError: If the run was begun with other versions of what decides the draws.
-    """
+    """Refuse to go on with another campaign, other data or other versions than at the start."""
     here = versions()
     other = [
         f"{name} {was}, not {here.get(name)}"
