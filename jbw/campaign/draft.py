@@ -14,8 +14,8 @@ from jbw.errors import ConfigError, DataError, JbwError
 from jbw.measurement.files.read import READERS, channels_of
 from jbw.measurement.files.tree import Leaf
 from jbw.measurement.kinds import KINDS
-from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, si_of
-from jbw.units import si_unit
+from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES
+from jbw.units import quantity_of, si_unit
 
 HEAD = """\
 # Campaign file of jbw. Lines marked CHECK hold what the records do not say.
@@ -268,7 +268,7 @@ def _role(name: str, unit: str) -> str:
     for role in by_name:
         with suppress(ConfigError):  # another unit than the role's
             if unit:
-                si_of(role, unit)
+                quantity_of(unit, QUANTITIES[role])
             return role
     return ""
 

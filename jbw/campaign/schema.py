@@ -28,7 +28,7 @@ from jbw.campaign.values import (
 )
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.kinds import Kind as Traits
-from jbw.measurement.records import INPUTS, RESPONSES, ratio_of
+from jbw.measurement.records import INPUTS, RESPONSES, si_of
 from jbw.quantities import DEFAULT_LAWS
 
 NAN = float("nan")  # where nothing is stated of a number
@@ -193,7 +193,7 @@ def _needs(test: TestSpec) -> Iterator[str]:
                 yield f"{table}: names role `{role}`, which channels does not."
     if roles.isdisjoint(RESPONSES):
         yield f"channels: needs a response, one of {', '.join(sorted(RESPONSES))}."
-    ratios = [role for role, unit in test.units.items() if ratio_of(role, unit) is not None]
+    ratios = [role for role, unit in test.units.items() if si_of(role, unit)[2]]
     if ratios and not traits.is_curve:
         unit = test.units[ratios[0]]
         yield f"units: `{unit}` of `{ratios[0]}` is for kind {_curves()} only."

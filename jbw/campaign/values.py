@@ -15,7 +15,7 @@ from pydantic_core import CoreSchema, core_schema
 from jbw.campaign.document import unlike
 from jbw.errors import ConfigError
 from jbw.measurement.kinds import KINDS
-from jbw.measurement.records import ROLES, ratio_of, si_of
+from jbw.measurement.records import ROLES, si_of
 
 Role = Literal[*ROLES]  # pyright: ignore[reportInvalidTypeForm]
 
@@ -155,8 +155,7 @@ def _unit(role: str, item: Any) -> str:
     """A unit of what the role measures."""
     if not isinstance(item, str):
         raise ValueError(f"role `{role}` needs a unit, but has {item!r}.")
-    if ratio_of(role, item) is None:  # a measured FRF may be per unit of excitation
-        si_of(role, item)
+    si_of(role, item)  # also of a measured FRF, per unit of excitation
     return item
 
 

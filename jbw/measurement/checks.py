@@ -40,7 +40,17 @@ def inspect(record: Record, *, masked: bool = False) -> tuple[Fault, ...]:
         record: What was read.
         masked: Whether samples that are NaN are left out by their mask instead of refused.
     """
-    found = list(_lengths(record))
+    found, lengths = [], {role: len(x) for role, x in record.channels.items()}
+    if len(set(lengths.values())) > 1:
+        listed = ", ".join(f"`{role}` has {n}" for role, n in lengths.items())
+        found.append(
+            refusal(
+                next(iter(lengths)),
+                f"Channels must have equal lengths, but {listed} samples.",
+                "Cutting the longer one would assume that both begin together.",
+                "Export the channels together, or name those that were sampled together.",
+            )
+        )
     for role, x in record.channels.items():
         found += _channel(role, x, record.fs, masked)
     return tuple(sorted(found, key=lambda fault: fault.severity))
@@ -49,18 +59,6 @@ def inspect(record: Record, *, masked: bool = False) -> tuple[Fault, ...]:
 def worst(faults: Iterable[Fault]) -> str:
     """`error`, `warning` or `ok`: the worst of the faults."""
     return min((fault.severity for fault in faults), default="ok")
-
-
-def _lengths(record: Record) -> Iterator[Fault]:
-    lengths = {role: len(x) for role, x in record.channels.items()}
-    if len(set(lengths.values())) > 1:
-        listed = ", ".join(f"`{role}` has {n}" for role, n in lengths.items())
-        yield refusal(
-            next(iter(lengths)),
-            f"Channels must have equal lengths, but {listed} samples.",
-            "Cutting the longer one would assume that both begin together.",
-            "Export the channels together, or name those that were sampled together.",
-        )
 
 
 def _channel(role: str, x: NDArray[np.float64], fs: float, masked: bool) -> Iterator[Fault]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
 
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.channels import channel, sampling
@@ -97,12 +97,15 @@ def harmonics(
     n = np.arange(1.0, num_harmonics + 1)
     fitted = sine_fit(y, t, tones)
     to_displacement = np.exp(1j * n * omega * delay) / (1j * n * omega) ** order
+    # What multiplies a complex amplitude turns the pair of its parts.
+    pairs = [[[f.real, -f.imag], [f.imag, f.real]] for f in to_displacement]
+    turn = np.asarray(block_diag(*pairs))
     drift, drift_std = _drift(y, t, tones)
     cycles = omega * len(t) / (2 * np.pi * fs)
     result = Harmonics(
         omega=float(omega),
         amplitudes=fitted.amplitudes * to_displacement,
-        covariance=_rotated(_covariance(fitted, fs, n * omega), to_displacement),
+        covariance=turn @ _covariance(fitted, fs, n * omega) @ turn.T,
         drift=drift,
         drift_std=drift_std,
         residual_std=np.sqrt(np.sum(fitted.residual**2, axis=-1) / fitted.dof),
@@ -117,16 +120,6 @@ def harmonics(
             stacklevel=2,
         )
     return result
-
-
-def _rotated(
-    covariance: NDArray[np.float64], factor: NDArray[np.complex128]
-) -> NDArray[np.float64]:
-    """Covariance after each complex amplitude was multiplied by its factor."""
-    turn = np.zeros(covariance.shape[-2:])
-    for i, f in enumerate(factor):
-        turn[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = [[f.real, -f.imag], [f.imag, f.real]]
-    return turn @ covariance @ turn.T
 
 
 class Tones(NamedTuple):
@@ -220,15 +213,11 @@ def _local_level(fit: SineFit, fs: float, omega: NDArray[np.float64]) -> NDArray
     return np.stack([power[..., local].mean(axis=-1) for local in nearest], axis=-1)
 
 
-def _halves(
-    y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones
-) -> tuple[SineFit, SineFit]:
+def _halves(y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones) -> list[SineFit]:
     """The fits to the first and the second half of the samples, by one design."""
     design, half = _design(t, tones), len(t) // 2
-    return (
-        _fitted(y[..., :half], design[:, :half], tones),
-        _fitted(y[..., half:], design[:, half:], tones),
-    )
+    parts = slice(half), slice(half, None)
+    return [_fitted(y[..., part], design[:, part], tones) for part in parts]
 
 
 def _drift(

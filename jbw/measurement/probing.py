@@ -122,7 +122,10 @@ def third_order_kernel(
     h3 = 4 * y_3 / u_1**3
     expected = np.mean(16 * variance / np.abs(u_1) ** 6 + relative * np.abs(h3) ** 2) / 2
     std = float(np.sqrt(np.var(h3, ddof=1) / 2)) if len(h3) > 1 else np.nan
-    above = _stands_out(y_3, variance)
+    scatter = np.var(y_3, ddof=1) / 2 if len(y_3) > 1 else 0.0
+    # By the noise of the records, and by the scatter from repeat to repeat.
+    standard_error = np.sqrt(max(np.mean(variance) / 2, scatter) / len(y_3))
+    above = bool(np.abs(y_3.mean()) > NOISE_FLOOR * standard_error)
     return ThirdOrder(
         omega=float(omega), h3=h3, amplitude=u_1, u_3=u_3, y_1=y_1, y_3=y_3,
         y_peak=peak_displacement(filtered), source=handling, source_ratio=ratio, std=std,
@@ -137,14 +140,6 @@ def peak_displacement(filtered: Harmonics) -> NDArray[np.float64]:
     n = np.arange(1, filtered.amplitudes.shape[-1] + 1)
     turn = np.exp(2j * np.pi * np.outer(n, np.arange(PERIOD_POINTS) / PERIOD_POINTS))
     return np.max(np.abs((filtered.amplitudes @ turn).real), axis=-1)
-
-
-def _stands_out(y_3: NDArray[np.complex128], variance: NDArray[np.float64]) -> bool:
-    """Whether the mean of Y_3 exceeds three standard errors, by noise and by scatter."""
-    per_repeat = np.mean(variance) / 2
-    if len(y_3) > 1:
-        per_repeat = max(per_repeat, np.var(y_3, ddof=1) / 2)
-    return bool(np.abs(y_3.mean()) > NOISE_FLOOR * np.sqrt(per_repeat / len(y_3)))
 
 
 def _notes(omega: float, handling: str, ratio: float, above: bool) -> tuple[str, ...]:

@@ -173,28 +173,20 @@ def _cut(record: Record, start: int, size: int) -> Record:
     return replace(record, channels=channels)
 
 
-def ratio_of(role: str, unit: str) -> tuple[float, str] | None:
-    """Factor to SI of a response's unit such as `m/s^2/N`, and `force` or `input` below the line.
+def si_of(role: str, unit: str) -> tuple[float, str, str]:
+    """Factor to SI and SI unit of a channel in `unit`, and the source that it is per unit of.
 
-    None when the unit is no ratio of that kind.
-    """
-    if role not in RESPONSES:
-        return None
-    above, _, below = (part.strip("()") for part in plain(unit).rpartition("/"))
-    response = FACTORS[QUANTITIES[role][0]]
-    for source in ("force", "input"):
-        for quantity in QUANTITIES[source]:
-            if below in FACTORS[quantity] and above in response:
-                return response[above] / FACTORS[quantity][below], source
-    return None
-
-
-def si_of(role: str, unit: str) -> tuple[float, str]:
-    """Factor to SI and SI unit of a role whose channel is in `unit`.
+    That is `force` or `input` where a response's unit is a ratio such as `m/s^2/N`, else empty.
 
     Raises:
         ConfigError: The unit is unknown or measures something else than the role.
     """
+    above, _, below = (part.strip("()") for part in plain(unit).rpartition("/"))
+    if role in RESPONSES and above in FACTORS[role]:
+        for source in ("force", "input"):
+            for quantity in QUANTITIES[source]:
+                if below in FACTORS[quantity]:
+                    return FACTORS[role][above] / FACTORS[quantity][below], si_unit(role), source
     with naming(f"Role `{role}`"):
         quantity = quantity_of(unit, QUANTITIES[role])
-    return FACTORS[quantity][plain(unit)], si_unit(quantity)
+    return FACTORS[quantity][plain(unit)], si_unit(quantity), ""

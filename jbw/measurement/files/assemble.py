@@ -10,15 +10,7 @@ from jbw.errors import ConfigError, DataError, naming
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.sampling import Repeats, Wanted, cut, rows_of, sampling_of
 from jbw.measurement.files.tree import Contents, Leaf, names
-from jbw.measurement.records import (
-    INPUTS,
-    QUANTITIES,
-    RESPONSES,
-    ROLES,
-    Record,
-    ratio_of,
-    si_of,
-)
+from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, Record, si_of
 from jbw.units import plain, si_unit
 
 CENTRED = (*INPUTS, *RESPONSES, "restoring_force")  # roles whose mean may be taken out
@@ -42,7 +34,8 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
         if role == "time":
             continue
         unit = _unit(role, items[0].unit, wanted)
-        factor, units[role] = _factor(role, unit, contents.reader, wanted)
+        factor, units[role], source = si_of(role, unit)
+        factor *= _calibration(role, contents.reader, wanted)
         is_curve = "frequency" in sources and role in RESPONSES
         rows = [row for item in items for row in rows_of(item, role, wanted, part, curve=is_curve)]
         # Most files are in SI already: no copy of a long record then.
@@ -54,14 +47,14 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
             rows = [row - mean for row, mean in zip(rows, means, strict=True)]
             provenance[f"mean of {role} removed"] = ", ".join(f"{mean:.6g}" for mean in means)
         channels[role] = rows
-        if is_curve and (ratio := ratio_of(role, unit)):
-            source = ratio[1]  # its amplitude is then 1
+        if is_curve and source:
             if any(role in sources for role in INPUTS):
                 raise DataError(
                     f"the response is per unit of excitation, but `{source}` is given too.",
                     remedy="Leave the excitation out, or name the response's amplitude and its "
                     "unit.",
                 )
+            # The response is per unit of the source, whose amplitude is then 1.
             channels[source] = [np.ones(len(next(iter(channels.values()))[0]))]
             units[source] = si_unit(QUANTITIES[source][0])
             provenance["ratio"] = f"response per {units[source]} of {source}"
@@ -105,7 +98,7 @@ def _unit(role: str, stated: str, wanted: Wanted) -> str:
             why="A wrong unit gives a wrong joint without any sign of it.",
             remedy=f'Say it: units = {{ {role} = "..." }}.',
         )
-    if given and ratio_of(role, given) is None:
+    if given:
         si_of(role, given)  # an unknown unit is the first thing to say
     if given and stated and plain(given) != plain(stated):
         raise DataError(
@@ -115,10 +108,8 @@ def _unit(role: str, stated: str, wanted: Wanted) -> str:
     return given or stated
 
 
-def _factor(role: str, unit: str, reader: str, wanted: Wanted) -> tuple[float, str]:
-    """What to multiply a channel by, and the SI unit that it has then."""
-    ratio = ratio_of(role, unit)
-    factor, si = si_of(role, unit) if ratio is None else (ratio[0], si_unit(QUANTITIES[role][0]))
+def _calibration(role: str, reader: str, wanted: Wanted) -> float:
+    """What to multiply a channel by, beside its unit."""
     if reader == "WAV" and role not in wanted.scale:
         raise ConfigError(
             f"role `{role}` needs a calibration, since WAV keeps no scale.",
@@ -127,10 +118,8 @@ def _factor(role: str, unit: str, reader: str, wanted: Wanted) -> tuple[float, s
     scale = float(wanted.scale.get(role, 1.0))
     if not np.isfinite(scale) or scale == 0:
         raise ConfigError(f"`scale` of role `{role}` must be finite and not 0, but is {scale}.")
-    factor *= scale
-    if wanted.amplitudes == "rms" and role in (*RESPONSES, *INPUTS):
-        factor *= np.sqrt(2)  # amplitudes are peak inside jbw
-    return factor, si
+    is_rms = wanted.amplitudes == "rms" and role in (*RESPONSES, *INPUTS)
+    return scale * np.sqrt(2) if is_rms else scale  # amplitudes are peak inside jbw
 
 
 def _sources(contents: Contents, wanted: Wanted) -> dict[str, list[Leaf]]:

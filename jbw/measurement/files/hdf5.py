@@ -93,16 +93,10 @@ def attribute(attributes: Mapping[str, Any], name: str) -> Any:
 
 
 def inside(dataset: h5py.Dataset) -> h5py.Dataset:
-    """A dataset whose samples lie in its own file; any other is refused."""
+    """A dataset whose samples lie in its own file, in the shape that they were stored with."""
     virtual = dataset.is_virtual and any(s.file_name != "." for s in dataset.virtual_sources())
     if dataset.external or virtual:
         raise _outside(dataset.name or "dataset")
-    _require_whole(dataset)
-    return dataset
-
-
-def _require_whole(dataset: h5py.Dataset) -> None:
-    """Refuse a shape that is not the one the samples were stored with."""
     if dataset.chunks is None:
         stored = dataset.id.get_storage_size()
         whole = stored in (0, dataset.nbytes)  # nothing is stored of a dataset never written
@@ -116,6 +110,7 @@ def _require_whole(dataset: h5py.Dataset) -> None:
             why="A damaged header reads like this, and would cut samples off.",
             remedy="Copy the file again, or export it again.",
         )
+    return dataset
 
 
 def text_of(attributes: Mapping[str, Any], name: str) -> str:

@@ -12,14 +12,7 @@ import scipy.io
 import scipy.sparse
 
 from jbw.errors import DataError
-from jbw.measurement.files.hdf5 import (
-    attribute,
-    fs_of,
-    group_tree,
-    inside,
-    require_sound_heaps,
-    text_of,
-)
+from jbw.measurement.files import hdf5
 from jbw.measurement.files.mat_headers import require_sound
 from jbw.measurement.files.tree import MAX_BYTES, Contents, Leaf, Node, Opaque, cells, numeric
 
@@ -40,9 +33,9 @@ def contents(path: Path) -> Iterator[Contents]:
     with path.open("rb") as stream:
         head = stream.read(USER_BLOCK + len(HDF5_MAGIC))
     if HDF5_MAGIC in (head[:8], head[USER_BLOCK:]):
-        require_sound_heaps(path)
+        hdf5.require_sound_heaps(path)
         with h5py.File(path, "r") as file:
-            yield Contents(group_tree(file, _node73), "MATLAB v7.3", fs=fs_of(file.attrs))
+            yield Contents(hdf5.group_tree(file, _node73), "MATLAB v7.3", fs=hdf5.fs_of(file.attrs))
     else:
         require_sound(path, MAX_BYTES)
         with warnings.catch_warnings():
@@ -79,11 +72,11 @@ def _node73(group: h5py.Group, name: str) -> Node:
 
 
 def _item73(item: Any) -> Node:
-    of_class = text_of(item.attrs, "MATLAB_class")
+    of_class = hdf5.text_of(item.attrs, "MATLAB_class")
     if "MATLAB_object_decode" in item.attrs or of_class in ("table", "function_handle", "string"):
         return Opaque("a MATLAB table, object or function handle", EXPORT)
     if isinstance(item, h5py.Group):
-        fields: Any = group_tree(item, _node73)
+        fields: Any = hdf5.group_tree(item, _node73)
         if not _is_struct_array(item):
             return fields
         # An array of structs, as v5 files have it.
@@ -97,10 +90,10 @@ def _item73(item: Any) -> Node:
         return cells(nodes, shape) if shape else nodes[0]
     if of_class == "char" or not np.issubdtype(item.dtype, np.number):
         return Opaque("text" if of_class == "char" else "not numeric")
-    if attribute(item.attrs, "MATLAB_empty"):
+    if hdf5.attribute(item.attrs, "MATLAB_empty"):
         return Opaque("empty")
     axes = [axis for axis in reversed(range(item.ndim)) if item.shape[axis] != 1]
-    return Leaf(inside(item), tuple(axes))
+    return Leaf(hdf5.inside(item), tuple(axes))
 
 
 def _is_struct_array(group: h5py.Group) -> bool:

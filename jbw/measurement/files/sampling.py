@@ -93,7 +93,7 @@ def _timed(sources: Sources, wanted: Wanted) -> dict[str, float]:
     """Sampling frequency of each time channel, all of which must be even."""
     timed = {}
     for item in sources.get("time", ()):
-        factor, _ = si_of("time", wanted.units.get("time") or item.unit or "s")
+        factor = si_of("time", wanted.units.get("time") or item.unit or "s")[0]
         for row in rows_of(item, "time", wanted, exact=False):
             name = (wanted.channels or {}).get("time", "time")
             fs, before = sampling_frequency(row if factor == 1.0 else row * factor, name)
