@@ -1,6 +1,8 @@
 """Predictions of a run: one figure a test, beside what was measured where something was."""
 
 from collections.abc import Callable, Iterator
+from itertools import product
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -29,6 +31,10 @@ FIGURES: tuple[tuple[set[str], str, Callable[..., Panels]], ...] = (
     ({"measured_force", "model_force"}, "loop", verification_loops),
     ({"measured", "measured_band", "model_band", "predictive_band"}, "sweep", verification_sweep),
 )
+LOOKS = {
+    "predictive": (style.PREDICTIVE, PREDICTIVE_LABEL, 9.0),
+    "model": (style.MODEL, style.BAND, 4.0),
+}
 
 
 def prediction(name: str, dataset: xr.Dataset) -> Panels:
@@ -85,47 +91,34 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
     """Draw amplitude and phase of each harmonic with their bands, and what was measured."""
     suffixes = [s for s in ("", "_3") if f"model_magnitude{s}" in dataset]
     axes = panels(None, 2, len(suffixes), height=4.2, sharex="col", height_ratios=[1.6, 1])
-    for column, suffix in zip(axes.T, suffixes, strict=True):
+    for (upper, lower), suffix in zip(axes.T, suffixes, strict=True):
         values = dataset[f"model_magnitude{suffix}"]
-        turned = _in_degrees(dataset, suffix)
-        for ax, variable in zip(column, ("magnitude", "phase"), strict=True):
-            _harmonic(ax, turned, f"{variable}{suffix}")
+        phase = unwrapped_band(quantiles(dataset, f"model_phase{suffix}"))[1]
+        panels_of = {"magnitude": upper, "phase": lower}
+        for kind, what in product(("predictive", "model", "measured"), panels_of):
+            if f"{kind}_{what}{suffix}" in dataset:
+                shown = np.asarray(dataset[f"{kind}_{what}{suffix}"].transpose(..., "freq"), float)
+                # All phases within half a turn of the model's median.
+                shown = beside(shown, phase) if what == "phase" else shown
+                _harmonic(panels_of[what], kind, dataset["freq"], shown)
         if dataset.sizes["freq"] > 1:
-            log_y(column[0])
+            log_y(upper)
         what = plain(values.attrs.get("long_name", "response"))
-        title(column[0], f"{what} at {suffix.removeprefix('_')}ω, {level_text(dataset)}", size=8)
-        column[0].set_ylabel(axis_label("amplitude", unit_of(values)))
-        column[1].set_ylabel("phase [°]")
+        title(upper, f"{what} at {suffix.removeprefix('_')}ω, {level_text(dataset)}", size=8)
+        upper.set_ylabel(axis_label("amplitude", unit_of(values)))
+        lower.set_ylabel("phase [°]")
     return finish(axes, None, "frequency [Hz]")
 
 
-def _in_degrees(dataset: xr.Dataset, suffix: str) -> xr.Dataset:
-    """Return the phases of a harmonic in degrees, all within half a turn of the model's median."""
-    band = unwrapped_band(quantiles(dataset, f"model_phase{suffix}"))
-    names = [f"{which}_phase{suffix}" for which in ("predictive", "measured")]
-    others = {
-        name: (dataset[name].dims, beside(np.asarray(dataset[name], float), band[1]))
-        for name in names
-        if name in dataset and dataset[name].dims[-1] == "freq"
-    }
-    return dataset.assign({f"model_phase{suffix}": (("quantile", "freq"), band), **others})
-
-
-def _harmonic(ax: Axes, dataset: xr.Dataset, variable: str) -> None:
-    """Draw one quantity of a harmonic: bands, of a single frequency as bars, and marks."""
-    freq = np.asarray(dataset["freq"], float)
-    for prefix, colour, label, width in (
-        ("predictive", style.PREDICTIVE, PREDICTIVE_LABEL, 9.0),
-        ("model", style.MODEL, style.BAND, 4.0),
-    ):
-        if f"{prefix}_{variable}" not in dataset:
-            continue
-        low, middle, high = quantiles(dataset, f"{prefix}_{variable}")
-        if freq.size == 1:
-            ax.vlines(freq, low, high, color=colour, lw=width, alpha=0.6, label=label)
-        else:
-            shade(ax, freq, low, high, colour, label, alpha=0.5)
-        ax.plot(freq, middle, color=style.MODEL, lw=1.0, marker="_" if freq.size == 1 else "")
-    if f"measured_{variable}" in dataset:
-        measured = np.asarray(dataset[f"measured_{variable}"], float)
-        ax.plot(freq, measured, "o", color=style.INK, ms=4, mfc="none", label="measured")
+def _harmonic(ax: Axes, kind: str, freq: Any, values: Any) -> None:
+    """Draw one quantity of a harmonic: a band, of a single frequency as a bar, or marks."""
+    if kind == "measured":
+        ax.plot(freq, values, "o", color=style.INK, ms=4, mfc="none", label="measured")
+        return
+    colour, label, width = LOOKS[kind]
+    low, middle, high = values
+    if freq.size == 1:
+        ax.vlines(freq, low, high, color=colour, lw=width, alpha=0.6, label=label)
+    else:
+        shade(ax, freq, low, high, colour, label, alpha=0.5)
+    ax.plot(freq, middle, color=style.MODEL, lw=1.0, marker="_" if freq.size == 1 else "")
