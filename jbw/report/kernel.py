@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from jbw.errors import DataError
@@ -110,8 +109,3 @@ def relative_to_median(kernel: xr.Dataset, name: str) -> xr.Dataset:
         elif str(key).endswith("phase"):
             relative[key] = (values - phase + np.pi) % (2.0 * np.pi) - np.pi
     return kernel.assign(relative)
-
-
-def source_correction(tree: xr.DataTree) -> Float[np.ndarray, " freq"]:
-    """Return the part of Y(3 omega) that came from the source, by probing frequency [-]."""
-    return np.abs(np.asarray(branch(tree, "verification/h3", "correction")["correction"], float))

@@ -196,18 +196,11 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
     return finish(axes, ax, axis_label("amplitude of displacement", unit))
 
 
-def steady_loops(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
+def draw_loops(tree: xr.DataTree, only: Axes) -> None:
     """Draw the hysteretic force of the identified joint along cycles of three amplitudes.
 
     Where slip changes it by less than a fifth, only the change is drawn.
     """
-    axes = panels(ax, 1, 1, height=3.4)
-    draw_loops(tree, axes[0, 0])
-    return finish(axes, ax)[0, 0]
-
-
-def draw_loops(tree: xr.DataTree, only: Axes) -> None:
-    """Draw what `steady_loops` shows on given axes, without a legend."""
     found = branch(tree, BACKBONE, "loop_y", "loop_z", "loop_slip", "stuck")
     y = np.asarray(found["loop_y"].transpose("loop", "phase"), float)
     z, slip = (

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from scipy.signal import ShortTimeFFT, welch
 from scipy.signal.windows import hann
@@ -79,10 +78,18 @@ def power_spectrum(
 def spectrogram(record: Record, channel: str, ax: Axes | None = None) -> Axes:
     """Draw a channel's spectrogram, 90 dB below its largest value at most."""
     only: Axes = panels(ax, 1, 1, height=3.0)[0, 0]
-    time, freq, level = _levels(_complete(record, channel), record.fs)
+    samples = _complete(record, channel)
+    wished = 2 ** int(np.log2(max(samples.size / WINDOWS, 1)))
+    size = min(max(wished, SHORTEST), LONGEST, samples.size)
+    hop = max(1, size // 4, -(-samples.size // COLUMNS))
+    transform = ShortTimeFFT(hann(size, sym=False), hop, record.fs, scale_to="psd")
+    time = transform.t(samples.size)
+    inside = (time >= 0) & (time <= samples.size / record.fs)
+    power = transform.spectrogram(samples)[1:, inside]
+    level = 10.0 * np.log10(np.maximum(power, np.finfo(float).tiny))
     top = float(level.max())
     image = only.pcolormesh(
-        time, freq, level, shading="nearest", cmap="viridis", rasterized=True,
+        time[inside], transform.f[1:], level, shading="nearest", cmap="viridis", rasterized=True,
         vmin=max(top - RANGE, float(level.min())), vmax=top,
     )  # fmt: skip
     only.set(yscale="log", xlabel="time [s]", ylabel="frequency [Hz]")
@@ -91,25 +98,6 @@ def spectrogram(record: Record, channel: str, ax: Axes | None = None) -> Axes:
     bar.set_label(f"dB re {_density_unit(record, channel)}", fontsize=8)
     bar.ax.tick_params(labelsize=8)
     return only
-
-
-def _levels(
-    samples: Samples, fs: float
-) -> tuple[
-    Float[np.ndarray, " window"],
-    Float[np.ndarray, " freq"],
-    Float[np.ndarray, "freq window"],
-]:
-    """Return times [s], frequencies [Hz] above 0 and power spectral densities [dB]."""
-    wished = 2 ** int(np.log2(max(samples.size / WINDOWS, 1)))
-    size = min(max(wished, SHORTEST), LONGEST, samples.size)
-    hop = max(1, size // 4, -(-samples.size // COLUMNS))
-    transform = ShortTimeFFT(hann(size, sym=False), hop, fs, scale_to="psd")
-    power = transform.spectrogram(samples)
-    time = transform.t(samples.size)
-    inside = (time >= 0) & (time <= samples.size / fs)
-    level = 10.0 * np.log10(np.maximum(power[1:, inside], np.finfo(float).tiny))
-    return time[inside], transform.f[1:], level
 
 
 def _complete(record: Record, channel: str) -> Samples:

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jinja2
 import xarray as xr
@@ -23,11 +23,6 @@ from jbw.run.files import write_whole
 LAWS = {"bouc_wen": "Bouc-Wen oscillator", "cubic": "cubic spring", "jenkins": "Jenkins array"}
 
 
-def law_name(law: str) -> str:
-    """Return what a law is called, that of a family without its number."""
-    return LAWS.get(law) or LAWS.get(law.rstrip("0123456789_")) or law.replace("_", " ")
-
-
 # Nothing that was measured leaves the interactive page: no button that uploads a chart.
 PRIVATE = {"showSendToCloud": False, "plotlyServerURL": ""}
 ENVIRONMENT = jinja2.Environment(
@@ -37,15 +32,6 @@ ENVIRONMENT = jinja2.Environment(
     lstrip_blocks=True,
     undefined=jinja2.StrictUndefined,
 )
-
-
-class Drawn(NamedTuple):
-    """A figure on the page, or the sentence that says why there is none."""
-
-    entry: Entry
-    number: str
-    svg: Markup
-    missing: str
 
 
 def write_page(summary: Mapping[str, Any], tree: xr.DataTree, path: Path) -> None:
@@ -60,7 +46,12 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
     status = badge(verdict)
     return ENVIRONMENT.get_template("page.html").render(
         campaign=campaign_name(summary),
-        laws=" and ".join(map(law_name, laws_of(tree))) or "a linear structure",
+        laws=" and ".join(
+            # A family is called without its number.
+            LAWS.get(law) or LAWS.get(law.rstrip("0123456789_")) or law.replace("_", " ")
+            for law in laws_of(tree)
+        )
+        or "a linear structure",
         status=status,
         status_words=STATUS_WORDS.get(status.word, "Read the findings before using it."),
         findings=findings(verdict, known),
@@ -120,28 +111,28 @@ def campaign_name(summary: Mapping[str, Any]) -> str:
     return str(campaign.get("name", "")) if isinstance(campaign, Mapping) else str(campaign or "")
 
 
-def _draw(entry: Entry, tree: xr.DataTree) -> Drawn:
-    """Return one figure as SVG, or why it is missing."""
+def _draw(entry: Entry, tree: xr.DataTree) -> dict[str, Any]:
+    """Return one figure as SVG, or the sentence that says why there is none."""
     number = entry.name.removeprefix("figure_") if entry.name.startswith("figure_") else ""
+    drawn = {"entry": entry, "number": number, "svg": "", "missing": ""}
     try:
         # The SVG is our own drawing of numbers, its texts outlines: safe to insert as it is.
-        return Drawn(entry, number, Markup(svg(figure_of(entry.draw(tree)), entry.name)), "")
+        return drawn | {"svg": Markup(svg(figure_of(entry.draw(tree)), entry.name))}
     except DataError as cause:
-        return Drawn(entry, number, Markup(""), cause.what)
+        return drawn | {"missing": cause.what}
 
 
-def _provenance(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _provenance(summary: Mapping[str, Any]) -> dict[str, str]:
     """Return what a reader needs to repeat the run."""
     versions = summary.get("versions") or {}
     if isinstance(versions, Mapping):
         versions = ", ".join(f"{name} {version}" for name, version in versions.items())
-    rows = [
-        ("command", str(summary.get("command") or "")),
-        ("seed", "" if summary.get("seed") is None else str(summary["seed"])),
-        ("wall time", seconds(summary.get("wall_time_s"))),
-        ("versions", str(versions)),
-    ]
-    return [(what, value) for what, value in rows if value]
+    return {
+        "command": str(summary.get("command") or ""),
+        "seed": "" if summary.get("seed") is None else str(summary["seed"]),
+        "wall time": seconds(summary.get("wall_time_s")),
+        "versions": str(versions),
+    }
 
 
 def write_interactive(tree: xr.DataTree, path: Path, campaign: str = "") -> None:

@@ -161,7 +161,10 @@ def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
         draw_record(whole, test[["measured"]], **look)
         edges = extremes(np.asarray(test["time"], float), low, high, FEWER)
         draw_outline(whole, *edges, "outline of the model")
-        draw_record(zoom, test.isel(time=_late(np.asarray(test["measured"], float))))
+        # Some periods at two thirds, where an error of frequency has built up.
+        late, size = 2 * test.sizes["time"] // 3, max(64, test.sizes["time"] // 20)
+        near = np.asarray(test["measured"], float)[late : late + size]
+        draw_record(zoom, test.isel(time=slice(late, late + length_of(near, PERIODS))))
         draw_record(rest, test, less=middle, **look)
         # Until where a held-out record gave its initial state.
         seen = float(test.attrs.get("seen_s", 0.0))
@@ -173,13 +176,6 @@ def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
         title(zoom, "some late periods", size=8)
         title(rest, f"left by the model: {percent(test.attrs.get('nrmse'), 2)}", size=8)
     return finish(axes, ax, "time [s]")
-
-
-def _late(measured: Samples) -> slice:
-    """Return some periods at two thirds of a record, where an error of frequency has built up."""
-    middle = 2 * measured.size // 3
-    near = measured[middle : middle + max(64, measured.size // 20)]
-    return slice(middle, middle + length_of(near, PERIODS))
 
 
 def verification_multisine(tree: xr.DataTree, ax: Any = None) -> Panels:

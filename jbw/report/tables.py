@@ -1,7 +1,7 @@
 """The tables of a run: what each column shows of the summary or of the tree."""
 
 from collections.abc import Mapping
-from functools import partial
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,6 @@ import xarray as xr
 
 from jbw.errors import DataError
 from jbw.inference.thresholds import BEYOND
-from jbw.report.kernel import source_correction
 from jbw.report.loops import BAND_SDS, MILLI, enclosed_areas
 from jbw.report.responses import resonance_window
 from jbw.report.result import branch, frequency, node
@@ -59,7 +58,7 @@ def parameters_table(summary: Summary, known: Names) -> Table:
         by_sd("mean", "mean"),
         digits("sd", "sd", 2, meaning="standard deviation"),
         shares("CV", "cv", meaning="sd over the mean", spared=3),
-        Column("99 % interval", _between, only="page"),
+        Column("99 % interval", _interval, only="page"),
         to_place("KL", "kl", 0.1, meaning="information gained over the prior, in nats", spared=1),
         Column("ESS\nbulk / tail", _ess, "effective number of draws", only="page"),
         to_place("ESS", "ess_bulk", 10.0, spared=6, only="terminal"),
@@ -79,7 +78,7 @@ def _unit(row: Summary) -> str:
     return unit_text(str(row.get("unit") or "")) or "-"
 
 
-def _between(row: Summary) -> str:
+def _interval(row: Summary) -> str:
     return " to ".join(number(row.get(end), row.get("sd")) for end in ("q005", "q995"))
 
 
@@ -191,7 +190,8 @@ def loops_table(tree: xr.DataTree) -> Table:
             if (areas := enclosed_areas(test.to_dataset(), ending)) is not None:
                 measured, model = MILLI * areas.measured, MILLI * areas.model
                 sd = (model[2] - model[0]) / BAND_SDS
-                rows.append(dict(test=name, force=force, measured=measured, model=model, sd=sd))
+                ends = {"q005": model[0], "q995": model[2], "sd": sd}
+                rows.append(dict(test=name, force=force, measured=measured, model=model, **ends))
     return table(
         "Areas of the hysteresis loops",
         rows,
@@ -199,18 +199,14 @@ def loops_table(tree: xr.DataTree) -> Table:
         words("restoring force", "force", "right"),
         Column("measured [mJ/kg]", _measured_area),
         Column("model [mJ/kg]\nmedian", lambda row: number(row["model"][1], row["sd"])),
-        Column("model [mJ/kg]\n99 % parameter band", lambda row: _interval(row, "model")),
+        Column("model [mJ/kg]\n99 % parameter band", _interval),
         Column("bands\nmeet", _meet),
     )
 
 
-def _interval(row: Summary, key: str) -> str:
-    return f"{number(row[key][0], row['sd'])} to {number(row[key][2], row['sd'])}"
-
-
 def _measured_area(row: Summary) -> str:
-    low, middle, high = row["measured"]
-    return number(middle, row["sd"]) + (f" ({_interval(row, 'measured')})" if low < high else "")
+    low, middle, high = (number(end, row["sd"]) for end in row["measured"])
+    return f"{middle} ({low} to {high})" if row["measured"][0] < row["measured"][2] else middle
 
 
 def _meet(row: Summary) -> str:
@@ -219,14 +215,29 @@ def _meet(row: Summary) -> str:
 
 
 def checks_table(tree: xr.DataTree, known: Names) -> Table:
-    """What the records themselves say: coherence, spread of repeats, the source."""
+    """What the records themselves say: coherence, spread of repeats, the source.
+
+    A step that was not run has no check; its figure says so on the page.
+    """
     rows: list[tuple[str, str, str]] = []
-    for check in (_coherence, partial(_spread, known=known), _correction):
-        try:
-            rows += check(tree)
-        except DataError:
-            # The step was not run; its figure says so on the page.
-            continue
+    with suppress(DataError):
+        line = branch(tree, "steps/linear", "coherence", "h_magnitude")
+        freq = frequency(line)
+        low, high = resonance_window(freq, np.asarray(line["h_magnitude"], float), depth=0.3)
+        least = np.nanmin(np.asarray(line["coherence"], float)[(freq >= low) & (freq <= high)])
+        text = "near 1 where the records are long enough for the damping and free of noise"
+        rows.append(("lowest coherence at the resonance", number(least), text))
+    with suppress(DataError):
+        text = "between repeats; set it against the standard deviations of Table 1"
+        for key, value in branch(tree, "steps/linear").attrs.items():
+            if str(key).startswith("cv_"):
+                what = f"variation of {symbol(str(key).removeprefix('cv_'), known)}"
+                rows.append((what, percent(value, digits=2), text))
+    with suppress(DataError):
+        part = np.abs(branch(tree, "verification/h3", "correction")["correction"])
+        text = "of Y(3ω), taken out with the measured input"
+        largest = percent(np.nanmax(part), digits=2)
+        rows.append(("largest third harmonic of the source", largest, text))
     return table(
         "Checks of the data",
         rows,
@@ -234,28 +245,3 @@ def checks_table(tree: xr.DataTree, known: Names) -> Table:
         Column("", lambda row: row[1] or NOTHING),
         Column("", lambda row: Cell(row[2], "soft"), align="wrap"),
     )
-
-
-def _coherence(tree: xr.DataTree) -> list[tuple[str, str, str]]:
-    line = branch(tree, "steps/linear", "coherence", "h_magnitude")
-    freq = frequency(line)
-    low, high = resonance_window(freq, np.asarray(line["h_magnitude"], float), depth=0.3)
-    within = np.asarray(line["coherence"], float)[(freq >= low) & (freq <= high)]
-    text = "near 1 where the records are long enough for the damping and free of noise"
-    return [("lowest coherence at the resonance", number(np.nanmin(within)), text)]
-
-
-def _spread(tree: xr.DataTree, known: Names) -> list[tuple[str, str, str]]:
-    facts = branch(tree, "steps/linear").attrs
-    text = "between repeats; set it against the standard deviations of Table 1"
-    names = [key.removeprefix("cv_") for key in map(str, facts) if key.startswith("cv_")]
-    return [
-        (f"variation of {symbol(name, known)}", percent(facts[f"cv_{name}"], digits=2), text)
-        for name in names
-    ]
-
-
-def _correction(tree: xr.DataTree) -> list[tuple[str, str, str]]:
-    largest = percent(np.nanmax(source_correction(tree)), digits=2)
-    text = "of Y(3ω), taken out with the measured input"
-    return [("largest third harmonic of the source", largest, text)]

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from jbw.errors import DataError
 from jbw.report.diagrams import oscillator, procedure
-from jbw.report.loops import backbone, length_unit, steady_loops
+from jbw.report.loops import backbone, draw_loops, length_unit
 from jbw.report.prediction import prediction
 from jbw.report.result import beside, unwrapped_band
 
@@ -37,13 +37,14 @@ def test_the_backbone_is_the_trees(tree):
 
 
 def test_loops_are_drawn_whole_or_as_what_slip_takes(tree):
-    ax = steady_loops(tree)
+    ax = Figure().subplots()
+    draw_loops(tree, ax)
     group = tree["verification/backbone"].to_dataset()
     assert ax.get_ylabel() == "hysteretic force Z [N/kg]"
     widest = ax.lines[-1]
     np.testing.assert_allclose(widest.get_ydata()[:-1], group["loop_z"].values[1, -1])
     thin = group.assign(loop_slip=0.01 * group["loop_z"])
-    ax = steady_loops(xr.DataTree.from_dict({"/verification/backbone": thin}))
+    draw_loops(xr.DataTree.from_dict({"/verification/backbone": thin}), ax)
     assert ax.get_ylabel() == "taken by slip, Z − α y [N/kg]"
     np.testing.assert_allclose(ax.lines[-1].get_ydata()[:-1], thin["loop_slip"].values[1, -1])
 
@@ -99,7 +100,6 @@ def test_no_text_of_the_procedure_meets_another_or_leaves_its_box(tree):
 def test_given_axes_are_used(tree):
     ax = Figure().subplots()
     assert procedure(tree, ax) is ax
-    assert steady_loops(tree, Figure().subplots()).figure is not ax.figure
     pair = Figure().subplots(1, 2)
     assert list(backbone(tree, pair).flat) == list(pair)
 
