@@ -27,14 +27,14 @@ COMMANDS = {
     "init": ("check", "Write a commented campaign file for a folder of records."),
     "check": ("check", "Check a campaign, channel by channel."),
     "identifiability": (
-        "identifiability",
+        "identify",
         "Say which parameters a campaign's data know, before sampling.",
     ),
     "identify": ("identify", "Identify the joint from a campaign."),
     "resume": ("identify", "Go on with a run that was killed or interrupted."),
     "plan": ("plan", "Say which tests a wished accuracy takes."),
-    "compare": ("compare", "Compare samplers on one posterior of a run."),
-    "sbc": ("sbc", "Calibrate a step by simulation: ranks of simulated truths."),
+    "compare": ("studies", "Compare samplers on one posterior of a run."),
+    "sbc": ("studies", "Calibrate a step by simulation: ranks of simulated truths."),
     "predict": ("predict", "Predict tests from a run, measured or planned."),
     "export": ("result", "Write a run's joint for CSV, MATLAB and OpenSees."),
     "explain": ("about", "Say what a finding of the verdict means."),
@@ -110,7 +110,11 @@ def run(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:  # the boundary: anything else is a fault of jbw
-        return _internal(error)
+        if os.environ.get("JBW_TRACEBACK"):
+            raise
+        click.echo(f"Internal error: {type(error).__name__}: {error}", err=True)
+        click.echo("Set JBW_TRACEBACK=1 and run again to see where; please report it.", err=True)
+        return JbwError.exit_code
     return code if isinstance(code, int) else 0
 
 
@@ -124,14 +128,6 @@ def _tell(error: JbwError, arguments: Sequence[str]) -> None:
         found = {"kind": type(error).__name__, "what": error.what, "why": error.why}
         found |= {"remedy": error.remedy, "exit_code": error.exit_code, "next": following}
         click.echo(json.dumps({"error": found}, indent=1, ensure_ascii=False))
-
-
-def _internal(error: Exception) -> int:
-    if os.environ.get("JBW_TRACEBACK"):
-        raise error
-    click.echo(f"Internal error: {type(error).__name__}: {error}", err=True)
-    click.echo("Set JBW_TRACEBACK=1 and run again to see where; please report it.", err=True)
-    return JbwError.exit_code
 
 
 def next_command(arguments: Sequence[str], message: str) -> str | None:

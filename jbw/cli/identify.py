@@ -1,13 +1,52 @@
-"""The commands that carry a run to its end: `jbw demo`, `jbw identify` and `jbw resume`."""
+"""The commands on a campaign: `jbw identifiability, identify, demo, resume`."""
 
+import json
+import shlex
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import click
 
 from jbw.cli.options import json_option, out_option, outside_option, seed_option
-from jbw.cli.running import run_to_end
+from jbw.cli.printing import NOT_TRUSTED, answer, verdict_lines
+from jbw.cli.progress import computing
+from jbw.errors import JbwError
+from jbw.report.table import Table
+from jbw.run.checkpoints import INTERRUPTED
 from jbw.run.folder import Run, begin, reopen
 from jbw.run.manifest import Manifest, command_line, machine, require_unchanged
+
+Say = Callable[[str], None]
+
+
+@click.command()
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.option("--profiles", is_flag=True, help="Follow the profile likelihood of every parameter.")
+@seed_option("campaign")
+@json_option
+@outside_option
+def identifiability(
+    campaign: Path, profiles: bool, seed: int | None, json_: bool, allow_outside: bool
+) -> None:
+    """Say which parameters the data of the campaign file CAMPAIGN know.
+
+    Fits the joint by least squares and draws nothing: the directions of the parameters in which the
+    data say more than the prior, how well each parameter and product is known, and with --profiles
+    how far each could move while the others make up for it.
+    """
+    with computing() as say:
+        from jbw.campaign.load import load_campaign
+        from jbw.report.identifiability import directions_table, quantities_table
+        from jbw.study import identifiability as study
+
+        say(f"Reading {campaign}")
+        loaded = load_campaign(campaign, allow_outside=allow_outside)
+        found = study.identifiability(loaded, profiles=profiles, seed=seed, report=say).summary()
+        say("Done")
+    tables = directions_table(found, {}), quantities_table(found, {})
+    answer(json_, found, *tables, *found["statements"])
 
 
 @click.command()
@@ -89,3 +128,95 @@ def _require_same(run: Run) -> None:
             "digits, and chains whose start does begin again.",
             err=True,
         )
+
+
+def run_to_end(run: Run, *, json_: bool = False) -> int:
+    """Carry a run out; when interrupted, say how to go on.
+
+    Returns:
+        Exit code: 0, 4 when the verdict of the main posterior is not ok, 5 when interrupted.
+    """
+
+    def farewell() -> str:
+        return f"Saved in {run.folder}; continue: jbw resume {shlex.quote(str(run.folder))}"
+
+    try:
+        with run.interruption.heard(farewell), computing() as say:
+            run.watch = say.chains
+            summary = _carried_out(run, say)
+    except KeyboardInterrupt:
+        click.echo(farewell(), err=True)
+        return INTERRUPTED
+    except JbwError:
+        run.discard()
+        raise
+    finally:
+        run.close()
+    told = *summary_lines(summary), *verdict_lines(summary["verdict"])
+    answer(json_, summary, *told, saved=f"Report: {run.folder / 'report.html'}")
+    if summary["verdict"]["status"] == "ok":
+        return 0
+    findings = summary["verdict"]["findings"]
+    code = next((one["code"] for one in findings if one["status"] != "ok"), "")
+    again = shlex.quote(str(run.folder))
+    click.echo(f"Next: jbw explain {code}, or what to measure: jbw plan {again}", err=True)
+    return NOT_TRUSTED
+
+
+def _carried_out(run: Run, say: Say) -> Mapping[str, Any]:
+    """Do what is left of a run, and return its summary."""
+    from jbw.report.result import read_result
+    from jbw.study.store import save_report, save_result
+
+    if (run.folder / "summary.json").exists():
+        summary, tree = read_result(run.folder)
+    else:
+        tree, summary = _identified(run, say)
+        save_result(run.folder, tree, summary)
+    say("Writing figures and report")
+    try:
+        save_report(run.folder, tree, summary)
+    finally:
+        if not run.interruption.asked:
+            run.finish()  # a report that failed is `jbw report`'s to try again
+    say("Done")
+    return summary
+
+
+def _identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
+    """Measure the virtual rig if that is to be done, read the campaign and identify it."""
+    from jbw import rig
+    from jbw.campaign.load import load_campaign
+    from jbw.run.manifest import with_inputs
+    from jbw.study.identify import identify
+    from jbw.study.study import input_hashes
+
+    path, asked, truth = run.campaign, run.manifest, None
+    if asked.preset is not None:
+        if not path.exists():
+            say("Measuring the virtual rig")
+            rig.write(rig.measure(asked.preset, seed=asked.seed or 0), path.parent)
+        known = json.loads((path.parent / "truth.json").read_text(encoding="utf-8"))
+        truth = {**known["joint"], "gain": known["gain"]}
+    say(f"Reading {path}")
+    loaded = load_campaign(path, allow_outside=asked.allow_outside)
+    with_text = replace(asked, text=path.read_text(encoding="utf-8"))
+    run.note(with_inputs(with_text, path, input_hashes(loaded)))
+    study = identify(
+        loaded, seed=asked.seed, truth=truth, report=say, keep=run.keep, command=asked.command
+    )
+    return study.tree, {**study.record, "campaign_file": str(path.resolve())}
+
+
+def summary_lines(summary: Mapping[str, Any]) -> Iterator[Table | str]:
+    """The paper's Table 1, the statements and the prediction errors."""
+    from jbw.report.tables import parameters_table, predictions_table
+
+    yield parameters_table(summary, {})
+    for part, found in (
+        *summary["steps"].items(),
+        ("identifiability", summary.get("identifiability") or {}),
+        ("routes", summary["comparison"]),
+    ):
+        yield from (f"{part}: {statement}" for statement in found.get("statements", ()))
+    yield predictions_table(summary)

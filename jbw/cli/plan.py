@@ -8,7 +8,7 @@ import click
 
 from jbw.cli.options import json_option
 from jbw.cli.printing import answer, duration
-from jbw.cli.running import computing
+from jbw.cli.progress import computing
 from jbw.report.table import Column, Table, table
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import click
 
 from jbw.cli.options import json_option, out_option, outside_option, run_argument
 from jbw.cli.printing import answer
-from jbw.cli.running import computing
+from jbw.cli.progress import computing
 from jbw.report.table import Column, Table, shares, table, words
 from jbw.report.text import NOTHING
 

@@ -13,6 +13,7 @@ from jbw.errors import printable
 from jbw.report.table import MARKS, Table, print_table
 
 PIPE_WIDTH = 160  # columns, when stdout is no terminal and has no width of its own
+NOT_TRUSTED = 4  # exit code
 MINUTE, HOUR = 60, 3600
 STATUS = {"ok": MARKS["good"], "failed": MARKS["bad"]}
 

@@ -1,5 +1,8 @@
-"""How far a command is, on stderr: a line a stage, and beside it a live line for every chain."""
+"""What commands that compute share: JAX, and how far they are, a line a stage and one a chain."""
 
+import logging
+import os
+import platform
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,6 +10,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+import platformdirs
 from rich.console import Console
 from rich.live import Live
 from rich.progress_bar import ProgressBar
@@ -64,9 +68,29 @@ class Teller:
             self._live = None
 
 
+def prepare_jax() -> None:
+    """Two host devices, so that chains run side by side, float64, and compiled code kept.
+
+    Before JAX starts. What was compiled stays in the user's cache folder, one a machine, for the
+    code holds instructions of its processor; JAX_ENABLE_COMPILATION_CACHE=0 turns that off.
+    """
+    flags = os.environ.get("XLA_FLAGS", "")
+    if "host_platform_device_count" not in flags and (os.cpu_count() or 1) > 1:
+        os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count=2".strip()
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        kept = platformdirs.user_cache_path("jbw") / platform.node()
+        jax.config.update("jax_compilation_cache_dir", str(kept))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    logging.getLogger("jax").setLevel(logging.ERROR)
+
+
 @contextmanager
-def progress() -> Iterator[Teller]:
-    """A teller on stderr; warnings go to the same place."""
+def computing() -> Iterator[Teller]:
+    """JAX set up, and a teller on stderr; warnings go to the same place. Import JAX within."""
+    prepare_jax()
     say = Teller(Console(stderr=True, highlight=False))
 
     def show(message: Any, *_: Any) -> None:

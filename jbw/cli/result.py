@@ -54,7 +54,7 @@ def export(folder: Path, out: Path | None, mass: float, y_max: float | None, jso
     frequency and damping against amplitude with 99 % bands, jbw.mat both beside the draws, and
     joint.tcl a material of OpenSees.
     """
-    from jbw.cli.running import prepare_jax
+    from jbw.cli.progress import prepare_jax
     from jbw.report.result import read_result
     from jbw.study.store import claim
 

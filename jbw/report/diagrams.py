@@ -11,7 +11,6 @@ from jbw.errors import DataError
 from jbw.report import style
 from jbw.report.loops import BACKBONE, draw_loops, enclosed_areas
 from jbw.report.result import (
-    Parameter,
     branch,
     laws_of,
     node,
@@ -121,11 +120,10 @@ def _write(ax: Axes, x: float, y: float, text: str, size: float = 9.0, **look: A
 
 
 class Outcome(NamedTuple):
-    """What one sampler of a step came to: who, its verdict, what it found, how it mixed."""
+    """What one sampler of a step came to: what it found, how it mixed, its verdict."""
 
     words: str
     mixing: str = ""
-    who: str = ""
     status: str = ""
 
 
@@ -137,14 +135,10 @@ class Box(NamedTuple):
     outcomes: list[Outcome]
 
 
-def _lines(outcome: Outcome) -> int:
-    return 1 + outcome.words.count("\n")
-
-
 def _height(box: Box) -> float:
     """Return the height of a box [in]: two lines for its name, one where it was left out."""
-    lines = max(2, sum(map(_lines, box.outcomes))) if box.outcomes else 1
-    return 2 * PAD + LINE * lines
+    lines = sum(1 + each.words.count("\n") for each in box.outcomes)
+    return 2 * PAD + LINE * (max(2, lines) if lines else 1)
 
 
 def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
@@ -182,29 +176,24 @@ def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
 
 def _draw(ax: Axes, box: Box, top: float) -> None:
     """Draw a box, its step at the left, its outcomes line by line."""
-    edge, dashes, does = (INK, "-", box.does)
-    if not box.outcomes:
-        edge, dashes, does = (SOFT, "--", box.does.replace("\n", " "))
+    edge, dashes = (INK, "-") if box.outcomes else (SOFT, "--")
     shape: dict[str, Any] = {"boxstyle": "round,pad=0,rounding_size=0.06", "fc": "none", "ec": edge}
-    corner, height = (0.03, top - _height(box)), _height(box)
-    ax.add_patch(FancyBboxPatch(corner, 9.94, height, lw=0.8, ls=dashes, **shape))
-    y = top - PAD
+    height, y = _height(box), top - PAD
+    ax.add_patch(FancyBboxPatch((0.03, top - height), 9.94, height, lw=0.8, ls=dashes, **shape))
     ax.text(0.2, y, box.name, va="top", fontsize=9, color=edge, weight="bold")
     look: dict[str, Any] = {"va": "top", "fontsize": 8, "linespacing": 1.5}
-    ax.text(1.7, y, does, color=SOFT, **look)
+    ax.text(1.7, y, box.does if box.outcomes else box.does.replace("\n", " "), color=SOFT, **look)
     if not box.outcomes:
         ax.text(9.85, y, "left out: no such tests", color=SOFT, ha="right", **look)
     for each in box.outcomes:
-        words = f"{each.who}: {each.words}" if each.who else each.words
-        ax.text(3.6, y, words, color=INK, **look)
+        ax.text(3.6, y, each.words, color=INK, **look)
         ax.text(8.7, y, each.mixing, color=SOFT, ha="right", **look)
         colour = COLOURS.get(each.status, SOFT)
         ax.text(9.85, y, each.status, color=colour, ha="right", **look)
-        y -= LINE * _lines(each)
+        y -= LINE * (1 + each.words.count("\n"))
 
 
 def _line_fit(tree: xr.DataTree) -> list[Outcome]:
-    """Return what the line fit found."""
     step = node(tree, "steps/linear")
     if step is None or "pooled_omega_n" not in step.attrs:
         return []
@@ -217,20 +206,18 @@ def _line_fit(tree: xr.DataTree) -> list[Outcome]:
 
 
 def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[Outcome]:
-    """Return what every sampler of a step found of the law: its parameter, or their product."""
-    return [
-        _outcome(facts, f"{step}{name}", [_product(of_law(of_joint(group.to_dataset())))], called)
-        for name, called in SAMPLERS.items()
-        if f"{step}{name}" in facts["step"].values
-        and (group := node(tree, f"steps/{step}{name}/posterior")) is not None
-    ]
-
-
-def _product(found: list[Parameter]) -> str:
-    """Return what is known of the product of parameters, which is all that weak motion knows."""
-    whole = quantity("_".join(each.name for each in found))
-    draws = np.prod([each.draws for each in found], axis=0)
-    return f"{whole.symbol} = {spread_text(draws, whole.unit)}"
+    """Return what every sampler of a step found of the law."""
+    outcomes = []
+    for name, called in SAMPLERS.items():
+        group = node(tree, f"steps/{step}{name}/posterior")
+        if group is not None and f"{step}{name}" in facts["step"].values:
+            # The product of the law's parameters is all that weak motion knows.
+            law = of_law(of_joint(group.to_dataset()))
+            whole = quantity("_".join(each.name for each in law))
+            draws = np.prod([each.draws for each in law], axis=0)
+            words = f"{called}: {whole.symbol} = {spread_text(draws, whole.unit)}"
+            outcomes.append(Outcome(words, *_quality(facts, f"{step}{name}")))
+    return outcomes
 
 
 def _main(tree: xr.DataTree, facts: xr.Dataset) -> list[Outcome]:
@@ -238,43 +225,37 @@ def _main(tree: xr.DataTree, facts: xr.Dataset) -> list[Outcome]:
     stored = parameters(branch(tree, "posterior"))
     kept = [each for each in stored if "[" not in each.name and each.name != "gain"]
     texts = [f"{each.symbol} = {spread_text(each.draws, each.unit)}" for each in kept]
-    found = _outcome(facts, str(facts.attrs["main"]), texts, "")
-    words = "\n".join(filter(None, (found.words, found.mixing)))
-    return [found._replace(words=words, mixing="")]
-
-
-def _outcome(facts: xr.Dataset, name: str, texts: list[str], who: str) -> Outcome:
-    """Return one posterior's quantities and verdict."""
-    row = facts.sel(step=name)
+    mixing, status = _quality(facts, str(facts.attrs["main"]))
     lines = [",  ".join(texts[i : i + 2]) for i in range(0, len(texts), 2)]
+    return [Outcome("\n".join(filter(None, (*lines, mixing))), status=status)]
+
+
+def _quality(facts: xr.Dataset, name: str) -> tuple[str, str]:
+    """Return how a posterior mixed, and its verdict."""
+    row = facts.sel(step=name)
     ess, r_hat = number(row["ess"], 10.0), number(row["r_hat"], 0.1)
-    mixing = "" if ess == NOTHING else f"ESS {ess}, R-hat {r_hat}"
-    return Outcome("\n".join(lines), mixing, who, str(row["verdict"].item()))
+    return "" if ess == NOTHING else f"ESS {ess}, R-hat {r_hat}", str(row["verdict"].item())
 
 
 def _verified(tree: xr.DataTree) -> list[Outcome]:
     """Return the errors of all tests, those that were fitted and those that were not."""
-    errors: dict[bool, list[float]] = {True: [], False: []}
-    for _, _, test in verified(tree, "nrmse"):
-        errors[bool(test.attrs.get("fitted", 1))].append(float(test.attrs["nrmse"]))
+    found = [test.attrs for _, _, test in verified(tree, "nrmse")]
     outcomes = []
-    for fitted, found in errors.items():
-        if found:
-            least, most = percent(min(found), digits=2), percent(max(found), digits=2)
+    for fitted, called in ((True, "fitted"), (False, "not fitted")):
+        errors = [float(of["nrmse"]) for of in found if bool(of.get("fitted", 1)) == fitted]
+        if errors:
+            least, most = percent(min(errors), digits=2), percent(max(errors), digits=2)
             reach = f"{least} of the record's" if least == most else f"{least} to {most} of the"
-            who = f"{len(found)} {'fitted' if fitted else 'not fitted'}"
-            outcomes.append(Outcome(f"error {reach} rms", who=who))
+            outcomes.append(Outcome(f"{len(errors)} {called}: error {reach} rms"))
     return outcomes
 
 
 def _validated(tree: xr.DataTree) -> list[Outcome]:
     """Return how far the areas of the loops are from the measured ones."""
     parent = node(tree, "validation/loops")
-    ratios = [
-        areas.model[1] / areas.measured[1]
-        for test in (parent.children.values() if parent is not None else ())
-        if (areas := enclosed_areas(test.to_dataset())) is not None and areas.measured[1]
-    ]
+    tests = parent.children.values() if parent is not None else ()
+    areas = [enclosed_areas(test.to_dataset()) for test in tests]
+    ratios = [each.model[1] / each.measured[1] for each in areas if each and each.measured[1]]
     if not ratios:
         return []
     largest = percent(max(abs(ratio - 1.0) for ratio in ratios), digits=2)

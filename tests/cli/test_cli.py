@@ -10,8 +10,8 @@ from rich.console import Console
 
 import jbw.cli
 from jbw.cli import next_command, run
+from jbw.cli.identify import summary_lines
 from jbw.cli.printing import show
-from jbw.cli.running import summary_lines
 from jbw.errors import ModelError, RunError
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-import jbw.cli.running
+import jbw.cli.progress
 from jbw.cli import run
 
 PLAN = """
@@ -27,7 +27,7 @@ settle = 20.0
 
 @pytest.fixture(autouse=True)
 def _jax_as_it_is(monkeypatch):
-    monkeypatch.setattr(jbw.cli.running, "prepare_jax", lambda: None)
+    monkeypatch.setattr(jbw.cli.progress, "prepare_jax", lambda: None)
 
 
 @pytest.fixture

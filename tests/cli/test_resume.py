@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jbw.cli import run, running
+from jbw.cli import identify, run
 from jbw.study import store as storage
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "study"))
@@ -21,7 +21,7 @@ from damper_campaign import write_campaign
 # Chunks of moments instead of seconds, no figures, and a death at a checkpoint if one is asked for.
 DRIVER = """
 import os, signal, sys
-from jbw.cli.running import prepare_jax
+from jbw.cli.progress import prepare_jax
 prepare_jax()
 from jbw.inference.samplers import chunked_run as growing
 from jbw.run import checkpoints
@@ -155,7 +155,7 @@ def test_a_demo_goes_on_from_its_first_second(tmp_path, monkeypatch, capsys):
 
 
 def test_a_failed_report_is_tried_again_by_its_command(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(running, "_identified", lambda run, say: (xr.DataTree(), {"verdict": {}}))
+    monkeypatch.setattr(identify, "_identified", lambda run, say: (xr.DataTree(), {"verdict": {}}))
     monkeypatch.setattr(storage, "write_page", lambda *_: 1 / 0)
     out = tmp_path / "run"
     assert run(["identify", str(tmp_path / "x.toml"), "--out", str(out)]) == 1

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from jbw import rig
 from jbw.campaign.settings import Identify
 from jbw.cli import run
-from jbw.cli.compare import comparison_lines
 from jbw.cli.printing import show
+from jbw.cli.studies import comparison_lines
 from jbw.errors import ConfigError
 from jbw.identification.assemble import measured
 from jbw.identification.posteriors import Posterior, posterior_of

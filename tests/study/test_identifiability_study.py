@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 from damper_campaign import TRUTH, write_campaign
 
-import jbw.cli.running
+import jbw.cli.progress
 from jbw.campaign.load import load_campaign
 from jbw.campaign.settings import Identify
 from jbw.cli import run
@@ -148,7 +148,7 @@ def test_combinations_are_the_same_in_either_coordinates():
 @pytest.fixture
 def quiet_jax(monkeypatch):
     """The tests have set up JAX already."""
-    monkeypatch.setattr(jbw.cli.running, "prepare_jax", lambda: None)
+    monkeypatch.setattr(jbw.cli.progress, "prepare_jax", lambda: None)
 
 
 def test_the_command_prints_spectrum_and_words(tmp_path, capsys, quiet_jax):
