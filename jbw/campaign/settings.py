@@ -17,6 +17,7 @@ from jbw.campaign.values import (
     Levels,
     Modes,
     OneOf,
+    Positive,
     Strings,
     strings,
 )
@@ -95,6 +96,12 @@ class Identify(Table):
     num_chains: Count = key(4, "chains", 4)
     num_samples: Count | None = key(None, "draws kept a chain", 1000)
     num_warmup: Index | None = key(None, "draws to adapt with, a chain", 500)
+    budget_s: Positive = key(
+        1800.0,
+        "seconds that the joint posterior may draw until its draws are enough; with num_samples as "
+        "many are drawn as that says, enough or not",
+        600.0,
+    )
     seed: Index = key(0, "of the random numbers", 0)
     modes: Modes = key(
         (), "frequencies of the modes in the band [Hz], the joint's own first", [18.8]

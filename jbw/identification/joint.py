@@ -6,6 +6,7 @@ from the draws, and checked.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -26,13 +27,13 @@ from jbw.identification.leaving_out import consistency_finding, leave_one_out, l
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.step import Step, attrs, finished
+from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
-from jbw.inference.posterior.verdict import Verdict
+from jbw.inference.posterior.verdict import Verdict, enough
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.samplers.register import sampler_named
-from jbw.inference.samplers.rewhitening import sample_again
-from jbw.inference.samplers.sampling import sample
-from jbw.inference.space.reparametrisation import along_logarithms, never_zero
+from jbw.inference.samplers.rewhitening import sample_until
+from jbw.inference.space.reparametrisation import along_logarithms, in_box, never_zero
 from jbw.inference.space.ridge import along_ridge
 from jbw.observables.dataset import (
     Dataset,
@@ -118,18 +119,39 @@ def sample_joint(
         "options": {"adapt_mass": True},
         "attrs": attrs(data.laws),
     }
-    if sampler != "elliptical_slice":
-        about = {"start": best.theta, "covariance": best.covariance, "kept": keep(name)}
-        return sample(key, log_likelihood, prior, data, **about, **options)
-    if best.weak is not None or best.at_bound:
+    slices = sampler == "elliptical_slice"
+    if not slices:
+        coordinates = in_box(prior, best.theta, best.covariance, settings.num_chains)
+    elif best.weak is not None or best.at_bound:
         coordinates = along_ridge(best.theta, best.covariance, prior)
     else:
         logs = never_zero(best.theta, best.covariance, prior)
         coordinates = along_logarithms(best.theta, best.covariance, prior, logs)
-    return sample_again(
-        key, log_likelihood, prior, data, coordinates=coordinates, rounds=ROUNDS,
-        keep=lambda i: keep(f"{name}_{i}" if i else name), **options,
+    told = settings.num_samples is not None or sampler_named(sampler).is_fixed
+    return sample_until(
+        key, log_likelihood, prior, data, coordinates=coordinates, rounds=ROUNDS if slices else 0,
+        enough=None if told else partial(are_enough, data=data, y_peak=_largest(best, data)),
+        budget_s=settings.budget_s, keep=lambda i: keep(f"{name}_{i}" if i else name), **options,
     )  # fmt: skip
+
+
+def are_enough(
+    draws: Mapping[str, Float[np.ndarray, "chain draw"]], data: Dataset, y_peak: float
+) -> bool:
+    """Whether chains agree on every parameter, product and response band up to `y_peak` [m]."""
+    sampled = xr.Dataset({name: (("chain", "draw"), x) for name, x in draws.items()})
+    every = sampled.assign(_law_variables(sampled, data))
+    if not enough({str(name): x.values for name, x in every.data_vars.items()}):
+        return False
+    held = {name: float(value) for name, value in data.held.items()}
+    bands = response_finding(every, held, y_peak, data.laws)
+    return bands is None or bands.status != "failed"
+
+
+def _largest(best: Fit, data: Dataset) -> float:
+    """The largest displacement fitted [m]."""
+    held = {name: float(value) for name, value in data.held.items()}
+    return largest_displacement(data, {**held, **best.theta}.get("omega_n", 1.0))
 
 
 def stuck(posterior: xr.DataTree, judged: Verdict) -> list[str]:
@@ -164,9 +186,21 @@ def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.Da
     """The posterior with the noise of each group, the laws' own parameters and their products."""
     posterior = tree["posterior"].to_dataset()
     terms = tree["log_likelihood"].to_dataset()["terms"].values
-    held = {name: np.asarray(value) for name, value in data.held.items()}
-    theta = {**held, **{str(n): v.values for n, v in posterior.data_vars.items()}}
+    theta = _every_parameter(posterior, data)
     derived = _noise_variables(draw_noise_std(key, theta, terms, data), data)
+    derived |= _law_variables(posterior, data)
+    return tree.assign(posterior=xr.DataTree(posterior.assign(derived)))
+
+
+def _every_parameter(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarray]:
+    """Draws by name, and what was held."""
+    held = {name: np.asarray(value) for name, value in data.held.items()}
+    return {**held, **{str(n): v.values for n, v in posterior.data_vars.items()}}
+
+
+def _law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
+    """The laws' own parameters and their products, where they were not sampled."""
+    theta, derived = _every_parameter(posterior, data), {}
     for law in laws_named(data.laws):
         own = {name: np.asarray(v) for name, v in law.of(theta).parameters().items()}
         named = [(quantity, own[quantity.name]) for quantity in law.table]
@@ -174,7 +208,7 @@ def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.Da
         for quantity, value in named:
             if quantity.name not in posterior:
                 derived[quantity.name] = (("chain", "draw"), value, quantity.attrs)
-    return tree.assign(posterior=xr.DataTree(posterior.assign(derived)))
+    return derived
 
 
 def _noise_variables(noise: dict[str, Draws], data: Dataset) -> dict[str, Any]:
@@ -215,7 +249,7 @@ def posterior_checks(
     left = left_by_label(best.residual, data)
     error = error_by_label(left, data)
     held = {name: float(value) for name, value in data.held.items()}
-    y_peak = largest_displacement(data, best.theta.get("omega_n", held.get("omega_n", 1.0)))
+    y_peak = _largest(best, data)
     findings = [
         residual_finding(left, fractions_counted(data), error),
         shape_finding(error, data),

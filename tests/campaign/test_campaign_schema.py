@@ -64,6 +64,7 @@ def test_good_file():
         ("gain = 15.0", "gain = 15.0\nmodal_mass = 2.0", "gain or modal_mass, not both"),
         ("[5.0, 40.0]", "[40.0, 5.0]", "band: must be [lower, upper] with lower < upper"),
         ("num_chains = 4", "num_chains = 0", "whole number from 1 on, but is 0"),
+        ("num_chains = 4", "budget_s = 0.0", "budget_s: must be positive"),
         ("num_chains = 4", "num_chains = 2.5", "whole number from 1 on, but is 2.5"),
         ('"mm/s"', '"mm\\\\s"', "Did you mean `mm/s`?"),
         ('"mm/s"', '"V"', "`V` measures a voltage, but a velocity is needed"),

@@ -120,3 +120,37 @@ def test_a_chunk_lasts_as_long_as_it_may_and_grows_step_by_step():
     assert growing._next_count(100, 20.0, 100.0) == 50
     assert growing._next_count(10, 20.0, 400.0) == 10  # a twentieth of the time spent
     assert growing._next_count(10, 20.0, 1e5) == 30  # at most a minute
+
+
+def until(count, budget_s=1e9):
+    """Enough from so many draws a chain on."""
+    return growing.Until(lambda theta: theta["a"].shape[1] >= count, budget_s)
+
+
+@pytest.mark.fault(40)
+def test_chains_double_until_they_are_enough_and_go_on_bit_for_bit(monkeypatch):
+    first = draws("elliptical_slice")
+    whole = draws("elliptical_slice", until=until(200))
+    assert whole["posterior/a"].shape == (2, 240)  # 60, twice that, and twice that
+    for name, values in first.items():
+        if name.startswith("posterior/"):
+            np.testing.assert_array_equal(whole[name][:, :60], values)
+    monkeypatch.setattr(growing, "CHUNK_S", 1e9)
+    shelf = Shelf()
+    for stops in (5, 2):  # in the first doubling, and in the second
+        shelf.stops = stops
+        with pytest.raises(Stopped):
+            draws("elliptical_slice", kept=shelf, until=until(200))
+        shelf.saved = 0
+    shelf.stops = 0
+    resumed = draws("elliptical_slice", kept=shelf, until=until(200))
+    for name, values in whole.items():
+        np.testing.assert_array_equal(resumed[name], values, err_msg=name)
+    shelf.saved = 0
+    draws("elliptical_slice", kept=shelf, until=until(200))
+    assert shelf.saved == 0
+
+
+def test_a_spent_budget_ends_chains_that_are_not_enough():
+    found = draws("elliptical_slice", until=until(10_000, budget_s=0.0))
+    assert 1 <= found["posterior/a"].shape[1] <= 60

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from jbw.inference.posterior.summary import summarise
-from jbw.inference.samplers.rewhitening import agree, by_moments, sample_again
+from jbw.inference.posterior.verdict import verdict
+from jbw.inference.samplers.rewhitening import agree, by_moments, sample_until
 from jbw.inference.space.box import box
 from jbw.inference.space.reparametrisation import in_box
 
@@ -22,7 +23,7 @@ def normal(theta, data):
 
 def drawn(rounds, seed=0, small=1e-6, seen=None):
     keep = (lambda round_: None) if seen is None else seen.append
-    return sample_again(
+    return sample_until(
         jax.random.key(seed), normal, BOX, None,
         coordinates=in_box(BOX, {"a": 0.0, "b": 0.0}, small * COVARIANCE, 4),
         rounds=rounds, keep=keep,
@@ -72,3 +73,43 @@ def test_moments_are_of_the_second_half_and_inside_the_box():
 
 def test_one_chain_agrees_with_itself():
     assert agree({"a": np.random.default_rng(0).normal(size=(1, 100))})
+
+
+def enough_of(sizes):
+    """Whether 2000 draws of all chains are there; notes how many were."""
+
+    def enough(draws):
+        sizes.append(draws["a"].size)
+        return draws["a"].size >= 2000
+
+    return enough
+
+
+@pytest.mark.parametrize("sampler", ["importance", "elliptical_slice"])
+def test_draws_double_until_they_are_enough(sampler):
+    sizes = []
+    found = sample_until(
+        jax.random.key(0), normal, BOX, None, rounds=0, enough=enough_of(sizes),
+        coordinates=in_box(BOX, {"a": 3.0, "b": -2.0}, COVARIANCE, 4),
+        sampler=sampler, num_samples=125, chain_method="vectorized",
+    )  # fmt: skip
+    assert found["posterior"].sizes["draw"] == 500
+    assert found.attrs["num_samples"] == 500
+    assert sorted(set(sizes)) == [500, 1000, 2000]
+    assert "budget_spent_s" not in found.attrs
+    row = summarise(found, BOX)["a"]
+    assert row["mean"] == pytest.approx(3.0, abs=4 * 2.0 / np.sqrt(row["ess_bulk"]))
+
+
+@pytest.mark.fault(37)
+def test_a_spent_budget_is_a_finding_that_says_what_it_would_have_taken():
+    found = sample_until(
+        jax.random.key(0), normal, BOX, None, rounds=0, enough=lambda _: False, budget_s=1e-3,
+        coordinates=in_box(BOX, {"a": 3.0, "b": -2.0}, COVARIANCE, 4),
+        sampler="importance", num_samples=125, chain_method="vectorized",
+    )  # fmt: skip
+    judged = verdict(found, BOX)
+    finding = next(one for one in judged.findings if one.code == "budget")
+    assert judged.status == "failed"
+    assert finding.number == found.attrs["budget_spent_s"]
+    assert "Set `budget_s` in [identify] to" in finding.action

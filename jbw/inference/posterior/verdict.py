@@ -1,6 +1,6 @@
 """The verdict on a posterior: ok, failed or not assessed, with reasons and what to do."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -51,6 +51,7 @@ def verdict(tree: xr.DataTree, box: Box, *, chi_square: tuple[float, int] | None
         findings += [*_bounds(draws, box), _identified(draws, box)]
     findings += _trajectories(tree["sample_stats"].to_dataset())
     findings += _at_once(tree.attrs)
+    findings += _budget(tree.attrs, findings)
     if chi_square is not None:
         findings.append(_fit(*chi_square))
     return judge(findings)
@@ -185,6 +186,25 @@ def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
         action = "Narrow the prior, or draw by nuts."
         findings.append(checked("quadrature", converged(facts), reason, error, action))
     return findings
+
+
+def _budget(facts: Mapping[Any, Any], findings: Iterable[Finding]) -> list[Finding]:
+    """Whether the time was spent before the draws were enough, and what they would have taken."""
+    if "budget_spent_s" not in facts:
+        return []
+    spent = float(facts["budget_spent_s"])
+    sizes = [one.number for one in findings if one.code in ("ess_bulk", "ess_tail")]
+    least = min((size for size in sizes if size > 0), default=1.0)
+    wanted = spent * max(ESS / least, 2.0)
+    reason = f"The budget of {spent:.3g} s was spent before the draws were enough."
+    action = f"Set `budget_s` in [identify] to {wanted:.2g} or more, at the rate so far."
+    return [checked("budget", False, reason, spent, action)]
+
+
+def enough(draws: Draws) -> bool:
+    """Whether draws pass every look at their convergence that a verdict takes."""
+    finite = all(np.all(np.isfinite(values)) for values in draws.values())
+    return finite and all(one.status != "failed" for one in _convergence(draws))
 
 
 def converged(facts: Mapping[Any, Any]) -> bool:

@@ -74,6 +74,18 @@ class Kept(Protocol):
         ...
 
 
+class Until(NamedTuple):
+    """When chains have grown enough: each time their draws have doubled, it is asked again.
+
+    Attributes:
+        enough: Whether the draws by name, (chain, draw), are.
+        budget_s: Time after which chains end as they are [s].
+    """
+
+    enough: Callable[[dict[str, Any]], bool]
+    budget_s: float
+
+
 Keep = Callable[[str], Kept | None]
 Progress = Callable[[SoFar], None]
 
@@ -105,11 +117,13 @@ def grow_chains(
     options: Any,
     progress: Progress | None = None,
     kept: Kept | None = None,
+    until: Until | None = None,
 ) -> tuple[Rows, float]:
     """Run all chains to their end, from where they were kept if they were.
 
     Every chunk runs the same compiled loop with another count of steps: chains that were kept go
-    on to the very draws that they would have come to without a break.
+    on to the very draws that they would have come to without a break. With `until` the number of
+    draws kept is doubled until they are enough, or the time is spent.
 
     Returns:
         The draws, and the time that earlier processes spent on them [s].
@@ -122,14 +136,30 @@ def grow_chains(
     options = options._replace(num_samples=0, num_chains=0)  # not compiled in
     before = _resumed(kept, mark)
     done, rows, count = before.done, before.rows, CHUNK if kept is None else 1
+
+    def more(spent: float) -> int:
+        """Steps still to be added at an end of the chains."""
+        if until is None or spent >= until.budget_s or until.enough(rows[0][0].theta):
+            return 0
+        return done - options.num_warmup
+
+    while total < done:
+        total += total - options.num_warmup
+    if total == done:
+        total += more(before.wall_s)
     states = _states(before, starts, problem, make, options) if done < total else None
     watching = [one for one in (progress, None if kept is None else kept.grown) if one is not None]
     while done < total:
         clock, count = perf_counter(), min(count, total - done)
         states, new = _grown(states, done, count, problem, make, options)
         rows, done = [*rows, *new], done + count
+        spent = before.wall_s + perf_counter() - began
+        if until is not None and spent > until.budget_s and rows:
+            total = done
+        if done == total:
+            rows = _joined(rows)
+            total += more(spent)
         if kept is not None:
-            spent = before.wall_s + perf_counter() - began
             count = _next_count(count, perf_counter() - clock, spent)
             if done == total or kept.due():
                 rows = _joined(rows)

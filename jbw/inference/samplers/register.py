@@ -31,6 +31,7 @@ class Sampler(NamedTuple):
         draws: Steps of warm-up, and draws kept of each chain, where an evaluation steps through
             time.
         cheap_draws: The same where an evaluation costs microseconds.
+        is_fixed: Whether it draws as many as it is told, enough or not: what a paper printed.
         suits_costly: Whether a comparison tries it by itself where time is stepped through.
     """
 
@@ -43,6 +44,7 @@ class Sampler(NamedTuple):
     most_parameters: int | None = None
     draws: tuple[int, int] = (1000, 1000)
     cheap_draws: tuple[int, int] = (500, 1000)
+    is_fixed: bool = False
     suits_costly: bool = False
 
     def suits(self, num_parameters: int) -> bool:
@@ -70,7 +72,7 @@ for _sampler in (
     ),
     Sampler(
         "random_walk_paper", _ROOM + "random_walk", options="PAPER", from_prior=True,
-        ignores_fit=True, draws=(85, 765), cheap_draws=(85, 765),
+        ignores_fit=True, draws=(85, 765), cheap_draws=(85, 765), is_fixed=True,
     ),
     Sampler(
         "importance", _ROOM + "importance", needs_fit=True, draws=(0, 1000), suits_costly=True

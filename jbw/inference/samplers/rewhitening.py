@@ -14,18 +14,20 @@ import xarray as xr
 from jaxtyping import Array, Float, Key
 
 from jbw.inference.posterior.summary import diagnose, scalars
-from jbw.inference.samplers.chunked_run import Kept
+from jbw.inference.posterior.verdict import GOOD_KHAT
+from jbw.inference.samplers.chunked_run import Kept, Until
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import LogLikelihood
 from jbw.inference.space.reparametrisation import Reparametrisation
 
+Enough = Callable[[Mapping[str, Float[np.ndarray, "chain draw"]]], bool]
 AGREED = 1.05  # R-hat of the worst parameter, above which the draws say where to draw again
 WIDER = 1.3  # times the covariance of draws that have not seen all
 INSIDE = 1e-9  # of the box's width, from its bounds
 
 
-def sample_again(
+def sample_until(
     key: Key[Array, ""],
     log_likelihood: LogLikelihood,
     box: Box,
@@ -33,10 +35,15 @@ def sample_again(
     *,
     coordinates: Reparametrisation,
     rounds: int,
+    enough: Enough | None = None,
+    budget_s: float = np.inf,
     keep: Callable[[int], Kept | None] = lambda round_: None,
     **options: Any,
 ) -> xr.DataTree:
-    """Sample, and where chains disagree, sample again about the draws' own mean and covariance.
+    """Sample until draws are enough; where chains disagree, again about their mean and covariance.
+
+    Chains go on, twice as many draws at a time. What draws everything at once draws again, twice as
+    many, unless k-hat says that more of its draws would be no better.
 
     Args:
         key: Random key.
@@ -44,26 +51,44 @@ def sample_again(
         box: Prior bounds.
         data: What the log likelihood takes.
         coordinates: What to sample in, with the optimum of a fit and its Laplace covariance.
-        rounds: Times to sample again at most.
+        rounds: Times to sample about the draws' own moments at most.
+        enough: Whether draws by name, (chain, draw), are; None for as many as told, enough or not.
+        budget_s: Time in which to draw; the first draws of all are made in any case [s].
         keep: Number of the round to where its chains outlive the process.
         options: Further ones of `sample`.
 
     Returns:
-        The draws of the last round alone; its attributes count the evaluations of all, and
-        `rewhitened` the rounds after the first.
+        The draws of the last round alone; its attributes count the evaluations of all, the rounds
+        after the first as `rewhitened`, and `budget_spent_s` where the time was, without enough.
     """
-    spent = 0
-    for round_ in range(rounds + 1):
+    evaluations, spent, round_ = 0, 0.0, 0
+    while True:
+        last = round_ >= rounds
+
+        def stop(draws: dict[str, Any], last: bool = last) -> bool:
+            return enough is None or enough(draws) or not (last or agree(draws))
+
         tree = sample(
             key if round_ == 0 else jax.random.fold_in(key, round_), log_likelihood, box, data,
-            coordinates=coordinates, kept=keep(round_), **options,
+            coordinates=coordinates, kept=keep(round_), until=Until(stop, budget_s - spent),
+            **options,
         )  # fmt: skip
-        spent += tree.attrs["num_evaluations"]
+        evaluations += tree.attrs["num_evaluations"]
+        spent += tree["timing"].attrs["wall_s"]
+        tree.attrs |= {"num_evaluations": evaluations, "rewhitened": round_}
         draws = scalars(tree)
-        tree.attrs |= {"num_evaluations": spent, "rewhitened": round_}
-        if round_ == rounds or agree(draws):
+        done = agree(draws) if enough is None else enough(draws)
+        if done or spent >= budget_s:
             break
-        coordinates = by_moments(draws, box, coordinates)
+        if not (last or agree(draws)):
+            coordinates = by_moments(draws, box, coordinates)
+        elif enough is None or tree.attrs.get("khat", 0.0) >= GOOD_KHAT:
+            break
+        else:
+            options["num_samples"] = 2 * tree.attrs["num_samples"]
+        round_ += 1
+    if enough is not None and not done and spent >= budget_s:
+        tree.attrs["budget_spent_s"] = spent
     return tree
 
 

@@ -24,7 +24,7 @@ from jbw.inference.samplers.chains import (
     num_devices_for,
     starts_of,
 )
-from jbw.inference.samplers.chunked_run import Kept, Progress, grow_chains
+from jbw.inference.samplers.chunked_run import Kept, Progress, Until, grow_chains
 from jbw.inference.samplers.evidence import require_possible
 from jbw.inference.samplers.register import Sampler, module_of, options_of, sampler_named
 from jbw.inference.space.box import Box, require_float64
@@ -57,6 +57,7 @@ def sample(
     attrs: Mapping[str, Mapping[str, str]] | None = None,
     progress: Progress | None = None,
     kept: Kept | None = None,
+    until: Until | None = None,
 ) -> xr.DataTree:
     """Sample the posterior of a log likelihood and a uniform prior in a box.
 
@@ -91,6 +92,8 @@ def sample(
         attrs: `units` and `long_name` by parameter, kept beside the draws.
         progress: Called with a `SoFar` after every chunk of steps; chains only.
         kept: Where unfinished chains outlive the process, to go on from as if never stopped.
+        until: When chains have grown enough: without it at `num_samples`, with it their number is
+            doubled until then.
 
     Returns:
         Groups posterior, sample_stats, log_likelihood, log_prior and timing. Where the likelihood
@@ -119,7 +122,7 @@ def sample(
         found = _at_once(entry, key, problem, chosen, method)
     else:
         starts = starts_of(key, problem, place.start, num_chains)
-        found = _in_chunks(starts, problem, module_of(entry).kernel, chosen, progress, kept)
+        found = _in_chunks(starts, problem, module_of(entry).kernel, chosen, progress, kept, until)
     drawn, terms, extra, earlier = found
     tree = _tree(drawn, terms, extra - float(log_volume(box)), box, attrs or {})
     spent = {"wall_s": time.perf_counter() - clock + earlier}
@@ -143,8 +146,9 @@ def _in_chunks(
     (draw, terms, extra), earlier = grow_chains(starts, problem, make, options, *watched)
     # As many evaluations a draw in the warm-up as after.
     each = np.mean(draw.stats["n_steps"]) if "n_steps" in draw.stats else 1.0
-    steps = options.num_chains * (options.num_warmup + options.num_samples)
-    facts = {"num_evaluations": round(float(each) * steps)}
+    num_samples = next(iter(draw.theta.values())).shape[1]
+    steps = options.num_chains * (options.num_warmup + num_samples)
+    facts = {"num_evaluations": round(float(each) * steps), "num_samples": num_samples}
     return Draws(draw.theta, draw.stats, True, True, facts), terms, extra, earlier
 
 
