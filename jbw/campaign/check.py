@@ -14,7 +14,7 @@ from jbw.campaign.files import repeats_of
 from jbw.campaign.schema import CampaignSpec, TestSpec, force_per_unit, read_spec
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
-from jbw.measurement.checks import Fault, doubt, inspect, ordered, refusal, worst
+from jbw.measurement.checks import Fault, doubt, inspect, refusal, worst
 from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.plausibility import doubts, swapped
@@ -165,7 +165,6 @@ def findings(
     `per_unit` is the force per modal mass for one unit of the input, when known.
     """
     found = list(inspect(record, masked=test.gaps == "mask"))
-    found += ordered(record) if test.traits.is_curve else []
     fits = _fits_curve if test.traits.is_curve else _fits_test
     contradictions = list(fits(record, test))
     for other in first:

@@ -51,6 +51,8 @@ def inspect(record: Record, *, masked: bool = False) -> tuple[Fault, ...]:
                 "Export the channels together, or name those that were sampled together.",
             )
         )
+    if "frequency" in record.channels:
+        found += _ordered(record.channels["frequency"])
     for role, x in record.channels.items():
         found += _channel(role, x, record.fs, masked)
     return tuple(sorted(found, key=lambda fault: fault.severity))
@@ -98,12 +100,11 @@ def _channel(role: str, x: NDArray[np.float64], fs: float, masked: bool) -> Iter
         yield from _signal(role, x, fs)
 
 
-def ordered(record: Record) -> Iterator[Fault]:
+def _ordered(freq: NDArray[np.float64]) -> Iterator[Fault]:
     """Whether the lines of a curve go one way."""
-    x = record.channels["frequency"]
-    x = x[np.isfinite(x)]
-    steps = np.diff(x)
-    if not (np.all(x > 0) and (np.all(steps > 0) or np.all(steps < 0))):
+    freq = freq[np.isfinite(freq)]
+    steps = np.diff(freq)
+    if not (np.all(freq > 0) and (np.all(steps > 0) or np.all(steps < 0))):
         yield refusal(
             "frequency",
             "Frequencies must be positive and go one way.",

@@ -112,6 +112,7 @@ def before(
     Raises:
         ConfigError: A range that holds zero, or whose ends are not in order.
     """
+    wide = {}
     for name, (low, high) in ranges.items():
         if not (low * high > 0 and low <= high):
             raise ConfigError(
@@ -119,12 +120,13 @@ def before(
                 why="A coefficient of variation needs a value that cannot be zero.",
                 remedy="Bound it away from zero.",
             )
+        factor = REACH.get(name, FACTOR) if low == high else 1.0
+        wide[name] = low / factor, high * factor
     unit = qmc.LatinHypercube(len(ranges), rng=np.random.default_rng(seed)).random(num_joints)
     drawn = {
         name: low * (high / low) ** x
         for (name, (low, high)), x in zip(ranges.items(), unit.T, strict=True)
     }
-    wide = {name: _widened(name, pair) for name, pair in ranges.items()}
     std = np.array([np.log(abs(b / a)) for a, b in wide.values()]) / np.sqrt(12)
     covariance, given = np.diag(std**2), list(ranges)
     for share, stiffness in shares_of(laws).items():
@@ -145,21 +147,9 @@ def before(
         names=names,
         scale=np.stack([drawn[name] for name in names], axis=1),
         precision=np.linalg.inv(covariance[np.ix_(order, order)]),
-        box=box({name: _rising(wide[name]) for name in names}),
+        box=box({name: (min(wide[name]), max(wide[name])) for name in names}),
         laws=laws,
     )
-
-
-def _widened(name: str, pair: Range) -> Range:
-    low, high = pair
-    if low != high:
-        return pair
-    factor = REACH.get(name, FACTOR)
-    return low / factor, high * factor
-
-
-def _rising(pair: Range) -> Range:
-    return min(pair), max(pair)
 
 
 def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> Beliefs:
@@ -210,4 +200,5 @@ def _bounds(values: xr.DataArray, mean: float) -> Range:
     """Box of a parameter where the run says it, else a wide one."""
     if "lower" in values.attrs and "upper" in values.attrs:
         return float(values.attrs["lower"]), float(values.attrs["upper"])
-    return _rising((mean / UNBOUNDED, mean * UNBOUNDED))
+    ends = mean / UNBOUNDED, mean * UNBOUNDED
+    return min(ends), max(ends)

@@ -198,9 +198,9 @@ def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Desc
     if of_run and "joint" in document:
         errors.append("[joint]: the run tells it; leave it out.")
     grids = {
-        name: checked(table, document[name], f"[{name}]", errors)
+        name: grid
         for name, table in GRIDS.items()
-        if name in document
+        if name in document and (grid := checked(table, document[name], f"[{name}]", errors))
     }
     refuse(file, errors)
     plan = plan or PlanTable()
@@ -211,7 +211,7 @@ def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Desc
         input_unit=unit,
         noise=_noise(plan),
         settings=plan,
-        grids={name: grid for name, grid in grids.items() if grid is not None},
+        grids=grids,
         laws=laws,
     )
 

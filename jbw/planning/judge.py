@@ -21,15 +21,10 @@ Matrices = Float[np.ndarray, "... parameter parameter"]
 
 
 class Modes(NamedTuple):
-    r"""Prior and information of one repeat, made diagonal together.
+    """Prior and information of one repeat, made diagonal together."""
 
-    Attributes:
-        values: Information f_k of one repeat along each mode, in units of the prior's.
-        shares: Prior variance w_ik^2 of parameter i along mode k.
-    """
-
-    values: Float[np.ndarray, "joint mode"]
-    shares: Float[np.ndarray, "joint parameter mode"]
+    values: Float[np.ndarray, "joint mode"]  # information f_k along mode k, in units of the prior's
+    shares: Float[np.ndarray, "joint parameter mode"]  # prior variance w_ik^2 along mode k
 
 
 def modes(precision: Matrices, information: Matrices) -> Modes:
@@ -102,24 +97,23 @@ def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> Row:
     repeats = repeats_needed(found, wanted, wish.cv, wish.max_repeats)
     made = repeats or wish.max_repeats
     y_peak = prospect.y_peak[np.isfinite(prospect.y_peak)]
-    largest = float(np.max(y_peak)) if y_peak.size else float("nan")
+    y_peak = y_peak if y_peak.size else np.array([np.nan])
+    largest = float(np.max(y_peak))
     exceeded, lost = [], []
+    status = "too few" if repeats is None else "ok"
     if largest > wish.max_displacement:
         exceeded.append(f"peak displacement {largest:.3g} m exceeds {wish.max_displacement:g} m")
     if candidate.level > wish.max_input:
         exceeded.append(f"input exceeds {wish.max_input:g} {wish.input_unit}")
     if prospect.num_lost:
         lost = [f"no response found at {prospect.num_lost} of {beliefs.num_joints} joints"]
+        status = "not predicted"
     if exceeded:
         status = "not feasible"
-    elif lost:
-        status = "not predicted"
-    else:
-        status = "too few" if repeats is None else "ok"
     return Row(
         test=str(candidate),
         level=candidate.level,
-        y_peak=float(np.median(y_peak)) if y_peak.size else float("nan"),
+        y_peak=float(np.median(y_peak)),
         y_peak_largest=largest,
         repeats=repeats,
         seconds_each=candidate.seconds,

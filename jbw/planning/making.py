@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,8 @@ from jbw.planning.prospects import prospects
 from jbw.quantities import UNIT_OF, in_dialect
 
 ADMITTED = ("ok", "too few")  # alone; together they may meet the wish
+DRAWN = "Made at {} joints drawn from the ranges, which count as known."
+DRAWN_OF_RUN = "Made at {} draws of the run's posterior, which counts as known."
 NOISE_ALONE = (
     "Noise alone is counted: a joint that changes from day to day or does not follow the model is "
     "known less well. Spreads beyond 30 % tell the order of magnitude only."
@@ -29,23 +31,10 @@ PER_KILOGRAM = (
 )
 UNKNOWN_REACH = (
     "The run does not tell its largest displacement, so levels aim at {:.3g} m, where the joint "
-    "slides; give "
-    "max_displacement in a file of --limits."
+    "slides; give max_displacement in a file of --limits."
 )
 RESPONSE_OF = {unit: response for response, unit in UNIT_OF.items()}
 INPUT_UNITS = ("V", "N", "N/kg")
-
-
-@dataclass(frozen=True)
-class _Ground:
-    """What a plan is made on."""
-
-    beliefs: Beliefs
-    noise: Noise
-    fs: float | None
-    aim: float | None
-    input_unit: str
-    notes: tuple[str, ...]
 
 
 def plan_tests(
@@ -74,55 +63,57 @@ def plan_tests(
     if isinstance(description, str | Path):
         description = read_description(Path(description), of_run=tree is not None)
     description = description or Description({})
-    ground = _before(description) if tree is None else _after(description, tree)
-    beliefs, wish = ground.beliefs, _wish(description, ground)
+    settings, rig = description.settings, Rig()
+    if tree is None:
+        beliefs, noise, unit = _before(description)
+        notes = [DRAWN.format(beliefs.num_joints)]
+    else:
+        rig = rig_of(tree)
+        beliefs, noise, unit = _after(description, rig, tree)
+        notes = [DRAWN_OF_RUN.format(beliefs.num_joints)]
+        notes += [PER_KILOGRAM] if unit is None else []
+    wish, aim = _wish(description, beliefs, unit or "N/kg"), settings.max_displacement or rig.y_peak
+    if aim is None:
+        aim = displacement_for(beliefs)
+        notes += [] if tree is None else [UNKNOWN_REACH.format(aim)]
     natural_hz = float(np.median(beliefs.joints["omega_n"])) / (2 * np.pi)
-    aim = ground.aim or displacement_for(beliefs)
-    reach = Reach(ground.fs or sampling_for(natural_hz), aim, wish.max_input)
+    reach = Reach(settings.fs or rig.fs or sampling_for(natural_hz), aim, wish.max_input)
     grids = description.grids or {kind: table() for kind, table in GRIDS.items()}
-    found = prospects(propose(grids, beliefs, reach), beliefs, ground.noise, report)
+    found = prospects(propose(grids, beliefs, reach), beliefs, noise, report)
     rows = [row(one, beliefs, wish) for one in found]
     admitted = [one for one, judged in zip(found, rows, strict=True) if judged.status in ADMITTED]
     known = np.sqrt(np.diag(covariance(beliefs.precision)))
-    unknown = tree is not None and ground.aim is None
     return Plan(
         rows=ordered(rows),
         combination=combine(admitted, beliefs, wish),
         wish=wish,
         num_joints=beliefs.num_joints,
         before=expected(known[None], beliefs, wish),
-        notes=(*ground.notes, *([UNKNOWN_REACH.format(aim)] if unknown else []), NOISE_ALONE),
+        notes=(*notes, NOISE_ALONE),
     )
 
 
-def _before(description: Description) -> _Ground:
+def _before(description: Description) -> tuple[Beliefs, Noise, str | None]:
+    """Beliefs from the description, noise, and unit of the input where it is told."""
     if not description.ranges or description.noise is None:
         raise ConfigError(
             "A plan needs a description of the joint and its noise, or a run, but has neither.",
             remedy="Write one with: jbw plan --example > plan.toml",
         )
-    settings = description.settings
-    inferred = "gain" in description.ranges
     beliefs = before(
         description.ranges,
-        held={} if inferred else {"gain": description.gain or 1.0},
-        num_joints=settings.joints,
-        seed=settings.seed,
+        held={} if "gain" in description.ranges else {"gain": description.gain or 1.0},
+        num_joints=description.settings.joints,
+        seed=description.settings.seed,
         laws=description.laws,
     )
-    drawn = f"Made at {beliefs.num_joints} joints drawn from the ranges, which count as known."
-    return _Ground(
-        beliefs=beliefs,
-        noise=description.noise,
-        fs=settings.fs,
-        aim=settings.max_displacement,
-        input_unit=description.input_unit or "N/kg",
-        notes=(drawn,),
-    )
+    return beliefs, description.noise, description.input_unit
 
 
-def _after(description: Description, tree: xr.DataTree) -> _Ground:
-    settings, rig = description.settings, rig_of(tree)
+def _after(
+    description: Description, rig: "Rig", tree: xr.DataTree
+) -> tuple[Beliefs, Noise, str | None]:
+    """Beliefs from a run, noise, and unit of the input where the gain is known."""
     inferred = "gain" in tree["posterior"].data_vars
     if inferred and description.gain is not None:
         raise ConfigError(
@@ -139,24 +130,14 @@ def _after(description: Description, tree: xr.DataTree) -> _Ground:
             remedy="Write [plan] with noise and noise_unit into a file and add: --limits FILE",
         )
     held = {**rig.held, **({} if description.gain is None else {"gain": description.gain})}
-    told = inferred or "gain" in held
-    beliefs = after(tree, held={"gain": 1.0, **held}, num_joints=settings.joints)
-    unit = (description.input_unit or rig.input_unit or "input's unit") if told else "N/kg"
-    drawn = f"Made at {beliefs.num_joints} draws of the run's posterior, which counts as known."
-    return _Ground(
-        beliefs=beliefs,
-        noise=noise,
-        fs=settings.fs or rig.fs,
-        aim=settings.max_displacement or rig.y_peak,
-        input_unit=unit,
-        notes=(drawn,) if told else (drawn, PER_KILOGRAM),
-    )
+    beliefs = after(tree, held={"gain": 1.0, **held}, num_joints=description.settings.joints)
+    told = description.input_unit or rig.input_unit or "input's unit"
+    return beliefs, noise, told if inferred or "gain" in held else None
 
 
-def _wish(description: Description, ground: _Ground) -> Wish:
-    settings, names = description.settings, ground.beliefs.names
-    own = [quantity.name for quantity in quantities_of(ground.beliefs.laws)]
-    asked = settings.wanted or own or names
+def _wish(description: Description, beliefs: Beliefs, input_unit: str) -> Wish:
+    settings, names = description.settings, beliefs.names
+    asked = settings.wanted or [quantity.name for quantity in quantities_of(beliefs.laws)]
     if not set(asked) & set(names):
         raise ConfigError(
             f"Key `wanted` must name parameters that are inferred, but has {', '.join(asked)}.",
@@ -168,7 +149,7 @@ def _wish(description: Description, ground: _Ground) -> Wish:
         max_repeats=settings.max_repeats,
         max_displacement=settings.max_displacement or np.inf,
         max_input=settings.max_input or np.inf,
-        input_unit=ground.input_unit,
+        input_unit=input_unit,
     )
 
 
@@ -176,11 +157,12 @@ def _wish(description: Description, ground: _Ground) -> Wish:
 class Rig:
     """The rig that a run was measured on; None where the run does not tell."""
 
-    noise: Noise | None  # of a sample of the response
-    fs: float | None  # [Hz]
-    input_unit: str | None
-    y_peak: float | None  # largest displacement that was fitted [m]
-    held: Mapping[str, float]  # parameters that were not inferred, such as a known gain
+    noise: Noise | None = None  # of a sample of the response
+    fs: float | None = None  # [Hz]
+    input_unit: str | None = None
+    y_peak: float | None = None  # largest displacement that was fitted [m]
+    # Parameters that were not inferred, such as a known gain.
+    held: Mapping[str, float] = field(default_factory=dict)
 
 
 def rig_of(tree: xr.DataTree) -> Rig:

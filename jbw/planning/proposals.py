@@ -116,22 +116,17 @@ def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[C
     """
     makers = {"sweep": _sweeps, "tones": _tones, "stepped": _steps}
     found = [one for kind, grid in grids.items() for one in makers[kind](grid, beliefs, reach)]
-    for candidate in found:
-        _require_sampled(candidate)
+    for one in found:
+        if isinstance(one, Sweep):
+            highest, what = one.stop_hz, "the sweep's last frequency"
+        else:
+            highest, what = 3 * max(one.frequencies_hz), "the third harmonic of the tones"
+        if 2 * highest >= one.fs:
+            raise ConfigError(
+                f"Key `fs` must be more than twice {what}, {highest:g} Hz, but is {one.fs:g} Hz.",
+                remedy=f"Sample at {sampling_for(highest):g} Hz, or lower the frequencies.",
+            )
     return found
-
-
-def _require_sampled(candidate: Candidate) -> None:
-    """Refuse frequencies that the sampling cannot hold; of steady tones the third harmonic too."""
-    if isinstance(candidate, Sweep):
-        highest, what = candidate.stop_hz, "the sweep's last frequency"
-    else:
-        highest, what = 3 * max(candidate.frequencies_hz), "the third harmonic of the tones"
-    if 2 * highest >= candidate.fs:
-        raise ConfigError(
-            f"Key `fs` must be more than twice {what}, {highest:g} Hz, but is {candidate.fs:g} Hz.",
-            remedy=f"Sample at {sampling_for(highest):g} Hz, or lower the frequencies.",
-        )
 
 
 def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[Sweep]:

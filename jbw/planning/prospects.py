@@ -66,21 +66,13 @@ def prospects(
 def _prospect(candidate: Candidate, beliefs: Beliefs, noise: Noise, longest: int) -> Prospect:
     if isinstance(candidate, Sweep):
         y_peak = peak_displacements(candidate, beliefs, longest)
-        data = [_sweep_design(candidate, beliefs.laws, noise, longest)] * beliefs.num_joints
+        designs = [_sweep_design(candidate, beliefs.laws, noise, longest)] * beliefs.num_joints
     else:
-        omega, level = 2 * np.pi * np.array(candidate.frequencies_hz), jnp.asarray(candidate.level)
-        motions = [
-            np.asarray(_steady(theta, jnp.asarray(omega), level, beliefs.laws))
-            for theta in beliefs.each()
-        ]
-        y_peak = np.array([_crest(motion) for motion in motions])
-        data = [_tones_design(candidate, beliefs.laws, noise, motion) for motion in motions]
+        y_peak, designs = _tones_designs(candidate, beliefs, noise)
     information = np.array(
         [
-            fisher(theta, beliefs.names, jnp.asarray(scale), planned, kept)
-            for theta, scale, (planned, kept) in zip(
-                beliefs.each(), beliefs.scale, data, strict=True
-            )
+            fisher(theta, beliefs.names, jnp.asarray(scale), *design)
+            for theta, scale, design in zip(beliefs.each(), beliefs.scale, designs, strict=True)
         ]
     )
     lost = ~np.isfinite(information).all(axis=(1, 2)) | ~np.isfinite(y_peak)
@@ -97,12 +89,6 @@ def peak_displacements(
     return np.max(np.abs(np.array(each)), axis=1)
 
 
-def _crest(motion: Complex[np.ndarray, "tone harmonic"]) -> float:
-    """Largest displacement of all tones [m]."""
-    phase = jnp.linspace(0.0, 2 * np.pi, NUM_PHASES, endpoint=False)
-    return float(np.max(np.abs([synthesis(jnp.asarray(q), phase) for q in motion])))
-
-
 def _sweep_design(candidate: Sweep, laws: tuple[str, ...], noise: Noise, longest: int) -> Design:
     """A sweep's record; its information does not depend on the response, which is left at zero."""
     source = _source(candidate, longest)
@@ -114,31 +100,29 @@ def _sweep_design(candidate: Sweep, laws: tuple[str, ...], noise: Noise, longest
     return Dataset.of([planned]), jnp.asarray(kept, float)
 
 
-def _tones_design(
-    candidate: Tones,
-    laws: tuple[str, ...],
-    noise: Noise,
-    motion: Complex[np.ndarray, "tone harmonic"],
-) -> Design:
-    """Odd harmonics of steady tones, all of which is measured."""
-    omega = 2 * np.pi * np.array(candidate.frequencies_hz)
-    planned = Points.design(
-        omega, candidate.level, motion, response=noise.response, noise_std=noise.std,
-        num_samples=candidate.num_samples, laws=laws,
-    )  # fmt: skip
-    return Dataset.of([planned]), jnp.ones(2 * planned.position.size * omega.size)
+def _tones_designs(
+    candidate: Tones, beliefs: Beliefs, noise: Noise
+) -> tuple[Float[np.ndarray, " joint"], list[Design]]:
+    """Largest displacement [m] and odd harmonics of steady tones, joint by joint, all measured."""
+    omega, level = 2 * np.pi * np.array(candidate.frequencies_hz), jnp.asarray(candidate.level)
+    phase = jnp.linspace(0.0, 2 * np.pi, NUM_PHASES, endpoint=False)
+    y_peak, designs = [], []
+    for theta in beliefs.each():
+        motion = np.asarray(_steady(theta, jnp.asarray(omega), level, beliefs.laws))
+        y_peak.append(np.max(np.abs([synthesis(jnp.asarray(q), phase) for q in motion])))
+        planned = Points.design(
+            omega, candidate.level, motion, response=noise.response, noise_std=noise.std,
+            num_samples=candidate.num_samples, laws=beliefs.laws,
+        )  # fmt: skip
+        num_values = 2 * planned.position.size * omega.size
+        designs.append((Dataset.of([planned]), jnp.ones(num_values)))
+    return np.array(y_peak), designs
 
 
-def _source(candidate: Sweep, longest: int) -> Float[np.ndarray, " time"]:
+def _source(test: Sweep, longest: int) -> Float[np.ndarray, " time"]:
     """Samples of the input, with silence behind them up to so many."""
-    played = sweep(
-        candidate.level,
-        candidate.start_hz,
-        candidate.stop_hz,
-        candidate.burst,
-        fade=candidate.fade,
-    )
-    return np.asarray(sampled(played, candidate.fs, max(candidate.num_samples, longest)))
+    played = sweep(test.level, test.start_hz, test.stop_hz, test.burst, fade=test.fade)
+    return np.asarray(sampled(played, test.fs, max(test.num_samples, longest)))
 
 
 @eqx.filter_jit

@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 
 from jbw.errors import ConfigError, DataError, JbwError, did_you_mean, naming
-from jbw.measurement.checks import Fault, inspect, ordered
+from jbw.measurement.checks import Fault, inspect
 from jbw.measurement.files.assemble import records_of
 from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.files.tree import Contents, Leaf, names
@@ -82,8 +82,7 @@ def read(
     wanted = Wanted(channels, units or {}, fs, scale or {}, repeats, span)
     kept = [r for i, r in enumerate(records(Path(path), wanted)) if i not in exclude]
     for record in kept:
-        lines = ordered(record) if "frequency" in record.channels else ()
-        report(record, [*inspect(record), *lines])
+        report(record, inspect(record))
     return tuple(kept)
 
 
