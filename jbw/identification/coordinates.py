@@ -18,8 +18,6 @@ from jbw.oscillator.laws import laws_named
 from jbw.oscillator.oscillator import prior_of
 from jbw.quantities import DEFAULT_LAWS
 
-PAPER = "paper"  # the laws' own parameters
-
 
 def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
     """Box of the joint route: the joint's parameters, and the gain, where they are not held."""
@@ -30,48 +28,38 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
         # Force over displacement of the stiffest loop, peak to peak, per unit mass.
         stiffness = (part.stiffness(float(data.held.get("gain", 1.0))) for part in data.parts)
         omega_n = max(value for value in stiffness if value is not None) ** 0.5
+    y_peak = largest_displacement(data, omega_n)
+    scales = Scales(omega_n, known.get("zeta", 0.01), y_peak, forced)
     gain = None if "gain" in data.held else (known["gain"], min(p.gain_std() for p in data.parts))
-    prior = joint_box(
-        settings,
-        omega_n,
-        known.get("zeta", 0.01),
-        gain,
-        largest_displacement(data, omega_n),
-        laws=data.laws,
-        linear=any(part.is_linear for part in data.parts),
-        forced=forced,
-    )
+    linear = any(part.is_linear for part in data.parts)
+    prior = joint_box(settings, scales, gain, data.laws, linear=linear)
     return box({name: pair for name, pair in bounds_of(prior).items() if name not in data.held})
 
 
 def joint_box(
     settings: Identify,
-    omega_n: float,
-    zeta: float,
+    scales: Scales,
     gain: tuple[float, float] | None,
-    y_peak: float,
-    *,
     laws: tuple[str, ...] = DEFAULT_LAWS,
+    *,
     linear: bool = True,
-    forced: bool = False,
 ) -> Box:
     """Box of omega_n, zeta, the parameters of the laws, and the gain unless that is None.
 
-    omega_n [rad/s], zeta and the gain with its standard deviation are those of Step 2, `y_peak` is
-    the largest displacement [m], and `forced` where all tests prescribe it. Unless `linear`,
-    omega_n and zeta were read at a level that holds the joint's softening and its losses, and tell
-    the oscillator's own only roughly.
+    The gain comes with its standard deviation. Unless `linear`, omega_n and zeta of the scales were
+    read at a level that holds the joint's softening and its losses, and tell the oscillator's own
+    only roughly.
 
     Raises:
         ConfigError: The campaign's bounds of a stiffness reach the whole stiffness.
     """
-    given = settings.prior
+    given, omega_n, zeta = settings.prior, scales.omega_n, scales.zeta
     bounds: Bounds = {"omega_n": (0.97 * omega_n, 1.03 * omega_n), "zeta": (0.2 * zeta, 3.0 * zeta)}
     if not linear:
         bounds |= {"omega_n": (0.7 * omega_n, 1.5 * omega_n), "zeta": (0.005 * zeta, 3.0 * zeta)}
-    if forced:
+    if scales.forced:
         bounds["omega_n"] = (0.2 * omega_n, 2.0 * omega_n)
-    bounds |= prior_of(laws, Scales(omega_n, zeta, y_peak, forced))
+    bounds |= prior_of(laws, scales)
     if gain is not None:
         reach = max(0.1 * gain[0], 8 * gain[1]) if np.isfinite(gain[1]) else 0.5 * gain[0]
         bounds["gain"] = (gain[0] - reach, gain[0] + reach)

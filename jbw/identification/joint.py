@@ -44,7 +44,7 @@ from jbw.observables.dataset import (
     left_by_label,
     log_likelihood,
 )
-from jbw.observables.observable import Drawn, Draws, Observable
+from jbw.observables.observable import Drawn, Observable
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import BY_NAME
 
@@ -166,28 +166,11 @@ def stuck(posterior: xr.DataTree, judged: Verdict) -> list[str]:
     ]
 
 
-def draw_noise_std(
-    key: Key[Array, ""],
-    theta: Drawn,
-    terms: Float[np.ndarray, "chain draw term"],
-    data: Dataset,
-) -> dict[str, Draws]:
-    """One exact draw of each group's noise for every draw of the parameters, by label."""
-    labelled = {label: terms[..., i] for i, label in enumerate(data.labels)}
-    found: dict[str, Draws] = {}
-    for part in data.parts:
-        if part.dimension:
-            key, now = jax.random.split(key)
-            found |= part.draw_noise(now, theta, labelled, data.num_offsets)
-    return found
-
-
 def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.DataTree:
     """The posterior with the noise of each group, the laws' own parameters and their products."""
     posterior = tree["posterior"].to_dataset()
     terms = tree["log_likelihood"].to_dataset()["terms"].values
-    theta = _every_parameter(posterior, data)
-    derived = _noise_variables(draw_noise_std(key, theta, terms, data), data)
+    derived = draw_noise_std(key, _every_parameter(posterior, data), terms, data)
     derived |= _law_variables(posterior, data)
     return tree.assign(posterior=xr.DataTree(posterior.assign(derived)))
 
@@ -211,12 +194,23 @@ def _law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
     return derived
 
 
-def _noise_variables(noise: dict[str, Draws], data: Dataset) -> dict[str, Any]:
-    """Variables of the noise, a row a group, by the observables' suffixes and dimensions."""
+def draw_noise_std(
+    key: Key[Array, ""],
+    theta: Drawn,
+    terms: Float[np.ndarray, "chain draw term"],
+    data: Dataset,
+) -> dict[str, Any]:
+    """One exact draw of each group's noise for every draw of the parameters.
+
+    Variables by the observables' suffixes and dimensions, a row a group.
+    """
+    labelled = {label: terms[..., i] for i, label in enumerate(data.labels)}
     derived: dict[str, Any] = {}
     for part in data.parts:
         if not part.dimension:
             continue
+        key, now = jax.random.split(key)
+        noise = part.draw_noise(now, theta, labelled, data.num_offsets)
         name, dim, number = f"noise_std{part.suffix}", part.dimension, 2
         while name in derived:
             name, dim = f"noise_std{part.suffix}_{number}", f"{part.dimension}_{number}"

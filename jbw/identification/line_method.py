@@ -55,13 +55,13 @@ class LineFit:
         return np.sqrt(np.diag(self.covariance))
 
 
-def line_fit_start(frf: FRF, band: tuple[float, float] | None = None) -> LineFit:
-    r"""The line-fit method: the inverse receptance is linear in its parameters.
+def line_fit_start(frf: FRF, band: tuple[float, float] | None = None) -> NDArray[np.float64]:
+    r"""(omega_n, zeta, gain) by the line-fit method: 1/H is linear in its parameters.
 
     $$\frac1H = \frac{\omega_n^2}{g} - \frac{\omega^2}{g} + j\omega\,\frac{2\zeta\omega_n}{g}$$
 
     Weighted by |H|^4 over the variance, which is what 1/H inherits. Reads the FRF as it stands, so
-    a short window reads too high a damping. No covariance (NaN): a start for `line_fit`.
+    a short window reads too high a damping: a start for `line_fit`.
 
     Raises:
         DataError: Fewer than 4 lines, or no resonance that loses energy.
@@ -86,12 +86,7 @@ def line_fit_start(frf: FRF, band: tuple[float, float] | None = None) -> LineFit
             remedy="Check which channel is the input, `delay` and `band`.",
         )
     root = np.sqrt(a / b)
-    band_hz = float(frf.freq[lines][0]), float(frf.freq[lines][-1])
-    return LineFit(
-        omega_n=float(root * scale), zeta=float(c / b / (2 * root)), gain=float(scale**2 / b),
-        covariance=np.full((3, 3), np.nan), upper=0.0, lower=0.0, chi_square=np.nan,
-        dof=2 * len(h) - 3, num_lines=len(h), band_hz=band_hz, smeared=False,
-    )  # fmt: skip
+    return np.array([root * scale, c / b / (2 * root), scale**2 / b])
 
 
 def floored(variance: NDArray[np.float64], h: NDArray[np.complex128]) -> NDArray[np.float64]:

@@ -101,8 +101,8 @@ def line_fit(
     data = part.h * _to_measured(part)
     model = _model(part, NUM_RESIDUALS[residuals], smear)
     extra = np.zeros(NUM_RESIDUALS[residuals])
-    typical = np.concatenate([start.theta, extra + np.abs(part.h).max()])
-    theta = np.concatenate([start.theta, extra])
+    typical = np.concatenate([start, extra + np.abs(part.h).max()])
+    theta = np.concatenate([start, extra])
     observed = floored(part.variance * np.abs(_to_measured(part)) ** 2, data)
     variance, of_sum = observed, None
     theta, jacobian, chi_square = _least_squares(model, data, variance, theta, typical)
@@ -117,7 +117,7 @@ def line_fit(
         covariance=_covariance_of(jacobian, variance, of_sum)[:3, :3],
         upper=float(upper), lower=float(lower * part.omega.mean() ** 2),
         chi_square=chi_square, dof=2 * len(data) - len(theta), num_lines=len(data),
-        band_hz=start.band_hz, smeared=smear,
+        band_hz=(float(part.freq[0]), float(part.freq[-1])), smeared=smear,
     )  # fmt: skip
     _warn_when_doubtful(fit, frf)
     return fit

@@ -75,21 +75,18 @@ def linear_dataset(step: LinearStep) -> xr.Dataset:
     model = pooled.gain * np.asarray(h1(2 * np.pi * freq, pooled.omega_n, pooled.zeta))
     units = units_of(step)
     variables: dict = {}
+    std = np.sqrt(np.diag(pooled.covariance))
+    attrs: dict = {"test": step.test.name, "y_rms": step.y_rms}
     for i, name in enumerate(NAMES):
-        attrs = {"units": units[name]}
-        variables[name] = ("repeat", [fit.theta[i] for fit in step.fits], attrs)
-        variables[f"{name}_sd"] = ("repeat", [fit.std[i] for fit in step.fits], attrs)
+        unit = {"units": units[name]}
+        variables[name] = ("repeat", [fit.theta[i] for fit in step.fits], unit)
+        variables[f"{name}_sd"] = ("repeat", [fit.std[i] for fit in step.fits], unit)
+        attrs[f"pooled_{name}"] = float(pooled.mean[i])
+        attrs[f"pooled_{name}_sd"] = float(std[i])
+        attrs[f"cv_{name}"] = float(pooled.cv[i])
     receptance = per("m", step.source_unit)
     for prefix, value in (("h", h), ("fit", model)):
         variables[f"{prefix}_magnitude"] = ("freq", np.abs(value), {"units": receptance})
         variables[f"{prefix}_phase"] = ("freq", np.angle(value), {"units": "rad"})
     variables["coherence"] = ("freq", step.frf.coherence[keep], {"units": "1"})
-    std = np.sqrt(np.diag(pooled.covariance))
-    attrs = {"test": step.test.name, "y_rms": step.y_rms}
-    for i, name in enumerate(NAMES):
-        attrs |= {
-            f"pooled_{name}": float(pooled.mean[i]),
-            f"pooled_{name}_sd": float(std[i]),
-            f"cv_{name}": float(pooled.cv[i]),
-        }
     return xr.Dataset(variables, {"freq": ("freq", freq, {"units": "Hz"})}, attrs)

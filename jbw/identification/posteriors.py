@@ -9,10 +9,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Key, PyTree
 
 from jbw.errors import ConfigError, DataError
-from jbw.identification.assemble import Measured, Report, assemble
+from jbw.identification.assemble import Measured, Report
 from jbw.identification.linear import PooledFit
 from jbw.identification.paper import kernel, step3, step4
-from jbw.identification.prepare import prepare, refit
+from jbw.identification.prepare import fit_joint, refit
 from jbw.identification.step import means_of
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box
@@ -105,9 +105,7 @@ def _opening(
 
 def _joint(key: Key[Array, ""], seen: Measured, known: Known, report: Report) -> Posterior:
     """The joint posterior, in the prior of the run where that is known: it may lie elsewhere."""
-    data = assemble(seen)
-    report(f"Least squares: all parameters from {len(data.labels)} groups of data")
-    ready = prepare(jax.random.split(key), data, seen.settings)
+    ready = fit_joint(key, seen, report)
     prior, best, data = ready.box, ready.fit, ready.data
     if known.bounds:
         if set(known.bounds) != set(prior.names):

@@ -21,7 +21,6 @@ from jbw.campaign.settings import Identify
 from jbw.identification.accuracy import NUM_DRAWS, SHIFT, solver_change
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.coordinates import (
-    PAPER,
     bounds_of,
     box_of,
     chosen_coordinates,
@@ -70,16 +69,15 @@ class Fitted:
     chi_square: tuple[float, int] | None = None
 
 
-def fit_joint(seen: Measured, *, seed: int = 0, report: Report = logger.info) -> Fitted:
-    """Fit the joint to a campaign as the joint posterior would, in the paper's parameters.
+def fit_joint(key: Key[Array, ""], seen: Measured, report: Report) -> Fitted:
+    """Fit the joint to a campaign as the joint posterior would.
 
     Raises:
         DataError: If there is nothing that the joint can be fitted to.
     """
     data = assemble(seen)
     report(f"Least squares: all parameters from {len(data.labels)} groups of data")
-    settings = seen.settings.model_copy(update={"coordinates": PAPER})
-    return prepare(jax.random.split(jax.random.key(seed)), data, settings)
+    return prepare(jax.random.split(key), data, seen.settings)
 
 
 def prepare(

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+import jax
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -117,8 +118,10 @@ def identifiability(
     require_float64()
     gain = force_per_unit(campaign)
     seen = measured(campaign.tests, campaign.settings, laws=campaign.laws, gain=gain, report=report)
-    seed = campaign.settings.seed if seed is None else seed
-    fitted = fit_joint(seen, seed=seed, report=report)
+    # In the paper's parameters.
+    seen = replace(seen, settings=seen.settings.model_copy(update={"coordinates": "paper"}))
+    key = jax.random.key(campaign.settings.seed if seed is None else seed)
+    fitted = fit_joint(key, seen, report)
     return look(fitted, with_profiles=profiles, report=report)
 
 

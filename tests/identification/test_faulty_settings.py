@@ -9,6 +9,7 @@ from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, ModelError
 from jbw.identification.accuracy import residual_finding
 from jbw.identification.coordinates import joint_box
+from jbw.oscillator.law import Scales
 from jbw.planning.description import parse as parse_plan
 
 CAMPAIGN = """
@@ -52,7 +53,7 @@ def test_bounds_that_cannot_be_meant(line, says):
 
 
 def box_of(**prior):
-    return joint_box(Identify(prior=prior), OMEGA_N, 0.004, None, 1e-3)
+    return joint_box(Identify(prior=prior), Scales(OMEGA_N, 0.004, 1e-3), None)
 
 
 @pytest.mark.fault(27)

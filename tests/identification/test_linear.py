@@ -60,7 +60,7 @@ def test_noise_free_periodic_record_gives_the_truth(window):
     if window == "boxcar":
         fit, start = line_fit(found), line_fit_start(found)
         np.testing.assert_allclose(fit.theta, TRUTH, rtol=1e-6)
-        np.testing.assert_allclose(start.theta, TRUTH, rtol=1e-6)
+        np.testing.assert_allclose(start, TRUTH, rtol=1e-6)
         assert np.all(fit.std < 1e-6 * TRUTH)
     else:  # a Hann window on a periodic record mixes neighbouring lines even so
         with pytest.raises(ConfigError, match="estimator h1 with a Hann"):

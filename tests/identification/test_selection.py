@@ -15,6 +15,7 @@ from jbw.identification.selection import (
     sweep_tests,
 )
 from jbw.measurement.records import Record, Test
+from jbw.oscillator.law import Scales
 
 
 def a_test(kind, level, name="", tones=(), repeats=4):
@@ -71,11 +72,12 @@ def test_boxes_of_the_papers_widths_have_the_papers_coefficients_of_variation():
 
 
 def test_the_joint_box_takes_the_campaigns_bounds_where_it_states_them():
-    prior = joint_box(Identify(prior={"alpha": (425, 590)}), 118.0, 0.0044, (15.0, 0.001), 5e-3)
+    scales = Scales(118.0, 0.0044, 5e-3)
+    prior = joint_box(Identify(prior={"alpha": (425, 590)}), scales, (15.0, 0.001))
     bounds = dict(zip(prior.names, zip(prior.lower, prior.upper, strict=True), strict=True))
     assert tuple(map(float, bounds["alpha"])) == (425.0, 590.0)
     assert prior.names == ("omega_n", "zeta", "alpha", "delta", "gamma", "gain")
-    assert "gain" not in joint_box(Identify(), 118.0, 0.0044, None, 5e-3).names
+    assert "gain" not in joint_box(Identify(), scales, None).names
 
 
 def test_decays_held_out_are_not_fitted():

@@ -99,7 +99,9 @@ def test_draws_of_the_noise_come_from_the_stored_likelihood(tests):
     data = Dataset.of([Records.of(tests)])
     terms = np.asarray(log_likelihood(theta(), data))
     stored = np.broadcast_to(terms, (4, 100, 1))
-    draws = draw_noise_std(jax.random.key(0), {}, stored, data)["sweep"]
+    _, draws, attrs = draw_noise_std(jax.random.key(0), {}, stored, data)["noise_std"]
+    assert attrs["units"] == "m/s"
+    draws = draws[..., 0]
     squares = float(data.parts[0].squares(theta())[0])
     # sigma^2 = Q / chi^2_n with n = 2560: mean sqrt(Q / n) to 1e-3, sd 1 / sqrt(2 n) of it, which
     # 400 draws know to 3.5 %.

@@ -58,7 +58,7 @@ def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> Op
     """Solve at the Chebyshev nodes of gamma's prior and make the series; usable under vmap."""
     s = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
     gamma = prior.lower[0] + (s + 1) / 2 * (prior.upper[0] - prior.lower[0])
-    values = misfits(gamma, as_arrays(held), records)
+    values = misfits(gamma, dict(held), records)
     # Discrete orthogonality of the polynomials at these nodes; the mean comes with half the weight.
     series = 2 / NODES * np.polynomial.chebyshev.chebvander(s, NODES - 1).T
     series[0] /= 2
@@ -114,11 +114,6 @@ def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " 
         Eqs. (41), (42).
     """
     return jnp.sqrt(jnp.maximum(misfit(theta["gamma"], curve), 1e-300)) / curve.noise_std
-
-
-def as_arrays(held: Mapping[str, float]) -> dict[str, Array]:
-    """Held parameters as arrays, which are not compiled in."""
-    return {name: jnp.asarray(float(value)) for name, value in held.items()}
 
 
 class OpeningFit(NamedTuple):
@@ -233,7 +228,7 @@ def _series_finding(
 ) -> Finding:
     """Whether the series is right where the posterior lies, by solves between its nodes."""
     gamma = jnp.asarray(np.quantile(posterior["gamma"].values, np.linspace(0.05, 0.95, 8)))
-    exact = misfits(gamma, as_arrays(held), records)
+    exact = misfits(gamma, dict(held), records)
     series = jax.vmap(lambda value: misfit(value, curve))(gamma)
     both = [-curve.num_values / 2 * jnp.log(part + curve.within) for part in (exact, series)]
     error = np.asarray(jnp.sum(both[0] - both[1], axis=-1))
