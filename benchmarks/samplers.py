@@ -27,7 +27,7 @@ from timing import Table, Target, options, show, targets
 
 from jbw import rig
 from jbw.identification.assemble import measured
-from jbw.identification.posteriors import STEPS, Posterior, posterior_of
+from jbw.identification.procedure import STEPS, Posterior, posterior_of
 from jbw.inference.posterior.summary import diagnose
 from jbw.inference.samplers.sampling import sample
 from jbw.rig.generator import Noise, Sweep

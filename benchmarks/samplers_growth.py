@@ -22,7 +22,7 @@ from cold_start import kernel_at_five_tones
 from timing import Table, options, show
 
 from jbw.identification.paper import kernel
-from jbw.identification.posteriors import Posterior
+from jbw.identification.procedure import Posterior
 from jbw.inference.fit.fitting import fit
 from jbw.inference.space.box import box
 from jbw.study.compare import side_by_side

@@ -41,13 +41,7 @@ class Table(BaseModel):
 
 
 def key(default: Any, says: str, example: Any = None) -> Any:
-    """A key of a table.
-
-    Args:
-        default: Its value where nothing is stated, a factory of one, or `...` where it must be.
-        says: What it means, in a few words with the unit.
-        example: A value to show.
-    """
+    """A key of a table: its default, a factory of one or `...`, its meaning with the unit."""
     given: dict[str, Any] = {"default_factory" if callable(default) else "default": default}
     return Field(**given, description=says, examples=None if example is None else [example])
 
@@ -102,11 +96,7 @@ def checked[Found: Table](
 ) -> Found | None:
     """A table as its typed record; None where anything is wrong, which is added to the errors.
 
-    Args:
-        model: The record's type.
-        table: What the document holds.
-        where: How messages name the table, such as `[identify]`.
-        errors: Of the whole file so far.
+    `where` is how messages name the table, such as `[identify]`.
     """
     if not isinstance(table, Mapping):
         errors.append(f"{where}: must be a table, but is {table!r}.")
@@ -114,8 +104,8 @@ def checked[Found: Table](
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        for found in error.errors(include_url=False):
-            errors += [f"{where}{line}" for line in _lines(model, found)]
+        for each in error.errors(include_url=False):
+            errors += [f"{where}{line}" for line in _lines(model, each)]
     return None
 
 

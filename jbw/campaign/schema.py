@@ -137,12 +137,8 @@ def _named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
         yield test.model_copy(update={"name": name})
 
 
-def force_per_unit(campaign: Any) -> float | None:
-    """Force per modal mass for one unit of the input [1/kg, or N/kg/V], when the campaign says.
-
-    Args:
-        campaign: As checked, or as loaded with its records.
-    """
+def force_per_unit(campaign: Any) -> float | None:  # as checked, or with its records
+    """Force per modal mass for one unit of the input [1/kg, or N/kg/V], when the campaign says."""
     return campaign.gain if campaign.modal_mass is None else 1 / campaign.modal_mass
 
 

@@ -152,7 +152,6 @@ def _path(role: str, item: Any) -> str:
 
 
 def _unit(role: str, item: Any) -> str:
-    """A unit of what the role measures."""
     if not isinstance(item, str):
         raise ValueError(f"role `{role}` needs a unit, but has {item!r}.")
     si_of(role, item)  # also of a measured FRF, per unit of excitation

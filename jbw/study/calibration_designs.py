@@ -18,8 +18,7 @@ from jbw.identification.assemble import measured
 from jbw.identification.linear_step import LinearStep, linear_step
 from jbw.identification.paper import step3, step4
 from jbw.identification.paper.kernel import KernelData
-from jbw.identification.posteriors import posterior_of
-from jbw.identification.procedure import Report
+from jbw.identification.procedure import Report, posterior_of
 from jbw.identification.selection import linear_test, probing_tests, sweep_tests
 from jbw.inference.space.box import Box, box
 from jbw.measurement.records import Record, Test

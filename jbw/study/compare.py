@@ -15,8 +15,7 @@ from jaxtyping import Array, Key
 from jbw.campaign.load import Campaign, force_per_unit
 from jbw.errors import ConfigError, JbwError
 from jbw.identification.assemble import measured
-from jbw.identification.posteriors import Known, Posterior, posterior_of
-from jbw.identification.procedure import Report
+from jbw.identification.procedure import Known, Posterior, Report, posterior_of
 from jbw.identification.step import attrs
 from jbw.inference.posterior.compare import (
     Row,

@@ -10,8 +10,7 @@ import xarray as xr
 
 from jbw.campaign.load import Campaign, load_campaign
 from jbw.errors import ConfigError, DataError
-from jbw.identification.posteriors import Known
-from jbw.identification.procedure import Identification
+from jbw.identification.procedure import Identification, Known
 from jbw.inference.posterior.finding import Finding, Verdict
 from jbw.measurement.records import Test
 from jbw.report.result import node, read_result

@@ -15,7 +15,7 @@ from jbw.cli.printing import show
 from jbw.cli.studies import comparison_lines
 from jbw.errors import ConfigError
 from jbw.identification.assemble import measured
-from jbw.identification.posteriors import Posterior, posterior_of
+from jbw.identification.procedure import Posterior, posterior_of
 from jbw.inference.fit.fitting import fit
 from jbw.inference.space.box import box
 from jbw.report.studies import comparison, effective_rates, means
