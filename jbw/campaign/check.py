@@ -173,21 +173,21 @@ def findings(
                 f"Repeats of a test must have one sampling frequency, but this has {record.fs:g} "
                 f"Hz and {other.name} has {other.fs:g} Hz."
             )
-            contradictions.append((said, "", "Make two tests of them."))
-    found += [refusal(record.response, *said) for said in contradictions]
+            contradictions.append((said, "Make two tests of them."))
+    for what, remedy, *why in contradictions:
+        found.append(refusal(record.response, what, *why, remedy=remedy))
     if worst(found) != "error":
         found += _believable(record, test, per_unit)
     return tuple(found)
 
 
-def _fits_test(record: Record, test: TestSpec) -> Iterator[tuple[str, str, str]]:
-    """What in a record contradicts the campaign file, why it matters, and the remedy."""
+def _fits_test(record: Record, test: TestSpec) -> Iterator[tuple[str, ...]]:
+    """What in a record contradicts the campaign file, the remedy, and perhaps why it matters."""
     nyquist = record.fs / 2
     if test.band and test.band[1] > nyquist:
         yield (
             f"`band` ends at {test.band[1]:g} Hz, above half the sampling frequency "
             f"({nyquist:g} Hz).",
-            "",
             f"Lower the band's end to at most {nyquist:g} Hz, or correct fs.",
         )
     high = [tone for tone in test.tones if 3 * tone >= nyquist]
@@ -195,8 +195,8 @@ def _fits_test(record: Record, test: TestSpec) -> Iterator[tuple[str, str, str]]
         yield (
             f"Tone {high[0]:g} Hz must lie below a third of half the sampling frequency "
             f"({nyquist / 3:.4g} Hz).",
-            "Its third harmonic folds back otherwise.",
             "Drop the tone, or measure with a higher sampling frequency.",
+            "Its third harmonic folds back otherwise.",
         )
     length = record.num_samples / record.fs
     needed = test.dwell * len(test.tones) if test.traits.is_stepped else test.settle
@@ -204,31 +204,29 @@ def _fits_test(record: Record, test: TestSpec) -> Iterator[tuple[str, str, str]]
         taken = "the steps take" if test.traits.is_stepped else "`settle` alone takes"
         yield (
             f"The record lasts {length:.4g} s, but {taken} {needed:.4g} s.",
-            "",
             "Correct settle, dwell or tones, or give the whole record.",
         )
     if record.num_samples % test.periods:
         yield (
             f"The record's {record.num_samples} samples are not {test.periods} whole periods.",
-            "Averages over periods would drift through the record.",
             "Correct periods, or cut the record to whole ones with span.",
+            "Averages over periods would drift through the record.",
         )
 
 
-def _fits_curve(record: Record, test: TestSpec) -> Iterator[tuple[str, str, str]]:
+def _fits_curve(record: Record, test: TestSpec) -> Iterator[tuple[str, ...]]:
     freq = record.channels["frequency"]
     freq = freq[np.isfinite(freq)]
     if "phase" not in record.channels:
         yield (
             "The response is real and has no phase.",
-            "An amplitude alone does not tell the damping from the stiffness.",
             "Name the channel `phase`, or one that holds the complex response.",
+            "An amplitude alone does not tell the damping from the stiffness.",
         )
     if test.band and len(freq) and not np.any((freq >= test.band[0]) & (freq <= test.band[1])):
         yield (
             f"No line of the curve, {freq.min():.4g} to {freq.max():.4g} Hz, lies in "
             f"`band` = [{test.band[0]:g}, {test.band[1]:g}] Hz.",
-            "",
             "Correct band, or the unit of frequency: it may be rad/s.",
         )
 

@@ -1,6 +1,6 @@
 """The line-fit method: a linear oscillator from the inverse of its FRF."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from jbw.measurement.channels import passband
 from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
+PER_LINE = ("freq", "h", "coherence", "variance", "input_spectrum", "output_spectrum")
 NEAR_PEAK = 0.2  # default band, of the peak's frequency to either side
 
 
@@ -55,7 +56,7 @@ class LineFit:
         return np.sqrt(np.diag(self.covariance))
 
 
-def line_fit_start(frf: FRF, band: tuple[float, float] | None = None) -> NDArray[np.float64]:
+def line_fit_start(frf: FRF) -> NDArray[np.float64]:
     r"""(omega_n, zeta, gain) by the line-fit method: 1/H is linear in its parameters.
 
     $$\frac1H = \frac{\omega_n^2}{g} - \frac{\omega^2}{g} + j\omega\,\frac{2\zeta\omega_n}{g}$$
@@ -64,20 +65,18 @@ def line_fit_start(frf: FRF, band: tuple[float, float] | None = None) -> NDArray
     a short window reads too high a damping: a start for `line_fit`.
 
     Raises:
-        DataError: Fewer than 4 lines, or no resonance that loses energy.
+        DataError: No resonance that loses energy.
     """
-    lines = lines_of(frf, band)
-    omega, h = frf.omega[lines], frf.h[lines]
-    scale = omega.mean()
-    x = omega / scale
-    weight = np.abs(h) ** 2 / np.sqrt(floored(frf.variance[lines], h))
+    h, scale = frf.h, frf.omega.mean()
+    x = frf.omega / scale
+    weight = np.abs(h) ** 2 / np.sqrt(floored(frf.variance, h))
     zero = np.zeros_like(x)
     design = np.block([[np.ones_like(x), zero], [-(x**2), zero], [zero, x]]).T
     target = np.concatenate([(1 / h).real, (1 / h).imag])
     both = np.tile(weight / weight.max(), 2)
     a, b, c = np.linalg.lstsq(design * both[:, None], target * both)[0]
     if not (a / b > 0 and c / b > 0 and c**2 < 4 * a * b):
-        peak = frf.freq[lines][np.argmax(np.abs(h))]
+        peak = frf.freq[np.argmax(np.abs(h))]
         raise DataError(
             f"The FRF must show a resonance that loses energy near {peak:.4g} Hz, but its inverse "
             "fits none.",
@@ -95,8 +94,8 @@ def floored(variance: NDArray[np.float64], h: NDArray[np.complex128]) -> NDArray
     return np.maximum(variance, max(1e-6 * typical, (1e-12 * np.abs(h).max()) ** 2))
 
 
-def lines_of(frf: FRF, band: tuple[float, float] | None) -> slice:
-    """Lines of the FRF inside the band [Hz]; by default 20 % to either side of the peak.
+def in_band(frf: FRF, band: tuple[float, float] | None) -> FRF:
+    """The FRF at its lines inside the band [Hz]; by default 20 % to either side of the peak.
 
     Raises:
         DataError: Fewer than 4 lines.
@@ -117,4 +116,4 @@ def lines_of(frf: FRF, band: tuple[float, float] | None) -> slice:
             f"but it holds {last - first} of the {1 / frf.window_s:.3g} Hz grid.",
             remedy="Widen `band`, or lengthen the windows of the estimate.",
         )
-    return slice(int(first), int(last))
+    return replace(frf, **{name: getattr(frf, name)[first:last] for name in PER_LINE})

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from jbw.errors import ConfigError, DataError
-from jbw.identification.line_method import LineFit, floored, line_fit_start, lines_of
-from jbw.identification.windowed import line_errors, receptance, smeared
+from jbw.identification.line_method import LineFit, floored, in_band, line_fit_start
+from jbw.identification.windowed import Complex, Real, line_errors, receptance, smeared
 from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
 __all__ = ["LineFit", "PooledFit", "line_fit", "line_fit_start", "pool"]
 
+Model = Callable[[Real], Complex]
 Residuals = Literal["none", "upper", "both"]
 
 NUM_RESIDUALS = {"none": 0, "upper": 1, "both": 2}
-PER_LINE = ("freq", "h", "coherence", "variance", "input_spectrum", "output_spectrum")
 SCATTER_P = 0.01  # repeats scatter more than their errors say, below this probability
 
 
@@ -95,9 +95,8 @@ def line_fit(
         Eqs. (23), (38), (39).
     """
     smear = _checked(frf, residuals, smear)
-    start = line_fit_start(frf, band)
-    lines = lines_of(frf, band)
-    part = replace(frf, **{name: getattr(frf, name)[lines] for name in PER_LINE})
+    part = in_band(frf, band)
+    start = line_fit_start(part)
     data = part.h * _to_measured(part)
     model = _model(part, NUM_RESIDUALS[residuals], smear)
     extra = np.zeros(NUM_RESIDUALS[residuals])
@@ -169,21 +168,19 @@ def _checked(frf: FRF, residuals: str, smear: bool | None) -> bool:
     return possible if smear is None else bool(smear)
 
 
-def _to_measured(part: FRF) -> NDArray[np.complex128]:
+def _to_measured(part: FRF) -> Complex:
     """Factor from the receptance to the response that was measured, whose noise is plainest."""
     return np.power(1j * part.omega, derivative_order(part.response), dtype=complex)
 
 
-def _model(
-    part: FRF, num_residuals: int, smear: bool
-) -> Callable[[NDArray[np.float64]], NDArray[np.complex128]]:
+def _model(part: FRF, num_residuals: int, smear: bool) -> Model:
     """Lines as a function of (omega_n, zeta, gain, residual terms), in the response measured."""
     order, to_measured = derivative_order(part.response), _to_measured(part)
     # Both terms have the size of a receptance over the band.
     inverse_square = (part.omega.mean() / part.omega) ** 2
     extra = np.array([to_measured, to_measured * inverse_square])[:num_residuals]
 
-    def model(theta: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def model(theta: Real) -> Complex:
         omega_n, zeta, gain = theta[:3]
         if smear:
             mode = smeared(part.omega, omega_n, zeta, gain, part.window_s, order)
@@ -195,16 +192,12 @@ def _model(
 
 
 def _least_squares(
-    model: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
-    data: NDArray[np.complex128],
-    variance: NDArray[np.float64],
-    start: NDArray[np.float64],
-    typical: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.complex128], float]:
+    model: Model, data: Complex, variance: Real, start: Real, typical: Real
+) -> tuple[Real, Complex, float]:
     """Parameters, complex Jacobian of the model and chi-square, weighted by the variance."""
     weight = np.sqrt(2 / variance)  # each component has half of the variance
 
-    def misfit(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def misfit(x: Real) -> Real:
         r = weight * (model(x * typical) - data)
         return np.concatenate([r.real, r.imag])
 
@@ -231,10 +224,8 @@ def _least_squares(
 
 
 def _covariance_of(
-    jacobian: NDArray[np.complex128],
-    variance: NDArray[np.float64],
-    of_sum: Callable[[NDArray[np.complex128]], NDArray[np.float64]] | None,
-) -> NDArray[np.float64]:
+    jacobian: Complex, variance: Real, of_sum: Callable[[Complex], Real] | None
+) -> Real:
     """Covariance of weighted least squares; of correlated lines where `of_sum` knows them."""
     scale = np.linalg.norm(jacobian, axis=0)
     weighted = (jacobian / scale).conj().T * (2 / variance)
