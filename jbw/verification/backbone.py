@@ -1,7 +1,6 @@
 """Frequency and damping against amplitude, of the posterior and as decays show them, and loops."""
 
 from collections.abc import Mapping
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -11,8 +10,7 @@ from jaxtyping import Array, Float
 
 from jbw.measurement.records import Test
 from jbw.observables.decay_envelopes import filter_of, readings
-from jbw.oscillator.law import Law
-from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 from jbw.quantities import UNIT_OF, derivative_order
 from jbw.verification.bands import QUANTILES, band
@@ -84,17 +82,16 @@ def _unloading(
     laws: Laws,
 ) -> tuple[Float[Array, "loop phase"], Float[Array, ""]]:
     """Force of the laws with a memory on the way down from each peak, and their stiffness."""
+    joint = oscillator_of(theta, laws)
+    slipping = [law for law in joint.laws if jax.tree.leaves(law.at_rest())]
+    memory = Oscillator(joint.omega_n, joint.zeta, slipping)
 
-    def along(law: Law, peak: Array, y: Float[Array, " phase"]) -> Float[Array, " phase"]:
-        top = law.at_tip(peak)
-        return jax.vmap(lambda to: law.force(to, -1.0, law.move(peak, top, to - peak)))(y)  # pyright: ignore[reportReturnType]
+    def along(peak: Array, y: Float[Array, " phase"]) -> Float[Array, " phase"]:
+        top = memory.at_tip(peak)
+        return jax.vmap(lambda to: memory.force(to, -1.0, memory.move(peak, top, to - peak)))(y)  # pyright: ignore[reportReturnType]
 
-    force, stiffness = jnp.zeros_like(y), jnp.zeros(())
-    for law in oscillator_of(theta, laws).laws:
-        if jax.tree.leaves(law.at_rest()):
-            force += jax.vmap(partial(along, law))(peaks, y)
-            stiffness += law.stiffness()
-    return force, stiffness
+    stiffness = jnp.asarray(sum(law.stiffness() for law in slipping), float)
+    return jax.vmap(along)(peaks, y), stiffness
 
 
 def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws) -> xr.Dataset:

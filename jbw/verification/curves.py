@@ -7,6 +7,7 @@ the scatter between them.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import batched
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -53,11 +54,9 @@ def curves_of(tests: Sequence[Test], of_tones: str = "") -> dict[str, Curve]:
         elif test.is_single_tone:
             tones.setdefault(test.level, []).append(test)
     for family in tones.values():
-        groups, width = tone_groups(family), len(ORDERS)
-        for i in range(0, len(groups), width):
-            number = f" {i // width + 1}" if i else ""
-            name = family_of(family[0]) + of_tones + number
-            found[name] = Curve(groups[i : i + width], family[0])
+        for i, groups in enumerate(batched(tone_groups(family), len(ORDERS))):
+            name = family_of(family[0]) + of_tones + (f" {i + 1}" if i else "")
+            found[name] = Curve(groups, family[0])
     return found
 
 

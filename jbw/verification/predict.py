@@ -28,19 +28,12 @@ ERRORS = ("coverage", "num_values", "nrmse")
 
 @dataclass(frozen=True)
 class Request:
-    """How to predict.
+    """How to predict."""
 
-    Attributes:
-        num_draws: Draws of the posterior at most; fewer through long records.
-        noise: Whether bands include the noise, where it is known.
-        gain: Gain that the campaign of the tests states, or the inverse of its modal mass.
-        seed: Of everything random.
-    """
-
-    num_draws: int = NUM_DRAWS
-    noise: bool = True
-    gain: float | None = None
-    seed: int = 0
+    num_draws: int = NUM_DRAWS  # of the posterior at most; fewer through long records
+    noise: bool = True  # whether bands include the noise, where it is known
+    gain: float | None = None  # that the campaign of the tests states, or 1 / modal mass
+    seed: int = 0  # of everything random
 
 
 def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Dataset:

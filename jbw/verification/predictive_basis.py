@@ -39,37 +39,22 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True)
 class Basis:
-    """What predictions start from.
+    """What predictions start from."""
 
-    Attributes:
-        posterior: The main posterior, with dimensions (chain, draw).
-        held: Parameters that were not updated.
-        seen: Tests of the run's campaign by name; none where the run does not say.
-        y_peak: Largest displacement among what was fitted [m]; 0 where not known.
-        scatter: Standard deviation of omega_n [rad/s] and zeta over runs; empty without offsets.
-        substeps: Steps of the solver between samples.
-        decay: The posterior of free decays: the main one where there is no other.
-        decay_facts: Of the free decays that were fitted: the `worth` of a value and the scatter
-            `shift_std` of the records' natural frequencies [rad/s]; empty where there were none.
-        laws: Names of the laws of the joint.
-    """
-
-    posterior: xr.Dataset
-    held: Mapping[str, float]
-    seen: Mapping[str, Seen]
-    y_peak: float
-    scatter: tuple[float, ...]
-    substeps: int
-    decay: xr.Dataset
+    posterior: xr.Dataset  # the main one, with dimensions (chain, draw)
+    held: Mapping[str, float]  # parameters that were not updated
+    seen: Mapping[str, Seen]  # tests of the run's campaign; none where the run does not say
+    y_peak: float  # largest displacement among what was fitted [m]; 0 where not known
+    scatter: tuple[float, ...]  # sd of omega_n [rad/s] and zeta over runs; empty without offsets
+    substeps: int  # of the solver between samples
+    decay: xr.Dataset  # posterior of free decays: the main one where there is no other
+    # Of the free decays that were fitted: the `worth` of a value, and the scatter `shift_std` of
+    # the records' natural frequencies [rad/s].
     decay_facts: Mapping[str, float]
     laws: Laws
 
     def thinned(self, num_draws: int, posterior: xr.Dataset | None = None) -> Draws:
-        """Evenly spaced draws of the main posterior, or of another, beside what was held.
-
-        Raises:
-            ConfigError: Fewer than two draws.
-        """
+        """Evenly spaced draws of the main posterior, or of another, beside what was held."""
         if num_draws < 2:
             raise ConfigError(
                 f"Argument `draws` must be at least 2, but is {num_draws}.",
@@ -83,9 +68,6 @@ class Basis:
         """Parameters of the joint and gain, one value a draw, as a further run would show them.
 
         With a gain [N/kg per unit of the source] where it is not the run's.
-
-        Raises:
-            DataError: A parameter is neither among the draws nor held.
         """
         known = self.thinned(num_draws)
         if gain is not None:
