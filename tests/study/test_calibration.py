@@ -24,7 +24,6 @@ from jbw.oscillator.response import simulate
 from jbw.rig import SLIDERS
 from jbw.study import calibration_designs as designs
 from jbw.study import calibration_models as models
-from jbw.study import simulators
 from jbw.study.calibration import sbc, suited
 
 SEEDS = (0, 1, 2)
@@ -73,7 +72,7 @@ def test_the_simulated_motion_is_that_of_the_solver():
     force = theta["gain"] * design.data.source[-1]
     joint = BoucWen(*(theta[name] for name in ("omega_n", "zeta", "alpha", "delta", "gamma")))
     solved = simulate(joint, force, designs.FS, hold="band_limited", substeps=8)
-    own = simulators.motion({n: jnp.asarray(v) for n, v in theta.items()}, force, designs.FS)
+    own = models.motion({n: jnp.asarray(v) for n, v in theta.items()}, force, designs.FS)
     np.testing.assert_allclose(own[:, 1], solved.v, atol=4e-6)
     np.testing.assert_allclose(own[:, 0], solved.y, atol=4e-8)
 
@@ -84,10 +83,10 @@ def test_the_simulated_motion_asks_the_rig_for_the_law():
     force = designs.GAIN * design.data.source[-1]
     theta = {n: jnp.asarray(float(value)) for n, value in SLIDERS.parameters().items()}
     solved = simulate(SLIDERS, force, designs.FS, hold="band_limited", substeps=8)
-    own = simulators.motion(theta, force, designs.FS, [law.name for law in SLIDERS.laws])
+    own = models.motion(theta, force, designs.FS, [law.name for law in SLIDERS.laws])
     np.testing.assert_allclose(own[:, 1], solved.v, atol=1e-4 * np.max(np.abs(solved.v)))
     with pytest.raises(ModelError, match="none of the rig's"):
-        simulators.motion({**theta, "cubic": jnp.asarray(1.0)}, force, designs.FS, ["cubic"])
+        models.motion({**theta, "cubic": jnp.asarray(1.0)}, force, designs.FS, ["cubic"])
 
 
 def test_the_simulated_kernel_is_reduced_as_a_campaign_is():
