@@ -31,7 +31,7 @@ from jbw.identification.procedure import STEPS, Posterior, posterior_of
 from jbw.inference.posterior.summary import diagnose
 from jbw.inference.samplers.sampling import sample
 from jbw.rig.generator import Noise, Sweep
-from jbw.study.compare import side_by_side, suited
+from jbw.study.compare import compare, suited
 
 LASER_NOISE = 1e-3  # [m/s]: a posterior that is not a point
 TONES = ("tone_5p00Hz", "tone_5p50Hz", "tone_6p00Hz", "tone_6p50Hz", "tone_6p75Hz")
@@ -63,7 +63,7 @@ def rig_campaign() -> rig.RigCampaign:
 def table_of(posterior: Posterior, calls: int) -> Table:
     """All samplers on one posterior: the best of several comparisons, by the warm time."""
     named = (*suited(posterior), "nested") if posterior.stepped else None
-    records = [side_by_side(posterior, samplers=named, seed=i).record for i in range(calls)]
+    records = [compare(posterior, samplers=named, seed=i).record for i in range(calls)]
     first = records[0]
     for record in records[1:]:
         for name, one in record["samplers"].items():

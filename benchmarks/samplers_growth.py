@@ -25,7 +25,7 @@ from jbw.identification.paper import kernel
 from jbw.identification.procedure import Posterior
 from jbw.inference.fit.fitting import fit
 from jbw.inference.space.box import box
-from jbw.study.compare import side_by_side
+from jbw.study.compare import compare
 
 DIMENSIONS = (2, 4, 8, 16)
 NOISES = (1e-1, 1e-2, 1e-3)  # of |H3|, one repeat
@@ -77,7 +77,7 @@ def ridge_posterior(noise: float) -> Posterior:
 
 def rows_of(family: str, posterior: Posterior) -> list[tuple[Any, ...]]:
     """What each sampler costs on a posterior."""
-    found = side_by_side(posterior, samplers=SAMPLERS).record
+    found = compare(posterior, samplers=SAMPLERS).record
     rows = []
     for name in SAMPLERS:
         one = found["samplers"].get(name)

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -58,7 +58,7 @@ class Drawn(NamedTuple):
 
 
 def compare(
-    campaign: Campaign,
+    campaign: Campaign | Posterior,
     *,
     step: str = "joint",
     samplers: Sequence[str] | None = None,
@@ -72,7 +72,7 @@ def compare(
     """Draw from one posterior of a campaign by several samplers and set their answers side by side.
 
     Args:
-        campaign: From `jbw.load_campaign` or the virtual rig.
+        campaign: From `jbw.load_campaign` or the virtual rig; or a posterior that is at hand.
         step: "joint", or of the paper's cut "third_order" (Step 3) or "opening" (Step 4).
         samplers: Names as `[identify] sampler` takes them; when None, all that suit the posterior:
             quadrature up to four parameters, and where an evaluation steps through time neither
@@ -99,28 +99,15 @@ def compare(
         raise ConfigError(
             f"Argument `samplers` must name some of {', '.join(SAMPLERS)}, not {unknown[0]!r}."
         )
-    seed = campaign.settings.seed if seed is None else seed
-    gain = force_per_unit(campaign)
-    seen = measured(campaign.tests, campaign.settings, laws=campaign.laws, gain=gain, report=report)
-    posterior = posterior_of(step, seen, seed=seed, known=known, report=report)
-    found = side_by_side(
-        posterior, samplers=samplers, seed=seed, num_chains=num_chains, twice=twice,
-        report=report, watch=watch,
-    )  # fmt: skip
-    return replace(found, record={"campaign": campaign.name, **found.record})
-
-
-def side_by_side(
-    posterior: Posterior,
-    *,
-    samplers: Sequence[str] | None = None,
-    seed: int = 0,
-    num_chains: int = 4,
-    twice: bool = True,
-    report: Report = logger.info,
-    watch: Watch = lambda name, so_far: None,
-) -> Comparison:
-    """The same for a posterior that is at hand."""
+    record: dict[str, Any] = {}
+    if isinstance(campaign, Posterior):
+        posterior, seed = campaign, seed or 0
+    else:
+        settings, gain = campaign.settings, force_per_unit(campaign)
+        seed = settings.seed if seed is None else seed
+        seen = measured(campaign.tests, settings, laws=campaign.laws, gain=gain, report=report)
+        posterior = posterior_of(step, seen, seed=seed, known=known, report=report)
+        record["campaign"] = campaign.name
     key = jax.random.fold_in(jax.random.key(seed), len(SAMPLERS))
     drawn: dict[str, Drawn] = {}
     refused: dict[str, str] = {}
@@ -130,7 +117,7 @@ def side_by_side(
             drawn[name] = _drawn(key, posterior, name, num_chains, twice, watch)
         except JbwError as error:
             refused[name] = str(error)
-    record = {
+    record |= {
         "posterior": posterior.name,
         "parameters": list(posterior.box.names),
         "seed": seed,

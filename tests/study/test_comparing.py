@@ -19,7 +19,7 @@ from jbw.identification.procedure import Posterior, posterior_of
 from jbw.inference.fit.fitting import fit
 from jbw.inference.space.box import box
 from jbw.report.studies import comparison, effective_rates, means
-from jbw.study.compare import side_by_side, suited
+from jbw.study.compare import compare, suited
 
 MEAN, SD = np.array([0.3, -0.2]), np.array([0.05, 0.1])
 PRIOR = box({"p": (-1.0, 1.0), "q": (-1.0, 1.0)})
@@ -44,7 +44,7 @@ def toy(density):
 
 @pytest.fixture(scope="module", name="found")
 def _found():
-    return side_by_side(toy(log_likelihood), samplers=("quadrature", "importance", "tempered_smc"))
+    return compare(toy(log_likelihood), samplers=("quadrature", "importance", "tempered_smc"))
 
 
 @pytest.mark.slow
@@ -71,7 +71,7 @@ def test_all_agree_with_the_normal_in_closed_form(found):
 
 @pytest.mark.slow
 def test_a_factor_of_two_dropped_from_the_log_likelihood_is_seen(found):
-    wrong = side_by_side(toy(halved), samplers=("importance",), twice=False).record
+    wrong = compare(toy(halved), samplers=("importance",), twice=False).record
     truth = found.record["samplers"]["quadrature"]["parameters"]
     row = wrong["samplers"]["importance"]["parameters"]["p"]
     assert abs(row["sd"] - truth["p"]["sd"]) > 4 * row["mcse_sd"]
