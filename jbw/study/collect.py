@@ -1,6 +1,8 @@
 """The run's result as one tree: posteriors, verification and validation, labelled, with units."""
 
+import json
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -19,7 +21,7 @@ from jbw.quantities import DEFAULT_LAWS, derivative_order
 from jbw.verification.backbone import backbone_group
 from jbw.verification.bands import QUANTILES, polar
 from jbw.verification.in_time import predict_motion
-from jbw.verification.predictive_basis import NUM_DRAWS, SUBSTEPS, Basis, basis_attrs, seen_of
+from jbw.verification.predictive_basis import NUM_DRAWS, SUBSTEPS, basis_of, seen_of
 from jbw.verification.verify import Groups, verify
 
 SPECTRUM = 4.2  # of the tone: the highest frequency of its spectrum shown
@@ -38,7 +40,8 @@ def collect(
     The truth, where the campaign is virtual, is only written beside the draws; the seed is that of
     the predictive noise.
     """
-    groups: Groups = {}
+    facts = xr.Dataset(attrs=found.main.posterior.attrs | basis_attrs(tests, found))
+    groups: Groups = {"/": facts}
     if found.linear is not None:
         groups["/steps/linear"] = linear_dataset(found.linear)
     for name, step in found.steps.items():
@@ -48,41 +51,34 @@ def collect(
         groups |= _kernel_groups(tests, found.linear, found.kernel, found.steps)
     if found.sweeps is not None:
         groups |= _conv_of_velocity(found.steps, found.sweeps)
-    basis = _basis(tests, found)
+    basis = basis_of(xr.DataTree.from_dict(groups))
     groups |= verify(tests, found, basis, settings, seed, report)
     curve = backbone_group(basis.thinned(NUM_DRAWS), basis.y_peak, basis.laws)
     if curve is not None:
         groups["/verification/backbone"] = curve
-    tree = xr.DataTree.from_dict(groups)
-    tree.attrs.update(found.main.posterior.attrs)
-    tree.attrs.update(basis_attrs(basis))
-    return tree
+    return xr.DataTree.from_dict(groups)
 
 
-def _basis(tests: Sequence[Test], found: Identification) -> Basis:
-    """What predictions start from, as `basis_of` reads it from the result."""
+def basis_attrs(tests: Sequence[Test], found: Identification) -> dict[str, Any]:
+    """What predictions start from besides draws, as `basis_of` reads it from the result."""
     posterior = found.main.posterior["posterior"].to_dataset()
     omega_n = float(posterior["omega_n"].mean()) if "omega_n" in posterior else 1.0
-    decay, facts = found.decay, {}
-    if found.decay_data is not None:
-        facts = {n: float(getattr(found.decay_data, n)) for n in ("shift_std", "substeps")}
-        facts["worth"] = float(found.decay_data.fraction)
-    fitted_data = found.data or Dataset.of([found.decay_data] if found.decay_data else [])
-    y_peak = largest_displacement(fitted_data, omega_n)
-    shared = [part for part in fitted_data.parts if not part.own_shifts]
+    decays = [] if found.decay_data is None else [found.decay_data]
+    data = found.data or Dataset.of(decays)
+    shared = [part for part in data.parts if not part.own_shifts]
     counts = (getattr(part, "substeps", None) for part in shared)
-    steps = [count for count in counts if count is not None]
-    return Basis(
-        posterior,
-        found.main.held,
-        {test.name: seen_of(test) for test in tests},
-        y_peak,
-        tuple(np.asarray(fitted_data.scatter).tolist()),
-        max(steps, default=SUBSTEPS),
-        posterior if decay is None else decay.posterior["posterior"].to_dataset(),
-        facts,
-        fitted_data.laws,
-    )
+    attrs: dict[str, Any] = {
+        "held": json.dumps(found.main.held),
+        "tests": json.dumps({test.name: seen_of(test)._asdict() for test in tests}),
+        "substeps": max(filter(None, counts), default=SUBSTEPS),
+        "y_peak": largest_displacement(data, omega_n),
+        "laws": json.dumps(data.laws),
+    }
+    for decay in decays:
+        known = {"worth": decay.fraction, "shift_std": decay.shift_std, "substeps": decay.substeps}
+        attrs["decay"] = json.dumps({name: float(value) for name, value in known.items()})
+    scatter = np.asarray(data.scatter)
+    return attrs | ({"scatter": scatter} if scatter.size else {})
 
 
 def _groups(step: Step, truth: Mapping[str, float]) -> Groups:

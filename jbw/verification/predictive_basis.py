@@ -159,20 +159,6 @@ def basis_of(tree: xr.DataTree) -> Basis:
     )
 
 
-def basis_attrs(basis: Basis) -> dict[str, Any]:
-    """The same as attributes of the result, to be read back by `basis_of`."""
-    attrs: dict[str, Any] = {
-        "held": json.dumps(dict(basis.held)),
-        "tests": json.dumps({name: one._asdict() for name, one in basis.seen.items()}),
-        "substeps": basis.substeps,
-        "y_peak": basis.y_peak,
-        "laws": json.dumps(basis.laws),
-    }
-    if basis.decay_facts:
-        attrs["decay"] = json.dumps(dict(basis.decay_facts))
-    return attrs | ({"scatter": np.asarray(basis.scatter)} if basis.scatter else {})
-
-
 def seen_of(test: Test) -> Seen:
     """A test's kind, the unit of its source and what is compared."""
     record = test.records[0]

@@ -1,6 +1,7 @@
 """Predictions from a run's posterior, against integrations and closed forms made without jbw."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +23,9 @@ from made_runs import (
 
 from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError, DataError
+from jbw.identification.procedure import Identification
 from jbw.measurement.records import Test
+from jbw.study.collect import basis_attrs
 from jbw.study.store import save_result
 from jbw.study.study import Study, load_study
 from jbw.verification.planned import planned_sweep, planned_tones
@@ -38,7 +41,7 @@ from jbw.verification.predicted import (
     Predicted,
     noise_of,
 )
-from jbw.verification.predictive_basis import basis_attrs, basis_of, seen_of
+from jbw.verification.predictive_basis import basis_of
 
 
 def test_the_truth_predicts_an_integrated_record():
@@ -174,23 +177,20 @@ def test_a_saved_study_is_loaded_and_predicts_the_same(tmp_path):
 
 
 def test_a_run_writes_what_predictions_read_back(tmp_path):
-    test = a_test(0.01)
-    tree = a_tree(same(SILENT))
-    written = replace(
-        basis_of(tree),
-        held={"gain": 0.5},
-        seen={"sweep": seen_of(test)},
-        scatter=(0.3, 1e-3),
-        decay_facts={"worth": 0.7, "shift_std": 0.02},
-    )
-    tree.attrs = basis_attrs(written)
+    test, tree = a_test(0.01), a_tree(same(SILENT))
+    data = SimpleNamespace(parts=(), scatter=(0.3, 1e-3), laws=("bouc_wen",))
+    decays = SimpleNamespace(fraction=0.7, shift_std=0.02, substeps=3)
+    joint = SimpleNamespace(posterior=tree, held={"gain": 0.5})
+    found = Identification(data=data, decay_data=decays, steps={"joint": joint})  # pyright: ignore
+    tree.attrs = basis_attrs([test], found)
     tree.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
     with xr.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as stored:
         basis = basis_of(stored.load())
     assert basis.held == {"gain": 0.5}
     assert basis.seen == {"sweep": ("sweep", "V", "velocity", 0.01, "")}
     assert basis.scatter == (0.3, 1e-3)
-    assert basis.decay_facts == {"worth": 0.7, "shift_std": 0.02}
+    assert basis.decay_facts == {"worth": 0.7, "shift_std": 0.02, "substeps": 3}
+    assert basis.laws == ("bouc_wen",)
 
 
 def test_a_prediction_reaches_as_far_as_the_edge_of_its_peaks():
