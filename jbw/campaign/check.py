@@ -135,8 +135,10 @@ def unread(spec: CampaignSpec) -> Iterator[Fault]:
     if settings.num_warmup and sampler and not sampler.draws[0]:
         yield _unread("num_warmup", f"sampler {sampler.name} has nothing to adapt")
     if settings.coordinates != "auto" and not _has_coordinates(spec.laws, settings.coordinates):
-        told = f"no law of the joint ({', '.join(spec.laws)}) has other coordinates to choose"
-        yield _unread("coordinates", told)
+        laws = ", ".join(spec.laws) or "none"
+        yield _unread(
+            "coordinates", f"no law of the joint ({laws}) has other coordinates to choose"
+        )
     if "gain" in settings.prior and not (spec.gain is None and spec.modal_mass is None):
         yield _unread("prior gain", "the campaign states the gain, which is not identified then")
     elif "gain" in settings.prior and not any(kind.is_driven for kind in traits):

@@ -162,8 +162,8 @@ def law_errors(laws: Sequence[str], prior: Prior) -> list[str]:
             known |= {quantity.name: quantity for quantity in quantities_of(laws)}
         except ConfigError as error:
             return [f"[joint] laws: {' '.join(filter(None, (error.what, error.remedy)))}"]
-    told = [*_out_of_bounds(prior, known)] or [*_too_stiff(prior, known)]
-    return [f"[identify] prior: {line}" for line in told]
+    errors = [*_out_of_bounds(prior, known)] or [*_too_stiff(prior, known)]
+    return [f"[identify] prior: {line}" for line in errors]
 
 
 def _out_of_bounds(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:

@@ -6,7 +6,7 @@ and to do nothing that matters.
 
 from collections.abc import Mapping
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -34,7 +34,7 @@ class Effects(NamedTuple):
 
 def effects(
     posterior: xr.Dataset,
-    held: Mapping[str, float],
+    held: Mapping[str, Any],
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Effects | None:
@@ -60,7 +60,7 @@ def effects(
 
 def response_finding(
     posterior: xr.Dataset,
-    held: Mapping[str, float],
+    held: Mapping[str, Any],
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Finding | None:
@@ -84,7 +84,7 @@ def response_finding(
 
 
 def _joint_draws(
-    posterior: xr.Dataset, held: Mapping[str, float], laws: tuple[str, ...]
+    posterior: xr.Dataset, held: Mapping[str, Any], laws: tuple[str, ...]
 ) -> dict[str, Float[np.ndarray, " draw"]] | None:
     """Every draw of the oscillator, the chains end to end; None where a parameter is missing."""
     table = [*OSCILLATOR, *quantities_of(laws)]

@@ -143,15 +143,13 @@ def are_enough(
     every = sampled.assign(_law_variables(sampled, data))
     if not enough({str(name): x.values for name, x in every.data_vars.items()}):
         return False
-    held = {name: float(value) for name, value in data.held.items()}
-    bands = response_finding(every, held, y_peak, data.laws)
+    bands = response_finding(every, data.held, y_peak, data.laws)
     return bands is None or bands.status != "failed"
 
 
 def _largest(best: Fit, data: Dataset) -> float:
     """The largest displacement fitted [m]."""
-    held = {name: float(value) for name, value in data.held.items()}
-    return largest_displacement(data, {**held, **best.theta}.get("omega_n", 1.0))
+    return largest_displacement(data, float({**data.held, **best.theta}.get("omega_n", 1.0)))
 
 
 def stuck(posterior: xr.DataTree, judged: Verdict) -> list[str]:
@@ -242,14 +240,13 @@ def posterior_checks(
     words: list[str] = []
     left = left_by_label(best.residual, data)
     error = error_by_label(left, data)
-    held = {name: float(value) for name, value in data.held.items()}
     y_peak = _largest(best, data)
     findings = [
         residual_finding(left, fractions_counted(data), error),
         shape_finding(error, data),
         repeatability_finding(error, data),
         solver_finding(posterior[list(prior.names)], data),
-        response_finding(posterior, held, y_peak, data.laws),
+        response_finding(posterior, data.held, y_peak, data.laws),
     ]
     if (runs := runs_dataset(key, posterior, prior.names, data)) is not None:
         groups["runs"] = runs
@@ -257,7 +254,7 @@ def posterior_checks(
     theta = as_arrays(best.theta, data)
     for part in data.parts:
         words += part.statements(theta)
-    if (added := effects(posterior, held, y_peak, data.laws)) is not None:
+    if (added := effects(posterior, data.held, y_peak, data.laws)) is not None:
         words.append(effects_sentence(added, y_peak))
     if (left_out := leave_one_out(best, prior, data)) is not None:
         groups["leave_one_out"] = left_out

@@ -176,13 +176,13 @@ def _row(draws: Float[np.ndarray, " draw"]) -> dict[str, float]:
 
 def runs_sentence(runs: xr.Dataset) -> str:
     """How far omega_n scatters, in words."""
-    told = []
+    scatters = []
     for over, plural in PLURAL.items():
         name = "spread_omega_n" + ("" if over == "run" else f"_{over}")
         if name in runs:
             low, middle, high = np.quantile(runs[name].values, QUANTILES) / (2 * np.pi)
-            told.append(f"{middle:.2g} Hz [{low:.2g}, {high:.2g}] over {plural}")
+            scatters.append(f"{middle:.2g} Hz [{low:.2g}, {high:.2g}] over {plural}")
     return (
         "The natural frequency of the posterior is the population's mean; it scatters by "
-        f"{' and '.join(told)} (standard deviation, 99 % interval)."
+        f"{' and '.join(scatters)} (standard deviation, 99 % interval)."
     )

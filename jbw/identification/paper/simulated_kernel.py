@@ -59,10 +59,7 @@ def kernel_values(theta: Theta, design: KernelData) -> Complex[Array, " freq"]:
 
     $$H_3(\omega) = \frac{-\alpha\,(\delta^2/6 - 35\,\delta/(96 Y))}
       {(\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega)^3\,
-       (\omega_n^2 - 9\omega^2 + 6j\zeta\omega_n\omega)}$$
-
-    Returns:
-        Kernel [m^-2 s^6].
+       (\omega_n^2 - 9\omega^2 + 6j\zeta\omega_n\omega)} \quad [m^{-2} s^6]$$
 
     Reference:
         Eqs. (23), (25), (31).

@@ -124,8 +124,7 @@ def fit_kernel(key: Key, tests: Sequence[Test], linear: PooledFit, settings: Ide
         scales = Scales(linear.omega_n, linear.zeta, float(np.max(data.y_peak)))
         wide = {"zeta": (0.2 * linear.zeta, 3.0 * linear.zeta), **prior_of(["bouc_wen"], scales)}
         first = fit(kernel.residual, box({n: wide[n] for n in NAMES}), data, starts=16, key=key)
-        centred = about(first.theta, {name: PAPER_HALF_WIDTH[name] for name in NAMES})
-        bounds = {**centred, **bounds}
+        bounds = {**about(first.theta, PAPER_HALF_WIDTH), **bounds}
     prior = box({name: bounds[name] for name in NAMES})
     return KernelFit(kernels, data, fit(kernel.residual, prior, data, starts=16, key=key), prior)
 
