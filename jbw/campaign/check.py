@@ -238,12 +238,12 @@ def _believable(record: Record, test: TestSpec, per_unit: float | None) -> Itera
     driven = any(role in record.channels for role in INPUTS)
     traits = test.traits
     if traits.is_broadband:
-        yield from doubts(record, test.band, delay=test.delay, per_unit=per_unit)
+        yield from doubts(record, test.band, test.delay, per_unit)
     elif traits.is_transient and driven:
         yield from swapped(record)
     elif traits.is_steady:
         dwell = test.dwell if traits.is_stepped else None
-        yield from unsteady(record, test.tones, settle=test.settle, dwell=dwell)
+        yield from unsteady(record, test.tones, test.settle, dwell)
     elif traits.is_curve:
         yield from phase_in_degrees(record.channels["phase"])
         yield from impassive(response_curve(record))

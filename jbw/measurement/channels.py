@@ -5,8 +5,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from jbw.errors import ConfigError, DataError
 
+Reals = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
-def channel(x: ArrayLike, name: str) -> NDArray[np.float64]:
+
+def channel(x: ArrayLike, name: str) -> Reals:
     """Samples as float64 of shape (time,) or (repeat, time), every one finite.
 
     Raises:
@@ -37,7 +40,7 @@ def channel(x: ArrayLike, name: str) -> NDArray[np.float64]:
     return samples
 
 
-def same_length(**channels: NDArray[np.float64]) -> None:
+def same_length(**channels: Reals) -> None:
     """Refuse channels, given by name, that were not sampled together."""
     (name, x), *others = channels.items()
     for other, y in others:

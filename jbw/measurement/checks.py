@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jbw.measurement.channels import Reals
 from jbw.measurement.records import RESPONSES, Record
 
 LARGEST = 1e12  # beyond any SI value of a vibration test: what a flipped bit in a float makes
@@ -63,7 +63,7 @@ def worst(faults: Iterable[Fault]) -> str:
     return min((fault.severity for fault in faults), default="ok")
 
 
-def _channel(role: str, x: NDArray[np.float64], fs: float, masked: bool) -> Iterator[Fault]:
+def _channel(role: str, x: Reals, fs: float, masked: bool) -> Iterator[Fault]:
     """The checks of one channel; whatever makes its numbers meaningless ends them."""
     # NaN passes through min and max, which need no copy of a long record.
     if len(x) and not np.isfinite([x.min(), x.max()]).all():
@@ -100,7 +100,7 @@ def _channel(role: str, x: NDArray[np.float64], fs: float, masked: bool) -> Iter
         yield from _signal(role, x, fs)
 
 
-def _ordered(freq: NDArray[np.float64]) -> Iterator[Fault]:
+def _ordered(freq: Reals) -> Iterator[Fault]:
     """Whether the lines of a curve go one way."""
     freq = freq[np.isfinite(freq)]
     steps = np.diff(freq)
@@ -112,7 +112,7 @@ def _ordered(freq: NDArray[np.float64]) -> Iterator[Fault]:
         )
 
 
-def _signal(role: str, x: NDArray[np.float64], fs: float) -> Iterator[Fault]:
+def _signal(role: str, x: Reals, fs: float) -> Iterator[Fault]:
     """The checks of a sampled signal."""
     levels = np.unique(x[:LEVELS_FROM])
     span, largest = np.ptp(x), max(-x.min(), x.max())
@@ -143,7 +143,7 @@ def _signal(role: str, x: NDArray[np.float64], fs: float) -> Iterator[Fault]:
         )
 
 
-def _clipped(role: str, x: NDArray[np.float64], fs: float, step: float) -> Iterator[Fault]:
+def _clipped(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:
     """Stretches of three or more samples cut off flat at an extreme.
 
     A smooth peak of few bits is flat too, but falls off it by about one step of the converter;

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jbw.errors import DataError
+from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.records import INPUTS, RESPONSES, Record
 from jbw.quantities import derivative_order
 
@@ -16,9 +16,9 @@ class ResponseCurve(NamedTuple):
     The excitation may vary along the curve, as it does where a controller holds the response.
     """
 
-    freq_hz: NDArray[np.float64]  # excitation frequencies, in the order of the file [Hz]
-    source: NDArray[np.float64]  # peak amplitude of the excitation, whose phase is zero
-    response: NDArray[np.complex128]  # peak amplitude X of the response x(t) = Re X exp(j omega t)
+    freq_hz: Reals  # excitation frequencies, in the order of the file [Hz]
+    source: Reals  # peak amplitude of the excitation, whose phase is zero
+    response: Complexes  # peak amplitude X of the response x(t) = Re X exp(j omega t)
     source_kind: str  # `input` or `force`
     response_kind: str  # displacement, velocity or acceleration
     # Whether the file holds the response per unit of excitation, at an amplitude that it does
@@ -30,8 +30,8 @@ class ForcedLoop(NamedTuple):
     """A joint driven through a prescribed displacement while its force is measured."""
 
     fs: float  # sampling frequency [Hz]
-    displacement: NDArray[np.float64]  # [m]
-    force: NDArray[np.float64]  # of the joint [N], positive against positive displacement
+    displacement: Reals  # [m]
+    force: Reals  # of the joint [N], positive against positive displacement
 
 
 def response_curve(record: Record) -> ResponseCurve:
@@ -49,7 +49,7 @@ def response_curve(record: Record) -> ResponseCurve:
     return ResponseCurve(freq_hz, source, response, record.source, record.response, is_ratio)
 
 
-def displacement_of(curve: ResponseCurve) -> NDArray[np.complex128]:
+def displacement_of(curve: ResponseCurve) -> Complexes:
     r"""Complex peak displacement of a curve [m].
 
     $$Y = X / (j \omega)^p$$

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Complex, Float
-from numpy.typing import NDArray
 from scipy.signal import fftconvolve, firwin, kaiser_beta, kaiserord
 
 from jbw.errors import DataError
+from jbw.measurement.channels import Complexes, Reals
 
 ATTENUATION = 80.0  # dB, of what lies outside the band
 LEAST_PER_PERIOD = 11  # samples of the fastest motion in the band that a solver is given
@@ -20,7 +20,7 @@ class BandFilter:
 
     band_hz: tuple[float, float]  # where its gain is one half [Hz]; gone half a band further out
     fs: float  # sampling frequency [Hz]
-    taps: NDArray[np.float64]  # impulse response of the low-pass part; an odd number, sum 1
+    taps: Reals  # impulse response of the low-pass part; an odd number, sum 1
     stride: int  # every so-many-th sample and tap give the same envelope, for a cheaper model
     step: int  # samples between two envelope values that white noise leaves almost independent
 
@@ -58,9 +58,7 @@ def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
     return BandFilter(band_hz, fs, taps, stride, step)
 
 
-def demodulate(
-    x: Float[np.ndarray, " time"], chosen: BandFilter
-) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+def demodulate(x: Float[np.ndarray, " time"], chosen: BandFilter) -> tuple[Reals, Complexes]:
     r"""Times [s] and complex envelope of a record in a band, peak amplitude in the unit of `x`.
 
     $$x(t) = \mathrm{Re}\,X(t)\,e^{j\omega_0 t}$$
@@ -86,9 +84,9 @@ def demodulate(
 class Reading:
     """Frequency and damping along a decay, read without any model of the joint."""
 
-    amplitude: NDArray[np.float64]  # peak amplitude, in the unit of the response
-    frequency_hz: NDArray[np.float64]  # instantaneous frequency [Hz]
-    damping: NDArray[np.float64]  # decay rate over angular frequency [-]
+    amplitude: Reals  # peak amplitude, in the unit of the response
+    frequency_hz: Reals  # instantaneous frequency [Hz]
+    damping: Reals  # decay rate over angular frequency [-]
 
 
 def read_decay(
@@ -98,11 +96,8 @@ def read_decay(
 
     $$\frac{d}{dt}\log X = -\zeta\omega + j(\omega - \omega_0)$$
 
-    Args:
-        envelope: Envelope.
-        step_s: Time between its values [s].
-        centre_hz: Frequency that it is referred to [Hz].
-        window_s: Length of each parabola [s]; they do not overlap.
+    The envelope is referred to `centre_hz`, its values are `step_s` apart, and the parabolas
+    `window_s` long; they do not overlap.
     """
     log = np.log(np.abs(envelope)) + 1j * np.unwrap(np.angle(envelope))
     size = min(len(log), max(5, round(window_s / step_s)))

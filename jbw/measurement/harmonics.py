@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import block_diag, cho_factor, cho_solve
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.channels import channel, sampling
+from jbw.measurement.channels import Complexes, Reals, channel, sampling
 from jbw.quantities import derivative_order
 
 DRIFT_LIMIT = 0.01
@@ -28,18 +28,18 @@ class Harmonics:
     """
 
     omega: float  # angular frequency of the first harmonic [rad/s]
-    amplitudes: NDArray[np.complex128]  # peak, of orders 1..n, shape (..., harmonic) [m]
+    amplitudes: Complexes  # peak, of orders 1..n, shape (..., harmonic) [m]
     # Of (Re Y_1, Im Y_1, Re Y_2, ...), shape (..., 2 harmonic, 2 harmonic) [m^2].
-    covariance: NDArray[np.float64]
-    drift: NDArray[np.float64]  # relative change of Y_1 from half to half of the record, (...)
-    drift_std: NDArray[np.float64]  # what noise alone makes of it
-    residual_std: NDArray[np.float64]  # of what no harmonic explains, in the unit measured
+    covariance: Reals
+    drift: Reals  # relative change of Y_1 from half to half of the record, (...)
+    drift_std: Reals  # what noise alone makes of it
+    residual_std: Reals  # of what no harmonic explains, in the unit measured
     cycles: float  # periods in the record
     # Lines from omega to the nearest of a Fourier transform, which would leak; the fit does not.
     off_bin: float
 
     @property
-    def variance(self) -> NDArray[np.float64]:
+    def variance(self) -> Reals:
         """E|error|^2 of each amplitude, real and imaginary part together [m^2]."""
         each = np.diagonal(self.covariance, axis1=-2, axis2=-1)
         return each.reshape(*self.amplitudes.shape, 2).sum(axis=-1)
@@ -133,23 +133,19 @@ class Tones(NamedTuple):
 class SineFit(NamedTuple):
     """A fit of constant, trend and tones to samples of shape (..., time)."""
 
-    amplitudes: NDArray[np.complex128]  # of the harmonics, peak, shape (..., harmonic)
-    residual: NDArray[np.float64]  # what the fit leaves, shape (..., time)
-    inverse: NDArray[np.float64]  # (X^T X)^-1 for (Re Y_1, Im Y_1, Re Y_2, ...)
-    tones: NDArray[np.float64]  # angular frequencies of all tones fitted [rad/s]
+    amplitudes: Complexes  # of the harmonics, peak, shape (..., harmonic)
+    residual: Reals  # what the fit leaves, shape (..., time)
+    inverse: Reals  # (X^T X)^-1 for (Re Y_1, Im Y_1, Re Y_2, ...)
+    tones: Reals  # angular frequencies of all tones fitted [rad/s]
     dof: int  # samples less unknowns
 
 
-def sine_fit(y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones) -> SineFit:
-    """Least-squares fit of constant, trend and tones to samples of shape (..., time).
-
-    Raises:
-        DataError: Two tones too close for the record's length.
-    """
+def sine_fit(y: Reals, t: Reals, tones: Tones) -> SineFit:
+    """Least-squares fit of constant, trend and tones to samples of shape (..., time)."""
     return _fitted(y, _design(t, tones), tones)
 
 
-def _design(t: NDArray[np.float64], tones: Tones) -> NDArray[np.float64]:
+def _design(t: Reals, tones: Tones) -> Reals:
     """Rows cos and -sin of every tone in turn, a constant and a trend, shape (unknown, time).
 
     With -sin, c + js is the complex amplitude.
@@ -161,7 +157,7 @@ def _design(t: NDArray[np.float64], tones: Tones) -> NDArray[np.float64]:
     return np.vstack([*pairs, np.ones_like(t), (t - t.mean()) / np.ptp(t)])
 
 
-def _fitted(y: NDArray[np.float64], design: NDArray[np.float64], tones: Tones) -> SineFit:
+def _fitted(y: Reals, design: Reals, tones: Tones) -> SineFit:
     """The fit to rows of a design."""
     num_samples = design.shape[1]
     normal = design @ design.T
@@ -186,17 +182,11 @@ def _fitted(y: NDArray[np.float64], design: NDArray[np.float64], tones: Tones) -
     return SineFit(amplitudes, residual, inverse, omegas, num_samples - len(design))
 
 
-def _covariance(fit: SineFit, fs: float, omega: NDArray[np.float64]) -> NDArray[np.float64]:
+def _covariance(fit: SineFit, fs: float, omega: Reals) -> Reals:
     """Covariance of (Re Y_1, Im Y_1, ...) for noise that may be coloured.
 
     (X^T X)^-1, scaled by the residual's level beside each harmonic as if it were white there.
     """
-    level = np.repeat(np.sqrt(_local_level(fit, fs, omega)), 2, axis=-1)
-    return level[..., :, None] * fit.inverse * level[..., None, :]
-
-
-def _local_level(fit: SineFit, fs: float, omega: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Variance that white noise with the residual's spectral density at each omega would have."""
     num_samples = fit.residual.shape[-1]
     # The Hann window keeps strong remains elsewhere (hum, other tones) out of the local bins.
     w = np.sin(np.pi * (np.arange(num_samples) + 0.5) / num_samples) ** 2
@@ -208,21 +198,22 @@ def _local_level(fit: SineFit, fs: float, omega: NDArray[np.float64]) -> NDArray
     free = np.flatnonzero(free[:-1])
     if free.size < 4:
         white = np.sum(fit.residual**2, axis=-1) / fit.dof
-        return np.broadcast_to(white[..., None], (*white.shape, len(omega)))
-    nearest = [free[np.argsort(np.abs(free - o * to_bins))[:NEAREST_BINS]] for o in omega]
-    return np.stack([power[..., local].mean(axis=-1) for local in nearest], axis=-1)
+        variance = np.broadcast_to(white[..., None], (*white.shape, len(omega)))
+    else:
+        nearest = [free[np.argsort(np.abs(free - o * to_bins))[:NEAREST_BINS]] for o in omega]
+        variance = np.stack([power[..., local].mean(axis=-1) for local in nearest], axis=-1)
+    level = np.repeat(np.sqrt(variance), 2, axis=-1)
+    return level[..., :, None] * fit.inverse * level[..., None, :]
 
 
-def _halves(y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones) -> list[SineFit]:
+def _halves(y: Reals, t: Reals, tones: Tones) -> list[SineFit]:
     """The fits to the first and the second half of the samples, by one design."""
     design, half = _design(t, tones), len(t) // 2
     parts = slice(half), slice(half, None)
     return [_fitted(y[..., part], design[:, part], tones) for part in parts]
 
 
-def _drift(
-    y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _drift(y: Reals, t: Reals, tones: Tones) -> tuple[Reals, Reals]:
     """Relative change of the first harmonic from half to half, and what noise alone makes of it."""
     parts = _halves(y, t, tones)
     first, second = (part.amplitudes[..., 0] for part in parts)
@@ -232,7 +223,7 @@ def _drift(
     return np.abs(second - first) / size, np.sqrt(noise) / size
 
 
-def _refined(y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones) -> Tones:
+def _refined(y: Reals, t: Reals, tones: Tones) -> Tones:
     """The frequency at which the mean phase of the first harmonic stands still between halves."""
     half = len(t) // 2
     for _ in range(4):
@@ -244,12 +235,7 @@ def _refined(y: NDArray[np.float64], t: NDArray[np.float64], tones: Tones) -> To
 
 
 def check_tones(tones: Tones, fs: float, num_samples: int, start: float = 0.0) -> None:
-    """Refuse what a record of so many samples, from `start` seconds on, cannot carry.
-
-    Raises:
-        ConfigError: `omega` or `num_harmonics` is not positive.
-        DataError: The highest harmonic is above the Nyquist frequency, or the record too short.
-    """
+    """Refuse what a record of so many samples, from `start` seconds on, cannot carry."""
     omega, num_harmonics, also = tones
     if not (np.isfinite(omega) and omega > 0):
         raise ConfigError(f"Argument `omega` must be positive [rad/s], but it is {omega}.")

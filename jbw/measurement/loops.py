@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.channels import channel, passband, same_length, sampling
+from jbw.measurement.channels import Reals, channel, passband, same_length, sampling
 from jbw.measurement.harmonics import Tones, check_tones, sine_fit
 
 ROLL_OFF = 0.2  # of each edge of the band, outside of it
@@ -17,7 +17,7 @@ RECENT = 2048  # samples next to an end from which it is predicted
 MOST_HARMONICS = 25  # of a mean cycle
 
 
-def enclosed_area(y: ArrayLike, force: ArrayLike) -> NDArray[np.float64]:
+def enclosed_area(y: ArrayLike, force: ArrayLike) -> Reals:
     r"""Energy that a loop dissipates [J/kg], its area: positive when force works against motion.
 
     $$E = \oint F\,\mathrm{d}y = \pi\sum_n n\,\mathrm{Im}(F_n \bar Y_n)$$
@@ -40,20 +40,12 @@ def enclosed_area(y: ArrayLike, force: ArrayLike) -> NDArray[np.float64]:
 
 def mean_cycle(
     y: ArrayLike, force: ArrayLike, fs: float, omega: float, num_points: int = 256
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Reals, Reals]:
     """One cycle of a steady loop, averaged over all cycles by a fit of harmonics.
 
-    The samples need not fall on the same phases in each cycle; offset and trend are left out.
-
-    Args:
-        y: Displacement, shape (time,) or (repeat, time) [m].
-        force: Force, of the same shape [N/kg].
-        fs: Sampling frequency [Hz].
-        omega: Angular frequency of the cycle [rad/s].
-        num_points: Points of the averaged cycle.
-
-    Returns:
-        Displacement and force at omega t from 0 to 2 pi, end excluded, shape (..., num_points).
+    The samples, of shape (time,) or (repeat, time), need not fall on the same phases in each cycle;
+    offset and trend are left out. Displacement [m] and force [N/kg] are given at omega t from 0 to
+    2 pi, end excluded, shape (..., num_points).
     """
     y, force, fs = channel(y, "y"), channel(force, "force"), sampling(fs)
     same_length(y=y, force=force)
@@ -67,16 +59,12 @@ def mean_cycle(
     return at_phase, force_at_phase
 
 
-def integrate(x: ArrayLike, fs: float, band: tuple[float, float]) -> NDArray[np.float64]:
+def integrate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:
     r"""Integral over time without drift, zero mean: X(omega) / (j omega) inside a stated band.
 
     Outside of it the gain falls to zero over a fifth of each edge. The record is continued by
-    linear prediction: steady or decaying tones come out to about 1e-3, worst at the ends.
-
-    Args:
-        x: Samples, shape (time,) or (repeat, time).
-        fs: Sampling frequency [Hz].
-        band: Lowest and highest frequency to keep [Hz]; the lowest must exceed zero.
+    linear prediction: steady or decaying tones come out to about 1e-3, worst at the ends. Samples
+    have the shape (time,) or (repeat, time); the band [Hz] must start above zero.
     """
     if not band[0] > 0:
         raise ConfigError(
@@ -86,7 +74,7 @@ def integrate(x: ArrayLike, fs: float, band: tuple[float, float]) -> NDArray[np.
     return _in_band(x, fs, band, lambda omega: 1 / (1j * omega))
 
 
-def differentiate(x: ArrayLike, fs: float, band: tuple[float, float]) -> NDArray[np.float64]:
+def differentiate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:
     r"""Derivative by time inside a stated band: j omega X(omega).
 
     The upper edge bounds the noise, which grows with frequency. The rest as in `integrate`.
@@ -95,11 +83,8 @@ def differentiate(x: ArrayLike, fs: float, band: tuple[float, float]) -> NDArray
 
 
 def _in_band(
-    x: ArrayLike,
-    fs: float,
-    band: tuple[float, float],
-    factor: Callable[[NDArray[np.float64]], NDArray[Any]],
-) -> NDArray[np.float64]:
+    x: ArrayLike, fs: float, band: tuple[float, float], factor: Callable[[Reals], NDArray[Any]]
+) -> Reals:
     """Multiply the spectrum by factor(omega) inside the band."""
     x, fs = channel(x, "x"), sampling(fs)
     low, high = passband(band, fs / 2)
@@ -119,14 +104,14 @@ def _in_band(
     return filtered[..., reach : reach + num_samples]
 
 
-def _gain(f: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
+def _gain(f: Reals, low: float, high: float) -> Reals:
     """One inside the band, falling by a raised cosine outside of it."""
     below = np.clip((low - f) / (ROLL_OFF * low), 0, 1) if low > 0 else np.zeros_like(f)
     above = np.clip((f - high) / (ROLL_OFF * high), 0, 1)
     return np.cos(np.pi / 2 * below) ** 2 * np.cos(np.pi / 2 * above) ** 2
 
 
-def continued(x: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
+def continued(x: Reals, reach: int) -> Reals:
     """Samples (..., time) with `reach` predicted ones before and after, fading to their mean.
 
     Sums of steady or decaying tones continue as they were; what cannot be predicted fades out.
@@ -143,7 +128,7 @@ def continued(x: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
     return np.reshape(extended, (*x.shape[:-1], -1)) + mean
 
 
-def _predicted(x: NDArray[np.float64], num_samples: int) -> NDArray[np.float64]:
+def _predicted(x: Reals, num_samples: int) -> Reals:
     """What follows the samples when they go on as an autoregressive process."""
     order = min(ORDER, len(x) // 3)
     coefficients = _burg(x[-RECENT:], order)
@@ -151,7 +136,7 @@ def _predicted(x: NDArray[np.float64], num_samples: int) -> NDArray[np.float64]:
     return signal.lfilter([1.0], coefficients, np.zeros(num_samples), zi=state)[0]
 
 
-def _burg(x: NDArray[np.float64], order: int) -> NDArray[np.float64]:
+def _burg(x: Reals, order: int) -> Reals:
     """Coefficients (1, a_1, ..., a_p) of sum_i a_i x[n - i] = e[n] by Burg's method: stable.
 
     Reference:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import DataError
+from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.checks import Fault, doubt
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.spectra import FRF, frf, half_power_bandwidth, stands_out
@@ -23,11 +24,7 @@ MASS_FACTOR = 3.0  # between the modal mass seen and the one given; more is a wr
 
 
 def doubts(
-    record: Record,
-    band_hz: tuple[float, float] | None = None,
-    *,
-    delay: float = 0.0,
-    per_unit: float | None = None,
+    record: Record, band_hz: tuple[float, float] | None, delay: float, per_unit: float | None
 ) -> Iterator[Fault]:
     """What is doubtful in a record under broad-band excitation.
 
@@ -133,9 +130,7 @@ def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None)
     )
 
 
-def _unresolved(
-    record: Record, resolution_hz: float, freq: NDArray[np.float64], h: NDArray[np.complex128]
-) -> Iterator[Fault]:
+def _unresolved(record: Record, resolution_hz: float, freq: Reals, h: Complexes) -> Iterator[Fault]:
     """A half-power width 2 zeta f_n that the longest useful window cannot tell from none."""
     width, peak = half_power_bandwidth(freq, h), float(freq[np.abs(h).argmax()])
     lasts = record.num_samples / record.fs
@@ -150,11 +145,7 @@ def _unresolved(
 
 
 def _missized(
-    role: str,
-    freq: NDArray[np.float64],
-    h: NDArray[np.complex128],
-    in_band: bool,
-    per_unit: float | None,
+    role: str, freq: Reals, h: Complexes, in_band: bool, per_unit: float | None
 ) -> Iterator[Fault]:
     r"""Force per modal mass as the response shows it, whatever the damping, beside the given one.
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from jbw.errors import DataError
-from jbw.measurement.channels import channel, same_length, sampling
+from jbw.measurement.channels import Complexes, Reals, channel, same_length, sampling
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 
 PERIOD_POINTS = 4096  # of one period; a peak between two of them is missed by 3e-7 n^2 at most
@@ -24,17 +24,17 @@ class ThirdOrder:
     """
 
     omega: float  # probing frequency [rad/s]
-    h3: NDArray[np.complex128]  # H3 = 4 Y(3 omega) / A^3 [m per unit^3]
-    amplitude: NDArray[np.complex128]  # A, the input's first harmonic, its phase included [unit]
-    u_3: NDArray[np.complex128]  # the input's third harmonic [unit]; NaN when not measured
-    y_1: NDArray[np.complex128]  # Y(omega) [m]
-    y_3: NDArray[np.complex128]  # Y(3 omega), less the source's part where that was taken out [m]
-    y_peak: NDArray[np.float64]  # largest displacement over a period [m]
+    h3: Complexes  # H3 = 4 Y(3 omega) / A^3 [m per unit^3]
+    amplitude: Complexes  # A, the input's first harmonic, its phase included [unit]
+    u_3: Complexes  # the input's third harmonic [unit]; NaN when not measured
+    y_1: Complexes  # Y(omega) [m]
+    y_3: Complexes  # Y(3 omega), less the source's part where that was taken out [m]
+    y_peak: Reals  # largest displacement over a period [m]
     source: str  # removed, measured (not removed: `h1_3omega` was not given) or unmeasured
     source_ratio: float  # |H1(3 omega) U(3 omega)| / |Y_3|, the largest; NaN if unknown
     std: float  # scatter of `h3` over repeats, per real component; NaN with one repeat
     std_expected: float  # the same as the records' noise makes it
-    covariance: NDArray[np.float64]  # of (Re, Im) of the mean of `h3`; from the scatter if any
+    covariance: Reals  # of (Re, Im) of the mean of `h3`; from the scatter if any
     above_noise: bool  # whether |mean Y_3| exceeds three standard errors, and may enter a fit
     notes: tuple[str, ...]  # what a reader of the result must know, in words
 
@@ -135,7 +135,7 @@ def third_order_kernel(
     )  # fmt: skip
 
 
-def peak_displacement(filtered: Harmonics) -> NDArray[np.float64]:
+def peak_displacement(filtered: Harmonics) -> Reals:
     """Largest displacement over a period, rebuilt from its harmonics, shape (...) [m]."""
     n = np.arange(1, filtered.amplitudes.shape[-1] + 1)
     turn = np.exp(2j * np.pi * np.outer(n, np.arange(PERIOD_POINTS) / PERIOD_POINTS))

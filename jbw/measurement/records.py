@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import DataError, naming
+from jbw.measurement.channels import Reals
 from jbw.measurement.kinds import Kind, kind_named
 from jbw.units import FACTORS, plain, quantity_of, si_unit
 
@@ -43,7 +44,7 @@ class Record:
     """
 
     fs: float
-    channels: Mapping[str, NDArray[np.float64]]
+    channels: Mapping[str, Reals]
     units: Mapping[str, str]
     name: str = ""
     provenance: Mapping[str, str] = field(default_factory=dict)

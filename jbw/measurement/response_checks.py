@@ -4,9 +4,9 @@ import warnings
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jbw.errors import JbwError
+from jbw.measurement.channels import Reals
 from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.measurement.curves import ForcedLoop, ResponseCurve, displacement_of
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
@@ -20,28 +20,28 @@ DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
 
 
 def unsteady(
-    record: Record,
-    tones_hz: Sequence[float],
-    *,
-    settle: float = 0.0,
-    dwell: float | None = None,
+    record: Record, tones_hz: Sequence[float], settle: float, dwell: float | None
 ) -> Iterator[Fault]:
     """Whether tones or steps had settled, and their third harmonic stands above the noise.
 
-    Args:
-        record: A record of kind tones or stepped.
-        tones_hz: Frequencies present at once, or in turn [Hz].
-        settle: Time discarded first, in the record or in each step [s].
-        dwell: Duration of each step [s]; None when all tones are present at once.
+    The tones are present at once, where `dwell` is None, or in turn for `dwell` seconds each;
+    `settle` seconds are discarded first, of the record or of each step.
     """
-    y, role = record.channels[record.response], record.response
+    y, role, fs = record.channels[record.response], record.response, record.fs
     fitted, refused = [], []
     for i, tone in enumerate(tones_hz):
-        part, others = y, [f for f in tones_hz if f != tone]
+        part, others = y, tones_hz
         if dwell is not None:
-            part, others = y[round(i * dwell * record.fs) : round((i + 1) * dwell * record.fs)], []
+            part, others = y[round(i * dwell * fs) : round((i + 1) * dwell * fs)], ()
+        # Harmonics of one tone may coincide with another tone; those are fitted once.
+        others = [f for f in others if all(abs(f - n * tone) > 1e-6 * tone for n in (1, 2, THIRD))]
+        omega, also = 2 * np.pi * tone, [2 * np.pi * f for f in others]
         try:
-            fitted.append(_fitted(part, record, tone, settle, others))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # the drift becomes a finding
+                fitted.append(
+                    harmonics(part, fs, omega, THIRD, response=role, start=settle, also=also)
+                )
         except JbwError as error:
             what = f"Tone {tone:.4g} Hz: {error.what}"
             refused.append(refusal(role, what, error.why, error.remedy))
@@ -66,19 +66,6 @@ def unsteady(
             f"stand above the noise ({std:.2g} m).",
             "This record alone then says nothing of the joint's third-order kernel.",
             "Raise the level, measure longer, or leave the tone out.",
-        )
-
-
-def _fitted(
-    y: NDArray[np.float64], record: Record, tone: float, settle: float, others: Sequence[float]
-) -> Harmonics:
-    # Harmonics of one tone may coincide with another tone; those are fitted once.
-    apart = [f for f in others if all(abs(f - n * tone) > 1e-6 * tone for n in (1, 2, THIRD))]
-    omega, also = 2 * np.pi * tone, [2 * np.pi * f for f in apart]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the drift becomes a finding
-        return harmonics(
-            y, record.fs, omega, THIRD, response=record.response, start=settle, also=also
         )
 
 
@@ -134,7 +121,7 @@ def impassive(curve: ResponseCurve) -> Iterator[Fault]:
         )
 
 
-def phase_in_degrees(phase: NDArray[np.float64]) -> Iterator[Fault]:
+def phase_in_degrees(phase: Reals) -> Iterator[Fault]:
     """The doubt that a phase given in radians was written in degrees."""
     largest = float(np.nanmax(np.abs(phase)))  # lines that are masked are NaN
     if largest > DEGREES:
@@ -164,7 +151,7 @@ def gives_energy(loop: ForcedLoop) -> Iterator[Fault]:
         )
 
 
-def undecaying(record: Record, settle: float = 0.0) -> Iterator[Fault]:
+def undecaying(record: Record, settle: float) -> Iterator[Fault]:
     """The doubt that a free decay does not decay: its last quarter against its first."""
     x = record.channels[record.response][round(settle * record.fs) :]
     quarter = len(x) // 4

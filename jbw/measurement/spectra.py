@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft, signal
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.channels import channel, passband, same_length, sampling
+from jbw.measurement.channels import Complexes, Reals, channel, passband, same_length, sampling
 from jbw.quantities import derivative_order
 
 Window = Literal["hann", "boxcar"]
@@ -25,14 +25,14 @@ DEFAULT_SEGMENTS = 16
 class FRF:
     """An estimated receptance and how it was estimated."""
 
-    freq: NDArray[np.float64]  # frequencies, zero excluded [Hz]
+    freq: Reals  # frequencies, zero excluded [Hz]
     # Receptance, displacement per unit of input, exp(+j omega t) convention.
-    h: NDArray[np.complex128]
-    coherence: NDArray[np.float64]  # ordinary coherence, 0 to 1
+    h: Complexes
+    coherence: Reals  # ordinary coherence, 0 to 1
     # E|error|^2 of `h`: the *sum* of the variances of its real and imaginary parts, equal halves.
-    variance: NDArray[np.float64]
-    input_spectrum: NDArray[np.float64]  # one-sided power spectral density [unit^2/Hz]
-    output_spectrum: NDArray[np.float64]  # the same of the response as it was measured
+    variance: Reals
+    input_spectrum: Reals  # one-sided power spectral density [unit^2/Hz]
+    output_spectrum: Reals  # the same of the response as it was measured
     num_averages: float  # independent averages that the overlapping segments are worth
     num_segments: int  # of each repeat
     num_repeats: int  # averaged
@@ -44,7 +44,7 @@ class FRF:
     response: str  # what was measured: displacement, velocity or acceleration
 
     @property
-    def omega(self) -> NDArray[np.float64]:
+    def omega(self) -> Reals:
         """Angular frequencies [rad/s]."""
         return 2 * np.pi * self.freq
 
@@ -196,10 +196,7 @@ def _effective_averages(window: str, nperseg: int, noverlap: int, num_segments: 
 
 
 def _spectra(
-    u: NDArray[np.float64],
-    y: NDArray[np.float64],
-    band: tuple[float, float] | None,
-    how: dict[str, Any],
+    u: Reals, y: Reals, band: tuple[float, float] | None, how: dict[str, Any]
 ) -> tuple[NDArray[Any], ...]:
     """Frequencies of the band, S_uu, S_yy and S_uy = E[conj(U) Y], averaged over repeats."""
     freq, s_uu = signal.welch(u, detrend="constant", **how)
@@ -222,7 +219,7 @@ def _spectra(
     return freq[keep], s_uu, s_yy, s_uy
 
 
-def stands_out(h: NDArray[np.complex128]) -> bool:
+def stands_out(h: Complexes) -> bool:
     """Whether there is a peak to judge; a flat or noisy estimate has none."""
     power = np.abs(h) ** 2
     return bool(power.max() > 10 * np.median(power))
@@ -250,12 +247,10 @@ def _warn_when_coarse(estimate: FRF) -> None:
     )
 
 
-def half_power_bandwidth(freq: NDArray[np.float64], h: NDArray[np.complex128]) -> float:
+def half_power_bandwidth(freq: Reals, h: Complexes) -> float:
     """Width of the highest peak at half its power [Hz]; infinite when it does not fall so low.
 
-    Args:
-        freq: Frequencies [Hz].
-        h: Receptance, linear in power between the lines.
+    The power is taken as linear between the lines.
     """
     power = np.abs(h) ** 2
     top = int(np.argmax(power))

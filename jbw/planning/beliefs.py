@@ -99,18 +99,8 @@ def before(
 
     A range without width is a guess: joints are drawn at it, and the prior reaches a factor of two
     to either side (a tenth for omega_n). A share of omega_n^2 may stand for a law's stiffness, as
-    `share` does for alpha.
-
-    Args:
-        ranges: Lowest and highest value by name, both of one sign: omega_n [rad/s], zeta [-],
-            every parameter of the laws in its unit, and gain where it is inferred.
-        held: What is known exactly, such as `gain`.
-        num_joints: Joints drawn, by a Latin hypercube.
-        seed: Of the draws.
-        laws: Of the joint.
-
-    Raises:
-        ConfigError: A range that holds zero, or whose ends are not in order.
+    `share` does for alpha. What is known exactly, such as `gain`, is `held`; joints are drawn by a
+    Latin hypercube.
     """
     wide = {}
     for name, (low, high) in ranges.items():
@@ -153,11 +143,7 @@ def before(
 
 
 def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> Beliefs:
-    """Beliefs from evenly spaced draws of a run's main posterior, and what it held, as the gain.
-
-    Raises:
-        DataError: The posterior lacks a parameter of the joint, or its damping is held at zero.
-    """
+    """Beliefs from evenly spaced draws of a run's main posterior, and what it held, as the gain."""
     laws, posterior = laws_of_run(tree), tree["posterior"].to_dataset()
     names = parameter_names(laws)
     needed = [name for name in names if name != "gain"]

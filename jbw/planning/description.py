@@ -160,25 +160,15 @@ class Description:
 
 
 def read_description(path: Path, *, of_run: bool = False) -> Description:
-    """Read and check a plan file; `parse` says more.
-
-    Raises:
-        ConfigError: No such file, not UTF-8 TOML, or against the schema.
-    """
+    """Read and check a plan file; `parse` says more."""
     source = text_of(path, "Plan file", "Write one with: jbw plan --example > plan.toml")
     return parse(source, path.name, of_run=of_run)
 
 
 def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Description:
-    """Check the text of a plan file.
+    """Check the text of a plan file; all that is wrong is told at once.
 
-    Args:
-        source: TOML text.
-        file: Its name, for messages.
-        of_run: Whether a run tells the joint, so that the file must not.
-
-    Raises:
-        ConfigError: Not TOML, or anything unknown, missing or of the wrong type; all at once.
+    Where it is `of_run`, a run tells the joint, so that the file must not.
     """
     document = document_of(source, file)
     errors = unknown_tables(document, TABLES)

@@ -91,9 +91,6 @@ def displacement_for(beliefs: Beliefs) -> float:
     r"""Displacement at which the joint slides [m], such as $1 / \delta$.
 
     The first parameter of the laws that is a length, or one over a length.
-
-    Raises:
-        ConfigError: The laws have no such parameter.
     """
     for quantity in quantities_of(beliefs.laws):
         if quantity.unit in ("m", "1/m"):
@@ -110,9 +107,6 @@ def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[C
 
     Levels that are not given aim at parts of the largest displacement, at the joint that responds
     most.
-
-    Raises:
-        ConfigError: The sampling frequency is too low for a frequency of a test.
     """
     makers = {"sweep": _sweeps, "tones": _tones, "stepped": _steps}
     found = [one for kind, grid in grids.items() for one in makers[kind](grid, beliefs, reach)]

@@ -138,19 +138,10 @@ def fisher(
     $$F = J^T J, \qquad J = \partial r / \partial x, \qquad \theta_i = \theta_{0,i} + s_i x_i$$
 
     r being the residual in standard errors, whose derivative does not depend on what is measured,
-    and s the parameter itself where it is positive, so that the standard deviations of x are
-    coefficients of variation. The noise, which the identification integrates out, costs the
-    parameters nothing at this order.
-
-    Args:
-        theta: All parameters by name, in their units.
-        names: Those that are inferred.
-        scale: Units of their relative changes.
-        data: The test as it would be reduced; one repeat, its noise as `noise_std`.
-        kept: 1 for values that are measured, 0 for those that only fill up the record.
-
-    Returns:
-        F [-], in the order of `names`.
+    and s, the `scale`, the parameter itself where it is positive, so that the standard deviations
+    of x are coefficients of variation. The noise, which the identification integrates out, costs
+    the parameters nothing at this order. `kept` is 1 for values that are measured, 0 for those that
+    only fill up the record.
     """
 
     def moved(x: Float[Array, " parameter"]) -> Float[Array, " value"]:

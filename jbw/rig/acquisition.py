@@ -26,14 +26,11 @@ class RigCampaign(Campaign):
 
     Its channels are `input` [V] or `force` [N], and `velocity` [m/s]; of free decays the velocity
     alone, of loops `displacement` [m] and `restoring_force` [N].
-
-    Attributes:
-        truth: What produced the data; for judging an identification, never for making one.
-        demands: Test name to what was demanded of the source in each repeat [V or N], where the
-            source is recorded.
     """
 
+    # What produced the data; for judging an identification, never for making one.
     truth: Mapping[str, Any] = field(default_factory=dict)
+    # Test to what was demanded of the source in each repeat [V or N], where the source is recorded.
     demands: Mapping[str, Sequence[NDArray[np.float64]]] = field(default_factory=dict, repr=False)
 
 

@@ -135,13 +135,8 @@ def analog(
 ) -> Voltage:
     """The excitation on a regular grid as fine as wanted, t_i = i / rate - lag.
 
-    Args:
-        excitation: What the generator plays.
-        rate: Grid points a second [Hz]; a multiple of `fs` for noise and multisine.
-        phases: Phases of noise and multisine, from `draw_phases`; not used by the others [rad].
-        fs: Sampling frequency, twice the bandwidth of the noise [Hz].
-        lag: Delay of the excitation against the grid [s].
-        distortion: Third harmonic of tones, steps and sweeps, relative to the level [-].
+    The rate is a multiple of `fs` for noise and multisine, whose `phases` are from `draw_phases`;
+    distortion is the third harmonic of the others, relative to the level.
     """
     if isinstance(excitation, Noise | Multisine):
         period = _period(excitation, phases, round(rate / fs), fs, lag * fs)

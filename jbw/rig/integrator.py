@@ -127,11 +127,7 @@ class Specimen(NamedTuple):
 
 
 def specimen_of(joint: Joint | Specimen) -> Specimen:
-    """The rig's own record of a joint, its numbers in double precision.
-
-    Raises:
-        ModelError: In float32, or for a law or a parameter that the rig does not know.
-    """
+    """The rig's own record of a joint, its numbers in double precision."""
     if isinstance(joint, Specimen):
         return joint
     if not jax.config.jax_enable_x64:

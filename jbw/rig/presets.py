@@ -16,7 +16,6 @@ dissipates, and the loop its stiffness without the resonance.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -45,33 +44,25 @@ SLIDERS = Oscillator(
 )  # fmt: skip
 """Another specimen of the same size: three sliders, from the weakest sweep to the strongest."""
 
-PRIOR: Mapping[str, tuple[float, float]] = MappingProxyType(
-    {
-        "zeta": (0.00352, 0.00528),
-        "alpha": (425.0, 590.0),
-        "delta": (272.0, 408.0),
-        "gamma": (20.0, 48.0),
-    }
-)
+PRIOR: Mapping[str, tuple[float, float]] = {
+    "zeta": (0.00352, 0.00528),
+    "alpha": (425.0, 590.0),
+    "delta": (272.0, 408.0),
+    "gamma": (20.0, 48.0),
+}
 """The paper's boxes, as far as the stated bounds and coefficients of variation give them."""
 
-PROBING_HZ = (5.0, 5.5, 6.0, 6.5, 6.75)
-"""Probing tones, around omega_n / 3 [Hz]."""
-LOOP_HZ = 18.5
-"""Tone of the loops: resonance with the joint sliding, just below it with the joint sticking."""
-STEPPED_HZ = tuple(
-    float(f)
-    for f in np.concatenate(
-        [np.arange(3.0, 17.0, 2.0), [17.0], np.arange(17.5, 19.5, 0.0625), np.arange(20.0, 24.0)]
-    )
+PROBING_HZ = (5.0, 5.5, 6.0, 6.5, 6.75)  # around omega_n / 3
+LOOP_HZ = 18.5  # resonance with the joint sliding, just below it with the joint sticking
+# Of the stepped sine, dense at the resonance; whole periods in each dwell.
+STEPPED_HZ: tuple[float, ...] = tuple(
+    np.concatenate(
+        [np.arange(3.0, 18.0, 2.0), np.arange(17.5, 19.5, 0.0625), np.arange(20.0, 24.0)]
+    ).tolist()
 )
-"""Frequencies of the stepped sine, dense at the resonance; whole periods in each dwell [Hz]."""
-RESONANCE_HZ = (17.5, 18.0, 18.25, 18.5, 18.625, 18.75, 18.875, 19.0, 19.5)
-"""Frequencies of a short stepped sine [Hz]."""
-BURST_HZ = 18.6
-"""Tone of the burst before a free decay [Hz]."""
-MODAL_MASS = 1.93
-"""Of the cantilever's first mode, at the point of the shaker [kg]."""
+RESONANCE_HZ = (17.5, 18.0, 18.25, 18.5, 18.625, 18.75, 18.875, 19.0, 19.5)  # a short stepped sine
+BURST_HZ = 18.6  # tone before a free decay
+MODAL_MASS = 1.93  # of the cantilever's first mode, at the point of the shaker [kg]
 
 
 @dataclass(frozen=True)
@@ -203,7 +194,7 @@ MIXED = Preset(
     source_noise_std=50e-6,
     plans=_short_programme(),
 )
-PRESETS: Mapping[str, Preset] = MappingProxyType({p.name: p for p in (LABORATORY, PAPER, MIXED)})
+PRESETS = {preset.name: preset for preset in (LABORATORY, PAPER, MIXED)}
 
 
 def preset_named(preset: str | Preset) -> Preset:

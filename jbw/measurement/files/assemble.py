@@ -17,12 +17,7 @@ CENTRED = (*INPUTS, *RESPONSES, "restoring_force")  # roles whose mean may be ta
 
 
 def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> tuple[Record, ...]:
-    """Records of an open file in SI, one a repeat; what was done to them is in the provenance.
-
-    Raises:
-        DataError: A channel is missing, ragged or of the wrong shape; no sampling frequency.
-        ConfigError: A unit is missing or unknown, or no calibration is given where one is needed.
-    """
+    """Records of an open file in SI, one a repeat; what was done to them is in the provenance."""
     sources = _sources(contents, wanted)
     fs, said = sampling_of(contents, sources, wanted)
     part = cut(fs, wanted.span)
@@ -143,11 +138,7 @@ def _sources(contents: Contents, wanted: Wanted) -> dict[str, list[Leaf]]:
 
 
 def joined(parts: Sequence[Sequence[Record]]) -> tuple[Record, ...]:
-    """Records whose channels lie in several files, put together repeat by repeat.
-
-    Raises:
-        DataError: The files differ in sampling frequency or in the number of repeats.
-    """
+    """Records whose channels lie in several files, put together repeat by repeat."""
     heads = [part[0] for part in parts]
     if len({len(part) for part in parts}) != 1:
         listed = ", ".join(f"{part[0].name} has {len(part)}" for part in parts)

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from jbw.errors import ConfigError, DataError
+from jbw.errors import DataError
 from jbw.measurement.files.tree import Contents, Node, leaf
-from jbw.units import quantity_of
+from jbw.units import FACTORS, plain
 
 WORDS = {None: "spaces", "\t": "tab", ";": "semicolon", ",": "comma"}
 LOOKED_AT = 400  # lines, to find the dialect
@@ -79,7 +79,10 @@ def contents(path: Path) -> Iterator[Contents]:
     header, body = lines[: dialect.first], lines[dialect.first :]
     _refuse_broken(header, dialect, path)
     _refuse_cut(text, body, dialect, path)
-    table = _numbers(body, dialect)
+    rows = "\n".join(line.rstrip(dialect.delimiter) for line in body).replace('"', "")
+    rows = rows.replace(",", ".") if dialect.decimal == "," else rows
+    # A short or broken line raises with its number.
+    table = np.loadtxt(io.StringIO(rows), delimiter=dialect.delimiter, comments=None, ndmin=2)
     root: dict[str, Node] = {"column": leaf(table.T)}
     root |= {name: leaf(table[:, i], unit=unit) for i, name, unit in _named(header, dialect)}
     notes = {
@@ -166,32 +169,17 @@ def _refuse_cut(text: str, body: Sequence[str], dialect: Dialect, path: Path) ->
         )
 
 
-def _numbers(lines: Sequence[str], dialect: Dialect) -> np.ndarray:
-    """The table, as float64; a short or broken line raises with its number."""
-    body = "\n".join(line.rstrip(dialect.delimiter) for line in lines).replace('"', "")
-    if dialect.decimal == ",":
-        body = body.replace(",", ".")
-    return np.loadtxt(io.StringIO(body), delimiter=dialect.delimiter, comments=None, ndmin=2)
-
-
 def _named(header: Sequence[str], dialect: Dialect) -> Iterator[tuple[int, str, str]]:
     """Columns with their names and units, from the last header lines of the table's width."""
     rows = [dialect.fields(line.lstrip("#% ")) for line in header[-2:]]
     rows = [row for row in rows if len(row) == dialect.columns]
-    has_units = len(rows) == 2 and all(map(_is_unit, rows[1]))
+    known = {unit for factors in FACTORS.values() for unit in factors}
+    has_units = len(rows) == 2 and all(plain(text.strip("[]()")) in known for text in rows[1])
     titles = (rows[0] if has_units else rows[-1]) if rows else []
     for i, title in enumerate(titles):
         # A name that is given twice would be a guess; its columns keep their numbers only.
         if title and titles.count(title) == 1:
             yield i, title, rows[1][i].strip("[]()") if has_units else ""
-
-
-def _is_unit(text: str) -> bool:
-    try:
-        quantity_of(text.strip("[]()"))
-    except ConfigError:
-        return False
-    return True
 
 
 def _decode(data: bytes) -> str:

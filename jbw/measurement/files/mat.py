@@ -16,8 +16,6 @@ from jbw.measurement.files import hdf5
 from jbw.measurement.files.mat_headers import require_sound
 from jbw.measurement.files.tree import MAX_BYTES, Contents, Leaf, Node, Opaque, cells, numeric
 
-HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-USER_BLOCK = 512  # bytes of MATLAB's own header before the HDF5 part of a v7.3 file
 # What MATLAB keeps as its own objects: they hold no arrays that can be told from outside.
 OPAQUE = (
     scipy.io.matlab.MatlabOpaque,
@@ -30,9 +28,7 @@ EXPORT = "In MATLAB, export plain arrays: table2array(T), timetable2table(T), or
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
     """Open a MATLAB file of any version since 5."""
-    with path.open("rb") as stream:
-        head = stream.read(USER_BLOCK + len(HDF5_MAGIC))
-    if HDF5_MAGIC in (head[:8], head[USER_BLOCK:]):
+    if h5py.is_hdf5(path):
         hdf5.require_sound_heaps(path)
         with h5py.File(path, "r") as file:
             yield Contents(hdf5.group_tree(file, _node73), "MATLAB v7.3", fs=hdf5.fs_of(file.attrs))
@@ -77,7 +73,14 @@ def _item73(item: Any) -> Node:
         return Opaque("a MATLAB table, object or function handle", EXPORT)
     if isinstance(item, h5py.Group):
         fields: Any = hdf5.group_tree(item, _node73)
-        if not _is_struct_array(item):
+        # Each field of a struct array is an array of references, without a class of its own.
+        are_arrays = [
+            isinstance(field, h5py.Dataset)
+            and h5py.check_ref_dtype(field.dtype) is h5py.Reference
+            and "MATLAB_class" not in field.attrs
+            for field in item.values()
+        ]
+        if not (are_arrays and all(are_arrays)):
             return fields
         # An array of structs, as v5 files have it.
         shape = np.shape(next(iter(fields.values())))
@@ -94,13 +97,3 @@ def _item73(item: Any) -> Node:
         return Opaque("empty")
     axes = [axis for axis in reversed(range(item.ndim)) if item.shape[axis] != 1]
     return Leaf(hdf5.inside(item), tuple(axes))
-
-
-def _is_struct_array(group: h5py.Group) -> bool:
-    """Each field of a struct array is an array of references, without a class of its own."""
-    return len(group) > 0 and all(
-        isinstance(item, h5py.Dataset)
-        and h5py.check_ref_dtype(item.dtype) is h5py.Reference
-        and "MATLAB_class" not in item.attrs
-        for item in group.values()
-    )

@@ -20,15 +20,7 @@ def contents(path: Path) -> Iterator[Contents]:
             raise ValueError(f"the shape {array.shape} takes {declared} bytes")
         yield Contents({"data": numeric(array)}, "npy")
         return
-    _refuse_bomb(path)
-    with np.load(path, allow_pickle=False) as archive:
-        # A damaged member fails its CRC here, before any of its samples is used.
-        yield Contents({name: numeric(archive[name]) for name in archive.files}, "npz")
-
-
-def _refuse_bomb(path: Path) -> None:
-    """Sum the sizes that the archive declares before anything is unpacked."""
-    with zipfile.ZipFile(path) as archive:
+    with zipfile.ZipFile(path) as archive:  # before anything is unpacked
         size = sum(member.file_size for member in archive.infolist())
     if size > MAX_BYTES:
         raise DataError(
@@ -36,3 +28,6 @@ def _refuse_bomb(path: Path) -> None:
             f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
             remedy="Save it as HDF5, which is read in parts.",
         )
+    with np.load(path, allow_pickle=False) as archive:
+        # A damaged member fails its CRC here, before any of its samples is used.
+        yield Contents({name: numeric(archive[name]) for name in archive.files}, "npz")

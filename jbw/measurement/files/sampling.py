@@ -41,7 +41,14 @@ def sampling_of(contents: Contents, sources: Sources, wanted: Wanted) -> tuple[f
     """
     if "frequency" in sources:
         return float("nan"), "none: a measured FRF"
-    found = {**_stated(contents, sources, wanted), **_timed(sources, wanted)}
+    of_channels = {
+        f"`{(wanted.channels or {}).get(role, role)}`": item.fs
+        for role, items in sources.items()
+        for item in items
+        if item.fs is not None
+    }
+    of_file = {} if contents.fs is None else {"the file": contents.fs}
+    found = {**(of_channels or of_file), **_timed(sources, wanted)}
     if wanted.fs is not None:
         fs, said = _given(contents, wanted.fs)
         found = {said: fs, **found}
@@ -76,17 +83,6 @@ def _given(contents: Contents, fs: float | str) -> tuple[float, str]:
     if not (np.isfinite(fs) and fs > 0):
         raise ConfigError(f"`fs` must be positive and finite, but is {fs}.")
     return float(fs), said
-
-
-def _stated(contents: Contents, sources: Sources, wanted: Wanted) -> dict[str, float]:
-    """Sampling frequencies that the file states, of the channels or of the whole."""
-    stated = {
-        f"`{(wanted.channels or {}).get(role, role)}`": item.fs
-        for role, items in sources.items()
-        for item in items
-        if item.fs is not None
-    }
-    return stated or ({"the file": contents.fs} if contents.fs is not None else {})
 
 
 def _timed(sources: Sources, wanted: Wanted) -> dict[str, float]:
@@ -168,12 +164,10 @@ def sampling_frequency(time: NDArray[np.floating], name: str = "time") -> tuple[
         )
     rounding = _resolution(time)
     time = np.asarray(time, dtype=np.float64)
-    _must_increase(time, name)
-    steps = len(time) - 1
-    found = steps / (time[-1] - time[0])
+    _require_steps(time, rounding, name)
+    found = (len(time) - 1) / (time[-1] - time[0])
     fs = snapped(found, min(2 * rounding / (time[-1] - time[0]), LOOSEST_SNAP))
-    _no_gaps(time, rounding, name)
-    off = np.abs((time - time[0]) * fs - np.arange(steps + 1))
+    off = np.abs((time - time[0]) * fs - np.arange(len(time)))
     if off.max() > REGULARITY + rounding * fs:
         i = int(np.argmax(off > REGULARITY))
         raise DataError(
@@ -207,11 +201,13 @@ def _last_digit(values: NDArray[np.float64], error: float) -> float:
     return 0.0
 
 
-def _must_increase(time: NDArray[np.float64], name: str) -> None:
+def _require_steps(time: NDArray[np.float64], rounding: float, name: str) -> None:
+    """Refuse times that are not finite, that run backward, or that have gaps."""
     if not np.isfinite(time).all():
         first = int(np.flatnonzero(~np.isfinite(time))[0])
         raise DataError(f"Time channel `{name}` must be finite, but sample {first} is not.")
-    backward = np.flatnonzero(np.diff(time) <= 0)
+    steps = np.diff(time)
+    backward = np.flatnonzero(steps <= 0)
     if len(backward):
         i = int(backward[0]) + 1
         raise DataError(
@@ -220,10 +216,6 @@ def _must_increase(time: NDArray[np.float64], name: str) -> None:
             why="Sorting or dropping samples silently could hide a damaged file.",
             remedy="Export the record again, or cut it there with span = [start, stop].",
         )
-
-
-def _no_gaps(time: NDArray[np.float64], rounding: float, name: str) -> None:
-    steps = np.diff(time)
     usual = float(np.median(steps))
     gaps = np.flatnonzero(steps - usual > max(0.5 * usual, 1.01 * rounding))
     if len(gaps):

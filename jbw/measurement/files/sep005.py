@@ -48,9 +48,13 @@ def from_sep005(
         )
     digest = hashlib.sha256(b"".join(np.asarray(one["data"]).tobytes() for one in series))
     contents = Contents(dict(zip(names, leaves, strict=True)), "SEP-005")
-    wanted = Wanted(_roles(series) if channels is None else channels)
+    if channels is None:
+        told = {letter: role for role, letter in QUANTITIES.items()}
+        channels = {one: one for one in names if one in ROLES} or {
+            told[one["quantity"]]: str(one["name"]) for one in series if one.get("quantity") in told
+        }
     with naming(name):
-        (record,) = records_of(contents, Path(name), wanted, digest.hexdigest())
+        (record,) = records_of(contents, Path(name), Wanted(channels), digest.hexdigest())
     report(record, inspect(record))
     return record
 
@@ -94,12 +98,3 @@ def _leaf(one: Mapping[str, Any], i: int) -> Leaf:
             )
         fs = sampling_frequency(time, f"{one['name']}, time")[0] if fs is None else fs
     return leaf(data, fs=None if fs is None else float(fs), unit=str(one["unit_str"]))
-
-
-def _roles(series: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    named = {str(one["name"]): str(one["name"]) for one in series if str(one["name"]) in ROLES}
-    told = {letter: role for role, letter in QUANTITIES.items()}
-    by_quantity = {
-        told[one["quantity"]]: str(one["name"]) for one in series if one.get("quantity") in told
-    }
-    return named or by_quantity
