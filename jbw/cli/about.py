@@ -1,6 +1,5 @@
 """What jbw says of itself: findings explained, JSON Schemas, completion in a shell."""
 
-import json
 from difflib import get_close_matches
 from importlib.resources import files
 
@@ -8,6 +7,7 @@ import click
 from click.shell_completion import get_completion_class
 
 from jbw.cli.options import json_option
+from jbw.cli.printing import answer, show_json
 
 
 def pages() -> dict[str, str]:
@@ -17,12 +17,11 @@ def pages() -> dict[str, str]:
     return {code.strip(): page.strip() for code, _, page in sections}
 
 
-def _codes(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    return [code for code in pages() if code.startswith(incomplete)]
-
-
 @click.command()
-@click.argument("code", required=False, shell_complete=_codes)
+@click.argument(
+    "code", required=False,
+    shell_complete=lambda _, __, start: [code for code in pages() if code.startswith(start)],
+)  # fmt: skip
 @json_option
 def explain(code: str | None, json_: bool) -> None:
     """Say what a finding of the verdict means, what it looks at, and what to do.
@@ -34,11 +33,8 @@ def explain(code: str | None, json_: bool) -> None:
         nearest = get_close_matches(code, known, n=1)
         guess = f" Did you mean '{nearest[0]}'?" if nearest else ""
         raise click.UsageError(f"No finding is called '{code}'.{guess} All: jbw explain")
-    if json_:
-        asked = known if code is None else {code: known[code]}
-        click.echo(json.dumps(asked, indent=1, ensure_ascii=False))
-    else:
-        click.echo("\n".join(known) if code is None else f"{code}\n\n{known[code]}")
+    asked = known if code is None else {code: known[code]}
+    answer(json_, asked, saved="\n".join(known) if code is None else f"{code}\n\n{known[code]}")
 
 
 @click.command()
@@ -56,7 +52,7 @@ def schema(file: str) -> None:
     from jbw.planning.description import plan_file
 
     model = plan_file() if file == "plan" else CampaignFile
-    click.echo(json.dumps(json_schema(model), indent=1, ensure_ascii=False))
+    show_json(json_schema(model))
 
 
 @click.command()

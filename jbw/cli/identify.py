@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from jbw.cli.options import json_option, out_option, outside_option, seed_option
+from jbw.cli.options import json_option, out_option, outside_option, run_argument, seed_option
 from jbw.cli.printing import NOT_TRUSTED, answer, verdict_lines
 from jbw.cli.progress import computing
 from jbw.errors import JbwError
@@ -91,14 +91,12 @@ def identify(
 
 
 @click.command()
-@click.argument(
-    "folder", metavar="RUN", type=click.Path(exists=True, file_okay=False, path_type=Path)
-)
+@run_argument
 @json_option
 def resume(folder: Path, json_: bool) -> int:
-    """Go on with the run in the folder RUN, to the very draws of a run without a break.
+    """Go on with the run in the folder DIR, to the very draws of a run without a break.
 
-    Takes everything from RUN, and refuses where the campaign, its data or the versions of jbw and
+    Takes everything from DIR, and refuses where the campaign, its data or the versions of jbw and
     what it computes with are no longer those that the run began with. Ends as `jbw identify`.
     """
     run = reopen(folder)

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-Command = Callable[..., Any]
+Option = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 json_option = click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
 outside_option = click.option(
@@ -17,7 +17,7 @@ run_argument = click.argument(
 )
 
 
-def out_option(where: str) -> Callable[..., Command]:
+def out_option(where: str) -> Option:
     """`--out DIR`, and where it is written when left out."""
     return click.option(
         "--out",
@@ -26,7 +26,7 @@ def out_option(where: str) -> Callable[..., Command]:
     )
 
 
-def seed_option(otherwise: str = "", default: int | None = None) -> Callable[..., Command]:
+def seed_option(otherwise: str = "", default: int | None = None) -> Option:
     """`--seed N`, and whose seed is taken when left out."""
     told = f"; the {otherwise}'s when left out" if otherwise else ""
     return click.option(

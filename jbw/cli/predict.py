@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from math import floor, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from jbw.cli.options import json_option, out_option, outside_option, run_argumen
 from jbw.cli.printing import answer
 from jbw.cli.progress import computing
 from jbw.report.table import Column, Table, shares, table, words
-from jbw.report.text import NOTHING
+from jbw.report.text import NOTHING, number
 
 if TYPE_CHECKING:
     from jbw.measurement.records import Test
@@ -128,12 +127,9 @@ def prediction_table(rows: Sequence[dict[str, Any]]) -> Table:
 def _peak(row: dict[str, Any]) -> str:
     if row["y_peak"] is None:
         return NOTHING
-    low, middle, high = row["y_peak"].values()
-    # Significant digits that show the interval's width to one digit, 3 to 8 of them.
-    digits = 3
-    if 0 < high - low < middle:
-        digits = min(max(2 - floor(log10((high - low) / middle)), 3), 8)
-    return f"{middle:.{digits}g} [{low:.{digits}g}, {high:.{digits}g}]"
+    values = list(row["y_peak"].values())
+    low, middle, high = (number(each, values[2] - values[0]) for each in values)
+    return f"{middle} [{low}, {high}]"
 
 
 def _reach(row: dict[str, Any]) -> str:

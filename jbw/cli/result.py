@@ -1,11 +1,11 @@
 """What is written of a finished run: `jbw report DIR` and `jbw export DIR`."""
 
-import json
 from pathlib import Path
 
 import click
 
 from jbw.cli.options import json_option, out_option, run_argument
+from jbw.cli.printing import answer
 
 
 @click.command()
@@ -38,7 +38,7 @@ def report(folder: Path, out: Path | None, interactive: bool, json_: bool) -> No
         beside = page.with_name("interactive.html")
         write_interactive(tree, beside, campaign_name(summary))
         written["interactive"] = str(beside)
-    click.echo(json.dumps(written) if json_ else "\n".join(written.values()))
+    answer(json_, written, saved="\n".join(written.values()))
 
 
 @click.command()
@@ -64,4 +64,4 @@ def export(folder: Path, out: Path | None, mass: float, y_max: float | None, jso
     _, tree = read_result(folder)
     result = exporting.export(tree, mass, y_max)
     paths = [str(p) for p in exporting.write_export(claim(out or folder / "export"), result)]
-    click.echo(json.dumps({"files": paths}, indent=1) if json_ else "\n".join(paths))
+    answer(json_, {"files": paths}, saved="\n".join(paths))

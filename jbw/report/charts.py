@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex, to_rgb
@@ -100,14 +99,7 @@ def _called(name: str, test: xr.Dataset) -> str:
     return ", ".join(filter(None, (name, fitted_text(test))))
 
 
-def _draw(
-    ax: Axes,
-    x: Any,
-    model: Float[np.ndarray, "quantile point"],
-    measured: Any,
-    colour: str,
-    name: str,
-) -> None:
+def _draw(ax: Axes, x: Any, model: Any, measured: Any, colour: str, name: str) -> None:
     """Draw one test among several, all of it in its colour."""
     shade(ax, x, model[0], model[2], colour, "_band")
     ax.plot(x, model[1], color=colour, label="_median")

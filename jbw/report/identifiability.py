@@ -7,20 +7,18 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
-from matplotlib.axes import Axes
 
 from jbw.errors import DataError
 from jbw.inference.thresholds import THRESHOLD
 from jbw.report import style
 from jbw.report.result import branch, names_of
-from jbw.report.style import Panels, finish, panels, plain, title
+from jbw.report.style import Panels, finish, panels, plain, stacks, title
 from jbw.report.table import Cell, Column, Row, Table, by_sd, digits, named, shares, table
 from jbw.report.text import NOTHING, Names, axis_label, number, percent, quantity, symbol
 from jbw.report.words import combination
 
 GROUP = "identifiability"
 LEAST = 1e-6  # of the prior's standard deviation: bars of less would squeeze the others
-ACROSS = 3  # profiles side by side
 CONTRACTION = (
     "1 less the variance of the draws over the prior's, of logarithms where values are positive; "
     "100 % is known, 0 % is the prior"
@@ -91,7 +89,7 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     on both sides gives a 99 % interval; a curve that stays below it up to the bound is a limit that
     the data do not set.
 
-    One axes a parameter, three side by side; `ax` holds as many as fill the last line.
+    Panels: one a parameter.
     """
     known = branch(tree, GROUP)
     if "profile_value" not in known:
@@ -100,12 +98,9 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
         )
     names = names_of(tree)
     known = known.dropna("parameter", how="all", subset=["profile_value"])
-    lines = -(-known.sizes["parameter"] // ACROSS)
-    axes = panels(ax, lines, ACROSS, height=0.4 + 1.9 * lines)
-    for spare in axes.flat[known.sizes["parameter"] :]:
-        spare.set_visible(False)
-    for i, name in enumerate(map(str, known["parameter"].values)):
-        each: Axes = axes.flat[i]
+    axes, stack = stacks(ax, known.sizes["parameter"], 1, height=2.1)
+    for i, (each,) in enumerate(stack):
+        name = str(known["parameter"].values[i])
         values, rise = known["profile_value"][i], known["profile_chi_square"][i]
         each.plot(values, rise, ".-", color=style.BLUE, lw=1.2, ms=5, label="profile")
         # The threshold of the 99 % interval.

@@ -53,8 +53,7 @@ def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     Restoring force against displacement; below, less the secant of the measured loop, which shows
     its opening. The enclosed area is the energy lost in the joint per cycle and per unit mass.
 
-    Panels: for each test a column, the force above what is left of it when the measured secant
-    is taken off both loops, which leaves their areas as they are (2 axes a test, row by row).
+    Panels: for each test a column (2 axes a test, row by row). The secant has no area.
     """
     needed = ("measured_y", "measured_force", "model_y", "model_force")
     found = tests(tree, "validation/loops", *needed)

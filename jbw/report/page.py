@@ -60,7 +60,17 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
             | {"question": told["question"]}
             for name, told in (verdict.get("answers") or {}).items()
         ],
-        steps=[_step(name, step, summary, known) for name, step in tables.main_first(summary)],
+        steps=[
+            {
+                "name": tables.step_heading(name, summary),
+                "main": name == summary.get("main"),
+                "badge": badge(step.get("verdict")) if step.get("verdict") else None,
+                "findings": findings(step.get("verdict"), known),
+                "statements": _statements(step, known),
+                "correlations": tables.correlation_words(step, known),
+            }
+            for name, step in tables.main_first(summary)
+        ],
         parameters=tables.parameters_table(summary, known),
         drawn=[_draw(entry, tree) for entry in FIGURE_LIST],
         predictions=tables.predictions_table(summary),
@@ -80,20 +90,6 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
 def _statements(part: Any, known: Names) -> list[str]:
     """Return the sentences of a part of the summary."""
     return [in_symbols(str(each), known) for each in (part or {}).get("statements") or []]
-
-
-def _step(
-    name: str, step: Mapping[str, Any], summary: Mapping[str, Any], known: Names
-) -> dict[str, Any]:
-    """Return what a step says in words."""
-    return {
-        "name": tables.step_heading(name, summary),
-        "main": name == summary.get("main"),
-        "badge": badge(step.get("verdict")) if step.get("verdict") else None,
-        "findings": findings(step.get("verdict"), known),
-        "statements": _statements(step, known),
-        "correlations": tables.correlation_words(step, known),
-    }
 
 
 def _inputs(hashes: Mapping[str, str]) -> dict[str, Any]:

@@ -160,8 +160,7 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
     Draws of α against δ. Where they lie along the dashed curve, only the product α δ is determined;
     strong sweeps, fitted with all parameters free, break the tie.
 
-    Panels: Step 3 in the prior box, the joint posterior at its own scale (2 axes; 1 where the run
-    has but one of them).
+    Panels: Step 3 in the prior box, and enlarged the joint posterior, where the run has them.
     """
     if laws_of(tree)[:1] != ("bouc_wen",):
         raise DataError("The law of this joint has no such pair of parameters.")

@@ -126,8 +126,7 @@ def verification_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
     measured input and passed through the same estimator; the lowest row is the magnitude over the
     model's median. Tests marked as not fitted are predictions.
 
-    Panels: for each test a column of magnitude, phase, and magnitude over the model's median
-    (3 axes a test, row by row).
+    Panels: magnitude, phase and that ratio of each test (3 axes a test, row by row).
     """
     needed = ("measured_magnitude", "measured_phase", "model_magnitude", "model_phase")
     found = tests(tree, "verification/frf", *needed)
@@ -174,8 +173,7 @@ def verification_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     bands hold the scatter of the runs. Below, how far the measured curve lies from the median, over
     the curve's peak.
 
-    Panels: a column for each measured quantity and harmonic; magnitude, phase, and the distance
-    of both together from the model's median over the curve's peak (3 axes a column, row by row).
+    Panels: a column for each measured quantity and harmonic (3 axes a column, row by row).
     """
     found = tests(tree, "verification/curve", "measured_magnitude", "model_magnitude")
     columns = curve_columns(found)

@@ -8,14 +8,13 @@ from matplotlib.axes import Axes
 
 from jbw.inference.calibration.record import LEVEL, Calibration, counts_below, ecdf_envelope
 from jbw.report import style
-from jbw.report.style import Panels, finish, panels, shade, title
+from jbw.report.style import Panels, finish, panels, shade, stacks, title
 from jbw.report.text import number, symbol
 
 ERRORS = 2.0  # standard errors that a bar shows to either side
 NEAR = 0.3  # standard deviations that are drawn to scale; what lies further is compressed
 ROW = 0.24  # height of one sampler's line [in]
 STATUS = {"ok": style.GREEN, "failed": style.VERMILLION}
-ACROSS = 3  # calibrated quantities side by side
 
 
 def comparison(record: Mapping[str, Any], ax: Any = None) -> Panels:
@@ -113,13 +112,10 @@ def rank_ecdfs(found: Calibration, ax: Any = None) -> Panels:
     A slope is a bias; an S a posterior too narrow or too wide. The line is vermillion where it
     leaves the envelope. One axes a quantity.
     """
-    count = len(found.names)
-    across = count if ax is not None else min(ACROSS, count)
-    lines = -(-count // across)
-    axes = panels(ax, lines, across, height=0.6 + 1.55 * lines, sharex=True, sharey=True)
+    axes, stack = stacks(ax, len(found.names), 1, height=1.9, sharex=True, sharey=True)
     lower, upper = ecdf_envelope(len(found.ranks), found.num_ranks, LEVEL)
     even = np.arange(1, found.num_ranks + 1) / (found.num_ranks + 1)
-    for each, name, ranks in zip(axes.flat, found.names, found.ranks.T, strict=False):
+    for (each,), name, ranks in zip(stack, found.names, found.ranks.T, strict=True):
         ecdf = counts_below(ranks, found.num_ranks) / len(ranks)
         inside = bool(np.all((ecdf >= lower - 1e-12) & (ecdf <= upper + 1e-12)))
         label = "99 % of uniform ranks, all at once"
@@ -132,6 +128,4 @@ def rank_ecdfs(found: Calibration, ax: Any = None) -> Panels:
             called = f"|H₃| at {name.removeprefix('h3_').replace('Hz', ' Hz')}"
         p, covered = number(found.p_ecdf[name], digits=2), f"{100 * found.coverage[name][0]:.1f}"
         title(each, f"{called}: p = {p}, holds {covered} %", 7.5)
-    for spare in axes.flat[count:]:
-        spare.set_visible(False)
     return finish(axes, ax, "rank / L [-]", "ECDF difference [-]")

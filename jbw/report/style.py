@@ -76,15 +76,15 @@ def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) ->
 
 
 def stacks(
-    ax: Any, count: int, rows: int, *, height: float, across: int = 3, **layout: Any
+    ax: Any, count: int, rows: int, *, height: float, **layout: Any
 ) -> tuple[Panels, list[Panels]]:
     """Return all axes, and one stack of `rows` panels for each of `count` tests.
 
-    The stacks stand side by side, `across` of them at most, and then go on below, four in two
+    The stacks stand side by side, three of them at most, and then go on below, four in two
     pairs; axes are given and returned row by row. `height` is that of one line of stacks [in];
     the `height_ratios` of the layout are those of one stack.
     """
-    columns = 2 if count == 4 else min(count, across)
+    columns = 2 if count == 4 else min(count, 3)
     lines = -(-count // columns)
     if "height_ratios" in layout:
         layout["height_ratios"] = list(layout["height_ratios"]) * lines

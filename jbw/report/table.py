@@ -122,9 +122,9 @@ def by_sd(heading: str, key: str, **more: Any) -> Column:
     return Column(heading, lambda row: number(row.get(key), row.get("sd")), **more)
 
 
-def digits(heading: str, key: str, count: int = 3, **more: Any) -> Column:
-    """A column of numbers to so many digits of their own."""
-    return Column(heading, lambda row: number(row.get(key), digits=count), **more)
+def digits(heading: str, key: str, count: int = 3, place: float = 0, **more: Any) -> Column:
+    """A column of numbers to so many digits of their own, or all to one decimal place."""
+    return Column(heading, lambda row: number(row.get(key), place, count), **more)
 
 
 def shares(heading: str, key: str, missing: str = NOTHING, **more: Any) -> Column:

@@ -59,19 +59,16 @@ def parameters_table(summary: Summary, known: Names) -> Table:
         digits("sd", "sd", 2, meaning="standard deviation"),
         shares("CV", "cv", meaning="sd over the mean", spared=3),
         Column("99 % interval", _interval, only="page"),
-        to_place("KL", "kl", 0.1, meaning="information gained over the prior, in nats", spared=1),
+        digits(
+            "KL", "kl", place=0.1, meaning="information gained over the prior, in nats", spared=1
+        ),
         Column("ESS\nbulk / tail", _ess, "effective number of draws", only="page"),
-        to_place("ESS", "ess_bulk", 10.0, spared=6, only="terminal"),
+        digits("ESS", "ess_bulk", place=10.0, spared=6, only="terminal"),
         Column("R-hat", _r_hat, "above 1.01 (bold) the chains disagree"),
         by_sd("truth", "truth", spared=5),
         Column("z", _z, away, spared=4),
     )
     return Table(f"Campaign {summary.get('campaign', '')}", columns, tuple(sections), of="step")
-
-
-def to_place(heading: str, key: str, place: float, **more: Any) -> Column:
-    """A column of numbers to the same decimal place."""
-    return Column(heading, lambda row: number(row.get(key), place), **more)
 
 
 def _unit(row: Summary) -> str:
@@ -177,7 +174,7 @@ def routes_table(summary: Summary, known: Names) -> Table:
         mean("joint"),
         digits("joint: sd", "joint_sd", 2),
         digits("joint sd /\ncut sd", "sd_ratio", 2),
-        to_place("cut less joint,\nin joint sds", "difference", 1.0),
+        digits("cut less joint,\nin joint sds", "difference", place=1.0),
     )
 
 

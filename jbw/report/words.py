@@ -41,10 +41,8 @@ def findings(verdict: Any, known: Names) -> list[dict[str, Any]]:
     groups: dict[tuple[str, ...], dict[str, Any]] = {}
     for each in verdict.get("findings", []) if isinstance(verdict, Mapping) else []:
         status, action = (str(each.get(name) or "") for name in ("status", "action"))
-        reason, value = (
-            str(each.get("reason") or each.get("code") or ""),
-            number(each.get("number")),
-        )
+        reason = str(each.get("reason") or each.get("code") or "")
+        value = number(each.get("number"))
         # The reason gets its number where the sentence has none.
         if value != NOTHING and not any(letter.isdigit() for letter in reason):
             reason = f"{reason} ({value})"
