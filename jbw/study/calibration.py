@@ -78,9 +78,6 @@ def sbc(
         seed: Seed of everything random.
         report: Called with one sentence as the work proceeds.
 
-    Returns:
-        Ranks, p-values, coverage of 99 % intervals, failures and the verdict.
-
     Raises:
         ConfigError: An unknown step, sampler or noise, or a float32 session.
         DataError: A campaign whose tests do not allow the step.

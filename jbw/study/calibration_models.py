@@ -42,6 +42,7 @@ from jbw.study.calibration_designs import Design
 
 WHERE = 0.55  # of a record, where a sweep has just passed the resonance
 DRAWS = (4, 250)  # of Step 2, in chains
+NUM_RANKS = 100  # of Step 2
 STEPS = 8  # Runge-Kutta steps between two samples
 
 
@@ -129,7 +130,6 @@ def calibrate_linear(
     prior: Box,
     *,
     num_replications: int = 1000,
-    num_ranks: int = 100,
     report: Callable[[int], None] = lambda done: None,
 ) -> Calibration:
     r"""Rank omega_n, zeta and gain of Step 2 among draws of what line fits say of them.
@@ -147,9 +147,9 @@ def calibrate_linear(
         if (i + 1) % 100 == 0 or i + 1 == num_replications:
             report(i + 1)
     keys = jax.random.split(jax.random.fold_in(key, num_replications), num_replications)
-    rank = jax.jit(jax.vmap(partial(ranked, num_ranks=num_ranks)))
+    rank = jax.jit(jax.vmap(partial(ranked, num_ranks=NUM_RANKS)))
     found = rank(keys, *(jnp.array(column) for column in zip(*rows, strict=True)))
-    return judged((*NAMES, LOG_LIKELIHOOD), found, num_ranks)
+    return judged((*NAMES, LOG_LIKELIHOOD), found, NUM_RANKS)
 
 
 def _line_replication(
@@ -209,9 +209,6 @@ def motion(
     """Displacement and velocity under a force [N/kg] from rest, by classical Runge-Kutta steps.
 
     The force between the samples is what their spectrum stands for; at rest at both ends.
-
-    Raises:
-        ModelError: For a law that the rig does not know.
 
     Reference:
         Eqs. (1), (2) with nu = 1, for Bouc-Wen's law.

@@ -65,9 +65,6 @@ class Study:
             num_draws: Draws carried through the model; fewer through long records.
             noise: Whether the bands include the noise, where it is known.
 
-        Returns:
-            As `jbw.verification.predict.predict`.
-
         Raises:
             ConfigError: If the campaign has no test of that name, or is not at hand.
             DataError: If the test's source is in another unit than the run's.
@@ -95,9 +92,6 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
         folder: The run's folder.
         campaign: What was identified; when None, it is read where the run says that its campaign
             file lies and that file is still there.
-
-    Returns:
-        The study, which predicts as it did on the day that it was made.
 
     Raises:
         DataError: The folder holds no finished run, or one that cannot be read.

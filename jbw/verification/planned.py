@@ -17,7 +17,6 @@ from jbw.verification.bands import QUANTILES, gaussian_band, polar
 from jbw.verification.predicted import Predicted, Source, noise_of
 from jbw.verification.predictive_basis import Basis
 
-NUM_STEPS = 61  # of a stepped sine, when not asked otherwise
 FADE = 0.02  # of a sweep's duration, at its end
 NUM_HARMONICS = 4  # balanced
 
@@ -27,10 +26,7 @@ def planned_sweep(
 ) -> Test:
     """A linear sweep from rest, fading out over the last 2 % of its duration [s].
 
-    Of a level in the unit of the run's source.
-
-    Raises:
-        ConfigError: An argument is not positive, or the sweep reaches half the sampling frequency.
+    Of a level in the unit of the run's source, up to less than half the sampling frequency.
     """
     _require_positive(sweep=min(band_hz), level=level, duration=duration, fs=fs)
     if max(band_hz) >= 0.5 * fs:
@@ -45,11 +41,7 @@ def planned_sweep(
 
 
 def planned_tones(basis: Basis, freq_hz: Sequence[float], level: float) -> Test:
-    """Steady tones in turn, one of them or many, of a level in the unit of the run's source.
-
-    Raises:
-        ConfigError: An argument is not positive.
-    """
+    """Steady tones in turn, one of them or many, of a level in the unit of the run's source."""
     single = len(freq_hz) == 1
     _require_positive(level=level, **{"tone" if single else "stepped": min(freq_hz)})
     kind = "tones" if single else "stepped"
@@ -61,7 +53,7 @@ def planned_tones(basis: Basis, freq_hz: Sequence[float], level: float) -> Test:
 
 def steps(band_hz: tuple[float, float]) -> tuple[float, ...]:
     """Frequencies of a stepped sine over a band [Hz]."""
-    return tuple(np.linspace(*band_hz, NUM_STEPS).tolist())
+    return tuple(np.linspace(*band_hz, 61).tolist())
 
 
 def predict_planned(source: Source, test: Test) -> Predicted:
