@@ -113,7 +113,7 @@ def pushed():
 def test_a_push_is_met_at_its_truth_and_costs_its_work():
     truth = {**LINEAR, "alpha": 4000.0, "delta": 300.0, "gamma": 100.0}
     draws = {name: np.full(3, value) for name, value in truth.items()}
-    springs = references(Dataset.of([Loops.of([pushed()])]), truth, ("linear", "cubic"))
+    springs = references(Dataset.of(Loops.reduce([pushed()])), truth, ("linear", "cubic"))
     found = predict_loop(source(draws, **springs), pushed()).dataset
     assert found.attrs["nrmse"] < 1e-12
     y, s = 0.01, 400.0

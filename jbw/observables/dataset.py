@@ -127,8 +127,7 @@ def estimates(theta: Theta, data: Dataset) -> Estimate:
 def residual(theta: Theta, data: Dataset) -> Residual:
     """Residuals by label in standard errors, the runs' offsets at their best.
 
-    Returns:
-        A row a group, and a row `offsets of RUN` of each run's offsets over their scatter.
+    Rows `offsets of RUN` are each run's offsets over their scatter.
 
     Reference:
         Eqs. (38), (41), (42).
@@ -207,10 +206,7 @@ def with_directions(
     data: Dataset,
     offsets: Mapping[str, Float[np.ndarray, " own"]] | None = None,
 ) -> Dataset:
-    """The dataset with the change of every prediction by the offsets of its run, at one point.
-
-    Records are linearised about the `offsets` of their run, zero where not named.
-    """
+    """The dataset with every prediction's change by its run's offsets; records about these."""
     everything = as_arrays(theta, data)
     parts = tuple(part.linearised(everything, offsets or {}) for part in data.parts)
     return replace(data, parts=parts)
@@ -259,14 +255,7 @@ def effective_fractions(
 ) -> dict[str, float]:
     """Fraction of independent values of each group that is coloured, or misfitted in all repeats.
 
-    Args:
-        rows: `stacked` at a fit.
-        jacobian: Its derivatives by the parameters.
-        covariance: Of the fit.
-        data: The dataset that was fitted.
-
-    Returns:
-        Fractions below one, by label.
+    Of those below one, by `stacked` at a fit, its derivatives by the parameters and the covariance.
     """
     left = left_by_label(rows, data)
     columns = [left_by_label(column, data) for column in np.asarray(jacobian).T]

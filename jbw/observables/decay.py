@@ -92,9 +92,8 @@ class Decays(Envelopes):
 
         where Q is what the best initial state and shift leave, A their normal matrix, n the number
         of independent real values, and the shift's estimate has the standard error e. The noise is
-        integrated out under 1/sigma. Q is linear enough in the three unknowns for this to be exact
-        to the accuracy of a Laplace approximation at the signal-to-noise ratio of a decay. Of the
-        offsets of a run, a record knows the first, the shift, alone.
+        integrated out under 1/sigma; Q is nearly quadratic in the three unknowns. Of the offsets
+        of a run, a record knows the first, the shift, alone.
 
         Reference:
             Eq. (37) on the envelope, initial states and noise inferred.
@@ -121,14 +120,10 @@ class Decays(Envelopes):
     def _num_values(self) -> Float[Array, ""]:
         return 2 * self.envelope.shape[1] * self.fraction
 
-    def covariance_of(self, found: Match) -> Float[Array, "record own own"]:
-        """Covariance of log amplitude, phase and shift [rad/s] of every record."""
-        variance = found.misfit / (self._num_values - NUM_OWN)
-        return variance[:, None, None] * jnp.linalg.inv(found.precision)
-
     def shift_errors(self, found: Match) -> Float[Array, " record"]:
         """Standard error of every record's shift of natural frequency [rad/s]."""
-        return jnp.sqrt(self.covariance_of(found)[:, 2, 2])
+        variance = found.misfit / (self._num_values - NUM_OWN)
+        return jnp.sqrt(variance * jnp.linalg.inv(found.precision)[:, 2, 2])
 
     def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
         """What is left of every envelope."""
@@ -193,10 +188,8 @@ class Decays(Envelopes):
 
     def amplitude_curve(self) -> AmplitudeCurve:
         """Frequency and damping along every record."""
-        found = [
-            read_decay(row, self.step_s, self.centre_hz, WINDOW)
-            for row in np.asarray(self.envelope)
-        ]
+        rows = np.asarray(self.envelope)
+        found = [read_decay(row, self.step_s, self.centre_hz, WINDOW) for row in rows]
         omega = 2 * np.pi * np.concatenate([one.frequency_hz for one in found])
         size = np.concatenate([one.amplitude for one in found])
         y = size / omega ** derivative_order(self.response)
@@ -233,14 +226,8 @@ def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:
     """
     joint = oscillator_of(theta, data.laws)
     start = (data.y_start, jnp.zeros(()), joint.at_tip(data.y_start))
-    free = simulate(
-        joint,
-        jnp.zeros(data.num_samples),
-        data.fs,
-        hold="zero",
-        initial=start,
-        substeps=data.substeps,
-    )
+    silence = jnp.zeros(data.num_samples)
+    free = simulate(joint, silence, data.fs, hold="zero", initial=start, substeps=data.substeps)
     kernel = jnp.stack([data.taps.real, data.taps.imag])[:, None, :]
     x = getattr(free, LETTER_OF[data.response])[None, None, :]
     parts = jax.lax.conv_general_dilated(x, kernel, (data.stride,), "VALID")[0]

@@ -31,11 +31,7 @@ CUBICS = np.array([[0, 6, 0, 0], [-2, -3, 6, -1], [3, -6, 3, 0], [-1, 3, -3, 1]]
 
 
 def filter_of(test: Test) -> BandFilter:
-    """The filter of a test's band.
-
-    Raises:
-        DataError: If the test states no band.
-    """
+    """The filter of the band that a test must state."""
     if test.band_hz is None:
         raise DataError(
             f"Test `{test.name}` needs `band`: the frequencies around the one mode of the joint.",
@@ -47,11 +43,11 @@ def filter_of(test: Test) -> BandFilter:
 
 def envelopes(test: Test) -> list[np.ndarray]:
     """Envelope of every record of a test, at the full sampling rate, after `settle`."""
-    chosen, found = filter_of(test), []
-    for record in test.records:
-        skipped = round(test.settle * record.fs)
-        found.append(demodulate(record.channels[record.response][skipped:], chosen)[1])
-    return found
+    chosen = filter_of(test)
+    return [
+        demodulate(one.channels[one.response][round(test.settle * one.fs) :], chosen)[1]
+        for one in test.records
+    ]
 
 
 def readings(test: Test) -> list[Reading]:
@@ -74,14 +70,12 @@ class Envelopes(Observable):
         y_start: Displacement that the simulated decay begins from [m].
         taps: The band's filter as the model's samples meet it.
         rotation: Turn of the carrier between two values of the envelope.
-        step_s: Time between two values [s]; static.
-        stride: Samples of the model between two values; static.
-        fs: Sampling frequency of the model [Hz]; static.
-        num_samples: Samples of the simulated decay; static.
-        response: displacement, velocity or acceleration; static.
-        substeps: Steps of the solver between samples; static.
-        centre_hz: Middle of the band [Hz]; static.
-        names: Name of each record; static.
+        step_s: Time between two values [s], static as all below.
+        stride: Samples of the model between two values.
+        fs: Sampling frequency of the model [Hz].
+        num_samples: Samples of the simulated decay.
+        response: displacement, velocity or acceleration.
+        substeps: Steps of the solver between samples.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("decay",)
@@ -97,10 +91,10 @@ class Envelopes(Observable):
     stride: int = eqx.field(static=True)
     fs: float = eqx.field(static=True)
     num_samples: int = eqx.field(static=True)
-    response: str = eqx.field(static=True, default="velocity")
-    substeps: int = eqx.field(static=True, default=1)
-    centre_hz: float = eqx.field(static=True, default=0.0)
-    names: tuple[str, ...] = eqx.field(static=True, default=())
+    response: str = eqx.field(static=True)
+    substeps: int = eqx.field(static=True)
+    centre_hz: float = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
 
     @classmethod
     def reduce(
@@ -111,13 +105,7 @@ class Envelopes(Observable):
 
     @classmethod
     def of(cls, test: Test, *, laws: Laws = DEFAULT_LAWS, substeps: int = 1) -> Self:
-        """Envelopes of the decays of a test, cut to the shortest; `settle` is left out.
-
-        Noise and scatter are first guesses.
-
-        Raises:
-            DataError: No band, records too short, or fewer than 16 independent values in one.
-        """
+        """Envelopes of a test's decays after `settle`, cut to the shortest; noise is guessed."""
         chosen = filter_of(test)
         found = [one[:: chosen.step] for one in envelopes(test)]
         length = min(map(len, found))
@@ -177,12 +165,9 @@ def _course(envelope: np.ndarray, chosen: BandFilter, order: int) -> tuple[float
 
 
 class Entry(NamedTuple):
-    """Where a record lies on the decay: its initial state, and its own natural frequency.
+    """Where a record lies on the decay.
 
-    Attributes:
-        place: Place of its first value, in steps.
-        phase: Rotation [rad].
-        shift: Of its natural frequency [rad/s].
+    The place of its first value [steps], its rotation [rad], the shift of its frequency [rad/s].
     """
 
     place: Float[Array, "..."]
@@ -211,10 +196,7 @@ class Match(NamedTuple):
 def along(
     decay: Complex[Array, " step"], place: Float[Array, " time"]
 ) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
-    """Logarithm of a decay between its steps, and its derivative by the place [steps].
-
-    By cubics; by straight lines beyond its ends.
-    """
+    """Logarithm of a decay between its steps, by cubics, and its derivative by the place."""
     whole = jax.lax.stop_gradient(jnp.floor(place))
     f = place - whole
     index = whole.astype(int)[:, None] + jnp.arange(-1, 3)

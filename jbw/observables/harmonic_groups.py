@@ -27,17 +27,13 @@ class Group(NamedTuple):
     """One measured harmonic of one test, before it is put among others.
 
     Attributes:
-        label: Name of the group.
-        run: Run of its test.
         omega: Frequencies [rad/s].
         load: Odd harmonics of the source, phases counted from its first [unit of the source].
         motion: Odd harmonics of the displacement, zero where not measured [m].
         order: Order that is compared: 1, 3, ...
-        values: Measured values, mean over repeats.
+        values: Measured values, mean over repeats; the force's where `of_force`.
         factor: From metres, or N/kg, to the unit of the values.
         within: Scatter of the repeats about their mean, summed.
-        num_repeats: Repeats.
-        of_force: Whether the values are the force's.
     """
 
     label: str
@@ -104,11 +100,7 @@ def harmonic_label(name: str, order: int) -> str:
 
 
 def stepped_groups(test: Test) -> list[Group]:
-    """Harmonics at each frequency of a stepped sine, the transient of each step left out.
-
-    Raises:
-        DataError: If a record is shorter than the steps that the campaign states.
-    """
+    """Harmonics at each frequency of a stepped sine, the transient of each step left out."""
     needed = len(test.tones_hz) * test.dwell
     for record in test.records:
         if record.num_samples / record.fs < needed - 0.5 / record.fs:
@@ -117,21 +109,20 @@ def stepped_groups(test: Test) -> list[Group]:
                 f"but lasts {record.num_samples / record.fs:g} s.",
                 remedy="Check `tones` and `dwell` of the test.",
             )
-    starts = [i * test.dwell for i in range(len(test.tones_hz))]
+    starts = test.dwell * np.arange(len(test.tones_hz))
     spans = [
         [(record, (start + test.settle, start + test.dwell)) for record in test.records]
         for start in starts
     ]
     omega = 2 * np.pi * np.array(test.tones_hz)
-    delays = [test.delay] * len(spans)
-    return _groups(test.name, run_of(test), omega, spans, delays)
+    return _groups(test.name, run_of(test), omega, spans, [test.delay] * len(spans))
 
 
 def _groups(
     label: str, run: str, omega: NDArray[np.float64], spans: list, delays: list[float]
 ) -> list[Group]:
     """One group an order, from the repeats of every frequency."""
-    found = [_points(one, w, delay) for one, w, delay in zip(spans, omega, delays, strict=True)]
+    found = [_points(*one) for one in zip(spans, omega, delays, strict=True)]
     source, motion = np.moveaxis(np.array(found), 2, 0)
     power = derivative_order(spans[0][0][0].response)
     groups = []
@@ -158,8 +149,8 @@ def _groups(
 
 def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]:
     """Odd harmonics of source and displacement of every repeat, phases counted from the source."""
-    found = []
-    for record, (start, stop) in repeats:
+    found = np.zeros((len(repeats), 2, NUM_HARMONICS), complex)
+    for odd, (record, (start, stop)) in zip(found, repeats, strict=True):
         keep = slice(round(start * record.fs), round(stop * record.fs))
         count = int(min(HIGHEST, BELOW_NYQUIST * 2 * np.pi * record.fs / omega))
         u = harmonics(record.channels[record.source][keep], record.fs, omega, count)
@@ -167,23 +158,16 @@ def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]
             record.channels[record.response][keep],
             record.fs, omega, count, response=record.response, delay=delay,
         )  # fmt: skip
-        n = np.arange(1, count + 1)
-        turn = np.exp(-1j * n * np.angle(u.amplitudes[0]))
-        odd = np.zeros((2, NUM_HARMONICS), complex)
-        for row, one in zip(odd, (u, y), strict=True):
-            values = (turn * one.amplitudes)[::2]
-            row[: len(values)] = values
-        found.append(odd)
-    return np.array(found)
+        turn = np.exp(-1j * np.arange(1, count + 1) * np.angle(u.amplitudes[0]))
+        both = (turn * np.stack([u.amplitudes, y.amplitudes]))[:, ::2]
+        odd[:, : both.shape[1]] = both
+    return found
 
 
 def curve_group(test: Test) -> Group:
     """The group of a measured response curve, of its fundamental harmonic.
 
     Where the controller held the response, the force is what was measured against it.
-
-    Raises:
-        DataError: If repeats differ in their frequencies.
     """
     curves = [response_curve(record) for record in test.records]
     if any(not np.array_equal(one.freq_hz, curves[0].freq_hz) for one in curves):

@@ -48,7 +48,7 @@ class LineReading(Observable):
     covariance: Float[Array, "read read"]
     y_rms: Float[Array, ""]
     directions: Float[Array, "own read"]
-    run: str = eqx.field(static=True, default="")
+    run: str = eqx.field(static=True)
 
     @classmethod
     def of(
@@ -105,12 +105,10 @@ class LineReading(Observable):
     def _whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 read"], Float[Array, "1 own read"], Float[Array, ""]]:
-        """Residual and directions in standard deviations, and the log of these' product.
-
-        The covariance is the line fit's, and that of what the average over amplitudes leaves out.
-        """
+        """Residual and directions in standard deviations, and the log of these' product."""
         predicted = self.predict(theta)
         linear = jnp.stack([theta[name] for name in READ])
+        # Beside the line fit's covariance, that of what the average over amplitudes leaves out.
         margin = jnp.diag((MARGIN * (predicted - linear)) ** 2)
         root = jnp.linalg.cholesky(self.covariance + margin)
         columns = jnp.column_stack([self.mean - predicted, self.directions.T])
@@ -133,7 +131,7 @@ class LineReading(Observable):
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
         """The reading with its change by the offsets."""
-        return replace(self, directions=_slope(theta, self).T)
+        return replace(self, directions=slope_by_offsets(self.predict, theta).T)
 
     def without(self, run: str) -> Self:
         """The reading excluded where it is of this run."""
@@ -152,11 +150,6 @@ class LineReading(Observable):
     def y_peak(self, omega_n: float) -> float:
         """Displacement of the random motion, rms [m]."""
         return float(self.y_rms)
-
-
-@eqx.filter_jit
-def _slope(theta: Theta, data: LineReading) -> Float[Array, "read own"]:
-    return slope_by_offsets(data.predict, theta)
 
 
 def oscillator_through(

@@ -25,7 +25,6 @@ class Loops(Repeated):
         counted: Weight of each sample: 1, or 0 while the joint forgets its start and behind the
             last sample.
         mean: Mean measured force [N].
-        repeats: Their repeats.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("loop",)
@@ -44,17 +43,10 @@ class Loops(Repeated):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """All tests side by side; moves of the hysteresis are exact and take no steps."""
-        return (cls.of(tests, laws=laws),)
+        """Mean force of each test's repeats under the same displacement, which need one length.
 
-    @classmethod
-    def of(cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS) -> Self:
-        """Mean force of the repeats of each test under the same displacement.
-
-        `settle` seconds at the start are predicted but not compared.
-
-        Raises:
-            DataError: If repeats of one test differ in length.
+        `settle` seconds at the start are predicted but not compared. Moves of the hysteresis are
+        exact and take no steps.
         """
         found = [[forced_loop(record) for record in test.records] for test in tests]
         for test, one in zip(tests, found, strict=True):
@@ -74,7 +66,7 @@ class Loops(Repeated):
             np.sum((rows * keep - m) ** 2)
             for rows, keep, m in zip(force, counted, mean, strict=True)
         ]
-        return cls(
+        data = cls(
             laws=laws,
             displacement=filled(displacement, "edge"),
             counted=filled(counted),
@@ -89,6 +81,7 @@ class Loops(Repeated):
                 scale=np.array([np.sqrt(np.mean(m**2)) for m in mean]),
             ),
         )
+        return (data,)
 
     @property
     def unit(self) -> str:

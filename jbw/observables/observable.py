@@ -34,13 +34,7 @@ Laws = tuple[str, ...]
 
 
 class AmplitudeCurve(NamedTuple):
-    """Equivalent frequency and damping against amplitude, as read off data.
-
-    Attributes:
-        y: Amplitude of the displacement [m].
-        omega: Frequency [rad/s].
-        zeta: Damping ratio [-].
-    """
+    """Equivalent frequency [rad/s] and damping against the amplitude y [m], as read off data."""
 
     y: Float[np.ndarray, " point"]
     omega: Float[np.ndarray, " point"]
@@ -82,12 +76,9 @@ class Observable(eqx.Module):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Sufficient statistics of tests, in as many parts as their forms ask for.
+        """Sufficient statistics of tests of its kinds, in as many parts as their forms ask for.
 
-        Args:
-            tests: Tests of its kinds.
-            laws: Names of the laws of the joint.
-            substeps: Steps of the solver between samples; None for its own.
+        `substeps` are those of the solver between samples; None for its own.
         """
         raise NotImplementedError
 
@@ -150,12 +141,7 @@ class Observable(eqx.Module):
     def linearised(
         self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]
     ) -> "Observable":
-        """The data with the change of every prediction by the offsets of its run.
-
-        Args:
-            theta: Where to linearise.
-            offsets: Offsets of the runs as they are known, by name.
-        """
+        """The data with the change of every prediction by its run's offsets, about those known."""
         return self
 
     def with_fitted_noise(self, theta: Theta, left: Rows) -> "Observable":
@@ -167,10 +153,7 @@ class Observable(eqx.Module):
     ) -> dict[str, float]:
         """Fraction of the values of each group that count as independent, where less than one.
 
-        Args:
-            left: What a fit leaves, by label.
-            columns: The same of its residual's derivatives, parameter by parameter.
-            covariance: Of the fit.
+        By what a fit leaves, the same of its residual's derivatives, and its covariance.
         """
         return {}
 
@@ -189,14 +172,7 @@ class Observable(eqx.Module):
     def draw_noise(
         self, key: Key[Array, ""], theta: Drawn, terms: Mapping[str, Draws], num_offsets: int
     ) -> dict[str, Draws]:
-        """One draw of each group's noise for every draw of the parameters, by label.
-
-        Args:
-            key: Random key.
-            theta: Draws of all parameters.
-            terms: Terms of their log likelihood, by label.
-            num_offsets: Offsets of a run.
-        """
+        """One draw of each group's noise for every draw of theta and its likelihood's terms."""
         return {}
 
     def first_values(self) -> dict[str, float]:
@@ -237,6 +213,7 @@ def prediction(theta: Theta, data: Observable) -> Any:
     return data.predict(theta)
 
 
+@eqx.filter_jit
 def slope_by_offsets(predict: Callable[[Theta], Array], theta: Theta) -> Float[Array, "*row own"]:
     """Derivative of a prediction by the offsets of omega_n and zeta, along a last axis."""
 
@@ -253,11 +230,7 @@ def run_of(test: Test) -> str:
 
 
 def assemblies_of(runs: tuple[str, ...]) -> tuple[int, ...]:
-    """Number of each run's assembly; nothing unless there are several, one with several runs.
-
-    Args:
-        runs: Names of the runs, each once.
-    """
+    """Number of each run's assembly; nothing unless there are several, one with several runs."""
     owners = [run.partition(OF)[0] for run in runs]
     order = list(dict.fromkeys(owners))
     if not 1 < len(order) < len(runs):

@@ -16,8 +16,8 @@ from jbw.measurement.records import Record, Test, periods
 from jbw.observables.line_fit import oscillator_through
 from jbw.observables.observable import OFFSETS, Laws, Theta, run_of
 from jbw.observables.repeated import Repeated, Repeats, repeats
-from jbw.observables.samples import Lines, advance, in_band, lines_of, motion_under, values_of
-from jbw.quantities import DEFAULT_LAWS, LETTER_OF, UNIT_OF, derivative_order
+from jbw.observables.samples import Lines, advance, in_band, lines_of, response_to, values_of
+from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the first values are read from
 SUBSTEPS = 2  # of the solver between samples, until a fit shows what they take
@@ -28,17 +28,16 @@ class Records(Repeated):
 
     Attributes:
         source: Mean measured input of each level [V, N or N/kg].
-        mean: Mean measured response of each level [m, m/s or m/s^2].
-        repeats: Their repeats, a group a level.
+        mean: Mean measured response of each level [m, m/s or m/s^2], a group each.
         origin: omega_n [rad/s] and zeta of each level's own run, where runs have offsets: where the
             prediction is made and linearised in them. A record follows the phase for so many
             periods that no line through the common omega_n reaches another day's.
-        fs: Sampling frequency [Hz]; static.
-        response: displacement, velocity or acceleration; static.
-        substeps: Steps of the solver between samples; static.
-        periodic: Whether each record is one period of a steady motion; static.
+        fs: Sampling frequency [Hz], static as all below.
+        response: displacement, velocity or acceleration.
+        substeps: Steps of the solver between samples.
+        periodic: Whether each record is one period of a steady motion.
         lines: First line of the records' spectra that is compared, and the one after the last;
-            None compares the samples. Other modes then only act on the rest; static.
+            None compares the samples. Other modes then only act on the rest.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("sweep", "multisine")
@@ -62,11 +61,11 @@ class Records(Repeated):
         """Sweeps in time, then whole periods of multisines; a part a form of record."""
         sweeps = [test for test in tests if test.kind != "multisine"]
         steady = [periods(test) for test in tests if test.kind == "multisine"]
-        forms = [(same, False) for same in by_form(sweeps)]
-        forms += [(same, True) for same in by_form([test for test in steady if test is not None])]
+        steady = [test for test in steady if test is not None]
         return tuple(
-            cls.of(same, laws=laws, substeps=substeps, periodic=periodic)
-            for same, periodic in forms
+            cls.of(same, laws=laws, substeps=substeps, periodic=tests is steady)
+            for tests in (sweeps, steady)
+            for same in by_form(tests)
         )
 
     @classmethod
@@ -78,18 +77,9 @@ class Records(Repeated):
         substeps: int | None = None,
         periodic: bool = False,
     ) -> Self:
-        """Sufficient statistics of the repeats of each test, all of one form.
+        """Sufficient statistics of the repeats of each test, a level, all of one form.
 
-        Args:
-            tests: One test a level, all of one length, sampling frequency, response and band; of
-                equal inputs in all repeats. With a band, only its lines of the spectrum are
-                compared.
-            laws: Names of the laws of the joint.
-            substeps: Steps of the solver between samples; `SUBSTEPS` when None.
-            periodic: Whether each record is one period of a steady motion.
-
-        Raises:
-            DataError: If lengths, sampling frequencies, responses or bands differ.
+        Inputs are equal in all repeats; with a band, only its lines of the spectrum are compared.
         """
         forms = {form_of(test) for test in tests}
         if len(forms) != 1:
@@ -141,17 +131,9 @@ class Records(Repeated):
         laws: Laws = DEFAULT_LAWS,
         substeps: int = 1,
     ) -> Self:
-        """A planned record, as it would be reduced; what it would measure is left at zero.
+        """A planned record, as it would be reduced, of noise [m, m/s or m/s^2] a sample.
 
-        The information that it would give does not depend on that.
-
-        Args:
-            source: Samples of the input.
-            fs: Sampling frequency [Hz].
-            response: What would be measured: displacement, velocity or acceleration.
-            noise_std: Noise of a sample of it [m, m/s or m/s^2].
-            laws: Names of the laws of the joint.
-            substeps: Steps of the solver between samples.
+        What it would measure is left at zero: the information it would give does not depend on it.
         """
         channels = {"input": source, response: np.zeros_like(source)}
         units = {"input": "V", response: UNIT_OF[response]}
@@ -170,23 +152,20 @@ class Records(Repeated):
         return UNIT_OF[self.response]
 
     def predict(self, theta: Theta) -> Float[Array, "level time"]:
-        """Response of every level to its mean measured input, at its own origin where it has one.
-
-        In the unit of the measured one.
-        """
+        """Response of every level to its mean input, at its own origin where it has one."""
 
         def one(level: tuple[Array, Array]) -> Float[Array, " time"]:
             source, origin = level
             own = dict(zip(OFFSETS, origin, strict=False))  # none where runs have no offsets
-            motion = motion_under(
+            return response_to(
                 {**theta, **own},
                 source,
                 self.fs,
+                response=self.response,
                 laws=self.laws,
                 substeps=self.substeps,
                 periodic=self.periodic,
             )
-            return getattr(motion, LETTER_OF[self.response])
 
         # One level after another, not batched: alone, the solver skips the work of rare events.
         return jax.lax.map(one, (self.source, self.origin))

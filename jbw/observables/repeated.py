@@ -1,6 +1,5 @@
 """Groups of data that are measured repeatedly: the statistics that their observables share."""
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal, Self
@@ -30,13 +29,10 @@ from jbw.observables.observable import (
 class Repeats(eqx.Module):
     """Groups of repeated data, each with a noise of its own.
 
-    A group is a test, or one harmonic of it; its values are real numbers (samples, or real and
-    imaginary parts).
-
     Attributes:
-        within: Scatter of the repeats about their mean, summed over repeats and values.
+        within: Scatter S of the repeats about their mean, summed over repeats and values.
         num_repeats: Repeats K.
-        size: Values N of a group.
+        size: Values N of a group: real numbers (samples, or real and imaginary parts).
         num_values: Independent values n of all repeats together; fewer than there are where the
             residual is coloured.
         noise_std: Noise of one repeat, for least squares.
@@ -64,19 +60,12 @@ def repeats(
     runs: Sequence[str],
     scale: Float[np.ndarray, " group"],
 ) -> Repeats:
-    r"""Bookkeeping of groups whose values are independent and which share their offsets.
+    r"""Bookkeeping of groups whose values are independent, filled up to the `longest`.
 
     $$\sigma^2 = \frac{S}{N (K - 1)}$$
 
-    Args:
-        within: Scatter S of the repeats about their mean.
-        num_repeats: K.
-        sizes: Values N of each group.
-        longest: Values of the widest group, to which the others are filled up.
-        labels: Names of the groups; those that come again get a number.
-        runs: Names of their runs.
-        scale: Root mean square of each group, of which a single repeat's noise is guessed as one
-            hundredth until a fit tells it.
+    Until a fit tells it, a single repeat's noise is guessed as one hundredth of the root mean
+    square, the `scale`. Labels that come again get a number.
     """
     degrees = sizes * (num_repeats - 1)
     known = degrees > 0
@@ -101,12 +90,9 @@ def filled(rows: Sequence[np.ndarray], mode: Literal["constant", "edge"] = "cons
 
 def _distinct(labels: Sequence[str]) -> tuple[str, ...]:
     """Labels of which no two are alike: those that come again have a number behind them."""
-    seen: Counter[str] = Counter()
-    found = []
-    for label in labels:
-        seen[label] += 1
-        found.append(label if seen[label] == 1 else f"{label} ({seen[label]})")
-    return tuple(found)
+    counts = [labels[: i + 1].count(label) for i, label in enumerate(labels)]
+    pairs = zip(labels, counts, strict=True)
+    return tuple(label if count == 1 else f"{label} ({count})" for label, count in pairs)
 
 
 class Repeated(Observable):
@@ -130,8 +116,7 @@ class Repeated(Observable):
 
     def compared(self, group: int) -> slice | Bool[np.ndarray, " value"]:
         """Which values of a group's row are compared, of complex ones which of their pairs."""
-        size = int(self.repeats.size[group])
-        return slice(size // 2 if self.is_complex else size)
+        return slice(int(self.repeats.size[group]) // (2 if self.is_complex else 1))
 
     def coordinate(self, group: int) -> tuple[str, str, Float[np.ndarray, " value"]]:
         """What the compared values of a group stand over: name, unit, places; here, numbers."""
@@ -204,7 +189,7 @@ class Repeated(Observable):
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
         """The data with the change of every prediction by the offsets of its run, at one point."""
-        return self.with_directions(_slope(theta, self))
+        return self.with_directions(-slope_by_offsets(self.misfit, theta))
 
     def with_directions(self, slope: Float[Array, "group value own"]) -> Self:
         """The data with derivatives of the predictions by the offsets."""
@@ -243,8 +228,7 @@ class Repeated(Observable):
         """
         own, found = self.repeats, {}
         for i, label in enumerate(self.labels):
-            row, count = left[label], float(own.num_repeats[i])
-            size = float(own.size[i])
+            row, count, size = left[label], float(own.num_repeats[i]), float(own.size[i])
             square = float(np.sum(np.abs(row) ** 2)) / size
             noise = float(own.within[i]) / (size * (count - 1)) if count > 1 else 0.0
             misfit = max(square - noise / count, 0.0)
@@ -293,8 +277,3 @@ class Repeated(Observable):
         fraction = count / np.asarray(own.size * own.num_repeats)
         noise = np.sqrt(fraction * np.exp(-2 * rows / count) / chi_square)
         return {label: noise[..., i] for i, label in enumerate(self.labels)}
-
-
-@eqx.filter_jit
-def _slope(theta: Theta, data: Repeated) -> Float[Array, "group value own"]:
-    return -slope_by_offsets(data.misfit, theta)

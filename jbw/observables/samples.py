@@ -1,6 +1,7 @@
 """Samples that are compared: brought to one time and into a band, and predicted from the joint."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,11 +27,7 @@ def advance(samples: np.ndarray, delay: float, fs: float) -> np.ndarray:
 
 
 def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:
-    """First line of a record's spectrum in a band, and the one after the last; None without a band.
-
-    Raises:
-        DataError: If the band holds no line.
-    """
+    """First line of a spectrum in a band, which must hold one, and the one after the last."""
     if not band_hz:
         return None
     first, last = np.ceil(band_hz[0] * length / fs), np.floor(band_hz[1] * length / fs)
@@ -84,15 +81,8 @@ def motion_under(
 ) -> Response:
     """Motion of the joint under a measured input, from rest or steady.
 
-    The input between its samples is the band-limited one that the sampling saw.
-
-    Args:
-        theta: The joint's parameters and `gain` [N/kg per unit of the input].
-        source: Measured input [unit of the input].
-        fs: Sampling frequency [Hz].
-        laws: Names of the laws of the joint.
-        substeps: Steps of the solver between samples.
-        periodic: Whether the input is one period of a steady test.
+    The input between its samples is the band-limited one that the sampling saw; theta has the
+    `gain` [N/kg per unit of the input] besides. `substeps` are those of the solver between samples.
 
     Reference:
         Eqs. (1), (2).
@@ -112,10 +102,8 @@ def response_to(
     source: Float[Array, " time"],
     fs: float,
     *,
-    laws: tuple[str, ...] = DEFAULT_LAWS,
     response: str = "velocity",
-    substeps: int = 2,
+    **options: Any,
 ) -> Float[Array, " time"]:
-    """Displacement [m], velocity [m/s] or acceleration [m/s^2] of `motion_under`, from rest."""
-    motion = motion_under(theta, source, fs, laws=laws, substeps=substeps)
-    return getattr(motion, LETTER_OF[response])
+    """Displacement [m], velocity [m/s] or acceleration [m/s^2] of `motion_under`."""
+    return getattr(motion_under(theta, source, fs, **options), LETTER_OF[response])

@@ -28,8 +28,7 @@ NUM_NODES = 16
 class Points(Repeated):
     """Harmonics of the steady motion at many frequencies and levels, group by group.
 
-    A group is one harmonic of one test. In a force-controlled test the response is compared, in a
-    response-controlled one the force is.
+    In a force-controlled test the response is compared, in a response-controlled one the force is.
 
     Attributes:
         omega: Frequency of each point [rad/s].
@@ -40,7 +39,6 @@ class Points(Repeated):
         point: Number of the point of each value.
         position: Position of each group's order among the odd ones.
         factor: From displacement or force per unit mass to the value's unit; zero behind the last.
-        repeats: Their repeats.
         of_force: Whether a group's values are the force; static.
     """
 
@@ -118,26 +116,15 @@ class Points(Repeated):
         r"""Planned tones, as they would be read.
 
         Real and imaginary parts of a harmonic read from N samples have the variance
-        $2\sigma^2 / N$ each.
-
-        Args:
-            omega: Frequencies [rad/s].
-            level: Amplitude of the source [unit of the source].
-            motion: Odd harmonics of the steady displacement that is expected [m].
-            response: What would be measured: displacement, velocity or acceleration.
-            noise_std: Noise of a sample of it [m, m/s or m/s^2].
-            num_samples: Samples N of the record of a tone.
-            laws: Names of the laws of the joint.
+        $2\sigma^2 / N$ each. `motion` are the odd harmonics of the displacement expected [m].
         """
         load = level * np.tile(np.arange(NUM_HARMONICS) == 0, (len(omega), 1)) + 0j
         groups = []
         for order in ORDERS:
             factor = (1j * order * omega) ** derivative_order(response)
             values = factor * motion[:, order // 2]
-            label = harmonic_label("planned", order)
-            groups.append(
-                Group(label, "planned", omega, load, motion, order, values, factor, 0.0, 1)
-            )
+            known = harmonic_label("planned", order), "planned", omega, load, motion, order
+            groups.append(Group(*known, values, factor, 0.0, 1))
         std = noise_std * np.sqrt(2 / num_samples)
         return cls.of(groups, laws=laws).with_repeats(noise_std=jnp.full(len(groups), std))
 
@@ -163,14 +150,11 @@ class Points(Repeated):
 
     def first_values(self) -> dict[str, float]:
         """Linear least squares over the first harmonics of the smallest motion at its peak."""
-        point, position = np.asarray(self.point), np.asarray(self.position)
         motion, load, omega = (np.asarray(x) for x in (self.motion, self.load, self.omega))
-        sizes = [int(size) // 2 for size in np.asarray(self.repeats.size)]
-        first = [i for i in range(len(sizes)) if position[i] == 0 and sizes[i] >= 3]
-        first = first or [i for i in range(len(sizes)) if position[i] == 0]
-        peaks = [np.abs(motion[point[i, : sizes[i]], 0]).max() for i in first]
-        quietest = first[int(np.argmin(peaks))]
-        chosen = point[quietest, : sizes[quietest]]
+        points = [row[self.compared(i)] for i, row in enumerate(np.asarray(self.point))]
+        first = [points[i] for i in np.flatnonzero(np.asarray(self.position) == 0)]
+        first = [one for one in first if len(one) >= 3] or first
+        chosen = min(first, key=lambda one: np.abs(motion[one, 0]).max())
         return oscillator_through(omega[chosen], load[chosen, 0], motion[chosen, 0])
 
     def y_peak(self, omega_n: float) -> float:

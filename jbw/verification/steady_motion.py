@@ -34,7 +34,7 @@ def predict_loop(source: Source, test: Test) -> Predicted:
 
     $$W = \int F\,\mathrm{d}y$$
     """
-    data = Loops.of([test], laws=source.basis.laws)
+    (data,) = Loops.reduce([test], laws=source.basis.laws)
     (force,) = groups_of(source, test, data)
     y = np.asarray(data.displacement[0])[data.compared(0)]
     shown = slice(None, None, -(-len(y) // MOST_POINTS))

@@ -132,15 +132,11 @@ def test_a_factor_of_two_dropped_from_the_likelihood_is_seen(truth):
 
 
 def linear(theta, data):
-    """Values of unit noise about the line p + q s, normalised."""
+    """Values of unit noise about the line p + q s, and a normal prior of both, normalised."""
     s = jnp.linspace(-1.0, 1.0, 8)
     r = data - (theta["p"] + theta["q"] * s)
-    return -0.5 * r**2 - 0.5 * jnp.log(2 * jnp.pi)
-
-
-def gaussian_prior(theta):
-    p, q = theta["p"], theta["q"]
-    return -0.5 * (p**2 + (q / 2) ** 2) - jnp.log(2 * jnp.pi * 2)
+    prior = -0.5 * (theta["p"] ** 2 + (theta["q"] / 2) ** 2) - jnp.log(2 * jnp.pi * 2)
+    return jnp.append(-0.5 * r**2 - 0.5 * jnp.log(2 * jnp.pi), prior)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -158,7 +154,7 @@ def test_evidence_of_a_conjugate_linear_model(sampler, seed):
     covariance = np.linalg.inv(design.T @ design + np.linalg.inv(prior))
     mean = dict(zip(("p", "q"), covariance @ design.T @ values, strict=True))
     known = {"start": mean, "covariance": covariance} if sampler == "importance" else {}
-    tree = draw(sampler, seed, linear, bounds, values, log_prior=gaussian_prior, **known)
+    tree = draw(sampler, seed, linear, bounds, values, **known)
     assert abs(tree.attrs["log_evidence"] - exact) < 4 * tree.attrs["log_evidence_error"] + 1e-9
     for name, sd in zip(("p", "q"), np.sqrt(np.diag(covariance)), strict=True):
         within(tree["posterior"][name].values, mean[name], sd)

@@ -166,14 +166,11 @@ def test_failed_solves_are_counted_and_never_drawn(sampler):
 
 
 def with_gain(theta, data):
-    return -0.5 * jnp.square((theta["gain"] - data) / 0.5)
+    known = -0.5 * jnp.square((theta["gain"] - 15.0) / 0.2)  # from an earlier step
+    return jnp.stack([-0.5 * jnp.square((theta["gain"] - data) / 0.5), known])
 
 
-def gain_prior(theta):
-    return -0.5 * jnp.square((theta["gain"] - 15.0) / 0.2)
-
-
-def test_an_earlier_step_enters_as_a_prior_and_the_container_keeps_everything(tmp_path):
+def test_an_earlier_step_enters_as_a_term_and_the_container_keeps_everything(tmp_path):
     bounds = box({"gain": (10.0, 20.0)})
     key = jax.random.key(3)
     seen = []
@@ -182,7 +179,6 @@ def test_an_earlier_step_enters_as_a_prior_and_the_container_keeps_everything(tm
         with_gain,
         bounds,
         jnp.asarray(16.0),
-        log_prior=gain_prior,
         num_warmup=300,
         num_samples=500,
         chain_method="vectorized",
@@ -200,11 +196,13 @@ def test_an_earlier_step_enters_as_a_prior_and_the_container_keeps_everything(tm
         "units": "N/kg/V",
         "long_name": "shaker gain",
     }
-    prior = -0.5 * ((values - 15.0) / 0.2) ** 2 - np.log(10.0)
+    known = -0.5 * ((values - 15.0) / 0.2) ** 2
     likelihood = -0.5 * ((values - 16.0) / 0.5) ** 2
-    np.testing.assert_allclose(tree["log_prior"]["log_prior"], prior, rtol=1e-12)
+    np.testing.assert_allclose(tree["log_prior"]["log_prior"], -np.log(10.0), rtol=1e-12)
     np.testing.assert_allclose(tree["log_likelihood"]["terms"][..., 0], likelihood, rtol=1e-12)
-    np.testing.assert_allclose(tree["sample_stats"]["lp"], prior + likelihood, rtol=1e-12)
+    np.testing.assert_allclose(tree["log_likelihood"]["terms"][..., 1], known, rtol=1e-12)
+    lp = likelihood + known - np.log(10.0)
+    np.testing.assert_allclose(tree["sample_stats"]["lp"], lp, rtol=1e-12)
     assert (seen[-1].done, seen[-1].total, seen[-1].left_s) == (800, 800, 0.0)
     assert [one.done for one in seen] == sorted(one.done for one in seen)
     np.testing.assert_array_equal(seen[-1].draws["gain"], values)

@@ -68,7 +68,7 @@ def test_pathologies_have_no_numbers(case):
     if case == "nan":
         draws[1, 5] = np.nan
     assert all(np.isnan(value) for value in diagnose(draws).values())
-    row = summarise(tree_of(alpha=draws))["alpha"]
+    row = summarise(tree_of(alpha=draws), BOX)["alpha"]
     assert np.isnan(row["r_hat"])
     assert as_plain({"alpha": row})["alpha"]["r_hat"] is None
 

@@ -42,7 +42,7 @@ def test_force_follows_the_law_of_the_joint():
     y, force = measured()
     record = Record(FS, {"displacement": y, "restoring_force": force},
                     {"displacement": "m", "restoring_force": "N"})  # fmt: skip
-    data = Loops.of([Test("loop", (record, record), "loop", 0.01)])
+    (data,) = Loops.reduce([Test("loop", (record, record), "loop", 0.01)])
     left = np.asarray(data.misfit(theta()))
     # scipy's tolerance over a thousand steps.
     assert np.abs(left).max() < 1e-8 * np.abs(force).max()
@@ -52,7 +52,7 @@ def test_what_settles_is_predicted_but_not_compared():
     y, force = measured()
     record = Record(FS, {"displacement": y, "restoring_force": force + (np.arange(len(y)) < 256)},
                     {"displacement": "m", "restoring_force": "N"})  # fmt: skip
-    data = Loops.of([Test("loop", (record,), "loop", 0.01, settle=1.0)])
+    (data,) = Loops.reduce([Test("loop", (record,), "loop", 0.01, settle=1.0)])
     left = np.asarray(data.misfit(theta()))
     assert np.abs(left).max() < 1e-8 * np.abs(force).max()
     assert float(data.repeats.size[0]) == len(y) - 256
@@ -65,7 +65,7 @@ def test_tests_of_unlike_lengths_stand_side_by_side():
         record = Record(FS, {"displacement": y, "restoring_force": force},
                         {"displacement": "m", "restoring_force": "N"})  # fmt: skip
         tests.append(Test("loop", (record,), f"{seconds}", 0.01))
-    data = Loops.of(tests)
+    (data,) = Loops.reduce(tests)
     assert np.abs(np.asarray(data.misfit(theta()))).max() < 1e-6
     np.testing.assert_array_equal(data.repeats.size, [512, 768])
 
@@ -76,4 +76,4 @@ def test_repeats_of_unlike_lengths_are_refused():
         for n in (10, 11)
     )
     with pytest.raises(DataError, match="must be of one length"):
-        Loops.of([Test("loop", records, "loop", 0.01)])
+        Loops.reduce([Test("loop", records, "loop", 0.01)])

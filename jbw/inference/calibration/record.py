@@ -31,12 +31,8 @@ LEAST = 1e-9  # below, the sum of the pointwise tails is the p-value, an upper b
 class Ranked(NamedTuple):
     """What one replication gave, or many along a leading axis.
 
-    Attributes:
-        rank: Draws below the truth, of each quantity.
-        inside: Whether the truth is inside the central 99 % of the draws.
-        finite: Whether all draws and quantities are numbers.
-        arrived: Whether the sampler came to its end.
-        r_hat: The largest split R-hat of all quantities.
+    Of each quantity the draws below the truth, and whether the truth is inside their central 99 %;
+    whether all are finite numbers, whether the sampler arrived, the largest split R-hat.
     """
 
     rank: Int[Array, "... quantity"]
@@ -91,10 +87,10 @@ def judged(names: tuple[str, ...], found: Ranked, num_ranks: int) -> Calibration
     columns = dict(zip(names, ranks.T, strict=True))
     p_chi_square = {name: chi_square_p(column, num_ranks) for name, column in columns.items()}
     p_ecdf = {name: ecdf_p(column, num_ranks) for name, column in columns.items()}
-    coverage = {}
-    for name, column in zip(names, inside.T, strict=True):
-        low, high = coverage_interval(int(column.sum()), len(column), LEVEL)
-        coverage[name] = float(column.mean()), low, high
+    coverage = {
+        name: (float(column.mean()), *coverage_interval(int(column.sum()), len(column), LEVEL))
+        for name, column in zip(names, inside.T, strict=True)
+    }
     findings = (
         _uniform(p_chi_square, p_ecdf),
         _covered(coverage, len(ranks)),
@@ -125,10 +121,9 @@ def _uniform(p_chi_square: dict[str, float], p_ecdf: dict[str, float]) -> Findin
 def _covered(coverage: dict[str, tuple[float, float, float]], count: int) -> Finding:
     """Whether 99 % intervals hold 99 % of the truths, the worst quantity first."""
     corrected = 1 - (1 - LEVEL) / len(coverage)
-    worst = min(coverage, key=lambda name: coverage[name][0])
-    widest = max(coverage, key=lambda name: coverage[name][0])
-    for name in (worst, widest):
-        share = coverage[name][0]
+    shares = {name: each[0] for name, each in coverage.items()}
+    for name in (min(shares, key=shares.__getitem__), max(shares, key=shares.__getitem__)):
+        share = shares[name]
         low, high = coverage_interval(round(share * count), count, corrected)
         if not low <= LEVEL <= high:
             return checked(
@@ -139,7 +134,7 @@ def _covered(coverage: dict[str, tuple[float, float, float]], count: int) -> Fin
                 share,
                 "Do not quote these intervals as 99 %.",
             )
-    share = coverage[worst][0]
+    share = min(shares.values())
     reason = f"The 99 % intervals hold the truth in {share:.2%} of {count} or more, by quantity."
     return Finding("calibration_coverage", "ok", reason, share)
 
@@ -178,8 +173,7 @@ def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
 
     $$\gamma = \min_i 2 \min\{P(C_i \le c_i),\, P(C_i \ge c_i)\}$$
 
-    Returns:
-        Probability of a gamma as small or smaller for uniform ranks.
+    The probability of a gamma as small or smaller for uniform ranks.
 
     Reference:
         Säilynoja, Bürkner, Vehtari (2022), Statistics and Computing 32, 32.
@@ -196,10 +190,7 @@ def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
 def ecdf_envelope(
     num_replications: int, num_ranks: int, level: float = 0.99
 ) -> tuple[Float[np.ndarray, " rank"], Float[np.ndarray, " rank"]]:
-    """Least and greatest ECDF at every i that uniform ranks keep to with probability `level`.
-
-    Returns:
-        Lower and upper envelope of C_i / N, for i = 1 ... L, N the number of replications.
+    """Least and greatest C_i / N at every i that uniform ranks keep to with probability `level`.
 
     Reference:
         Säilynoja, Bürkner, Vehtari (2022), Statistics and Computing 32, 32.

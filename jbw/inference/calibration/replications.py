@@ -26,7 +26,7 @@ from jbw.inference.fit.locate import Search, locate
 from jbw.inference.samplers.chains import draws_of, in_batches
 from jbw.inference.samplers.register import Sampler
 from jbw.inference.space.box import Box, from_unit, require_float64
-from jbw.inference.space.problem import LogLikelihood, Problem, Theta, problem_of
+from jbw.inference.space.problem import LogLikelihood, Theta, problem_of
 from jbw.inference.space.reparametrisation import in_box
 
 LOG_LIKELIHOOD = "log_likelihood"
@@ -40,8 +40,6 @@ class Model(NamedTuple):
 
     Attributes:
         simulate: (key, theta) to data, as the world makes them; not by the likelihood's code.
-        log_likelihood: (theta, data) to independent terms [nats].
-        box: Prior bounds.
         quantities: Further quantities by name, each (theta, data) to one number.
         search: How least squares find the posterior; None where it is drawn from the whole box.
     """
@@ -73,24 +71,12 @@ def calibrate(
 
     Replications run side by side in one compiled function, `batch` at a time. A replication fails
     where a draw is not finite, where the chains disagree, or where the sampler did not come to its
-    end: its ranks stay as they are, those of draws that are not numbers at the lowest.
-
-    Args:
-        key: Random key.
-        model: Posterior and simulator.
-        sampler: One of the register.
-        options: The sampler's own record.
-        num_replications: Truths.
-        num_ranks: L, draws that each truth is ranked among.
-        batch: Replications side by side.
-        report: Called with the number of replications done.
-
-    Returns:
-        Ranks, failures, coverage and the verdict.
+    end: its ranks stay as they are, those of draws that are not numbers at the lowest. `report` is
+    told the number of replications done.
 
     Raises:
-        ConfigError: A count that is not positive, fewer draws than ranks, a quantity named like a
-            parameter, or a float32 session.
+        ConfigError: A count that is not positive, a quantity named like a parameter, or a float32
+            session.
 
     Reference:
         Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), Bayesian Analysis 20, 461.
@@ -122,7 +108,12 @@ def _replication(
     x = jax.random.uniform(key_truth, (len(model.box.names),))
     truth = from_unit(x, model.box)
     data = model.simulate(key_data, truth)
-    drawn = draws_of(sampler, key_draws, placed(key_place, model, data), options)
+    known = model.log_likelihood, model.box, data
+    if model.search is None:
+        problem = problem_of(*known, in_box(model.box, None, None, 1))
+    else:
+        problem = locate(key_place, model.search, *known)
+    drawn = draws_of(sampler, key_draws, problem, options)
 
     def values(theta: Theta) -> Float[Array, " quantity"]:
         own = [theta[name] for name in model.box.names]
@@ -137,13 +128,6 @@ def _replication(
     of_draws = found[:-1].reshape(*shape, -1)
     arrived = jnp.asarray(drawn.possible) & drawn.arrived
     return ranked(key_rank, found[-1], of_draws, arrived, num_ranks)
-
-
-def placed(key: Key[Array, ""], model: Model, data: PyTree) -> Problem:
-    """The posterior of one data set, in the coordinates that it is drawn in."""
-    if model.search is not None:
-        return locate(key, model.search, model.log_likelihood, model.box, data)
-    return problem_of(model.log_likelihood, model.box, data, in_box(model.box, None, None, 1))
 
 
 def ranked(

@@ -1,8 +1,7 @@
 """Least squares for residuals that cost a simulation: one compiled Jacobian, few evaluations.
 
 `jbw.inference.fit.fitting.fit` compiles the whole iteration, which pays where a residual is cheap
-and starts are many. Compiling a solver's derivatives several times over would cost more than the
-fit.
+and starts are many.
 """
 
 from collections.abc import Callable, Mapping
@@ -46,18 +45,9 @@ def costly_fit(
 
     Residual and Jacobian come from one function, compiled once for a `residual`, names and shapes.
     The search goes along the logarithms of parameters with positive bounds: what is known only of a
-    product is a straight valley there, and a curved one in the parameters themselves.
-
-    Args:
-        residual: (theta, data) to real residuals in units of their standard deviation.
-        box: Bounds.
-        data: Whatever `residual` takes.
-        starts: The starts by name, one value or one a start.
-        max_evaluations: Evaluations from each start at most.
-        tolerance: Relative tolerance on the cost and on the step.
-
-    Returns:
-        The best fit.
+    product is a straight valley there, and a curved one in the parameters themselves. Starts are
+    one value or one a start, by name; evaluations at most are those from each of them, and the
+    tolerance is relative, on the cost and on the step.
 
     Raises:
         ConfigError: A float32 session.
@@ -120,7 +110,7 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
     return part
 
 
-def search_coordinate(box: Box) -> Composed:
+def _search_coordinate(box: Box) -> Composed:
     r"""From the coordinate s of the search, in the unit cube, to the parameters.
 
     $$\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$$
@@ -131,9 +121,14 @@ def search_coordinate(box: Box) -> Composed:
     return Composed((unit(logs.inverse(box.lower), logs.inverse(box.upper)), logs))
 
 
+def to_search(x: Vector, box: Box) -> Vector:
+    """The coordinate of the search at the unit coordinate x."""
+    return _search_coordinate(box).inverse(box.lower + x * (box.upper - box.lower))
+
+
 def from_search(s: Vector, box: Box) -> tuple[Vector, Vector]:
     """The unit coordinate x at s, and dx / ds."""
-    return _unit_and_slope(search_coordinate(box), s, box)
+    return _unit_and_slope(_search_coordinate(box), s, box)
 
 
 @eqx.filter_jit
@@ -142,8 +137,3 @@ def _unit_and_slope(coordinate: Composed, s: Vector, box: Box) -> tuple[Vector, 
     theta, slope = jax.jvp(coordinate.forward, (s,), (jnp.ones_like(s),))
     width = box.upper - box.lower
     return jnp.clip((theta - box.lower) / width, 0.0, 1.0), slope / width
-
-
-def to_search(x: Vector, box: Box) -> Vector:
-    """The coordinate of the search at the unit coordinate x."""
-    return search_coordinate(box).inverse(box.lower + x * (box.upper - box.lower))

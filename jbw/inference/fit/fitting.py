@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from jbw.errors import ConfigError, ModelError
 from jbw.inference.fit.identifiability import WeakDirection, weak_direction
-from jbw.inference.space.box import Box, from_unit, require_float64, to_unit
+from jbw.inference.space.box import Box, from_unit, require_float64
 
 Residual = Callable[[Mapping[str, Array], Any], Float[Array, " residual"]]
 BOX_STD = 1 / np.sqrt(12)  # of a uniform x
@@ -30,15 +30,15 @@ class Fit:
 
     Attributes:
         theta: Optimum by name, in the parameters' units.
-        x: Optimum in the unit coordinate, in the order of the box.
+        x: The same in the unit coordinate, in the order of the box.
         cost: Half the sum of squared residuals.
-        covariance: Gauss-Newton covariance in the parameters' units, for residuals in units of
-            their standard deviation; directions known worse than the box have the box's.
+        covariance: Gauss-Newton's, in the parameters' units; directions known worse than the box
+            have the box's.
         at_bound: Parameters whose optimum lies on or beyond a bound: "lower" or "upper".
         weak: What the data do not determine, or None.
         waterfall: Costs reached from all starts, lowest first; infinite where a start failed.
-        residual: Residuals at the optimum, in units of their standard deviation.
-        jacobian: Their derivatives by the parameters, in the order of the box.
+        residual: At the optimum, in units of the standard deviation.
+        jacobian: Its derivatives by the parameters, in the order of the box.
     """
 
     theta: dict[str, float]
@@ -78,9 +78,6 @@ def fit(
         data: Whatever `residual` takes.
         starts: How many starts to draw uniformly in the box, or the starts by name.
         key: Random key of drawn starts.
-
-    Returns:
-        The best fit.
 
     Raises:
         ConfigError: No usable starts, complex residuals, or a float32 session.
@@ -145,8 +142,8 @@ def _starts(
 
 def named_starts(starts: Mapping[str, Any], box: Box) -> Float[Array, "start parameter"]:
     """Unit coordinates of starts given by name, one value for all or one a start."""
-    values = np.broadcast_arrays(*(np.atleast_1d(starts[name]) for name in box.names))
-    return to_unit(dict(zip(box.names, map(jnp.asarray, values), strict=True)), box)
+    columns = np.broadcast_arrays(*(np.atleast_1d(starts[name]) for name in box.names))
+    return (jnp.stack(columns, axis=-1) - box.lower) / (box.upper - box.lower)
 
 
 @eqx.filter_jit
@@ -211,11 +208,8 @@ def _at_bound(
 ) -> dict[str, str]:
     """Parameters near a bound whose own Newton step leads onto it or beyond."""
     curvature = np.sum(jacobian**2, axis=0)
-    step = -(jacobian.T @ residual) / np.where(curvature > 0, curvature, np.inf)
-    sides = {}
-    for i, name in enumerate(names):
-        if x[i] < NEAR_BOUND and x[i] + step[i] <= 0:
-            sides[name] = "lower"
-        if x[i] > 1 - NEAR_BOUND and x[i] + step[i] >= 1:
-            sides[name] = "upper"
-    return sides
+    reached = x - (jacobian.T @ residual) / np.where(curvature > 0, curvature, np.inf)
+    lower = (x < NEAR_BOUND) & (reached <= 0)
+    upper = (x > 1 - NEAR_BOUND) & (reached >= 1)
+    sides = np.where(lower, "lower", np.where(upper, "upper", "")).tolist()
+    return {name: side for name, side in zip(names, sides, strict=True) if side}

@@ -11,7 +11,15 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 from scipy.linalg import eigh, qr
 
-from jbw.inference.space.box import Box, Product, log_prior_of, prior_of, prior_std, value_of
+from jbw.inference.space.box import (
+    Box,
+    Product,
+    bounds_by_name,
+    log_prior_of,
+    prior_of,
+    prior_std,
+    value_of,
+)
 
 Matrix = Float[np.ndarray, "parameter parameter"]
 UNLEARNT = 0.7  # posterior over prior standard deviation: the data have not halved the variance
@@ -28,12 +36,9 @@ Draws = Mapping[str, Float[np.ndarray, "..."]]
 
 @dataclass(frozen=True)
 class WeakDirection:
-    """Parameters that the data determine only together, or not at all.
+    """Parameters that the data determine only together, or not at all, and which combination.
 
-    Attributes:
-        names: The parameters involved.
-        ratio: Posterior over prior standard deviation along the weakest direction.
-        text: Which combination is determined, in words.
+    The ratio is the posterior over the prior standard deviation along the weakest direction.
     """
 
     names: tuple[str, ...]
@@ -48,22 +53,13 @@ def weak_direction(mean: Mapping[str, float], covariance: Matrix, box: Box) -> W
 
     in the logarithms of the parameters whose box is positive, so that products appear, and in the
     parameters themselves otherwise. The combinations orthogonal to all such directions are what
-    the data determine.
-
-    Args:
-        mean: Posterior mean, or the optimum of a fit, by name.
-        covariance: Covariance in the parameters' units, in the order of `box.names`.
-        box: The prior box.
-
-    Returns:
-        The weak direction, or None where there is no such direction.
+    the data determine. Mean and covariance are a posterior's, or a fit's.
     """
-    lower, upper = np.asarray(box.lower), np.asarray(box.upper)
-    positive = lower > 0
+    positive = np.asarray(box.lower) > 0
     centre = np.array([float(mean[name]) for name in box.names])
     slope = np.where(positive, 1 / np.where(positive, centre, 1.0), 1.0)
     posterior = covariance * np.outer(slope, slope)
-    prior = np.array([prior_std(a, b) for a, b in zip(lower, upper, strict=True)])
+    prior = np.array([prior_std(*bounds) for bounds in bounds_by_name(box).values()])
     squares, scaled = eigh(posterior / np.outer(prior, prior))
     weak = scaled[:, squares > UNLEARNT**2]
     if weak.shape[1] == 0:
@@ -71,11 +67,9 @@ def weak_direction(mean: Mapping[str, float], covariance: Matrix, box: Box) -> W
     weight = np.linalg.norm(weak, axis=1)
     members = np.flatnonzero(weight > PRESENT * weight.max())
     names = tuple(box.names[i] for i in members)
-    ratio = float(np.sqrt(squares[-1]))
     directions = weak[members] * prior[members, None]
-    return WeakDirection(
-        names, ratio, _in_words(names, directions, bool(np.all(positive[members])))
-    )
+    text = _in_words(names, directions, bool(np.all(positive[members])))
+    return WeakDirection(names, float(np.sqrt(squares[-1])), text)
 
 
 def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
@@ -135,11 +129,9 @@ def _rounded(exponent: float) -> float:
 def _power(name: str, exponent: float) -> str:
     if exponent == 1:
         return name
-    fraction = Fraction(exponent).limit_denominator(2)
-    text = (
-        f"({fraction})" if fraction == exponent and fraction.denominator == 2 else f"{exponent:g}"
-    )
-    return f"{name}^{text}"
+    half = Fraction(exponent).limit_denominator(2)
+    whole = half.denominator == 1 or half != exponent
+    return f"{name}^{exponent:g}" if whole else f"{name}^({half})"
 
 
 def listed(items: Sequence[str]) -> str:
@@ -149,13 +141,9 @@ def listed(items: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """How far a mean moves when a bound does.
+    """How far a mean moves at most when the box of a parameter is cut at its lower or upper end.
 
-    Attributes:
-        shift: Largest move of the mean, in posterior standard deviations; infinite where a cut
-            leaves hardly a draw.
-        box: The parameter whose box was cut.
-        end: "lower" or "upper".
+    In posterior standard deviations; infinite where a cut leaves hardly a draw.
     """
 
     shift: float
@@ -166,22 +154,15 @@ class Sensitivity:
 def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str, float]:
     r"""How much the data narrowed each product, $1 - \mathrm{var}_{post} / \mathrm{var}_{prior}$.
 
-    Of the logarithms of what is positive and distinct from zero, as in `information`: in a box over
+    1 for what is known, 0 for what is not, NaN where the prior's variance is infinite. Of the
+    logarithms of what is positive and distinct from zero, as in `information`: in a box over
     decades, a value known to within a factor of two is otherwise taken for known. Of the values
     themselves where they may be zero or negative.
-
-    Args:
-        draws: Draws of the box's parameters, by name.
-        box: The prior box.
-        products: The combinations.
-
-    Returns:
-        1 for what is known, 0 for what is not, by name; NaN where the prior's variance is infinite.
     """
-    learnt = {}
+    learnt, bounds = {}, bounds_by_name(box)
     for product in products:
         values = np.ravel(value_of(product, draws))
-        if _in_logs(draws, product, box):
+        if all(_positive(draws[name], bounds[name][0]) for name in product.powers):
             values, prior = np.log(values), log_prior_of(product, box)
         else:
             prior = prior_of(product, box)[1]
@@ -190,18 +171,11 @@ def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str
     return learnt
 
 
-def _in_logs(draws: Draws, product: Product, box: Box) -> bool:
-    """Whether each factor is positive by its box, or by the data in a box from zero on."""
-    return all(
-        float(box.lower[box.names.index(name)]) > 0 or _resolved(draws[name], name, box)
-        for name in product.powers
-    )
-
-
-def _resolved(draws: Float[np.ndarray, "..."], name: str, box: Box) -> bool:
-    if float(box.lower[box.names.index(name)]) < 0 or np.min(draws) <= 0:
-        return False
-    return float(np.mean(draws)) > RESOLVED * float(np.std(draws))
+def _positive(draws: Float[np.ndarray, "..."], lower: float) -> bool:
+    """Whether a parameter is positive by its box, or by the data in a box from zero on."""
+    if lower != 0:
+        return lower > 0
+    return bool(np.min(draws) > 0 and np.mean(draws) > RESOLVED * np.std(draws))
 
 
 def box_sensitivity(draws: Draws, box: Box) -> dict[str, Sensitivity]:
@@ -213,19 +187,12 @@ def box_sensitivity(draws: Draws, box: Box) -> dict[str, Sensitivity]:
     narrower than its box, a tenth of its own eight standard deviations is cut: a larger cut would
     take the posterior as a whole, and say nothing of the bound. What is known from data does not
     move; a parameter as uniform as its prior moves by 0.17, one that leans on a bound by more, and
-    either takes along those that are known only together with it.
-
-    Args:
-        draws: Draws by name: the box's parameters, and whatever else is to be looked at.
-        box: The prior box.
-
-    Returns:
-        For every name of `draws`, the cut that moves its mean most.
+    either takes along those that are known only together with it. The draws are of the box's
+    parameters and of whatever else is to be looked at.
     """
     flat = {name: np.ravel(values) for name, values in draws.items()}
     worst = {name: Sensitivity(0.0, "", "") for name in flat}
-    for i, name in enumerate(box.names):
-        low, high = float(box.lower[i]), float(box.upper[i])
+    for name, (low, high) in bounds_by_name(box).items():
         step = CUT * min(high - low, WIDTH * float(np.std(flat[name])))
         kept_by = {"lower": flat[name] > low + step, "upper": flat[name] < high - step}
         for end, kept in kept_by.items():
@@ -248,25 +215,17 @@ def _shift(values: Float[np.ndarray, " draw"], kept: NDArray[np.bool_]) -> float
 def sensitivity_statements(
     found: Mapping[str, Sensitivity], texts: Mapping[str, str] | None = None
 ) -> list[str]:
-    """Which means follow the box, in a sentence.
-
-    Args:
-        found: From `box_sensitivity`.
-        texts: Names for sentences, where they differ.
-    """
+    """Which means follow the box by `box_sensitivity`; `texts` are names where these differ."""
     called = texts or {}
     following = {n: each for n, each in found.items() if each.shift > FOLLOWS}
     if not following:
         return ["No mean follows the box: a tenth less of it at either end moves none by 0.1 sd."]
-    moves = [
-        f"{called.get(name, name)} ({_size(each.shift)} by the {each.end} bound of {each.box})"
-        for name, each in following.items()
-    ]
+    moves = []
+    for name, each in following.items():
+        finite = math.isfinite(each.shift)
+        size = f"{each.shift:.2g} sd" if finite else "out of the rest of the box"
+        moves.append(f"{called.get(name, name)} ({size} by the {each.end} bound of {each.box})")
     return [
         "A box narrower by a tenth moves the posterior mean of "
         f"{listed(moves)}: there the box speaks as well as the data."
     ]
-
-
-def _size(shift: float) -> str:
-    return f"{shift:.2g} sd" if math.isfinite(shift) else "out of the rest of the box"

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import NDArray
 
 from jbw.inference.fit.fitting import Fit, svd_of_all
@@ -29,8 +28,8 @@ class Direction:
     """One direction of the parameters and what the data say along it.
 
     Attributes:
-        information: Of the data over that of the prior; below 1 the prior says more.
-        ratio: Posterior over prior standard deviation along the direction.
+        information: Of the data over that of the prior.
+        ratio: Posterior over prior standard deviation.
         names: Parameters that make it up, the leading one first.
         text: The combination of them, leading exponent 1.
         sd: Standard deviation of that combination, relative for a product; NaN for a mixture.
@@ -47,13 +46,9 @@ class Direction:
 
 @dataclass(frozen=True)
 class Known:
-    """How well the data know a parameter or a product.
+    """A parameter or product: its name in sentences, value, and standard deviation with the prior.
 
-    Attributes:
-        text: What it is called in a sentence.
-        value: At the fit, in the parameters' units.
-        sd: Standard deviation, prior included.
-        ratio: The same over that under the prior alone.
+    The ratio is that over the standard deviation under the prior alone.
     """
 
     text: str
@@ -71,10 +66,7 @@ class Known:
 class Information:
     """The Fisher information of a fit in units of the prior's.
 
-    Attributes:
-        names: Parameters, in the box's order.
-        directions: The strongest first.
-        known: Every parameter, then every product, by name.
+    Directions come with the strongest first; known is every parameter, then every product.
     """
 
     names: tuple[str, ...]
@@ -93,18 +85,16 @@ def information(best: Fit, box: Box, products: Iterable[Product] = ()) -> Inform
     parameters themselves otherwise. A product f has the standard deviation
     $(\nabla f^T \Sigma \nabla f)^{1/2}$.
 
-    Args:
-        best: The fit, with its Jacobian.
-        box: The prior box.
-        products: Combinations to report beside the parameters.
-
-    Returns:
-        The spectrum, and how well every parameter and product is known.
+    `products` are reported beside the parameters.
     """
     theta = np.array([best.theta[name] for name in box.names])
-    logs = _in_logs(theta, best.jacobian, box)
+    lower, upper = np.asarray(box.lower), np.asarray(box.upper)
+    # The logarithm is the coordinate where the box is positive, or the data say non-zero.
+    resolved = theta * np.linalg.norm(best.jacobian, axis=0) > RESOLVED
+    logs = (lower > 0) | ((lower == 0) & resolved)
     slope = np.where(logs, theta, 1.0)
-    prior = _prior_stds(logs, box)
+    log_stds = [log_prior_std(a, b) for a, b in zip(lower, upper, strict=True)]
+    prior = np.where(logs, log_stds, (upper - lower) / math.sqrt(12))
     singular, rows = svd_of_all(best.jacobian * slope * prior)
     values = singular**2
     directions = tuple(
@@ -122,23 +112,6 @@ def information(best: Fit, box: Box, products: Iterable[Product] = ()) -> Inform
     return Information(box.names, directions, known)
 
 
-def _in_logs(
-    theta: NDArray[np.float64], jacobian: Float[np.ndarray, "residual parameter"], box: Box
-) -> NDArray[np.bool_]:
-    """Where the logarithm is the coordinate: the box is positive, or the data say non-zero."""
-    lower = np.asarray(box.lower)
-    resolved = theta * np.linalg.norm(jacobian, axis=0) > RESOLVED
-    return (lower > 0) | ((lower == 0) & resolved)
-
-
-def _prior_stds(logs: NDArray[np.bool_], box: Box) -> NDArray[np.float64]:
-    """Prior standard deviations of the logarithms, or of the parameters themselves."""
-    triples = zip(logs, np.asarray(box.lower), np.asarray(box.upper), strict=True)
-    return np.array(
-        [log_prior_std(a, b) if log else (b - a) / math.sqrt(12) for log, a, b in triples]
-    )
-
-
 def _direction(
     value: float,
     row: NDArray[np.float64],
@@ -152,27 +125,16 @@ def _direction(
     exponents = (row / prior) / (row[lead] / prior[lead])
     called = tuple(names[i] for i in members)
     ratio = 1 / math.sqrt(1 + value)
-    same = bool(np.all(logs[members]) or not np.any(logs[members]))
-    same = same and float(np.max(np.abs(exponents[members]))) < SENSIBLE
-    text = (
-        combination(called, exponents[members], bool(logs[lead]))
-        if same
-        else f"a mixture of {listed(called)}"
-    )
-    sd = ratio * prior[lead] / abs(row[lead]) if same else math.nan
-    return Direction(float(value), ratio, called, text, float(sd), row * np.sign(row[lead]))
+    text, sd = f"a mixture of {listed(called)}", math.nan
+    same = np.all(logs[members]) or not np.any(logs[members])
+    if same and np.max(np.abs(exponents[members])) < SENSIBLE:
+        text = combination(called, exponents[members], bool(logs[lead]))
+        sd = float(ratio * prior[lead] / abs(row[lead]))
+    return Direction(float(value), ratio, called, text, sd, row * np.sign(row[lead]))
 
 
 def statements(found: Information, products: Iterable[Product] = ()) -> list[str]:
-    """What the data know and what they do not, in words with numbers.
-
-    Args:
-        found: From `information`.
-        products: The combinations that were reported.
-
-    Returns:
-        Sentences.
-    """
+    """What the data know of parameters and `products`, and what not, in words with numbers."""
     learnt = sum(each.ratio < UNLEARNT for each in found.directions)
     said = [
         f"The data know {learnt} of the {len(found.directions)} directions of the parameters "

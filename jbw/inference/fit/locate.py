@@ -47,11 +47,7 @@ class Search(NamedTuple):
 def locate(
     key: Key[Array, ""], search: Search, log_likelihood: LogLikelihood, box: Box, data: PyTree
 ) -> Problem:
-    """Find a posterior, and the coordinates to draw it in.
-
-    Returns:
-        The posterior, whitened about where it was found.
-    """
+    """The posterior, whitened about where least squares found it."""
     outer = Logarithms(tuple(name in search.logs for name in box.names))
     lower, upper = outer.inverse(box.lower), outer.inverse(box.upper)
     inner = unit(lower, upper)
@@ -61,8 +57,9 @@ def locate(
         own = search.residual(named(theta.forward(u), box), data)
         return jnp.concatenate([own, jnp.sqrt(PRIOR_PRECISION) * (u - 0.5)])
 
-    start = _best_of(key, residual, len(box.names), search.num_looks)
-    found = _descend(residual, start, search.num_steps)
+    u = jax.random.uniform(key, (search.num_looks, len(box.names)))
+    costs = jax.lax.map(lambda one: _cost(residual(one)), u, batch_size=search.num_looks)
+    found = _descend(residual, u[jnp.argmin(costs)], search.num_steps)
     # So wide that the sampler's logit is a straight line over the box.
     reach = WIDER * (upper - lower)
     bounds = lower - reach, upper + reach
@@ -73,15 +70,7 @@ def locate(
     root = jnp.linalg.cholesky(found.jacobian.T @ found.jacobian)
     factor = jax.scipy.linalg.solve_triangular(root, jnp.eye(x.size), lower=True).T
     whitening = Affine(logit, slope[:, None] * factor)
-    return Problem(log_likelihood, None, box, data, outer, *bounds, whitening, True)
-
-
-def _best_of(
-    key: Key[Array, ""], residual: Callable[[Array], Array], size: int, num_looks: int
-) -> Float[Array, " parameter"]:
-    """The point of least cost among draws of the prior."""
-    u = jax.random.uniform(key, (num_looks, size))
-    return u[jnp.argmin(jax.lax.map(lambda one: _cost(residual(one)), u, batch_size=num_looks))]
+    return Problem(log_likelihood, box, data, outer, *bounds, whitening, True)
 
 
 def _cost(left: Float[Array, " values"]) -> Float[Array, ""]:

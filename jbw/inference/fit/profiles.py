@@ -35,7 +35,6 @@ class Profile:
     """Chi-square of one parameter, the others at their best.
 
     Attributes:
-        name: The parameter.
         values: Where it was held, rising, in its unit.
         chi_square: Least chi-square there, less the least of all.
         path: All parameters there, by name.
@@ -67,21 +66,10 @@ def profiles(
 
     over points within three standard deviations of the fit, further where chi-square has not risen
     by the 99 % quantile of its distribution, 6.63, and never beyond the box. Each point starts from
-    its neighbour's optimum. The residual and its derivatives are those of `costly_fit`, compiled
-    once for all parameters and points: the held parameter's column is left out.
+    its neighbour's optimum. The residual, box, data and compiled derivatives are those of the
+    `costly_fit` that found `best`: the held parameter's column is left out.
 
-    Args:
-        residual: (theta, data) to residuals in units of their standard deviation.
-        box: Bounds.
-        data: Whatever `residual` takes.
-        best: The fit of the same residual, box and data.
-        report: Called with one sentence for every parameter.
-
-    Returns:
-        Profiles by name.
-
-    Raises:
-        ConfigError: A float32 session.
+    `report` is called with one sentence for every parameter.
 
     Reference:
         Raue et al. (2009), Bioinformatics 25, 1923.
@@ -110,22 +98,15 @@ def _profile(
 ) -> Profile:
     held = box.names.index(name)
     path = from_unit(jnp.stack([from_search(jnp.asarray(row), box)[0] for row in s]), box)
+    path = {key: np.asarray(value) for key, value in path.items()}
     root = np.sqrt(np.maximum(chi_square, 0.0))
     middle = int(np.argmin(chi_square))
     below = _crossing(s[: middle + 1, held][::-1], root[: middle + 1][::-1])
     above = _crossing(s[middle:, held], root[middle:])
-    return Profile(
-        name,
-        np.asarray(path[name]),
-        chi_square,
-        {key: np.asarray(value) for key, value in path.items()},
-        (
-            _value(0.0 if below is None else below, held, box),
-            _value(1.0 if above is None else above, held, box),
-        ),
-        (below is None, above is None),
-        better,
-    )
+    low = _value(0.0 if below is None else below, held, box)
+    high = _value(1.0 if above is None else above, held, box)
+    is_open = below is None, above is None
+    return Profile(name, path[name], chi_square, path, (low, high), is_open, better)
 
 
 def _crossing(s: NDArray[np.float64], root: NDArray[np.float64]) -> float | None:
@@ -150,11 +131,7 @@ def _value(place: float, held: int, box: Box) -> float:
 def walk(
     part: Part, start: NDArray[np.float64], held: int
 ) -> tuple[Float[np.ndarray, "point parameter"], Float[np.ndarray, " point"]]:
-    """Hold one coordinate at points on both sides of a fit, the others at their best.
-
-    Returns:
-        Coordinates of the optima, the held one rising, and their chi-square.
-    """
+    """Optima, one coordinate held at points on both sides of a fit, rising; their chi-square."""
     sd = _sd(part(start, 1), held)
     centre = float(np.sum(part(start, 0) ** 2))
     sides: list[list[Point]] = []
@@ -193,13 +170,11 @@ def _refined(part: Part, side: list[Point], held: int) -> list[Point]:
 
 def _sd(jacobian: Float[np.ndarray, "residual parameter"], held: int) -> float:
     """Standard deviation of one coordinate, all others free; a box's width where there is none."""
-    others = np.delete(jacobian, held, axis=1)
-    own = jacobian[:, held]
+    others, own = np.delete(jacobian, held, axis=1), jacobian[:, held]
     explained = others @ np.linalg.lstsq(others, own)[0] if others.shape[1] else 0.0
     left = float(np.linalg.norm(own - explained))
     # What the others explain up to rounding carries no information of its own.
-    left = left if left > 1e-9 * float(np.linalg.norm(own)) else 0.0
-    return min(1 / left, 1.0) if left > 0 else 1.0
+    return min(1 / left, 1.0) if left > 1e-9 * float(np.linalg.norm(own)) else 1.0
 
 
 def _places(centre: float, side: float, sd: float) -> list[float]:
@@ -253,11 +228,11 @@ def profile_statements(of_all: Mapping[str, Profile]) -> list[str]:
 def _sentence(found: Profile) -> str:
     low, high = found.interval
     if found.open == (False, False):
-        digits = _digits(low, high)
-        return (
-            f"By its profile, {found.name} lies within {low:.{digits}g} and {high:.{digits}g} at "
-            "99 %."
-        )
+        # The interval's width to two digits of its own, four at least.
+        largest = max(abs(low), abs(high))
+        needed = 2 + math.ceil(math.log10(largest / (high - low))) if high > low else 6
+        ends = (f"{end:.{max(4, needed)}g}" for end in found.interval)
+        return f"By its profile, {found.name} lies within {' and '.join(ends)} at 99 %."
     rise = float(np.max(found.chi_square))
     if found.open == (True, True):
         flat = "flat" if rise < FLAT else "open on both sides"
@@ -270,10 +245,3 @@ def _sentence(found: Profile) -> str:
             f"By its profile, {found.name} exceeds {low:.5g} at 99 %; the data set no limit above."
         )
     return f"By its profile, {found.name} is below {high:.5g} at 99 %; the data set no limit below."
-
-
-def _digits(low: float, high: float) -> int:
-    """Significant digits that show an interval's width to two of its own, four at least."""
-    largest = max(abs(low), abs(high))
-    needed = 2 + math.ceil(math.log10(largest / (high - low))) if high > low else 6
-    return max(4, needed)

@@ -34,18 +34,9 @@ def complex_gaussian_log_likelihood(
 
     $$\log L = -K \log(2\pi\sigma^2) - \frac{K |\bar d - m|^2 + S}{2\sigma^2}$$
 
-    The transpose in (34) is the conjugate one, and sigma is the standard deviation of each real
-    component, as 2 sigma^2 requires.
-
-    Args:
-        mean: Mean of the repeats.
-        within_ss: Sum of squares S of the repeats about their mean, at each point.
-        num_repeats: K.
-        model: Prediction m.
-        noise_std: Standard deviation of the real, and of the imaginary, part of one repeat.
-
-    Returns:
-        Log likelihood of each point [nats].
+    [nats] with S the sum of squares of the repeats about their mean and m the model. The transpose
+    in (34) is the conjugate one, and sigma is the standard deviation of each real component, as
+    2 sigma^2 requires.
 
     Reference:
         Eqs. (34), (36).
@@ -65,15 +56,7 @@ def complex_gaussian_marginal_log_likelihood(
 
     $$\log p = -N K \log \sum_{i,k} |d_{ik} - m_i|^2 + \mathrm{const}$$
 
-    Args:
-        mean: Mean of the repeats.
-        within_ss: Sum of squares S: at each point, or in all.
-        num_repeats: K.
-        model: Prediction m.
-
-    Returns:
-        One number [nats], up to a constant: the points share the noise, so there are no
-        independent terms.
+    [nats], one number: the points share the noise, so there are no independent terms.
 
     Reference:
         Eq. (36) under the Jeffreys prior 1/sigma.
@@ -89,11 +72,8 @@ def _squared_modulus(value: Complexes) -> Float[Array, "..."]:
 class Estimate(NamedTuple):
     """What groups of data say of their own offsets, the shared parameters given.
 
-    Attributes:
-        log_density: Log density of each group with its offsets at their best, noise integrated
-            out, and half the log determinant of their precision [nats].
-        offset: Best offsets of each group.
-        precision: Inverse covariance of those.
+    The log density [nats] is that with the offsets at their best, noise integrated out, with half
+    the log determinant of their precision (inverse covariance).
     """
 
     log_density: Float[Array, " group"]
@@ -115,17 +95,9 @@ def estimate(
       W = A\,\frac{n - q}{Q}, \quad \log p = -\frac{n - q}{2} \log Q + \frac12 \log |W|$$
 
     the noise in W at its estimate. With q = 0 offsets this is the likelihood of (37) with sigma
-    inferred.
-
-    Args:
-        residual: Mean of the repeats less prediction; zeros behind the group's last value.
-        within: Sum of squares S of the repeats about their mean.
-        num_repeats: Repeats K.
-        num_values: Independent values n of all repeats together.
-        directions: Change J of the prediction by each offset.
-
-    Returns:
-        The estimate.
+    inferred. The residual r is the mean of K repeats less the prediction, zero behind the last
+    value; n counts the independent values of all repeats, and J is the prediction's change by each
+    offset, the `directions`.
     """
     total = num_repeats * jnp.sum(residual**2, axis=-1) + within
     num_own = directions.shape[1]
@@ -189,10 +161,7 @@ def factorised(
 
     Written out over rows and columns, which are few: a call of LAPACK for each of the small
     matrices would cost more than all of it. A pivot is zero from where a row is a combination of
-    those before it, to rounding.
-
-    Returns:
-        Rows of L below its diagonal, and the pivots D.
+    those before it, to rounding. Returned are rows of L below its diagonal, and the pivots D.
     """
     lower: list[list[Array]] = []
     pivots: list[Array] = []
@@ -214,6 +183,11 @@ def run_numbers(runs: tuple[str, ...]) -> tuple[int, ...]:
     return tuple(order.index(name) for name in runs)
 
 
+def members(numbers: tuple[int, ...]) -> Float[Array, "part whole"]:
+    """One where a part is of a whole, by the number of each part's whole, and zero elsewhere."""
+    return jnp.asarray(np.eye(max(numbers) + 1)[list(numbers)])
+
+
 def shrunk(
     residuals: list[Float[Array, "_group _value"]],
     directions: list[Float[Array, "_group own _value"]],
@@ -225,18 +199,11 @@ def shrunk(
     $$\hat b_r = (W_r + S^{-1})^{-1} \sum_{g \in r} J_g r_g, \qquad r_g - J_g^T \hat b_r,
       \qquad S^{-1/2}\,\hat b_r$$
 
-    so that the sum of squares is its minimum over the offsets.
-
-    Args:
-        residuals: Of several blocks of groups, in standard errors.
-        directions: Change of the predictions by each offset, in the same units.
-        runs: Number of the run of each group, over all blocks.
-        scatter: Standard deviation s of each offset's prior.
-
-    Returns:
-        The residuals left, and the offsets over their scatter.
+    so that the sum of squares is its minimum over the offsets. Residuals and directions J are of
+    several blocks of groups, in standard errors; `scatter` is the standard deviation of each
+    offset's prior.
     """
-    member = jnp.asarray(np.eye(max(runs) + 1)[list(runs)])
+    member = members(runs)
     slopes = [scatter[:, None] * one for one in directions]  # by offsets over their scatter
     precision = jnp.concatenate([jnp.einsum("gin,gjn->gij", one, one) for one in slopes])
     pull = jnp.concatenate(

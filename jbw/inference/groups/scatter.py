@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
-from jbw.inference.groups.offsets import Estimate, log_determinant, solve
+from jbw.inference.groups.offsets import Estimate, log_determinant, members, solve
 
 NUM_SCATTERS = 17  # nodes of each scatter's prior, half a decade apart or less
 NUM_ASSEMBLIES = 7  # of the scatter of assemblies, beside that of runs
@@ -22,12 +22,7 @@ Levels = tuple[tuple[int, ...], ...]
 
 
 class Spread(NamedTuple):
-    """A draw of the offsets and of their scatter.
-
-    Attributes:
-        scatter: Standard deviation over runs, then, where there are any, over assemblies.
-        offset: Offset of each run, that of its assembly included.
-    """
+    """A draw of the standard deviations over runs and assemblies, and of the offset of each run."""
 
     scatter: Float[Array, " level_own"]
     offset: Float[Array, "run own"]
@@ -43,15 +38,9 @@ class _Information(NamedTuple):
 def scatter_grid(
     least: tuple[float, ...], most: tuple[float, ...], *, assemblies: bool = False
 ) -> Float[np.ndarray, "node level_own"]:
-    """Nodes of the offsets' scatters: log-uniform priors between two bounds each.
+    """Nodes of the scatters of runs and then of `assemblies`: log-uniform priors.
 
-    Args:
-        least: Scatter below which an offset does not matter, of each offset.
-        most: Largest scatter believed.
-        assemblies: Whether assemblies have a scatter of their own, of the same prior.
-
-    Returns:
-        Every combination of the scatters, of runs and then of assemblies.
+    Every combination, between the least scatter of each offset that matters and the most believed.
     """
     bounds = list(zip(least, most, strict=True))
     axes = [np.geomspace(a, b, NUM_SCATTERS) for a, b in bounds]
@@ -70,13 +59,7 @@ def log_density_of_offsets(
     $$\log \frac{1}{M}\sum_{S, T} \prod_a \int N(a; 0, T) \prod_{r \in a} \int N(b - a; 0, S)
       \prod_{g \in r} e^{-\frac12 (\hat b_g - b)^T W_g (\hat b_g - b)}\,db\,da$$
 
-    Args:
-        found: The groups' estimates.
-        levels: Which run each group belongs to, and which assembly each run.
-        scatters: Nodes of the scatter's prior.
-
-    Returns:
-        The log density [nats], up to a constant.
+    [nats], up to a constant, over the nodes of the scatter's prior.
     """
     own = found.offset.shape[1]
     if own == 0:
@@ -93,30 +76,19 @@ def draw_offsets(
     levels: Levels,
     scatters: Float[Array, "node level_own"],
 ) -> Spread:
-    """One draw of the scatter and of every run's offset, given the shared parameters.
-
-    Args:
-        key: Random key.
-        found: The groups' estimates.
-        levels: Which run each group belongs to, and which assembly each run.
-        scatters: Nodes of the scatter's prior.
-    """
+    """One draw of the scatter and of every run's offset, given the shared parameters."""
     own = found.offset.shape[1]
     runs = _of_runs(found, levels)
     keys = jax.random.split(key, 3)
     chosen = scatters[jax.random.categorical(keys[0], _nodes(runs, levels, scatters, own))]
     centre = jnp.zeros_like(runs.pull)
     if len(levels) > 1:
-        member = _members(levels[1])
+        member = members(levels[1])
         together = _summed(_passed_on(runs, chosen[:own]), member)
         centre = member @ _drawn(keys[1], together, chosen[own:])
     beside = runs.pull - jnp.einsum("rij,rj->ri", runs.precision, centre)
     offset = centre + _drawn(keys[2], _Information(runs.precision, beside), chosen[:own])
     return Spread(chosen, offset)
-
-
-def _members(numbers: tuple[int, ...]) -> Float[Array, "part whole"]:
-    return jnp.asarray(np.eye(max(numbers) + 1)[list(numbers)])
 
 
 def _summed(parts: _Information, member: Float[Array, "part whole"]) -> _Information:
@@ -128,7 +100,7 @@ def _summed(parts: _Information, member: Float[Array, "part whole"]) -> _Informa
 
 def _of_runs(found: Estimate, levels: Levels) -> _Information:
     pull = jnp.einsum("gij,gj->gi", found.precision, found.offset)
-    return _summed(_Information(found.precision, pull), _members(levels[0]))
+    return _summed(_Information(found.precision, pull), members(levels[0]))
 
 
 def _nodes(
@@ -139,7 +111,7 @@ def _nodes(
     def given(scatter: Float[Array, " level_own"]) -> Float[Array, ""]:
         log_density = _integrated(runs, scatter[:own])
         if len(levels) > 1:
-            together = _summed(_passed_on(runs, scatter[:own]), _members(levels[1]))
+            together = _summed(_passed_on(runs, scatter[:own]), members(levels[1]))
             log_density += _integrated(together, scatter[own:])
         return log_density
 

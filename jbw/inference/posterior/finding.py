@@ -30,7 +30,7 @@ class Finding:
 
     Attributes:
         code: Short name, such as "r_hat".
-        status: ok, failed or not assessed.
+        status: Of the three.
         reason: One sentence with the worst quantity by name.
         number: The worst number; NaN where there is none.
         action: What to do; empty when ok.
@@ -45,12 +45,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Everything that was looked at, and what follows.
-
-    Attributes:
-        status: failed if any finding failed, else not assessed if any could not be, else ok.
-        findings: In the order they were looked at.
-    """
+    """Findings in their order: failed if any is, else not assessed if any is not, else ok."""
 
     status: Status
     findings: tuple[Finding, ...]

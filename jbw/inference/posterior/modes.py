@@ -24,12 +24,11 @@ class Split(NamedTuple):
     """A quantity whose posterior has two modes or more, at its deepest valley.
 
     Attributes:
-        name: The quantity.
-        below: Highest density below the valley, in the quantity's unit.
-        above: Highest density above it.
-        weight: Share of the draws below it.
+        below: Where the density is highest below the valley; `above` the same.
+        weight: Share of the draws below the valley.
         error: Monte Carlo standard error of that share; NaN where chains do not cross the valley
             often enough, and the shares are an accident of the starts.
+        depth: Density in the valley over that of the lower peak.
     """
 
     name: str
@@ -37,6 +36,7 @@ class Split(NamedTuple):
     above: float
     weight: float
     error: float
+    depth: float
 
 
 def deepest_split(draws: Draws) -> Split | None:
@@ -46,16 +46,14 @@ def deepest_split(draws: Draws) -> Split | None:
     beside it, with 2 % of the draws or more on either side. Modes that overlap in every marginal
     are not seen.
     """
-    found = [
-        (depth, split) for name, values in draws.items() for depth, split in _valley(name, values)
-    ]
-    return min(found, key=lambda pair: pair[0])[1] if found else None
+    found = [_valley(name, values) for name, values in draws.items()]
+    return min(filter(None, found), key=lambda split: split.depth, default=None)
 
 
-def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> list[tuple[float, Split]]:
+def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> Split | None:
     flat = values.ravel()
     if np.ptp(flat) == 0:
-        return []
+        return None
     ess = diagnose(values)["ess_bulk"]
     count = np.clip(np.nan_to_num(ess), min(FEWEST, flat.size), flat.size)
     grid = np.linspace(flat.min(), flat.max(), NUM_POINTS)
@@ -67,14 +65,11 @@ def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> list[tuple[fl
     depth[(share < LEAST) | (share > 1 - LEAST)] = 1.0
     i = int(np.argmin(depth))
     if depth[i] >= DEPTH:
-        return []
-    below, above = (float(grid[np.argmax(np.where(side, density, 0))]) for side in _sides(grid, i))
+        return None
+    below = float(grid[np.argmax(density[: i + 1])])
+    above = float(grid[i + 1 + np.argmax(density[i + 1 :])])
     side = (values < grid[i]).astype(float)
-    return [(float(depth[i]), Split(name, below, above, float(side.mean()), _error(side)))]
-
-
-def _sides(grid: Float[np.ndarray, " point"], i: int) -> tuple[np.ndarray, np.ndarray]:
-    return grid <= grid[i], grid > grid[i]
+    return Split(name, below, above, float(side.mean()), _error(side), float(depth[i]))
 
 
 def _error(side: Float[np.ndarray, "chain draw"]) -> float:
@@ -85,31 +80,22 @@ def _error(side: Float[np.ndarray, "chain draw"]) -> float:
 
 
 def modes_finding(draws: Draws) -> Finding:
-    """Whether any quantity has more than one mode, and what each weighs.
-
-    Returns:
-        Failed where there are two, for no mean or interval describes them; its number is the share
-        of the smaller.
-    """
+    """Whether any quantity has two modes, which no mean or interval describes."""
     split = deepest_split(draws)
     if split is None:
         return Finding("modes", "ok", "No quantity has two modes with a valley between.", 0.0)
     places = f"The posterior of {split.name} has modes at {split.below:.4g} and {split.above:.4g}"
     smaller = min(split.weight, 1 - split.weight)
     if np.isnan(split.error):
-        return Finding(
-            "modes",
-            "failed",
+        reason = (
             f"{places}, and the chains do not cross between them often enough to weigh them: "
-            f"{split.weight:.0%} of the draws at the first is an accident of their starts.",
-            smaller,
-            'Set sampler = "tempered_smc" or "nested" in [identify], which weigh modes.',
+            f"{split.weight:.0%} of the draws at the first is an accident of their starts."
         )
-    return Finding(
-        "modes",
-        "failed",
-        f"{places}, which weigh {split.weight:.3f} and {1 - split.weight:.3f} "
-        f"+- {split.error:.1g}.",
-        smaller,
-        "Report each mode by itself, with its weight: a mean between them describes neither.",
-    )
+        action = 'Set sampler = "tempered_smc" or "nested" in [identify], which weigh modes.'
+    else:
+        weights = f"{split.weight:.3f} and {1 - split.weight:.3f} +- {split.error:.1g}"
+        reason = f"{places}, which weigh {weights}."
+        action = (
+            "Report each mode by itself, with its weight: a mean between them describes neither."
+        )
+    return Finding("modes", "failed", reason, smaller, action)

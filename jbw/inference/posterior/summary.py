@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 from scipy.special import digamma
 
-from jbw.inference.space.box import Box
+from jbw.inference.space.box import Box, bounds_by_name
 
 Row = dict[str, float]
 QUANTILES = (0.005, 0.5, 0.995)
@@ -23,17 +23,15 @@ def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, total - 1, min(num_draws, total)).round().astype(int))
 
 
-def summarise(tree: xr.DataTree, box: Box | None = None) -> dict[str, Row]:
+def summarise(tree: xr.DataTree, box: Box) -> dict[str, Row]:
     """Row of every scalar quantity of the tree that `sample` left, by its name.
 
     A row has map (the draw of the highest posterior density), mean, sd, cv, the quantiles q005 and
     q995 about 99 %, kl [nats from the prior], contraction (1 less the variance over the prior's),
-    ess_bulk, ess_tail and r_hat; NaN for what cannot be had. Prior bounds are those stored beside
-    the parameters when `box` is None.
+    ess_bulk, ess_tail and r_hat; NaN for what cannot be had.
     """
-    posterior = tree["posterior"].to_dataset()
     lp = tree["sample_stats"].to_dataset()["lp"].values
-    bounds = _bounds(posterior, box)
+    bounds = bounds_by_name(box)
     return {name: _row(values, lp, bounds.get(name)) for name, values in scalars(tree).items()}
 
 
@@ -43,17 +41,6 @@ def scalars(tree: xr.DataTree) -> dict[str, Float[np.ndarray, "chain draw"]]:
         str(name): np.asarray(variable.values)
         for name, variable in tree["posterior"].to_dataset().items()
         if variable.dims == ("chain", "draw")
-    }
-
-
-def _bounds(posterior: xr.Dataset, box: Box | None) -> dict[str, tuple[float, float]]:
-    if box is not None:
-        pairs = zip(box.lower, box.upper, strict=True)
-        return {n: (float(a), float(b)) for n, (a, b) in zip(box.names, pairs, strict=True)}
-    return {
-        str(name): (var.attrs["lower"], var.attrs["upper"])
-        for name, var in posterior.items()
-        if "lower" in var.attrs
     }
 
 
@@ -69,8 +56,8 @@ def _row(
         "mean": mean,
         "sd": sd,
         "cv": sd / abs(mean) if mean else math.nan,
-        quantile_name(QUANTILES[0]): low,
-        quantile_name(QUANTILES[2]): high,
+        "q005": low,
+        "q995": high,
         "kl": math.nan,
         "contraction": math.nan,
         **diagnose(draws),
@@ -80,11 +67,6 @@ def _row(
         row["kl"] = kl_from_uniform(np.ravel((draws - lower) / (upper - lower)))
         row["contraction"] = 1 - 12 * sd**2 / (upper - lower) ** 2
     return {name: value if np.isfinite(value) else math.nan for name, value in row.items()}
-
-
-def quantile_name(probability: float) -> str:
-    """Name of a quantile in thousandths: 0.005 is q005, 0.995 is q995."""
-    return f"q{round(1000 * probability):03d}"
 
 
 def diagnose(draws: Float[np.ndarray, "chain draw"]) -> Row:

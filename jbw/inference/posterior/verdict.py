@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from jbw.inference.fit.identifiability import weak_direction_of_draws
 from jbw.inference.posterior.finding import Finding, Verdict, checked, judge
 from jbw.inference.posterior.modes import modes_finding
 from jbw.inference.posterior.summary import Row, diagnose, scalars
-from jbw.inference.space.box import Box
+from jbw.inference.space.box import Box, bounds_by_name
 
 Draws = Mapping[str, Float[np.ndarray, "chain draw"]]
 
@@ -30,16 +31,10 @@ QUADRATURE = 1e-3  # change by the last refinement, in nats or standard deviatio
 
 
 def verdict(tree: xr.DataTree, box: Box, *, chi_square: tuple[float, int] | None = None) -> Verdict:
-    """Judge a posterior that `sample` left.
+    """Judge a posterior that `sample` left: R-hat < 1.01 and effective sizes >= 400 among others.
 
-    Args:
-        tree: Groups posterior and sample_stats.
-        box: Prior bounds of the parameters; further scalar quantities of the posterior are judged
-            for convergence only.
-        chi_square: Chi-square of the best fit and its degrees of freedom, where known.
-
-    Returns:
-        The verdict, with R-hat < 1.01 and effective sample sizes >= 400 for every quantity.
+    Scalar quantities that the box does not name are judged for convergence only. `chi_square` is
+    that of the best fit with its degrees of freedom, where known.
 
     Reference:
         Vehtari et al. (2021), Bayesian Analysis 16, 667; Betancourt (2016), arXiv:1604.00695.
@@ -59,27 +54,25 @@ def verdict(tree: xr.DataTree, box: Box, *, chi_square: tuple[float, int] | None
 
 def _finite(draws: Draws) -> Finding:
     counts = {name: int(np.sum(~np.isfinite(values))) for name, values in draws.items()}
-    name = max(counts, key=counts.__getitem__)
-    reason = f"{counts[name]} draws of {name} are not finite."
-    return checked("non_finite", counts[name] == 0, reason, counts[name], "Check the data for NaN.")
+    name, count = max(counts.items(), key=itemgetter(1))
+    reason = f"{count} draws of {name} are not finite."
+    return checked("non_finite", count == 0, reason, count, "Check the data for NaN.")
 
 
 def _moving(draws: Draws) -> Finding:
     frozen = {name: int(np.sum(np.ptp(values, axis=1) == 0)) for name, values in draws.items()}
-    name = max(frozen, key=frozen.__getitem__)
-    reason = f"{frozen[name]} of {len(draws[name])} chains never moved in {name}."
+    name, count = max(frozen.items(), key=itemgetter(1))
+    reason = f"{count} of {len(draws[name])} chains never moved in {name}."
     action = "Start elsewhere, lengthen the warm-up, or doubt a noise that is far too small."
-    return checked("frozen_chain", frozen[name] == 0, reason, frozen[name], action)
+    return checked("frozen_chain", count == 0, reason, count, action)
 
 
 def _convergence(draws: Draws) -> list[Finding]:
     rows = {name: diagnose(values) for name, values in draws.items()}
     findings = [_least_effective(code, rows) for code in ("ess_bulk", "ess_tail")]
     if all(len(values) == 1 for values in draws.values()):
-        reason, action = (
-            "One chain cannot be compared with itself.",
-            "Run at least two chains, better four.",
-        )
+        reason = "One chain cannot be compared with itself."
+        action = "Run at least two chains, better four."
         return [*findings, Finding("r_hat", "not assessed", reason, float("nan"), action)]
     # A number that cannot be had is the worst of all.
     name = max(rows, key=lambda name: np.nan_to_num(rows[name]["r_hat"], nan=np.inf))
@@ -96,19 +89,15 @@ def _least_effective(code: str, rows: Mapping[str, Row]) -> Finding:
 
 
 def bands_finding(draws: Draws) -> Finding:
-    """Whether the quantities that response bands are made of have converged: the worst by name.
-
-    Args:
-        draws: Draws of each, by what it is.
-    """
+    """Whether the quantities that response bands are made of have converged: the worst by name."""
     worst = min(_convergence(draws), key=lambda one: WORST_FIRST.index(one.status))
     return replace(worst, code="response_bands")
 
 
 def _bounds(draws: Draws, box: Box) -> list[Finding]:
     findings = []
-    for name, lower, upper in zip(box.names, box.lower, box.upper, strict=True):
-        x = (draws[name] - float(lower)) / float(upper - lower)
+    for name, (lower, upper) in bounds_by_name(box).items():
+        x = (draws[name] - lower) / (upper - lower)
         for side, share in (("lower", np.mean(x < EDGE)), ("upper", np.mean(x > 1 - EDGE))):
             if share > PILE * EDGE:
                 where = f"within {EDGE:.0%} of its {side} bound"
@@ -208,11 +197,7 @@ def enough(draws: Draws) -> bool:
 
 
 def converged(facts: Mapping[Any, Any]) -> bool:
-    """Whether a quadrature states an error small enough to measure others by.
-
-    Args:
-        facts: Attributes of the tree's root.
-    """
+    """Whether a quadrature states, in its tree's attributes, an error to measure others by."""
     return float(facts["quadrature_error"]) <= QUADRATURE
 
 

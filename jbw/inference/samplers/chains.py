@@ -47,11 +47,9 @@ class Kernel(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """Draws of equal weight from one posterior.
+    """Draws of equal weight from one posterior, and their statistics.
 
     Attributes:
-        theta: By name, each (chain, draw), in the parameters' units.
-        stats: Statistics of the draws, each (chain, draw).
         possible: Whether the posterior is possible wherever the sampler must start.
         arrived: Whether the sampler came to its end.
         facts: Numbers of the whole run, such as log_evidence [nats] and its standard error.
@@ -168,17 +166,15 @@ def evaluate_chains(
     last: Int[Array, ""],
     problem: Problem,
     chain_method: str,
-) -> tuple[Float[Array, "chain draw term"], Float[Array, "chain draw"]]:
-    """Terms of the log likelihood and further log prior [nats] at draws; 0 but in first:last."""
+) -> Float[Array, "chain draw term"]:
+    """Terms of the log likelihood [nats] at draws; zero but from first to last."""
 
     def evaluate(theta: dict[str, Array], shared: tuple[Problem, Array, Array]) -> PyTree:
         problem, first, last = shared
 
-        def one(i: Array) -> tuple[Array, Array]:
+        def one(i: Array) -> Array:
             point = {name: values[i] for name, values in theta.items()}
-            terms = jnp.ravel(problem.log_likelihood(point, problem.data))
-            prior = 0.0 if problem.log_prior is None else problem.log_prior(point)
-            return terms, jnp.asarray(prior)
+            return jnp.ravel(problem.log_likelihood(point, problem.data))
 
         capacity = len(next(iter(theta.values())))
         rows = _empty_rows(lambda: one(jnp.asarray(0)), capacity)

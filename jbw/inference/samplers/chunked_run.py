@@ -31,8 +31,8 @@ CHUNK_SHARE, LONGEST_S = 0.05, 60.0
 GROWTH = 4  # of a chunk over the one before, whose time is the only measure of a step
 
 Arrays = Mapping[str, np.ndarray]
-Rows = tuple[Draw, np.ndarray, np.ndarray]
-"""Draws, terms of the log likelihood and further log prior, (chain, draw, ...)."""
+Rows = tuple[Draw, np.ndarray]
+"""Draws and terms of their log likelihood, (chain, draw, ...)."""
 
 
 class SoFar(NamedTuple):
@@ -95,14 +95,7 @@ def no_checkpoint(name: str) -> None:
 
 
 class Chains(NamedTuple):
-    """Chains as far as they have grown.
-
-    Attributes:
-        states: Leaves of the kernel's states, as arrays that a file can hold.
-        done: Steps taken, warm-up included.
-        rows: What was kept of the draws, in one piece; nothing before the first.
-        wall_s: Time spent on them [s].
-    """
+    """Chains so far: leaves of their states, steps taken, the draws in one piece, seconds spent."""
 
     states: list[np.ndarray]
     done: int
@@ -217,7 +210,7 @@ def _grown(
         return jax.block_until_ready(states), []
     bounds = jnp.asarray(first), jnp.asarray(count)
     terms = evaluate_chains(draws.theta, *bounds, problem, options.chain_method)
-    return states, [jax.tree.map(lambda r: np.asarray(r)[:, first:count], (draws, *terms))]
+    return states, [jax.tree.map(lambda r: np.asarray(r)[:, first:count], (draws, terms))]
 
 
 def _so_far(done: int, total: int, rows: list[Rows], rate: float) -> SoFar:
@@ -261,8 +254,7 @@ def _restored(like: Array, plain: np.ndarray) -> Array:
 def _fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) -> str:
     """Hash of all that decides the draws: key, starts, data, coordinates, sampler and options."""
     functions = [
-        getattr(f, "__qualname__", type(f).__name__)
-        for f in (problem.log_likelihood, problem.log_prior, make)
+        getattr(f, "__qualname__", type(f).__name__) for f in (problem.log_likelihood, make)
     ]
     known = functions, make.__module__, problem.box.names, problem.located, options
     digest = hashlib.sha256(repr(known).encode())
@@ -277,10 +269,10 @@ def _as_arrays(chains: Chains, mark: str) -> dict[str, np.ndarray]:
     """Chains by name, for a `Kept`."""
     arrays = {"fingerprint": mark, "done": chains.done, "wall_s": chains.wall_s}
     arrays |= {f"state/{i}": leaf for i, leaf in enumerate(chains.states)}
-    for draw, terms, log_prior in chains.rows:
+    for draw, terms in chains.rows:
         arrays |= {f"theta/{name}": values for name, values in draw.theta.items()}
         arrays |= {f"stats/{name}": values for name, values in draw.stats.items()}
-        arrays |= {"terms": terms, "log_prior": log_prior}
+        arrays["terms"] = terms
     return {name: np.asarray(values) for name, values in arrays.items()}
 
 
@@ -292,6 +284,6 @@ def _from_arrays(arrays: Arrays) -> Chains:
 
     leaves, rows = under("state/"), []
     if "terms" in arrays:
-        rows = [(Draw(under("theta/"), under("stats/")), arrays["terms"], arrays["log_prior"])]
+        rows = [(Draw(under("theta/"), under("stats/")), arrays["terms"])]
     states = [leaves[str(i)] for i in range(len(leaves))]
     return Chains(states, int(arrays["done"]), rows, float(arrays["wall_s"]))

@@ -58,13 +58,7 @@ def require_possible(possible: bool) -> None:
 
 
 def effective_draws(weights: Float[Array, " draw"]) -> Float[Array, ""]:
-    r"""Effective number of weighted draws.
-
-    $$\left(\sum_i w_i\right)^2 / \sum_i w_i^2$$
-
-    Reference:
-        Kish (1965), Survey Sampling.
-    """
+    r"""Effective number of weighted draws, $(\sum_i w_i)^2 / \sum_i w_i^2$ (Kish, 1965)."""
     return jnp.sum(weights) ** 2 / jnp.sum(weights**2)
 
 

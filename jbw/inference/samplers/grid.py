@@ -53,12 +53,9 @@ class Stretch(Coordinate):
 
 
 class Grid(NamedTuple):
-    """Nodes at equal spacings along every whitened coordinate.
+    """Nodes at equal spacings along every whitened coordinate, the first coordinate slowest.
 
-    Attributes:
-        whitening: Where the coordinate lies.
-        axes: Places of the nodes along each coordinate.
-        log_p: Log posterior density of w at each node, the first coordinate slowest [nats].
+    At each node is the log posterior density of w [nats].
     """
 
     whitening: Coordinate
@@ -118,14 +115,10 @@ def whitened_by(
 
 
 class Place(NamedTuple):
-    """Where a posterior lies: moments of its logit, on the grids so far.
+    """Where a posterior lies: moments of its logit at a power of the likelihood, 1 at the end.
 
-    Attributes:
-        power: Power of the likelihood that the moments are of; 1 at the end.
-        highest: Highest log density of the last grid, of the logit [nats].
-        rounds: Grids that were spent.
-        whole: How many of them at the power 1.
-        possible: Whether the posterior was possible at any node of every grid.
+    Further the highest log density of the last grid [nats], grids that were spent, how many of them
+    at the power 1, and whether the posterior was possible at any node of every grid.
     """
 
     mean: Float[Array, " parameter"]
@@ -153,9 +146,8 @@ def located(problem: Problem) -> Place:
     spread = factor @ factor.T if problem.located else jnp.eye(d) / LOGIT_PRIOR_PRECISION
     zero, none = jnp.zeros(()), jnp.array(0)
     power = jnp.asarray(float(problem.located))
-    first = Place(
-        problem.whitening.centre, spread, power, zero, none, none, jnp.array(False), jnp.array(True)
-    )
+    state = power, zero, none, none, jnp.array(False), jnp.array(True)
+    first = Place(problem.whitening.centre, spread, *state)
 
     def again(at: Place) -> Array:
         over = at.settled | (at.whole >= MOST_WHOLE) | (at.rounds >= MOST_ROUNDS)

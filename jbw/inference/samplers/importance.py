@@ -45,15 +45,10 @@ ENOUGH = 0.1  # effective draws for each draw that is kept: then the sampler has
 
 
 class Options(NamedTuple):
-    """Options of importance sampling.
+    """Draws kept of each of so many groups that do not know each other.
 
-    Attributes:
-        num_samples: Draws kept of each chain.
-        num_chains: Groups that do not know each other.
-        num_draws: Points that are weighed in each round, of all groups; as many as are kept when
-            None.
-        num_rounds: Rounds. Every round but the last gives its weighted moments to the t
-            distribution of the next.
+    In each round `num_draws` points are weighed, as many as are kept when None; every round but the
+    last gives its weighted moments to the t distribution of the next.
     """
 
     num_samples: int = 1000

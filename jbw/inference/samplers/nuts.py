@@ -15,11 +15,8 @@ from jbw.inference.space.problem import Problem
 class Options(NamedTuple):
     """Options of NUTS, beside those of every chain.
 
-    Attributes:
-        target_accept: Acceptance that the step size is tuned to.
-        adapt_mass: Whether a dense mass matrix is learnt; when None, where no fit has whitened.
-        forward_mode: Whether gradients are taken in forward mode.
-        max_tree_depth: Doublings of a trajectory at most.
+    A dense mass matrix is adapted where no fit has whitened when None; `forward_mode` is that of
+    gradients, and the tree depth the doublings of a trajectory.
     """
 
     num_warmup: int = 1000
@@ -33,11 +30,7 @@ class Options(NamedTuple):
 
 
 def kernel(problem: Problem, options: Options) -> Kernel:
-    """The chain.
-
-    Returns:
-        A kernel whose statistics hold `diverging`: trajectories whose energy went astray, those
-        that met a point without a likelihood among them.
+    """The chain; `diverging` are trajectories whose energy went astray or met no likelihood.
 
     Reference:
         Hoffman, Gelman (2014), JMLR 15, 1593.

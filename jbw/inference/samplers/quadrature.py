@@ -4,14 +4,12 @@ $$Z = \prod_i h_i \sum_{n} p(w_n), \qquad w_n = (n_1 h_1, \dots, n_d h_d)$$
 
 by the trapezoidal rule in the whitened logit of the box, its tails drawn in. The density vanishes
 smoothly to all sides there, bounds of the box included, so that the rule converges exponentially in
-1 / h. The whitening is that of the posterior's own moments. The rule on every other node is another
-rule of twice the spacing: what the finer one changes is the stated error, of which it keeps a
-fraction. Each
-parameter has a grid of its own along its axis, which gives its distribution function and quantiles.
-A mode is overlooked that is a few times narrower than the first spacing: a tenth of the posterior's
-deviation for two parameters, a third for three, two thirds for four. A thin ridge that bends
-through the box takes more nodes than there are: the stated error is then large, and the verdict
-fails.
+1 / h. The whitening is that of the posterior's own moments. What the rule changes over that on
+every other node is the stated error. Each parameter has a grid of its own along its axis, which
+gives its distribution function and quantiles. A mode is overlooked that is a few times narrower
+than the first spacing: a tenth of the posterior's deviation for two parameters, a third for three,
+two thirds for four. A thin ridge that bends through the box takes more nodes than there are: the
+stated error is then large, and the verdict fails.
 
 Reference:
     Trefethen, Weideman (2014), SIAM Review 56, 385.
@@ -49,13 +47,7 @@ PROBABILITIES = (0.005, 0.01, 0.05, 0.5, 0.95, 0.99, 0.995)
 
 
 class Options(NamedTuple):
-    """Options of quadrature.
-
-    Attributes:
-        num_samples: Draws of each chain.
-        num_chains: Groups of independent draws.
-        num_places: Nodes along each coordinate, odd; by the number of parameters when None.
-    """
+    """Draws of each of so many groups; nodes along each coordinate, odd, or as suits when None."""
 
     num_samples: int = 1000
     num_chains: int = 4
@@ -77,11 +69,7 @@ class Marginal(NamedTuple):
 
 
 def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
-    """Draws by the inverse distribution function of the grid, exact by weights inside its cells.
-
-    Returns:
-        Independent draws; group `exact` with mean, sd and quantiles of every parameter.
-    """
+    """Independent draws; group `exact` with mean, sd and quantiles of every parameter."""
     d = len(problem.box.names)
     if problem.outer != IDENTITY:
         raise ConfigError("Sampler quadrature draws in the parameters themselves, in their box.")

@@ -48,13 +48,10 @@ PAPER = Options(num_warmup=85, num_samples=765, step_size=2.5108e-3)
 
 
 class State(NamedTuple):
-    """Where one walk is, after i steps.
+    """Where one walk is, after i steps, and what happened in the last one.
 
-    Attributes:
-        log_density: Log posterior density at x [nats].
-        log_step: Logarithm of the proposal's standard deviation in x.
-        log_step_average: Its average over the burn-in, used after it.
-        failed: Whether the last proposal was in the box and had no finite density.
+    `log_step` is that of the proposal's standard deviation in x, used on average after the burn-in;
+    a proposal in the box with no finite density has `failed`.
     """
 
     i: Int[Array, ""]

@@ -45,21 +45,12 @@ def sample_until(
     Chains go on, twice as many draws at a time. What draws everything at once draws again, twice as
     many, unless k-hat says that more of its draws would be no better.
 
-    Args:
-        key: Random key.
-        log_likelihood: As of `sample`.
-        box: Prior bounds.
-        data: What the log likelihood takes.
-        coordinates: What to sample in, with the optimum of a fit and its Laplace covariance.
-        rounds: Times to sample about the draws' own moments at most.
-        enough: Whether draws by name, (chain, draw), are; None for as many as told, enough or not.
-        budget_s: Time in which to draw; the first draws of all are made in any case [s].
-        keep: Number of the round to where its chains outlive the process.
-        options: Further ones of `sample`.
-
-    Returns:
-        The draws of the last round alone; its attributes count the evaluations of all, the rounds
-        after the first as `rewhitened`, and `budget_spent_s` where the time was, without enough.
+    `rounds` are those about the draws' own moments at most; `enough` says of draws by name,
+    (chain, draw), whether they are, None for as many as told; `budget_s` is the time [s] to draw
+    in, but for the first draws of all; `keep` says by the number of a round where its chains
+    outlive the process; all else is as of `sample`. The draws are those of the last round alone;
+    attributes count the evaluations of all, the rounds after the first as `rewhitened`, and hold
+    `budget_spent_s` where the time was, without enough.
     """
     evaluations, spent, round_ = 0, 0.0, 0
     while True:

@@ -27,14 +27,14 @@ from jbw.inference.samplers.chains import (
 from jbw.inference.samplers.chunked_run import Kept, Progress, Until, grow_chains
 from jbw.inference.samplers.evidence import require_possible
 from jbw.inference.samplers.register import Sampler, module_of, options_of, sampler_named
-from jbw.inference.space.box import Box, require_float64
-from jbw.inference.space.problem import LogLikelihood, LogPrior, Problem, log_volume, problem_of
+from jbw.inference.space.box import Box, bounds_by_name, require_float64
+from jbw.inference.space.problem import LogLikelihood, Problem, log_volume, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation, in_box
 
 ChainMethod = Literal["sequential", "vectorized", "parallel"]
 VERSIONED = ("jax", "jaxlib", "numpyro", "numpy")
-Found = tuple[Draws, NDArray[np.float64], NDArray[np.float64], float]
-"""Draws, terms of the log likelihood and further log prior at each, and seconds spent before."""
+Found = tuple[Draws, NDArray[np.float64], float]
+"""Draws, terms of the log likelihood at each, and seconds spent before."""
 _drawn = eqx.filter_jit(draws_of)
 
 
@@ -52,7 +52,6 @@ def sample(
     start: Mapping[str, Any] | None = None,
     covariance: Float[np.ndarray, "parameter parameter"] | None = None,
     coordinates: Reparametrisation | None = None,
-    log_prior: LogPrior | None = None,
     options: Mapping[str, Any] | None = None,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
     progress: Progress | None = None,
@@ -78,16 +77,14 @@ def sample(
             box, or from heavy tails about `covariance`; a chain is a run); "quadrature" (exact, up
             to four parameters). Or one that was registered.
         num_warmup: Steps of each chain that are discarded; the sampler's own when None.
-        num_samples: Draws kept of each chain; the sampler's own when None. Also the particles of a
-            run of "tempered_smc", and twice the live points of "nested".
+        num_samples: Draws kept of each chain, particles of "tempered_smc", twice the live points of
+            "nested"; the sampler's own when None.
         num_chains: Chains.
         chain_method: "sequential", "vectorized", or "parallel" over the devices of JAX.
         start: Start by name, one value for all or one a chain; None: uniform in the box.
         covariance: Laplace covariance at `start` in the parameters' units: sampling is whitened by
             it and chains start two of its standard deviations out.
-        coordinates: Other coordinates to sample in, with what a fit knows there, in place of
-            `start` and `covariance`. The draws are of the parameters all the same.
-        log_prior: theta to a further log prior density [nats].
+        coordinates: Others to sample in, with what a fit knows there, in place of these two.
         options: Further options of the sampler, as its record `Options` names them.
         attrs: `units` and `long_name` by parameter, kept beside the draws.
         progress: Called with a `SoFar` after every chunk of steps; chains only.
@@ -117,14 +114,14 @@ def sample(
     method = _available(chain_method, num_chains)
     chosen = options_of(entry, **given, chain_method=method, **(options or {}))
     clock = time.perf_counter()
-    problem = problem_of(log_likelihood, box, data, place, log_prior)
+    problem = problem_of(log_likelihood, box, data, place)
     if hasattr(module_of(entry), "draw"):
         found = _at_once(entry, key, problem, chosen, method)
     else:
         starts = starts_of(key, problem, place.start, num_chains)
         found = _in_chunks(starts, problem, module_of(entry).kernel, chosen, progress, kept, until)
-    drawn, terms, extra, earlier = found
-    tree = _tree(drawn, terms, extra - float(log_volume(box)), box, attrs or {})
+    drawn, terms, earlier = found
+    tree = _tree(drawn, terms, box, attrs or {})
     spent = {"wall_s": time.perf_counter() - clock + earlier}
     tree["timing"] = xr.DataTree(xr.Dataset(attrs=spent))  # apart: it differs between equal runs
     tree.attrs |= {
@@ -143,13 +140,13 @@ def _in_chunks(
     starts: Starts, problem: Problem, make: MakeKernel, options: Any, *watched: Any
 ) -> Found:
     """Chains, chunk by chunk, so that they can be watched and kept."""
-    (draw, terms, extra), earlier = grow_chains(starts, problem, make, options, *watched)
+    (draw, terms), earlier = grow_chains(starts, problem, make, options, *watched)
     # As many evaluations a draw in the warm-up as after.
     each = np.mean(draw.stats["n_steps"]) if "n_steps" in draw.stats else 1.0
     num_samples = next(iter(draw.theta.values())).shape[1]
     steps = options.num_chains * (options.num_warmup + num_samples)
     facts = {"num_evaluations": round(float(each) * steps), "num_samples": num_samples}
-    return Draws(draw.theta, draw.stats, True, True, facts), terms, extra, earlier
+    return Draws(draw.theta, draw.stats, True, True, facts), terms, earlier
 
 
 def _at_once(
@@ -161,29 +158,25 @@ def _at_once(
     if hasattr(module_of(entry), "require_arrival"):
         module_of(entry).require_arrival(bool(drawn.arrived))
     bounds = jnp.asarray(0), jnp.asarray(options.num_samples)
-    terms, extra = evaluate_chains(drawn.theta, *bounds, problem, method)
-    drawn = jax.tree.map(lambda v: np.asarray(v) if isinstance(v, Array) else v, drawn)
-    return drawn, np.asarray(terms), np.asarray(extra), 0.0
+    terms = np.asarray(evaluate_chains(drawn.theta, *bounds, problem, method))
+    return jax.tree.map(lambda v: np.asarray(v) if isinstance(v, Array) else v, drawn), terms, 0.0
 
 
 def _tree(
     drawn: Draws,
     terms: Float[np.ndarray, "chain draw term"],
-    log_prior: Float[np.ndarray, "chain draw"],
     box: Box,
     attrs: Mapping[str, Mapping[str, str]],
 ) -> xr.DataTree:
     """The posterior's one container, the prior bounds beside each parameter."""
-    dims = ("chain", "draw")
-    bounds = {
-        name: {"lower": float(box.lower[i]), "upper": float(box.upper[i])}
-        for i, name in enumerate(box.names)
-    }
+    dims, log_prior = ("chain", "draw"), np.full(terms.shape[:2], -float(log_volume(box)))
     stats = {**drawn.stats, "lp": np.sum(terms, axis=-1) + log_prior}
     variables = {
         "posterior": {
-            name: xr.Variable(dims, drawn.theta[name], {**bounds[name], **attrs.get(name, {})})
-            for name in box.names
+            name: xr.Variable(
+                dims, drawn.theta[name], {"lower": low, "upper": high, **attrs.get(name, {})}
+            )
+            for name, (low, high) in bounds_by_name(box).items()
         },
         "sample_stats": {name: xr.Variable(dims, values) for name, values in stats.items()},
         "log_likelihood": {"terms": xr.Variable((*dims, "term"), terms)},
@@ -198,12 +191,8 @@ def _tree(
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
     """Values as netCDF can store them: truth values as 0 and 1, absent ones left out."""
-    found = {}
-    for name, value in values.items():
-        if value is not None:
-            plain = value if isinstance(value, str) else np.asarray(value).tolist()
-            found[name] = int(plain) if isinstance(plain, bool) else plain
-    return found
+    plain = {n: np.asarray(value).tolist() for n, value in values.items() if value is not None}
+    return {n: int(value) if isinstance(value, bool) else value for n, value in plain.items()}
 
 
 def _available(method: str, num_chains: int) -> str:

@@ -39,13 +39,9 @@ NUGGET = 1e-10  # of the variances: particles that coincide have no covariance
 
 
 class Options(NamedTuple):
-    """Options of tempering.
+    """Particles of each run, runs, how these share the machine, and moves of every particle.
 
-    Attributes:
-        num_samples: Particles of each run.
-        num_chains: Runs.
-        chain_method: How runs share the machine.
-        num_moves: Moves of every particle between two temperatures; 5 d + 5 when None.
+    Moves are those between two temperatures; 5 d + 5 when None.
     """
 
     num_samples: int = 1000

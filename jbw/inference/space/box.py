@@ -16,10 +16,7 @@ from jbw.errors import ConfigError
 class Box(eqx.Module):
     r"""Independent uniform priors, $\theta_i \sim U[\theta_{min,i}, \theta_{max,i}]$.
 
-    Attributes:
-        names: Parameter names, in the order of the arrays; static.
-        lower: Lower bounds, in each parameter's unit.
-        upper: Upper bounds, in each parameter's unit.
+    The names are static, the bounds in each parameter's unit.
 
     Reference:
         Section 3.2.
@@ -28,6 +25,12 @@ class Box(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
     lower: Float[Array, " parameter"]
     upper: Float[Array, " parameter"]
+
+
+def bounds_by_name(box: Box) -> dict[str, tuple[float, float]]:
+    """Lower and upper bound of every parameter."""
+    pairs = zip(box.lower.tolist(), box.upper.tolist(), strict=True)
+    return dict(zip(box.names, pairs, strict=True))
 
 
 def box(bounds: Mapping[str, tuple[float, float]]) -> Box:
@@ -68,26 +71,8 @@ def _checked(name: str, pair: Any) -> tuple[float, float]:
     return lower, upper
 
 
-def to_unit(
-    theta: Mapping[str, Float[Array, "..."] | float], box: Box
-) -> Float[Array, "... parameter"]:
-    r"""Unit coordinate of parameters.
-
-    $$x = (\theta - \theta_{min}) / (\theta_{max} - \theta_{min})$$
-
-    in the order of `box.names` along the last axis.
-    """
-    stacked = jnp.stack([jnp.asarray(theta[name]) for name in box.names], axis=-1)
-    return (stacked - box.lower) / (box.upper - box.lower)
-
-
 def from_unit(x: Float[Array, "... parameter"], box: Box) -> dict[str, Float[Array, "..."]]:
-    r"""Parameters of a unit coordinate.
-
-    $$\theta = \theta_{min} + x\,(\theta_{max} - \theta_{min})$$
-
-    x is in the order of `box.names` along the last axis, the parameters by name in their units.
-    """
+    r"""Parameters $\theta_{min} + x\,(\theta_{max} - \theta_{min})$ by name, in their units."""
     return named(box.lower + x * (box.upper - box.lower), box)
 
 
@@ -107,13 +92,9 @@ def require_float64() -> None:
 
 
 class Product(NamedTuple):
-    r"""A product of powers, $\prod_i \theta_i^{p_i}$.
+    r"""A product of powers, $\prod_i \theta_i^{p_i}$, by names for results and for sentences.
 
-    Attributes:
-        name: Its name in results, such as "alpha_delta".
-        text: Its name in sentences, such as "alpha*delta".
-        powers: Exponent p by parameter of the box.
-        factors: Quantities that might be traded for one another in it.
+    Factors are quantities that might be traded for one another in it.
     """
 
     name: str
@@ -164,12 +145,10 @@ def prior_of(product: Product, box: Box) -> tuple[float, float]:
             f"Argument `product` must name parameters of the box, but names {', '.join(missing)}.",
             remedy=f"The box has {', '.join(box.names)}.",
         )
-    mean, square = 1.0, 1.0
+    mean, square, bounds = 1.0, 1.0, bounds_by_name(box)
     for name, power in product.powers.items():
-        i = box.names.index(name)
-        bounds = float(box.lower[i]), float(box.upper[i])
-        mean *= _moment(power, *bounds)
-        square *= _moment(2 * power, *bounds)
+        mean *= _moment(power, *bounds[name])
+        square *= _moment(2 * power, *bounds[name])
     if not math.isfinite(square):
         return mean, math.inf
     return mean, math.sqrt(max(square - mean**2, 0.0))
@@ -199,11 +178,9 @@ def log_prior_of(product: Product, box: Box) -> float:
 
     $$\Bigl(\sum_i p_i^2\,\mathrm{var}(\log\theta_i)\Bigr)^{1/2}$$
     """
-    places = [box.names.index(name) for name in product.powers]
-    stds = [log_prior_std(float(box.lower[i]), float(box.upper[i])) for i in places]
-    return math.hypot(
-        *(power * std for power, std in zip(product.powers.values(), stds, strict=True))
-    )
+    bounds = bounds_by_name(box)
+    powers = product.powers.items()
+    return math.hypot(*(power * log_prior_std(*bounds[name]) for name, power in powers))
 
 
 def _moment(power: float, lower: float, upper: float) -> float:

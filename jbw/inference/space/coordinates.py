@@ -100,8 +100,6 @@ class Logarithms(Coordinate):
 
     A product known far better than its factors is a straight valley of the logarithms and a bent
     one of the parameters themselves, which nothing whitened by one covariance follows.
-
-    Static is which are `chosen`.
     """
 
     chosen: tuple[bool, ...] = eqx.field(static=True)

@@ -16,7 +16,6 @@ from jbw.inference.space.reparametrisation import Reparametrisation
 
 Theta = Mapping[str, Float[Array, "..."]]
 LogLikelihood = Callable[[Theta, Any], Float[Array, "..."]]
-LogPrior = Callable[[Theta], Float[Array, "..."]]
 # A uniform prior in the box is a logistic distribution of the logit, of variance pi^2 / 3.
 LOGIT_PRIOR_PRECISION = 3 / np.pi**2
 
@@ -32,18 +31,13 @@ class Problem(eqx.Module):
 
     Attributes:
         log_likelihood: (theta, data) to independent terms [nats].
-        log_prior: theta to a further log prior density [nats], or None.
-        box: Prior bounds, uniform inside.
-        data: Whatever the likelihood takes.
+        box: Prior bounds of theta, uniform inside; those of u are `lower` and `upper`.
         outer: From u to the parameters.
-        lower: Lower bounds of u.
-        upper: Upper bounds of u.
         whitening: z_0 and L.
         located: Whether the whitening comes from a fit; static.
     """
 
     log_likelihood: LogLikelihood
-    log_prior: LogPrior | None
     box: Box
     data: PyTree
     outer: Coordinate
@@ -72,18 +66,14 @@ class Problem(eqx.Module):
 
 
 def problem_of(
-    log_likelihood: LogLikelihood,
-    box: Box,
-    data: PyTree,
-    place: Reparametrisation,
-    log_prior: LogPrior | None = None,
+    log_likelihood: LogLikelihood, box: Box, data: PyTree, place: Reparametrisation
 ) -> Problem:
     """The posterior in given coordinates."""
     bounds, size = (place.lower, place.upper), len(box.names)
     whitening, located = Affine(jnp.zeros(size), jnp.eye(size)), False
     if place.start is not None and place.covariance is not None:
         whitening, located = laplace_whitening(place.start, place.covariance, *bounds), True
-    return Problem(log_likelihood, log_prior, box, data, place.outer, *bounds, whitening, located)
+    return Problem(log_likelihood, box, data, place.outer, *bounds, whitening, located)
 
 
 def log_density(
@@ -91,7 +81,7 @@ def log_density(
 ) -> Float[Array, ""]:
     r"""Log posterior density of a coordinate, not divided by the evidence.
 
-    $$\log p(x | D) = \sum_i \log L_i(\theta) + \log\pi(\theta) - \log V
+    $$\log p(x | D) = \sum_i \log L_i(\theta) - \log V
     + \log\left|\det \frac{\partial\theta}{\partial x}\right|$$
 
     with V the volume of the box; minus infinity outside of it, and where a solve failed.
@@ -102,10 +92,9 @@ def log_density(
     box, values = problem.box, coordinate.forward(x)
     theta = named(values, box)
     likelihood = jnp.sum(problem.log_likelihood(theta, problem.data))
-    prior = 0.0 if problem.log_prior is None else problem.log_prior(theta)
     slope = coordinate.log_abs_det_jacobian(x) - log_volume(box)
     inside = jnp.all((values >= box.lower) & (values <= box.upper))
-    return jnp.where(inside & jnp.isfinite(likelihood), likelihood + prior + slope, -jnp.inf)
+    return jnp.where(inside & jnp.isfinite(likelihood), likelihood + slope, -jnp.inf)
 
 
 def log_volume(box: Box) -> Float[Array, ""]:

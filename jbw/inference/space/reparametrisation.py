@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.errors import ConfigError
-from jbw.inference.space.box import Box, from_unit, to_unit
+from jbw.inference.space.box import Box, bounds_by_name
 from jbw.inference.space.coordinates import IDENTITY, Coordinate, Logarithms
 
 Theta = Mapping[str, Any]
@@ -22,14 +22,10 @@ FLOOR = 1e-6  # of the optimum: where a lower bound of zero is put
 
 
 class Reparametrisation(NamedTuple):
-    """The coordinates u that a posterior is sampled in.
+    """The coordinates u that a posterior is sampled in, `outer` from u to the parameters.
 
-    Attributes:
-        outer: From u to the parameters.
-        lower: Lower bounds of u.
-        upper: Upper bounds of u.
-        start: Where chains start, one point or one a chain; None: all over the bounds.
-        covariance: Laplace covariance of u about the one start, or None.
+    Chains start at one point, at one a chain, or all over the bounds when None; where a Laplace
+    covariance of u is known, it is about the one start.
     """
 
     outer: Coordinate
@@ -58,22 +54,22 @@ def in_box(
         return known
     points = _checked_start(start, box, num_chains)
     if covariance is None:
-        inside = from_unit(jnp.clip(to_unit(points, box), EDGE, 1 - EDGE), box)
-        values = np.stack([np.asarray(inside[name]) for name in box.names], axis=-1)
-        return known._replace(start=values)
+        width = box.upper - box.lower
+        x = jnp.clip((points - box.lower) / width, EDGE, 1 - EDGE)
+        return known._replace(start=np.asarray(box.lower + x * width))
     if any(np.ndim(value) for value in start.values()):
         raise ConfigError("Argument `start` must be one point when `covariance` is given.")
-    values = np.array([float(start[name]) for name in box.names])
-    return known._replace(start=values, covariance=np.asarray(covariance))
+    return known._replace(start=points[0], covariance=np.asarray(covariance))
 
 
-def _checked_start(start: Theta, box: Box, num_chains: int) -> dict[str, Float[Array, " chain"]]:
+def _checked_start(start: Theta, box: Box, num_chains: int) -> Float[np.ndarray, "chain parameter"]:
     if set(start) != set(box.names):
         raise ConfigError(
             f"Argument `start` must name {', '.join(box.names)}, "
             f"but it names {', '.join(map(str, start))}."
         )
-    for name, lower, upper in zip(box.names, box.lower, box.upper, strict=True):
+    columns = []
+    for name, (lower, upper) in bounds_by_name(box).items():
         value = np.asarray(start[name], dtype=float)
         if value.shape not in ((), (num_chains,)):
             raise ConfigError(
@@ -85,10 +81,8 @@ def _checked_start(start: Theta, box: Box, num_chains: int) -> dict[str, Float[A
                 f"Start of `{name}` must lie in its prior [{lower:g}, {upper:g}], but is {value}.",
                 remedy="Widen the prior, or start inside it.",
             )
-    return {
-        name: jnp.broadcast_to(jnp.asarray(value, dtype=float), (num_chains,))
-        for name, value in start.items()
-    }
+        columns.append(np.broadcast_to(value, num_chains))
+    return np.stack(columns, axis=-1)
 
 
 def never_zero(theta: Theta, covariance: Covariance, box: Box) -> tuple[str, ...]:

@@ -41,12 +41,8 @@ Member = Float[Array, " member"]
 class Ridge(Coordinate):
     """The straightened ridge: the other parameters, then w across the ridge, then r along it.
 
-    Attributes:
-        members: Places of the ridge's parameters in the box, whose bounds `lower` and `width` are.
-        others: Places of all others.
-        origin: s_0, in units of the box.
-        across: B.
-        along: v.
+    The ridge's parameters are the `members` of the box, of bounds `lower` and `width`; s_0 is the
+    `origin` in units of the box, B is `across` and v is `along`.
     """
 
     members: tuple[int, ...] = eqx.field(static=True)
