@@ -69,8 +69,8 @@ def probing(num_repeats: int = REPEATS) -> Design[KernelData]:
     return Design(data, box({name: PRIOR[name] for name in step3.NAMES}))
 
 
-def _sweeping(noise_std: float, num_repeats: int = 4) -> Records:
-    """Two sweeps of 2 s through the resonance, with this noise of one sample of one repeat."""
+def _sweeping(noise_std: float) -> Records:
+    """Four repeats of two sweeps of 2 s through the resonance, each sample with this noise."""
     t = np.arange(LENGTH) / FS
     rise = np.where(t < FADE, (1 - np.cos(np.pi * t / FADE)) / 2, 1.0)
     tests = []
@@ -78,7 +78,7 @@ def _sweeping(noise_std: float, num_repeats: int = 4) -> Records:
         u = rise * np.asarray(sampled(sweep(level, *SWEPT_HZ, BURST, fade=FADE), FS, LENGTH))
         channels = {"input": u, "velocity": np.zeros(LENGTH)}
         record = Record(FS, channels, {"input": "V", "velocity": "m/s"})
-        tests.append(Test("sweep", (record,) * num_repeats, f"sweep_{level:.2f}V", level=level))
+        tests.append(Test("sweep", (record,) * 4, f"sweep_{level:.2f}V", level=level))
     return Records.of(tests).with_repeats(noise_std=jnp.full(len(LEVELS), noise_std))
 
 

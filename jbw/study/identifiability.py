@@ -67,13 +67,9 @@ class Identifiability:
             }
             for each in self.information.directions
         ]
+        parts = ("interval", "open", "values", "chi_square")
         followed = {
-            name: {
-                "interval": list(each.interval),
-                "open": list(each.open),
-                "values": each.values.tolist(),
-                "chi_square": each.chi_square.tolist(),
-            }
+            name: {part: np.asarray(getattr(each, part)).tolist() for part in parts}
             for name, each in self.profiles.items()
         }
         return {

@@ -71,10 +71,9 @@ def _response(
 
 
 def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Motion:
-    """Carry the input of a test's first record through the model.
+    """Carry the input of a test's first record through the model, with the run's steps when None.
 
-    The records are the repeats of one input, or noise; as many steps of the solver between samples
-    as the run took when None.
+    The records are the repeats of one input, or noise.
     """
     delayed = [
         (one, advance(one.channels[one.response], test.delay, one.fs)) for one in test.records
@@ -163,10 +162,7 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
 
 
 def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
-    """FRF of every repeat, and of every draw under the first one's input, by the same estimator.
-
-    Magnitudes and phases, measured over (repeat, freq) and of the model over (quantile, freq).
-    """
+    """FRF of every repeat, and of every draw under the first one's input, by the same estimator."""
     test, record = motion.test, motion.test.records[0]
     estimate = partial(_frf, band_hz=band_hz, whole=test.traits.is_transient)
     source, unit = record.channels[record.source], record.units[record.source]

@@ -137,11 +137,7 @@ def laws_of_run(tree: xr.DataTree) -> Laws:
 
 
 def basis_of(tree: xr.DataTree) -> Basis:
-    """What a run's result predicts with.
-
-    Raises:
-        DataError: It has no main posterior.
-    """
+    """What a run's result predicts with."""
     laws, attrs = laws_of_run(tree), tree.attrs
     posterior = tree["posterior"].to_dataset()
     decay = "/steps/decay/posterior"
