@@ -26,7 +26,7 @@ from jbw.identification.equivalent import effects, effects_sentence, response_fi
 from jbw.identification.leaving_out import consistency_finding, leave_one_out, left_out_sentence
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.run_effects import runs_dataset, runs_sentence
-from jbw.identification.step import Step, attrs, finished
+from jbw.identification.step import Step, attrs, finished, means_of
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.verdict import Verdict, enough
@@ -79,7 +79,7 @@ def joint_step(
     known: dict[str, float] = {}
     for step in ("third_order_nuts", "opening_nuts"):
         if step in earlier:
-            known |= earlier[step].means
+            known |= means_of(earlier[step].posterior)
     ready = prepare(keys[:2], data, settings, known)
     chains = sample_joint(keys[2], ready, settings, keep, name)
     posterior = with_derived(keys[3], chains, ready.data)

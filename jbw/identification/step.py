@@ -35,11 +35,6 @@ class Step:
     held: dict[str, float]  # parameters that were not updated
     wall_s: float  # compiling included
 
-    @property
-    def means(self) -> dict[str, float]:
-        """Posterior means of everything drawn."""
-        return means_of(self.posterior)
-
 
 def means_of(tree: xr.DataTree) -> dict[str, float]:
     """Posterior means by name."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from jbw.campaign.settings import Identify
 from jbw.identification.linear import PooledFit
-from jbw.identification.step import Step, attrs, finished
+from jbw.identification.step import Step, attrs, finished, means_of
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.fit.identifiability import weak_direction
 from jbw.inference.posterior.finding import Finding, checked
@@ -187,7 +187,8 @@ def opening_steps(
     """
     started = perf_counter()
     fit_key, *keys = jax.random.split(key, 3)
-    start = fit_opening(fit_key, records, linear, third_order.means, settings)
+    means = means_of(third_order.posterior)
+    start = fit_opening(fit_key, records, linear, means, settings)
     curve, best, prior, held = start
     chi_square = (2 * best.cost, records.mean.size)
     said = (
