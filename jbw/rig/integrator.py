@@ -203,18 +203,10 @@ def respond(
     num_samples: int,
     fs: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Response of the joint from rest to an analog force.
+    """Displacement [m], velocity [m/s] and joint force beside the spring k [N/kg], from rest.
 
-    Args:
-        joint: The specimen; of a `BoucWen` nu = 1.
-        force: Of (i, j), force per unit mass at grid points i .. j - 1, `GRID` to a sample from
-            t = 0 [N/kg].
-        num_samples: Samples to return; the first is the state of rest at t = 0.
-        fs: Sampling frequency [Hz].
-
-    Returns:
-        Displacement [m], velocity [m/s] and force of the joint beside the spring k [N/kg], each
-        `(num_samples,)`.
+    `force(i, j)` is the analog force per unit mass at grid points i .. j - 1, `GRID` to a sample
+    from t = 0 [N/kg]; the first of the samples is the state of rest.
     """
     specimen = doubles(specimen_of(joint))
     state: State = doubles((0.0, 0.0, specimen.at_rest()))
