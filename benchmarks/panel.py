@@ -164,10 +164,12 @@ def judged(name: str) -> dict[str, Any]:
     rows = main["parameters"]
     inside = [rows[n]["q005"] <= v <= rows[n]["q995"] for n, v in truth.items() if n in rows]
     errors = [p["nrmse"] for p in summary["predictions"].values() if p.get("nrmse") is not None]
-    failed = [f["code"] for f in summary["verdict"]["findings"] if f["status"] != "ok"]
+    against = [f for f in summary["verdict"]["findings"] if f["status"] != "ok"]
+    for finding in against:
+        print(finding["reason"], file=sys.stderr)
     return {
         "verdict": summary["verdict"]["status"],
-        "because": ", ".join(dict.fromkeys(failed)),
+        "because": ", ".join(dict.fromkeys(f["code"] for f in against)),
         "wall": wall,
         "ess": min((r["ess_bulk"] for r in rows.values() if r.get("ess_bulk")), default=None),
         "r_hat": max((r["r_hat"] for r in rows.values() if r.get("r_hat")), default=None),

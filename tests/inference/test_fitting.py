@@ -105,3 +105,21 @@ def test_what_cannot_be_fitted_is_refused():
         fit(decay, BOX, None, starts=3)
     with pytest.raises(ConfigError, match="must be real"):
         fit(lambda theta, data: 1j * theta["rate"][None], BOX, starts=1, key=jax.random.key(0))
+
+
+@pytest.mark.fault(28)
+@pytest.mark.parametrize("precision", [1e-6, 1e-9, 1e-12])
+def test_a_sum_known_far_better_than_its_parts_leaves_a_covariance_that_can_be_factored(precision):
+    three = box({"a": (0.0, 1.0), "b": (0.0, 1.0), "c": (0.0, 1e5)})
+
+    def total(theta, data):
+        return jnp.stack([(theta["a"] + theta["b"] + 1e-5 * theta["c"] - 1.2) / precision])
+
+    got = fit(total, three, starts=4, key=jax.random.key(1))
+    np.linalg.cholesky(got.covariance)
+    # Two directions of the box, both a uniform x wide; the third is the sum's, as far as rounding
+    # can tell 1e-7 of the others.
+    each = np.sqrt(np.diagonal(got.covariance)) / [1.0, 1.0, 1e5]
+    np.testing.assert_allclose(each, np.sqrt(2 / 3 / 12), rtol=1e-6)
+    ones = np.array([1.0, 1.0, 1e-5])
+    assert np.sqrt(ones @ got.covariance @ ones) == pytest.approx(precision, rel=0.2, abs=1e-7)

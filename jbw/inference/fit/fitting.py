@@ -21,6 +21,7 @@ BOX_STD = 1 / np.sqrt(12)  # of a uniform x
 TOLERANCE = 1e-9  # of the cost and the logit, relative and absolute
 MOST_STEPS = 256
 NEAR_BOUND = 0.01  # of the box, where the optimum may lie beyond the bound
+THINNEST = 1e-14  # eigenvalue of correlations
 START_MARGIN = 1e-3  # of the box: on a bound itself the logit is infinite and its slope zero
 
 
@@ -110,7 +111,7 @@ def describe_optimum(
     values, rows = svd_of_all(jacobian)
     root = rows.T / np.maximum(values, 1 / BOX_STD)  # no direction is wider than the box
     width = np.asarray(box.upper - box.lower)
-    covariance = root @ root.T * np.outer(width, width)
+    covariance = _definite(root @ root.T * np.outer(width, width))
     theta = {name: float(value) for name, value in from_unit(jnp.asarray(x), box).items()}
     return Fit(
         theta, x, float(np.min(costs)), covariance,
@@ -118,6 +119,19 @@ def describe_optimum(
         weak=weak_direction(theta, covariance, box),
         waterfall=np.sort(costs), residual=residual, jacobian=jacobian / width,
     )  # fmt: skip
+
+
+def _definite(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The covariance, positive definite in spite of rounding.
+
+    A sum known to 1e-8 of its parts' own deviations leaves an eigenvalue of the correlations that
+    rounding may turn negative; such a direction becomes as wide as rounding can tell.
+    """
+    std = np.sqrt(np.diagonal(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
+    if values[0] >= THINNEST:
+        return covariance
+    return (vectors * np.maximum(values, THINNEST)) @ vectors.T * np.outer(std, std)
 
 
 def _starts(
