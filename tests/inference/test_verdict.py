@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.stats import truncnorm
 
 from jbw.cli.about import pages
 from jbw.inference.posterior.finding import ASKED_BY, answers
@@ -136,6 +137,19 @@ def test_the_bound_is_named_with_its_side():
     finding = next(f for f in judged(draws, stats).findings if f.code == "at_bound")
     assert "alpha" in finding.reason
     assert finding.action.startswith("Widen alpha upper")
+
+
+@pytest.mark.fault(26)
+@pytest.mark.parametrize(
+    ("place", "status"), [(0.0, "failed"), (0.25, "failed"), (2.0, "ok"), (8.0, "ok")]
+)
+def test_a_posterior_leans_on_its_bound_by_its_own_width_not_the_boxs(place, status):
+    draws, stats = healthy()
+    # A normal of a thousandth of the box, cut off so many deviations below its mean.
+    uniform = np.random.default_rng(1).uniform(size=(4, 1000))
+    draws["delta"] = truncnorm.ppf(uniform, -place, np.inf, loc=1.0 + 1e-3 * place, scale=1e-3)
+    finding = next(f for f in judged(draws, stats).findings if f.code == "at_bound")
+    assert finding.status == status, finding.reason
 
 
 @pytest.mark.fault(28)

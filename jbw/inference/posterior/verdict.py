@@ -22,7 +22,9 @@ ESS = 400.0
 BFMI = 0.3
 FAILED_SOLVES = 0.01
 TREE_SHARE = 0.05  # of trajectories cut at the greatest depth
-EDGE, PILE = 0.01, 2.0  # share of the box at a bound; excess over a uniform posterior there
+# Share of a posterior's own 99 % span that counts as its bound's edge, and the excess there over
+# a uniform posterior; half a normal distribution at its bound has 2.2, one a deviation away 1.0.
+EDGE, PILE = 0.01, 1.5
 CHI_SQUARE = (0.2, 5.0)  # a degree of freedom
 GOOD_KHAT = 0.7  # Pareto shape above which weights cannot be trusted (Vehtari et al. 2024)
 MORE = "Draw more, or start from a fit with its covariance."
@@ -97,10 +99,11 @@ def bands_finding(draws: Draws) -> Finding:
 def _bounds(draws: Draws, box: Box) -> list[Finding]:
     findings = []
     for name, (lower, upper) in bounds_by_name(box).items():
-        x = (draws[name] - lower) / (upper - lower)
-        for side, share in (("lower", np.mean(x < EDGE)), ("upper", np.mean(x > 1 - EDGE))):
+        edge = EDGE * float(np.diff(np.quantile(draws[name], (0.005, 0.995)))[0])
+        near = {"lower": draws[name] < lower + edge, "upper": draws[name] > upper - edge}
+        for side, share in ((side, float(np.mean(draw))) for side, draw in near.items()):
             if share > PILE * EDGE:
-                where = f"within {EDGE:.0%} of its {side} bound"
+                where = f"within {EDGE:.0%} of its 99 % span from its {side} bound"
                 reason = f"{share:.1%} of the posterior of {name} lie {where}."
                 action = f"Widen {name} {side}, or doubt the model."
                 findings.append(checked("at_bound", False, reason, share, action))
