@@ -116,13 +116,8 @@ def grow_chains(
 
     Every chunk runs the same compiled loop with another count of steps: chains that were kept go
     on to the very draws that they would have come to without a break. With `until` the number of
-    draws kept is doubled until they are enough, or the time is spent.
-
-    Returns:
-        The draws, and the time that earlier processes spent on them [s].
-
-    Raises:
-        ModelError: No possible start.
+    draws kept is doubled until they are enough, or the time is spent. Beside the draws is the time
+    that earlier processes spent on them [s].
     """
     began, total = perf_counter(), options.num_warmup + options.num_samples
     mark = "" if kept is None else _fingerprint(starts, problem, make, options)

@@ -135,9 +135,6 @@ def prior_of(product: Product, box: Box) -> tuple[float, float]:
 
     multiplied over the parameters, which are independent; infinite where a negative power meets a
     bound at zero.
-
-    Raises:
-        ConfigError: If the product names a parameter that the box has not.
     """
     missing = [name for name in product.powers if name not in box.names]
     if missing:

@@ -38,12 +38,7 @@ class Reparametrisation(NamedTuple):
 def in_box(
     box: Box, start: Theta | None, covariance: Covariance | None, num_chains: int
 ) -> Reparametrisation:
-    """The parameters themselves, in their prior box.
-
-    Raises:
-        ConfigError: Unknown or missing names, a start outside the box, a covariance without the
-            one point that it was found at.
-    """
+    """The parameters themselves, in their prior box; starts and covariance checked."""
     known = Reparametrisation(IDENTITY, box.lower, box.upper)
     if start is None:
         if covariance is not None:
