@@ -166,7 +166,7 @@ def findings(
 
     `per_unit` is the force per modal mass for one unit of the input, when known.
     """
-    found = list(inspect(record, masked=test.gaps == "mask"))
+    found = list(inspect(record, masked=test.gaps == "mask", is_curve=test.traits.is_curve))
     fits = _fits_curve if test.traits.is_curve else _fits_test
     contradictions = list(fits(record, test))
     for other in first:

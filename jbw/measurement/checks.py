@@ -33,12 +33,13 @@ class Fault:
 refusal, doubt = partial(Fault, "error"), partial(Fault, "warning")
 
 
-def inspect(record: Record, *, masked: bool = False) -> tuple[Fault, ...]:
+def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> tuple[Fault, ...]:
     """Everything that the checks below find in a record, errors first.
 
     Args:
         record: What was read.
         masked: Whether samples that are NaN are left out by their mask instead of refused.
+        is_curve: Whether frequencies, where there are any, are the lines of a curve.
     """
     found, lengths = [], {role: len(x) for role, x in record.channels.items()}
     if len(set(lengths.values())) > 1:
@@ -51,7 +52,7 @@ def inspect(record: Record, *, masked: bool = False) -> tuple[Fault, ...]:
                 "Export the channels together, or name those that were sampled together.",
             )
         )
-    if "frequency" in record.channels:
+    if is_curve and "frequency" in record.channels:
         found += _ordered(record.channels["frequency"])
     for role, x in record.channels.items():
         found += _channel(role, x, record.fs, masked)
