@@ -29,16 +29,7 @@ _CHUNK = 128
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
-    """States after every substep, differentiable in the stepping and the initial state.
-
-    Args:
-        substeps: Substeps per sample interval; they only set the unit of time.
-        stepping: Constants of the step and the input's pushes.
-        initial: (y, v, memories) at the first sample.
-
-    Returns:
-        y [m], v [m/s] and the memories, `initial` first and then after every substep.
-    """
+    """States after every substep, differentiable in the stepping and the initial state."""
     num_steps = stepping.push[0].shape[0]
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(_unused_field),

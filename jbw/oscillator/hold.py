@@ -19,18 +19,7 @@ HOLDS = ("first", "zero", "band_limited")
 def input_polynomials(
     u: Float[Array, "... time"], hold: str, *, periodic: bool
 ) -> Float[Array, "... interval power"]:
-    """Polynomials of a sampled input under a named hold.
-
-    Args:
-        u: Input at the samples [N/kg].
-        hold: "zero" keeps u[n] on [n, n + 1); "first" joins the samples by straight lines;
-            "band_limited" passes a quintic through values, slopes and curvatures from the FFT.
-        periodic: Whether the record is one period; then there is an interval from the last sample
-            back to the first.
-
-    Returns:
-        Coefficients c_j, lowest power first [N/kg].
-    """
+    """Polynomials of a sampled input under a named hold."""
     if hold == "zero":
         return (u if periodic else u[..., :-1])[..., None]
     if hold == "first":
@@ -48,13 +37,6 @@ def quintic(start: Float[Array, "... 3"], end: Float[Array, "... 3"]) -> Float[A
     """Quintic with given value, slope and curvature at s = 0 and s = 1.
 
     For a sine of angular frequency omega its error is (omega h)^6 / 46080 of the amplitude.
-
-    Args:
-        start: Value, first and second derivative at s = 0.
-        end: The same at s = 1.
-
-    Returns:
-        Coefficients c_0..c_5.
     """
     u, du, ddu = (start[..., i] for i in range(3))
     # What the end asks for beyond the parabola of the start.

@@ -47,16 +47,7 @@ class Cubic(NamedTuple):
 
 
 def hermite(start: Scalar, end: Scalar, rise: Scalar) -> Cubic:
-    """Cubic with given slopes at both ends and a given rise between them.
-
-    Args:
-        start: Slope at s = 0, h v [m].
-        end: Slope at s = 1 [m].
-        rise: Move over the step [m].
-
-    Returns:
-        The path.
-    """
+    """Cubic with given slopes at both ends and a given rise between them."""
     return Cubic(start, 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise)
 
 
@@ -83,14 +74,7 @@ def turning_point(turns: Bool[Array, "..."] | bool, path: Cubic) -> tuple[Scalar
     r"""Where the path turns, $y'(s) = 0$, and how sharply.
 
     Of the two roots $s = c_1/(-c_2 \pm \sqrt{c_2^2 - 3 c_1 c_3})$ the one in (0, 1), given slopes
-    of opposite signs at the ends; the square root is half the size of y'' there.
-
-    Args:
-        turns: Whether there is such a point.
-        path: Path within the step.
-
-    Returns:
-        s (1 where the path does not turn) and |y''| [m].
+    of opposite signs at the ends; 1 where it does not turn. The root is half of |y''| there [m].
     """
     square = path.c_2**2 - 3.0 * path.c_1 * path.c_3
     root = kept(jnp.sqrt(jnp.where(turns, jnp.maximum(square, 1e-300), 1.0)))
@@ -131,15 +115,10 @@ class StepPath(NamedTuple):
         return cls(cubic, turns, fraction, cubic.bend(fraction), before, rise - before, quartic)
 
     def passage(self, target: Scalar, *, first: bool) -> Scalar:
-        """Fraction of the step at which the path reaches a move, before or after its turn.
+        """Fraction of the step at which the path reaches a move before its turn, or after it.
 
         Three steps of Newton's iteration from the parabola about the turning point, or the chord
         where it does not turn; the last one carries the derivative.
-
-        Args:
-            target: Move from the start, which lies on that part of the path [m].
-            first: Whether on the part before the turning point, which is the whole path of a step
-                without one.
         """
         fixed, aim = jax.lax.stop_gradient((self, target))
         part = fixed.before if first else fixed.after
@@ -165,17 +144,7 @@ class StepPath(NamedTuple):
 def passage(
     steady: Bool[Array, "..."] | bool, path: Cubic, guess: Scalar, target: Scalar
 ) -> Scalar:
-    """Fraction s of the step at which a path reaches a target, by one Newton step.
-
-    Args:
-        steady: Whether the path does not turn, so that it may be inverted.
-        path: Path within the step.
-        guess: First guess, good to order h; it is kept where not `steady`.
-        target: Move to reach [m].
-
-    Returns:
-        s, good to order h^3.
-    """
+    """Fraction s where a `steady` path reaches a target, by one Newton step, good to order h^3."""
     slope = jnp.where(steady, path.slope(guess), 1.0)
     return kept(guess - jnp.where(steady, (path.move(guess) - target) / slope, 0.0))
 
@@ -192,7 +161,8 @@ class KinkImpulse(NamedTuple):
 def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
     r"""What the cubic through r and its rate at both ends misses of a kink inside the step.
 
-    With jumps J_2, J_3 of the second and third derivative of r when a fraction x remains,
+    With jumps J_2, J_3 of the second and third derivative of r when a fraction x remains, given as
+    h^3 J_2 and h^4 J_3 [m/s],
 
     $$\int_0^h (r - H)\,ds = \tfrac{h^3}{12} J_2\,x(1-x)(1-2x) + \tfrac{h^4}{24} J_3\,x^2(1-x)^2$$
     $$\int_0^h (h - s)(r - H)\,ds = \tfrac{h^4}{120} J_2\,x(1-x)(4 - 5x - 5x^2)
@@ -200,14 +170,6 @@ def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
 
     and the response of v and y to a force r is minus these. All weights vanish at x = 0 and 1, so
     the step stays continuous in its parameters.
-
-    Args:
-        x: Fraction of the step after the kink.
-        jump_2: h^3 J_2 [m/s].
-        jump_3: h^4 J_3 [m/s].
-
-    Returns:
-        The impulses.
     """
     weight = x * (1.0 - x)
     v_2, v_3 = -weight * (1.0 - 2.0 * x) / 12.0, -(weight**2) / 24.0
@@ -225,18 +187,12 @@ def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
 def slope_jump_impulse(x: Scalar, jump_1: Scalar, jump_2: Scalar) -> tuple[Scalar, Scalar]:
     r"""Impulses of a kink where already the first derivative of r jumps, as of a slider that slips.
 
+    From h J_1 and h^2 J_2 [N/kg], on v over h and on y over h^2 [m/s^2]:
+
     $$\int_0^h (r - H)\,ds = h^2 J_1
       \left(\tfrac{x^2}{2} - \tfrac{x}{2} + \tfrac{1}{12}\right) + \dots$$
     $$\int_0^h (h - s)(r - H)\,ds
       = h^3 J_1 \left(\tfrac{x^3}{6} - \tfrac{3x}{20} + \tfrac{1}{30}\right) + \dots$$
-
-    Args:
-        x: Fraction of the step after the kink.
-        jump_1: h J_1 [N/kg].
-        jump_2: h^2 J_2 [N/kg].
-
-    Returns:
-        Impulses on v over h and on y over h^2 [m/s^2].
     """
     impulse = kink_impulse(x, jump_2, 0.0)
     v = impulse.v - jump_1 * (0.5 * x * (x - 1.0) + 1.0 / 12.0)

@@ -70,11 +70,7 @@ class Law(eqx.Module):
 
     @classmethod
     def of(cls, theta: Mapping[str, Any]) -> Self:
-        """The law of a dictionary in its own parameters or any of its other coordinates.
-
-        Args:
-            theta: Parameters by name; with other coordinates omega_n [rad/s] among them.
-        """
+        """The law of a dictionary in its own parameters or any of its other coordinates."""
         for coordinates in cls.coordinates.values():
             if set(coordinates.names) <= theta.keys():
                 return cls.build(coordinates.to_parameters(theta))
@@ -218,23 +214,13 @@ class Law(eqx.Module):
         Alternates between time and frequency on a uniform grid that begins at the crest; the first
         period sets the memory, which is exact for laws that forget all but their last turns. The
         error falls with the square of the number of points where the force has kinks.
-
-        Args:
-            q: Complex amplitudes of the odd orders of y.
-            max_turns: Turning points of y allowed in a period.
         """
         return generic.harmonics_by_moves(self, q, max_turns)
 
     def force_over_period(
         self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
     ) -> Float[Array, " time"]:
-        """Steady force at angles of a period, in rising order, by moves over two periods [N/kg].
-
-        Args:
-            q: Complex amplitudes of the odd orders of y.
-            theta: Angles [rad].
-            max_turns: Turning points of y allowed in a period.
-        """
+        """Steady force at angles of a period, in rising order, by moves over two periods [N/kg]."""
         return generic.force_by_moves(self, q, theta)
 
     # -- for other programs ------------------------------------------------------------------------

@@ -49,15 +49,6 @@ def impulse_moments(stiffness: Scalar, damping: Scalar, dt: Scalar, num: int) ->
 
     The series is summed for h/16 and the step doubled four times, which keeps full precision up
     to about omega h = 8; it works in (y, h v), whose entries are all of order one.
-
-    Args:
-        stiffness: Stiffness kappa [1/s^2].
-        damping: Damping c [1/s].
-        dt: Step h [s].
-        num: Number of moments.
-
-    Returns:
-        The moments.
     """
     part = dt / 2**_NUM_DOUBLINGS
     kappa, c = stiffness * part**2, damping * part

@@ -68,11 +68,7 @@ class Oscillator(eqx.Module):
         return Loop(sum((x.stiffness for x in loops), none), sum((x.damping for x in loops), none))
 
     def force_along(self, y: Float[Array, " time"]) -> Float[Array, " time"]:
-        """Restoring force k y + sum F along a displacement that starts at rest at y = 0 [N/kg].
-
-        Args:
-            y: Displacement, taken to go straight from sample to sample [m].
-        """
+        """Restoring force k y + sum F along a displacement that starts at rest at y = 0 [N/kg]."""
 
         def onward(carry: tuple, y_next: Array) -> tuple[tuple, Array]:
             y_last, memory = carry
@@ -149,16 +145,7 @@ def as_oscillator(joint: Joint) -> Oscillator:
 
 
 def oscillator_of(theta: Mapping[str, Any], laws: Iterable[str | Kind]) -> Oscillator:
-    """The oscillator of a dictionary of parameters.
-
-    Args:
-        theta: omega_n [rad/s], zeta [-] and the parameters of every law, in its own or any other
-            of its coordinates; more may stand there.
-        laws: Names of the laws, or their classes.
-
-    Returns:
-        The oscillator.
-    """
+    """The oscillator of a dictionary of parameters."""
     forces = tuple(law.of(theta) for law in laws_named(laws))
     return Oscillator(theta["omega_n"], theta["zeta"], forces)
 

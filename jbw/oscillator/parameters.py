@@ -24,15 +24,7 @@ class Hysteresis(Protocol):
 
 
 def batched(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Apply a function of scalar leaves over the broadcast shape of all leaves.
-
-    Args:
-        function: Of the arguments with 0-d leaves; returns arrays.
-        *arguments: Records or arrays, whose leaves broadcast.
-
-    Returns:
-        Its results, with the broadcast shape in front.
-    """
+    """Apply a function of scalar leaves over the broadcast shape of all leaves."""
     leaves, structure = jax.tree.flatten(arguments)
     leaves = jnp.broadcast_arrays(*(jnp.asarray(leaf, float) for leaf in leaves))
     shape = leaves[0].shape

@@ -26,17 +26,8 @@ def steady_period(
 
     One period is marched; where that leaves more than a tenth of the gap, Newton's step is tried,
     with the map's exact derivative, and kept where it is the better of the two. Derivatives
-    of the result come from the implicit function.
-
-    Args:
-        period: From a state at sample 0 to the states at all samples up to and including the
-            first of the next period.
-        guess: First guess of the state at sample 0.
-        unit: Factors that make the leaves of the state comparable with a velocity.
-
-    Returns:
-        The trajectory without its repeated last sample, and the residual: what the state still
-        changes over the period, relative to the largest value in it.
+    of the result come from the implicit function. `unit` makes the leaves of the state comparable
+    with a velocity; the residual is what the state still changes, relative to its largest value.
     """
     _, tree = jax.tree.flatten(guess)
     units = jax.lax.stop_gradient(jnp.stack([jnp.asarray(x) for x in jax.tree.leaves(unit)]))

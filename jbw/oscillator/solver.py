@@ -39,17 +39,7 @@ class Stepping(eqx.Module):
 def stepping(
     oscillator: Oscillator, polynomials: Float[Array, "interval power"], fs: Scalar, substeps: int
 ) -> Stepping:
-    r"""Constants of the step, and the input's part of every substep, $p = \sum_j W_j c_j$.
-
-    Args:
-        oscillator: The oscillator, its laws all of a kind that the step knows.
-        polynomials: Coefficients c_j of the input in each sample interval [N/kg].
-        fs: Sampling rate [Hz].
-        substeps: Steps per sample interval.
-
-    Returns:
-        The stepping.
-    """
+    r"""Constants of the step, and the input's part of every substep, $p = \sum_j W_j c_j$."""
     step, moments_y, moments_v = exact_step(oscillator, 1.0 / (fs * substeps))
     num_powers = polynomials.shape[-1]
     parts = substep_matrices(num_powers, substeps)
@@ -138,21 +128,7 @@ def solve_stock(
     solver: diffrax.AbstractSolver,
     controller: diffrax.AbstractStepSizeController,
 ) -> State:
-    """States at the samples; time counts samples inside, so that 1/fs is never accumulated.
-
-    Args:
-        oscillator: The oscillator, with any laws.
-        u: Input as a function of time in samples [N/kg].
-        num_samples: Number of samples.
-        fs: Sampling rate [Hz].
-        initial: (y, v, memories) at the first sample.
-        substeps: First (or constant) number of steps per sample.
-        solver: Diffrax solver.
-        controller: Diffrax step-size controller.
-
-    Returns:
-        y [m], v [m/s] and the memories; inf from where an adaptive solver gave up.
-    """
+    """States at the samples; inf from where an adaptive solver gave up. Time counts samples."""
     leaves, tree = jax.tree.flatten(initial)
 
     def rate(tau, leaves, oscillator):

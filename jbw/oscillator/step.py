@@ -57,15 +57,7 @@ class ExactStep(eqx.Module):
 
 
 def exact_step(oscillator: Oscillator, dt: Scalar) -> tuple[ExactStep, Array, Array]:
-    """Constants of the step of length dt.
-
-    Args:
-        oscillator: The oscillator, its laws all of a kind that the step knows.
-        dt: Step [s].
-
-    Returns:
-        The constants, and the input moments W_j of displacement [s^2] and velocity [s].
-    """
+    """Constants of the step of length dt."""
     stiffness = oscillator.omega_n**2
     damping = 2.0 * oscillator.zeta * oscillator.omega_n
     m = impulse_moments(stiffness, damping, dt, NUM_MOMENTS)
@@ -91,15 +83,6 @@ def advance(step: ExactStep, state: State, push: Push, *, branch: bool) -> State
       q_2 = q_1 - W_2 c_2 - W_3 c_3, \quad m_2 = M(m_1, y_2 - y_1)$$
 
     with $c_2 = 3d - h(2\dot r + \dot r_1)$, $c_3 = -2d + h(\dot r + \dot r_1)$, $d = r_1 - r$.
-
-    Args:
-        step: Constants of the step.
-        state: (y, v, memories) at its start.
-        push: What the input adds to (y, v) in this step, and the input at its start.
-        branch: Whether the kinks are handled under `lax.cond` (quick for scalars) or always.
-
-    Returns:
-        (y, v, memories) at its end.
     """
     y, v, memory = state
     laws = step.laws
@@ -161,12 +144,7 @@ def _through_kinks(
     y_1: Scalar,
     v_1: Scalar,
 ) -> tuple[Any, ...]:
-    """End of a step that may hold a turning point, a kink of a law, or both.
-
-    Returns:
-        Predicted y and v at the end, the memories and branches there, and what is still to be
-        added to the predicted v and y: the impulses, less what the predictor already holds.
-    """
+    """End of a step that may hold a turning point, a kink of a law, or both."""
     y, v, memory = state
     h, laws = step.dt, step.laws
     shift_y, shift_v, a = _second_order(step, state, branches, u)

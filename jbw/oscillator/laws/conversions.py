@@ -101,14 +101,6 @@ def to_benchmark(joint: Any, mass: float, beta: float = 1.0) -> Benchmark:
 
     $$z = m Z: \quad k = m (\omega_n^2 - \alpha), \quad \alpha_B = m\alpha, \quad
       \beta\gamma_B = \gamma\,m^{1-\nu}, \quad \beta\delta_B = \delta\,m^{1-\nu}$$
-
-    Args:
-        joint: Parameters, scalars.
-        mass: Modal mass [kg].
-        beta: The common factor, which the law does not fix.
-
-    Raises:
-        ModelError: Mass or beta is not positive, or a force stands beside the joint.
     """
     omega_n, zeta, alpha, delta, gamma = _scalars(joint, mass)
     require_positive(beta, "beta")
@@ -130,17 +122,6 @@ def opensees(joint: Any, mass: float, tag: int = 1) -> str:
 
     $$F = a k_0 y + (1 - a) k_0 z, \qquad
       dz / dy = 1 - |z|^n\,(\gamma + \beta\,\mathrm{sgn}(z\,dy))$$
-
-    Args:
-        joint: Parameters, scalars.
-        mass: Modal mass [kg].
-        tag: Tag of the material.
-
-    Returns:
-        `uniaxialMaterial BoucWen tag a k_0 n gamma beta 1 0 0 0`, in N and m.
-
-    Raises:
-        ModelError: The mass is not positive, or a force stands beside the joint.
     """
     other = to_baber_noori(joint, mass)
     values = (other.ratio, other.stiffness, other.n, other.gamma, other.beta)

@@ -54,17 +54,10 @@ class _Motion(NamedTuple):
 
 @jax.custom_jvp
 def kinked_step(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Force z at the end of a step and what its kinks give to the motion.
+    """Force z at the end of a step, and its kinks' impulses on v/h and y/h^2 [m/s^2].
 
-    Args:
-        law: alpha [1/s^2], delta [1/m] and gamma [1/m].
-        z: Force at the start [N/kg].
-        ends: Slopes h v of the step's cubic path at its start and end, and its rise [m].
-        quartic: Quartic term of the path, (h d/dt)^4 y / 24 [m]: without it the turning point would
-            be of order 4 only, and its derivatives, which move it within the step, of order 3.
-
-    Returns:
-        z at the end [N/kg], the impulse on v over h [m/s^2], and that on y over h^2 [m/s^2].
+    Without the path's quartic term, (h d/dt)^4 y / 24 [m], the turning point would be of order 4
+    only, and its derivatives, which move it within the step, of order 3.
     """
     return _kinked(law, z, ends, quartic).values
 

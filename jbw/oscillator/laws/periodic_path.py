@@ -54,15 +54,6 @@ def relaxed_force(
     by Gauss-Legendre between the turning points and the zero of z. The integrand is continuous
     at these break points and equal at both ends, to its first derivative, so their motion adds
     nothing to two derivatives of r_n and the nodes carry none.
-
-    Args:
-        q: Complex amplitudes of the odd orders of y.
-        delta: Softening, in the inverse unit of `q`.
-        gamma: Opening, in the inverse unit of `q`.
-        max_turns: Turning points in a period, at most.
-
-    Returns:
-        Complex amplitudes of r, in the unit of `q`.
     """
     if max_turns > 2:
         return _folded_relaxed_force(q, delta, gamma, max_turns)
@@ -91,18 +82,7 @@ def force_over_period(
     gamma: Scalar,
     max_turns: int,
 ) -> Float[Array, " time"]:
-    """Hysteretic force z/alpha at angles of the period.
-
-    Args:
-        q: Complex amplitudes of the odd orders of y.
-        theta: Angles [rad].
-        delta: Softening, in the inverse unit of `q`.
-        gamma: Opening, in the inverse unit of `q`.
-        max_turns: Turning points in a period, at most.
-
-    Returns:
-        z/alpha, in the unit of `q`.
-    """
+    """Hysteretic force z/alpha at angles of the period."""
     if max_turns > 2:
         return _folded_force_over_period(q, theta, delta, gamma, max_turns)
     delta, gamma = jnp.asarray(delta), jnp.asarray(gamma)
@@ -152,15 +132,7 @@ def _folded_force_over_period(
 
 
 def turning_angles(q: Complex[Array, " harmonic"], max_turns: int) -> Float[Array, " turn"]:
-    r"""Turning points of half a period, from the crest to its mirror, padded by the latter.
-
-    Args:
-        q: Complex amplitudes of the odd orders of y.
-        max_turns: Turning points in a period, at most.
-
-    Returns:
-        max_turns/2 + 1 angles in rising order [rad]; their first derivatives by `q` are exact.
-    """
+    r"""Turning points of half a period, from the crest to its mirror, padded by the latter."""
     start = crest(q)
     points = max(_LEAST_GRID, _GRID_PER_HARMONIC * q.shape[0])
     # Half a cell off the ends, whose zeros of y' are known.

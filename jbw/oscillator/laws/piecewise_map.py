@@ -187,19 +187,7 @@ class _Segments(NamedTuple):
 def two_moves(
     alpha: Scalar, delta: Scalar, gamma: Scalar, z: Scalar, moves: Pair, directions: Pair
 ) -> TwoMoves:
-    """Force z after each of two monotone moves, of which one may lead through z = 0.
-
-    Args:
-        alpha: Stiffness of the hysteretic part [1/s^2].
-        delta: Softening [1/m].
-        gamma: Opening [1/m].
-        z: Force before the moves [N/kg].
-        moves: Signed moves [m].
-        directions: Their signs, also where a move is zero.
-
-    Returns:
-        The forces and their slopes; what is not asked for is not computed under jit.
-    """
+    """Force z after each of two monotone moves, of which one may lead through z = 0."""
     segments = _segments(alpha, delta, gamma, z, moves, directions)
     a, b, c, early, late, past = segments
     length_a = jnp.where(early, past - moves[0], moves[0])

@@ -23,13 +23,6 @@ def exponential_remainder(k: int, s: Float[Array, "..."]) -> Float[Array, "..."]
       E_1 = \frac{1 - e^{-s}}{s}, \quad E_{k+1} = \frac{1/k! - E_k}{s}$$
 
     Its derivatives are exact too, by E_k' = k E_{k+1} - E_k.
-
-    Args:
-        k: Number of terms taken off, at least 1.
-        s: Argument, of either sign.
-
-    Returns:
-        E_k, positive.
     """
     near = jnp.abs(s) < 1.0
     coefficients = tuple((-1) ** n / math.factorial(n + k) for n in range(_NUM_TERMS))
@@ -54,13 +47,6 @@ def lag(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, ".
     $$x - \phi(c, x) = s\,x\,E_2(s), \qquad s = c\,x$$
 
     Holds its relative accuracy down to c x = 0, where x - phi would cancel.
-
-    Args:
-        c: Rate of relaxation [1/m], of either sign.
-        x: Distance moved [m].
-
-    Returns:
-        Lag [m].
     """
     s = jnp.asarray(c * x)
     return s * x * exponential_remainder(2, s)
@@ -70,13 +56,6 @@ def phi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, ".
     r"""Relaxed distance, the solution of phi' = 1 - c phi from zero.
 
     $$\phi(c, x) = \frac{1 - e^{-c x}}{c} = x\,E_1(c x), \qquad \phi(0, x) = x$$
-
-    Args:
-        c: Rate of relaxation [1/m], of either sign.
-        x: Distance moved [m].
-
-    Returns:
-        Relaxed distance [m].
     """
     return jnp.asarray(x) * exponential_remainder(1, jnp.asarray(c * x))
 
@@ -85,13 +64,6 @@ def psi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, ".
     r"""Distance that relaxes to x, the inverse of `phi`.
 
     $$\psi(c, x) = -\frac{\ln(1 - c x)}{c}, \qquad \psi(0, x) = x$$
-
-    Args:
-        c: Rate of relaxation [1/m], of either sign.
-        x: Relaxed distance [m].
-
-    Returns:
-        Distance [m]; infinite, of x's sign, where c x >= 1: no finite move relaxes to x.
     """
     s = jnp.asarray(c * x)
     near = jnp.abs(s) < 0.5
@@ -123,14 +95,6 @@ def opening_and_area(
 
     $$\frac{|y_0|}{Y} = g \int_0^x \frac{\phi(b,t)}{e^{-bt} + 2 g \phi(b,t)}\,dt, \qquad
       \frac{|E|}{\alpha Y^2} = 4 g \int_0^x \frac{\phi(b,t)^2}{e^{-bt} + 2 g \phi(b,t)}\,dt$$
-
-    Args:
-        x: Half-width 1 + |y_0|/Y [-].
-        b: (delta + |gamma|) Y [-].
-        g: |gamma| Y [-].
-
-    Returns:
-        |y_0|/Y and |E|/(alpha Y^2) [-].
     """
     nodes, weights = gauss_legendre(_NUM_NODES, 0.0, x)
     b, g = b[..., None], g[..., None]
@@ -145,13 +109,6 @@ def half_width(d: Float[Array, "..."], g: Float[Array, "..."]) -> Float[Array, "
 
     The residual is concave and increasing, so Newton's iteration from x = 1 is monotone; its
     slope lies in [1/2, 1]. Derivatives follow from the root's equation, not from the iteration.
-
-    Args:
-        d: delta Y [-].
-        g: |gamma| Y [-].
-
-    Returns:
-        Half-width [-].
     """
 
     def newton(_: int, x: Array) -> Array:
@@ -190,15 +147,6 @@ def loop_harmonics(
     On unloading, 0 < theta < pi, z/(alpha Y) = cos(theta) - opening - lag. The first two terms are
     integrated by hand, so that the harmonics stay accurate where the lag is small; the imaginary
     part of the first one is the area over pi.
-
-    Args:
-        d: delta Y [-].
-        gamma: gamma Y, signed [-].
-        opening: y_0/Y, signed [-].
-        area: E/(alpha Y^2), signed [-].
-
-    Returns:
-        Complex peak amplitudes [-].
     """
     turn = jnp.arccos(opening)
     segments = (
@@ -226,15 +174,6 @@ def unloading_lag(
     r"""What hysteresis takes from the elastic line on unloading.
 
     $$y - y_0 - Z/\alpha, \qquad Z = Z_1 \text{ for } y > y_0, \quad Z_2 \text{ for } y < y_0$$
-
-    Args:
-        y: Displacement.
-        y_open: Threshold y_0, in the unit of y.
-        delta: Softening, in the inverse unit of y.
-        gamma: Opening, in the inverse unit of y.
-
-    Returns:
-        Lag, in the unit of y.
 
     Reference:
         Eqs. (3), (4).

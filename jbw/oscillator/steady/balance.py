@@ -39,16 +39,7 @@ def unpack(packed: Packed) -> Complex[Array, " harmonic"]:
 
 
 def linear_response(joint: Oscillator, omega: Scalar, num_harmonics: int) -> Packed:
-    r"""Response of the sticking joint to a unit load, q_1 = 1/(1 - Omega^2 + 2 j zeta Omega).
-
-    Args:
-        joint: Dimensionless oscillator; its laws have no influence.
-        omega: Omega [-].
-        num_harmonics: Number of odd harmonics.
-
-    Returns:
-        Packed harmonics [-].
-    """
+    r"""Response of the sticking joint to a unit load, q_1 = 1/(1 - Omega^2 + 2 j zeta Omega)."""
     first = np.arange(num_harmonics) == 0
     return pack(jnp.where(first, 1.0 / _dynamic_stiffness(joint, omega, np.ones(1)), 0.0))
 
@@ -67,16 +58,6 @@ def imbalance(
     where r = F - K y, so that the stiffness omega_n^2 of the sticking joint is not split. How its
     harmonics come is each law's own: Bouc-Wen's by quadrature between the turning points and zeros
     of z, whose steady value at the turning points is solved for, not marched.
-
-    Args:
-        joint: The oscillator.
-        omega: Angular frequency.
-        q: Complex amplitudes of the odd orders of y.
-        load: Those u_n of the input.
-        max_turns: Turning points of y allowed in a period.
-
-    Returns:
-        R_n, in the unit of `load`.
     """
     left = _dynamic_stiffness(joint, omega, orders(q.shape[0])) * q - load
     return reduce(add, (law.harmonics(q, max_turns) for law in joint.laws), left)
@@ -124,16 +105,7 @@ def refined(
 
 
 def residual(packed: Packed, problem: tuple[Oscillator, Scalar], max_turns: int) -> Packed:
-    """Imbalance of the dimensionless oscillator under cos(Omega theta).
-
-    Args:
-        packed: Packed harmonics of y [-].
-        problem: Dimensionless oscillator and Omega.
-        max_turns: Turning points of y allowed in a period.
-
-    Returns:
-        Packed residuals [-].
-    """
+    """Imbalance of the dimensionless oscillator under cos(Omega theta)."""
     joint, omega = problem
     q = unpack(packed)
     return pack(imbalance(joint, omega, q, orders(q.shape[0]) == 1, max_turns))
@@ -147,16 +119,8 @@ def balance(
 
     The full load is tried at once from `start`; where that fails, the load rises from the linear
     response in steps, halved on failure and doubled on success. The derivatives are implicit, so
-    they cost one linear solve and know nothing of the path.
-
-    Args:
-        joint: Dimensionless oscillator.
-        omega: Omega [-].
-        start: Packed harmonics for the first try; carries no derivative.
-        max_turns: Turning points of y allowed in a period.
-
-    Returns:
-        Packed harmonics at the largest load reached, and that load, 1 where converged [-].
+    they cost one linear solve and know nothing of the path. Returned with the load reached, 1 where
+    converged.
     """
     linear = linear_response(joint, omega, start.shape[1])
 
@@ -200,17 +164,7 @@ def _balance_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple:
 def newton(
     joint: Oscillator, omega: Scalar, start: Packed, max_turns: int
 ) -> tuple[Packed, Bool[Array, ""]]:
-    """Newton's iteration for the residual from `start`, at full load.
-
-    Args:
-        joint: Dimensionless oscillator.
-        omega: Omega [-].
-        start: Packed harmonics to start from.
-        max_turns: Turning points of y allowed in a period.
-
-    Returns:
-        Packed harmonics and whether the iteration converged.
-    """
+    """Newton's iteration for the residual from `start`, at full load."""
     solution = optimistix.root_find(
         lambda packed, problem: residual(packed, problem, max_turns),
         optimistix.Newton(rtol=_TOLERANCE, atol=_TOLERANCE),
@@ -239,14 +193,6 @@ def dimensionless(
 
     $$\Omega = \omega/\omega_n, \quad \ell = A/\omega_n^2, \quad
       F(\ell q)/A, \quad y = \ell q$$
-
-    Args:
-        oscillator: The oscillator.
-        omega: Angular frequency [rad/s].
-        amplitude: Amplitude A of the force [N/kg].
-
-    Returns:
-        Dimensionless oscillator, Omega, A/omega_n^2 [m].
     """
     stiffness = oscillator.omega_n**2
     length = jnp.asarray(amplitude / stiffness)
@@ -256,14 +202,6 @@ def dimensionless(
 
 
 def loaded(oscillator: Oscillator, load: Scalar) -> Oscillator:
-    """The dimensionless oscillator under a part of its load.
-
-    Args:
-        oscillator: Dimensionless oscillator.
-        load: The part, from 0 to 1 [-].
-
-    Returns:
-        Dimensionless oscillator, in the unit of displacement of that load.
-    """
+    """The dimensionless oscillator under a part of its load."""
     laws = tuple(law.scaled(load, 1.0) for law in oscillator.laws)
     return Oscillator(oscillator.omega_n, oscillator.zeta, laws)

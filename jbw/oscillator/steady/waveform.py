@@ -22,15 +22,7 @@ def orders(num_harmonics: int) -> Float[np.ndarray, " harmonic"]:
 
 
 def exponentials(theta: Float[Array, "..."], num_harmonics: int) -> Complex[Array, "... harmonic"]:
-    r"""The basis exp(j n theta), by products, doubling the number of orders each time.
-
-    Args:
-        theta: Angles [rad].
-        num_harmonics: Number of odd orders.
-
-    Returns:
-        exp(j n theta) along a new last axis.
-    """
+    r"""The basis exp(j n theta), by products, doubling the number of orders each time."""
     powers = jnp.exp(1j * theta)[..., None]
     while (known := powers.shape[-1]) < num_harmonics:
         shift = jnp.exp(2j * known * theta)[..., None]
@@ -41,16 +33,7 @@ def exponentials(theta: Float[Array, "..."], num_harmonics: int) -> Complex[Arra
 def synthesis(
     q: Complex[Array, " harmonic"], theta: Float[Array, "..."], derivative: int = 0
 ) -> Float[Array, "..."]:
-    r"""Motion or a derivative by theta, Re sum (j n)^m q_n exp(j n theta).
-
-    Args:
-        q: Complex amplitudes of the odd orders.
-        theta: Angles [rad].
-        derivative: Order m of the derivative.
-
-    Returns:
-        The motion, in the unit of `q`.
-    """
+    r"""Motion or a derivative by theta, Re sum (j n)^m q_n exp(j n theta)."""
     basis = exponentials(theta, q.shape[0])
     return jnp.sum(basis * (1j * orders(q.shape[0])) ** derivative * q, -1).real
 
@@ -59,12 +42,6 @@ def crest(q: Complex[Array, " harmonic"]) -> Float[Array, ""]:
     r"""Angle of the largest displacement.
 
     Its first derivative by `q` is exact; with it, so are two derivatives of y at the crest.
-
-    Args:
-        q: Complex amplitudes of the odd orders.
-
-    Returns:
-        Angle theta_t, modulo 2 pi, where y' = 0 and y = max |y| [rad].
     """
     theta, basis = _half_grid(q.shape[0])
     y = jnp.real(basis @ q)
@@ -76,14 +53,7 @@ def crest(q: Complex[Array, " harmonic"]) -> Float[Array, ""]:
 
 
 def num_turns(q: Complex[Array, " harmonic"]) -> Int[Array, ""]:
-    """Number of turning points of y in a period, counted on a grid.
-
-    Args:
-        q: Complex amplitudes of the odd orders.
-
-    Returns:
-        Sign changes of y'; 2 for a simple loop.
-    """
+    """Number of turning points of y in a period, counted on a grid."""
     _, basis = _half_grid(q.shape[0])
     slope = jnp.real(basis @ (1j * orders(q.shape[0]) * q))
     rising = jnp.append(slope, -slope[0]) > 0.0
@@ -98,13 +68,6 @@ def odd_harmonics(force: Restoring, q: Complex[Array, " harmonic"]) -> Complex[A
 
     The other half of the period mirrors this one. Exact for polynomials to degree 7; for other
     smooth forces the error falls exponentially with the number of points.
-
-    Args:
-        force: Odd function of the displacement.
-        q: Complex amplitudes of the H odd orders of y.
-
-    Returns:
-        Complex amplitudes of f, in its unit.
     """
     _, basis = _half_grid(q.shape[0])
     return 2.0 / basis.shape[0] * (jnp.asarray(force(jnp.real(basis @ q))) @ basis.conj())
@@ -147,16 +110,7 @@ def angle_of(
 def gauss_legendre(
     num_nodes: int, lower: Real[ArrayLike, "..."], upper: Real[ArrayLike, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Nodes and weights on [lower, upper], exact for polynomials of degree 2 num_nodes - 1.
-
-    Args:
-        num_nodes: Number of nodes.
-        lower: Lower ends of the segments.
-        upper: Upper ends of the segments.
-
-    Returns:
-        Nodes and weights, along a new last axis.
-    """
+    """Nodes and weights on [lower, upper], exact for polynomials of degree 2 num_nodes - 1."""
     nodes, weights = _rule(num_nodes)
     lower, upper = jnp.broadcast_arrays(jnp.asarray(lower, float), jnp.asarray(upper, float))
     width = (upper - lower)[..., None]
