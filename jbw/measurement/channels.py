@@ -10,11 +10,7 @@ Complexes = NDArray[np.complex128]
 
 
 def channel(x: ArrayLike, name: str) -> Reals:
-    """Samples as float64 of shape (time,) or (repeat, time), every one finite.
-
-    Raises:
-        DataError: Not real numbers, not one or two axes, empty, or with NaN or infinity.
-    """
+    """Samples as finite float64 of shape (time,) or (repeat, time); a DataError otherwise."""
     try:
         samples = np.asarray(x)
         if np.iscomplexobj(samples):

@@ -34,13 +34,8 @@ refusal, doubt = partial(Fault, "error"), partial(Fault, "warning")
 
 
 def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> tuple[Fault, ...]:
-    """Everything that the checks below find in a record, errors first.
-
-    Args:
-        record: What was read.
-        masked: Whether samples that are NaN are left out by their mask instead of refused.
-        is_curve: Whether frequencies, where there are any, are the lines of a curve.
-    """
+    """All that the checks find, errors first; `masked` samples that are NaN are not refused."""
+    # `is_curve` tells whether frequencies, where there are any, are the lines of a curve.
     found, lengths = [], {role: len(x) for role, x in record.channels.items()}
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"`{role}` has {n}" for role, n in lengths.items())
@@ -145,11 +140,9 @@ def _signal(role: str, x: Reals, fs: float) -> Iterator[Fault]:
 
 
 def _clipped(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:
-    """Stretches of three or more samples cut off flat at an extreme.
-
-    A smooth peak of few bits is flat too, but falls off it by about one step of the converter;
-    a clipped one falls faster.
-    """
+    """Stretches of three or more samples cut off flat at an extreme."""
+    # A smooth peak of few bits is flat too, but falls off it by about one step of the converter;
+    # a clipped one falls faster.
     runs = []
     for extreme in (x.max(), x.min()):
         at = np.flatnonzero(x == extreme)

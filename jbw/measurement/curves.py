@@ -11,10 +11,7 @@ from jbw.quantities import derivative_order
 
 
 class ResponseCurve(NamedTuple):
-    """Measured harmonic response at one level: amplitudes against frequency, line by line.
-
-    The excitation may vary along the curve, as it does where a controller holds the response.
-    """
+    """Measured harmonic response, line by line; a controller may vary the excitation along it."""
 
     freq_hz: Reals  # excitation frequencies, in the order of the file [Hz]
     source: Reals  # peak amplitude of the excitation, whose phase is zero
@@ -50,12 +47,7 @@ def response_curve(record: Record) -> ResponseCurve:
 
 
 def displacement_of(curve: ResponseCurve) -> Complexes:
-    r"""Complex peak displacement of a curve [m].
-
-    $$Y = X / (j \omega)^p$$
-
-    with p = 0, 1, 2 for a displacement, velocity or acceleration.
-    """
+    """Complex peak displacement [m], Y = X / (j omega)^p; p of velocity is 1, of acceleration 2."""
     omega = 2 * np.pi * curve.freq_hz
     return curve.response / (1j * omega) ** derivative_order(curve.response_kind)
 

@@ -64,9 +64,6 @@ def demodulate(x: Float[np.ndarray, " time"], chosen: BandFilter) -> tuple[Reals
     $$x(t) = \mathrm{Re}\,X(t)\,e^{j\omega_0 t}$$
 
     where the filter lies wholly inside the record; time counts from its first sample.
-
-    Raises:
-        DataError: If the record is shorter than the filter.
     """
     if len(x) <= 2 * chosen.half:
         raise DataError(

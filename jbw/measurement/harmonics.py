@@ -22,10 +22,7 @@ NEAREST_BINS = 64
 
 @dataclass(frozen=True)
 class Harmonics:
-    """Steady harmonics y(t) = Re sum Y_n exp(j n omega t), t counted from the first sample given.
-
-    The noise may be coloured: its level is read beside each harmonic.
-    """
+    """Steady harmonics y(t) = Re sum Y_n exp(j n omega t), t counted from the first sample."""
 
     omega: float  # angular frequency of the first harmonic [rad/s]
     amplitudes: Complexes  # peak, of orders 1..n, shape (..., harmonic) [m]
@@ -146,10 +143,7 @@ def sine_fit(y: Reals, t: Reals, tones: Tones) -> SineFit:
 
 
 def _design(t: Reals, tones: Tones) -> Reals:
-    """Rows cos and -sin of every tone in turn, a constant and a trend, shape (unknown, time).
-
-    With -sin, c + js is the complex amplitude.
-    """
+    """Rows cos and -sin of every tone (c + js is complex amplitude), constant and trend."""
     turn = np.tile(np.exp(-1j * tones.omega * t), (tones.num_harmonics, 1))
     turning = np.multiply.accumulate(turn)
     others = np.exp(-1j * np.outer(np.asarray(tones.also, float), t))
@@ -183,10 +177,8 @@ def _fitted(y: Reals, design: Reals, tones: Tones) -> SineFit:
 
 
 def _covariance(fit: SineFit, fs: float, omega: Reals) -> Reals:
-    """Covariance of (Re Y_1, Im Y_1, ...) for noise that may be coloured.
-
-    (X^T X)^-1, scaled by the residual's level beside each harmonic as if it were white there.
-    """
+    """Covariance of (Re Y_1, Im Y_1, ...) for noise that may be coloured."""
+    # (X^T X)^-1, scaled by the residual's level beside each harmonic as if it were white there.
     num_samples = fit.residual.shape[-1]
     # The Hann window keeps strong remains elsewhere (hum, other tones) out of the local bins.
     w = np.sin(np.pi * (np.arange(num_samples) + 0.5) / num_samples) ** 2

@@ -75,10 +75,7 @@ def integrate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:
 
 
 def differentiate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:
-    r"""Derivative by time inside a stated band: j omega X(omega).
-
-    The upper edge bounds the noise, which grows with frequency. The rest as in `integrate`.
-    """
+    """Derivative by time inside a band, j omega X(omega); its upper edge bounds the noise."""
     return _in_band(x, fs, band, lambda omega: 1j * omega)
 
 
@@ -112,10 +109,7 @@ def _gain(f: Reals, low: float, high: float) -> Reals:
 
 
 def continued(x: Reals, reach: int) -> Reals:
-    """Samples (..., time) with `reach` predicted ones before and after, fading to their mean.
-
-    Sums of steady or decaying tones continue as they were; what cannot be predicted fades out.
-    """
+    """Samples (..., time) with `reach` predicted ones before and after, fading to their mean."""
     mean = x.mean(axis=-1, keepdims=True)
     fade = np.cos(np.linspace(0, np.pi / 2, reach)) ** 2
     rows = (x - mean).reshape(-1, x.shape[-1])
@@ -137,11 +131,8 @@ def _predicted(x: Reals, num_samples: int) -> Reals:
 
 
 def _burg(x: Reals, order: int) -> Reals:
-    """Coefficients (1, a_1, ..., a_p) of sum_i a_i x[n - i] = e[n] by Burg's method: stable.
-
-    Reference:
-        J. P. Burg, Maximum entropy spectral analysis, PhD thesis, Stanford (1975).
-    """
+    """Coefficients (1, a_1, ..., a_p) of sum_i a_i x[n - i] = e[n] by Burg's method: stable."""
+    # J. P. Burg, Maximum entropy spectral analysis, PhD thesis, Stanford (1975).
     forward, backward = x[1:], x[:-1]
     a = np.ones(1)
     for _ in range(order):

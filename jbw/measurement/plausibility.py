@@ -26,18 +26,8 @@ MASS_FACTOR = 3.0  # between the modal mass seen and the one given; more is a wr
 def doubts(
     record: Record, band_hz: tuple[float, float] | None, delay: float, per_unit: float | None
 ) -> Iterator[Fault]:
-    """What is doubtful in a record under broad-band excitation.
-
-    Wrong fs or band, channels swapped, input and response that have little to do with each other,
-    a record too short to resolve the damping, a response of the wrong size or sign.
-
-    Args:
-        record: A noise or multisine record.
-        band_hz: Where the campaign file says that the resonance is [Hz].
-        delay: Lag of the response channel behind the input channel [s].
-        per_unit: Force per modal mass for one unit of the input, where the campaign knows it:
-            the gain [N/kg/V], or one over the modal mass [1/kg].
-    """
+    """What is doubtful in a noise or multisine record: fs, band, channels, length, size, sign."""
+    # `per_unit` is force per modal mass for one unit of the input: a gain [N/kg/V] or 1/m [1/kg].
     if not any(role in record.channels for role in INPUTS):
         return
     try:

@@ -17,11 +17,7 @@ LARGE_SOURCE = 0.1
 
 @dataclass(frozen=True)
 class ThirdOrder:
-    """Third-order kernel on its leading diagonal, as measured at one probing frequency.
-
-    Amplitudes are complex peak values, one a repeat; the input's unit is that of `u` (volts if `u`
-    is in volts).
-    """
+    """Third-order kernel on its leading diagonal; amplitudes are complex peaks, one a repeat."""
 
     omega: float  # probing frequency [rad/s]
     h3: Complexes  # H3 = 4 Y(3 omega) / A^3 [m per unit^3]

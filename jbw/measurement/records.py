@@ -175,13 +175,7 @@ def _cut(record: Record, start: int, size: int) -> Record:
 
 
 def si_of(role: str, unit: str) -> tuple[float, str, str]:
-    """Factor to SI and SI unit of a channel in `unit`, and the source that it is per unit of.
-
-    That is `force` or `input` where a response's unit is a ratio such as `m/s^2/N`, else empty.
-
-    Raises:
-        ConfigError: The unit is unknown or measures something else than the role.
-    """
+    """Factor to SI, SI unit, and the role of the source (force, input) that a ratio is per."""
     above, _, below = (part.strip("()") for part in plain(unit).rpartition("/"))
     if role in RESPONSES and above in FACTORS[role]:
         for source in ("force", "input"):

@@ -22,11 +22,7 @@ DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
 def unsteady(
     record: Record, tones_hz: Sequence[float], settle: float, dwell: float | None
 ) -> Iterator[Fault]:
-    """Whether tones or steps had settled, and their third harmonic stands above the noise.
-
-    The tones are present at once, where `dwell` is None, or in turn for `dwell` seconds each;
-    `settle` seconds are discarded first, of the record or of each step.
-    """
+    """Whether tones, or steps of `dwell` seconds, settled and order 3 is above the noise."""
     y, role, fs = record.channels[record.response], record.response, record.fs
     fitted, refused = [], []
     for i, tone in enumerate(tones_hz):
@@ -76,11 +72,7 @@ def _named(fitted: Sequence[Harmonics]) -> str:
 
 
 def impassive(curve: ResponseCurve) -> Iterator[Fault]:
-    r"""Doubts about signs and units of a curve.
-
-    The force does the work per cycle $-\pi F\,\mathrm{Im}\,Y$, which a passive structure takes in,
-    and the phase of the response falls with frequency through a resonance.
-    """
+    """Doubts about signs and units: work -pi F Im Y must be taken in, and the phase must fall."""
     role = curve.response_kind
     if len(curve.freq_hz) < FEWEST_LINES:
         yield refusal(
@@ -134,12 +126,7 @@ def phase_in_degrees(phase: Reals) -> Iterator[Fault]:
 
 
 def gives_energy(loop: ForcedLoop) -> Iterator[Fault]:
-    r"""The doubt that a forced loop is traversed the wrong way round.
-
-    $$W = \int F\,dy$$
-
-    is what the joint takes in; over whole loops it cannot be negative.
-    """
+    """The doubt that a loop is traversed the wrong way: W = int F dy over it is negative."""
     work = float(np.trapezoid(loop.force, loop.displacement))
     stored = float(np.ptp(loop.force) * np.ptp(loop.displacement)) / 8  # of a spring, at its most
     if work <= -stored:

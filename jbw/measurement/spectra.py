@@ -226,10 +226,8 @@ def stands_out(h: Complexes) -> bool:
 
 
 def _warn_when_coarse(estimate: FRF) -> None:
-    """Warn when the highest peak is hardly wider than the window's own.
-
-    A boxcar is for whole periods, whose lines are exact however far apart they are.
-    """
+    """Warn when the highest peak is hardly wider than the window's own."""
+    # A boxcar is for whole periods, whose lines are exact however far apart they are.
     if estimate.window == "boxcar":
         return
     seen = half_power_bandwidth(estimate.freq, estimate.h)
@@ -248,10 +246,7 @@ def _warn_when_coarse(estimate: FRF) -> None:
 
 
 def half_power_bandwidth(freq: Reals, h: Complexes) -> float:
-    """Width of the highest peak at half its power [Hz]; infinite when it does not fall so low.
-
-    The power is taken as linear between the lines.
-    """
+    """Width of the highest peak at half its power, linear between lines [Hz]; may be infinite."""
     power = np.abs(h) ** 2
     top = int(np.argmax(power))
     below = power < power[top] / 2

@@ -117,11 +117,7 @@ class PlanTable(Table):
 
 @cache
 def plan_table(laws: tuple[str, ...] = DEFAULT_LAWS) -> type[PlanTable]:
-    """The [plan] table of a joint with these laws, whose parameters are keys too.
-
-    Raises:
-        ConfigError: An unknown law, or laws that cannot stand beside each other.
-    """
+    """The [plan] table of a joint with these laws, whose parameters are keys too."""
     fields: dict[str, Any] = {}
     for quantity in quantities_of(laws):
         kind: Any = AnyRange if quantity.least is None else PositiveRange
@@ -166,10 +162,7 @@ def read_description(path: Path, *, of_run: bool = False) -> Description:
 
 
 def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Description:
-    """Check the text of a plan file; all that is wrong is told at once.
-
-    Where it is `of_run`, a run tells the joint, so that the file must not.
-    """
+    """Check the text of a plan file, all faults at once; a run tells the joint itself."""
     document = document_of(source, file)
     errors = unknown_tables(document, TABLES)
     joint = checked(Joint, document.get("joint", {}), "[joint]", errors) or Joint()

@@ -28,19 +28,13 @@ class Modes(NamedTuple):
 
 
 def modes(precision: Matrices, information: Matrices) -> Modes:
-    r"""Modes of a prior P and of the information F of one repeat, joint by joint.
-
-    $$F w_k = f_k P w_k, \qquad w_k^T P w_k = 1$$
-    """
+    """Modes F w_k = f_k P w_k, w_k^T P w_k = 1 of a prior P and the information F, by joint."""
     values, vectors = zip(*(eigh(told, precision) for told in information), strict=True)
     return Modes(np.maximum(values, 0.0), np.square(vectors))
 
 
 def spread(found: Modes, repeats: float) -> Float[np.ndarray, "joint parameter"]:
-    r"""Standard deviation of each parameter after R repeats, relative to its value.
-
-    $$\mathrm{CV}_i^2 = [(P + R F)^{-1}]_{ii} = \sum_k \frac{w_{ik}^2}{1 + R f_k}$$
-    """
+    """Coefficients of variation, CV_i^2 = [(P + R F)^-1]_ii = sum_k w_ik^2 / (1 + R f_k)."""
     return np.sqrt(np.sum(found.shares / (1.0 + repeats * found.values[..., None, :]), axis=-1))
 
 
@@ -57,10 +51,7 @@ def worst_decile(values: Float[np.ndarray, " joint *n"]) -> Float[np.ndarray, "*
 
 
 def repeats_needed(found: Modes, wanted: list[int], cv: float, most: int) -> int | None:
-    """Fewest repeats, from 1 on, after which nine joints in ten know what is wanted to the CV.
-
-    None where the `most` repeats that are admitted do not suffice.
-    """
+    """Fewest repeats after which nine joints in ten meet the CV; None where `most` do not."""
 
     def enough(repeats: int) -> bool:
         return bool(np.all(worst_decile(spread(found, repeats))[wanted] <= cv))
@@ -142,10 +133,8 @@ def expected(
 
 
 def _undetermined(beliefs: Beliefs, precision: Matrices, wanted: Sequence[int]) -> tuple[str, ...]:
-    """Which combination of parameters is all that the tests determine; none where all are.
-
-    Told at the joint whose wanted parameters are known as well as at half of the joints.
-    """
+    """Which combination of parameters is all that the tests determine; none where all are."""
+    # Told at the joint whose wanted parameters are known as well as at half of the joints.
     left = covariance(precision)
     poorest = np.max(np.diagonal(left, axis1=1, axis2=2)[:, list(wanted)], axis=1)
     i = int(np.argsort(poorest)[len(poorest) // 2])
@@ -166,13 +155,10 @@ def ordered(rows: Sequence[Row]) -> tuple[Row, ...]:
 
 
 def combine(prospects: Sequence[Prospect], beliefs: Beliefs, wish: Wish) -> Combination:
-    """Repeats of candidates, one at a time, until the wish is met, and then without the needless.
-
-    Each step adds the repeat that gains most about the wanted parameters for a second of
-    measuring, on an average over the joints. What no longer is needed at the end, because a later
-    test told more, is taken away again, the longest first. There are as many repeats in all as the
-    wish admits of one test.
-    """
+    """Repeats of candidates, one at a time, until the wish is met."""
+    # Each step adds the repeat that gains most about the wanted parameters for a second of
+    # measuring, on an average over the joints. What no longer is needed at the end, because a later
+    # test told more, is taken away again, the longest first.
     wanted = [beliefs.names.index(name) for name in wish.wanted]
     seconds = np.array([prospect.candidate.seconds for prospect in prospects])
     counts = np.zeros(len(prospects), int)

@@ -188,10 +188,8 @@ def rig_of(tree: xr.DataTree) -> Rig:
 
 
 def _noise(posterior: xr.Dataset) -> Noise | None:
-    """Median over levels and draws of the noise of a sample.
-
-    That of free decays, which were filtered, and that of harmonics are none of a sample.
-    """
+    """Median over levels and draws of the noise of a sample."""
+    # That of free decays, which were filtered, and that of harmonics are none of a sample.
     for name, values in posterior.data_vars.items():
         response = RESPONSE_OF.get(in_dialect(str(values.attrs.get("units", ""))))
         sampled = str(values.dims[-1]).startswith("level")

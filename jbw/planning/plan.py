@@ -111,12 +111,7 @@ class Expected:
 
 @dataclass(frozen=True)
 class Row:
-    """One candidate.
-
-    The status is "ok"; "too few", where no admitted number of repeats suffices; "not feasible",
-    where a joint exceeds the largest displacement or input; or "not predicted", where no response
-    was found at some joint.
-    """
+    """One candidate; its status is "ok", "too few", "not feasible" or "not predicted"."""
 
     test: str  # in words
     level: float  # peak of the input [V, N or N/kg]

@@ -88,10 +88,7 @@ def sampling_for(natural_hz: float) -> float:
 
 
 def displacement_for(beliefs: Beliefs) -> float:
-    r"""Displacement at which the joint slides [m], such as $1 / \delta$.
-
-    The first parameter of the laws that is a length, or one over a length.
-    """
+    """Displacement at which the joint slides [m]: the laws' first length, such as 1 / delta."""
     for quantity in quantities_of(beliefs.laws):
         if quantity.unit in ("m", "1/m"):
             value = float(np.abs(np.median(beliefs.joints[quantity.name])))
@@ -103,11 +100,7 @@ def displacement_for(beliefs: Beliefs) -> float:
 
 
 def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[Candidate]:
-    """Candidates of every kind that is asked for.
-
-    Levels that are not given aim at parts of the largest displacement, at the joint that responds
-    most.
-    """
+    """Candidates of every kind, by default aimed at parts of the largest displacement."""
     makers = {"sweep": _sweeps, "tones": _tones, "stepped": _steps}
     found = [one for kind, grid in grids.items() for one in makers[kind](grid, beliefs, reach)]
     for one in found:

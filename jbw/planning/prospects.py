@@ -49,11 +49,9 @@ def prospects(
     noise: Noise,
     report: Callable[[str], None] = lambda _: None,
 ) -> tuple[Prospect, ...]:
-    """Information and peak displacement of candidates at every joint.
-
-    Records of sweeps are filled up to the length of the longest, for each new length would be
-    compiled anew; what fills them up is not counted. `report` is called at every candidate.
-    """
+    """Information and peak displacement of candidates at every joint."""
+    # Records of sweeps are filled up to the length of the longest, for each new length would be
+    # compiled anew; what fills them up is not counted.
     sweeps = [one for one in candidates if isinstance(one, Sweep)]
     longest = max((one.num_samples for one in sweeps), default=0)
     found = []

@@ -36,21 +36,13 @@ from jbw.report import (
 
 
 class Entry(NamedTuple):
-    """One figure of the report.
+    """One figure of the report."""
 
-    Attributes:
-        slug: Its file name, without ending.
-        name: figure_1 to figure_13 as in the paper, or its own.
-        draw: The function of (tree, ax); its docstring begins with the other two.
-        question: What it answers, its title on the page.
-        caption: What is drawn and what to look for.
-    """
-
-    slug: str
-    name: str
-    draw: Callable[..., Any]
-    question: str
-    caption: str
+    slug: str  # its file name, without ending
+    name: str  # figure_1 to figure_13 as in the paper, or its own
+    draw: Callable[..., Any]  # of (tree, ax); its docstring begins with the other two
+    question: str  # what it answers, its title on the page
+    caption: str  # what is drawn and what to look for
 
 
 def _entry(slug: str, draw: Callable[..., Any]) -> Entry:
@@ -113,10 +105,7 @@ def save_figures(tree: xr.DataTree, folder: Path, dpi: int = 130) -> None:
 
 
 def svg(figure: Figure, name: str) -> str:
-    """Return a figure as an SVG element whose colours follow the page's light or dark theme.
-
-    The name makes its ids unlike those of the page's other figures.
-    """
+    """A figure as SVG in the page's light or dark theme; the name keeps its ids apart."""
     buffer = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "path", "svg.hashsalt": name}):
         figure.savefig(buffer, format="svg", transparent=True, dpi=160, metadata={"Date": None})

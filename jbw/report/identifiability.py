@@ -113,10 +113,7 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def directions_table(found: Row, known: Names) -> Table:
-    """The information spectrum, a row a direction, the strongest first.
-
-    `found` is `identifiability` of a summary, as it is for `quantities_table`.
-    """
+    """The information spectrum of a summary, a row a direction, the strongest first."""
 
     def direction(row: Row) -> Cell:
         return Cell(combination(row["combination"], known), typed=row["combination"])

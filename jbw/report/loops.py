@@ -27,20 +27,14 @@ Ring = Float[np.ndarray, " point+1"]
 
 
 class Areas(NamedTuple):
-    """Areas that a loop encloses, each as lower, median and upper of its 99 % band [J/kg].
-
-    The three of the measured loop agree where no band is known.
-    """
+    """Enclosed areas, lower, median, upper [J/kg]; the measured three agree without a band."""
 
     measured: Float[np.ndarray, "3"]
     model: Float[np.ndarray, "3"]
 
 
 def enclosed_areas(test: xr.Dataset, ending: str = "") -> Areas | None:
-    """Return the areas of the loops of one test of the validation, None where there are none.
-
-    The ending "_viscous" is that of the loops with the viscous force.
-    """
+    """The areas of the loops of one validated test, "_viscous" with that force; None without."""
     names = (f"measured_area{ending}", f"model_area{ending}")
     if any(name not in test for name in names):
         return None
@@ -196,10 +190,8 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def draw_loops(tree: xr.DataTree, only: Axes) -> None:
-    """Draw the hysteretic force of the identified joint along cycles of three amplitudes.
-
-    Where slip changes it by less than a fifth, only the change is drawn.
-    """
+    """Draw the hysteretic force of the identified joint along cycles of three amplitudes."""
+    # Where slip changes it by less than a fifth, only the change is drawn.
     found = branch(tree, BACKBONE, "loop_y", "loop_z", "loop_slip", "stuck")
     y = np.asarray(found["loop_y"].transpose("loop", "phase"), float)
     z, slip = (

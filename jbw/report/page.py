@@ -132,12 +132,7 @@ def _provenance(summary: Mapping[str, Any]) -> dict[str, str]:
 
 
 def write_interactive(tree: xr.DataTree, path: Path, campaign: str = "") -> None:
-    """Write the interactive figures of a run to a file, whole or not at all.
-
-    Raises:
-        ConfigError: If plotly is not installed.
-        DataError: If the result has nothing to draw.
-    """
+    """Write the interactive figures of a run to a file, whole or not at all."""
     write_whole(path, render_interactive(tree, campaign).encode())
 
 

@@ -38,10 +38,7 @@ LOOKS = {
 
 
 def prediction(name: str, dataset: xr.Dataset) -> Panels:
-    """Draw the bands of a test, as `jbw.verification.predict` gives them.
-
-    The figure is that of the report that shows such a test.
-    """
+    """Draw the bands of `jbw.verification.predict` by the report's figure for such a test."""
     if "axis" in dataset.attrs:
         return verification_groups(_tree(str(dataset.attrs["kind"]), {name: dataset}))
     variables = set(map(str, dataset.data_vars))

@@ -34,10 +34,7 @@ Samples = Float[np.ndarray, " time"]
 def extremes(
     time: Samples, lower: Samples, upper: Samples, count: int | None = COLUMNS
 ) -> tuple[Float[np.ndarray, " bin"], Float[np.ndarray, " bin"], Float[np.ndarray, " bin"]]:
-    """Return the least of `lower` and the largest of `upper` in each of `count` stretches.
-
-    Without a count they are returned as they are.
-    """
+    """The least of `lower` and the largest of `upper` in `count` stretches; None leaves them."""
     if count is None:
         return time, lower, upper
     size = max(1, -(-time.size // count))
@@ -54,10 +51,7 @@ def draw_record(
     count: int | None = None,
     measured: str = "_measured",
 ) -> None:
-    """Draw a record, by its label `measured`, and whatever bands it has, all `less` a curve.
-
-    Of so many stretches in `count` only the extremes are drawn; None draws point by point.
-    """
+    """Draw a record and what bands it has, all `less` a curve; extremes of `count` stretches."""
     time = np.asarray(part["time"], float)
     for name, colour, label in BANDS:
         if name in part:

@@ -18,11 +18,7 @@ TURN = 360.0  # degrees
 
 
 class Parameter(NamedTuple):
-    """The draws of one parameter, with what is known of it.
-
-    Name and symbol carry the index of an array's element; the box is the prior interval (lower,
-    upper), the truth what the rig was built with.
-    """
+    """Draws of a parameter or array element, with its prior box (lower, upper) and rig's truth."""
 
     name: str
     symbol: str
@@ -34,11 +30,7 @@ class Parameter(NamedTuple):
 
 
 def read_result(folder: Path) -> tuple[dict[str, Any], xr.DataTree]:
-    """Read the summary and the posterior of a run's folder.
-
-    Raises:
-        DataError: If either file is missing or cannot be read.
-    """
+    """Read the summary and the posterior of a run's folder, or raise a DataError."""
     for name in ("summary.json", "posterior.nc"):
         if not (folder / name).is_file():
             raise DataError(
@@ -66,11 +58,7 @@ def node(tree: xr.DataTree, path: str) -> xr.DataTree | None:
 
 
 def branch(tree: xr.DataTree, path: str, *needed: str) -> xr.Dataset:
-    """Return the group at `path` as a dataset that holds the variables `needed`.
-
-    Raises:
-        DataError: If the group or one of the variables is missing.
-    """
+    """The group at `path` as a dataset, or a DataError where it or a variable is missing."""
     found = node(tree, path)
     if found is None:
         raise DataError(f"The result has no group /{path.strip('/')}.")
@@ -80,11 +68,7 @@ def branch(tree: xr.DataTree, path: str, *needed: str) -> xr.Dataset:
 
 
 def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Dataset]]:
-    """Return the tests under `path` by name, in order of their level.
-
-    Raises:
-        DataError: If there is none, or one lacks a variable `needed`.
-    """
+    """The tests under `path` by name, in order of their level, or a DataError."""
     parent = node(tree, path)
     if parent is None or not parent.children:
         raise DataError(f"The result has no test under /{path.strip('/')}.")
@@ -104,11 +88,9 @@ def verified(tree: xr.DataTree, attribute: str) -> list[tuple[str, str, xr.Datas
 
 
 def names_of(tree: xr.DataTree, summary: Mapping[str, Any] | None = None) -> dict[str, Quantity]:
-    """Return symbol, unit and meaning of every parameter of a run, by name.
-
-    They stand in the attributes of its posteriors; what a run of jbw 0.1 did not write comes from
-    the tables of today. The summary may tell of steps that the tree lacks.
-    """
+    """Symbol, unit and meaning of every parameter of a run, by name."""
+    # What a run of jbw 0.1 did not write comes from the tables of today; a summary may tell of
+    # steps that the tree lacks.
     found = {}
     for group in tree.subtree:
         for name, values in group.data_vars.items() if group.name == "posterior" else ():
@@ -160,10 +142,8 @@ def _element(value: Any, index: int) -> float | None:
 
 
 def of_joint(group: xr.Dataset) -> list[Parameter]:
-    """Return the oscillator's and its laws' own parameters: no gain, no noise, no products.
-
-    The symbol of a product has several letters with spaces between them.
-    """
+    """The oscillator's and its laws' own parameters: no gain, no noise, no products."""
+    # The symbol of a product has several letters with spaces between them.
     return [each for each in parameters(group) if each.name != "gain" and " " not in each.symbol]
 
 
@@ -223,10 +203,8 @@ def wrap_band(phase: Any) -> Float[np.ndarray, "quantile freq"]:
 
 
 def unwrapped_band(phase: Any) -> Float[np.ndarray, "quantile freq"]:
-    """Return a phase band [rad] in degrees, its median continuous and centred within half a turn.
-
-    A velocity's phase then runs from 90 to -90 degrees, a force's from 0 to 180.
-    """
+    """A phase band [rad] in degrees: its median continuous and centred within half a turn."""
+    # A velocity's phase then runs from 90 to -90 degrees, a force's from 0 to 180.
     degrees = np.degrees(phase)
     middle = np.unwrap(degrees[1], period=TURN)
     centre = 0.5 * (np.nanmax(middle) + np.nanmin(middle))

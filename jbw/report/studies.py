@@ -18,10 +18,7 @@ STATUS = {"ok": style.GREEN, "failed": style.VERMILLION}
 
 
 def comparison(record: Mapping[str, Any], ax: Any = None) -> Panels:
-    """Draw the mean of every parameter by every sampler, and their effective draws a second.
-
-    The record is as `compare.json` holds it. Axes, in one column: one a parameter and one more.
-    """
+    """Draw means and effective draws a second, by sampler, of what `compare.json` holds."""
     names, count = record["parameters"], len(record["samplers"])
     axes = panels(ax, len(names) + 1, 1, height=(len(names) + 1) * (0.55 + ROW * count))
     for each, name in zip(axes[:-1, 0], names, strict=True):
@@ -31,10 +28,7 @@ def comparison(record: Mapping[str, Any], ax: Any = None) -> Panels:
 
 
 def means(record: Mapping[str, Any], parameter: str, ax: Axes | None = None) -> Axes:
-    """Draw one parameter's mean by every sampler, in the reference's standard deviations.
-
-    Bars are two Monte Carlo standard errors to either side.
-    """
+    """One parameter's mean by sampler +- 2 Monte Carlo errors, in the reference's deviations."""
     here = _one_line_each(record, ax)
     truth = record["samplers"][record["reference"]]["parameters"][parameter]
     here.axvline(0.0, color=style.SOFT, lw=0.8)

@@ -45,13 +45,7 @@ RC: Any = {
 
 
 def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) -> Panels:
-    """Return axes in `rows` by `columns`: those given, in reading order, or those of a new figure.
-
-    `height` is that of a new figure [in]; `layout` goes to `Figure.subplots`.
-
-    Raises:
-        ConfigError: If the number of axes given is not the number of panels.
-    """
+    """Axes, `rows` by `columns`: given, in reading order, or of a figure `height` high [in]."""
     if ax is not None:
         given = np.asarray(ax, dtype=object).reshape(-1)
         if given.size != rows * columns:
@@ -78,12 +72,8 @@ def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) ->
 def stacks(
     ax: Any, count: int, rows: int, *, height: float, **layout: Any
 ) -> tuple[Panels, list[Panels]]:
-    """Return all axes, and one stack of `rows` panels for each of `count` tests.
-
-    The stacks stand side by side, three of them at most, and then go on below, four in two
-    pairs; axes are given and returned row by row. `height` is that of one line of stacks [in];
-    the `height_ratios` of the layout are those of one stack.
-    """
+    """All axes, and a stack of `rows` panels for each of `count` tests; `height` of a line [in]."""
+    # Three of them stand side by side at most, but four in two pairs; axes go row by row.
     columns = 2 if count == 4 else min(count, 3)
     lines = -(-count // columns)
     if "height_ratios" in layout:
@@ -100,11 +90,7 @@ def stacks(
 
 
 def finish(axes: Panels, ax: Any, below: str = "", left: str | Sequence[str] = "") -> Panels:
-    """Label the lowest and the leftmost axes, put the legend in its place and return the axes.
-
-    Stacks of panels have a label at the left for each of theirs. One legend stands above the
-    panels of our own figure, or in the caller's first axes.
-    """
+    """Label the lowest and the leftmost axes, place the legend and return the axes."""
     labels = [left] * len(axes) if isinstance(left, str) else left
     for row, each in enumerate(axes):
         each[0].set_ylabel(labels[row % len(labels)] or each[0].get_ylabel())

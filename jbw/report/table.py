@@ -12,38 +12,23 @@ MARKS = {"good": "green", "doubt": "yellow", "bad": "bold red", "flag": "bold"}
 
 
 class Cell(NamedTuple):
-    """What stands in one place of a table.
+    """What stands in one place of a table."""
 
-    Attributes:
-        text: As people read it, on the page.
-        mark: good, doubt, bad or flag; empty for nothing special.
-        typed: As the terminal shows it, where that differs by more than its letters.
-    """
-
-    text: str
-    mark: str = ""
-    typed: str = ""
+    text: str  # as people read it, on the page
+    mark: str = ""  # good, doubt, bad or flag; empty for nothing special
+    typed: str = ""  # as the terminal shows it, where that differs by more than its letters
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column: what it is called, what it shows of a row, what that means.
+    """One column: what it is called, what it shows of a row, what that means."""
 
-    Attributes:
-        heading: Its heading with the unit, if any.
-        show: The row's text or cell.
-        meaning: What the numbers are, for the note below the page's table.
-        align: right, left, unit, or wrap for long text, and left wrap.
-        spared: Where the screen is narrow, the order in which columns go; 0 stays.
-        only: page or terminal, where it is not for both.
-    """
-
-    heading: str
-    show: Callable[[Any], str | Cell]
-    meaning: str = ""
-    align: str = "right"
-    spared: int = 0
-    only: str = ""
+    heading: str  # with the unit, if any
+    show: Callable[[Any], str | Cell]  # the row's text or cell
+    meaning: str = ""  # what the numbers are, for the note below the page's table
+    align: str = "right"  # right, left, unit, or wrap for long text, and left wrap
+    spared: int = 0  # where the screen is narrow, the order in which columns go; 0 stays
+    only: str = ""  # page or terminal, where it is not for both
 
     def cell(self, row: Any) -> Cell:
         """What it shows of a row."""
@@ -52,10 +37,7 @@ class Column:
 
 
 class Section(NamedTuple):
-    """Rows that belong together, with a name in the terminal and a heading on the page.
-
-    The badge is their status, the remark what else stands in their heading on the page.
-    """
+    """Rows that belong together, with a name, a status `badge` and on the page a `remark`."""
 
     rows: Sequence[Any]
     name: str = ""
@@ -66,11 +48,7 @@ class Section(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """A table: a title, columns and sections of rows.
-
-    The note is said of all of it, after the columns' meanings; `of` is what the sections are, such
-    as `step`: a column of the terminal's table.
-    """
+    """Columns and sections of rows, with a note on all; `of` is what sections are, as `step`."""
 
     title: str
     columns: tuple[Column, ...]

@@ -212,10 +212,7 @@ def _meet(row: Summary) -> str:
 
 
 def checks_table(tree: xr.DataTree, known: Names) -> Table:
-    """What the records themselves say: coherence, spread of repeats, the source.
-
-    A step that was not run has no check; its figure says so on the page.
-    """
+    """What the records themselves say: coherence, spread of repeats, the source."""
     rows: list[tuple[str, str, str]] = []
     with suppress(DataError):
         line = branch(tree, "steps/linear", "coherence", "h_magnitude")

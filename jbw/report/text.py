@@ -87,10 +87,7 @@ def axis_label(what: str, unit: str) -> str:
 
 
 def number(value: Any, sd: Any = None, digits: int = 3) -> str:
-    """Return a number to two significant digits of its `sd`, or else to `digits` of its own.
-
-    A missing or undefined value is a dash; very large and very small ones carry a power of ten.
-    """
+    """A number to two digits of its `sd`, or to `digits` of its own; a dash where undefined."""
     value, sd = _float(value), _float(sd)
     if value is None:
         return NOTHING

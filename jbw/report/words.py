@@ -88,11 +88,7 @@ def combination(text: str, known: Names) -> str:
 
 
 def identified_words(summary: Mapping[str, Any], known: Names) -> list[str]:
-    """Return which parameters the main posterior knows, roughly knows and does not know.
-
-    A parameter counts as known up to a standard deviation of 5 % of its mean, roughly up to 30 %;
-    one whose draws say less than half a nat more than its prior is the prior's.
-    """
+    """Which parameters are known (5 %), roughly known (30 %), or the prior's (half a nat)."""
     main = (summary.get("steps") or {}).get(summary.get("main")) or {}
     grades = (
         "Known, with its standard deviation",

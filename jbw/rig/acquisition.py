@@ -22,11 +22,7 @@ from jbw.rig.record_test import record_test
 
 @dataclass(frozen=True)
 class RigCampaign(Campaign):
-    """A campaign in memory, whose gain and modal mass the identification is to find.
-
-    Its channels are `input` [V] or `force` [N], and `velocity` [m/s]; of free decays the velocity
-    alone, of loops `displacement` [m] and `restoring_force` [N].
-    """
+    """A campaign in memory, whose gain and modal mass the identification is to find."""
 
     # What produced the data; for judging an identification, never for making one.
     truth: Mapping[str, Any] = field(default_factory=dict)

@@ -32,10 +32,7 @@ class Tone:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A linear sweep from rest, A sin(phi(t)), faded out by half a cosine, then silence.
-
-    The fade keeps the sampled record band-limited: a sweep cut at 40 Hz is not.
-    """
+    """A linear sweep from rest, A sin(phi(t)), faded out to stay band-limited, then silence."""
 
     start_hz: float  # frequency at t = 0 [Hz]
     stop_hz: float  # frequency at the end of the burst [Hz]
@@ -59,10 +56,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Steps:
-    """A stepped sine: each frequency in turn as A cos(2 pi f (t - t_step)), without a pause.
-
-    Whole periods in each dwell keep voltage and slope continuous from step to step.
-    """
+    """A stepped sine, A cos(2 pi f (t - t_step)) in turn, continuous by whole periods."""
 
     frequencies_hz: tuple[float, ...]  # frequencies in turn [Hz]
     level: float  # peak voltage A [V]
@@ -85,11 +79,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class Noise:
-    """White noise from 0 Hz to the Nyquist frequency: a sum of equal lines of random phase.
-
-    The lines repeat after a period longer than settling and record together, so a record is an
-    ordinary stretch of a stationary signal, periodic in no window.
-    """
+    """White noise to the Nyquist frequency: equal lines of random phase, periodic in no window."""
 
     level: float  # rms voltage [V]
     duration: float  # length of the record [s]
@@ -133,11 +123,7 @@ def analog(
     lag: float = 0.0,
     distortion: float = 0.0,
 ) -> Voltage:
-    """The excitation on a regular grid as fine as wanted, t_i = i / rate - lag.
-
-    The rate is a multiple of `fs` for noise and multisine, whose `phases` are from `draw_phases`;
-    distortion is the third harmonic of the others, relative to the level.
-    """
+    """The excitation at t_i = i / rate - lag; distortion is order 3 relative to the level."""
     if isinstance(excitation, Noise | Multisine):
         period = _period(excitation, phases, round(rate / fs), fs, lag * fs)
         return lambda i, j: period.take(np.arange(i, j), mode="wrap")

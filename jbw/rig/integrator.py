@@ -146,11 +146,7 @@ def specimen_of(joint: Joint | Specimen) -> Specimen:
 
 
 def forces_of(laws: Iterable[Law], number: Callable[[Any], Scalar] = float) -> tuple[Force, ...]:
-    """The rig's own forces of laws, every parameter made a number by `number`.
-
-    Raises:
-        ModelError: For a law or an exponent that the rig does not know.
-    """
+    """The rig's own forces of laws, every parameter made a number by `number`."""
     forces: list[Force] = []
     for law in laws:
         if (nu := getattr(law, "nu", 1.0)) != 1.0:
@@ -178,11 +174,8 @@ def runge_kutta(
     inputs: tuple[Array, Array, Array],
     h: Scalar,
 ) -> State:
-    """One classical Runge-Kutta step.
-
-    `settle` puts right what is not integrated of a state after a small step from `now`; `inputs`
-    are those at the beginning, in the middle and at the end of the step of h seconds.
-    """
+    """One classical Runge-Kutta step of h seconds; inputs at its beginning, middle and end."""
+    # `settle` puts right what is not integrated of a state after a small step from `now`.
 
     def moved(length: Scalar, slope: State) -> State:
         return settle(now, jax.tree.map(lambda x, s: x + length * s, now, slope))
@@ -203,11 +196,8 @@ def respond(
     num_samples: int,
     fs: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Displacement [m], velocity [m/s] and joint force beside the spring k [N/kg], from rest.
-
-    `force(i, j)` is the analog force per unit mass at grid points i .. j - 1, `GRID` to a sample
-    from t = 0 [N/kg]; the first of the samples is the state of rest.
-    """
+    """Displacement [m], velocity [m/s] and joint force beside the spring k [N/kg], from rest."""
+    # `force(i, j)` is the analog force per unit mass at points i .. j - 1, `GRID` a sample [N/kg].
     specimen = doubles(specimen_of(joint))
     state: State = doubles((0.0, 0.0, specimen.at_rest()))
     saved = []

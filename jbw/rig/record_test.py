@@ -51,11 +51,7 @@ class Bench:
 def record_test(
     plan: Plan, rig: Preset, days: Sequence[Specimen], conditions: Conditions
 ) -> list[tuple[Test, Sequence[Samples]]]:
-    """A planned test as recorded, and what was demanded of the source in each repeat [V or N].
-
-    It is one test, or one a day where the specimen differs from day to day; there are no demands
-    where the source is not recorded.
-    """
+    """A planned test as recorded, or one a day where days differ, and its demands [V or N]."""
     bench, excitation = Bench(plan, rig, conditions), plan.excitation
     demands: Sequence[Samples] = []
     if not isinstance(excitation, Growth | Held):
@@ -167,11 +163,8 @@ def _pulled(bench: Bench, growth: Growth, specimen: Specimen, repeat: int) -> Ch
 
 
 def _held(bench: Bench, held: Held, specimen: Specimen, repeat: int) -> Channels:
-    r"""A controller's curve, line by line.
-
-    A sine fitted to a dwell of T seconds keeps of a channel's noise $\sigma\sqrt{2 / (T f_s)}$ in
-    either part of its amplitude.
-    """
+    """A controller's curve, line by line."""
+    # A sine fitted to T seconds keeps sigma sqrt(2 / (T f_s)) of a channel's noise in either part.
     force = holding_force(specimen, held) / bench.rig.gain
     std = bench.conditions.force_noise_std * np.sqrt(2 / (held.dwell * bench.conditions.fs))
     real, imaginary = std * bench.stream(repeat, 1).standard_normal((2, force.size))

@@ -150,11 +150,9 @@ def _numbers_of(found: Calibration) -> dict[str, Any]:
 
 
 def suited(step: models.Step, name: str) -> tuple[Model, Sampler, Any]:
-    """A sampler for one posterior of many, with counts that suit a calibration.
-
-    Where time is stepped through, and for samplers that need it, least squares find the posterior
-    first; the others cross the whole box, so that nothing helps them that a campaign would not.
-    """
+    """A sampler for one posterior of many, with counts that suit a calibration."""
+    # Where time is stepped through, and for samplers that need it, least squares find the posterior
+    # first; the others cross the whole box, so that nothing helps them that a campaign would not.
     sampler, model = sampler_named(name), step.model
     size = len(model.box.names)
     if sampler.needs_fit and model.search is None:

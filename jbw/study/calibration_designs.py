@@ -43,11 +43,7 @@ LINE_NOISE = 0.01  # of the largest line, both components together
 
 
 class Design[Data: KernelData | Records](NamedTuple):
-    """Tests whose data are to be simulated, and what is known of them.
-
-    Of the reduced data only what the tests prescribe is used: frequencies or inputs, repeats, and
-    the noise of one repeat.
-    """
+    """Tests whose data are to be simulated; of reduced data, what the tests prescribe is used."""
 
     data: Data
     prior: Box  # of the parameters that are inferred

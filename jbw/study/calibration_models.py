@@ -56,11 +56,7 @@ class Step(NamedTuple):
 
 
 def third_order(design: Design[KernelData], *, known_noise: bool = False) -> Step:
-    """Step 3: zeta, alpha and delta from the kernel at the probing tones.
-
-    With `known_noise` the likelihood is told the noise, as (36) supposes; otherwise it has to learn
-    it from the repeats, as Step 3 does.
-    """
+    """Step 3: zeta, alpha, delta from the kernel, the noise learnt unless `known_noise` (36)."""
     data = design.data
     simulate = Partial(
         simulated_kernel.measured_kernel,
@@ -132,15 +128,8 @@ def calibrate_linear(
     num_replications: int = 1000,
     report: Callable[[int], None] = lambda done: None,
 ) -> Calibration:
-    r"""Rank omega_n, zeta and gain of Step 2 among draws of what line fits say of them.
-
-    $$\theta \mid D \sim N(\hat\theta, C)$$
-
-    with the fit's own covariance C. A fit that finds no resonance is a failure.
-
-    Reference:
-        Eqs. (23), (38), (39).
-    """
+    """Rank omega_n, zeta and gain of Step 2 in N(theta, C), the line fits' (23), (38), (39)."""
+    # A fit that finds no resonance is a failure.
     rows = []
     for i, one in enumerate(jax.random.split(key, num_replications)):
         rows.append(_line_replication(one, design, prior))
@@ -206,13 +195,8 @@ def motion(
     fs: float,
     laws: Iterable[str] = DEFAULT_LAWS,
 ) -> Float[Array, "time 2"]:
-    """Displacement and velocity under a force [N/kg] from rest, by classical Runge-Kutta steps.
-
-    The force between the samples is what their spectrum stands for; at rest at both ends.
-
-    Reference:
-        Eqs. (1), (2) with nu = 1, for Bouc-Wen's law.
-    """
+    """Displacement and velocity under a force [N/kg] from rest, Eqs. (1), (2), by Runge-Kutta."""
+    # The force between the samples is what their spectrum stands for; at rest at both ends.
     joint = oscillator_of(theta, laws)
     specimen = Specimen(joint.omega_n, joint.zeta, forces_of(joint.laws, jnp.asarray))
     h, size = 1 / (fs * STEPS), force.shape[-1]

@@ -35,11 +35,7 @@ def collect(
     report: Report,
     settings: Identify,
 ) -> xr.DataTree:
-    """Posteriors, verification and validation as the tree that is saved as `posterior.nc`.
-
-    The truth, where the campaign is virtual, is only written beside the draws; the seed is that of
-    the predictive noise.
-    """
+    """Posteriors, verification and validation as the tree that is saved as `posterior.nc`."""
     facts = xr.Dataset(attrs=found.main.posterior.attrs | basis_attrs(tests, found))
     groups: Groups = {"/": facts}
     if found.linear is not None:
@@ -107,10 +103,7 @@ def _kernel_groups(
 
 
 def _kernel_verification(found: KernelFit, posteriors: Mapping[str, xr.Dataset]) -> xr.Dataset:
-    """Measured third-order kernel of every repeat, (repeat, freq), against the bands of Step 3.
-
-    Posteriors by the prefix of their variables.
-    """
+    """Measured kernel of every repeat, (repeat, freq), against the bands of Step 3's samplers."""
     data, omega = found.data, np.asarray(found.data.omega)
     shown = [k for k in found.kernels if np.any(np.isclose(k.omega, omega))]
     repeats = min(len(k.h3) for k in shown)

@@ -27,11 +27,7 @@ MARKS = tuple(f"q{1000 * q:03.0f}" for q in QUANTILES)
 
 @dataclass(frozen=True)
 class Export:
-    """What `write_export` writes.
-
-    The parameters are in jbw's convention alone where the law is known by no other, or several
-    stand beside each other.
-    """
+    """What `write_export` writes; other conventions than jbw's only where they know the law."""
 
     parameters: list[dict[str, Any]]  # rows convention, parameter, unit, mean, sd and quantiles
     backbone: dict[str, NDArray[np.float64]]  # amplitude; frequency, damping, force with bands
@@ -40,17 +36,7 @@ class Export:
 
 
 def export(tree: xr.DataTree, mass: float = 1.0, y_max: float | None = None) -> Export:
-    """The joint in several conventions, and its frequency and damping against amplitude.
-
-    Args:
-        tree: The result, as `posterior.nc` holds it.
-        mass: Modal mass [kg]; with 1, forces are per kilogram.
-        y_max: Largest displacement of the backbone [m]; the largest measured when None.
-
-    Raises:
-        DataError: The main posterior lacks a parameter of the joint, or no amplitude is known.
-        ConfigError: The amplitude or mass is not positive.
-    """
+    """The joint in several conventions, of modal mass [kg], and its backbone up to `y_max` [m]."""
     laws = laws_of_run(tree)
     draws = thin(tree["posterior"].to_dataset(), NUM_DRAWS, laws=laws)
     needed = [name for name in parameter_names(laws) if name != "gain"]

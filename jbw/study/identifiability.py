@@ -189,11 +189,7 @@ def _contraction_words(narrowed: Mapping[str, float], texts: Mapping[str, str]) 
 
 
 def as_group(found: Identifiability) -> xr.Dataset:
-    """The group /identifiability of the run's tree.
-
-    Variables along direction, parameter, combination and start; and along parameter and point where
-    there are profiles, NaN beyond the end of a shorter one.
-    """
+    """The group /identifiability; NaN beyond the end of a shorter profile."""
     directions, names = found.information.directions, list(found.information.names)
     products = [each.name for each in found.products]
     texts, power, ratio, loadings = (

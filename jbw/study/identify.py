@@ -107,11 +107,8 @@ def _name_gain_unit(tests: Sequence[Test], found: Identification) -> None:
 
 
 def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
-    """What the summary says of each step, for the flow diagram.
-
-    Over (step): `verdict`, the least effective draws `ess` [-] and the largest `r_hat` [-]; NaN
-    where a step drew nothing. No durations: equal runs leave equal groups.
-    """
+    """What the summary says of each step, for the flow diagram; NaN where it drew nothing."""
+    # No durations: equal runs leave equal groups.
     steps = record["steps"]
     parameters = [(step.get("parameters") or {}).values() for step in steps.values()]
 

@@ -42,11 +42,7 @@ def claim(folder: Path) -> Path:
 
 
 def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
-    """Write posterior.nc and summary.json.
-
-    Both are made in a hidden folder beside their place and moved there when complete, the summary
-    last: a folder with `summary.json` holds a whole result.
-    """
+    """Write posterior.nc, then summary.json: a folder that holds that holds a whole result."""
     try:
         with writing(folder, "posterior.nc", "summary.json") as part:
             tree.to_netcdf(part / "posterior.nc", engine="h5netcdf")
@@ -90,10 +86,7 @@ def save_predictions(
 
 @contextmanager
 def writing(folder: Path, *names: str) -> Iterator[Path]:
-    """A hidden folder to write files and folders into, moved to their place when complete.
-
-    In the order of their names: the last of them is moved last.
-    """
+    """A hidden folder to write `names` into; in their order moved to their place when complete."""
     with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as name:
         yield Path(name)
         for made in names:

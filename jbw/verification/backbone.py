@@ -26,18 +26,10 @@ HERTZ, RATIO, BANDS = {"units": "Hz"}, {"units": "1"}, ("quantile", "amplitude")
 
 
 def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None:
-    r"""Natural frequency and equivalent damping against amplitude, and three steady loops.
+    """Frequency and equivalent damping against amplitude, and three steady loops of Eq. (2).
 
-    The loops are of the force Z of those laws that have a memory: down from the tip by the laws'
-    own moves, and up again as its mirror,
-
-    $$Z(y), \; -Y < y < Y \text{ on the way down}, \qquad Z(-y) = -Z(y)$$
-
-    Bands over (quantile, amplitude) and (quantile, loop, phase); None where the draws lack a
-    parameter of the joint, or no displacement is known.
-
-    Reference:
-        Eq. (2), its steady loop.
+    Their force Z, of the laws with a memory, goes down by their own moves and up by Z(-y) = -Z(y).
+    None where the draws lack a parameter of the joint, or no displacement is known.
     """
     needed = set(parameter_names(laws)) - {"gain"}
     if not needed <= set(draws) or not 0.0 < y_peak < np.inf:
@@ -97,13 +89,9 @@ def _unloading(
 def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws) -> xr.Dataset:
     r"""Frequency and damping against amplitude: read from free decays, and of the model.
 
-    $$X = \omega(Y)^p\,Y, \qquad \omega = \omega(Y), \quad \zeta_{eq} = \zeta_{eq}(Y)$$
+    $$X = \omega(Y)^p\,Y$$
 
-    with the backbone of the oscillator on the right and p the order of the measured derivative.
-    Readings over (record, piece) and bands over (quantile, amplitude).
-
-    Reference:
-        Equivalent stiffness and damping of the steady loop of Eq. (2), `oscillator.backbone`.
+    with omega(Y) of the oscillator's backbone and p the order of the measured derivative.
     """
     found = readings(test)
     pieces = min(len(one.amplitude) for one in found)

@@ -50,12 +50,7 @@ def band(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def gaussian_band(
     model: Float[np.ndarray, " draw *value"], noise_std: float | Float[np.ndarray, " *value"]
 ) -> NDArray[np.float64]:
-    r"""The 99 % band of what is to be measured: the draws' variance and the noise's together.
-
-    $$m \pm 2.576 \sqrt{\mathrm{var}_\theta + \sigma^2}$$
-
-    with the median m over draws; lower edge, median and upper edge along a new first axis.
-    """
+    """The 99 % band m -+ 2.576 sqrt(var_theta + sigma^2), with the median m over draws inside."""
     half = norm.ppf(QUANTILES[-1]) * np.sqrt(model.var(axis=0) + noise_std**2)
     median = np.median(model, axis=0)
     return np.stack([median - half, median, median + half])
@@ -89,10 +84,7 @@ def polar(
     phase: Mapping[str, str],
     dims: str | tuple[str, ...] = ("quantile", "freq"),
 ) -> dict[str, Any]:
-    """Variables `name_magnitude` and `name_phase` of complex values; over `quantile` their bands.
-
-    The phase is next to a reference; `magnitude` and `phase` are their attributes.
-    """
+    """Variables `name_magnitude` and `name_phase`, next to a reference; over `quantile` bands."""
     size, angle = np.abs(values), phase_near(values, reference)
     if "quantile" in dims:
         size, angle = band(size), band(angle)

@@ -67,13 +67,9 @@ def predict_curve(source: Source, test: Test) -> Predicted:
 
 
 def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
-    """Harmonics of several curves, all of them carried through the model at once.
-
-    Where a controller held the response the force is what is predicted, its phase counted from
-    the displacement; else the response, its phase counted from the source. Magnitudes and phases
-    over (freq) and (quantile, freq), of the third harmonic with the suffix `_3`; errors over real
-    and imaginary parts.
-    """
+    """Harmonics of all curves at once: of the force where a response was held, else of that."""
+    # The force's phase counts from the displacement, the response's from the source. Errors are
+    # over real and imaginary parts.
     if not curves:
         return []
     data = Points.of([group for curve in curves for group in curve.groups], laws=source.basis.laws)
@@ -140,11 +136,9 @@ def _forces(theta: Mapping[str, Array], data: Points) -> Complex[Array, "group v
 
 
 def _motion(data: Points, draws: Draws) -> Complex[np.ndarray, "draw point harmonic"]:
-    """Odd harmonics of the displacement of every draw at every point.
-
-    Newton's iteration starts from the measured motion, which is a close guess only where the model
-    is right, then from the median of the draws.
-    """
+    """Odd harmonics of the displacement of every draw at every point."""
+    # Newton's iteration starts from the measured motion, which is a close guess only where the
+    # model is right, then from the median of the draws.
     motion = np.asarray(carry(motion_of, draws, data), complex)
     for _ in range(ROUNDS - 1):
         median = np.median(np.real(motion), axis=0) + 1j * np.median(np.imag(motion), axis=0)
@@ -179,10 +173,7 @@ def _compared(
     order: NDArray[np.intp],
     noise_std: float | None,
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Variables of one harmonic in the order of the frequencies, and its errors.
-
-    The noise is that of the mean, in its real and in its imaginary part.
-    """
+    """Variables of one harmonic by frequency, and its errors by the noise of the mean."""
     everything = {"measured": group.values, "model": model, **others}
     # Real and imaginary parts, as they enter the likelihood.
     parts = {n: np.concatenate([np.real(x), np.imag(x)], axis=-1) for n, x in everything.items()}

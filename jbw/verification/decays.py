@@ -22,10 +22,7 @@ SILENT = 1e-6  # of a record: a noise that leaves its initial state sharp
 
 
 def predict_decay(source: Source, test: Test) -> Predicted:
-    """Free decays from their first half second on, which gives the initial state.
-
-    Bands over (record, quantile, time), the shorter records filled up with NaN; errors over all.
-    """
+    """Free decays from their first half second on, which gives the initial state."""
     data = _reduced(source, test)
     noise, stored = NOT_KNOWN, source.basis.decay.get("noise_std")
     if stored is not None and "record" in stored.dims:
@@ -53,12 +50,9 @@ def predict_decay(source: Source, test: Test) -> Predicted:
 
 
 def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Dataset]:
-    """Every record of all decays beside the model's, the fitted ones first.
-
-    The initial state of a fitted record comes from the whole of it, that of a held-out record from
-    its first half second, so that the rest is predicted: its errors are of what comes after
-    `seen_s`, and its noise is the mean of the fitted ones'. One dataset a record.
-    """
+    """Every record of all decays beside the model's, the fitted ones first, a dataset each."""
+    # The initial state of a fitted record comes from the whole of it, that of a held-out record
+    # from its first half second: the rest is predicted, and its errors are of what comes after.
     noise_std = source.basis.decay["noise_std"].mean(("chain", "draw")).values
     every = np.append(noise_std, np.full(len(test.records) - num_fitted, noise_std.mean()))
     return _compared(source, test, _reduced(source, test), every, num_fitted)

@@ -37,11 +37,7 @@ def has_groups_alone(test: Test) -> bool:
 
 
 def predict_groups(source: Source, test: Test) -> Predicted:
-    """Every group of a test of a kind without traits beside what the model predicts of it.
-
-    Measured values and bands over (value) and (quantile, value), the groups end to end, with the
-    coordinates `group` and the observable's own, whose name is the attribute `axis`.
-    """
+    """Every group of a test of a kind without traits, end to end, beside the model's bands."""
     observable, basis = _observable(test), source.basis
     if observable is None:
         raise TypeError(f"Tests of kind {test.kind} have no observable.")

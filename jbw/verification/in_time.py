@@ -71,10 +71,7 @@ def _response(
 
 
 def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Motion:
-    """Carry the input of a test's first record through the model, with the run's steps when None.
-
-    The records are the repeats of one input, or noise.
-    """
+    """Carry the input of a test's first record through the model, by the run's steps when None."""
     delayed = [
         (one, advance(one.channels[one.response], test.delay, one.fs)) for one in test.records
     ]
@@ -109,11 +106,8 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
 
 
 def predict_records(source: Source, test: Test) -> Predicted:
-    """Bands in time, and of the frequency response around the mode.
-
-    Repeats that have inputs of their own, as of noise, leave the first record to compare in time.
-    What a record's unknown start makes of it is left out: the first seconds of noise, and `settle`.
-    """
+    """Bands in time, of the first record where inputs differ, and of the frequency response."""
+    # What a record's unknown start makes of it is left out: the first seconds, and `settle`.
     motion = motion_of(source, test)
     dataset = compare_records(source, motion)
     record = motion.test.records[0]
@@ -128,10 +122,7 @@ def predict_records(source: Source, test: Test) -> Predicted:
 
 
 def compare_records(source: Source, motion: Motion) -> xr.Dataset:
-    """Repeats of one input beside the model's responses to it, in a band where the test has one.
-
-    Variables over (quantile, time); coverage is over all measured samples.
-    """
+    """Repeats of one input beside the model's responses, in a band where the test has one."""
     test, record = motion.test, motion.test.records[0]
     fs, response, size = record.fs, record.response, motion.measured.shape[1] - motion.start
     lines = lines_of(test.band_hz or (), size, fs)
@@ -201,10 +192,7 @@ def _frf(
 
 
 def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, float] | None]:
-    """Share of an input's power in the band around the mode, and how far it fills that band [Hz].
-
-    The band is None where next to nothing of it is driven.
-    """
+    """Share of an input's power around the mode, and how far it fills that band [Hz]."""
     source = record.channels[record.source]
     freq = np.fft.rfftfreq(len(source), 1 / record.fs)[1:]
     power = np.abs(np.fft.rfft(source)[1:]) ** 2

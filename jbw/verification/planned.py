@@ -24,10 +24,7 @@ NUM_HARMONICS = 4  # balanced
 def planned_sweep(
     basis: Basis, band_hz: tuple[float, float], level: float, duration: float, fs: float
 ) -> Test:
-    """A linear sweep from rest, fading out over the last 2 % of its duration [s].
-
-    Of a level in the unit of the run's source, up to less than half the sampling frequency.
-    """
+    """A linear sweep from rest in the unit of the run's source, fading out over its last 2 %."""
     _require_positive(sweep=min(band_hz), level=level, duration=duration, fs=fs)
     if max(band_hz) >= 0.5 * fs:
         raise ConfigError(
@@ -57,10 +54,7 @@ def steps(band_hz: tuple[float, float]) -> tuple[float, ...]:
 
 
 def predict_planned(source: Source, test: Test) -> Predicted:
-    """First and third harmonic of the steady motion at each tone of a planned test.
-
-    Magnitudes and phases over (quantile, freq), of the third harmonic with the suffix `_3`.
-    """
+    """First and third harmonic of the steady motion at each tone of a planned test."""
     record = test.records[0]
     omega = 2 * np.pi * np.asarray(test.tones_hz)
     columns = {name: jnp.asarray(values)[:, None] for name, values in source.draws.items()}

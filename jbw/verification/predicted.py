@@ -53,20 +53,14 @@ class Predicted(NamedTuple):
 
 @dataclass(frozen=True)
 class Source:
-    """What is carried through the model, and with what it is compared.
-
-    Attributes:
-        references: Parameters and laws of oscillators without hysteresis that are carried beside
-            the draws, by name.
-        noise: Whether the noise is part of the bands, where it is known.
-        bare: Noise of bands whose noise is not known: 0 counts what lies in the band of the
-            parameters alone, None counts nothing.
-    """
+    """What is carried through the model, and with what it is compared."""
 
     basis: Basis
     draws: Draws
+    # Parameters and laws of oscillators without hysteresis that are carried beside the draws.
     references: Mapping[str, tuple[Mapping[str, float], Laws]] = field(default_factory=dict)
-    noise: bool = True
+    noise: bool = True  # whether the noise is part of the bands, where it is known
+    # Where it is not known: 0 counts what lies in the parameters' band, None counts nothing.
     bare: float | None = None
     seed: int = 0
 
@@ -98,11 +92,9 @@ def is_measured(test: Test) -> bool:
 
 
 def carry(predict: Callable[..., PyTree], draws: Draws, *args: Any) -> PyTree:
-    """Prediction of every draw, `LANES` at a time: compiled once for any number of draws.
-
-    `predict` takes (theta, *args) and is a function of a module, so that what was compiled is found
-    again; all but arrays of `args` is known as it compiles. In NumPy, draws along the first axis.
-    """
+    """Prediction of every draw, `LANES` at a time: compiled once for any number of draws."""
+    # `predict` is a function of a module, so that what was compiled is found again; all but arrays
+    # of `args` is known as it compiles.
     count = count_of(draws)
     lanes = min(LANES, count)
     parts = []
@@ -122,12 +114,7 @@ def _carried(predict: Callable[..., PyTree], draws: Mapping[str, Array], args: A
 def noise_of(
     basis: Basis, test: Test, repeated: Noise = NOT_KNOWN, *, label: str = "", order: int = 0
 ) -> Noise:
-    """Noise of one repeat of a test, or of one of its harmonics.
-
-    That of the test itself where it was fitted, by the label of its group of data; else what its
-    own repeats tell; else the mean over fitted tests of its kind and response, those of its level
-    where there are any; else it is not known.
-    """
+    """Noise of one repeat: as fitted, as its repeats tell, or the mean of fitted tests alike."""
     known, wanted = _noise_by_label(basis.posterior), seen_of(test)
     # Kind, source and response of a test that was called so before may be others.
     if (label or test.name) in known and basis.seen.get(test.name, wanted)[:3] == wanted[:3]:

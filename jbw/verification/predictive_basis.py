@@ -65,10 +65,7 @@ class Basis:
         return thin(chosen, num_draws, self.held, laws=self.laws)
 
     def draws(self, num_draws: int, gain: float | None = None, seed: int = 0) -> Draws:
-        """Parameters of the joint and gain, one value a draw, as a further run would show them.
-
-        With a gain [N/kg per unit of the source] where it is not the run's.
-        """
+        """Parameters of a further run's joint, and the gain [N/kg per unit of the source]."""
         known = self.thinned(num_draws)
         if gain is not None:
             known["gain"] = np.full(count_of(known) if known else 0, gain)
@@ -97,10 +94,7 @@ def parameter_names(laws: Laws) -> tuple[str, ...]:
 def thin(
     posterior: xr.Dataset, num_draws: int, held: Mapping[str, float] | None = None, *, laws: Laws
 ) -> Draws:
-    """Evenly spaced draws over all chains of each parameter of the joint and `gain`.
-
-    At most `num_draws` of them; what was held is the same in every draw.
-    """
+    """At most `num_draws` evenly spaced draws of the joint's parameters and `gain`, by name."""
     keep = evenly_spaced(posterior, num_draws)
     fixed = {name: np.full(len(keep), float(value)) for name, value in (held or {}).items()}
     names = [name for name in parameter_names(laws) if name in posterior]
@@ -108,13 +102,7 @@ def thin(
 
 
 def scattered(key: Key[Array, ""], draws: Draws, scatter: ArrayLike) -> Draws:
-    r"""Draws of the joint as a further run would show it, offset from the joint of all runs.
-
-    $$\omega_n + b_1, \quad \zeta + b_2, \qquad b \sim N(0, \mathrm{diag}(s^2))$$
-
-    with the standard deviations s over runs of omega_n [rad/s] and zeta [-]. Without scatter, where
-    runs have no offsets, the draws stay as they are.
-    """
+    """Draws as of a further run: omega_n + b_1, zeta + b_2, b ~ N(0, diag(s^2)) over runs."""
     std = np.asarray(scatter)
     if not std.size:
         return draws

@@ -27,13 +27,7 @@ FORCE, LENGTH = {"units": "N/kg"}, {"units": "m"}
 
 
 def predict_loop(source: Source, test: Test) -> Predicted:
-    r"""Restoring force along a prescribed displacement beside that of the model.
-
-    Forces over (point) and (quantile, point); and over (quantile) the energy lost, the work of the
-    force over the record after `settle`,
-
-    $$W = \int F\,\mathrm{d}y$$
-    """
+    """Restoring force along a prescribed displacement, and its work W = int F dy after `settle`."""
     (data,) = Loops.reduce([test], laws=source.basis.laws)
     (force,) = groups_of(source, test, data)
     y = np.asarray(data.displacement[0])[data.compared(0)]
@@ -58,12 +52,7 @@ def predict_loop(source: Source, test: Test) -> Predicted:
 
 
 def predict_periods(source: Source, test: Test) -> Predicted:
-    """Steady response over one period of a multisine beside that of the model.
-
-    Response over (time) and (quantile, time); amplitude spectra over (freq), in the test's band, of
-    the measured response, the model's median, the error it leaves, and the other oscillators'
-    errors.
-    """
+    """Steady response over a period of a multisine, and amplitude spectra in the test's band."""
     cut, basis = periods(test) or test, source.basis
     data = Records.of([cut], laws=basis.laws, substeps=basis.substeps, periodic=True)
     responses, others = source.observed(data)
@@ -107,14 +96,9 @@ def predict_periods(source: Source, test: Test) -> Predicted:
 def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
     r"""Measured loops of a tone against the bands of the model.
 
-    Measured: y by drift-free integration, a by differentiation in a stated band, and
-    $F = g V - a - 2\zeta\omega_n v$ with the gain and the damping of every draw, so that the band
-    of a measured loop carries them. Predicted: the same force on the steady cycle of every draw
-    under the measured input. Loops over (phase) and (quantile, phase), areas over (quantile), one
-    set for $k y$ and the laws' forces and one, named `*_viscous`, with $2\zeta\omega_n v$ added.
-
-    Reference:
-        Section 4 (validation), Eq. (1).
+    Measured, $F = g V - a - 2\zeta\omega_n v$ (Eq. (1)) with gain and damping of every draw, so
+    that its band carries them; predicted, the same on the steady cycle under the measured input.
+    One set is for $k y$ and the laws' forces, `*_viscous` with $2\zeta\omega_n v$ added.
     """
     omega, record = 2 * np.pi * test.tones_hz[0], test.records[0]
     cycles = [_cycles(record, test, omega) for record in test.records]

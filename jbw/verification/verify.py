@@ -131,10 +131,7 @@ def _verify_forced(
 
 
 def _compared_sweeps(names: set[str], sweeps: Sweeps | None) -> tuple[set[str], list[Test]]:
-    """What was fitted, less sweeps of other levels; and the repeats of sweeps that no fit saw.
-
-    Where a level has no others, the fitted repeats are compared.
-    """
+    """What was fitted, less other levels' sweeps, and repeats that no fit saw, else fitted ones."""
     if sweeps is None:
         return names, []
     others = {test.name for test in sweeps.held_out}
@@ -154,12 +151,7 @@ def safe(name: str) -> str:
 
 
 def prediction_findings(tree: xr.DataTree) -> list[Finding]:
-    """Whether the joint predicts better than simpler oscillators, and within its bands.
-
-    A finding `simpler_model`, whose number is the largest error over that of the best simpler
-    oscillator, where one was compared; and `held_out_coverage`, whose number is the least share
-    of a record that no fit saw inside its 99 % band, where there was any.
-    """
+    """The largest error beside a simpler oscillator's, and the least coverage of held-out tests."""
     parents = tree["verification"].children if "verification" in tree.children else {}
     tests = {
         name: {"group": group, **one.attrs}

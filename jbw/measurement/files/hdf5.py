@@ -37,13 +37,7 @@ def write_hdf5(
     names: Mapping[str, str] | None = None,
     dtype: DTypeLike = np.float64,
 ) -> None:
-    """Write a record: one checksummed dataset a channel, with attributes `unit` and `fs`.
-
-    The file appears complete or not at all, and an existing one is replaced only then.
-
-    `names` gives the name of a role's dataset, as a laboratory calls it; the role itself when
-    absent. 24-bit samples fit in float32.
-    """
+    """Write a record, whole or not at all: one checksummed dataset a channel, named by `names`."""
     path = Path(path)
     partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
@@ -79,10 +73,8 @@ def fs_of(attributes: Mapping[str, Any]) -> float | None:
 
 
 def attribute(attributes: Mapping[str, Any], name: str) -> Any:
-    """An attribute that is text or a number; empty text where there is none, or another type.
-
-    Attributes of other types are never read: a changed byte in their type can end the process.
-    """
+    """An attribute that is text or a number; empty text where there is none, or another type."""
+    # Others are never read: a changed byte in their type can end the process.
     if name not in attributes:
         return ""
     if isinstance(attributes, h5py.AttributeManager):
@@ -165,13 +157,9 @@ def _outside(name: str) -> DataError:
 
 
 def require_sound_heaps(path: Path) -> None:
-    """Refuse a file with a heap of texts in which one object does not lead to the next.
-
-    One changed byte in a heap, and the library walks in it without end, deaf even to Ctrl-C.
-
-    Reference:
-        HDF5 File Format Specification 3.0, section III.E.
-    """
+    """Refuse a file with a heap of texts in which one object does not lead to the next."""
+    # One changed byte in a heap, and the library walks in it without end, deaf even to Ctrl-C.
+    # HDF5 File Format Specification 3.0, section III.E.
     size = path.stat().st_size
     with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         for begin, end in {(0, min(REACH, size)), (max(size - REACH, 0), size)}:

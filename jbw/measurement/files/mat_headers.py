@@ -32,13 +32,8 @@ SLACK = 2**16  # bytes that a packed variable may hold beyond what it declares
 
 
 def require_sound(path: Path, most: int) -> None:
-    """Refuse a file of version 4 to 7 whose headers declare what is not there.
-
-    It is refused too where its variables take more than `most` bytes once unpacked.
-
-    Reference:
-        MATLAB, MAT-File Format, level 5: data elements and their tags.
-    """
+    """Refuse headers that declare what is not there, or more than `most` bytes once unpacked."""
+    # MATLAB, MAT-File Format, level 5: data elements and their tags.
     data = memoryview(np.memmap(path, np.uint8, "r"))
     # Version 5 to 7 begins with a text, version 4 with a number below 5000.
     variables = _variables(data) if 0 not in data[:4] else _variables_4(data)

@@ -35,10 +35,7 @@ class Wanted:
 
 
 def sampling_of(contents: Contents, sources: Sources, wanted: Wanted) -> tuple[float, str]:
-    """Sampling frequency [Hz], NaN for a measured FRF, and where it came from.
-
-    It may be given, stated by the file, or told by a time channel; all must agree.
-    """
+    """Sampling frequency [Hz], NaN for a measured FRF, and where it came from; all must agree."""
     if "frequency" in sources:
         return float("nan"), "none: a measured FRF"
     of_channels = {
@@ -116,10 +113,8 @@ def rows_of(
     exact: bool = True,
     curve: bool = False,
 ) -> Repeats:
-    """The repeats of one array: itself, or its rows; complex ones only in a response curve.
-
-    `exact` asks for float64; a time column keeps its own type, whose last bit is its resolution.
-    """
+    """The repeats of one array: itself, or its rows; complex ones only in a response curve."""
+    # A time column is not made `exact` float64: the last bit of its own type is its resolution.
     loaded = load(item, part, np.float64 if exact else None)
     where = (wanted.channels or {}).get(role, role)
     if loaded.ndim > (2 if wanted.repeats == "rows" else 1):
@@ -137,11 +132,9 @@ def rows_of(
 
 
 def snapped(fs: float, uncertainty: float = 0.0) -> float:
-    """The multiple of 1 Hz, or of 0.1 Hz, that a rounded sampling frequency must mean, or itself.
-
-    A file that keeps dt = 0.000976562 s means 1024 Hz, not 1024.0005 Hz: after 16 s the two are
-    8 us apart. `uncertainty` is that of `fs`, relative, beyond six digits.
-    """
+    """The multiple of 1 Hz, or of 0.1 Hz, that a rounded sampling frequency means, or itself."""
+    # A file that keeps dt = 0.000976562 s means 1024 Hz, not 1024.0005 Hz: after 16 s the two are
+    # 8 us apart. `uncertainty` is that of `fs`, relative, beyond six digits.
     for step in (1.0, 0.1):
         # Dividing by 10 instead of multiplying by 0.1 keeps 51.2 exactly 51.2.
         near = round(fs / step) / round(1 / step)
@@ -180,11 +173,9 @@ def sampling_frequency(time: NDArray[np.floating], name: str = "time") -> tuple[
 
 
 def _resolution(time: NDArray[np.floating]) -> float:
-    """Rounding of a time column [s]: its last bit, or its last decimal digit if that is more.
-
-    A clock that keeps significant digits from another origin shows its rounding only in the
-    intervals, late in the record; that counts up to a hundredth of an interval.
-    """
+    """Rounding of a time column [s]: its last bit, or its last decimal digit if that is more."""
+    # A clock that keeps significant digits from another origin shows its rounding only in the
+    # intervals, late in the record; that counts up to a hundredth of an interval.
     bit = float(np.spacing(np.abs(time).max()))
     time = np.asarray(time, dtype=np.float64)
     late = np.diff(time)[len(time) // 2 :]

@@ -28,15 +28,7 @@ def from_sep005(
 ) -> Record:
     """A record, in SI and checked, of SEP-005 series that were sampled together.
 
-    Args:
-        series: Dictionaries with `name`, `data`, `unit_str`, and `fs` or `time`.
-        channels: Role to the name of its series; when None, series named like a role, or else
-            those whose `quantity` tells it.
-        name: What to call the record in messages.
-
-    Raises:
-        DataError: A key is missing, two series have one name, or a check finds an error.
-        ConfigError: A unit is not known.
+    Without `channels`, role to series, it takes series named like a role, or whose `quantity` is.
     """
     leaves = [_leaf(one, i) for i, one in enumerate(series)]
     names = [str(one["name"]) for one in series]
@@ -60,10 +52,7 @@ def from_sep005(
 
 
 def to_sep005(record: Record, names: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
-    """The channels of a record in time as SEP-005 dictionaries, in SI.
-
-    `names` gives the name of a role's series; the role itself when absent.
-    """
+    """The channels of a record in time as SEP-005 dictionaries, in SI, `names` by role."""
     if np.isnan(record.fs):
         raise DataError(f"{record.name}: SEP-005 holds time series, but this is a response curve.")
     found = []

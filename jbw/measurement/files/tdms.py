@@ -61,10 +61,8 @@ def contents(path: Path) -> Iterator[Contents]:
 
 
 def _require_consistent_segments(stream: Bounded) -> None:
-    """Refuse a segment that says it has no metadata and where they end: it lost a flag.
-
-    The library would go on with the channels before and add its bytes to their samples.
-    """
+    """Refuse a segment that says it has no metadata and where they end: it lost a flag."""
+    # The library would go on with the channels before and add its bytes to their samples.
     begin = 0
     while True:
         stream.seek(begin)

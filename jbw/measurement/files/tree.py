@@ -105,10 +105,8 @@ def names(root: Node, prefix: str = "") -> Iterator[tuple[str, Leaf | Opaque]]:
 
 
 def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> NDArray[Any]:
-    """Read a leaf, or a part along its last open axis; axes of length one are dropped.
-
-    It is converted to `dtype` while it is read; left as stored when None, or when complex.
-    """
+    """Read a leaf, or a part along its last open axis; axes of length one are dropped."""
+    # Converted to `dtype` while it is read; left as stored when None, or when complex.
     array: Any = source.array
     axes = [axis for axis in source.axes if array.shape[axis] != 1] or source.axes[-1:]
     index: list[Any] = [source.fixed.get(i, 0) for i in range(len(array.shape))]
