@@ -5,7 +5,8 @@ N ranks of values 0 ... L are uniform when the count below i follows
 $$C_i = \#\{r < i\} \sim \mathrm{Bin}(N,\, i / (L + 1)), \qquad i = 1, \dots, L$$
 
 at every i together. The counts are a Markov chain in i, so the probability that all of them stay
-between pointwise quantiles is a recursion and no simulation.
+between pointwise quantiles is a recursion (Säilynoja, Bürkner, Vehtari (2022), Stat. Comput. 32,
+32).
 """
 
 from dataclasses import dataclass
@@ -29,10 +30,9 @@ LEAST = 1e-9  # below, the sum of the pointwise tails is the p-value, an upper b
 
 
 class Ranked(NamedTuple):
-    """What one replication gave, or many along a leading axis.
+    """Of each quantity the draws below the truth, and whether their central 99 % hold it.
 
-    Of each quantity the draws below the truth, and whether the truth is inside their central 99 %;
-    whether all are finite numbers, whether the sampler arrived, the largest split R-hat.
+    Further whether all are finite, whether the sampler arrived, and the largest split R-hat.
     """
 
     rank: Int[Array, "... quantity"]
@@ -169,14 +169,9 @@ def counts_below(
 
 
 def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
-    r"""p-value of the ECDF's most extreme point, simultaneous over all points.
+    r"""Probability that uniform ranks have a gamma as small, at the ECDF's most extreme point.
 
     $$\gamma = \min_i 2 \min\{P(C_i \le c_i),\, P(C_i \ge c_i)\}$$
-
-    The probability of a gamma as small or smaller for uniform ranks.
-
-    Reference:
-        Säilynoja, Bürkner, Vehtari (2022), Statistics and Computing 32, 32.
     """
     law = _law(len(ranks), num_ranks)
     found = counts_below(ranks, num_ranks)
@@ -190,11 +185,7 @@ def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
 def ecdf_envelope(
     num_replications: int, num_ranks: int, level: float = 0.99
 ) -> tuple[Float[np.ndarray, " rank"], Float[np.ndarray, " rank"]]:
-    """Least and greatest C_i / N at every i that uniform ranks keep to with probability `level`.
-
-    Reference:
-        Säilynoja, Bürkner, Vehtari (2022), Statistics and Computing 32, 32.
-    """
+    """Least and greatest C_i / N at every i that uniform ranks keep to with probability `level`."""
 
     def excess(log_gamma: float) -> float:
         return _stays_inside(num_replications, num_ranks, float(np.exp(log_gamma))) - level

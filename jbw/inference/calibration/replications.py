@@ -38,10 +38,8 @@ Report = Callable[[int], None]
 class Model(NamedTuple):
     """A posterior, and where its data come from.
 
-    Attributes:
-        simulate: (key, theta) to data, as the world makes them; not by the likelihood's code.
-        quantities: Further quantities by name, each (theta, data) to one number.
-        search: How least squares find the posterior; None where it is drawn from the whole box.
+    `simulate` makes them of (key, theta), not by the likelihood's code; `quantities` are further
+    ones by name, each (theta, data) to a number; without a `search` it is drawn from the whole box.
     """
 
     simulate: Callable[[Key[Array, ""], Theta], PyTree]
@@ -73,10 +71,6 @@ def calibrate(
     where a draw is not finite, where the chains disagree, or where the sampler did not come to its
     end: its ranks stay as they are, those of draws that are not numbers at the lowest. `report` is
     told the number of replications done.
-
-    Raises:
-        ConfigError: A count that is not positive, a quantity named like a parameter, or a float32
-            session.
 
     Reference:
         Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), Bayesian Analysis 20, 461.
@@ -156,11 +150,7 @@ def _place(
 
 
 def split_r_hat(draws: Float[Array, "chain draw quantity"]) -> Float[Array, " quantity"]:
-    """BlackJAX's potential scale reduction of half chains; where nothing varies, chains agree.
-
-    Reference:
-        Gelman et al. (2013), Bayesian Data Analysis, section 11.4.
-    """
+    """R-hat of half chains (Gelman et al. (2013), Bayesian Data Analysis, section 11.4)."""
     half = draws.shape[1] // 2
     chains = jnp.concatenate([draws[:, :half], draws[:, draws.shape[1] - half :]])
     still = jnp.all(chains == chains[0, 0], axis=(0, 1))

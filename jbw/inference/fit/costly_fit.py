@@ -1,8 +1,4 @@
-"""Least squares for residuals that cost a simulation: one compiled Jacobian, few evaluations.
-
-`jbw.inference.fit.fitting.fit` compiles the whole iteration, which pays where a residual is cheap
-and starts are many.
-"""
+"""Least squares for residuals that cost a simulation: one compiled Jacobian, few evaluations."""
 
 from collections.abc import Callable, Mapping
 from functools import lru_cache
@@ -44,10 +40,8 @@ def costly_fit(
     """Minimise a sum of squares in the box by scipy's trust region, one start after the other.
 
     Residual and Jacobian come from one function, compiled once for a `residual`, names and shapes.
-    The search goes along the logarithms of parameters with positive bounds: what is known only of a
-    product is a straight valley there, and a curved one in the parameters themselves. Starts are
-    one value or one a start, by name; evaluations at most are those from each of them, and the
-    tolerance is relative, on the cost and on the step.
+    Starts are one value or one a start, by name; evaluations at most are those from each of them,
+    and the tolerance is relative, on the cost and on the step.
 
     Raises:
         ConfigError: A float32 session.
@@ -111,11 +105,9 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
 
 
 def _search_coordinate(box: Box) -> Composed:
-    r"""From the coordinate s of the search, in the unit cube, to the parameters.
+    r"""Parameters by s in the unit cube, where a product known alone is a straight valley.
 
-    $$\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$$
-
-    where the bounds are positive, and linear in s otherwise.
+    $\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$ of positive bounds, otherwise linear.
     """
     logs = Logarithms(tuple(bool(low > 0) for low in np.asarray(box.lower)))
     return Composed((unit(logs.inverse(box.lower), logs.inverse(box.upper)), logs))

@@ -73,8 +73,7 @@ def fit(
     Compiled once for a `residual`, names and shapes.
 
     Args:
-        residual: (theta, data) to real residuals in units of their standard deviation; stack the
-            real and imaginary parts of complex ones.
+        residual: (theta, data) to real residuals in units of their standard deviation.
         box: Bounds.
         data: Whatever `residual` takes.
         starts: How many starts to draw uniformly in the box, or the starts by name.
@@ -124,8 +123,7 @@ def describe_optimum(
 def _definite(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """The covariance, positive definite in spite of rounding.
 
-    A sum known to 1e-8 of its parts' own deviations leaves an eigenvalue of the correlations that
-    rounding may turn negative; such a direction becomes as wide as rounding can tell.
+    A sum known far better than its parts may leave a negative eigenvalue of the correlations.
     """
     std = np.sqrt(np.diagonal(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(std, std))

@@ -38,7 +38,7 @@ Draws = Mapping[str, Float[np.ndarray, "..."]]
 class WeakDirection:
     """Parameters that the data determine only together, or not at all, and which combination.
 
-    The ratio is the posterior over the prior standard deviation along the weakest direction.
+    `ratio` is posterior over prior standard deviation along the weakest direction.
     """
 
     names: tuple[str, ...]
@@ -154,10 +154,9 @@ class Sensitivity:
 def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str, float]:
     r"""How much the data narrowed each product, $1 - \mathrm{var}_{post} / \mathrm{var}_{prior}$.
 
-    1 for what is known, 0 for what is not, NaN where the prior's variance is infinite. Of the
-    logarithms of what is positive and distinct from zero, as in `information`: in a box over
-    decades, a value known to within a factor of two is otherwise taken for known. Of the values
-    themselves where they may be zero or negative.
+    NaN where the prior's variance is infinite. Of the logarithms of what is positive and distinct
+    from zero, as in `information`: in a box over decades, a value known to within a factor of two
+    is otherwise taken for known.
     """
     learnt, bounds = {}, bounds_by_name(box)
     for product in products:
@@ -183,12 +182,11 @@ def box_sensitivity(draws: Draws, box: Box) -> dict[str, Sensitivity]:
 
     $$\frac{E[\theta \mid \theta_i \in B'] - E[\theta]}{\mathrm{sd}(\theta)}$$
 
-    The draws that the narrower box B' keeps are draws of its posterior. Of a posterior that is far
-    narrower than its box, a tenth of its own eight standard deviations is cut: a larger cut would
-    take the posterior as a whole, and say nothing of the bound. What is known from data does not
-    move; a parameter as uniform as its prior moves by 0.17, one that leans on a bound by more, and
-    either takes along those that are known only together with it. The draws are of the box's
-    parameters and of whatever else is to be looked at.
+    The draws that the narrower box B' keeps are draws of its posterior. Of a posterior far narrower
+    than its box, a tenth of its own eight standard deviations is cut: a larger cut would take it as
+    a whole, and say nothing of the bound. A parameter as uniform as its prior moves by 0.17, one
+    that leans on a bound by more, and either takes along those known only together with it. The
+    draws are of the box's parameters and of whatever else is to be looked at.
     """
     flat = {name: np.ravel(values) for name, values in draws.items()}
     worst = {name: Sensitivity(0.0, "", "") for name in flat}

@@ -25,15 +25,11 @@ TOLD_APART = 0.5  # a product this much better known than its factors is said to
 
 @dataclass(frozen=True)
 class Direction:
-    """One direction of the parameters and what the data say along it.
+    """One direction of the parameters, and the data's information along it over the prior's.
 
-    Attributes:
-        information: Of the data over that of the prior.
-        ratio: Posterior over prior standard deviation.
-        names: Parameters that make it up, the leading one first.
-        text: The combination of them, leading exponent 1.
-        sd: Standard deviation of that combination, relative for a product; NaN for a mixture.
-        loadings: Share of each parameter, in prior standard deviations, in the box's order.
+    `names` are the parameters that make it up and `loadings` the shares of all, in prior standard
+    deviations, in the box's order; `text` is their combination, of leading exponent 1, and `sd` its
+    deviation, relative for a product, NaN for a mixture; `ratio` is posterior over prior deviation.
     """
 
     information: float
@@ -64,10 +60,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Information:
-    """The Fisher information of a fit in units of the prior's.
-
-    Directions come with the strongest first; known is every parameter, then every product.
-    """
+    """The Fisher information of a fit: directions, the strongest first, parameters and products."""
 
     names: tuple[str, ...]
     directions: tuple[Direction, ...]
@@ -82,10 +75,8 @@ def information(best: Fit, box: Box, products: Iterable[Product] = ()) -> Inform
 
     with J the residual's derivatives in units of the noise and Lambda the inverse variances of the
     prior, in the logarithms of parameters that are positive and distinct from zero, and in the
-    parameters themselves otherwise. A product f has the standard deviation
-    $(\nabla f^T \Sigma \nabla f)^{1/2}$.
-
-    `products` are reported beside the parameters.
+    parameters themselves otherwise. A product f has the deviation $(\nabla f^T \Sigma \nabla
+    f)^{1/2}$.
     """
     theta = np.array([best.theta[name] for name in box.names])
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)

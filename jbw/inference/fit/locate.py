@@ -29,13 +29,9 @@ FIRST, RISE, FALL = 1e-2, 8.0, 4.0  # damping at first, and after steps refused 
 
 
 class Search(NamedTuple):
-    """How to look for a posterior.
+    """How to look for a posterior: least squares along the `logs`, of positive lower bounds.
 
-    Attributes:
-        residual: (theta, data) to residuals in standard deviations.
-        logs: Parameters to take the logarithm of; their lower bounds are positive.
-        num_looks: Points of the prior that are looked at; the best is where the search starts.
-        num_steps: Steps of the search.
+    The search starts at the best of `num_looks` points of the prior.
     """
 
     residual: Residual
@@ -91,8 +87,7 @@ def _descend(
 ) -> _Place:
     """Levenberg and Marquardt's descent, which may leave the box a little: at bounds it sticks.
 
-    A library's solver evaluates the Jacobian in several places of its program, each of which is
-    compiled; where the residual steps through time, that costs more than the whole search.
+    A library's solver has the Jacobian in several places of its program, each compiled: too long.
     """
 
     def both(u: Array) -> tuple[Array, Array]:

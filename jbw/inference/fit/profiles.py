@@ -32,15 +32,10 @@ Point = tuple[NDArray[np.float64], float]  # where, and chi-square
 
 @dataclass(frozen=True)
 class Profile:
-    """Chi-square of one parameter, the others at their best.
+    """Chi-square of one parameter less the least of all, the others at their best along a `path`.
 
-    Attributes:
-        values: Where it was held, rising, in its unit.
-        chi_square: Least chi-square there, less the least of all.
-        path: All parameters there, by name.
-        interval: Where chi-square stays below the threshold; the box's bound on an open side.
-        open: Whether the threshold is not reached within the box, below and above.
-        better: By how much the least chi-square lies below that of the fit.
+    Where it stays below the threshold is the `interval`, which ends at the box's bound where a
+    side, below or above, is `open`; `better` is how far its least lies below that of the fit.
     """
 
     name: str
@@ -67,9 +62,7 @@ def profiles(
     over points within three standard deviations of the fit, further where chi-square has not risen
     by the 99 % quantile of its distribution, 6.63, and never beyond the box. Each point starts from
     its neighbour's optimum. The residual, box, data and compiled derivatives are those of the
-    `costly_fit` that found `best`: the held parameter's column is left out.
-
-    `report` is called with one sentence for every parameter.
+    `costly_fit` that found `best`. `report` is called with one sentence for every parameter.
 
     Reference:
         Raue et al. (2009), Bioinformatics 25, 1923.
@@ -149,10 +142,7 @@ def walk(
 
 
 def _refined(part: Part, side: list[Point], held: int) -> list[Point]:
-    """A side with points put in where it rises to the threshold too steeply for a line.
-
-    Another parameter may have met its bound there: the valley ends and a wall begins.
-    """
+    """A side with points put in where another parameter met its bound: a wall, too steep."""
     centre = side[0][1]
     for _ in range(MOST_HALVINGS):
         rise = np.array([max(chi_square - centre, 0.0) for _, chi_square in side])

@@ -4,11 +4,10 @@ K repeats d_k enter only by their mean, their within-repeat sum of squares and K
 
 $$\sum_k |d_k - m|^2 = K |\bar d - m|^2 + S, \qquad S = \sum_k |d_k - \bar d|^2$$
 
-Structures shift: from level to level, from day to day, by a part in a thousand. A group (a test,
-or one harmonic of it) sees the shared parameters through a few offsets b of its own run, which act
-linearly, and has one unknown noise. Both are integrated out in closed form; the offsets of all
-runs share a scatter, unknown too (`jbw.inference.groups.scatter`). Without this, white noise alone
-sets the width of the posterior, and real structures make it several times too narrow.
+Structures shift by a part in a thousand. A group (a test, or one harmonic of it) sees the shared
+parameters through a few offsets b of its own run, which act linearly, and has one unknown noise;
+both are integrated out. The offsets of all runs share a scatter (`jbw.inference.groups.scatter`):
+white noise alone makes a real structure's posterior several times too narrow.
 """
 
 import math
@@ -30,16 +29,12 @@ def complex_gaussian_log_likelihood(
     model: Complexes,
     noise_std: Reals,
 ) -> Float[Array, "..."]:
-    r"""Log likelihood of K repeats of complex data, one term a point.
+    r"""Log likelihood [nats] of K repeats of complex data, one term a point: eqs. (34), (36).
 
     $$\log L = -K \log(2\pi\sigma^2) - \frac{K |\bar d - m|^2 + S}{2\sigma^2}$$
 
-    [nats] with S the sum of squares of the repeats about their mean and m the model. The transpose
-    in (34) is the conjugate one, and sigma is the standard deviation of each real component, as
-    2 sigma^2 requires.
-
-    Reference:
-        Eqs. (34), (36).
+    The transpose in (34) is the conjugate one, and sigma is the standard deviation of each real
+    component, as 2 sigma^2 requires.
     """
     num_repeats, variance = jnp.asarray(num_repeats), jnp.square(noise_std)
     misfit = num_repeats * _squared_modulus(mean - model) + within_ss
@@ -52,14 +47,9 @@ def complex_gaussian_marginal_log_likelihood(
     num_repeats: Reals,
     model: Complexes,
 ) -> Float[Array, ""]:
-    r"""Log likelihood of complex repeats with the unknown common noise integrated out.
+    r"""The same of all points, their unknown noise integrated out under the prior 1/sigma.
 
     $$\log p = -N K \log \sum_{i,k} |d_{ik} - m_i|^2 + \mathrm{const}$$
-
-    [nats], one number: the points share the noise, so there are no independent terms.
-
-    Reference:
-        Eq. (36) under the Jeffreys prior 1/sigma.
     """
     total = jnp.sum(num_repeats * _squared_modulus(mean - model)) + jnp.sum(within_ss)
     return -mean.size * jnp.asarray(num_repeats) * jnp.log(total)
@@ -70,10 +60,9 @@ def _squared_modulus(value: Complexes) -> Float[Array, "..."]:
 
 
 class Estimate(NamedTuple):
-    """What groups of data say of their own offsets, the shared parameters given.
+    """What groups say of their own offsets; log densities [nats] at the best, noise integrated out.
 
-    The log density [nats] is that with the offsets at their best, noise integrated out, with half
-    the log determinant of their precision (inverse covariance).
+    They hold half the log determinant of the offsets' precision (inverse covariance).
     """
 
     log_density: Float[Array, " group"]
@@ -157,11 +146,10 @@ def log_determinant(matrix: Float[Array, "group own own"]) -> Float[Array, " gro
 def factorised(
     matrix: Float[Array, "group own own"],
 ) -> tuple[list[list[Array]], list[Float[Array, " group"]]]:
-    r"""Cholesky's factors without square roots, $A = L D L^T$ with ones on the diagonal of L.
+    """Factors $A = L D L^T$: rows of L below its diagonal of ones, and the pivots D.
 
     Written out over rows and columns, which are few: a call of LAPACK for each of the small
-    matrices would cost more than all of it. A pivot is zero from where a row is a combination of
-    those before it, to rounding. Returned are rows of L below its diagonal, and the pivots D.
+    matrices would cost more. A pivot is zero where a row is a combination of those before it.
     """
     lower: list[list[Array]] = []
     pivots: list[Array] = []
@@ -199,9 +187,8 @@ def shrunk(
     $$\hat b_r = (W_r + S^{-1})^{-1} \sum_{g \in r} J_g r_g, \qquad r_g - J_g^T \hat b_r,
       \qquad S^{-1/2}\,\hat b_r$$
 
-    so that the sum of squares is its minimum over the offsets. Residuals and directions J are of
-    several blocks of groups, in standard errors; `scatter` is the standard deviation of each
-    offset's prior.
+    Residuals and directions J are of several blocks of groups, in standard errors; `scatter` is the
+    standard deviation of each offset's prior.
     """
     member = members(runs)
     slopes = [scatter[:, None] * one for one in directions]  # by offsets over their scatter

@@ -38,10 +38,7 @@ class _Information(NamedTuple):
 def scatter_grid(
     least: tuple[float, ...], most: tuple[float, ...], *, assemblies: bool = False
 ) -> Float[np.ndarray, "node level_own"]:
-    """Nodes of the scatters of runs and then of `assemblies`: log-uniform priors.
-
-    Every combination, between the least scatter of each offset that matters and the most believed.
-    """
+    """Nodes of the scatters of runs, then of `assemblies`, from least to most of each offset."""
     bounds = list(zip(least, most, strict=True))
     axes = [np.geomspace(a, b, NUM_SCATTERS) for a, b in bounds]
     if assemblies:
@@ -126,20 +123,14 @@ def _scaled(
 
 
 def _integrated(data: _Information, scatter: Float[Array, " own"]) -> Float[Array, ""]:
-    r"""Log of the data's density with the offsets integrated out.
-
-    $$\log \int N(b; 0, S)\, e^{-\frac12 b^T W b + h^T b}\,db$$
-    """
+    r"""Log of $\int N(b; 0, S)\, e^{-\frac12 b^T W b + h^T b}\,db$, offsets integrated out."""
     precision, pull = _scaled(data, scatter)
     best = jnp.sum(pull * solve(precision, pull))
     return 0.5 * (best - jnp.sum(log_determinant(precision)))
 
 
 def _passed_on(data: _Information, scatter: Float[Array, " own"]) -> _Information:
-    r"""What data of b = a + c say of a, c integrated out: W - W G W and h - W G h.
-
-    $$G = (W + S^{-1})^{-1}$$
-    """
+    """What data of b = a + c say of a: W - W G W and h - W G h, with $G = (W + S^{-1})^{-1}$."""
     precision, pull = _scaled(data, scatter)
     weight = data.precision * scatter  # W s
     gained = jax.vmap(lambda column: solve(precision, column), in_axes=2, out_axes=2)(

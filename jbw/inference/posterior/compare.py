@@ -17,12 +17,9 @@ Row = dict[str, float | None]
 
 
 def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
-    """mean, sd, q010, q500 and q990 of one parameter, and mcse_ before each, its standard error.
+    """Mean, sd, q010, q500, q990 and mcse_ of each, of one parameter; ess_bulk, ess_tail, r_hat.
 
-    Further ess_bulk, ess_tail and r_hat. None is for what cannot be had.
-
-    Reference:
-        Vehtari et al. (2021), Bayesian Analysis 16, 667.
+    None is for what cannot be had. Vehtari et al. (2021), Bayesian Analysis 16, 667.
     """
     from arviz_stats.base.array import array_stats  # a second of imports, needed only here
 
@@ -61,11 +58,7 @@ def worst_ess(rows: Mapping[str, Row]) -> float | None:
 
 
 def reference_of(rows: Mapping[str, Mapping[str, Row]]) -> str:
-    """The sampler that the others are measured by, where no quadrature is among them.
-
-    It has the largest worst effective sample size of those whose chains agree; of all where none
-    do. The rows are by sampler and parameter.
-    """
+    """The sampler of the largest worst effective size, of those whose chains agree or of all."""
 
     def agrees(sampler: str) -> bool:
         found = [row["r_hat"] for row in rows[sampler].values()]
@@ -83,10 +76,7 @@ def distances(row: Row, reference: Row) -> dict[str, float | None]:
 def distance(
     row: Mapping[Any, Any], reference: Mapping[Any, Any], name: str, error: str
 ) -> float | None:
-    r"""How far a number is from a reference's, in standard errors; None where one is not known.
-
-    $$(a - b) / \sqrt{\mathrm{mcse}_a^2 + \mathrm{mcse}_b^2}$$
-    """
+    r"""How far two numbers are apart, $(a - b) / \sqrt{\mathrm{mcse}_a^2 + \mathrm{mcse}_b^2}$."""
     known: list[Any] = [each.get(key) for key in (name, error) for each in (row, reference)]
     if None in known:
         return None

@@ -21,14 +21,11 @@ AGREED = 1.05  # R-hat of the side
 
 
 class Split(NamedTuple):
-    """A quantity whose posterior has two modes or more, at its deepest valley.
+    """A quantity whose density has a valley between the peaks `below` and `above`.
 
-    Attributes:
-        below: Where the density is highest below the valley; `above` the same.
-        weight: Share of the draws below the valley.
-        error: Monte Carlo standard error of that share; NaN where chains do not cross the valley
-            often enough, and the shares are an accident of the starts.
-        depth: Density in the valley over that of the lower peak.
+    The `weight` is the share of the draws below, `depth` the density there over the lower peak's;
+    the weight's Monte Carlo error is NaN where chains do not cross the valley often enough, and the
+    shares are an accident of the starts.
     """
 
     name: str
@@ -40,11 +37,10 @@ class Split(NamedTuple):
 
 
 def deepest_split(draws: Draws) -> Split | None:
-    """The quantity with the deepest valley between two modes; None where there is none.
+    """The quantity with the deepest valley between two modes, if any.
 
-    A kernel estimate of each marginal is looked through for a valley below half of both peaks
-    beside it, with 2 % of the draws or more on either side. Modes that overlap in every marginal
-    are not seen.
+    It is below half of both peaks, with 2 % of the draws or more on either side, in a kernel
+    estimate of the marginal. Modes that overlap in every marginal are not seen.
     """
     found = [_valley(name, values) for name, values in draws.items()]
     return min(filter(None, found), key=lambda split: split.depth, default=None)

@@ -70,12 +70,9 @@ def _row(
 
 
 def diagnose(draws: Float[np.ndarray, "chain draw"]) -> Row:
-    """ess_bulk, ess_tail and the rank-normalised split r_hat of one quantity.
+    """ess_bulk, ess_tail and the rank-normalised split r_hat, as `numbers` has them.
 
     All are NaN for non-finite draws or where a chain never moved; r_hat is NaN for one chain.
-
-    Reference:
-        Vehtari et al. (2021), Bayesian Analysis 16, 667.
     """
     from arviz_stats.base.array import array_stats  # a second of imports, needed only here
 
@@ -90,18 +87,15 @@ def diagnose(draws: Float[np.ndarray, "chain draw"]) -> Row:
 
 
 def kl_from_uniform(x: Float[np.ndarray, " draw"], window: int | None = None) -> float:
-    r"""Divergence of a marginal posterior from U[0, 1] by m-spacings.
+    r"""Divergence [nats] of draws in the unit coordinate from U[0, 1] by m-spacings: section 3.2.
 
     $$D = -h(x), \qquad \hat h = \frac1n \sum_i \left[\log(x_{(i+m)} - x_{(i-m)})
     - \psi(k_i) + \psi(n + 1)\right]$$
 
-    [nats] of draws x in the unit coordinate. Ranks are cut at 1 and n, k_i counts the gaps spanned,
-    and the window m is the nearest integer to sqrt(n) when None. The digamma terms, in place of
-    Vasicek's log(2m/n), make the estimate free of bias for uniform draws; it is infinite where one
-    value repeats more than 2m times.
-
-    Reference:
-        Section 3.2; Vasicek (1976), J. R. Stat. Soc. B 38, 54.
+    Ranks are cut at 1 and n, k_i counts the gaps spanned, and the window m is the nearest integer
+    to sqrt(n) when None. The digamma terms, in place of the log(2m/n) of Vasicek (1976), J. R.
+    Stat. Soc. B 38, 54, free it of bias for uniform draws; infinite where a value repeats more than
+    2m times.
     """
     n = len(x)
     m = max(1, round(math.sqrt(n))) if window is None else window
@@ -124,14 +118,9 @@ def correlations(tree: xr.DataTree) -> dict[str, dict[str, float]]:
 
 
 def running_mean(values: Float[np.ndarray, " draw *rest"]) -> NDArray[np.float64]:
-    r"""Mean of the first n values, for every n.
+    r"""Mean of the first n values, for every n: eq. (40), and by itself no test of convergence.
 
     $$\mathrm{conv}(n) = \frac1n \sum_{i \le n} q_i$$
-
-    Not a convergence test by itself: a chain that does not mix has a smooth running mean too.
-
-    Reference:
-        Eq. (40).
     """
     count = np.arange(1, len(values) + 1).reshape(-1, *(1,) * (np.ndim(values) - 1))
     return np.cumsum(values, axis=0) / count
