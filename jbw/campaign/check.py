@@ -134,25 +134,22 @@ def unread(spec: CampaignSpec) -> Iterator[Fault]:
     sampler = SAMPLERS.get(settings.sampler)
     if settings.num_warmup and sampler and not sampler.draws[0]:
         yield _unread("num_warmup", f"sampler {sampler.name} has nothing to adapt")
-    if settings.coordinates != "auto" and not _has_coordinates(spec.laws, settings.coordinates):
-        laws = ", ".join(spec.laws) or "none"
-        yield _unread(
-            "coordinates", f"no law of the joint ({laws}) has other coordinates to choose"
-        )
+    if settings.coordinates != "auto":
+        from jbw.oscillator.laws import laws_named  # loads JAX
+
+        others = {name for law in laws_named(spec.laws) for name in law.coordinates}
+        # The paper's coordinates are a choice only beside others.
+        chosen = others if settings.coordinates == "paper" else settings.coordinates in others
+        if not chosen:
+            laws = ", ".join(spec.laws) or "none"
+            reason = f"no law of the joint ({laws}) has other coordinates to choose"
+            yield _unread("coordinates", reason)
     if "gain" in settings.prior and not (spec.gain is None and spec.modal_mass is None):
         yield _unread("prior gain", "the campaign states the gain, which is not identified then")
     elif "gain" in settings.prior and not any(kind.is_driven for kind in traits):
         yield _unread("prior gain", "no test has a source whose gain could be identified")
     if "zeta" in settings.prior and all(kind.is_prescribed for kind in traits):
         yield _unread("prior zeta", "along a prescribed displacement nothing moves freely")
-
-
-def _has_coordinates(laws: Sequence[str], chosen: str) -> bool:
-    """Whether laws have the chosen coordinates, or any beside their own where these are chosen."""
-    from jbw.oscillator.laws import laws_named  # loads JAX
-
-    others = {name for law in laws_named(laws) for name in law.coordinates}
-    return bool(others) if chosen == "paper" else chosen in others
 
 
 def _unread(name: str, reason: str) -> Fault:

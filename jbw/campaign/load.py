@@ -1,18 +1,20 @@
 """From a campaign file to the tests and their records."""
 
 import warnings
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from jbw.campaign.check import findings, unread
 from jbw.campaign.files import repeats_of
-from jbw.campaign.schema import TestSpec, force_per_unit, read_spec
+from jbw.campaign.schema import force_per_unit, read_spec
 from jbw.campaign.settings import Identify, laws_of
 from jbw.errors import JbwError
 from jbw.measurement.files.read import report
 from jbw.measurement.records import Record, Test
 from jbw.quantities import DEFAULT_LAWS
+
+# Keys of a test's table that its record takes as they are.
+SAME = ("name", "level", "dwell", "settle", "delay", "assembly", "run", "periods")
 
 
 @dataclass(frozen=True)
@@ -58,13 +60,8 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
             # The first error is raised, what is doubtful is warned of.
             report(item, findings(item, test, kept[:1], per_unit=force_per_unit(spec)))
             kept.append(item)
-        tests.append(_test(test, kept))
+        facts = {name: getattr(test, name) for name in SAME}
+        tests.append(Test(test.kind, tuple(kept), tones_hz=test.tones, band_hz=test.band, **facts))
     return Campaign(
         spec.name, folder, tuple(tests), spec.gain, spec.modal_mass, spec.settings, path, spec.laws
     )
-
-
-def _test(spec: TestSpec, kept: Iterable[Record]) -> Test:
-    same = ("level", "dwell", "settle", "delay", "assembly", "run", "periods")
-    facts = {name: getattr(spec, name) for name in same}
-    return Test(spec.kind, tuple(kept), spec.name, tones_hz=spec.tones, band_hz=spec.band, **facts)

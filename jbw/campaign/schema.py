@@ -8,24 +8,9 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import ConfigDict, Field, StrictBool, model_validator
 
+from jbw.campaign import values
 from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
 from jbw.campaign.settings import Identify, Joint, law_errors, laws_of
-from jbw.campaign.values import (
-    Channels,
-    Count,
-    Excluded,
-    Factors,
-    Files,
-    Kind,
-    NonNegative,
-    Number,
-    Numbers,
-    Positive,
-    Sampling,
-    Span,
-    Text,
-    Units,
-)
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.kinds import Kind as Traits
 from jbw.measurement.records import INPUTS, RESPONSES, si_of
@@ -37,9 +22,9 @@ NAN = float("nan")  # where nothing is stated of a number
 class Head(Table):
     """The [campaign] table."""
 
-    name: Text = key("campaign", "a short name", "beam")
-    gain: Positive | None = key(None, "force per modal mass for one volt [N/kg/V]", 15.0)
-    modal_mass: Positive | None = key(None, "[kg], for a measured force", 1.93)
+    name: values.Text = key("campaign", "a short name", "beam")
+    gain: values.Positive | None = key(None, "force per modal mass for one volt [N/kg/V]", 15.0)
+    modal_mass: values.Positive | None = key(None, "[kg], for a measured force", 1.93)
 
     @model_validator(mode="after")
     def _once(self) -> Self:
@@ -53,32 +38,36 @@ class TestSpec(Table):
 
     __test__: ClassVar[bool] = False  # not a pytest class
 
-    kind: Kind = key(..., f"one of {', '.join(KINDS)}")
-    files: Files = key(
+    kind: values.Kind = key(..., f"one of {', '.join(KINDS)}")
+    files: values.Files = key(
         ...,
         "file or pattern, or a list of them; or a table role = file, where each role has its own",
     )
-    channels: Channels = key(
+    channels: values.Channels = key(
         ...,
         "role = channel's name or path in the file: [3] counts from zero, (4) and {4} from one as "
         "in MATLAB, [:] takes all, and 'a - b' is a difference",
     )
-    units: Units = key(dict, "role = unit")
-    scale: Factors = key(dict, "role = calibration factor, before the unit")
-    name: Text = key("", "a short name, unique")
-    level: NonNegative = key(NAN, "nominal level, in the unit of what the rig held constant", 0.20)
+    units: values.Units = key(dict, "role = unit")
+    scale: values.Factors = key(dict, "role = calibration factor, before the unit")
+    name: values.Text = key("", "a short name, unique")
+    level: values.NonNegative = key(
+        NAN, "nominal level, in the unit of what the rig held constant", 0.20
+    )
     amplitudes: Literal["peak", "rms"] = key("peak", "what the amplitudes of kind frf are", "peak")
-    periods: Count = key(1, "whole periods of the excitation in a record", 4)
-    fs: Sampling | None = key(None, "sampling frequency [Hz], or the path of a scalar in the file")
-    band: Span | None = key(None, "lowest and highest frequency to use [Hz]", [5.0, 40.0])
-    tones: Numbers = key((), "frequencies present at once, or in turn if stepped [Hz]")
-    dwell: Positive = key(NAN, "duration of each step of a stepped test [s]")
-    settle: NonNegative = key(0.0, "time to discard before the steady state [s]")
-    delay: Number = key(0.0, "lag of the response channel behind the input [s]", 0.0)
-    assembly: Text = key("", "which assembly of the joint", "first")
-    run: Text = key("", "which day or run", "monday")
+    periods: values.Count = key(1, "whole periods of the excitation in a record", 4)
+    fs: values.Sampling | None = key(
+        None, "sampling frequency [Hz], or the path of a scalar in the file"
+    )
+    band: values.Span | None = key(None, "lowest and highest frequency to use [Hz]", [5.0, 40.0])
+    tones: values.Numbers = key((), "frequencies present at once, or in turn if stepped [Hz]")
+    dwell: values.Positive = key(NAN, "duration of each step of a stepped test [s]")
+    settle: values.NonNegative = key(0.0, "time to discard before the steady state [s]")
+    delay: values.Number = key(0.0, "lag of the response channel behind the input [s]", 0.0)
+    assembly: values.Text = key("", "which assembly of the joint", "first")
+    run: values.Text = key("", "which day or run", "monday")
     repeats: Literal["files", "rows"] = key("files", "one repeat a file, or one a row")
-    exclude: Excluded = key(
+    exclude: values.Excluded = key(
         (), "repeats to drop: numbers counted from zero, or file names", [2, "bad_*.h5"]
     )
     remove_mean: StrictBool = key(
@@ -89,7 +78,7 @@ class TestSpec(Table):
         "what to do with samples that are NaN; mask leaves out these lines of kind frf",
         "refuse",
     )
-    span: Span | None = key(None, "first and last second to read", [0.0, 8.0])
+    span: values.Span | None = key(None, "first and last second to read", [0.0, 8.0])
 
     @property
     def traits(self) -> Traits:
@@ -171,7 +160,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     tests = [test for test in found if test is not None]
     settings = checked(Identify, document.get("identify", {}), "[identify]", errors) or Identify()
     if len(tests) == len(tables):
-        errors += [*_repeated_names(tests), *_unknown_levels(tests, settings)]
+        errors += _among(tests, settings)
     # Laws that are stated are all there are, so that a prior on any other is refused.
     stated = "laws" in joint.model_fields_set
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
@@ -239,19 +228,13 @@ def _curves() -> str:
     return ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)
 
 
-def _repeated_names(tests: Sequence[TestSpec]) -> list[str]:
+def _among(tests: Sequence[TestSpec], settings: Identify) -> Iterator[str]:
+    """Names that several tests have, and levels to fit that none has."""
     given = [test.name for test in tests if test.name]
-    return [
-        f"[[test]] name: {name!r} is given to {given.count(name)} tests."
-        for name in sorted({name for name in given if given.count(name) > 1})
-    ]
-
-
-def _unknown_levels(tests: Sequence[TestSpec], settings: Identify) -> list[str]:
+    for name in sorted({name for name in given if given.count(name) > 1}):
+        yield f"[[test]] name: {name!r} is given to {given.count(name)} tests."
     levels = sorted({test.level for test in tests if test.level == test.level})
     listed = ", ".join(f"{known:g}" for known in levels) or "none"
-    return [
-        f"[identify] fit_levels: no test has level {level:g}; levels: {listed}."
-        for level in settings.fit_levels or ()
-        if level not in levels
-    ]
+    for level in settings.fit_levels or ():
+        if level not in levels:
+            yield f"[identify] fit_levels: no test has level {level:g}; levels: {listed}."

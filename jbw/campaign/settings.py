@@ -7,20 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, StrictBool
 
+from jbw.campaign import values
 from jbw.campaign.document import Table, checked, key, refuse, unlike
-from jbw.campaign.values import (
-    Bounds,
-    Count,
-    Index,
-    Kinds,
-    Laws,
-    Levels,
-    Modes,
-    OneOf,
-    Positive,
-    Strings,
-    strings,
-)
 from jbw.errors import ConfigError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.kinds import KINDS
@@ -30,7 +18,7 @@ STIFFNESS = "1/s^2"  # unit of a part of omega_n^2
 SPRING = "cubic"  # a prior on its parameter brings the law of this name, unless laws are stated
 
 Prior = Mapping[str, tuple[float, float]]
-Sampler = Annotated[str, OneOf(lambda: ("auto", *SAMPLERS))]
+Sampler = Annotated[str, values.OneOf(lambda: ("auto", *SAMPLERS))]
 
 
 def _coordinates() -> tuple[str, ...]:
@@ -41,11 +29,11 @@ def _coordinates() -> tuple[str, ...]:
     return tuple(dict.fromkeys(("auto", "paper", "products", *named)))
 
 
-Coordinates = Annotated[str, OneOf(_coordinates)]
+Coordinates = Annotated[str, values.OneOf(_coordinates)]
 Reference = Literal["linear", "cubic"]
 References = Annotated[
     tuple[Reference, ...],
-    BeforeValidator(strings, json_schema_input_type=Reference | list[Reference]),
+    BeforeValidator(values.strings, json_schema_input_type=Reference | list[Reference]),
 ]
 
 
@@ -55,12 +43,14 @@ class Identify(Table):
     None stands for what the data or the sampler decide.
     """
 
-    fit_levels: Levels | None = key(
+    fit_levels: values.Levels | None = key(
         None, "sweep levels to fit; the others are predicted", [0.05, 0.20]
     )
-    fit_repeats: Count | None = key(None, "so many repeats are fitted; the rest held out", 32)
-    fit: Kinds | None = key(None, f"kinds to fit, among {', '.join(KINDS)}; all by default")
-    hold_out: Strings = key((), "names of tests that no fit sees")
+    fit_repeats: values.Count | None = key(
+        None, "so many repeats are fitted; the rest held out", 32
+    )
+    fit: values.Kinds | None = key(None, f"kinds to fit, among {', '.join(KINDS)}; all by default")
+    hold_out: values.Strings = key((), "names of tests that no fit sees")
     compare_with: References = key(
         ("linear",),
         "oscillators without hysteresis to compare with; linear by default",
@@ -83,7 +73,9 @@ class Identify(Table):
         "more is known",
         "auto",
     )
-    substeps: Count | None = key(None, "solver steps a sample; by default as many as the data take")
+    substeps: values.Count | None = key(
+        None, "solver steps a sample; by default as many as the data take"
+    )
     sampler: Sampler = key(
         "auto",
         "of the joint posterior; auto: elliptical slices where time is stepped through, else NUTS; "
@@ -93,20 +85,20 @@ class Identify(Table):
     profiles: StrictBool = key(
         False, "follow every parameter's profile likelihood, at some hundred fits", True
     )
-    num_chains: Count = key(4, "chains", 4)
-    num_samples: Count | None = key(None, "draws kept a chain", 1000)
-    num_warmup: Index | None = key(None, "draws to adapt with, a chain", 500)
-    budget_s: Positive = key(
+    num_chains: values.Count = key(4, "chains", 4)
+    num_samples: values.Count | None = key(None, "draws kept a chain", 1000)
+    num_warmup: values.Index | None = key(None, "draws to adapt with, a chain", 500)
+    budget_s: values.Positive = key(
         1800.0,
         "seconds that the joint posterior may draw until its draws are enough; with num_samples as "
         "many are drawn as that says, enough or not",
         600.0,
     )
-    seed: Index = key(0, "of the random numbers", 0)
-    modes: Modes = key(
+    seed: values.Index = key(0, "of the random numbers", 0)
+    modes: values.Modes = key(
         (), "frequencies of the modes in the band [Hz], the joint's own first", [18.8]
     )
-    prior: Mapping[str, Bounds] = key(
+    prior: Mapping[str, values.Bounds] = key(
         dict, "parameter = [lower, upper], in SI", {"zeta": [0.003, 0.006]}
     )
 
@@ -136,7 +128,7 @@ class Identify(Table):
 class Joint(Table):
     """The [joint] table: which laws stand beside each other across the joint."""
 
-    laws: Laws = key(
+    laws: values.Laws = key(
         DEFAULT_LAWS,
         "laws of the joint, which stand beside each other; none, [], of a linear structure",
         ["bouc_wen", "cubic"],

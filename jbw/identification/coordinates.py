@@ -148,13 +148,9 @@ def combinations(names: Iterable[str], laws: tuple[str, ...] = DEFAULT_LAWS) -> 
     for law in laws_named(laws):
         other = next((c for c in law.coordinates.values() if set(c.names) & present), None)
         if other is not None:
-            found += [Product(own.name, own.name, _real(own.powers)) for own in other.forward]
+            found += [Product(own.name, own.name, own.powers) for own in other.forward]
         for product in law.products:
             factors = tuple(product.powers)
             powers = product.powers if other is None else other.powers(product.powers)
-            found.append(Product(product.name, "*".join(factors), _real(powers), factors))
+            found.append(Product(product.name, "*".join(factors), powers, factors))
     return tuple(product for product in found if product.powers.keys() <= present)
-
-
-def _real(powers: Mapping[str, int]) -> dict[str, float]:
-    return {name: float(power) for name, power in powers.items()}

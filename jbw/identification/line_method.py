@@ -16,34 +16,21 @@ NEAR_PEAK = 0.2  # default band, of the peak's frequency to either side
 
 @dataclass(frozen=True)
 class LineFit:
-    """A linear oscillator fitted to an FRF.
+    """A linear oscillator fitted to an FRF."""
 
-    Attributes:
-        omega_n: Natural frequency [rad/s].
-        zeta: Damping ratio [-].
-        gain: Force per unit mass and unit of input [N/kg per unit].
-        covariance: Of (omega_n, zeta, gain), residual terms left free.
-        upper: Constant receptance of the modes above, zero when not fitted [m per unit].
-        lower: Coefficient of 1 / omega^2 of the modes below, zero when not fitted [N/kg per unit].
-        chi_square: Sum of squared misfits, real and imaginary, over their variance. Neighbouring
-            lines are correlated, so it scatters more than a chi-square about `dof`.
-        dof: Real data less parameters.
-        num_lines: Lines fitted.
-        band_hz: The lowest and highest of them [Hz].
-        smeared: Whether the window's smearing was part of the model.
-    """
-
-    omega_n: float
-    zeta: float
-    gain: float
-    covariance: NDArray[np.float64]
-    upper: float
-    lower: float
+    omega_n: float  # natural frequency [rad/s]
+    zeta: float  # damping ratio [-]
+    gain: float  # force per unit mass and unit of input [N/kg per unit]
+    covariance: NDArray[np.float64]  # of (omega_n, zeta, gain), residual terms left free
+    upper: float  # constant receptance of the modes above, zero when not fitted [m per unit]
+    lower: float  # coefficient of 1 / omega^2 of the modes below, zero when not fitted
+    # Sum of squared misfits, real and imaginary, over their variance. Neighbouring lines are
+    # correlated, so it scatters more than a chi-square about `dof`.
     chi_square: float
-    dof: int
-    num_lines: int
-    band_hz: tuple[float, float]
-    smeared: bool
+    dof: int  # real data less parameters
+    num_lines: int  # lines fitted
+    band_hz: tuple[float, float]  # the lowest and highest of them [Hz]
+    smeared: bool  # whether the window's smearing was part of the model
 
     @property
     def theta(self) -> NDArray[np.float64]:

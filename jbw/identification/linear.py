@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, stats
 
 from jbw.errors import ConfigError, DataError
@@ -26,22 +25,13 @@ SCATTER_P = 0.01  # repeats scatter more than their errors say, below this proba
 
 @dataclass(frozen=True)
 class PooledFit:
-    """Fits of several repeats, together; every vector is (omega_n, zeta, gain).
+    """Fits of several repeats, together; every vector is (omega_n, zeta, gain)."""
 
-    Attributes:
-        mean: Mean over the repeats.
-        covariance: Of the mean: from the fits' own, widened where the repeats scatter more.
-        cv: Coefficient of variation across repeats [-].
-        scatter_ratio: Variance across repeats over what the fits' covariances promise.
-        scatter_p: Probability of such a ratio or a larger one by chance.
-        num_repeats: Repeats.
-    """
-
-    mean: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    cv: NDArray[np.float64]
-    scatter_ratio: NDArray[np.float64]
-    scatter_p: NDArray[np.float64]
+    mean: Real  # over the repeats
+    covariance: Real  # of the mean: from the fits' own, widened where the repeats scatter more
+    cv: Real  # coefficient of variation across repeats [-]
+    scatter_ratio: Real  # variance across repeats over what the fits' covariances promise
+    scatter_p: Real  # probability of such a ratio or a larger one by chance
     num_repeats: int
 
     @property

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.measurement.records import Test
 
 THIRD = (0.2, 0.45)  # of the natural frequency: where a tone probes the third-order kernel
+LEVEL = attrgetter("level")  # to sort tests by
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
 def linear_test(tests: Sequence[Test]) -> Test | None:
     """The noise or multisine test of the lowest level: the most linear one, for Step 2."""
     noise = [test for test in tests if test.traits.is_broadband]
-    return min(noise, key=_level, default=None)
+    return min(noise, key=LEVEL, default=None)
 
 
 def probing_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
@@ -52,11 +54,7 @@ def loop_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
     """Tests with one tone near the resonance, lowest level first, for the validation by loops."""
     probing = {test.name for test in probing_tests(tests, natural_hz)}
     single = [test for test in tests if test.is_single_tone and test.name not in probing]
-    return tuple(sorted(single, key=_level))
-
-
-def _level(test: Test) -> float:
-    return test.level
+    return tuple(sorted(single, key=LEVEL))
 
 
 def sweep_tests(tests: Sequence[Test], settings: Identify) -> Sweeps | None:
@@ -68,7 +66,7 @@ def sweep_tests(tests: Sequence[Test], settings: Identify) -> Sweeps | None:
     Raises:
         ConfigError: A level that no sweep has, or more repeats than there are.
     """
-    sweeps = [test for test in sorted(tests, key=_level) if test.traits.is_transient]
+    sweeps = [test for test in sorted(tests, key=LEVEL) if test.traits.is_transient]
     if not sweeps:
         return None
     levels = [test.level for test in sweeps]

@@ -188,8 +188,7 @@ def opening_steps(
     started = perf_counter()
     fit_key, *keys = jax.random.split(key, 3)
     means = means_of(third_order.posterior)
-    start = fit_opening(fit_key, records, linear, means, settings)
-    curve, best, prior, held = start
+    curve, best, prior, held = fit_opening(fit_key, records, linear, means, settings)
     chi_square = (2 * best.cost, records.mean.size)
     said = (
         "Gamma is conditional on the means of Steps 2 and 3: their errors are in it, "
@@ -202,10 +201,10 @@ def opening_steps(
             num_chains=settings.num_chains, chain_method="vectorized", attrs=attrs(),
             kept=keep(name), **options,
         )  # fmt: skip
-        found = [_series_finding(tree["posterior"].to_dataset(), curve, held, records)]
+        finding = _series_finding(tree["posterior"].to_dataset(), curve, held, records)
         steps[name] = finished(
             name, tree, prior, best, started,
-            findings=found, statements=said, held=held, chi_square=chi_square,
+            findings=[finding], statements=said, held=held, chi_square=chi_square,
         )  # fmt: skip
         started = perf_counter()
     return steps
