@@ -66,7 +66,7 @@ def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[P
     """The files of each repeat; more than one where roles have files of their own."""
     wanted = Wanted(**{field.name: getattr(test, field.name) for field in fields(Wanted)})
     if not isinstance(test.files, Mapping):
-        files = found_files(test.files, folder, allow_outside=allow_outside)
+        files = found_files(test.files, folder, allow_outside)
         return [[(file, wanted)] for file in files]
     columns = []
     for patterns in dict.fromkeys(test.files.values()):
@@ -76,8 +76,7 @@ def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[P
             for table in (test.channels, test.units, test.scale)
         )
         some = replace(wanted, channels=channels, units=units, scale=scale)
-        files = found_files(patterns, folder, allow_outside=allow_outside)
-        columns.append([(file, some) for file in files])
+        columns.append([(file, some) for file in found_files(patterns, folder, allow_outside)])
     counts = {len(column) for column in columns}
     if len(counts) > 1:
         listed = ", ".join(f"{column[0][0].name}: {len(column)}" for column in columns)
@@ -88,17 +87,11 @@ def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[P
     return [list(parts) for parts in zip(*columns, strict=True)]
 
 
-def found_files(
-    patterns: Iterable[str], folder: Path, *, allow_outside: bool = False
-) -> list[Path]:
+def found_files(patterns: Iterable[str], folder: Path, allow_outside: bool = False) -> list[Path]:
     """Files that the patterns name, each once, in the order of the patterns.
 
     A pattern is a file's name with * and ? relative to the campaign's folder; $JBW_DATA at its
     beginning is the folder of that environment variable.
-
-    Raises:
-        ConfigError: A URL, a path out of the folder, or $JBW_DATA where it is not set.
-        DataError: Nothing matches.
     """
     found: list[Path] = []
     for written in patterns:

@@ -141,11 +141,7 @@ def read_spec(path: Path) -> CampaignSpec:
 
 
 def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
-    """Check the TOML text of a campaign file, whose name is for messages.
-
-    Raises:
-        ConfigError: Not TOML, or anything unknown, missing or of the wrong type; all at once.
-    """
+    """Check the TOML text of a campaign file, whose name is for messages; all errors at once."""
     document = document_of(source, file)
     errors = unknown_tables(document, CampaignFile.model_fields)
     head = checked(Head, document.get("campaign", {}), "[campaign]", errors) or Head()

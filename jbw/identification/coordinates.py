@@ -11,7 +11,7 @@ import numpy as np
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.inference.fit.fitting import Fit
-from jbw.inference.space.box import Box, Product, box
+from jbw.inference.space.box import Box, Product, bounds_by_name, box
 from jbw.observables.dataset import Dataset, largest_displacement
 from jbw.oscillator.law import Bounds, Coordinates, Law, Scales
 from jbw.oscillator.laws import laws_named
@@ -33,7 +33,9 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
     gain = None if "gain" in data.held else (known["gain"], min(p.gain_std() for p in data.parts))
     linear = any(part.is_linear for part in data.parts)
     prior = joint_box(settings, scales, gain, data.laws, linear=linear)
-    return box({name: pair for name, pair in bounds_of(prior).items() if name not in data.held})
+    return box(
+        {name: pair for name, pair in bounds_by_name(prior).items() if name not in data.held}
+    )
 
 
 def joint_box(
@@ -47,11 +49,7 @@ def joint_box(
     """Box of omega_n, zeta, the parameters of the laws, and the gain unless that is None.
 
     The gain comes with its standard deviation. Unless `linear`, omega_n and zeta of the scales were
-    read at a level that holds the joint's softening and its losses, and tell the oscillator's own
-    only roughly.
-
-    Raises:
-        ConfigError: The campaign's bounds of a stiffness reach the whole stiffness.
+    read at a level that holds the joint's softening and its losses: roughly the oscillator's own.
     """
     given, omega_n, zeta = settings.prior, scales.omega_n, scales.zeta
     bounds: Bounds = {"omega_n": (0.97 * omega_n, 1.03 * omega_n), "zeta": (0.2 * zeta, 3.0 * zeta)}
@@ -84,12 +82,6 @@ def _require_stiffness(law: type[Law], own: Bounds, given: Collection[str], omeg
                 why="The joint's stiffness is a part of the whole, omega_n^2.",
                 remedy=f"Lower {name}'s upper bound in [identify.prior].",
             )
-
-
-def bounds_of(prior: Box) -> Bounds:
-    """Bounds of a box by name."""
-    sides = zip(prior.names, prior.lower, prior.upper, strict=True)
-    return {name: (float(low), float(high)) for name, low, high in sides}
 
 
 def chosen_coordinates(
@@ -130,7 +122,7 @@ def coordinate_box(
     coordinates: Coordinates,
 ) -> Box:
     """Box of a law's other coordinates about a fit, in the place of its own parameters."""
-    bounds = bounds_of(prior)
+    bounds = bounds_by_name(prior)
     other = law.coordinate_bounds(coordinates.name, bounds, theta, dict(settings.prior))
     merged: Bounds = {}
     for name, pair in bounds.items():

@@ -61,15 +61,10 @@ def joint_step(
     name: str = "joint",
     keep: Keep = no_checkpoint,
 ) -> tuple[Step, Dataset]:
-    """Joint posterior of all parameters of the joint, the gain and the noise.
+    """Joint posterior of all parameters of the joint, the gain and the noise, and its dataset.
 
-    `earlier` are the paper's steps, when they were run, and `keep` says where the chains outlive
-    the process.
-
-    Returns:
-        The step, its posterior with the noise by group and the laws' products besides the
-        parameters; and the dataset as it was sampled: with the offsets of the runs, the effective
-        values of coloured residuals, and the solver's steps that it took.
+    The posterior has the laws' products too; the dataset is as it was sampled, with the offsets of
+    the runs, effective values and solver steps. `earlier` are the paper's steps, if they were run.
 
     Reference:
         Eq. (37), with every parameter set to update.

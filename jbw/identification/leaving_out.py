@@ -27,12 +27,9 @@ LEAST_GAIN = 0.01  # of the variance: what a run must add for its absence to be 
 def leave_one_out(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
     """Fit again without each run of records, harmonics or loops in turn.
 
-    Two runs must be left, so that no fit is of one level alone: None with fewer than two such
-    runs, or three runs in all.
-
-    Returns:
-        Over (run, parameter) the optimum without the run `estimate`, its `std` and `z`, NaN where
-        the run adds nothing; over (run) the `error` of the run as that fit predicts it.
+    `z` is NaN where a run adds nothing, `error` is that of a run as the fit without it predicts it.
+    Two runs must be left, so that no fit is of one level alone: None with fewer than two such runs,
+    or three runs in all.
     """
     own = [part for part in data.parts if part.sizes() and not part.own_shifts]
     runs = tuple(dict.fromkeys(run for part in own for run in part.runs))

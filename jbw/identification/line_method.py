@@ -82,12 +82,7 @@ def floored(variance: NDArray[np.float64], h: NDArray[np.complex128]) -> NDArray
 
 
 def in_band(frf: FRF, band: tuple[float, float] | None) -> FRF:
-    """The FRF at its lines inside the band [Hz]; by default 20 % to either side of the peak.
-
-    Raises:
-        DataError: Fewer than 4 lines.
-        ConfigError: An empty band.
-    """
+    """The FRF at its lines inside the band [Hz]; by default 20 % to either side of the peak."""
     if band is None:
         # In the response as measured, whose noise does not rise towards low frequencies.
         size = np.abs(frf.h) * frf.omega ** derivative_order(frf.response) * frf.coherence

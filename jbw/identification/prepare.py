@@ -21,7 +21,6 @@ from jbw.campaign.settings import Identify
 from jbw.identification.accuracy import NUM_DRAWS, SHIFT, solver_change
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.coordinates import (
-    bounds_of,
     box_of,
     chosen_coordinates,
     coordinate_box,
@@ -30,7 +29,7 @@ from jbw.identification.coordinates import (
 from jbw.identification.run_effects import sentence_of, shifts_of, wanted, with_offsets
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.fitting import Fit, fit
-from jbw.inference.space.box import Box, box, from_unit
+from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
 from jbw.observables.dataset import (
     Dataset,
     best_offsets,
@@ -127,7 +126,7 @@ def from_amplitude_curve(
         damping = (model.zeta - seen.zeta) / (DAMPING_STD * jnp.max(seen.zeta))
         return jnp.concatenate([frequency, damping])
 
-    bounds = {name: pair for name, pair in bounds_of(prior).items() if name != "gain"}
+    bounds = {name: pair for name, pair in bounds_by_name(prior).items() if name != "gain"}
     best = fit(left, box(bounds), thin, starts=CURVE_STARTS, key=key)
     return {name: value for name, value in best.theta.items() if name not in known}
 

@@ -21,11 +21,7 @@ class Sweeps:
 
 
 def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
-    """Tests that `fit` and `hold_out` leave.
-
-    Raises:
-        ConfigError: If `hold_out` names no test.
-    """
+    """Tests that `fit` and `hold_out` leave."""
     names = [test.name for test in tests]
     unknown = [name for name in settings.hold_out if name not in names]
     if unknown:
@@ -62,9 +58,6 @@ def sweep_tests(tests: Sequence[Test], settings: Identify) -> Sweeps | None:
 
     `fit_levels` names the levels to fit; by default the lowest and the highest of three or more,
     all of fewer. `fit_repeats` is how many repeats of them are fitted, half by default.
-
-    Raises:
-        ConfigError: A level that no sweep has, or more repeats than there are.
     """
     sweeps = [test for test in sorted(tests, key=LEVEL) if test.traits.is_transient]
     if not sweeps:
@@ -102,9 +95,6 @@ def decay_tests(
     """Free decays split into what is fitted and what is held out; None without any to fit.
 
     Of each of the `chosen` tests, all of them when None, `fit_repeats` are fitted, half by default.
-
-    Raises:
-        ConfigError: Tests of different bands, or more repeats than there are.
     """
     decays = [test for test in tests if test.traits.is_free]
     if not decays:

@@ -10,16 +10,13 @@ import xarray as xr
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.verdict import Finding, Verdict, judge, verdict
 from jbw.inference.space.box import Box
-from jbw.oscillator.laws import laws_named, vocabulary
+from jbw.oscillator.laws import quantities_of, vocabulary
 from jbw.quantities import OSCILLATOR, attrs_of
 
 
 def attrs(laws: tuple[str, ...] = ()) -> dict[str, dict[str, str]]:
     """Attributes of the variables of a posterior, by name: units, symbol and meaning."""
-    table = [*OSCILLATOR, *vocabulary().values()]
-    for law in laws_named(laws):
-        table += law.table
-    return attrs_of(table)
+    return attrs_of([*OSCILLATOR, *vocabulary().values(), *quantities_of(laws)])
 
 
 @dataclass(frozen=True)

@@ -36,9 +36,6 @@ def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:
 
     The kernels are of input per unit mass [N/kg], those below the noise left out; omega_n [rad/s]
     is that of Step 2.
-
-    Raises:
-        DataError: If fewer than two frequencies are usable or a test has one repeat.
     """
     usable = [kernel for kernel in kernels if kernel.above_noise]
     if len(usable) < 2:
