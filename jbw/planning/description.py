@@ -9,25 +9,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
-from jbw.campaign.document import (
-    Table,
-    checked,
-    document_of,
-    key,
-    refuse,
-    text_of,
-    unknown_tables,
-)
+from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
 from jbw.campaign.settings import STIFFNESS, Joint
-from jbw.campaign.values import (
-    Count,
-    Index,
-    Positive,
-    number,
-    strings,
-    text,
-    whole,
-)
+from jbw.campaign.values import Count, Index, Positive, number, strings, text, whole
 from jbw.errors import ConfigError
 from jbw.oscillator.laws import quantities_of
 from jbw.planning.beliefs import Range, ranges_of, shares_of, usual_of

@@ -1,7 +1,4 @@
-"""What the interactive page shows: a run's responses, loops and curves as plotly's traces.
-
-Each is drawn as for the report, and what was drawn is read from the axes.
-"""
+"""The interactive page: responses, loops and curves of a run, read from the report's axes."""
 
 import html
 from collections.abc import Iterable

@@ -1,14 +1,8 @@
 """The figures of a run, by number and by name, as pictures and as SVG.
 
-Every figure takes the run's DataTree and, optionally, the axes to draw on, and returns its axes.
 `figures.figure_1`, `figure_2` and `figure_4` to `figure_13` are the paper's, with the run's own
-numbers (its figure 3 shows the rig); the others go beyond it. `FIGURES` has all by name,
-`FIGURE_LIST` what each of them asks and shows.
-
-`jbw.report.page` makes one page of responses, loops and curves to zoom into. Of a campaign before
-any run, `jbw.report.overview` draws the channels; of compared samplers, `jbw.report.studies` the
-means and rates. ArviZ's own plots take a run's tree as it is, as in `arviz.plot_rank(tree)`; they
-are not used here since they need pyplot, load JAX and take no axes.
+numbers (its figure 3 shows the rig); the others go beyond it. ArviZ's own plots take a run's tree
+as it is, as in `arviz.plot_rank(tree)`; unused here, they need pyplot and JAX and take no axes.
 """
 
 import io

@@ -12,15 +12,7 @@ from matplotlib.axes import Axes
 
 from jbw.errors import DataError
 from jbw.report import style
-from jbw.report.result import (
-    Parameter,
-    branch,
-    laws_of,
-    node,
-    of_joint,
-    of_law,
-    parameters,
-)
+from jbw.report.result import Parameter, branch, laws_of, node, of_joint, of_law, parameters
 from jbw.report.style import Panels, finish, panels, plain, title
 from jbw.report.text import axis_label
 

@@ -1,7 +1,6 @@
 """The posteriors of the procedure beside simulators of their data, ready to be calibrated.
 
-A simulator takes a key, the true parameters and a design, which is reduced data of which only what
-the test prescribes is used: inputs, repeats, noise, laws. It returns reduced data of the same form.
+A simulator takes a key, the true parameters and a design, and returns data of the design's form.
 The rig has its own code for every law that it knows, so that a factor that a likelihood drops is
 not dropped here with it.
 """

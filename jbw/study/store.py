@@ -42,7 +42,7 @@ def claim(folder: Path) -> Path:
 
 
 def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
-    """Write posterior.nc, then summary.json: a folder that holds that holds a whole result."""
+    """Write posterior.nc, and summary.json last: where that stands, the result is whole."""
     try:
         with writing(folder, "posterior.nc", "summary.json") as part:
             tree.to_netcdf(part / "posterior.nc", engine="h5netcdf")

@@ -67,7 +67,7 @@ def predict_curve(source: Source, test: Test) -> Predicted:
 
 
 def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
-    """Harmonics of all curves at once: of the force where a response was held, else of that."""
+    """Harmonics of all curves at once: the force's where a response was held, else its own."""
     # The force's phase counts from the displacement, the response's from the source. Errors are
     # over real and imaginary parts.
     if not curves:

@@ -1,8 +1,4 @@
-"""Predictions under a recorded input from rest: sweeps, noise, multisines, several tones.
-
-A record is brought on time once, its input carried through the model once; bands in time and of
-the frequency response are both made from that.
-"""
+"""Predictions under a recorded input from rest: sweeps, noise, multisines, several tones."""
 
 from collections.abc import Mapping
 from dataclasses import replace
