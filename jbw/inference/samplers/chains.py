@@ -31,14 +31,9 @@ class Draw(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """A Markov chain whose law is the posterior.
+    """A Markov chain whose law is the posterior: (key, w) to the first state, step, what it says.
 
     Its options have `num_warmup`, `num_samples`, `num_chains` and `chain_method`.
-
-    Attributes:
-        init: (key, w) to the first state, w the start in the whitened coordinate.
-        step: A state to the next.
-        read: A state to what it says.
     """
 
     init: Callable[[Key[Array, ""], Float[Array, " parameter"]], PyTree]
@@ -49,11 +44,9 @@ class Kernel(NamedTuple):
 class Draws(NamedTuple):
     """Draws of equal weight from one posterior, and their statistics.
 
-    Attributes:
-        possible: Whether the posterior is possible wherever the sampler must start.
-        arrived: Whether the sampler came to its end.
-        facts: Numbers of the whole run, such as log_evidence [nats] and its standard error.
-        groups: Further groups of the tree: group to variable to (dimensions, values).
+    It is `possible` where the posterior is, wherever the sampler must start, and `arrived` at its
+    end. Facts are of the whole run, such as log_evidence [nats] and its error; further groups of
+    the tree are group to variable to (dimensions, values).
     """
 
     theta: dict[str, Float[Array, "chain draw"]]
@@ -78,11 +71,7 @@ class Starts(NamedTuple):
 def starts_of(
     key: Key[Array, ""], problem: Problem, points: np.ndarray | None, num_chains: int
 ) -> Starts:
-    """Dispersed starts, so that the comparison of chains can tell.
-
-    Two standard deviations about a fit; all over the box where nothing is known; at given points
-    where there are some without a covariance.
-    """
+    """Starts two deviations about a fit, at points without a covariance, or all over the box."""
     size = len(problem.box.names)
     if problem.located or points is None:
         spread = OVERDISPERSION if problem.located else 1.0
@@ -147,10 +136,7 @@ def advance_chains(
     make: MakeKernel,
     options: Any,
 ) -> tuple[PyTree, Draw]:
-    """Take `count` steps with every chain; compiled once for any count up to `capacity`.
-
-    The draws are `capacity` along their second axis, zero from `count` on.
-    """
+    """Take `count` steps, compiled once for all up to `capacity`; draws are zero from there on."""
 
     def advance(state: PyTree, shared: tuple[Problem, Array]) -> tuple[PyTree, Draw]:
         problem, count = shared

@@ -6,11 +6,9 @@ $$\log r(w) = \log p(w \mid D) - \log t_\kappa(w)$$
 
 The ellipse leaves the normal of variance s as it is, and s the t distribution of kappa = 5 degrees
 of freedom, so that only the ratio r of posterior and reference decides: the angle is drawn
-uniformly and its bracket shrunk until r(w') exceeds a level drawn below r(w). Where the posterior
-is nearly the normal of the whitening almost every first point is taken and draws are nearly
-independent; nothing is tuned and no gradient is needed. The tails of the reference are heavier than
-a posterior's, so that no chain is left far out. A point at which the posterior is not finite is
-never taken.
+uniformly and its bracket shrunk until r(w') exceeds a level drawn below r(w). Near the normal of
+the whitening draws are nearly independent; nothing is tuned and no gradient is needed. Tails
+heavier than a posterior's leave no chain far out.
 
 Reference:
     Murray, Adams, MacKay (2010), AISTATS 9, 541; with the t distribution, Nishihara, Murray, Adams

@@ -1,14 +1,13 @@
 r"""From a density that can be drawn from to the posterior, and the evidence of weighted draws.
 
-Samplers that give the evidence start from a reference density r(w), and know of the posterior only
-its ratio to it,
+Samplers that give the evidence know of the posterior only its ratio to a reference density r(w),
 
 $$Z = \int L(\theta)\,\pi(\theta)\,\mathrm{d}\theta = E_r\!\left[e^{\ell(w)}\right], \qquad
 \ell(w) = \log p(w, D) - \log r(w)$$
 
-Where a fit has whitened w, the reference is Student's t distribution of 5 degrees of freedom, whose
-tails are heavier than a posterior's. Where nothing is known it is the prior itself: the logit of a
-uniform coordinate has the logistic distribution.
+which is Student's t distribution of 5 degrees of freedom where a fit has whitened w, its tails
+heavier than a posterior's, and otherwise the prior itself: the logit of a uniform coordinate has
+the logistic distribution.
 """
 
 from collections.abc import Callable
@@ -91,13 +90,12 @@ def highest_power(
 def pooled_evidence(
     log_evidence: Float[Array, " run"], variance: Float[Array, " run"]
 ) -> dict[str, Float[Array, ""]]:
-    r"""Evidence of independent runs together, and the standard error of its logarithm.
+    r"""Evidence [nats] of independent runs together, and the standard error of its logarithm.
 
     $$\log\hat Z = \log \frac1R \sum_r Z_r, \qquad
     \mathrm{se}^2 = \max\!\left(\bar{s^2},\ \mathrm{var}_r \log Z_r\right) / R$$
 
-    What each run says of its own error may leave something out, and the scatter of few runs may
-    be small by chance: the larger of the two is taken. Both are in nats.
+    A run's own error may leave something out, and the scatter of few runs be small by chance.
     """
     count = log_evidence.size
     scatter = jnp.var(log_evidence, ddof=1) if count > 1 else jnp.zeros(())

@@ -35,8 +35,7 @@ Bounds = Float[Array, "side parameter"]
 class Stretch(Coordinate):
     r"""Every coordinate by itself, $y = \sinh(\kappa x) / \kappa$ with $\kappa$ = 1/2.
 
-    Equal steps of x are short where y is small and long in its tails: a parameter that is hardly
-    known falls off as slowly as its logit does, and would otherwise take most of the nodes.
+    The long tails of a parameter that is hardly known would otherwise take most of the nodes.
     """
 
     def forward(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -53,10 +52,7 @@ class Stretch(Coordinate):
 
 
 class Grid(NamedTuple):
-    """Nodes at equal spacings along every whitened coordinate, the first coordinate slowest.
-
-    At each node is the log posterior density of w [nats].
-    """
+    """Nodes at equal spacings, the first coordinate slowest, and the log density of w [nats]."""
 
     whitening: Coordinate
     axes: Float[Array, "parameter place"]
@@ -206,10 +202,7 @@ def _no_narrower(
 
 
 def bounds_of(problem: Problem, whitening: Affine, place: Place, num_places: int) -> Bounds:
-    """Bounds so wide that the posterior is 21 nats below its highest node at every side.
-
-    Only the sides of the grid are looked at, each pushed out while it is too high.
-    """
+    """Bounds pushed out until the posterior is 21 nats below its highest node at every side."""
     d = len(problem.box.names)
     floor = place.highest + whitening.log_abs_det_jacobian(place.mean) - DEEP
 

@@ -4,9 +4,8 @@ $$w_i = \frac{p(D | \theta_i)\,\pi(\theta_i)}{t_5(\theta_i)}, \qquad
 \hat Z = \frac1N \sum_i w_i, \qquad \mathrm{se}(\log\hat Z)^2 = \frac{1}{N_{eff}} - \frac1N$$
 
 Draws of Student's t distribution about a fit are weighed by the posterior, and kept in proportion
-to their weights. No chain converges here: what counts is the effective number of the weights and
-k-hat, which the verdict judges. All points are known beforehand, so that under `vmap` no posterior
-waits for another.
+to their weights. All points are known beforehand, so that under `vmap` no posterior waits for
+another.
 
 Reference:
     Vehtari et al. (2024), JMLR 25, 72; for the t distribution, Geweke (1989), Econometrica 57; for
@@ -45,10 +44,9 @@ ENOUGH = 0.1  # effective draws for each draw that is kept: then the sampler has
 
 
 class Options(NamedTuple):
-    """Draws kept of each of so many groups that do not know each other.
+    """Draws kept of each group, and points weighed in each round, as many when None.
 
-    In each round `num_draws` points are weighed, as many as are kept when None; every round but the
-    last gives its weighted moments to the t distribution of the next.
+    Every round but the last gives its weighted moments to the t distribution of the next.
     """
 
     num_samples: int = 1000
@@ -93,13 +91,9 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 def smoothed(
     log_weights: Float[Array, " draw"],
 ) -> tuple[Float[Array, " draw"], Float[Array, ""]]:
-    """Normalised weights, their tail smoothed by a generalised Pareto fit, and its shape k-hat.
+    """Normalised weights, their tail smoothed by a Pareto fit, and its k-hat: good below 0.7.
 
-    ArviZ fits the tail; usable under `jit` and `vmap`, which call it once for each set of weights.
-    Below a k-hat of 0.7 they can be trusted.
-
-    Reference:
-        Vehtari et al. (2024), JMLR 25, 72.
+    Under `vmap` ArviZ is called once for each set of weights.
     """
     raw = jnp.maximum(log_weights - jnp.max(log_weights), SMALLEST)
     shapes = jax.ShapeDtypeStruct(raw.shape, raw.dtype), jax.ShapeDtypeStruct((), raw.dtype)
@@ -119,8 +113,7 @@ def _smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def _kept(key: Key[Array, ""], weights: Float[Array, " draw"], options: Options) -> Array:
     """Places of the draws that are kept, each group from points of its own, by stratified draws.
 
-    Copies of a draw stand next to each other: an effective sample size from autocorrelation then
-    counts them as one.
+    Copies stand together: an effective size from autocorrelation counts them as one.
     """
     groups = weights.reshape(options.num_chains, -1)
     shares = groups / jnp.sum(groups, axis=1, keepdims=True)

@@ -13,11 +13,7 @@ from jbw.inference.space.problem import Problem
 
 
 class Options(NamedTuple):
-    """Options of NUTS, beside those of every chain.
-
-    A dense mass matrix is adapted where no fit has whitened when None; `forward_mode` is that of
-    gradients, and the tree depth the doublings of a trajectory.
-    """
+    """Options of NUTS; `adapt_mass` None adapts a dense mass matrix where no fit has whitened."""
 
     num_warmup: int = 1000
     num_samples: int = 1000
@@ -30,10 +26,9 @@ class Options(NamedTuple):
 
 
 def kernel(problem: Problem, options: Options) -> Kernel:
-    """The chain; `diverging` are trajectories whose energy went astray or met no likelihood.
+    """The chain of Hoffman, Gelman (2014), JMLR 15, 1593.
 
-    Reference:
-        Hoffman, Gelman (2014), JMLR 15, 1593.
+    Trajectories are `diverging` whose energy went astray or met no likelihood.
     """
     adapt = not problem.located if options.adapt_mass is None else options.adapt_mass
     nuts = NUTS(

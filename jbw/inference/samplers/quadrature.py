@@ -4,12 +4,11 @@ $$Z = \prod_i h_i \sum_{n} p(w_n), \qquad w_n = (n_1 h_1, \dots, n_d h_d)$$
 
 by the trapezoidal rule in the whitened logit of the box, its tails drawn in. The density vanishes
 smoothly to all sides there, bounds of the box included, so that the rule converges exponentially in
-1 / h. The whitening is that of the posterior's own moments. What the rule changes over that on
-every other node is the stated error. Each parameter has a grid of its own along its axis, which
-gives its distribution function and quantiles. A mode is overlooked that is a few times narrower
-than the first spacing: a tenth of the posterior's deviation for two parameters, a third for three,
-two thirds for four. A thin ridge that bends through the box takes more nodes than there are: the
-stated error is then large, and the verdict fails.
+1 / h. What it changes over the rule on every other node is the stated error. Each parameter has a
+grid of its own along its axis, which gives its distribution function and quantiles. A mode is
+overlooked that is a few times narrower than the first spacing: a tenth of the posterior's deviation
+for two parameters, a third for three, two thirds for four. A thin ridge that bends through the box
+takes more nodes than there are: the stated error is then large, and the verdict fails.
 
 Reference:
     Trefethen, Weideman (2014), SIAM Review 56, 385.
@@ -150,12 +149,10 @@ def _quantiles(axis: Any, p: Any) -> NDArray[np.float64]:
 def distribution(
     w: float, axis: Float[np.ndarray, " node"], p: Float[np.ndarray, " node"]
 ) -> float:
-    r"""Probability below w, the integral of the series of sinc functions through the nodes.
+    r"""Probability below w, by sinc functions through the nodes: as exact as the rule itself.
 
     $$F(w) = \sum_j p_j \left[\tfrac12 + \tfrac1\pi \mathrm{Si}
     \!\left(\tfrac{\pi (w - w_j)}{h}\right)\right]$$
-
-    It converges as fast as the trapezoidal rule.
     """
     scaled = np.pi * (w - axis) / (axis[1] - axis[0])
     return float(p @ (0.5 + sici(scaled)[0] / np.pi))

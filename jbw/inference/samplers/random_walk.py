@@ -1,13 +1,9 @@
-r"""The paper's sampler: random-walk Metropolis-Hastings in the unit coordinate of a box.
+r"""The paper's sampler: random-walk Metropolis-Hastings in the unit coordinate: section 3.2.
 
 $$x' = x + \sigma_p L \eta, \quad \eta \sim N(0, I); \qquad
 P(\text{accept}) = \min\{1, p(x')/p(x)\}\ \text{inside}, \ 0\ \text{outside}$$
 
-A proposal outside the box is rejected and the current state repeated; clipping it onto the box
-would break detailed balance.
-
-Reference:
-    Section 3.2.
+Outside of the box the current state is repeated: clipping would break detailed balance.
 """
 
 from typing import NamedTuple
@@ -28,11 +24,9 @@ FIRST_STEP = (0.1, 1.0)  # in the box, or where a fit has whitened it: where tun
 class Options(NamedTuple):
     """Options of the walk, beside those of every chain.
 
-    Attributes:
-        target_accept: Acceptance that the step size is tuned to.
-        step_size: Fixed standard deviation of a proposal in x; None to tune it, in the warm-up and
-            only there. With a fixed step the walk is the same in all directions; a tuned one is
-            shaped by the covariance of a fit, where there is one.
+    The `step_size` is the fixed deviation of a proposal in x, the same in all directions. None
+    tunes it to `target_accept` in the warm-up, shaped by the covariance of a fit where there is
+    one.
     """
 
     num_warmup: int = 1000

@@ -6,8 +6,7 @@ under `jit` and `vmap`:
     kernel(problem, options) -> Kernel          a Markov chain: first state, step, what a state says
     draw(key, problem, options) -> Draws        everything at once, with the evidence
 
-To add one, copy `elliptical_slice.py` or `importance.py`, and call `register`: it then runs
-wherever a campaign or a call names it, and the contract test looks at it.
+To add one, copy `elliptical_slice.py` or `importance.py`, and call `register`.
 """
 
 from difflib import get_close_matches

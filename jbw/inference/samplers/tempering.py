@@ -4,10 +4,9 @@ $$p_\beta(w) \propto r(w)\, e^{\beta \ell(w)}, \qquad 0 = \beta_0 < \dots < \bet
 \qquad \log \hat Z = \sum_t \log \frac1N \sum_i e^{(\beta_t - \beta_{t-1}) \ell(w_i)}$$
 
 Particles are carried from a reference density r to the posterior through rising powers of their
-ratio. Steps of beta leave six tenths of the particles effective; between them every particle takes
-moves of a random walk shaped by the particles' covariance. A chain is a run of its own, so that
-R-hat compares independent runs. Descendants of one particle stay neighbours among the draws, where
-autocorrelation sees them.
+ratio; between them every particle takes moves of a random walk shaped by the particles' covariance.
+A chain is a run of its own, so that R-hat compares independent runs. Descendants of one particle
+stay neighbours among the draws, where autocorrelation sees them.
 
 Reference:
     Del Moral, Doucet, Jasra (2006), J. R. Stat. Soc. B 68, 411.
@@ -39,10 +38,7 @@ NUGGET = 1e-10  # of the variances: particles that coincide have no covariance
 
 
 class Options(NamedTuple):
-    """Particles of each run, runs, how these share the machine, and moves of every particle.
-
-    Moves are those between two temperatures; 5 d + 5 when None.
-    """
+    """Particles of each run, runs, and moves of a particle at a temperature, 5 d + 5 when None."""
 
     num_samples: int = 1000
     num_chains: int = 4

@@ -14,13 +14,7 @@ from jbw.errors import ConfigError
 
 
 class Box(eqx.Module):
-    r"""Independent uniform priors, $\theta_i \sim U[\theta_{min,i}, \theta_{max,i}]$.
-
-    The names are static, the bounds in each parameter's unit.
-
-    Reference:
-        Section 3.2.
-    """
+    r"""Uniform priors $\theta_i \sim U[\theta_{min,i}, \theta_{max,i}]$, in units: section 3.2."""
 
     names: tuple[str, ...] = eqx.field(static=True)
     lower: Float[Array, " parameter"]
@@ -92,10 +86,7 @@ def require_float64() -> None:
 
 
 class Product(NamedTuple):
-    r"""A product of powers, $\prod_i \theta_i^{p_i}$, by names for results and for sentences.
-
-    Factors are quantities that might be traded for one another in it.
-    """
+    r"""A product of powers, $\prod_i \theta_i^{p_i}$; factors might be traded for one another."""
 
     name: str
     text: str
@@ -116,10 +107,7 @@ def value_of(product: Product, theta: Mapping[str, Any]) -> Any:
 def gradient_of(
     product: Product, theta: Mapping[str, float], names: tuple[str, ...]
 ) -> Float[np.ndarray, " parameter"]:
-    r"""Derivatives of the product by the parameters, finite also where one of them is zero.
-
-    $$\partial_i = p_i\,\theta_i^{p_i - 1} \prod_{j \ne i} \theta_j^{p_j}$$
-    """
+    r"""Derivatives $p_i\,\theta_i^{p_i - 1} \prod_{j \ne i} \theta_j^{p_j}$, finite at zero."""
     gradient = np.zeros(len(names))
     for name, power in product.powers.items():
         lowered = product._replace(powers={**product.powers, name: power - 1})
@@ -133,8 +121,7 @@ def prior_of(product: Product, box: Box) -> tuple[float, float]:
     $$E[\theta^p] = \frac{u^{p+1} - l^{p+1}}{(p + 1)(u - l)}, \qquad
       E[\theta^{-1}] = \frac{\log(u/l)}{u - l}$$
 
-    multiplied over the parameters, which are independent; infinite where a negative power meets a
-    bound at zero.
+    multiplied over the parameters; infinite where a negative power meets a bound at zero.
     """
     missing = [name for name in product.powers if name not in box.names]
     if missing:
@@ -171,10 +158,7 @@ def log_prior_std(lower: float, upper: float) -> float:
 
 
 def log_prior_of(product: Product, box: Box) -> float:
-    r"""Standard deviation of the product's logarithm under the box's uniform prior.
-
-    $$\Bigl(\sum_i p_i^2\,\mathrm{var}(\log\theta_i)\Bigr)^{1/2}$$
-    """
+    r"""Prior deviation of log f, $(\sum_i p_i^2\,\mathrm{var}(\log\theta_i))^{1/2}$."""
     bounds = bounds_by_name(box)
     powers = product.powers.items()
     return math.hypot(*(power * log_prior_std(*bounds[name]) for name, power in powers))

@@ -1,12 +1,11 @@
 r"""Changes of variable that compose: what a sampler walks in, and back to the parameters.
 
-A coordinate maps a vector x to a vector y = f(x) of the same length, one to one and smoothly. A
-density carries over with the determinant of its derivatives,
+A coordinate maps a vector x to a vector y = f(x), in the order of the prior box, one to one and
+smoothly. A density carries over with the determinant of its derivatives,
 
 $$p(x) = p(y)\,\left|\det \frac{\partial f}{\partial x}\right|$$
 
-so that a sampler may walk in whatever x it likes and the posterior of y stays what it is.
-Parameters stand in vectors in the order of their prior box.
+so that a sampler may walk in whatever x it likes.
 """
 
 from abc import abstractmethod
@@ -38,13 +37,7 @@ class Coordinate(eqx.Module):
 
 
 class Affine(Coordinate):
-    r"""A linear map $y = c + L x$, such as the whitening by a covariance $L L^T$.
-
-    Attributes:
-        centre: c.
-        factor: L, of any shape.
-        log_det: Logarithm of |det L|, known once for all evaluations.
-    """
+    """A linear map $y = c + L x$, such as the whitening by a covariance $L L^T$."""
 
     centre: Vector
     factor: Float[Array, "parameter parameter"]
@@ -96,10 +89,9 @@ def unit(lower: Vector, upper: Vector) -> Elementwise:
 
 
 class Logarithms(Coordinate):
-    r"""Some parameters by their logarithms, $y_i = e^{x_i}$; the others as they are.
+    """Some parameters by their logarithms, $y_i = e^{x_i}$; the others as they are.
 
-    A product known far better than its factors is a straight valley of the logarithms and a bent
-    one of the parameters themselves, which nothing whitened by one covariance follows.
+    A product known far better than its factors is a straight valley of the logarithms alone.
     """
 
     chosen: tuple[bool, ...] = eqx.field(static=True)

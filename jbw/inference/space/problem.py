@@ -26,15 +26,9 @@ class Problem(eqx.Module):
     $$w \;\to\; \mathrm{logit}\ z = z_0 + L w \;\to\; u = u_{min} + \frac{u_{max} - u_{min}}
     {1 + e^{-z}} \;\to\; \theta$$
 
-    w is what most samplers walk in: any real numbers, and where a fit is known, standard normal
-    about it to second order. The last step is the identity, logarithms, or a ridge.
-
-    Attributes:
-        log_likelihood: (theta, data) to independent terms [nats].
-        box: Prior bounds of theta, uniform inside; those of u are `lower` and `upper`.
-        outer: From u to the parameters.
-        whitening: z_0 and L.
-        located: Whether the whitening comes from a fit; static.
+    w is what most samplers walk in: any real numbers, and standard normal to second order where the
+    problem is `located` by a fit. The `outer` step, from u of bounds `lower` and `upper`, is the
+    identity, logarithms, or a ridge. The box is of theta; the likelihood gives terms [nats].
     """
 
     log_likelihood: LogLikelihood
@@ -84,10 +78,8 @@ def log_density(
     $$\log p(x | D) = \sum_i \log L_i(\theta) - \log V
     + \log\left|\det \frac{\partial\theta}{\partial x}\right|$$
 
-    with V the volume of the box; minus infinity outside of it, and where a solve failed.
-
-    Reference:
-        Eqs. (32), (33), (35), (36), (37).
+    with V the volume of the box; minus infinity outside of it, and where a solve failed. Eqs. (32),
+    (33), (35), (36), (37).
     """
     box, values = problem.box, coordinate.forward(x)
     theta = named(values, box)
@@ -113,9 +105,8 @@ def laplace_whitening(
     $$\Sigma_z^{-1} = J \Sigma_x^{-1} J + \tfrac{3}{\pi^2} I, \qquad J = x (1 - x), \qquad
     L L^T = \Sigma_z$$
 
-    with x the place of the start between the bounds, 0 to 1, and z its logit. The last term is the
-    prior's precision in z: directions of which the data say nothing keep the width of the box. A
-    centre closer to a bound than its standard deviation is moved inside.
+    with x the place of the start between the bounds, 0 to 1, and z its logit, of the prior's
+    precision 3 / pi^2. A centre closer to a bound than its standard deviation is moved inside.
     """
     low, width = np.asarray(lower), np.asarray(upper) - np.asarray(lower)
     covariance_x = np.asarray(covariance, dtype=float) / np.outer(width, width)

@@ -24,8 +24,7 @@ FLOOR = 1e-6  # of the optimum: where a lower bound of zero is put
 class Reparametrisation(NamedTuple):
     """The coordinates u that a posterior is sampled in, `outer` from u to the parameters.
 
-    Chains start at one point, at one a chain, or all over the bounds when None; where a Laplace
-    covariance of u is known, it is about the one start.
+    Starts are one point, about which a Laplace covariance of u is, one a chain, or None.
     """
 
     outer: Coordinate
@@ -95,9 +94,8 @@ def along_logarithms(
 ) -> Reparametrisation:
     """Some parameters by their logarithms, the others as they are.
 
-    The bounds are put ten widths of the box further out, so that the sampler's logit is a straight
-    line over the box: a logit that bends would bend the ridges with it. The posterior itself keeps
-    to the prior box.
+    Bounds are put ten widths of the box further out: the sampler's logit is a straight line over
+    the box, which bends no ridge. The posterior itself keeps to the prior box.
     """
     place = in_logarithms(theta, covariance, box, names)
     reach = WIDER * (place.upper - place.lower)

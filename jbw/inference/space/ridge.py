@@ -39,10 +39,9 @@ Member = Float[Array, " member"]
 
 
 class Ridge(Coordinate):
-    """The straightened ridge: the other parameters, then w across the ridge, then r along it.
+    """The other parameters, then w across the ridge, then r along it.
 
-    The ridge's parameters are the `members` of the box, of bounds `lower` and `width`; s_0 is the
-    `origin` in units of the box, B is `across` and v is `along`.
+    Its `members` have bounds `lower` and `width`; s_0 is the `origin`, B is `across`, v is `along`.
     """
 
     members: tuple[int, ...] = eqx.field(static=True)
@@ -136,11 +135,9 @@ def _ridge_of(about: Reparametrisation) -> Ridge:
 def _laplace_along(
     about: Reparametrisation, ridge: Ridge
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Optimum and covariance in the coordinates of the ridge.
+    """Optimum and covariance in the coordinates of the ridge, which are linear about the optimum.
 
-    They are linear about the optimum: a turn of the ridge's parameters, and along the ridge a
-    division by the length between the walls. Chains start away from the walls, and with no more
-    than the width of a uniform r.
+    Chains start away from the walls, and with no more than the width of a uniform r.
     """
     low, high = (float(wall) for wall in walls(ridge.origin, ridge.along))
     length = max(high - low, NARROW)  # zero for an optimum in a corner
