@@ -8,24 +8,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Complex, Float, Real
 
 from jbw.oscillator.checks import (
-    is_concrete,
     require_at_least,
-    require_converged,
     require_finite,
     require_periodic,
     require_sense,
 )
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import batched
-from jbw.oscillator.steady.balance import (
-    Packed,
-    balance,
-    dimensionless,
-    linear_response,
-    unpack,
-)
-from jbw.oscillator.steady.cycle import MANY_TURNS
-from jbw.oscillator.steady.waveform import num_turns
+from jbw.oscillator.steady.balance import Packed, dimensionless, linear_response
+from jbw.oscillator.steady.cycle import converged, tone_from
 
 
 class Backbone(eqx.Module):
@@ -116,17 +107,11 @@ def frequency_response(
     Reference:
         In place of Eqs. (19)-(31).
     """
-    given, joint = joint, as_oscillator(joint)
     omega = jnp.asarray(omega, float)
-    require_sense(given, omega, amplitude, num_harmonics, max_turns)
-    harmonics, turns = _sweep(joint, omega, amplitude, num_harmonics, max_turns)
-    if not is_concrete(joint, omega, amplitude):
-        return harmonics
-    if max_turns == 2 and bool(jnp.any(turns > 2)):
-        harmonics, turns = _sweep(joint, omega, amplitude, num_harmonics, MANY_TURNS)
-    level = jax.tree.map(lambda leaf: jnp.asarray(leaf)[..., None], (given, amplitude))
-    require_converged(level[0], omega, level[1], harmonics, turns)
-    return harmonics
+    require_sense(joint, omega, amplitude, num_harmonics, max_turns)
+    solve = partial(_sweep, as_oscillator(joint), omega, amplitude, num_harmonics)
+    joint, amplitude = jax.tree.map(lambda leaf: jnp.asarray(leaf)[..., None], (joint, amplitude))
+    return converged(solve, joint, omega, amplitude, max_turns)
 
 
 @partial(jax.jit, static_argnums=(3, 4))
@@ -141,11 +126,7 @@ def _sweep(
         unit, ratio, length = dimensionless(joint, omega, amplitude)
 
         def tone(before: Packed, ratio: Array) -> tuple[Packed, tuple[Array, Array]]:
-            packed, load = balance(unit, ratio, before, max_turns)
-            q = unpack(packed)
-            turns = num_turns(q)
-            good = (load == 1.0) & (turns <= max_turns)
-            return packed, (jnp.where(good, length * q, jnp.nan), turns)
+            return tone_from(before, unit, ratio, length, max_turns)
 
         return jax.lax.scan(tone, linear_response(unit, ratio[0], num_harmonics), ratio)[1]
 

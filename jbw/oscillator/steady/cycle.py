@@ -1,5 +1,6 @@
 r"""Periodic response of the joint to a tone, by harmonic balance."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from jbw.oscillator.checks import (
 )
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import batched
-from jbw.oscillator.steady.balance import balance, dimensionless, linear_response, unpack
+from jbw.oscillator.steady.balance import Packed, balance, dimensionless, linear_response, unpack
 from jbw.oscillator.steady.waveform import num_turns, synthesis
 
 # Turning points a period that an eager call admits when two do not suffice.
@@ -84,14 +85,25 @@ def steady_state(
     Reference:
         In place of Eqs. (19)-(31), which hold for weak nonlinearity.
     """
-    given, joint = joint, as_oscillator(joint)
-    require_sense(given, omega, amplitude, num_harmonics, max_turns)
-    harmonics, turns = _steady(joint, omega, amplitude, num_harmonics, max_turns)
+    require_sense(joint, omega, amplitude, num_harmonics, max_turns)
+    solve = partial(_steady, as_oscillator(joint), omega, amplitude, num_harmonics)
+    return converged(solve, joint, omega, amplitude, max_turns)
+
+
+def converged(
+    solve: Callable[[int], tuple[Array, Array]],
+    joint: Joint,
+    omega: ArrayLike,
+    amplitude: ArrayLike,
+    max_turns: int,
+) -> Complex[Array, "... harmonic"]:
+    """Harmonics by `solve`; an eager call tries again with many turns, then raises."""
+    harmonics, turns = solve(max_turns)
     if not is_concrete(joint, omega, amplitude):
         return harmonics
     if max_turns == 2 and np.any(np.asarray(turns) > 2):
-        harmonics, turns = _steady(joint, omega, amplitude, num_harmonics, MANY_TURNS)
-    require_converged(given, omega, amplitude, harmonics, turns)
+        harmonics, turns = solve(MANY_TURNS)
+    require_converged(joint, omega, amplitude, harmonics, turns)
     return harmonics
 
 
@@ -149,9 +161,17 @@ def _steady(
     def tone(joint: Oscillator, omega: Array, amplitude: Array) -> tuple[Array, Array]:
         unit, ratio, length = dimensionless(joint, omega, amplitude)
         start = linear_response(unit, ratio, num_harmonics)
-        packed, load = balance(unit, ratio, start, max_turns)
-        q = unpack(packed)
-        turns = num_turns(q)
-        return jnp.where((load == 1.0) & (turns <= max_turns), length * q, jnp.nan), turns
+        return tone_from(start, unit, ratio, length, max_turns)[1]
 
     return batched(tone, joint, omega, amplitude)
+
+
+def tone_from(
+    start: Packed, unit: Oscillator, ratio: Array, length: Array, max_turns: int
+) -> tuple[Packed, tuple[Array, Array]]:
+    """Balance of a tone, and its harmonics and turning points; NaN where they are no answer."""
+    packed, load = balance(unit, ratio, start, max_turns)
+    q = unpack(packed)
+    turns = num_turns(q)
+    good = (load == 1.0) & (turns <= max_turns)
+    return packed, (jnp.where(good, length * q, jnp.nan), turns)
