@@ -18,6 +18,10 @@ from jbw.oscillator.steady.waveform import crest, exponentials, synthesis
 Law = Any  # a `jbw.oscillator.law.Law`, whose methods call these functions
 Memory = Any
 
+_MOVE_STEPS = 8  # along a monotone path
+_LOOP_POINTS = 128  # moves of half a cycle
+_PERIOD_POINTS = 512
+
 
 def slope(law: Law, y: Scalar, memory: Memory, direction: Scalar) -> Scalar:
     """Slope dF/dy of a motion in a direction [1/s^2]."""
@@ -38,13 +42,13 @@ def slope(law: Law, y: Scalar, memory: Memory, direction: Scalar) -> Scalar:
 
 
 def move_by_rates(law: Law, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-    """Memory after a monotone move by Runge and Kutta's rule of order 4 in `law.move_steps`."""
-    step = dy / law.move_steps
+    """Memory after a monotone move by Runge and Kutta's rule of order 4 in eight steps."""
+    step = dy / _MOVE_STEPS
 
     def moved(memory: Memory, slope: Memory, part: float) -> Memory:
         return jax.tree.map(lambda m, s: m + part * s, memory, slope)
 
-    for index in range(law.move_steps if jax.tree.leaves(memory) else 0):
+    for index in range(_MOVE_STEPS if jax.tree.leaves(memory) else 0):
         here = y + index * step
         k_1 = law.rate(here, step, memory)
         k_2 = law.rate(here + 0.5 * step, step, moved(memory, k_1, 0.5))
@@ -87,7 +91,7 @@ def loop_by_moves(law: Law, y_peak: Scalar) -> tuple[Float[Array, "..."], Float[
     y_peak = jnp.asarray(y_peak, float)
     at_zero = y_peak == 0.0
     peak, own = jnp.where(at_zero, 1.0, y_peak), law.stiffness()
-    theta = jnp.linspace(0.0, jnp.pi, law.loop_points + 1)
+    theta = jnp.linspace(0.0, jnp.pi, _LOOP_POINTS + 1)
 
     def left(y: Array, memory: Memory) -> Array:
         return law.force(y, 0.0 * y, memory) - own * y
@@ -102,7 +106,7 @@ def loop_by_moves(law: Law, y_peak: Scalar) -> tuple[Float[Array, "..."], Float[
     pairs = jnp.stack([jnp.cos(theta[:-1]), jnp.cos(theta[1:])], 1)
     _, rest = jax.lax.scan(onward, tip, pairs)
     force = jnp.concatenate([jnp.broadcast_to(left(peak, tip), like)[None], rest])
-    weights = jnp.ones(theta.size).at[jnp.array([0, -1])].set(0.5) * 2.0 / law.loop_points
+    weights = jnp.ones(theta.size).at[jnp.array([0, -1])].set(0.5) * 2.0 / _LOOP_POINTS
     real, imaginary = (
         jnp.where(at_zero, 0.0, jnp.tensordot(weights * wave, force, 1) / peak)
         for wave in (jnp.cos(theta), -jnp.sin(theta))
@@ -114,7 +118,7 @@ def harmonics_by_moves(
     law: Law, q: Complex[Array, " harmonic"], max_turns: int
 ) -> Complex[Array, " harmonic"]:
     """Odd harmonics of the remainder on a uniform grid of half a period from the crest."""
-    points = max(law.period_points, 32 * q.shape[0]) // 2
+    points = max(_PERIOD_POINTS, 32 * q.shape[0]) // 2
     theta = crest(q) + np.pi * np.arange(2 * points) / points
     r = law.force_over_period(q, theta, max_turns) - law.stiffness() * synthesis(q, theta)
     return 2.0 / points * (r[:points] @ exponentials(theta[:points], q.shape[0]).conj())

@@ -51,11 +51,6 @@ class Law(eqx.Module):
     products: ClassVar[tuple[Monomial, ...]] = ()
     coordinates: ClassVar[Mapping[str, Coordinates]] = {}
     usual: ClassVar[Mapping[str, tuple[str, tuple[float, float]]]] = {}
-    # Steps of the generic move along a monotone path.
-    move_steps: ClassVar[int] = 8
-    # Moves of half a cycle in the generic loop, and of a period in the generic harmonics.
-    loop_points: ClassVar[int] = 128
-    period_points: ClassVar[int] = 512
 
     # -- of the kind of law ------------------------------------------------------------------------
     @classmethod

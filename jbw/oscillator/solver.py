@@ -5,7 +5,7 @@ Time counts samples, $\tau = t f_s$, so that no rounding of 1/fs accumulates ove
 """
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import diffrax
 import equinox as eqx
@@ -14,7 +14,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jbw.oscillator.hold import substep_matrices
-from jbw.oscillator.law import Law
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.step import ExactStep, Push, State, advance, exact_step
@@ -78,11 +77,6 @@ def oscillate(oscillator: Oscillator, u: Scalar, state: State) -> State:
     return v, dv, tuple(rates)
 
 
-def state_tree(laws: tuple[Law, ...]) -> Any:
-    """Structure of the state (y, v, memories)."""
-    return jax.tree.structure((0.0, 0.0, tuple(law.at_rest() for law in laws)))
-
-
 class HysteresisExact(diffrax.AbstractSolver):
     """The step of `exact_step` as a diffrax solver, for a sampled input.
 
@@ -108,7 +102,8 @@ class HysteresisExact(diffrax.AbstractSolver):
         push_y, push_v, u = args.push
         push: Push = push_y[solver_state], push_v[solver_state], u[solver_state]
         # As a flat tuple: empty memories, of springs, have no place in the loop's buffers.
-        state = jax.tree.unflatten(state_tree(args.step.laws), y0)
+        memory = tuple(law.at_rest() for law in args.step.laws)
+        state = jax.tree.unflatten(jax.tree.structure((0.0, 0.0, memory)), y0)
         y1 = tuple(jax.tree.leaves(advance(args.step, state, push, branch=True)))
         dense_info = dict(y0=y0, y1=y1)
         return y1, None, dense_info, solver_state + 1, diffrax.RESULTS.successful

@@ -12,8 +12,34 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Real
 from jbw.errors import ConfigError
 from jbw.oscillator.checks import require_at_least, require_finite
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.paper.smoothing import Smoothing, smoothed_force
+from jbw.oscillator.paper.smoothing import Smoothing
 from jbw.oscillator.parameters import Scalar
+
+
+def smoothed_force(
+    smoothing: Smoothing, y: Real[ArrayLike, "..."], v: Real[ArrayLike, "..."]
+) -> Scalar:
+    r"""Polynomial restoring force that replaces Z.
+
+    $$F(y, v) = \lambda_1 y + \lambda_3 y^3 + \mathrm{sgn}(v)\,(\lambda_0 - \lambda_2 y^2)$$
+
+    It switches on the sign of the velocity; the paper's sgn(du/dt) is the same below resonance
+    only. Meant for coefficients with the sign rule of `smoothing`, not for the printed ones.
+
+    Args:
+        smoothing: Coefficients.
+        y: Displacement [m].
+        v: Velocity [m/s]; only its sign counts, and at zero the two branches are averaged.
+
+    Returns:
+        Force [N/kg].
+
+    Reference:
+        Eqs. (7), (8).
+    """
+    y = jnp.asarray(y)
+    elastic = (smoothing.lambda_1 + smoothing.lambda_3 * y**2) * y
+    return elastic + jnp.sign(v) * (smoothing.lambda_0 - smoothing.lambda_2 * y**2)
 
 
 def square_wave(

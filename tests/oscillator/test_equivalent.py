@@ -8,6 +8,7 @@ import pytest
 from equivalent_system import (
     equivalent_acceleration,
     simulate_equivalent,
+    smoothed_force,
     smoothed_harmonics,
     square_wave,
 )
@@ -16,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.paper.smoothing import Smoothing, smoothed_force, smoothing
+from jbw.oscillator.paper.smoothing import Smoothing, smoothing
 
 # Of references of the other tests; what they are held against is integrated at length.
 pytestmark = pytest.mark.slow

@@ -4,13 +4,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from equivalent_system import smoothed_force
 from loop_paths import branch
 from scipy.integrate import quad, solve_ivp
 
 from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.laws.hysteresis import steady_loop
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.paper.smoothing import Smoothing, smoothed_force, smoothing
+from jbw.oscillator.paper.smoothing import Smoothing, smoothing
 
 ALPHA, DELTA, GAMMA = 497.40, 340.21, 32.84
 VARIANTS = {

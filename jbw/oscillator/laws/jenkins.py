@@ -12,7 +12,13 @@ from jaxtyping import Array, Bool, Complex, Float
 from jbw.oscillator.kinks import Ends, StepPath, kept, kink_impulse, signed, slope_jump_impulse
 from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales
 from jbw.oscillator.parameters import Scalar
-from jbw.oscillator.steady.waveform import angle_of, crest, exponentials, gauss_legendre, synthesis
+from jbw.oscillator.steady.waveform import (
+    angle_of,
+    crest,
+    exponentials,
+    gauss_legendre_between,
+    synthesis,
+)
 from jbw.quantities import Quantity
 
 # The first slip is looked for between these parts of the largest displacement, the others from
@@ -236,11 +242,7 @@ class Jenkins(Law):
         total = jnp.zeros_like(q)
         for alpha, phi in zip(self.alpha, self.phi, strict=True):
             begin, again = stop_gradient((start, angle_of(q, start, peak - 2.0 * phi)))
-            parts = (
-                gauss_legendre(num_nodes, begin, again),
-                gauss_legendre(num_nodes, again, begin + jnp.pi),
-            )
-            theta, weights = (jnp.concatenate(part) for part in zip(*parts, strict=True))
+            theta, weights = gauss_legendre_between(num_nodes, begin, again, begin + jnp.pi)
             basis = exponentials(theta, q.shape[0])
             r = self._unloading(phi, peak, jnp.sum(basis * q, -1).real)
             total = total + alpha * ((weights * r) @ basis.conj())

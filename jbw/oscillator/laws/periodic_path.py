@@ -24,6 +24,7 @@ from jbw.oscillator.steady.waveform import (
     exponentials,
     flatter,
     gauss_legendre,
+    gauss_legendre_between,
     synthesis,
 )
 
@@ -64,11 +65,7 @@ def relaxed_force(
     start_fixed = stop_gradient(start)
     zero = angle_of(*stop_gradient((q, start, y_open)))
     num_nodes = _NODES + _NODES_PER_HARMONIC * num_harmonics
-    segments = (
-        gauss_legendre(num_nodes, start_fixed, zero),
-        gauss_legendre(num_nodes, zero, start_fixed + jnp.pi),
-    )
-    theta, weights = (jnp.concatenate(part) for part in zip(*segments, strict=True))
+    theta, weights = gauss_legendre_between(num_nodes, start_fixed, zero, start_fixed + jnp.pi)
     basis = exponentials(theta, num_harmonics)
     y = jnp.sum(basis * q, -1).real
     r = -(y_open + unloading_lag(y, y_open, delta, gamma))
@@ -98,9 +95,7 @@ def _folded_relaxed_force(
 ) -> Complex[Array, " harmonic"]:
     """The same with more turning points, by quadrature between them and the zeros of z."""
     num_harmonics = q.shape[0]
-    law: Any = _UnitLaw(jnp.ones_like(delta), delta, gamma)
-    turns = turning_angles(q, max_turns)
-    y_turn, z_turn = _turning_states(q, turns, law)
+    law, turns, y_turn, z_turn = _turning_states(q, delta, gamma, max_turns)
     turns, zeros = stop_gradient((turns, _zeros(q, turns, y_turn, z_turn, law)))
     breaks = jnp.stack([turns[:-1], zeros], -1).ravel()
     breaks = jnp.append(breaks, turns[-1])
@@ -121,9 +116,7 @@ def _folded_force_over_period(
     max_turns: int,
 ) -> Float[Array, " time"]:
     """The same with more turning points, from the last one on."""
-    law: Any = _UnitLaw(jnp.ones_like(delta), delta, gamma)
-    turns = turning_angles(q, max_turns)
-    y_turn, z_turn = _turning_states(q, turns, law)
+    law, turns, y_turn, z_turn = _turning_states(q, delta, gamma, max_turns)
     after = jnp.mod(theta - turns[0], 2.0 * jnp.pi)
     side = jnp.where(after >= jnp.pi, -1.0, 1.0)
     place = turns[0] + jnp.where(after >= jnp.pi, after - jnp.pi, after)
@@ -164,9 +157,11 @@ def _polish(
 
 
 def _turning_states(
-    q: Complex[Array, " harmonic"], turns: Float[Array, " turn"], law: Hysteresis
-) -> tuple[Float[Array, " turn"], Float[Array, " turn"]]:
-    """Displacement and steady force at the turning points; the last mirrors the first."""
+    q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
+) -> tuple[Any, Float[Array, " turn"], Float[Array, " turn"], Float[Array, " turn"]]:
+    """Law of z/alpha, turning points, and y and steady force there; the last mirrors the first."""
+    law: Any = _UnitLaw(jnp.ones_like(delta), delta, gamma)
+    turns = turning_angles(q, max_turns)
     y = synthesis(q, turns)
     y = y.at[-1].set(-y[0])
 
@@ -186,7 +181,7 @@ def _turning_states(
     z = jax.lax.fori_loop(0, _NUM_PERIODICITY, lambda _, z: newton(*fixed, z), stop_gradient(z))
     # At the root two more steps change no digit and carry two derivatives.
     z = newton(law, y, newton(law, y, stop_gradient(z)))
-    return y, path(law, y, z)
+    return law, turns, y, path(law, y, z)
 
 
 def _zeros(

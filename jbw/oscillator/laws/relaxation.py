@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Complex, Float, Real
 
-from jbw.oscillator.steady.waveform import gauss_legendre
+from jbw.oscillator.steady.waveform import gauss_legendre, gauss_legendre_between
 
 # atanh(r)/r in r^2; at |s| = 1/2, r^2 <= 1/9 and the first one left out is below 1e-17.
 _ATANH = tuple(1 / (2 * n + 1) for n in range(17))
@@ -148,12 +148,7 @@ def loop_harmonics(
     integrated by hand, so that the harmonics stay accurate where the lag is small; the imaginary
     part of the first one is the area over pi.
     """
-    turn = jnp.arccos(opening)
-    segments = (
-        gauss_legendre(_NUM_NODES_HARMONICS, 0.0, turn),
-        gauss_legendre(_NUM_NODES_HARMONICS, turn, jnp.pi),
-    )
-    theta, weights = (jnp.concatenate(part, -1) for part in zip(*segments, strict=True))
+    theta, weights = gauss_legendre_between(_NUM_NODES_HARMONICS, 0.0, jnp.arccos(opening), jnp.pi)
     shape = (x[..., None] for x in (opening, d, gamma))
     lost = 2.0 / jnp.pi * weights * unloading_lag(jnp.cos(theta), *shape)
 

@@ -20,7 +20,7 @@ from jbw.oscillator.laws.hysteresis import steady_loop
 from jbw.oscillator.laws.relaxation import unloading_lag
 from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.parameters import Scalar
-from jbw.oscillator.steady.waveform import gauss_legendre
+from jbw.oscillator.steady.waveform import gauss_legendre_between
 
 Variant = Literal["least_squares", "chebyshev", "taylor_least_squares", "printed", "printed_closed"]
 _NUM_NODES = 48
@@ -95,32 +95,6 @@ def smoothing(
     return _smoothing(joint, y_peak, y_open, variant)
 
 
-def smoothed_force(
-    smoothing: Smoothing, y: Real[ArrayLike, "..."], v: Real[ArrayLike, "..."]
-) -> Scalar:
-    r"""Polynomial restoring force that replaces Z.
-
-    $$F(y, v) = \lambda_1 y + \lambda_3 y^3 + \mathrm{sgn}(v)\,(\lambda_0 - \lambda_2 y^2)$$
-
-    It switches on the sign of the velocity; the paper's sgn(du/dt) is the same below resonance
-    only. Meant for coefficients with the sign rule of `smoothing`, not for the printed ones.
-
-    Args:
-        smoothing: Coefficients.
-        y: Displacement [m].
-        v: Velocity [m/s]; only its sign counts, and at zero the two branches are averaged.
-
-    Returns:
-        Force [N/kg].
-
-    Reference:
-        Eqs. (7), (8).
-    """
-    y = jnp.asarray(y)
-    elastic = (smoothing.lambda_1 + smoothing.lambda_3 * y**2) * y
-    return elastic + jnp.sign(v) * (smoothing.lambda_0 - smoothing.lambda_2 * y**2)
-
-
 def _require_inside(y_open: ArrayLike, y_peak: ArrayLike) -> None:
     """Raise unless the threshold lies within the loop."""
     if is_concrete(y_open, y_peak) and not np.all(np.abs(y_open) < np.asarray(y_peak)):
@@ -159,7 +133,8 @@ Coefficients = tuple[Array, Array, Array, Array]
 
 def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
     """Projection on the Legendre polynomials P_0..P_3."""
-    s, weights = _two_segments(-1.0, eta, 1.0)
+    # The lag has a kink at the threshold.
+    s, weights = gauss_legendre_between(_NUM_NODES, -1.0, eta, 1.0)
     lost = weights * unloading_lag(s, *(x[..., None] for x in (eta, d, g)))
     basis = (1.0, s, 1.5 * s**2 - 0.5, 2.5 * s**3 - 1.5 * s)
     p_0, p_1, p_2, p_3 = ((n + 0.5) * jnp.sum(lost * p, -1) for n, p in enumerate(basis))
@@ -168,18 +143,10 @@ def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
 
 def _chebyshev(d: Array, g: Array, eta: Array) -> Coefficients:
     """Projection on T_0..T_3, the cosine series of the lag in theta, s = cos(theta)."""
-    theta, weights = _two_segments(0.0, jnp.arccos(eta), jnp.pi)
+    theta, weights = gauss_legendre_between(_NUM_NODES, 0.0, jnp.arccos(eta), jnp.pi)
     lost = weights * unloading_lag(jnp.cos(theta), *(x[..., None] for x in (eta, d, g)))
     t_0, t_1, t_2, t_3 = (2.0 / jnp.pi * jnp.sum(lost * jnp.cos(n * theta), -1) for n in range(4))
     return eta + 0.5 * t_0 - t_2, 1.0 - t_1 + 3.0 * t_3, -2.0 * t_2, -4.0 * t_3
-
-
-def _two_segments(lower: float, middle: Array, upper: float) -> tuple[Array, Array]:
-    """Quadrature nodes and weights on both sides of the threshold, where the lag has a kink."""
-    left = gauss_legendre(_NUM_NODES, lower, middle)
-    right = gauss_legendre(_NUM_NODES, middle, upper)
-    nodes, weights = (jnp.concatenate(pair, -1) for pair in zip(left, right, strict=True))
-    return nodes, weights
 
 
 def _taylor_least_squares(d: Array, g: Array, eta: Array) -> Coefficients:

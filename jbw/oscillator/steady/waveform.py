@@ -1,6 +1,7 @@
 r"""Half-wave symmetric periodic motions y = Re sum q_n exp(j n theta) of odd orders n."""
 
 from functools import cache
+from itertools import pairwise
 
 import jax
 import jax.numpy as jnp
@@ -115,6 +116,15 @@ def gauss_legendre(
     lower, upper = jnp.broadcast_arrays(jnp.asarray(lower, float), jnp.asarray(upper, float))
     width = (upper - lower)[..., None]
     return lower[..., None] + width * nodes, width * weights
+
+
+def gauss_legendre_between(
+    num_nodes: int, *breaks: Real[ArrayLike, "..."]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Nodes and weights on all segments between break points in rising order, joined."""
+    segments = (gauss_legendre(num_nodes, lower, upper) for lower, upper in pairwise(breaks))
+    nodes, weights = (jnp.concatenate(parts, -1) for parts in zip(*segments, strict=True))
+    return nodes, weights
 
 
 @cache
