@@ -14,18 +14,12 @@ from jbw.campaign.files import repeats_of
 from jbw.campaign.schema import CampaignSpec, TestSpec, force_per_unit, read_spec
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
+from jbw.measurement import response_checks
 from jbw.measurement.checks import Fault, doubt, inspect, refusal, worst
 from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.plausibility import doubts, swapped
 from jbw.measurement.records import INPUTS, Record
-from jbw.measurement.response_checks import (
-    gives_energy,
-    impassive,
-    phase_in_degrees,
-    undecaying,
-    unsteady,
-)
 
 # Settings that not every kind of test reads, and the traits of those that do.
 READ_BY: dict[str, Callable[[Kind], bool]] = {
@@ -240,11 +234,11 @@ def _believable(record: Record, test: TestSpec, per_unit: float | None) -> Itera
         yield from swapped(record)
     elif traits.is_steady:
         dwell = test.dwell if traits.is_stepped else None
-        yield from unsteady(record, test.tones, test.settle, dwell)
+        yield from response_checks.unsteady(record, test.tones, test.settle, dwell)
     elif traits.is_curve:
-        yield from phase_in_degrees(record.channels["phase"])
-        yield from impassive(response_curve(record))
+        yield from response_checks.phase_in_degrees(record.channels["phase"])
+        yield from response_checks.impassive(response_curve(record))
     elif traits.is_prescribed:
-        yield from gives_energy(forced_loop(record))
+        yield from response_checks.gives_energy(forced_loop(record))
     elif traits.is_free:
-        yield from undecaying(record, test.settle)
+        yield from response_checks.undecaying(record, test.settle)

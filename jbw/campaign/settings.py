@@ -161,21 +161,17 @@ def law_errors(laws: Sequence[str], prior: Prior) -> list[str]:
 def _out_of_bounds(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:
     for name, (lower, _) in prior.items():
         if name not in known:
-            yield f"{name}: unknown parameter{_owner(name)}{unlike(name, known)}."
+            from jbw.oscillator.laws import LAWS
+
+            owners = [law.name for law in LAWS.values() if name in law.names()]
+            owner = f" of the chosen laws; law `{owners[0]}` has it" if owners else ""
+            yield f"{name}: unknown parameter{owner}{unlike(name, known)}."
             continue
         least = known[name].least
         # Nothing oscillates at omega_n = 0.
         if least is not None and (lower < least or (name == "omega_n" and lower <= 0)):
             must = f"at least {least:g}" if least else "positive"
             yield f"{name}: must be {must}, but its lower bound is {lower:g}."
-
-
-def _owner(name: str) -> str:
-    """Which law has the parameter, where another than the chosen ones does."""
-    from jbw.oscillator.laws import LAWS
-
-    owners = [law.name for law in LAWS.values() if name in law.names()]
-    return f" of the chosen laws; law `{owners[0]}` has it" if owners else ""
 
 
 def _too_stiff(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:

@@ -8,17 +8,9 @@ import numpy as np
 
 from jbw.campaign.settings import Identify, laws_of
 from jbw.errors import DataError
+from jbw.identification import selection
 from jbw.identification.linear_step import LinearStep, linear_step
-from jbw.identification.selection import (
-    DecaySplit,
-    Sweeps,
-    decay_tests,
-    fitted,
-    linear_test,
-    loop_tests,
-    probing_tests,
-    sweep_tests,
-)
+from jbw.identification.selection import DecaySplit, Sweeps
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
 from jbw.observables.line_fit import LineReading
@@ -46,7 +38,8 @@ class Measured:
     @property
     def probing(self) -> tuple[Test, ...]:
         """Tests with one tone that probes the third-order kernel, for Step 3."""
-        return () if self.linear is None else probing_tests(self.tests, self.linear.natural_hz)
+        linear = self.linear
+        return () if linear is None else selection.probing_tests(self.tests, linear.natural_hz)
 
     @property
     def swept(self) -> list[Test]:
@@ -72,12 +65,13 @@ def measured(
         ConfigError: If `hold_out` names no test, or settings do not fit the tests.
     """
     laws = laws_of(DEFAULT_LAWS, settings.prior) if laws is None else laws
-    chosen = fitted(tests, settings)
-    noise, linear = linear_test(tests), None
+    chosen = selection.fitted(tests, settings)
+    noise, linear = selection.linear_test(tests), None
     if noise is not None:
         report(f"Step 2: line fit of {noise.name}")
         linear = linear_step(noise, gain)
-    sweeps, decays = sweep_tests(tests, settings), decay_tests(tests, settings, chosen)
+    sweeps = selection.sweep_tests(tests, settings)
+    decays = selection.decay_tests(tests, settings, chosen)
     return Measured(tuple(tests), tuple(chosen), settings, laws, gain, linear, sweeps, decays)
 
 
@@ -124,7 +118,7 @@ def _names(tests: Sequence[Test]) -> set[str]:
 def _reducible(seen: Measured) -> list[Test]:
     """The chosen tests with the repeats to fit alone; without those that validate."""
     chosen, linear = seen.chosen, seen.linear
-    validating = () if linear is None else loop_tests(chosen, linear.natural_hz)
+    validating = () if linear is None else selection.loop_tests(chosen, linear.natural_hz)
     split = [test for test in chosen if test.traits.is_transient or test.traits.is_free]
     apart = _names(validating) | _names(split)
     usable = [*seen.swept, *(test for test in chosen if test.name not in apart)]

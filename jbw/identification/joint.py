@@ -16,12 +16,7 @@ import xarray as xr
 from jaxtyping import Array, Float, Key
 
 from jbw.campaign.settings import Identify
-from jbw.identification.accuracy import (
-    repeatability_finding,
-    residual_finding,
-    shape_finding,
-    solver_finding,
-)
+from jbw.identification import accuracy
 from jbw.identification.equivalent import effects, effects_sentence, response_finding
 from jbw.identification.leaving_out import consistency_finding, leave_one_out, left_out_sentence
 from jbw.identification.prepare import Fitted, prepare
@@ -35,15 +30,8 @@ from jbw.inference.samplers.register import sampler_named
 from jbw.inference.samplers.rewhitening import sample_until
 from jbw.inference.space.reparametrisation import along_logarithms, in_box, never_zero
 from jbw.inference.space.ridge import along_ridge
-from jbw.observables.dataset import (
-    Dataset,
-    as_arrays,
-    error_by_label,
-    fractions_counted,
-    largest_displacement,
-    left_by_label,
-    log_likelihood,
-)
+from jbw.observables import dataset
+from jbw.observables.dataset import Dataset
 from jbw.observables.observable import Drawn, Observable
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import BY_NAME
@@ -79,8 +67,8 @@ def joint_step(
     chains = sample_joint(keys[2], ready, settings, keep, name)
     posterior = with_derived(keys[3], chains, ready.data)
     groups, findings, words = posterior_checks(keys[4], posterior["posterior"].to_dataset(), ready)
-    for group, dataset in groups.items():
-        posterior[group] = xr.DataTree(dataset)
+    for group, arrays in groups.items():
+        posterior[group] = xr.DataTree(arrays)
     step = finished(
         name, posterior, ready.box, ready.fit, started,
         findings=findings, statements=[*ready.statements, *words],
@@ -124,7 +112,8 @@ def sample_joint(
         coordinates = along_logarithms(best.theta, best.covariance, prior, logs)
     told = settings.num_samples is not None or sampler_named(sampler).is_fixed
     return sample_until(
-        key, log_likelihood, prior, data, coordinates=coordinates, rounds=ROUNDS if slices else 0,
+        key, dataset.log_likelihood, prior, data,
+        coordinates=coordinates, rounds=ROUNDS if slices else 0,
         enough=None if told else partial(are_enough, data=data, y_peak=_largest(best, data)),
         budget_s=settings.budget_s, keep=lambda i: keep(f"{name}_{i}" if i else name), **options,
     )  # fmt: skip
@@ -144,7 +133,8 @@ def are_enough(
 
 def _largest(best: Fit, data: Dataset) -> float:
     """The largest displacement fitted [m]."""
-    return largest_displacement(data, float({**data.held, **best.theta}.get("omega_n", 1.0)))
+    omega_n = {**data.held, **best.theta}.get("omega_n", 1.0)
+    return dataset.largest_displacement(data, float(omega_n))
 
 
 def stuck(posterior: xr.DataTree, judged: Verdict) -> list[str]:
@@ -233,20 +223,20 @@ def posterior_checks(
     prior, best, data = ready.box, ready.fit, ready.data
     groups: dict[str, xr.Dataset] = {}
     words: list[str] = []
-    left = left_by_label(best.residual, data)
-    error = error_by_label(left, data)
+    left = dataset.left_by_label(best.residual, data)
+    error = dataset.error_by_label(left, data)
     y_peak = _largest(best, data)
     findings = [
-        residual_finding(left, fractions_counted(data), error),
-        shape_finding(error, data),
-        repeatability_finding(error, data),
-        solver_finding(posterior[list(prior.names)], data),
+        accuracy.residual_finding(left, dataset.fractions_counted(data), error),
+        accuracy.shape_finding(error, data),
+        accuracy.repeatability_finding(error, data),
+        accuracy.solver_finding(posterior[list(prior.names)], data),
         response_finding(posterior, data.held, y_peak, data.laws),
     ]
     if (runs := runs_dataset(key, posterior, prior.names, data)) is not None:
         groups["runs"] = runs
         words.append(runs_sentence(runs))
-    theta = as_arrays(best.theta, data)
+    theta = dataset.as_arrays(best.theta, data)
     for part in data.parts:
         words += part.statements(theta)
     if (added := effects(posterior, data.held, y_peak, data.laws)) is not None:

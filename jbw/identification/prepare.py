@@ -30,18 +30,8 @@ from jbw.identification.run_effects import sentence_of, shifts_of, wanted, with_
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
-from jbw.observables.dataset import (
-    Dataset,
-    best_offsets,
-    by_label,
-    effective_fractions,
-    halved,
-    left_by_label,
-    stacked,
-    with_directions,
-    with_effective_values,
-    with_fitted_noise,
-)
+from jbw.observables import dataset
+from jbw.observables.dataset import Dataset
 from jbw.observables.observable import AmplitudeCurve
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
@@ -139,7 +129,7 @@ def fit_from(key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str,
     """
     middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
     start = {name: known.get(name, float(middle[name])) for name in prior.names}
-    first = costly_fit(stacked, prior, data, starts=inside(start, prior))
+    first = costly_fit(dataset.stacked, prior, data, starts=inside(start, prior))
     chi_square, dof = first.chi_square
     if chi_square < EXPLAINED * dof:
         return first
@@ -148,7 +138,7 @@ def fit_from(key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str,
         points[name] = jnp.full(NUM_SCREENED, known[name])
     order = np.argsort(np.asarray(_costs(points, data)))[:NUM_STARTS]
     starts = {name: np.asarray(values)[order] for name, values in points.items()}
-    second = costly_fit(stacked, prior, data, starts=inside(starts, prior))
+    second = costly_fit(dataset.stacked, prior, data, starts=inside(starts, prior))
     best = min(first, second, key=lambda one: one.cost)
     return replace(best, waterfall=np.sort(np.append(first.waterfall, second.waterfall)))
 
@@ -163,7 +153,7 @@ def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
 
 @jax.jit
 def _costs(points: Mapping[str, Array], data: Dataset) -> Float[Array, " point"]:
-    costs = jax.lax.map(lambda theta: jnp.sum(stacked(theta, data) ** 2), dict(points))
+    costs = jax.lax.map(lambda theta: jnp.sum(dataset.stacked(theta, data) ** 2), dict(points))
     return jnp.where(jnp.isfinite(costs), costs, jnp.inf)
 
 
@@ -172,7 +162,7 @@ def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
     sizes = {label: size for part in data.parts for label, size in part.noise_known().items()}
     if not sizes:
         return None
-    rows = by_label(first.residual, data)
+    rows = dataset.by_label(first.residual, data)
     total = sum(float(np.sum(rows[label] ** 2)) for label in sizes)
     return total, max(int(sum(sizes.values())) - len(first.x), 1)
 
@@ -190,7 +180,7 @@ def reweight(
         data = with_offsets(best, shifts, data)
         best = refit(best, prior, data)
         # The offsets that are known now are where records are linearised in them.
-        data = with_directions(best.theta, data, best_offsets(best.theta, data))
+        data = dataset.with_directions(best.theta, data, dataset.best_offsets(best.theta, data))
         best = refit(best, prior, data)
         data = with_weights(best, data, settings)
         best = refit(best, prior, data)
@@ -207,17 +197,17 @@ def reweight(
 
 def with_weights(best: Fit, data: Dataset, settings: Identify) -> Dataset:
     """The dataset with the noise that a fit leaves, and as many values as are independent."""
-    noisy = with_fitted_noise(best.theta, left_by_label(best.residual, data), data)
+    noisy = dataset.with_fitted_noise(best.theta, dataset.left_by_label(best.residual, data), data)
     if settings.model_error == "none":
         return noisy
-    fractions = effective_fractions(best.residual, best.jacobian, best.covariance, data)
-    return with_effective_values(fractions, noisy)
+    fractions = dataset.effective_fractions(best.residual, best.jacobian, best.covariance, data)
+    return dataset.with_effective_values(fractions, noisy)
 
 
 def refit(best: Fit, prior: Box, data: Dataset, *, theta: Mapping[str, float] | None = None) -> Fit:
     """The fit again, from where it ended."""
     start = inside(theta or best.theta, prior)
-    return costly_fit(stacked, prior, data, starts=start)
+    return costly_fit(dataset.stacked, prior, data, starts=start)
 
 
 def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Dataset:
@@ -229,5 +219,5 @@ def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Datase
         change = solver_change(theta, data)
         if change is None or np.std(change) < SHIFT:
             break
-        data = halved(data) or data
+        data = dataset.halved(data) or data
     return data
