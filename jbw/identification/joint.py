@@ -178,10 +178,7 @@ def _law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
 
 
 def draw_noise_std(
-    key: Key[Array, ""],
-    theta: Drawn,
-    terms: Float[np.ndarray, "chain draw term"],
-    data: Dataset,
+    key: Key[Array, ""], theta: Drawn, terms: Float[np.ndarray, "chain draw term"], data: Dataset
 ) -> dict[str, Any]:
     """One exact draw of each group's noise for every draw of the parameters.
 

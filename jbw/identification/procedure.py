@@ -98,11 +98,7 @@ def run_procedure(
 
 
 def _paper_steps(
-    seen: Measured,
-    linear: PooledFit,
-    keys: Iterator[Key[Array, ""]],
-    report: Report,
-    keep: Keep,
+    seen: Measured, linear: PooledFit, keys: Iterator[Key[Array, ""]], report: Report, keep: Keep
 ) -> tuple[step3.KernelFit, dict[str, Step]]:
     """Steps 3 and 4 by the paper's cut, as far as the tests allow them."""
     report(f"Step 3: third-order kernel at {len(seen.probing)} frequencies")

@@ -126,11 +126,7 @@ class OpeningFit(NamedTuple):
 
 
 def fit_opening(
-    key: Key,
-    records: Records,
-    linear: PooledFit,
-    means: Mapping[str, float],
-    settings: Identify,
+    key: Key, records: Records, linear: PooledFit, means: Mapping[str, float], settings: Identify
 ) -> OpeningFit:
     """The initial fit of gamma, its likelihood as a series.
 
