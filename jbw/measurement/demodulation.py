@@ -41,13 +41,9 @@ class BandFilter:
 
 
 def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
-    r"""Design the filter of a band.
-
-    A Kaiser window of 80 dB; values are taken apart by the inverse of the equivalent noise
-    bandwidth, so that there are as many of them as white noise has degrees of freedom in the band:
-
-    $$B_{eq} = f_s\,\sum h^2 / (\sum h)^2$$
-    """
+    """Design the Kaiser filter of a band, of 80 dB."""
+    # Values are taken apart by 1 / B_eq, B_eq = f_s sum h^2 / (sum h)^2, the equivalent noise
+    # bandwidth: there are as many of them as white noise has degrees of freedom in the band.
     half_band = (band_hz[1] - band_hz[0]) / 2
     stride = max(1, int(fs / (LEAST_PER_PERIOD * band_hz[1])))
     length, _ = kaiserord(ATTENUATION, half_band / (fs / 2))
@@ -59,12 +55,8 @@ def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
 
 
 def demodulate(x: Float[np.ndarray, " time"], chosen: BandFilter) -> tuple[Reals, Complexes]:
-    r"""Times [s] and complex envelope of a record in a band, peak amplitude in the unit of `x`.
-
-    $$x(t) = \mathrm{Re}\,X(t)\,e^{j\omega_0 t}$$
-
-    where the filter lies wholly inside the record; time counts from its first sample.
-    """
+    """Times [s] and envelope X(t), x(t) = Re X(t) exp(j omega_0 t), of a record in a band."""
+    # Peak amplitudes, where the filter lies wholly inside the record; time counts from its start.
     if len(x) <= 2 * chosen.half:
         raise DataError(
             f"A band of {chosen.band_hz[1] - chosen.band_hz[0]:g} Hz takes a record longer than "
@@ -89,13 +81,8 @@ class Reading:
 def read_decay(
     envelope: Complex[np.ndarray, " time"], step_s: float, centre_hz: float, window_s: float
 ) -> Reading:
-    r"""Frequency and damping of a decay from parabolas through the logarithm of its envelope.
-
-    $$\frac{d}{dt}\log X = -\zeta\omega + j(\omega - \omega_0)$$
-
-    The envelope is referred to `centre_hz`, its values are `step_s` apart, and the parabolas
-    `window_s` long; they do not overlap.
-    """
+    """Frequency and damping from parabolas through the logarithm of a decay's envelope."""
+    # Of `window_s` each, they do not overlap: d/dt log X = -zeta omega + j (omega - omega_0), with omega_0 of `centre_hz`.
     log = np.log(np.abs(envelope)) + 1j * np.unwrap(np.angle(envelope))
     size = min(len(log), max(5, round(window_s / step_s)))
     x = (np.arange(size) - (size - 1) / 2) * step_s

@@ -41,12 +41,8 @@ def enclosed_area(y: ArrayLike, force: ArrayLike) -> Reals:
 def mean_cycle(
     y: ArrayLike, force: ArrayLike, fs: float, omega: float, num_points: int = 256
 ) -> tuple[Reals, Reals]:
-    """One cycle of a steady loop, averaged over all cycles by a fit of harmonics.
-
-    The samples, of shape (time,) or (repeat, time), need not fall on the same phases in each cycle;
-    offset and trend are left out. Displacement [m] and force [N/kg] are given at omega t from 0 to
-    2 pi, end excluded, shape (..., num_points).
-    """
+    """A cycle of a steady loop, y [m] and force [N/kg] at omega t from 0 to 2 pi, end excluded."""
+    # A fit of harmonics over all cycles: samples need not fall on the same phases in each of them.
     y, force, fs = channel(y, "y"), channel(force, "force"), sampling(fs)
     same_length(y=y, force=force)
     carried = int(0.9 * np.pi * fs / omega) if omega > 0 else 1  # else refused below

@@ -137,10 +137,7 @@ def _unresolved(record: Record, resolution_hz: float, freq: Reals, h: Complexes)
 def _missized(
     role: str, freq: Reals, h: Complexes, in_band: bool, per_unit: float | None
 ) -> Iterator[Fault]:
-    r"""Force per modal mass as the response shows it, whatever the damping, beside the given one.
-
-    $$g = \frac{2}{\pi} \int \mathrm{Re}[j \omega H(\omega)]\,d\omega$$
-    """
+    """Force per modal mass as seen, g = 2 / pi int Re[j omega H] d omega, beside the given one."""
     omega = 2 * np.pi * freq
     seen = 2 / np.pi * float(np.trapezoid(np.real(1j * omega * h), omega))
     ratio = 1.0 if per_unit is None else seen / per_unit

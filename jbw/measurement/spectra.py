@@ -179,15 +179,9 @@ def _segment_length(
 
 
 def _effective_averages(window: str, nperseg: int, noverlap: int, num_segments: int) -> float:
-    r"""Independent averages that overlapping segments are worth.
-
-    $$K = N \Big/ \Big(1 + 2\sum_m \frac{N-m}{N}\,\rho_m^2\Big)$$
-
-    with N segments and rho_m the window's correlation with itself m segments later.
-
-    Reference:
-        P. D. Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70-73.
-    """
+    """Averages that overlapping segments are worth, K = N / (1 + 2 sum_m (N - m) / N rho_m^2)."""
+    # With N segments and rho_m the window's correlation with itself m segments later: P. D. Welch,
+    # IEEE Trans. Audio Electroacoust. 15 (1967) 70-73.
     w = np.asarray(signal.get_window(window, nperseg))
     step = nperseg - noverlap
     lags = np.arange(1, min(num_segments, -(-nperseg // step)))

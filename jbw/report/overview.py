@@ -25,11 +25,7 @@ COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.INK)
 
 
 def channel_overview(record: Record, ax: Any = None) -> Panels:
-    """Draw every channel over time, its power spectral density and its spectrogram.
-
-    Panels: a row of three for each channel; one for each channel over frequency where the record
-    is a measured response curve.
-    """
+    """Draw every channel over time, its power spectral density and its spectrogram, a row each."""
     if CURVE in record.channels:
         return _curve(record, ax)
     names = list(record.channels)

@@ -197,16 +197,8 @@ def _cloud(ax: Axes, source: Source, above: Parameter, along: Parameter) -> None
 def marginal_density(
     draws: Float[np.ndarray, "..."], box: tuple[float, float] | None
 ) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
-    r"""Kernel density estimate of draws, reflected at the bounds of their box.
-
-    $$p(x) = \frac{1}{n h} \sum_i \varphi\!\left(\frac{x - x_i}{h}\right), \qquad
-      h = 0.9 \min(s, \mathrm{IQR}/1.34)\, n^{-1/5}$$
-
-    Draws that are not finite are left out; those that never move make a narrow peak.
-
-    Reference:
-        Silverman, Density Estimation (1986), eq. (3.31).
-    """
+    """Kernel density of finite draws, sum phi((x - x_i) / h) / (n h), reflected at their box."""
+    # h = 0.9 min(s, IQR / 1.34) n^(-1/5): Silverman, Density Estimation (1986), eq. (3.31).
     values = np.asarray(draws, float).reshape(-1)
     values = values[np.isfinite(values)]
     spread = np.ptp(values) or max(abs(values[0]), 1.0) * 1e-6

@@ -99,13 +99,8 @@ def _scaled(ax: Axes) -> None:
 
 
 def rank_ecdfs(found: Calibration, ax: Any = None) -> Panels:
-    r"""Draw the ECDF of every quantity's ranks less that of uniform ranks, in its 99 % envelope.
-
-    $$\hat F(i) - \frac{i}{L + 1}$$
-
-    A slope is a bias; an S a posterior too narrow or too wide. The line is vermillion where it
-    leaves the envelope. One axes a quantity.
-    """
+    """Draw every quantity's rank ECDF less i / (L + 1), in the 99 % envelope of uniform ranks."""
+    # A slope is a bias; an S a posterior too narrow or too wide.
     axes, stack = stacks(ax, len(found.names), 1, height=1.9, sharex=True, sharey=True)
     lower, upper = ecdf_envelope(len(found.ranks), found.num_ranks, LEVEL)
     even = np.arange(1, found.num_ranks + 1) / (found.num_ranks + 1)

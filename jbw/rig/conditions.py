@@ -85,13 +85,8 @@ def digitise(
     rng: np.random.Generator,
     channel: str = "channel",
 ) -> NDArray[np.float64]:
-    r"""Adds white noise of the band 0 .. fs/2 and rounds to the steps of the converter.
-
-    $$q\,\mathrm{round}\big((x_n + \sigma e_n)/q\big), \qquad q = 2^{1-b} x_\mathrm{full}$$
-
-    With `full_scale` a power of two the values of a converter of up to 24 bits, sign included, are
-    exact in float32. `noise_std` and `full_scale` are in the unit of the channel.
-    """
+    """Adds noise and rounds to q round((x_n + sigma e_n) / q), with steps q = 2^(1 - b) x_full."""
+    # With `full_scale` a power of two the values of up to 24 bits are exact in float32.
     noisy = analog + noise_std * rng.standard_normal(analog.size)
     step = full_scale * 2.0 ** (1 - bits)
     digital = np.rint(noisy / step) * step

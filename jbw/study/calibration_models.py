@@ -171,10 +171,7 @@ def _line_log_likelihood(theta: Float[np.ndarray, "... 3"], measured: FRF) -> ND
 
 
 def measured_records(key: Key[Array, ""], theta: Theta, design: Records) -> Records:
-    r"""Repeats of every level with white noise, reduced to mean and scatter.
-
-    $$\bar v = v + \sigma\,\eta / \sqrt K, \qquad S \sim \sigma^2 \chi^2_{N (K - 1)}$$
-    """
+    """Repeats with noise: v + sigma eta / sqrt(K), and their scatter, sigma^2 chi^2_(N (K - 1))."""
     key_mean, key_within = jax.random.split(key)
     count, size = design.repeats.num_repeats, design.source.shape[-1]
     noise_std = design.repeats.noise_std

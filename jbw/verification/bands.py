@@ -23,12 +23,9 @@ def errors(
     noise_std: float | NDArray[np.float64] | None,
     repeats: Float[np.ndarray, "repeat value"] | None = None,
 ) -> dict[str, float]:
-    """How far a test lies from the model, and from the oscillators it is compared with.
-
-    `nrmse`, the error of the median; `nrmse_linear` and so on, of the others; and where the noise
-    of what is counted is known, the repeats or else their mean, `coverage`: the share of the
-    `num_values` values inside the predictive band, `gaussian_band`.
-    """
+    """How far a test lies from the model, and from the oscillators it is compared with."""
+    # `coverage` is the share of `num_values` values, of the repeats or else their mean, that lie
+    # inside the predictive band.
     found = {"nrmse": error(measured, np.median(model, axis=0))}
     found |= {f"nrmse_{name}": error(measured, other) for name, other in others.items()}
     if noise_std is not None:

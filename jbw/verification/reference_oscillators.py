@@ -78,10 +78,7 @@ def _fitted(
 
 
 def _spring(forced: Sequence[Loops], known: Mapping[str, float], kind: str) -> Reference:
-    r"""Spring that comes closest to prescribed-displacement loops, by linear least squares.
-
-    $$\min \sum_i \frac{|g F_i - \omega_n^2 y_i - \lambda_3 y_i^3|^2}{|g F_i|^2}$$
-    """
+    """Least sum_i |g F_i - omega_n^2 y_i - lambda_3 y_i^3|^2 / |g F_i|^2 over prescribed loops."""
     y = np.concatenate([np.asarray(part.counted * part.displacement) for part in forced])
     measured = np.concatenate([np.asarray(part.counted * part.mean) for part in forced])
     force = known["gain"] * measured

@@ -144,12 +144,8 @@ def snapped(fs: float, uncertainty: float = 0.0) -> float:
 
 
 def sampling_frequency(time: NDArray[np.floating], name: str = "time") -> tuple[float, float]:
-    r"""Sampling frequency of an even time column [Hz], snapped, and before.
-
-    $$f_s = \frac{N - 1}{t_{N-1} - t_0}, \qquad |t_n - t_0 - n / f_s| \le 10^{-3} / f_s + r$$
-
-    with r the rounding of the printed or stored times.
-    """
+    """Sampling frequency of an even time column, (N - 1) / (t_N - t_1) [Hz], snapped, and before."""
+    # Even: |t_n - t_1 - (n - 1) / f_s| <= 1e-3 / f_s + r, r the rounding of printed or stored times.
     if time.ndim != 1 or len(time) < 2:
         raise DataError(
             f"Time channel `{name}` must hold at least two samples on one axis, "
