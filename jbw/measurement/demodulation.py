@@ -82,7 +82,7 @@ def read_decay(
     envelope: Complex[np.ndarray, " time"], step_s: float, centre_hz: float, window_s: float
 ) -> Reading:
     """Frequency and damping from parabolas through the logarithm of a decay's envelope."""
-    # Of `window_s` each, they do not overlap: d/dt log X = -zeta omega + j (omega - omega_0), with omega_0 of `centre_hz`.
+    # d/dt log X = -zeta omega + j (omega - omega_0), omega_0 of `centre_hz`; they do not overlap.
     log = np.log(np.abs(envelope)) + 1j * np.unwrap(np.angle(envelope))
     size = min(len(log), max(5, round(window_s / step_s)))
     x = (np.arange(size) - (size - 1) / 2) * step_s

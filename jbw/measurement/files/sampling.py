@@ -144,8 +144,8 @@ def snapped(fs: float, uncertainty: float = 0.0) -> float:
 
 
 def sampling_frequency(time: NDArray[np.floating], name: str = "time") -> tuple[float, float]:
-    """Sampling frequency of an even time column, (N - 1) / (t_N - t_1) [Hz], snapped, and before."""
-    # Even: |t_n - t_1 - (n - 1) / f_s| <= 1e-3 / f_s + r, r the rounding of printed or stored times.
+    """Sampling frequency (N - 1) / (t_N - t_1) of an even time column [Hz], snapped, and not."""
+    # Even: |t_n - t_1 - (n - 1) / f_s| <= 1e-3 / f_s + r, with r the rounding of the times.
     if time.ndim != 1 or len(time) < 2:
         raise DataError(
             f"Time channel `{name}` must hold at least two samples on one axis, "
