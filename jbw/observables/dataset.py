@@ -1,8 +1,7 @@
 """Whatever was measured, in one likelihood of one joint: the parts of a campaign side by side.
 
-No kind of test is named here: every part is an `Observable`. The residual is a dictionary of rows
-by the groups' labels, and of the offsets of the runs; what optimisers take, its rows end to end,
-is made by `stacked` and read back by `by_label` alone.
+The residual is a dictionary of rows by the groups' labels, and of the offsets of the runs; what
+optimisers take, its rows end to end, is made by `stacked` and read back by `by_label` alone.
 """
 
 from collections.abc import Mapping, Sequence
@@ -101,12 +100,9 @@ def _offsets_key(run: str) -> str:
 
 
 def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
-    """Terms of the log likelihood: one a group, then those of the scatter of offsets and shifts.
+    """Terms of the log likelihood, eqs. (36) and (37): one a group, then those of the scatter.
 
     The noise of every group is integrated out, and so are the offsets; up to a constant [nats].
-
-    Reference:
-        Eqs. (36), (37).
     """
     everything = {**data.held, **theta}
     if data.has_offsets:
@@ -125,12 +121,9 @@ def estimates(theta: Theta, data: Dataset) -> Estimate:
 
 
 def residual(theta: Theta, data: Dataset) -> Residual:
-    """Residuals by label in standard errors, the runs' offsets at their best.
+    """Residuals by label in standard errors, eqs. (38), (41), (42), runs' offsets at their best.
 
     Rows `offsets of RUN` are each run's offsets over their scatter.
-
-    Reference:
-        Eqs. (38), (41), (42).
     """
     everything = {**data.held, **theta}
     blocks = [part.weighted(everything) for part in data.parts]
@@ -218,10 +211,7 @@ def as_arrays(theta: Mapping[str, float], data: Dataset) -> dict[str, Array]:
 
 
 def left_by_label(rows: Float[np.ndarray, " values"], data: Dataset) -> dict[str, Row]:
-    """What a fit leaves of the mean of each group, in its unit; complex where its values are.
-
-    `rows` is `stacked` at the fit, or a column of its Jacobian.
-    """
+    """What a fit's `stacked`, or a column of its Jacobian, leaves of each group, in its unit."""
     labelled = by_label(rows, data)
     each = [part.in_units(labelled) for part in data.parts]
     return {label: row for found in each for label, row in found.items()}
@@ -253,10 +243,7 @@ def effective_fractions(
     covariance: Float[np.ndarray, "parameter parameter"],
     data: Dataset,
 ) -> dict[str, float]:
-    """Fraction of independent values of each group that is coloured, or misfitted in all repeats.
-
-    Of those below one, by `stacked` at a fit, its derivatives by the parameters and the covariance.
-    """
+    """Fraction of independent values of each group that is coloured, or always misfitted."""
     left = left_by_label(rows, data)
     columns = [left_by_label(column, data) for column in np.asarray(jacobian).T]
     each = [part.effective_fractions(left, columns, covariance) for part in data.parts]

@@ -1,8 +1,7 @@
-r"""Free decays of one mode as an observable, with every record's own unknowns integrated out.
+"""Free decays of one mode as an observable, with every record's own unknowns integrated out.
 
-A record has an initial state (log amplitude and phase, flat priors), a small shift of its natural
-frequency and a noise of its own. The shifts share one unknown scatter: structures are never twice
-the same to the last digit, and a model without it takes their difference for knowledge.
+These are an initial state (log amplitude and phase, flat priors), a noise, and a small shift of its
+natural frequency: structures are never twice the same to the last digit. Shifts share one scatter.
 """
 
 from collections.abc import Mapping, Sequence
@@ -86,17 +85,13 @@ class Decays(Envelopes):
         return rows, jnp.zeros((len(rows), 0, rows.shape[1]))
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        r"""What every record says of the shift of its natural frequency.
+        r"""What every record says of the shift of its natural frequency, of offsets the first.
 
         $$\log p_i = -\frac{n - 3}{2} \log Q_i - \frac12 \log |A_i| - \log e_i$$
 
         where Q is what the best initial state and shift leave, A their normal matrix, n the number
-        of independent real values, and the shift's estimate has the standard error e. The noise is
-        integrated out under 1/sigma; Q is nearly quadratic in the three unknowns. Of the offsets
-        of a run, a record knows the first, the shift, alone.
-
-        Reference:
-            Eq. (37) on the envelope, initial states and noise inferred.
+        of independent real values, and e the shift's standard error: eq. (37) on the envelope, its
+        noise integrated out under 1/sigma. Q is nearly quadratic in the three unknowns.
         """
         found = self.matches(theta)
         _, log_det = jnp.linalg.slogdet(found.precision)
@@ -108,10 +103,7 @@ class Decays(Envelopes):
         return Estimate(log_density, found.entry.shift[:, None] * first, precision)
 
     def scatter_terms(self, theta: Theta, found: Estimate) -> Float[Array, " term"]:
-        r"""The scatter of the records' frequencies, integrated out.
-
-        $$\log \int p(s) \prod_i e_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$$
-        """
+        r"""The scatter, $\log \int p(s) \prod_i e_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$."""
         scatters = SCATTERS[:, None] * theta["omega_n"]
         each_its_own = tuple(range(len(self.names)))
         return log_density_of_offsets(found, (each_its_own,), scatters)[None]
@@ -165,11 +157,9 @@ class Decays(Envelopes):
     def draw_noise(
         self, key: Key[Array, ""], theta: Drawn, terms: Mapping[str, Draws], num_offsets: int
     ) -> dict[str, Draws]:
-        r"""Exact draw of the noise of each record, given everything else.
+        r"""Exact draws of the noise, $\sigma^2 \mid \theta \sim w Q(\theta) / \chi^2_{n - 3}$.
 
-        $$\sigma^2 \mid \theta \sim w Q(\theta) / \chi^2_{n - 3}$$
-
-        of the real, and of the imaginary, part of the envelope's noise, w the fraction counted.
+        Of the real, and of the imaginary, part; w is the fraction counted.
         """
         shape = np.broadcast_shapes(*(np.shape(values) for values in theta.values()))
         flat = {name: jnp.ravel(jnp.broadcast_to(v, shape)) for name, v in theta.items()}
@@ -216,13 +206,10 @@ class Decays(Envelopes):
 
 
 def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:
-    """Logarithm of the envelope of the joint's free decay, through the band's filter.
+    """Logarithm log |X| + j arg X of the joint's free decay through the band's filter.
 
-    log |X| + j arg X at steps of `step_s`, the phase without jumps. Begun at rest at its greatest
-    displacement, its memory on the steady loop of that amplitude.
-
-    Reference:
-        Eqs. (1), (2) with u = 0.
+    At steps of `step_s`, the phase without jumps: eqs. (1), (2) with u = 0, begun at rest at its
+    greatest displacement, its memory on the steady loop of that amplitude.
     """
     joint = oscillator_of(theta, data.laws)
     start = (data.y_start, jnp.zeros(()), joint.at_tip(data.y_start))

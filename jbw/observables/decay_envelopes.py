@@ -1,9 +1,8 @@
 """Envelopes of free decays in a band, read from records, and where these enter the model's.
 
-The motion of a free joint forgets how it began but for its amplitude and phase: whatever the
-impact, it soon runs along one and the same decay, which a weaker impact enters later. So the model
-is simulated once, from above the strongest record, and every record is found on it: its initial
-state is the place at which it enters (its amplitude) and a rotation (its phase).
+Whatever the impact, a free joint soon runs along one and the same decay, which a weaker impact
+enters later. So the model is simulated once, from above the strongest record, and every record's
+initial state is the place at which it enters (its amplitude) and a rotation (its phase).
 """
 
 from collections.abc import Sequence
@@ -63,19 +62,16 @@ class Envelopes(Observable):
     """Envelopes of several decays of one mode, and how the model is brought to the same form.
 
     Attributes:
-        envelope: Envelope of each record about the band's centre [m/s for velocities], peak.
+        envelope: Of each record about the band's centre [m/s for velocities], peak.
         noise_std: Noise of each record, of the real and of the imaginary part, for fits.
         shift_std: Scatter of the records' natural frequencies [rad/s], for fits.
-        fraction: Fraction of the envelopes' values that count as independent.
+        fraction: Of the envelopes' values, those that count as independent.
         y_start: Displacement that the simulated decay begins from [m].
         taps: The band's filter as the model's samples meet it.
-        rotation: Turn of the carrier between two values of the envelope.
-        step_s: Time between two values [s], static as all below.
-        stride: Samples of the model between two values.
-        fs: Sampling frequency of the model [Hz].
-        num_samples: Samples of the simulated decay.
+        rotation: Turn of the carrier between two values of the envelope, `step_s` [s] apart.
+        stride: Samples of the model between two values; `substeps` of the solver between samples.
+        fs: Sampling frequency of the model [Hz], for `num_samples`.
         response: displacement, velocity or acceleration.
-        substeps: Steps of the solver between samples.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("decay",)
@@ -165,10 +161,7 @@ def _course(envelope: np.ndarray, chosen: BandFilter, order: int) -> tuple[float
 
 
 class Entry(NamedTuple):
-    """Where a record lies on the decay.
-
-    The place of its first value [steps], its rotation [rad], the shift of its frequency [rad/s].
-    """
+    """Where a record lies: place of its first value [steps], rotation [rad], shift [rad/s]."""
 
     place: Float[Array, "..."]
     phase: Float[Array, "..."]
@@ -176,14 +169,10 @@ class Entry(NamedTuple):
 
 
 class Match(NamedTuple):
-    """A record matched to the decay by least squares.
+    """A record matched by least squares; misfit is the sum of squared moduli of the residual.
 
-    Attributes:
-        entry: Where it lies.
-        misfit: Sum of squared moduli of what is left.
-        residual: What is left.
-        precision: Normal matrix of log amplitude, phase and shift, for noise of unit variance.
-        rate: Change of the log amplitude by the place, at the entry.
+    The normal matrix is of log amplitude, phase and shift, for noise of unit variance; the rate is
+    the change of the log amplitude by the place.
     """
 
     entry: Entry
@@ -212,10 +201,7 @@ def along(
 def follow(
     decay: Complex[Array, " step"], entry: Entry, steps: Float[Array, " time"], step_s: float
 ) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
-    """Envelope of a record that enters the decay, and the slope of its logarithm by the place.
-
-    At some `steps` since its first value, each of a time `step_s` [s].
-    """
+    """Envelope of a record some steps since it entered, and the slope of its logarithm by them."""
     log, slope = along(decay, entry.place + steps)
     return jnp.exp(log + 1j * (entry.phase + entry.shift * step_s * steps)), slope
 

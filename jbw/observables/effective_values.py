@@ -1,9 +1,8 @@
-r"""Effective number of samples of a group of data, where the model does not follow it.
+"""Effective number of samples of a group of data, where the model does not follow it.
 
-The misfit of a law that is not quite right is no noise: it follows the motion, the same in every
-repeat, and pushes the parameters about as much as a few independent values would. Taken for white
-noise it makes intervals absurdly narrow. So every group counts for so many values that the least
-squares' covariance is the one that a residual of that spectrum really causes.
+The misfit of a law that is not quite right follows the motion, the same in every repeat. Taken for
+white noise it makes intervals absurdly narrow. So every group counts for so many values that the
+least squares' covariance is the one that a residual of that spectrum really causes.
 """
 
 import numpy as np
@@ -41,9 +40,8 @@ def effective_fraction(
       S = |r|^2, \quad D = \sum_i |(L^T J^T)_i|^2, \quad \Sigma = L L^T$$
 
     and w_f the same of their Fourier transforms; at most 1 and at least that of eight values. D is
-    the prediction's change by one standard deviation of everything estimated, by its derivatives J,
-    `slopes`. Where the residual is large at the places, or the frequencies, at which D is, least
-    squares scatters by more than white noise of its size causes.
+    the prediction's change by one standard deviation of all that is estimated, J its `slopes`: a
+    residual that is large where D is scatters least squares by more than white noise of its size.
     """
     along = np.linalg.cholesky(covariance).T @ slopes
     share = _overlap(row, along) * _overlap(np.fft.fft(row), np.fft.fft(along))
@@ -58,12 +56,7 @@ def _overlap(row: Row, along: Float[np.ndarray, "i n"] | Complex[np.ndarray, "i 
 
 
 def correlated_fraction(rows: Float[np.ndarray, "row n"] | Complex[np.ndarray, "row n"]) -> float:
-    r"""Share of independent values among correlated ones, for what acts on all of them alike.
-
-    $$1/w = 1 + 2 \sum_{k \ge 1} \rho_k$$
-
-    with the correlation over all rows, summed until it first falls below zero.
-    """
+    r"""Share of independent values, $1/w = 1 + 2 \sum_{k \ge 1} \rho_k$, until rho is negative."""
     n = rows.shape[1]
     unit = rows / np.linalg.norm(rows, axis=1, keepdims=True)
     spectrum = np.mean(np.abs(np.fft.fft(unit, 2 * n)) ** 2, axis=0)

@@ -30,8 +30,7 @@ class Group(NamedTuple):
         omega: Frequencies [rad/s].
         load: Odd harmonics of the source, phases counted from its first [unit of the source].
         motion: Odd harmonics of the displacement, zero where not measured [m].
-        order: Order that is compared: 1, 3, ...
-        values: Measured values, mean over repeats; the force's where `of_force`.
+        order: Order of the values, means over repeats: of the response, or the force `of_force`.
         factor: From metres, or N/kg, to the unit of the values.
         within: Scatter of the repeats about their mean, summed.
     """
@@ -50,10 +49,7 @@ class Group(NamedTuple):
 
 
 def groups_of(tests: Sequence[Test]) -> list[Group]:
-    """Groups of all tests of steady motion (of one tone, stepped, frf) that tell their own noise.
-
-    One value alone would be fitted as if it had none.
-    """
+    """Groups of tests of steady motion (one tone, stepped, frf) that tell their own noise."""
     single = [test for test in tests if test.kind == "tones" and len(test.tones_hz) == 1]
     groups = tone_groups(single)
     for test in tests:
@@ -165,10 +161,7 @@ def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]
 
 
 def curve_group(test: Test) -> Group:
-    """The group of a measured response curve, of its fundamental harmonic.
-
-    Where the controller held the response, the force is what was measured against it.
-    """
+    """The fundamental of a measured response curve; of the force where the response was held."""
     curves = [response_curve(record) for record in test.records]
     if any(not np.array_equal(one.freq_hz, curves[0].freq_hz) for one in curves):
         raise DataError(

@@ -32,14 +32,10 @@ READ = ("omega_n", "zeta", "gain")
 
 
 class LineReading(Observable):
-    """Natural frequency, damping and gain as a line fit of random motion reads them.
+    """What a line fit reads in random motion of `y_rms` [m]: omega_n [rad/s], zeta [-], gain.
 
-    Attributes:
-        mean: omega_n [rad/s], zeta [-], gain [N/kg per unit of the input].
-        covariance: Theirs.
-        y_rms: Displacement of the motion, rms [m].
-        directions: Change of the reading by each offset of the run; no offsets, no rows.
-        run: Name of the run; static.
+    The covariance is theirs, the gain in N/kg per unit of the input; directions are the reading's
+    changes by each offset of the run.
     """
 
     is_linear: ClassVar[bool] = True
@@ -86,11 +82,7 @@ class LineReading(Observable):
         return len(READ)
 
     def predict(self, theta: Theta) -> Float[Array, " read"]:
-        """Equivalent omega_n [rad/s] and zeta of the joint in random motion, and the gain.
-
-        Reference:
-            Eqs. (23), (39), the joint's first harmonic averaged over Rayleigh's amplitudes.
-        """
+        """Equivalent omega_n [rad/s], zeta and gain: (23), (39) over Rayleigh's amplitudes."""
         joint = oscillator_of(theta, self.laws)
         x, weights = np.polynomial.legendre.leggauss(NUM_NODES)
         size = MOST * (x + 1) / 2
@@ -155,11 +147,9 @@ class LineReading(Observable):
 def oscillator_through(
     omega: NDArray[np.float64], u: NDArray[np.complex128], y: NDArray[np.complex128]
 ) -> dict[str, float]:
-    r"""Natural frequency [rad/s], damping and gain by linear least squares, no iteration.
+    r"""Natural frequency [rad/s], damping and gain by linear least squares, y in m.
 
     $$(\omega_n^2 + 2j\zeta\omega_n\omega)\,Y - g\,U = \omega^2\,Y$$
-
-    by the source U and the displacement Y [m] at some omega [rad/s].
     """
     columns = np.column_stack([y, 1j * omega * y, -u])
     scale = np.linalg.norm(columns, axis=0)

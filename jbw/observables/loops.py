@@ -18,13 +18,9 @@ from jbw.quantities import DEFAULT_LAWS
 
 
 class Loops(Repeated):
-    """Prescribed displacement and restoring force of several tests.
+    """Prescribed displacement [m] and mean restoring force [N] of several tests.
 
-    Attributes:
-        displacement: Prescribed displacement of each test [m].
-        counted: Weight of each sample: 1, or 0 while the joint forgets its start and behind the
-            last sample.
-        mean: Mean measured force [N].
+    A sample `counted` 0 is while the joint forgets its start, or behind the last.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("loop",)
@@ -43,10 +39,9 @@ class Loops(Repeated):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Mean force of each test's repeats under the same displacement, which need one length.
+        """Mean force of repeats of one length; what `settle` takes is predicted but not compared.
 
-        `settle` seconds at the start are predicted but not compared. Moves of the hysteresis are
-        exact and take no steps.
+        Moves of the hysteresis are exact and take no steps.
         """
         found = [[forced_loop(record) for record in test.records] for test in tests]
         for test, one in zip(tests, found, strict=True):
@@ -89,14 +84,11 @@ class Loops(Repeated):
         return "N"
 
     def predict(self, theta: Theta) -> Float[Array, "test time"]:
-        r"""Restoring force along the displacement, the joint unloaded at the start [N].
+        r"""Restoring force [N] along the displacement, unloaded at the start: eqs. (1), (2).
 
         $$F = m\,(k\,y + \sum_l F_l), \qquad m = 1 / g$$
 
         with the `gain` g, the inverse of the modal mass [1/kg].
-
-        Reference:
-            Eqs. (1), (2).
         """
         joint = oscillator_of(theta, self.laws)
         return jax.vmap(joint.force_along)(self.displacement) / theta["gain"]

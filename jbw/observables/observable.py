@@ -1,9 +1,7 @@
 """What a kind of test is to a likelihood: one protocol, one file and one class a kind.
 
-A class reduces its tests, predicts them from the parameters of the joint, and compares. All that
-is common is in `jbw.observables.dataset`, which knows no kind; the statistics of groups that are
-measured repeatedly are in `jbw.observables.repeated`, so that a new kind of such a test is `reduce`
-and `predict` alone.
+What all share is in `jbw.observables.dataset`, which knows no kind. A new kind of test that is
+measured repeatedly is `reduce` and `predict` alone, by `jbw.observables.repeated`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -119,11 +117,7 @@ class Observable(eqx.Module):
         return jnp.zeros(0)
 
     def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
-        """Rows of the residual by label, or of its derivatives, in the unit of the values.
-
-        Complex where these are, without what fills them up; of those groups that a fit's misfit is
-        judged by.
-        """
+        """Rows by label, or derivatives, in the values' unit, of groups that a fit is judged by."""
         return {}
 
     def sizes(self) -> dict[str, float]:
@@ -151,10 +145,7 @@ class Observable(eqx.Module):
     def effective_fractions(
         self, left: Rows, columns: Sequence[Rows], covariance: Covariance
     ) -> dict[str, float]:
-        """Fraction of the values of each group that count as independent, where less than one.
-
-        By what a fit leaves, the same of its residual's derivatives, and its covariance.
-        """
+        """Fraction of independent values where below one, by what a fit leaves; by label."""
         return {}
 
     def with_effective_values(self, fractions: Mapping[str, float]) -> "Observable":

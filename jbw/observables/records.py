@@ -36,8 +36,7 @@ class Records(Repeated):
         response: displacement, velocity or acceleration.
         substeps: Steps of the solver between samples.
         periodic: Whether each record is one period of a steady motion.
-        lines: First line of the records' spectra that is compared, and the one after the last;
-            None compares the samples. Other modes then only act on the rest.
+        lines: First and end of the spectrum's lines that are compared; None compares the samples.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("sweep", "multisine")
@@ -77,10 +76,7 @@ class Records(Repeated):
         substeps: int | None = None,
         periodic: bool = False,
     ) -> Self:
-        """Sufficient statistics of the repeats of each test, a level, all of one form.
-
-        Inputs are equal in all repeats; with a band, only its lines of the spectrum are compared.
-        """
+        """Sufficient statistics of the repeats of tests of one form: of a band, its lines alone."""
         forms = {form_of(test) for test in tests}
         if len(forms) != 1:
             raise DataError(
@@ -131,10 +127,7 @@ class Records(Repeated):
         laws: Laws = DEFAULT_LAWS,
         substeps: int = 1,
     ) -> Self:
-        """A planned record, as it would be reduced, of noise [m, m/s or m/s^2] a sample.
-
-        What it would measure is left at zero: the information it would give does not depend on it.
-        """
+        """A planned record of noise [m, m/s or m/s^2] a sample; what it reads does not matter."""
         channels = {"input": source, response: np.zeros_like(source)}
         units = {"input": "V", response: UNIT_OF[response]}
         test = Test("sweep", (Record(fs, channels, units),), name="planned")
@@ -171,12 +164,7 @@ class Records(Repeated):
         return jax.lax.map(one, (self.source, self.origin))
 
     def misfit(self, theta: Theta) -> Float[Array, "level value"]:
-        r"""Mean measured response of every level less its prediction, where they are compared.
-
-        $$d - m(o) - J^T (\theta - o)$$
-
-        where the level has an origin o of omega_n and zeta.
-        """
+        r"""Mean response less its prediction, $d - m(o) - J^T (\theta - o)$ about an origin."""
         left = values_of(self.mean - self.predict(theta), self.lines)
         if not self.origin.shape[1]:
             return left
@@ -184,10 +172,7 @@ class Records(Repeated):
         return left - jnp.einsum("lo,lov->lv", away, self.repeats.directions)
 
     def squares(self, theta: Theta) -> Float[Array, " level"]:
-        r"""Sum of squared residuals of all repeats, level by level.
-
-        $$Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$$
-        """
+        r"""Squared residuals of all repeats, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""
         misfit = jnp.sum(self.misfit(theta) ** 2, axis=-1)
         return self.repeats.num_repeats * misfit + self.repeats.within
 

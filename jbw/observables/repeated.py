@@ -33,12 +33,9 @@ class Repeats(eqx.Module):
         within: Scatter S of the repeats about their mean, summed over repeats and values.
         num_repeats: Repeats K.
         size: Values N of a group: real numbers (samples, or real and imaginary parts).
-        num_values: Independent values n of all repeats together; fewer than there are where the
-            residual is coloured.
+        num_values: Independent values n of all repeats, fewer where the residual is coloured.
         noise_std: Noise of one repeat, for least squares.
         directions: Change of the prediction by each offset of the run; no offsets, no rows.
-        labels: Name of each group; static.
-        runs: Name of the run that each group was measured in; static.
     """
 
     within: Float[Array, " group"]
@@ -60,9 +57,7 @@ def repeats(
     runs: Sequence[str],
     scale: Float[np.ndarray, " group"],
 ) -> Repeats:
-    r"""Bookkeeping of groups whose values are independent, filled up to the `longest`.
-
-    $$\sigma^2 = \frac{S}{N (K - 1)}$$
+    r"""Bookkeeping of groups of independent values of noise $\sigma^2 = S / (N (K - 1))$.
 
     Until a fit tells it, a single repeat's noise is guessed as one hundredth of the root mean
     square, the `scale`. Labels that come again get a number.
@@ -140,12 +135,7 @@ class Repeated(Observable):
 
     @property
     def weight(self) -> Float[Array, " group"]:
-        r"""One over the standard error of a mean, as few as are independent.
-
-        $$\sqrt{n / N} / \sigma$$
-
-        n / N is K where all values are independent.
-        """
+        r"""One over a mean's standard error, $\sqrt{n / N} / \sigma$; n is N K if independent."""
         own = self.repeats
         return jnp.sqrt(own.num_values / own.size) / own.noise_std
 
@@ -220,11 +210,9 @@ class Repeated(Observable):
     ) -> dict[str, float]:
         r"""Fraction of independent values where a group is coloured, or misfitted in all repeats.
 
-        Misfit of variance tau^2 is the same in all K repeats, so that they count for
-
         $$f = w\,\frac{\tau^2 + \sigma^2}{K \tau^2 + \sigma^2}$$
 
-        of as many values, w for the colour of the mean's residual.
+        of misfit tau^2, the same in all K repeats, and w for the colour of the mean's residual.
         """
         own, found = self.repeats, {}
         for i, label in enumerate(self.labels):
@@ -267,8 +255,7 @@ class Repeated(Observable):
         $$\sigma^2 \mid \theta \sim \frac{n}{NK}\,Q(\theta) / \chi^2_{n - q}, \qquad
           \log p = -\tfrac n2 \log Q$$
 
-        so that Q is read off the stored terms of the log likelihood, without another solve. Where
-        only n of the N K values are independent, Q counts all of them.
+        Q, of all N K values, is read off the stored terms of the log likelihood: no other solve.
         """
         own = self.repeats
         rows = np.stack([terms[label] for label in self.labels], axis=-1)

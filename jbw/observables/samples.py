@@ -16,10 +16,7 @@ Lines = tuple[int, int]  # the first line of a spectrum that counts, and the one
 
 
 def advance(samples: np.ndarray, delay: float, fs: float) -> np.ndarray:
-    r"""Undo a channel's delay tau [s] by the phase of its spectrum, at rest at both ends.
-
-    $$x(t + \tau) \leftrightarrow X(\omega)\,e^{+j\omega\tau}$$
-    """
+    r"""Undo a delay tau [s], at rest at both ends: $X(\omega)\,e^{+j\omega\tau}$."""
     if delay == 0.0:
         return samples
     omega = 2 * np.pi * np.fft.rfftfreq(len(samples), 1 / fs)
@@ -59,10 +56,7 @@ def noise_share(lines: Lines | None, length: int) -> float:
 def values_of(
     samples: Float[Array, "*batch time"], lines: Lines | None
 ) -> Float[Array, "*batch value"]:
-    r"""What is compared of samples: themselves, or the lines of a band, of the same sum of squares.
-
-    $$\sqrt{2/N}\,(\mathrm{Re}\,X_n, \mathrm{Im}\,X_n)$$
-    """
+    r"""Samples, or a band's lines $\sqrt{2/N}\,(\mathrm{Re}\,X_n, \mathrm{Im}\,X_n)$."""
     if lines is None:
         return samples
     spectrum = jnp.fft.rfft(samples)[..., lines[0] : lines[1]]
@@ -79,13 +73,10 @@ def motion_under(
     substeps: int = 2,
     periodic: bool = False,
 ) -> Response:
-    """Motion of the joint under a measured input, from rest or steady.
+    """Motion of the joint by eqs. (1), (2) under a measured input, from rest or steady.
 
     The input between its samples is the band-limited one that the sampling saw; theta has the
     `gain` [N/kg per unit of the input] besides. `substeps` are those of the solver between samples.
-
-    Reference:
-        Eqs. (1), (2).
     """
     return simulate(
         oscillator_of(theta, laws),

@@ -34,8 +34,7 @@ class Points(Repeated):
         omega: Frequency of each point [rad/s].
         load: Measured odd harmonics of the source at each point [V, N or N/kg].
         motion: Measured odd harmonics of the displacement [m], zero where not measured.
-        mean: Values of each group: those of the response in the unit it was measured in, or of the
-            force in the source's; zero behind a group's last point.
+        mean: Response in its measured unit, or force in the source's; zero behind a group's last.
         point: Number of the point of each value.
         position: Position of each group's order among the odd ones.
         factor: From displacement or force per unit mass to the value's unit; zero behind the last.
@@ -113,10 +112,9 @@ class Points(Repeated):
         num_samples: int,
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
-        r"""Planned tones, as they would be read.
+        r"""Planned tones of a displacement's odd harmonics `motion` [m], as they would be read.
 
-        Real and imaginary parts of a harmonic read from N samples have the variance
-        $2\sigma^2 / N$ each. `motion` are the odd harmonics of the displacement expected [m].
+        Real and imaginary parts of N samples' harmonic have the variance $2\sigma^2 / N$ each.
         """
         load = level * np.tile(np.arange(NUM_HARMONICS) == 0, (len(omega), 1)) + 0j
         groups = []
@@ -171,15 +169,11 @@ def motion_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, "point
 
 
 def force_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, " point"]:
-    r"""Fundamental of the force per unit mass that the measured fundamental motion takes [N/kg].
+    r"""Fundamental force per unit mass that the measured fundamental takes [N/kg]: eqs. (1), (2).
 
     $$F_1 = (k - \omega^2 + 2j\zeta\omega_n\omega + K(|Y_1|) + jC(|Y_1|))\,Y_1$$
 
-    The third harmonic of the motion, which a controller leaves free, is neglected: it changes the
-    first by 3e-4 at most.
-
-    Reference:
-        Eqs. (1), (2).
+    The third harmonic of the motion, which a controller leaves free, changes it by 3e-4 at most.
     """
     joint, y = oscillator_of(theta, data.laws), data.motion[:, 0]
     stiffness = joint.k - data.omega**2 + 2j * joint.zeta * joint.omega_n * data.omega
@@ -187,10 +181,9 @@ def force_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, " point
 
 
 def equivalent_stiffness(joint: Joint, y_peak: Float[Array, " point"]) -> Complex[Array, " point"]:
-    """Equivalent stiffness and damping of all laws, K + jC = F_1(Y) / Y, at many amplitudes.
+    """K + jC = F_1(Y) / Y of all laws, by a polynomial at sixteen Chebyshev nodes.
 
-    By a polynomial: it is a smooth function of the amplitude, which sixteen Chebyshev nodes give
-    to 1e-9 over a decade.
+    It is smooth in the amplitude: this is exact to 1e-9 over a decade.
     """
     middle, half = 0.5 * (y_peak.max() + y_peak.min()), 0.5 * (y_peak.max() - y_peak.min())
     half = jnp.maximum(half, 1e-6 * middle)
