@@ -90,19 +90,13 @@ def smoothing(
     require_at_least("y_peak", y_peak, 0.0, open_end=True)
     if y_open is None:
         y_open = steady_loop(joint, y_peak).y_open
-    else:
-        _require_inside(y_open, y_peak)
-    return _smoothing(joint, y_peak, y_open, variant)
-
-
-def _require_inside(y_open: ArrayLike, y_peak: ArrayLike) -> None:
-    """Raise unless the threshold lies within the loop."""
-    if is_concrete(y_open, y_peak) and not np.all(np.abs(y_open) < np.asarray(y_peak)):
+    elif is_concrete(y_open, y_peak) and not np.all(np.abs(y_open) < np.asarray(y_peak)):
         raise ModelError(
             f"Argument `y_open` must lie between -y_peak and y_peak, but y_open = {y_open} with "
             f"y_peak = {y_peak}.",
             remedy="Leave `y_open` out to take the threshold of the steady loop.",
         )
+    return _smoothing(joint, y_peak, y_open, variant)
 
 
 @partial(jax.jit, static_argnames="variant")

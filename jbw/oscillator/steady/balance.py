@@ -131,7 +131,9 @@ def balance(
     def advance(state: tuple) -> tuple:
         load, step, packed, tries = state
         next_load = jnp.minimum(load + step, 1.0)
-        tried, ok = newton(loaded(joint, next_load), omega, packed, max_turns)
+        laws = tuple(law.scaled(next_load, 1.0) for law in joint.laws)
+        loaded = Oscillator(joint.omega_n, joint.zeta, laws)
+        tried, ok = newton(loaded, omega, packed, max_turns)
         kept = jnp.where(load > 0.0, packed, linear)
         return (
             jnp.where(ok, next_load, load),
@@ -199,9 +201,3 @@ def dimensionless(
     laws = tuple(law.scaled(length, stiffness) for law in oscillator.laws)
     unit = Oscillator(jnp.ones_like(length), oscillator.zeta, laws)
     return unit, jnp.asarray(omega / oscillator.omega_n), length
-
-
-def loaded(oscillator: Oscillator, load: Scalar) -> Oscillator:
-    """The dimensionless oscillator under a part of its load."""
-    laws = tuple(law.scaled(load, 1.0) for law in oscillator.laws)
-    return Oscillator(oscillator.omega_n, oscillator.zeta, laws)

@@ -86,7 +86,8 @@ def response_curve(
     """
     given, joint = joint, as_oscillator(joint)
     require_sense(given, omega_start, amplitude, num_harmonics, max_turns)
-    unit, first, length = dimensionless(*jax.tree.map(_scalar, (joint, omega_start, amplitude)))
+    scalars = jax.tree.map(lambda x: jnp.asarray(x, float), (joint, omega_start, amplitude))
+    unit, first, length = dimensionless(*scalars)
     last = omega_stop / float(joint.omega_n)
     side = 1.0 if last > first else -1.0
     point, direction = _first_point(unit, first, side, num_harmonics, max_turns)
@@ -170,10 +171,6 @@ def _scale(x: Point) -> Point:
     """What counts as a change by 1: the size of the harmonics, a fifth of the frequency."""
     size = jnp.full_like(x, jnp.linalg.norm(x[:-1]))
     return size.at[-1].set(_FREQUENCY_SCALE * x[-1])
-
-
-def _scalar(value: float | Array) -> Float[Array, ""]:
-    return jnp.asarray(value, float)
 
 
 def _require_progress(good: bool, points: list[Point], joint: Oscillator, amplitude: float) -> None:
