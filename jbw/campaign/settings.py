@@ -89,7 +89,7 @@ class Identify(Table):
     num_samples: values.Count | None = key(None, "draws kept a chain", 1000)
     num_warmup: values.Index | None = key(None, "draws to adapt with, a chain", 500)
     budget_s: values.Positive = key(
-        1800.0,
+        900.0,
         "seconds that the joint posterior may draw until its draws are enough; with num_samples as "
         "many are drawn as that says, enough or not",
         600.0,
