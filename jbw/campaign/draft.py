@@ -1,7 +1,7 @@
 """A first campaign file from what lies in a folder, with comments and every guess marked."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
@@ -163,14 +163,14 @@ def _block(
 
 
 def _units(channels: Mapping[str, Leaf], assume: Callable[[str], None]) -> str:
-    units = {
-        role: leaf.unit or si_unit(QUANTITIES[role][0])
-        for role, leaf in channels.items()
-        if role != "time" or leaf.unit  # seconds, unless the file says otherwise
-    }
-    guessed = [role for role in units if not channels[role].unit]
-    for role in guessed:
-        assume(f"unit of {role} assumed to be {units[role]}.")
+    units, guessed = {}, []
+    for role, leaf in channels.items():
+        if leaf.unit:
+            units[role] = leaf.unit
+        elif role != "time":  # seconds, unless the file says otherwise
+            units[role] = si_unit(QUANTITIES[role][0])
+            guessed.append(role)
+            assume(f"unit of {role} assumed to be {units[role]}.")
     mark = f"  # CHECK: not in the file for {', '.join(guessed)}" if guessed else ""
     return f"units = {toml(units)}{mark}"
 
@@ -210,7 +210,7 @@ def _pattern(files: Sequence[Path]) -> str | list[str]:
     return pattern if also == set(files) else [path.name for path in files]
 
 
-def _listed(found: Sequence[str] | Mapping[str, Leaf]) -> str:
+def _listed(found: Collection[str]) -> str:
     # As TOML strings: a name from a file must not end the comment's line.
     some = [toml(name) for name in list(found)[:LISTED]]
     more = len(found) - len(some)
@@ -225,10 +225,8 @@ def _series_in(leaves: Mapping[str, Leaf]) -> dict[str, Leaf]:
         if len(long) == 1:
             found[name] = leaf
         elif len(leaf.shape) == 2 and min(long, default=0) <= FEW_COLUMNS < max(long, default=0):
-            along_rows = leaf.shape[0] < leaf.shape[1]
-            found |= {
-                f"{name}[{i}]" if along_rows else f"{name}[:, {i}]": leaf for i in range(min(long))
-            }
+            before = "" if leaf.shape[0] < leaf.shape[1] else ":, "
+            found |= {f"{name}[{before}{i}]": leaf for i in range(min(long))}
     return found
 
 
@@ -252,9 +250,8 @@ def _roles_of(series: Mapping[str, Leaf]) -> dict[str, str]:
     for name, leaf in series.items():
         if (role := _role(name, leaf.unit)) and role not in roles:
             roles[role] = name
-    if {"frequency", "phase", "force", "input"} <= set(roles) and roles.keys().isdisjoint(
-        RESPONSES
-    ):
+    unanswered = roles.keys().isdisjoint(RESPONSES)
+    if unanswered and {"frequency", "phase", "force", "input"} <= set(roles):
         # Beside a force and a phase, an amplitude is that of the response.
         roles["acceleration"] = roles.pop("input")
     return roles

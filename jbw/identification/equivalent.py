@@ -89,10 +89,8 @@ def _joint_draws(
     """Every draw of the oscillator, the chains end to end; None where a parameter is missing."""
     table = [*OSCILLATOR, *quantities_of(laws)]
     names = [quantity.name for quantity in table if quantity.name != "gain"]
-    theta = {
-        **held,
-        **{name: posterior[name].values.ravel() for name in names if name in posterior},
-    }
+    sampled = {name: posterior[name].values.ravel() for name in names if name in posterior}
+    theta = {**held, **sampled}
     if not set(names) <= set(theta):
         return None
     return dict(zip(names, np.broadcast_arrays(*(theta[name] for name in names)), strict=True))

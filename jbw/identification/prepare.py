@@ -59,11 +59,7 @@ class Fitted:
 
 
 def fit_joint(key: Key[Array, ""], seen: Measured, report: Report) -> Fitted:
-    """Fit the joint to a campaign as the joint posterior would.
-
-    Raises:
-        DataError: If there is nothing that the joint can be fitted to.
-    """
+    """Fit the joint to a campaign as the joint posterior would."""
     data = assemble(seen)
     report(f"Least squares: all parameters from {len(data.labels)} groups of data")
     return prepare(jax.random.split(key), data, seen.settings)

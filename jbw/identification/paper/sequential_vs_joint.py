@@ -85,9 +85,11 @@ def _statements(
     gamma = rows.get("gamma")
     if gamma is not None and held:
         names = ", ".join(name for name in held if name != "gain")
+        ratio = gamma["sd_ratio"]
+        times = "unlike" if ratio is None else f"{ratio:.2g} times"
         said.append(
             f"By the cut, gamma's interval holds only for the values at which {names} were held; "
-            f"the joint posterior's sd of gamma is {_times(gamma['sd_ratio'])} the cut's, and the "
+            f"the joint posterior's sd of gamma is {times} the cut's, and the "
             f"cut's mean lies {abs(gamma['difference'] or 0.0):.2g} joint sds away."
         )
     apart = [name for name, row in rows.items() if abs(row["difference"] or 0.0) > 2.576]
@@ -101,7 +103,3 @@ def _statements(
         "posterior, compiling included."
     )
     return said
-
-
-def _times(ratio: float | None) -> str:
-    return "unlike" if ratio is None else f"{ratio:.2g} times"
