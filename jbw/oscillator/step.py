@@ -57,7 +57,7 @@ class ExactStep(eqx.Module):
 
 
 def exact_step(oscillator: Oscillator, dt: Scalar) -> tuple[ExactStep, Array, Array]:
-    """Constants of the step of length dt."""
+    """Constants of the step of length dt [s], and the input's moments W_j on y [s^2] and v [s]."""
     stiffness = oscillator.omega_n**2
     damping = 2.0 * oscillator.zeta * oscillator.omega_n
     m = impulse_moments(stiffness, damping, dt, NUM_MOMENTS)
@@ -144,7 +144,10 @@ def _through_kinks(
     y_1: Scalar,
     v_1: Scalar,
 ) -> tuple[Any, ...]:
-    """End of a step that may hold a turning point, a kink of a law, or both."""
+    """End of a step that may hold a turning point, a kink of a law, or both.
+
+    Last come the impulses on v and y, less what the predictor already holds of them.
+    """
     y, v, memory = state
     h, laws = step.dt, step.laws
     shift_y, shift_v, a = _second_order(step, state, branches, u)
