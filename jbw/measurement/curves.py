@@ -32,12 +32,7 @@ class ForcedLoop(NamedTuple):
 
 
 def response_curve(record: Record) -> ResponseCurve:
-    r"""The curve that a record of kind `frf` holds, without the lines that the record masks.
-
-    $$X = x \exp(j \varphi)$$
-
-    with x the response channel and phi the phase of the response relative to the excitation.
-    """
+    """The curve X = x exp(j phi) that a record of kind `frf` holds, without its masked lines."""
     _must_have(record, (("frequency",), ("phase",), INPUTS, RESPONSES), "a response curve")
     lines = {role: samples[record.valid] for role, samples in record.channels.items()}
     response = np.asarray(lines[record.response] * np.exp(1j * lines["phase"]), np.complex128)

@@ -51,9 +51,6 @@ def plan_tests(
         tree: A run's result, as `posterior.nc` holds it; None before any test.
         report: Called with one sentence at every candidate.
 
-    Returns:
-        The plan.
-
     Raises:
         ConfigError: A plan file against the schema, neither a description nor a run, a run that
             does not tell the noise, which the description leaves out too, nothing wanted that is

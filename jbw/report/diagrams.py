@@ -36,8 +36,6 @@ def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
     their 99 % intervals. Right, the element's force along cycles of a quarter, half and all of the
     largest fitted displacement: the harder the cycle, the softer and the wider.
 
-    Numbers are medians with half of their 99 % intervals.
-
     Panels: the schematic; the loops of the hysteretic element where the run keeps them (2 axes).
 
     Reference:

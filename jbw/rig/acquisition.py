@@ -75,9 +75,6 @@ def measure(
         zeta_cv: Coefficient of variation of zeta from day to day [-].
         fs: Sampling frequency [Hz].
 
-    Returns:
-        The campaign; `write` puts it into files.
-
     Raises:
         ConfigError: For an unknown preset or test, or a number out of its range.
         ModelError: In float32, for a law that the rig does not know, or when the joint's response

@@ -43,14 +43,7 @@ def write(campaign: RigCampaign, folder: str | Path) -> Path:
     """Writes the campaign's files; the campaign file comes last and marks the folder complete.
 
     A folder that an interrupted writing left behind is completed; equal campaigns give equal
-    files, byte for byte.
-
-    Args:
-        campaign: What `measure` returned.
-        folder: Where to write; made when absent.
-
-    Returns:
-        Path of `campaign.toml`.
+    files, byte for byte. The path of `campaign.toml` is returned.
 
     Raises:
         RunError: When the folder holds a campaign or other data files, or cannot be written.

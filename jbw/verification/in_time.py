@@ -152,10 +152,10 @@ def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
     """FRF of every repeat, and of every draw under the first one's input, by the same estimator."""
     test, record = motion.test, motion.test.records[0]
     estimate = partial(_frf, band_hz=band_hz, whole=test.traits.is_transient)
-    source, unit = record.channels[record.source], record.units[record.source]
-    measured = [estimate(r.channels[r.source], r.channels[r.response], r) for r in test.records]
+    unit = record.units[record.source]
+    measured = [estimate(r, r.channels[r.response]) for r in test.records]
     h = np.stack([one for _, one in measured])
-    simulated = np.stack([estimate(source, one, record)[1] for one in motion.model])
+    simulated = np.stack([estimate(record, one)[1] for one in motion.model])
     how = np.angle(h.mean(axis=0)), {"units": per("m", unit), "long_name": "receptance"}
     phase = {"units": "rad"}
     return xr.Dataset(
@@ -169,14 +169,10 @@ def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
 
 
 def _frf(
-    u: NDArray[np.float64],
-    y: NDArray[np.float64],
-    record: Record,
-    band_hz: tuple[float, float],
-    *,
-    whole: bool,
+    record: Record, y: NDArray[np.float64], band_hz: tuple[float, float], *, whole: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
     r"""Receptance in a band; of a whole sweep the ratio of spectra, $H = Y(\omega) / U(\omega)$."""
+    u = record.channels[record.source]
     if not whole:
         skip = round(SETTLING * record.fs)
         found = frf(u[skip:], y[skip:], record.fs, response=record.response, band=band_hz)
