@@ -65,16 +65,12 @@ def _log_likelihoods(theta: Mapping[str, Array], data: Dataset) -> Float[Array, 
 def residual_finding(
     left: Mapping[str, np.ndarray], counted: Mapping[str, float], error: Mapping[str, float]
 ) -> Finding | None:
-    """Whether what a fit leaves of the groups is white, as the likelihood would like it.
+    """The largest lag-one correlation of what a fit leaves of a group of 16 values or more.
 
-    Its number is the largest lag-one correlation of a group of 16 values or more; None without
-    such a group. By label: what is `left`, the fraction of values `counted`, the relative `error`.
+    By label: what is `left`, the fraction of values `counted`, the relative `error`.
     """
-    lag_one = {
-        label: correlation_at_one(row)
-        for label, row in left.items()
-        if len(row) >= 2 * LEAST_VALUES
-    }
+    long = {label: row for label, row in left.items() if len(row) >= 2 * LEAST_VALUES}
+    lag_one = {label: correlation_at_one(row) for label, row in long.items()}
     if not lag_one:
         return None
     # A correlation that cannot be had is the worst of all.
@@ -112,7 +108,6 @@ def repeatability_finding(error: Mapping[str, float], data: Dataset) -> Finding 
     """What the best fit leaves of the worst group, beside the scatter of that group's repeats.
 
     A law that leaves more than they scatter predicts a record worse than its neighbour does.
-    `error` is what is left of a group's mean, relative to it, by label; None without repeats.
     """
     scatter = {label: x for part in data.parts for label, x in part.repeatability().items()}
     ratio = {label: error[label] / max(x, TINY) for label, x in scatter.items()}

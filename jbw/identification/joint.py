@@ -180,10 +180,7 @@ def _law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
 def draw_noise_std(
     key: Key[Array, ""], theta: Drawn, terms: Float[np.ndarray, "chain draw term"], data: Dataset
 ) -> dict[str, Any]:
-    """One exact draw of each group's noise for every draw of the parameters.
-
-    Variables by the observables' suffixes and dimensions, a row a group.
-    """
+    """One exact draw of each group's noise for every draw of the parameters, a row a group."""
     labelled = {label: terms[..., i] for i, label in enumerate(data.labels)}
     derived: dict[str, Any] = {}
     for part in data.parts:
@@ -213,10 +210,7 @@ def _attrs(part: Observable, name: str) -> dict[str, str]:
 def posterior_checks(
     key: Key[Array, ""], posterior: xr.Dataset, ready: Fitted
 ) -> tuple[dict[str, xr.Dataset], list[Finding], list[str]]:
-    """Residuals, the solver, runs, effects and levels left out, of a posterior and its fit.
-
-    Labelled arrays to keep beside the draws, by name; findings; and sentences for the reader.
-    """
+    """Labelled arrays to keep beside the draws by name, findings, and sentences for the reader."""
     prior, best, data = ready.box, ready.fit, ready.data
     groups: dict[str, xr.Dataset] = {}
     words: list[str] = []

@@ -14,8 +14,6 @@ from jbw.identification.windowed import Complex, Real, line_errors, receptance, 
 from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
-__all__ = ["LineFit", "PooledFit", "line_fit", "line_fit_start", "pool"]
-
 Model = Callable[[Real], Complex]
 Residuals = Literal["none", "upper", "both"]
 

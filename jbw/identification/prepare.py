@@ -71,10 +71,7 @@ def prepare(
     settings: Identify,
     known: Mapping[str, float] | None = None,
 ) -> Fitted:
-    """First values, the box, the fit from them and from values `known`, and what the fit settles.
-
-    The keys are of the starts, and of the draws that settle the steps of the solver.
-    """
+    """First values, the box, the fit from them and from `known` ones, and what the fit settles."""
     values = {**first_values(data), **(known or {})}
     prior = box_of(settings, data, values)
     values = {**from_amplitude_curve(keys[0], data, prior, values), **values}

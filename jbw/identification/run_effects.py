@@ -120,12 +120,11 @@ def sentence_of(shifts: Shifts) -> str:
 def runs_dataset(
     key: Key[Array, ""], posterior: xr.Dataset, names: tuple[str, ...], data: Dataset
 ) -> xr.Dataset | None:
-    """Draws of every run's omega_n and zeta, and of their standard deviation over runs.
+    """Draws of every run's omega_n and zeta, and their standard deviation over runs; or None.
 
     omega_n and zeta of the posterior are the population's mean. Of each draw of the parameters the
-    scatter and the offsets are drawn from their density given the data: `omega_n` and `zeta` over
-    (draw, run), `spread_omega_n` and `spread_zeta` over (draw), with the suffix `_assembly` over
-    assemblies where there are any. None where runs have no offsets.
+    scatter and the offsets are drawn from their density given the data: `spread_omega_n` and
+    `spread_zeta` over runs, with the suffix `_assembly` over assemblies where there are any.
     """
     if not data.has_offsets:
         return None

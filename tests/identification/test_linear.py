@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from jbw.errors import ConfigError, DataError
-from jbw.identification.line_method import in_band
-from jbw.identification.linear import LineFit, line_fit, line_fit_start, pool
+from jbw.identification.line_method import LineFit, in_band, line_fit_start
+from jbw.identification.linear import line_fit, pool
 from jbw.identification.windowed import receptance, smeared
 from jbw.measurement.spectra import frf
 

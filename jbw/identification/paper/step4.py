@@ -128,10 +128,7 @@ class OpeningFit(NamedTuple):
 def fit_opening(
     key: Key, records: Records, linear: PooledFit, means: Mapping[str, float], settings: Identify
 ) -> OpeningFit:
-    """The initial fit of gamma, its likelihood as a series.
-
-    Held are omega_n and gain of Step 2, and the `means` of Step 3: zeta, alpha and delta.
-    """
+    """The initial fit of gamma, given Step 2 and the `means` of Step 3: zeta, alpha and delta."""
     held = {"omega_n": linear.omega_n, "gain": linear.gain, **means}
     prior = box({"gamma": settings.prior.get("gamma", (0.0, REACH * means["delta"]))})
     curve = opening_curve(records, held, prior)
@@ -174,9 +171,7 @@ def opening_steps(
     *,
     keep: Keep = no_checkpoint,
 ) -> dict[str, Step]:
-    """Posterior of gamma by NUTS and by the paper's walk, by name, everything else held.
-
-    Held are omega_n and gain of Step 2, and zeta, alpha and delta at the means of Step 3.
+    """Posterior of gamma by NUTS and by the paper's walk, Steps 2 and 3 held at their means.
 
     Reference:
         Eqs. (37), (41), (42).
@@ -209,10 +204,7 @@ def opening_steps(
 def of_draws(
     step: Step, quantity: Callable[[dict[str, NDArray[np.float64]]], NDArray[np.float64]]
 ) -> NDArray[np.float64]:
-    """A smooth quantity of all parameters for every draw of gamma, by a polynomial through a few.
-
-    Shape (chain, draw).
-    """
+    """A smooth quantity of every draw of gamma, by a polynomial through a few; (chain, draw)."""
     gamma = np.asarray(step.posterior["posterior"].to_dataset()["gamma"])
     grid = np.linspace(gamma.min(), gamma.max(), 9)
     draws = {n: np.full(9, v) for n, v in step.held.items()} | {"gamma": grid}
