@@ -83,11 +83,7 @@ def start_campaign(folder: str | Path) -> Draft:
 
 
 def write_campaign(draft: Draft, folder: str | Path) -> Path:
-    """Write a draft as `campaign.toml`, unless there is one.
-
-    Raises:
-        ConfigError: The folder has a campaign file already.
-    """
+    """Write a draft as `campaign.toml`; a ConfigError where there is one already."""
     path = Path(folder) / NAMED
     try:
         with path.open("xb") as file:

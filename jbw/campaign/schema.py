@@ -132,11 +132,7 @@ def force_per_unit(campaign: Any) -> float | None:  # as checked, or with its re
 
 
 def read_spec(path: Path) -> CampaignSpec:
-    """Read and check a campaign file.
-
-    Raises:
-        ConfigError: No such file, not UTF-8 TOML, or against the schema.
-    """
+    """Read and check a campaign file; a ConfigError of all that is wrong with it."""
     return parse(text_of(path, "Campaign file", "Write one with: jbw init FOLDER"), path.name)
 
 
