@@ -97,7 +97,6 @@ def _channel(role: str, x: Reals, fs: float, masked: bool) -> Iterator[Fault]:
 
 
 def _ordered(freq: Reals) -> Iterator[Fault]:
-    """Whether the lines of a curve go one way."""
     freq = freq[np.isfinite(freq)]
     steps = np.diff(freq)
     if not (np.all(freq > 0) and (np.all(steps > 0) or np.all(steps < 0))):
@@ -109,7 +108,6 @@ def _ordered(freq: Reals) -> Iterator[Fault]:
 
 
 def _signal(role: str, x: Reals, fs: float) -> Iterator[Fault]:
-    """The checks of a sampled signal."""
     levels = np.unique(x[:LEVELS_FROM])
     span, largest = np.ptp(x), max(-x.min(), x.max())
     # A source may switch between two values; one that toggles its last bit is dead.

@@ -152,7 +152,6 @@ def _design(t: Reals, tones: Tones) -> Reals:
 
 
 def _fitted(y: Reals, design: Reals, tones: Tones) -> SineFit:
-    """The fit to rows of a design."""
     num_samples = design.shape[1]
     normal = design @ design.T
     if np.linalg.cond(normal) > 1e8:

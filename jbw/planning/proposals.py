@@ -177,7 +177,6 @@ def _steady_levels(beliefs: Beliefs, reach: Reach) -> list[float]:
 
 
 def _resonance(beliefs: Beliefs, y: float) -> Backbone:
-    """Resonance of every joint at the displacement y."""
     theta = {name: jnp.asarray(values) for name, values in beliefs.joints.items()}
     return backbone(oscillator_of(theta, beliefs.laws), jnp.asarray(y))
 

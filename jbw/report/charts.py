@@ -104,7 +104,6 @@ def _draw(ax: Axes, x: Any, model: Any, measured: Any, colour: str, name: str) -
 
 
 def _frfs(tree: xr.DataTree) -> Drawn:
-    """Draw the magnitudes of all frequency responses."""
     found = tests(tree, "verification/frf", "measured_magnitude", "model_magnitude")
     label = axis_label("receptance", unit_of(found[0][1]["measured_magnitude"]))
     ax = _blank(xlabel=HERTZ, ylabel=label, yscale="log")
@@ -116,7 +115,6 @@ def _frfs(tree: xr.DataTree) -> Drawn:
 
 
 def _curves(tree: xr.DataTree) -> Drawn:
-    """Draw magnitude, phase and distance from the model of every quantity and harmonic."""
     found = tests(tree, "verification/curve", "measured_magnitude", "model_magnitude")
     for suffix, family in curve_columns(found):
         column = Figure().subplots(3)

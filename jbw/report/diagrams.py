@@ -165,7 +165,6 @@ def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
 
 
 def _draw(ax: Axes, box: Box, top: float) -> None:
-    """Draw a box, its step at the left, its outcomes line by line."""
     edge, dashes = (INK, "-") if box.outcomes else (SOFT, "--")
     shape: dict[str, Any] = {"boxstyle": "round,pad=0,rounding_size=0.06", "fc": "none", "ec": edge}
     height, y = _height(box), top - PAD
@@ -196,7 +195,6 @@ def _line_fit(tree: xr.DataTree) -> list[Outcome]:
 
 
 def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[Outcome]:
-    """Return what every sampler of a step found of the law."""
     outcomes = []
     for name, called in SAMPLERS.items():
         group = node(tree, f"steps/{step}{name}/posterior")
@@ -221,14 +219,12 @@ def _main(tree: xr.DataTree, facts: xr.Dataset) -> list[Outcome]:
 
 
 def _quality(facts: xr.Dataset, name: str) -> tuple[str, str]:
-    """Return how a posterior mixed, and its verdict."""
     row = facts.sel(step=name)
     ess, r_hat = number(row["ess"], 10.0), number(row["r_hat"], 0.1)
     return "" if ess == NOTHING else f"ESS {ess}, R-hat {r_hat}", str(row["verdict"].item())
 
 
 def _verified(tree: xr.DataTree) -> list[Outcome]:
-    """Return the errors of all tests, those that were fitted and those that were not."""
     found = [test.attrs for _, _, test in verified(tree, "nrmse")]
     outcomes = []
     for fitted, called in ((True, "fitted"), (False, "not fitted")):
@@ -241,7 +237,6 @@ def _verified(tree: xr.DataTree) -> list[Outcome]:
 
 
 def _validated(tree: xr.DataTree) -> list[Outcome]:
-    """Return how far the areas of the loops are from the measured ones."""
     parent = node(tree, "validation/loops")
     tests = parent.children.values() if parent is not None else ()
     areas = [enclosed_areas(test.to_dataset()) for test in tests]

@@ -77,7 +77,6 @@ def _in_lines(text: str, most: int = 22) -> str:
 
 
 def _column(known: xr.Dataset, what: str) -> Float[np.ndarray, " quantity"]:
-    """Return one number for every parameter and combination."""
     dims = [dim for dim in ("parameter", "combination") if f"{dim}_{what}" in known]
     return np.concatenate([np.asarray(known[f"{dim}_{what}"], float) for dim in dims])
 
@@ -151,7 +150,6 @@ def quantities_table(found: Row, known: Names) -> Table:
 
 
 def _waterfall(found: Row) -> str:
-    """The costs from all starts of the fit as a sentence; nothing for one start."""
     costs = (found.get("waterfall") or {}).get("costs") or []
     if len(costs) < 2:
         return ""

@@ -35,7 +35,6 @@ def harmonic_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _spectrum(ax: Axes, spectrum: xr.Dataset) -> None:
-    """Draw the amplitude over frequency, the tone and its third harmonic marked."""
     freq, amplitude = frequency(spectrum), np.asarray(spectrum["amplitude"], float)
     tone = float(spectrum.attrs.get("tone_hz", freq[int(np.nanargmax(amplitude[1:])) + 1]))
     shown = (freq > 0.2 * tone) & (freq < 6.0 * tone)
@@ -53,7 +52,6 @@ def _spectrum(ax: Axes, spectrum: xr.Dataset) -> None:
 
 
 def _measured_kernel(pair: Panels, kernel: xr.Dataset, label: str) -> None:
-    """Draw the magnitude and phase of H3 of every repeat."""
     magnitude = kernel["measured_magnitude"].transpose("repeat", ...)
     phase = wrap_degrees(kernel["measured_phase"].transpose("repeat", ...))
     look = {"color": INK, "marker": "o", "mfc": "none", "mew": 0.6, "ms": 3.2, "lw": 0}

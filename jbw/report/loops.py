@@ -69,7 +69,6 @@ def secant(y: Curve, force: Curve) -> float:
 
 
 def _areas_text(areas: Areas | None) -> str:
-    """Return the enclosed areas in words."""
     if areas is None:
         return ""
     measured = areas.measured[1]

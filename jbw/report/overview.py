@@ -104,7 +104,6 @@ def _complete(record: Record, channel: str) -> Samples:
 
 
 def _curve(record: Record, ax: Any) -> Panels:
-    """Draw the channels of a measured response curve over its frequency."""
     names = [name for name in record.channels if name != CURVE]
     axes = panels(ax, len(names), 1, height=0.5 + 1.7 * len(names), sharex=True)
     freq = np.asarray(record.channels[CURVE], float)

@@ -88,7 +88,6 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
 
 
 def _statements(part: Any, known: Names) -> list[str]:
-    """Return the sentences of a part of the summary."""
     return [in_symbols(str(each), known) for each in (part or {}).get("statements") or []]
 
 
@@ -119,7 +118,6 @@ def _draw(entry: Entry, tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _provenance(summary: Mapping[str, Any]) -> dict[str, str]:
-    """Return what a reader needs to repeat the run."""
     versions = summary.get("versions") or {}
     if isinstance(versions, Mapping):
         versions = ", ".join(f"{name} {version}" for name, version in versions.items())

@@ -57,7 +57,6 @@ def _sampled(tree: xr.DataTree, sources: Iterable[Source]) -> dict[Source, dict[
 
 
 def _names(found: dict[Source, dict[str, Parameter]]) -> list[str]:
-    """Return the parameters that any source sampled, damping first."""
     return [n for n in dict.fromkeys(chain(*found.values())) if n != "omega_n"]
 
 

@@ -70,7 +70,6 @@ def _records(name: str, dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]
 
 
 def _in_time(name: str, dataset: xr.Dataset) -> Panels:
-    """Draw what bands there are: whole, and at the resonance."""
     axes = panels(None, 1, 2, height=2.6)
     whole, zoom = axes[0]
     near = dataset.isel(time=resonance_slice(quantiles(dataset, "model_band")[1]))
@@ -85,7 +84,6 @@ def _in_time(name: str, dataset: xr.Dataset) -> Panels:
 
 
 def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
-    """Draw amplitude and phase of each harmonic with their bands, and what was measured."""
     suffixes = [s for s in ("", "_3") if f"model_magnitude{s}" in dataset]
     axes = panels(None, 2, len(suffixes), height=4.2, sharex="col", height_ratios=[1.6, 1])
     for (upper, lower), suffix in zip(axes.T, suffixes, strict=True):

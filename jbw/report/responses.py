@@ -111,7 +111,6 @@ def softening(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
 
 
 def _mean_magnitude(test: xr.Dataset) -> Curve:
-    """Return the magnitude averaged over the repeats."""
     return np.asarray(test["measured_magnitude"].mean("repeat"), float)
 
 
@@ -255,7 +254,6 @@ def level_colours(count: int) -> list[str]:
 
 
 def _curve(column: Panels, test: xr.Dataset, suffix: str, colour: str) -> None:
-    """Draw one curve: marks, filled where fitted; the model's band and median."""
     freq = frequency(test)
     measured = np.asarray(test[f"measured_magnitude{suffix}"], float)
     phase = np.asarray(test[f"measured_phase{suffix}"], float)

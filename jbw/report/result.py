@@ -134,7 +134,6 @@ def parameters(group: xr.Dataset) -> list[Parameter]:
 
 
 def _element(value: Any, index: int) -> float | None:
-    """Return one element of an attribute that is a number, an array or absent."""
     if value is None:
         return None
     flat = np.ravel(value)

@@ -134,5 +134,4 @@ def _float(value: Any) -> float | None:
 
 
 def _exponent(value: float) -> int:
-    """Return the decimal exponent of a number."""
     return math.floor(math.log10(abs(value))) if value else 0

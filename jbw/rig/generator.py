@@ -162,6 +162,5 @@ def _period(
 
 
 def _wave(sine: Callable[[Samples], Samples], phase: Samples, distortion: float) -> Samples:
-    """A sine or cosine, with its third harmonic."""
     wave = sine(phase)
     return wave + distortion * sine(3.0 * phase) if distortion else wave

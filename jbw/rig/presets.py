@@ -107,7 +107,6 @@ def named(kind: str, level: float, unit: str = "V") -> str:
 def _plan(
     prefix: str, kind: str, excitation: Excitation, repeats: int, unit: str = "V", **stated: Any
 ) -> Plan:
-    """A test named after the level of its excitation."""
     return Plan(named(prefix, excitation.level, unit), kind, excitation, repeats, **stated)
 
 
@@ -136,7 +135,6 @@ def pull_plan(level: float) -> Plan:
 def _programme(
     probing: float, stepped: tuple[float, ...], loops: tuple[float, ...]
 ) -> tuple[Plan, ...]:
-    """The tests of the paper's steps, and what verifies them."""
     tones = (Tone(f, probing, duration=64.0, settle=64.0) for f in PROBING_HZ)
     held = (Tone(LOOP_HZ, level, duration=16.0, settle=32.0) for level in loops)
     return (

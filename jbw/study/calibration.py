@@ -128,7 +128,6 @@ def sbc(
 
 
 def _numbers_of(found: Calibration) -> dict[str, Any]:
-    """Replications, failures, p-values, coverage and verdict in plain values."""
     quantities = {}
     for name in found.names:
         share, lower, upper = found.coverage[name]
@@ -174,7 +173,6 @@ def suited(step: models.Step, name: str) -> tuple[Model, Sampler, Any]:
 
 
 def _tree(found: Calibration, record: dict[str, Any]) -> xr.DataTree:
-    """Ranks and failures by name, with units; facts of the run as attributes."""
     known = {**attrs(), **attrs_of(BY_NAME.values())}
     failed = found.failed.astype("int8")
     variables: dict[str, Any] = {"failed": ("replication", failed, {"units": "1"})}

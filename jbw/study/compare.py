@@ -172,7 +172,6 @@ def _drawn(
 
 
 def _numbers_of(drawn: Mapping[str, Drawn], posterior: Posterior) -> dict[str, Any]:
-    """The numbers of all samplers, and their distances from the reference."""
     if not drawn:
         return {"reference": None, "samplers": {}}
     rows = {
@@ -200,7 +199,6 @@ def _numbers_of(drawn: Mapping[str, Drawn], posterior: Posterior) -> dict[str, A
 def _row(
     one: Drawn, rows: Mapping[str, Row], base: Mapping[Any, Any], posterior: Posterior
 ) -> dict[str, Any]:
-    """One sampler in plain values."""
     attrs, ess = one.tree.attrs, worst_ess(rows)
     found = verdict(one.tree, posterior.box)
     sizes = one.tree["posterior"].to_dataset().sizes

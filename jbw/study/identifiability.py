@@ -180,7 +180,6 @@ def _waterfall_words(costs: NDArray[np.float64]) -> str:
 
 
 def _contraction_words(narrowed: Mapping[str, float], texts: Mapping[str, str]) -> str:
-    """Which marginals the data hardly narrowed, in words."""
     shares = {texts[name]: max(value, 0.0) for name, value in narrowed.items() if value < NARROWED}
     if not shares:
         return "After sampling, every parameter has less than half of its prior variance left."
@@ -216,7 +215,6 @@ def as_group(found: Identifiability) -> xr.Dataset:
 
 
 def _rows(found: Identifiability, dim: str, names: Sequence[str]) -> dict[str, Column]:
-    """What is known of each parameter, or of each combination."""
     if not names:
         return {}
     known = [found.information.known[name] for name in names]

@@ -151,7 +151,6 @@ def _motion(data: Points, draws: Draws) -> Complex[np.ndarray, "draw point harmo
 
 
 def _facts(group: Group, test: Test) -> dict[str, Any]:
-    """What was held and what was measured."""
     record = test.records[0]
     held, measured = record.source, record.response
     if group.of_force:

@@ -137,7 +137,6 @@ def noise_of(
 
 
 def _noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
-    """Each labelled group of data and the mean of its noise."""
     found = {}
     for name, values in posterior.data_vars.items():
         dims = [dim for dim in values.dims if dim not in ("chain", "draw")]

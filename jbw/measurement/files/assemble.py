@@ -104,7 +104,6 @@ def _unit(role: str, stated: str, wanted: Wanted) -> str:
 
 
 def _calibration(role: str, reader: str, wanted: Wanted) -> float:
-    """What to multiply a channel by, beside its unit."""
     if reader == "WAV" and role not in wanted.scale:
         raise ConfigError(
             f"role `{role}` needs a calibration, since WAV keeps no scale.",
@@ -118,7 +117,6 @@ def _calibration(role: str, reader: str, wanted: Wanted) -> float:
 
 
 def _sources(contents: Contents, wanted: Wanted) -> dict[str, list[Leaf]]:
-    """Role to the arrays that its path selects."""
     channels = wanted.channels
     if channels is None:
         found = [name for name, item in names(contents.root) if isinstance(item, Leaf)]

@@ -183,7 +183,6 @@ def _named(header: Sequence[str], dialect: Dialect) -> Iterator[tuple[int, str, 
 
 
 def _decode(data: bytes) -> str:
-    """Text of a file, by its byte order mark, else UTF-8, else Latin-1."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return data.decode("utf-16")
     try:

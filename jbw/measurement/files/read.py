@@ -133,7 +133,6 @@ def opened(path: Path) -> Iterator[Contents]:
 
 
 def _reader_of(path: Path) -> str:
-    """Dotted name of the module that reads a file."""
     if not path.is_file():
         folder = path.parent
         found = sorted(p.name for p in folder.iterdir() if p.is_file()) if folder.is_dir() else []

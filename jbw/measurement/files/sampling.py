@@ -189,7 +189,6 @@ def _last_digit(values: NDArray[np.float64], error: float) -> float:
 
 
 def _require_steps(time: NDArray[np.float64], rounding: float, name: str) -> None:
-    """Refuse times that are not finite, that run backward, or that have gaps."""
     if not np.isfinite(time).all():
         first = int(np.flatnonzero(~np.isfinite(time))[0])
         raise DataError(f"Time channel `{name}` must be finite, but sample {first} is not.")
