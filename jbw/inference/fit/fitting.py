@@ -160,10 +160,7 @@ def named_starts(starts: Mapping[str, Any], box: Box) -> Float[Array, "start par
 
 @eqx.filter_jit
 def _solve(
-    residual: Residual,
-    box: Box,
-    data: PyTree,
-    x_starts: Float[Array, "start parameter"],
+    residual: Residual, box: Box, data: PyTree, x_starts: Float[Array, "start parameter"]
 ) -> tuple[Float[Array, "start parameter"], Float[Array, " start"]]:
     """Where each start led, and the cost there."""
     solver = optx.LevenbergMarquardt(rtol=TOLERANCE, atol=TOLERANCE)

@@ -23,11 +23,7 @@ ROUNDING = 1e-14  # of a diagonal entry: a pivot below is zero but for rounding
 
 
 def complex_gaussian_log_likelihood(
-    mean: Complexes,
-    within_ss: Reals,
-    num_repeats: Reals,
-    model: Complexes,
-    noise_std: Reals,
+    mean: Complexes, within_ss: Reals, num_repeats: Reals, model: Complexes, noise_std: Reals
 ) -> Float[Array, "..."]:
     r"""Log likelihood [nats] of K repeats of complex data, one term a point: eqs. (34), (36).
 
@@ -42,10 +38,7 @@ def complex_gaussian_log_likelihood(
 
 
 def complex_gaussian_marginal_log_likelihood(
-    mean: Complexes,
-    within_ss: Reals,
-    num_repeats: Reals,
-    model: Complexes,
+    mean: Complexes, within_ss: Reals, num_repeats: Reals, model: Complexes
 ) -> Float[Array, ""]:
     r"""The same of all points, their unknown noise integrated out under the prior 1/sigma.
 

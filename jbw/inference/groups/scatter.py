@@ -68,10 +68,7 @@ def log_density_of_offsets(
 
 
 def draw_offsets(
-    key: Key[Array, ""],
-    found: Estimate,
-    levels: Levels,
-    scatters: Float[Array, "node level_own"],
+    key: Key[Array, ""], found: Estimate, levels: Levels, scatters: Float[Array, "node level_own"]
 ) -> Spread:
     """One draw of the scatter and of every run's offset, given the shared parameters."""
     own = found.offset.shape[1]

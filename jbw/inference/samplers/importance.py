@@ -88,9 +88,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
     return Draws(theta, {"log_weight": raw[kept]}, possible, arrived, facts)
 
 
-def smoothed(
-    log_weights: Float[Array, " draw"],
-) -> tuple[Float[Array, " draw"], Float[Array, ""]]:
+def smoothed(log_weights: Float[Array, " draw"]) -> tuple[Float[Array, " draw"], Float[Array, ""]]:
     """Normalised weights, their tail smoothed by a Pareto fit, and its k-hat: good below 0.7.
 
     Under `vmap` ArviZ is called once for each set of weights.

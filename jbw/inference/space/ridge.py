@@ -25,11 +25,7 @@ from numpy.typing import NDArray
 
 from jbw.inference.space.box import Box
 from jbw.inference.space.coordinates import Composed, Coordinate, Vector
-from jbw.inference.space.reparametrisation import (
-    Covariance,
-    Reparametrisation,
-    in_logarithms,
-)
+from jbw.inference.space.reparametrisation import Covariance, Reparametrisation, in_logarithms
 
 PART = 0.3  # a parameter is of the ridge from this share of its largest component on
 NARROW = 1e-9  # component of the direction below which a wall is parallel to it
