@@ -126,8 +126,7 @@ def residual(theta: Theta, data: Dataset) -> Residual:
     Rows `offsets of RUN` are each run's offsets over their scatter.
     """
     everything = {**data.held, **theta}
-    blocks = [part.weighted(everything) for part in data.parts]
-    rows, offsets = _offsets_taken_out(blocks, data)
+    rows, offsets = _offsets_taken_out([part.weighted(everything) for part in data.parts], data)
     labelled = {
         label: row
         for part, block in zip(data.parts, rows, strict=True)

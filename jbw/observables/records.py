@@ -225,5 +225,4 @@ def form_of(test: Test) -> tuple[float, str, int, *tuple[float, ...]]:
 
 def by_form(tests: Sequence[Test]) -> list[list[Test]]:
     """Tests in groups of one sampling frequency, response and length."""
-    ordered = sorted(tests, key=form_of)
-    return [list(same) for _, same in groupby(ordered, key=form_of)]
+    return [list(same) for _, same in groupby(sorted(tests, key=form_of), key=form_of)]

@@ -142,8 +142,7 @@ class Repeated(Observable):
     def weighted(self, theta: Theta) -> Weighted:
         """Residuals and directions in standard errors of a mean."""
         weight = self.weight
-        rows = weight[:, None] * self.misfit(theta)
-        return rows, weight[:, None, None] * self.repeats.directions
+        return weight[:, None] * self.misfit(theta), weight[:, None, None] * self.repeats.directions
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
         """What each group says of its offsets, its noise integrated out under 1/sigma."""

@@ -188,8 +188,7 @@ def equivalent_stiffness(joint: Joint, y_peak: Float[Array, " point"]) -> Comple
     middle, half = 0.5 * (y_peak.max() + y_peak.min()), 0.5 * (y_peak.max() - y_peak.min())
     half = jnp.maximum(half, 1e-6 * middle)
     angle = np.pi * (np.arange(NUM_NODES) + 0.5) / NUM_NODES
-    nodes = middle + half * np.cos(angle)
-    loops = jax.vmap(as_oscillator(joint).loop)(nodes)
+    loops = jax.vmap(as_oscillator(joint).loop)(middle + half * np.cos(angle))
     values = loops.stiffness + 1j * loops.damping
     order = np.arange(NUM_NODES)
     to_series = 2.0 / NUM_NODES * np.cos(np.outer(order, angle))

@@ -44,18 +44,15 @@ class Ranked(NamedTuple):
 
 @dataclass(frozen=True)
 class Calibration:
-    """What many replications say of a posterior.
+    """What many replications say of a posterior, by the names of its quantities.
 
     Attributes:
-        names: Quantities.
-        ranks: Rank of the truth among `num_ranks` draws, (replication, quantity).
-        num_ranks: L; a rank is between 0 and L.
+        ranks: Rank of the truth among `num_ranks` draws, 0 to that, (replication, quantity).
         inside: Whether the truth is inside the central 99 % interval, (replication, quantity).
         failures: Reason to whether each replication failed by it.
         p_chi_square: Of the ranks in 20 bins, each quantity.
         p_ecdf: Of the ranks' ECDF, simultaneous over its points, each quantity.
         coverage: Share of the replications inside, and its 99 % Clopper-Pearson interval.
-        verdict: ok, failed or not assessed, with reasons.
     """
 
     names: tuple[str, ...]
@@ -206,8 +203,7 @@ def coverage_interval(inside: int, count: int, level: float = 0.99) -> tuple[flo
 
 
 def _law(num_replications: int, num_ranks: int) -> stats.distributions.rv_frozen:
-    share = np.arange(1, num_ranks + 1) / (num_ranks + 1)
-    return stats.binom(num_replications, share)
+    return stats.binom(num_replications, np.arange(1, num_ranks + 1) / (num_ranks + 1))
 
 
 def _bounds(

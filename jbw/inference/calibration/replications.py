@@ -99,8 +99,7 @@ def _replication(
     key: Key[Array, ""], model: Model, sampler: Sampler, options: Any, num_ranks: int
 ) -> Ranked:
     key_truth, key_data, key_place, key_draws, key_rank = jax.random.split(key, 5)
-    x = jax.random.uniform(key_truth, (len(model.box.names),))
-    truth = from_unit(x, model.box)
+    truth = from_unit(jax.random.uniform(key_truth, (len(model.box.names),)), model.box)
     data = model.simulate(key_data, truth)
     known = model.log_likelihood, model.box, data
     if model.search is None:

@@ -30,11 +30,9 @@ class Fit:
     """The best of many least-squares fits.
 
     Attributes:
-        theta: Optimum by name, in the parameters' units.
-        x: The same in the unit coordinate, in the order of the box.
+        theta: Optimum by name, in the parameters' units; x in the unit coordinate, as the box.
         cost: Half the sum of squared residuals.
-        covariance: Gauss-Newton's, in the parameters' units; directions known worse than the box
-            have the box's.
+        covariance: Gauss-Newton's, in the parameters' units; in no direction wider than the box.
         at_bound: Parameters whose optimum lies on or beyond a bound: "lower" or "upper".
         weak: What the data do not determine, or None.
         waterfall: Costs reached from all starts, lowest first; infinite where a start failed.

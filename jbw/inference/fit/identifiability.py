@@ -36,10 +36,7 @@ Draws = Mapping[str, Float[np.ndarray, "..."]]
 
 @dataclass(frozen=True)
 class WeakDirection:
-    """Parameters that the data determine only together, or not at all, and which combination.
-
-    `ratio` is posterior over prior standard deviation along the weakest direction.
-    """
+    """Parameters known only together, or not at all; posterior over prior deviation; in words."""
 
     names: tuple[str, ...]
     ratio: float
@@ -52,8 +49,7 @@ def weak_direction(mean: Mapping[str, float], covariance: Matrix, box: Box) -> W
     $$\Sigma_{post} v = \rho^2 \Sigma_{prior} v, \qquad \rho > 0.7$$
 
     in the logarithms of the parameters whose box is positive, so that products appear, and in the
-    parameters themselves otherwise. The combinations orthogonal to all such directions are what
-    the data determine. Mean and covariance are a posterior's, or a fit's.
+    parameters themselves otherwise.
     """
     positive = np.asarray(box.lower) > 0
     centre = np.array([float(mean[name]) for name in box.names])
@@ -141,10 +137,7 @@ def listed(items: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """How far a mean moves at most when the box of a parameter is cut at its lower or upper end.
-
-    In posterior standard deviations; infinite where a cut leaves hardly a draw.
-    """
+    """Largest move of a mean [sd] by a cut of a box at one end; infinite if no draws are left."""
 
     shift: float
     box: str

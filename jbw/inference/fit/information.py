@@ -42,10 +42,7 @@ class Direction:
 
 @dataclass(frozen=True)
 class Known:
-    """A parameter or product: its name in sentences, value, and standard deviation with the prior.
-
-    The ratio is that over the standard deviation under the prior alone.
-    """
+    """A parameter or product in words, its value, and its deviation, also over the prior's."""
 
     text: str
     value: float

@@ -76,10 +76,9 @@ def estimate(
       Q = K|r|^2 + S - \hat b^T A \hat b, \quad
       W = A\,\frac{n - q}{Q}, \quad \log p = -\frac{n - q}{2} \log Q + \frac12 \log |W|$$
 
-    the noise in W at its estimate. With q = 0 offsets this is the likelihood of (37) with sigma
-    inferred. The residual r is the mean of K repeats less the prediction, zero behind the last
-    value; n counts the independent values of all repeats, and J is the prediction's change by each
-    offset, the `directions`.
+    With q = 0 offsets this is the likelihood of (37) with sigma inferred. The residual r is the
+    mean of K repeats less the prediction, zero behind the last value; n counts the independent
+    values of all repeats, and J is the prediction's change by each offset, the `directions`.
     """
     total = num_repeats * jnp.sum(residual**2, axis=-1) + within
     num_own = directions.shape[1]

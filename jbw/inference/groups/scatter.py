@@ -1,8 +1,7 @@
 r"""The scatter of runs and of assemblies: offsets that share a spread, unknown and integrated out.
 
 A run r of an assembly a has the offset $b_r = a_a + c_r$, $c \sim N(0, S)$, $a \sim N(0, T)$: a
-structure that is taken apart and mounted again comes back elsewhere than one left overnight. Where
-no assembly has two runs, there are runs alone.
+structure that is mounted again comes back elsewhere. One run an assembly has c alone.
 """
 
 from typing import NamedTuple

@@ -26,9 +26,8 @@ def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
 def summarise(tree: xr.DataTree, box: Box) -> dict[str, Row]:
     """Row of every scalar quantity of the tree that `sample` left, by its name.
 
-    A row has map (the draw of the highest posterior density), mean, sd, cv, the quantiles q005 and
-    q995 about 99 %, kl [nats from the prior], contraction (1 less the variance over the prior's),
-    ess_bulk, ess_tail and r_hat; NaN for what cannot be had.
+    `map` is the draw of the highest density, `kl` [nats] is from the prior, `contraction` 1 less
+    the variance over the prior's; NaN for what cannot be had.
     """
     lp = tree["sample_stats"].to_dataset()["lp"].values
     bounds = bounds_by_name(box)

@@ -162,8 +162,7 @@ def evaluate_chains(
             point = {name: values[i] for name, values in theta.items()}
             return jnp.ravel(problem.log_likelihood(point, problem.data))
 
-        capacity = len(next(iter(theta.values())))
-        rows = _empty_rows(lambda: one(jnp.asarray(0)), capacity)
+        rows = _empty_rows(lambda: one(jnp.asarray(0)), len(next(iter(theta.values()))))
         return jax.lax.fori_loop(first, last, lambda i, rows: _set_row(rows, i, one(i)), rows)
 
     return over_chains(evaluate, chain_method)(theta, (problem, first, last))
@@ -222,8 +221,7 @@ def _advanced(
 
 
 def _empty_rows(f: Callable[[], PyTree], capacity: int) -> PyTree:
-    shapes = jax.eval_shape(f)
-    return jax.tree.map(lambda s: jnp.zeros((capacity, *s.shape), s.dtype), shapes)
+    return jax.tree.map(lambda s: jnp.zeros((capacity, *s.shape), s.dtype), jax.eval_shape(f))
 
 
 def _set_row(rows: PyTree, i: Array, values: PyTree) -> PyTree:

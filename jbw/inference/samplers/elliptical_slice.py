@@ -72,8 +72,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
 
     def step(state: State) -> State:
         key, *keys = jax.random.split(state.rng_key, 1 + MOVES)
-        start = EllipSliceState(state.w, state.log_ratio)
-        end, looked = jax.lax.scan(move, start, jnp.stack(keys))
+        end, looked = jax.lax.scan(move, EllipSliceState(state.w, state.log_ratio), jnp.stack(keys))
         w, value = jnp.asarray(end.position), jnp.asarray(end.logdensity)
         return State(w, value, jnp.sum(looked, dtype=COUNT), key)
 

@@ -177,8 +177,7 @@ def _raised(
 ) -> tuple[Float[Array, ""], Float[Array, " node"]]:
     """A higher power of the likelihood that the grid still resolves, and log p at it."""
     placed = eqx.tree_at(lambda one: one.whitening, problem, grid.whitening)
-    slopes = jax.vmap(placed.coordinate.log_abs_det_jacobian)(grid.nodes)
-    prior = slopes - log_volume(problem.box)
+    prior = jax.vmap(placed.coordinate.log_abs_det_jacobian)(grid.nodes) - log_volume(problem.box)
     likelihood = grid.log_p - prior
 
     def effective(power: Float[Array, ""]) -> Float[Array, ""]:

@@ -171,14 +171,12 @@ def _weights(
     num_live = jnp.maximum(jnp.searchsorted(births, deaths) - jnp.arange(deaths.size), 1)
 
     def one(total: Array, key: Key[Array, ""]) -> tuple[Array, Array]:
-        shrunk = jnp.log1p(-jax.random.uniform(key, deaths.shape)) / num_live
-        log_x = jnp.cumsum(shrunk)
+        log_x = jnp.cumsum(jnp.log1p(-jax.random.uniform(key, deaths.shape)) / num_live)
         before = jnp.concatenate([jnp.zeros(1), log_x[:-1]])
         after = jnp.concatenate([log_x[1:], jnp.full(1, -jnp.inf)])
         width = before + jnp.log(-jnp.expm1(after - before)) - jnp.log(2.0)
         weights = jnp.where(filled[order], width + deaths, -jnp.inf)
         return total + jax.nn.softmax(weights) / VOLUMES, jax.nn.logsumexp(weights)
 
-    keys = jax.random.split(key, VOLUMES)
-    shares, totals = jax.lax.scan(one, jnp.zeros(filled.size), keys)
+    shares, totals = jax.lax.scan(one, jnp.zeros(filled.size), jax.random.split(key, VOLUMES))
     return jnp.zeros_like(shares).at[order].set(shares), totals

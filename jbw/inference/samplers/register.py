@@ -27,8 +27,7 @@ class Sampler(NamedTuple):
         from_prior: Whether it crosses the whole box without a fit, and without a ridge's help.
         ignores_fit: Whether it is laid over the box itself, in no coordinates of a fit.
         most_parameters: How many parameters it takes at most; None for any number.
-        draws: Steps of warm-up, and draws kept of each chain, where an evaluation steps through
-            time.
+        draws: Warm-up, and draws kept of a chain, where an evaluation steps through time.
         cheap_draws: The same where an evaluation costs microseconds.
         is_fixed: Whether it draws as many as it is told, enough or not: what a paper printed.
         suits_costly: Whether a comparison tries it by itself where time is stepped through.

@@ -70,12 +70,10 @@ def sample(
             non-finite where a solve failed. Every draw stores its terms: not one a sample.
         box: Prior bounds.
         data: Whatever `log_likelihood` takes, arrays in any pytree.
-        sampler: "nuts"; "elliptical_slice" (no gradient, about four evaluations a draw; needs
-            `covariance` and a posterior close to that Gaussian); "random_walk" (tuned);
-            "random_walk_paper" (fixed step, 85 + 765). With the evidence: "importance" (weighted
-            draws about `covariance`, which it needs); "tempered_smc" and "nested" (from the whole
-            box, or from heavy tails about `covariance`; a chain is a run); "quadrature" (exact, up
-            to four parameters). Or one that was registered.
+        sampler: One of the register: "nuts"; "elliptical_slice" (about four evaluations a draw);
+            "random_walk" (tuned); "random_walk_paper" (fixed step, 85 + 765). With the evidence
+            "importance"; "tempered_smc" and "nested" (a chain is a run); "quadrature" (exact, up
+            to four parameters). The second and "importance" need `covariance`.
         num_warmup: Steps of each chain that are discarded; the sampler's own when None.
         num_samples: Draws kept of each chain, particles of "tempered_smc", twice the live points of
             "nested"; the sampler's own when None.

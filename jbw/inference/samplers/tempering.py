@@ -99,8 +99,9 @@ def _run(
         # With no room left for beta, the last step only resamples and moves on the posterior.
         ended = at.particles.tempering_param >= 1
         key, key_step = jax.random.split(at.key)
-        root = _root(at.particles.particles, at.particles.weights)
-        factor = jnp.exp(at.log_scale) * root
+        covariance = weighted_moments(at.particles.weights, at.particles.particles)[1]
+        nugget = NUGGET * jnp.diag(jnp.diagonal(covariance) + 1e-300)
+        factor = jnp.exp(at.log_scale) * jnp.linalg.cholesky(covariance + nugget)
         particles, info = kernel(key_step, at.particles, num_moves, {"factor": factor[None]})
         accept = jnp.mean(info.update_info.acceptance_rate)
         return _State(
@@ -126,11 +127,3 @@ def _run(
 
     last = jax.lax.while_loop(again, advance, first)
     return jax.vmap(problem.theta)(last.particles.particles), last, possible
-
-
-def _root(
-    y: Float[Array, "draw parameter"], weights: Float[Array, " draw"]
-) -> Float[Array, "parameter parameter"]:
-    """Cholesky factor of the weighted covariance of particles."""
-    covariance = weighted_moments(weights, y)[1]
-    return jnp.linalg.cholesky(covariance + NUGGET * jnp.diag(jnp.diagonal(covariance) + 1e-300))

@@ -82,8 +82,7 @@ def log_density(
     (33), (35), (36), (37).
     """
     box, values = problem.box, coordinate.forward(x)
-    theta = named(values, box)
-    likelihood = jnp.sum(problem.log_likelihood(theta, problem.data))
+    likelihood = jnp.sum(problem.log_likelihood(named(values, box), problem.data))
     slope = coordinate.log_abs_det_jacobian(x) - log_volume(box)
     inside = jnp.all((values >= box.lower) & (values <= box.upper))
     return jnp.where(inside & jnp.isfinite(likelihood), likelihood + slope, -jnp.inf)

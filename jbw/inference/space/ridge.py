@@ -1,15 +1,13 @@
 r"""Coordinates along the direction that the data leave open, from wall to wall of the box.
 
 Where only a combination is known, as a product from one kernel, the posterior is a thin ridge that
-ends at the walls of the box. Among the parameters that have a part in it, along the weakest
-direction v of a fit and across it,
+ends at the walls of the box. Along the weakest direction v of a fit, and across it,
 
 $$s = s_0 + B\,w + \bigl[\tau_- + r\,(\tau_+ - \tau_-)\bigr]\,v, \qquad 0 < r < 1$$
 
-where s are those parameters, by their logarithms where they are positive, in units of the box, and
-tau_-, tau_+ is where the line through s_0 + B w meets the walls. In (w, r) the ridge is straight,
-and the wall a bound of r alone. The other parameters stay, by their logarithms. With orthonormal
-columns B and v the determinant of the change is the length between the walls:
+where s are the parameters that have a part in it, by their logarithms where they are positive, in
+units of the box, and tau_-, tau_+ is where the line through s_0 + B w meets the walls. In (w, r)
+the ridge is straight, and the wall a bound of r alone. With orthonormal columns B and v,
 
 $$\left|\det \frac{\partial s}{\partial (w, r)}\right| = \tau_+ - \tau_-$$
 """
