@@ -6,8 +6,7 @@ draws of one joint distribution, so that the rank of the truth among the draws i
 $$\theta^* \sim \pi, \quad D \sim p(D \mid \theta^*), \quad \theta_{1..L} \sim p(\theta \mid D)
 \;\Rightarrow\; \#\{l : f(\theta_l, D) < f(\theta^*, D)\} \sim U\{0, \dots, L\}$$
 
-for every quantity f. The log likelihood is always among them: a likelihood that forgets the data
-leaves the ranks of all parameters uniform, and not its own.
+for every f, the log likelihood too: one that forgets the data leaves all ranks uniform but its own.
 """
 
 from collections.abc import Callable, Mapping

@@ -43,10 +43,6 @@ def costly_fit(
     Starts are one value or one a start, by name; evaluations at most are those from each of them,
     and the tolerance is relative, on the cost and on the step.
 
-    Raises:
-        ConfigError: A float32 session.
-        ModelError: The residual is finite at no start.
-
     Reference:
         Section 3.1, in place of its sequential quadratic programming; Branch, Coleman and Li
         (1999), SIAM J. Sci. Comput. 21, 1.

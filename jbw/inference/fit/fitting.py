@@ -68,18 +68,8 @@ def fit(
 
     $$\min_u \tfrac12 |r(\theta_{min} + (\theta_{max} - \theta_{min})\,\mathrm{sigmoid}(u))|^2$$
 
-    Compiled once for a `residual`, names and shapes.
-
-    Args:
-        residual: (theta, data) to real residuals in units of their standard deviation.
-        box: Bounds.
-        data: Whatever `residual` takes.
-        starts: How many starts to draw uniformly in the box, or the starts by name.
-        key: Random key of drawn starts.
-
-    Raises:
-        ConfigError: No usable starts, complex residuals, or a float32 session.
-        ModelError: The residual is finite at no start.
+    The residual is (theta, data) to real numbers in standard deviations; compiled once for it,
+    names and shapes. Starts are given by name, or so many drawn uniformly in the box by the key.
 
     Reference:
         Section 3.1, in place of its sequential quadratic programming.

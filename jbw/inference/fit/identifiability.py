@@ -175,11 +175,10 @@ def box_sensitivity(draws: Draws, box: Box) -> dict[str, Sensitivity]:
 
     $$\frac{E[\theta \mid \theta_i \in B'] - E[\theta]}{\mathrm{sd}(\theta)}$$
 
-    The draws that the narrower box B' keeps are draws of its posterior. Of a posterior far narrower
-    than its box, a tenth of its own eight standard deviations is cut: a larger cut would take it as
-    a whole, and say nothing of the bound. A parameter as uniform as its prior moves by 0.17, one
-    that leans on a bound by more, and either takes along those known only together with it. The
-    draws are of the box's parameters and of whatever else is to be looked at.
+    The draws that the narrower box B' keeps are draws of its posterior. Of one far narrower than
+    its box, a tenth of its own eight standard deviations is cut: a larger cut would take it as a
+    whole, and say nothing of the bound. A parameter as uniform as its prior moves by 0.17, one that
+    leans on a bound by more, and either takes along those known only together with it.
     """
     flat = {name: np.ravel(values) for name, values in draws.items()}
     worst = {name: Sensitivity(0.0, "", "") for name in flat}

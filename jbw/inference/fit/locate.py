@@ -1,7 +1,6 @@
 r"""Where a posterior lies, found under `vmap`: a Laplace approximation for each of many data sets.
 
-The search and the sampling go along the logarithms of chosen parameters: what is known only of a
-product is a straight valley there. The uniform prior stands in for a normal one of its variance,
+The uniform prior of parameters, some by their logarithms, stands in for a normal of its variance,
 
 $$\hat u = \arg\min_u \tfrac12 |r(u)|^2 + 6\,|u - \tfrac12|^2, \qquad
 \Sigma_u = (J^T J + 12\,I)^{-1}$$

@@ -29,8 +29,7 @@ def complex_gaussian_log_likelihood(
 
     $$\log L = -K \log(2\pi\sigma^2) - \frac{K |\bar d - m|^2 + S}{2\sigma^2}$$
 
-    The transpose in (34) is the conjugate one, and sigma is the standard deviation of each real
-    component, as 2 sigma^2 requires.
+    The transpose in (34) is the conjugate one; sigma is the deviation of each real component.
     """
     num_repeats, variance = jnp.asarray(num_repeats), jnp.square(noise_std)
     misfit = num_repeats * _squared_modulus(mean - model) + within_ss

@@ -23,9 +23,8 @@ AGREED = 1.05  # R-hat of the side
 class Split(NamedTuple):
     """A quantity whose density has a valley between the peaks `below` and `above`.
 
-    The `weight` is the share of the draws below, `depth` the density there over the lower peak's;
-    the weight's Monte Carlo error is NaN where chains do not cross the valley often enough, and the
-    shares are an accident of the starts.
+    Its depth is over the lower peak's density. The weight is the share of the draws below the
+    valley, its error NaN where too few chains cross: an accident of the starts.
     """
 
     name: str
@@ -37,10 +36,9 @@ class Split(NamedTuple):
 
 
 def deepest_split(draws: Draws) -> Split | None:
-    """The quantity with the deepest valley between two modes, if any.
+    """The quantity of the deepest valley, below half of both peaks and with 2 % on either side.
 
-    It is below half of both peaks, with 2 % of the draws or more on either side, in a kernel
-    estimate of the marginal. Modes that overlap in every marginal are not seen.
+    Modes that overlap in every marginal are not seen.
     """
     found = [_valley(name, values) for name, values in draws.items()]
     return min(filter(None, found), key=lambda split: split.depth, default=None)

@@ -13,8 +13,7 @@ from scipy.special import digamma
 from jbw.inference.space.box import Box, bounds_by_name
 
 Row = dict[str, float]
-QUANTILES = (0.005, 0.5, 0.995)
-"""Of a 99 % interval and its middle."""
+QUANTILES = (0.005, 0.5, 0.995)  # of a 99 % interval and its middle
 
 
 def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:

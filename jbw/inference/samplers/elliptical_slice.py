@@ -5,10 +5,9 @@ $$s \sim \Gamma^{-1}\!\left(\tfrac{\kappa + d}{2}, \tfrac{\kappa + w^T w}{2}\rig
 $$\log r(w) = \log p(w \mid D) - \log t_\kappa(w)$$
 
 The ellipse leaves the normal of variance s as it is, and s the t distribution of kappa = 5 degrees
-of freedom, so that only the ratio r of posterior and reference decides: the angle is drawn
-uniformly and its bracket shrunk until r(w') exceeds a level drawn below r(w). Near the normal of
-the whitening draws are nearly independent; nothing is tuned and no gradient is needed. Tails
-heavier than a posterior's leave no chain far out.
+of freedom, so that only the ratio r of posterior and reference decides at which angle r(w') exceeds
+a level drawn below r(w). Nothing is tuned and no gradient is needed. Tails heavier than a
+posterior's leave no chain far out.
 
 Reference:
     Murray, Adams, MacKay (2010), AISTATS 9, 541; with the t distribution, Nishihara, Murray, Adams

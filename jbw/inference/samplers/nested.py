@@ -2,10 +2,9 @@ r"""Nested slice sampling through BlackJAX, with its evidence.
 
 $$Z = \int_0^1 \ell(X)\,\mathrm{d}X, \qquad w_i = \ell_i\, (X_{i-1} - X_{i+1}) / 2$$
 
-A reference is shrunk through rising contours of its ratio ell to the posterior. Half as many points
-live as draws are asked for, at least 8 d; a tenth of them, the lowest, is replaced at a time by 2 d
-slices (at least 5) above their contour. A chain is a run of its own, resampled to draws of equal
-weight in random order.
+A reference is shrunk through rising contours of its ratio ell to the posterior: the lowest tenth of
+the live points is replaced at a time by 2 d slices (at least 5) above their contour. A chain is a
+run of its own, resampled to draws of equal weight in random order.
 
 Reference:
     Skilling (2006), Bayesian Analysis 1, 833; Yallup, Kroupa, Handley (2026), arXiv:2601.23252.

@@ -22,11 +22,9 @@ FIRST_STEP = (0.1, 1.0)  # in the box, or where a fit has whitened it: where tun
 
 
 class Options(NamedTuple):
-    """Options of the walk, beside those of every chain.
+    """Options of the walk; the step size is a proposal's fixed deviation in x, in all directions.
 
-    The `step_size` is the fixed deviation of a proposal in x, the same in all directions. None
-    tunes it to `target_accept` in the warm-up, shaped by the covariance of a fit where there is
-    one.
+    None tunes it to `target_accept` in the warm-up, in the shape of a fit's covariance.
     """
 
     num_warmup: int = 1000

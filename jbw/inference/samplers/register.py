@@ -1,7 +1,6 @@
 """The register of samplers: the one list of their names, readable without JAX.
 
-A sampler is a module with a typed record `Options` and one of two functions, both pure and usable
-under `jit` and `vmap`:
+A sampler is a module with a record `Options` and one of two functions, pure under `jit` and `vmap`:
 
     kernel(problem, options) -> Kernel          a Markov chain: first state, step, what a state says
     draw(key, problem, options) -> Draws        everything at once, with the evidence

@@ -33,8 +33,7 @@ from jbw.inference.space.reparametrisation import Reparametrisation, in_box
 
 ChainMethod = Literal["sequential", "vectorized", "parallel"]
 VERSIONED = ("jax", "jaxlib", "numpyro", "numpy")
-Found = tuple[Draws, NDArray[np.float64], float]
-"""Draws, terms of the log likelihood at each, and seconds spent before."""
+Found = tuple[Draws, NDArray[np.float64], float]  # draws, terms at each, seconds spent before
 _drawn = eqx.filter_jit(draws_of)
 
 

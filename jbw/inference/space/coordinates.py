@@ -89,10 +89,7 @@ def unit(lower: Vector, upper: Vector) -> Elementwise:
 
 
 class Logarithms(Coordinate):
-    """Some parameters by their logarithms, $y_i = e^{x_i}$; the others as they are.
-
-    A product known far better than its factors is a straight valley of the logarithms alone.
-    """
+    """Some by their logarithms, $y_i = e^{x_i}$, where a product is a straight valley."""
 
     chosen: tuple[bool, ...] = eqx.field(static=True)
 
@@ -139,5 +136,4 @@ class Composed(Coordinate):
         return total
 
 
-IDENTITY = Composed(())
-"""The parameters themselves."""
+IDENTITY = Composed(())  # the parameters themselves
