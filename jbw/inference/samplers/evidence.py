@@ -21,10 +21,8 @@ from numpyro.distributions import Distribution
 from jbw.errors import ModelError
 from jbw.inference.space.problem import Problem
 
-HEAVY = 5.0
-"""Degrees of freedom of the t distribution about a fit."""
-FORBIDDEN = -1e30
-"""Log density where the posterior is impossible: tempered by zero it is zero, not NaN."""
+HEAVY = 5.0  # degrees of freedom of the t distribution about a fit
+FORBIDDEN = -1e30  # log density of the impossible: tempered by zero it is zero, not NaN
 
 
 def reference(problem: Problem) -> Distribution:
