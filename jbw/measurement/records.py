@@ -92,8 +92,7 @@ class Test:
     @property
     def is_single_tone(self) -> bool:
         """Whether one steady tone is played, whose tests of a level make a curve together."""
-        steady = self.traits.is_steady and not self.traits.is_stepped
-        return steady and len(self.tones_hz) == 1
+        return self.traits.is_steady and not self.traits.is_stepped and len(self.tones_hz) == 1
 
     @property
     def is_cyclic(self) -> bool:

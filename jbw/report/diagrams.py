@@ -177,8 +177,7 @@ def _draw(ax: Axes, box: Box, top: float) -> None:
     for each in box.outcomes:
         ax.text(3.6, y, each.words, color=INK, **look)
         ax.text(8.7, y, each.mixing, color=SOFT, ha="right", **look)
-        colour = COLOURS.get(each.status, SOFT)
-        ax.text(9.85, y, each.status, color=colour, ha="right", **look)
+        ax.text(9.85, y, each.status, color=COLOURS.get(each.status, SOFT), ha="right", **look)
         y -= LINE * (1 + each.words.count("\n"))
 
 

@@ -70,8 +70,7 @@ class Steps:
 
     def volts(self, t: Samples, distortion: float) -> Samples:
         """Voltage at times t >= 0."""
-        last = len(self.frequencies_hz) - 1
-        step = np.minimum((t / self.dwell).astype(int), last)
+        step = np.minimum((t / self.dwell).astype(int), len(self.frequencies_hz) - 1)
         frequency = np.asarray(self.frequencies_hz)[step]
         phase = 2.0 * np.pi * frequency * (t - step * self.dwell)
         return self.level * _wave(np.cos, phase, distortion)

@@ -202,11 +202,9 @@ def motion(
     at = jnp.stack([ends[:-1:2], ends[1::2], ends[2::2]], axis=-1).reshape(size, STEPS, 3)
 
     def step(state: State, u: Float[Array, "3"]) -> tuple[State, None]:
-        inputs = (u[0], u[1], u[2])
-        return runge_kutta(specimen.state_rate, specimen.settle, state, inputs, h), None
+        return runge_kutta(specimen.state_rate, specimen.settle, state, (u[0], u[1], u[2]), h), None
 
     def sample(state: State, u: Float[Array, "step 3"]) -> tuple[State, Float[Array, "2"]]:
         return jax.lax.scan(step, state, u)[0], jnp.stack(state[:2])
 
-    start = doubles((0.0, 0.0, specimen.at_rest()))
-    return jax.lax.scan(sample, start, at)[1]
+    return jax.lax.scan(sample, doubles((0.0, 0.0, specimen.at_rest())), at)[1]

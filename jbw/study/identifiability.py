@@ -117,8 +117,7 @@ def identifiability(
     # In the paper's parameters.
     seen = replace(seen, settings=seen.settings.model_copy(update={"coordinates": "paper"}))
     key = jax.random.key(campaign.settings.seed if seed is None else seed)
-    fitted = fit_joint(key, seen, report)
-    return look(fitted, with_profiles=profiles, report=report)
+    return look(fit_joint(key, seen, report), with_profiles=profiles, report=report)
 
 
 def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -> Identifiability:

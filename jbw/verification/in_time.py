@@ -112,8 +112,7 @@ def predict_records(source: Source, test: Test) -> Predicted:
     long_enough = test.traits.is_broadband and record.num_samples > 2 * SETTLING * record.fs
     if band_hz is not None and (test.traits.is_transient or long_enough):
         in_frequency = compare_frfs(motion, band_hz)
-        attrs = in_frequency.attrs | dataset.attrs
-        dataset = dataset.merge(in_frequency).assign_attrs(attrs)
+        dataset = dataset.merge(in_frequency).assign_attrs(in_frequency.attrs | dataset.attrs)
     return Predicted(dataset, motion.peak, motion.noise)
 
 
