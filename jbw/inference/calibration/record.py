@@ -4,9 +4,8 @@ N ranks of values 0 ... L are uniform when the count below i follows
 
 $$C_i = \#\{r < i\} \sim \mathrm{Bin}(N,\, i / (L + 1)), \qquad i = 1, \dots, L$$
 
-at every i together. The counts are a Markov chain in i, so the probability that all of them stay
-between pointwise quantiles is a recursion (Säilynoja, Bürkner, Vehtari (2022), Stat. Comput. 32,
-32).
+at every i together. The counts are a Markov chain in i, so the probability that all stay between
+pointwise quantiles is a recursion (Säilynoja, Bürkner, Vehtari (2022), Stat. Comput. 32, 32).
 """
 
 from dataclasses import dataclass

@@ -147,9 +147,8 @@ class Sensitivity:
 def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str, float]:
     r"""How much the data narrowed each product, $1 - \mathrm{var}_{post} / \mathrm{var}_{prior}$.
 
-    NaN where the prior's variance is infinite. Of the logarithms of what is positive and distinct
-    from zero, as in `information`: in a box over decades, a value known to within a factor of two
-    is otherwise taken for known.
+    NaN where the prior's variance is infinite. Of logarithms as in `information`: in a box over
+    decades, a value known to within a factor of two is otherwise taken for known.
     """
     learnt, bounds = {}, bounds_by_name(box)
     for product in products:

@@ -72,8 +72,7 @@ def information(best: Fit, box: Box, products: Iterable[Product] = ()) -> Inform
 
     with J the residual's derivatives in units of the noise and Lambda the inverse variances of the
     prior, in the logarithms of parameters that are positive and distinct from zero, and in the
-    parameters themselves otherwise. A product f has the deviation $(\nabla f^T \Sigma \nabla
-    f)^{1/2}$.
+    parameters themselves otherwise. A product f has the variance $\nabla f^T \Sigma \nabla f$.
     """
     theta = np.array([best.theta[name] for name in box.names])
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)

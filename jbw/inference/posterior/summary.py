@@ -91,9 +91,8 @@ def kl_from_uniform(x: Float[np.ndarray, " draw"], window: int | None = None) ->
     - \psi(k_i) + \psi(n + 1)\right]$$
 
     Ranks are cut at 1 and n, k_i counts the gaps spanned, and the window m is the nearest integer
-    to sqrt(n) when None. The digamma terms, in place of the log(2m/n) of Vasicek (1976), J. R.
-    Stat. Soc. B 38, 54, free it of bias for uniform draws; infinite where a value repeats more than
-    2m times.
+    to sqrt(n) when None. The digamma terms, not the log(2m/n) of Vasicek (1976), J. R. Stat. Soc. B
+    38, 54, free it of bias for uniform draws; infinite where a value repeats more than 2m times.
     """
     n = len(x)
     m = max(1, round(math.sqrt(n))) if window is None else window

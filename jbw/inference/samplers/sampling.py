@@ -79,21 +79,18 @@ def sample(
         num_chains: Chains.
         chain_method: "sequential", "vectorized", or "parallel" over the devices of JAX.
         start: Start by name, one value for all or one a chain; None: uniform in the box.
-        covariance: Laplace covariance at `start` in the parameters' units: sampling is whitened by
-            it and chains start two of its standard deviations out.
+        covariance: Laplace covariance at `start`, in the parameters' units: it whitens sampling.
         coordinates: Others to sample in, with what a fit knows there, in place of these two.
         options: Further options of the sampler, as its record `Options` names them.
         attrs: `units` and `long_name` by parameter, kept beside the draws.
         progress: Called with a `SoFar` after every chunk of steps; chains only.
         kept: Where unfinished chains outlive the process, to go on from as if never stopped.
-        until: When chains have grown enough: without it at `num_samples`, with it their number is
-            doubled until then.
+        until: When chains, doubled until then, have grown enough; without it at `num_samples`.
 
     Returns:
-        Groups posterior, sample_stats, log_likelihood, log_prior and timing. Where the likelihood
-        is not finite the walk's proposal has `failed`, NUTS' trajectory is `diverging`. The root's
-        attributes hold num_evaluations, the warm-up's included, and where the sampler gives them
-        log_evidence and log_evidence_error [nats].
+        Groups posterior, sample_stats, log_likelihood, log_prior and timing. The root's attributes
+        hold num_evaluations, the warm-up's included, and where the sampler gives them log_evidence
+        and log_evidence_error [nats].
 
     Raises:
         ConfigError: An option, start or covariance that cannot be used, or a float32 session.

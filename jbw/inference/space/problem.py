@@ -78,8 +78,7 @@ def log_density(
     $$\log p(x | D) = \sum_i \log L_i(\theta) - \log V
     + \log\left|\det \frac{\partial\theta}{\partial x}\right|$$
 
-    with V the volume of the box; minus infinity outside of it, and where a solve failed. Eqs. (32),
-    (33), (35), (36), (37).
+    by eqs. (32), (33), (35)-(37), V the box's volume; -inf outside, and where a solve failed.
     """
     box, values = problem.box, coordinate.forward(x)
     likelihood = jnp.sum(problem.log_likelihood(named(values, box), problem.data))
