@@ -30,16 +30,23 @@ ROLES = tuple(QUANTITIES)
 
 @dataclass(frozen=True)
 class Record:
-    """Channels sampled together, once: one repeat of one test."""
+    """Channels sampled together, once: one repeat of one test.
 
-    fs: float  # sampling frequency [Hz]; NaN of a measured response curve
-    # Role to samples in SI units, of equal length: `input` (source voltage [V], or per unit mass
-    # [N/kg]), `force` [N], `displacement` [m], `velocity` [m/s], `acceleration` [m/s^2],
-    # `restoring_force` [N]; in a measured response curve also `frequency` [Hz] and `phase` [rad].
+    Attributes:
+        fs: Sampling frequency [Hz].
+        channels: Role to samples in SI units; every channel has the same length. Roles:
+            `input` (source voltage [V], or per unit mass [N/kg]), `force` [N], `displacement` [m],
+            `velocity` [m/s], `acceleration` [m/s^2], `restoring_force` [N]; in a measured response
+            curve, whose `fs` is NaN, also `frequency` [Hz] and `phase` [rad].
+        units: Role to the SI unit of its samples.
+        name: What to call it in messages: the file, and the row where a file holds several.
+        provenance: Path, sha256, reader and what was converted or snapped at the door.
+    """
+
+    fs: float
     channels: Mapping[str, Reals]
-    units: Mapping[str, str]  # role to the SI unit of its samples
-    name: str = ""  # in messages: the file, and the row where a file holds several
-    # Path, sha256, reader and what was converted or snapped at the door.
+    units: Mapping[str, str]
+    name: str = ""
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -65,24 +72,38 @@ class Record:
 
 @dataclass(frozen=True)
 class Test:
-    """One test: the same excitation repeated, with what the campaign file says of it."""
+    """One test: the same excitation repeated, with what the campaign file says of it.
+
+    Attributes:
+        kind: Name of its kind, one of `jbw.measurement.kinds.KINDS`.
+        records: The repeats, in the order of their files.
+        name: A short name, unique in the campaign.
+        level: Nominal level, in the unit of what the rig held: the input channel as a rule, the
+            response of a response-controlled curve.
+        tones_hz: Frequencies present at once (tones), or in turn (stepped) [Hz].
+        band_hz: Lowest and highest frequency to use [Hz], when given.
+        dwell: Duration of each step of a stepped test [s].
+        settle: Time to discard before the steady state of tones and steps [s].
+        delay: Lag of the response channel behind the input channel [s].
+        assembly: Which assembly of the joint; empty when there was one.
+        run: Which day or run; empty when there was one.
+        periods: Whole periods of the excitation in each record; 1 when none were said.
+    """
 
     __test__ = False  # not a pytest class
 
-    kind: str  # name of its kind, one of `jbw.measurement.kinds.KINDS`
-    records: tuple[Record, ...]  # the repeats, in the order of their files
-    name: str = ""  # short, unique in the campaign
-    # Nominal level, in the unit of what the rig held: the input channel as a rule, the response of
-    # a response-controlled curve.
+    kind: str
+    records: tuple[Record, ...]
+    name: str = ""
     level: float = float("nan")
-    tones_hz: tuple[float, ...] = ()  # present at once (tones), or in turn (stepped) [Hz]
-    band_hz: tuple[float, float] | None = None  # lowest and highest frequency to use [Hz]
-    dwell: float = float("nan")  # duration of each step of a stepped test [s]
-    settle: float = 0.0  # time to discard before the steady state of tones and steps [s]
-    delay: float = 0.0  # lag of the response channel behind the input channel [s]
-    assembly: str = ""  # which assembly of the joint; empty when there was one
-    run: str = ""  # which day or run; empty when there was one
-    periods: int = 1  # whole periods of the excitation in each record; 1 when none were said
+    tones_hz: tuple[float, ...] = ()
+    band_hz: tuple[float, float] | None = None
+    dwell: float = float("nan")
+    settle: float = 0.0
+    delay: float = 0.0
+    assembly: str = ""
+    run: str = ""
+    periods: int = 1
 
     @property
     def traits(self) -> Kind:

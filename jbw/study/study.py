@@ -21,14 +21,20 @@ from jbw.verification.predictive_basis import NUM_DRAWS, Basis, basis_of
 
 @dataclass(frozen=True)
 class Study:
-    """Result of `identify`, or of a run that was saved."""
+    """Result of `identify`, or of a run that was saved.
 
-    # What `posterior.nc` holds: the main posterior in ArviZ's groups at the root, the other steps
-    # under `steps`, then `verification` and `validation`.
+    Attributes:
+        tree: What `posterior.nc` holds: the main posterior in ArviZ's groups at the root, the
+            other steps under `steps`, then `verification` and `validation`.
+        record: What `summary.json` holds.
+        campaign: What was identified; None where its file is no longer at hand.
+        identification: Every step with its fit and verdict; None for a run that was saved.
+    """
+
     tree: xr.DataTree
-    record: dict[str, Any]  # what `summary.json` holds
-    campaign: Campaign | None = None  # what was identified; None where its file is not at hand
-    identification: Identification | None = None  # every step; None for a run that was saved
+    record: dict[str, Any]
+    campaign: Campaign | None = None
+    identification: Identification | None = None
 
     @property
     def posterior(self) -> xr.DataTree:
