@@ -30,7 +30,7 @@ def write_whole(path: Path, content: bytes) -> None:
         raise RunError(
             f"{path} cannot be written: {error.strerror or error}.",
             why="What was saved before is whole.",
-            remedy="Free some space, or make the folder writable, and go on: jbw resume RUN.",
+            remedy="Free some space, or make the folder writable, and go on: jbw resume DIR.",
         ) from error
 
 
