@@ -32,13 +32,6 @@ def _compiled_code_does_not_pile_up():
         gc.collect()
 
 
-def pytest_configure(config):
-    """The ordinary tests compile at once; the slow ones as users do."""
-    if config.option.markexpr == "not slow":
-        flags = os.environ.get("XLA_FLAGS", "")
-        os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_optimization_level=0".strip()
-
-
 def pytest_collection_modifyitems(items):
     """Short chains and real records warn of what they are; what is asked of them is recovery."""
     for item in items:

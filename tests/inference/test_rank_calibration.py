@@ -136,7 +136,7 @@ SAMPLERS = {
 }
 
 
-LONG_TO_COMPILE = ("tempered_smc", "elliptical_slice")
+LONG_TO_COMPILE = ("tempered_smc", "elliptical_slice", "importance")
 
 
 @pytest.mark.parametrize(

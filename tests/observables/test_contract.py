@@ -151,7 +151,7 @@ def test_the_residual_is_keyed_by_the_labels_and_comes_back_from_its_rows(kind):
     "kind",
     # Compiling the slope takes ten seconds where time is stepped or a cycle is balanced.
     [
-        pytest.param(kind, marks=[pytest.mark.slow] if kind in (Decays, Points) else [])
+        pytest.param(kind, marks=[pytest.mark.slow] if kind in (Decays, Points, Records) else [])
         for kind in KINDS_OF_DATA
     ],
     ids=lambda kind: kind.__name__,
@@ -206,6 +206,7 @@ def known_kind():
     del KINDS["ring_down"]
 
 
+@pytest.mark.slow  # tests/study/test_guests.py takes the kind through a campaign
 def test_a_kind_of_ones_own_is_identified_without_a_change_to_jbw(known_kind):
     tests = [ring_down(4, "first"), ring_down(4, "second")]
     data = assemble(measured(tests, Identify(), gain=1.0))

@@ -174,6 +174,7 @@ def test_gradients_are_central_differences(compiled_law):
         assert abs(found[index] - difference) <= 1e-6 * abs(difference) + 1e-8 * scale
 
 
+@pytest.mark.slow  # half a minute of compiling; test_steady.py has golden steady states
 def test_the_steady_state_is_that_of_a_periodic_record(compiled_law):
     law = compiled_law
     joint, omega = oscillator(law), 112.0

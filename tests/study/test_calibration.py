@@ -106,6 +106,7 @@ def test_the_simulated_kernel_is_reduced_as_a_campaign_is():
     assert np.all(away < 5 * np.asarray(design.data.noise_std) * np.sqrt(2 / 200))
 
 
+@pytest.mark.slow
 def test_the_command_calibrates_step_4_and_stores_what_it_found(tmp_path, capsys):
     folder = tmp_path / "sbc"
     options = ["--step", "opening", "--replications", "200", "--out", str(folder), "--json"]
