@@ -152,5 +152,11 @@ def test_chains_double_until_they_are_enough_and_go_on_bit_for_bit(monkeypatch):
 
 
 def test_a_spent_budget_ends_chains_that_are_not_enough():
-    found = draws("elliptical_slice", until=until(10_000, budget_s=0.0))
+    shelf = Shelf()
+    spent = until(10_000, budget_s=0.0)
+    found = draws("elliptical_slice", kept=shelf, until=spent)
     assert 1 <= found["posterior/a"].shape[1] <= 60
+    shelf.saved = 0
+    again = draws("elliptical_slice", kept=shelf, until=spent)
+    assert shelf.saved == 0
+    np.testing.assert_array_equal(again["posterior/a"], found["posterior/a"])

@@ -113,3 +113,13 @@ def test_a_spent_budget_is_a_finding_that_says_what_it_would_have_taken():
     assert judged.status == "failed"
     assert finding.number == found.attrs["budget_spent_s"]
     assert "Set `budget_s` in [identify] to" in finding.action
+
+
+def test_draws_of_a_told_number_have_no_budget():
+    found = sample_until(
+        jax.random.key(0), normal, BOX, None, rounds=0, budget_s=0.0,
+        coordinates=in_box(BOX, {"a": 3.0, "b": -2.0}, COVARIANCE, 4),
+        sampler="elliptical_slice", num_warmup=5, num_samples=300, chain_method="vectorized",
+    )  # fmt: skip
+    assert found["posterior"].sizes["draw"] == 300
+    assert "budget_spent_s" not in found.attrs

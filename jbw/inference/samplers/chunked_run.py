@@ -125,16 +125,17 @@ def grow_chains(
     before = _resumed(kept, mark)
     done, rows, count = before.done, before.rows, CHUNK if kept is None else 1
 
-    def more(spent: float) -> int:
-        """Steps still to be added at an end of the chains."""
-        if until is None or spent >= until.budget_s or until.enough(rows[0][0].theta):
-            return 0
-        return done - options.num_warmup
+    def end(spent: float) -> int:
+        """Where the chains end, as far as their draws and the time spent on them say."""
+        if until is not None and rows and spent >= until.budget_s:
+            return done
+        if done < total or until is None or until.enough(_joined(rows)[0][0].theta):
+            return total
+        return 2 * done - options.num_warmup
 
     while total < done:
         total += total - options.num_warmup
-    if total == done:
-        total += more(before.wall_s)
+    total = end(before.wall_s)
     states = _states(before, starts, problem, make, options) if done < total else None
     watching = [one for one in (progress, None if kept is None else kept.grown) if one is not None]
     while done < total:
@@ -142,11 +143,7 @@ def grow_chains(
         states, new = _grown(states, done, count, problem, make, options)
         rows, done = [*rows, *new], done + count
         spent = before.wall_s + perf_counter() - began
-        if until is not None and spent > until.budget_s and rows:
-            total = done
-        if done == total:
-            rows = _joined(rows)
-            total += more(spent)
+        total = end(spent)
         if kept is not None:
             count = _next_count(count, perf_counter() - clock, spent)
             if done == total or kept.due():

@@ -46,13 +46,14 @@ def sample_until(
     many, unless k-hat says that more of its draws would be no better.
 
     `rounds` are those about the draws' own moments at most; `enough` says of draws by name,
-    (chain, draw), whether they are, None for as many as told; `budget_s` is the time [s] to draw
-    in, but for the first draws of all; `keep` says by the number of a round where its chains
-    outlive the process; all else is as of `sample`. The draws are those of the last round alone;
-    attributes count the evaluations of all, the rounds after the first as `rewhitened`, and hold
-    `budget_spent_s` where the time was, without enough.
+    (chain, draw), whether they are, None for as many as told; `budget_s` is the time to draw until
+    they are, beyond the first draws of all [s]; `keep` says by the number of a round where its
+    chains outlive the process; all else is as of `sample`. The draws are those of the last round
+    alone; attributes count the evaluations of all, the rounds after the first as `rewhitened`, and
+    hold `budget_spent_s` where the time was, without enough.
     """
     evaluations, spent, round_ = 0, 0.0, 0
+    budget_s = np.inf if enough is None else budget_s
     while True:
         last = round_ >= rounds
 
@@ -78,7 +79,7 @@ def sample_until(
         else:
             options["num_samples"] = 2 * tree.attrs["num_samples"]
         round_ += 1
-    if enough is not None and not done and spent >= budget_s:
+    if not done and spent >= budget_s:
         tree.attrs["budget_spent_s"] = spent
     return tree
 
