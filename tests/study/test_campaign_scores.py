@@ -24,20 +24,6 @@ def test_the_truths_z_scores_follow_a_standard_normal():
     assert abs(result.chi_square.mean() - 1) < 0.006
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings(
-    "ignore"
-)  # of the short window of Step 2, which the line fit allows for
-def test_every_kind_of_test_together_is_calibrated():
-    result = score_campaigns(40, campaign="mixed", repeats=2, noise_ratio=0.02)
-    assert np.quantile(result.khat, 0.9) < 0.7
-    for name, p in result.p_values.items():
-        assert p > 1e-3, f"{name}: {p}"
-    # The decays count among the degrees of freedom, 440 of 27,000, though their noise is a first
-    # guess here and far too large; what two repeats say of the noise of few harmonics is rough.
-    assert 0.96 < result.chi_square.mean() < 1.02
-
-
 def test_an_unknown_campaign_is_refused():
     with pytest.raises(ConfigError, match='"sweeps", "mixed", but is "all"'):
         score_campaigns(1, campaign="all")
