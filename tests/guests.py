@@ -9,7 +9,8 @@ import numpy as np
 
 from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.observables.observable import run_of
-from jbw.observables.repeated import Repeated, Repeats, repeats
+from jbw.observables.repeated import Repeated
+from jbw.observables.repeats import Repeats, repeats
 from jbw.oscillator.law import Law
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Conversion

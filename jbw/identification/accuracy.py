@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float
+from jaxtyping import Float
 from numpy.typing import NDArray
 
+from jbw.inference.lanes import at_points
 from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.observables.dataset import Dataset, halved, log_likelihood
@@ -44,8 +43,9 @@ def solver_change(
     finer = halved(data)
     if finer is None:
         return None
-    draws = {name: jnp.asarray(values) for name, values in theta.items()}
-    return np.asarray(_log_likelihoods(draws, finer) - _log_likelihoods(draws, data))
+    terms = (at_points(log_likelihood, theta, each) for each in (finer, data))
+    fine, coarse = (each.sum(axis=1) for each in terms)
+    return fine - coarse
 
 
 def thinned(
@@ -55,11 +55,6 @@ def thinned(
     keep = evenly_spaced(posterior, num_draws)
     chosen = names or tuple(str(name) for name in posterior.data_vars)
     return {name: posterior[name].values.ravel()[keep] for name in chosen}
-
-
-@jax.jit
-def _log_likelihoods(theta: Mapping[str, Array], data: Dataset) -> Float[Array, " draw"]:
-    return jax.lax.map(lambda draw: jnp.sum(log_likelihood(draw, data)), dict(theta))
 
 
 def residual_finding(

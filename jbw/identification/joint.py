@@ -26,6 +26,7 @@ from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.verdict import Verdict, enough
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
+from jbw.inference.samplers.ladder import ROUNDS, climb
 from jbw.inference.samplers.register import sampler_named
 from jbw.inference.samplers.rewhitening import sample_until
 from jbw.inference.space.reparametrisation import along_logarithms, in_box, never_zero
@@ -36,7 +37,6 @@ from jbw.observables.observable import Drawn, Observable
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import BY_NAME
 
-ROUNDS = 3  # times that slices are drawn again, where their chains disagree
 STUCK = {"frozen_chain", "r_hat"}  # findings of a sampler that does not fit the posterior
 
 
@@ -81,41 +81,44 @@ def joint_step(
 def sample_joint(
     key: Key[Array, ""], ready: Fitted, settings: Identify, keep: Keep, name: str
 ) -> xr.DataTree:
-    """Draws in the coordinate whitened by the fit's covariance.
+    """Draws by the settings' sampler, or by the ladder of samplers.
 
-    Where time is stepped through, by elliptical slices about the Laplace approximation, at a few
-    evaluations a draw: along the ridge of the fit, from wall to wall of the box, where it leaves a
-    direction open or runs into a wall; otherwise along the logarithms of what cannot be zero. Where
-    evaluations are cheap, by NUTS along the model's own gradient. Slices whose chains disagree are
-    drawn again about their own moments, up to three times.
+    Coordinates are chosen by looking: the box's own, the logarithms of what cannot be zero, or
+    those along the ridge of the fit, from wall to wall of the box. A named sampler draws along the
+    ridge where the fit leaves a direction open or runs into a wall, slices otherwise along the
+    logarithms; slices whose chains disagree are drawn again about their own moments.
     """
-    prior, best, data, sampler = ready.box, ready.fit, ready.data, settings.sampler
-    if sampler == "auto":
-        sampler = "elliptical_slice" if data.stepped else "nuts"
-    num_warmup, num_samples = settings.draws(sampler_named(sampler).draws)
-    options = {
-        "sampler": sampler,
-        "num_warmup": num_warmup,
-        "num_samples": num_samples,
-        "num_chains": settings.num_chains,
-        "chain_method": "parallel" if jax.device_count() > 1 else "sequential",
-        "options": {"adapt_mass": True},
-        "attrs": attrs(data.laws),
+    prior, best, data = ready.box, ready.fit, ready.data
+    places = {
+        "box": in_box(prior, best.theta, best.covariance, settings.num_chains),
+        "logarithms": along_logarithms(
+            best.theta, best.covariance, prior, never_zero(best.theta, best.covariance, prior)
+        ),
+        "ridge": along_ridge(best.theta, best.covariance, prior),
     }
-    slices = sampler == "elliptical_slice"
-    if not slices:
-        coordinates = in_box(prior, best.theta, best.covariance, settings.num_chains)
-    elif best.weak is not None or best.at_bound:
-        coordinates = along_ridge(best.theta, best.covariance, prior)
-    else:
-        logs = never_zero(best.theta, best.covariance, prior)
-        coordinates = along_logarithms(best.theta, best.covariance, prior, logs)
-    told = settings.num_samples is not None or sampler_named(sampler).is_fixed
+    enough = partial(are_enough, data=data, y_peak=_largest(best, data))
+    shared: dict[str, Any] = {
+        "num_chains": settings.num_chains, "attrs": attrs(data.laws), "budget_s": settings.budget_s
+    }  # fmt: skip
+    if settings.sampler == "auto":
+        return climb(
+            key, dataset.log_likelihood, prior, data, places=places, is_costly=data.stepped,
+            num_samples=settings.num_samples, num_warmup=settings.num_warmup,
+            enough=None if settings.num_samples is not None else enough,
+            keep=lambda rung: keep(f"{name}_{rung}"), **shared,
+        )  # fmt: skip
+    sampler = sampler_named(settings.sampler)
+    num_warmup, num_samples = settings.draws(sampler.draws)
+    slices = sampler.name == "elliptical_slice"
+    ridge = best.weak is not None or best.at_bound
+    place = places["ridge" if ridge else "logarithms"] if slices else places["box"]
+    told = settings.num_samples is not None or sampler.is_fixed
     return sample_until(
-        key, dataset.log_likelihood, prior, data,
-        coordinates=coordinates, rounds=ROUNDS if slices else 0,
-        enough=None if told else partial(are_enough, data=data, y_peak=_largest(best, data)),
-        budget_s=settings.budget_s, keep=lambda i: keep(f"{name}_{i}" if i else name), **options,
+        key, dataset.log_likelihood, prior, data, sampler=sampler.name, coordinates=place,
+        num_warmup=num_warmup, num_samples=num_samples, rounds=ROUNDS if slices else 0,
+        enough=None if told else enough, keep=lambda i: keep(f"{name}_{i}" if i else name),
+        chain_method="parallel" if jax.device_count() > 1 else "sequential",
+        options={"adapt_mass": True}, **shared,
     )  # fmt: skip
 
 

@@ -2,9 +2,9 @@ r"""From a dataset to what is sampled: one way for all that fit or draw the join
 
 First values, the box, the fit, and what it shows: noise, effective values, run effects,
 coordinates, steps of the solver. The noise of a group and the number of its independent values are
-what a fit leaves, and the fit is weighted by them: a fixed point, $w = W(\hat\theta(w))$. Its
-iteration stops after one round, and one more where runs get effects of their own, which change
-what is left: a further round moves the weights by less than they are known.
+what a fit leaves, and the fit is weighted by them: a fixed point, $w = W(\hat\theta(w))$. What
+the law misses is shared by all groups of a kind, relative to their size: weights that followed the
+misfit of each would let a record that a poor fit misses lose its voice, and be missed the more.
 """
 
 import logging
@@ -29,6 +29,7 @@ from jbw.identification.coordinates import (
 from jbw.identification.run_effects import sentence_of, shifts_of, wanted, with_offsets
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.fitting import Fit, fit
+from jbw.inference.lanes import at_points
 from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
@@ -38,8 +39,11 @@ from jbw.oscillator.steady.backbone import backbone
 
 logger = logging.getLogger("jbw")
 MOST_SUBSTEPS = 16
-NUM_SCREENED = 32  # points of the box whose cost is looked at
-NUM_STARTS = 3  # of them fitted
+MOST_ROUNDS = 8  # of fits and weights in turns
+SETTLED = 0.1  # standard deviations: what a further round may move the fit by
+NUM_SCREENED = 255  # points of the box that are looked at beside the start
+NUM_STARTS = 4  # of them fitted at most
+FLOOR = 1e-3  # of an upper bound, where points are spread above a lower one at zero
 EXPLAINED = 5.0  # chi-square a degree of freedom below which a fit explains the data
 CURVE_STARTS = 8  # of the fit to frequency and damping against amplitude, which costs nothing
 MOST_CURVE_POINTS = 200
@@ -115,25 +119,47 @@ def from_amplitude_curve(
 
 
 def fit_from(key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str, float]) -> Fit:
-    """Least squares over all parameters, from what is known of them.
+    """Least squares over all parameters, from what is known of them and from where data point.
 
-    Where that fit does not explain the data, also from the best of many points all over the box:
-    their costs are looked at first, for a solve costs far less than a fit.
+    The likelihood of many points is looked at first, which costs less than one fit, and the best
+    of them is a start beside the known values; others where these two do not explain the data.
     """
     middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
     start = {name: known.get(name, float(middle[name])) for name in prior.names}
-    first = costly_fit(dataset.stacked, prior, data, starts=inside(start, prior))
-    chi_square, dof = first.chi_square
-    if chi_square < EXPLAINED * dof:
-        return first
-    points = from_unit(jax.random.uniform(key, (NUM_SCREENED, len(prior.names))), prior)
-    for name in {"omega_n", "gain"} & set(points) & set(known):  # known far better than the box
-        points[name] = jnp.full(NUM_SCREENED, known[name])
-    order = np.argsort(np.asarray(_costs(points, data)))[:NUM_STARTS]
-    starts = {name: np.asarray(values)[order] for name, values in points.items()}
-    second = costly_fit(dataset.stacked, prior, data, starts=inside(starts, prior))
-    best = min(first, second, key=lambda one: one.cost)
-    return replace(best, waterfall=np.sort(np.append(first.waterfall, second.waterfall)))
+    points = screened(key, prior, start, known)
+    likelihood = dataset.log_likelihood
+    found = np.nan_to_num(at_points(likelihood, points, data).sum(axis=1), nan=-np.inf)
+    order = np.argsort(-found)
+    ends: list[Fit] = []
+    for number in order[:NUM_STARTS]:
+        one = {name: values[number] for name, values in points.items()}
+        ends.append(costly_fit(dataset.stacked, prior, data, starts=inside(one, prior)))
+        chi_square, dof = ends[-1].chi_square
+        if chi_square < EXPLAINED * dof:
+            break
+    best = min(ends, key=lambda one: one.cost)
+    return replace(best, waterfall=np.sort(np.concatenate([one.waterfall for one in ends])))
+
+
+def screened(
+    key: Key[Array, ""], prior: Box, start: Mapping[str, float], known: Mapping[str, float]
+) -> dict[str, np.ndarray]:
+    """Points to look at: a start, and others all over the box where it is not known.
+
+    Of what cannot be negative they are spread evenly over the logarithms, three decades of them
+    above a bound at zero.
+    """
+    x = np.asarray(jax.random.uniform(key, (NUM_SCREENED, len(prior.names))))
+    points = {}
+    for i, (name, (low, high)) in enumerate(bounds_by_name(prior).items()):
+        values = low + x[:, i] * (high - low)
+        if low >= 0:
+            least = max(low, FLOOR * high)
+            values = least * (high / least) ** x[:, i]
+        points[name] = np.append(
+            start[name], np.full(len(x), known[name]) if name in known else values
+        )
+    return inside(points, prior)
 
 
 def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
@@ -142,12 +168,6 @@ def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
         name: np.clip(starts[name], prior.lower[i], prior.upper[i])
         for i, name in enumerate(prior.names)
     }
-
-
-@jax.jit
-def _costs(points: Mapping[str, Array], data: Dataset) -> Float[Array, " point"]:
-    costs = jax.lax.map(lambda theta: jnp.sum(dataset.stacked(theta, data) ** 2), dict(points))
-    return jnp.where(jnp.isfinite(costs), costs, jnp.inf)
 
 
 def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
@@ -165,8 +185,7 @@ def reweight(
 ) -> Fitted:
     """Noise, effective values and run effects as fits show them; coordinates and solver steps."""
     words = []
-    data = with_weights(first, data, settings)
-    best = refit(first, prior, data)
+    best, data = settled(first, prior, data, settings)
     shifts = shifts_of(best, prior.names, data)
     if shifts is not None and wanted(shifts, settings):
         words.append(sentence_of(shifts))
@@ -175,8 +194,7 @@ def reweight(
         # The offsets that are known now are where records are linearised in them.
         data = dataset.with_directions(best.theta, data, dataset.best_offsets(best.theta, data))
         best = refit(best, prior, data)
-        data = with_weights(best, data, settings)
-        best = refit(best, prior, data)
+        best, data = settled(best, prior, data, settings)
     for law, coordinates in chosen_coordinates(best, settings, data.laws):
         prior = coordinate_box(prior, best.theta, settings, law, coordinates)
         best = refit(best, prior, data, theta=coordinates.from_parameters(best.theta))
@@ -188,12 +206,29 @@ def reweight(
     return Fitted(best, prior, data, tuple(words))
 
 
+def settled(best: Fit, prior: Box, data: Dataset, settings: Identify) -> tuple[Fit, Dataset]:
+    """Fits and the weights that they leave, in turns until the weights move no more."""
+    for _ in range(MOST_ROUNDS):
+        before = np.asarray(best.x)
+        data = with_weights(best, data, settings)
+        best = refit(best, prior, data)
+        width = np.asarray(prior.upper - prior.lower)
+        moved = (best.x - before) * width / np.sqrt(np.diag(best.covariance))
+        if np.all(np.abs(moved) < SETTLED):
+            break
+    return best, data
+
+
 def with_weights(best: Fit, data: Dataset, settings: Identify) -> Dataset:
-    """The dataset with the noise that a fit leaves, and as many values as are independent."""
-    noisy = dataset.with_fitted_noise(best.theta, dataset.left_by_label(best.residual, data), data)
+    """The dataset with the noise and misfit that a fit leaves, and as many independent values."""
+    left = dataset.left_by_label(best.residual, data)
     if settings.model_error == "none":
-        return noisy
-    fractions = dataset.effective_fractions(best.residual, best.jacobian, best.covariance, data)
+        return dataset.with_fitted_noise(best.theta, left, data)
+    expected = dataset.with_discrepancy(left, data)
+    fractions = dataset.effective_fractions(
+        best.residual, best.jacobian, best.covariance, data, expected
+    )
+    noisy = dataset.with_fitted_noise(best.theta, left, expected)
     return dataset.with_effective_values(fractions, noisy)
 
 

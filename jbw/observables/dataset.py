@@ -227,6 +227,11 @@ def error_by_label(left: Mapping[str, Row], data: Dataset) -> dict[str, float]:
     return {label: float(np.linalg.norm(left[label])) / size for label, size in sizes.items()}
 
 
+def with_discrepancy(left: Mapping[str, Row], data: Dataset) -> Dataset:
+    """The dataset with what the law is expected to leave, one share of the response a part."""
+    return replace(data, parts=tuple(part.with_discrepancy(left) for part in data.parts))
+
+
 def with_fitted_noise(
     theta: Mapping[str, float], left: Mapping[str, Row], data: Dataset
 ) -> Dataset:
@@ -241,11 +246,16 @@ def effective_fractions(
     jacobian: Float[np.ndarray, "values parameter"],
     covariance: Float[np.ndarray, "parameter parameter"],
     data: Dataset,
+    expected: Dataset | None = None,
 ) -> dict[str, float]:
-    """Fraction of independent values of each group that is coloured, or always misfitted."""
+    """Fraction of independent values of each group that is coloured, or always misfitted.
+
+    `rows` and the others are of a fit to `data`, `expected` has the misfit that is expected of it.
+    """
     left = left_by_label(rows, data)
     columns = [left_by_label(column, data) for column in np.asarray(jacobian).T]
-    each = [part.effective_fractions(left, columns, covariance) for part in data.parts]
+    parts = (expected or data).parts
+    each = [part.effective_fractions(left, columns, covariance) for part in parts]
     return {label: fraction for found in each for label, fraction in found.items()}
 
 

@@ -12,7 +12,8 @@ from jbw.errors import DataError
 from jbw.measurement.curves import forced_loop
 from jbw.measurement.records import Test
 from jbw.observables.observable import Laws, Theta, run_of
-from jbw.observables.repeated import Repeated, Repeats, filled, repeats
+from jbw.observables.repeated import Repeated
+from jbw.observables.repeats import Repeats, filled, repeats
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 

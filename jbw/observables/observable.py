@@ -138,6 +138,10 @@ class Observable(eqx.Module):
         """The data with the change of every prediction by its run's offsets, about those known."""
         return self
 
+    def with_discrepancy(self, left: Rows) -> "Observable":
+        """The data with what the law is expected to leave of them, by what a fit leaves."""
+        return self
+
     def with_fitted_noise(self, theta: Theta, left: Rows) -> "Observable":
         """The data with the noise of every group that a fit leaves, by `in_units`."""
         return self

@@ -15,7 +15,8 @@ from jbw.errors import DataError
 from jbw.measurement.records import Record, Test, periods
 from jbw.observables.line_fit import oscillator_through
 from jbw.observables.observable import OFFSETS, Laws, Theta, run_of
-from jbw.observables.repeated import Repeated, Repeats, repeats
+from jbw.observables.repeated import Repeated
+from jbw.observables.repeats import Repeats, repeats
 from jbw.observables.samples import Lines, advance, in_band, lines_of, response_to, values_of
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 

@@ -1,8 +1,8 @@
-"""Groups of data that are measured repeatedly: the statistics that their observables share."""
+"""An observable of groups of data that are measured repeatedly: what all such share."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal, Self
+from typing import Self
 
 import equinox as eqx
 import jax
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
 from jbw.inference.groups.offsets import Estimate, estimate
-from jbw.observables.effective_values import BY_CHANCE, MISFIT, effective_fraction, is_coloured
+from jbw.observables.misfit import independent_fractions, shared_misfit
 from jbw.observables.observable import (
     EXCLUDED,
     Covariance,
@@ -24,70 +24,7 @@ from jbw.observables.observable import (
     Weighted,
     slope_by_offsets,
 )
-
-
-class Repeats(eqx.Module):
-    """Groups of repeated data, each with a noise of its own.
-
-    Attributes:
-        within: Scatter S of the repeats about their mean, summed over repeats and values.
-        num_repeats: Repeats K.
-        size: Values N of a group: real numbers (samples, or real and imaginary parts).
-        num_values: Independent values n of all repeats, fewer where the residual is coloured.
-        noise_std: Noise of one repeat, for least squares.
-        directions: Change of the prediction by each offset of the run; no offsets, no rows.
-    """
-
-    within: Float[Array, " group"]
-    num_repeats: Float[Array, " group"]
-    size: Float[Array, " group"]
-    num_values: Float[Array, " group"]
-    noise_std: Float[Array, " group"]
-    directions: Float[Array, "group own value"]
-    labels: tuple[str, ...] = eqx.field(static=True)
-    runs: tuple[str, ...] = eqx.field(static=True)
-
-
-def repeats(
-    within: Float[np.ndarray, " group"],
-    num_repeats: Float[np.ndarray, " group"],
-    sizes: Float[np.ndarray, " group"],
-    longest: int,
-    labels: Sequence[str],
-    runs: Sequence[str],
-    scale: Float[np.ndarray, " group"],
-) -> Repeats:
-    r"""Bookkeeping of groups of independent values of noise $\sigma^2 = S / (N (K - 1))$.
-
-    Until a fit tells it, a single repeat's noise is guessed as one hundredth of the root mean
-    square, the `scale`. Labels that come again get a number.
-    """
-    degrees = sizes * (num_repeats - 1)
-    known = degrees > 0
-    noise = np.sqrt(np.where(known, within / np.where(known, degrees, 1), (0.01 * scale) ** 2))
-    return Repeats(
-        within=jnp.asarray(within),
-        num_repeats=jnp.asarray(num_repeats, float),
-        size=jnp.asarray(sizes, float),
-        num_values=jnp.asarray(sizes * num_repeats, float),
-        noise_std=jnp.asarray(noise),
-        directions=jnp.zeros((len(labels), 0, longest)),
-        labels=_distinct(labels),
-        runs=tuple(runs),
-    )
-
-
-def filled(rows: Sequence[np.ndarray], mode: Literal["constant", "edge"] = "constant") -> Array:
-    """Rows side by side, zero behind their last value, or that value itself by mode edge."""
-    longest = max(map(len, rows))
-    return jnp.asarray(np.stack([np.pad(row, (0, longest - len(row)), mode) for row in rows]))
-
-
-def _distinct(labels: Sequence[str]) -> tuple[str, ...]:
-    """Labels of which no two are alike: those that come again have a number behind them."""
-    counts = [labels[: i + 1].count(label) for i, label in enumerate(labels)]
-    pairs = zip(labels, counts, strict=True)
-    return tuple(label if count == 1 else f"{label} ({count})" for label, count in pairs)
+from jbw.observables.repeats import Repeats
 
 
 class Repeated(Observable):
@@ -147,8 +84,10 @@ class Repeated(Observable):
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
         """What each group says of its offsets, its noise integrated out under 1/sigma."""
         own = self.repeats
-        left = self.misfit(theta)
-        return estimate(left, own.within, own.num_repeats, own.num_values, own.directions)
+        scatter = own.within + own.size * own.num_repeats * own.discrepancy
+        return estimate(
+            self.misfit(theta), scatter, own.num_repeats, own.num_values, own.directions
+        )
 
     def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
         """Rows of the residual in the unit of the values, complex where the values are."""
@@ -197,37 +136,24 @@ class Repeated(Observable):
             directions=self.repeats.directions[:, :0],
         )
 
+    def with_discrepancy(self, left: Rows) -> Self:
+        """The data with what the law leaves of them, one share of the response for all groups."""
+        sizes = np.array(list(self.sizes().values()))
+        return self.with_repeats(discrepancy=jnp.asarray(shared_misfit(self.repeats, sizes, left)))
+
     def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
-        r"""The data with the noise that a fit leaves, $\sigma^2 = Q / (N K)$."""
+        r"""The data with the noise that a fit leaves, $\sigma^2 = Q / (N K) + \tau^2$."""
         own = self.repeats
         squares = jnp.asarray([np.sum(np.abs(left[label]) ** 2) for label in own.labels])
         total = own.num_repeats * squares + own.within
-        return self.with_repeats(noise_std=jnp.sqrt(total / (own.size * own.num_repeats)))
+        square = total / (own.size * own.num_repeats) + own.discrepancy
+        return self.with_repeats(noise_std=jnp.sqrt(square))
 
     def effective_fractions(
         self, left: Rows, columns: Sequence[Rows], covariance: Covariance
     ) -> dict[str, float]:
-        r"""Fraction of independent values where a group is coloured, or misfitted in all repeats.
-
-        $$f = w\,\frac{\tau^2 + \sigma^2}{K \tau^2 + \sigma^2}$$
-
-        of misfit tau^2, the same in all K repeats, and w for the colour of the mean's residual.
-        """
-        own, found = self.repeats, {}
-        for i, label in enumerate(self.labels):
-            row, count, size = left[label], float(own.num_repeats[i]), float(own.size[i])
-            square = float(np.sum(np.abs(row) ** 2)) / size
-            noise = float(own.within[i]) / (size * (count - 1)) if count > 1 else 0.0
-            misfit = max(square - noise / count, 0.0)
-            slopes = np.stack([column[label] for column in columns])
-            fraction = effective_fraction(row, slopes, covariance)
-            if not is_coloured(row) and fraction > BY_CHANCE:
-                fraction = 1.0
-            if count > 1 and count * misfit > MISFIT * noise:
-                fraction *= (misfit + noise) / (count * misfit + noise)
-            if fraction < 1.0:
-                found[label] = fraction
-        return found
+        """Fraction of independent values where the law leaves more than noise of the groups."""
+        return independent_fractions(self.repeats, left, columns, covariance)
 
     def with_effective_values(self, fractions: Mapping[str, float]) -> Self:
         """The data that count for as many values as are independent."""

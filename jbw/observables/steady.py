@@ -17,7 +17,8 @@ from jbw.measurement.records import Test
 from jbw.observables.harmonic_groups import NUM_HARMONICS, ORDERS, Group, groups_of, harmonic_label
 from jbw.observables.line_fit import oscillator_through
 from jbw.observables.observable import Laws, Theta
-from jbw.observables.repeated import Repeated, Repeats, filled, repeats
+from jbw.observables.repeated import Repeated
+from jbw.observables.repeats import Repeats, filled, repeats
 from jbw.oscillator.oscillator import Joint, as_oscillator, oscillator_of
 from jbw.oscillator.steady.balance import refined
 from jbw.quantities import DEFAULT_LAWS, derivative_order

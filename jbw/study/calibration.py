@@ -163,6 +163,12 @@ def suited(step: models.Step, name: str) -> tuple[Model, Sampler, Any]:
             f"Sampler {name} takes at most {sampler.most_parameters} parameters, but the posterior "
             f"has {size}."
         )
+    if sampler.in_rounds:
+        raise ConfigError(
+            f"Sampler {name} plans its rounds between compiled calls, which cannot run for many "
+            "posteriors side by side.",
+            remedy="Calibrate with importance, which weighs points in the same way.",
+        )
     found = sampler.needs_fit or (step.stepped and not sampler.ignores_fit)
     known = COUNTS.get(name, SHORT if found else LONG)
     counts = {**known, **(STEPPED.get(name, {}) if step.stepped else {})}

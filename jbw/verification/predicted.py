@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from jbw.measurement.records import Test
 from jbw.observables.harmonic_groups import harmonic_label
 from jbw.observables.observable import Observable, prediction
-from jbw.observables.repeated import Repeats
+from jbw.observables.repeats import Repeats
 from jbw.verification.bands import band
 from jbw.verification.predictive_basis import Basis, Draws, Laws, Seen, count_of, seen_of
 

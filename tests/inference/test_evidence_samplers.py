@@ -19,7 +19,7 @@ from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import box
 
 SEEDS = (0, 1, 2)
-EVIDENCE = ("importance", "tempered_smc", "nested", "quadrature")
+EVIDENCE = ("importance", "amis", "tempered_smc", "nested", "quadrature")
 # Nested sampling takes seconds to compile for every new density.
 slow_nested = pytest.param("nested", marks=pytest.mark.slow)
 WITHOUT_START = ["tempered_smc", slow_nested, "quadrature"]
@@ -97,7 +97,8 @@ def test_every_sampler_leaves_the_same_tree(sampler, tmp_path):
     exact = -3.0 * ((a - 0.4) ** 2 + 4 * (b + a**2) ** 2) - np.log(16)
     np.testing.assert_allclose(lp, exact, rtol=1e-10)
     assert first.attrs["sampler"] == sampler
-    assert first.attrs["num_evaluations"] >= 4000
+    # Rounds stop where they are enough; every other sampler looks at least once a draw.
+    assert first.attrs["num_evaluations"] >= (1024 if sampler == "amis" else 4000)
     assert ("log_evidence" in first.attrs) == (sampler in EVIDENCE)
     first.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
 
@@ -106,7 +107,7 @@ def test_every_sampler_leaves_the_same_tree(sampler, tmp_path):
 @pytest.mark.parametrize("sampler", EVIDENCE)
 def test_banana_and_its_evidence(sampler, seed, truth):
     log_evidence, moments = truth
-    tree = draw(sampler, seed, **(ABOUT if sampler == "importance" else {}))
+    tree = draw(sampler, seed, **(ABOUT if SAMPLERS[sampler].needs_fit else {}))
     for name, (mean, sd) in moments.items():
         within(tree["posterior"][name].values, mean, sd)
     error = tree.attrs["log_evidence_error"]
@@ -243,7 +244,7 @@ def test_failed_solves_are_never_drawn_and_take_their_share_of_the_evidence(samp
 
 @pytest.mark.parametrize("sampler", EVIDENCE)
 def test_nan_in_the_data_is_said(sampler):
-    known = ABOUT if sampler == "importance" else {}
+    known = ABOUT if SAMPLERS[sampler].needs_fit else {}
     with pytest.raises(ModelError, match="finite at no point"):
         draw(sampler, 0, data=np.nan, **known)
 

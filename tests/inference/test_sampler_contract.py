@@ -82,7 +82,14 @@ def test_without_data_the_prior_comes_back(name):
         assert kstest(x, "uniform").pvalue > 1e-4
 
 
-@pytest.mark.parametrize("name", NAMES)
+IN_LANES = [
+    pytest.param(name, marks=pytest.mark.slow) if name in LONG_TO_COMPILE else name
+    for name, sampler in SAMPLERS.items()
+    if not sampler.in_rounds
+]
+
+
+@pytest.mark.parametrize("name", IN_LANES)
 def test_it_runs_under_vmap_and_the_same_key_gives_the_same_draws(name):
     entry = sampler_named(name)
     options = options_of(

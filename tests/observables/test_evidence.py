@@ -29,10 +29,10 @@ from jbw.observables.dataset import (
     Dataset,
     effective_fractions,
     estimates,
+    fractions_counted,
     left_by_label,
     log_likelihood,
     stacked,
-    with_effective_values,
     with_fitted_noise,
 )
 from jbw.oscillator.laws.hysteresis import hysteresis_map, steady_loop
@@ -245,10 +245,13 @@ def test_misfit_shared_by_all_repeats_does_not_count_as_often():
     prior = box({**PRIOR, "zeta": (0.00349, 0.00351)})  # away from the truth
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
     best = costly_fit(stacked, prior, data, starts={**middle, "zeta": 0.0035})
-    worth = fractions_of(best, data)
-    assert worth["held at 20"] < 0.2
-    counted = with_effective_values(worth, data).parts[0].repeats.num_values
-    assert float(counted[0]) == pytest.approx(worth["held at 20"] * 72 * 16)
+    weighed = with_weights(best, data, Identify())
+    worth = fractions_counted(weighed)["held at 20"]
+    # One misfit in all of 16 repeats: 1/16 of them, twice that for what the likelihood adds to
+    # their noise, and less for its colour.
+    assert worth < 0.2
+    counted = weighed.parts[0].repeats.num_values
+    assert float(counted[0]) == pytest.approx(worth * 72 * 16)
     exact = with_weights(best, data, Identify(model_error="none"))
     assert float(exact.parts[0].repeats.num_values[0]) == 72 * 16
 

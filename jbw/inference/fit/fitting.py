@@ -154,7 +154,7 @@ def _solve(
     solver = optx.LevenbergMarquardt(rtol=TOLERANCE, atol=TOLERANCE)
 
     def of_logit(u: Array, data: PyTree) -> Array:
-        return _real(residual(from_unit(jax.nn.sigmoid(u), box), data))
+        return real(residual(from_unit(jax.nn.sigmoid(u), box), data))
 
     def one(x: Array) -> tuple[Array, Array]:
         u = jax.scipy.special.logit(x)
@@ -172,13 +172,14 @@ def linearise(
     """Jacobian with respect to the unit coordinate x, and residual, in one pass."""
 
     def both(x: Array) -> tuple[Array, Array]:
-        left = _real(residual(from_unit(x, box), data))
+        left = real(residual(from_unit(x, box), data))
         return left, left
 
     return jax.jacfwd(both, has_aux=True)(x)
 
 
-def _real(residual: Array) -> Float[Array, " residual"]:
+def real(residual: Array) -> Float[Array, " residual"]:
+    """The residual as a vector; a complex one is refused."""
     if jnp.iscomplexobj(residual):
         raise ConfigError(
             "The residual must be real, but it is complex.",

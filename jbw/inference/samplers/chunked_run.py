@@ -120,7 +120,7 @@ def grow_chains(
     that earlier processes spent on them [s].
     """
     began, total = perf_counter(), options.num_warmup + options.num_samples
-    mark = "" if kept is None else _fingerprint(starts, problem, make, options)
+    mark = "" if kept is None else fingerprint(starts, problem, make, options)
     options = options._replace(num_samples=0, num_chains=0)  # not compiled in
     before = _resumed(kept, mark)
     done, rows, count = before.done, before.rows, CHUNK if kept is None else 1
@@ -160,16 +160,21 @@ def grow_chains(
 
 def _resumed(kept: Kept | None, mark: str) -> Chains:
     """The chains as they were kept; none grown where there are none of this posterior."""
+    arrays = kept_arrays(kept, mark)
+    return Chains([], 0, [], 0.0) if arrays is None else _from_arrays(arrays)
+
+
+def kept_arrays(kept: Kept | None, mark: str) -> Arrays | None:
+    """What was kept of the posterior of a `fingerprint`; None where that is another's, warned."""
     arrays = None if kept is None else kept.load()
-    if arrays is not None and str(arrays.get("fingerprint")) == mark:
-        return _from_arrays(arrays)
-    if arrays is not None:
-        warnings.warn(
-            "The chains that were kept were drawn from another posterior, or by another number "
-            "of devices: they start again.",
-            stacklevel=3,
-        )
-    return Chains([], 0, [], 0.0)
+    if arrays is None or str(arrays.get("fingerprint")) == mark:
+        return arrays
+    warnings.warn(
+        "The chains that were kept were drawn from another posterior, or by another number "
+        "of devices: they start again.",
+        stacklevel=4,
+    )
+    return None
 
 
 def _states(
@@ -243,7 +248,7 @@ def _restored(like: Array, plain: np.ndarray) -> Array:
     return jax.device_put(value, like.sharding)
 
 
-def _fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) -> str:
+def fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) -> str:
     """Hash of all that decides the draws: key, starts, data, coordinates, sampler and options."""
     functions = [
         getattr(f, "__qualname__", type(f).__name__) for f in (problem.log_likelihood, make)

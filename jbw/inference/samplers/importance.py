@@ -95,11 +95,12 @@ def smoothed(log_weights: Float[Array, " draw"]) -> tuple[Float[Array, " draw"],
     """
     raw = jnp.maximum(log_weights - jnp.max(log_weights), SMALLEST)
     shapes = jax.ShapeDtypeStruct(raw.shape, raw.dtype), jax.ShapeDtypeStruct((), raw.dtype)
-    found, khat = jax.pure_callback(_smooth, shapes, raw, vmap_method="sequential")
+    found, khat = jax.pure_callback(smooth, shapes, raw, vmap_method="sequential")
     return jax.nn.softmax(found), khat
 
 
-def _smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Log weights with the tail of a Pareto distribution fitted to theirs, and its k-hat."""
     from arviz_stats.base.array import array_stats  # a second of imports, needed only here
 
     stats: Any = array_stats  # its annotations admit tuples that it never returns here

@@ -1,9 +1,11 @@
 """The register of samplers: the one list of their names, readable without JAX.
 
-A sampler is a module with a record `Options` and one of two functions, pure under `jit` and `vmap`:
+A sampler is a module with a record `Options` and one of three functions, of which the first two are
+pure under `jit` and `vmap`:
 
     kernel(problem, options) -> Kernel          a Markov chain: first state, step, what a state says
     draw(key, problem, options) -> Draws        everything at once, with the evidence
+    gather(key, problem, options, ...)          the same in rounds that can be watched and kept
 
 To add one, copy `elliptical_slice.py` or `importance.py`, and call `register`.
 """
@@ -30,6 +32,7 @@ class Sampler(NamedTuple):
         cheap_draws: The same where an evaluation costs microseconds.
         is_fixed: Whether it draws as many as it is told, enough or not: what a paper printed.
         suits_costly: Whether a comparison tries it by itself where time is stepped through.
+        in_rounds: Whether rounds are planned between compiled calls: one posterior at a time.
     """
 
     name: str
@@ -43,6 +46,7 @@ class Sampler(NamedTuple):
     cheap_draws: tuple[int, int] = (500, 1000)
     is_fixed: bool = False
     suits_costly: bool = False
+    in_rounds: bool = False
 
     def suits(self, num_parameters: int) -> bool:
         """Whether the sampler takes so many parameters."""
@@ -73,6 +77,10 @@ for _sampler in (
     ),
     Sampler(
         "importance", _ROOM + "importance", needs_fit=True, draws=(0, 1000), suits_costly=True
+    ),
+    Sampler(
+        "amis", _ROOM + "amis", needs_fit=True, draws=(0, 1000), cheap_draws=(0, 1000),
+        suits_costly=True, in_rounds=True,
     ),
     Sampler(
         "tempered_smc", _ROOM + "tempering", from_prior=True, draws=(0, 500), suits_costly=True

@@ -74,7 +74,9 @@ def sample_until(
             break
         if not (last or agree(draws)):
             coordinates = by_moments(draws, box, coordinates)
-        elif enough is None or tree.attrs.get("khat", 0.0) >= GOOD_KHAT:
+        elif enough is None or "rounds" in tree.attrs:  # those have grown until they were
+            break
+        elif tree.attrs.get("khat", 0.0) >= GOOD_KHAT:
             break
         else:
             options["num_samples"] = 2 * tree.attrs["num_samples"]

@@ -71,8 +71,9 @@ def sample(
         data: Whatever `log_likelihood` takes, arrays in any pytree.
         sampler: One of the register: "nuts"; "elliptical_slice" (about four evaluations a draw);
             "random_walk" (tuned); "random_walk_paper" (fixed step, 85 + 765). With the evidence
-            "importance"; "tempered_smc" and "nested" (a chain is a run); "quadrature" (exact, up
-            to four parameters). The second and "importance" need `covariance`.
+            "importance"; "amis" (the same in rounds that adapt); "tempered_smc" and "nested" (a
+            chain is a run); "quadrature" (exact, up to four parameters). The second, "importance"
+            and "amis" need `covariance`.
         num_warmup: Steps of each chain that are discarded; the sampler's own when None.
         num_samples: Draws kept of each chain, particles of "tempered_smc", twice the live points of
             "nested"; the sampler's own when None.
@@ -83,7 +84,7 @@ def sample(
         coordinates: Others to sample in, with what a fit knows there, in place of these two.
         options: Further options of the sampler, as its record `Options` names them.
         attrs: `units` and `long_name` by parameter, kept beside the draws.
-        progress: Called with a `SoFar` after every chunk of steps; chains only.
+        progress: Called with a `SoFar` after every chunk of steps, or round.
         kept: Where unfinished chains outlive the process, to go on from as if never stopped.
         until: When chains, doubled until then, have grown enough; without it at `num_samples`.
 
@@ -109,11 +110,14 @@ def sample(
     chosen = options_of(entry, **given, chain_method=method, **(options or {}))
     clock = time.perf_counter()
     problem = problem_of(log_likelihood, box, data, place)
-    if hasattr(module_of(entry), "draw"):
+    module = module_of(entry)
+    if entry.in_rounds:
+        found = module.gather(key, problem, chosen, progress, kept, until)
+    elif hasattr(module, "draw"):
         found = _at_once(entry, key, problem, chosen, method)
     else:
         starts = starts_of(key, problem, place.start, num_chains)
-        found = _in_chunks(starts, problem, module_of(entry).kernel, chosen, progress, kept, until)
+        found = _in_chunks(starts, problem, module.kernel, chosen, progress, kept, until)
     drawn, terms, earlier = found
     tree = _tree(drawn, terms, box, attrs or {})
     spent = {"wall_s": time.perf_counter() - clock + earlier}

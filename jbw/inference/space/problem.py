@@ -75,16 +75,27 @@ def log_density(
 ) -> Float[Array, ""]:
     r"""Log posterior density of a coordinate, not divided by the evidence.
 
-    $$\log p(x | D) = \sum_i \log L_i(\theta) - \log V
-    + \log\left|\det \frac{\partial\theta}{\partial x}\right|$$
+    $$\log p(x | D) = \sum_i \log L_i(\theta) + \log \pi(x)$$
 
-    by eqs. (32), (33), (35)-(37), V the box's volume; -inf outside, and where a solve failed.
+    by eqs. (32), (33), (35)-(37); -inf outside the box, and where a solve failed.
+    """
+    theta = named(coordinate.forward(x), problem.box)
+    likelihood = jnp.sum(problem.log_likelihood(theta, problem.data))
+    density = likelihood + log_prior(problem, coordinate, x)
+    return jnp.where(jnp.isfinite(likelihood), density, -jnp.inf)
+
+
+def log_prior(
+    problem: Problem, coordinate: Coordinate, x: Float[Array, " parameter"]
+) -> Float[Array, ""]:
+    r"""Log prior density of a coordinate, -inf outside the box of volume V.
+
+    $$\log \pi(x) = -\log V + \log\left|\det \frac{\partial\theta}{\partial x}\right|$$
     """
     box, values = problem.box, coordinate.forward(x)
-    likelihood = jnp.sum(problem.log_likelihood(named(values, box), problem.data))
-    slope = coordinate.log_abs_det_jacobian(x) - log_volume(box)
     inside = jnp.all((values >= box.lower) & (values <= box.upper))
-    return jnp.where(inside & jnp.isfinite(likelihood), likelihood + slope, -jnp.inf)
+    slope = coordinate.log_abs_det_jacobian(x) - log_volume(box)
+    return jnp.where(inside, slope, -jnp.inf)
 
 
 def log_volume(box: Box) -> Float[Array, ""]:

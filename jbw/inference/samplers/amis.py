@@ -1,0 +1,260 @@
+r"""Adaptive multiple importance sampling: mixtures refitted to all that was weighed so far.
+
+$$w_i = \frac{p(D | \theta_i)\,\pi(x_i)}{\frac1R \sum_r q_r(x_i)}, \qquad
+\hat Z = \frac1n \sum_i w_i$$
+
+Each of R rounds takes as many points from a mixture fitted to the points before it, and every point
+is weighed against the mixtures of all rounds: no point is lost. The points of a round are
+independent, and are evaluated side by side on all processor cores.
+
+Reference:
+    Cornuet, Marin, Mira and Robert (2012), Scandinavian Journal of Statistics 39, 798; for the
+    smoothed weights, Vehtari et al. (2024), JMLR 25, 72.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Key
+from scipy.optimize import bisect
+from scipy.special import logsumexp, softmax
+
+from jbw.inference.lanes import at_points
+from jbw.inference.posterior.verdict import ESS, GOOD_KHAT
+from jbw.inference.samplers import mixtures
+from jbw.inference.samplers.chains import Draws
+from jbw.inference.samplers.chunked_run import (
+    Arrays,
+    Kept,
+    Progress,
+    SoFar,
+    Until,
+    fingerprint,
+    kept_arrays,
+)  # fmt: skip
+from jbw.inference.samplers.evidence import require_possible
+from jbw.inference.samplers.importance import smooth
+from jbw.inference.samplers.mixtures import Mixture, Points, Weights
+from jbw.inference.space.problem import Problem, log_prior
+
+LEAST = 10.0  # effective points a dimension that a mixture is fitted to
+DEEPEST = 700.0  # nats below the best at which a weight counts as zero, and is still a number
+PATIENCE = 10  # rounds after which weights worth less than one round in eight are given up
+GIVEN_UP = 1 / 8
+
+
+class Options(NamedTuple):
+    """Draws kept of each group, groups, points of a round, and rounds at most."""
+
+    num_samples: int = 1000
+    num_chains: int = 4
+    num_points: int = 1024
+    most_rounds: int = 32
+
+
+class Past(NamedTuple):
+    """All points so far, and the mixtures that they came from, as many of each.
+
+    Attributes:
+        w: Whitened points.
+        terms: Of the log likelihood [nats].
+        log_density: Of the posterior, not normalised [nats]; -inf where impossible.
+        log_mixed: Logarithm of the sum of all mixtures' densities.
+        rounds: The mixtures.
+    """
+
+    w: Points
+    terms: Float[np.ndarray, "point term"]
+    log_density: Weights
+    log_mixed: Weights
+    rounds: tuple[Mixture, ...]
+
+    @property
+    def log_weight(self) -> Weights:
+        """Logarithm of the posterior over the mean of the mixtures."""
+        return self.log_density - self.log_mixed + np.log(len(self.rounds))
+
+
+class Weighed(NamedTuple):
+    """Smoothed weights that sum to one, their k-hat, and how many draws they are worth."""
+
+    weights: Weights
+    khat: float
+    effective: float
+
+
+def gather(
+    key: Key[Any, ""],
+    problem: Problem,
+    options: Options,
+    progress: Progress | None = None,
+    kept: Kept | None = None,
+    until: Until | None = None,
+) -> tuple[Draws, Float[np.ndarray, "chain draw term"], float]:
+    """Draws of equal weight, their terms, and the time that earlier processes spent on them [s].
+
+    Rounds follow until the weights can be trusted and their draws are enough, or it is seen that
+    they will not be, or rounds or time are spent. Rounds that were kept are gone on from.
+    """
+    began, seed = perf_counter(), np.ravel(jax.random.key_data(key)).tolist()
+    mark = "" if kept is None else fingerprint((key, problem), problem, gather, options)
+    past, before = _resumed(kept_arrays(kept, mark))
+    watching = [one for one in (progress, None if kept is None else kept.grown) if one is not None]
+    while True:
+        if past is not None:
+            spent, found = before + perf_counter() - began, weighed(past)
+            drawn = _draws(np.random.default_rng(seed), past, found, problem, options)
+            last = _is_over(past, found, drawn[0], options, until, spent)
+            if kept is not None and (last or kept.due()):
+                kept.save(_as_arrays(past, spent, mark), last=last)
+            for tell in watching:
+                tell(_so_far(past, found, drawn[0], options, spent))
+            if last:
+                return *drawn, before
+        past = _grown(
+            np.random.default_rng([*seed, _count(past)]), past, problem, options.num_points
+        )
+
+
+def look(key: Key[Any, ""], problem: Problem, num_points: int) -> float:
+    """What so many points about the fit are worth, in effective draws."""
+    rng = np.random.default_rng(np.ravel(jax.random.key_data(key)).tolist())
+    return weighed(_grown(rng, None, problem, num_points)).effective
+
+
+def weighed(past: Past) -> Weighed:
+    """The weights of all points, their tail smoothed."""
+    raw = np.maximum(past.log_weight - past.log_weight.max(), -DEEPEST)
+    found, khat = smooth(raw)
+    weights = softmax(found)
+    return Weighed(weights, float(khat), float(1 / np.sum(weights**2)))
+
+
+def _is_over(
+    past: Past, found: Weighed, drawn: Draws, options: Options, until: Until | None, spent: float
+) -> bool:
+    """Whether the rounds end: their draws are enough, or will not be, or the time is spent."""
+    count, size = len(past.rounds), len(past.w) / len(past.rounds)
+    if count >= options.most_rounds or (until is not None and spent >= until.budget_s):
+        return True
+    if count >= PATIENCE and found.effective < GIVEN_UP * size:
+        return True
+    if not (found.khat < GOOD_KHAT and found.effective >= ESS):
+        return False
+    return until is None or until.enough(drawn.theta)
+
+
+def _count(past: Past | None) -> int:
+    return 0 if past is None else len(past.rounds)
+
+
+def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_points: int) -> Past:
+    """One more round: the mixture that suits all points so far, and points from it."""
+    size = len(problem.box.names)
+    mixture = mixtures.standard(size) if past is None else _next_mixture(rng, past)
+    w = mixtures.draw(rng, mixture, num_points)
+    theta, prior = (jax.tree.map(np.asarray, each) for each in _placed(problem, jnp.asarray(w)))
+    terms = at_points(problem.log_likelihood, theta, problem.data)
+    terms = terms.reshape(len(w), -1)
+    likelihood = terms.sum(axis=1)
+    density = np.where(np.isfinite(likelihood), likelihood + prior, -np.inf)
+    mixed = mixtures.log_density(mixture, w)
+    if past is None:
+        require_possible(bool(np.any(np.isfinite(density))))
+        return Past(w, terms, density, mixed, (mixture,))
+    for one in past.rounds:
+        mixed = np.logaddexp(mixed, mixtures.log_density(one, w))
+    earlier = np.logaddexp(past.log_mixed, mixtures.log_density(mixture, past.w))
+    return Past(
+        np.concatenate([past.w, w]),
+        np.concatenate([past.terms, terms]),
+        np.concatenate([past.log_density, density]),
+        np.concatenate([earlier, mixed]),
+        (*past.rounds, mixture),
+    )
+
+
+@eqx.filter_jit
+def _placed(problem: Problem, w: Float[Array, "point parameter"]) -> tuple[dict[str, Any], Any]:
+    """Parameters by name at whitened points, and the log prior density of these."""
+    prior = partial(log_prior, problem, problem.coordinate)
+    return jax.vmap(problem.theta)(w), jax.vmap(prior)(w)
+
+
+def _next_mixture(rng: np.random.Generator, past: Past) -> Mixture:
+    """The mixture of all points so far, their weights flattened where a few would decide."""
+    raw = np.maximum(past.log_weight - past.log_weight.max(), -DEEPEST)
+    least = min(LEAST * past.w.shape[1], 0.5 * np.sum(raw > -DEEPEST))
+
+    def lacking(power: float) -> float:
+        return np.log(least) + logsumexp(2 * power * raw) - 2 * logsumexp(power * raw)
+
+    power = 1.0 if lacking(1.0) <= 0 else _root(lacking)
+    return mixtures.refitted(rng, past.w, softmax(power * raw))
+
+
+def _root(lacking: Callable[[float], float]) -> float:
+    """The power between 0 and 1 at which nothing is lacking."""
+    found: Any = bisect(lacking, 0.0, 1.0)
+    return float(found)
+
+
+def _draws(
+    rng: np.random.Generator, past: Past, found: Weighed, problem: Problem, options: Options
+) -> tuple[Draws, Float[np.ndarray, "chain draw term"]]:
+    """Draws of equal weight, each group from points of its own, by stratified resampling.
+
+    Copies stand together: an effective size from autocorrelation counts them as one.
+    """
+    rows = []
+    for group in range(options.num_chains):
+        own = np.arange(group, len(past.w), options.num_chains)
+        ends = np.cumsum(found.weights[own])
+        places = (np.arange(options.num_samples) + rng.random(options.num_samples)) * ends[-1]
+        which = np.searchsorted(ends, places / options.num_samples)
+        rows.append(own[np.minimum(which, len(own) - 1)])
+    chosen = np.stack(rows)
+    theta = jax.tree.map(np.asarray, _placed(problem, jnp.asarray(past.w[chosen.ravel()]))[0])
+    log_weight, count = past.log_weight, len(past.w)
+    facts = {
+        "log_evidence": float(logsumexp(log_weight) - np.log(count)),
+        "log_evidence_error": float(np.sqrt(max(1 / found.effective - 1 / count, 0.0))),
+        "khat": found.khat,
+        "ess_weights": found.effective,
+        "num_evaluations": count,
+        "rounds": len(past.rounds),
+    }
+    by_name = {name: values.reshape(chosen.shape) for name, values in theta.items()}
+    stats: dict[str, Any] = {"log_weight": log_weight[chosen]}
+    return Draws(by_name, stats, True, True, facts), past.terms[chosen]
+
+
+def _so_far(past: Past, found: Weighed, drawn: Draws, options: Options, spent: float) -> SoFar:
+    """How far the rounds are, for those who wait; the time left is that of all rounds at most."""
+    count = len(past.rounds)
+    left = (options.most_rounds - count) * spent / count
+    return SoFar(count, options.most_rounds, drawn.theta, None, left)
+
+
+def _as_arrays(past: Past, spent: float, mark: str) -> dict[str, np.ndarray]:
+    """The rounds by name, for a `Kept`."""
+    arrays: dict[str, Any] = {"fingerprint": mark, "wall_s": spent, **past._asdict()}
+    for i, mixture in enumerate(arrays.pop("rounds")):
+        arrays |= {f"{field}/{i}": values for field, values in mixture._asdict().items()}
+    return {name: np.asarray(values) for name, values in arrays.items()}
+
+
+def _resumed(arrays: Arrays | None) -> tuple[Past | None, float]:
+    """The rounds that were kept, none where there are none, and the time spent on them [s]."""
+    if arrays is None:
+        return None, 0.0
+    count = sum(name.startswith("shares/") for name in arrays)
+    rounds = tuple(Mixture(*(arrays[f"{f}/{i}"] for f in Mixture._fields)) for i in range(count))
+    fields: dict[str, Any] = {name: arrays[name] for name in Past._fields if name != "rounds"}
+    return Past(**fields, rounds=rounds), float(arrays["wall_s"])

@@ -1,0 +1,122 @@
+"""A ladder of samplers: the cheapest first, each judged by itself, the next where it does not do.
+
+Importance sampling from adapted mixtures takes a few evaluations an effective draw, and gives the
+evidence. A posterior that is too far from any such mixture is left to chains: slices about the
+draws so far where an evaluation is costly, and otherwise NUTS along the model's own gradient.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Key
+
+from jbw.inference.posterior.summary import scalars
+from jbw.inference.posterior.verdict import ESS, GOOD_KHAT
+from jbw.inference.samplers import amis
+from jbw.inference.samplers.chunked_run import Kept, Until
+from jbw.inference.samplers.register import sampler_named
+from jbw.inference.samplers.rewhitening import Enough, by_moments, sample_until
+from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.box import Box
+from jbw.inference.space.problem import LogLikelihood, problem_of
+from jbw.inference.space.reparametrisation import Reparametrisation
+
+LOOKED_AT = 256  # points that coordinates are chosen by
+ROUNDS = 3  # times that slices are drawn again, where their chains disagree
+WORTH = 20.0  # effective points a dimension, from which their moments are worth going on from
+
+
+def climb(
+    key: Key[Array, ""],
+    log_likelihood: LogLikelihood,
+    box: Box,
+    data: Any,
+    *,
+    places: Mapping[str, Reparametrisation],
+    is_costly: bool,
+    num_chains: int,
+    num_samples: int | None,
+    num_warmup: int | None = None,
+    enough: Enough | None,
+    budget_s: float,
+    keep: Callable[[str], Kept | None],
+    attrs: Mapping[str, Mapping[str, str]] | None = None,
+) -> xr.DataTree:
+    """Draw from a posterior by the first rung that can, in the coordinates that suit it best.
+
+    Args:
+        key: Random key.
+        log_likelihood: As `sample` takes it, with `box` and `data`.
+        box: Prior bounds.
+        data: What the likelihood takes.
+        places: Coordinates to choose from, each about a fit, by name.
+        is_costly: Whether an evaluation steps through time.
+        num_chains: Chains, and groups of weighed points.
+        num_samples: Draws kept of each; the sampler's own when None.
+        num_warmup: Steps of each chain that are discarded; the sampler's own when None.
+        enough: Whether draws by name, (chain, draw), are; None for as many as told.
+        budget_s: Time to draw until they are [s].
+        keep: By the name of a rung, where its draws outlive the process.
+        attrs: As `sample` takes them.
+
+    Returns:
+        The tree of `sample`; its attributes name the `coordinates`, and count all evaluations.
+    """
+    looks = {
+        name: _look(jax.random.fold_in(key, i), log_likelihood, box, data, place)
+        for i, (name, place) in enumerate(places.items())
+    }
+    name = max(looks, key=lambda name: looks[name])
+    place = places[name]
+    budget = np.inf if enough is None else budget_s
+    shared = {"num_chains": num_chains, "attrs": attrs}
+    first = sample(
+        key, log_likelihood, box, data, sampler="amis", coordinates=place,
+        num_samples=num_samples or sampler_named("amis").draws[1], kept=keep("amis"),
+        until=None if enough is None else Until(enough, budget), **shared,
+    )  # fmt: skip
+    spent = first["timing"].attrs["wall_s"]
+    evaluations = first.attrs["num_evaluations"] + LOOKED_AT * len(places)
+    first.attrs |= {"coordinates": name, "num_evaluations": evaluations}
+    if is_good(first, enough):
+        return first
+    if spent >= budget:
+        first.attrs["budget_spent_s"] = spent
+        return first
+    sampler = sampler_named("elliptical_slice" if is_costly else "nuts")
+    if first.attrs["ess_weights"] >= WORTH * len(box.names):
+        place = by_moments(scalars(first), box, place)
+    own = sampler.draws if is_costly else sampler.cheap_draws
+    found = sample_until(
+        jax.random.fold_in(key, len(places)), log_likelihood, box, data, coordinates=place,
+        sampler=sampler.name, rounds=ROUNDS if is_costly else 0, enough=enough,
+        num_warmup=own[0] if num_warmup is None else num_warmup, num_samples=num_samples or own[1],
+        budget_s=budget - spent, keep=lambda i: keep(f"{sampler.name}_{i}" if i else sampler.name),
+        chain_method="parallel" if jax.device_count() > 1 else "sequential",
+        options={"adapt_mass": True}, **shared,
+    )  # fmt: skip
+    evaluations += found.attrs["num_evaluations"]
+    found.attrs |= {"coordinates": name, "num_evaluations": evaluations}
+    return found
+
+
+def is_good(tree: xr.DataTree, enough: Enough | None) -> bool:
+    """Whether weights can be trusted, and their draws are enough."""
+    if not (tree.attrs["khat"] < GOOD_KHAT and tree.attrs["ess_weights"] >= ESS):
+        return False
+    return enough is None or enough(scalars(tree))
+
+
+def _look(
+    key: Key[Array, ""],
+    log_likelihood: LogLikelihood,
+    box: Box,
+    data: Any,
+    place: Reparametrisation,
+) -> float:
+    """What points about the fit are worth in some coordinates, in effective draws."""
+    problem = problem_of(log_likelihood, box, data, place)
+    return amis.look(key, problem, LOOKED_AT)

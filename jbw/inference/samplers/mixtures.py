@@ -1,0 +1,143 @@
+r"""Mixtures of Student's t distributions, drawn from and refitted to weighted points.
+
+$$q(x) = \sum_k a_k\,t_\nu(x;\, \mu_k, L_k L_k^T)$$
+
+Their tails are heavier than a posterior's, so that no point that matters is given a vast weight.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.special import gammaln, logsumexp
+
+from jbw.inference.samplers.evidence import HEAVY
+
+STEPS = 30  # of expectation and maximisation
+POINTS_A_DIMENSION = 10.0  # effective points that a component needs, times the dimension
+COUNTS = (1, 2, 4, 8)  # of components, of which the best is taken
+PRIOR_POINTS = 0.5  # of the overall covariance in each component's, times the dimension
+NUGGET = 1e-10  # of the overall variances, where points coincide
+
+Points = Float[np.ndarray, "point parameter"]
+Weights = Float[np.ndarray, " point"]
+
+
+class Mixture(NamedTuple):
+    """Shares of the components, their centres, and lower triangular roots of their scales."""
+
+    shares: Float[np.ndarray, " component"]
+    centres: Float[np.ndarray, "component parameter"]
+    roots: Float[np.ndarray, "component parameter parameter"]
+
+
+def standard(size: int) -> Mixture:
+    """One component about zero, of scale one."""
+    return Mixture(np.ones(1), np.zeros((1, size)), np.eye(size)[None])
+
+
+def draw(rng: np.random.Generator, mixture: Mixture, count: int) -> Points:
+    """So many points."""
+    size = mixture.centres.shape[1]
+    which = rng.choice(len(mixture.shares), count, p=mixture.shares)
+    normal = rng.standard_normal((count, size))
+    stretch = np.sqrt(HEAVY / rng.chisquare(HEAVY, count))[:, None]
+    return mixture.centres[which] + stretch * np.einsum("nij,nj->ni", mixture.roots[which], normal)
+
+
+def log_density(mixture: Mixture, x: Points) -> Weights:
+    """Logarithm of the density at points."""
+    return np.asarray(logsumexp(_log_components(mixture, _squares(mixture, x)), axis=1))
+
+
+def _squares(mixture: Mixture, x: Points) -> Float[np.ndarray, "point component"]:
+    r"""Squared distances, $|L_k^{-1} (x - \mu_k)|^2$."""
+    pairs = zip(mixture.roots, mixture.centres, strict=True)
+    away = [solve_triangular(root, (x - centre).T, lower=True) for root, centre in pairs]
+    return np.stack([np.sum(a**2, axis=0) for a in away], axis=1)
+
+
+def _log_components(
+    mixture: Mixture, squares: Float[np.ndarray, "point component"]
+) -> Float[np.ndarray, "point component"]:
+    """Logarithm of each component's density times its share."""
+    size = mixture.centres.shape[1]
+    log_det = np.sum(np.log(np.diagonal(mixture.roots, axis1=1, axis2=2)), axis=1)
+    scale = gammaln((HEAVY + size) / 2) - gammaln(HEAVY / 2) - 0.5 * size * np.log(HEAVY * np.pi)
+    tail = -0.5 * (HEAVY + size) * np.log1p(squares / HEAVY)
+    return np.log(mixture.shares) + scale - log_det + tail
+
+
+def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
+    r"""The mixture of the highest likelihood of weighted points, by expectation-maximisation.
+
+    $$\rho_{ik} = \frac{a_k t_k(x_i)}{q(x_i)}, \quad u_{ik} = \frac{\nu + d}{\nu + s_{ik}}, \quad
+      a_k = \sum_i w_i \rho_{ik}, \quad
+      \mu_k = \frac{\sum_i w_i \rho_{ik} u_{ik} x_i}{\sum_i w_i \rho_{ik} u_{ik}}, \quad
+      \Sigma_k = \frac1{a_k} \sum_i w_i \rho_{ik} u_{ik} (x_i - \mu_k)(x_i - \mu_k)^T$$
+
+    with s the squared distances and weights that sum to one. The number of components is the one
+    that, fitted to one half of the points, gives the other the highest likelihood: more of them
+    would follow the points themselves, which biases the weights that they are given.
+
+    Reference:
+        Cappé, Douc, Guillin, Marin and Robert (2008), Statistics and Computing 18, 447.
+    """
+    most = 0.5 / np.sum(weights**2) / (POINTS_A_DIMENSION * x.shape[1])
+    counts = [count for count in COUNTS if count == 1 or count <= most]
+    half = np.arange(len(x)) % 2 == 0
+    scores = [_score(rng, x, weights, half, count) for count in counts] if counts[1:] else [0.0]
+    return _fitted(rng, x, weights, counts[int(np.argmax(scores))])
+
+
+def _score(
+    rng: np.random.Generator, x: Points, weights: Weights, half: NDArray[np.bool_], count: int
+) -> float:
+    """Mean log density of one half of the points by a mixture that was fitted to the other."""
+    mixture = _fitted(rng, x[half], weights[half] / weights[half].sum(), count)
+    return float(weights[~half] @ log_density(mixture, x[~half]))
+
+
+def _fitted(rng: np.random.Generator, x: Points, weights: Weights, count: int) -> Mixture:
+    """The mixture of so many components at most."""
+    size = x.shape[1]
+    effective = 1 / np.sum(weights**2)
+    overall = _covariance(weights, x, weights @ x)
+    overall[np.diag_indices(size)] *= 1 + NUGGET
+    first = rng.choice(len(x), count, p=weights)
+    shrunk = np.linalg.cholesky(overall) / count ** (1 / size)
+    mixture = Mixture(np.full(count, 1 / count), x[first], np.tile(shrunk, (count, 1, 1)))
+    for _ in range(STEPS):
+        mixture = _improved(mixture, x, weights, effective, overall)
+    return mixture
+
+
+def _improved(
+    mixture: Mixture, x: Points, weights: Weights, effective: float, overall: NDArray[np.float64]
+) -> Mixture:
+    """The mixture after one step; components of too few points are left out."""
+    size = x.shape[1]
+    squares = _squares(mixture, x)
+    parts = _log_components(mixture, squares)
+    belongs = weights[:, None] * np.exp(parts - logsumexp(parts, axis=1, keepdims=True))
+    shares = belongs.sum(axis=0)
+    kept = shares * effective > min(size, 0.5 * effective)
+    shares, belongs, squares = shares[kept], belongs[:, kept], squares[:, kept]
+    pull = belongs * (HEAVY + size) / (HEAVY + squares)
+    centres = (pull.T @ x) / pull.sum(axis=0)[:, None]
+    roots = []
+    for share, own, centre in zip(shares, pull.T, centres, strict=True):
+        points, lean = share * effective, PRIOR_POINTS * size
+        mine = _covariance(own / share, x, centre)
+        roots.append(np.linalg.cholesky((points * mine + lean * overall) / (points + lean)))
+    return Mixture(shares / shares.sum(), centres, np.stack(roots))
+
+
+def _covariance(
+    weights: Weights, x: Points, centre: Float[np.ndarray, " parameter"]
+) -> NDArray[np.float64]:
+    """Weighted second moments about a centre."""
+    away = x - centre
+    return (weights[:, None] * away).T @ away

@@ -1,0 +1,97 @@
+"""What a law leaves of repeated data: its share of the response, and what it makes them count for.
+
+Weights that followed the misfit of every group by itself would let a record that a poor fit misses
+lose its voice, and the next fit would miss it more. So the law's misfit is one share of the
+response for all groups of an observable, and each counts by that.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jbw.observables.effective_values import (
+    BY_CHANCE,
+    LEAST_VALUES,
+    MISFIT,
+    effective_fraction,
+    is_coloured,
+)
+from jbw.observables.observable import Covariance, Rows
+from jbw.observables.repeats import Repeats
+
+
+class Left(NamedTuple):
+    """What a fit leaves of a group: mean squares of noise and of misfit, and whether it is that."""
+
+    noise: float
+    misfit: float
+    is_misfit: bool
+
+
+def left_of(groups: Repeats, left: Rows) -> list[Left]:
+    """What a fit leaves of every group, its noise by the scatter of repeats where there are any."""
+    found = []
+    for i, label in enumerate(groups.labels):
+        row, count, size = left[label], float(groups.num_repeats[i]), float(groups.size[i])
+        square, coloured = float(np.sum(np.abs(row) ** 2)) / size, is_coloured(row)
+        if count > 1:
+            noise = float(groups.within[i]) / (size * (count - 1))
+        else:
+            noise = 0.0 if coloured else square
+        misfit = max(square - noise / count, 0.0)
+        found.append(Left(noise, misfit, coloured or count * misfit > MISFIT * noise))
+    return found
+
+
+def shared_misfit(
+    groups: Repeats, sizes: Float[np.ndarray, " group"], left: Rows
+) -> Float[np.ndarray, " group"]:
+    r"""Mean square that the law is expected to leave of every value of a group.
+
+    $$\tau_g^2 = \rho^2\,\frac{|\bar d_g|^2}{N_g}, \qquad
+      \rho^2 = \frac1G \sum_g \frac{|r_g|^2 - N_g \sigma_g^2 / K_g}{|\bar d_g|^2}$$
+
+    of residuals r_g and means of size $|\bar d_g|$, with sigma the scatter of the repeats; a group
+    whose residual is noise adds nothing to rho.
+    """
+    square = sizes**2 / np.asarray(groups.size)
+    misfit = [one.misfit if one.is_misfit else 0.0 for one in left_of(groups, left)]
+    return np.mean(misfit / np.where(square > 0, square, 1.0)) * square
+
+
+def independent_fractions(
+    groups: Repeats, left: Rows, columns: Sequence[Rows], covariance: Covariance
+) -> dict[str, float]:
+    r"""Fraction of values that count as independent, of groups that the law does not follow.
+
+    $$f = \frac{(a + b)^2}{a^2 + 2ab + b^2 / w}\,\frac{m^2 + \sigma^2 + \tau^2}{a + b}, \qquad
+      a = \sigma^2, \quad b = K \tau^2$$
+
+    of the misfit m^2 and its expectation tau^2, the same in all K repeats. The first factor is the
+    effective number of a sum of white noise and of misfit, of which the share w is independent; the
+    second undoes what the likelihood, which has m, sigma and tau in its noise, takes for variance.
+    w, for the colour, is the harmonic mean over the groups that are misfitted.
+    """
+    found, colours = {}, []
+    told = left_of(groups, left)
+    for label, group in zip(groups.labels, told, strict=True):
+        slopes = np.stack([column[label] for column in columns])
+        fraction = effective_fraction(left[label], slopes, covariance)
+        if group.is_misfit:
+            colours.append(fraction)
+        elif fraction <= BY_CHANCE:  # noise that is loud where the prediction moves
+            found[label] = fraction
+    if not colours:
+        return found
+    colour = len(colours) / sum(1 / each for each in colours)
+    for i, (label, group) in enumerate(zip(groups.labels, told, strict=True)):
+        expected, noise = float(groups.discrepancy[i]), group.noise
+        common = float(groups.num_repeats[i]) * expected
+        both = noise + common
+        independent = both**2 / (noise**2 + 2 * noise * common + common**2 / colour)
+        fraction = independent * (group.misfit + noise + expected) / both
+        if fraction < 1.0:
+            found[label] = max(fraction, min(1.0, LEAST_VALUES / float(groups.size[i])))
+    return found

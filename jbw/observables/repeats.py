@@ -1,0 +1,76 @@
+"""Groups of repeated data: their bookkeeping, and rows of unequal lengths side by side."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+
+class Repeats(eqx.Module):
+    """Groups of repeated data, each with a noise of its own.
+
+    Attributes:
+        within: Scatter S of the repeats about their mean, summed over repeats and values.
+        num_repeats: Repeats K.
+        size: Values N of a group: real numbers (samples, or real and imaginary parts).
+        num_values: Independent values n of all repeats, fewer where the residual is coloured.
+        noise_std: Noise of one repeat, for least squares.
+        discrepancy: Mean square that the law is expected to leave of every value, in all repeats.
+        directions: Change of the prediction by each offset of the run; no offsets, no rows.
+    """
+
+    within: Float[Array, " group"]
+    num_repeats: Float[Array, " group"]
+    size: Float[Array, " group"]
+    num_values: Float[Array, " group"]
+    noise_std: Float[Array, " group"]
+    discrepancy: Float[Array, " group"]
+    directions: Float[Array, "group own value"]
+    labels: tuple[str, ...] = eqx.field(static=True)
+    runs: tuple[str, ...] = eqx.field(static=True)
+
+
+def repeats(
+    within: Float[np.ndarray, " group"],
+    num_repeats: Float[np.ndarray, " group"],
+    sizes: Float[np.ndarray, " group"],
+    longest: int,
+    labels: Sequence[str],
+    runs: Sequence[str],
+    scale: Float[np.ndarray, " group"],
+) -> Repeats:
+    r"""Bookkeeping of groups of independent values of noise $\sigma^2 = S / (N (K - 1))$.
+
+    Until a fit tells it, a single repeat's noise is guessed as one hundredth of the root mean
+    square, the `scale`. Labels that come again get a number.
+    """
+    degrees = sizes * (num_repeats - 1)
+    known = degrees > 0
+    noise = np.sqrt(np.where(known, within / np.where(known, degrees, 1), (0.01 * scale) ** 2))
+    return Repeats(
+        within=jnp.asarray(within),
+        num_repeats=jnp.asarray(num_repeats, float),
+        size=jnp.asarray(sizes, float),
+        num_values=jnp.asarray(sizes * num_repeats, float),
+        noise_std=jnp.asarray(noise),
+        discrepancy=jnp.zeros(len(labels)),
+        directions=jnp.zeros((len(labels), 0, longest)),
+        labels=_distinct(labels),
+        runs=tuple(runs),
+    )
+
+
+def filled(rows: Sequence[np.ndarray], mode: Literal["constant", "edge"] = "constant") -> Array:
+    """Rows side by side, zero behind their last value, or that value itself by mode edge."""
+    longest = max(map(len, rows))
+    return jnp.asarray(np.stack([np.pad(row, (0, longest - len(row)), mode) for row in rows]))
+
+
+def _distinct(labels: Sequence[str]) -> tuple[str, ...]:
+    """Labels of which no two are alike: those that come again have a number behind them."""
+    counts = [labels[: i + 1].count(label) for i, label in enumerate(labels)]
+    pairs = zip(labels, counts, strict=True)
+    return tuple(label if count == 1 else f"{label} ({count})" for label, count in pairs)
