@@ -24,9 +24,11 @@ GAIN, FS = 15.0, 256.0
 OMEGA_N, ZETA = 2 * np.pi * 18.8, 0.00444
 JOINT = {"omega_n": OMEGA_N, "zeta": ZETA, "alpha": 500.0, "delta": 340.0, "gamma": 33.0}
 SWEEPS, NOISE, DECAYS = outside.Sweeps(), outside.Noise(), outside.Decays()
+NO_JOINT = {"omega_n": OMEGA_N, "zeta": ZETA}
 FIFTY = np.geomspace(5e-5, 5e-3, 50)
 COLUMNS = {
-    "campaign": "", "law": "", "verdict": "", "because": "", "wall, s": ".0f", "ESS": ".0f",
+    "campaign": "", "true law": "", "sampling": "", "law": "", "knowledge": "", "verdict": "",
+    "because": "", "wall, s": ".0f", "ESS": ".0f",
     "ESS a second": ".1f", "R-hat": ".3f", "truth inside": "", "worst error, %": ".1f",
 }  # fmt: skip
 
@@ -134,9 +136,9 @@ CAMPAIGNS: dict[str, Outside | Rig] = {
     "every kind of test": Rig({"preset": "mixed"}),
     "days with other frequencies": Rig({"preset": "mixed", "omega_n_cv": 0.0018}),
     "days with other damping": Rig({"preset": "mixed", "zeta_cv": 0.05}),
-    "linear": _wrong(outside.Specimen(OMEGA_N, ZETA)),
-    "linear, sweeps, noise, decays": _wrong(
-        outside.Specimen(OMEGA_N, ZETA), excitations=(SWEEPS, NOISE, DECAYS)
+    "linear": Outside(outside.Specimen(OMEGA_N, ZETA), parameters=NO_JOINT),
+    "linear, sweeps, noise, decays": Outside(
+        outside.Specimen(OMEGA_N, ZETA), parameters=NO_JOINT, excitations=(SWEEPS, NOISE, DECAYS)
     ),
     "cubic": _wrong(outside.bouc_wen(**_with(alpha=0.0, delta=0.0, gamma=0.0), cubic=4e7)),
     "cubic beside Bouc-Wen": _wrong(outside.bouc_wen(**JOINT, cubic=4e7)),
@@ -167,7 +169,9 @@ def judged(name: str) -> dict[str, Any]:
     against = [f for f in summary["verdict"]["findings"] if f["status"] != "ok"]
     for finding in against:
         print(finding["reason"], file=sys.stderr)
+    answers = summary["verdict"]["answers"]
     return {
+        "answers": [answers[name]["status"] for name in ("sampling", "law", "knowledge")],
         "verdict": summary["verdict"]["status"],
         "because": ", ".join(dict.fromkeys(f["code"] for f in against)),
         "wall": wall,
@@ -187,16 +191,16 @@ def row(name: str, limit: float) -> tuple[Any, ...]:
     try:
         ended = subprocess.run(command, env=env, capture_output=True, text=True, timeout=limit)
     except subprocess.TimeoutExpired:
-        return (name, law, "stopped", f"after {limit:.0f} s", limit, *[None] * 3, "", None)
+        return (name, law, *[""] * 3, "stopped", "", limit, *[None] * 3, "", None)
     wall = perf_counter() - started
     if ended.returncode:
         last = ended.stderr.strip().splitlines()[-1:] or [""]
-        return (name, law, "refused", last[0][:120], wall, *[None] * 3, "", None)
+        return (name, law, *[""] * 3, "refused", last[0][:120], wall, *[None] * 3, "", None)
     found = json.loads(ended.stdout.strip().splitlines()[-1])
     ess, (inside, count) = found["ess"], found["inside"]
     rate = ess / found["wall"] if ess else None
-    return (name, law, found["verdict"], found["because"], wall, ess, rate, found["r_hat"],
-            f"{inside} of {count}" if count else "", found["error"])  # fmt: skip
+    return (name, law, *found["answers"], found["verdict"], found["because"], wall, ess, rate,
+            found["r_hat"], f"{inside} of {count}" if count else "", found["error"])  # fmt: skip
 
 
 def main() -> None:

@@ -65,7 +65,9 @@ def joint_box(
     for law in laws_named(laws):
         own = {name: bounds[name] for name in law.names()}
         _require_stiffness(law, own, given, omega_n)
-        if (caution := law.caution(own)) is not None:
+        # Of bounds that the campaign states: those by default are as wide as loops stay bounded.
+        stated = {name: given.get(name, (max(pair[0], 0.0), pair[1])) for name, pair in own.items()}
+        if (caution := law.caution(stated)) is not None:
             warnings.warn(caution, stacklevel=2)
     return box(bounds)
 

@@ -27,7 +27,7 @@ from jbw.identification.coordinates import (
     coordinates_sentence,
 )
 from jbw.identification.run_effects import sentence_of, shifts_of, wanted, with_offsets
-from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.fit.costly_fit import costly_fit, from_search
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.lanes import at_points
 from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
@@ -43,7 +43,6 @@ MOST_ROUNDS = 8  # of fits and weights in turns
 SETTLED = 0.1  # standard deviations: what a further round may move the fit by
 NUM_SCREENED = 255  # points of the box that are looked at beside the start
 NUM_STARTS = 4  # of them fitted at most
-FLOOR = 1e-3  # of an upper bound, where points are spread above a lower one at zero
 EXPLAINED = 5.0  # chi-square a degree of freedom below which a fit explains the data
 CURVE_STARTS = 8  # of the fit to frequency and damping against amplitude, which costs nothing
 MOST_CURVE_POINTS = 200
@@ -144,22 +143,12 @@ def fit_from(key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str,
 def screened(
     key: Key[Array, ""], prior: Box, start: Mapping[str, float], known: Mapping[str, float]
 ) -> dict[str, np.ndarray]:
-    """Points to look at: a start, and others all over the box where it is not known.
-
-    Of what cannot be negative they are spread evenly over the logarithms, three decades of them
-    above a bound at zero.
-    """
-    x = np.asarray(jax.random.uniform(key, (NUM_SCREENED, len(prior.names))))
-    points = {}
-    for i, (name, (low, high)) in enumerate(bounds_by_name(prior).items()):
-        values = low + x[:, i] * (high - low)
-        if low >= 0:
-            least = max(low, FLOOR * high)
-            values = least * (high / least) ** x[:, i]
-        points[name] = np.append(
-            start[name], np.full(len(x), known[name]) if name in known else values
-        )
-    return inside(points, prior)
+    """Points to look at: a start, and others evenly over the search, where it is not known."""
+    s = jax.random.uniform(key, (NUM_SCREENED, len(prior.names)))
+    x = jax.vmap(lambda one: from_search(one, prior)[0])(s)
+    points = {name: np.asarray(values) for name, values in from_unit(x, prior).items()}
+    points |= {n: np.full(NUM_SCREENED, known[n]) for n in points.keys() & known.keys()}
+    return inside({name: np.append(start[name], points[name]) for name in prior.names}, prior)
 
 
 def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:

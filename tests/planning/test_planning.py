@@ -186,7 +186,7 @@ def test_tones_far_below_resonance_know_products_only(tones):
     weak = tones.rows[0]
     assert (weak.level, weak.status, weak.repeats) == (0.2, "too few", None)
     # To first order Y(3 omega) and the damping of small motion hold alpha delta and alpha gamma.
-    assert weak.notes == ("only the products alpha*delta and gamma/delta are determined",)
+    assert weak.notes == ("only the products alpha*delta and alpha*gamma are determined",)
     # alpha moves by half of what its product leaves open; zeta and omega_n are known far better.
     assert 0.1 < weak.cv["alpha"].median < tones.before["alpha"].median
     assert not tones.combination.met

@@ -23,12 +23,14 @@ from jbw.inference.fit.fitting import (
 )
 from jbw.inference.lanes import at_points
 from jbw.inference.space.box import Box, named, require_float64
-from jbw.inference.space.coordinates import Composed, Logarithms, Vector, unit
+from jbw.inference.space.coordinates import Composed, Logarithms, Sinh, Vector, unit
 
 Part = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 TOLERANCE = 1e-10  # of the cost and of the step, relative
 STEP = 1e-5  # of the search coordinate, 0 to 1: an error of its square, and of 1e-11 of rounding
 LANES = 8
+NEAR_ZERO = 0.01  # of the upper bound: where a parameter that may be zero is told from zero
+LOPSIDED = 0.5  # of the upper bound, which the lower one stays within
 
 
 def costly_fit(
@@ -132,10 +134,16 @@ def _forward(
 def _search_coordinate(box: Box) -> Composed:
     r"""Parameters by s in the unit cube, where a product known alone is a straight valley.
 
-    $\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$ of positive bounds, otherwise linear.
+    Of positive bounds $\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$; of others
+    that reach much further above zero than below, a hyperbolic sine, which is a logarithm of either
+    sign from a hundredth of the bound on.
     """
-    logs = Logarithms(tuple(bool(low > 0) for low in np.asarray(box.lower)))
-    return Composed((unit(logs.inverse(box.lower), logs.inverse(box.upper)), logs))
+    lower, upper = np.asarray(box.lower), np.asarray(box.upper)
+    logs = Logarithms(tuple((lower > 0).tolist()))
+    lopsided = (lower <= 0) & (np.abs(lower) < LOPSIDED * upper)
+    signed = Sinh(jnp.asarray(np.where(lopsided, NEAR_ZERO * upper, 0.0)))
+    ends = (logs.inverse(signed.inverse(bound)) for bound in (box.lower, box.upper))
+    return Composed((unit(*ends), logs, signed))
 
 
 def to_search(x: Vector, box: Box) -> Vector:
@@ -153,4 +161,5 @@ def _unit_and_slope(coordinate: Composed, s: Vector, box: Box) -> tuple[Vector, 
     # Each parameter depends on its own coordinate alone: one derivative along all of them.
     theta, slope = jax.jvp(coordinate.forward, (s,), (jnp.ones_like(s),))
     width = box.upper - box.lower
-    return jnp.clip((theta - box.lower) / width, 0.0, 1.0), slope / width
+    x = jnp.where(s <= 0, 0.0, jnp.where(s >= 1, 1.0, (theta - box.lower) / width))
+    return jnp.clip(x, 0.0, 1.0), slope / width

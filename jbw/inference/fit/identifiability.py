@@ -16,6 +16,7 @@ from jbw.inference.space.box import (
     Product,
     bounds_by_name,
     log_prior_of,
+    log_prior_std,
     prior_of,
     prior_std,
     value_of,
@@ -48,14 +49,37 @@ def weak_direction(mean: Mapping[str, float], covariance: Matrix, box: Box) -> W
 
     $$\Sigma_{post} v = \rho^2 \Sigma_{prior} v, \qquad \rho > 0.7$$
 
-    in the logarithms of the parameters whose box is positive, so that products appear, and in the
-    parameters themselves otherwise.
+    in the logarithms of the parameters that cannot be zero, by their box or by the data, so that
+    products appear, and in the parameters themselves otherwise.
     """
-    positive = np.asarray(box.lower) > 0
     centre = np.array([float(mean[name]) for name in box.names])
-    slope = np.where(positive, 1 / np.where(positive, centre, 1.0), 1.0)
-    posterior = covariance * np.outer(slope, slope)
-    prior = np.array([prior_std(*bounds) for bounds in bounds_by_name(box).values()])
+    logs = (np.asarray(box.lower) > 0) | _never_zero(centre, covariance)
+    slope = np.where(logs, 1 / np.where(logs, centre, 1.0), 1.0)
+    return _weak(covariance * np.outer(slope, slope), logs, box)
+
+
+def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
+    """The same from draws of a posterior, of their own logarithms."""
+    columns = np.array([np.ravel(draws[name]) for name in box.names])
+    one_sign = np.all(columns > 0, axis=1) | np.all(columns < 0, axis=1)
+    known = _never_zero(columns.mean(axis=1), np.atleast_2d(np.cov(columns)))
+    logs = one_sign & ((np.asarray(box.lower) > 0) | known)
+    columns[logs] = np.log(np.abs(columns[logs]))
+    return _weak(np.atleast_2d(np.cov(columns)), logs, box)
+
+
+def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.bool_]:
+    """Whether parameters are told from zero, those that they might be traded for known."""
+    std = np.sqrt(np.diag(covariance))
+    conditional = std / np.sqrt(np.diag(np.linalg.pinv(covariance / np.outer(std, std))))
+    return np.abs(centre) > RESOLVED * conditional
+
+
+def _weak(posterior: Matrix, logs: NDArray[np.bool_], box: Box) -> WeakDirection | None:
+    """The weak directions of a covariance in logarithms of some parameters."""
+    bounds = bounds_by_name(box).values()
+    pairs = zip(bounds, logs, strict=True)
+    prior = np.array([(log_prior_std if log else prior_std)(*pair) for pair, log in pairs])
     squares, scaled = eigh(posterior / np.outer(prior, prior))
     weak = scaled[:, squares > UNLEARNT**2]
     if weak.shape[1] == 0:
@@ -64,15 +88,8 @@ def weak_direction(mean: Mapping[str, float], covariance: Matrix, box: Box) -> W
     members = np.flatnonzero(weight > PRESENT * weight.max())
     names = tuple(box.names[i] for i in members)
     directions = weak[members] * prior[members, None]
-    text = _in_words(names, directions, bool(np.all(positive[members])))
+    text = _in_words(names, directions, bool(np.all(logs[members])))
     return WeakDirection(names, float(np.sqrt(squares[-1])), text)
-
-
-def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
-    """The same from draws of a posterior."""
-    columns = np.array([np.ravel(draws[name]) for name in box.names])
-    means = dict(zip(box.names, columns.mean(axis=1).tolist(), strict=True))
-    return weak_direction(means, np.atleast_2d(np.cov(columns)), box)
 
 
 def _in_words(
@@ -90,8 +107,10 @@ def _determined(
     directions: Float[np.ndarray, "parameter weak"],
 ) -> Float[np.ndarray, "combination parameter"]:
     """Exponents orthogonal to the weak directions, each with one parameter of exponent 1."""
-    # The parameters that move most along the weak directions are those that combinations share.
-    decomposition: Any = qr(directions.T, mode="r", pivoting=True)
+    # The parameters that move most along the weak directions are those that combinations share; of
+    # some that move alike, the first.
+    first = 1 / (1 + NEAR * np.arange(len(directions)))
+    decomposition: Any = qr(directions.T * first, mode="r", pivoting=True)
     order = decomposition[1]
     num_weak = directions.shape[1]
     shared, own = order[:num_weak], np.sort(order[num_weak:])

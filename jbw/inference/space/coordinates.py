@@ -110,6 +110,30 @@ class Logarithms(Coordinate):
         return np.array(self.chosen)
 
 
+class Sinh(Coordinate):
+    r"""Some by $y_i = c_i \sinh x_i$: far from zero their logarithms, of either sign.
+
+    Scales are those c of the chosen ones, and zero of the others, which stay as they are.
+    """
+
+    scale: Vector
+
+    def forward(self, x: Vector) -> Vector:
+        """The point c sinh x."""
+        return jnp.where(self.scale > 0, self.scale * jnp.sinh(x), x)
+
+    def inverse(self, y: Vector) -> Vector:
+        """The point arsinh(y / c)."""
+        chosen = self.scale > 0
+        return jnp.where(chosen, jnp.arcsinh(y / jnp.where(chosen, self.scale, 1.0)), y)
+
+    def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
+        """Sum of log(c cosh x)."""
+        chosen = self.scale > 0
+        slope = jnp.where(chosen, self.scale, 1.0) * jnp.cosh(jnp.where(chosen, x, 0.0))
+        return jnp.sum(jnp.log(slope))
+
+
 class Composed(Coordinate):
     """One change of variable after the other, the first part first."""
 

@@ -85,7 +85,7 @@ def never_zero(theta: Theta, covariance: Covariance, box: Box) -> tuple[str, ...
     return tuple(
         name
         for name, low, std in zip(box.names, box.lower, conditional, strict=True)
-        if low > 0 or (low == 0 and theta[name] > CERTAIN * std)
+        if low > 0 or theta[name] > CERTAIN * std
     )
 
 

@@ -97,13 +97,13 @@ class BoucWenLaw(Law):
     def prior(cls, scales: Scales) -> Bounds:
         r"""Softening and opening matter where delta Y and gamma Y are of order one.
 
-        alpha is a part of omega_n^2; gamma may not exceed delta by so much that the loop is
-        unbounded.
+        alpha is a part of omega_n^2. Below zero, where the joint hardens, delta is bounded by what
+        its force may grow to, $(e^{|\delta| Y} - 1) / |\delta| Y$ = 3.2 times that of a spring.
         """
         share = FORCED_SHARE if scales.forced else (0.002, 0.5)
         return {
             "alpha": (share[0] * scales.omega_n**2, share[1] * scales.omega_n**2),
-            "delta": (0.01 / scales.y_peak, 20.0 / scales.y_peak),
+            "delta": (-2.0 / scales.y_peak, 20.0 / scales.y_peak),
             "gamma": (0.0, 20.0 / scales.y_peak),
         }
 
