@@ -19,9 +19,11 @@ from jbw.campaign.settings import Identify
 from jbw.identification import accuracy
 from jbw.identification.equivalent import effects, effects_sentence, response_finding
 from jbw.identification.leaving_out import consistency_finding, leave_one_out, left_out_sentence
+from jbw.identification.no_joint import joint_finding, may_be_absent, without_joint
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.step import Step, attrs, finished, means_of
+from jbw.identification.widening import widened
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.verdict import Verdict, enough
@@ -65,6 +67,9 @@ def joint_step(
             known |= means_of(earlier[step].posterior)
     ready = prepare(keys[:2], data, settings, known)
     chains = sample_joint(keys[2], ready, settings, keep, name)
+    if (wider := widened(chains, ready, settings.prior)) is not None:
+        ready = wider
+        chains = sample_joint(jax.random.fold_in(keys[2], 1), ready, settings, keep, f"{name}_wide")
     posterior = with_derived(keys[3], chains, ready.data)
     groups, findings, words = posterior_checks(keys[4], posterior["posterior"].to_dataset(), ready)
     for group, arrays in groups.items():
@@ -235,6 +240,8 @@ def posterior_checks(
         words += part.statements(theta)
     if (added := effects(posterior, data.held, y_peak, data.laws)) is not None:
         words.append(effects_sentence(added, y_peak))
+        if may_be_absent(added):
+            findings.append(joint_finding(without_joint(best, prior, data), added, y_peak))
     if (left_out := leave_one_out(best, prior, data)) is not None:
         groups["leave_one_out"] = left_out
         findings.append(consistency_finding(left_out))

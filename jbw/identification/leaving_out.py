@@ -14,7 +14,8 @@ import numpy as np
 import xarray as xr
 
 from jbw.identification.prepare import refit
-from jbw.inference.fit.fitting import Fit, linearise
+from jbw.inference.fit.costly_fit import residual_at
+from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.space.box import Box
 from jbw.observables.dataset import Dataset, left_by_label, size_by_label, stacked, without
@@ -59,8 +60,7 @@ def leave_one_out(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
 def _error(run: str, without_it: Fit, prior: Box, data: Dataset) -> float:
     """Error of a run at a fit that does not know it, nor the run's own offsets."""
     common = replace(data, scatter=jnp.full_like(data.scatter, NO_SCATTER))
-    rows = linearise(stacked, jnp.asarray(without_it.x), prior, common)[1]
-    left = left_by_label(np.asarray(rows), common)
+    left = left_by_label(residual_at(stacked, without_it.x, prior, common), common)
     sizes = size_by_label(data)
     own = [label for label, name in zip(data.labels, data.runs, strict=True) if name == run]
     known = [label for label in own if label in sizes]  # a line fit of the run has no size

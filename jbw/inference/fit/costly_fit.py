@@ -90,6 +90,13 @@ def trust_region(
     )
 
 
+def residual_at(
+    residual: Residual, x: NDArray[np.float64], box: Box, data: PyTree
+) -> NDArray[np.float64]:
+    """The residual at the unit coordinate x, by the program that fits it."""
+    return evaluator(residual, box, data)(np.asarray(to_search(jnp.asarray(x), box)), 0)
+
+
 def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
     r"""Residual (0) or Jacobian with respect to s (1), as a function of s and which of the two.
 

@@ -18,7 +18,6 @@ from jbw.inference.space.box import (
     log_prior_of,
     log_prior_std,
     prior_of,
-    prior_std,
     value_of,
 )
 
@@ -59,18 +58,26 @@ def weak_direction(mean: Mapping[str, float], covariance: Matrix, box: Box) -> W
 
 
 def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
-    """The same from draws of a posterior, of their own logarithms."""
+    """The same from draws of a posterior, of their own logarithms or, as wide there, of themselves.
+
+    A parameter of which the data exclude but the lowest tenth of a box over decades is narrower in
+    its logarithm, and as unknown as before.
+    """
     columns = np.array([np.ravel(draws[name]) for name in box.names])
     one_sign = np.all(columns > 0, axis=1) | np.all(columns < 0, axis=1)
     known = _never_zero(columns.mean(axis=1), np.atleast_2d(np.cov(columns)))
     logs = one_sign & ((np.asarray(box.lower) > 0) | known)
+    plain = np.atleast_2d(np.cov(columns))
     columns[logs] = np.log(np.abs(columns[logs]))
-    return _weak(np.atleast_2d(np.cov(columns)), logs, box)
+    found = _weak(np.atleast_2d(np.cov(columns)), logs, box)
+    return found or _weak(plain, np.zeros_like(logs), box)
 
 
 def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.bool_]:
     """Whether parameters are told from zero, those that they might be traded for known."""
     std = np.sqrt(np.diag(covariance))
+    if not (np.all(np.isfinite(covariance)) and np.all(std > 0)):  # draws that never moved
+        return np.zeros(len(std), bool)
     conditional = std / np.sqrt(np.diag(np.linalg.pinv(covariance / np.outer(std, std))))
     return np.abs(centre) > RESOLVED * conditional
 
@@ -78,8 +85,12 @@ def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.b
 def _weak(posterior: Matrix, logs: NDArray[np.bool_], box: Box) -> WeakDirection | None:
     """The weak directions of a covariance in logarithms of some parameters."""
     bounds = bounds_by_name(box).values()
-    pairs = zip(bounds, logs, strict=True)
-    prior = np.array([(log_prior_std if log else prior_std)(*pair) for pair, log in pairs])
+    prior = np.array(
+        [
+            log_prior_std(low, high) if log else (high - low) / math.sqrt(12)
+            for (low, high), log in zip(bounds, logs, strict=True)
+        ]
+    )
     squares, scaled = eigh(posterior / np.outer(prior, prior))
     weak = scaled[:, squares > UNLEARNT**2]
     if weak.shape[1] == 0:

@@ -19,7 +19,7 @@ ASKED = {
         "repeatability", "held_out_coverage", "simpler_model", "misfit", "coloured_residual",
         "chi_square", "leave_one_out",
     ),
-    "knowledge": ("unidentified", "at_bound"),
+    "knowledge": ("no_joint", "unidentified", "at_bound"),
 }  # fmt: skip
 ASKED_BY = {code: name for name, codes in ASKED.items() for code in codes}
 

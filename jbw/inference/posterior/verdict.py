@@ -1,6 +1,6 @@
 """The verdict on a posterior: ok, failed or not assessed, with reasons and what to do."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from operator import itemgetter
 from typing import Any
@@ -96,17 +96,29 @@ def bands_finding(draws: Draws) -> Finding:
     return replace(worst, code="response_bands")
 
 
-def _bounds(draws: Draws, box: Box) -> list[Finding]:
-    findings = []
+def leaning(draws: Draws, box: Box) -> Iterator[tuple[str, str, float]]:
+    """Parameters that pile up at a bound, which bound, and the share of their draws there.
+
+    Not where a lower bound is zero: there a quantity ends by itself, and an upper limit is an
+    answer.
+    """
     for name, (lower, upper) in bounds_by_name(box).items():
         edge = EDGE * float(np.diff(np.quantile(draws[name], (0.005, 0.995)))[0])
-        near = {"lower": draws[name] < lower + edge, "upper": draws[name] > upper - edge}
+        near = {"upper": draws[name] > upper - edge}
+        if lower != 0.0:
+            near["lower"] = draws[name] < lower + edge
         for side, share in ((side, float(np.mean(draw))) for side, draw in near.items()):
             if share > PILE * EDGE:
-                where = f"within {EDGE:.0%} of its 99 % span from its {side} bound"
-                reason = f"{share:.1%} of the posterior of {name} lie {where}."
-                action = f"Widen {name} {side}, or doubt the model."
-                findings.append(checked("at_bound", False, reason, share, action))
+                yield name, side, share
+
+
+def _bounds(draws: Draws, box: Box) -> list[Finding]:
+    findings = []
+    for name, side, share in leaning(draws, box):
+        where = f"within {EDGE:.0%} of its 99 % span from its {side} bound"
+        reason = f"{share:.1%} of the posterior of {name} lie {where}."
+        action = f"Widen {name} {side}, or doubt the model."
+        findings.append(checked("at_bound", False, reason, share, action))
     return findings or [Finding("at_bound", "ok", "No parameter piles up at its bounds.", 0.0)]
 
 

@@ -210,11 +210,12 @@ def _draws(
 ) -> tuple[Draws, Float[np.ndarray, "chain draw term"]]:
     """Draws of equal weight, each group from points of its own, by stratified resampling.
 
-    Copies stand together: an effective size from autocorrelation counts them as one.
+    Points of all rounds are shuffled, so that the parts of a group differ by chance alone. Copies
+    stand together: an effective size from autocorrelation counts them as one.
     """
-    rows = []
+    rows, order = [], rng.permutation(len(past.w))
     for group in range(options.num_chains):
-        own = np.arange(group, len(past.w), options.num_chains)
+        own = order[group :: options.num_chains]
         ends = np.cumsum(found.weights[own])
         places = (np.arange(options.num_samples) + rng.random(options.num_samples)) * ends[-1]
         which = np.searchsorted(ends, places / options.num_samples)

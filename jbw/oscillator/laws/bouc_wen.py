@@ -25,7 +25,7 @@ _ALPHA = Quantity("alpha", "α", "1/s^2", "stiffness of the hysteretic part", 0.
 _DELTA = Quantity("delta", "δ", "1/m", "softening of the hysteresis")
 _GAMMA = Quantity("gamma", "γ", "1/m", "opening of the hysteresis loop")
 
-SHARE = (0.002, 0.9)  # of the stiffness: from a joint that hardly carries to nearly all of it
+SHARE = (0.0005, 0.9)  # of the stiffness: from a joint that hardly carries to nearly all of it
 FORCED_SHARE = (0.01, 1.0)  # under a prescribed displacement nothing else need carry at all
 REACH = 4.0  # times a fitted product: where it is looked for
 
@@ -100,7 +100,7 @@ class BoucWenLaw(Law):
         alpha is a part of omega_n^2. Below zero, where the joint hardens, delta is bounded by what
         its force may grow to, $(e^{|\delta| Y} - 1) / |\delta| Y$ = 3.2 times that of a spring.
         """
-        share = FORCED_SHARE if scales.forced else (0.002, 0.5)
+        share = FORCED_SHARE if scales.forced else SHARE
         return {
             "alpha": (share[0] * scales.omega_n**2, share[1] * scales.omega_n**2),
             "delta": (-2.0 / scales.y_peak, 20.0 / scales.y_peak),

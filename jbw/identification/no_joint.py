@@ -1,0 +1,65 @@
+"""Is a joint seen at all? The fit beside that of the same structure without one."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from jbw.identification.equivalent import Effects
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.posterior.finding import Finding, checked
+from jbw.inference.posterior.summary import QUANTILES
+from jbw.inference.space.box import Box, bounds_by_name, box
+from jbw.observables.dataset import Dataset, stacked
+from jbw.quantities import OSCILLATOR
+
+FAR = 5.0  # standard deviations from zero: beyond, a joint is seen without a further fit
+BY_CHANCE = 0.01  # probability of as much better a fit, of data of a structure without a joint
+
+
+class Nested(NamedTuple):
+    """How much chi-square grows without the joint, and by how many parameters it has less."""
+
+    growth: float
+    num_parameters: int
+
+
+def without_joint(best: Fit, prior: Box, data: Dataset) -> Nested:
+    """The fit of the oscillator alone, to the same data in the same weights."""
+    own = {quantity.name for quantity in OSCILLATOR}
+    bounds = {name: pair for name, pair in bounds_by_name(prior).items() if name in own}
+    bare = replace(data, parts=tuple(replace(part, laws=()) for part in data.parts))
+    start = {name: best.theta[name] for name in bounds}
+    found = costly_fit(stacked, box(bounds), bare, starts=start)
+    return Nested(2 * (found.cost - best.cost), len(best.theta) - len(bounds))
+
+
+def joint_finding(nested: Nested, added: Effects, y_peak: float) -> Finding:
+    r"""Whether the joint fits better than none, by the likelihood ratio of nested models.
+
+    $$\chi^2_{without} - \chi^2 > F^{-1}_{\chi^2_k}(0.99)$$
+
+    of k parameters more. Where it does not, the bounds on what it may do are the answer.
+    """
+    least = float(stats.chi2.isf(BY_CHANCE, nested.num_parameters))
+    seen = nested.growth > least
+    if seen:
+        reason = (
+            f"Without the joint chi-square grows by {nested.growth:.3g}, by chance {least:.3g}."
+        )
+        return Finding("no_joint", "ok", reason, nested.growth)
+    shift, damping = (100 * np.quantile(np.abs(each), QUANTILES[-1]) for each in added)
+    reason = (
+        f"No joint is seen: at {y_peak:.2g} m, the largest motion fitted, it changes the natural "
+        f"frequency by less than {shift:.2g} % and adds less than {damping:.2g} % of zeta to the "
+        f"damping; without it chi-square grows by {max(nested.growth, 0.0):.2g} alone."
+    )
+    action = "Drive harder, or state `laws = []` in [joint]: the structure is linear so far."
+    return checked("no_joint", False, reason, nested.growth, action)
+
+
+def may_be_absent(added: Effects) -> bool:
+    """Whether the posterior hardly tells from zero how the joint changes the frequency."""
+    return bool(abs(np.median(added.frequency)) < FAR * np.std(added.frequency))
