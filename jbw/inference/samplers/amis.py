@@ -82,7 +82,11 @@ class Past(NamedTuple):
 
 
 class Weighed(NamedTuple):
-    """Smoothed weights that sum to one, their k-hat, and how many draws they are worth."""
+    """Smoothed weights that sum to one, their k-hat, and how many draws they are worth.
+
+    Raw weights may be worth less than the smoothed ones: a point far from all others, in another
+    mode, weighs too little once it is smoothed, and its evidence would be trusted without it.
+    """
 
     weights: Weights
     khat: float
@@ -133,7 +137,8 @@ def weighed(past: Past) -> Weighed:
     raw = np.maximum(past.log_weight - past.log_weight.max(), -DEEPEST)
     found, khat = smooth(raw)
     weights = softmax(found)
-    return Weighed(weights, float(khat), float(1 / np.sum(weights**2)))
+    worth = min(1 / np.sum(each**2) for each in (weights, softmax(raw)))
+    return Weighed(weights, float(khat), float(worth))
 
 
 def _is_over(
