@@ -100,6 +100,8 @@ def climb(
     )  # fmt: skip
     evaluations += found.attrs["num_evaluations"]
     found.attrs |= {"coordinates": name, "num_evaluations": evaluations}
+    if "budget_spent_s" in found.attrs:
+        found.attrs["budget_spent_s"] += spent
     return found
 
 
