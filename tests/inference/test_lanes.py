@@ -1,0 +1,80 @@
+"""A function at many points, in lanes on all cores, against the same one point at a time."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jbw.inference import lanes
+from jbw.inference.lanes import LANES, at_points
+
+
+def wavy(theta, data):
+    return jnp.stack([jnp.sin(theta["a"]) * data, theta["b"] ** 2, theta["a"] / theta["b"]])
+
+
+def product(theta, data):
+    return theta["a"] * theta["b"]
+
+
+def points(count):
+    rng = np.random.default_rng(count)
+    return {"b": rng.uniform(1, 2, count), "a": rng.normal(size=count)}
+
+
+@pytest.mark.parametrize("count", [1, 31, 32, 33, 100])
+def test_any_number_of_points_comes_out_as_one_by_one(count):
+    theta = points(count)
+    found = at_points(wavy, theta, jnp.asarray(3.0))
+    assert found.shape == (count, 3)
+    a, b = theta["a"], theta["b"]
+    # In NumPy; another library's sine differs by its last digit.
+    np.testing.assert_allclose(found, np.stack([3 * np.sin(a), b**2, a / b], 1), rtol=1e-14)
+    each = [wavy({n: jnp.asarray(v[i]) for n, v in theta.items()}, 3.0) for i in range(count)]
+    np.testing.assert_allclose(found, np.stack(each), rtol=1e-14)
+
+
+def test_scalar_values_make_one_axis_and_lanes_may_be_few():
+    theta = points(11)
+    for width in (1, 4, 11, 64):
+        found = at_points(product, theta, lanes=width)
+        assert found.shape == (11,)
+        # One product of two numbers: no rounding is left to differ.
+        np.testing.assert_array_equal(found, theta["a"] * theta["b"])
+
+
+def test_the_number_of_cores_changes_no_digit(monkeypatch):
+    theta, found = points(7 * LANES + 3), []
+    for cores in (1, 2, 5):
+        monkeypatch.setattr(lanes, "_num_cores", lambda cores=cores: cores)
+        found.append(at_points(wavy, theta, jnp.asarray(0.3)))
+    np.testing.assert_array_equal(found[1], found[0])
+    np.testing.assert_array_equal(found[2], found[0])
+
+
+def test_it_is_compiled_once_whatever_the_data_and_the_number_of_points():
+    traced = 0
+
+    def counted(theta, data):
+        nonlocal traced
+        traced += 1
+        return data * theta["a"]
+
+    for count in (5, 40, 200):
+        at_points(counted, points(count), jnp.asarray(float(count)))
+    assert traced == 1
+
+
+def test_one_point_that_cannot_be_solved_spoils_no_other():
+    theta = points(40)
+    theta["b"][17] = np.nan
+    found = at_points(wavy, theta, jnp.asarray(1.0))
+    assert np.array_equal(np.isnan(found).any(axis=1), np.arange(40) == 17)
+
+
+def test_an_error_in_the_function_is_raised():
+    def wrong(theta, data):
+        return jax.numpy.ones(3) @ jax.numpy.ones(4) * theta["a"]
+
+    with pytest.raises(TypeError):
+        at_points(wrong, points(40))
