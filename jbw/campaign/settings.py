@@ -51,6 +51,9 @@ class Identify(Table):
     )
     fit: values.Kinds | None = key(None, f"kinds to fit, among {', '.join(KINDS)}; all by default")
     hold_out: values.Strings = key((), "names of tests that no fit sees")
+    strict: StrictBool = key(
+        False, "refuse a campaign of which a test cannot be used; by default it is left out", True
+    )
     compare_with: References = key(
         ("linear",),
         "oscillators without hysteresis to compare with; linear by default",

@@ -19,6 +19,7 @@ from jbw.identification.paper.sequential_vs_joint import compare_routes
 from jbw.identification.procedure import Identification, Report, run_procedure
 from jbw.identification.run_effects import runs_summary
 from jbw.identification.step import Step
+from jbw.identification.usable import usable
 from jbw.inference.posterior.finding import Verdict, answers, judge
 from jbw.inference.posterior.summary import as_plain, correlations, summarise
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
@@ -66,14 +67,18 @@ def identify(
     started = perf_counter()
     seed = campaign.settings.seed if seed is None else seed
     gain = force_per_unit(campaign)
-    seen = measured(campaign.tests, campaign.settings, laws=campaign.laws, gain=gain, report=report)
+    tests, left_out = usable(campaign.tests, campaign.settings, gain)
+    for sentence in left_out:
+        report(sentence)
+    seen = measured(tests, campaign.settings, laws=campaign.laws, gain=gain, report=report)
     found = run_procedure(seen, seed=seed, report=report, keep=keep)
-    _name_gain_unit(campaign.tests, found)
+    _name_gain_unit(tests, found)
     known = look_again(found, campaign.settings, report)
-    tree = collect(campaign.tests, found, seed, truth, report, campaign.settings)
+    tree = collect(tests, found, seed, truth, report, campaign.settings)
     main = found.main
     verdict = judge([*main.verdict.findings, *prediction_findings(tree)])
-    found = replace(found, steps={**found.steps, main.name: replace(main, verdict=verdict)})
+    main = replace(main, verdict=verdict, statements=(*left_out, *main.statements))
+    found = replace(found, steps={**found.steps, main.name: main})
     steps = {} if found.linear is None else {"linear": _linear(found.linear, truth or {})}
     steps |= {name: _step(step, truth or {}) for name, step in found.steps.items()}
     record = {

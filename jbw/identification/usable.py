@@ -1,0 +1,52 @@
+"""Tests that cannot be used: too short, too damped, too noisy. Left out, so that others go on."""
+
+import warnings
+from collections.abc import Sequence
+
+from jbw.campaign.settings import Identify
+from jbw.errors import DataError
+from jbw.identification.linear_step import linear_step
+from jbw.identification.selection import decay_tests, linear_test
+from jbw.measurement.records import Test
+from jbw.observables.register import OBSERVABLES
+
+
+def usable(
+    tests: Sequence[Test], settings: Identify, gain: float | None = None
+) -> tuple[tuple[Test, ...], tuple[str, ...]]:
+    """The tests that can be reduced, and a sentence for each that cannot.
+
+    All of them where the settings are `strict`, or where none can be used: so the refusal that
+    follows says why.
+    """
+    if settings.strict:
+        return tuple(tests), ()
+    refused = {test.name: why for test in tests if (why := _refusal(test, settings))}
+    while (noise := linear_test([test for test in tests if test.name not in refused])) is not None:
+        try:
+            with warnings.catch_warnings():  # said again by the fit that counts
+                warnings.simplefilter("ignore")
+                linear_step(noise, gain)
+        except DataError as error:
+            refused[noise.name] = str(error)
+        else:
+            break
+    if len(refused) == len(tests):
+        return tuple(tests), ()
+    kept = tuple(test for test in tests if test.name not in refused)
+    said = (f"Test {name} is left out: {' '.join(why.split())}" for name, why in refused.items())
+    return kept, tuple(said)
+
+
+def _refusal(test: Test, settings: Identify) -> str:
+    """Why a test cannot be reduced; empty where it can."""
+    try:
+        if test.traits.is_free:
+            split = decay_tests([test], settings)
+            test = test if split is None else split.together
+        for observable in OBSERVABLES:
+            if test.kind in observable.kinds:
+                observable.reduce([test], substeps=settings.substeps)
+    except DataError as error:
+        return str(error)
+    return ""
