@@ -38,7 +38,8 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 
 logger = logging.getLogger("jbw")
-MOST_SUBSTEPS = 16
+MOST_SUBSTEPS = 64
+AMPLE = 0.5  # of what the verdict allows the solver: draws about a fit are not the posterior
 MOST_ROUNDS = 8  # of fits and weights in turns
 SETTLED = 0.1  # standard deviations: what a further round may move the fit by
 NUM_SCREENED = 255  # points of the box that are looked at beside the start
@@ -234,7 +235,7 @@ def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Datase
     theta = inside(dict(zip(best.theta, draws.T, strict=True)), prior)
     for _ in range(int(np.log2(MOST_SUBSTEPS)) - 1):
         change = solver_change(theta, data)
-        if change is None or np.std(change) < SHIFT:
+        if change is None or np.std(change) < AMPLE * SHIFT:
             break
         data = dataset.halved(data) or data
     return data
