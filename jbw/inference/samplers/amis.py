@@ -7,6 +7,10 @@ Each of R rounds takes as many points from a mixture fitted to the points before
 is weighed against the mixtures of all rounds: no point is lost. The points of a round are
 independent, and are evaluated side by side on all processor cores.
 
+A mixture that was fitted to points is high where they lie, and would take their own weight off them
+when they are weighed against it. So there are two halves, the points of even and of odd number,
+each with mixtures of its own that are fitted to the points of the other.
+
 Reference:
     Cornuet, Marin, Mira and Robert (2012), Scandinavian Journal of Statistics 39, 798; for the
     smoothed weights, Vehtari et al. (2024), JMLR 25, 72.
@@ -58,6 +62,9 @@ class Options(NamedTuple):
     most_rounds: int = 32
 
 
+Pair = tuple[Mixture, Mixture]  # of the points of even number, and of odd
+
+
 class Past(NamedTuple):
     """All points so far, and the mixtures that they came from, as many of each.
 
@@ -65,7 +72,7 @@ class Past(NamedTuple):
         w: Whitened points.
         terms: Of the log likelihood [nats].
         log_density: Of the posterior, not normalised [nats]; -inf where impossible.
-        log_mixed: Logarithm of the sum of all mixtures' densities.
+        log_mixed: Logarithm of the sum of the densities of all mixtures of a point's half.
         rounds: The mixtures.
     """
 
@@ -73,7 +80,7 @@ class Past(NamedTuple):
     terms: Float[np.ndarray, "point term"]
     log_density: Weights
     log_mixed: Weights
-    rounds: tuple[Mixture, ...]
+    rounds: tuple[Pair, ...]
 
     @property
     def log_weight(self) -> Weights:
@@ -160,28 +167,29 @@ def _count(past: Past | None) -> int:
 
 
 def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_points: int) -> Past:
-    """One more round: the mixture that suits all points so far, and points from it."""
-    size = len(problem.box.names)
-    mixture = mixtures.standard(size) if past is None else _next_mixture(rng, past)
-    w = mixtures.draw(rng, mixture, num_points)
+    """One more round: the mixtures that suit all points so far, and points from them."""
+    first = mixtures.standard(len(problem.box.names))
+    pair = (first, first) if past is None else _next_pair(rng, past)
+    halves = [mixtures.draw(rng, mixture, max(num_points // 2, 1)) for mixture in pair]
+    w = np.stack(halves, axis=1).reshape(-1, halves[0].shape[1])
     theta, prior = (jax.tree.map(np.asarray, each) for each in _placed(problem, jnp.asarray(w)))
     terms = at_points(problem.log_likelihood, theta, problem.data)
     terms = terms.reshape(len(w), -1)
     likelihood = terms.sum(axis=1)
     density = np.where(np.isfinite(likelihood), likelihood + prior, -np.inf)
-    mixed = mixtures.log_density(mixture, w)
+    mixed = _log_density(pair, w)
     if past is None:
         require_possible(bool(np.any(np.isfinite(density))))
-        return Past(w, terms, density, mixed, (mixture,))
+        return Past(w, terms, density, mixed, (pair,))
     for one in past.rounds:
-        mixed = np.logaddexp(mixed, mixtures.log_density(one, w))
-    earlier = np.logaddexp(past.log_mixed, mixtures.log_density(mixture, past.w))
+        mixed = np.logaddexp(mixed, _log_density(one, w))
+    earlier = np.logaddexp(past.log_mixed, _log_density(pair, past.w))
     return Past(
         np.concatenate([past.w, w]),
         np.concatenate([past.terms, terms]),
         np.concatenate([past.log_density, density]),
         np.concatenate([earlier, mixed]),
-        (*past.rounds, mixture),
+        (*past.rounds, pair),
     )
 
 
@@ -192,16 +200,31 @@ def _placed(problem: Problem, w: Float[Array, "point parameter"]) -> tuple[dict[
     return jax.vmap(problem.theta)(w), jax.vmap(prior)(w)
 
 
-def _next_mixture(rng: np.random.Generator, past: Past) -> Mixture:
-    """The mixture of all points so far, their weights flattened where a few would decide."""
+def _log_density(pair: Pair, w: Points) -> Weights:
+    """Logarithm of the density of every point, of the mixture of its half."""
+    halves = [mixtures.log_density(mixture, w[i::2]) for i, mixture in enumerate(pair)]
+    return np.stack(halves, axis=1).ravel()
+
+
+def _next_pair(rng: np.random.Generator, past: Past) -> Pair:
+    """The mixtures of both halves, each of the points of the other; of all where it has none."""
     raw = np.maximum(past.log_weight - past.log_weight.max(), -DEEPEST)
-    least = min(LEAST * past.w.shape[1], 0.5 * np.sum(raw > -DEEPEST))
+    others = [slice(1 - i, None, 2) for i in range(2)]
+    others = [one if np.any(raw[one] > -DEEPEST) else slice(None) for one in others]
+    one, other = (_next_mixture(rng, past.w[each], raw[each]) for each in others)
+    return one, other
+
+
+def _next_mixture(rng: np.random.Generator, w: Points, log_weight: Weights) -> Mixture:
+    """The mixture of weighted points, their weights flattened where a few would decide."""
+    raw = np.maximum(log_weight - log_weight.max(), -DEEPEST)
+    least = min(LEAST * w.shape[1], 0.5 * np.sum(raw > -DEEPEST))
 
     def lacking(power: float) -> float:
         return np.log(least) + logsumexp(2 * power * raw) - 2 * logsumexp(power * raw)
 
     power = 1.0 if lacking(1.0) <= 0 else _root(lacking)
-    return mixtures.refitted(rng, past.w, softmax(power * raw))
+    return mixtures.refitted(rng, w, softmax(power * raw))
 
 
 def _root(lacking: Callable[[float], float]) -> float:
@@ -251,8 +274,9 @@ def _so_far(past: Past, found: Weighed, drawn: Draws, options: Options, spent: f
 def _as_arrays(past: Past, spent: float, mark: str) -> dict[str, np.ndarray]:
     """The rounds by name, for a `Kept`."""
     arrays: dict[str, Any] = {"fingerprint": mark, "wall_s": spent, **past._asdict()}
-    for i, mixture in enumerate(arrays.pop("rounds")):
-        arrays |= {f"{field}/{i}": values for field, values in mixture._asdict().items()}
+    for i, pair in enumerate(arrays.pop("rounds")):
+        for half, mixture in enumerate(pair):
+            arrays |= {f"{field}/{i}/{half}": v for field, v in mixture._asdict().items()}
     return {name: np.asarray(values) for name, values in arrays.items()}
 
 
@@ -260,7 +284,11 @@ def _resumed(arrays: Arrays | None) -> tuple[Past | None, float]:
     """The rounds that were kept, none where there are none, and the time spent on them [s]."""
     if arrays is None:
         return None, 0.0
-    count = sum(name.startswith("shares/") for name in arrays)
-    rounds = tuple(Mixture(*(arrays[f"{f}/{i}"] for f in Mixture._fields)) for i in range(count))
+
+    def mixture(i: int, half: int) -> Mixture:
+        return Mixture(*(arrays[f"{field}/{i}/{half}"] for field in Mixture._fields))
+
+    count = sum(name.startswith("shares/") for name in arrays) // 2
+    rounds = tuple((mixture(i, 0), mixture(i, 1)) for i in range(count))
     fields: dict[str, Any] = {name: arrays[name] for name in Past._fields if name != "rounds"}
     return Past(**fields, rounds=rounds), float(arrays["wall_s"])
