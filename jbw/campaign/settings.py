@@ -81,8 +81,8 @@ class Identify(Table):
     )
     sampler: Sampler = key(
         "auto",
-        "of the joint posterior; auto: points weighed in rounds (amis), and chains where they do not "
-        "suit; amis, importance, tempered_smc, nested and quadrature give the evidence too",
+        "of the joint posterior; auto: points weighed in rounds (amis), and chains where they do "
+        "not suit; amis, importance, tempered_smc, nested and quadrature give the evidence too",
         "auto",
     )
     profiles: StrictBool = key(

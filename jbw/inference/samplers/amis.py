@@ -51,6 +51,7 @@ LEAST = 10.0  # effective points a dimension that a mixture is fitted to
 DEEPEST = 700.0  # nats below the best at which a weight counts as zero, and is still a number
 PATIENCE = 10  # rounds after which weights worth less than one round in eight are given up
 GIVEN_UP = 1 / 8
+SURE_KHAT = 0.5  # below it weights have a variance
 
 
 class Options(NamedTuple):
@@ -157,7 +158,9 @@ def _is_over(
         return True
     if count >= PATIENCE and found.effective < GIVEN_UP * size:
         return True
-    if not (found.khat < GOOD_KHAT and found.effective >= ESS):
+    # A k-hat that is barely good may be so by chance: ending at once would choose such rounds.
+    limit = SURE_KHAT if count < PATIENCE else GOOD_KHAT
+    if not (found.khat < limit and found.effective >= ESS):
         return False
     return until is None or until.enough(drawn.theta)
 
@@ -224,7 +227,8 @@ def _next_mixture(rng: np.random.Generator, w: Points, log_weight: Weights) -> M
         return np.log(least) + logsumexp(2 * power * raw) - 2 * logsumexp(power * raw)
 
     power = 1.0 if lacking(1.0) <= 0 else _root(lacking)
-    return mixtures.refitted(rng, w, softmax(power * raw))
+    weights = softmax(power * raw)
+    return mixtures.widened(mixtures.refitted(rng, w, weights), w, weights)
 
 
 def _root(lacking: Callable[[float], float]) -> float:

@@ -15,10 +15,12 @@ from scipy.special import gammaln, logsumexp
 
 from jbw.inference.samplers.evidence import HEAVY
 
-STEPS = 30  # of expectation and maximisation
+STEPS = 20  # of expectation and maximisation
+ENOUGH = 3000  # points that a mixture is fitted to at most
 POINTS_A_DIMENSION = 10.0  # effective points that a component needs, times the dimension
 COUNTS = (1, 2, 4, 8)  # of components, of which the best is taken
 PRIOR_POINTS = 0.5  # of the overall covariance in each component's, times the dimension
+BEYOND, WIDER = 0.1, 2.0  # share of a mixture that looks beyond its points, and their widths
 NUGGET = 1e-10  # of the overall variances, where points coincide
 
 Points = Float[np.ndarray, "point parameter"]
@@ -85,11 +87,29 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
     Reference:
         Cappé, Douc, Guillin, Marin and Robert (2008), Statistics and Computing 18, 447.
     """
+    if 1 / np.sum(weights**2) > ENOUGH:  # as many draws tell a mixture well enough
+        x = x[rng.choice(len(x), ENOUGH, p=weights)]
+        weights = np.full(ENOUGH, 1 / ENOUGH)
     most = 0.5 / np.sum(weights**2) / (POINTS_A_DIMENSION * x.shape[1])
     counts = [count for count in COUNTS if count == 1 or count <= most]
     half = np.arange(len(x)) % 2 == 0
     scores = [_score(rng, x, weights, half, count) for count in counts] if counts[1:] else [0.0]
     return _fitted(rng, x, weights, counts[int(np.argmax(scores))])
+
+
+def widened(mixture: Mixture, x: Points, weights: Weights) -> Mixture:
+    """The mixture with a tenth of it about all points, twice as wide as they are: it looks beyond.
+
+    Points that have not come to the end of a bent posterior do not say that it goes on.
+    """
+    mean = weights @ x
+    overall = _covariance(weights, x, mean)
+    overall[np.diag_indices(len(mean))] *= 1 + NUGGET
+    return Mixture(
+        np.append((1 - BEYOND) * mixture.shares, BEYOND),
+        np.vstack([mixture.centres, mean]),
+        np.concatenate([mixture.roots, WIDER * np.linalg.cholesky(overall)[None]]),
+    )
 
 
 def _score(
