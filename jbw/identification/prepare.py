@@ -190,8 +190,11 @@ def reweight(
         best = refit(best, prior, data, theta=coordinates.from_parameters(best.theta))
         words.append(coordinates_sentence(law, coordinates))
     if settings.substeps is None:
-        finer = refined(key, data, prior, best)
-        if finer is not data:
+        # Looked at again where the finer solver's fit is: a coarse one may lie elsewhere.
+        for _ in range(2):
+            finer = refined(key, data, prior, best)
+            if finer is data:
+                break
             data, best = finer, refit(best, prior, finer)
     return Fitted(best, prior, data, tuple(words))
 
