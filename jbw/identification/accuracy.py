@@ -11,7 +11,7 @@ from jbw.inference.lanes import at_points
 from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.observables.dataset import Dataset, halved, log_likelihood
-from jbw.observables.effective_values import COLOURED, LEAST_VALUES, correlation_at_one
+from jbw.observables.effective_values import LEAST_VALUES, coloured_from, correlation_at_one
 
 SHIFT = 0.1  # of a posterior standard deviation: what the solver may move a posterior mean
 NUM_DRAWS = 32
@@ -68,9 +68,10 @@ def residual_finding(
     lag_one = {label: correlation_at_one(row) for label, row in long.items()}
     if not lag_one:
         return None
-    # A correlation that cannot be had is the worst of all.
-    worst = max(lag_one, key=lambda label: np.nan_to_num(abs(lag_one[label]), nan=np.inf))
-    coloured = sum(not abs(value) < COLOURED for value in lag_one.values())
+    # By what white noise of so many values reaches; one that cannot be had is the worst of all.
+    ratio = {label: abs(value) / coloured_from(long[label]) for label, value in lag_one.items()}
+    worst = max(ratio, key=lambda label: np.nan_to_num(ratio[label], nan=np.inf))
+    coloured = sum(not value < 1 for value in ratio.values())
     reason = (
         f"{coloured} of {len(lag_one)} residuals are coloured. Most of all that of {worst}, where "
         f"the fit leaves {error[worst]:.2g} with a lag-one correlation of {lag_one[worst]:.2f}, "

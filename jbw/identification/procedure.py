@@ -79,8 +79,14 @@ def run_procedure(
     keys = iter(jax.random.split(jax.random.key(seed), 16))
     found = Identification(linear=seen.linear, sweeps=seen.sweeps, decays=seen.decays)
     if seen.linear is not None and seen.probing and "bouc_wen" in seen.laws:
-        kernel_fit, steps = _paper_steps(seen, seen.linear.pooled, keys, report, keep)
-        found = replace(found, kernel=kernel_fit, steps=steps)
+        try:
+            kernel_fit, steps = _paper_steps(seen, seen.linear.pooled, keys, report, keep)
+        except DataError as error:
+            if seen.settings.strict:
+                raise
+            report(f"Steps 3 and 4 are left out: {' '.join(str(error).split())}")
+        else:
+            found = replace(found, kernel=kernel_fit, steps=steps)
     data = assemble(seen)
     report(f"Joint posterior: all parameters from {len(data.labels)} groups of data")
     step, data = joint_step(next(keys), data, found.steps, seen.settings, keep=keep)

@@ -18,6 +18,7 @@ from jbw.errors import DataError
 from jbw.measurement.demodulation import BandFilter, Reading, band_filter, demodulate, read_decay
 from jbw.measurement.records import Test
 from jbw.observables.observable import Laws, Observable
+from jbw.observables.samples import substeps_for
 from jbw.quantities import DEFAULT_LAWS, derivative_order
 
 LEAST_VALUES = 16  # of an envelope: a decay of five parameters and three of its own
@@ -97,10 +98,10 @@ class Envelopes(Observable):
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
         """Envelopes of the decays of each test."""
-        return tuple(cls.of(test, laws=laws, substeps=substeps or 1) for test in tests)
+        return tuple(cls.of(test, laws=laws, substeps=substeps) for test in tests)
 
     @classmethod
-    def of(cls, test: Test, *, laws: Laws = DEFAULT_LAWS, substeps: int = 1) -> Self:
+    def of(cls, test: Test, *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None) -> Self:
         """Envelopes of a test's decays after `settle`, cut to the shortest; noise is guessed."""
         chosen = filter_of(test)
         found = [one[:: chosen.step] for one in envelopes(test)]
@@ -131,7 +132,7 @@ class Envelopes(Observable):
             fs=chosen.fs / chosen.stride,
             num_samples=round(duration * chosen.fs / chosen.stride) + len(taps),
             response=test.records[0].response,
-            substeps=substeps,
+            substeps=substeps or substeps_for(chosen.centre_hz, chosen.fs / chosen.stride, 1),
             centre_hz=chosen.centre_hz,
             names=tuple(f"{test.name} {i + 1}" for i in range(len(test.records))),
         )

@@ -10,6 +10,7 @@ from jaxtyping import Complex, Float
 from scipy.ndimage import uniform_filter1d
 
 COLOURED = 0.2  # lag-one correlation above which intervals are noticeably too narrow
+BEYOND_CHANCE = 3.0  # standard errors of a correlation, 1 / sqrt(n)
 MISFIT = 0.5  # of a mean's variance: misfit that repeats do not average out
 LEAST_VALUES = 8  # independent values of a group, below which nothing could be integrated out
 BY_CHANCE = 0.5  # share that white residuals of a few dozen values hardly go below
@@ -24,9 +25,14 @@ def correlation_at_one(row: Row) -> float:
     return float(np.abs(together) if np.iscomplexobj(row) else np.real(together))
 
 
+def coloured_from(row: Row) -> float:
+    """Lag-one correlation that matters, and that white noise of so many values does not reach."""
+    return max(COLOURED, BEYOND_CHANCE / np.sqrt(len(row)))
+
+
 def is_coloured(row: Row) -> bool:
     """Whether a residual is long enough to tell, and has a lag-one correlation that matters."""
-    return len(row) >= 2 * LEAST_VALUES and abs(correlation_at_one(row)) > COLOURED
+    return len(row) >= 2 * LEAST_VALUES and abs(correlation_at_one(row)) > coloured_from(row)
 
 
 def effective_fraction(

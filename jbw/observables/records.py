@@ -17,11 +17,19 @@ from jbw.observables.line_fit import oscillator_through
 from jbw.observables.observable import OFFSETS, Laws, Theta, run_of
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, repeats
-from jbw.observables.samples import Lines, advance, in_band, lines_of, response_to, values_of
+from jbw.observables.samples import (
+    Lines,
+    advance,
+    in_band,
+    lines_of,
+    response_to,
+    substeps_for,
+    values_of,
+)
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the first values are read from
-SUBSTEPS = 2  # of the solver between samples, until a fit shows what they take
+SUBSTEPS = 2  # of the solver between samples at least, unless stated
 
 
 class Records(Repeated):
@@ -112,7 +120,7 @@ class Records(Repeated):
             origin=jnp.zeros((len(tests), 0)),
             fs=fs,
             response=response,
-            substeps=substeps or SUBSTEPS,
+            substeps=substeps or substeps_for(_loudest_hz(means, fs), fs, SUBSTEPS),
             periodic=periodic,
             lines=lines,
         )
@@ -206,6 +214,12 @@ class Records(Repeated):
     def halved(self) -> Self:
         """The records with twice as many steps of the solver."""
         return replace(self, substeps=2 * self.substeps)
+
+
+def _loudest_hz(means: Float[np.ndarray, "level time"], fs: float) -> float:
+    """Frequency at which the responses together have the most power [Hz]."""
+    power = np.sum(np.abs(np.fft.rfft(means)) ** 2, axis=0)
+    return float(np.fft.rfftfreq(means.shape[1], 1 / fs)[np.argmax(power)])
 
 
 @eqx.filter_jit

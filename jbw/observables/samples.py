@@ -12,6 +12,7 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.response import Response, simulate
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF
 
+STEPS_A_PERIOD = 50.0  # until a fit shows what data take
 Lines = tuple[int, int]  # the first line of a spectrum that counts, and the one after the last
 
 
@@ -62,6 +63,12 @@ def values_of(
     spectrum = jnp.fft.rfft(samples)[..., lines[0] : lines[1]]
     scale = np.sqrt(2 / samples.shape[-1])
     return scale * jnp.concatenate([spectrum.real, spectrum.imag], axis=-1)
+
+
+def substeps_for(hz: float, fs: float, least: int) -> int:
+    """Steps of the solver between samples, a power of two, for 50 in a period of a motion."""
+    wanted = max(STEPS_A_PERIOD * hz / fs, least)
+    return 2 ** int(np.ceil(np.log2(wanted)))
 
 
 def motion_under(
