@@ -65,7 +65,12 @@ def sliders(
     """Jenkins elements: each a spring k_i that slides where it is stretched by its slip [m]."""
     k = np.array(springs)[:, None]
     limits = k * np.array(slips)[:, None]
-    return Specimen(omega_n, zeta, len(k), float(k.sum()), lambda y, v, f: k * v, limits)
+
+    def rate(y: Array, v: Array, f: Array) -> Array:
+        slides = (np.abs(f) >= limits) & (f * v > 0)
+        return np.where(slides, 0.0, k * v)
+
+    return Specimen(omega_n, zeta, len(k), float(k.sum()), rate, limits)
 
 
 def respond(
@@ -73,7 +78,7 @@ def respond(
     force: Callable[[float], Array],
     num_samples: int,
     fs: float,
-    substeps: int = 16,
+    substeps: int | None = None,
 ) -> tuple[Array, Array]:
     """Displacement and velocity from rest, shape (record, time).
 
@@ -82,8 +87,10 @@ def respond(
         force: force(t): force per unit modal mass of all records [N/kg].
         num_samples: Samples.
         fs: Sampling frequency [Hz].
-        substeps: Steps of Runge-Kutta a sample.
+        substeps: Steps of Runge-Kutta a sample; 16 when None, 64 where sliders begin to slip amid
+            a step.
     """
+    substeps = substeps or (16 if specimen.limits is None else 64)
     k = specimen.omega_n**2 - specimen.stuck
     c, h = 2 * specimen.zeta * specimen.omega_n, 1 / (fs * substeps)
 

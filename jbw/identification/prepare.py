@@ -43,7 +43,8 @@ AMPLE = 0.5  # of what the verdict allows the solver: draws about a fit are not 
 MOST_ROUNDS = 8  # of fits and weights in turns
 SETTLED = 0.1  # standard deviations: what a further round may move the fit by
 NUM_SCREENED = 255  # points of the box that are looked at beside the start
-NUM_STARTS = 4  # of them fitted at most
+MOST_STARTS = 12  # of them fitted
+AGREED, ALIKE = 6, 1.01  # fits that end at one cost, times the least: then there is no better
 EXPLAINED = 5.0  # chi-square a degree of freedom below which a fit explains the data
 CURVE_STARTS = 8  # of the fit to frequency and damping against amplitude, which costs nothing
 MOST_CURVE_POINTS = 200
@@ -122,7 +123,8 @@ def fit_from(key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str,
     """Least squares over all parameters, from what is known of them and from where data point.
 
     The likelihood of many points is looked at first, which costs less than one fit, and the best
-    of them is a start beside the known values; others where these two do not explain the data.
+    of them is where a fit starts; others where that does not explain the data, until six have ended
+    at the same optimum.
     """
     middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
     start = {name: known.get(name, float(middle[name])) for name in prior.names}
@@ -131,11 +133,13 @@ def fit_from(key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str,
     found = np.nan_to_num(at_points(likelihood, points, data).sum(axis=1), nan=-np.inf)
     order = np.argsort(-found)
     ends: list[Fit] = []
-    for number in order[:NUM_STARTS]:
+    for number in order[:MOST_STARTS]:
         one = {name: values[number] for name, values in points.items()}
         ends.append(costly_fit(dataset.stacked, prior, data, starts=inside(one, prior)))
-        chi_square, dof = ends[-1].chi_square
-        if chi_square < EXPLAINED * dof:
+        best = min(ends, key=lambda one: one.cost)
+        chi_square, dof = best.chi_square
+        alike = sum(end.cost < ALIKE * best.cost for end in ends)
+        if chi_square < EXPLAINED * dof or alike >= AGREED:
             break
     best = min(ends, key=lambda one: one.cost)
     return replace(best, waterfall=np.sort(np.concatenate([one.waterfall for one in ends])))
