@@ -165,13 +165,13 @@ def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
 
 
 def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
-    """Chi-square of a fit over the groups whose noise is known from repeats, and its degrees."""
+    """Chi-square of a fit over the groups whose noise repeats tell, and its degrees of freedom."""
     sizes = {label: size for part in data.parts for label, size in part.noise_known().items()}
-    if not sizes:
+    if sum(sizes.values()) <= len(first.x):  # as many parameters explain any data
         return None
     rows = dataset.by_label(first.residual, data)
     total = sum(float(np.sum(rows[label] ** 2)) for label in sizes)
-    return total, max(int(sum(sizes.values())) - len(first.x), 1)
+    return total, int(sum(sizes.values())) - len(first.x)
 
 
 def reweight(

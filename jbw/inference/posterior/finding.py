@@ -87,7 +87,7 @@ def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
         own = [one for one in looked if ASKED_BY.get(one.code, "sampling") == name]
         if own:
             rank = {code: place for place, code in enumerate(ASKED[name])}
-            telling = min(own, key=lambda one: rank.get(one.code, len(rank)))
-            against = [one for one in own if one.status != "ok"] or [telling]
+            own.sort(key=lambda one: rank.get(one.code, len(rank)))
+            against = [one for one in own if one.status != "ok"] or own[:1]
             because = " ".join(one.reason for one in against)
             yield name, Answer(question, judge(own).status, because)
