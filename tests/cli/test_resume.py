@@ -18,6 +18,9 @@ from jbw.study import store as storage
 sys.path.insert(0, str(Path(__file__).parents[1] / "study"))
 from damper_campaign import write_campaign
 
+# Chains, which take so many steps that there is time to die; points weighed in rounds are gone on
+# from in tests/inference/test_amis.py.
+SETTINGS = 'num_samples = 1000\nsubsteps = 1\nsampler = "elliptical_slice"'
 # Chunks of moments instead of seconds, no figures, and a death at a checkpoint if one is asked for.
 DRIVER = """
 import os, signal, sys
@@ -66,7 +69,7 @@ def ended(*arguments, death=""):
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
     folder = tmp_path_factory.mktemp("campaign")
-    return write_campaign(folder, 5e-3, settings="num_samples = 1000\nsubsteps = 1")
+    return write_campaign(folder, 5e-3, settings=SETTINGS)
 
 
 @pytest.fixture(scope="module")
