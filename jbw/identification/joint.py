@@ -95,10 +95,10 @@ def sample_joint(
     """
     prior, best, data = ready.box, ready.fit, ready.data
     places = {
-        "box": in_box(prior, best.theta, best.covariance, settings.num_chains),
         "logarithms": along_logarithms(
             best.theta, best.covariance, prior, never_zero(best.theta, best.covariance, prior)
         ),
+        "box": in_box(prior, best.theta, best.covariance, settings.num_chains),
         "ridge": along_ridge(best.theta, best.covariance, prior),
     }
     enough = partial(are_enough, data=data, y_peak=_largest(best, data))

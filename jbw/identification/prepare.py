@@ -36,6 +36,7 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.observable import AmplitudeCurve
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
+from jbw.quantities import OSCILLATOR
 
 logger = logging.getLogger("jbw")
 MOST_SUBSTEPS = 64
@@ -122,17 +123,23 @@ def from_amplitude_curve(
 def fit_from(key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str, float]) -> Fit:
     """Least squares over all parameters, from what is known of them and from where data point.
 
-    The likelihood of many points is looked at first, which costs less than one fit, and the best
-    of them is where a fit starts; others where that does not explain the data, until six have ended
-    at the same optimum.
+    Where all are known, as by the paper's steps, from there. Otherwise the likelihood of many
+    points is looked at, which costs less than one fit, and the best of them is where a fit starts;
+    others where that does not explain the data, until six have ended at the same optimum.
     """
+    ends: list[Fit] = []
+    if set(prior.names) <= known.keys():
+        ends.append(costly_fit(dataset.stacked, prior, data, starts=inside(known, prior)))
+        chi_square, dof = ends[0].chi_square
+        if chi_square < EXPLAINED * dof:
+            return ends[0]
     middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
     start = {name: known.get(name, float(middle[name])) for name in prior.names}
-    points = screened(key, prior, start, known)
-    likelihood = dataset.log_likelihood
-    found = np.nan_to_num(at_points(likelihood, points, data).sum(axis=1), nan=-np.inf)
+    sure = {one.name: known[one.name] for one in OSCILLATOR if one.name in known}
+    points = screened(key, prior, start, sure)
+    likelihood = at_points(dataset.log_likelihood, points, data).sum(axis=1)
+    found = np.nan_to_num(likelihood, nan=-np.inf)
     order = np.argsort(-found)
-    ends: list[Fit] = []
     for number in order[:MOST_STARTS]:
         one = {name: values[number] for name, values in points.items()}
         ends.append(costly_fit(dataset.stacked, prior, data, starts=inside(one, prior)))

@@ -65,11 +65,7 @@ def climb(
     Returns:
         The tree of `sample`; its attributes name the `coordinates`, and count all evaluations.
     """
-    looks = {
-        name: _look(jax.random.fold_in(key, i), log_likelihood, box, data, place)
-        for i, (name, place) in enumerate(places.items())
-    }
-    name = max(looks, key=lambda name: looks[name])
+    name, looked_at = _chosen(key, log_likelihood, box, data, places)
     place = places[name]
     budget = np.inf if enough is None else budget_s
     shared = {"num_chains": num_chains, "attrs": attrs}
@@ -79,7 +75,7 @@ def climb(
         until=None if enough is None else Until(enough, budget), **shared,
     )  # fmt: skip
     spent = first["timing"].attrs["wall_s"]
-    evaluations = first.attrs["num_evaluations"] + LOOKED_AT * len(places)
+    evaluations = first.attrs["num_evaluations"] + looked_at
     first.attrs |= {"coordinates": name, "num_evaluations": evaluations}
     if is_good(first, enough):
         return first
@@ -112,13 +108,21 @@ def is_good(tree: xr.DataTree, enough: Enough | None) -> bool:
     return enough is None or enough(scalars(tree))
 
 
-def _look(
+def _chosen(
     key: Key[Array, ""],
     log_likelihood: LogLikelihood,
     box: Box,
     data: Any,
-    place: Reparametrisation,
-) -> float:
-    """What points about the fit are worth in some coordinates, in effective draws."""
-    problem = problem_of(log_likelihood, box, data, place)
-    return amis.look(key, problem, LOOKED_AT)
+    places: Mapping[str, Reparametrisation],
+) -> tuple[str, int]:
+    """Name of the coordinates in which points about the fit are worth most, and how many those are.
+
+    Where half of the points are worth a draw, no others are looked at.
+    """
+    worth: dict[str, float] = {}
+    for i, (name, place) in enumerate(places.items()):
+        problem = problem_of(log_likelihood, box, data, place)
+        worth[name] = amis.look(jax.random.fold_in(key, i), problem, LOOKED_AT)
+        if worth[name] > LOOKED_AT / 2:
+            break
+    return max(worth, key=lambda name: worth[name]), LOOKED_AT * len(worth)
