@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
+from shelf import Shelf, Stopped
 
 from jbw.errors import ModelError
 from jbw.inference import lanes
@@ -165,33 +166,6 @@ def test_a_posterior_in_a_corner_of_the_box(seed):
         exact += np.log(moments[0])
     assert np.all((x >= 0) & (x <= 1))
     has_evidence(tree, exact)
-
-
-class Stopped(Exception):
-    """What a test raises between two rounds."""
-
-
-class Shelf:
-    """Keeps arrays in memory, and stops after some savings."""
-
-    def __init__(self, stops=0):
-        self.arrays, self.stops, self.saved, self.last = None, stops, 0, False
-
-    def load(self):
-        return self.arrays
-
-    def due(self):
-        return True
-
-    def grown(self, so_far):
-        assert so_far.done <= so_far.total
-
-    def save(self, arrays, *, last):
-        # Arrays of a file do not change when the rounds go on.
-        self.arrays = {name: np.array(values) for name, values in arrays.items()}
-        self.saved, self.last = self.saved + 1, last
-        if self.saved == self.stops:
-            raise Stopped
 
 
 def bent(kept=None, data=0.5, rounds=5, **options):

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from shelf import Shelf, Stopped
 
 from jbw.inference.samplers import chunked_run as growing
 from jbw.inference.samplers.sampling import sample
@@ -11,33 +12,6 @@ from jbw.inference.space.box import box
 
 BOX = box({"a": (-4.0, 6.0), "b": (0.0, 9.0)})
 COVARIANCE = np.array([[0.3, 0.1], [0.1, 0.4]])
-
-
-class Stopped(Exception):
-    """What a test raises in the middle of the chains."""
-
-
-class Shelf:
-    """Keeps arrays in memory, and stops after some savings."""
-
-    def __init__(self, stops=0):
-        self.arrays, self.stops, self.saved, self.last = None, stops, 0, False
-
-    def load(self):
-        return self.arrays
-
-    def due(self):
-        return True
-
-    def grown(self, so_far):
-        assert so_far.done <= so_far.total
-
-    def save(self, arrays, *, last):
-        # Arrays of a file do not change when the chains go on.
-        self.arrays = {name: np.array(values) for name, values in arrays.items()}
-        self.saved, self.last = self.saved + 1, last
-        if self.saved == self.stops:
-            raise Stopped
 
 
 def banana(theta, data):

@@ -16,7 +16,6 @@ Reference:
     smoothed weights, Vehtari et al. (2024), JMLR 25, 72.
 """
 
-from collections.abc import Callable
 from functools import partial
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -43,12 +42,11 @@ from jbw.inference.samplers.chunked_run import (
     kept_arrays,
 )  # fmt: skip
 from jbw.inference.samplers.evidence import require_possible
-from jbw.inference.samplers.importance import smooth
+from jbw.inference.samplers.importance import SMALLEST, smooth
 from jbw.inference.samplers.mixtures import Mixture, Points, Weights
 from jbw.inference.space.problem import Problem, log_prior
 
 LEAST = 10.0  # effective points a dimension that a mixture is fitted to
-DEEPEST = 700.0  # nats below the best at which a weight counts as zero, and is still a number
 PATIENCE = 10  # rounds after which weights worth less than one round in eight are given up
 GIVEN_UP = 1 / 8
 SURE_KHAT = 0.5  # below it weights have a variance
@@ -142,11 +140,16 @@ def look(key: Key[Any, ""], problem: Problem, num_points: int) -> float:
 
 def weighed(past: Past) -> Weighed:
     """The weights of all points, their tail smoothed."""
-    raw = np.maximum(past.log_weight - past.log_weight.max(), -DEEPEST)
+    raw = _relative(past.log_weight)
     found, khat = smooth(raw)
     weights = softmax(found)
     worth = min(1 / np.sum(each**2) for each in (weights, softmax(raw)))
     return Weighed(weights, float(khat), float(worth))
+
+
+def _relative(log_weight: Weights) -> Weights:
+    """Log weights below the largest, those that count as zero still numbers."""
+    return np.maximum(log_weight - log_weight.max(), SMALLEST)
 
 
 def _is_over(
@@ -211,30 +214,24 @@ def _log_density(pair: Pair, w: Points) -> Weights:
 
 def _next_pair(rng: np.random.Generator, past: Past) -> Pair:
     """The mixtures of both halves, each of the points of the other; of all where it has none."""
-    raw = np.maximum(past.log_weight - past.log_weight.max(), -DEEPEST)
+    raw = _relative(past.log_weight)
     others = [slice(1 - i, None, 2) for i in range(2)]
-    others = [one if np.any(raw[one] > -DEEPEST) else slice(None) for one in others]
+    others = [one if np.any(raw[one] > SMALLEST) else slice(None) for one in others]
     one, other = (_next_mixture(rng, past.w[each], raw[each]) for each in others)
     return one, other
 
 
 def _next_mixture(rng: np.random.Generator, w: Points, log_weight: Weights) -> Mixture:
     """The mixture of weighted points, their weights flattened where a few would decide."""
-    raw = np.maximum(log_weight - log_weight.max(), -DEEPEST)
-    least = min(LEAST * w.shape[1], 0.5 * np.sum(raw > -DEEPEST))
+    raw = _relative(log_weight)
+    least = min(LEAST * w.shape[1], 0.5 * np.sum(raw > SMALLEST))
 
     def lacking(power: float) -> float:
         return np.log(least) + logsumexp(2 * power * raw) - 2 * logsumexp(power * raw)
 
-    power = 1.0 if lacking(1.0) <= 0 else _root(lacking)
+    power = 1.0 if lacking(1.0) <= 0 else float(np.asarray(bisect(lacking, 0.0, 1.0)))
     weights = softmax(power * raw)
     return mixtures.widened(mixtures.refitted(rng, w, weights), w, weights)
-
-
-def _root(lacking: Callable[[float], float]) -> float:
-    """The power between 0 and 1 at which nothing is lacking."""
-    found: Any = bisect(lacking, 0.0, 1.0)
-    return float(found)
 
 
 def _draws(

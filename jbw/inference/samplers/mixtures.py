@@ -102,13 +102,11 @@ def widened(mixture: Mixture, x: Points, weights: Weights) -> Mixture:
 
     Points that have not come to the end of a bent posterior do not say that it goes on.
     """
-    mean = weights @ x
-    overall = _covariance(weights, x, mean)
-    overall[np.diag_indices(len(mean))] *= 1 + NUGGET
+    root = np.linalg.cholesky(_overall(weights, x))
     return Mixture(
         np.append((1 - BEYOND) * mixture.shares, BEYOND),
-        np.vstack([mixture.centres, mean]),
-        np.concatenate([mixture.roots, WIDER * np.linalg.cholesky(overall)[None]]),
+        np.vstack([mixture.centres, weights @ x]),
+        np.concatenate([mixture.roots, WIDER * root[None]]),
     )
 
 
@@ -124,8 +122,7 @@ def _fitted(rng: np.random.Generator, x: Points, weights: Weights, count: int) -
     """The mixture of so many components at most."""
     size = x.shape[1]
     effective = 1 / np.sum(weights**2)
-    overall = _covariance(weights, x, weights @ x)
-    overall[np.diag_indices(size)] *= 1 + NUGGET
+    overall = _overall(weights, x)
     first = rng.choice(len(x), count, p=weights)
     shrunk = np.linalg.cholesky(overall) / count ** (1 / size)
     mixture = Mixture(np.full(count, 1 / count), x[first], np.tile(shrunk, (count, 1, 1)))
@@ -153,6 +150,13 @@ def _improved(
         mine = _covariance(own / share, x, centre)
         roots.append(np.linalg.cholesky((points * mine + lean * overall) / (points + lean)))
     return Mixture(shares / shares.sum(), centres, np.stack(roots))
+
+
+def _overall(weights: Weights, x: Points) -> NDArray[np.float64]:
+    """Weighted covariance of all points, positive definite where they coincide."""
+    overall = _covariance(weights, x, weights @ x)
+    overall[np.diag_indices(x.shape[1])] *= 1 + NUGGET
+    return overall
 
 
 def _covariance(
