@@ -59,7 +59,8 @@ def joint_box(
         bounds["omega_n"] = (0.2 * omega_n, 2.0 * omega_n)
     bounds |= prior_of(laws, scales)
     if gain is not None:
-        reach = max(0.1 * gain[0], 8 * gain[1]) if np.isfinite(gain[1]) else 0.5 * gain[0]
+        size = abs(gain[0])  # a channel may have its sign turned
+        reach = max(0.1 * size, 8 * gain[1]) if np.isfinite(gain[1]) else 0.5 * size
         bounds["gain"] = (gain[0] - reach, gain[0] + reach)
     bounds = {name: given.get(name, pair) for name, pair in bounds.items()}
     for law in laws_named(laws):

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float, Key
 
 from jbw.campaign.settings import Identify
 from jbw.identification import accuracy
+from jbw.identification.causes import cause_finding, causes, causes_sentence
 from jbw.identification.equivalent import effects, effects_sentence, response_finding
 from jbw.identification.leaving_out import consistency_finding, leave_one_out, left_out_sentence
 from jbw.identification.no_joint import joint_finding, may_be_absent, without_joint
@@ -232,6 +233,10 @@ def posterior_checks(
         accuracy.solver_finding(posterior[list(prior.names)], data),
         response_finding(posterior, data.held, y_peak, data.laws),
     ]
+    if any(one is not None and one.status == "failed" for one in findings[:3]):
+        why = causes(best, data)
+        findings.append(cause_finding(why))
+        words += [causes_sentence(why)] if why else []
     if (runs := runs_dataset(key, posterior, prior.names, data)) is not None:
         groups["runs"] = runs
         words.append(runs_sentence(runs))

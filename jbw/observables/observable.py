@@ -15,6 +15,7 @@ from jaxtyping import Array, Complex, Float, Key
 
 from jbw.inference.groups.offsets import Estimate
 from jbw.measurement.records import Test
+from jbw.observables.spectra import Spectrum
 from jbw.quantities import DEFAULT_LAWS
 
 OFFSETS = ("omega_n", "zeta")  # of a run, where it has its own
@@ -118,6 +119,10 @@ class Observable(eqx.Module):
 
     def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
         """Rows by label, or derivatives, in the values' unit, of groups that a fit is judged by."""
+        return {}
+
+    def spectra(self, left: Rows) -> dict[str, Spectrum]:
+        """Groups of `in_units` whose misfit can be tried against its usual causes, by label."""
         return {}
 
     def sizes(self) -> dict[str, float]:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from jbw.errors import DataError
 from jbw.measurement.records import Record, Test, periods
 from jbw.observables.line_fit import oscillator_through
-from jbw.observables.observable import OFFSETS, Laws, Theta, run_of
+from jbw.observables.observable import OFFSETS, Laws, Rows, Theta, run_of
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, repeats
 from jbw.observables.samples import (
@@ -26,6 +26,7 @@ from jbw.observables.samples import (
     substeps_for,
     values_of,
 )
+from jbw.observables.spectra import Spectrum, of_lines, of_samples
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the first values are read from
@@ -191,6 +192,22 @@ class Records(Repeated):
         origin = np.stack([centre + offsets.get(run, 0.0) for run in self.runs])
         placed = replace(self, origin=jnp.asarray(origin))
         return placed.with_directions(_slope_at_origin(theta, placed))
+
+    def spectra(self, left: Rows) -> dict[str, Spectrum]:
+        """Of every level: samples in time, or lines of a band."""
+        order, length, found = derivative_order(self.response), self.mean.shape[1], {}
+        omega = 2 * np.pi * np.fft.rfftfreq(length, 1 / self.fs)
+        for i, label in enumerate(self.labels):
+            mean, source = np.asarray(self.mean[i]), np.asarray(self.source[i])
+            if self.lines is None:
+                found[label] = of_samples(
+                    mean, left[label], source, self.fs, order, periodic=self.periodic
+                )
+                continue
+            kept = slice(*self.lines)
+            x, u = (np.sqrt(2 / length) * np.fft.rfft(row)[kept] for row in (mean, source))
+            found[label] = of_lines(x, left[label], omega[kept], u, (1j * omega[kept]) ** order)
+        return found
 
     def first_values(self) -> dict[str, float]:
         """Linear least squares over the lines near the peak of the lowest level's spectrum."""

@@ -16,9 +16,10 @@ from jaxtyping import Array, Complex, Float, Inexact, Int
 from jbw.measurement.records import Test
 from jbw.observables.harmonic_groups import NUM_HARMONICS, ORDERS, Group, groups_of, harmonic_label
 from jbw.observables.line_fit import oscillator_through
-from jbw.observables.observable import Laws, Theta
+from jbw.observables.observable import Laws, Rows, Theta
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, filled, repeats
+from jbw.observables.spectra import Spectrum, of_lines
 from jbw.oscillator.oscillator import Joint, as_oscillator, oscillator_of
 from jbw.oscillator.steady.balance import refined
 from jbw.quantities import DEFAULT_LAWS, derivative_order
@@ -146,6 +147,20 @@ class Points(Repeated):
         """Measured less predicted values, real parts then imaginary parts."""
         left = self.mean - self.predict(theta)
         return jnp.concatenate([left.real, left.imag], axis=1)
+
+    def spectra(self, left: Rows) -> dict[str, Spectrum]:
+        """Of every measured response: its harmonic at the frequencies of its points."""
+        found = {}
+        for i, label in enumerate(self.labels):
+            if self.of_force[i]:
+                continue
+            kept, order = self.compared(i), ORDERS[int(self.position[i])]
+            point, factor = (np.asarray(x[i])[kept] for x in (self.point, self.factor))
+            omega, source = (np.asarray(x)[point] for x in (self.omega, self.load))
+            values = np.asarray(self.mean[i])[kept]
+            driven = source[:, int(self.position[i])]
+            found[label] = of_lines(values, left[label], order * omega, driven, factor)
+        return found
 
     def first_values(self) -> dict[str, float]:
         """Linear least squares over the first harmonics of the smallest motion at its peak."""

@@ -111,13 +111,26 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
         step = STEP * np.eye(len(s))
         points = s + np.concatenate([np.zeros((1, len(s))), step, -step])
         rows = at_points(_real_of, _parameters(points, box), (residual, data), lanes=LANES)
-        ahead, behind = np.split(rows[1:], 2)
-        return rows[0], (ahead - behind).T / (2 * STEP)
+        return rows[0], _slope(rows[0], *np.split(rows[1:], 2))
 
     def part(s: NDArray[np.float64], which: int) -> NDArray[np.float64]:
         return at(tuple(s.tolist()))[which]
 
     return part
+
+
+def _slope(
+    here: Float[np.ndarray, " residual"],
+    ahead: Float[np.ndarray, "parameter residual"],
+    behind: Float[np.ndarray, "parameter residual"],
+) -> Float[np.ndarray, "residual parameter"]:
+    """Differences of both sides; where the model cannot be solved on one, of the other alone."""
+    sides = [np.all(np.isfinite(side), axis=1, keepdims=True) for side in (ahead, behind)]
+    ahead, behind = (
+        np.where(ok, side, here) for ok, side in zip(sides, (ahead, behind), strict=True)
+    )
+    steps = STEP * np.maximum(np.sum(sides, axis=0), 1)
+    return ((ahead - behind) / steps).T
 
 
 def _real_of(theta: Mapping[str, Array], residual_and_data: Any) -> Float[Array, " residual"]:

@@ -16,8 +16,8 @@ QUESTIONS = {
 ASKED = {
     "sampling": ("ess_bulk", "r_hat"),
     "law": (
-        "repeatability", "held_out_coverage", "simpler_model", "misfit", "coloured_residual",
-        "chi_square", "leave_one_out",
+        "cause", "repeatability", "held_out_coverage", "simpler_model", "misfit",
+        "coloured_residual", "chi_square", "leave_one_out",
     ),
     "knowledge": ("no_joint", "unidentified", "at_bound"),
 }  # fmt: skip

@@ -47,8 +47,9 @@ from jbw.inference.samplers.mixtures import Mixture, Points, Weights
 from jbw.inference.space.problem import Problem, log_prior
 
 LEAST = 10.0  # effective points a dimension that a mixture is fitted to
-PATIENCE = 10  # rounds after which weights worth less than one round in eight are given up
-GIVEN_UP = 1 / 8
+PATIENCE = 10  # rounds after which a k-hat that is barely good is no choice of chance
+HOPELESS = 32  # rounds after which weights worth less than so many draws are given up
+GIVEN_UP = 32.0
 SURE_KHAT = 0.5  # below it weights have a variance
 
 
@@ -58,7 +59,7 @@ class Options(NamedTuple):
     num_samples: int = 1000
     num_chains: int = 4
     num_points: int = 1024
-    most_rounds: int = 32
+    most_rounds: int = 64
 
 
 Pair = tuple[Mixture, Mixture]  # of the points of even number, and of odd
@@ -156,10 +157,10 @@ def _is_over(
     past: Past, found: Weighed, drawn: Draws, options: Options, until: Until | None, spent: float
 ) -> bool:
     """Whether the rounds end: their draws are enough, or will not be, or the time is spent."""
-    count, size = len(past.rounds), len(past.w) / len(past.rounds)
+    count = len(past.rounds)
     if count >= options.most_rounds or (until is not None and spent >= until.budget_s):
         return True
-    if count >= PATIENCE and found.effective < GIVEN_UP * size:
+    if count >= HOPELESS and found.effective < GIVEN_UP:
         return True
     # A k-hat that is barely good may be so by chance: ending at once would choose such rounds.
     limit = SURE_KHAT if count < PATIENCE else GOOD_KHAT

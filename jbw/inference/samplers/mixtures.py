@@ -21,6 +21,7 @@ POINTS_A_DIMENSION = 10.0  # effective points that a component needs, times the 
 COUNTS = (1, 2, 4, 8)  # of components, of which the best is taken
 PRIOR_POINTS = 0.5  # of the overall covariance in each component's, times the dimension
 BEYOND, WIDER = 0.1, 2.0  # share of a mixture that looks beyond its points, and their widths
+SLIGHT = 1e-4  # of the weight, in points that are left out
 NUGGET = 1e-10  # of the overall variances, where points coincide
 
 Points = Float[np.ndarray, "point parameter"]
@@ -90,11 +91,19 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
     if 1 / np.sum(weights**2) > ENOUGH:  # as many draws tell a mixture well enough
         x = x[rng.choice(len(x), ENOUGH, p=weights)]
         weights = np.full(ENOUGH, 1 / ENOUGH)
+    x, weights = _of_weight(x, weights)
     most = 0.5 / np.sum(weights**2) / (POINTS_A_DIMENSION * x.shape[1])
     counts = [count for count in COUNTS if count == 1 or count <= most]
     half = np.arange(len(x)) % 2 == 0
     scores = [_score(rng, x, weights, half, count) for count in counts] if counts[1:] else [0.0]
     return _fitted(rng, x, weights, counts[int(np.argmax(scores))])
+
+
+def _of_weight(x: Points, weights: Weights) -> tuple[Points, Weights]:
+    """The points that have all of the weight but a ten-thousandth, which cost as much as others."""
+    order = np.argsort(-weights)
+    kept = np.sort(order[: 1 + int(np.searchsorted(np.cumsum(weights[order]), 1 - SLIGHT))])
+    return x[kept], weights[kept] / weights[kept].sum()
 
 
 def widened(mixture: Mixture, x: Points, weights: Weights) -> Mixture:

@@ -1,0 +1,160 @@
+r"""Misfits that name their cause: what the law leaves, tried against what usually goes wrong.
+
+A suspect changes the data by columns D about the fit, beside the parameters' own J. One
+Gauss-Newton step with both, and one without, say how much of the misfit it would explain:
+
+$$\min_{\Delta\theta, c} |r + J\,\Delta\theta - D\,c|^2, \qquad
+  1 - \frac{|r + J\,\Delta\theta - D\,c|^2}{|r + J\,\Delta\theta|^2}$$
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbw.identification.suspects import Spectra, Suspect, as_columns, suspects
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.posterior.finding import Finding
+from jbw.observables.dataset import Dataset, by_label, left_by_label
+from jbw.observables.effective_values import LEAST_VALUES, is_coloured
+from jbw.observables.observable import OFFSETS
+
+MOSTLY = 0.5  # of the misfit: a cause that explains more of it is a finding
+WORTH_SAYING = 0.1
+MOST_SAID = 3
+BY_CHANCE = 2.0  # standard deviations of repeats that noise leaves of the mean of a short group
+
+
+class Cause(NamedTuple):
+    """What might be wrong, the share of the misfit that it would explain, and what to do."""
+
+    text: str
+    explained: float
+    action: str
+
+
+class Linearised(NamedTuple):
+    """A fit's residual about its optimum, each group tried in units of the root mean square left.
+
+    Attributes:
+        places: Rows of each group that is tried.
+        weight: Of each of them.
+        left: Residual of all groups, nothing left along `basis`.
+        basis: Orthonormal directions of the parameters.
+        counted: Of every row, what makes it relative to its group's size; zero unless missed.
+    """
+
+    places: Mapping[str, slice]
+    weight: Mapping[str, float]
+    left: NDArray[np.float64]
+    basis: NDArray[np.float64]
+    counted: NDArray[np.float64]
+
+
+def causes(best: Fit, data: Dataset) -> list[Cause]:
+    """What would explain the misfit of a fit, most of it first; nothing where none is seen."""
+    left = left_by_label(best.residual, data)
+    spectra = {label: one for part in data.parts for label, one in part.spectra(left).items()}
+    missed = _missed(spectra, data)
+    if not missed:
+        return []
+    about = _linearised(best, data, spectra, missed)
+    columns = zip(best.theta, best.jacobian.T, strict=True)
+    slopes = {name: left_by_label(x, data) for name, x in columns if name in OFFSETS}
+    theta = {name: float(x) for name, x in {**data.held, **best.theta}.items()}
+    tried = [(one.kind, _tried(one, about)) for one in suspects(spectra, slopes, theta["omega_n"])]
+    tried += [(one.text, one) for one in _swapped(spectra, missed, theta)]
+    # Of a kind the best: of another mode's frequencies, for one.
+    tried.sort(key=lambda pair: pair[1].explained)
+    found = {kind: one for kind, one in tried if one.explained > WORTH_SAYING}
+    return sorted(found.values(), key=lambda one: -one.explained)
+
+
+def cause_finding(found: Sequence[Cause]) -> Finding | None:
+    """The first of causes, where it explains most of the misfit."""
+    if not found or found[0].explained < MOSTLY:
+        return None
+    first = found[0]
+    reason = (
+        f"{first.text[0].upper()}{first.text[1:]} would explain {first.explained:.0%} of what the "
+        "fit leaves."
+    )
+    return Finding("cause", "failed", reason, first.explained, first.action)
+
+
+def causes_sentence(found: Sequence[Cause]) -> str:
+    """What would explain the misfit, in words."""
+    each = [f"{one.explained:.0%} {one.text}" for one in found[:MOST_SAID]]
+    return f"What would explain what the fit leaves of the data, each alone: {'; '.join(each)}."
+
+
+def _missed(spectra: Spectra, data: Dataset) -> list[str]:
+    """Groups of which more is left than noise: a coloured residual, of few values a large one."""
+    scatter = {label: x for part in data.parts for label, x in part.repeatability().items()}
+    found = []
+    for label, one in spectra.items():
+        error = np.linalg.norm(one.left) / np.linalg.norm(one.values)
+        is_short = len(one.left) < 2 * LEAST_VALUES
+        if error > BY_CHANCE * scatter.get(label, np.inf) if is_short else is_coloured(one.left):
+            found.append(label)
+    return found
+
+
+def _linearised(best: Fit, data: Dataset, spectra: Spectra, missed: Sequence[str]) -> Linearised:
+    """All groups about the optimum: those that are tried first, then the others as fitted."""
+    slopes = [left_by_label(column, data) for column in best.jacobian.T]
+    fitted, slope = by_label(best.residual, data), by_label(best.jacobian, data)
+    places, weight, rows, columns, counted, end = {}, {}, [], [], [], 0
+    for label, one in spectra.items():
+        left = as_columns(one.left)[:, 0]
+        weight[label] = 1 / np.sqrt(np.mean(left**2))
+        rows.append(weight[label] * left)
+        columns.append(weight[label] * as_columns(*(each[label] for each in slopes)))
+        size = np.linalg.norm(one.values) if label in missed else np.inf
+        counted.append(np.full(len(left), 1 / (weight[label] * size)))
+        places[label] = slice(end, end + len(left))
+        end += len(left)
+    for label in data.layout.keys() - spectra.keys():
+        rows.append(fitted[label])
+        columns.append(slope[label])
+        counted.append(np.zeros(len(fitted[label])))
+    basis, residual = np.linalg.qr(np.concatenate(columns))[0], np.concatenate(rows)
+    residual -= basis @ (basis.T @ residual)
+    return Linearised(places, weight, residual, basis, np.concatenate(counted))
+
+
+def _tried(suspect: Suspect, about: Linearised) -> Cause:
+    """One step along a suspect's columns, and what it explains."""
+    wide = next(iter(suspect.columns.values())).shape[1]
+    columns = np.zeros((len(about.left), wide))
+    for label, own in suspect.columns.items():
+        columns[about.places[label]] = about.weight[label] * own
+    columns -= about.basis @ (about.basis.T @ columns)
+    scale = np.linalg.norm(columns, axis=0)
+    scale[scale == 0] = 1.0
+    found = np.linalg.lstsq(columns / scale, about.left)[0] / scale
+    before, after = (
+        np.sum((about.counted * left) ** 2) for left in (about.left, about.left - columns @ found)
+    )
+    text, action = suspect.words(found)
+    return Cause(text, float(1 - after / before), action)
+
+
+def _swapped(spectra: Spectra, missed: Sequence[str], theta: Mapping[str, float]) -> list[Cause]:
+    """Groups whose input is what the mode makes of their response."""
+    found = []
+    for label in missed:
+        one = spectra[label]
+        mode = theta["omega_n"] ** 2 - one.omega**2
+        mode = mode + 2j * theta["zeta"] * theta["omega_n"] * one.omega
+        made = one.factor * one.measured / mode
+        along = np.vdot(made, one.source).real / np.vdot(made, made).real
+        left = np.linalg.norm(one.source - along * made) / np.linalg.norm(one.source)
+        now = np.linalg.norm(one.left) / np.linalg.norm(one.values)
+        if along != 0:
+            text = f"{label} with input and response swapped"
+            found.append(
+                Cause(text, float(1 - (left / now) ** 2), f"Swap the channels of {label}.")
+            )
+    return found

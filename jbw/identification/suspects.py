@@ -1,0 +1,185 @@
+"""What usually goes wrong with a test, each as columns by which it would change the data.
+
+About a fit, by the groups' labels: a delay, a sign or a unit, an offset, clipping, the response of
+modes beyond the band or of one more mode within it, runs that have a frequency each.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+
+from jbw.observables.spectra import Row, Spectrum
+
+DRIVEN = 0.1  # of the largest: lines of the input within which another mode is looked for
+NUM_MODES, MODE_ZETAS = 96, (0.003, 0.01, 0.03)  # frequencies and dampings of another mode tried
+APART = 0.05  # of the natural frequency: a mode nearer than that is the joint's own
+TURNED = 0.2  # about -1: a factor that is a sign
+CLOSE = 0.03  # about a ratio of units: a factor that is a unit
+UNITS = {
+    1e-3: "thousandths", 1e3: "thousands", 1e-6: "millionths", 1e6: "millions",
+    9.80665: "units of g", 1 / 9.80665: "units of g", 2 * np.pi: "rad/s for Hz",
+    1 / (2 * np.pi): "rad/s for Hz", 2**0.5: "rms for peak", 0.5**0.5: "rms for peak",
+    0.0254: "inches", 1 / 0.0254: "inches",
+}  # fmt: skip
+
+Columns = Mapping[str, Float[np.ndarray, "value column"]]  # by the groups' labels
+Spectra = Mapping[str, Spectrum]
+Slopes = Mapping[str, Mapping[str, Row]]  # of what is left, by parameter and by label
+Words = tuple[str, str]  # what is wrong, and what to do about it
+
+
+class Suspect(NamedTuple):
+    """Its kind, of which the best is told, columns, and words by the coefficients found of them."""
+
+    kind: str
+    columns: Columns
+    words: Callable[[NDArray[np.float64]], Words]
+
+
+def as_columns(*rows: Row) -> NDArray[np.float64]:
+    """Rows as columns, of complex ones the real parts above the imaginary parts."""
+    table = np.stack(rows, axis=1)
+    return np.concatenate([np.real(table), np.imag(table)]) if np.iscomplexobj(table) else table
+
+
+def suspects(spectra: Spectra, slopes: Slopes, omega_n: float) -> Iterator[Suspect]:
+    """All that is tried of groups."""
+    yield _delay(spectra)
+    yield from (_factor(label, one) for label, one in spectra.items())
+    yield from _in_time(spectra)
+    yield _residual_term(spectra)
+    if len(spectra) > 1 and len(slopes) > 0:
+        yield _own_frequency(spectra, slopes, omega_n)
+    yield from _modes(spectra, omega_n)
+
+
+def _delay(spectra: Spectra) -> Suspect:
+    r"""All responses late by tau: $-j\omega X$."""
+
+    def words(found: NDArray[np.float64]) -> Words:
+        (tau,) = found
+        way = "behind" if tau > 0 else "before"
+        return (
+            f"a response that is {abs(tau):.3g} s {way} the input",
+            f"State `delay = {tau:.3g}` in the tests, or correct the channels' clock.",
+        )
+
+    columns = {n: as_columns(s.row(-1j * s.omega * s.predicted)) for n, s in spectra.items()}
+    return Suspect("delay", columns, words)
+
+
+def _factor(label: str, one: Spectrum) -> Suspect:
+    """One group's response times a factor: its sign, its unit, another gain."""
+
+    def words(found: NDArray[np.float64]) -> Words:
+        factor = 1 + found[0]
+        if abs(factor + 1) < TURNED:
+            return f"{label} with its sign turned", f"Turn the sign of a channel of {label}."
+        unit = next((name for f, name in UNITS.items() if abs(factor / f - 1) < CLOSE), None)
+        hint = f", as {unit} would be" if unit else ""
+        return (
+            f"{label} {factor:.4g} times what was measured of the others{hint}",
+            f"Check units and amplifiers of {label}.",
+        )
+
+    return Suspect(f"factor of {label}", {label: as_columns(one.values - one.left)}, words)
+
+
+def _in_time(spectra: Spectra) -> Iterator[Suspect]:
+    """Samples with a constant offset each record, or cut off at the largest one."""
+    sampled = {label: one for label, one in spectra.items() if not np.iscomplexobj(one.values)}
+    if not sampled:
+        return
+    constants = {
+        label: np.tile(unit, (len(one.values), 1))
+        for (label, one), unit in zip(sampled.items(), np.eye(len(sampled)), strict=True)
+    }
+    yield Suspect(
+        "offset",
+        constants,
+        lambda found: (
+            f"a constant offset of the response, {found[np.argmax(np.abs(found))]:.3g} at most",
+            "Take the mean off the response, or measure it AC coupled.",
+        ),
+    )
+    cut = {}
+    for label, one in sampled.items():
+        model, most = one.values - one.left, np.max(np.abs(one.values))
+        if np.max(np.abs(model)) > most:
+            cut[label] = as_columns(np.clip(model, -most, most) - model)
+    if cut:
+        yield Suspect(
+            "clipping",
+            cut,
+            lambda found: (
+                f"{', '.join(cut)} cut off at its largest value",
+                "Measure again with a wider range, or leave out what is cut off.",
+            ),
+        )
+
+
+def _residual_term(spectra: Spectra) -> Suspect:
+    r"""Modes below and above the band: $X = (R - M / \omega^2)\,U$, as a displacement."""
+    columns = {}
+    for label, one in spectra.items():
+        stiff = one.factor * one.source
+        mass = np.divide(-stiff, one.omega**2, out=np.zeros_like(stiff), where=one.omega > 0)
+        columns[label] = as_columns(one.row(stiff), one.row(mass))
+
+    return Suspect(
+        "residual term",
+        columns,
+        lambda found: (
+            f"a residual term of the modes beyond the band, {found[0]:.3g} m per unit of the input",
+            "Measure where other modes are small, or restrict the `band`.",
+        ),
+    )
+
+
+def _own_frequency(spectra: Spectra, slopes: Slopes, omega_n: float) -> Suspect:
+    """Every group with changes of its own of what runs may differ in."""
+    columns, wide = {}, len(spectra) * len(slopes)
+    for place, label in enumerate(spectra):
+        own = as_columns(*(-slope[label] for slope in slopes.values()))
+        columns[label] = np.zeros((len(own), wide))
+        columns[label][:, place * len(slopes) : (place + 1) * len(slopes)] = own
+    first = next(iter(slopes))
+
+    def words(found: NDArray[np.float64]) -> Words:
+        spread = np.std(found[:: len(slopes)]) / (omega_n if first == "omega_n" else 1.0)
+        return (
+            f"a natural frequency and damping of each test's own, scattering by {spread:.2%}",
+            "Name the `run` of every test, and measure a noise record in each.",
+        )
+
+    return Suspect("own frequency", columns, words)
+
+
+def _modes(spectra: Spectra, omega_n: float) -> Iterator[Suspect]:
+    r"""One more mode: $X = a\,U / (\omega_2^2 - \omega^2 + 2j\zeta_2\omega_2\omega)$."""
+    lines = [s.omega[np.abs(s.source) > DRIVEN * np.abs(s.source).max()] for s in spectra.values()]
+    driven = np.concatenate([line[line > 0] for line in lines])
+    if not len(driven):
+        return
+    for omega in np.geomspace(driven.min(), driven.max(), NUM_MODES):
+        if abs(omega / omega_n - 1) > APART:
+            yield from (_mode(spectra, omega, zeta) for zeta in MODE_ZETAS)
+
+
+def _mode(spectra: Spectra, omega: float, zeta: float) -> Suspect:
+    columns = {}
+    for label, one in spectra.items():
+        below = omega**2 - one.omega**2 + 2j * zeta * omega * one.omega
+        columns[label] = as_columns(one.row(one.factor * one.source / below))
+    hz = omega / (2 * np.pi)
+    return Suspect(
+        "mode",
+        columns,
+        lambda found: (
+            f"one more mode about {hz:.3g} Hz",
+            "Restrict the `band` to one mode, or measure where the other is still.",
+        ),
+    )

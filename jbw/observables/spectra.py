@@ -1,0 +1,73 @@
+r"""What a fit leaves of records and harmonics, and the spectra that usual causes of it act on.
+
+A delay, another mode or the input's way around the mode are products in the frequency domain; a
+record in time and a curve of harmonics differ by how they come from there.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+Spectral = Complex[np.ndarray, " line"]
+Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
+
+
+class Spectrum(NamedTuple):
+    """One group's measured values, what a fit leaves of them, and the spectra behind them.
+
+    Attributes:
+        values: The mean measured, samples or lines.
+        left: What the fit leaves of it.
+        omega: Frequencies of the lines [rad/s].
+        measured: Of the response.
+        predicted: Of the response, by the fit.
+        source: Of the input; zero where it has no such harmonic.
+        factor: From displacement to the response: one, j omega or its square.
+        row: From a spectrum to what is compared.
+    """
+
+    values: Row
+    left: Row
+    omega: Float[np.ndarray, " line"]
+    measured: Spectral
+    predicted: Spectral
+    source: Spectral
+    factor: Spectral
+    row: Callable[[Spectral], Row]
+
+
+def of_samples(
+    mean: Float[np.ndarray, " time"],
+    left: Float[np.ndarray, " time"],
+    source: Float[np.ndarray, " time"],
+    fs: float,
+    order: int,
+    *,
+    periodic: bool,
+) -> Spectrum:
+    """A record in time, at rest before and after unless it is one period."""
+    length = len(mean)
+    padded = length if periodic else 2 * length
+    measured, predicted, driven = (np.fft.rfft(x, padded) for x in (mean, mean - left, source))
+    omega = 2 * np.pi * np.fft.rfftfreq(padded, 1 / fs)
+
+    def row(spectrum: Spectral) -> Row:
+        return np.fft.irfft(spectrum, padded)[:length]
+
+    factor = (1j * omega) ** order
+    return Spectrum(mean, left, omega, measured, predicted, driven, factor, row)
+
+
+def of_lines(
+    values: Spectral,
+    left: Spectral,
+    omega: Float[np.ndarray, " line"],
+    source: Spectral,
+    factor: Spectral,
+) -> Spectrum:
+    """Lines of a spectrum, or harmonics at some frequencies."""
+    return Spectrum(
+        values, left, omega, values, values - left, source, factor, lambda spectrum: spectrum
+    )
