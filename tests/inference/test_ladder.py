@@ -87,7 +87,7 @@ def test_a_told_number_of_draws_is_drawn_and_all_evaluations_are_counted(thin_pl
 
 PLANE = box({"x": (-4.0, 4.0), "y": (-4.0, 4.0)})
 ABOUT = {"box": in_box(PLANE, {"x": 2.0, "y": 0.0}, np.diag([4e-4, 4.0]), 4)}
-TURN, WIDTH = 0.4, 0.01  # of the spiral's turns: their distance, and their width over that
+TURN, WIDTH = 0.4, 1e-3  # of the spiral's turns: their distance, and their width over that
 
 
 def off(theta):
@@ -112,13 +112,13 @@ CHAINS = [(True, "elliptical_slice"), (False, "nuts")]
 @pytest.mark.parametrize(("is_costly", "sampler"), CHAINS)
 def test_a_posterior_that_no_mixture_suits_is_left_to_chains(is_costly, sampler):
     rungs = []
-    tree = wound(rungs, is_costly=is_costly, num_samples=60, num_warmup=30, enough=None)
+    tree = wound(rungs, is_costly=is_costly, num_samples=60, num_warmup=200, enough=None)
     assert tree.attrs["sampler"] == sampler
     assert rungs[:2] == ["amis", sampler]
     assert tree.attrs["coordinates"] == "box"
     assert dict(tree["posterior"].sizes) == {"chain": 4, "draw": 60}
-    # Ten rounds at least before mixtures are given up, and a look at one choice of coordinates.
-    assert tree.attrs["num_evaluations"] > 10 * 1024 + LOOKED_AT
+    # Many rounds before mixtures are given up, and a look at one choice of coordinates.
+    assert tree.attrs["num_evaluations"] > 32 * 1024 + LOOKED_AT
     # Draws lie on the spiral, whatever part of it they have seen: |z| > 5 once in 1.7 million.
     distance = off({name: tree["posterior"][name].values for name in "xy"})
     assert np.max(np.abs(distance)) < 5 * WIDTH

@@ -104,8 +104,10 @@ def smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     from arviz_stats.base.array import array_stats  # a second of imports, needed only here
 
     stats: Any = array_stats  # its annotations admit tuples that it never returns here
-    # ArviZ takes the negative of the log weights, as a leave-one-out log likelihood gives them.
-    found, khat = stats.psislw(-np.asarray(raw))
+    # ArviZ takes the negative of the log weights, as a leave-one-out log likelihood gives them; its
+    # quantiles of a vast k-hat overflow.
+    with np.errstate(over="ignore"):
+        found, khat = stats.psislw(-np.asarray(raw))
     return np.asarray(found), np.asarray(khat, dtype=float)
 
 

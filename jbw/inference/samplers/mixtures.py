@@ -99,7 +99,9 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
     return _fitted(rng, x, weights, counts[int(np.argmax(scores))])
 
 
-def _of_weight(x: Points, weights: Weights) -> tuple[Points, Weights]:
+def _of_weight(
+    x: Points, weights: Weights
+) -> tuple[Float[np.ndarray, "heavy parameter"], Float[np.ndarray, " heavy"]]:
     """The points that have all of the weight but a ten-thousandth, which cost as much as others."""
     order = np.argsort(-weights)
     kept = np.sort(order[: 1 + int(np.searchsorted(np.cumsum(weights[order]), 1 - SLIGHT))])
