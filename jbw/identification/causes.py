@@ -13,16 +13,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jbw.identification.suspects import Spectra, Suspect, as_columns, suspects
+from jbw.identification.suspects import (
+    DRIVEN,
+    FACTOR,
+    Spectra,
+    Suspect,
+    as_columns,
+    factor_words,
+    suspects,
+)
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
 from jbw.observables.dataset import Dataset, by_label, left_by_label
 from jbw.observables.effective_values import LEAST_VALUES, is_coloured
+from jbw.observables.line_fit import oscillator_through
 from jbw.observables.observable import OFFSETS
+from jbw.observables.records import NEAR_PEAK
+from jbw.observables.spectra import Spectrum
 
 MOSTLY = 0.5  # of the misfit: a cause that explains more of it is a finding
 WORTH_SAYING = 0.1
 MOST_SAID = 3
+LEAST_LINES = 16  # of a spectrum from which a group's own gain is read
+FAR_OFF = 3.0  # times another gain: a wrong unit or sign and no joint's softening
 BY_CHANCE = 2.0  # standard deviations of repeats that noise leaves of the mean of a short group
 
 
@@ -64,7 +77,9 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
     slopes = {name: left_by_label(x, data) for name, x in columns if name in OFFSETS}
     theta = {name: float(x) for name, x in {**data.held, **best.theta}.items()}
     tried = [(one.kind, _tried(one, about)) for one in suspects(spectra, slopes, theta["omega_n"])]
-    tried += [(one.text, one) for one in _swapped(spectra, missed, theta)]
+    if apart := _apart(spectra, missed):  # which a step from a fit near none would only guess
+        tried = [(kind, one) for kind, one in tried if not kind.startswith(FACTOR)]
+    tried += [(one.text, one) for one in [*apart, *_swapped(spectra, missed, theta)]]
     # Of a kind the best: of another mode's frequencies, for one.
     tried.sort(key=lambda pair: pair[1].explained)
     found = {kind: one for kind, one in tried if one.explained > WORTH_SAYING}
@@ -141,14 +156,46 @@ def _tried(suspect: Suspect, about: Linearised) -> Cause:
     return Cause(text, float(1 - after / before), action)
 
 
+def _apart(spectra: Spectra, missed: Sequence[str]) -> list[Cause]:
+    """A group whose own gain has another sign or size: then no fit of all need be near any."""
+    alone = {label: _alone(one) for label, one in spectra.items() if len(one.omega) >= LEAST_LINES}
+    if len(alone) < 2 or not alone.keys() >= set(missed):
+        return []
+    # Beside the median of the others, by sign and size; of two, which is wrong cannot be told.
+    ratios = {
+        label: gain / np.median([other for n, (other, _) in alone.items() if n != label])
+        for label, (gain, _) in alone.items()
+    }
+    label = max(ratios, key=lambda n: abs(np.log(abs(ratios[n]))) + FAR_OFF * (ratios[n] < 0))
+    if 1 / FAR_OFF < ratios[label] < FAR_OFF:
+        return []
+    now = {n: np.linalg.norm(spectra[n].left) / np.linalg.norm(spectra[n].values) for n in missed}
+    explained = 1 - sum(alone[n][1] ** 2 for n in missed) / sum(x**2 for x in now.values())
+    text, action = factor_words(label, ratios[label])
+    return [Cause(text, float(explained), action)]
+
+
+def _alone(one: Spectrum) -> tuple[float, float]:
+    """Gain of the linear oscillator of one group alone, and what that leaves, relative."""
+    x = np.divide(one.measured, one.factor, out=np.zeros_like(one.factor), where=one.factor != 0)
+    driven = np.abs(one.source) > DRIVEN * np.abs(one.source).max()
+    near = driven & (np.abs(x) > NEAR_PEAK * np.abs(x[driven]).max())
+    own = oscillator_through(one.omega[near], one.source[near], x[near])
+    made = own["gain"] * one.factor * one.source / stiffness(own, one.omega)
+    return own["gain"], float(np.linalg.norm(one.measured - made) / np.linalg.norm(one.measured))
+
+
+def stiffness(mode: Mapping[str, float], omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+    r"""Dynamic stiffness of a mode, $\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega$."""
+    return mode["omega_n"] ** 2 - omega**2 + 2j * mode["zeta"] * mode["omega_n"] * omega
+
+
 def _swapped(spectra: Spectra, missed: Sequence[str], theta: Mapping[str, float]) -> list[Cause]:
     """Groups whose input is what the mode makes of their response."""
     found = []
     for label in missed:
         one = spectra[label]
-        mode = theta["omega_n"] ** 2 - one.omega**2
-        mode = mode + 2j * theta["zeta"] * theta["omega_n"] * one.omega
-        made = one.factor * one.measured / mode
+        made = one.factor * one.measured / stiffness(theta, one.omega)
         along = np.vdot(made, one.source).real / np.vdot(made, made).real
         left = np.linalg.norm(one.source - along * made) / np.linalg.norm(one.source)
         now = np.linalg.norm(one.left) / np.linalg.norm(one.values)

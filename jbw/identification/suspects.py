@@ -16,6 +16,7 @@ from jbw.observables.spectra import Row, Spectrum
 DRIVEN = 0.1  # of the largest: lines of the input within which another mode is looked for
 NUM_MODES, MODE_ZETAS = 96, (0.003, 0.01, 0.03)  # frequencies and dampings of another mode tried
 APART = 0.05  # of the natural frequency: a mode nearer than that is the joint's own
+FACTOR = "factor"  # kind of those that are a group's own
 TURNED = 0.2  # about -1: a factor that is a sign
 CLOSE = 0.03  # about a ratio of units: a factor that is a unit
 UNITS = {
@@ -73,19 +74,21 @@ def _delay(spectra: Spectra) -> Suspect:
 
 def _factor(label: str, one: Spectrum) -> Suspect:
     """One group's response times a factor: its sign, its unit, another gain."""
+    columns = {label: as_columns(one.values - one.left)}
+    return Suspect(f"{FACTOR} of {label}", columns, lambda found: factor_words(label, 1 + found[0]))
 
-    def words(found: NDArray[np.float64]) -> Words:
-        factor = 1 + found[0]
-        if abs(factor + 1) < TURNED:
-            return f"{label} with its sign turned", f"Turn the sign of a channel of {label}."
-        unit = next((name for f, name in UNITS.items() if abs(factor / f - 1) < CLOSE), None)
-        hint = f", as {unit} would be" if unit else ""
-        return (
-            f"{label} {factor:.4g} times what was measured of the others{hint}",
-            f"Check units and amplifiers of {label}.",
-        )
 
-    return Suspect(f"factor of {label}", {label: as_columns(one.values - one.left)}, words)
+def factor_words(label: str, factor: float) -> Words:
+    """What a group is whose response over its input is so many times that of others."""
+    if abs(factor + 1) < TURNED:
+        return f"{label} with its sign turned", f"Turn the sign of a channel of {label}."
+    size, turned = abs(factor), " and of the other sign" if factor < 0 else ""
+    unit = next((name for f, name in UNITS.items() if abs(size / f - 1) < CLOSE), None)
+    hint = f", as {unit} would be" if unit else ""
+    return (
+        f"{label} {size:.4g} times as large as by the others{turned}{hint}",
+        f"Check units and amplifiers of {label}.",
+    )
 
 
 def _in_time(spectra: Spectra) -> Iterator[Suspect]:

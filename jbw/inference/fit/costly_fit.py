@@ -67,7 +67,8 @@ def costly_fit(
     if best is None:
         raise ModelError(
             f"The residual is finite at none of the {len(costs)} starts.",
-            remedy="Check the data for NaN, and the bounds for parameters that cannot be solved.",
+            remedy="Look at the data with `jbw check`, for swapped channels, units or NaN, and at "
+            "the bounds for parameters that cannot be solved.",
         )
     x, slope = (np.asarray(each) for each in from_search(jnp.asarray(best.x), box))
     return describe_optimum(x, part(best.x, 0), part(best.x, 1) / slope, box, costs)
@@ -130,7 +131,8 @@ def _slope(
         np.where(ok, side, here) for ok, side in zip(sides, (ahead, behind), strict=True)
     )
     steps = STEP * np.maximum(np.sum(sides, axis=0), 1)
-    return ((ahead - behind) / steps).T
+    with np.errstate(invalid="ignore", over="ignore"):  # of a point that is not stepped to
+        return ((ahead - behind) / steps).T
 
 
 def _real_of(theta: Mapping[str, Array], residual_and_data: Any) -> Float[Array, " residual"]:

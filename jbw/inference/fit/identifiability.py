@@ -106,9 +106,11 @@ def _weak(posterior: Matrix, logs: NDArray[np.bool_], box: Box) -> WeakDirection
 def _in_words(
     names: tuple[str, ...], directions: Float[np.ndarray, "parameter weak"], logs: bool
 ) -> str:
-    if len(names) <= directions.shape[1]:
-        return f"{listed(names)} {'is' if len(names) == 1 else 'are'} not determined by the data"
-    combinations = [combination(names, row, logs) for row in _determined(directions)]
+    determined = _determined(directions) if len(names) > directions.shape[1] else ()
+    combinations = [combination(names, row, logs) for row in determined]
+    if set(combinations) <= set(names):  # nothing that holds several together
+        lost = [name for name in names if name not in combinations]
+        return f"{listed(lost)} {'is' if len(lost) == 1 else 'are'} not determined by the data"
     noun = ("product" if logs else "combination") + ("s" if len(combinations) > 1 else "")
     verb = "are" if len(combinations) > 1 else "is"
     return f"only the {noun} {listed(combinations)} {verb} determined"

@@ -1,0 +1,138 @@
+"""What would explain a misfit: linear sweeps by scipy, each with one thing wrong with them.
+
+The structure is linear and known, so that all that is left but noise is what was done to the data.
+"""
+
+import jax
+import numpy as np
+import pytest
+from scipy.signal import chirp, lsim
+
+from jbw import Record, Test
+from jbw.campaign.settings import Identify
+from jbw.identification.assemble import measured
+from jbw.identification.causes import cause_finding, causes, causes_sentence
+from jbw.identification.prepare import fit_joint
+
+FS, LENGTH, GAIN = 256.0, 1536, 15.0
+OMEGA_N, ZETA = 2 * np.pi * 18.8, 0.01
+LEVELS = {"low": 0.02, "high": 0.1}
+NOISE = 2e-3  # of the rms of the strongest velocity
+SETTINGS = Identify(fit_levels=tuple(LEVELS.values()), offsets="none")
+T = np.arange(LENGTH) / FS
+UNITS = {"input": "V", "velocity": "m/s"}
+
+
+def answer(u, omega, zeta=ZETA, gain=GAIN):
+    """Velocity of a mode, by scipy, the input's samples joined by straight lines."""
+    system = ([gain, 0.0], [1.0, 2 * zeta * omega, omega**2])
+    fine = 16
+    t = np.arange(LENGTH * fine) / (FS * fine)
+    smooth = sweep(t) * (np.max(np.abs(u)) / np.max(np.abs(sweep(T))))
+    return lsim(system, smooth, t)[1][::fine]
+
+
+def sweep(t):
+    fade = np.clip(np.minimum(t, 5.0 - t) / 0.3, 0, 1)
+    return np.sin(np.pi / 2 * fade) ** 2 * chirp(t, 12.0, 5.0, 26.0)
+
+
+CLEAN = {
+    name: (level * sweep(T), answer(level * sweep(T), OMEGA_N)) for name, level in LEVELS.items()
+}
+LARGEST = np.max(np.abs(CLEAN["high"][1]))
+
+
+def taken_with(change):
+    """Four repeats of both levels after `change(name, u, v)`."""
+    made, rng = [], np.random.default_rng(11)
+    for name, level in LEVELS.items():
+        u, v = CLEAN[name]
+        noise = NOISE * np.std(CLEAN["high"][1]) * rng.standard_normal((4, LENGTH))
+        measured_ones = [dict(zip(UNITS, change(name, u, v + e), strict=True)) for e in noise]
+        records = tuple(Record(FS, channels, UNITS) for channels in measured_ones)
+        made.append(Test("sweep", records, name=name, level=level))
+    return tuple(made)
+
+
+def found(change):
+    seen = measured(taken_with(change), SETTINGS, laws=())
+    fitted = fit_joint(jax.random.key(1), seen, str)
+    return causes(fitted.fit, fitted.data)
+
+
+def late(name, u, v):
+    spectrum = np.fft.rfft(v) * np.exp(-2j * np.pi * np.fft.rfftfreq(LENGTH, 1 / FS) * 1e-3)
+    return u, np.fft.irfft(spectrum, LENGTH)
+
+
+def turned(name, u, v):
+    return u, -v if name == "high" else v
+
+
+def thousandths(name, u, v):
+    return u, v / 1000 if name == "low" else v
+
+
+def amplified(name, u, v):
+    return u, 1.2 * v if name == "low" else v
+
+
+def shifted(name, u, v):
+    return u, v + 0.01 * LARGEST
+
+
+def cut(name, u, v):
+    return u, np.clip(v, -0.7 * LARGEST, 0.7 * LARGEST)
+
+
+def fed_through(name, u, v):
+    return u, v + 2e-4 * np.gradient(u, 1 / FS)
+
+
+def second_mode(name, u, v):
+    return u, v + answer(u, 2 * np.pi * 23.0, gain=1.0)
+
+
+def of_its_day(name, u, v):
+    other = answer(CLEAN[name][0], OMEGA_N * 1.005)
+    return u, v - CLEAN[name][1] + other if name == "high" else v
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (late, "s behind the input"),
+        (turned, "sign turned"),
+        (thousandths, "as thousand"),
+        (amplified, "times as large as by the others"),
+        (shifted, "constant offset"),
+        (cut, "high cut off"),
+        (fed_through, "residual term"),
+        (second_mode, "one more mode about 23"),
+        (of_its_day, "of each test's own"),
+    ],
+)
+def test_the_first_cause_is_what_was_done_to_the_data(change, words):
+    first, *_ = every = found(change)
+    assert words in first.text
+    # What noise leaves is two thousandths; the modes' and delays' steps are linear, so not exact.
+    assert first.explained > 0.85
+    finding = cause_finding(every)
+    assert finding is not None
+    assert finding.status == "failed"
+    assert finding.action == first.action
+    assert first.text in causes_sentence(every)
+
+
+def test_a_delay_is_told_by_its_size():
+    text = found(late)[0].text
+    # The step is linear in omega tau = 0.12, so right to a hundredth.
+    assert float(text.removeprefix("a response that is ").split()[0]) == pytest.approx(
+        1e-3, rel=0.03
+    )
+
+
+def test_nothing_is_named_where_noise_alone_is_left():
+    assert found(lambda name, u, v: (u, v)) == []
+    assert cause_finding([]) is None
