@@ -1,10 +1,11 @@
 r"""Adaptive multiple importance sampling: mixtures refitted to all that was weighed so far.
 
-$$w_i = \frac{p(D | \theta_i)\,\pi(x_i)}{\frac1R \sum_r q_r(x_i)}, \qquad
+$$w_i = \frac{p(D | \theta_i)\,\pi(x_i)}{\frac1n \sum_r n_r\,q_r(x_i)}, \qquad
 \hat Z = \frac1n \sum_i w_i$$
 
-Each of R rounds takes as many points from a mixture fitted to the points before it, and every point
-is weighed against the mixtures of all rounds: no point is lost. The points of a round are
+Each round takes n_r of all n points from a mixture fitted to the points before it, and every point
+is weighed against the mixtures of all rounds: no point is lost. The first rounds, whose mixtures
+are still finding the posterior, are small. The points of a round are
 independent, and are evaluated side by side on all processor cores.
 
 A mixture that was fitted to points is high where they lie, and would take their own weight off them
@@ -24,7 +25,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Float, Int, Key
 from scipy.optimize import bisect
 from scipy.special import logsumexp, softmax
 
@@ -50,11 +51,12 @@ LEAST = 10.0  # effective points a dimension that a mixture is fitted to
 PATIENCE = 10  # rounds after which a k-hat that is barely good is no choice of chance
 HOPELESS = 32  # rounds after which weights worth less than so many draws are given up
 GIVEN_UP = 32.0
+SMALL, SHARE = 8, 4  # first rounds that take one in so many points
 SURE_KHAT = 0.5  # below it weights have a variance
 
 
 class Options(NamedTuple):
-    """Draws kept of each group, groups, points of a round, and rounds at most."""
+    """Draws kept of each group, groups, points of a later round, and rounds at most."""
 
     num_samples: int = 1000
     num_chains: int = 4
@@ -66,13 +68,15 @@ Pair = tuple[Mixture, Mixture]  # of the points of even number, and of odd
 
 
 class Past(NamedTuple):
-    """All points so far, and the mixtures that they came from, as many of each.
+    """All points so far, and the mixtures that they came from.
 
     Attributes:
         w: Whitened points.
         terms: Of the log likelihood [nats].
         log_density: Of the posterior, not normalised [nats]; -inf where impossible.
-        log_mixed: Logarithm of the sum of the densities of all mixtures of a point's half.
+        log_mixed: Logarithm of the sum of the densities of all mixtures of a point's half, each
+            times its points.
+        sizes: Points of either half of every round.
         rounds: The mixtures.
     """
 
@@ -80,12 +84,13 @@ class Past(NamedTuple):
     terms: Float[np.ndarray, "point term"]
     log_density: Weights
     log_mixed: Weights
+    sizes: Int[np.ndarray, " round"]
     rounds: tuple[Pair, ...]
 
     @property
     def log_weight(self) -> Weights:
         """Logarithm of the posterior over the mean of the mixtures."""
-        return self.log_density - self.log_mixed + np.log(len(self.rounds))
+        return self.log_density - self.log_mixed + np.log(len(self.w) / 2)
 
 
 class Weighed(NamedTuple):
@@ -128,9 +133,9 @@ def gather(
                 tell(_so_far(past, found, drawn[0], options, spent))
             if last:
                 return *drawn, before
-        past = _grown(
-            np.random.default_rng([*seed, _count(past)]), past, problem, options.num_points
-        )
+        count = _count(past)
+        size = options.num_points // (SHARE if count < SMALL else 1)
+        past = _grown(np.random.default_rng([*seed, count]), past, problem, size)
 
 
 def look(key: Key[Any, ""], problem: Problem, num_points: int) -> float:
@@ -177,25 +182,27 @@ def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_po
     """One more round: the mixtures that suit all points so far, and points from them."""
     first = mixtures.standard(len(problem.box.names))
     pair = (first, first) if past is None else _next_pair(rng, past)
-    halves = [mixtures.draw(rng, mixture, max(num_points // 2, 1)) for mixture in pair]
+    own = max(num_points // 2, 1)
+    halves = [mixtures.draw(rng, mixture, own) for mixture in pair]
     w = np.stack(halves, axis=1).reshape(-1, halves[0].shape[1])
     theta, prior = (jax.tree.map(np.asarray, each) for each in _placed(problem, jnp.asarray(w)))
     terms = at_points(problem.log_likelihood, theta, problem.data)
     terms = terms.reshape(len(w), -1)
     likelihood = terms.sum(axis=1)
     density = np.where(np.isfinite(likelihood), likelihood + prior, -np.inf)
-    mixed = _log_density(pair, w)
+    mixed = np.log(own) + _log_density(pair, w)
     if past is None:
         require_possible(bool(np.any(np.isfinite(density))))
-        return Past(w, terms, density, mixed, (pair,))
-    for one in past.rounds:
-        mixed = np.logaddexp(mixed, _log_density(one, w))
-    earlier = np.logaddexp(past.log_mixed, _log_density(pair, past.w))
+        return Past(w, terms, density, mixed, np.array([own]), (pair,))
+    for size, one in zip(past.sizes, past.rounds, strict=True):
+        mixed = np.logaddexp(mixed, np.log(size) + _log_density(one, w))
+    earlier = np.logaddexp(past.log_mixed, np.log(own) + _log_density(pair, past.w))
     return Past(
         np.concatenate([past.w, w]),
         np.concatenate([past.terms, terms]),
         np.concatenate([past.log_density, density]),
         np.concatenate([earlier, mixed]),
+        np.append(past.sizes, own),
         (*past.rounds, pair),
     )
 
