@@ -77,7 +77,7 @@ def joint_step(
         posterior[group] = xr.DataTree(arrays)
     step = finished(
         name, posterior, ready.box, ready.fit, started,
-        findings=findings, statements=[*ready.statements, *words],
+        findings=findings, statements=[*ready.statements, *drawn(posterior.attrs), *words],
         held=ready.data.held, chi_square=ready.chi_square,
     )  # fmt: skip
     advice = stuck(step.posterior, step.verdict)
@@ -126,6 +126,20 @@ def sample_joint(
         chain_method="parallel" if jax.device_count() > 1 else "sequential",
         options={"adapt_mass": True}, **shared,
     )  # fmt: skip
+
+
+def drawn(facts: Mapping[Any, Any]) -> list[str]:
+    """How the ladder drew: coordinates, evaluations and evidence, in words."""
+    if "coordinates" not in facts:
+        return []
+    said = (
+        f"Drawn by {facts['sampler']} from {facts['num_evaluations']} evaluations, in the "
+        f"{facts['coordinates']} coordinates: there points about the fit are worth most."
+    )
+    if "log_evidence" in facts:
+        error = facts["log_evidence_error"]
+        said += f" The log evidence is {facts['log_evidence']:.2f} +- {error:.2g}."
+    return [said]
 
 
 def are_enough(

@@ -36,6 +36,7 @@ DESIGNS = {
 SHORT = {"num_warmup": 30, "num_samples": 125}
 LONG = {"num_warmup": 500, "num_samples": 500}
 COUNTS = {
+    "amis": {"num_samples": 250},
     "importance": {"num_samples": 250, "num_draws": 4096, "num_rounds": 2},
     "tempered_smc": {"num_samples": 512, "num_chains": 2},
     "nested": {"num_samples": 250, "num_chains": 2},
@@ -162,12 +163,6 @@ def suited(step: models.Step, name: str) -> tuple[Model, Sampler, Any]:
         raise ConfigError(
             f"Sampler {name} takes at most {sampler.most_parameters} parameters, but the posterior "
             f"has {size}."
-        )
-    if sampler.in_rounds:
-        raise ConfigError(
-            f"Sampler {name} plans its rounds between compiled calls, which cannot run for many "
-            "posteriors side by side.",
-            remedy="Calibrate with importance, which weighs points in the same way.",
         )
     found = sampler.needs_fit or (step.stepped and not sampler.ignores_fit)
     known = COUNTS.get(name, SHORT if found else LONG)

@@ -91,7 +91,7 @@ def joint(design: Design[Records]) -> Step:
     quantities["response"] = _response
     search = Search(stacked, logs, 64, 30)
     model = Model(simulate, log_likelihood, design.prior, quantities, search)
-    return Step(model, 4, "importance", stepped=True)
+    return Step(model, 4, "amis", stepped=True)
 
 
 def _whole(theta: Theta, design: Design[Records]) -> Theta:

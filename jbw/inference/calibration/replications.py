@@ -22,10 +22,11 @@ from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 from jbw.errors import ConfigError
 from jbw.inference.calibration.record import Calibration, Ranked, judged
 from jbw.inference.fit.locate import Search, locate
+from jbw.inference.posterior.verdict import ESS, GOOD_KHAT
 from jbw.inference.samplers.chains import draws_of, in_batches
-from jbw.inference.samplers.register import Sampler
+from jbw.inference.samplers.register import Sampler, module_of
 from jbw.inference.space.box import Box, from_unit, require_float64
-from jbw.inference.space.problem import LogLikelihood, Theta, problem_of
+from jbw.inference.space.problem import LogLikelihood, Problem, Theta, problem_of
 from jbw.inference.space.reparametrisation import in_box
 
 LOG_LIKELIHOOD = "log_likelihood"
@@ -66,7 +67,8 @@ def calibrate(
 ) -> Calibration:
     """Rank the truth among the draws of its posterior, for many truths drawn from the prior.
 
-    Replications run side by side in one compiled function, `batch` at a time. A replication fails
+    Replications run side by side in one compiled function, `batch` at a time, those of a sampler in
+    rounds one after the other. A replication fails
     where a draw is not finite, where the chains disagree, or where the sampler did not come to its
     end: its ranks stay as they are, those of draws that are not numbers at the lowest. `report` is
     told the number of replications done.
@@ -76,13 +78,17 @@ def calibrate(
     """
     require_float64()
     _check(model, num_replications, num_ranks, batch)
-    keys, batch = jax.random.split(key, num_replications), min(batch, num_replications)
-    padded = jnp.concatenate([keys, keys[: -num_replications % batch]])
+    keys = jax.random.split(key, num_replications)
+    if sampler.in_rounds:
+        size, one_lot = 1, _in_rounds
+    else:
+        size, one_lot = min(batch, num_replications), _batch
+    padded = jnp.concatenate([keys, keys[: -num_replications % size]])
     rows = []
-    for first in range(0, num_replications, batch):
-        found = _batch(padded[first : first + batch], model, sampler, options, num_ranks)
+    for first in range(0, num_replications, size):
+        found = one_lot(padded[first : first + size], model, sampler, options, num_ranks)
         rows.append(jax.tree.map(np.asarray, found))
-        report(min(first + batch, num_replications))
+        report(min(first + size, num_replications))
     whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:num_replications], *rows)
     return judged(model.names, whole, num_ranks)
 
@@ -91,12 +97,35 @@ def calibrate(
 def _batch(
     keys: Key[Array, " replication"], model: Model, sampler: Sampler, options: Any, num_ranks: int
 ) -> Ranked:
-    return jax.vmap(lambda key: _replication(key, model, sampler, options, num_ranks))(keys)
+    """Replications side by side."""
+
+    def one(key: Key[Array, ""]) -> Ranked:
+        truth, problem, to_draw, to_rank = _posed(key, model)
+        drawn = draws_of(sampler, to_draw, problem, options)
+        arrived = jnp.asarray(drawn.possible) & drawn.arrived
+        return _ranks(to_rank, truth, drawn.theta, problem.data, arrived, model, num_ranks)
+
+    return jax.vmap(one)(keys)
 
 
-def _replication(
-    key: Key[Array, ""], model: Model, sampler: Sampler, options: Any, num_ranks: int
+def _in_rounds(
+    keys: Key[Array, " replication"], model: Model, sampler: Sampler, options: Any, num_ranks: int
 ) -> Ranked:
+    """One replication, its rounds planned between compiled calls that use all cores themselves."""
+    truth, problem, to_draw, to_rank = eqx.filter_jit(_posed)(keys[0], model)
+    drawn, *_ = module_of(sampler).gather(to_draw, problem, options)
+    arrived = np.bool_(drawn.facts["khat"] < GOOD_KHAT and drawn.facts["ess_weights"] >= ESS)
+    theta = {name: jnp.asarray(values) for name, values in drawn.theta.items()}
+    found = eqx.filter_jit(_ranks)(
+        to_rank, truth, theta, problem.data, jnp.asarray(arrived), model, num_ranks
+    )
+    return jax.tree.map(lambda value: value[None], found)
+
+
+def _posed(
+    key: Key[Array, ""], model: Model
+) -> tuple[dict[str, Array], Problem, Key[Array, ""], Key[Array, ""]]:
+    """A truth, the posterior of data simulated from it, and keys to draw and to rank by."""
     key_truth, key_data, key_place, key_draws, key_rank = jax.random.split(key, 5)
     truth = from_unit(jax.random.uniform(key_truth, (len(model.box.names),)), model.box)
     data = model.simulate(key_data, truth)
@@ -105,7 +134,19 @@ def _replication(
         problem = problem_of(*known, in_box(model.box, None, None, 1))
     else:
         problem = locate(key_place, model.search, *known)
-    drawn = draws_of(sampler, key_draws, problem, options)
+    return truth, problem, key_draws, key_rank
+
+
+def _ranks(
+    key: Key[Array, ""],
+    truth: Mapping[str, Array],
+    theta: Mapping[str, Float[Array, "chain draw"]],
+    data: PyTree,
+    arrived: Bool[Array, ""],
+    model: Model,
+    num_ranks: int,
+) -> Ranked:
+    """Every quantity of the truth among those of the draws."""
 
     def values(theta: Theta) -> Float[Array, " quantity"]:
         own = [theta[name] for name in model.box.names]
@@ -113,13 +154,12 @@ def _replication(
         beside = [f(theta, data) for f in model.quantities.values()]
         return jnp.stack([*own, likelihood, *beside])
 
-    shape = drawn.theta[model.box.names[0]].shape
+    shape = theta[model.box.names[0]].shape
     # The truth stands among the draws: quantities are compiled once.
-    rows = {name: jnp.append(jnp.ravel(v), truth[name]) for name, v in drawn.theta.items()}
+    rows = {name: jnp.append(jnp.ravel(v), truth[name]) for name, v in theta.items()}
     found = in_batches(values, rows)
     of_draws = found[:-1].reshape(*shape, -1)
-    arrived = jnp.asarray(drawn.possible) & drawn.arrived
-    return ranked(key_rank, found[-1], of_draws, arrived, num_ranks)
+    return ranked(key, found[-1], of_draws, arrived, num_ranks)
 
 
 def ranked(

@@ -133,7 +133,7 @@ def gather(
                 tell(_so_far(past, found, drawn[0], options, spent))
             if last:
                 return *drawn, before
-        count = _count(past)
+        count = 0 if past is None else len(past.rounds)
         size = options.num_points // (SHARE if count < SMALL else 1)
         past = _grown(np.random.default_rng([*seed, count]), past, problem, size)
 
@@ -172,10 +172,6 @@ def _is_over(
     if not (found.khat < limit and found.effective >= ESS):
         return False
     return until is None or until.enough(drawn.theta)
-
-
-def _count(past: Past | None) -> int:
-    return 0 if past is None else len(past.rounds)
 
 
 def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_points: int) -> Past:
@@ -275,9 +271,8 @@ def _draws(
 
 def _so_far(past: Past, found: Weighed, drawn: Draws, options: Options, spent: float) -> SoFar:
     """How far the rounds are, for those who wait; the time left is that of all rounds at most."""
-    count = len(past.rounds)
-    left = (options.most_rounds - count) * spent / count
-    return SoFar(count, options.most_rounds, drawn.theta, None, left)
+    count, most = len(past.rounds), options.most_rounds
+    return SoFar(count, most, drawn.theta, None, (most - count) * spent / count)
 
 
 def _as_arrays(past: Past, spent: float, mark: str) -> dict[str, np.ndarray]:
