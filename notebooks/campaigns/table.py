@@ -6,7 +6,7 @@
     python notebooks/campaigns/table.py runs
 
 Errors are root mean squares over that of the record, of the joint's median, of the best linear and
-of the best cubic oscillator of the same fitted tests.
+of the best cubic oscillator of the same fitted tests. The verdict is given by its three answers.
 """
 
 import json
@@ -16,8 +16,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-ROW = "| {} | {} | {} | {} | {} |"
-HEAD = ("structure", "identified [99 % interval]", "fitted", "left out", "verdict")
+ROW = "| {} | {} | {} | {} | {} | {} |"
+ANSWERS = "sampling / law / knowledge"
+HEAD = ("structure", "identified [99 % interval]", "fitted", "left out", ANSWERS, "s")
 # What each campaign's data know, with the factor and the unit it is written in.
 SHOWN = {
     "bolted_double_beam": {"softening": (1, "1/m"), "opening": (1, "1/m")},
@@ -70,7 +71,8 @@ def row(folder: Path) -> str:
         identified(summary["steps"][summary["main"]]["parameters"], SHOWN[folder.name]),
         errors(test for test in tests if test["fitted"]),
         errors(test for test in tests if not test["fitted"]),
-        summary["verdict"]["status"],
+        " / ".join(answer["status"] for answer in summary["verdict"]["answers"].values()),
+        f"{summary['wall_time_s']:.0f}",
     )
 
 

@@ -128,6 +128,7 @@ def test_a_likelihood_that_forgets_the_data_shows_in_its_own_ranks_alone():
 
 
 SAMPLERS = {
+    "amis": {"num_samples": 128},
     "importance": {"num_samples": 128, "num_draws": 1024, "num_rounds": 2},
     "tempered_smc": {"num_samples": 256, "num_chains": 2},
     "quadrature": {"num_samples": 128, "num_places": 257},
@@ -136,12 +137,12 @@ SAMPLERS = {
 }
 
 
-LONG_TO_COMPILE = ("tempered_smc", "elliptical_slice", "importance")
+TAKES_LONG = ("amis", "tempered_smc", "elliptical_slice", "importance")
 
 
 @pytest.mark.parametrize(
     "sampler",
-    [pytest.param(n, marks=pytest.mark.slow) if n in LONG_TO_COMPILE else n for n in SAMPLERS],
+    [pytest.param(n, marks=pytest.mark.slow) if n in TAKES_LONG else n for n in SAMPLERS],
 )
 def test_samplers_are_calibrated(sampler):
     chosen = named(sampler, **SAMPLERS[sampler])
@@ -169,13 +170,18 @@ RIDGE = Model(
     simulate_product, product_likelihood, PLANE, {"ab": lambda theta, _: theta["a"] * theta["b"]},
     Search(product_residual, ("a", "b")),
 )  # fmt: skip
-ACROSS = named("importance", num_samples=250, num_draws=4096, num_rounds=2)
+ACROSS = {
+    "amis": named("amis", num_samples=250),
+    "importance": named("importance", num_samples=250, num_draws=4096, num_rounds=2),
+}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SEEDS)
-def test_a_thin_ridge_through_the_box(seed):
-    found = run(ACROSS, seed, RIDGE)
+@pytest.mark.parametrize(
+    ("seed", "sampler"), [(0, "amis"), *((seed, "importance") for seed in SEEDS)]
+)
+def test_a_thin_ridge_through_the_box(seed, sampler):
+    found = run(ACROSS[sampler], seed, RIDGE)
     assert found.names == ("a", "b", "log_likelihood", "ab")
     assert least_p(found) > 1e-4
     assert found.failed.mean() < 0.01

@@ -112,11 +112,11 @@ def _in_rounds(
     keys: Key[Array, " replication"], model: Model, sampler: Sampler, options: Any, num_ranks: int
 ) -> Ranked:
     """One replication, its rounds planned between compiled calls that use all cores themselves."""
-    truth, problem, to_draw, to_rank = eqx.filter_jit(_posed)(keys[0], model)
+    truth, problem, to_draw, to_rank = _posed_alone(keys[0], model)
     drawn, *_ = module_of(sampler).gather(to_draw, problem, options)
     arrived = np.bool_(drawn.facts["khat"] < GOOD_KHAT and drawn.facts["ess_weights"] >= ESS)
     theta = {name: jnp.asarray(values) for name, values in drawn.theta.items()}
-    found = eqx.filter_jit(_ranks)(
+    found = _ranks_alone(
         to_rank, truth, theta, problem.data, jnp.asarray(arrived), model, num_ranks
     )
     return jax.tree.map(lambda value: value[None], found)
@@ -160,6 +160,10 @@ def _ranks(
     found = in_batches(values, rows)
     of_draws = found[:-1].reshape(*shape, -1)
     return ranked(key, found[-1], of_draws, arrived, num_ranks)
+
+
+# Compiled once for all replications that are not side by side.
+_posed_alone, _ranks_alone = eqx.filter_jit(_posed), eqx.filter_jit(_ranks)
 
 
 def ranked(

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 from scipy.special import gammaln, logsumexp
 
 from jbw.inference.samplers.evidence import HEAVY
@@ -57,9 +56,10 @@ def log_density(mixture: Mixture, x: Points) -> Weights:
 
 def _squares(mixture: Mixture, x: Points) -> Float[np.ndarray, "point component"]:
     r"""Squared distances, $|L_k^{-1} (x - \mu_k)|^2$."""
-    pairs = zip(mixture.roots, mixture.centres, strict=True)
-    away = [solve_triangular(root, (x - centre).T, lower=True) for root, centre in pairs]
-    return np.stack([np.sum(a**2, axis=0) for a in away], axis=1)
+    # Of a few parameters: loops in C are done before BLAS has woken its threads.
+    away = x - mixture.centres[:, None]
+    white = np.einsum("kij,knj->kni", np.linalg.inv(mixture.roots), away)
+    return np.einsum("kni,kni->nk", white, white)
 
 
 def _log_components(
