@@ -26,6 +26,8 @@ JOINT = {"omega_n": OMEGA_N, "zeta": ZETA, "alpha": 500.0, "delta": 340.0, "gamm
 SWEEPS, NOISE, DECAYS = outside.Sweeps(), outside.Noise(), outside.Decays()
 NO_JOINT = {"omega_n": OMEGA_N, "zeta": ZETA}
 FIFTY = np.geomspace(5e-5, 5e-3, 50)
+QUESTIONS = ("sampling", "law", "knowledge")
+ASKED_NOTHING = {"status": "not assessed"}
 COLUMNS = {
     "campaign": "", "true law": "", "sampling": "", "law": "", "knowledge": "", "verdict": "",
     "because": "", "wall, s": ".0f", "ESS": ".0f",
@@ -171,7 +173,7 @@ def judged(name: str) -> dict[str, Any]:
         print(finding["reason"], file=sys.stderr)
     answers = summary["verdict"]["answers"]
     return {
-        "answers": [answers[name]["status"] for name in ("sampling", "law", "knowledge")],
+        "answers": [answers.get(name, ASKED_NOTHING)["status"] for name in QUESTIONS],
         "verdict": summary["verdict"]["status"],
         "because": ", ".join(dict.fromkeys(f["code"] for f in against)),
         "wall": wall,

@@ -101,7 +101,7 @@ def cause_finding(found: Sequence[Cause]) -> Finding | None:
 def causes_sentence(found: Sequence[Cause]) -> str:
     """What would explain the misfit, in words."""
     each = [f"{one.explained:.0%} {one.text}" for one in found[:MOST_SAID]]
-    return f"What would explain what the fit leaves of the data, each alone: {'; '.join(each)}."
+    return f"Of what the fit leaves would explain, each alone: {'; '.join(each)}."
 
 
 def _missed(spectra: Spectra, data: Dataset) -> list[str]:
@@ -130,7 +130,7 @@ def _linearised(best: Fit, data: Dataset, spectra: Spectra, missed: Sequence[str
         counted.append(np.full(len(left), 1 / (weight[label] * size)))
         places[label] = slice(end, end + len(left))
         end += len(left)
-    for label in data.layout.keys() - spectra.keys():
+    for label in (each for each in data.layout if each not in spectra):
         rows.append(fitted[label])
         columns.append(slope[label])
         counted.append(np.zeros(len(fitted[label])))
@@ -158,8 +158,10 @@ def _tried(suspect: Suspect, about: Linearised) -> Cause:
 
 def _apart(spectra: Spectra, missed: Sequence[str]) -> list[Cause]:
     """A group whose own gain has another sign or size: then no fit of all need be near any."""
-    alone = {label: _alone(one) for label, one in spectra.items() if len(one.omega) >= LEAST_LINES}
-    if len(alone) < 2 or not alone.keys() >= set(missed):
+    found = {label: _alone(one) for label, one in spectra.items()}
+    alone = {label: one for label, one in found.items() if one is not None}
+    missed = [label for label in missed if label in alone]
+    if len(alone) < 2 or not missed:
         return []
     # Beside the median of the others, by sign and size; of two, which is wrong cannot be told.
     ratios = {
@@ -175,11 +177,13 @@ def _apart(spectra: Spectra, missed: Sequence[str]) -> list[Cause]:
     return [Cause(text, float(explained), action)]
 
 
-def _alone(one: Spectrum) -> tuple[float, float]:
+def _alone(one: Spectrum) -> tuple[float, float] | None:
     """Gain of the linear oscillator of one group alone, and what that leaves, relative."""
     x = np.divide(one.measured, one.factor, out=np.zeros_like(one.factor), where=one.factor != 0)
     driven = np.abs(one.source) > DRIVEN * np.abs(one.source).max()
-    near = driven & (np.abs(x) > NEAR_PEAK * np.abs(x[driven]).max())
+    near = driven & (np.abs(x) > NEAR_PEAK * np.abs(x[driven]).max(initial=0.0))
+    if near.sum() < LEAST_LINES:
+        return None
     own = oscillator_through(one.omega[near], one.source[near], x[near])
     made = own["gain"] * one.factor * one.source / stiffness(own, one.omega)
     return own["gain"], float(np.linalg.norm(one.measured - made) / np.linalg.norm(one.measured))

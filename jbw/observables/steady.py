@@ -158,7 +158,7 @@ class Points(Repeated):
             point, factor = (np.asarray(x[i])[kept] for x in (self.point, self.factor))
             omega, source = (np.asarray(x)[point] for x in (self.omega, self.load))
             values = np.asarray(self.mean[i])[kept]
-            driven = source[:, int(self.position[i])]
+            driven = source[:, 0] * (order == 1)  # higher ones are the amplifier's distortion
             found[label] = of_lines(values, left[label], order * omega, driven, factor)
         return found
 

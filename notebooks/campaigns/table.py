@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 ROW = "| {} | {} | {} | {} | {} | {} |"
-ANSWERS = "sampling / law / knowledge"
+QUESTIONS = ("sampling", "law", "knowledge")
+ANSWERS = " / ".join(QUESTIONS)
 HEAD = ("structure", "identified [99 % interval]", "fitted", "left out", ANSWERS, "s")
 # What each campaign's data know, with the factor and the unit it is written in.
 SHOWN = {
@@ -65,13 +66,13 @@ def identified(parameters: dict[str, Any], shown: dict[str, tuple[float, str]]) 
 def row(folder: Path) -> str:
     """One run as a row of the table."""
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    tests = summary["predictions"].values()
+    tests, answers = summary["predictions"].values(), summary["verdict"]["answers"]
     return ROW.format(
         summary["campaign"],
         identified(summary["steps"][summary["main"]]["parameters"], SHOWN[folder.name]),
         errors(test for test in tests if test["fitted"]),
         errors(test for test in tests if not test["fitted"]),
-        " / ".join(answer["status"] for answer in summary["verdict"]["answers"].values()),
+        " / ".join(answers.get(name, {}).get("status", "not assessed") for name in QUESTIONS),
         f"{summary['wall_time_s']:.0f}",
     )
 
