@@ -34,7 +34,7 @@ from jbw.observables.spectra import Spectrum
 MOSTLY = 0.5  # of the misfit: a cause that explains more of it is a finding
 WORTH_SAYING = 0.1
 MOST_SAID = 3
-LEAST_LINES = 16  # of a spectrum from which a group's own gain is read
+LEAST_LINES = 6  # near a resonance, from which the gain of a group alone is read
 FAR_OFF = 3.0  # times another gain: a wrong unit or sign and no joint's softening
 BY_CHANCE = 2.0  # standard deviations of repeats that noise leaves of the mean of a short group
 
