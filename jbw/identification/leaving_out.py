@@ -4,7 +4,12 @@ Where the law of the joint is wrong, or runs shift, each level asks for paramete
 the fit of all is a compromise with a narrow interval. So the fit is repeated without each run, and
 its change compared with what chance allows,
 
-$$z = \frac{\hat\theta_{-r} - \hat\theta}{\sqrt{\sigma_{-r}^2 - \sigma^2}}$$
+$$z = \frac{\hat\theta_{-r} - \hat\theta}{\sqrt{\sigma_{-r}^2 - \sigma^2}}, \qquad
+  |\hat\theta_{-r} - \hat\theta| \le \sigma_{-r} \sqrt{\chi^2_{-r}(\hat\theta) -
+  \chi^2_{-r}(\hat\theta_{-r})}$$
+
+A change counts for no more than what the other runs gain by it: along a bent direction that none of
+them determines, a fit moves far for nothing.
 """
 
 from dataclasses import replace
@@ -36,14 +41,18 @@ def leave_one_out(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
     runs = tuple(dict.fromkeys(run for part in own for run in part.runs))
     if len(runs) < 2 or len(set(data.runs)) < 3:
         return None
-    fits = [refit(best, prior, without(run, data)) for run in runs]
+    others = [without(run, data) for run in runs]
+    fits = [refit(best, prior, rest) for rest in others]
+    pairs = zip(fits, others, strict=True)
+    growth = np.array([_gained(best, fit, prior, rest) for fit, rest in pairs])
     estimate = np.array([list(one.theta.values()) for one in fits])
     std = np.array([np.sqrt(np.diag(one.covariance)) for one in fits])
     variance = np.diag(best.covariance)
     gained = std**2 - variance
     known = gained > LEAST_GAIN * variance
     change = estimate - np.array(list(best.theta.values()))
-    z = np.where(known, change / np.sqrt(np.where(known, gained, 1.0)), np.nan)
+    most = np.sqrt(growth)[:, None] * std
+    z = np.clip(change, -most, most) / np.sqrt(np.where(known, gained, np.nan))
     error = [_error(run, one, prior, data) for run, one in zip(runs, fits, strict=True)]
     dims = ("run", "parameter")
     return xr.Dataset(
@@ -55,6 +64,12 @@ def leave_one_out(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
         },
         {"run": list(runs), "parameter": list(best.theta)},
     )
+
+
+def _gained(best: Fit, without_it: Fit, prior: Box, rest: Dataset) -> float:
+    """Chi-square that the other runs gain by their own fit."""
+    before = float(np.sum(residual_at(stacked, best.x, prior, rest) ** 2))
+    return max(before - 2 * without_it.cost, 0.0)
 
 
 def _error(run: str, without_it: Fit, prior: Box, data: Dataset) -> float:
