@@ -14,7 +14,8 @@ each with mixtures of its own that are fitted to the points of the other.
 
 Reference:
     Cornuet, Marin, Mira and Robert (2012), Scandinavian Journal of Statistics 39, 798; for the
-    smoothed weights, Vehtari et al. (2024), JMLR 25, 72.
+    smoothed weights, Vehtari et al. (2024), JMLR 25, 72; for those cut to fit mixtures, Ionides
+    (2008), Journal of Computational and Graphical Statistics 17, 295.
 """
 
 from functools import partial
@@ -226,8 +227,13 @@ def _next_pair(rng: np.random.Generator, past: Past) -> Pair:
 
 
 def _next_mixture(rng: np.random.Generator, w: Points, log_weight: Weights) -> Mixture:
-    """The mixture of weighted points, their weights flattened where a few would decide."""
-    raw = _relative(log_weight)
+    """The mixture of weighted points, their weights cut and flattened where a few would decide.
+
+    None counts more than the mean times the root of their number (Ionides 2008): one point far out
+    would otherwise undo what the rounds before it learnt.
+    """
+    most = logsumexp(log_weight) - 0.5 * np.log(len(log_weight))
+    raw = _relative(np.minimum(log_weight, most))
     least = min(LEAST * w.shape[1], 0.5 * np.sum(raw > SMALLEST))
 
     def lacking(power: float) -> float:
