@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, PyTree
 
 LANES = 32  # points that one compiled call evaluates side by side
 
-OfTheta = Callable[[Mapping[str, Array], Any], Float[Array, "..."]]
+OfTheta = Callable[[Mapping[str, Array], Any], PyTree]
 
 
 def at_points(
@@ -22,11 +22,12 @@ def at_points(
     data: PyTree = None,
     *,
     lanes: int = LANES,
-) -> Float[np.ndarray, "point ..."]:
+) -> Any:
     """Values of a function of (theta, data) at points by name, compiled once for it and shapes.
 
-    Each core takes the next lot of so many lanes. What a lot comes to depends on no other, so that
-    the number of cores changes no digit.
+    Its leaves are arrays here, with the points along a first axis. Each core takes the next lot of
+    so many lanes. What a lot comes to depends on no other, so that the number of cores changes no
+    digit.
     """
     count = len(next(iter(theta.values())))
     padded = {name: np.pad(values, (0, -count % lanes), "edge") for name, values in theta.items()}
@@ -35,19 +36,17 @@ def at_points(
         for first in range(0, count, lanes)
     ]
 
-    def one(lot: Mapping[str, Array]) -> np.ndarray:
-        return np.asarray(_values(function, lot, data))
+    def one(lot: Mapping[str, Array]) -> Any:
+        return jax.tree.map(np.asarray, _values(function, lot, data))
 
     found = [one(lots[0])]  # compiles, once for all threads
     with ThreadPoolExecutor(_num_cores()) as threads:
         found += threads.map(one, lots[1:])
-    return np.concatenate(found)[:count]
+    return jax.tree.map(lambda *rows: np.concatenate(rows)[:count], *found)
 
 
 @eqx.filter_jit
-def _values(
-    function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree
-) -> Float[Array, "point ..."]:
+def _values(function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree) -> PyTree:
     return jax.vmap(lambda one: function(one, data))(dict(theta))
 
 

@@ -4,14 +4,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, PyTree
 from numpy.typing import NDArray
 
+from jbw.inference.lanes import at_points
 from jbw.measurement.records import Test
 from jbw.observables.harmonic_groups import harmonic_label
 from jbw.observables.observable import Observable, prediction
@@ -92,23 +91,15 @@ def is_measured(test: Test) -> bool:
 
 
 def carry(predict: Callable[..., PyTree], draws: Draws, *args: Any) -> PyTree:
-    """Prediction of every draw, `LANES` at a time: compiled once for any number of draws."""
+    """Prediction of every draw, some side by side: compiled once for any number of draws."""
     # `predict` is a function of a module, so that what was compiled is found again; all but arrays
     # of `args` is known as it compiles.
-    count = count_of(draws)
-    lanes = min(LANES, count)
-    parts = []
-    for first in range(0, count, lanes):
-        # The last lanes repeat the last draw, so that every call has the same shape.
-        chosen = np.minimum(np.arange(first, first + lanes), count - 1)
-        some = {name: jnp.asarray(values[chosen]) for name, values in draws.items()}
-        parts.append(_carried(predict, some, args))
-    return jax.tree.map(lambda *rows: np.concatenate(rows)[:count], *parts)
+    return at_points(_prediction, draws, (predict, args), lanes=min(LANES, count_of(draws)))
 
 
-@eqx.filter_jit
-def _carried(predict: Callable[..., PyTree], draws: Mapping[str, Array], args: Any) -> PyTree:
-    return jax.vmap(lambda theta: predict(theta, *args))(draws)
+def _prediction(theta: Mapping[str, Array], predict_and_args: Any) -> PyTree:
+    predict, args = predict_and_args
+    return predict(theta, *args)
 
 
 def noise_of(
