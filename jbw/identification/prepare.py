@@ -27,7 +27,7 @@ from jbw.identification.coordinates import (
     coordinates_sentence,
 )
 from jbw.identification.run_effects import sentence_of, shifts_of, wanted, with_offsets
-from jbw.inference.fit.costly_fit import costly_fit, from_search
+from jbw.inference.fit.costly_fit import TOLERANCE, costly_fit, from_search
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.lanes import at_points
 from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
@@ -41,6 +41,7 @@ from jbw.quantities import OSCILLATOR
 logger = logging.getLogger("jbw")
 MOST_SUBSTEPS = 64
 AMPLE = 0.5  # of what the verdict allows the solver: draws about a fit are not the posterior
+ROUGH = 1e-6  # of the cost and of the step: fits that others follow
 MOST_ROUNDS = 8  # of fits and weights in turns
 SETTLED = 0.1  # standard deviations: what a further round may move the fit by
 NUM_SCREENED = 255  # points of the box that are looked at beside the start
@@ -142,7 +143,8 @@ def fit_from(key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str,
     order = np.argsort(-found)
     for number in order[:MOST_STARTS]:
         one = {name: values[number] for name, values in points.items()}
-        ends.append(costly_fit(dataset.stacked, prior, data, starts=inside(one, prior)))
+        begun = inside(one, prior)
+        ends.append(costly_fit(dataset.stacked, prior, data, starts=begun, tolerance=ROUGH))
         best = min(ends, key=lambda one: one.cost)
         chi_square, dof = best.chi_square
         alike = sum(end.cost < ALIKE * best.cost for end in ends)
@@ -215,12 +217,12 @@ def settled(best: Fit, prior: Box, data: Dataset, settings: Identify) -> tuple[F
     for _ in range(MOST_ROUNDS):
         before = np.asarray(best.x)
         data = with_weights(best, data, settings)
-        best = refit(best, prior, data)
+        best = refit(best, prior, data, tolerance=ROUGH)
         width = np.asarray(prior.upper - prior.lower)
         moved = (best.x - before) * width / np.sqrt(np.diag(best.covariance))
         if np.all(np.abs(moved) < SETTLED):
             break
-    return best, data
+    return refit(best, prior, data), data
 
 
 def with_weights(best: Fit, data: Dataset, settings: Identify) -> Dataset:
@@ -236,10 +238,17 @@ def with_weights(best: Fit, data: Dataset, settings: Identify) -> Dataset:
     return dataset.with_effective_values(fractions, noisy)
 
 
-def refit(best: Fit, prior: Box, data: Dataset, *, theta: Mapping[str, float] | None = None) -> Fit:
+def refit(
+    best: Fit,
+    prior: Box,
+    data: Dataset,
+    *,
+    theta: Mapping[str, float] | None = None,
+    tolerance: float = TOLERANCE,
+) -> Fit:
     """The fit again, from where it ended."""
     start = inside(theta or best.theta, prior)
-    return costly_fit(dataset.stacked, prior, data, starts=start)
+    return costly_fit(dataset.stacked, prior, data, starts=start, tolerance=tolerance)
 
 
 def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Dataset:
