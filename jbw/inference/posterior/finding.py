@@ -19,7 +19,7 @@ ASKED = {
         "cause", "repeatability", "held_out_coverage", "simpler_model", "misfit",
         "coloured_residual", "chi_square", "leave_one_out",
     ),
-    "knowledge": ("no_joint", "unidentified", "at_bound"),
+    "knowledge": ("no_joint", "unidentified", "modes", "at_bound"),
 }  # fmt: skip
 ASKED_BY = {code: name for name, codes in ASKED.items() for code in codes}
 

@@ -73,11 +73,14 @@ def _error(side: Float[np.ndarray, "chain draw"]) -> float:
     return float(side.std() / np.sqrt(row["ess_bulk"])) if crossed else float("nan")
 
 
-def modes_finding(draws: Draws) -> Finding:
-    """Whether any quantity has two modes, which no mean or interval describes."""
+def modes_findings(draws: Draws) -> list[Finding]:
+    """Whether chains weigh what modes there are, and whether any quantity has two of them.
+
+    Two modes of known weights are two answers of the data; no mean or interval describes them.
+    """
     split = deepest_split(draws)
     if split is None:
-        return Finding("modes", "ok", "No quantity has two modes with a valley between.", 0.0)
+        return [Finding("crossing", "ok", "No quantity has two modes with a valley between.", 0.0)]
     places = f"The posterior of {split.name} has modes at {split.below:.4g} and {split.above:.4g}"
     smaller = min(split.weight, 1 - split.weight)
     if np.isnan(split.error):
@@ -86,10 +89,10 @@ def modes_finding(draws: Draws) -> Finding:
             f"{split.weight:.0%} of the draws at the first is an accident of their starts."
         )
         action = 'Set sampler = "tempered_smc" or "nested" in [identify], which weigh modes.'
-    else:
-        weights = f"{split.weight:.3f} and {1 - split.weight:.3f} +- {split.error:.1g}"
-        reason = f"{places}, which weigh {weights}."
-        action = (
-            "Report each mode by itself, with its weight: a mean between them describes neither."
-        )
-    return Finding("modes", "failed", reason, smaller, action)
+        return [Finding("crossing", "failed", reason, smaller, action)]
+    weights = f"{split.weight:.3f} and {1 - split.weight:.3f} +- {split.error:.1g}"
+    action = "Report each mode by itself, with its weight: a mean between them describes neither."
+    return [
+        Finding("crossing", "ok", f"Draws weigh both modes of {split.name}.", split.error),
+        Finding("modes", "failed", f"{places}, which weigh {weights}.", smaller, action),
+    ]

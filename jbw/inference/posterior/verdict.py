@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from jbw.inference.fit.identifiability import weak_direction_of_draws
 from jbw.inference.posterior.finding import Finding, Verdict, checked, judge
-from jbw.inference.posterior.modes import modes_finding
+from jbw.inference.posterior.modes import modes_findings
 from jbw.inference.posterior.summary import Row, diagnose, scalars
 from jbw.inference.space.box import Box, bounds_by_name
 
@@ -44,7 +44,7 @@ def verdict(tree: xr.DataTree, box: Box, *, chi_square: tuple[float, int] | None
     draws = scalars(tree)
     findings = [_finite(draws)]
     if findings[0].status == "ok":
-        findings += [_moving(draws), *_convergence(draws), modes_finding(draws)]
+        findings += [_moving(draws), *_convergence(draws), *modes_findings(draws)]
         findings += [*_bounds(draws, box), _identified(draws, box)]
     findings += _trajectories(tree["sample_stats"].to_dataset())
     findings += _at_once(tree.attrs)
