@@ -26,10 +26,11 @@ from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.step import Step, attrs, finished, means_of
 from jbw.identification.widening import widened
 from jbw.inference.fit.fitting import Fit
+from jbw.inference.fit.valley import about_valley
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.verdict import Verdict, enough
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
-from jbw.inference.samplers.ladder import ROUNDS, climb
+from jbw.inference.samplers.ladder import ROUNDS, Further, Places, climb
 from jbw.inference.samplers.register import sampler_named
 from jbw.inference.samplers.rewhitening import sample_until
 from jbw.inference.space.reparametrisation import along_logarithms, in_box, never_zero
@@ -90,25 +91,27 @@ def sample_joint(
     """Draws by the settings' sampler, or by the ladder of samplers.
 
     Coordinates are chosen by looking: the box's own, the logarithms of what cannot be zero, or
-    those along the ridge of the fit, from wall to wall of the box. A named sampler draws along the
+    those along the ridge of the fit, from wall to wall of the box; where none of them do, along the
+    valley that the profile of the least known parameter follows. A named sampler draws along the
     ridge where the fit leaves a direction open or runs into a wall, slices otherwise along the
     logarithms; slices whose chains disagree are drawn again about their own moments.
     """
     prior, best, data = ready.box, ready.fit, ready.data
-    places = {
-        "logarithms": along_logarithms(
-            best.theta, best.covariance, prior, never_zero(best.theta, best.covariance, prior)
-        ),
-        "box": in_box(prior, best.theta, best.covariance, settings.num_chains),
-        "ridge": along_ridge(best.theta, best.covariance, prior),
+    about = best.theta, best.covariance
+    places: Places = {
+        "logarithms": lambda: along_logarithms(*about, prior, never_zero(*about, prior)),
+        "box": lambda: in_box(prior, *about, settings.num_chains),
+        "ridge": lambda: along_ridge(*about, prior),
     }
+    further: Further = {"valley": lambda: about_valley(dataset.stacked, prior, data, best)}
     enough = partial(are_enough, data=data, y_peak=_largest(best, data))
     shared: dict[str, Any] = {
         "num_chains": settings.num_chains, "attrs": attrs(data.laws), "budget_s": settings.budget_s
     }  # fmt: skip
     if settings.sampler == "auto":
         return climb(
-            key, dataset.log_likelihood, prior, data, places=places, is_costly=data.stepped,
+            key, dataset.log_likelihood, prior, data, places=places, further=further,
+            is_costly=data.stepped,
             num_samples=settings.num_samples, num_warmup=settings.num_warmup,
             enough=None if settings.num_samples is not None else enough,
             keep=lambda rung: keep(f"{name}_{rung}"), **shared,
@@ -117,7 +120,7 @@ def sample_joint(
     num_warmup, num_samples = settings.draws(sampler.draws)
     slices = sampler.name == "elliptical_slice"
     ridge = best.weak is not None or best.at_bound
-    place = places["ridge" if ridge else "logarithms"] if slices else places["box"]
+    place = places[("ridge" if ridge else "logarithms") if slices else "box"]()
     told = settings.num_samples is not None or sampler.is_fixed
     return sample_until(
         key, dataset.log_likelihood, prior, data, sampler=sampler.name, coordinates=place,
@@ -134,7 +137,7 @@ def drawn(facts: Mapping[Any, Any]) -> list[str]:
         return []
     said = (
         f"Drawn by {facts['sampler']} from {facts['num_evaluations']} evaluations, in the "
-        f"{facts['coordinates']} coordinates: there points about the fit are worth most."
+        f"{facts['coordinates']} coordinates, the best of those that were tried."
     )
     if "log_evidence" in facts:
         error = facts["log_evidence_error"]

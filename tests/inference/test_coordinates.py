@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
 from jbw.inference.space.box import box
 from jbw.inference.space.coordinates import (
@@ -17,6 +18,7 @@ from jbw.inference.space.coordinates import (
 from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import along_logarithms, in_box
 from jbw.inference.space.ridge import along_ridge
+from jbw.inference.space.valley import Floor, along_valley
 
 BOX = box({"a": (1.0, 20.0), "b": (1.0, 30.0), "c": (-1.0, 1.0)})
 THETA = {"a": 8.0, "b": 7.0, "c": 0.1}
@@ -29,6 +31,16 @@ def ridge():
     return along_ridge(THETA, COVARIANCE, BOX)
 
 
+def valley():
+    """Along b, between knots of unequal width, with roots that are not diagonal."""
+    roots = np.array([np.diag([0.1, 0.2]), [[0.3, 0.0], [0.2, 0.1]], np.diag([0.4, 0.5])])
+    points = np.array([[0.1, 0.2, 0.5], [0.4, 0.5, 0.2], [0.3, 0.9, 0.7]])
+    slopes = np.array([[1.0, -1.0], [0.3, 0.2], [-0.5, 2.0]])
+    floor = Floor(1, points, slopes, np.array([4.0, 0.0, 2.0]), roots)
+    outer = Composed((unit(BOX.lower, BOX.upper),))
+    return along_valley(floor, outer, (jnp.zeros(3), jnp.ones(3)))
+
+
 COORDINATES = {
     "identity": (IDENTITY, [0.3, -2.0, 5.0]),
     "affine": (WHITENING, [0.3, -0.2, 0.5]),
@@ -36,6 +48,8 @@ COORDINATES = {
     "unit": (unit(BOX.lower, BOX.upper), [0.3, 0.2, 0.9]),
     "logarithms": (Logarithms((True, False, True)), [0.3, -2.0, 1.0]),
     "ridge": (ridge().outer, [0.12, 0.01, 0.4]),
+    "valley": (valley().outer, [0.3, 0.6, -0.7]),
+    "beyond the valley": (valley().outer, [0.3, 0.95, -0.7]),
     "composed": (Composed((WHITENING, interval(BOX.lower, BOX.upper))), [0.1, 0.2, -0.3]),
 }
 
@@ -56,6 +70,14 @@ def test_the_determinant_is_that_of_the_derivatives(name):
     )
 
 
+def test_the_floor_of_a_valley_is_the_cubic_through_its_points_and_slopes():
+    coordinate = valley().outer.parts[0]
+    hermite = CubicHermiteSpline(coordinate.knots, coordinate.floor, coordinate.slopes)
+    for q in (0.25, 0.5, 0.6, 0.85):
+        found = coordinate.forward(jnp.array([0.0, q, 0.0]))
+        np.testing.assert_allclose(found[jnp.array([0, 2])], hermite(q), rtol=1e-12)
+
+
 def gaussian(theta, data):
     return -0.5 * jnp.square(jnp.stack([theta[n] for n in BOX.names]) - data)
 
@@ -65,6 +87,7 @@ PLACES = {
     "fit": in_box(BOX, THETA, COVARIANCE, 4),
     "logarithms": along_logarithms(THETA, COVARIANCE, BOX, ("a", "b")),
     "ridge": ridge(),
+    "valley": valley(),
 }
 
 

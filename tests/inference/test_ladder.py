@@ -50,9 +50,9 @@ def _thin_places():
     """Coordinates about the fit, in an order that names the worst first."""
     fit = costly_fit(left_of, RIDGE, jnp.log(60.0), starts={"a": 6.0, "b": 8.0, "c": 0.1})
     return {
-        "box": in_box(RIDGE, fit.theta, fit.covariance, 4),
-        "logarithms": along_logarithms(fit.theta, fit.covariance, RIDGE, ("a", "b")),
-        "ridge": along_ridge(fit.theta, fit.covariance, RIDGE),
+        "box": lambda: in_box(RIDGE, fit.theta, fit.covariance, 4),
+        "logarithms": lambda: along_logarithms(fit.theta, fit.covariance, RIDGE, ("a", "b")),
+        "ridge": lambda: along_ridge(fit.theta, fit.covariance, RIDGE),
     }
 
 
@@ -87,7 +87,7 @@ def test_a_told_number_of_draws_is_drawn_and_all_evaluations_are_counted(thin_pl
 
 
 PLANE = box({"x": (-4.0, 4.0), "y": (-4.0, 4.0)})
-ABOUT = {"box": in_box(PLANE, {"x": 2.0, "y": 0.0}, np.diag([4e-4, 4.0]), 4)}
+ABOUT = {"box": lambda: in_box(PLANE, {"x": 2.0, "y": 0.0}, np.diag([4e-4, 4.0]), 4)}
 TURN, WIDTH = 0.4, 1e-3  # of the spiral's turns: their distance, and their width over that
 
 

@@ -142,7 +142,7 @@ def _real_of(theta: Mapping[str, Array], residual_and_data: Any) -> Float[Array,
 
 def _parameters(s: Float[np.ndarray, "point parameter"], box: Box) -> dict[str, np.ndarray]:
     """Parameters by name at points of the search."""
-    theta = _forward(_search_coordinate(box), jnp.asarray(s))
+    theta = _forward(search_coordinate(box), jnp.asarray(s))
     return {name: np.asarray(values) for name, values in named(theta, box).items()}
 
 
@@ -153,7 +153,7 @@ def _forward(
     return jax.vmap(coordinate.forward)(s)
 
 
-def _search_coordinate(box: Box) -> Composed:
+def search_coordinate(box: Box) -> Composed:
     r"""Parameters by s in the unit cube, where a product known alone is a straight valley.
 
     Of positive bounds $\theta = \theta_{min} (\theta_{max} / \theta_{min})^s$; of others
@@ -170,12 +170,12 @@ def _search_coordinate(box: Box) -> Composed:
 
 def to_search(x: Vector, box: Box) -> Vector:
     """The coordinate of the search at the unit coordinate x."""
-    return _search_coordinate(box).inverse(box.lower + x * (box.upper - box.lower))
+    return search_coordinate(box).inverse(box.lower + x * (box.upper - box.lower))
 
 
 def from_search(s: Vector, box: Box) -> tuple[Vector, Vector]:
     """The unit coordinate x at s, and dx / ds."""
-    return _unit_and_slope(_search_coordinate(box), s, box)
+    return _unit_and_slope(search_coordinate(box), s, box)
 
 
 @eqx.filter_jit

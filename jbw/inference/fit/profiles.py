@@ -134,7 +134,7 @@ def walk(
             within = abs(place - start[held]) <= REACH * sd * (1 + 1e-9)
             if not within and side[-1][1] > centre + THRESHOLD:
                 break
-            s, chi_square = _constrained(part, s, held, place)
+            s, chi_square = constrained(part, s, held, place)
             side.append((s, chi_square))
         sides.append(_refined(part, side, held))
     rows, costs = zip(*sides[0][:0:-1], *sides[1], strict=True)
@@ -153,7 +153,7 @@ def _refined(part: Part, side: list[Point], held: int) -> list[Point]:
         if np.sqrt(rise[j]) - np.sqrt(rise[j - 1]) < STEEP:
             break
         inner, outer = side[j - 1][0], side[j][0]
-        between = _constrained(part, inner, held, (inner[held] + outer[held]) / 2)
+        between = constrained(part, inner, held, (inner[held] + outer[held]) / 2)
         side = [*side[:j], between, *side[j:]]
     return side
 
@@ -182,7 +182,7 @@ def _places(centre: float, side: float, sd: float) -> list[float]:
     return [float(np.clip(centre + side * step, 0.0, 1.0)) for step in steps]
 
 
-def _constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> Point:
+def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> Point:
     """Optimum of the other coordinates, from a neighbour's, and its chi-square."""
     free = np.arange(len(s)) != held
 

@@ -26,7 +26,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Array, Float, Key
 from scipy.optimize import bisect
 from scipy.special import logsumexp, softmax
 
@@ -35,7 +35,6 @@ from jbw.inference.posterior.verdict import ESS, GOOD_KHAT
 from jbw.inference.samplers import mixtures
 from jbw.inference.samplers.chains import Draws
 from jbw.inference.samplers.chunked_run import (
-    Arrays,
     Kept,
     Progress,
     SoFar,
@@ -44,66 +43,43 @@ from jbw.inference.samplers.chunked_run import (
     kept_arrays,
 )  # fmt: skip
 from jbw.inference.samplers.evidence import require_possible
-from jbw.inference.samplers.importance import SMALLEST, smooth
+from jbw.inference.samplers.importance import SMALLEST
 from jbw.inference.samplers.mixtures import Mixture, Points, Weights
+from jbw.inference.samplers.weighed_points import (
+    Pair,
+    Past,
+    Weighed,
+    as_arrays,
+    relative,
+    resumed,
+    weighed,
+)
 from jbw.inference.space.problem import Problem, log_prior
 
 LEAST = 10.0  # effective points a dimension that a mixture is fitted to
 PATIENCE = 10  # rounds after which a k-hat that is barely good is no choice of chance
-HOPELESS = 32  # rounds after which weights worth less than so many draws are given up
-GIVEN_UP = 32.0
 SMALL, SHARE = 8, 4  # first rounds that take one in so many points
 SURE_KHAT = 0.5  # below it weights have a variance
 
 
 class Options(NamedTuple):
-    """Draws kept of each group, groups, points of a later round, and rounds at most."""
+    """What is drawn, and when it is given up.
+
+    Attributes:
+        num_samples: Draws kept of each group.
+        num_chains: Groups.
+        num_points: Of a later round.
+        most_rounds: After which they end.
+        trial: Rounds after which weights that are worth less than `least` draws are given up.
+        least: See `trial`.
+    """
 
     num_samples: int = 1000
     num_chains: int = 4
     num_points: int = 1024
     most_rounds: int = 64
-
-
-Pair = tuple[Mixture, Mixture]  # of the points of even number, and of odd
-
-
-class Past(NamedTuple):
-    """All points so far, and the mixtures that they came from.
-
-    Attributes:
-        w: Whitened points.
-        terms: Of the log likelihood [nats].
-        log_density: Of the posterior, not normalised [nats]; -inf where impossible.
-        log_mixed: Logarithm of the sum of the densities of all mixtures of a point's half, each
-            times its points.
-        sizes: Points of either half of every round.
-        rounds: The mixtures.
-    """
-
-    w: Points
-    terms: Float[np.ndarray, "point term"]
-    log_density: Weights
-    log_mixed: Weights
-    sizes: Int[np.ndarray, " round"]
-    rounds: tuple[Pair, ...]
-
-    @property
-    def log_weight(self) -> Weights:
-        """Logarithm of the posterior over the mean of the mixtures."""
-        return self.log_density - self.log_mixed + np.log(len(self.w) / 2)
-
-
-class Weighed(NamedTuple):
-    """Smoothed weights that sum to one, their k-hat, and how many draws they are worth.
-
-    Raw weights may be worth less than the smoothed ones: a point far from all others, in another
-    mode, weighs too little once it is smoothed, and its evidence would be trusted without it.
-    """
-
-    weights: Weights
-    khat: float
-    effective: float
+    trial: int = 32
+    least: float = 32.0
 
 
 def gather(
@@ -121,7 +97,7 @@ def gather(
     """
     began, seed = perf_counter(), np.ravel(jax.random.key_data(key)).tolist()
     mark = "" if kept is None else fingerprint((key, problem), problem, gather, options)
-    past, before = _resumed(kept_arrays(kept, mark))
+    past, before = resumed(kept_arrays(kept, mark))
     watching = [one for one in (progress, None if kept is None else kept.grown) if one is not None]
     while True:
         if past is not None:
@@ -129,7 +105,7 @@ def gather(
             drawn = _draws(np.random.default_rng(seed), past, found, problem, options)
             last = _is_over(past, found, drawn[0], options, until, spent)
             if kept is not None and (last or kept.due()):
-                kept.save(_as_arrays(past, spent, mark), last=last)
+                kept.save(as_arrays(past, spent, mark), last=last)
             for tell in watching:
                 tell(_so_far(past, found, drawn[0], options, spent))
             if last:
@@ -145,20 +121,6 @@ def look(key: Key[Any, ""], problem: Problem, num_points: int) -> float:
     return weighed(_grown(rng, None, problem, num_points)).effective
 
 
-def weighed(past: Past) -> Weighed:
-    """The weights of all points, their tail smoothed."""
-    raw = _relative(past.log_weight)
-    found, khat = smooth(raw)
-    weights = softmax(found)
-    worth = min(1 / np.sum(each**2) for each in (weights, softmax(raw)))
-    return Weighed(weights, float(khat), float(worth))
-
-
-def _relative(log_weight: Weights) -> Weights:
-    """Log weights below the largest, those that count as zero still numbers."""
-    return np.maximum(log_weight - log_weight.max(), SMALLEST)
-
-
 def _is_over(
     past: Past, found: Weighed, drawn: Draws, options: Options, until: Until | None, spent: float
 ) -> bool:
@@ -166,7 +128,7 @@ def _is_over(
     count = len(past.rounds)
     if count >= options.most_rounds or (until is not None and spent >= until.budget_s):
         return True
-    if count >= HOPELESS and found.effective < GIVEN_UP:
+    if count >= options.trial and found.effective < options.least:
         return True
     # A k-hat that is barely good may be so by chance: ending at once would choose such rounds.
     limit = SURE_KHAT if count < PATIENCE else GOOD_KHAT
@@ -219,7 +181,7 @@ def _log_density(pair: Pair, w: Points) -> Weights:
 
 def _next_pair(rng: np.random.Generator, past: Past) -> Pair:
     """The mixtures of both halves, each of the points of the other; of all where it has none."""
-    raw = _relative(past.log_weight)
+    raw = relative(past.log_weight)
     others = [slice(1 - i, None, 2) for i in range(2)]
     others = [one if np.any(raw[one] > SMALLEST) else slice(None) for one in others]
     one, other = (_next_mixture(rng, past.w[each], raw[each]) for each in others)
@@ -233,7 +195,7 @@ def _next_mixture(rng: np.random.Generator, w: Points, log_weight: Weights) -> M
     would otherwise undo what the rounds before it learnt.
     """
     most = logsumexp(log_weight) - 0.5 * np.log(len(log_weight))
-    raw = _relative(np.minimum(log_weight, most))
+    raw = relative(np.minimum(log_weight, most))
     least = min(LEAST * w.shape[1], 0.5 * np.sum(raw > SMALLEST))
 
     def lacking(power: float) -> float:
@@ -279,26 +241,3 @@ def _so_far(past: Past, found: Weighed, drawn: Draws, options: Options, spent: f
     """How far the rounds are, for those who wait; the time left is that of all rounds at most."""
     count, most = len(past.rounds), options.most_rounds
     return SoFar(count, most, drawn.theta, None, (most - count) * spent / count)
-
-
-def _as_arrays(past: Past, spent: float, mark: str) -> dict[str, np.ndarray]:
-    """The rounds by name, for a `Kept`."""
-    arrays: dict[str, Any] = {"fingerprint": mark, "wall_s": spent, **past._asdict()}
-    for i, pair in enumerate(arrays.pop("rounds")):
-        for half, mixture in enumerate(pair):
-            arrays |= {f"{field}/{i}/{half}": v for field, v in mixture._asdict().items()}
-    return {name: np.asarray(values) for name, values in arrays.items()}
-
-
-def _resumed(arrays: Arrays | None) -> tuple[Past | None, float]:
-    """The rounds that were kept, none where there are none, and the time spent on them [s]."""
-    if arrays is None:
-        return None, 0.0
-
-    def mixture(i: int, half: int) -> Mixture:
-        return Mixture(*(arrays[f"{field}/{i}/{half}"] for field in Mixture._fields))
-
-    count = sum(name.startswith("shares/") for name in arrays) // 2
-    rounds = tuple((mixture(i, 0), mixture(i, 1)) for i in range(count))
-    fields: dict[str, Any] = {name: arrays[name] for name in Past._fields if name != "rounds"}
-    return Past(**fields, rounds=rounds), float(arrays["wall_s"])

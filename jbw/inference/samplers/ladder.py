@@ -24,7 +24,11 @@ from jbw.inference.space.box import Box
 from jbw.inference.space.problem import LogLikelihood, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation
 
+Places = Mapping[str, Callable[[], Reparametrisation]]
+Further = Mapping[str, Callable[[], Reparametrisation | None]]  # None where there are none
+
 LOOKED_AT = 256  # points that coordinates are chosen by
+TRIAL = 12  # rounds after which weights worth less than the draws asked for are given up
 ROUNDS = 3  # times that slices are drawn again, where their chains disagree
 WORTH = 20.0  # effective points a dimension, from which their moments are worth going on from
 
@@ -35,7 +39,8 @@ def climb(
     box: Box,
     data: Any,
     *,
-    places: Mapping[str, Reparametrisation],
+    places: Places,
+    further: Further | None = None,
     is_costly: bool,
     num_chains: int,
     num_samples: int | None,
@@ -52,7 +57,8 @@ def climb(
         log_likelihood: As `sample` takes it, with `box` and `data`.
         box: Prior bounds.
         data: What the likelihood takes.
-        places: Coordinates to choose from, each about a fit, by name.
+        places: Coordinates to choose from, each about a fit, by name; made when looked at.
+        further: Those that cost evaluations to make, tried where none of the others do.
         is_costly: Whether an evaluation steps through time.
         num_chains: Chains, and groups of weighed points.
         num_samples: Draws kept of each; the sampler's own when None.
@@ -65,37 +71,47 @@ def climb(
     Returns:
         The tree of `sample`; its attributes name the `coordinates`, and count all evaluations.
     """
-    name, looked_at = _chosen(key, log_likelihood, box, data, places)
-    place = places[name]
-    budget = np.inf if enough is None else budget_s
+    name, place, evaluations = _chosen(key, log_likelihood, box, data, places)
+    budget, spent = np.inf if enough is None else budget_s, 0.0
     shared = {"num_chains": num_chains, "attrs": attrs}
-    first = sample(
-        key, log_likelihood, box, data, sampler="amis", coordinates=place,
-        num_samples=num_samples or sampler_named("amis").draws[1], kept=keep("amis"),
-        until=None if enough is None else Until(enough, budget), **shared,
-    )  # fmt: skip
-    spent = first["timing"].attrs["wall_s"]
-    evaluations = first.attrs["num_evaluations"] + looked_at
-    first.attrs |= {"coordinates": name, "num_evaluations": evaluations}
-    if is_good(first, enough):
-        return first
-    if spent >= budget:
-        first.attrs["budget_spent_s"] = spent
-        return first
+    rungs: Further = {name: places[name], **(further or {})}
+    tried: list[tuple[xr.DataTree, Reparametrisation]] = []
+    for other, make in rungs.items():
+        is_last = len(tried) == len(rungs) - 1
+        # Where there are no others, those that were given up are gone on with.
+        if (made := make()) is not None:
+            name, place = other, made
+        tree = sample(
+            key, log_likelihood, box, data, sampler="amis",
+            coordinates=place, num_samples=num_samples or sampler_named("amis").draws[1],
+            kept=keep(f"{other}_amis" if tried else "amis"),
+            until=None if enough is None else Until(enough, budget - spent),
+            options={} if is_last else {"trial": TRIAL, "least": ESS}, **shared,
+        )  # fmt: skip
+        spent += tree["timing"].attrs["wall_s"]
+        evaluations += tree.attrs["num_evaluations"]
+        tree.attrs |= {"coordinates": name, "num_evaluations": evaluations}
+        tried.append((tree, place))
+        if is_good(tree, enough):
+            return tree
+        if spent >= budget:
+            tree.attrs["budget_spent_s"] = spent
+            return tree
+    best, about = max(tried, key=lambda each: each[0].attrs["ess_weights"])
+    if best.attrs["ess_weights"] >= WORTH * len(box.names):
+        about = by_moments(scalars(best), box, about)
     sampler = sampler_named("elliptical_slice" if is_costly else "nuts")
-    if first.attrs["ess_weights"] >= WORTH * len(box.names):
-        place = by_moments(scalars(first), box, place)
     own = sampler.draws if is_costly else sampler.cheap_draws
     found = sample_until(
-        jax.random.fold_in(key, len(places)), log_likelihood, box, data, coordinates=place,
-        sampler=sampler.name, rounds=ROUNDS if is_costly else 0, enough=enough,
+        jax.random.fold_in(key, len(places) + len(rungs)), log_likelihood, box, data,
+        coordinates=about, sampler=sampler.name, rounds=ROUNDS if is_costly else 0, enough=enough,
         num_warmup=own[0] if num_warmup is None else num_warmup, num_samples=num_samples or own[1],
         budget_s=budget - spent, keep=lambda i: keep(f"{sampler.name}_{i}" if i else sampler.name),
         chain_method="parallel" if jax.device_count() > 1 else "sequential",
         options={"adapt_mass": True}, **shared,
     )  # fmt: skip
     evaluations += found.attrs["num_evaluations"]
-    found.attrs |= {"coordinates": name, "num_evaluations": evaluations}
+    found.attrs |= {"coordinates": best.attrs["coordinates"], "num_evaluations": evaluations}
     if "budget_spent_s" in found.attrs:
         found.attrs["budget_spent_s"] += spent
     return found
@@ -109,20 +125,19 @@ def is_good(tree: xr.DataTree, enough: Enough | None) -> bool:
 
 
 def _chosen(
-    key: Key[Array, ""],
-    log_likelihood: LogLikelihood,
-    box: Box,
-    data: Any,
-    places: Mapping[str, Reparametrisation],
-) -> tuple[str, int]:
-    """Name of the coordinates in which points about the fit are worth most, and how many those are.
+    key: Key[Array, ""], log_likelihood: LogLikelihood, box: Box, data: Any, places: Places
+) -> tuple[str, Reparametrisation, int]:
+    """The coordinates in which points about the fit are worth most, and how many were looked at.
 
     Where half of the points are worth a draw, no others are looked at.
     """
     worth: dict[str, float] = {}
-    for i, (name, place) in enumerate(places.items()):
-        problem = problem_of(log_likelihood, box, data, place)
+    made: dict[str, Reparametrisation] = {}
+    for i, (name, make) in enumerate(places.items()):
+        made[name] = make()
+        problem = problem_of(log_likelihood, box, data, made[name])
         worth[name] = amis.look(jax.random.fold_in(key, i), problem, LOOKED_AT)
         if worth[name] > LOOKED_AT / 2:
             break
-    return max(worth, key=lambda name: worth[name]), LOOKED_AT * len(worth)
+    best = max(worth, key=lambda name: worth[name])
+    return best, made[best], LOOKED_AT * len(worth)

@@ -1,0 +1,88 @@
+"""All points that were weighed so far, with the mixtures that they came from, and their weights."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.special import softmax
+
+from jbw.inference.samplers.chunked_run import Arrays
+from jbw.inference.samplers.importance import SMALLEST, smooth
+from jbw.inference.samplers.mixtures import Mixture, Points, Weights
+
+Pair = tuple[Mixture, Mixture]  # of the points of even number, and of odd
+
+
+class Past(NamedTuple):
+    """All points so far, and the mixtures that they came from.
+
+    Attributes:
+        w: Whitened points.
+        terms: Of the log likelihood [nats].
+        log_density: Of the posterior, not normalised [nats]; -inf where impossible.
+        log_mixed: Logarithm of the sum of the densities of all mixtures of a point's half, each
+            times its points.
+        sizes: Points of either half of every round.
+        rounds: The mixtures.
+    """
+
+    w: Points
+    terms: Float[np.ndarray, "point term"]
+    log_density: Weights
+    log_mixed: Weights
+    sizes: Int[np.ndarray, " round"]
+    rounds: tuple[Pair, ...]
+
+    @property
+    def log_weight(self) -> Weights:
+        """Logarithm of the posterior over the mean of the mixtures."""
+        return self.log_density - self.log_mixed + np.log(len(self.w) / 2)
+
+
+class Weighed(NamedTuple):
+    """Smoothed weights that sum to one, their k-hat, and how many draws they are worth.
+
+    Raw weights may be worth less than the smoothed ones: a point far from all others, in another
+    mode, weighs too little once it is smoothed, and its evidence would be trusted without it.
+    """
+
+    weights: Weights
+    khat: float
+    effective: float
+
+
+def weighed(past: Past) -> Weighed:
+    """The weights of all points, their tail smoothed."""
+    raw = relative(past.log_weight)
+    found, khat = smooth(raw)
+    weights = softmax(found)
+    worth = min(1 / np.sum(each**2) for each in (weights, softmax(raw)))
+    return Weighed(weights, float(khat), float(worth))
+
+
+def relative(log_weight: Weights) -> Weights:
+    """Log weights below the largest, those that count as zero still numbers."""
+    return np.maximum(log_weight - log_weight.max(), SMALLEST)
+
+
+def as_arrays(past: Past, spent: float, mark: str) -> dict[str, np.ndarray]:
+    """The rounds by name, for a `Kept`."""
+    arrays: dict[str, Any] = {"fingerprint": mark, "wall_s": spent, **past._asdict()}
+    for i, pair in enumerate(arrays.pop("rounds")):
+        for half, mixture in enumerate(pair):
+            arrays |= {f"{field}/{i}/{half}": v for field, v in mixture._asdict().items()}
+    return {name: np.asarray(values) for name, values in arrays.items()}
+
+
+def resumed(arrays: Arrays | None) -> tuple[Past | None, float]:
+    """The rounds that were kept, none where there are none, and the time spent on them [s]."""
+    if arrays is None:
+        return None, 0.0
+
+    def mixture(i: int, half: int) -> Mixture:
+        return Mixture(*(arrays[f"{field}/{i}/{half}"] for field in Mixture._fields))
+
+    count = sum(name.startswith("shares/") for name in arrays) // 2
+    rounds = tuple((mixture(i, 0), mixture(i, 1)) for i in range(count))
+    fields: dict[str, Any] = {name: arrays[name] for name in Past._fields if name != "rounds"}
+    return Past(**fields, rounds=rounds), float(arrays["wall_s"])

@@ -1,0 +1,106 @@
+"""A valley that winds through the box: where the others follow one parameter, against quadrature.
+
+Seeds were fixed before the first run.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from test_ladder import climbed
+
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.fit.valley import about_valley
+from jbw.inference.posterior.summary import summarise
+from jbw.inference.samplers import amis
+from jbw.inference.space.box import box
+from jbw.inference.space.problem import problem_of
+from jbw.inference.space.reparametrisation import in_box
+
+SEEDS = (0, 1, 2)
+BOX = box({"a": (1.0, 60.0), "b": (-3.0, 3.0), "c": (-2.0, 2.0)})
+MIDDLE, WIDE = np.log(8.0), 0.7  # of log a
+STD_B, STD_C = 0.0005, 0.005
+
+
+def left_of(theta, data):
+    """b and c follow log a along curves, c within less where a is large."""
+    q = jnp.log(theta["a"])
+    return jnp.stack(
+        [
+            (q - data) / WIDE,
+            (theta["b"] - jnp.sin(3.0 * q) * 0.05) / STD_B,
+            (theta["c"] - 0.3 * (q - data) ** 2) * theta["a"] / (8.0 * STD_C),
+        ]
+    )
+
+
+def winding(theta, data):
+    return -0.5 * left_of(theta, data) ** 2
+
+
+@pytest.fixture(scope="module", name="fit")
+def _fit():
+    return costly_fit(left_of, BOX, MIDDLE, starts={"a": 7.0, "b": -0.2, "c": 0.0})
+
+
+def straight(fit):
+    return in_box(BOX, fit.theta, fit.covariance, 4)
+
+
+def curved(fit):
+    return about_valley(left_of, BOX, MIDDLE, fit)
+
+
+def expectation(of):
+    """Integral over a of what b and c leave, a normal density's over them: 2 pi std_b std_c."""
+
+    def density(a):
+        inner = 2 * np.pi * STD_B * STD_C * 8.0 / a
+        return of(a) * inner * np.exp(-0.5 * ((np.log(a) - MIDDLE) / WIDE) ** 2)
+
+    return quad(density, 1.0, 60.0, points=[4.0, 8.0, 16.0], limit=200)[0]
+
+
+def test_points_about_the_floor_are_worth_more_than_about_the_fit(fit):
+    places = {"box": straight(fit), "valley": curved(fit)}
+    problems = [problem_of(winding, BOX, MIDDLE, place) for place in places.values()]
+    for seed in SEEDS:
+        # About the fit they know one bend of the valley, and no more.
+        box_, valley = (amis.look(jax.random.key(seed), one, 512) for one in problems)
+        assert valley > 150 > 100 > box_
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_winding_posterior_is_drawn_along_its_valley(seed, fit):
+    tree = climbed(
+        seed, winding, BOX, MIDDLE, {"box": lambda: straight(fit)},
+        further={"valley": lambda: curved(fit)},
+    )  # fmt: skip
+    assert tree.attrs["sampler"] == "amis"
+    assert tree.attrs["coordinates"] == "valley"
+    volume = 59.0 * 6.0 * 4.0
+    evidence = np.log(expectation(lambda a: 1.0) / volume)
+    assert abs(tree.attrs["log_evidence"] - evidence) < 4 * tree.attrs["log_evidence_error"]
+    mean = expectation(lambda a: a) / expectation(lambda a: 1.0)
+    sd = np.sqrt(expectation(lambda a: a**2) / expectation(lambda a: 1.0) - mean**2)
+    row = summarise(tree, BOX)["a"]
+    assert abs(row["mean"] - mean) < 4 * sd / np.sqrt(row["ess_bulk"])
+
+
+def test_a_parameter_that_turns_back_is_not_followed():
+    # b goes up and down as a grows: along b, a is known by half a turn alone.
+    narrow = box({"a": (1.0, 60.0), "b": (-0.06, 0.06), "c": (-2.0, 2.0)})
+    best = costly_fit(left_of, narrow, MIDDLE, starts={"a": 7.0, "b": -0.01, "c": 0.0})
+    place = about_valley(left_of, narrow, MIDDLE, best)
+    assert place is None or place.outer.parts[0].held == 0
+
+
+def test_a_fit_at_a_wall_has_a_valley_on_one_side(fit):
+    bounds = box({"a": (1.0, 60.0), "b": (-3.0, 3.0), "c": (-2.0, 2.0)})
+    beyond = np.log(90.0)
+    at_wall = costly_fit(left_of, bounds, beyond, starts={"a": 50.0, "b": 0.0, "c": 0.1})
+    assert at_wall.at_bound == {"a": "upper"}
+    problem = problem_of(winding, bounds, beyond, about_valley(left_of, bounds, beyond, at_wall))
+    assert amis.look(jax.random.key(0), problem, 512) > 20
