@@ -22,8 +22,11 @@ ANSWERS = " / ".join(QUESTIONS)
 HEAD = ("structure", "identified [99 % interval]", "fitted", "left out", ANSWERS, "s")
 # What each campaign's data know, with the factor and the unit it is written in.
 SHOWN = {
-    "bolted_double_beam": {"softening": (1, "1/m"), "opening": (1, "1/m")},
-    "brake_reuss_beam": {"softening": (1, "1/m"), "opening": (1, "1/m")},
+    "bolted_double_beam": {
+        "alpha_delta": (1e-6, "e6 1/(m s^2)"),
+        "alpha_gamma": (1e-6, "e6 1/(m s^2)"),
+    },
+    "brake_reuss_beam": {"omega_n": (1, "rad/s"), "alpha_gamma": (1e-6, "e6 1/(m s^2)")},
     "brake_reuss_all": {"opening": (1, "1/m"), "cubic": (1e-10, "e10 1/(m^2 s^2)")},
     "f16_multisine": {"alpha_delta": (1e-5, "e5 1/(m s^2)"), "alpha_gamma": (1e-5, "e5 1/(m s^2)")},
     "f16_sweep": {"alpha_delta": (1e-5, "e5 1/(m s^2)"), "alpha_gamma": (1e-5, "e5 1/(m s^2)")},
