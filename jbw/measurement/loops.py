@@ -42,17 +42,23 @@ def mean_cycle(
     y: ArrayLike, force: ArrayLike, fs: float, omega: float, num_points: int = 256
 ) -> tuple[Reals, Reals]:
     """A cycle of a steady loop, y [m] and force [N/kg] at omega t from 0 to 2 pi, end excluded."""
-    # A fit of harmonics over all cycles: samples need not fall on the same phases in each of them.
     y, force, fs = channel(y, "y"), channel(force, "force"), sampling(fs)
     same_length(y=y, force=force)
+    at_phase, force_at_phase = mean_cycles(np.stack([y, force]), fs, omega, num_points)
+    return at_phase, force_at_phase
+
+
+def mean_cycles(x: Reals, fs: float, omega: float, num_points: int) -> Reals:
+    """A cycle of every channel of shape (channel, time), at omega t from 0 to 2 pi, end excluded.
+
+    A fit of harmonics over all cycles: samples need not fall on the same phases in each of them.
+    """
     carried = int(0.9 * np.pi * fs / omega) if omega > 0 else 1  # else refused below
     tones = Tones(omega, max(1, min(MOST_HARMONICS, carried)))
-    check_tones(tones, fs, y.shape[-1])
-    t = np.arange(y.shape[-1]) / fs
+    check_tones(tones, fs, x.shape[-1])
     phase = 2 * np.pi * np.arange(num_points) / num_points
     turn = np.exp(1j * np.outer(np.arange(1, tones.num_harmonics + 1), phase))
-    at_phase, force_at_phase = ((sine_fit(x, t, tones).amplitudes @ turn).real for x in (y, force))
-    return at_phase, force_at_phase
+    return (sine_fit(x, np.arange(x.shape[-1]) / fs, tones).amplitudes @ turn).real
 
 
 def integrate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:

@@ -146,18 +146,30 @@ def _groups(
 def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]:
     """Odd harmonics of source and displacement of every repeat, phases counted from the source."""
     found = np.zeros((len(repeats), 2, NUM_HARMONICS), complex)
-    for odd, (record, (start, stop)) in zip(found, repeats, strict=True):
-        keep = slice(round(start * record.fs), round(stop * record.fs))
-        count = int(min(HIGHEST, BELOW_NYQUIST * 2 * np.pi * record.fs / omega))
-        u = harmonics(record.channels[record.source][keep], record.fs, omega, count)
-        y = harmonics(
-            record.channels[record.response][keep],
-            record.fs, omega, count, response=record.response, delay=delay,
-        )  # fmt: skip
-        turn = np.exp(-1j * np.arange(1, count + 1) * np.angle(u.amplitudes[0]))
-        both = (turn * np.stack([u.amplitudes, y.amplitudes]))[:, ::2]
-        odd[:, : both.shape[1]] = both
+    alike: dict[tuple[float, str, int], list[int]] = {}
+    for i, (record, (start, stop)) in enumerate(repeats):
+        size = len(record.channels[record.source][_span(record.fs, start, stop)])
+        alike.setdefault((record.fs, record.response, size), []).append(i)
+    for (fs, response, _), own in alike.items():
+        count = int(min(HIGHEST, BELOW_NYQUIST * 2 * np.pi * fs / omega))
+        # All at once: sines and cosines of so many samples are what a fit costs.
+        rows = [
+            record.channels[name][_span(fs, *span)]
+            for record, span in (repeats[i] for i in own)
+            for name in (record.source, record.response)
+        ]
+        both = harmonics(np.stack(rows), fs, omega, count).amplitudes.reshape(-1, 2, count)
+        n = np.arange(1, count + 1)
+        power = derivative_order(response)
+        both[:, 1] *= np.exp(1j * n * omega * delay) / (1j * n * omega) ** power
+        turn = np.exp(-1j * n * np.angle(both[:, :1, :1]))
+        found[own, :, : (count + 1) // 2] = (turn * both)[..., ::2]
     return found
+
+
+def _span(fs: float, start: float, stop: float) -> slice:
+    """Samples between two times [s]."""
+    return slice(round(start * fs), round(stop * fs))
 
 
 def curve_group(test: Test) -> Group:

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
-from jbw.measurement.loops import differentiate, enclosed_area, integrate, mean_cycle
+from jbw.measurement.loops import differentiate, enclosed_area, integrate, mean_cycles
 from jbw.measurement.records import Record, Test, periods
 from jbw.observables.loops import Loops
 from jbw.observables.records import Records
@@ -145,9 +145,9 @@ def _cycles(record: Record, test: Test, omega: float) -> dict[str, NDArray[np.fl
     # The first and last periods of the band's lower edge are doubtful after integration.
     inner = slice(round(2 * fs / low), -round(2 * fs / low))
     source = record.channels[record.source][keep][inner]
-    y, u = mean_cycle(y[inner], source, fs, omega, NUM_POINTS)
-    v, a = mean_cycle(v[inner], a[inner], fs, omega, NUM_POINTS)
-    spectra = {name: np.fft.rfft(x) for name, x in {"y": y, "u": u, "v": v, "a": a}.items()}
+    channels = np.stack([y[inner], source, v[inner], a[inner]])
+    cycles = mean_cycles(channels, fs, omega, NUM_POINTS)
+    spectra = dict(zip("yuva", np.fft.rfft(cycles), strict=True))
     turn = np.exp(-1j * np.angle(spectra["u"][1]) * np.arange(NUM_POINTS // 2 + 1))
     return {name: np.fft.irfft(x * turn, NUM_POINTS) for name, x in spectra.items()}
 
