@@ -1,8 +1,7 @@
 r"""Steady response to a periodic record: the fixed point of one period's map, by Newton.
 
 Marching until nothing changes is a trap: the hysteresis forgets only by a few per cent a period
-at small amplitude. Where a period of marching forgets most, it is the cheapest step; where it does
-not, the map's derivative is at hand from the solve, and Newton settles it.
+at small amplitude. The map's derivative is at hand from the solve, and Newton settles it.
 """
 
 from collections.abc import Callable
@@ -14,8 +13,7 @@ from jaxtyping import Array, Float
 from jbw.oscillator.adjoint import Trajectory
 from jbw.oscillator.step import State
 
-MAX_ITERATIONS = 200
-_FORGETS = 0.1  # of the gap left by one period: marching is then cheaper than Newton
+MAX_ITERATIONS = 400
 _TOLERANCE = 1e-12  # rounding over a long period leaves a few parts in 1e13
 
 
@@ -24,10 +22,10 @@ def steady_period(
 ) -> tuple[Trajectory, Float[Array, ""]]:
     """Trajectory over the period that ends where it starts.
 
-    One period is marched; where that leaves more than a tenth of the gap, Newton's step is tried,
-    with the map's exact derivative, and kept where it is the better of the two. Derivatives
-    of the result come from the implicit function. `unit` makes the leaves of the state comparable
-    with a velocity; the residual is what the state still changes, relative to its largest value.
+    Newton's step is tried, with the map's exact derivative, and taken where it leaves less of the
+    gap; else one period is marched. Derivatives of the result come from the implicit function.
+    `unit` makes the leaves of the state comparable with a velocity; the residual is what the state
+    still changes, relative to its largest value.
     """
     _, tree = jax.tree.flatten(guess)
     units = jax.lax.stop_gradient(jnp.stack([jnp.asarray(x) for x in jax.tree.leaves(unit)]))
@@ -51,27 +49,25 @@ def steady_period(
 
 
 def _settle(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
-    """Root of the gap by marching where a period forgets most, by Newton otherwise."""
+    """Root of the gap by Newton's steps, and by marching where one leads no nearer.
+
+    The map and its derivative stand in the loop once: a solver in time is long to compile.
+    """
 
     def unsettled(carry):
-        x, rest, count = carry
+        x, rest, *_, count = carry
         return (count < MAX_ITERATIONS) & ~(_norm(rest) <= _TOLERANCE * _norm(x))
 
     def improve(carry):
-        x, rest, count = carry
-        marched, left = x + rest, gap(x + rest)
+        x, rest, tried, is_newton, count = carry
+        slope, left = jax.jacfwd(lambda x: (gap(x),) * 2, has_aux=True)(tried)
+        taken = ~is_newton | (_norm(left) < _norm(rest))
+        x, rest = jnp.where(taken, tried, x), jnp.where(taken, left, rest)
+        following = jnp.where(taken, tried - _solved(slope, left), x + rest)
+        return x, rest, following, taken, count + 1
 
-        def newton():
-            tried = x - _solved(jax.jacfwd(gap)(x), rest)
-            tried_left = gap(tried)
-            nearer = _norm(tried_left) < _norm(left)
-            return jnp.where(nearer, tried, marched), jnp.where(nearer, tried_left, left)
-
-        forgets = _norm(left) < _FORGETS * _norm(rest)
-        x, rest = jax.lax.cond(forgets, lambda: (marched, left), newton)
-        return x, rest, count + 1
-
-    return jax.lax.while_loop(unsettled, improve, (x, gap(x), 0))[0]
+    nowhere = jnp.full_like(x, jnp.inf)
+    return jax.lax.while_loop(unsettled, improve, (x, nowhere, x, jnp.asarray(False), 0))[0]
 
 
 def _solve_linear(linear: Callable, y: Float[Array, " state"]) -> Float[Array, " state"]:
