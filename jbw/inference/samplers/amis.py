@@ -57,6 +57,8 @@ from jbw.inference.samplers.weighed_points import (
 from jbw.inference.space.problem import Problem, log_prior
 
 LEAST = 10.0  # effective points a dimension that a mixture is fitted to
+ENDS = 2000.0  # effective draws that the ends of 99 % intervals take, ten on either side
+CHEAP = 4.0  # points an effective draw up to which so many are waited for
 PATIENCE = 10  # rounds after which a k-hat that is barely good is no choice of chance
 SMALL, SHARE = 8, 4  # first rounds that take one in so many points
 SURE_KHAT = 0.5  # below it weights have a variance
@@ -133,6 +135,8 @@ def _is_over(
     # A k-hat that is barely good may be so by chance: ending at once would choose such rounds.
     limit = SURE_KHAT if count < PATIENCE else GOOD_KHAT
     if not (found.khat < limit and found.effective >= ESS):
+        return False
+    if found.effective < ENDS and len(past.w) <= CHEAP * found.effective:
         return False
     return until is None or until.enough(drawn.theta)
 
