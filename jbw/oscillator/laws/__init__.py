@@ -12,6 +12,7 @@ from typing import Any
 from jbw.errors import ConfigError
 from jbw.oscillator.law import Law
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
+from jbw.oscillator.laws.iwan import Iwan4, MasingExponential, MasingPower
 from jbw.oscillator.laws.jenkins import Jenkins, jenkins
 from jbw.oscillator.laws.springs import Cubic as Cubic
 from jbw.oscillator.laws.springs import Polynomial as Polynomial
@@ -20,7 +21,10 @@ from jbw.quantities import Quantity
 Kind = type[Law]
 
 # By name; a family makes the law of `name_3` from the number.
-LAWS: dict[str, Kind] = {law.name: law for law in (BoucWenLaw, Cubic, Jenkins)}
+LAWS: dict[str, Kind] = {
+    law.name: law
+    for law in (BoucWenLaw, Cubic, Iwan4, Jenkins, MasingExponential, MasingPower)
+}
 FAMILIES: dict[str, Callable[[int], Kind]] = {"jenkins": jenkins}
 
 

@@ -1,0 +1,252 @@
+r"""Masing's laws by their virgin curves: a power, Segalman's four parameters, an exponential."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jax.scipy.special import gammaln
+from jaxtyping import Array, Float
+
+from jbw.oscillator.law import Bounds, Loop, Scales
+from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
+from jbw.oscillator.laws.masing import Kink, Masing
+from jbw.oscillator.laws.relaxation import exponential_remainder
+from jbw.oscillator.parameters import Scalar
+from jbw.quantities import Quantity
+
+# Displacement at which the power law's loss of stiffness is stated: the law is the same for any.
+REFERENCE = 1e-3
+LOSS = (1e-4, 0.3)  # of the stiffness, lost at the largest displacement of a loop whose q is usual
+_USUAL_EXPONENT = 0.7
+EXPONENT = (0.05, 3.0)
+MACROSLIP = (0.3, 30.0)  # times the largest displacement
+
+
+def power(x: Scalar, exponent: Scalar) -> Float[Array, "..."]:
+    """x to an exponent above zero, with derivatives at x = 0, where both are 0."""
+    acts = jnp.asarray(x) > 0.0
+    return jnp.where(acts, jnp.exp(exponent * jnp.log(jnp.where(acts, x, 1.0))), 0.0)
+
+
+def power_loop(exponent: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    r"""Losses of stiffness and damping of the lag $c\,x^{1+q}$, over $c\,Y^q$; exact.
+
+    $$C_s = \frac{8}{\pi} I(2q+2) \frac{1+q}{2+q}, \qquad C_d = \frac{4q}{\pi (2+q)}, \qquad
+      I(n) = \int_0^{\pi/2} \sin^n = \frac{\sqrt\pi}{2}
+      \frac{\Gamma((n+1)/2)}{\Gamma(n/2+1)}$$
+    """
+    q = jnp.asarray(exponent, float)
+    integral = 0.5 * jnp.sqrt(jnp.pi) * jnp.exp(gammaln(q + 1.5) - gammaln(q + 2.0))
+    return 8.0 / jnp.pi * integral * (1.0 + q) / (2.0 + q), 4.0 / jnp.pi * q / (2.0 + q)
+
+
+class MasingPower(Masing):
+    r"""Masing's law of a virgin curve that softens by a power, Iwan's below macroslip.
+
+    $$F_b = -\kappa\,x\,(x/\mathrm{1\,mm})^q$$
+
+    An elastic part of it would only move stiffness from beside the law into it; it has none, so
+    that its force is what the joint's slip takes and nothing of its stiffness must be known.
+
+    Attributes:
+        loss: Secant stiffness lost at 1 mm, kappa [1/s^2].
+        exponent: Exponent q of the loss; the energy per cycle grows by Y^(2+q) [-].
+    """
+
+    name: ClassVar[str] = "masing_power"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("power_loss", "κ₁", "1/s^2", "secant stiffness lost to slip at 1 mm", 0.0),
+        Quantity("power_exponent", "q", "1", "exponent of the stiffness lost to slip", 0.0),
+    )
+
+    power_loss: Scalar
+    power_exponent: Scalar
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        """Stiffness lost at the largest displacement, for an exponent as joints have it."""
+        square, reach = scales.omega_n**2, scales.y_peak / REFERENCE
+        low, high = (float(part * square * reach**-_USUAL_EXPONENT) for part in LOSS)
+        return {"power_loss": (low, high), "power_exponent": EXPONENT}
+
+    def stiffness(self) -> Scalar:
+        """None."""
+        return 0.0 * self.power_loss
+
+    def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
+        """Lag by the power, and its slope."""
+        secant = self.power_loss * power(x / REFERENCE, self.power_exponent)
+        return secant * x, (1.0 + self.power_exponent) * secant
+
+    def lag_integral(self, x: Scalar) -> Scalar:
+        """Integral of the lag."""
+        return self.lag(x)[0] * x / (2.0 + self.power_exponent)
+
+    def loop(self, y_peak: Scalar) -> Loop:
+        """Closed form at every amplitude."""
+        softening, damping = power_loop(self.power_exponent)
+        lost = self.power_loss * power(jnp.asarray(y_peak) / REFERENCE, self.power_exponent)
+        return Loop(-softening * lost, damping * lost)
+
+
+class Iwan4(Masing):
+    r"""Iwan's array of sliders by Segalman's four parameters.
+
+    $$\rho(\varphi) = R\varphi^\chi + S\,\delta(\varphi - \varphi_{max}), \qquad
+      F_b = K_T x - c\,x^{2+\chi} \text{ below } \varphi_{max}, \quad F_S \text{ beyond}$$
+    $$\varphi_{max} = \frac{F_S (1+\beta)}{K_T \left(\beta + \frac{\chi+1}{\chi+2}\right)}, \qquad
+      c = \frac{K_T \varphi_{max}^{-(1+\chi)}}{(1+\beta)(2+\chi)}$$
+
+    Below macroslip only c and chi act.
+
+    Attributes:
+        iwan_stiffness: Stiffness at rest, K_T [1/s^2].
+        iwan_force: Force of macroslip, F_S [N/kg].
+        iwan_chi: Exponent chi > -1 of the sliders' density [-].
+        iwan_beta: Stiffness of the sliders that slip last over that of the others [-].
+
+    Reference:
+        Segalman (2005).
+    """
+
+    name: ClassVar[str] = "iwan4"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("iwan_stiffness", "K_T", "1/s^2", "stiffness of the sliders at rest", 0.0),
+        Quantity("iwan_force", "F_S", "N/kg", "force at which all sliders slip", 0.0),
+        Quantity("iwan_chi", "χ", "1", "exponent of the sliders' density", -1.0),
+        Quantity("iwan_beta", "β", "1", "stiffness of the last sliders over the others'", 0.0),
+    )
+
+    iwan_stiffness: Scalar
+    iwan_force: Scalar
+    iwan_chi: Scalar
+    iwan_beta: Scalar
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        """A part of the stiffness, and macroslip from inside the data to far outside."""
+        share = FORCED_SHARE if scales.forced else SHARE
+        low, high = (float(part * scales.omega_n**2) for part in share)
+        least, most = (part * scales.y_peak for part in MACROSLIP)
+        return {
+            "iwan_stiffness": (low, high),
+            "iwan_force": (low * least, high * most),
+            "iwan_chi": (EXPONENT[0] - 1.0, EXPONENT[1] - 1.0),
+            "iwan_beta": (0.0, 10.0),
+        }
+
+    @classmethod
+    def of_density(cls, phi_max: Scalar, r: Scalar, s: Scalar, chi: Scalar) -> "Iwan4":
+        """The law of its density: phi_max [m], R [1/(m^(1+chi) s^2)], S [1/s^2] and chi."""
+        spread = r * power(phi_max, 1.0 + chi) / (1.0 + chi)
+        force = phi_max * (spread * (1.0 + chi) / (2.0 + chi) + s)
+        return cls(spread + s, force, chi, s / spread)
+
+    @property
+    def phi_max(self) -> Scalar:
+        """Displacement of macroslip [m]."""
+        chi, beta = self.iwan_chi, self.iwan_beta
+        share = beta + (chi + 1.0) / (chi + 2.0)
+        return self.iwan_force * (1.0 + beta) / (self.iwan_stiffness * share)
+
+    @property
+    def r(self) -> Scalar:
+        """Factor R of the density [1/(m^(1+chi) s^2)]."""
+        return self.c * (self.iwan_chi + 1.0) * (self.iwan_chi + 2.0)
+
+    @property
+    def s(self) -> Scalar:
+        """Stiffness S of the sliders that slip last [1/s^2]."""
+        return self.iwan_stiffness * self.iwan_beta / (1.0 + self.iwan_beta)
+
+    @property
+    def c(self) -> Scalar:
+        """Factor of the lag c x^(2+chi) [1/(m^(1+chi) s^2)]."""
+        return self._secant / power(self.phi_max, 1.0 + self.iwan_chi)
+
+    @property
+    def _secant(self) -> Scalar:
+        """Secant stiffness lost at macroslip, K_T - F_S / phi_max [1/s^2]."""
+        return self.iwan_stiffness / ((1.0 + self.iwan_beta) * (2.0 + self.iwan_chi))
+
+    def stiffness(self) -> Scalar:
+        """K_T: all sliders stick [1/s^2]."""
+        return self.iwan_stiffness
+
+    def kink(self) -> Kink:
+        """Macroslip: the last sliders slip, at once."""
+        phi_max = self.phi_max
+        spread = self.iwan_stiffness / (1.0 + self.iwan_beta)
+        return Kink(phi_max, -self.s, spread * (1.0 + self.iwan_chi) / phi_max)
+
+    def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
+        """Lag by the power below macroslip, K_T x - F_S beyond; and its slope."""
+        phi_max = self.phi_max
+        sticks = x < phi_max
+        secant = self._secant * power(jnp.where(sticks, x / phi_max, 1.0), 1.0 + self.iwan_chi)
+        lag = jnp.where(sticks, secant * x, self.iwan_stiffness * x - self.iwan_force)
+        return lag, jnp.where(sticks, (2.0 + self.iwan_chi) * secant, self.iwan_stiffness)
+
+    def lag_integral(self, x: Scalar) -> Scalar:
+        """Integral of the lag."""
+        phi_max = self.phi_max
+        below = jnp.minimum(x, phi_max)
+        slips = self.iwan_stiffness * (x + below) / 2.0 - self.iwan_force
+        secant = self._secant * power(below / phi_max, 1.0 + self.iwan_chi)
+        return secant * below**2 / (3.0 + self.iwan_chi) + (x - below) * slips
+
+    def loop(self, y_peak: Scalar) -> Loop:
+        """Closed form below macroslip, quadrature beyond."""
+        y_peak, q = jnp.asarray(y_peak, float), 1.0 + self.iwan_chi
+        below, part = y_peak <= self.phi_max, y_peak / self.phi_max
+        softening, damping = power_loop(q)
+        lost = self._secant * power(jnp.minimum(part, 1.0), q)
+        beyond = super().loop(y_peak)
+        return Loop(
+            jnp.where(below, self.iwan_stiffness - softening * lost, beyond.stiffness),
+            jnp.where(below, damping * lost, beyond.damping),
+        )
+
+
+class MasingExponential(Masing):
+    r"""Masing's law of the exponential virgin curve; Bouc-Wen's law shares that curve alone.
+
+    $$F_b = \frac{\alpha}{b}\left(1 - e^{-b x}\right)$$
+
+    Attributes:
+        exponential_alpha: Stiffness at rest [1/s^2].
+        exponential_b: Rate of softening [1/m].
+    """
+
+    name: ClassVar[str] = "masing_exponential"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("exponential_alpha", "α_e", "1/s^2", "stiffness of the joint at rest", 0.0),
+        Quantity("exponential_b", "b", "1/m", "rate of softening of the virgin curve", 0.0),
+    )
+
+    exponential_alpha: Scalar
+    exponential_b: Scalar
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        """A part of the stiffness; softening matters where b Y is of order one."""
+        share = FORCED_SHARE if scales.forced else SHARE
+        low, high = (float(part * scales.omega_n**2) for part in share)
+        return {
+            "exponential_alpha": (low, high),
+            "exponential_b": (0.02 / scales.y_peak, 20.0 / scales.y_peak),
+        }
+
+    def stiffness(self) -> Scalar:
+        """Alpha [1/s^2]."""
+        return self.exponential_alpha
+
+    def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
+        """Lag without cancellation, alpha x s E_2(s) with s = b x; and its slope alpha s E_1(s)."""
+        s = jnp.asarray(self.exponential_b * x, float)
+        own = self.exponential_alpha
+        return own * x * s * exponential_remainder(2, s), own * s * exponential_remainder(1, s)
+
+    def lag_integral(self, x: Scalar) -> Scalar:
+        """Integral of the lag, alpha x^2 s E_3(s)."""
+        s = jnp.asarray(self.exponential_b * x, float)
+        return self.exponential_alpha * x**2 * s * exponential_remainder(3, s)

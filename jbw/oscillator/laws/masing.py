@@ -1,0 +1,275 @@
+r"""Masing's laws: a concave virgin curve, from which all other branches follow.
+
+$$F = s F_b(s (y - y_0)) \text{ at first}, \qquad
+  F = F_r + 2 s F_b\!\left(\tfrac{s (y - y_r)}{2}\right) \text{ after a reversal at } (y_r, F_r)$$
+
+and a branch that closes is forgotten with its reversals. The virgin curve is given by its lag
+$\ell(x) = K x - F_b(x)$, what slip takes of the elastic force, which is accurate where it is small.
+The same law is a parallel array of sliders of density $-F_b''(\varphi)$.
+
+Reference:
+    Masing (1926); Iwan (1966); Mayergoyz (1991) for the closures.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax.lax import stop_gradient
+from jaxtyping import Array, Bool, Complex, Float
+
+from jbw.oscillator.kinks import Ends, StepPath, kept, kink_impulse, slope_jump_impulse
+from jbw.oscillator.law import Law, Loop
+from jbw.oscillator.laws import reversals
+from jbw.oscillator.laws.reversals import Reversals, closed, closes, headed
+from jbw.oscillator.parameters import Scalar, batched
+from jbw.oscillator.steady.waveform import (
+    angle_of,
+    crest,
+    exponentials,
+    gauss_legendre_between,
+    synthesis,
+)
+
+# The lag begins like x^(1 + q): at the tip the integrand is no polynomial.
+_NODES, _NODES_PER_HARMONIC = 48, 2
+
+
+class Kink(NamedTuple):
+    """Where the virgin curve's slope or curvature jumps.
+
+    Attributes:
+        x: Displacement [m].
+        slope: Jump of the slope [1/s^2].
+        curvature: Jump of the curvature [1/(m s^2)].
+    """
+
+    x: Scalar
+    slope: Scalar
+    curvature: Scalar
+
+
+class _Move(NamedTuple):
+    """A monotone move: memory after it, and where on it the last closure lies, if one does."""
+
+    memory: Reversals
+    popped: Scalar
+    closure: Scalar
+
+
+class Masing(Law):
+    """Base of Masing's laws; one of them says its stiffness, `lag` and `lag_integral`."""
+
+    def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
+        """Lag of the virgin curve at x >= 0, K x - F_b [N/kg], and its slope [1/s^2]."""
+        raise NotImplementedError
+
+    def lag_integral(self, x: Scalar) -> Scalar:
+        """Integral of the lag from 0 to x [J/kg]."""
+        raise NotImplementedError
+
+    def kink(self) -> Kink | None:
+        """Kink of the virgin curve, or None."""
+        return None
+
+    def backbone(self, x: Scalar) -> Scalar:
+        """Force on the virgin curve at x >= 0, F_b [N/kg]."""
+        return self.stiffness() * x - self.lag(x)[0]
+
+    # -- motion ------------------------------------------------------------------------------------
+    def at_rest(self) -> Reversals:
+        """Nothing remembered; the virgin curve begins where the motion does."""
+        return reversals.at_rest()
+
+    def force(self, y: Scalar, v: Scalar, memory: Reversals) -> Scalar:
+        """Force on the present branch [N/kg]."""
+        return memory.force
+
+    def rate(self, y: Scalar, v: Scalar, memory: Reversals) -> Reversals:
+        """Rate of the force along the present branch, or along the one that begins here."""
+        goes_on = memory.sense * v > 0.0
+        slope = self.stiffness() + jnp.where(goes_on, memory.slope, 0.0)
+        none = tuple(0.0 * v for _ in memory.y)
+        return Reversals(0.0 * v, 0.0 * v, 0.0 * v, 0.0 * v, slope * v, 0.0 * v, none, none)
+
+    def move(self, y: Scalar, memory: Reversals, dy: Scalar) -> Reversals:
+        """Memory after a monotone move, exact through any number of closures."""
+        return self._moved(y, memory, dy).memory
+
+    def refreshed(self, y: Scalar, memory: Reversals) -> Reversals:
+        """The force and its slope at y found anew from the reversals."""
+        force, slope = self._on_branch(memory, y)
+        moved = memory.count > 0.5
+        return memory._replace(
+            force=jnp.where(moved, force, memory.force), slope=jnp.where(moved, slope, 0.0)
+        )
+
+    def at_tip(self, y_peak: Scalar) -> Reversals:
+        """The virgin curve, on which the steady loop's tips lie."""
+        y_peak = jnp.asarray(y_peak, float)
+        return self.move(0.0 * y_peak, self.at_rest(), y_peak)
+
+    def memory_unit(self, omega_n: Scalar) -> Reversals:
+        """A force over omega_n and a displacement times omega_n are velocities."""
+        # What only counts is kept from weighing by a small power of two, which rounds nothing.
+        small, one = 2.0**-40 + 0.0 * omega_n, 1.0 / omega_n
+        size = reversals.SIZE
+        return Reversals(
+            small, small, small, small, one, small, (omega_n,) * size, (one,) * size
+        )  # fmt: skip
+
+    def _on_branch(self, memory: Reversals, y: Scalar) -> tuple[Scalar, Scalar]:
+        """Force at y on the present branch, and its slope less that of rest."""
+        distance = memory.sense * (y - memory.y[0])
+        stretch = memory.stretch
+        lag, slope = self.lag(jnp.maximum(distance, 0.0) / stretch)
+        own = self.stiffness()
+        return memory.f[0] + memory.sense * (own * distance - stretch * lag), -slope
+
+    def _moved(self, y: Scalar, memory: Reversals, dy: Scalar) -> _Move:
+        """A monotone move."""
+        after, popped, closure = closed(headed(memory, y, dy), y + dy)
+        return _Move(self.refreshed(y + dy, after), popped, closure)
+
+    # -- through a time step -----------------------------------------------------------------------
+    def remainder(
+        self, h: Scalar, y: Scalar, v: Scalar, memory: Reversals, branch: tuple[()]
+    ) -> tuple[Scalar, Scalar]:
+        """F - K y, and h times its rate."""
+        return memory.force - self.stiffness() * y, h * v * memory.slope
+
+    def bend(
+        self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Reversals, branch: tuple[()]
+    ) -> Scalar:
+        """Half of h^2 times its second derivative near a turning point, where v is small."""
+        return 0.5 * h**2 * a * memory.slope
+
+    def glide(
+        self, y: Scalar, memory: Reversals, dy: Scalar, branch: tuple[()]
+    ) -> tuple[Reversals, Bool[Array, "..."]]:
+        """Along the branch, and whether it turned, closed or met the kink."""
+        force, slope = self._on_branch(memory, y + dy)
+        met = (memory.sense * dy <= 0.0) | closes(memory, y + dy)
+        if (kink := self.kink()) is not None:
+            place = kink.x * memory.stretch
+            start = memory.sense * (y - memory.y[0])
+            met = met | ((start < place) & (start + memory.sense * dy >= place))
+        return memory._replace(force=force, slope=slope), met
+
+    def turn(
+        self, y: Scalar, memory: Reversals, ends: Ends, quartic: Scalar
+    ) -> tuple[Reversals, Scalar, Scalar]:
+        """Two moves, before and after the turning point, and the impulses of their kinks."""
+        start, end, rise = ends
+        # A start against the sense is a rest of the corrector's: too short for a turn of its own.
+        strays = (memory.sense * start <= 0.0) & (start * end < 0.0)
+        path = StepPath.through((jnp.where(strays, 0.0, start), end, rise), quartic)
+        before = headed(memory, y, path.before)
+        first = self._moved(y, memory, path.before)
+        last = self.move(y + path.before, first.memory, path.after)
+        # The slope of the turn's new branch is that of rest.
+        jump = jnp.where(path.turns, -first.memory.slope, 0.0)
+        found = kink_impulse(1.0 - path.fraction, jump * path.bend, jump * 6.0 * path.cubic.c_3)
+        impulse_v, impulse_y = found.v, found.y
+        for more_v, more_y in self._kinks(y, path, before, first):
+            impulse_v, impulse_y = impulse_v + more_v, impulse_y + more_y
+        return last, impulse_v, impulse_y
+
+    def shift(
+        self, y: Scalar, memory: Reversals, dy: Scalar, branch: tuple[()]
+    ) -> Reversals:
+        """The force along its tangent."""
+        return memory._replace(force=memory.force + (self.stiffness() + memory.slope) * dy)
+
+    def _kinks(self, y: Scalar, path: StepPath, before: Reversals, first: _Move):
+        """Impulses of a closure and of the virgin curve's kink before the turning point."""
+        after = first.memory
+        closing = first.popped > 0.5
+        inner = self._on_branch(before, first.closure)[1]
+        outer = self._on_branch(after, first.closure)[1]
+        yield _slope_jump(path, closing, first.closure - y, outer - inner)
+        if (kink := self.kink()) is None:
+            return
+        place = after.y[0] + after.sense * after.stretch * kink.x
+        begun = jnp.where(closing, first.closure, y)
+        met = (after.sense * (place - begun) > 0.0) & (
+            after.sense * (y + path.before - place) >= 0.0
+        )
+        yield _slope_jump(
+            path, met, place - y, kink.slope, after.sense * kink.curvature / after.stretch
+        )
+
+    # -- along a periodic motion -------------------------------------------------------------------
+    def loop(self, y_peak: Scalar) -> Loop:
+        r"""Of the lag, with x = Y sin^2(theta/2) on the way from Y to -Y.
+
+        $$\mathrm{Re}\,\kappa = K + \frac{4}{\pi Y}\int_0^\pi \ell(x) \cos\theta\,d\theta, \qquad
+          \mathrm{Im}\,\kappa = \frac{4}{\pi Y^2}\left(Y \ell(Y) - 2\int_0^Y \ell\right)$$
+        """
+        return Loop(*batched(_loop, self, y_peak))
+
+    def harmonics(
+        self, q: Complex[Array, " harmonic"], max_turns: int
+    ) -> Complex[Array, " harmonic"]:
+        """By quadrature between the turning points and the angle of the kink."""
+        if max_turns > 2:
+            return super().harmonics(q, max_turns)
+        start = crest(q)
+        peak = synthesis(q, start)
+        kink = self.kink()
+        place = peak if kink is None else peak - 2.0 * kink.x
+        begin, inner = stop_gradient((start, angle_of(q, start, place)))
+        num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
+        theta, weights = gauss_legendre_between(num_nodes, begin, inner, begin + jnp.pi)
+        basis = exponentials(theta, q.shape[0])
+        y = jnp.sum(basis * q, -1).real
+        return 2.0 / jnp.pi * ((weights * self._unloading(peak, y)) @ basis.conj())
+
+    def force_over_period(
+        self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
+    ) -> Float[Array, " time"]:
+        """Exact for two turning points a period."""
+        if max_turns > 2:
+            return super().force_over_period(q, theta, max_turns)
+        peak = synthesis(q, crest(q))
+        side = jnp.where(synthesis(q, theta, 1) > 0.0, -1.0, 1.0)
+        y = side * synthesis(q, theta)
+        return side * (self.stiffness() * y + self._unloading(peak, y))
+
+    def _unloading(self, peak: Scalar, y: Scalar) -> Scalar:
+        """Remainder F - K y on the way down from the peak, 2 l((Y - y)/2) - l(Y)."""
+        down, _ = self.lag(0.5 * jnp.maximum(peak - y, 0.0))
+        tip, _ = self.lag(peak)
+        return 2.0 * down - tip
+
+
+def _slope_jump(
+    path: StepPath,
+    met: Bool[Array, "..."],
+    target: Scalar,
+    slope: Scalar,
+    curvature: Scalar = 0.0,
+) -> tuple[Scalar, Scalar]:
+    """Impulses where the slope of the force jumps on the way to the turning point."""
+    target = jnp.where(met, target, path.before)
+    s = kept(jnp.where(met, path.passage(target, first=True), 1.0))
+    slope, curvature = jnp.where(met, slope, 0.0), jnp.where(met, curvature, 0.0)
+    speed = path.cubic.slope(s)
+    return slope_jump_impulse(
+        1.0 - s, slope * speed, slope * path.cubic.bend(s) + curvature * speed**2
+    )
+
+
+def _loop(law: Masing, y_peak: Scalar) -> tuple[Scalar, Scalar]:
+    """Equivalent stiffness and damping of one law; those of rest at Y = 0."""
+    at_zero = y_peak == 0.0
+    peak = jnp.where(at_zero, 1.0, y_peak)
+    kink = law.kink()
+    # Where x is at the kink; at pi where the loop does not reach it.
+    share = 1.0 if kink is None else jnp.minimum(stop_gradient(kink.x / peak), 1.0)
+    inner = 2.0 * jnp.arcsin(jnp.sqrt(share))
+    theta, weights = gauss_legendre_between(_NODES, 0.0, inner, jnp.pi)
+    lag, _ = law.lag(peak * jnp.sin(0.5 * theta) ** 2)
+    real = 4.0 / jnp.pi * jnp.sum(weights * lag * jnp.cos(theta)) / peak
+    tip, _ = law.lag(peak)
+    losses = 4.0 / jnp.pi * (peak * tip - 2.0 * law.lag_integral(peak)) / peak**2
+    return law.stiffness() + jnp.where(at_zero, 0.0, real), jnp.where(at_zero, 0.0, losses)
