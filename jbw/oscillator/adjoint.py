@@ -31,13 +31,16 @@ _CHUNK = 128
 def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
     """States after every substep, differentiable in the stepping and the initial state."""
     num_steps = stepping.push[0].shape[0]
+    laws, (y, v, memory) = stepping.step.laws, initial
+    packed = tuple(law.packed(own) for law, own in zip(laws, memory, strict=True))
+    carried = y, v, packed
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(_unused_field),
         HysteresisExact(),
         t0=0.0,
         t1=num_steps / substeps,
         dt0=1.0 / substeps,
-        y0=tuple(jax.tree.leaves(initial)),
+        y0=tuple(jax.tree.leaves(carried)),
         args=stepping,
         saveat=diffrax.SaveAt(t0=True, steps=True),
         adjoint=diffrax.ForwardMode(),
@@ -45,7 +48,8 @@ def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
         throw=False,
     )
     leaves = [x[: num_steps + 1] for x in solution.ys]  # pyright: ignore
-    return jax.tree.unflatten(jax.tree.structure(initial), leaves)
+    y, v, packed = jax.tree.unflatten(jax.tree.structure(carried), leaves)
+    return y, v, tuple(law.unpacked(own) for law, own in zip(laws, packed, strict=True))
 
 
 def _unused_field(tau, state, stepping):

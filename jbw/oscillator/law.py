@@ -139,6 +139,14 @@ class Law(eqx.Module):
         return Loop(*generic.loop_by_moves(self, y_peak))
 
     # -- through a time step of length h ---------------------------------------------------------
+    def packed(self, memory: Memory) -> Memory:
+        """Memory as the time loop carries it; what seldom changes in few arrays."""
+        return memory
+
+    def unpacked(self, memory: Memory) -> Memory:
+        """Memory as everybody else sees it, of scalars, from that of the time loop."""
+        return memory
+
     @property
     def stepped(self) -> bool:
         """Whether the time step knows this law; otherwise a stock solver integrates `rate`."""

@@ -102,7 +102,7 @@ class HysteresisExact(diffrax.AbstractSolver):
         push_y, push_v, u = args.push
         push: Push = push_y[solver_state], push_v[solver_state], u[solver_state]
         # As a flat tuple: empty memories, of springs, have no place in the loop's buffers.
-        memory = tuple(law.at_rest() for law in args.step.laws)
+        memory = tuple(law.packed(law.at_rest()) for law in args.step.laws)
         state = jax.tree.unflatten(jax.tree.structure((0.0, 0.0, memory)), y0)
         y1 = tuple(jax.tree.leaves(advance(args.step, state, push, branch=True)))
         dense_info = dict(y0=y0, y1=y1)

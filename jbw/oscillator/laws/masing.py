@@ -13,6 +13,7 @@ Reference:
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax.lax import stop_gradient
 from jaxtyping import Array, Bool, Complex, Float
@@ -20,7 +21,7 @@ from jaxtyping import Array, Bool, Complex, Float
 from jbw.oscillator.kinks import Ends, StepPath, kept, kink_impulse, slope_jump_impulse
 from jbw.oscillator.law import Law, Loop
 from jbw.oscillator.laws import reversals
-from jbw.oscillator.laws.reversals import Reversals, closed, closes, headed
+from jbw.oscillator.laws.reversals import Branch, Stack, branch_of, closed, closes, headed
 from jbw.oscillator.parameters import Scalar, batched
 from jbw.oscillator.steady.waveform import (
     angle_of,
@@ -49,9 +50,17 @@ class Kink(NamedTuple):
 
 
 class _Move(NamedTuple):
-    """A monotone move: memory after it, and where on it the last closure lies, if one does."""
+    """A monotone move.
 
-    memory: Reversals
+    Attributes:
+        begin: The branch at its start, turned into its direction.
+        end: The branch at its end.
+        popped: How many reversals it has closed.
+        closure: Where it closed the last of them [m].
+    """
+
+    begin: Branch
+    end: Branch
     popped: Scalar
     closure: Scalar
 
@@ -76,120 +85,130 @@ class Masing(Law):
         return self.stiffness() * x - self.lag(x)[0]
 
     # -- motion ------------------------------------------------------------------------------------
-    def at_rest(self) -> Reversals:
+    def at_rest(self) -> Branch:
         """Nothing remembered; the virgin curve begins where the motion does."""
         return reversals.at_rest()
 
-    def force(self, y: Scalar, v: Scalar, memory: Reversals) -> Scalar:
+    def force(self, y: Scalar, v: Scalar, memory: Branch) -> Scalar:
         """Force on the present branch [N/kg]."""
         return memory.force
 
-    def rate(self, y: Scalar, v: Scalar, memory: Reversals) -> Reversals:
+    def rate(self, y: Scalar, v: Scalar, memory: Branch) -> Branch:
         """Rate of the force along the present branch, or along the one that begins here."""
         goes_on = memory.sense * v > 0.0
         slope = self.stiffness() + jnp.where(goes_on, memory.slope, 0.0)
-        none = tuple(0.0 * v for _ in memory.y)
-        return Reversals(0.0 * v, 0.0 * v, 0.0 * v, 0.0 * v, slope * v, 0.0 * v, none, none)
+        still = jax.tree.map(lambda x: 0.0 * x * v, memory)
+        return still._replace(force=slope * v)
 
-    def move(self, y: Scalar, memory: Reversals, dy: Scalar) -> Reversals:
+    def move(self, y: Scalar, memory: Branch, dy: Scalar) -> Branch:
         """Memory after a monotone move, exact through any number of closures."""
-        return self._moved(y, memory, dy).memory
+        return self._moved(y, memory, dy).end
 
-    def refreshed(self, y: Scalar, memory: Reversals) -> Reversals:
-        """The force and its slope at y found anew from the reversals."""
-        force, slope = self._on_branch(memory, y)
-        moved = memory.count > 0.5
-        return memory._replace(
+    def refreshed(self, y: Scalar, memory: Branch) -> Branch:
+        """The branch and the force at y found anew from the reversals."""
+        stack = Stack.of(memory.stack)
+        found = branch_of(memory.sense, stack)
+        force, slope = self._on_branch(found, y)
+        moved = stack.count > 0.5
+        return found._replace(
             force=jnp.where(moved, force, memory.force), slope=jnp.where(moved, slope, 0.0)
         )
 
-    def at_tip(self, y_peak: Scalar) -> Reversals:
-        """The virgin curve, on which the steady loop's tips lie."""
+    def at_tip(self, y_peak: Scalar) -> Branch:
+        """On the virgin curve, where the steady loop's tips lie."""
         y_peak = jnp.asarray(y_peak, float)
         return self.move(0.0 * y_peak, self.at_rest(), y_peak)
 
-    def memory_unit(self, omega_n: Scalar) -> Reversals:
+    def memory_unit(self, omega_n: Scalar) -> Branch:
         """A force over omega_n and a displacement times omega_n are velocities."""
-        # What only counts is kept from weighing by a small power of two, which rounds nothing.
-        small, one = 2.0**-40 + 0.0 * omega_n, 1.0 / omega_n
-        size = reversals.SIZE
-        return Reversals(
-            small, small, small, small, one, small, (omega_n,) * size, (one,) * size
-        )  # fmt: skip
+        # What only counts, or follows from the rest, weighs little; a power of two rounds nothing.
+        small, size = 2.0**-40 + 0.0 * omega_n, reversals.SIZE
+        stack = Stack(small, small, small, (omega_n,) * size, (1.0 / omega_n,) * size)
+        return Branch(small, small, small, small, small, 1.0 / omega_n, small, stack.row())
 
-    def _on_branch(self, memory: Reversals, y: Scalar) -> tuple[Scalar, Scalar]:
+    def packed(self, memory: Branch) -> Branch:
+        """With the reversals in one array."""
+        return memory._replace(stack=jnp.stack(memory.stack))
+
+    def unpacked(self, memory: Branch) -> Branch:
+        """With each of the reversals for itself."""
+        return memory._replace(stack=tuple(jnp.moveaxis(memory.stack, -1, 0)))
+
+    def _on_branch(self, memory: Branch, y: Scalar) -> tuple[Scalar, Scalar]:
         """Force at y on the present branch, and its slope less that of rest."""
-        distance = memory.sense * (y - memory.y[0])
-        stretch = memory.stretch
+        distance = memory.sense * (y - memory.y)
+        stretch = jnp.maximum(memory.stretch, 1.0)
         lag, slope = self.lag(jnp.maximum(distance, 0.0) / stretch)
         own = self.stiffness()
-        return memory.f[0] + memory.sense * (own * distance - stretch * lag), -slope
+        return memory.f + memory.sense * (own * distance - stretch * lag), -slope
 
-    def _moved(self, y: Scalar, memory: Reversals, dy: Scalar) -> _Move:
+    def _moved(self, y: Scalar, memory: Branch, dy: Scalar) -> _Move:
         """A monotone move."""
-        after, popped, closure = closed(headed(memory, y, dy), y + dy)
-        return _Move(self.refreshed(y + dy, after), popped, closure)
+        sense, stack = headed(memory.sense, Stack.of(memory.stack), y, memory.force, dy)
+        begin = branch_of(sense, stack)._replace(force=memory.force)
+        stack, popped, closure = closed(sense, stack, y + dy)
+        end = self.refreshed(y + dy, branch_of(sense, stack)._replace(force=memory.force))
+        return _Move(begin, end, popped, closure)
 
     # -- through a time step -----------------------------------------------------------------------
     def remainder(
-        self, h: Scalar, y: Scalar, v: Scalar, memory: Reversals, branch: tuple[()]
+        self, h: Scalar, y: Scalar, v: Scalar, memory: Branch, branch: tuple
     ) -> tuple[Scalar, Scalar]:
         """F - K y, and h times its rate."""
         return memory.force - self.stiffness() * y, h * v * memory.slope
 
     def bend(
-        self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Reversals, branch: tuple[()]
+        self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Branch, branch: tuple
     ) -> Scalar:
         """Half of h^2 times its second derivative near a turning point, where v is small."""
         return 0.5 * h**2 * a * memory.slope
 
     def glide(
-        self, y: Scalar, memory: Reversals, dy: Scalar, branch: tuple[()]
-    ) -> tuple[Reversals, Bool[Array, "..."]]:
+        self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple
+    ) -> tuple[Branch, Bool[Array, "..."]]:
         """Along the branch, and whether it turned, closed or met the kink."""
-        force, slope = self._on_branch(memory, y + dy)
-        met = (memory.sense * dy <= 0.0) | closes(memory, y + dy)
+        sense, after = memory.sense, y + dy
+        force, slope = self._on_branch(memory, after)
+        met = (sense * dy <= 0.0) | closes(sense, after, memory.y, memory.closure)
         if (kink := self.kink()) is not None:
             place = kink.x * memory.stretch
-            start = memory.sense * (y - memory.y[0])
-            met = met | ((start < place) & (start + memory.sense * dy >= place))
+            met = met | ((sense * (y - memory.y) < place) & (sense * (after - memory.y) >= place))
         return memory._replace(force=force, slope=slope), met
 
     def turn(
-        self, y: Scalar, memory: Reversals, ends: Ends, quartic: Scalar
-    ) -> tuple[Reversals, Scalar, Scalar]:
+        self, y: Scalar, memory: Branch, ends: Ends, quartic: Scalar
+    ) -> tuple[Branch, Scalar, Scalar]:
         """Two moves, before and after the turning point, and the impulses of their kinks."""
         start, end, rise = ends
         # A start against the sense is a rest of the corrector's: too short for a turn of its own.
         strays = (memory.sense * start <= 0.0) & (start * end < 0.0)
         path = StepPath.through((jnp.where(strays, 0.0, start), end, rise), quartic)
-        before = headed(memory, y, path.before)
         first = self._moved(y, memory, path.before)
-        last = self.move(y + path.before, first.memory, path.after)
+        last = self.move(y + path.before, first.end, path.after)
         # The slope of the turn's new branch is that of rest.
-        jump = jnp.where(path.turns, -first.memory.slope, 0.0)
+        jump = jnp.where(path.turns, -first.end.slope, 0.0)
         found = kink_impulse(1.0 - path.fraction, jump * path.bend, jump * 6.0 * path.cubic.c_3)
         impulse_v, impulse_y = found.v, found.y
-        for more_v, more_y in self._kinks(y, path, before, first):
+        for more_v, more_y in self._kinks(y, path, first):
             impulse_v, impulse_y = impulse_v + more_v, impulse_y + more_y
         return last, impulse_v, impulse_y
 
     def shift(
-        self, y: Scalar, memory: Reversals, dy: Scalar, branch: tuple[()]
-    ) -> Reversals:
+        self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple
+    ) -> Branch:
         """The force along its tangent."""
         return memory._replace(force=memory.force + (self.stiffness() + memory.slope) * dy)
 
-    def _kinks(self, y: Scalar, path: StepPath, before: Reversals, first: _Move):
+    def _kinks(self, y: Scalar, path: StepPath, first: _Move):
         """Impulses of a closure and of the virgin curve's kink before the turning point."""
-        after = first.memory
+        after = first.end
         closing = first.popped > 0.5
-        inner = self._on_branch(before, first.closure)[1]
+        inner = self._on_branch(first.begin, first.closure)[1]
         outer = self._on_branch(after, first.closure)[1]
         yield _slope_jump(path, closing, first.closure - y, outer - inner)
         if (kink := self.kink()) is None:
             return
-        place = after.y[0] + after.sense * after.stretch * kink.x
+        place = after.y + after.sense * after.stretch * kink.x
         begun = jnp.where(closing, first.closure, y)
         met = (after.sense * (place - begun) > 0.0) & (
             after.sense * (y + path.before - place) >= 0.0

@@ -1,4 +1,4 @@
-r"""The reversals that a Masing law remembers: a shift register of scalars, the latest one first.
+r"""The reversals that a Masing law remembers: a shift register, the latest one first.
 
 A branch begins at a reversal $(y_0, F_0)$. The oldest entry is where the virgin curve begins, the
 one before it where that curve was left for the first time. A branch closes, so that it is forgotten
@@ -7,82 +7,122 @@ virgin curve at the mirror image of its own reversal. Closures are nested: a mon
 them in order, any number of them.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
-from jax.lax import stop_gradient
-from jaxtyping import Array, Bool, Float
+from jax.lax import dynamic_slice, stop_gradient
+from jaxtyping import Array, Bool
 
+from jbw.oscillator.kinks import kept
 from jbw.oscillator.parameters import Scalar
 
-SIZE = 10  # even: forgotten reversals go in pairs
+SIZE = 10
 # A closure met to rounding is met: of the displacements that it is found from.
 _ROUNDING = 1e-14
 
-Entries = tuple[Scalar, ...]
+# A tuple of scalars, or one array in a time loop, where a shuffle must cost little.
+Entries = Any
 
 
-class Reversals(NamedTuple):
-    """Memory of a Masing law.
+class Stack(NamedTuple):
+    """The reversals, and what is counted of them.
 
     Attributes:
-        sense: Direction of motion, 1 or -1; 0 before the first motion.
         count: Number of reversals held, the beginning of the virgin curve included.
         lost: Whether reversals were given up for want of places, and not passed since.
-        missed: How often such a reversal was then passed: the branch from there on is a guess.
-        force: Force now [N/kg].
-        slope: Slope of the force now, less that of rest [1/s^2].
+        missed: How often such a reversal was then passed: the branch from there on was a guess.
         y: Displacements of the reversals [m].
         f: Forces there [N/kg].
     """
 
-    sense: Scalar
     count: Scalar
     lost: Scalar
     missed: Scalar
-    force: Scalar
-    slope: Scalar
     y: Entries
     f: Entries
 
-    @property
-    def stretch(self) -> Scalar:
-        """The branch is the virgin curve stretched by this: by 2 except for that curve itself."""
-        return jnp.where(self.count < 1.5, 1.0, 2.0)
+    @classmethod
+    def of(cls, places: Any) -> "Stack":
+        """From all numbers in a row, a tuple or an array."""
+        return cls(*places[:3], places[3 : 3 + SIZE], places[3 + SIZE :])
+
+    def row(self) -> Any:
+        """All numbers in a row."""
+        counts = self.count, self.lost, self.missed
+        if isinstance(self.y, tuple):
+            return (*counts, *self.y, *self.f)
+        return jnp.concatenate([jnp.stack(counts), self.y, self.f])
 
 
-def at_rest() -> Reversals:
+class Branch(NamedTuple):
+    """Memory of a Masing law: the present branch and the force on it, and the reversals behind it.
+
+    Attributes:
+        sense: Direction of motion, 1 or -1; 0 before the first motion.
+        stretch: The branch is the virgin curve stretched by this: 1 for that curve itself, else 2.
+        y: Displacement at which the branch begins [m].
+        f: Force there [N/kg].
+        closure: Displacement at which it closes; out of reach for the virgin curve [m].
+        force: Force now [N/kg].
+        slope: Slope of the force now, less that of rest [1/s^2].
+        stack: The reversals in a row, `Stack.row`; in a time loop one array, as it seldom changes.
+    """
+
+    sense: Scalar
+    stretch: Scalar
+    y: Scalar
+    f: Scalar
+    closure: Scalar
+    force: Scalar
+    slope: Scalar
+    stack: Any
+
+
+_OUT_OF_REACH = 1e300
+
+
+def at_rest() -> Branch:
     """Nothing remembered."""
-    none = (0.0,) * SIZE
-    return Reversals(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, none, none)
+    return Branch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0,) * (3 + 2 * SIZE))
 
 
-def closing_place(memory: Reversals, first: int = 0) -> Scalar:
+def branch_of(sense: Scalar, stack: Stack) -> Branch:
+    """The branch that the reversals leave, before its force is known."""
+    none = 0.0 * stack.count
+    place = jnp.where(stack.count > 1.5, _closing_place(stack, 0), sense * _OUT_OF_REACH)
+    virgin = stack.count < 1.5
+    stretch = stop_gradient(jnp.where(virgin, jnp.minimum(stack.count, 1.0), 2.0))
+    return Branch(sense, stretch, stack.y[0], stack.f[0], place, none, none, stack.row())
+
+
+def _closing_place(stack: Stack, first: int) -> Scalar:
     """Displacement at which the branch from an entry closes, if the virgin curve lies behind [m]."""
-    mirrored = 2.0 * memory.y[first + 1] - memory.y[first]
-    return jnp.where(memory.count - first > 2.5, memory.y[first + 1], mirrored)
+    mirrored = 2.0 * stack.y[first + 1] - stack.y[first]
+    return jnp.where(stack.count - first > 2.5, stack.y[first + 1], mirrored)
 
 
-def closes(memory: Reversals, y: Scalar, first: int = 0) -> Bool[Array, "..."]:
-    """Whether a motion to y closes the branch from an entry."""
-    place = closing_place(memory, first)
-    rounding = _ROUNDING * (jnp.abs(y) + jnp.abs(memory.y[first]))
-    reached = memory.sense * (y - place) >= -rounding
-    return jnp.asarray(reached & (memory.count - first > 1.5))
+def closes(
+    sense: Scalar, y: Scalar, begin: Scalar, closure: Scalar
+) -> Bool[Array, "..."]:
+    """Whether a motion to y closes a branch."""
+    rounding = _ROUNDING * (jnp.abs(y) + jnp.abs(begin))
+    return jnp.asarray(sense * (y - closure) >= -rounding)
 
 
-def headed(memory: Reversals, y: Scalar, dy: Scalar) -> Reversals:
-    """Memory at y after turning into the direction of the next move, if that is another one."""
-    turned = (memory.sense * dy < 0.0) | ((memory.sense == 0.0) & (dy != 0.0))
-    full = turned & (memory.count > SIZE - 0.5)
-    sense = jnp.where(dy == 0.0, memory.sense, jnp.where(dy < 0.0, -1.0, 1.0))
-    return memory._replace(
-        sense=stop_gradient(sense),
-        count=stop_gradient(memory.count + jnp.where(full, -1.0, jnp.where(turned, 1.0, 0.0))),
-        lost=stop_gradient(jnp.where(full, 1.0, memory.lost)),
-        y=_pushed(memory.y, y, turned, full),
-        f=_pushed(memory.f, memory.force, turned, full),
+def headed(sense: Scalar, stack: Stack, y: Scalar, f: Scalar, dy: Scalar) -> tuple[Scalar, Stack]:
+    """Sense and reversals at (y, f) after turning into the next move, if that is the other way."""
+    turned = (sense * dy < 0.0) | ((sense == 0.0) & (dy != 0.0))
+    full = turned & (stack.count > SIZE - 0.5)
+    count = stack.count + jnp.where(full, -1.0, jnp.where(turned, 1.0, 0.0))
+    pushed = Stack(
+        stop_gradient(count),
+        stop_gradient(jnp.where(full, 1.0, stack.lost)),
+        stack.missed,
+        _pushed(stack.y, y, turned, full),
+        _pushed(stack.f, f, turned, full),
     )
+    sense = jnp.where(dy == 0.0, sense, jnp.where(dy < 0.0, -1.0, 1.0))
+    return stop_gradient(sense), pushed
 
 
 def _pushed(
@@ -93,51 +133,52 @@ def _pushed(
     A full register keeps its two oldest, by which the virgin curve is found again, and gives up
     the pair before them.
     """
-    kept = (*entries[: SIZE - 4], *entries[SIZE - 2 :], *entries[SIZE - 2 :])
-    entries = tuple(jnp.where(full, a, b) for a, b in zip(kept, entries, strict=True))
+    if not isinstance(entries, tuple):
+        front, none = value[None], jnp.zeros(1)
+        moved = jnp.concatenate([front, entries[:-1]])
+        shortened = jnp.concatenate([front, entries[: SIZE - 4], entries[SIZE - 2 :], none])
+        return jnp.where(full, shortened, jnp.where(turned, moved, entries))
     moved = (value, *entries[:-1])
-    return tuple(jnp.where(turned, a, b) for a, b in zip(moved, entries, strict=True))
+    shortened = (value, *entries[: SIZE - 4], *entries[SIZE - 2 :], 0.0 * value)
+    return tuple(
+        jnp.where(full, b, jnp.where(turned, a, x))
+        for a, b, x in zip(moved, shortened, entries, strict=True)
+    )
 
 
-def closed(memory: Reversals, y: Scalar) -> tuple[Reversals, Scalar, Scalar]:
-    """Memory after a move to y has passed its closures, how many entries that took, and the last.
+def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scalar]:
+    """Reversals after a move to y has passed its closures, how many that took, and the last place.
 
     The entries that remain are the same, moved to the front.
     """
-    popped, last, going = jnp.zeros_like(memory.count), memory.y[0], jnp.asarray(True)
+    popped, last, going = jnp.zeros_like(stack.count), stack.y[0], jnp.asarray(True)
     for first in range(0, SIZE - 1, 2):
-        going = going & closes(memory, y, first)
-        pair = memory.count - first > 2.5
+        place, pair = _closing_place(stack, first), stack.count - first > 2.5
+        going = going & (stack.count - first > 1.5) & closes(sense, y, stack.y[first], place)
         popped = popped + jnp.where(going, jnp.where(pair, 2.0, 1.0), 0.0)
-        last = jnp.where(going, closing_place(memory, first), last)
-    popped, count = stop_gradient((popped, memory.count - popped))
-    # Down to the first reversal, or from one of the lost pair's side: the branch is a guess.
-    bare = (memory.lost > 0.5) & (popped > 0.5) & (count < 2.5)
-    after = memory._replace(
-        count=count,
-        lost=stop_gradient(jnp.where(bare, 0.0, memory.lost)),
-        missed=stop_gradient(memory.missed + jnp.where(bare, 1.0, 0.0)),
-        y=forward(memory.y, popped),
-        f=forward(memory.f, popped),
+        last = jnp.where(going, place, last)
+    popped, last = kept((stop_gradient(popped), last))
+    count = stop_gradient(stack.count - popped)
+    # Down to the two oldest, past what was given up: the branch is a guess.
+    bare = (stack.lost > 0.5) & (popped > 0.5) & (count < 2.5)
+    after = Stack(
+        count,
+        stop_gradient(jnp.where(bare, 0.0, stack.lost)),
+        stop_gradient(stack.missed + jnp.where(bare, 1.0, 0.0)),
+        forward(stack.y, popped),
+        forward(stack.f, popped),
     )
     return after, popped, last
 
 
 def forward(entries: Entries, places: Scalar) -> Entries:
     """Entries moved to the front by a number of places, in steps of powers of two."""
+    if not isinstance(entries, tuple):
+        padded = jnp.concatenate([entries, jnp.zeros(SIZE)])
+        return dynamic_slice(padded, (places.astype(int),), (SIZE,))
     for step in (8, 4, 2, 1):
         far = places > step - 0.5
         places = places - jnp.where(far, float(step), 0.0)
         moved = (*entries[step:], *(0.0 * x for x in entries[:step]))
         entries = tuple(jnp.where(far, a, b) for a, b in zip(moved, entries, strict=True))
     return entries
-
-
-def places_moved(before: Reversals, after: Reversals) -> tuple[Float[Array, "..."], Scalar]:
-    """By how many places a step has moved its old entries to the front, and whether it gave up two.
-
-    After the first place, which may hold a new entry: y_i after is y_(i + places) before.
-    """
-    full = (before.count > SIZE - 0.5) & (after.y[1] == before.y[0]) & (after.count < SIZE - 0.5)
-    places = jnp.where(full, -1.0, before.count - after.count)
-    return jnp.asarray(places), jnp.where(full, 1.0, 0.0)
