@@ -146,8 +146,9 @@ class Masing(Law):
         """A monotone move."""
         sense, stack = headed(memory.sense, Stack.of(memory.stack), y, memory.force, dy)
         begin = branch_of(sense, stack)._replace(force=memory.force)
+        begin, stack = kept((begin, stack))
         stack, popped, closure = closed(sense, stack, y + dy)
-        end = self.refreshed(y + dy, branch_of(sense, stack)._replace(force=memory.force))
+        end = kept(self.refreshed(y + dy, branch_of(sense, stack)._replace(force=memory.force)))
         return _Move(begin, end, popped, closure)
 
     # -- through a time step -----------------------------------------------------------------------
@@ -190,7 +191,7 @@ class Masing(Law):
         found = kink_impulse(1.0 - path.fraction, jump * path.bend, jump * 6.0 * path.cubic.c_3)
         impulse_v, impulse_y = found.v, found.y
         for more_v, more_y in self._kinks(y, path, first):
-            impulse_v, impulse_y = impulse_v + more_v, impulse_y + more_y
+            impulse_v, impulse_y = kept((impulse_v + more_v, impulse_y + more_y))
         return last, impulse_v, impulse_y
 
     def shift(
@@ -203,8 +204,8 @@ class Masing(Law):
         """Impulses of a closure and of the virgin curve's kink before the turning point."""
         after = first.end
         closing = first.popped > 0.5
-        inner = self._on_branch(first.begin, first.closure)[1]
-        outer = self._on_branch(after, first.closure)[1]
+        inner = kept(self._on_branch(first.begin, first.closure)[1])
+        outer = kept(self._on_branch(after, first.closure)[1])
         yield _slope_jump(path, closing, first.closure - y, outer - inner)
         if (kink := self.kink()) is None:
             return
