@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jbw.oscillator import adjoint_stack
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.solver import HysteresisExact, Stepping
 from jbw.oscillator.step import ExactStep, Push, State, advance
@@ -61,7 +62,9 @@ def _unused_field(tau, state, stepping):
 def _solve_jvp(substeps, primals, tangents):
     stepping, initial = primals
     trajectory = solve(substeps, stepping, initial)
-    return trajectory, _tangent(stepping, trajectory, *tangents)
+    stacks = any(law.stacks for law in stepping.step.laws)
+    along = adjoint_stack.tangent if stacks else _tangent
+    return trajectory, along(stepping, trajectory, *tangents)
 
 
 def _tangent(

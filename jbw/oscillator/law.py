@@ -204,6 +204,26 @@ class Law(eqx.Module):
         """Memory after the corrector's small change of y, on the branch at the end."""
         return self.move(y, memory, dy)
 
+    # -- for derivatives of the solve, where the memory is a stack of the past ---------------------
+    @property
+    def stacks(self) -> bool:
+        """Whether a step makes but one entry of the memory anew and moves the others."""
+        return False
+
+    def stack_columns(self, memory: Memory) -> tuple[tuple[Scalar, ...], ...]:
+        """The entries, newest first, from which and y all else in the memory follows."""
+        raise NotImplementedError
+
+    def with_columns(
+        self, y: Scalar, memory: Memory, columns: tuple[tuple[Scalar, ...], ...]
+    ) -> Memory:
+        """Memory with other entries, and what follows from them found anew."""
+        raise NotImplementedError
+
+    def stack_move(self, before: Memory, after: Memory) -> Any:
+        """How a step has moved the entries behind the newest one."""
+        raise NotImplementedError
+
     # -- along a periodic motion -----------------------------------------------------------------
     def scaled(self, length: Scalar, stiffness: Scalar) -> "Law":
         """The law in units of displacement l and of stiffness kappa, F(l q) / (kappa l)."""

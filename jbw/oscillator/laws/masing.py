@@ -134,6 +134,26 @@ class Masing(Law):
         """With each of the reversals for itself."""
         return memory._replace(stack=tuple(jnp.moveaxis(memory.stack, -1, 0)))
 
+    # -- for derivatives ---------------------------------------------------------------------------
+    @property
+    def stacks(self) -> bool:
+        """Yes."""
+        return True
+
+    def stack_columns(self, memory: Branch) -> tuple[tuple[Scalar, ...], ...]:
+        """Displacements and forces of the reversals."""
+        stack = Stack.of(memory.stack)
+        return stack.y, stack.f
+
+    def with_columns(self, y: Scalar, memory: Branch, columns: tuple) -> Branch:
+        """The branch at y that other reversals leave."""
+        stack = Stack.of(memory.stack)._replace(y=columns[0], f=columns[1])
+        return self.refreshed(y, memory._replace(stack=stack.row()))
+
+    def stack_move(self, before: Branch, after: Branch) -> tuple[Scalar, Scalar]:
+        """How a step has moved the reversals."""
+        return reversals.places_moved(Stack.of(before.stack), Stack.of(after.stack))
+
     def _on_branch(self, memory: Branch, y: Scalar) -> tuple[Scalar, Scalar]:
         """Force at y on the present branch, and its slope less that of rest."""
         distance = memory.sense * (y - memory.y)
