@@ -235,7 +235,7 @@ class Masing(Law):
             after.sense * (y + path.before - place) >= 0.0
         )
         yield _slope_jump(
-            path, met, place - y, kink.slope, after.sense * kink.curvature / after.stretch
+            path, met, place - y, kink.slope, after.sense * kink.curvature / jnp.maximum(after.stretch, 1.0)
         )
 
     # -- along a periodic motion -------------------------------------------------------------------
