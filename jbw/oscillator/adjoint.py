@@ -7,6 +7,7 @@ small matrices (3 x 3 with one memory) is sequential. It is linear in the tangen
 transposes it for `jax.grad`.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -31,6 +32,21 @@ _CHUNK = 128
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
     """States after every substep, differentiable in the stepping and the initial state."""
+    stacks = any(law.stacks for law in stepping.step.laws)
+    march = _one_after_another(partial(_march, substeps)) if stacks else partial(_march, substeps)
+    return march(stepping, initial)
+
+
+def _one_after_another(march: Callable[..., Trajectory]) -> Callable[..., Trajectory]:
+    """The same, its lanes under vmap one after another.
+
+    Lanes side by side take the rare step's branch always, which for stacks is a long one.
+    """
+    return jax.custom_batching.sequential_vmap(march)
+
+
+def _march(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
+    """States after every substep."""
     num_steps = stepping.push[0].shape[0]
     laws, (y, v, memory) = stepping.step.laws, initial
     packed = tuple(law.packed(own) for law, own in zip(laws, memory, strict=True))
