@@ -14,11 +14,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jbw.oscillator.kinks import kept
-from jbw.oscillator.law import Law
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.solver import Stepping
 from jbw.oscillator.step import ExactStep, Push, State, advance
 
+Laws = tuple[Any, ...]  # those that stack say more than a `Law`
 Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Any]
 # y, v, other laws' memories, and the columns of the laws' stacks, an array each.
 Heads = tuple[Scalar, ...]
@@ -30,7 +30,7 @@ def tangent(
     stepping: Stepping, trajectory: Trajectory, stepping_dot: Stepping, initial_dot: State
 ) -> Trajectory:
     """Tangent of the trajectory: chunks of steps one after another."""
-    laws = stepping.step.laws
+    laws: Laws = stepping.step.laws
     num_steps = trajectory[0].shape[0] - 1
     size = min(_CHUNK, num_steps)
 
@@ -74,7 +74,7 @@ def tangent(
     )(trajectory, jax.vmap(partial(_split, laws))(trajectory), x_dot)
 
 
-def _split(laws: tuple[Law, ...], state: State) -> tuple[Heads, Columns]:
+def _split(laws: Laws, state: State) -> tuple[Heads, Columns]:
     """What derivatives travel by: scalars, and the stacks' columns."""
     y, v, memory = state
     heads, columns = [jnp.asarray(y), jnp.asarray(v)], []
@@ -86,7 +86,7 @@ def _split(laws: tuple[Law, ...], state: State) -> tuple[Heads, Columns]:
     return tuple(heads), tuple(columns)
 
 
-def _joined(laws: tuple[Law, ...], state: State, x: tuple[Heads, Columns]) -> State:
+def _joined(laws: Laws, state: State, x: tuple[Heads, Columns]) -> State:
     """A state with these derivatives' carriers, all else found from them."""
     (y, v, *heads), columns = x[0], list(x[1])
     memory = []
@@ -160,8 +160,9 @@ def _shuffled(
                 entries = jnp.where(far, ahead, entries)
                 left = left - jnp.where(far, float(step), 0.0)
             step //= 2
-        short = jnp.concatenate([jnp.zeros(1), column[: size - 4], column[size - 2 :], jnp.zeros(1)])
+        none = jnp.zeros(1)
+        short = jnp.concatenate([none, column[: size - 4], column[size - 2 :], none])
         return jnp.where(full > 0.5, short, entries[:size])
 
     rest = jax.lax.cond(places != 0.0, moved, lambda: column)
-    return jnp.concatenate([top[None], rest[1:]])
+    return jnp.concatenate([jnp.asarray(top)[None], rest[1:]])

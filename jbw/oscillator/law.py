@@ -207,22 +207,11 @@ class Law(eqx.Module):
     # -- for derivatives of the solve, where the memory is a stack of the past ---------------------
     @property
     def stacks(self) -> bool:
-        """Whether a step makes but one entry of the memory anew and moves the others."""
+        """Whether a step makes but one entry of the memory anew and moves the others.
+
+        Such a law says `stack_columns`, `with_columns` and `stack_move` too, as Masing's laws do.
+        """
         return False
-
-    def stack_columns(self, memory: Memory) -> tuple[tuple[Scalar, ...], ...]:
-        """The entries, newest first, from which and y all else in the memory follows."""
-        raise NotImplementedError
-
-    def with_columns(
-        self, y: Scalar, memory: Memory, columns: tuple[tuple[Scalar, ...], ...]
-    ) -> Memory:
-        """Memory with other entries, and what follows from them found anew."""
-        raise NotImplementedError
-
-    def stack_move(self, before: Memory, after: Memory) -> Any:
-        """How a step has moved the entries behind the newest one."""
-        raise NotImplementedError
 
     # -- along a periodic motion -----------------------------------------------------------------
     def scaled(self, length: Scalar, stiffness: Scalar) -> "Law":
@@ -257,6 +246,10 @@ class Law(eqx.Module):
 
     def check_periodic(self) -> None:
         """Raise a ModelError where `harmonics` do not hold."""
+
+    def guesses(self, memory: Memory) -> Scalar:
+        """How often until now the force may have been a guess, as the memory was too short."""
+        return 0.0
 
     def doubts(self) -> str | None:
         """A warning about parameters of which the force may diverge, or None; concrete only."""

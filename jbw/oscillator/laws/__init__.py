@@ -22,8 +22,7 @@ Kind = type[Law]
 
 # By name; a family makes the law of `name_3` from the number.
 LAWS: dict[str, Kind] = {
-    law.name: law
-    for law in (BoucWenLaw, Cubic, Iwan4, Jenkins, MasingExponential, MasingPower)
+    law.name: law for law in (BoucWenLaw, Cubic, Iwan4, Jenkins, MasingExponential, MasingPower)
 }
 FAMILIES: dict[str, Callable[[int], Kind]] = {"jenkins": jenkins}
 

@@ -22,7 +22,7 @@ MACROSLIP = (0.3, 30.0)  # times the largest displacement
 
 
 def power(x: Scalar, exponent: Scalar) -> Float[Array, "..."]:
-    """x to an exponent above zero, with derivatives at x = 0, where both are 0."""
+    """Power of x >= 0, its exponent above zero, with derivatives at x = 0, where both are 0."""
     acts = jnp.asarray(x) > 0.0
     return jnp.where(acts, jnp.exp(exponent * jnp.log(jnp.where(acts, x, 1.0))), 0.0)
 

@@ -15,24 +15,23 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.lax import stop_gradient
 from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator.kinks import Ends, StepPath, kept, kink_impulse, slope_jump_impulse
 from jbw.oscillator.law import Law, Loop
-from jbw.oscillator.laws import reversals
-from jbw.oscillator.laws.reversals import Branch, Stack, branch_of, closed, closes, headed
-from jbw.oscillator.parameters import Scalar, batched
-from jbw.oscillator.steady.waveform import (
-    angle_of,
-    crest,
-    exponentials,
-    gauss_legendre_between,
-    synthesis,
+from jbw.oscillator.laws.masing_loop import steady_force, steady_harmonics, steady_loop
+from jbw.oscillator.laws.reversals import (
+    SIZE,
+    Branch,
+    Stack,
+    branch_of,
+    closed,
+    closes,
+    headed,
+    nothing_remembered,
+    places_moved,
 )
-
-# The lag begins like x^(1 + q): at the tip the integrand is no polynomial.
-_NODES, _NODES_PER_HARMONIC = 48, 2
+from jbw.oscillator.parameters import Scalar, batched
 
 
 class Kink(NamedTuple):
@@ -87,7 +86,7 @@ class Masing(Law):
     # -- motion ------------------------------------------------------------------------------------
     def at_rest(self) -> Branch:
         """Nothing remembered; the virgin curve begins where the motion does."""
-        return reversals.at_rest()
+        return nothing_remembered()
 
     def force(self, y: Scalar, v: Scalar, memory: Branch) -> Scalar:
         """Force on the present branch [N/kg]."""
@@ -122,8 +121,8 @@ class Masing(Law):
     def memory_unit(self, omega_n: Scalar) -> Branch:
         """A force over omega_n and a displacement times omega_n are velocities."""
         # What only counts, or follows from the rest, weighs little; a power of two rounds nothing.
-        small, size = 2.0**-40 + 0.0 * omega_n, reversals.SIZE
-        stack = Stack(small, small, small, (omega_n,) * size, (1.0 / omega_n,) * size)
+        small = 2.0**-40 + 0.0 * omega_n
+        stack = Stack(small, small, small, (omega_n,) * SIZE, (1.0 / omega_n,) * SIZE)
         return Branch(small, small, small, small, small, 1.0 / omega_n, small, stack.row())
 
     def packed(self, memory: Branch) -> Branch:
@@ -133,6 +132,10 @@ class Masing(Law):
     def unpacked(self, memory: Branch) -> Branch:
         """With each of the reversals for itself."""
         return memory._replace(stack=tuple(jnp.moveaxis(memory.stack, -1, 0)))
+
+    def guesses(self, memory: Branch) -> Scalar:
+        """How often the motion came back to reversals that had been given up."""
+        return Stack.of(memory.stack).missed
 
     # -- for derivatives ---------------------------------------------------------------------------
     @property
@@ -152,7 +155,7 @@ class Masing(Law):
 
     def stack_move(self, before: Branch, after: Branch) -> tuple[Scalar, Scalar]:
         """How a step has moved the reversals."""
-        return reversals.places_moved(Stack.of(before.stack), Stack.of(after.stack))
+        return places_moved(Stack.of(before.stack), Stack.of(after.stack))
 
     def _on_branch(self, memory: Branch, y: Scalar) -> tuple[Scalar, Scalar]:
         """Force at y on the present branch, and its slope less that of rest."""
@@ -214,9 +217,7 @@ class Masing(Law):
             impulse_v, impulse_y = kept((impulse_v + more_v, impulse_y + more_y))
         return last, impulse_v, impulse_y
 
-    def shift(
-        self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple
-    ) -> Branch:
+    def shift(self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple) -> Branch:
         """The force along its tangent."""
         return memory._replace(force=memory.force + (self.stiffness() + memory.slope) * dy)
 
@@ -231,12 +232,10 @@ class Masing(Law):
             return
         place = after.y + after.sense * after.stretch * kink.x
         begun = jnp.where(closing, first.closure, y)
-        met = (after.sense * (place - begun) > 0.0) & (
-            after.sense * (y + path.before - place) >= 0.0
-        )
-        yield _slope_jump(
-            path, met, place - y, kink.slope, after.sense * kink.curvature / jnp.maximum(after.stretch, 1.0)
-        )
+        ahead, passed = place - begun, y + path.before - place
+        met = jnp.asarray((after.sense * ahead > 0.0) & (after.sense * passed >= 0.0))
+        curvature = after.sense * kink.curvature / jnp.maximum(after.stretch, 1.0)
+        yield _slope_jump(path, met, place - y, kink.slope, curvature)
 
     # -- along a periodic motion -------------------------------------------------------------------
     def loop(self, y_peak: Scalar) -> Loop:
@@ -245,24 +244,15 @@ class Masing(Law):
         $$\mathrm{Re}\,\kappa = K + \frac{4}{\pi Y}\int_0^\pi \ell(x) \cos\theta\,d\theta, \qquad
           \mathrm{Im}\,\kappa = \frac{4}{\pi Y^2}\left(Y \ell(Y) - 2\int_0^Y \ell\right)$$
         """
-        return Loop(*batched(_loop, self, y_peak))
+        return Loop(*batched(steady_loop, self, y_peak))
 
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int
     ) -> Complex[Array, " harmonic"]:
-        """By quadrature between the turning points and the angle of the kink."""
+        """By quadrature where there are two turning points a period."""
         if max_turns > 2:
             return super().harmonics(q, max_turns)
-        start = crest(q)
-        peak = synthesis(q, start)
-        kink = self.kink()
-        place = peak if kink is None else peak - 2.0 * kink.x
-        begin, inner = stop_gradient((start, angle_of(q, start, place)))
-        num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
-        theta, weights = gauss_legendre_between(num_nodes, begin, inner, begin + jnp.pi)
-        basis = exponentials(theta, q.shape[0])
-        y = jnp.sum(basis * q, -1).real
-        return 2.0 / jnp.pi * ((weights * self._unloading(peak, y)) @ basis.conj())
+        return steady_harmonics(self, q)
 
     def force_over_period(
         self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
@@ -270,21 +260,12 @@ class Masing(Law):
         """Exact for two turning points a period."""
         if max_turns > 2:
             return super().force_over_period(q, theta, max_turns)
-        peak = synthesis(q, crest(q))
-        side = jnp.where(synthesis(q, theta, 1) > 0.0, -1.0, 1.0)
-        y = side * synthesis(q, theta)
-        return side * (self.stiffness() * y + self._unloading(peak, y))
-
-    def _unloading(self, peak: Scalar, y: Scalar) -> Scalar:
-        """Remainder F - K y on the way down from the peak, 2 l((Y - y)/2) - l(Y)."""
-        down, _ = self.lag(0.5 * jnp.maximum(peak - y, 0.0))
-        tip, _ = self.lag(peak)
-        return 2.0 * down - tip
+        return steady_force(self, q, theta)
 
 
 def _slope_jump(
     path: StepPath,
-    met: Bool[Array, "..."],
+    met: Bool[Array, "..."] | bool,
     target: Scalar,
     slope: Scalar,
     curvature: Scalar = 0.0,
@@ -297,19 +278,3 @@ def _slope_jump(
     return slope_jump_impulse(
         1.0 - s, slope * speed, slope * path.cubic.bend(s) + curvature * speed**2
     )
-
-
-def _loop(law: Masing, y_peak: Scalar) -> tuple[Scalar, Scalar]:
-    """Equivalent stiffness and damping of one law; those of rest at Y = 0."""
-    at_zero = y_peak == 0.0
-    peak = jnp.where(at_zero, 1.0, y_peak)
-    kink = law.kink()
-    # Where x is at the kink; at pi where the loop does not reach it.
-    share = 1.0 if kink is None else jnp.minimum(stop_gradient(kink.x / peak), 1.0)
-    inner = 2.0 * jnp.arcsin(jnp.sqrt(share))
-    theta, weights = gauss_legendre_between(_NODES, 0.0, inner, jnp.pi)
-    lag, _ = law.lag(peak * jnp.sin(0.5 * theta) ** 2)
-    real = 4.0 / jnp.pi * jnp.sum(weights * lag * jnp.cos(theta)) / peak
-    tip, _ = law.lag(peak)
-    losses = 4.0 / jnp.pi * (peak * tip - 2.0 * law.lag_integral(peak)) / peak**2
-    return law.stiffness() + jnp.where(at_zero, 0.0, real), jnp.where(at_zero, 0.0, losses)

@@ -30,7 +30,7 @@ class Stack(NamedTuple):
     Attributes:
         count: Number of reversals held, the beginning of the virgin curve included.
         lost: Whether reversals were given up for want of places, and not passed since.
-        missed: How often such a reversal was then passed: the branch from there on was a guess.
+        missed: How often the motion came back to them: the branch from there on may be a guess.
         y: Displacements of the reversals [m].
         f: Forces there [N/kg].
     """
@@ -44,7 +44,7 @@ class Stack(NamedTuple):
     @classmethod
     def of(cls, places: Any) -> "Stack":
         """From all numbers in a row, a tuple or an array."""
-        return cls(*places[:3], places[3 : 3 + SIZE], places[3 + SIZE :])
+        return cls(places[0], places[1], places[2], places[3 : 3 + SIZE], places[3 + SIZE :])
 
     def row(self) -> Any:
         """All numbers in a row."""
@@ -81,7 +81,7 @@ class Branch(NamedTuple):
 _OUT_OF_REACH = 1e300
 
 
-def at_rest() -> Branch:
+def nothing_remembered() -> Branch:
     """Nothing remembered."""
     return Branch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0,) * (3 + 2 * SIZE))
 
@@ -96,14 +96,12 @@ def branch_of(sense: Scalar, stack: Stack) -> Branch:
 
 
 def _closing_place(stack: Stack, first: int) -> Scalar:
-    """Displacement at which the branch from an entry closes, if the virgin curve lies behind [m]."""
+    """Displacement at which the branch from an entry closes, where one lies behind it [m]."""
     mirrored = 2.0 * stack.y[first + 1] - stack.y[first]
     return jnp.where(stack.count - first > 2.5, stack.y[first + 1], mirrored)
 
 
-def closes(
-    sense: Scalar, y: Scalar, begin: Scalar, closure: Scalar
-) -> Bool[Array, "..."]:
+def closes(sense: Scalar, y: Scalar, begin: Scalar, closure: Scalar) -> Bool[Array, "..."]:
     """Whether a motion to y closes a branch."""
     rounding = _ROUNDING * (jnp.abs(y) + jnp.abs(begin))
     return jnp.asarray(sense * (y - closure) >= -rounding)
@@ -111,8 +109,8 @@ def closes(
 
 def headed(sense: Scalar, stack: Stack, y: Scalar, f: Scalar, dy: Scalar) -> tuple[Scalar, Stack]:
     """Sense and reversals at (y, f) after turning into the next move, if that is the other way."""
-    turned = (sense * dy < 0.0) | ((sense == 0.0) & (dy != 0.0))
-    full = turned & (stack.count > SIZE - 0.5)
+    turned = jnp.asarray((sense * dy < 0.0) | ((sense == 0.0) & (dy != 0.0)))
+    full = turned & jnp.asarray(stack.count > SIZE - 0.5)
     count = stack.count + jnp.where(full, -1.0, jnp.where(turned, 1.0, 0.0))
     pushed = Stack(
         stop_gradient(count),
@@ -134,7 +132,7 @@ def _pushed(
     the pair before them.
     """
     if not isinstance(entries, tuple):
-        front, none = value[None], jnp.zeros(1)
+        front, none = jnp.asarray(value)[None], jnp.zeros(1)
         moved = jnp.concatenate([front, entries[:-1]])
         shortened = jnp.concatenate([front, entries[: SIZE - 4], entries[SIZE - 2 :], none])
         return jnp.where(full, shortened, jnp.where(turned, moved, entries))
@@ -159,12 +157,13 @@ def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scala
         last = jnp.where(going, place, last)
     popped, last = kept((stop_gradient(popped), last))
     count = stop_gradient(stack.count - popped)
-    # Down to the two oldest, past what was given up: the branch is a guess.
-    bare = (stack.lost > 0.5) & (popped > 0.5) & (count < 2.5)
+    # With three entries left the place that closes the branch is given up, with two it is passed.
+    edge = (stack.lost > 0.5) & (popped > 0.5) & (count < 3.5)
+    passed = edge & (count < 2.5)
     after = Stack(
         count,
-        stop_gradient(jnp.where(bare, 0.0, stack.lost)),
-        stop_gradient(stack.missed + jnp.where(bare, 1.0, 0.0)),
+        stop_gradient(jnp.where(passed, 0.0, stack.lost)),
+        stop_gradient(stack.missed + jnp.where(edge, 1.0, 0.0)),
         forward(stack.y, popped),
         forward(stack.f, popped),
     )
@@ -175,7 +174,7 @@ def forward(entries: Entries, places: Scalar) -> Entries:
     """Entries moved to the front by a number of places, in steps of powers of two."""
     if not isinstance(entries, tuple):
         padded = jnp.concatenate([entries, jnp.zeros(SIZE)])
-        return dynamic_slice(padded, (places.astype(int),), (SIZE,))
+        return dynamic_slice(padded, (jnp.asarray(places, int),), (SIZE,))
     for step in (8, 4, 2, 1):
         far = places > step - 0.5
         places = places - jnp.where(far, float(step), 0.0)

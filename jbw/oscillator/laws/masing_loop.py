@@ -1,0 +1,74 @@
+r"""Masing's laws along a periodic motion of two turning points a period: the loop closes at once.
+
+$$F_\downarrow(y) = F_b(Y) - 2 F_b\!\left(\tfrac{Y - y}{2}\right), \qquad
+  F_\uparrow(y) = -F_\downarrow(-y)$$
+
+In lags $\ell(x) = K x - F_b(x)$ the elastic force stands beside and cancels nowhere.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+from jax.lax import stop_gradient
+from jaxtyping import Array, Complex, Float
+
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.steady.waveform import (
+    angle_of,
+    crest,
+    exponentials,
+    gauss_legendre_between,
+    synthesis,
+)
+
+Masing = Any  # a `jbw.oscillator.laws.masing.Masing`, whose methods call these functions
+
+# The lag begins like x^(1 + q): at the tip the integrand is no polynomial.
+_NODES, _NODES_PER_HARMONIC = 48, 2
+
+
+def steady_loop(law: Masing, y_peak: Scalar) -> tuple[Scalar, Scalar]:
+    """Equivalent stiffness and damping of one law; those of rest at Y = 0."""
+    at_zero = y_peak == 0.0
+    peak = jnp.where(at_zero, 1.0, y_peak)
+    kink = law.kink()
+    # Where x is at the kink; at pi where the loop does not reach it.
+    share = 1.0 if kink is None else jnp.minimum(stop_gradient(kink.x / peak), 1.0)
+    inner = 2.0 * jnp.arcsin(jnp.sqrt(share))
+    theta, weights = gauss_legendre_between(_NODES, 0.0, inner, jnp.pi)
+    lag, _ = law.lag(peak * jnp.sin(0.5 * theta) ** 2)
+    real = 4.0 / jnp.pi * jnp.sum(weights * lag * jnp.cos(theta)) / peak
+    tip, _ = law.lag(peak)
+    losses = 4.0 / jnp.pi * (peak * tip - 2.0 * law.lag_integral(peak)) / peak**2
+    return law.stiffness() + jnp.where(at_zero, 0.0, real), jnp.where(at_zero, 0.0, losses)
+
+
+def steady_harmonics(law: Masing, q: Complex[Array, " harmonic"]) -> Complex[Array, " harmonic"]:
+    """Odd harmonics of F - K y, by quadrature between the turning points and the kink's angle."""
+    start = crest(q)
+    peak = synthesis(q, start)
+    kink = law.kink()
+    place = peak if kink is None else peak - 2.0 * kink.x
+    begin, inner = stop_gradient((start, angle_of(q, start, place)))
+    num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
+    theta, weights = gauss_legendre_between(num_nodes, begin, inner, begin + jnp.pi)
+    basis = exponentials(theta, q.shape[0])
+    y = jnp.sum(basis * q, -1).real
+    return 2.0 / jnp.pi * ((weights * _unloading(law, peak, y)) @ basis.conj())
+
+
+def steady_force(
+    law: Masing, q: Complex[Array, " harmonic"], theta: Float[Array, " time"]
+) -> Float[Array, " time"]:
+    """Force at angles of the period [N/kg]."""
+    peak = synthesis(q, crest(q))
+    side = jnp.where(synthesis(q, theta, 1) > 0.0, -1.0, 1.0)
+    y = side * synthesis(q, theta)
+    return side * (law.stiffness() * y + _unloading(law, peak, y))
+
+
+def _unloading(law: Masing, peak: Scalar, y: Scalar) -> Scalar:
+    """Remainder F - K y on the way down from the peak, 2 l((Y - y)/2) - l(Y)."""
+    down, _ = law.lag(0.5 * jnp.maximum(peak - y, 0.0))
+    tip, _ = law.lag(peak)
+    return 2.0 * down - tip
