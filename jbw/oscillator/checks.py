@@ -185,6 +185,18 @@ def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:
         )
 
 
+def warn_of_guesses(guesses: Any) -> None:
+    """Warn where a law came back to reversals that it had given up for want of places."""
+    if not is_concrete(guesses) or not np.any(count := np.asarray(guesses)):
+        return
+    warnings.warn(
+        f"Loops within loops were deeper than a law remembers: {int(np.max(count))} times the "
+        "motion came back to reversals that had been given up, and the force may be a guess from "
+        "there until a larger loop closed.",
+        stacklevel=3,
+    )
+
+
 def check_bounded(joint: Any, y: Any) -> None:
     """Report a trajectory that diverged, naming the parameters."""
     if not is_concrete(joint, y) or np.all(finite := np.isfinite(y)):

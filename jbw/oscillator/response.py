@@ -24,6 +24,7 @@ from jbw.oscillator.checks import (
     check_options,
     check_settled,
     initial_state,
+    warn_of_guesses,
     warn_of_long_steps,
     warn_of_unbounded_law,
 )
@@ -49,6 +50,8 @@ class Response(eqx.Module):
         a: Acceleration [m/s^2].
         residual: For a periodic record, what the state still changes over one period relative to
             its largest value in it; 0 otherwise [-].
+        guesses: How often a law's memory was too short, so that its force may have been a guess
+            for a time; 0 but for laws that remember many reversals [-].
     """
 
     t: Float[Array, " time"]
@@ -57,6 +60,7 @@ class Response(eqx.Module):
     z: Float[Array, "... time"]
     a: Float[Array, "... time"]
     residual: Float[Array, "..."]
+    guesses: Float[Array, "..."]
 
 
 def simulate(
@@ -127,6 +131,7 @@ def simulate(
     response = _simulate_batch(options, args[0], u, *args[1:])
     check_settled(response.residual)
     check_bounded(joint, response.y)
+    warn_of_guesses(response.guesses)
     if solver is None and _is_stepped(oscillator) and not callable(u):
         warn_of_long_steps(fs, substeps, response.y, response.v)
     return response
@@ -197,12 +202,14 @@ def _simulate(
         (y, v, memory), residual = steady_period(trajectory_from, initial, unit)
     else:
         (y, v, memory), residual = trajectory_from(initial), jnp.zeros(())
-    z, beside = jnp.zeros_like(y), jnp.zeros_like(y)
+    z, beside, guesses = jnp.zeros_like(y), jnp.zeros_like(y), jnp.zeros(())
     for law, own in zip(joint.laws, memory, strict=True):
         force = law.force(y, v, own)
         z, beside = (z + force, beside) if law.remembers else (z, beside + force)
+        counts = jnp.broadcast_to(jnp.asarray(law.guesses(own), float), y.shape)
+        guesses = guesses + counts[-1] - counts[0]
     a = u_sampled - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - z - beside
-    return Response(t, y, v, z, a, residual)
+    return Response(t, y, v, z, a, residual, guesses)
 
 
 def _exact(substeps: int, steps: Stepping, initial: State) -> Trajectory:
