@@ -121,13 +121,17 @@ class Masing(Law):
     def memory_unit(self, omega_n: Scalar) -> Branch:
         """A force over omega_n and a displacement times omega_n are velocities."""
         # What only counts, or follows from the rest, weighs little; a power of two rounds nothing.
-        small = 2.0**-40 + 0.0 * omega_n
+        small = 2.0**-10 + 0.0 * omega_n
         stack = Stack(small, small, small, (omega_n,) * SIZE, (1.0 / omega_n,) * SIZE)
         return Branch(small, small, small, small, small, 1.0 / omega_n, small, stack.row())
 
     def packed(self, memory: Branch) -> Branch:
-        """With the reversals in one array."""
-        return memory._replace(stack=jnp.stack(memory.stack))
+        """With the reversals in one array; whole counts, also from a search for a steady state."""
+        stack = Stack.of(memory.stack)
+        stack = stack._replace(count=jnp.clip(jnp.round(stack.count), 0.0, float(SIZE)))
+        branch = branch_of(jnp.sign(jnp.round(memory.sense)), stack)
+        branch = branch._replace(force=memory.force, slope=memory.slope)
+        return branch._replace(stack=jnp.stack(branch.stack))
 
     def unpacked(self, memory: Branch) -> Branch:
         """With each of the reversals for itself."""

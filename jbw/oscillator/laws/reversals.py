@@ -78,7 +78,7 @@ class Branch(NamedTuple):
     stack: Any
 
 
-_OUT_OF_REACH = 1e300
+_OUT_OF_REACH = 1e3  # m
 
 
 def nothing_remembered() -> Branch:
