@@ -184,17 +184,19 @@ def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
     return KinkImpulse(impulse_v, impulse_y, (v_x, v_2, v_3), (y_x, y_2, y_3))
 
 
-def slope_jump_impulse(x: Scalar, jump_1: Scalar, jump_2: Scalar) -> tuple[Scalar, Scalar]:
+def slope_jump_impulse(
+    x: Scalar, jump_1: Scalar, jump_2: Scalar, jump_3: Scalar = 0.0
+) -> tuple[Scalar, Scalar]:
     r"""Impulses of a kink where already the first derivative of r jumps, as of a slider that slips.
 
-    From h J_1 and h^2 J_2 [N/kg], on v over h and on y over h^2 [m/s^2]:
+    From h J_1, h^2 J_2 and h^3 J_3 [N/kg], on v over h and on y over h^2 [m/s^2]:
 
     $$\int_0^h (r - H)\,ds = h^2 J_1
       \left(\tfrac{x^2}{2} - \tfrac{x}{2} + \tfrac{1}{12}\right) + \dots$$
     $$\int_0^h (h - s)(r - H)\,ds
       = h^3 J_1 \left(\tfrac{x^3}{6} - \tfrac{3x}{20} + \tfrac{1}{30}\right) + \dots$$
     """
-    impulse = kink_impulse(x, jump_2, 0.0)
+    impulse = kink_impulse(x, jump_2, jump_3)
     v = impulse.v - jump_1 * (0.5 * x * (x - 1.0) + 1.0 / 12.0)
     y = impulse.y - jump_1 * (x * (x**2 / 6.0 - 0.15) + 1.0 / 30.0)
     return v, y

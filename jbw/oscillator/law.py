@@ -264,6 +264,11 @@ class Law(eqx.Module):
         """Whether the law has a memory."""
         return bool(jax.tree.leaves(self.at_rest()))
 
+    @property
+    def kinked(self) -> bool:
+        """Whether a step may meet a kink of the law, so that `glide` and `turn` are asked."""
+        return self.remembers
+
 
 class ScaledLaw(Law):
     r"""A law in other units, $F(\ell q)/(\kappa\ell)$, as the balance of harmonics sees it.

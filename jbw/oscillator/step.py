@@ -90,7 +90,7 @@ def advance(step: ExactStep, state: State, push: Push, *, branch: bool) -> State
     r, rate = _remainder(step, y, v, memory, branches)
     y_1 = y + (step.f_11 * y + step.f_12 * v + push[0] - step.r_y * r - step.s_y * rate)
     v_1 = v + (step.f_21 * y + step.f_22 * v + push[1] - step.r_v * r - step.s_v * rate)
-    if not any(law.remembers for law in laws):
+    if not any(law.kinked for law in laws):
         memory_1, branches_1, impulse_v, impulse_y = memory, branches, 0.0, 0.0
     elif branch:
         dy = y_1 - y
@@ -159,13 +159,13 @@ def _through_kinks(
     moved = [
         law.turn(y, own, (start, end, rise), quartic)
         for law, own in zip(laws, memory, strict=True)
-        if law.remembers
+        if law.kinked
     ]
     impulse_v = reduce(add, (impulse for _, impulse, _ in moved))  # pyright: ignore[reportArgumentType]
     impulse_y = reduce(add, (impulse for _, _, impulse in moved))  # pyright: ignore[reportArgumentType]
     ends = iter(own for own, _, _ in moved)
     memory_1 = tuple(
-        next(ends) if law.remembers else own for law, own in zip(laws, memory, strict=True)
+        next(ends) if law.kinked else own for law, own in zip(laws, memory, strict=True)
     )
     branches_1 = tuple(law.branch(v_1, own) for law, own in zip(laws, memory_1, strict=True))
     return y_1, v_1, memory_1, branches_1, h * impulse_v - shift_v, h**2 * impulse_y - shift_y

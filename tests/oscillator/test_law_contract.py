@@ -28,6 +28,9 @@ THETA = {
     "iwan4": {"iwan_stiffness": 1500.0, "iwan_force": 3.0, "iwan_chi": -0.3, "iwan_beta": 0.5},
     "masing_exponential": {"exponential_alpha": 497.4, "exponential_b": 373.05},
     "masing_power": {"power_loss": 120.0, "power_exponent": 0.7},
+    "quadratic": {"quadratic": 8e4},
+    "quintic": {"quintic": 5e11},
+    "stop": {"stop_stiffness": 400.0, "stop_gap": 1.5e-3},
     "bilinear": {"bilinear_k": 600.0, "bilinear_yield": 2e-3},
 }  # fmt: skip
 

@@ -14,15 +14,20 @@ from jbw.oscillator.law import Law
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.oscillator.laws.iwan import Iwan4, MasingExponential, MasingPower
 from jbw.oscillator.laws.jenkins import Jenkins, jenkins
+from jbw.oscillator.laws.kinked_springs import Quadratic, Stop
 from jbw.oscillator.laws.springs import Cubic as Cubic
 from jbw.oscillator.laws.springs import Polynomial as Polynomial
+from jbw.oscillator.laws.springs import Quintic
 from jbw.quantities import Quantity
 
 Kind = type[Law]
 
 # By name; a family makes the law of `name_3` from the number.
 LAWS: dict[str, Kind] = {
-    law.name: law for law in (BoucWenLaw, Cubic, Iwan4, Jenkins, MasingExponential, MasingPower)
+    law.name: law
+    for law in (
+        BoucWenLaw, Cubic, Iwan4, Jenkins, MasingExponential, MasingPower, Quadratic, Quintic, Stop
+    )
 }
 FAMILIES: dict[str, Callable[[int], Kind]] = {"jenkins": jenkins}
 

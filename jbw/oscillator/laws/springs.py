@@ -19,6 +19,8 @@ from jbw.quantities import Quantity
 
 # Displacements at which a force is probed for oddness [m].
 _PROBES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
+# A spring's force at the largest displacement, over that of the linear stiffness.
+MOST_SHARE = 0.3
 
 
 class Spring(Law):
@@ -113,12 +115,49 @@ class Cubic(Spring):
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
         """At the largest displacement up to three tenths of the linear stiffness, either sign."""
-        most = 0.3 * scales.omega_n**2 / scales.y_peak**2
+        most = MOST_SHARE * scales.omega_n**2 / scales.y_peak**2
         return {"cubic": (-most, most)}
 
     def __call__(self, y: Scalar) -> Scalar:
         """Force at the displacement y [m]."""
         return self.lambda_3 * y**3
+
+    def even_part(self) -> None:
+        """None."""
+
+
+class Quintic(Spring):
+    r"""Stiffness of the fifth power, $f(y) = k_5\,y^5$ [N/kg]; beside it stands a cubic one.
+
+    Attributes:
+        k_5: Quintic stiffness, positive where it stiffens [1/(m^4 s^2)].
+    """
+
+    name: ClassVar[str] = "quintic"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("quintic", "k₅", "1/(m^4 s^2)", "quintic stiffness beside the joint"),
+    )
+
+    k_5: Scalar
+
+    @classmethod
+    def build(cls, theta: Mapping[str, Any]) -> Self:
+        """The spring of `quintic`."""
+        return cls(theta["quintic"])
+
+    def parameters(self) -> dict[str, Any]:
+        """Values by name."""
+        return {"quintic": self.k_5}
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        """At the largest displacement up to three tenths of the linear stiffness, either sign."""
+        most = MOST_SHARE * scales.omega_n**2 / scales.y_peak**4
+        return {"quintic": (-most, most)}
+
+    def __call__(self, y: Scalar) -> Scalar:
+        """Force at the displacement y [m]."""
+        return self.k_5 * y**5
 
     def even_part(self) -> None:
         """None."""

@@ -1,0 +1,213 @@
+r"""Springs whose slope or curvature jumps at some displacements: stops, and the force of y|y|."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple, Self
+
+import jax.numpy as jnp
+from jax.lax import stop_gradient
+from jaxtyping import Array, Bool, Complex, Float
+
+from jbw.oscillator import generic
+from jbw.oscillator.kinks import Ends, StepPath, kept, signed, slope_jump_impulse
+from jbw.oscillator.law import Bounds, Loop, Scales
+from jbw.oscillator.laws.springs import MOST_SHARE, Spring
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.steady.waveform import (
+    angle_of,
+    crest,
+    exponentials,
+    gauss_legendre_between,
+)
+from jbw.quantities import Quantity
+
+# Of a stop, over the linear stiffness: an interface that opens, and one that pins.
+STOP_SHARE = (-0.5, 2.0)
+# Where it begins to act, over the largest displacement: at rest it would be a linear spring.
+STOP_GAP = (0.02, 1.0)
+_NODES, _NODES_PER_HARMONIC = 16, 4
+
+
+class Corner(NamedTuple):
+    """Where a spring's derivatives jump, as y rises through it.
+
+    Attributes:
+        y: Displacement [m].
+        slope: Jump of f' [1/s^2].
+        curvature: Jump of f'' [1/(m s^2)].
+    """
+
+    y: Scalar
+    slope: Scalar
+    curvature: Scalar
+
+
+class KinkedSpring(Spring):
+    """Base of the odd springs with corners, which the time step and the quadrature must know."""
+
+    def corners(self) -> tuple[Corner, ...]:
+        """The corners in falling order of their displacements."""
+        raise NotImplementedError
+
+    def even_part(self) -> None:
+        """None."""
+
+    # -- through a time step -----------------------------------------------------------------------
+    @property
+    def kinked(self) -> bool:
+        """Always."""
+        return True
+
+    def glide(
+        self, y: Scalar, memory: tuple[()], dy: Scalar, branch: tuple[()]
+    ) -> tuple[tuple[()], Bool[Array, "..."]]:
+        """Whether the step leads through a corner."""
+        passed = ((y > corner.y) != (y + dy > corner.y) for corner in self.corners())
+        return (), jnp.any(jnp.stack([jnp.asarray(each) for each in passed]), 0)
+
+    def turn(
+        self, y: Scalar, memory: tuple[()], ends: Ends, quartic: Scalar
+    ) -> tuple[tuple[()], Scalar, Scalar]:
+        r"""Impulses of the corners that are passed before the turning point, and again after it.
+
+        With the jumps f', f'' of a corner, those of the force's derivatives in time are
+
+        $$J_1 = f'\,|v|, \quad J_2 = \mathrm{sgn}(v)\,(f' a + f'' v^2), \quad
+          J_3 = \mathrm{sgn}(v)\,(f' \dot a + 3 f'' v a)$$
+        """
+        path = StepPath.through(ends, quartic)
+        cubic = path.cubic
+        corner = Corner(*(jnp.stack([jnp.asarray(x) for x in each])
+                          for each in zip(*self.corners(), strict=True)))  # fmt: skip
+        top = y + path.before
+        impulse_v, impulse_y = 0.0, 0.0
+        for first, start, stop in ((True, y, top), (False, top, y + ends[2])):
+            passes = (start > corner.y) != (stop > corner.y)
+            s = kept(jnp.where(passes, path.passage(corner.y - y, first=first), 1.0))
+            v, a, twist = cubic.slope(s), cubic.bend(s), 6.0 * cubic.c_3
+            slope, curvature = (
+                jnp.where(passes, signed(jump, stop - start), 0.0) for jump in corner[1:]
+            )
+            on_v, on_y = slope_jump_impulse(
+                1.0 - s,
+                slope * v,
+                slope * a + curvature * v**2,
+                slope * twist + 3.0 * curvature * v * a,
+            )
+            impulse_v, impulse_y = kept((impulse_v + on_v, impulse_y + on_y))
+        return (), jnp.sum(impulse_v), jnp.sum(impulse_y)
+
+    # -- along a periodic motion -------------------------------------------------------------------
+    def harmonics(
+        self, q: Complex[Array, " harmonic"], max_turns: int
+    ) -> Complex[Array, " harmonic"]:
+        """By quadrature over half a period from the crest, between the corners."""
+        if max_turns > 2:
+            return generic.harmonics_by_moves(self, q, max_turns)
+        fixed = stop_gradient(q)
+        start = crest(fixed)
+        places = (stop_gradient(jnp.asarray(corner.y, float)) for corner in self.corners())
+        breaks = (angle_of(fixed, start, place) for place in places)
+        num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
+        theta, weights = gauss_legendre_between(num_nodes, start, *breaks, start + jnp.pi)
+        basis = exponentials(theta, q.shape[0])
+        y: Float[Array, " node"] = jnp.sum(basis * q, -1).real
+        return 2.0 / jnp.pi * ((weights * self(y)) @ basis.conj())
+
+
+class Quadratic(KinkedSpring):
+    r"""Stiffness that changes with the size of the displacement, $f(y) = c\,y|y|$ [N/kg].
+
+    Attributes:
+        c: Quadratic stiffness, negative where it softens [1/(m s^2)].
+    """
+
+    name: ClassVar[str] = "quadratic"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("quadratic", "c₂", "1/(m s^2)", "stiffness by the size of the displacement"),
+    )
+
+    c: Scalar
+
+    @classmethod
+    def build(cls, theta: Mapping[str, Any]) -> Self:
+        """The spring of `quadratic`."""
+        return cls(theta["quadratic"])
+
+    def parameters(self) -> dict[str, Any]:
+        """Values by name."""
+        return {"quadratic": self.c}
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        """At the largest displacement up to three tenths of the linear stiffness, either sign."""
+        most = MOST_SHARE * scales.omega_n**2 / scales.y_peak
+        return {"quadratic": (-most, most)}
+
+    def __call__(self, y: Scalar) -> Scalar:
+        """Force at the displacement y [m]."""
+        return self.c * y * jnp.abs(y)
+
+    def corners(self) -> tuple[Corner, ...]:
+        """At rest, where f'' = 2 c sgn(y)."""
+        return (Corner(0.0 * self.c, 0.0 * self.c, 4.0 * self.c),)
+
+    def loop(self, y_peak: Scalar) -> Loop:
+        r"""Closed form, $\kappa = 8 c Y / (3\pi)$."""
+        stiffness = 8.0 / (3.0 * jnp.pi) * self.c * jnp.asarray(y_peak, float)
+        return Loop(stiffness, jnp.zeros_like(stiffness))
+
+
+class Stop(KinkedSpring):
+    r"""Two-sided stop, $f(y) = K\,\mathrm{sgn}(y)\,\max(|y| - \delta, 0)$ [N/kg].
+
+    A pin that comes to bear stiffens (K > 0), an interface that opens softens (K < 0).
+
+    Attributes:
+        k: Stiffness beyond the gap [1/s^2].
+        gap: Displacement delta at which it begins to act [m].
+    """
+
+    name: ClassVar[str] = "stop"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("stop_stiffness", "K_P", "1/s^2", "stiffness of the stop"),
+        Quantity("stop_gap", "δ_P", "m", "displacement at which the stop begins to act", 0.0),
+    )
+
+    k: Scalar
+    gap: Scalar
+
+    @classmethod
+    def build(cls, theta: Mapping[str, Any]) -> Self:
+        """The stop of `stop_stiffness` and `stop_gap`."""
+        return cls(theta["stop_stiffness"], theta["stop_gap"])
+
+    def parameters(self) -> dict[str, Any]:
+        """Values by name."""
+        return {"stop_stiffness": self.k, "stop_gap": self.gap}
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        """A share of the linear stiffness, of either sign; within what was moved."""
+        least, most = (share * scales.omega_n**2 for share in STOP_SHARE)
+        near, far = (share * scales.y_peak for share in STOP_GAP)
+        return {"stop_stiffness": (least, most), "stop_gap": (near, far)}
+
+    def __call__(self, y: Scalar) -> Scalar:
+        """Force at the displacement y [m]."""
+        return self.k * (y - jnp.clip(y, -self.gap, self.gap))
+
+    def corners(self) -> tuple[Corner, ...]:
+        """Where it begins to act on either side."""
+        none = 0.0 * self.k
+        return Corner(self.gap, self.k, none), Corner(-self.gap, -self.k, none)
+
+    def loop(self, y_peak: Scalar) -> Loop:
+        r"""Closed form beyond the gap, with $c = \arccos(\delta/Y)$.
+
+        $$\kappa = \frac{K}{\pi}\,(2c - \sin 2c)$$
+        """
+        y_peak = jnp.asarray(y_peak, float)
+        acts = y_peak > self.gap
+        c = jnp.arccos(jnp.where(acts, self.gap / jnp.where(acts, y_peak, 1.0), 0.5))
+        stiffness = jnp.where(acts, self.k / jnp.pi * (2.0 * c - jnp.sin(2.0 * c)), 0.0)
+        return Loop(stiffness, jnp.zeros_like(stiffness))
