@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax.tree_util import Partial, all_leaves
 from jaxtyping import Array, Float
 
+from jbw.oscillator.damper import Damper
 from jbw.oscillator.law import Bounds, Law, Loop, Memory, Scales
 from jbw.oscillator.laws import Kind, laws_named
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
@@ -62,21 +63,31 @@ class Oscillator(eqx.Module):
         return tuple(law.at_tip(y_peak) for law in self.laws)
 
     def loop(self, y_peak: Scalar) -> Loop:
-        """Equivalent stiffness and damping of all laws together at amplitude Y [m]."""
+        """Equivalent stiffness and damping of all laws together at amplitude Y [m].
+
+        Dampers lose as much as they do in resonance at this amplitude; they have no stiffness.
+        """
         loops = [law.loop(y_peak) for law in self.laws]
         none = 0.0 * jnp.asarray(y_peak, float)
-        return Loop(sum((x.stiffness for x in loops), none), sum((x.damping for x in loops), none))
+        stiffness = sum((x.stiffness for x in loops), none)
+        damping = sum((x.damping for x in loops), none)
+        for law in self.laws:
+            if isinstance(law, Damper):
+                damping = damping + law.loop_at(y_peak, jnp.sqrt(self.k + stiffness)).damping
+        return Loop(stiffness, damping)
 
     def force_along(self, y: Float[Array, " time"]) -> Float[Array, " time"]:
-        """Restoring force k y + sum F along a displacement that starts at rest at y = 0 [N/kg]."""
+        """Restoring force k y + sum F along a slow displacement from rest at y = 0 [N/kg]."""
+        laws = tuple(law for law in self.laws if not isinstance(law, Damper))
+        slow = Oscillator(self.omega_n, self.zeta, laws)
 
         def onward(carry: tuple, y_next: Array) -> tuple[tuple, Array]:
             y_last, memory = carry
             dy = y_next - y_last
-            memory = self.move(y_last, memory, dy)
-            return (y_next, memory), self.force(y_next, dy, memory)  # pyright: ignore[reportReturnType]
+            memory = slow.move(y_last, memory, dy)
+            return (y_next, memory), slow.force(y_next, dy, memory)  # pyright: ignore[reportReturnType]
 
-        start = jax.tree.map(lambda x: jnp.asarray(x, float), (0.0, self.at_rest()))
+        start = jax.tree.map(lambda x: jnp.asarray(x, float), (0.0, slow.at_rest()))
         return self.k * y + jax.lax.scan(onward, start, y)[1]
 
     def parameters(self) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jbw.oscillator.damper import Damper
 from jbw.oscillator.hold import substep_matrices
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.parameters import Scalar
@@ -28,11 +29,11 @@ class Stepping(eqx.Module):
     Attributes:
         step: Constants of the step.
         push: What the input adds to y [m] and to v [m/s] in each substep, in order of time, and
-            the input at its start [N/kg].
+            the input at its start [N/kg]; with a damper also that at its end.
     """
 
     step: ExactStep
-    push: tuple[Float[Array, " substep"], Float[Array, " substep"], Float[Array, " substep"]]
+    push: tuple[Float[Array, " substep"], ...]
 
 
 def stepping(
@@ -49,7 +50,10 @@ def stepping(
 
     push_y, push_v = (weighted(moments[:num_powers]) for moments in (moments_y, moments_v))
     start = weighted(jnp.zeros(num_powers).at[0].set(1.0))
-    return Stepping(step, (push_y, push_v, start))
+    push = push_y, push_v, start
+    if any(isinstance(law, Damper) for law in oscillator.laws):
+        push = *push, weighted(jnp.ones(num_powers))
+    return Stepping(step, push)
 
 
 def sampled_input(polynomials: Float[Array, "interval power"], tau: Scalar) -> Scalar:
@@ -99,8 +103,7 @@ class HysteresisExact(diffrax.AbstractSolver):
 
     def step(self, terms, t0, t1, y0, args: Stepping, solver_state, made_jump):
         """One substep."""
-        push_y, push_v, u = args.push
-        push: Push = push_y[solver_state], push_v[solver_state], u[solver_state]
+        push: Push = tuple(part[solver_state] for part in args.push)
         # As a flat tuple: empty memories, of springs, have no place in the loop's buffers.
         memory = tuple(law.packed(law.at_rest()) for law in args.step.laws)
         state = jax.tree.unflatten(jax.tree.structure((0.0, 0.0, memory)), y0)

@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jbw.oscillator.damper import Damper
 from jbw.oscillator.kinks import kept
 from jbw.oscillator.law import Law, Memory
 from jbw.oscillator.linear import impulse_moments
@@ -25,7 +26,8 @@ from jbw.oscillator.parameters import Scalar
 
 NUM_MOMENTS = 6
 State = tuple[Scalar, Scalar, tuple[Memory, ...]]
-Push = tuple[Scalar, Scalar, Scalar]
+# What the input adds to y and v, and the input at the start; with a damper also that at the end.
+Push = tuple[Scalar, ...]
 
 
 class ExactStep(eqx.Module):
@@ -87,7 +89,7 @@ def advance(step: ExactStep, state: State, push: Push, *, branch: bool) -> State
     y, v, memory = state
     laws = step.laws
     branches = tuple(law.branch(v, own) for law, own in zip(laws, memory, strict=True))
-    r, rate = _remainder(step, y, v, memory, branches)
+    r, rate = _remainder(step, y, v, memory, branches, push[2])
     y_1 = y + (step.f_11 * y + step.f_12 * v + push[0] - step.r_y * r - step.s_y * rate)
     v_1 = v + (step.f_21 * y + step.f_22 * v + push[1] - step.r_v * r - step.s_v * rate)
     if not any(law.kinked for law in laws):
@@ -109,14 +111,17 @@ def advance(step: ExactStep, state: State, push: Push, *, branch: bool) -> State
         y_1, v_1, memory_1, branches_1, impulse_v, impulse_y = kept(
             _through_kinks(step, state, branches, push[2], y_1, v_1)
         )
-    r_1, rate_1 = _remainder(step, y_1, v_1, memory_1, branches_1)
-    change = r_1 - r
-    if not branch:
-        change, rate_1 = kept((change, rate_1))
-    dy = impulse_y - (step.d_y * change + step.a_y * rate + step.b_y * rate_1)
-    if not branch:
-        dy = kept(dy)
-    dv = impulse_v - (step.d_v * change + step.a_v * rate + step.b_v * rate_1)
+    dv = 0.0
+    # A damper's force follows v, whose prediction is an order worse than that of y: once more.
+    for _ in range(1 + any(isinstance(law, Damper) for law in laws)):
+        r_1, rate_1 = _remainder(step, y_1, v_1 + dv, memory_1, branches_1, push[-1])
+        change = r_1 - r
+        if not branch:
+            change, rate_1 = kept((change, rate_1))
+        dy = impulse_y - (step.d_y * change + step.a_y * rate + step.b_y * rate_1)
+        if not branch:
+            dy = kept(dy)
+        dv = impulse_v - (step.d_v * change + step.a_v * rate + step.b_v * rate_1)
     memory_2 = tuple(
         law.shift(y_1, own, dy, at) for law, own, at in zip(laws, memory_1, branches_1, strict=True)
     )
@@ -124,16 +129,34 @@ def advance(step: ExactStep, state: State, push: Push, *, branch: bool) -> State
 
 
 def _remainder(
-    step: ExactStep, y: Scalar, v: Scalar, memory: tuple[Memory, ...], branches: tuple[Any, ...]
+    step: ExactStep,
+    y: Scalar,
+    v: Scalar,
+    memory: tuple[Memory, ...],
+    branches: tuple[Any, ...],
+    u: Scalar,
 ) -> tuple[Scalar, Scalar]:
-    """The laws' remainders r and h times their rates, summed."""
+    """The laws' remainders r and h times their rates, summed.
+
+    Only the rate of a damper, which is dg/dv times the acceleration, needs the input u.
+    """
     parts = [
         law.remainder(step.dt, y, v, own, at)
         for law, own, at in zip(step.laws, memory, branches, strict=True)
     ]
     if not parts:
         return jnp.zeros_like(y), jnp.zeros_like(y)
-    return reduce(add, (r for r, _ in parts)), reduce(add, (rate for _, rate in parts))  # pyright: ignore[reportArgumentType]
+    r: Any = reduce(add, (r for r, _ in parts))  # pyright: ignore[reportArgumentType]
+    rate: Any = reduce(add, (rate for _, rate in parts))  # pyright: ignore[reportArgumentType]
+    for law in step.laws:
+        if isinstance(law, Damper):
+            rate = rate + step.dt * law.drag(v) * _acceleration(step, y, v, r, u)
+    return r, rate
+
+
+def _acceleration(step: ExactStep, y: Scalar, v: Scalar, r: Scalar, u: Scalar) -> Scalar:
+    """Acceleration under the input u and the remainders r [m/s^2]."""
+    return u - step.damping * v - step.stiffness * y - r
 
 
 def _through_kinks(
@@ -161,8 +184,12 @@ def _through_kinks(
         for law, own in zip(laws, memory, strict=True)
         if law.kinked
     ]
-    impulse_v = reduce(add, (impulse for _, impulse, _ in moved))  # pyright: ignore[reportArgumentType]
-    impulse_y = reduce(add, (impulse for _, _, impulse in moved))  # pyright: ignore[reportArgumentType]
+    impulses = [(on_v, on_y) for _, on_v, on_y in moved]
+    impulses += [
+        law.reversal(h, (start, end, rise), quartic) for law in laws if isinstance(law, Damper)
+    ]
+    impulse_v = reduce(add, (on_v for on_v, _ in impulses))  # pyright: ignore[reportArgumentType]
+    impulse_y = reduce(add, (on_y for _, on_y in impulses))  # pyright: ignore[reportArgumentType]
     ends = iter(own for own, _, _ in moved)
     memory_1 = tuple(
         next(ends) if law.kinked else own for law, own in zip(laws, memory, strict=True)
@@ -179,8 +206,8 @@ def _second_order(
     A turning point is of the motion before it, so that this predicts it.
     """
     y, v, memory = state
-    r, _ = _remainder(step, y, v, memory, branches)
-    a = u - step.damping * v - step.stiffness * y - r
+    r, _ = _remainder(step, y, v, memory, branches, u)
+    a = _acceleration(step, y, v, r, u)
     half = reduce(
         add,  # pyright: ignore[reportArgumentType]
         (

@@ -30,6 +30,8 @@ THETA = {
     "masing_power": {"power_loss": 120.0, "power_exponent": 0.7},
     "quadratic": {"quadratic": 8e4},
     "quintic": {"quintic": 5e11},
+    "quadratic_damping": {"quadratic_damping": 2.0},
+    "cubic_damping": {"cubic_damping": 4.0},
     "stop": {"stop_stiffness": 400.0, "stop_gap": 1.5e-3},
     "bilinear": {"bilinear_k": 600.0, "bilinear_yield": 2e-3},
 }  # fmt: skip
@@ -120,14 +122,15 @@ def test_no_motion_leaves_rest(law):
 
 def test_stiffness_is_the_slope_at_rest(law):
     dy = 1e-15  # laws of sliders without a least slip soften by a broken power of y
-    slope = law.force(dy, 1.0, law.move(0.0, law.at_rest(), dy)) / dy
+    before, after = law.at_rest(), law.move(0.0, law.at_rest(), dy)
+    slope = (law.force(dy, 1.0, after) - law.force(0.0, 1.0, before)) / dy
     np.testing.assert_allclose(slope, law.stiffness(), rtol=1e-6, atol=1e-6)
 
 
 def test_a_move_is_the_sum_of_its_parts_and_the_force_is_continuous(law):
     y, memory, step = 0.0, law.at_rest(), 7e-5
     whole = law.move(y, memory, 50 * step)
-    force = [0.0]
+    force = [float(law.force(y, 1.0, memory))]
     for index in range(50):
         memory = law.move(index * step, memory, step)
         force.append(float(law.force((index + 1) * step, 1.0, memory)))

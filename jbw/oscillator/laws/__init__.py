@@ -12,6 +12,7 @@ from typing import Any
 from jbw.errors import ConfigError
 from jbw.oscillator.law import Law
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
+from jbw.oscillator.laws.dampers import CubicDamping, QuadraticDamping
 from jbw.oscillator.laws.iwan import Iwan4, MasingExponential, MasingPower
 from jbw.oscillator.laws.jenkins import Jenkins, jenkins
 from jbw.oscillator.laws.kinked_springs import Quadratic, Stop
@@ -26,7 +27,17 @@ Kind = type[Law]
 LAWS: dict[str, Kind] = {
     law.name: law
     for law in (
-        BoucWenLaw, Cubic, Iwan4, Jenkins, MasingExponential, MasingPower, Quadratic, Quintic, Stop
+        BoucWenLaw,
+        Cubic,
+        CubicDamping,
+        Iwan4,
+        Jenkins,
+        MasingExponential,
+        MasingPower,
+        Quadratic,
+        QuadraticDamping,
+        Quintic,
+        Stop,
     )
 }
 FAMILIES: dict[str, Callable[[int], Kind]] = {"jenkins": jenkins}

@@ -14,6 +14,7 @@ import optimistix
 from jaxtyping import Array, ArrayLike, Bool, Complex, Float, Shaped
 
 from jbw.oscillator.checks import require_periodic
+from jbw.oscillator.damper import Damper
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import orders
@@ -60,6 +61,8 @@ def imbalance(
     of z, whose steady value at the turning points is solved for, not marched.
     """
     left = _dynamic_stiffness(joint, omega, orders(q.shape[0])) * q - load
+    dampers = [law for law in joint.laws if isinstance(law, Damper)]
+    left = reduce(add, (law.harmonics_at(omega, q, max_turns) for law in dampers), left)
     return reduce(add, (law.harmonics(q, max_turns) for law in joint.laws), left)
 
 

@@ -1,0 +1,158 @@
+r"""Viscous controls: the forces $c\,v|v|$ and $c\,v^3$ of the velocity."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self
+
+import jax.numpy as jnp
+import numpy as np
+from jax.lax import stop_gradient
+from jaxtyping import Array, Complex
+
+from jbw.oscillator.damper import Damper
+from jbw.oscillator.kinks import Ends, StepPath, kink_impulse
+from jbw.oscillator.law import Bounds, Loop, Scales
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.steady.waveform import (
+    crest,
+    exponentials,
+    gauss_legendre_between,
+    odd_harmonics,
+    orders,
+    synthesis,
+)
+from jbw.quantities import Quantity
+
+# Damping ratio that it may add at the largest displacement, moved at the natural frequency.
+MOST_ADDED = 0.05
+_NODES, _NODES_PER_HARMONIC = 24, 4
+_POINTS = 512  # of half a period that turns more than once
+
+
+class QuadraticDamping(Damper):
+    r"""Drag of a flow, $g(v) = c\,v|v|$ [N/kg].
+
+    Attributes:
+        c: Coefficient [1/m].
+    """
+
+    name: ClassVar[str] = "quadratic_damping"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("quadratic_damping", "c_v", "1/m", "force over the square of the velocity", 0.0),
+    )
+
+    c: Scalar
+
+    @classmethod
+    def build(cls, theta: Mapping[str, Any]) -> Self:
+        """The damper of `quadratic_damping`."""
+        return cls(theta["quadratic_damping"])
+
+    def parameters(self) -> dict[str, Any]:
+        """Values by name."""
+        return {"quadratic_damping": self.c}
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        r"""By the ratio added at the largest displacement, $4 c Y / (3\pi)$."""
+        return {"quadratic_damping": (0.0, MOST_ADDED * 0.75 * np.pi / scales.y_peak)}
+
+    def __call__(self, v: Scalar) -> Scalar:
+        """Force at the velocity v [N/kg]."""
+        return self.c * v * jnp.abs(v)
+
+    def drag(self, v: Scalar) -> Scalar:
+        """Slope dg/dv [1/s]."""
+        return 2.0 * self.c * jnp.abs(v)
+
+    def bend(
+        self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: tuple[()], branch: tuple[()]
+    ) -> Scalar:
+        """Half of h^2 g'' a^2; the rest, g' da/dt, vanishes at a turning point."""
+        return h**2 * self.c * jnp.sign(v) * a**2
+
+    @property
+    def kinked(self) -> bool:
+        """Its second derivative jumps at v = 0."""
+        return True
+
+    def reversal(self, h: Scalar, ends: Ends, quartic: Scalar) -> tuple[Scalar, Scalar]:
+        r"""Of the turning point, where g'' jumps: $J_2 = 4 c\,a|a|$, $J_3 = 12 c\,|a|\dot a$."""
+        path = StepPath.through(ends, quartic)
+        size = jnp.where(path.turns, 4.0 * self.c / h**2 * jnp.abs(path.bend), 0.0)
+        found = kink_impulse(1.0 - path.fraction, size * path.bend, 18.0 * size * path.cubic.c_3)
+        return found.v, found.y
+
+    def scaled(self, length: Scalar, stiffness: Scalar) -> "QuadraticDamping":
+        """In units of displacement and stiffness."""
+        return QuadraticDamping(self.c * length)
+
+    def harmonics_at(
+        self, omega: Scalar, q: Complex[Array, " harmonic"], max_turns: int
+    ) -> Complex[Array, " harmonic"]:
+        """By quadrature between two turning points; on a uniform grid where there are more."""
+        if max_turns > 2:
+            theta = crest(stop_gradient(q)) + np.pi * (np.arange(_POINTS) + 0.5) / _POINTS
+            weights = jnp.full(_POINTS, np.pi / _POINTS)
+        else:
+            start = crest(stop_gradient(q))
+            num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
+            theta, weights = gauss_legendre_between(num_nodes, start, start + jnp.pi)
+        force = self(omega * synthesis(q, theta, 1))
+        return 2.0 / jnp.pi * ((weights * force) @ exponentials(theta, q.shape[0]).conj())
+
+    def loop_at(self, y_peak: Scalar, omega: Scalar) -> Loop:
+        r"""Closed form, $\mathrm{Im}\,\kappa = 8 c Y \omega^2 / (3\pi)$."""
+        damping = 8.0 / (3.0 * jnp.pi) * self.c * jnp.asarray(y_peak) * omega**2
+        return Loop(jnp.zeros_like(damping), damping)
+
+
+class CubicDamping(Damper):
+    r"""Damping that grows with the velocity, $g(v) = c\,v^3$ [N/kg].
+
+    Attributes:
+        c: Coefficient [s/m^2].
+    """
+
+    name: ClassVar[str] = "cubic_damping"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("cubic_damping", "c_v3", "s/m^2", "force over the cube of the velocity", 0.0),
+    )
+
+    c: Scalar
+
+    @classmethod
+    def build(cls, theta: Mapping[str, Any]) -> Self:
+        """The damper of `cubic_damping`."""
+        return cls(theta["cubic_damping"])
+
+    def parameters(self) -> dict[str, Any]:
+        """Values by name."""
+        return {"cubic_damping": self.c}
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        r"""By the ratio added at the largest displacement, $3 c Y^2 \omega_n / 8$."""
+        return {"cubic_damping": (0.0, MOST_ADDED * 8 / 3 / (scales.y_peak**2 * scales.omega_n))}
+
+    def __call__(self, v: Scalar) -> Scalar:
+        """Force at the velocity v [N/kg]."""
+        return self.c * v**3
+
+    def drag(self, v: Scalar) -> Scalar:
+        """Slope dg/dv [1/s]."""
+        return 3.0 * self.c * v**2
+
+    def scaled(self, length: Scalar, stiffness: Scalar) -> "CubicDamping":
+        """In units of displacement and stiffness, of which the unit of time follows."""
+        return CubicDamping(self.c * length**2 * jnp.sqrt(stiffness))
+
+    def harmonics_at(
+        self, omega: Scalar, q: Complex[Array, " harmonic"], max_turns: int
+    ) -> Complex[Array, " harmonic"]:
+        """Those of the cube of the velocity, exact."""
+        return odd_harmonics(self, jnp.asarray(1j * orders(q.shape[0])) * omega * q)
+
+    def loop_at(self, y_peak: Scalar, omega: Scalar) -> Loop:
+        r"""Closed form, $\mathrm{Im}\,\kappa = 3 c Y^2 \omega^3 / 4$."""
+        damping = 0.75 * self.c * jnp.asarray(y_peak) ** 2 * omega**3
+        return Loop(jnp.zeros_like(damping), damping)
