@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from jbw.study.compare import compare as compare
     from jbw.study.identifiability import identifiability as identifiability
     from jbw.study.identify import identify as identify
+    from jbw.study.laws import compare_laws as compare_laws
     from jbw.study.study import Study as Study
     from jbw.study.study import load_study as load_study
 
@@ -71,6 +72,7 @@ _HOME = {
     "Test": "measurement.records",
     "backbone": "oscillator.steady.backbone",
     "compare": "study.compare",
+    "compare_laws": "study.laws",
     "frequency_response": "oscillator.steady.backbone",
     "frf": "measurement.spectra",
     "h1": "oscillator.paper.kernels",

@@ -34,6 +34,7 @@ COMMANDS = {
     "resume": ("identify", "Go on with a run that was killed or interrupted."),
     "plan": ("plan", "Say which tests a wished accuracy takes."),
     "compare": ("studies", "Compare samplers on one posterior of a run."),
+    "laws": ("laws", "Try laws of the joint and say which the data tell apart."),
     "sbc": ("studies", "Calibrate a step by simulation: ranks of simulated truths."),
     "predict": ("predict", "Predict tests from a run, measured or planned."),
     "export": ("result", "Write a run's joint for CSV, MATLAB and OpenSees."),
@@ -43,7 +44,7 @@ COMMANDS = {
     "completion": ("about", "Print what completes jbw in a shell."),
 }
 # Commands that take a campaign, and those that take a run: what to type after their failures.
-OF_CAMPAIGNS = ("identify", "identifiability", "compare", "predict")
+OF_CAMPAIGNS = ("identify", "identifiability", "compare", "laws", "predict")
 OF_RUNS = ("report", "predict", "export", "compare", "plan", "resume")
 
 

@@ -172,6 +172,11 @@ def without(run: str, data: Dataset) -> Dataset:
     return replace(data, parts=tuple(part.without(run) for part in data.parts))
 
 
+def silenced(run: str, data: Dataset) -> Dataset:
+    """The dataset in which one run counts for nothing, in the likelihood too."""
+    return replace(data, parts=tuple(part.silenced(run) for part in data.parts))
+
+
 def halved(data: Dataset) -> Dataset | None:
     """The dataset with twice as many steps of the solver; None where nothing is stepped."""
     finer = [part.halved() for part in data.parts]

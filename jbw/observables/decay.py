@@ -154,6 +154,17 @@ class Decays(Envelopes):
         """Fraction of the values of each record that the likelihood counts."""
         return dict.fromkeys(self.names, float(self.fraction))
 
+    def silenced(self, run: str) -> Self:
+        """The decays without one record; all of them where it is the only one."""
+        kept = [i for i, name in enumerate(self.names) if name != run]
+        if not kept or len(kept) == len(self.names):
+            return self
+        rows = np.array(kept)
+        return replace(
+            self, names=tuple(self.names[i] for i in kept), envelope=self.envelope[rows],
+            noise_std=self.noise_std[rows],
+        )  # fmt: skip
+
     def draw_noise(
         self, key: Key[Array, ""], theta: Drawn, terms: Mapping[str, Draws], num_offsets: int
     ) -> dict[str, Draws]:

@@ -19,6 +19,7 @@ from jbw.observables.spectra import Spectrum
 from jbw.quantities import DEFAULT_LAWS
 
 OFFSETS = ("omega_n", "zeta")  # of a run, where it has its own
+SILENT = 1e-12  # of the values of a group that counts for nothing
 EXCLUDED = 1e6  # times its noise: a group that says nothing any more, and keeps its shape
 OF = " / "  # between the name of an assembly and that of one of its runs
 
@@ -167,6 +168,10 @@ class Observable(eqx.Module):
 
     def without(self, run: str) -> "Observable":
         """The data with one run's groups excluded, of the same shapes."""
+        return self
+
+    def silenced(self, run: str) -> "Observable":
+        """The data in which one run counts for nothing, in the likelihood too."""
         return self
 
     def draw_noise(

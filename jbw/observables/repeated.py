@@ -14,6 +14,7 @@ from jbw.inference.groups.offsets import Estimate, estimate
 from jbw.observables.misfit import independent_fractions, shared_misfit
 from jbw.observables.observable import (
     EXCLUDED,
+    SILENT,
     Covariance,
     Drawn,
     Draws,
@@ -171,6 +172,12 @@ class Repeated(Observable):
         """The data with one run's groups excluded, of the same shapes."""
         loud = np.array([EXCLUDED if name == run else 1.0 for name in self.runs])
         return self.with_repeats(noise_std=self.repeats.noise_std * loud)
+
+    def silenced(self, run: str) -> Self:
+        """The data in which one run's groups have next to no values, of the same shapes."""
+        pairs = zip(self.labels, self.runs, strict=True)
+        own = {label: SILENT for label, name in pairs if name == run}
+        return self.with_effective_values({**self.fractions_counted(), **own})
 
     def draw_noise(
         self, key: Key[Array, ""], theta: Drawn, terms: Mapping[str, Draws], num_offsets: int

@@ -18,6 +18,7 @@ Reference:
     (2008), Journal of Computational and Graphical Statistics 17, 295.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -121,6 +122,35 @@ def look(key: Key[Any, ""], problem: Problem, num_points: int) -> float:
     """What so many points about the fit are worth, in effective draws."""
     rng = np.random.default_rng(np.ravel(jax.random.key_data(key)).tolist())
     return weighed(_grown(rng, None, problem, num_points)).effective
+
+
+class WeighedPoints(NamedTuple):
+    """Points of a posterior with their weights.
+
+    Attributes:
+        theta: Parameters by name.
+        terms: Of the log likelihood [nats].
+        weights: Smoothed, of sum one.
+        khat: Of the weights; good below 0.7.
+    """
+
+    theta: dict[str, Any]
+    terms: Float[np.ndarray, "point term"]
+    weights: Float[np.ndarray, " point"]
+    khat: float
+
+
+def points(key: Key[Any, ""], problem: Problem, sizes: Sequence[int]) -> WeighedPoints:
+    """Points of so many rounds, for the mean of something under a posterior."""
+    seed = np.ravel(jax.random.key_data(key)).tolist()
+    past = None
+    for i, size in enumerate(sizes):
+        past = _grown(np.random.default_rng([*seed, i]), past, problem, size)
+    if past is None:
+        raise ValueError("`sizes` must name a round at least")
+    found = weighed(past)
+    theta = jax.tree.map(np.asarray, _placed(problem, jnp.asarray(past.w))[0])
+    return WeighedPoints(theta, past.terms, found.weights, found.khat)
 
 
 def _is_over(

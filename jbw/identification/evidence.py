@@ -1,0 +1,224 @@
+r"""Which law do the data ask for? Laws side by side on one dataset, by what each predicts.
+
+All see the same values with the same weights: the noise, the misfit and the number of independent
+values that the law which leaves least shows, and the offsets of the runs where it shows any.
+A white likelihood would take every sample of a law's own error for news. The unit of evidence is
+the run: each is left out in turn, and predicted by what the others know,
+
+$$\mathrm{elpd}_r = \log \int p(D_r | \theta, D_{-r})\, p(\theta | D_{-r})\, d\theta, \qquad
+  \Delta = \sum_r (\mathrm{elpd}_r - \mathrm{elpd}^{\,0}_r), \qquad
+  \mathrm{se} = \sqrt{n}\ \mathrm{sd}_r(\mathrm{elpd}_r - \mathrm{elpd}^{\,0}_r)$$
+
+Reference:
+    Vehtari, Gelman and Gabry (2017), Statistics and Computing 27, 1413; Yao, Vehtari, Simpson and
+    Gelman (2018), Bayesian Analysis 13, 917; for the weights of misfit, Grunwald and van Ommen
+    (2017), Bayesian Analysis 12, 1069.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float, Key
+from scipy.special import logsumexp
+
+from jbw.errors import ConfigError, JbwError
+from jbw.identification.assemble import Measured, Report
+from jbw.identification.prepare import Fitted, fit_joint, refined, refit
+from jbw.inference.fit.costly_fit import residual_at
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.lanes import at_points
+from jbw.inference.samplers import amis
+from jbw.inference.space.problem import problem_of
+from jbw.inference.space.reparametrisation import along_logarithms, never_zero
+from jbw.observables import dataset
+from jbw.observables.dataset import Dataset
+
+Laws = tuple[str, ...]
+
+POINTS = (128, 256)  # weighed in rounds about the fit without a run
+FEWEST_RUNS = 5  # from which differences have a standard error that can be believed
+APART = 2.0  # standard errors of a difference from which laws are told apart
+AT_BOUND = 1e-3  # of the box's width
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A law, or several that stand beside each other, fitted to the data that all see."""
+
+    laws: Laws
+    fitted: Fitted
+
+    @property
+    def error(self) -> float:
+        """Error of the fit over the response, the root mean square over the groups."""
+        return _rms(list(errors_of(self.fitted.fit, self.fitted.data).values()))
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Parameters whose optimum lies at a bound of their prior."""
+        names, x = self.fitted.box.names, np.asarray(self.fitted.fit.x)
+        return tuple(n for n, one in zip(names, x, strict=True) if min(one, 1.0 - one) < AT_BOUND)
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """What a law makes of each run that it has not seen.
+
+    Attributes:
+        elpd: Log predictive density [nats].
+        error: Error of the prediction over the response.
+        khat: Of the weights by which it was found; good below 0.7.
+    """
+
+    elpd: dict[str, float]
+    error: dict[str, float]
+    khat: float
+
+
+def candidates(
+    key: Key[Array, ""], seen: Measured, sets: Sequence[Laws], report: Report
+) -> tuple[list[Candidate], dict[Laws, str]]:
+    """Fit every law, then all again to the data as the best of them weighs these.
+
+    Their priors are fixed before any is fitted, by omega_n, zeta and the largest displacement
+    alone. Laws that cannot be fitted are returned with the reason.
+    """
+    found: list[Candidate] = []
+    refused: dict[Laws, str] = {}
+    settings = seen.settings.model_copy(update={"coordinates": "paper"})
+    for laws in sets:
+        report(f"Fitting {name_of(laws)}")
+        try:
+            ready = fit_joint(key, replace(seen, laws=laws, settings=settings), lambda said: None)
+        except JbwError as error:
+            refused[laws] = str(error)
+        else:
+            found.append(Candidate(laws, ready))
+    if not found:
+        raise ConfigError(f"None of the laws can be fitted: {next(iter(refused.values()))}")
+    best = min(found, key=lambda one: one.error)
+    report(f"Fitting all as {name_of(best.laws)} weighs the data, which leaves least")
+    keys = jax.random.split(key, len(found))
+    common = best.fitted.data
+    return [_again(k, one, common) for k, one in zip(keys, found, strict=True)], refused
+
+
+def _again(key: Key[Array, ""], one: Candidate, common: Dataset) -> Candidate:
+    """A candidate fitted to the common data, by as many solver steps as it takes."""
+    prior, best = one.fitted.box, one.fitted.fit
+    data = under(one.laws, common)
+    best = refit(best, prior, data)
+    if data.has_offsets:
+        data = dataset.with_directions(best.theta, data, dataset.best_offsets(best.theta, data))
+        best = refit(best, prior, data)
+    finer = refined(key, data, prior, best)
+    if finer is not data:
+        data, best = finer, refit(best, prior, finer)
+    return replace(one, fitted=Fitted(best, prior, data, one.fitted.statements))
+
+
+def under(laws: Laws, data: Dataset) -> Dataset:
+    """The same data, of other laws."""
+    return replace(data, parts=tuple(replace(part, laws=laws) for part in data.parts))
+
+
+def name_of(laws: Laws) -> str:
+    """Laws in a word."""
+    return " + ".join(laws) or "linear"
+
+
+def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
+    """Error of every group over its response, at a fit."""
+    left = dataset.left_by_label(best.residual, data)
+    return {n: e for n, e in dataset.error_by_label(left, data).items() if np.isfinite(e)}
+
+
+def floor_of(data: Dataset) -> float | None:
+    """Scatter of the mean of the repeats over the response: what no law can be asked to beat."""
+    found = {label: r for part in data.parts for label, r in part.repeatability().items()}
+    return _rms(list(found.values())) if found else None
+
+
+def runs_of(data: Dataset) -> tuple[str, ...]:
+    """Runs that can be left out: those whose values count, each once."""
+    counted = dataset.fractions_counted(data)
+    pairs = zip(data.labels, data.runs, strict=True)
+    return tuple(dict.fromkeys(run for label, run in pairs if label in counted))
+
+
+def left_out(key: Key[Array, ""], one: Candidate) -> LeftOut:
+    """Predict each run by what the others know: fitted again without it, and weighed."""
+    prior, data = one.fitted.box, one.fitted.data
+    elpd, error, worst = {}, {}, -np.inf
+    for i, run in enumerate(runs_of(data)):
+        rest = dataset.silenced(run, data)
+        best = refit(one.fitted.fit, prior, rest)
+        elpd[run], khat = _log_score(jax.random.fold_in(key, i), best, one, rest)
+        error[run] = _error_of(run, best, one)
+        worst = max(worst, khat)
+    return LeftOut(elpd, error, float(worst))
+
+
+def _log_score(
+    key: Key[Array, ""], best: Fit, one: Candidate, rest: Dataset
+) -> tuple[float, float]:
+    """Log predictive density of what `rest` lacks [nats], and the k-hat of its weights."""
+    prior = one.fitted.box
+    about = best.theta, best.covariance
+    place = along_logarithms(*about, prior, never_zero(*about, prior))
+    problem = problem_of(dataset.log_likelihood, prior, rest, place)
+    points = amis.points(key, problem, POINTS)
+    whole = at_points(dataset.log_likelihood, points.theta, one.fitted.data)
+    gained = whole.reshape(len(points.weights), -1).sum(axis=1) - points.terms.sum(axis=1)
+    with np.errstate(divide="ignore"):
+        score = logsumexp(np.where(np.isfinite(gained), gained, -np.inf), b=points.weights)
+    return float(score), points.khat
+
+
+def _error_of(run: str, best: Fit, one: Candidate) -> float:
+    """Error of a run over its response at a fit that does not know it."""
+    data = one.fitted.data
+    left = dataset.left_by_label(residual_at(dataset.stacked, best.x, one.fitted.box, data), data)
+    every = dataset.error_by_label(left, data)
+    pairs = zip(data.labels, data.runs, strict=True)
+    return _rms([every[label] for label, name in pairs if name == run and label in every])
+
+
+def differences(scores: Mapping[str, Float[np.ndarray, " run"]], reference: str) -> dict[str, Any]:
+    """Sum of the differences of every law's scores to the reference's, and its standard error."""
+    found = {}
+    for name, own in scores.items():
+        apart = own - scores[reference]
+        error = np.sqrt(len(apart)) * np.std(apart, ddof=1) if len(apart) > 1 else np.nan
+        found[name] = (float(np.sum(apart)), float(error))
+    return found
+
+
+def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float]:
+    """Weights of the laws whose mixture would have predicted the left-out runs best.
+
+    They are for prediction, and no probabilities of truth: laws that predict alike share theirs.
+    """
+    import xarray as xr
+    from arviz_stats.loo.compare import compare
+    from arviz_stats.utils import ELPDData
+
+    if len(scores) == 1:
+        return dict.fromkeys(scores, 1.0)
+    each = {
+        name: ELPDData(
+            elpd=float(np.sum(own)), se=0.0, p=0.0, n_samples=1, n_data_points=len(own),
+            scale="log", warning=False, good_k=0.7,
+            elpd_i=xr.DataArray(own, dims="run"), pareto_k=xr.DataArray(0.0 * own, dims="run"),
+        )
+        for name, own in scores.items()
+    }  # fmt: skip
+    found = compare(each, method="stacking")
+    return {str(name): float(weight) for name, weight in found["weight"].items()}
+
+
+def _rms(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")
