@@ -21,26 +21,31 @@ from typing import Any
 
 import jax
 import numpy as np
+import xarray as xr
 from jaxtyping import Array, Float, Key
 from scipy.special import logsumexp
 
 from jbw.errors import ConfigError, JbwError
 from jbw.identification.assemble import Measured, Report
 from jbw.identification.prepare import Fitted, fit_joint, refined, refit
+from jbw.identification.step import attrs
 from jbw.inference.fit.costly_fit import residual_at
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.lanes import at_points
 from jbw.inference.samplers import amis
+from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.problem import problem_of
-from jbw.inference.space.reparametrisation import along_logarithms, never_zero
+from jbw.inference.space.reparametrisation import Reparametrisation, along_logarithms, never_zero
+from jbw.inference.space.ridge import along_ridge
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 
 Laws = tuple[str, ...]
 
-POINTS = (128, 256)  # weighed in rounds about the fit without a run
-FEWEST_RUNS = 5  # from which differences have a standard error that can be believed
-APART = 2.0  # standard errors of a difference from which laws are told apart
+NUM_SAMPLES = 250  # a group of four
+MOST_ROUNDS = 24  # of points for the evidence: a law that leads the data nowhere is not waited for
+# Points of each round about the fit without a run; where an evaluation steps through time, and not.
+POINTS = {True: (128, 128, 256), False: (128, 128, 256, 512, 512)}
 AT_BOUND = 1e-3  # of the box's width
 
 
@@ -162,15 +167,29 @@ def left_out(key: Key[Array, ""], one: Candidate) -> LeftOut:
     return LeftOut(elpd, error, float(worst))
 
 
+def posterior(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
+    """Draws of a candidate's posterior with the log evidence, by so many points at most."""
+    return sample(
+        key, dataset.log_likelihood, one.fitted.box, one.fitted.data, sampler="amis",
+        coordinates=_place(one.fitted.fit, one), num_samples=NUM_SAMPLES, num_chains=4,
+        options={"most_rounds": MOST_ROUNDS}, attrs=attrs(one.laws),
+    )  # fmt: skip
+
+
+def _place(best: Fit, one: Candidate) -> Reparametrisation:
+    """Coordinates about a fit: along its ridge where one is open or ends at a wall."""
+    prior, about = one.fitted.box, (best.theta, best.covariance)
+    if best.weak is not None or best.at_bound:
+        return along_ridge(*about, prior)
+    return along_logarithms(*about, prior, never_zero(*about, prior))
+
+
 def _log_score(
     key: Key[Array, ""], best: Fit, one: Candidate, rest: Dataset
 ) -> tuple[float, float]:
     """Log predictive density of what `rest` lacks [nats], and the k-hat of its weights."""
-    prior = one.fitted.box
-    about = best.theta, best.covariance
-    place = along_logarithms(*about, prior, never_zero(*about, prior))
-    problem = problem_of(dataset.log_likelihood, prior, rest, place)
-    points = amis.points(key, problem, POINTS)
+    problem = problem_of(dataset.log_likelihood, one.fitted.box, rest, _place(best, one))
+    points = amis.points(key, problem, POINTS[rest.stepped])
     whole = at_points(dataset.log_likelihood, points.theta, one.fitted.data)
     gained = whole.reshape(len(points.weights), -1).sum(axis=1) - points.terms.sum(axis=1)
     with np.errstate(divide="ignore"):
@@ -202,7 +221,6 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
 
     They are for prediction, and no probabilities of truth: laws that predict alike share theirs.
     """
-    import xarray as xr
     from arviz_stats.loo.compare import compare
     from arviz_stats.utils import ELPDData
 

@@ -12,16 +12,16 @@ import numpy as np
 import xarray as xr
 
 from jbw.campaign.load import Campaign, force_per_unit
+from jbw.errors import DataError, JbwError
 from jbw.identification import evidence
 from jbw.identification.assemble import Report, measured
-from jbw.identification.evidence import APART, FEWEST_RUNS, Candidate, LeftOut, name_of
-from jbw.identification.joint import sample_joint
+from jbw.identification.evidence import Candidate, LeftOut, name_of
 from jbw.inference.posterior.summary import evenly_spaced, scalars
-from jbw.inference.samplers.chunked_run import no_checkpoint
 from jbw.inference.space.box import require_float64
 from jbw.observables.dataset import Dataset, largest_displacement
-from jbw.oscillator.laws import LAWS, laws_named
+from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.report.laws import laws_figure
+from jbw.study.law_answers import TWICE, compare_rows, statements
 from jbw.study.store import write_figure, write_json
 from jbw.verification.backbone import HERTZ, RATIO, curves
 from jbw.verification.bands import QUANTILES, band
@@ -37,8 +37,6 @@ USUAL = (
 )  # fmt: skip
 NUM_DRAWS = 50  # that the curves' bands are made of
 NUM_AMPLITUDES = 40
-NATS = 5.0  # of evidence from which a law is told apart where runs are too few
-TWICE = float(np.log(2.0))  # what doubling the width of one prior costs
 
 
 @dataclass(frozen=True)
@@ -83,22 +81,28 @@ def compare_laws(
     )
     keys = jax.random.split(jax.random.key(settings.seed if seed is None else seed), 3)
     found, refused = evidence.candidates(keys[0], seen, sets, report)
-    named = {name_of(one.laws): one for one in found}
-    data = found[0].fitted.data
-    runs, left = evidence.runs_of(data), {}
-    if len(runs) > 1:
-        for i, (name, one) in enumerate(named.items()):
-            report(f"{name}: each of {len(runs)} runs predicted from the others")
-            left[name] = evidence.left_out(jax.random.fold_in(keys[1], i), one)
-    draws = {}
-    for i, (name, one) in enumerate(named.items()):
-        report(f"{name}: posterior and evidence")
-        key = jax.random.fold_in(keys[2], i)
-        draws[name] = sample_joint(key, one.fitted, settings, no_checkpoint, name)
+    runs = evidence.runs_of(found[0].fitted.data)
+    named: dict[str, Candidate] = {}
+    left: dict[str, LeftOut] = {}
+    draws: dict[str, xr.DataTree] = {}
+    for i, one in enumerate(found):
+        name, apart = name_of(one.laws), (jax.random.fold_in(key, i) for key in keys[1:])
+        report(f"{name}: {len(runs)} runs predicted from each other's rest; evidence")
+        try:
+            known = evidence.left_out(next(apart), one) if len(runs) > 1 else None
+            draws[name] = evidence.posterior(next(apart), one)
+        except JbwError as error:
+            refused[one.laws] = str(error)
+            continue
+        named[name] = one
+        if known is not None:
+            left[name] = known
+    if not named:
+        raise DataError(f"No law can be weighed by these data: {next(iter(refused.values()))}")
     rows = {name: _row(one, left.get(name), draws[name]) for name, one in named.items()}
     scores = {name: np.array(list(one.elpd.values())) for name, one in left.items()}
-    _compare(rows, scores)
-    y_peak = max(_largest(one) for one in found)
+    compare_rows(rows, scores)
+    y_peak = max(_largest(one) for one in named.values())
     highest = _highest(campaign, runs)
     for name, one in left.items():
         rows[name]["error_highest"] = one.error.get(highest) if highest else None
@@ -106,7 +110,7 @@ def compare_laws(
         "campaign": campaign.name,
         "runs": list(runs),
         "highest": highest,
-        "floor": evidence.floor_of(data),
+        "floor": evidence.floor_of(found[0].fitted.data),
         "laws": rows,
         "refused": {name_of(laws): reason for laws, reason in refused.items()},
     }
@@ -139,7 +143,7 @@ def _parts(name: str) -> tuple[str, ...]:
 
 
 def _known(name: str) -> bool:
-    return name in LAWS or name.rpartition("_")[0] in LAWS
+    return name in LAWS or name.rpartition("_")[0] in FAMILIES
 
 
 def _largest(one: Candidate) -> float:
@@ -174,8 +178,8 @@ def _row(one: Candidate, left: LeftOut | None, tree: xr.DataTree) -> dict[str, A
         "log_evidence": known,
         "log_evidence_error": tree.attrs.get("log_evidence_error"),
         "log_evidence_wide": None if known is None else known - count * TWICE,
+        "khat_evidence": tree.attrs.get("khat"),
         "at_bound": list(one.at_bound),
-        "sampler": tree.attrs.get("sampler"),
         "parameters": {
             str(name): {"mean": float(posterior[name].mean()), "sd": float(posterior[name].std())}
             for name in names
@@ -191,75 +195,6 @@ def _own(one: Candidate) -> list[str]:
 
 def _rms(errors: Mapping[str, float]) -> float:
     return float(np.sqrt(np.mean(np.square(list(errors.values())))))
-
-
-def _compare(rows: dict[str, dict[str, Any]], scores: Mapping[str, np.ndarray]) -> None:
-    """Differences to the best law, weights, and whether each law is told apart from it."""
-    evidences = {name: row["log_evidence"] for name, row in rows.items()}
-    known = {name: value for name, value in evidences.items() if value is not None}
-    by_runs = len(scores) == len(rows) and len(next(iter(scores.values()))) >= FEWEST_RUNS
-    if by_runs:
-        best = max(scores, key=lambda name: float(np.sum(scores[name])))
-    else:
-        best = (
-            max(known, key=lambda name: known[name])
-            if known
-            else min(rows, key=lambda name: rows[name]["error"])
-        )
-    differences = evidence.differences(scores, best) if scores else {}
-    weights = evidence.stacking(scores) if by_runs else {}
-    for name, row in rows.items():
-        difference, error = differences.get(name, (None, None))
-        row["elpd_difference"] = difference
-        row["elpd_difference_se"] = error if error is not None and np.isfinite(error) else None
-        row["weight"] = weights.get(name)
-        of_evidence = known[name] - known[best] if name in known and best in known else None
-        row["log_evidence_difference"] = of_evidence
-        if name == best:
-            row["answer"] = "best"
-        elif by_runs and difference is not None:
-            apart = -difference > APART * (error or 0.0)
-            row["answer"] = "worse" if apart else "not told apart"
-        else:
-            apart = of_evidence is not None and of_evidence < -NATS
-            row["answer"] = "worse" if apart else "not told apart"
-
-
-def statements(record: Mapping[str, Any]) -> list[str]:
-    """What the comparison says, in words."""
-    rows, count = record["laws"], len(record["runs"])
-    best = next(name for name, row in rows.items() if row["answer"] == "best")
-    near = [name for name, row in rows.items() if row["answer"] == "not told apart"]
-    worse = [name for name, row in rows.items() if row["answer"] == "worse"]
-    by_runs = rows[best]["weight"] is not None
-    how = (
-        f"by what each predicts of {count} runs that it has not seen"
-        if by_runs
-        else f"by the evidence alone: {count} run{'s' if count != 1 else ''} left out in turn "
-        f"are too few, {FEWEST_RUNS} are needed"
-    )
-    said = [f"Best is {best}, {how}."]
-    if near:
-        said.append(f"Not told apart from it: {', '.join(near)}.")
-    if worse:
-        said.append(f"Told apart, and worse: {', '.join(worse)}.")
-    if (floor := record["floor"]) is not None:
-        ratio = rows[best]["error"] / floor if floor > 0 else np.inf
-        said.append(
-            f"{best} leaves {100 * rows[best]['error']:.2g} % of the response where single repeats "
-            f"scatter by {100 * floor:.2g} %"
-            + ("; no law is asked for beyond it." if ratio < 1.2 else ".")
-        )
-    for name, row in rows.items():
-        if row["at_bound"] and row["answer"] != "worse":
-            said.append(f"{name}: {', '.join(row['at_bound'])} at a bound of the prior.")
-        if row["khat"] is not None and row["khat"] > 0.7:
-            said.append(
-                f"{name}: the score of a left-out run is rough (k-hat {row['khat']:.2f}, 0.7 is "
-                "the limit)."
-            )
-    said.append("Doubling the width of a law's priors takes 0.7 nats a parameter off its evidence.")
-    return said
 
 
 def _scores(left: Mapping[str, LeftOut], runs: Sequence[str]) -> xr.Dataset:

@@ -1,0 +1,94 @@
+"""What a comparison of laws answers: which is best, which are told apart from it, in words."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from jbw.identification.evidence import differences, stacking
+from jbw.inference.posterior.verdict import GOOD_KHAT
+
+FEWEST_RUNS = 5  # from which differences have a standard error that can be believed
+APART = 2.0  # standard errors of a difference from which laws are told apart
+NATS = 5.0  # of evidence from which a law is told apart where runs are too few
+TWICE = float(np.log(2.0))  # nats that doubling the width of one prior costs
+NEAR_FLOOR = 1.2  # times the scatter of repeats
+
+Row = Mapping[str, Any]
+
+
+def compare_rows(rows: dict[str, dict[str, Any]], scores: Mapping[str, np.ndarray]) -> None:
+    """Add to the row of each law its differences to the best, its weight and its answer."""
+    by_runs = bool(scores) and len(next(iter(scores.values()))) >= FEWEST_RUNS
+    best = _best(rows, scores, by_runs=by_runs)
+    apart = differences(scores, best) if scores else {}
+    weights = stacking(scores) if by_runs else {}
+    for name, row in rows.items():
+        difference, error = apart.get(name, (None, None))
+        row["elpd_difference"] = difference
+        row["elpd_difference_se"] = error if error is not None and np.isfinite(error) else None
+        row["weight"] = weights.get(name)
+        pair = row["log_evidence"], rows[best]["log_evidence"]
+        row["log_evidence_difference"] = None if None in pair else pair[0] - pair[1]
+        row["answer"] = "best" if name == best else _answer(row, rows[best], by_runs=by_runs)
+
+
+def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs: bool) -> str:
+    """The law of the highest score, of the most evidence, or of the smallest error."""
+    if by_runs:
+        return max(scores, key=lambda name: float(np.sum(scores[name])))
+    known = {n: row["log_evidence"] for n, row in rows.items() if row["log_evidence"] is not None}
+    if known:
+        return max(known, key=lambda name: known[name])
+    return min(rows, key=lambda name: rows[name]["error"])
+
+
+def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
+    """Whether a law is told apart from the best; by evidence under both widths of the priors."""
+    if by_runs:
+        apart = -row["elpd_difference"] > APART * (row["elpd_difference_se"] or 0.0)
+    else:
+        widths = ("log_evidence", "log_evidence_wide")
+        known = [(row[key], best[key]) for key in widths if None not in (row[key], best[key])]
+        apart = bool(known) and all(own < other - NATS for own, other in known)
+    return "worse" if apart else "not told apart"
+
+
+def statements(record: Row) -> list[str]:
+    """What the comparison says, a sentence each."""
+    rows, count = record["laws"], len(record["runs"])
+    best = _names(rows, "best")[0]
+    if rows[best]["weight"] is not None:
+        said = [f"Best is {best}, by what each law predicts of {count} runs that it has not seen."]
+    else:
+        said = [
+            f"{count} run{'s' if count != 1 else ''} are too few to compare predictions, "
+            f"{FEWEST_RUNS} are needed: best is {best} by the evidence alone, which rests on the "
+            "priors."
+        ]
+    if near := _names(rows, "not told apart"):
+        said.append(f"Not told apart from it: {', '.join(near)}.")
+    if worse := _names(rows, "worse"):
+        said.append(f"Told apart, and worse: {', '.join(worse)}.")
+    if (floor := record["floor"]) is not None and floor > 0:
+        error = rows[best]["error"]
+        said.append(
+            f"{best} leaves {100 * error:.2g} % of the response where single repeats scatter by "
+            f"{100 * floor:.2g} %{_near(error / floor)}."
+        )
+    for name, row in rows.items():
+        if row["at_bound"] and row["answer"] != "worse":
+            said.append(f"{name}: {', '.join(row['at_bound'])} at a bound of the prior.")
+    for key, what in (("khat", "Scores of runs left out are"), ("khat_evidence", "Evidence is")):
+        if rough := [name for name, row in rows.items() if (row[key] or 0.0) > GOOD_KHAT]:
+            said.append(f"{what} rough under {', '.join(rough)} (k-hat above {GOOD_KHAT:g}).")
+    said.append("Doubling the width of a law's priors takes 0.7 nats a parameter off its evidence.")
+    return said
+
+
+def _near(ratio: float) -> str:
+    return "; no law is asked for beyond it" if ratio < NEAR_FLOOR else ""
+
+
+def _names(rows: Mapping[str, Row], answer: str) -> list[str]:
+    return [name for name, row in rows.items() if row["answer"] == answer]

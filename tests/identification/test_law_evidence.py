@@ -1,0 +1,151 @@
+"""Laws side by side: scores of runs left out against quadrature, and a truth that is found."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from jbw.campaign.load import Campaign
+from jbw.campaign.settings import Identify
+from jbw.errors import ConfigError
+from jbw.identification import evidence
+from jbw.identification.assemble import measured
+from jbw.inference.space.box import from_unit
+from jbw.measurement.records import Record, Test
+from jbw.observables import dataset
+from jbw.observables.dataset import log_likelihood
+from jbw.study.law_answers import compare_rows, statements
+from jbw.study.laws import compare_laws
+
+OMEGA_N, ZETA, CUBIC, LEVELS = 500.0, 0.003, -2e10, (5.0, 20.0, 40.0, 60.0, 80.0, 100.0)
+
+
+def curve(level, cubic=CUBIC, noise=0.02, points=30, seed=0):
+    """Force [N per kg] that holds an acceleration, kappa = 3/4 k_3 Y^2 by the textbook."""
+    rng = np.random.default_rng([seed, int(level)])
+    freq = np.linspace(78.0, 81.0, points)
+    omega = 2 * np.pi * freq
+    y = level / omega**2
+    force = y * (OMEGA_N**2 - omega**2 + 2j * ZETA * OMEGA_N * omega + 0.75 * cubic * y**2)
+    records = []
+    for _ in range(3):
+        seen = force + noise * (rng.normal(size=points) + 1j * rng.normal(size=points))
+        channels = {
+            "frequency": freq,
+            "force": np.abs(seen),
+            "acceleration": np.full(points, level),
+            "phase": np.pi - np.angle(seen),
+        }
+        units = {"frequency": "Hz", "force": "N", "acceleration": "m/s^2", "phase": "rad"}
+        records.append(Record(float("nan"), channels, units))
+    return Test("frf", tuple(records), f"held at {level:g}", float(level))
+
+
+@pytest.fixture(scope="module")
+def linear():
+    """A linear structure under the linear law: two parameters, which a grid integrates."""
+    tests = [curve(level, cubic=0.0) for level in LEVELS[:4]]
+    seen = measured(tests, Identify(), laws=(), gain=1.0)
+    (one,), _ = evidence.candidates(jax.random.key(0), seen, [()], lambda said: None)
+    return one
+
+
+def test_scores_of_left_out_runs_are_those_of_a_grid(linear):
+    found = evidence.left_out(jax.random.key(1), linear)
+    prior, data, best = linear.fitted.box, linear.fitted.data, linear.fitted.fit
+    assert list(found.elpd) == [f"held at {level:g}" for level in LEVELS[:4]]
+    std = np.sqrt(np.diag(best.covariance)) / np.asarray(prior.upper - prior.lower)
+    sides = [one + 12 * s * np.linspace(-1, 1, 161) for one, s in zip(best.x, std, strict=True)]
+    grid = jnp.asarray(np.stack(np.meshgrid(*sides), -1).reshape(-1, 2))
+    terms = np.asarray(
+        jax.lax.map(lambda x: log_likelihood(from_unit(x, prior), data), grid, batch_size=512)
+    )
+    for i, run in enumerate(found.elpd):
+        rest = terms.sum(axis=1) - terms[:, i]
+        exact = logsumexp(terms.sum(axis=1)) - logsumexp(rest)
+        # 1408 points about the fit, of which some 1000 count: an error of 0.03 at most.
+        np.testing.assert_allclose(found.elpd[run], exact, atol=0.1)
+        assert 0.0 < found.error[run] < 0.2  # noise of 0.02 N, at the lowest level a tenth
+    assert found.khat < 0.7
+
+
+def test_a_run_that_is_silenced_counts_for_nothing(linear):
+    data = linear.fitted.data
+    theta = {name: jnp.asarray(value) for name, value in linear.fitted.fit.theta.items()}
+    silent = dataset.silenced("held at 20", data)
+    moved = {**theta, "omega_n": theta["omega_n"] * 1.001}
+    before, after = (np.asarray(log_likelihood(t, silent) - log_likelihood(t, data))
+                     for t in (theta, moved))  # fmt: skip
+    index = data.labels.index("held at 20")
+    change = np.asarray(log_likelihood(moved, silent) - log_likelihood(theta, silent))
+    assert abs(change[index]) < 1e-6
+    np.testing.assert_allclose(np.delete(before, index), np.delete(after, index), atol=1e-9)
+
+
+def test_differences_and_stacking_are_closed_forms():
+    rng = np.random.default_rng(0)
+    base = rng.normal(size=8)
+    scores = {"a": base, "b": base - 1.0 + 0.5 * np.arange(8) / 7, "c": base - 30.0}
+    apart = evidence.differences(scores, "a")
+    own = scores["b"] - base
+    np.testing.assert_allclose(apart["b"], (own.sum(), np.sqrt(8) * own.std(ddof=1)))
+    assert apart["a"] == (0.0, 0.0)
+    weights = evidence.stacking(scores)
+    # `a` predicts every run better than the others: all weight.
+    np.testing.assert_allclose([weights[name] for name in "abc"], [1.0, 0.0, 0.0], atol=1e-3)
+    # Each best on half of the runs by the same amount: half of the weight.
+    halves = np.where(np.arange(8) % 2, 5.0, 0.0)
+    weights = evidence.stacking({"odd": base + halves, "even": base + 5.0 - halves})
+    np.testing.assert_allclose(weights["odd"], 0.5, atol=1e-3)
+
+
+def row(evidence_of, error=0.1, count=1):
+    wide = None if evidence_of is None else evidence_of - count * np.log(2.0)
+    return {"error": error, "log_evidence": evidence_of, "log_evidence_wide": wide, "khat": 0.1,
+            "khat_evidence": 0.1, "at_bound": []}  # fmt: skip
+
+
+def test_few_runs_are_no_comparison_of_predictions():
+    rows = {"a": row(0.0), "b": row(-3.0), "c": row(-20.0)}
+    compare_rows(rows, {name: np.zeros(3) for name in rows})
+    assert [one["answer"] for one in rows.values()] == ["best", "not told apart", "worse"]
+    assert rows["a"]["weight"] is None
+    said = statements({"laws": rows, "runs": ["x", "y", "z"], "floor": 0.09})
+    assert said[0].startswith("3 runs are too few to compare predictions, 5 are needed")
+    assert "a leaves 10 % of the response where single repeats scatter by 9 %; no law" in said[3]
+
+
+def test_evidence_that_hangs_on_the_priors_tells_nothing_apart():
+    # Seven nats behind with one parameter more, four with both priors twice as wide.
+    rows = {"a": row(0.0, count=5), "b": row(-7.0, count=0)}
+    compare_rows(rows, {})
+    assert rows["b"]["answer"] == "not told apart"
+
+
+@pytest.fixture(scope="module")
+def softening():
+    tests = tuple(curve(level) for level in LEVELS)
+    return Campaign("softening", None, tests, gain=1.0, settings=Identify(), laws=("cubic",))
+
+
+@pytest.mark.slow
+def test_the_law_that_made_the_data_is_best_and_wrong_ones_are_told_apart(softening):
+    found = compare_laws(softening, ["linear", "cubic", "bouc_wen", ("quadratic",)], seed=3)
+    rows = found.record["laws"]
+    assert rows["cubic"]["answer"] == "best"
+    assert rows["linear"]["answer"] == rows["quadratic"]["answer"] == "worse"
+    assert rows["cubic"]["weight"] > 0.5
+    mean, sd = (rows["cubic"]["parameters"]["cubic"][key] for key in ("mean", "sd"))
+    assert abs(mean - CUBIC) < 4 * sd
+    assert found.record["highest"] == "held at 100"
+    assert set(found.tree["scores"]["law"].values) == set(rows)
+    again = compare_laws(softening, ["cubic"], seed=3)
+    assert again.record["laws"]["cubic"]["weight"] == 1.0
+
+
+def test_an_unknown_law_is_named(softening):
+    with pytest.raises(ConfigError, match="Unknown law `iwan5`"):
+        compare_laws(replace(softening), ["iwan5 + cubic"])
