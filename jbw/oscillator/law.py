@@ -204,13 +204,9 @@ class Law(eqx.Module):
         """Memory after the corrector's small change of y, on the branch at the end."""
         return self.move(y, memory, dy)
 
-    # -- for derivatives of the solve, where the memory is a stack of the past ---------------------
     @property
     def stacks(self) -> bool:
-        """Whether a step makes but one entry of the memory anew and moves the others.
-
-        Such a law says `stack_columns`, `with_columns` and `stack_move` too, as Masing's laws do.
-        """
+        """Whether a step makes one entry of the memory anew and moves the others; see `Masing`."""
         return False
 
     # -- along a periodic motion -----------------------------------------------------------------
@@ -223,9 +219,8 @@ class Law(eqx.Module):
     ) -> Complex[Array, " harmonic"]:
         """Odd harmonics of the remainder r along the motion, by moves over two periods.
 
-        Alternates between time and frequency on a uniform grid that begins at the crest; the first
-        period sets the memory, which is exact for laws that forget all but their last turns. The
-        error falls with the square of the number of points where the force has kinks.
+        On a uniform grid from the crest; the first period sets the memory, which is exact for laws
+        that forget all but their last turns. With kinks the error falls with the square of points.
         """
         return generic.harmonics_by_moves(self, q, max_turns)
 
