@@ -188,6 +188,10 @@ class Observable(eqx.Module):
         """Frequency and damping against amplitude where data show them without a model."""
         return None
 
+    def amplitude_readings(self) -> AmplitudeCurve | None:
+        """The same, too coarse to start a fit from: a point a level that was held."""
+        return self.amplitude_curve()
+
     def gain_std(self) -> float:
         """Standard deviation of the first value of the gain; infinite where it is not known."""
         return float("inf")

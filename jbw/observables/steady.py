@@ -16,7 +16,7 @@ from jaxtyping import Array, Complex, Float, Inexact, Int
 from jbw.measurement.records import Test
 from jbw.observables.harmonic_groups import NUM_HARMONICS, ORDERS, Group, groups_of, harmonic_label
 from jbw.observables.line_fit import oscillator_through
-from jbw.observables.observable import Laws, Rows, Theta
+from jbw.observables.observable import AmplitudeCurve, Laws, Rows, Theta
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, filled, repeats
 from jbw.observables.spectra import Spectrum, of_lines
@@ -25,6 +25,7 @@ from jbw.oscillator.steady.balance import refined
 from jbw.quantities import DEFAULT_LAWS, derivative_order
 
 NUM_NODES = 16
+LEAST_POINTS = 6  # of a curve through which an oscillator is laid
 
 
 class Points(Repeated):
@@ -170,6 +171,20 @@ class Points(Repeated):
         first = [one for one in first if len(one) >= 3] or first
         chosen = min(first, key=lambda one: np.abs(motion[one, 0]).max())
         return oscillator_through(omega[chosen], load[chosen, 0], motion[chosen, 0])
+
+    def amplitude_readings(self) -> AmplitudeCurve | None:
+        """A point of every curve at a held response: there the joint is a spring and a damper."""
+        found = []
+        for i, row in enumerate(np.asarray(self.point)):
+            points = row[self.compared(i)]
+            if self.of_force[i] and self.position[i] == 0 and len(points) >= LEAST_POINTS:
+                omega, load, motion = (
+                    np.asarray(x)[points] for x in (self.omega, self.load[:, 0], self.motion[:, 0])
+                )
+                read = oscillator_through(omega, load, motion)
+                near = np.argmin(np.abs(omega - read["omega_n"]))
+                found.append((abs(motion[near]), read["omega_n"], read["zeta"]))
+        return AmplitudeCurve(*np.array(found).T) if found else None
 
     def y_peak(self, omega_n: float) -> float:
         """Largest displacement [m]."""

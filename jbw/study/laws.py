@@ -15,6 +15,7 @@ from jbw.campaign.load import Campaign, force_per_unit
 from jbw.errors import DataError, JbwError
 from jbw.identification import evidence
 from jbw.identification.assemble import Report, measured
+from jbw.identification.diagnosis import diagnose, diagnosis_sentences, readings_of
 from jbw.identification.evidence import Candidate, LeftOut, name_of
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
@@ -106,15 +107,19 @@ def compare_laws(
     highest = _highest(campaign, runs)
     for name, one in left.items():
         rows[name]["error_highest"] = one.error.get(highest) if highest else None
+    readings = readings_of(found[0].fitted.data)
+    diagnosis = None if readings is None else diagnose(readings)
     record = {
         "campaign": campaign.name,
+        "diagnosis": None if diagnosis is None else diagnosis._asdict(),
         "runs": list(runs),
         "highest": highest,
         "floor": evidence.floor_of(found[0].fitted.data),
         "laws": rows,
         "refused": {name_of(laws): reason for laws, reason in refused.items()},
     }
-    record["statements"] = statements(record)
+    told = [] if diagnosis is None else diagnosis_sentences(diagnosis)
+    record["statements"] = [*told, *statements(record)]
     tree = xr.DataTree.from_dict(
         {
             "/scores": _scores(left, runs),

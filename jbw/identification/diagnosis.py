@@ -1,0 +1,145 @@
+r"""What frequency and damping against amplitude say of the joint, before any law is fitted.
+
+$$\omega(Y) = \omega_0 (1 - a\,(Y/Y_{max})^q), \qquad \zeta(Y) = \zeta_0 + b\,(Y/Y_{max})^p,
+  \qquad r = \frac{b}{a} = \frac{\Delta\zeta}{-\Delta\omega/\omega}$$
+
+Of every law to first order the exponents are alike and r is a closed form. A law of Masing's kind
+has no freedom between softening and damping, $r = C_d(q) / C_s(q)$; below it a part of the
+softening is elastic, above it there is damping that does not soften. Bouc-Wen's law has that
+freedom, $\gamma/\delta = r\,(q + 2)\,I(q + 2) / (q + 1)$.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize_scalar
+from scipy.special import gammaln
+
+from jbw.inference.posterior.summary import QUANTILES
+from jbw.observables.dataset import Dataset
+from jbw.observables.observable import AmplitudeCurve
+from jbw.oscillator.laws.iwan import power_loop
+
+FEWEST = 5  # readings that an exponent is read off
+EXPONENTS = (0.1, 4.0)
+RESAMPLED = 400  # times that the readings are drawn again, for the bands
+SEED = 0
+
+
+class Diagnosis(NamedTuple):
+    """Readings and what they say; every number with the ends and the middle of its 99 % band.
+
+    Attributes:
+        num_readings: Of frequency and damping.
+        y: Smallest and largest amplitude [m].
+        softening: Relative loss of frequency at the largest amplitude, a.
+        softening_exponent: q, by the frequency alone.
+        damping: What is added to the damping ratio there, b.
+        damping_exponent: p, by the damping alone.
+        ratio: r, at the exponent of the softening, which is known better.
+        masing: r of Masing's laws at that exponent.
+        elastic: Share of the softening that Masing's laws do not explain, 1 - r / r_Masing.
+        opening: gamma/delta of the Bouc-Wen law with that exponent.
+    """
+
+    num_readings: int
+    y: tuple[float, float]
+    softening: tuple[float, float, float]
+    softening_exponent: tuple[float, float, float]
+    damping: tuple[float, float, float]
+    damping_exponent: tuple[float, float, float]
+    ratio: tuple[float, float, float]
+    masing: tuple[float, float, float]
+    elastic: tuple[float, float, float]
+    opening: tuple[float, float, float]
+
+
+def readings_of(data: Dataset) -> AmplitudeCurve | None:
+    """All readings of frequency and damping against amplitude, of decays and of held responses."""
+    found = [one for part in data.parts if (one := part.amplitude_readings()) is not None]
+    return AmplitudeCurve(*map(np.concatenate, zip(*found, strict=True))) if found else None
+
+
+def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
+    """Exponents, their ratio and what it means; None with too few readings.
+
+    Bands by drawing the readings again (Efron 1979). A reading counts by its amplitude: the noise
+    of a frequency and of a damping falls as the motion grows.
+    """
+    if len(np.unique(curve.y)) < FEWEST:
+        return None
+    rng = np.random.default_rng(SEED)
+    picks = [np.arange(len(curve.y)), *rng.integers(0, len(curve.y), (RESAMPLED, len(curve.y)))]
+    rows = [_read(AmplitudeCurve(*(x[pick] for x in curve)), curve.y.max()) for pick in picks
+            if len(np.unique(curve.y[pick])) >= FEWEST - 1]  # fmt: skip
+    bands = [tuple(np.quantile(column, QUANTILES).tolist()) for column in np.array(rows).T]
+    return Diagnosis(len(curve.y), (float(curve.y.min()), float(curve.y.max())), *bands)
+
+
+def _read(curve: AmplitudeCurve, y_max: float) -> Sequence[float]:
+    """The numbers of `Diagnosis` in their order, of one set of readings."""
+    x, weight = curve.y / y_max, curve.y / y_max
+
+    def line(values: Float[np.ndarray, " point"], exponent: float) -> tuple[np.ndarray, float]:
+        """Value at rest and change at the largest amplitude, and the squares that they leave."""
+        design = np.stack([np.ones_like(x), x**exponent], 1) * weight[:, None]
+        found, *_ = np.linalg.lstsq(design, values * weight, rcond=None)
+        return found, float(np.sum((values * weight - design @ found) ** 2))
+
+    def exponent(values: Float[np.ndarray, " point"]) -> float:
+        found: Any = minimize_scalar(
+            lambda e: line(values, e)[1], bounds=EXPONENTS, method="bounded"
+        )
+        return float(found.x)
+
+    q, p = exponent(curve.omega), exponent(curve.zeta)
+    (omega, lost), _ = line(curve.omega, q)
+    (_, added), _ = line(curve.zeta, q)
+    softening, masing = -lost / omega, masing_ratio(q)
+    ratio = added / softening if softening else np.inf
+    integral = 0.5 * np.sqrt(np.pi) * np.exp(gammaln((q + 3) / 2) - gammaln(q / 2 + 2))
+    opening = ratio * (q + 2) * integral / (q + 1)
+    return softening, q, added, p, ratio, masing, 1 - ratio / masing, opening
+
+
+def masing_ratio(exponent: float) -> float:
+    """Damping over softening of Masing's laws, C_d / C_s."""
+    softening, damping = power_loop(exponent)
+    return float(damping / softening)
+
+
+def diagnosis_sentences(found: Diagnosis) -> list[str]:
+    """What the readings say, in words."""
+    first = (
+        f"{found.num_readings} readings between {1e3 * found.y[0]:.2g} and {1e3 * found.y[1]:.2g} "
+        f"mm: the frequency falls by {_percent(found.softening)}, by the power "
+        f"{_number(found.softening_exponent)} of the amplitude; the damping ratio grows by "
+        f"{_percent(found.damping)}, by the power {_number(found.damping_exponent)}."
+    )
+    low, _, high = found.softening
+    if low <= 0.0 <= high:
+        return [first, "No softening is seen that damping could be compared with."]
+    if high < 0.0:
+        return [first, "The joint hardens: an elastic stiffness grows with amplitude."]
+    said = (
+        f"Damping over softening is {_number(found.ratio)} where Masing's laws have "
+        f"{found.masing[1]:.2g}"
+    )
+    low, _, high = found.elastic
+    if low > 0.0:
+        said += f": {_percent(found.elastic)} of the softening is elastic, or of no Masing law."
+    elif high < 0.0:
+        said += ": there is damping that does not soften."
+    else:
+        said += ": as sliders have it."
+    return [first, f"{said} For a Bouc-Wen law gamma/delta is {_number(found.opening)}."]
+
+
+def _number(band: tuple[float, float, float]) -> str:
+    return f"{band[1]:.2g} [{band[0]:.2g}, {band[2]:.2g}]"
+
+
+def _percent(band: tuple[float, float, float]) -> str:
+    return f"{100 * band[1]:.2g} % [{100 * band[0]:.2g}, {100 * band[2]:.2g}]"

@@ -1,0 +1,62 @@
+"""Softening and damping against amplitude: closed forms of textbook joints."""
+
+import numpy as np
+import pytest
+
+from jbw.identification.diagnosis import diagnose, diagnosis_sentences, masing_ratio
+from jbw.observables.observable import AmplitudeCurve
+
+Y = np.linspace(2e-5, 1e-3, 60)
+
+
+def readings(q, ratio, softening=0.01, noise=0.0, seed=0):
+    """Of a joint whose loss of frequency and added damping grow by the power q."""
+    rng = np.random.default_rng(seed)
+    part = softening * (Y / Y[-1]) ** q
+    scatter = noise * softening / (Y / Y[-1]) * rng.normal(size=(2, Y.size))
+    return AmplitudeCurve(Y, 500.0 * (1 - part + scatter[0]), 0.003 + ratio * part + scatter[1])
+
+
+# Closed forms of Segalman's and Iwan's arrays, worked out by hand for these exponents.
+@pytest.mark.parametrize(
+    ("q", "ratio"), [(0.3, 0.163), (0.5, 0.250), (0.7, 0.326), (1.0, 0.424), (1.5, 0.563)]
+)
+def test_masings_ratio_is_that_of_the_table(q, ratio):
+    assert masing_ratio(q) == pytest.approx(ratio, abs=6e-4)
+
+
+@pytest.mark.parametrize("q", [0.6, 1.0, 1.4])
+def test_clean_readings_give_exponents_and_ratio(q):
+    found = diagnose(readings(q, 0.3))
+    for band, value in (
+        (found.softening, 0.01),
+        (found.softening_exponent, q),
+        (found.damping, 0.003),
+        (found.damping_exponent, q),
+        (found.ratio, 0.3),
+        (found.elastic, 1 - 0.3 / masing_ratio(q)),
+    ):
+        np.testing.assert_allclose(band, value, rtol=2e-3, atol=1e-6)
+    # Of Bouc-Wen with nu = 1, r is gamma over delta itself.
+    if q == 1.0:
+        np.testing.assert_allclose(found.opening, 0.3, rtol=2e-3)
+
+
+def test_bands_hold_the_truth_in_noise_and_the_words_follow_them():
+    inside = 0
+    for seed in range(20):
+        found = diagnose(readings(1.0, 0.245, noise=0.02, seed=seed))
+        inside += found.elastic[0] < 1 - 0.245 / masing_ratio(1.0) < found.elastic[2]
+    assert inside >= 18  # of twenty 99 % bands; two misses have a chance of 0.02
+    said = diagnosis_sentences(found)
+    assert "of the softening is elastic" in said[1]
+    masing = diagnosis_sentences(diagnose(readings(0.7, masing_ratio(0.7), noise=0.02)))
+    assert "as sliders have it" in masing[1]
+    viscous = diagnosis_sentences(diagnose(readings(0.7, 1.0, noise=0.02)))
+    assert "damping that does not soften" in viscous[1]
+    hard = diagnosis_sentences(diagnose(readings(1.0, 0.2, softening=-0.01, noise=0.02)))
+    assert "hardens" in hard[1]
+
+
+def test_few_readings_say_nothing():
+    assert diagnose(AmplitudeCurve(*(x[:4] for x in readings(1.0, 0.3)))) is None
