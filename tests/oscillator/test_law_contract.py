@@ -19,6 +19,7 @@ INPUT = 8.0 * np.sin(2 * np.pi * 17 * TIME) * np.sin(2 * np.pi * 3 * TIME)
 
 THETA = {
     "bouc_wen": {"alpha": 497.4, "delta": 340.21, "gamma": 32.84},
+    "bouc_wen_nu": {"nu_stiffness": 497.4, "nu_softening": 0.3, "nu_opening": 0.1, "nu": 0.7},
     "cubic": {"cubic": 2e7},
     "jenkins": {"stiffness_1": 600.0, "slip_1": 2e-3},
     "jenkins_3": {

@@ -12,6 +12,7 @@ from typing import Any
 from jbw.errors import ConfigError
 from jbw.oscillator.law import Law
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
+from jbw.oscillator.laws.bouc_wen_nu import BoucWenNu
 from jbw.oscillator.laws.dampers import CubicDamping, QuadraticDamping
 from jbw.oscillator.laws.iwan import Iwan4, MasingExponential, MasingPower
 from jbw.oscillator.laws.jenkins import Jenkins, jenkins
@@ -28,6 +29,7 @@ LAWS: dict[str, Kind] = {
     law.name: law
     for law in (
         BoucWenLaw,
+        BoucWenNu,
         Cubic,
         CubicDamping,
         Iwan4,
