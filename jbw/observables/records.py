@@ -22,11 +22,13 @@ from jbw.observables.samples import (
     advance,
     in_band,
     lines_of,
+    motion_under,
     response_to,
     substeps_for,
     values_of,
 )
 from jbw.observables.spectra import Spectrum, of_lines, of_samples
+from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the first values are read from
@@ -232,11 +234,34 @@ class Records(Repeated):
         """The records with twice as many steps of the solver."""
         return replace(self, substeps=2 * self.substeps)
 
+    def statements(self, theta: Theta) -> list[str]:
+        """Where the motion comes back to reversals that a law has given up."""
+        if not any(law.stacks for law in oscillator_of(theta, self.laws).laws):
+            return []
+        counts = np.asarray(_guesses(theta, self))
+        return [
+            f"{label}: loops within loops are deeper than the law remembers; {int(count)} times "
+            "its force may have been a guess until a larger loop closed."
+            for label, count in zip(self.labels, counts, strict=True)
+            if count > 0
+        ]
+
 
 def _loudest_hz(means: Float[np.ndarray, "level time"], fs: float) -> float:
     """Frequency at which the responses together have the most power [Hz]."""
     power = np.sum(np.abs(np.fft.rfft(means)) ** 2, axis=0)
     return float(np.fft.rfftfreq(means.shape[1], 1 / fs)[np.argmax(power)])
+
+
+@eqx.filter_jit
+def _guesses(theta: Theta, data: Records) -> Float[Array, " level"]:
+    """How often the force of each level may have been a guess."""
+
+    def one(source: Array) -> Array:
+        options = {"laws": data.laws, "substeps": data.substeps, "periodic": data.periodic}
+        return motion_under(theta, source, data.fs, **options).guesses
+
+    return jax.lax.map(one, data.source)
 
 
 @eqx.filter_jit
