@@ -44,8 +44,7 @@ Laws = tuple[str, ...]
 
 NUM_SAMPLES = 250  # a group of four
 MOST_ROUNDS = 24  # of points for the evidence: a law that leads the data nowhere is not waited for
-# Points of each round about the fit without a run; where an evaluation steps through time, and not.
-POINTS = {True: (128, 128, 256), False: (128, 128, 256, 512, 512)}
+SIZE, WORTH, ROUNDS = 256, 200.0, 24  # of points without a run: a round, draws wanted, rounds
 AT_BOUND = 1e-3  # of the box's width
 
 
@@ -189,7 +188,7 @@ def _log_score(
 ) -> tuple[float, float]:
     """Log predictive density of what `rest` lacks [nats], and the k-hat of its weights."""
     problem = problem_of(dataset.log_likelihood, one.fitted.box, rest, _place(best, one))
-    points = amis.points(key, problem, POINTS[rest.stepped])
+    points = amis.points(key, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS)
     whole = at_points(dataset.log_likelihood, points.theta, one.fitted.data)
     gained = whole.reshape(len(points.weights), -1).sum(axis=1) - points.terms.sum(axis=1)
     with np.errstate(divide="ignore"):

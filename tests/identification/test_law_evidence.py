@@ -66,8 +66,8 @@ def test_scores_of_left_out_runs_are_those_of_a_grid(linear):
     for i, run in enumerate(found.elpd):
         rest = terms.sum(axis=1) - terms[:, i]
         exact = logsumexp(terms.sum(axis=1)) - logsumexp(rest)
-        # 1408 points about the fit, of which some 1000 count: an error of 0.03 at most.
-        np.testing.assert_allclose(found.elpd[run], exact, atol=0.1)
+        # Points worth 200 draws at least: an error of 0.07.
+        np.testing.assert_allclose(found.elpd[run], exact, atol=0.25)
         assert 0.0 < found.error[run] < 0.2  # noise of 0.02 N, at the lowest level a tenth
     assert found.khat < 0.7
 

@@ -18,7 +18,6 @@ Reference:
     (2008), Journal of Computational and Graphical Statistics 17, 295.
 """
 
-from collections.abc import Sequence
 from functools import partial
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -140,15 +139,18 @@ class WeighedPoints(NamedTuple):
     khat: float
 
 
-def points(key: Key[Any, ""], problem: Problem, sizes: Sequence[int]) -> WeighedPoints:
-    """Points of so many rounds, for the mean of something under a posterior."""
+def points(
+    key: Key[Any, ""], problem: Problem, *, size: int, least: float, most_rounds: int
+) -> WeighedPoints:
+    """Points for the mean of something: rounds of `size` until they are worth `least` draws."""
     seed = np.ravel(jax.random.key_data(key)).tolist()
-    past = None
-    for i, size in enumerate(sizes):
-        past = _grown(np.random.default_rng([*seed, i]), past, problem, size)
-    if past is None:
-        raise ValueError("`sizes` must name a round at least")
+    past = _grown(np.random.default_rng([*seed, 0]), None, problem, size)
     found = weighed(past)
+    for count in range(1, most_rounds):
+        if found.khat < GOOD_KHAT and found.effective >= least:
+            break
+        past = _grown(np.random.default_rng([*seed, count]), past, problem, size)
+        found = weighed(past)
     theta = jax.tree.map(np.asarray, _placed(problem, jnp.asarray(past.w))[0])
     return WeighedPoints(theta, past.terms, found.weights, found.khat)
 
