@@ -1,9 +1,7 @@
 """The specimen, its joint by laws of the rig's own, answers an analog force.
 
 Nothing here is shared with the solvers of the identification: the rig takes the numbers of a joint
-and has its own code for each law that it knows. A law that it is to know is one class here and one
-line in `FORCES`: its stiffness at rest, the rate of its force where that is integrated, and what a
-small step leaves of the force in the end.
+and has its own code for each law (`jbw.rig.forces`).
 
 It is integrated far finer than it is sampled: classical Runge-Kutta steps, sixteen to a sample,
 under the force as it is between the samples, not under any hold of the samples. With the paper's
@@ -11,9 +9,7 @@ joint the velocity of a sweep is right to 2e-7 of its rms, at most 0.02 um/s in 
 300 times below what 48 averaged repeats of a laser with 50 um/s can resolve.
 """
 
-import operator
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import accumulate
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -24,69 +20,16 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.errors import ModelError
-from jbw.oscillator.law import Law
 from jbw.oscillator.oscillator import Joint
+from jbw.rig.forces import Force, Scalar, forces_of
 
 SUBSTEPS = 16  # Runge-Kutta steps in a sample
 GRID = 2 * SUBSTEPS  # values of the force in a sample: at the ends and in the middle of each step
 # Samples in one compiled call: bounds the memory of the force, keeps one compilation for all.
 BLOCK = 16_384
 
-Scalar = Float[Array, ""] | float
-Parts = tuple[Scalar, ...]  # of the joint's force: what each of the rig's forces exerts [N/kg]
-State = Any  # a tuple that begins with the displacement and ends with the parts
-
-
-class BoucWenForce(NamedTuple):
-    """Eq. (2) at nu = 1: its force Z [N/kg] is integrated in time."""
-
-    alpha: Scalar
-    delta: Scalar
-    gamma: Scalar
-
-    @property
-    def stiffness(self) -> Scalar:
-        """Of the joint that sticks [1/s^2]."""
-        return self.alpha
-
-    def rate(self, v: Scalar, z: Scalar) -> Scalar:
-        """Rate of Z [N/kg/s]."""
-        return self.alpha * v - self.gamma * abs(v) * z - self.delta * v * abs(z)
-
-    def settle(self, before: Scalar, dy: Scalar, after: Scalar) -> Scalar:
-        """As it was integrated."""
-        return after
-
-
-class Slider(NamedTuple):
-    """A spring that slips at a limit: its force follows from where a step ends."""
-
-    stiffness: Scalar  # [1/s^2]
-    limit: Scalar  # force at which it slips [N/kg]
-
-    def rate(self, v: Scalar, z: Scalar) -> Scalar:
-        """Nothing to integrate."""
-        return 0.0 * z
-
-    def settle(self, before: Scalar, dy: Scalar, after: Scalar) -> Scalar:
-        """Exact while the step does not turn round."""
-        return jnp.clip(before + self.stiffness * dy, -self.limit, self.limit)
-
-
-def sliders(theta: Mapping[str, Scalar]) -> list[Slider]:
-    """From stiffness_1, slip_1 [m], stiffness_2, slip_ratio_2 [-] to the slip before, ..."""
-    springs = [x for name, x in theta.items() if name.startswith("stiffness")]
-    ratios = (x for name, x in theta.items() if name.startswith("slip"))  # the first one is m
-    slips = tuple(accumulate(ratios, operator.mul))
-    return [Slider(k, k * y) for k, y in zip(springs, slips, strict=True)]
-
-
-Force = BoucWenForce | Slider
-# Law in a campaign, without the number of a family's member, to the rig's own, side by side.
-FORCES: dict[str, Callable[[Mapping[str, Scalar]], Sequence[Force]]] = {
-    "bouc_wen": lambda theta: [BoucWenForce(**theta)],
-    "jenkins": sliders,
-}
+Parts = tuple[Any, ...]  # of the joint's memory: what each of the rig's forces keeps of the past
+State = Any  # a tuple (y, ..., v, parts)
 
 
 class Specimen(NamedTuple):
@@ -102,12 +45,13 @@ class Specimen(NamedTuple):
         return self.omega_n**2 - sum(force.stiffness for force in self.forces)
 
     def at_rest(self) -> Parts:
-        """Parts of the force before any motion."""
-        return (0.0,) * len(self.forces)
+        """Memory before any motion."""
+        return tuple(force.at_rest() for force in self.forces)
 
-    def joint_force(self, parts: Parts) -> Array:
+    def joint_force(self, y: Scalar, v: Scalar, parts: Parts) -> Array:
         """Force of the joint beside the spring k [N/kg]."""
-        return jnp.asarray(sum(parts, 0.0))
+        pairs = zip(self.forces, parts, strict=True)
+        return jnp.asarray(sum((force.exerted(y, v, z) for force, z in pairs), 0.0))
 
     def rates(self, v: Scalar, parts: Parts) -> Parts:
         """Rates of the parts at a velocity."""
@@ -117,7 +61,7 @@ class Specimen(NamedTuple):
         """Rate of the state (y, v, parts) under a force per unit mass u [N/kg]."""
         y, v, parts = state
         a = u - 2 * self.zeta * self.omega_n * v - self.k * y
-        return v, a - self.joint_force(parts), self.rates(v, parts)
+        return v, a - self.joint_force(y, v, parts), self.rates(v, parts)
 
     def settle(self, before: State, after: State) -> State:
         """State (y, ..., parts) after a small step, from that before it."""
@@ -135,31 +79,7 @@ def specimen_of(joint: Joint | Specimen) -> Specimen:
             "The rig must be simulated in float64, but JAX works in float32.",
             remedy="Call jbw.enable_x64() before any array is made.",
         )
-    if (restoring := getattr(joint, "restoring", None)) is not None:
-        raise ModelError(
-            "Parameter `joint.restoring` of the rig must be None, but is of kind "
-            f"{type(restoring).__name__}.",
-            why="The rig integrates the hysteretic force and a linear spring by a code of its own.",
-            remedy="Make records with `simulate`, which takes every restoring force.",
-        )
     return Specimen(float(joint.omega_n), float(joint.zeta), forces_of(joint.laws))
-
-
-def forces_of(laws: Iterable[Law], number: Callable[[Any], Scalar] = float) -> tuple[Force, ...]:
-    """The rig's own forces of laws, every parameter made a number by `number`."""
-    forces: list[Force] = []
-    for law in laws:
-        if (nu := getattr(law, "nu", 1.0)) != 1.0:
-            raise ModelError(f"Parameter `joint.nu` of the rig must be 1, but is {nu}.")
-        known = law.name.rstrip("_0123456789")
-        if known not in FORCES:
-            raise ModelError(
-                f"The law `{law.name}` of the joint is none of the rig's: {', '.join(FORCES)}.",
-                why="The rig integrates every law by a code of its own.",
-                remedy="Make records with `simulate`, which takes every law.",
-            )
-        forces += FORCES[known]({name: number(x) for name, x in law.parameters().items()})
-    return tuple(forces)
 
 
 def doubles(numbers: Any) -> Any:
@@ -230,6 +150,6 @@ def _advance(
     def sample(now: State, n: Array) -> tuple[State, tuple[Array, Array, Array]]:
         _, after = lax.fori_loop(0, SUBSTEPS, substep, (GRID * n, now))
         y, v, parts = now
-        return after, (y, v, specimen.joint_force(parts))
+        return after, (y, v, specimen.joint_force(y, v, parts))
 
     return lax.scan(sample, state, jnp.arange(u.shape[0] // GRID))

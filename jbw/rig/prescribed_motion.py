@@ -109,7 +109,7 @@ def _along(
 
     def step(now: State, v: tuple[Array, Array, Array]) -> tuple[State, Array]:
         after = runge_kutta(rate, specimen.settle, now, v, h)
-        return after, specimen.joint_force(after[1])
+        return after, specimen.joint_force(after[0], v[2], after[1])
 
     rest = doubles((0.0, specimen.at_rest()))
     _, force = lax.scan(step, rest, (v[:-1:2], v[1::2], v[2::2]))

@@ -1,4 +1,4 @@
-"""Log evidence of four laws on one noisy path of Iwan's joint, against nested sampling elsewhere."""
+"""Log evidence of four laws on a noisy path of Iwan's joint, against nested sampling elsewhere."""
 
 import json
 from pathlib import Path
@@ -55,8 +55,9 @@ def test_the_log_evidence_is_golden(name):
     most = float(jnp.sum(log_likelihood(dict(zip(names, best.x, strict=True)), None)))
     # The golden one is the largest of those that were drawn.
     assert -0.02 < most - golden["max_log_likelihood"] < 1.0
+    bounds = dict(zip(names, zip(low, high, strict=True), strict=True))
     tree = sample(
-        jax.random.key(0), log_likelihood, box(dict(zip(names, zip(low, high), strict=True))),
+        jax.random.key(0), log_likelihood, box(bounds),
         jnp.zeros(1), sampler="amis", start=dict(zip(names, best.x, strict=True)),
         covariance=np.linalg.inv(best.jac.T @ best.jac),
     )  # fmt: skip
