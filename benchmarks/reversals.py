@@ -29,7 +29,7 @@ COLUMNS |= {"/ Bouc-Wen": ".2f"}
 
 def velocity(parameters: jax.Array, u: jax.Array) -> jax.Array:
     omega_n, zeta, *own = parameters
-    return jbw.simulate(jbw.Oscillator(omega_n, zeta, (Iwan4(*own),)), u, FS).v
+    return jbw.simulate(jbw.Oscillator(omega_n, zeta, (Iwan4.of_segalman(*own),)), u, FS).v
 
 
 def squares(parameters: jax.Array, u: jax.Array) -> jax.Array:

@@ -209,11 +209,10 @@ def _power_density(r: Scalar, chi: Scalar, last: Scalar) -> Sliders:
 
 def iwan4(theta: Mapping[str, Scalar]) -> list[Force]:
     """Segalman's density of sliders, and those at its end that slip together."""
-    stiffness, force = theta["iwan_stiffness"], theta["iwan_force"]
-    chi, beta = theta["iwan_chi"], theta["iwan_beta"]
-    last = force * (1 + beta) / (stiffness * (beta + (chi + 1) / (chi + 2)))
-    r = stiffness * (chi + 1) / (last ** (chi + 1) * (1 + beta))
-    together = Sliders(_row([stiffness * beta / (1 + beta)]), _row([last]))
+    chi, spread = theta["iwan_chi"], theta["iwan_stiffness"] / (1 + theta["iwan_beta"])
+    r = theta["iwan_loss"] * (chi + 1) * (chi + 2) / MILLIMETRE ** (chi + 1)
+    last = (spread * (chi + 1) / r) ** (1 / (chi + 1))
+    together = Sliders(_row([theta["iwan_beta"] * spread]), _row([last]))
     return [_power_density(r, chi, last), together]
 
 

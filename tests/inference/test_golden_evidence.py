@@ -23,7 +23,7 @@ Y, FORCE, SD = jnp.array(GOLD["y"]), jnp.array(GOLD["force"]), GOLD["sd"]
 LAWS = {
     "jenkins": lambda k, f: Jenkins([jnp.exp(k)], [jnp.exp(f - k)]),
     "masing_exponential": lambda k, f: MasingExponential(jnp.exp(k), jnp.exp(k - f)),
-    "iwan4": lambda k, f, chi, b: Iwan4(jnp.exp(k), jnp.exp(f), chi, jnp.exp(b)),
+    "iwan4": lambda k, f, chi, b: Iwan4.of_segalman(jnp.exp(k), jnp.exp(f), chi, jnp.exp(b)),
     "bouc_wen_1": lambda k, f, r: BoucWenLaw(
         jnp.exp(k), (1 - r) * jnp.exp(k - f), r * jnp.exp(k - f)
     ),

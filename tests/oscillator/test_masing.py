@@ -30,7 +30,7 @@ def law_of(name):
     row = GOLD[name]
     if name == "masing_exponential":
         return MasingExponential(row["alpha"], row["b"])
-    return Iwan4(row["KT"], row["FS"], row["chi"], row["beta"])
+    return Iwan4.of_segalman(row["KT"], row["FS"], row["chi"], row["beta"])
 
 
 def joint(name):
@@ -133,7 +133,7 @@ def test_the_transient_is_golden(name, substeps, error):
 def of_logs(x):
     """Of the logarithms of K_T, F_S, beta, omega_n and zeta, and chi."""
     k_t, f_s, chi, beta, omega_n, zeta = x
-    law = Iwan4(jnp.exp(k_t), jnp.exp(f_s), chi, jnp.exp(beta))
+    law = Iwan4.of_segalman(jnp.exp(k_t), jnp.exp(f_s), chi, jnp.exp(beta))
     return jbw.Oscillator(jnp.exp(omega_n), jnp.exp(zeta), (law,))
 
 

@@ -24,7 +24,7 @@ THETA = {
     "bouc_wen_nu": {"nu_stiffness": 497.4, "nu_softening": 0.3, "nu_opening": 0.1, "nu": 0.7},
     "cubic": {"cubic": 2e7},
     "cubic_damping": {"cubic_damping": 4.0},
-    "iwan4": {"iwan_stiffness": 1500.0, "iwan_force": 3.0, "iwan_chi": -0.3, "iwan_beta": 0.5},
+    "iwan4": {"iwan_stiffness": 1500.0, "iwan_loss": 217.0, "iwan_chi": -0.3, "iwan_beta": 0.5},
     "jenkins": {"stiffness_1": 600.0, "slip_1": 2e-3},
     "masing_exponential": {"exponential_alpha": 497.4, "exponential_b": 373.05},
     "masing_power": {"power_loss": 120.0, "power_exponent": 0.7},

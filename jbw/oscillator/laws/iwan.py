@@ -18,7 +18,6 @@ REFERENCE = 1e-3
 LOSS = (1e-4, 0.3)  # of the stiffness, lost at the largest displacement of a loop whose q is usual
 _USUAL_EXPONENT = 0.7
 EXPONENT = (0.05, 3.0)
-MACROSLIP = (0.3, 30.0)  # times the largest displacement
 
 
 def power(x: Scalar, exponent: Scalar) -> Float[Array, "..."]:
@@ -96,11 +95,13 @@ class Iwan4(Masing):
     $$\varphi_{max} = \frac{F_S (1+\beta)}{K_T \left(\beta + \frac{\chi+1}{\chi+2}\right)}, \qquad
       c = \frac{K_T \varphi_{max}^{-(1+\chi)}}{(1+\beta)(2+\chi)}$$
 
-    Below macroslip only c and chi act.
+    Below macroslip only c and chi act, which are the power law's: weak motion knows the loss at
+    1 mm, $\kappa = c\,\mathrm{(1\,mm)}^{1+\chi}$, in place of F_S. Then all that is known of K_T
+    and beta is that macroslip lies farther out.
 
     Attributes:
         iwan_stiffness: Stiffness at rest, K_T [1/s^2].
-        iwan_force: Force of macroslip, F_S [N/kg].
+        iwan_loss: Secant stiffness lost at 1 mm below macroslip, kappa [1/s^2].
         iwan_chi: Exponent chi > -1 of the sliders' density [-].
         iwan_beta: Stiffness of the sliders that slip last over that of the others [-].
 
@@ -111,42 +112,51 @@ class Iwan4(Masing):
     name: ClassVar[str] = "iwan4"
     table: ClassVar[tuple[Quantity, ...]] = (
         Quantity("iwan_stiffness", "K_T", "1/s^2", "stiffness of the sliders at rest", 0.0),
-        Quantity("iwan_force", "F_S", "N/kg", "force at which all sliders slip", 0.0),
+        Quantity("iwan_loss", "κ_I", "1/s^2", "secant stiffness lost to slip at 1 mm", 0.0),
         Quantity("iwan_chi", "χ", "1", "exponent of the sliders' density", -1.0),
         Quantity("iwan_beta", "β", "1", "stiffness of the last sliders over the others'", 0.0),
     )
 
     iwan_stiffness: Scalar
-    iwan_force: Scalar
+    iwan_loss: Scalar
     iwan_chi: Scalar
     iwan_beta: Scalar
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """A part of the stiffness, and macroslip from inside the data to far outside."""
+        """A part of the stiffness, and what the power law loses of it."""
         share = FORCED_SHARE if scales.forced else SHARE
-        low, high = (float(part * scales.omega_n**2) for part in share)
-        least, most = (part * scales.y_peak for part in MACROSLIP)
+        low, high = MasingPower.prior(scales)["power_loss"]
         return {
-            "iwan_stiffness": (low, high),
-            "iwan_force": (low * least, high * most),
+            "iwan_stiffness": (share[0] * scales.omega_n**2, share[1] * scales.omega_n**2),
+            "iwan_loss": (low, high),
             "iwan_chi": (EXPONENT[0] - 1.0, EXPONENT[1] - 1.0),
             "iwan_beta": (0.0, 10.0),
         }
 
     @classmethod
+    def of_segalman(cls, k_t: Scalar, f_s: Scalar, chi: Scalar, beta: Scalar) -> "Iwan4":
+        """The law of Segalman's parameters: K_T [1/s^2], F_S [N/kg], chi and beta."""
+        phi_max = f_s * (1.0 + beta) / (k_t * (beta + (chi + 1.0) / (chi + 2.0)))
+        secant = k_t / ((1.0 + beta) * (2.0 + chi))
+        return cls(k_t, secant * power(REFERENCE / phi_max, 1.0 + chi), chi, beta)
+
+    @classmethod
     def of_density(cls, phi_max: Scalar, r: Scalar, s: Scalar, chi: Scalar) -> "Iwan4":
         """The law of its density: phi_max [m], R [1/(m^(1+chi) s^2)], S [1/s^2] and chi."""
         spread = r * power(phi_max, 1.0 + chi) / (1.0 + chi)
-        force = phi_max * (spread * (1.0 + chi) / (2.0 + chi) + s)
-        return cls(spread + s, force, chi, s / spread)
+        loss = r * power(REFERENCE, 1.0 + chi) / ((1.0 + chi) * (2.0 + chi))
+        return cls(spread + s, loss, chi, s / spread)
 
     @property
     def phi_max(self) -> Scalar:
         """Displacement of macroslip [m]."""
-        chi, beta = self.iwan_chi, self.iwan_beta
-        share = beta + (chi + 1.0) / (chi + 2.0)
-        return self.iwan_force * (1.0 + beta) / (self.iwan_stiffness * share)
+        return REFERENCE * power(self._secant / self.iwan_loss, 1.0 / (1.0 + self.iwan_chi))
+
+    @property
+    def f_s(self) -> Scalar:
+        """Force of macroslip F_S, at which all sliders slip [N/kg]."""
+        return (self.iwan_stiffness - self._secant) * self.phi_max
 
     @property
     def r(self) -> Scalar:
@@ -161,7 +171,7 @@ class Iwan4(Masing):
     @property
     def c(self) -> Scalar:
         """Factor of the lag c x^(2+chi) [1/(m^(1+chi) s^2)]."""
-        return self._secant / power(self.phi_max, 1.0 + self.iwan_chi)
+        return self.iwan_loss / power(REFERENCE, 1.0 + self.iwan_chi)
 
     @property
     def _secant(self) -> Scalar:
@@ -183,14 +193,14 @@ class Iwan4(Masing):
         phi_max = self.phi_max
         sticks = x < phi_max
         secant = self._secant * power(jnp.where(sticks, x / phi_max, 1.0), 1.0 + self.iwan_chi)
-        lag = jnp.where(sticks, secant * x, self.iwan_stiffness * x - self.iwan_force)
+        lag = jnp.where(sticks, secant * x, self.iwan_stiffness * x - self.f_s)
         return lag, jnp.where(sticks, (2.0 + self.iwan_chi) * secant, self.iwan_stiffness)
 
     def lag_integral(self, x: Scalar) -> Scalar:
         """Integral of the lag."""
         phi_max = self.phi_max
         below = jnp.minimum(x, phi_max)
-        slips = self.iwan_stiffness * (x + below) / 2.0 - self.iwan_force
+        slips = self.iwan_stiffness * (x + below) / 2.0 - self.f_s
         secant = self._secant * power(below / phi_max, 1.0 + self.iwan_chi)
         return secant * below**2 / (3.0 + self.iwan_chi) + (x - below) * slips
 
