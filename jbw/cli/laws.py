@@ -31,11 +31,13 @@ def laws(
     All are fitted to the same data with the same weights. Each run is left out in turn and
     predicted from the others; the differences of the log scores, with their standard errors, say
     which laws are told apart, and which are not. laws.json has all numbers, laws.nc the posteriors
-    and curves, laws.png frequency and damping against amplitude under every law.
+    and curves, laws.png frequency and damping against amplitude under every law. `jbw predict` on
+    the folder predicts tests with all of them, each by its weight.
     """
     with computing() as say:
         from jbw.campaign.load import load_campaign
-        from jbw.study.laws import compare_laws, save_laws
+        from jbw.study.laws import compare_laws
+        from jbw.study.stack import save_laws
         from jbw.study.store import claim
         from jbw.study.study import campaign_of
 
@@ -45,7 +47,7 @@ def laws(
         loaded = load_campaign(path, allow_outside=allow_outside)
         chosen = None if laws is None else [one.strip() for one in laws.split(",")]
         found = compare_laws(loaded, chosen, seed=seed, report=say)
-        save_laws(folder, found)
+        save_laws(folder, found.tree, found.record)
     record = found.record
     told = laws_table(record), *record["statements"]
     refused = (f"{name}: {reason}" for name, reason in record["refused"].items())

@@ -50,6 +50,8 @@ class FromTo(click.ParamType):
 def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     """Predict tests from the finished run in DIR: 99 % bands, coverage, error.
 
+    DIR may be that of a comparison by `jbw laws`: then all laws predict, each by its weight.
+
     The tests are those of a campaign, which the run need never have seen, or planned ones that
     nobody measured: a linear sweep from rest, which fades out over its last 2 %, a stepped sine or
     a tone. predictions.nc has the bands by test, predictions.json the table, figures/ a figure of

@@ -27,6 +27,7 @@ from scipy.special import logsumexp
 
 from jbw.errors import ConfigError, JbwError
 from jbw.identification.assemble import Measured, Report
+from jbw.identification.joint import with_derived
 from jbw.identification.prepare import Fitted, fit_joint, refined, refit
 from jbw.identification.step import attrs
 from jbw.inference.fit.costly_fit import residual_at
@@ -168,11 +169,12 @@ def left_out(key: Key[Array, ""], one: Candidate) -> LeftOut:
 
 def posterior(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
     """Draws of a candidate's posterior with the log evidence, by so many points at most."""
-    return sample(
+    found = sample(
         key, dataset.log_likelihood, one.fitted.box, one.fitted.data, sampler="amis",
         coordinates=_place(one.fitted.fit, one), num_samples=NUM_SAMPLES, num_chains=4,
         options={"most_rounds": MOST_ROUNDS}, attrs=attrs(one.laws),
     )  # fmt: skip
+    return with_derived(jax.random.fold_in(key, 1), found, one.fitted.data)
 
 
 def _place(best: Fit, one: Candidate) -> Reparametrisation:

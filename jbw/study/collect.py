@@ -1,6 +1,5 @@
 """The run's result as one tree: posteriors, verification and validation, labelled, with units."""
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,12 +15,12 @@ from jbw.identification.selection import Sweeps, probing_tests
 from jbw.identification.step import Step
 from jbw.inference.posterior.summary import running_mean
 from jbw.measurement.records import Test
-from jbw.observables.dataset import Dataset, largest_displacement
+from jbw.observables.dataset import Dataset
 from jbw.quantities import DEFAULT_LAWS, derivative_order
 from jbw.verification.backbone import backbone_group
 from jbw.verification.bands import QUANTILES, polar
 from jbw.verification.in_time import predict_motion
-from jbw.verification.predictive_basis import NUM_DRAWS, SUBSTEPS, basis_of, seen_of
+from jbw.verification.predictive_basis import NUM_DRAWS, basis_attrs, basis_of, decay_attrs
 from jbw.verification.verify import Groups, verify
 
 SPECTRUM = 4.2  # of the tone: the highest frequency of its spectrum shown
@@ -36,7 +35,7 @@ def collect(
     settings: Identify,
 ) -> xr.DataTree:
     """Posteriors, verification and validation as the tree that is saved as `posterior.nc`."""
-    facts = xr.Dataset(attrs=found.main.posterior.attrs | basis_attrs(tests, found))
+    facts = xr.Dataset(attrs=found.main.posterior.attrs | run_attrs(tests, found))
     groups: Groups = {"/": facts}
     if found.linear is not None:
         groups["/steps/linear"] = linear_dataset(found.linear)
@@ -55,26 +54,14 @@ def collect(
     return xr.DataTree.from_dict(groups)
 
 
-def basis_attrs(tests: Sequence[Test], found: Identification) -> dict[str, Any]:
+def run_attrs(tests: Sequence[Test], found: Identification) -> dict[str, Any]:
     """What predictions start from besides draws, as `basis_of` reads it from the result."""
     posterior = found.main.posterior["posterior"].to_dataset()
     omega_n = float(posterior["omega_n"].mean()) if "omega_n" in posterior else 1.0
     decays = [] if found.decay_data is None else [found.decay_data]
     data = found.data or Dataset.of(decays)
-    shared = [part for part in data.parts if not part.own_shifts]
-    counts = (getattr(part, "substeps", None) for part in shared)
-    attrs: dict[str, Any] = {
-        "held": json.dumps(found.main.held),
-        "tests": json.dumps({test.name: seen_of(test)._asdict() for test in tests}),
-        "substeps": max(filter(None, counts), default=SUBSTEPS),
-        "y_peak": largest_displacement(data, omega_n),
-        "laws": json.dumps(data.laws),
-    }
-    for decay in decays:
-        known = {"worth": decay.fraction, "shift_std": decay.shift_std, "substeps": decay.substeps}
-        attrs["decay"] = json.dumps({name: float(value) for name, value in known.items()})
-    scatter = np.asarray(data.scatter)
-    return attrs | ({"scatter": scatter} if scatter.size else {})
+    attrs = basis_attrs(tests, data, found.main.held, omega_n)
+    return attrs | (decay_attrs(decays[0]) if decays else {})
 
 
 def _groups(step: Step, truth: Mapping[str, float]) -> Groups:

@@ -3,7 +3,6 @@
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -21,9 +20,8 @@ from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
 from jbw.observables.dataset import Dataset, largest_displacement
 from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
-from jbw.report.laws import laws_figure
 from jbw.study.law_answers import TWICE, compare_rows, statements
-from jbw.study.store import write_figure, write_json
+from jbw.study.stack import law_groups
 from jbw.verification.backbone import HERTZ, RATIO, curves
 from jbw.verification.bands import QUANTILES, band
 from jbw.verification.predicted import carry
@@ -124,7 +122,7 @@ def compare_laws(
         {
             "/scores": _scores(left, runs),
             "/curves": _curves(named, draws, y_peak),
-            **{f"/posterior/{name}": one["posterior"].to_dataset() for name, one in draws.items()},
+            **law_groups(campaign.tests, named, draws),
         }
     )
     return LawComparison(named, tree, record)
@@ -242,10 +240,3 @@ def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
     theta = {name: np.ravel(values)[chosen] for name, values in scalars(tree).items()}
     held = {name: np.full(len(chosen), float(value)) for name, value in data.held.items()}
     return {**held, **theta}
-
-
-def save_laws(folder: Path, found: LawComparison) -> None:
-    """Write laws.nc, laws.png and laws.json, the numbers last."""
-    found.tree.to_netcdf(folder / "laws.nc", engine="h5netcdf")
-    write_figure(folder / "laws.png", laws_figure(found.tree))
-    write_json(folder / "laws.json", found.record)

@@ -15,7 +15,7 @@ from jbw.oscillator.steady.cycle import steady_state
 from jbw.quantities import UNIT_OF, derivative_order
 from jbw.verification.bands import QUANTILES, gaussian_band, polar
 from jbw.verification.predicted import Predicted, Source, noise_of
-from jbw.verification.predictive_basis import Basis
+from jbw.verification.predictive_basis import Basis, Draws, Laws
 
 FADE = 0.02  # of a sweep's duration, at its end
 NUM_HARMONICS = 4  # balanced
@@ -57,9 +57,13 @@ def predict_planned(source: Source, test: Test) -> Predicted:
     """First and third harmonic of the steady motion at each tone of a planned test."""
     record = test.records[0]
     omega = 2 * np.pi * np.asarray(test.tones_hz)
-    columns = {name: jnp.asarray(values)[:, None] for name, values in source.draws.items()}
-    joint = oscillator_of(columns, source.basis.laws)
-    motion = np.asarray(steady_state(joint, omega, columns["gain"] * test.level, NUM_HARMONICS))
+
+    def steady(draws: Draws, laws: Laws) -> np.ndarray:
+        columns = {name: jnp.asarray(values)[:, None] for name, values in draws.items()}
+        joint = oscillator_of(columns, laws)
+        return np.asarray(steady_state(joint, omega, columns["gain"] * test.level, NUM_HARMONICS))
+
+    motion, _ = source.carried(steady)
     magnitude = {"units": UNIT_OF[record.response], "long_name": record.response}
     phase = {"units": "rad", "long_name": "phase of the response"}
     noises = {order: noise_of(source.basis, test, order=order) for order in ORDERS}

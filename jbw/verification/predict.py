@@ -17,7 +17,7 @@ from jbw.verification.groups import has_groups_alone, predict_groups
 from jbw.verification.in_time import predict_records
 from jbw.verification.planned import predict_planned
 from jbw.verification.predicted import LEFT_OUT, Predicted, Source, is_measured
-from jbw.verification.predictive_basis import NUM_DRAWS, Basis, count_of, seen_of
+from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws, seen_of
 from jbw.verification.steady_motion import predict_loop, predict_periods
 
 HARDLY = 0.01  # of an input's power near the mode: less hardly touches it
@@ -55,7 +55,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     asked = request or Request()
     source = _source(basis, test, asked)
     dataset, peak, noise = found = route_of(test)(source, test)
-    facts = {"test": test.name, "kind": test.kind, "num_draws": count_of(source.draws)}
+    facts = {"test": test.name, "kind": test.kind, "num_draws": source.num_draws}
     facts["noise"] = noise.says if asked.noise else LEFT_OUT
     if np.isfinite(test.level):
         unit = str(dataset.attrs.get("level_unit", seen_of(test).source))
@@ -94,13 +94,16 @@ def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
 def _source(basis: Basis, test: Test, asked: Request) -> Source:
     """The draws that a test is predicted with: fewer of them through long records."""
     most, route = asked.num_draws, route_of(test)
-    if route is predict_decay:
-        draws = basis.thinned(most, basis.decay)
-    else:
-        if route in (predict_records, predict_periods, predict_groups):
-            most = min(most, max(FEWEST, MOST_SAMPLES // test.records[0].num_samples))
-        draws = basis.draws(most, _gain(basis, test, asked.gain), asked.seed)
-    return Source(basis, draws, noise=asked.noise, bare=0.0, seed=asked.seed)
+    if route in (predict_records, predict_periods, predict_groups):
+        most = min(most, max(FEWEST, MOST_SAMPLES // test.records[0].num_samples))
+
+    def drawn(count: int, one: Basis) -> Draws:
+        if route is predict_decay:
+            return one.thinned(count, one.decay)
+        return one.draws(count, _gain(basis, test, asked.gain), asked.seed)
+
+    own, *others = ((drawn(count, one), one.laws) for count, one in basis.shared(most))
+    return Source(basis, own[0], noise=asked.noise, bare=0.0, seed=asked.seed, beside=tuple(others))
 
 
 def _gain(basis: Basis, test: Test, stated: float | None) -> float | None:

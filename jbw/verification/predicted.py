@@ -62,6 +62,13 @@ class Source:
     # Where it is not known: 0 counts what lies in the parameters' band, None counts nothing.
     bare: float | None = None
     seed: int = 0
+    # Draws of other laws, which are carried after those of the basis.
+    beside: tuple[tuple[Draws, Laws], ...] = ()
+
+    @property
+    def num_draws(self) -> int:
+        """How many draws there are, of all laws."""
+        return count_of(self.draws) + sum(count_of(draws) for draws, _ in self.beside)
 
     def std(self, known: Noise, num_repeats: float = 1.0) -> float | None:
         """Noise of the mean of some repeats for the bands; None where they have none."""
@@ -75,7 +82,9 @@ class Source:
         for name, (parameters, laws) in self.references.items():
             alone = {key: np.array([value]) for key, value in parameters.items()}
             others[name] = jax.tree.map(lambda rows: rows[0], predict(alone, laws))
-        return predict(self.draws, self.basis.laws), others
+        every = ((self.draws, self.basis.laws), *self.beside)
+        rows = [predict(draws, laws) for draws, laws in every]
+        return jax.tree.map(lambda *parts: np.concatenate(parts), *rows), others
 
     def observed(
         self, data: Observable, predict: Callable[..., PyTree] = prediction

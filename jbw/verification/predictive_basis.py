@@ -1,8 +1,8 @@
 """What a finished run predicts with: its draws, and what it held, fitted and knows of the noise."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -15,6 +15,8 @@ from jbw.errors import ConfigError, DataError
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.measurement.curves import response_curve
 from jbw.measurement.records import INPUTS, RESPONSES, Test
+from jbw.observables.dataset import Dataset, largest_displacement
+from jbw.observables.decay import Decays
 from jbw.observables.harmonic_groups import family_of, response_held
 from jbw.observables.observable import OFFSETS
 from jbw.oscillator.laws import quantities_of
@@ -52,6 +54,16 @@ class Basis:
     # the records' natural frequencies [rad/s].
     decay_facts: Mapping[str, float]
     laws: Laws
+    # Other laws that predict beside this one, each by its share of the draws; what else is known of
+    # the tests and their noise is this one's.
+    beside: tuple[tuple[float, "Basis"], ...] = ()
+
+    def shared(self, num_draws: int) -> tuple[tuple[int, "Basis"], ...]:
+        """Number of draws of each law, this one's first; a law of less than two has none."""
+        counts = [(round(share * num_draws), one) for share, one in self.beside]
+        counts = [(count, one) for count, one in counts if count >= 2]
+        own = num_draws - sum(count for count, _ in counts)
+        return ((max(own, 2) if counts else own, replace(self, beside=())), *counts)
 
     def thinned(self, num_draws: int, posterior: xr.Dataset | None = None) -> Draws:
         """Evenly spaced draws of the main posterior, or of another, beside what was held."""
@@ -122,6 +134,29 @@ def laws_of_run(tree: xr.DataTree) -> Laws:
     if "laws" in tree.attrs:
         return tuple(json.loads(str(tree.attrs["laws"])))
     return (*DEFAULT_LAWS, "cubic") if "cubic" in tree["posterior"] else DEFAULT_LAWS
+
+
+def basis_attrs(
+    tests: Sequence[Test], data: Dataset, held: Mapping[str, float], omega_n: float
+) -> dict[str, Any]:
+    """What predictions start from besides draws, as `basis_of` reads it from a result."""
+    shared = [part for part in data.parts if not part.own_shifts]
+    counts = (getattr(part, "substeps", None) for part in shared)
+    attrs: dict[str, Any] = {
+        "held": json.dumps(dict(held)),
+        "tests": json.dumps({test.name: seen_of(test)._asdict() for test in tests}),
+        "substeps": max(filter(None, counts), default=SUBSTEPS),
+        "y_peak": largest_displacement(data, omega_n),
+        "laws": json.dumps(data.laws),
+    }
+    scatter = np.asarray(data.scatter)
+    return attrs | ({"scatter": scatter} if scatter.size else {})
+
+
+def decay_attrs(data: Decays) -> dict[str, str]:
+    """The same of free decays that were fitted apart from all else."""
+    known = {"worth": data.fraction, "shift_std": data.shift_std, "substeps": data.substeps}
+    return {"decay": json.dumps({name: float(value) for name, value in known.items()})}
 
 
 def basis_of(tree: xr.DataTree) -> Basis:

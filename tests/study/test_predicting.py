@@ -25,7 +25,7 @@ from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError, DataError
 from jbw.identification.procedure import Identification
 from jbw.measurement.records import Test
-from jbw.study.collect import basis_attrs
+from jbw.study.collect import run_attrs
 from jbw.study.store import save_result
 from jbw.study.study import Study, load_study
 from jbw.verification.planned import planned_sweep, planned_tones
@@ -182,7 +182,7 @@ def test_a_run_writes_what_predictions_read_back(tmp_path):
     decays = SimpleNamespace(fraction=0.7, shift_std=0.02, substeps=3)
     joint = SimpleNamespace(posterior=tree, held={"gain": 0.5})
     found = Identification(data=data, decay_data=decays, steps={"joint": joint})  # pyright: ignore
-    tree.attrs = basis_attrs([test], found)
+    tree.attrs = run_attrs([test], found)
     tree.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
     with xr.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as stored:
         basis = basis_of(stored.load())

@@ -1,0 +1,69 @@
+"""What a comparison of laws predicts with: draws of every law, by its weight in the mixture.
+
+The weights are those by which the laws together would have predicted the left-out runs best; with
+too few runs the best law predicts alone.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import xarray as xr
+
+from jbw.errors import DataError
+from jbw.identification.evidence import Candidate
+from jbw.measurement.records import Test
+from jbw.report.laws import laws_figure
+from jbw.study.store import write_figure, write_json, writing
+from jbw.verification.predictive_basis import Basis, basis_attrs, basis_of
+
+
+def law_groups(
+    tests: Sequence[Test], named: Mapping[str, Candidate], draws: Mapping[str, xr.DataTree]
+) -> dict[str, xr.Dataset]:
+    """Posterior of every law, and what it predicts with, by path in the tree."""
+    groups = {}
+    for name, one in named.items():
+        posterior, data = draws[name]["posterior"].to_dataset(), one.fitted.data
+        held = {key: float(value) for key, value in data.held.items()}
+        omega_n = {**held, **one.fitted.fit.theta}.get("omega_n", 1.0)
+        attrs = basis_attrs(tests, data, held, float(omega_n))
+        groups |= {f"/laws/{name}": xr.Dataset(attrs=attrs), f"/laws/{name}/posterior": posterior}
+    return groups
+
+
+def save_laws(folder: Path, tree: xr.DataTree, record: Mapping) -> None:
+    """Write laws.nc, laws.png and laws.json, the numbers last."""
+    with writing(folder, "laws.nc", "laws.png", "laws.json") as part:
+        tree.to_netcdf(part / "laws.nc", engine="h5netcdf")
+        write_figure(part / "laws.png", laws_figure(tree))
+        write_json(part / "laws.json", record)
+
+
+def holds_laws(folder: Path) -> bool:
+    """Whether a folder is that of a comparison of laws."""
+    return (folder / "laws.json").is_file()
+
+
+def basis_of_laws(folder: Path) -> Basis:
+    """What the stack of laws in a folder predicts with, the best law first.
+
+    Raises:
+        DataError: The folder holds no whole comparison.
+    """
+    try:
+        record = json.loads((folder / "laws.json").read_text())
+        with xr.open_datatree(folder / "laws.nc", engine="h5netcdf") as opened:
+            tree = opened.load()
+        rows = record["laws"]
+        (best,) = (name for name, row in rows.items() if row["answer"] == "best")
+        weighed = {name: row["weight"] or 0.0 for name, row in rows.items() if name != best}
+        every = tree.children["laws"].children
+        others = [(share, basis_of(every[name])) for name, share in weighed.items() if share]
+        return replace(basis_of(every[best]), beside=tuple(others))
+    except (OSError, KeyError, TypeError, ValueError) as cause:
+        raise DataError(
+            f"The comparison of laws in {folder} cannot be read: {type(cause).__name__} {cause}",
+            remedy="Compare again: jbw laws CAMPAIGN.toml.",
+        ) from cause

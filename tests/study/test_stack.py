@@ -1,0 +1,106 @@
+"""Laws that predict together: each by its weight, from the draws that a comparison left."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jbw.errors import DataError
+from jbw.study.stack import basis_of_laws, holds_laws
+from jbw.study.store import write_json
+from jbw.study.study import basis_of_run
+from jbw.verification.planned import planned_sweep, planned_tones
+from jbw.verification.predict import Request, predict
+from jbw.verification.predictive_basis import Basis, basis_of
+
+FREQ_HZ = np.array([17.0, 18.5, 21.0])
+ZETA, GAIN = 0.02, 2.0
+
+
+def posterior(omega_n, **more):
+    values = {"omega_n": omega_n, "zeta": ZETA, "gain": GAIN, **more}
+    return xr.Dataset(
+        {name: (("chain", "draw"), np.full((2, 100), value)) for name, value in values.items()}
+    )
+
+
+def basis(omega_n, laws=(), **more):
+    return Basis(posterior(omega_n, **more), {}, {}, 1e-3, (), 1, posterior(omega_n), {}, laws)
+
+
+def magnitude(omega_n):
+    """Of the displacement of a linear oscillator under a force of GAIN."""
+    omega = 2 * np.pi * FREQ_HZ
+    return GAIN / np.abs(omega_n**2 - omega**2 + 2j * ZETA * omega_n * omega)
+
+
+def test_every_law_has_its_share_of_the_draws():
+    stack = replace(basis(118.0), beside=((0.25, basis(130.0)), (0.01, basis(90.0))))
+    assert [(count, one.posterior["omega_n"].values[0, 0]) for count, one in stack.shared(100)] == [
+        (75, 118.0), (25, 130.0)  # one draw in a hundred is no band
+    ]  # fmt: skip
+
+
+def test_the_band_is_that_of_the_mixture():
+    stack = replace(basis(118.0), beside=((0.25, basis(130.0, ("cubic",), cubic=0.0)),))
+    found = predict(stack, planned_tones(stack, FREQ_HZ, 1.0), Request(noise=False))
+    band = found["model_magnitude"].values
+    first, second = magnitude(118.0), magnitude(130.0)
+    np.testing.assert_allclose(band[1], first, rtol=1e-8)  # the median of three in four
+    np.testing.assert_allclose(band[0], np.minimum(first, second), rtol=1e-8)
+    np.testing.assert_allclose(band[2], np.maximum(first, second), rtol=1e-8)
+    assert found.attrs["num_draws"] == 100
+
+
+def test_sweeps_are_predicted_by_every_law():
+    stack = replace(basis(118.0), beside=((0.5, basis(130.0)),))
+    sweep = planned_sweep(stack, (15.0, 24.0), 1.0, 4.0, 256.0)
+    together = predict(stack, sweep, Request(noise=False))["model_band"].values
+    each = [predict(basis(w), sweep, Request(noise=False))["model_band"].values[1]
+            for w in (118.0, 130.0)]  # fmt: skip
+    np.testing.assert_allclose(together[0], np.minimum(*each), rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(together[2], np.maximum(*each), rtol=1e-9, atol=1e-15)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    groups = {}
+    for name, omega_n in (("linear", 118.0), ("cubic", 130.0), ("bouc_wen", 90.0)):
+        more = {"cubic": 0.0} if name == "cubic" else {}
+        laws = '["cubic"]' if name == "cubic" else "[]"
+        groups[f"/laws/{name}"] = xr.Dataset(attrs={"laws": laws, "y_peak": 1e-3})
+        groups[f"/laws/{name}/posterior"] = posterior(omega_n, **more)
+    xr.DataTree.from_dict(groups).to_netcdf(tmp_path / "laws.nc", engine="h5netcdf")
+    rows = {
+        "linear": {"answer": "not told apart", "weight": 0.3},
+        "cubic": {"answer": "best", "weight": 0.7},
+        "bouc_wen": {"answer": "worse", "weight": 0.0},
+    }
+    write_json(tmp_path / "laws.json", {"laws": rows})
+    return tmp_path
+
+
+def test_a_folder_of_laws_predicts_as_a_run_does(folder):
+    assert holds_laws(folder)
+    stack = basis_of_run(folder)
+    assert stack.laws == ("cubic",)
+    assert [(share, one.laws) for share, one in stack.beside] == [(0.3, ())]
+
+
+def test_the_best_law_predicts_alone_where_nothing_is_weighed(folder):
+    rows = {"linear": {"answer": "best", "weight": None},
+            "cubic": {"answer": "not told apart", "weight": None}}  # fmt: skip
+    write_json(folder / "laws.json", {"laws": rows})
+    assert basis_of_laws(folder).beside == ()
+
+
+def test_a_broken_folder_is_named(folder):
+    (folder / "laws.nc").write_bytes(b"")
+    with pytest.raises(DataError, match=r"comparison of laws in .* cannot be read"):
+        basis_of_run(folder)
+
+
+def test_a_posterior_alone_predicts_as_before():
+    tree = xr.DataTree.from_dict({"/posterior": posterior(118.0)})
+    assert basis_of(tree).shared(50)[0][0] == 50
