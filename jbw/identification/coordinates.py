@@ -14,7 +14,7 @@ from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box, Product, bounds_by_name, box
 from jbw.observables.dataset import Dataset, largest_displacement
 from jbw.oscillator.law import Bounds, Coordinates, Law, Scales
-from jbw.oscillator.laws import laws_named
+from jbw.oscillator.laws import laws_named, same_by_construction
 from jbw.oscillator.oscillator import prior_of
 from jbw.quantities import DEFAULT_LAWS
 
@@ -63,6 +63,8 @@ def joint_box(
         reach = max(0.1 * size, 8 * gain[1]) if np.isfinite(gain[1]) else 0.5 * size
         bounds["gain"] = (gain[0] - reach, gain[0] + reach)
     bounds = {name: given.get(name, pair) for name, pair in bounds.items()}
+    if (alike := same_by_construction(laws)) is not None:
+        warnings.warn(alike, stacklevel=2)
     for law in laws_named(laws):
         own = {name: bounds[name] for name in law.names()}
         _require_stiffness(law, own, given, omega_n)

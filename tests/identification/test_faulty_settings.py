@@ -65,6 +65,11 @@ def test_more_stiffness_in_the_joint_than_there_is_in_all():
     assert "[identify.prior]" in caught.value.remedy
 
 
+def test_laws_that_no_motion_tells_apart_are_warned_of():
+    with pytest.warns(UserWarning, match="`iwan4` and `masing_power` cannot be told apart"):
+        joint_box(Identify(), Scales(OMEGA_N, 0.004, 1e-3), None, ("iwan4", "masing_power"))
+
+
 @pytest.mark.fault(27)
 def test_signs_that_real_joints_need_are_warned_of_and_growth_is_refused():
     with pytest.warns(UserWarning, match=r"gamma \+ delta fall to -200") as caught:

@@ -9,7 +9,13 @@ from guests import Bilinear
 import jbw
 from jbw.errors import ConfigError
 from jbw.oscillator.law import Scales
-from jbw.oscillator.laws import LAWS, law_named, laws_named, register
+from jbw.oscillator.laws import (
+    LAWS,
+    law_named,
+    laws_named,
+    register,
+    same_by_construction,
+)
 from jbw.oscillator.oscillator import Oscillator, oscillator_of, prior_of
 
 SCALES = Scales(omega_n=118.0, zeta=0.005, y_peak=4e-3)
@@ -228,6 +234,23 @@ def test_laws_stand_beside_each_other():
     assert {*prior_of(("bouc_wen", "jenkins_3"), SCALES)} == {
         *THETA["bouc_wen"], *THETA["jenkins_3"]
     }  # fmt: skip
+
+
+def test_laws_that_no_motion_tells_apart_are_named():
+    assert same_by_construction(("iwan4", "cubic", "bouc_wen")) is None
+    assert "only the sum of their virgin curves" in str(
+        same_by_construction(("iwan4", "jenkins_2"))
+    )
+    assert "exponent at 1" in str(same_by_construction(("bouc_wen_nu", "bouc_wen")))
+    # It is so: the forces of two Masing laws along any path are those of one of the sum.
+    y = jnp.array([0.0, 2e-3, -1e-3, 3e-3, 0.5e-3, 4e-3])
+    together = Oscillator(118.0, 0.01, (law_of("jenkins"), law_of("bilinear")))
+    k, slip = THETA["jenkins"]["stiffness_1"], THETA["jenkins"]["slip_1"]
+    one = Oscillator(
+        118.0, 0.01, (law_named("jenkins_1").of({"stiffness_1": 2 * k, "slip_1": slip}),)
+    )
+    own, other = (each.force_along(y) - each.k * y for each in (one, together))
+    np.testing.assert_allclose(own, other, atol=1e-9)
 
 
 def test_the_register_refuses_what_it_does_not_know():

@@ -17,6 +17,7 @@ from jbw.oscillator.laws.dampers import CubicDamping, QuadraticDamping
 from jbw.oscillator.laws.iwan import Iwan4, MasingExponential, MasingPower
 from jbw.oscillator.laws.jenkins import Jenkins, jenkins
 from jbw.oscillator.laws.kinked_springs import Quadratic, Stop
+from jbw.oscillator.laws.masing import Masing
 from jbw.oscillator.laws.springs import Cubic as Cubic
 from jbw.oscillator.laws.springs import Polynomial as Polynomial
 from jbw.oscillator.laws.springs import Quintic
@@ -107,6 +108,27 @@ def laws_named(names: Iterable[str | Kind]) -> tuple[Kind, ...]:
                 )
             owner[name] = kind.name
     return kinds
+
+
+def same_by_construction(names: Iterable[str | Kind]) -> str | None:
+    """Which of several laws no motion can tell apart, in words; None where there are none.
+
+    The sum of two laws of Masing's kind, sliders among them, is one of the virgin curves' sum; and
+    Bouc-Wen's law is that of a free exponent at one.
+    """
+    kinds = laws_named(names)
+    sliders = [kind.name for kind in kinds if issubclass(kind, Masing | Jenkins)]
+    exponents = [kind.name for kind in kinds if issubclass(kind, BoucWenLaw | BoucWenNu)]
+    for alike, why in (
+        (sliders, "only the sum of their virgin curves acts on any motion"),
+        (exponents, "the one is the other with its exponent at 1"),
+    ):
+        if len(alike) > 1:
+            return (
+                f"The laws {' and '.join(f'`{name}`' for name in alike)} cannot be told apart: "
+                f"{why}. Keep one of them."
+            )
+    return None
 
 
 def quantities_of(laws: Iterable[str | Kind]) -> tuple[Quantity, ...]:
