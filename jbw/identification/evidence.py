@@ -26,15 +26,17 @@ from jaxtyping import Array, Float, Key
 from scipy.special import logsumexp
 
 from jbw.errors import ConfigError, JbwError
-from jbw.identification.assemble import Measured, Report
+from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.joint import with_derived
-from jbw.identification.prepare import Fitted, fit_joint, refined, refit
+from jbw.identification.prepare import Fitted, first_fit, refined, refit, reweight
 from jbw.identification.step import attrs
 from jbw.inference.fit.costly_fit import residual_at
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.lanes import at_points
+from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers import amis
 from jbw.inference.samplers.sampling import sample
+from jbw.inference.samplers.weighed_points import weights_of
 from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation, along_logarithms, never_zero
 from jbw.inference.space.ridge import along_ridge
@@ -47,6 +49,7 @@ NUM_SAMPLES = 250  # a group of four
 MOST_ROUNDS = 24  # of points for the evidence: a law that leads the data nowhere is not waited for
 SIZE, WORTH, ROUNDS = 256, 200.0, 24  # of points without a run: a round, draws wanted, rounds
 AT_BOUND = 1e-3  # of the box's width
+MOST_TURNS = 2  # of weights by the law that leaves least, and fits of all
 
 
 @dataclass(frozen=True)
@@ -91,24 +94,31 @@ def candidates(
     Their priors are fixed before any is fitted, by omega_n, zeta and the largest displacement
     alone. Laws that cannot be fitted are returned with the reason.
     """
+    data, settings = assemble(seen), seen.settings.model_copy(update={"coordinates": "paper"})
     found: list[Candidate] = []
     refused: dict[Laws, str] = {}
-    settings = seen.settings.model_copy(update={"coordinates": "paper"})
     for laws in sets:
         report(f"Fitting {name_of(laws)}")
         try:
-            ready = fit_joint(key, replace(seen, laws=laws, settings=settings), lambda said: None)
+            prior, first = first_fit(key, under(laws, data), settings)
         except JbwError as error:
             refused[laws] = str(error)
         else:
-            found.append(Candidate(laws, ready))
+            found.append(Candidate(laws, Fitted(first, prior, under(laws, data))))
     if not found:
         raise ConfigError(f"None of the laws can be fitted: {next(iter(refused.values()))}")
-    best = min(found, key=lambda one: one.error)
-    report(f"Fitting all as {name_of(best.laws)} weighs the data, which leaves least")
-    keys = jax.random.split(key, len(found))
-    common = best.fitted.data
-    return [_again(k, one, common) for k, one in zip(keys, found, strict=True)], refused
+    weighing: Candidate | None = None
+    for _ in range(MOST_TURNS):
+        best = min(found, key=lambda one: one.error)
+        if weighing is not None and best.laws == weighing.laws:
+            break
+        report(f"Fitting all as {name_of(best.laws)} weighs the data, which leaves least")
+        own = best.fitted
+        ready = reweight(key, under(best.laws, data), own.box, own.fit, settings)
+        weighing = replace(best, fitted=ready)
+        keys = jax.random.split(key, len(found))
+        found = [_again(k, one, ready.data) for k, one in zip(keys, found, strict=True)]
+    return found, refused
 
 
 def _again(key: Key[Array, ""], one: Candidate, common: Dataset) -> Candidate:
@@ -154,14 +164,20 @@ def runs_of(data: Dataset) -> tuple[str, ...]:
     return tuple(dict.fromkeys(run for label, run in pairs if label in counted))
 
 
-def left_out(key: Key[Array, ""], one: Candidate) -> LeftOut:
-    """Predict each run by what the others know: fitted again without it, and weighed."""
+def left_out(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -> LeftOut:
+    """Predict each run by what the others know: by draws weighed anew, or fitted again without it.
+
+    Where a run moves the posterior far, its draws weighed without it say little, as k-hat shows.
+    """
     prior, data = one.fitted.box, one.fitted.data
     elpd, error, worst = {}, {}, -np.inf
     for i, run in enumerate(runs_of(data)):
         rest = dataset.silenced(run, data)
         best = refit(one.fitted.fit, prior, rest)
-        elpd[run], khat = _log_score(jax.random.fold_in(key, i), best, one, rest)
+        found = _by_draws(draws, prior.names, rest)
+        if found is None:
+            found = _by_points(jax.random.fold_in(key, i), best, one, rest)
+        elpd[run], khat = found
         error[run] = _error_of(run, best, one)
         worst = max(worst, khat)
     return LeftOut(elpd, error, float(worst))
@@ -185,17 +201,30 @@ def _place(best: Fit, one: Candidate) -> Reparametrisation:
     return along_logarithms(*about, prior, never_zero(*about, prior))
 
 
-def _log_score(
+def _by_draws(tree: xr.DataTree, names: Sequence[str], rest: Dataset) -> tuple[float, float] | None:
+    """Log predictive density of what `rest` lacks [nats] and k-hat; None where weights are poor."""
+    posterior = tree["posterior"].to_dataset()
+    theta = {name: posterior[name].values.ravel() for name in names}
+    terms = tree["log_likelihood"].to_dataset()["terms"].values
+    without = at_points(dataset.log_likelihood, theta, rest).reshape(len(theta[names[0]]), -1)
+    gained = terms.sum(axis=-1).ravel() - without.sum(axis=1)
+    found = weights_of(-gained)
+    if not (found.khat < GOOD_KHAT and found.effective >= WORTH):
+        return None
+    return float(np.asarray(logsumexp(gained, b=found.weights))), found.khat
+
+
+def _by_points(
     key: Key[Array, ""], best: Fit, one: Candidate, rest: Dataset
 ) -> tuple[float, float]:
-    """Log predictive density of what `rest` lacks [nats], and the k-hat of its weights."""
+    """The same by points about the fit without it."""
     problem = problem_of(dataset.log_likelihood, one.fitted.box, rest, _place(best, one))
     points = amis.points(key, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS)
     whole = at_points(dataset.log_likelihood, points.theta, one.fitted.data)
     gained = whole.reshape(len(points.weights), -1).sum(axis=1) - points.terms.sum(axis=1)
     with np.errstate(divide="ignore"):
         score = logsumexp(np.where(np.isfinite(gained), gained, -np.inf), b=points.weights)
-    return float(score), points.khat
+    return float(np.asarray(score)), points.khat
 
 
 def _error_of(run: str, best: Fit, one: Candidate) -> float:

@@ -79,13 +79,23 @@ def prepare(
     known: Mapping[str, float] | None = None,
 ) -> Fitted:
     """First values, the box, the fit from them and from `known` ones, and what the fit settles."""
-    values = {**first_values(data), **(known or {})}
-    prior = box_of(settings, data, values)
-    values = {**from_amplitude_curve(keys[0], data, prior, values), **values}
-    first = fit_from(keys[0], data, prior, values)
+    prior, first = first_fit(keys[0], data, settings, known)
     ready = reweight(keys[1], data, prior, first, settings)
     best = replace(ready.fit, waterfall=first.waterfall)  # the later fits have one start
     return replace(ready, fit=best, chi_square=explained(first, data))
+
+
+def first_fit(
+    key: Key[Array, ""],
+    data: Dataset,
+    settings: Identify,
+    known: Mapping[str, float] | None = None,
+) -> tuple[Box, Fit]:
+    """The box, and the fit to data as they are, from first values and from `known` ones."""
+    values = {**first_values(data), **(known or {})}
+    prior = box_of(settings, data, values)
+    values = {**from_amplitude_curve(key, data, prior, values), **values}
+    return prior, fit_from(key, data, prior, values)
 
 
 def first_values(data: Dataset) -> dict[str, float]:

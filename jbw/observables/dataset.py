@@ -193,9 +193,14 @@ def largest_displacement(data: Dataset, omega_n: float) -> float:
 
 def best_offsets(theta: Mapping[str, float], data: Dataset) -> dict[str, np.ndarray]:
     """Best offsets of omega_n and zeta of each run that has them, at one point."""
-    everything = as_arrays(theta, data)
-    _, scaled = _offsets_taken_out([part.weighted(everything) for part in data.parts], data)
+    scaled = _scaled_offsets(as_arrays(theta, data), data)
     return {run: np.asarray(row * data.scatter) for run, row in scaled.items()}
+
+
+@eqx.filter_jit
+def _scaled_offsets(theta: Theta, data: Dataset) -> dict[str, Float[Array, " own"]]:
+    """Best offsets of each run that has them, over their scatter."""
+    return _offsets_taken_out([part.weighted(theta) for part in data.parts], data)[1]
 
 
 def with_directions(

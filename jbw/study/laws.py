@@ -88,12 +88,12 @@ def compare_laws(
         name, apart = name_of(one.laws), (jax.random.fold_in(key, i) for key in keys[1:])
         report(f"{name}: {len(runs)} runs predicted from each other's rest; evidence")
         try:
-            known = evidence.left_out(next(apart), one) if len(runs) > 1 else None
-            draws[name] = evidence.posterior(next(apart), one)
+            drawn = evidence.posterior(next(apart), one)
+            known = evidence.left_out(next(apart), one, drawn) if len(runs) > 1 else None
         except JbwError as error:
             refused[one.laws] = str(error)
             continue
-        named[name] = one
+        named[name], draws[name] = one, drawn
         if known is not None:
             left[name] = known
     if not named:

@@ -53,8 +53,17 @@ def linear():
     return one
 
 
-def test_scores_of_left_out_runs_are_those_of_a_grid(linear):
-    found = evidence.left_out(jax.random.key(1), linear)
+@pytest.mark.parametrize("way", ["draws", "points"])
+def test_scores_of_left_out_runs_are_those_of_a_grid(linear, way, monkeypatch):
+    if way == "points":  # as where the draws say too little
+        monkeypatch.setattr(evidence, "_by_draws", lambda *of: None)
+    else:  # a run that moves the posterior far has none
+        own, counted = evidence._by_draws, []
+        monkeypatch.setattr(
+            evidence, "_by_draws", lambda *of: counted.append(own(*of)) or counted[-1]
+        )
+    draws = evidence.posterior(jax.random.key(2), linear)
+    found = evidence.left_out(jax.random.key(1), linear, draws)
     prior, data, best = linear.fitted.box, linear.fitted.data, linear.fitted.fit
     assert list(found.elpd) == [f"held at {level:g}" for level in LEVELS[:4]]
     std = np.sqrt(np.diag(best.covariance)) / np.asarray(prior.upper - prior.lower)
@@ -70,6 +79,7 @@ def test_scores_of_left_out_runs_are_those_of_a_grid(linear):
         np.testing.assert_allclose(found.elpd[run], exact, atol=0.25)
         assert 0.0 < found.error[run] < 0.2  # noise of 0.02 N, at the lowest level a tenth
     assert found.khat < 0.7
+    assert way == "points" or any(one is not None for one in counted)
 
 
 def test_a_run_that_is_silenced_counts_for_nothing(linear):

@@ -53,7 +53,12 @@ class Weighed(NamedTuple):
 
 def weighed(past: Past) -> Weighed:
     """The weights of all points, their tail smoothed."""
-    raw = relative(past.log_weight)
+    return weights_of(past.log_weight)
+
+
+def weights_of(log_weight: Weights) -> Weighed:
+    """Weights by their logarithms up to a constant, the tail smoothed by a Pareto's."""
+    raw = relative(log_weight)
     found, khat = smooth(raw)
     weights = softmax(found)
     worth = min(1 / np.sum(each**2) for each in (weights, softmax(raw)))
