@@ -106,8 +106,12 @@ def smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     stats: Any = array_stats  # its annotations admit tuples that it never returns here
     # ArviZ takes the negative of the log weights, as a leave-one-out log likelihood gives them; its
     # quantiles of a vast k-hat overflow.
-    with np.errstate(over="ignore"):
-        found, khat = stats.psislw(-np.asarray(raw))
+    raw = np.asarray(raw)
+    try:
+        with np.errstate(over="ignore"):
+            found, khat = stats.psislw(-raw)
+    except ValueError:  # the largest are copies of one draw: no tail to fit, unless all are alike
+        found, khat = raw, np.inf if np.ptp(raw) > 0 else 0.0
     return np.asarray(found), np.asarray(khat, dtype=float)
 
 
