@@ -2,7 +2,7 @@
 
 from jbw.oscillator.laws.conversions import BaberNoori as BaberNoori
 from jbw.oscillator.laws.conversions import Benchmark as Benchmark
-from jbw.oscillator.laws.conversions import opensees as opensees
+from jbw.oscillator.laws.conversions import conversions as conversions
 from jbw.oscillator.laws.conversions import require_positive
 from jbw.oscillator.laws.conversions import to_baber_noori as to_baber_noori
 from jbw.oscillator.laws.conversions import to_benchmark as to_benchmark

@@ -13,7 +13,7 @@ from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, repeats
 from jbw.oscillator.law import Law
 from jbw.oscillator.oscillator import oscillator_of
-from jbw.oscillator.parameters import Conversion
+from jbw.oscillator.parameters import Conversion, Material
 from jbw.quantities import Quantity
 
 
@@ -49,8 +49,8 @@ class Bilinear(Law):
 
     def convert(self, omega_n, zeta, mass):
         values = {"E": mass * self.bilinear_k, "epsyP": self.bilinear_yield}
-        material = f"uniaxialMaterial ElasticPP 1 {values['E']:.6g} {values['epsyP']:.6g}"
-        return {"ElasticPP, OpenSees": Conversion(values, {"E": "N/m", "epsyP": "m"}, material)}
+        own = (Material("ElasticPP", tuple(values.values())),)
+        return {"ElasticPP, OpenSees": Conversion(values, {"E": "N/m", "epsyP": "m"}, own)}
 
 
 class RingDown(Repeated):

@@ -46,13 +46,18 @@ def report(folder: Path, out: Path | None, interactive: bool, json_: bool) -> No
 @out_option("DIR/export")
 @click.option("--mass", type=float, default=1.0, help="Modal mass [kg]; 1 leaves forces per kg.")
 @click.option("--y-max", type=float, help="Largest displacement [m]; by default that measured.")
+@click.option("--draw", type=int, help="Number of a draw, from 0 on; by default the best.")
 @json_option
-def export(folder: Path, out: Path | None, mass: float, y_max: float | None, json_: bool) -> None:
+def export(
+    folder: Path, out: Path | None, mass: float, y_max: float | None, draw: int | None, json_: bool
+) -> None:
     """Write the joint of the finished run in DIR for CSV, MATLAB and OpenSees.
 
-    parameters.csv has every parameter in three conventions with 99 % intervals, backbone.csv the
-    frequency and damping against amplitude with 99 % bands, jbw.mat both beside the draws, and
-    joint.tcl a material of OpenSees.
+    The joint is the draw of highest posterior density, or the one that --draw names; never the
+    means, which along a ridge are no joint of the posterior. parameters.csv has it in three
+    conventions with 99 % intervals, backbone.csv its frequency and damping against amplitude with
+    99 % bands, loop.csv its static loops, jbw.mat all of them beside the draws, and joint.tcl
+    materials of OpenSees, where it has them. All begin with the verdict of the run.
     """
     from jbw.cli.progress import prepare_jax
     from jbw.report.result import read_result
@@ -60,8 +65,9 @@ def export(folder: Path, out: Path | None, mass: float, y_max: float | None, jso
 
     prepare_jax()
     from jbw.study import export as exporting
+    from jbw.study.export_files import write_export
 
-    _, tree = read_result(folder)
-    result = exporting.export(tree, mass, y_max)
-    paths = [str(p) for p in exporting.write_export(claim(out or folder / "export"), result)]
-    answer(json_, {"files": paths}, saved="\n".join(paths))
+    summary, tree = read_result(folder)
+    result = exporting.export(tree, mass, y_max, draw=draw, summary=summary)
+    paths = [str(p) for p in write_export(claim(out or folder / "export"), result)]
+    answer(json_, {"about": list(result.about), "files": paths}, saved="\n".join(paths))

@@ -76,10 +76,15 @@ class Oscillator(eqx.Module):
                 damping = damping + law.loop_at(y_peak, jnp.sqrt(self.k + stiffness)).damping
         return Loop(stiffness, damping)
 
+    @property
+    def slow(self) -> "Oscillator":
+        """The same without its dampers, which a slow motion does not feel."""
+        laws = tuple(law for law in self.laws if not isinstance(law, Damper))
+        return Oscillator(self.omega_n, self.zeta, laws)
+
     def force_along(self, y: Float[Array, " time"]) -> Float[Array, " time"]:
         """Restoring force k y + sum F along a slow displacement from rest at y = 0 [N/kg]."""
-        laws = tuple(law for law in self.laws if not isinstance(law, Damper))
-        slow = Oscillator(self.omega_n, self.zeta, laws)
+        slow = self.slow
 
         def onward(carry: tuple, y_next: Array) -> tuple[tuple, Array]:
             y_last, memory = carry
@@ -89,6 +94,11 @@ class Oscillator(eqx.Module):
 
         start = jax.tree.map(lambda x: jnp.asarray(x, float), (0.0, slow.at_rest()))
         return self.k * y + jax.lax.scan(onward, start, y)[1]
+
+    def force_unloading(self, y_peak: Scalar, y: Float[Array, " phase"]) -> Float[Array, " phase"]:
+        """Sum of the laws' forces on the way down of the steady loop from y = Y [N/kg]."""
+        top = self.at_tip(y_peak)
+        return jax.vmap(lambda to: self.force(to, -1.0, self.move(y_peak, top, to - y_peak)))(y)  # pyright: ignore[reportReturnType]
 
     def parameters(self) -> dict[str, Any]:
         """omega_n, zeta and the laws' parameters by name."""

@@ -139,15 +139,32 @@ class Loop(NamedTuple):
         return jnp.pi * self.damping * jnp.asarray(y_peak) ** 2
 
 
+class Material(NamedTuple):
+    """A uniaxial material of OpenSees, in N, m and kg.
+
+    Attributes:
+        kind: Its name there, such as `ElasticPP`.
+        arguments: What follows its tag, words among them.
+    """
+
+    kind: str
+    arguments: tuple[Scalar | str, ...]
+
+
 class Conversion(NamedTuple):
     """An oscillator in the convention of another program.
 
     Attributes:
         values: Its parameters by their names there.
         units: Their units.
-        material: The line that makes it there, where there is one.
+        materials: The law's own force in OpenSees, without the spring beside it; in parallel.
     """
 
     values: Mapping[str, float]
     units: Mapping[str, str]
-    material: str | None = None
+    materials: tuple[Material, ...] = ()
+
+
+def of_opensees(*materials: Material) -> dict[str, Conversion]:
+    """The conversions of a law that is known as materials of OpenSees alone."""
+    return {"OpenSees": Conversion({}, {}, materials)}

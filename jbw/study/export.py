@@ -1,44 +1,112 @@
-"""A run's posterior in files that other programs read: CSV, MATLAB and a line of OpenSees."""
+"""A run's joint for other programs: one draw of its posterior, between the bands of all."""
 
-import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from jbw.errors import ConfigError, DataError
+from jbw.errors import ConfigError, DataError, printable
 from jbw.oscillator.law import Conversion
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.parameters import Material
 from jbw.quantities import OSCILLATOR
+from jbw.study.exported_draw import (
+    backbone_within,
+    best_draw,
+    density_of,
+    picked,
+    products_of,
+    stated_draw,
+)
 from jbw.verification.backbone import curves
 from jbw.verification.bands import QUANTILES, band
 from jbw.verification.predicted import carry
-from jbw.verification.predictive_basis import Draws, Laws, laws_of_run, parameter_names, thin
+from jbw.verification.predictive_basis import Draws, Laws, basis_of, count_of, parameter_names
 
 NUM_DRAWS = 1000  # carried along the backbone
 NUM_AMPLITUDES = 100
+PARTS = (0.25, 0.5, 1.0)  # of the largest displacement: the loops
+NUM_PHASES = 100  # of half a loop
 MARKS = tuple(f"q{1000 * q:03.0f}" for q in QUANTILES)
+NAMES = ("frequency", "damping", "force")  # of the backbone
+COLUMNS = ("frequency_hz", "damping_ratio", "force_n")
+
+Table = dict[str, NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
 class Export:
     """What `write_export` writes; other conventions than jbw's only where they know the law."""
 
-    parameters: list[dict[str, Any]]  # rows convention, parameter, unit, mean, sd and quantiles
-    backbone: dict[str, NDArray[np.float64]]  # amplitude; frequency, damping, force with bands
+    about: tuple[str, ...]  # the run's verdict and which draw this is, a line each
+    joint: dict[str, float]  # parameters of the draw that is exported
+    parameters: list[dict[str, Any]]  # rows convention, parameter, unit, value, sd and quantiles
+    backbone: Table  # amplitude; frequency, damping and force of the draw, with bands of all
+    loop: Table  # largest displacement, displacement and static force of the draw
     draws: Draws
-    material: str | None  # of OpenSees, by the posterior means, where the joint has one
+    materials: tuple[Material, ...]  # of OpenSees, in parallel; none where one force has none
 
 
-def export(tree: xr.DataTree, mass: float = 1.0, y_max: float | None = None) -> Export:
-    """The joint in several conventions, of modal mass [kg], and its backbone up to `y_max` [m]."""
-    laws = laws_of_run(tree)
-    draws = thin(tree["posterior"].to_dataset(), NUM_DRAWS, laws=laws)
+def export(
+    tree: xr.DataTree,
+    mass: float = 1.0,
+    y_max: float | None = None,
+    *,
+    draw: int | None = None,
+    summary: Mapping[str, Any] | None = None,
+) -> Export:
+    """One joint of a run in several conventions, with its backbone and its static loops.
+
+    It is the draw of highest posterior density among those that are like the others in what the
+    data know (`best_draw`), or the one that is asked for; means along a ridge are no joint.
+
+    Args:
+        tree: The run's result.
+        mass: Modal mass [kg]; 1 leaves forces per kilogram.
+        y_max: Largest displacement [m]; by default the largest that was fitted.
+        draw: Number of a draw, from 0 on, chain after chain.
+        summary: The run's summary, for its verdict.
+
+    Raises:
+        DataError: The posterior lacks a parameter, or the density of its draws.
+        ConfigError: `mass` or `y_max` is not positive, or there is no such draw.
+    """
+    basis = basis_of(tree)
+    laws, posterior = basis.laws, basis.posterior
+    draws = basis.thinned(max(2, posterior.sizes["chain"] * posterior.sizes["draw"]))
+    draws.pop("gain", None)
+    _require_all(draws, laws)
+    y_max = basis.y_peak if y_max is None else y_max
+    _require_positive(y_max=y_max, mass=mass)
+    amplitude = y_max * np.arange(1, NUM_AMPLITUDES + 1) / NUM_AMPLITUDES
+    some = basis.thinned(NUM_DRAWS)
+    every = carry(curves, some, amplitude, laws)
+    bands = {name: band(values) for name, values in zip(NAMES, every, strict=True)}
+    if draw is None:
+        number = best_draw(draws, density_of(tree), amplitude, bands, laws)
+    else:
+        number = stated_draw(draws, draw)
+    one = picked(draws, [number])
+    theta = {name: float(values[0]) for name, values in one.items()}
+    inside = bool(backbone_within(one, amplitude, bands, laws)[0])
+    return Export(
+        (*_verdict(summary or {}), *_origin(draws, number, draw, inside, laws, mass)),
+        theta,
+        list(_parameters(draws, number, some, laws, mass)),
+        _backbone(one, amplitude, bands, laws, mass),
+        _loop(one, y_max, laws, mass),
+        {name: values for name, values in some.items() if name != "gain"},
+        _materials(theta, laws, mass),
+    )
+
+
+def _require_all(draws: Draws, laws: Laws) -> None:
     needed = [name for name in parameter_names(laws) if name != "gain"]
     missing = [name for name in needed if name not in draws]
     if missing:
@@ -48,17 +116,71 @@ def export(tree: xr.DataTree, mass: float = 1.0, y_max: float | None = None) -> 
             why="Without them there is no oscillator to hand on.",
             remedy="Identify from tests that move the mass, such as noise, sweeps or tones.",
         )
-    y_max = float(tree.attrs.get("y_peak", 0.0)) if y_max is None else y_max
-    for name, value in {"y_max": y_max, "mass": mass}.items():
+
+
+def _require_positive(**arguments: float) -> None:
+    for name, value in arguments.items():
         if not value > 0.0:
             raise ConfigError(
                 f"Argument `{name}` must be positive, but it is {value:g}.",
                 remedy=f"Give it: --{name.replace('_', '-')}.",
             )
-    mean = _converted({name: float(np.mean(values)) for name, values in draws.items()}, laws, mass)
-    material = next((one.material for one in mean.values() if one.material), None)
-    parameters = list(_parameters(draws, laws, mass))
-    return Export(parameters, _backbone(draws, laws, mass, y_max), draws, material)
+
+
+# -- what it is ------------------------------------------------------------------------------------
+def _verdict(summary: Mapping[str, Any]) -> Iterable[str]:
+    """The run's verdict and the first reason for it."""
+    found = summary.get("verdict") or {}
+    status = found.get("status", "not assessed")
+    findings = [one for one in found.get("findings", ()) if one["status"] == status]
+    if status == "ok":
+        why = f"all {len(findings)} findings are ok"
+    else:
+        why = findings[0]["reason"] if findings else "the run tells no verdict"
+    words = f"Verdict of the run {summary.get('campaign', '')}: {status}: {why}"
+    # One line of comment, which nothing that comes from a file may end.
+    yield printable(" ".join(words.replace(" :", ":").split()))
+
+
+def _origin(
+    draws: Draws, number: int, asked: int | None, inside: bool, laws: Laws, mass: float
+) -> Iterable[str]:
+    """Which draw this is, and whether what the data know of it lies within the intervals of all."""
+    why = "of the highest posterior density" if asked is None else "as asked for"
+    yield f"Joint: draw {number} of {count_of(draws)}, from 0 on, {why}; modal mass {mass:g} kg."
+    for name, unit, values in products_of(draws, laws):
+        low, _, high = band(values)
+        value = values[number]
+        place = "within" if low <= value <= high else "outside"
+        yield f"{name} is {value:.6g} {unit}, {place} its 99 % interval {low:.6g} to {high:.6g}."
+    yield f"Its backbone {'lies within' if inside else 'leaves'} the 99 % bands of all draws."
+
+
+# -- tables ----------------------------------------------------------------------------------------
+def _parameters(
+    draws: Draws, number: int, some: Draws, laws: Laws, mass: float
+) -> Iterable[dict[str, Any]]:
+    units = {quantity.name: quantity.unit for quantity in (*OSCILLATOR, *quantities_of(laws))}
+    names = [name for name in units if name in draws]
+    for name in names:
+        yield _row("jbw", name, units[name], float(draws[name][number]), draws[name])
+    for name, unit, values in products_of(draws, laws):
+        yield _row("jbw, products", name, unit, float(values[number]), values)
+    theta = {name: float(draws[name][number]) for name in names}
+    rows = zip(*(some[name] for name in names), strict=True)
+    every = [_converted(dict(zip(names, map(float, row), strict=True)), laws, mass) for row in rows]
+    for convention, exported in _converted(theta, laws, mass).items():
+        for name, unit in exported.units.items():
+            values = np.array([one[convention].values[name] for one in every])
+            yield _row(convention, name, unit, exported.values[name], values)
+
+
+def _row(
+    convention: str, name: str, unit: str, value: float, values: NDArray[np.float64]
+) -> dict[str, Any]:
+    facts = {"value": value, "sd": float(np.std(values))}
+    facts |= dict(zip(MARKS, map(float, band(values)), strict=True))
+    return {"convention": convention, "parameter": name, "unit": unit, **facts}
 
 
 def _converted(theta: Mapping[str, float], laws: Laws, mass: float) -> Mapping[str, Conversion]:
@@ -69,55 +191,53 @@ def _converted(theta: Mapping[str, float], laws: Laws, mass: float) -> Mapping[s
     return joint.laws[0].convert(theta["omega_n"], theta["zeta"], mass)
 
 
-def _parameters(draws: Draws, laws: Laws, mass: float) -> Iterable[dict[str, Any]]:
-    units = {quantity.name: quantity.unit for quantity in (*OSCILLATOR, *quantities_of(laws))}
-    names = [name for name in units if name in draws and name != "gain"]
-    for name in names:
-        yield _row("jbw", name, units[name], draws[name])
-    rows = zip(*(draws[name] for name in names), strict=True)
-    every = [_converted(dict(zip(names, map(float, row), strict=True)), laws, mass) for row in rows]
-    for convention, first in every[0].items():
-        for name, unit in first.units.items():
-            values = np.array([one[convention].values[name] for one in every])
-            yield _row(convention, name, unit, values)
-
-
-def _row(convention: str, name: str, unit: str, values: NDArray[np.float64]) -> dict[str, Any]:
-    facts = {"mean": float(np.mean(values)), "sd": float(np.std(values))}
-    facts |= dict(zip(MARKS, map(float, band(values)), strict=True))
-    return {"convention": convention, "parameter": name, "unit": unit, **facts}
-
-
 def _backbone(
-    draws: Draws, laws: Laws, mass: float, y_max: float
-) -> dict[str, NDArray[np.float64]]:
-    y_peak = y_max * np.arange(1, NUM_AMPLITUDES + 1) / NUM_AMPLITUDES
-    frequency, damping, force = carry(curves, draws, y_peak, laws)
-    table = {"amplitude_m": y_peak}
-    columns = {"frequency_hz": frequency, "damping_ratio": damping, "force_n": mass * force}
-    for name, values in columns.items():
-        table |= {f"{name}_{m}": q for m, q in zip(MARKS, band(values), strict=True)}
+    one: Draws,
+    amplitude: NDArray[np.float64],
+    bands: Mapping[str, NDArray[np.float64]],
+    laws: Laws,
+    mass: float,
+) -> Table:
+    """Frequency, equivalent damping and force [N] in resonance, of one draw and of all."""
+    table = {"amplitude_m": amplitude}
+    own = dict(zip(NAMES, carry(curves, one, amplitude, laws), strict=True))
+    for name, column in zip(NAMES, COLUMNS, strict=True):
+        scale = mass if name == "force" else 1.0
+        table[column] = scale * own[name][0]
+        table |= {f"{column}_{m}": scale * q for m, q in zip(MARKS, bands[name], strict=True)}
     return table
 
 
-def write_export(folder: Path, result: Export) -> tuple[Path, ...]:
-    """Write parameters.csv, backbone.csv, jbw.mat and joint.tcl; return the files."""
-    from scipy.io import savemat
-
-    parameters, backbone = folder / "parameters.csv", folder / "backbone.csv"
-    matlab, material = folder / "jbw.mat", folder / "joint.tcl"
-    _write_rows(parameters, list(result.parameters[0]), [r.values() for r in result.parameters])
-    _write_rows(backbone, list(result.backbone), zip(*result.backbone.values(), strict=True))
-    savemat(matlab, {"draws": result.draws, "backbone": result.backbone}, oned_as="column")
-    if result.material is None:
-        return parameters, backbone, matlab
-    words = "# The joint of the posterior means, in N, m and kg; mass and dashpot are the model's."
-    material.write_text(f"{words}\n{result.material}\n", encoding="utf-8")
-    return parameters, backbone, matlab, material
+def _loop(one: Draws, y_max: float, laws: Laws, mass: float) -> Table:
+    """Steady loops under slow motion: the force of spring and joint, without any damper [N]."""
+    peaks = y_max * np.asarray(PARTS)
+    half = peaks[:, None] * np.cos(np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1])
+    down = carry(_force_unloading, one, jnp.asarray(peaks), jnp.asarray(half), laws)[0]
+    # The way up is the way down turned about the origin; its end closes the loop.
+    y = np.concatenate([half, -half, half[:, :1]], axis=1)
+    force = np.concatenate([down, -down, down[:, :1]], axis=1)
+    around = np.repeat(peaks, y.shape[1])
+    return {"y_peak_m": around, "displacement_m": y.ravel(), "force_n": mass * force.ravel()}
 
 
-def _write_rows(path: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows(rows)
+def _force_unloading(
+    theta: Mapping[str, jax.Array], peaks: jax.Array, y: jax.Array, laws: Laws
+) -> jax.Array:
+    """Force of the spring and all laws on the way down from each peak [N/kg]."""
+    joint = oscillator_of(theta, laws).slow
+    return joint.k * y + jax.vmap(joint.force_unloading)(peaks, y)
+
+
+def _materials(theta: Mapping[str, float], laws: Laws, mass: float) -> tuple[Material, ...]:
+    """The spring and every law's force as materials of OpenSees, or none where one has none."""
+    joint = oscillator_of(theta, laws)
+    if not joint.laws:
+        return ()
+    found = [Material("Elastic", (mass * float(joint.k),))]
+    for law in joint.laws:
+        conversions = law.convert(theta["omega_n"], theta["zeta"], mass).values()
+        own = next((each.materials for each in conversions if each.materials), ())
+        if not own:
+            return ()
+        found += own
+    return tuple(found)

@@ -77,13 +77,8 @@ def _unloading(
     joint = oscillator_of(theta, laws)
     slipping = [law for law in joint.laws if jax.tree.leaves(law.at_rest())]
     memory = Oscillator(joint.omega_n, joint.zeta, slipping)
-
-    def along(peak: Array, y: Float[Array, " phase"]) -> Float[Array, " phase"]:
-        top = memory.at_tip(peak)
-        return jax.vmap(lambda to: memory.force(to, -1.0, memory.move(peak, top, to - peak)))(y)  # pyright: ignore[reportReturnType]
-
     stiffness = jnp.asarray(sum(law.stiffness() for law in slipping), float)
-    return jax.vmap(along)(peaks, y), stiffness
+    return jax.vmap(memory.force_unloading)(peaks, y), stiffness
 
 
 def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws) -> xr.Dataset:

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from guests import Bilinear
+from known_laws import THETA, law_of
 
 import jbw
 from jbw.errors import ConfigError
@@ -22,31 +23,6 @@ SCALES = Scales(omega_n=118.0, zeta=0.005, y_peak=4e-3)
 FS = 1024.0
 TIME = np.arange(256) / FS
 INPUT = 8.0 * np.sin(2 * np.pi * 17 * TIME) * np.sin(2 * np.pi * 3 * TIME)
-
-THETA = {
-    "bouc_wen": {"alpha": 497.4, "delta": 340.21, "gamma": 32.84},
-    "bouc_wen_nu": {"nu_stiffness": 497.4, "nu_softening": 0.3, "nu_opening": 0.1, "nu": 0.7},
-    "cubic": {"cubic": 2e7},
-    "jenkins": {"stiffness_1": 600.0, "slip_1": 2e-3},
-    "jenkins_3": {
-        "stiffness_1": 300.0, "slip_1": 5e-4, "stiffness_2": 250.0, "slip_ratio_2": 3.0,
-        "stiffness_3": 200.0, "slip_ratio_3": 8.0 / 3.0,
-    },
-    "iwan4": {"iwan_stiffness": 1500.0, "iwan_loss": 217.0, "iwan_chi": -0.3, "iwan_beta": 0.5},
-    "masing_exponential": {"exponential_alpha": 497.4, "exponential_b": 373.05},
-    "masing_power": {"power_loss": 120.0, "power_exponent": 0.7},
-    "quadratic": {"quadratic": 8e4},
-    "quintic": {"quintic": 5e11},
-    "quadratic_damping": {"quadratic_damping": 2.0},
-    "cubic_damping": {"cubic_damping": 4.0},
-    "stop": {"stop_stiffness": 400.0, "stop_gap": 1.5e-3},
-    "bilinear": {"bilinear_k": 600.0, "bilinear_yield": 2e-3},
-}  # fmt: skip
-
-
-def law_of(name):
-    kind = Bilinear if name == "bilinear" else law_named(name)
-    return kind.of(THETA[name])
 
 
 @pytest.fixture(params=[*THETA])

@@ -11,7 +11,7 @@ def test_bouc_wen_is_known_elsewhere_and_a_spring_is_not():
     benchmark = found["hysteretic benchmark"]
     assert benchmark.values["alpha"] == pytest.approx(2.0 * 500.0)
     assert benchmark.units["alpha"] == "N/m"
-    assert benchmark.material is None
-    (line,) = [one.material for one in found.values() if one.material]
-    assert line.startswith("uniaxialMaterial BoucWen 1 ")
+    assert not benchmark.materials
+    (own,) = [one.materials for one in found.values() if one.materials]
+    assert [material.kind for material in own] == ["BoucWen"]
     assert Cubic(1e6).convert(118.0, 0.005, 2.0) == {}

@@ -3,12 +3,12 @@
 The truth is integrated by the few lines below, which share nothing with jbw.
 """
 
-import csv
 import json
 
 import numpy as np
 import pytest
 import xarray as xr
+from exported import rows as table
 from guests import AboutTheFit, Bilinear, RingDown
 from scipy.io import loadmat
 
@@ -20,7 +20,8 @@ from jbw.measurement import kinds
 from jbw.observables import register as observables
 from jbw.oscillator.laws import LAWS, register
 from jbw.report.charts import charts_of
-from jbw.study.export import export, write_export
+from jbw.study.export import export
+from jbw.study.export_files import write_export
 from jbw.study.study import load_study
 
 FS, SIZE, GAIN = 256.0, 512, 15.0
@@ -99,11 +100,6 @@ def write_sweeps(folder, laws, settings=SETTINGS):
     return path
 
 
-def table(path):
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 @pytest.fixture(scope="module")
 def bilinear():
     """The law registered, and forgotten again."""
@@ -142,7 +138,7 @@ def test_the_run_is_exported(of_a_law, tmp_path):
     _, folder = of_a_law
     assert run(["export", str(folder), "--out", str(tmp_path / "out")]) == 0
     found = {path.name for path in (tmp_path / "out").iterdir()}
-    assert found == {"parameters.csv", "backbone.csv", "jbw.mat", "joint.tcl"}
+    assert found == {"parameters.csv", "backbone.csv", "loop.csv", "jbw.mat", "joint.tcl"}
 
 
 def test_a_law_is_exported_in_every_format(bilinear, tmp_path):
@@ -150,8 +146,8 @@ def test_a_law_is_exported_in_every_format(bilinear, tmp_path):
     posterior = xr.Dataset({name: (shape[0], value * shape[1]) for name, value in TRUTH.items()})
     root = xr.Dataset(attrs={"y_peak": 4e-3, "laws": json.dumps([bilinear.name])})
     tree = xr.DataTree.from_dict({"/": root, "posterior": posterior})
-    write_export(tmp_path, export(tree, 2.0))
-    rows = {row["parameter"]: float(row["mean"]) for row in table(tmp_path / "parameters.csv")}
+    write_export(tmp_path, export(tree, 2.0, draw=0))
+    rows = {row["parameter"]: float(row["value"]) for row in table(tmp_path / "parameters.csv")}
     assert rows == pytest.approx({**TRUTH, "E": 2.0 * STIFFNESS, "epsyP": YIELD})
     curve = table(tmp_path / "backbone.csv")
     y = np.array([float(row["amplitude_m"]) for row in curve])
@@ -159,7 +155,7 @@ def test_a_law_is_exported_in_every_format(bilinear, tmp_path):
     np.testing.assert_allclose(found, ringing(y), rtol=1e-4)
     stored = loadmat(tmp_path / "jbw.mat")["draws"]["bilinear_yield"][0, 0]
     assert np.all(stored == YIELD)
-    assert "ElasticPP 1 6000 0.001" in (tmp_path / "joint.tcl").read_text(encoding="utf-8")
+    assert "ElasticPP 3 6000 0.001" in (tmp_path / "joint.tcl").read_text(encoding="utf-8")
 
 
 RINGS = "".join(

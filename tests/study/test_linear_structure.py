@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from exported import rows as rows_of
 from scipy.signal import StateSpace, lsim
 
 import jbw
@@ -68,6 +69,6 @@ def test_a_linear_structure_from_the_campaign_to_the_export(tmp_path, capsys):
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     assert "vibration records: a linear structure" in page
     assert run(["export", str(tmp_path / "run"), "--json"]) == 0
-    written = (tmp_path / "run" / "export" / "parameters.csv").read_text().splitlines()
-    assert [line.split(",")[:2] for line in written[1:]] == [["jbw", "omega_n"], ["jbw", "zeta"]]
+    written = rows_of(tmp_path / "run" / "export" / "parameters.csv")
+    assert [row["parameter"] for row in written] == ["omega_n", "zeta"]
     assert not (tmp_path / "run" / "export" / "joint.tcl").exists()

@@ -78,8 +78,12 @@ def test_an_old_run_is_still_reported_and_exported(tmp_path):
     study = load_study(old_run(tmp_path, draws))
     save_report(tmp_path, study.tree, study.summary())
     assert "old" in (tmp_path / "report.html").read_text(encoding="utf-8")
-    rows = {row["parameter"]: row for row in export(study.tree).parameters if row["unit"]}
-    assert rows["omega_n"]["mean"] == pytest.approx(JOINT["omega_n"])
+    with pytest.raises(DataError, match="no density of its draws") as caught:
+        export(study.tree)
+    assert "--draw" in caught.value.remedy
+    found = export(study.tree, draw=3)
+    rows = {row["parameter"]: row for row in found.parameters if row["unit"]}
+    assert rows["omega_n"]["value"] == pytest.approx(JOINT["omega_n"])
 
 
 def test_a_run_that_cannot_be_read_says_which_version_made_it(tmp_path):

@@ -1,11 +1,11 @@
 """A joint of sliders, measured by the rig and identified from the campaign's file to the export."""
 
-import csv
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from exported import column, rows
 
 import jbw
 from jbw import rig
@@ -59,12 +59,11 @@ def test_the_run_is_reported_and_exported(finished):
     assert "stiffness of slider 2" in page
     assert "α₁" in page
     assert run(["export", str(folder)]) == 0
-    with (folder / "export" / "parameters.csv").open(newline="", encoding="utf-8") as file:
-        rows = {row["parameter"]: row for row in csv.DictReader(file)}
-    mean = float(study.tree["posterior"]["slip_1"].mean())
-    assert float(rows["slip_1"]["mean"]) == pytest.approx(mean, rel=0.05)
-    with (folder / "export" / "backbone.csv").open(newline="", encoding="utf-8") as file:
-        frequency = [float(row["frequency_hz_q500"]) for row in csv.DictReader(file)]
+    table = {row["parameter"]: row for row in rows(folder / "export" / "parameters.csv")}
+    draws = study.tree["posterior"]["slip_1"].values
+    assert float(table["slip_1"]["value"]) in draws
+    assert float(table["slip_1"]["q500"]) == pytest.approx(np.median(draws), rel=1e-12)
+    frequency = column(folder / "export" / "backbone.csv", "frequency_hz_q500")
     # All stick below the first slip, and soften from there on.
     assert np.all(np.diff(frequency) < 1e-9)
     assert frequency[-1] < 0.99 * frequency[0]

@@ -11,7 +11,7 @@ here; there the dissipating coefficient is called beta and the other one gamma.
 from typing import Any, NamedTuple
 
 from jbw.errors import ModelError
-from jbw.oscillator.parameters import Conversion
+from jbw.oscillator.parameters import Conversion, Material, Scalar
 
 BABER_NOORI_UNITS = dict(
     mass="kg", damping="N s/m", stiffness="N/m", ratio="1", beta="1/m^n", gamma="1/m^n", n="1"
@@ -117,24 +117,27 @@ def to_benchmark(joint: Any, mass: float, beta: float = 1.0) -> Benchmark:
     )
 
 
-def opensees(joint: Any, mass: float, tag: int = 1) -> str:
-    r"""The joint as a material of OpenSees; its mass and dashpot are the model's.
+def bouc_wen(stiffness: Scalar, n: Scalar, gamma: Scalar, beta: Scalar) -> Material:
+    r"""The hysteretic force alone in OpenSees [N]; spring and dashpot stand beside it.
 
-    $$F = a k_0 y + (1 - a) k_0 z, \qquad
-      dz / dy = 1 - |z|^n\,(\gamma + \beta\,\mathrm{sgn}(z\,dy))$$
+    $$F = k_0 z, \qquad dz / dy = 1 - |z|^n\,(\gamma + \beta\,\mathrm{sgn}(z\,dy))$$
+
+    Args:
+        stiffness: k_0 [N/m].
+        n: Exponent.
+        gamma: What does not dissipate [m^-n].
+        beta: What does [m^-n].
     """
-    other = to_baber_noori(joint, mass)
-    values = (other.ratio, other.stiffness, other.n, other.gamma, other.beta)
-    numbers = " ".join(f"{value:.17g}" for value in values)
-    return f"uniaxialMaterial BoucWen {tag} {numbers} 1 0 0 0"
+    # The ratio of a linear spring of its own comes first, A = 1 and no degradation last.
+    return Material("BoucWen", (0.0, stiffness, n, gamma, beta, 1.0, 0.0, 0.0, 0.0))
 
 
 def conversions(joint: Any, mass: float) -> dict[str, Conversion]:
     """The joint in every convention of this file, by name."""
     baber, benchmark = to_baber_noori(joint, mass), to_benchmark(joint, mass)
-    material = opensees(joint, mass)
+    own = (bouc_wen(mass * float(joint.alpha), baber.n, baber.gamma, baber.beta),)
     return {
-        "Bouc-Wen-Baber-Noori, OpenSees": Conversion(baber._asdict(), BABER_NOORI_UNITS, material),
+        "Bouc-Wen-Baber-Noori, OpenSees": Conversion(baber._asdict(), BABER_NOORI_UNITS, own),
         "hysteretic benchmark": Conversion(benchmark._asdict(), BENCHMARK_UNITS),
     }
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Complex
 from jbw.oscillator.damper import Damper
 from jbw.oscillator.kinks import Ends, StepPath, kink_impulse
 from jbw.oscillator.law import Bounds, Loop, Scales
-from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.parameters import Conversion, Material, Scalar, of_opensees
 from jbw.oscillator.steady.waveform import (
     crest,
     exponentials,
@@ -105,6 +105,10 @@ class QuadraticDamping(Damper):
         damping = 8.0 / (3.0 * jnp.pi) * self.c * jnp.asarray(y_peak) * omega**2
         return Loop(jnp.zeros_like(damping), damping)
 
+    def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
+        """In OpenSees a dashpot of the second power of the velocity."""
+        return of_opensees(Material("Viscous", (mass * self.c, 2.0)))
+
 
 class CubicDamping(Damper):
     r"""Damping that grows with the velocity, $g(v) = c\,v^3$ [N/kg].
@@ -156,3 +160,7 @@ class CubicDamping(Damper):
         r"""Closed form, $\mathrm{Im}\,\kappa = 3 c Y^2 \omega^3 / 4$."""
         damping = 0.75 * self.c * jnp.asarray(y_peak) ** 2 * omega**3
         return Loop(jnp.zeros_like(damping), damping)
+
+    def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
+        """In OpenSees a dashpot of the third power of the velocity."""
+        return of_opensees(Material("Viscous", (mass * self.c, 3.0)))

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator.kinks import Ends, StepPath, kept, kink_impulse, signed, slope_jump_impulse
 from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales
-from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.parameters import Conversion, Material, Scalar, of_opensees
 from jbw.oscillator.steady.waveform import (
     angle_of,
     crest,
@@ -135,6 +135,11 @@ class Jenkins(Law):
     def move(self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar) -> tuple[Scalar, ...]:
         """Stretches after a monotone move, exact."""
         return tuple(jnp.clip(x + dy, -phi, phi) for x, phi in zip(memory, self.phi, strict=True))
+
+    def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
+        """In OpenSees a spring that yields for each slider."""
+        pairs = zip(self.alpha, self.phi, strict=True)
+        return of_opensees(*(Material("ElasticPP", (mass * k, slip)) for k, slip in pairs))
 
     def memory_unit(self, omega_n: Scalar) -> tuple[Scalar, ...]:
         """A stretch times omega_n is a velocity."""

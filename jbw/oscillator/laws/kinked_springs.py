@@ -11,7 +11,7 @@ from jbw.oscillator import generic
 from jbw.oscillator.kinks import Ends, StepPath, kept, signed, slope_jump_impulse
 from jbw.oscillator.law import Bounds, Loop, Scales
 from jbw.oscillator.laws.springs import MOST_SHARE, Spring
-from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.parameters import Conversion, Material, Scalar, of_opensees
 from jbw.oscillator.steady.waveform import (
     angle_of,
     crest,
@@ -211,3 +211,9 @@ class Stop(KinkedSpring):
         c = jnp.arccos(jnp.where(acts, self.gap / jnp.where(acts, y_peak, 1.0), 0.5))
         stiffness = jnp.where(acts, self.k / jnp.pi * (2.0 * c - jnp.sin(2.0 * c)), 0.0)
         return Loop(stiffness, jnp.zeros_like(stiffness))
+
+    def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
+        """In OpenSees straight lines through four points, whose ends it continues."""
+        gap, force = float(self.gap), mass * self.k * float(self.gap)
+        points = ("-strain", -2 * gap, -gap, gap, 2 * gap, "-stress", -force, 0.0, 0.0, force)
+        return of_opensees(Material("ElasticMultiLinear", points))

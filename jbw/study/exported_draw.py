@@ -1,0 +1,120 @@
+"""Which draw of a posterior stands for the joint where another program takes one joint alone."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from numpy.typing import NDArray
+
+from jbw.errors import ConfigError, DataError
+from jbw.oscillator.laws import laws_named
+from jbw.verification.backbone import curves
+from jbw.verification.bands import band, within
+from jbw.verification.predicted import carry
+from jbw.verification.predictive_basis import Draws, Laws, count_of
+
+NUM_TRIED = 64  # of the draws of highest density, for a backbone within its bands
+ROUNDING = 1e-12  # relative, of a band of no width
+
+Bands = Mapping[str, NDArray[np.float64]]
+
+
+class Product(NamedTuple):
+    """A product of the parameters, which weak motion knows, at one draw.
+
+    Attributes:
+        name: Its name, such as `alpha_delta`.
+        unit: Its unit.
+        values: Of every draw.
+    """
+
+    name: str
+    unit: str
+    values: Float[np.ndarray, " draw"]
+
+
+def products_of(draws: Draws, laws: Laws) -> list[Product]:
+    """The products of all laws at every draw."""
+    found = (product for law in laws_named(laws) for product in law.products)
+    return [Product(one.name, one.quantity.unit, np.asarray(one.of(draws))) for one in found]
+
+
+def density_of(tree: xr.DataTree) -> NDArray[np.float64]:
+    """Log density of every draw of the main posterior [nats], chain after chain.
+
+    Raises:
+        DataError: The run left none.
+    """
+    stats = tree.children.get("sample_stats")
+    if stats is None or "lp" not in stats.data_vars:
+        raise DataError(
+            "The result holds no density of its draws, `lp` in /sample_stats.",
+            why="Without it no draw is known as the best.",
+            remedy="Choose one: --draw N.",
+        )
+    return np.ravel(stats["lp"].transpose("chain", "draw").values)
+
+
+def best_draw(
+    draws: Draws,
+    density: NDArray[np.float64],
+    amplitude: Float[np.ndarray, " amplitude"],
+    bands: Bands,
+    laws: Laws,
+) -> int:
+    """Number of the draw of highest density that is like the others in what the data know.
+
+    Means along a ridge are no joint at all: the mean of alpha times that of delta is not the mean
+    of alpha delta. A draw is one. Where a parameter ends at its bound, the draw of highest density
+    may lie there, at the edge of all others; it is therefore the highest among those whose products
+    and backbone lie within the 99 % intervals, and the highest of all where there is none.
+
+    Args:
+        draws: Every draw by name.
+        density: Log density of each [nats].
+        amplitude: Of the backbone [m].
+        bands: Its 99 % bands by name, `frequency` [Hz] and `damping`.
+        laws: Of the joint.
+    """
+    known = np.isfinite(density)
+    for product in products_of(draws, laws):
+        known &= within(product.values, band(product.values))
+    ranked = np.argsort(-np.where(known, density, -np.inf), kind="stable")
+    tried = ranked[: min(NUM_TRIED, max(1, int(known.sum())))]
+    inside = backbone_within(picked(draws, tried), amplitude, bands, laws)
+    return int(tried[int(np.argmax(inside))])
+
+
+def backbone_within(
+    draws: Draws, amplitude: Float[np.ndarray, " amplitude"], bands: Bands, laws: Laws
+) -> NDArray[np.bool_]:
+    """Which draws have a backbone that lies within bands at every amplitude."""
+    frequency, damping, _ = carry(curves, draws, amplitude, laws)
+    inside = np.ones(count_of(draws), bool)
+    for values, edges in ((frequency, bands["frequency"]), (damping, bands["damping"])):
+        lower, upper = edges[0], edges[-1]
+        rounding = ROUNDING * (np.abs(lower) + np.abs(upper))
+        inside &= within(values, np.array([lower - rounding, upper + rounding])).all(axis=1)
+    return inside
+
+
+def picked(draws: Draws, numbers: NDArray[np.intp] | list[int]) -> Draws:
+    """Some draws by their numbers."""
+    return {name: values[numbers] for name, values in draws.items()}
+
+
+def stated_draw(draws: Draws, number: int) -> int:
+    """A number that was asked for.
+
+    Raises:
+        ConfigError: There is no such draw.
+    """
+    count = count_of(draws)
+    if not 0 <= number < count:
+        raise ConfigError(
+            f"Argument `draw` must be 0 to {count - 1}, as there are {count} draws, but it is "
+            f"{number}."
+        )
+    return number
