@@ -90,6 +90,16 @@ def test_the_linear_reference_finds_a_linear_oscillator():
         assert found[name] == pytest.approx(truth, rel=1e-3)
 
 
+def test_the_linear_reference_of_a_turned_channel_has_a_gain_below_zero():
+    held = held_curve(1.0).records[0]
+    phase = held.channels["phase"] + np.pi
+    turned = Record(np.nan, {**held.channels, "phase": phase}, held.units)
+    groups = [steady.curve_group(Test("frf", (turned,), "turned", level=1.0))]
+    data, known = Dataset.of([Points.of(groups)]), {**LINEAR, "gain": -0.8 * GAIN}
+    found = references(data, known)["linear"].parameters
+    assert found["gain"] == pytest.approx(-GAIN, rel=1e-3)
+
+
 def test_the_cubic_reference_finds_a_cubic_oscillator():
     # 0.75 cubic y^2 is up to 17 % of omega_n^2 here; the third harmonic changes that by 1e-3 of it.
     groups = [steady.curve_group(held_curve(level, 1e11)) for level in (1.0, 2.0)]

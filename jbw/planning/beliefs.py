@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from scipy.stats import qmc
 
 from jbw.errors import ConfigError, DataError
-from jbw.inference.space.box import Box, box
+from jbw.inference.space.box import Box, bounds_about, box
 from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.quantities import DEFAULT_LAWS
 from jbw.verification.predictive_basis import Draws, laws_of_run, parameter_names, thin
@@ -186,5 +186,4 @@ def _bounds(values: xr.DataArray, mean: float) -> Range:
     """Box of a parameter where the run says it, else a wide one."""
     if "lower" in values.attrs and "upper" in values.attrs:
         return float(values.attrs["lower"]), float(values.attrs["upper"])
-    ends = mean / UNBOUNDED, mean * UNBOUNDED
-    return min(ends), max(ends)
+    return bounds_about(mean, 1 / UNBOUNDED, UNBOUNDED)

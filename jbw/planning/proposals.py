@@ -147,7 +147,7 @@ def _tones(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[Tones]:
     third = _natural(beliefs) / 3
     frequencies = grid.frequencies or tuple(_rounded(share * third) for share in THIRDS)
     # Far below its resonance the joint is a spring.
-    omega_n, gain = beliefs.joints["omega_n"], beliefs.joints["gain"]
+    omega_n, gain = beliefs.joints["omega_n"], np.abs(beliefs.joints["gain"])
     per_metre = float(np.min(np.abs(omega_n**2 - (2 * np.pi * max(frequencies)) ** 2) / gain))
     levels = grid.levels or _within([per_metre * y for y in reach.goals], reach)
     settle, dwell = _times(grid, beliefs)
@@ -172,7 +172,7 @@ def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
 
 def _steady_levels(beliefs: Beliefs, reach: Reach) -> list[float]:
     """Inputs that hold the resonance of the joint that responds most at each goal."""
-    gain = beliefs.joints["gain"]
+    gain = np.abs(beliefs.joints["gain"])  # the sign of a channel, which moves nothing less
     return [float(np.min(_resonance(beliefs, y).amplitude / gain)) for y in reach.goals]
 
 

@@ -165,4 +165,6 @@ def _steady(
     laws: tuple[str, ...],
 ) -> Complex[Array, "tone harmonic"]:
     """Harmonics of the steady motion, NaN where they were not found."""
-    return steady_state(oscillator_of(theta, laws), omega, theta["gain"] * level, NUM_HARMONICS)
+    gain = theta["gain"]  # below zero where a channel is turned, and odd harmonics with it
+    joint, amplitude = oscillator_of(theta, laws), jnp.abs(gain) * level
+    return jnp.sign(gain) * steady_state(joint, omega, amplitude, NUM_HARMONICS)

@@ -60,8 +60,10 @@ def predict_planned(source: Source, test: Test) -> Predicted:
 
     def steady(draws: Draws, laws: Laws) -> np.ndarray:
         columns = {name: jnp.asarray(values)[:, None] for name, values in draws.items()}
-        joint = oscillator_of(columns, laws)
-        return np.asarray(steady_state(joint, omega, columns["gain"] * test.level, NUM_HARMONICS))
+        gain, joint = columns["gain"], oscillator_of(columns, laws)
+        motion = steady_state(joint, omega, jnp.abs(gain) * test.level, NUM_HARMONICS)
+        # A turned channel moves half a period later: odd harmonics change their sign.
+        return np.asarray(jnp.sign(gain)[..., None] * motion)
 
     motion, _ = source.carried(steady)
     magnitude = {"units": UNIT_OF[record.response], "long_name": record.response}

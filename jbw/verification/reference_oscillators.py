@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from jbw.inference.fit.costly_fit import costly_fit
-from jbw.inference.space.box import box
+from jbw.inference.space.box import bounds_about, box
 from jbw.observables.dataset import Dataset, largest_displacement, stacked
 from jbw.observables.loops import Loops
 from jbw.observables.observable import Observable
 
 LAWS: dict[str, tuple[str, ...]] = {"linear": (), "cubic": ("cubic",)}
-REACH = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # of the joint's own
+REACH = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
 STIFFEST = 10.0  # times omega_n^2 at the largest displacement: bound of the cubic stiffness
 
 
@@ -64,7 +64,7 @@ def _fitted(
 ) -> Reference:
     """The oscillator of one kind with the least relative error."""
     free = [name for name in REACH if name not in held and name in known]
-    bounds = {name: (REACH[name][0] * known[name], REACH[name][1] * known[name]) for name in free}
+    bounds = {name: bounds_about(known[name], *REACH[name]) for name in free}
     start = {name: known[name] for name in free}
     if kind == "cubic":
         most = STIFFEST * known["omega_n"] ** 2 / y_peak**2

@@ -14,6 +14,7 @@ from jbw.identification.selection import (
     probing_tests,
     sweep_tests,
 )
+from jbw.inference.space.box import bounds_by_name
 from jbw.measurement.records import Record, Test
 from jbw.oscillator.law import Scales
 
@@ -69,6 +70,17 @@ def test_boxes_of_the_papers_widths_have_the_papers_coefficients_of_variation():
     ):
         low, high = pair
         assert (high - low) / np.sqrt(12) / centre[name] == pytest.approx(cv, rel=0.02)
+
+
+def test_boxes_about_what_is_below_zero_are_boxes():
+    """A joint that hardens, and a channel whose sign is turned."""
+    low, high = about({"delta": -340.0}, PAPER_HALF_WIDTH)["delta"]
+    assert (low, high) == pytest.approx((-408.0, -272.0))
+    scales = Scales(118.0, 0.0044, 5e-3)
+    for std in (0.001, np.inf):
+        bounds = bounds_by_name(joint_box(Identify(), scales, (-15.0, std)))
+        low, high = bounds["gain"]
+        assert low < -15.0 < high < 0
 
 
 def test_the_joint_box_takes_the_campaigns_bounds_where_it_states_them():

@@ -10,15 +10,16 @@ from jbw.planning.beliefs import Beliefs, after, before
 from jbw.planning.description import parse
 from jbw.planning.judge import combine, ordered, row
 from jbw.planning.making import plan_tests, rig_of
-from jbw.planning.plan import Sweep, Wish
+from jbw.planning.plan import Noise, Sweep, Wish
 from jbw.planning.proposals import (
     Reach,
     SteppedTable,
     SweepTable,
+    TonesTable,
     displacement_for,
     propose,
 )
-from jbw.planning.prospects import Prospect, peak_displacements
+from jbw.planning.prospects import Prospect, peak_displacements, prospects
 
 RANGES = {
     "omega_n": (110.0, 120.0),
@@ -271,6 +272,26 @@ def test_default_levels_aim_below_the_limits():
     # 0.2 of the limit at the joint that responds most: three tries come within a few per cent.
     assert peaks[0] == pytest.approx(0.8e-3, rel=0.05)
     assert peaks[1] < 4e-3
+
+
+def test_a_turned_channel_moves_a_joint_as_far():
+    """A run may have found a gain below zero: levels and motion are those of its size."""
+    grids = {
+        "tones": TonesTable(dwell=64.0, settle=48.0),
+        "stepped": SteppedTable(dwell=9.0, settle=5.0, frequencies=(18.0, 19.0)),
+    }
+    reach = Reach(fs=1024.0, max_displacement=1e-3)
+    found = {
+        gain: before(RANGES, held={"gain": gain}, num_joints=2, seed=0) for gain in (15.0, -15.0)
+    }
+    plain, turned = (propose(grids, beliefs, reach) for beliefs in found.values())
+    assert turned == plain
+    noise = Noise(5e-6, "displacement")
+    ahead, behind = (prospects(plain[-1:], beliefs, noise)[0] for beliefs in found.values())
+    assert ahead.num_lost == 0
+    np.testing.assert_allclose(behind.y_peak, ahead.y_peak, rtol=1e-12)
+    scale = np.abs(ahead.information).max()
+    np.testing.assert_allclose(behind.information, ahead.information, atol=1e-6 * scale)
 
 
 def test_levels_that_are_given_are_kept():

@@ -47,6 +47,18 @@ def test_planned_tones_are_those_of_the_transfer_function():
     assert found.attrs["y_peak"][1] == pytest.approx(np.max(velocity / omega), rel=1e-4)
 
 
+def test_planned_tones_of_a_turned_channel_are_turned():
+    """Odd harmonics, all of them, half a period later; the first of a joint that slips, too."""
+    freq = (15.0, 18.0)
+    runs = (basis_of(a_tree(same(JOINT, gain=gain))) for gain in (GAIN, -GAIN))
+    plain, turned = (predict(basis, planned_tones(basis, freq, 0.02)) for basis in runs)
+    for name in ("model_magnitude", "model_magnitude_3"):
+        np.testing.assert_allclose(turned[name], plain[name], rtol=1e-12)
+    for name in ("model_phase", "model_phase_3"):
+        apart = np.exp(1j * (turned[name] - plain[name]))
+        np.testing.assert_allclose(apart, -1.0, atol=1e-12)
+
+
 def test_a_tone_is_predicted_where_its_measurement_lies_far_off():
     omega, level = 2 * np.pi * 18.2, 0.05
     t = np.arange(2560) / 256.0

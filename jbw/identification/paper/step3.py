@@ -19,7 +19,7 @@ from jbw.identification.step import Step, attrs, finished
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.samplers.sampling import sample
-from jbw.inference.space.box import Box, box
+from jbw.inference.space.box import Box, bounds_about, box
 from jbw.inference.space.ridge import along_ridge
 from jbw.measurement.probing import ThirdOrder, third_order_kernel
 from jbw.measurement.records import Test
@@ -50,7 +50,7 @@ class KernelFit:
 def about(centre: Mapping[str, float], half_width: Mapping[str, float]) -> Bounds:
     """The paper's kind of box: a share of the initial fit to either side."""
     return {
-        name: (centre[name] * (1 - share), centre[name] * (1 + share))
+        name: bounds_about(centre[name], 1 - share, 1 + share)
         for name, share in half_width.items()
         if name in centre
     }

@@ -43,6 +43,12 @@ def box(bounds: Mapping[str, tuple[float, float]]) -> Box:
     return Box(tuple(pairs), jnp.asarray(lower), jnp.asarray(upper))
 
 
+def bounds_about(value: float, lower: float, upper: float) -> tuple[float, float]:
+    """The bounds `lower` and `upper` times a value, which of a negative one change places."""
+    ends = lower * value, upper * value
+    return min(ends), max(ends)
+
+
 def _checked(name: str, pair: Any) -> tuple[float, float]:
     try:
         lower, upper = (float(bound) for bound in pair)
