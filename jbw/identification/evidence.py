@@ -47,7 +47,8 @@ Laws = tuple[str, ...]
 
 NUM_SAMPLES = 250  # a group of four
 MOST_ROUNDS = 24  # of points for the evidence: a law that leads the data nowhere is not waited for
-SIZE, WORTH, ROUNDS = 256, 200.0, 24  # of points without a run: a round, draws wanted, rounds
+# Of points without a run: a round, draws wanted, and rounds where time is stepped through or not.
+SIZE, WORTH, ROUNDS = 256, 200.0, {True: 8, False: 24}
 AT_BOUND = 1e-3  # of the box's width
 MOST_TURNS = 2  # of weights by the law that leaves least, and fits of all
 
@@ -219,7 +220,7 @@ def _by_points(
 ) -> tuple[float, float]:
     """The same by points about the fit without it."""
     problem = problem_of(dataset.log_likelihood, one.fitted.box, rest, _place(best, one))
-    points = amis.points(key, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS)
+    points = amis.points(key, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS[rest.stepped])
     whole = at_points(dataset.log_likelihood, points.theta, one.fitted.data)
     gained = whole.reshape(len(points.weights), -1).sum(axis=1) - points.terms.sum(axis=1)
     with np.errstate(divide="ignore"):

@@ -304,3 +304,15 @@ def test_a_start_on_the_loop_stays_there_and_a_start_aside_is_at_rest():
     np.testing.assert_allclose(response.z[0], law.force(3e-3, 0.0, tip))
     aside = law.move(3e-3, law.at_rest(), -1e-3)
     np.testing.assert_allclose(aside.force, -law.backbone(1e-3), rtol=1e-12)
+
+
+def test_segalmans_parameters_are_given_back():
+    row = GOLD["iwan4_a"]
+    (found,) = law_of("iwan4_a").convert(RULES["omega_n"], RULES["zeta"], 2.0).values()
+    expected = {"K_T": 2 * row["KT"], "F_S": 2 * row["FS"], "chi": row["chi"], "beta": row["beta"]}
+    for name, value in expected.items():
+        np.testing.assert_allclose(found.values[name], value, rtol=1e-13)
+    reach = row["beta"] + (row["chi"] + 1) / (row["chi"] + 2)
+    macroslip = row["FS"] * (1 + row["beta"]) / (row["KT"] * reach)
+    np.testing.assert_allclose(found.values["phi_max"], macroslip, rtol=1e-13)
+    assert set(found.units) == set(found.values)

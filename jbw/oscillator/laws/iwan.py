@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax.scipy.special import gammaln
 from jaxtyping import Array, Float
 
-from jbw.oscillator.law import Bounds, Loop, Scales
+from jbw.oscillator.law import Bounds, Conversion, Loop, Scales
 from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
 from jbw.oscillator.laws.masing import Kink, Masing
 from jbw.oscillator.laws.relaxation import exponential_remainder
@@ -17,6 +17,7 @@ from jbw.quantities import Quantity
 REFERENCE = 1e-3
 LOSS = (1e-4, 0.3)  # of the stiffness, lost at the largest displacement of a loop whose q is usual
 _USUAL_EXPONENT = 0.7
+SEGALMAN_UNITS = {"K_T": "N/m", "F_S": "N", "chi": "1", "beta": "1", "phi_max": "m"}
 EXPONENT = (0.05, 3.0)
 
 
@@ -177,6 +178,13 @@ class Iwan4(Masing):
     def _secant(self) -> Scalar:
         """Secant stiffness lost at macroslip, K_T - F_S / phi_max [1/s^2]."""
         return self.iwan_stiffness / ((1.0 + self.iwan_beta) * (2.0 + self.iwan_chi))
+
+    def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
+        """Segalman's parameters of a joint with this modal mass, and where macroslip begins."""
+        own = {"K_T": mass * self.iwan_stiffness, "F_S": mass * self.f_s}
+        own |= {"chi": self.iwan_chi, "beta": self.iwan_beta, "phi_max": self.phi_max}
+        values = {name: float(x) for name, x in own.items()}
+        return {"Segalman's Iwan": Conversion(values, SEGALMAN_UNITS)}
 
     def stiffness(self) -> Scalar:
         """K_T: all sliders stick [1/s^2]."""
