@@ -25,6 +25,7 @@ THETA = {
 }  # fmt: skip
 
 
-def law_of(name):
+def law_of(name, theta=None):
+    """The law of a name, at other parameters where they are given."""
     kind = Bilinear if name == "bilinear" else law_named(name)
-    return kind.of(THETA[name])
+    return kind.of(THETA[name] if theta is None else theta)

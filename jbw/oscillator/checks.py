@@ -7,6 +7,7 @@ import warnings
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Complex, Int
@@ -16,7 +17,11 @@ from jbw.oscillator.hold import HOLDS
 
 
 def is_concrete(*values: object) -> bool:
-    """Whether none of the values (arrays or records) is being traced by a transformation."""
+    """Whether none of the values (arrays or records) is being traced by a transformation.
+
+    Under `jit` what is computed of constants is traced all the same: before a result is looked at,
+    the result itself must be concrete.
+    """
     return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
 
 
@@ -244,6 +249,17 @@ def require_sense(
         raise ConfigError(f"Argument `max_turns` must be even, 2 or more, but is {max_turns}.")
     require_at_least("omega", omega, 0.0, open_end=True)
     require_at_least("amplitude", amplitude, 0.0)
+
+
+def require_concrete(function: str, *values: object) -> None:
+    """Raise where a function that looks at its numbers as it goes is being traced."""
+    if is_concrete(*values, jnp.zeros(())):
+        return
+    raise ConfigError(
+        f"`{function}` cannot be traced, as by jit, grad or vmap.",
+        why="How many points it takes depends on the numbers themselves.",
+        remedy="Call it outside, or use `frequency_response`, which has as many points as `omega`.",
+    )
 
 
 def require_converged(

@@ -166,7 +166,7 @@ def steady_loop(joint: Hysteresis, y_peak: Real[ArrayLike, "..."]) -> SteadyLoop
     require_finite(joint, y_peak=y_peak)
     require_at_least("y_peak", y_peak, 0.0)
     loop = _loop(joint, y_peak)
-    if is_concrete(joint, y_peak):
+    if is_concrete(joint, y_peak, loop):
         _warn_saturated(joint, y_peak, loop)
     return loop
 

@@ -8,7 +8,7 @@ import optimistix
 from jaxtyping import Array, Complex, Float
 
 from jbw.errors import ModelError
-from jbw.oscillator.checks import require_sense
+from jbw.oscillator.checks import require_concrete, require_sense
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.steady.balance import (
     balance,
@@ -82,8 +82,9 @@ def response_curve(
     Raises:
         ModelError: The first point does not converge, the step has shrunk to nothing, the points
             do not reach `omega_stop`, or as for `steady_state`.
-        ConfigError: As for `steady_state`.
+        ConfigError: It is being traced, or as for `steady_state`.
     """
+    require_concrete("response_curve", joint, omega_start, omega_stop, amplitude)
     given, joint = joint, as_oscillator(joint)
     require_sense(given, omega_start, amplitude, num_harmonics, max_turns)
     scalars = jax.tree.map(lambda x: jnp.asarray(x, float), (joint, omega_start, amplitude))

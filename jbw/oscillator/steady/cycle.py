@@ -99,7 +99,7 @@ def converged(
 ) -> Complex[Array, "... harmonic"]:
     """Harmonics by `solve`; an eager call tries again with many turns, then raises."""
     harmonics, turns = solve(max_turns)
-    if not is_concrete(joint, omega, amplitude):
+    if not is_concrete(joint, omega, amplitude, harmonics):
         return harmonics
     if max_turns == 2 and np.any(np.asarray(turns) > 2):
         harmonics, turns = solve(MANY_TURNS)
