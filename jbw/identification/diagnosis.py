@@ -26,6 +26,7 @@ FEWEST = 5  # readings that an exponent is read off
 EXPONENTS = (0.1, 4.0)
 RESAMPLED = 400  # times that the readings are drawn again, for the bands
 SEED = 0
+CLOSE = 0.1  # of the ratio: what the next order in the amplitude moves it by, near macroslip say
 
 
 class Diagnosis(NamedTuple):
@@ -127,10 +128,10 @@ def diagnosis_sentences(found: Diagnosis) -> list[str]:
         f"Damping over softening is {_number(found.ratio)} where Masing's laws have "
         f"{found.masing[1]:.2g}"
     )
-    low, _, high = found.elastic
-    if low > 0.0:
+    low, share, high = found.elastic
+    if low > 0.0 and share > CLOSE:
         said += f": {_percent(found.elastic)} of the softening is elastic, or of no Masing law."
-    elif high < 0.0:
+    elif high < 0.0 and share < -CLOSE:
         said += ": there is damping that does not soften."
     else:
         said += ": as sliders have it."

@@ -257,6 +257,9 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
 
     if len(scores) == 1:
         return dict.fromkeys(scores, 1.0)
+    # Each run over its best law: the weights are the same, and no exponential overflows.
+    best = np.max(list(scores.values()), axis=0)
+    scores = {name: own - best for name, own in scores.items()}
     each = {
         name: ELPDData(
             elpd=float(np.sum(own)), se=0.0, p=0.0, n_samples=1, n_data_points=len(own),

@@ -110,6 +110,10 @@ def test_differences_and_stacking_are_closed_forms():
     halves = np.where(np.arange(8) % 2, 5.0, 0.0)
     weights = evidence.stacking({"odd": base + halves, "even": base + 5.0 - halves})
     np.testing.assert_allclose(weights["odd"], 0.5, atol=1e-3)
+    # Hundreds of nats a run are no matter; nor is a law that is far behind on one run only.
+    far = {"odd": 800.0 + base + halves, "even": 800.0 + base + 5.0 - halves, "off": base - 2000.0}
+    weights = evidence.stacking(far)
+    np.testing.assert_allclose([weights[name] for name in far], [0.5, 0.5, 0.0], atol=1e-3)
 
 
 def row(evidence_of, error=0.1, count=1):
