@@ -3,12 +3,13 @@
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from jaxtyping import Array, Key
 
 from jbw.campaign.load import Campaign, force_per_unit
 from jbw.errors import DataError, JbwError
@@ -16,6 +17,7 @@ from jbw.identification import evidence
 from jbw.identification.assemble import Report, measured
 from jbw.identification.diagnosis import diagnose, diagnosis_sentences, readings_of
 from jbw.identification.evidence import Candidate, LeftOut, name_of
+from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
 from jbw.observables.dataset import Dataset, largest_displacement
@@ -80,24 +82,12 @@ def compare_laws(
     )
     keys = jax.random.split(jax.random.key(settings.seed if seed is None else seed), 3)
     found, refused = evidence.candidates(keys[0], seen, sets, report)
+    weighed, unweighed = _weigh(keys[1:], found, report)
+    refused |= unweighed
+    named = {name: one.candidate for name, one in weighed.items()}
+    draws = {name: one.draws for name, one in weighed.items()}
+    left = {name: one.left_out for name, one in weighed.items() if one.left_out is not None}
     runs = evidence.runs_of(found[0].fitted.data)
-    named: dict[str, Candidate] = {}
-    left: dict[str, LeftOut] = {}
-    draws: dict[str, xr.DataTree] = {}
-    for i, one in enumerate(found):
-        name, apart = name_of(one.laws), (jax.random.fold_in(key, i) for key in keys[1:])
-        report(f"{name}: {len(runs)} runs predicted from each other's rest; evidence")
-        try:
-            drawn = evidence.posterior(next(apart), one)
-            known = evidence.left_out(next(apart), one, drawn) if len(runs) > 1 else None
-        except JbwError as error:
-            refused[one.laws] = str(error)
-            continue
-        named[name], draws[name] = one, drawn
-        if known is not None:
-            left[name] = known
-    if not named:
-        raise DataError(f"No law can be weighed by these data: {next(iter(refused.values()))}")
     rows = {name: _row(one, left.get(name), draws[name]) for name, one in named.items()}
     scores = {name: np.array(list(one.elpd.values())) for name, one in left.items()}
     compare_rows(rows, scores)
@@ -117,15 +107,51 @@ def compare_laws(
         "refused": {name_of(laws): reason for laws, reason in refused.items()},
     }
     told = [] if diagnosis is None else diagnosis_sentences(diagnosis)
-    record["statements"] = [*told, *statements(record)]
+    (best,) = (name for name, row in rows.items() if row["answer"] == "best")
+    own = named[best].fitted
+    posterior = draws[best]["posterior"].to_dataset()
+    offsets = runs_dataset(keys[0], posterior, own.box.names, own.data)
+    scatter = [] if offsets is None else [f"Under {best}: {runs_sentence(offsets)}"]
+    record["statements"] = [*told, *statements(record), *scatter]
     tree = xr.DataTree.from_dict(
         {
             "/scores": _scores(left, runs),
             "/curves": _curves(named, draws, y_peak),
+            **({} if offsets is None else {"/offsets": offsets}),
             **law_groups(campaign.tests, named, draws),
         }
     )
     return LawComparison(named, tree, record)
+
+
+class _Weighed(NamedTuple):
+    """A law with what its posterior says."""
+
+    candidate: Candidate
+    draws: xr.DataTree
+    left_out: LeftOut | None  # None where there is one run alone
+
+
+def _weigh(
+    keys: Key[Array, " two"], found: Sequence[Candidate], report: Report
+) -> tuple[dict[str, _Weighed], dict[tuple[str, ...], str]]:
+    """Posterior of each law, and what it makes of each run unseen; laws that have none, and why."""
+    weighed: dict[str, _Weighed] = {}
+    refused: dict[tuple[str, ...], str] = {}
+    runs = evidence.runs_of(found[0].fitted.data)
+    for i, one in enumerate(found):
+        name, (own, other) = name_of(one.laws), (jax.random.fold_in(key, i) for key in keys)
+        report(f"{name}: {len(runs)} runs predicted from each other's rest; evidence")
+        try:
+            drawn = evidence.posterior(own, one)
+            known = evidence.left_out(other, one, drawn) if len(runs) > 1 else None
+        except JbwError as error:
+            refused[one.laws] = str(error)
+        else:
+            weighed[name] = _Weighed(one, drawn, known)
+    if not weighed:
+        raise DataError(f"No law can be weighed by these data: {next(iter(refused.values()))}")
+    return weighed, refused
 
 
 def _chosen(laws: Sequence[str | Sequence[str]] | None) -> list[tuple[str, ...]]:
