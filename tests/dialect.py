@@ -1,12 +1,14 @@
 """The one dialect of units, as a grammar; and as pint reads it, where pint is installed."""
 
 import re
+from functools import cache
 
 FACTOR = r"(rad|deg|kg|Hz|[AJNVgms])(\^\d+)?"
 PRODUCT = rf"{FACTOR}( {FACTOR})*"
 GRAMMAR = re.compile(rf"1|(1|{PRODUCT})?(/({FACTOR}|\(({PRODUCT}|{FACTOR}/{FACTOR})\)))*")
 
 
+@cache
 def readable(unit):
     """Whether a unit is in the dialect, by the grammar of its definition and by pint's."""
     try:
@@ -15,3 +17,18 @@ def readable(unit):
         return bool(GRAMMAR.fullmatch(unit))
     UnitRegistry().parse_units(unit)
     return bool(GRAMMAR.fullmatch(unit))
+
+
+def unreadable_units(tree):
+    """Units by path of the numbers of a result that have none, or one that is not in the dialect.
+
+    Whole numbers count something. A noise whose groups differ has a unit for each.
+    """
+    wrong = {}
+    for node in tree.subtree:
+        for name, values in node.dataset.variables.items():
+            own = values.attrs.get("group_units", values.attrs.get("units"))
+            own = [own] if own is None or isinstance(own, str) else list(own)
+            if values.dtype.kind in "fc" and not all(unit and readable(unit) for unit in own):
+                wrong[f"{node.path}/{name}"] = own
+    return wrong

@@ -11,6 +11,7 @@ from decays import OMEGA_N as DECAY_OMEGA_N
 from decays import decay_test
 from made_runs import a_tree
 
+from jbw.identification.joint import draw_noise_std
 from jbw.identification.paper.sequential_vs_joint import compare_routes
 from jbw.identification.procedure import Identification
 from jbw.measurement.records import Record, Test
@@ -98,6 +99,32 @@ def test_the_linear_reference_of_a_turned_channel_has_a_gain_below_zero():
     data, known = Dataset.of([Points.of(groups)]), {**LINEAR, "gain": -0.8 * GAIN}
     found = references(data, known)["linear"].parameters
     assert found["gain"] == pytest.approx(-GAIN, rel=1e-3)
+
+
+def driven_curve(**ratio):
+    """The same oscillator under a constant force."""
+    freq = np.linspace(17.0, 21.0, 41)
+    h = -((2 * np.pi * freq) ** 2) * receptance(2 * np.pi * freq)
+    channels = {"frequency": freq, "force": np.ones(41), "acceleration": np.abs(h)}
+    channels["phase"] = np.angle(h)
+    units = {"frequency": "Hz", "force": "N", "acceleration": "m/s^2", "phase": "rad"}
+    record = Record(np.nan, channels, units, provenance=ratio)
+    return Test("frf", (record,), "driven", level=1.0)
+
+
+def test_every_group_of_steady_motion_has_the_unit_of_its_values():
+    held, driven = steady.curve_group(held_curve(1.0)), steady.curve_group(driven_curve())
+    ratio = steady.curve_group(driven_curve(ratio="response per N of force"))
+    assert [one.unit for one in (held, driven, ratio)] == ["N", "m/s^2", "m/s^2/N"]
+    assert Points.of([driven, driven]).unit == "m/s^2"
+    both = Points.of([held, driven])
+    assert (both.unit, both.units) == ("", ("N", "m/s^2"))
+    terms = np.zeros((1, 3, 2))
+    draws = {name: np.full((1, 3), value) for name, value in LINEAR.items()}
+    found = draw_noise_std(jax.random.key(0), draws, terms, Dataset.of([both]))
+    attrs = found["noise_std_harmonics"][-1]
+    assert "units" not in attrs
+    assert attrs["group_units"] == ["N", "m/s^2"]
 
 
 def test_the_cubic_reference_finds_a_cubic_oscillator():

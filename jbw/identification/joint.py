@@ -224,12 +224,13 @@ def draw_noise_std(
     return derived
 
 
-def _attrs(part: Observable, name: str) -> dict[str, str]:
+def _attrs(part: Observable, name: str) -> dict[str, Any]:
     attrs = BY_NAME["noise_std"].attrs
     attrs["symbol"] += name.removeprefix("noise_std").replace("_", ", ", 1)
     if not part.unit:  # a group is in volts, newtons or metres: no unit holds for all
         del attrs["units"]
-        return {**attrs, "long_name": f"{attrs['long_name']}, in the unit of its group"}
+        known = {"group_units": list(part.units)} if all(part.units) else {}
+        return {**attrs, **known, "long_name": f"{attrs['long_name']}, in the unit of its group"}
     return {**attrs, "units": part.unit}
 
 

@@ -13,7 +13,7 @@ from jbw.measurement.curves import ResponseCurve, displacement_of, response_curv
 from jbw.measurement.harmonics import harmonics
 from jbw.measurement.records import Test
 from jbw.observables.observable import run_of
-from jbw.quantities import derivative_order
+from jbw.quantities import UNIT_OF, derivative_order, per
 
 NUM_HARMONICS = 4  # odd orders balanced: what is left out is a part in 1e6 of the first
 ORDERS = (1, 3)  # compared; the others measured are the guess of the motion
@@ -33,6 +33,7 @@ class Group(NamedTuple):
         order: Order of the values, means over repeats: of the response, or the force `of_force`.
         factor: From metres, or N/kg, to the unit of the values.
         within: Scatter of the repeats about their mean, summed.
+        unit: Of the values.
     """
 
     label: str
@@ -46,6 +47,7 @@ class Group(NamedTuple):
     within: float
     num_repeats: int
     of_force: bool = False
+    unit: str = ""
 
 
 def groups_of(tests: Sequence[Test]) -> list[Group]:
@@ -138,6 +140,7 @@ def _groups(
                 factor=factor,
                 within=float(np.sum(np.abs(values - mean[:, None]) ** 2)),
                 num_repeats=values.shape[1],
+                unit=UNIT_OF[spans[0][0][0].response],
             )
         )
     return groups
@@ -208,7 +211,14 @@ def curve_group(test: Test) -> Group:
         within=float(np.sum(np.abs(values - mean) ** 2)),
         num_repeats=len(curves),
         of_force=held,
+        unit=_unit_of(curves[0], test.records[0].units[curves[0].source_kind], held=held),
     )
+
+
+def _unit_of(curve: ResponseCurve, source: str, *, held: bool) -> str:
+    """Unit of a curve's values: of the force that holds it, or of its response, over a source."""
+    response = UNIT_OF[curve.response_kind]
+    return source if held else per(response, source) if curve.is_ratio else response
 
 
 def response_held(curve: ResponseCurve) -> bool:

@@ -99,8 +99,13 @@ class Observable(eqx.Module):
 
     @property
     def unit(self) -> str:
-        """Unit of the values; empty where groups differ."""
+        """Unit of the values; empty where groups differ, or where a kind does not say it."""
         return ""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of the values of each group."""
+        return (self.unit,) * len(self.labels)
 
     def predict(self, theta: Theta) -> Any:
         """What the parameters predict, a row a group, in the unit of the measured values."""

@@ -22,7 +22,7 @@ from jbw.observables.repeats import Repeats, filled, repeats
 from jbw.observables.spectra import Spectrum, of_lines
 from jbw.oscillator.oscillator import Joint, as_oscillator, oscillator_of
 from jbw.oscillator.steady.balance import refined
-from jbw.quantities import DEFAULT_LAWS, derivative_order
+from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 NUM_NODES = 16
 LEAST_POINTS = 6  # of a curve through which an oscillator is laid
@@ -42,6 +42,7 @@ class Points(Repeated):
         position: Position of each group's order among the odd ones.
         factor: From displacement or force per unit mass to the value's unit; zero behind the last.
         of_force: Whether a group's values are the force; static.
+        unit_of_group: Unit of each group's values; static.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("tones", "stepped", "frf")
@@ -57,6 +58,7 @@ class Points(Repeated):
     factor: Complex[Array, "group value"]
     repeats: Repeats
     of_force: tuple[bool, ...] = eqx.field(static=True)
+    unit_of_group: tuple[str, ...] = eqx.field(static=True)
 
     @classmethod
     def reduce(
@@ -101,6 +103,7 @@ class Points(Repeated):
                 scale=np.array([np.sqrt(np.mean(np.abs(g.values) ** 2) / 2) for g in groups]),
             ),
             of_force=tuple(group.of_force for group in groups),
+            unit_of_group=tuple(group.unit for group in groups),
         )
 
     @classmethod
@@ -125,9 +128,19 @@ class Points(Repeated):
             factor = (1j * order * omega) ** derivative_order(response)
             values = factor * motion[:, order // 2]
             known = harmonic_label("planned", order), "planned", omega, load, motion, order
-            groups.append(Group(*known, values, factor, 0.0, 1))
+            groups.append(Group(*known, values, factor, 0.0, 1, unit=UNIT_OF[response]))
         std = noise_std * np.sqrt(2 / num_samples)
         return cls.of(groups, laws=laws).with_repeats(noise_std=jnp.full(len(groups), std))
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values where it is the same in all groups."""
+        return self.units[0] if len(set(self.units)) == 1 else ""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of the values of each group."""
+        return self.unit_of_group
 
     @property
     def is_complex(self) -> bool:

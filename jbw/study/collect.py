@@ -18,7 +18,7 @@ from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
 from jbw.quantities import DEFAULT_LAWS, derivative_order
 from jbw.verification.backbone import backbone_group
-from jbw.verification.bands import QUANTILES, polar
+from jbw.verification.bands import QUANTILE_AXIS, polar
 from jbw.verification.in_time import predict_motion
 from jbw.verification.predictive_basis import NUM_DRAWS, basis_attrs, basis_of, decay_attrs
 from jbw.verification.verify import Groups, verify
@@ -71,7 +71,15 @@ def _groups(step: Step, truth: Mapping[str, float]) -> Groups:
     for name in posterior.data_vars:
         if name in truth:
             posterior[name].attrs["truth"] = float(truth[str(name)])
+    if "leave_one_out" in groups:
+        groups["leave_one_out"] = _with_units(groups["leave_one_out"], posterior)
     return {**groups, "posterior": posterior}
+
+
+def _with_units(left_out: xr.Dataset, posterior: xr.Dataset) -> xr.Dataset:
+    """Fits without a run, whose parameters have the units of their draws."""
+    known = {"group_units": [posterior[n].attrs["units"] for n in left_out["parameter"].values]}
+    return left_out.assign({n: left_out[n].assign_attrs(known) for n in ("estimate", "std")})
 
 
 def _kernel_groups(
@@ -105,7 +113,7 @@ def _kernel_verification(found: KernelFit, posteriors: Mapping[str, xr.Dataset])
     for prefix, posterior in posteriors.items():
         variables |= polar(prefix, step3.predicted(posterior, data), *how)
     freq = ("freq", omega / (2 * np.pi), {"units": "Hz"})
-    return xr.Dataset(variables, {"freq_hz": freq, "quantile": list(QUANTILES)})
+    return xr.Dataset(variables, {"freq_hz": freq, "quantile": QUANTILE_AXIS})
 
 
 def _tone_spectrum(test: Test) -> xr.Dataset:

@@ -169,7 +169,7 @@ def _step(step: Step, truth: Mapping[str, float]) -> dict[str, Any]:
     rows = as_plain(summarise(step.posterior, step.box))
     posterior = step.posterior["posterior"].to_dataset()
     for name, row in rows.items():
-        row["unit"] = posterior[name].attrs.get("units", "unit of the group")
+        row["unit"] = posterior[name].attrs.get("units", "1")
         row["truth"] = truth.get(name)
         known = row["truth"] is not None and row["sd"]
         row["z"] = (row["mean"] - row["truth"]) / row["sd"] if known else None

@@ -25,7 +25,7 @@ from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.study.law_answers import TWICE, compare_rows, statements
 from jbw.study.stack import law_groups
 from jbw.verification.backbone import HERTZ, RATIO, curves
-from jbw.verification.bands import QUANTILES, band
+from jbw.verification.bands import QUANTILE_AXIS, band
 from jbw.verification.predicted import carry
 
 logger = logging.getLogger("jbw")
@@ -253,7 +253,7 @@ def _curves(
     dims = ("law", "quantile", "amplitude")
     return xr.Dataset(
         {"frequency": (dims, frequency, HERTZ), "damping": (dims, damping, RATIO)},
-        {"law": list(named), "quantile": list(QUANTILES), "amplitude": (
+        {"law": list(named), "quantile": QUANTILE_AXIS, "amplitude": (
             "amplitude", amplitude, {"units": "m"})},
         {"y_fitted": float(y_peak)},
     )  # fmt: skip

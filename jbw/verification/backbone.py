@@ -13,7 +13,7 @@ from jbw.observables.decay_envelopes import filter_of, readings
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 from jbw.quantities import UNIT_OF, derivative_order
-from jbw.verification.bands import QUANTILES, band
+from jbw.verification.bands import QUANTILE_AXIS, band
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, parameter_names
 
@@ -54,7 +54,7 @@ def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None
             "loop_slip": (loops, band(slip), {**force, "long_name": "Z less that without slip"}),
             "stuck": ("quantile", band(stuck), stiffness),
         },
-        {"amplitude": ("amplitude", amplitude, {"units": "m"}), "quantile": list(QUANTILES)},
+        {"amplitude": ("amplitude", amplitude, {"units": "m"}), "quantile": QUANTILE_AXIS},
         {"y_fitted": float(y_peak)},
     )
 
@@ -108,7 +108,7 @@ def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws
             "model_damping": (BANDS, band(damping), RATIO),
             "fitted": ("record", (np.arange(len(found)) < num_fitted).astype(int)),
         },
-        {"amplitude": ("amplitude", amplitude, unit), "quantile": list(QUANTILES)},
+        {"amplitude": ("amplitude", amplitude, unit), "quantile": QUANTILE_AXIS},
     )
 
 

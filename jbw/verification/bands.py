@@ -10,6 +10,8 @@ from scipy.stats import norm
 
 from jbw.inference.posterior.summary import QUANTILES
 
+QUANTILE_AXIS = ("quantile", list(QUANTILES), {"units": "1"})  # coordinate of every band
+
 
 def error(measured: NDArray[Any], predicted: NDArray[Any]) -> float:
     """Error of a prediction, root mean square, over the root mean square of what was measured."""

@@ -27,7 +27,7 @@ from jbw.observables.harmonic_groups import (
 )
 from jbw.observables.steady import Points, force_of, motion_of
 from jbw.quantities import UNIT_OF
-from jbw.verification.bands import QUANTILES, errors, gaussian_band, phase_near, polar
+from jbw.verification.bands import QUANTILE_AXIS, errors, gaussian_band, phase_near, polar
 from jbw.verification.predicted import Predicted, Source, carry, noise_of, of_repeats
 from jbw.verification.predictive_basis import Draws, count_of
 
@@ -103,7 +103,7 @@ def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
             variables |= {name + suffix: variable for name, variable in drawn.items()}
             attrs |= {name + suffix: value for name, value in said.items()}
         freq = ("freq", fundamental.omega[order] / (2 * np.pi), {"units": "Hz"})
-        dataset = xr.Dataset(variables, {"freq": freq, "quantile": list(QUANTILES)}, attrs)
+        dataset = xr.Dataset(variables, {"freq": freq, "quantile": QUANTILE_AXIS}, attrs)
         # A ratio was measured at an amplitude that it does not tell.
         known = "ratio" not in test.records[0].provenance
         found.append(Predicted(dataset, peaks[:, first] if known else None, noises[0]))
@@ -179,11 +179,11 @@ def _compared(
     said = errors(parts.pop("measured"), parts.pop("model"), parts, noise_std)
     record = test.records[0]
     turn = np.ones(len(order))
-    magnitude = {"units": UNIT_OF[record.response], "long_name": record.response}
+    magnitude = {"units": group.unit, "long_name": record.response}
     what = "phase of the response"
     if group.of_force:
         turn = np.exp(-1j * np.angle(group.motion[order, 0]))
-        magnitude = {"units": record.units[record.source], "long_name": record.source}
+        magnitude = {"units": group.unit, "long_name": record.source}
         what = "phase of the force ahead of the displacement"
     measured, model = turn * group.values[order], turn * model[:, order]
     reference = np.angle(measured)

@@ -13,7 +13,7 @@ from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, decay_of
 from jbw.observables.decay_envelopes import Entry, envelopes, filter_of, follow, match
 from jbw.quantities import UNIT_OF, derivative_order, in_dialect
-from jbw.verification.bands import QUANTILES, band, error, within
+from jbw.verification.bands import QUANTILE_AXIS, band, error, within
 from jbw.verification.predicted import ALIKE, NOT_KNOWN, Noise, Predicted, Source
 
 SEEN = 0.5  # s of a held-out record from which its initial state is read
@@ -104,7 +104,7 @@ def _compared(
             "predictive_band": (dims, predictive, unit),
         }
         start = test.settle + chosen.half / chosen.fs
-        coords = {"time": ("time", start + time, {"units": "s"}), "quantile": list(QUANTILES)}
+        coords = {"time": ("time", start + time, {"units": "s"}), "quantile": QUANTILE_AXIS}
         attrs = {
             "level": float(np.abs(whole[0])),
             "response": data.response,

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from jbw.measurement.records import Test
 from jbw.observables.register import OBSERVABLES
 from jbw.observables.repeated import Repeated
-from jbw.verification.bands import QUANTILES, beside, errors
+from jbw.verification.bands import QUANTILE_AXIS, beside, errors
 from jbw.verification.predicted import Noise, Predicted, Source, noise_of, of_repeats
 from jbw.verification.predictive_basis import count_of, seen_of
 
@@ -59,7 +59,7 @@ def predict_groups(source: Source, test: Test) -> Predicted:
     coords = {
         axis: ("value", np.concatenate([places for *_, places in axes]), {"units": unit_of_axis}),
         "group": ("value", np.repeat(np.array(labels, object), sizes)),
-        "quantile": list(QUANTILES),
+        "quantile": QUANTILE_AXIS,
     }
     attrs: dict[str, Any] = {"kind": test.kind, "axis": axis}
     if np.isfinite(test.level):

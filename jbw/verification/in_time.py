@@ -15,7 +15,7 @@ from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import frf
 from jbw.observables.samples import advance, in_band, lines_of, motion_under, noise_share
 from jbw.quantities import LETTER_OF, derivative_order, per
-from jbw.verification.bands import QUANTILES, band, beside, errors, polar
+from jbw.verification.bands import QUANTILE_AXIS, band, beside, errors, polar
 from jbw.verification.predicted import (
     Noise,
     Predicted,
@@ -135,7 +135,7 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
         {**variables, "measured_band": (("quantile", "time"), band(measured), unit)},
         {
             "time": ("time", np.arange(size) / fs + motion.start / fs, {"units": "s"}),
-            "quantile": list(QUANTILES),
+            "quantile": QUANTILE_AXIS,
         },
         {
             "level": test.level,
@@ -162,7 +162,7 @@ def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
             **polar("measured", h, *how, phase, ("repeat", "freq")),
             **polar("model", simulated, *how, phase),
         },
-        {"freq": ("freq", measured[0][0], {"units": "Hz"}), "quantile": list(QUANTILES)},
+        {"freq": ("freq", measured[0][0], {"units": "Hz"}), "quantile": QUANTILE_AXIS},
         {"level": test.level, "level_unit": unit, "kind": test.kind},
     )
 

@@ -13,7 +13,7 @@ from jbw.oscillator.excitation import sampled, sweep
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.cycle import steady_state
 from jbw.quantities import UNIT_OF, derivative_order
-from jbw.verification.bands import QUANTILES, gaussian_band, polar
+from jbw.verification.bands import QUANTILE_AXIS, gaussian_band, polar
 from jbw.verification.predicted import Predicted, Source, noise_of
 from jbw.verification.predictive_basis import Basis, Draws, Laws
 
@@ -83,7 +83,7 @@ def predict_planned(source: Source, test: Test) -> Predicted:
     freq = ("freq", omega / (2 * np.pi), {"units": "Hz"})
     attrs = {"held": record.source, "quantity": record.response}
     attrs["level_unit"] = record.units[record.source]
-    dataset = xr.Dataset(variables, {"freq": freq, "quantile": list(QUANTILES)}, attrs)
+    dataset = xr.Dataset(variables, {"freq": freq, "quantile": QUANTILE_AXIS}, attrs)
     return Predicted(dataset, np.abs(motion[..., 0]).max(axis=-1), noises[1])
 
 

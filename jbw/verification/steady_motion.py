@@ -15,7 +15,7 @@ from jbw.observables.loops import Loops
 from jbw.observables.records import Records
 from jbw.observables.samples import advance, in_band, motion_under, noise_share
 from jbw.quantities import UNIT_OF, derivative_order
-from jbw.verification.bands import QUANTILES, band, beside, errors, gaussian_band
+from jbw.verification.bands import QUANTILE_AXIS, band, beside, errors, gaussian_band
 from jbw.verification.groups import groups_of
 from jbw.verification.predicted import Predicted, Source, carry, noise_of, of_repeats
 from jbw.verification.predictive_basis import Draws, Laws, count_of
@@ -47,7 +47,7 @@ def predict_loop(source: Source, test: Test) -> Predicted:
     attrs = {"level": test.level, "level_unit": "m", "kind": test.kind}
     attrs |= errors(force.measured, force.model, force.others, force.std)
     peak = np.full(count_of(source.draws), float(np.abs(data.displacement).max()))
-    dataset = xr.Dataset(variables, {"quantile": list(QUANTILES)}, attrs)
+    dataset = xr.Dataset(variables, {"quantile": QUANTILE_AXIS}, attrs)
     return Predicted(dataset, peak, force.noise)
 
 
@@ -77,7 +77,7 @@ def predict_periods(source: Source, test: Test) -> Predicted:
     coords = {
         "time": ("time", np.arange(size) / data.fs, {"units": "s"}),
         "freq": ("freq", freq[keep], {"units": "Hz"}),
-        "quantile": list(QUANTILES),
+        "quantile": QUANTILE_AXIS,
     }
     attrs = {
         "level": cut.level,
@@ -126,7 +126,7 @@ def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
     phase = 2 * np.pi * np.arange(NUM_POINTS) / NUM_POINTS
     return xr.Dataset(
         variables,
-        {"phase": ("phase", phase, {"units": "rad"}), "quantile": list(QUANTILES)},
+        {"phase": ("phase", phase, {"units": "rad"}), "quantile": QUANTILE_AXIS},
         {
             "level": test.level,
             "level_unit": record.units[record.source],

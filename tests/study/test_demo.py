@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from dialect import unreadable_units
 
 from jbw.cli import run
 
@@ -44,6 +45,7 @@ def test_demo_from_the_first_record_to_the_report(home):
         assert 0.999 * low < measured < 1.001 * high
     with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
         assert {"posterior", "sample_stats", "log_likelihood", "log_prior"} <= set(tree.children)
+        assert unreadable_units(tree) == {}
     assert len(list((folder / "figures").glob("*.png"))) >= 10
     assert (folder / "report.html").stat().st_size > 100_000
 

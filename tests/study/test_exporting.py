@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from conventions import BaberNoori, Benchmark, from_baber_noori, from_benchmark
+from dialect import readable
 from exported import column, comments, rows
 from scipy.io import loadmat
 
@@ -62,6 +63,7 @@ def test_parameters_carry_their_intervals(written):
         assert float(row["value"]) in values
         quantiles = [float(row[mark]) for mark in ("q005", "q500", "q995")]
         np.testing.assert_allclose(quantiles, np.quantile(values, [0.005, 0.5, 0.995]), rtol=1e-12)
+    assert all(readable(row["unit"]) for row in rows(folder / "parameters.csv"))
 
 
 @pytest.mark.parametrize(

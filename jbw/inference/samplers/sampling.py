@@ -168,6 +168,7 @@ def _tree(
 ) -> xr.DataTree:
     """The posterior's one container, the prior bounds beside each parameter."""
     dims, log_prior = ("chain", "draw"), np.full(terms.shape[:2], -float(log_volume(box)))
+    one = {"units": "1"}
     stats = {**drawn.stats, "lp": np.sum(terms, axis=-1) + log_prior}
     variables = {
         "posterior": {
@@ -176,9 +177,9 @@ def _tree(
             )
             for name, (low, high) in bounds_by_name(box).items()
         },
-        "sample_stats": {name: xr.Variable(dims, values) for name, values in stats.items()},
-        "log_likelihood": {"terms": xr.Variable((*dims, "term"), terms)},
-        "log_prior": {"log_prior": xr.Variable(dims, log_prior)},
+        "sample_stats": {name: xr.Variable(dims, values, one) for name, values in stats.items()},
+        "log_likelihood": {"terms": xr.Variable((*dims, "term"), terms, one)},
+        "log_prior": {"log_prior": xr.Variable(dims, log_prior, one)},
     }
     coords = {dim: np.arange(size) for dim, size in zip(dims, log_prior.shape, strict=True)}
     datasets = {name: xr.Dataset(content, coords) for name, content in variables.items()}

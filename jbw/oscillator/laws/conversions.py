@@ -13,13 +13,7 @@ from typing import Any, NamedTuple
 from jbw.errors import ModelError
 from jbw.oscillator.parameters import Conversion, Material, Scalar
 
-BABER_NOORI_UNITS = dict(
-    mass="kg", damping="N s/m", stiffness="N/m", ratio="1", beta="1/m^n", gamma="1/m^n", n="1"
-)
-BENCHMARK_UNITS = dict(
-    mass="kg", damping="N s/m", stiffness="N/m", alpha="N/m", beta="1",
-    gamma="N^(1-nu)/m", delta="N^(1-nu)/m", nu="1",
-)  # fmt: skip
+OF_BOTH = {"mass": "kg", "damping": "N s/m", "stiffness": "N/m"}
 
 
 class BaberNoori(NamedTuple):
@@ -135,10 +129,15 @@ def bouc_wen(stiffness: Scalar, n: Scalar, gamma: Scalar, beta: Scalar) -> Mater
 def conversions(joint: Any, mass: float) -> dict[str, Conversion]:
     """The joint in every convention of this file, by name."""
     baber, benchmark = to_baber_noori(joint, mass), to_benchmark(joint, mass)
+    # Of z as a displacement, and as a force; the exponent decides.
+    n = baber.n
+    length, force = ("1/m", "1/m") if n == 1.0 else (f"1/m^{n:g}", f"N^{1.0 - n:g}/m")
+    baber_units = {**OF_BOTH, "ratio": "1", "beta": length, "gamma": length, "n": "1"}
+    benchmark_units = {**OF_BOTH, "alpha": "N/m", "beta": "1", "gamma": force, "delta": force}
     own = (bouc_wen(mass * float(joint.alpha), baber.n, baber.gamma, baber.beta),)
     return {
-        "Bouc-Wen-Baber-Noori, OpenSees": Conversion(baber._asdict(), BABER_NOORI_UNITS, own),
-        "hysteretic benchmark": Conversion(benchmark._asdict(), BENCHMARK_UNITS),
+        "Bouc-Wen-Baber-Noori, OpenSees": Conversion(baber._asdict(), baber_units, own),
+        "hysteretic benchmark": Conversion(benchmark._asdict(), benchmark_units | {"nu": "1"}),
     }
 
 
