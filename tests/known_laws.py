@@ -13,6 +13,9 @@ THETA = {
         "stiffness_1": 300.0, "slip_1": 5e-4, "stiffness_2": 250.0, "slip_ratio_2": 3.0,
         "stiffness_3": 200.0, "slip_ratio_3": 8.0 / 3.0,
     },
+    "gap_series": {
+        "gap_stiffness": 700.0, "gap_softening": 300.0, "gap_opening": 100.0, "gap": 6e-4,
+    },
     "iwan4": {"iwan_stiffness": 1500.0, "iwan_loss": 217.0, "iwan_chi": -0.3, "iwan_beta": 0.5},
     "masing_exponential": {"exponential_alpha": 497.4, "exponential_b": 373.05},
     "masing_power": {"power_loss": 120.0, "power_exponent": 0.7},

@@ -60,7 +60,7 @@ def measure(
         preset: "laboratory", "paper", "mixed" or a preset of your own.
         seed: Seed of everything random.
         joint: The specimen: a `BoucWen` with nu = 1, or an `Oscillator` such as `SLIDERS` of any
-            laws; the rig has a code of its own for each (`jbw.rig.forces`).
+            laws; the rig has a code of its own for each (`jbw.rig.law_forces`).
         tests: Names of the tests to take, in the order of the preset; all when None.
         repeats: Records of each test; as the preset plans when None.
         noise_std: Laser noise over 0 .. fs/2 [m/s].

@@ -1,25 +1,18 @@
 """The forces of joints as the rig knows them: by their rates and their sliders, small step by step.
 
-Nothing here is shared with the laws of the identification. A law that the rig is to know is one
-line in `FORCES`, and a class where no other has its form: the stiffness at rest, what is kept of
-the past, the rate of what is integrated, what a small step leaves of it in the end, and the force.
+Nothing here is shared with the laws of the identification. A force is one class: the stiffness at
+rest, what is kept of the past, the rate of what is integrated, what a small step leaves of it in
+the end, and the force. `jbw.rig.law_forces` says which stand for a law.
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jbw.errors import ModelError
-from jbw.oscillator.law import Law
-
 MILLIMETRE = 1e-3  # at which a power is stated [m]
-BINS = 300  # of a continuous density of sliders, in the ratio of 1.055 of their slips
-DECADES = 7  # of displacement that they span
-FARTHEST = 0.1  # slip of the last slider of a density that has none [m]
 
 Scalar = Float[Array, ""] | float
 Kept = Any  # of the past: a number or an array, integrated
@@ -179,91 +172,40 @@ class StopForce(Force):
         return self.k * (y - jnp.clip(y, -self.gap, self.gap))
 
 
-def jenkins(theta: Mapping[str, Scalar]) -> list[Force]:
-    """From stiffness_1, slip_1 [m], stiffness_2, slip_ratio_2 [-] to the slip before, ..."""
-    springs = [x for name, x in theta.items() if name.startswith("stiffness")]
-    ratios = (x for name, x in theta.items() if name.startswith("slip"))  # the first one is m
-    return [Sliders(_row(springs), jnp.cumprod(_row(ratios)))]
+class GapForce(Force):
+    """Eq. (2) at nu = 1 behind a gap: keeps the force Z and the place s in the gap, no rates."""
 
+    gap_stiffness: Scalar
+    gap_softening: Scalar
+    gap_opening: Scalar
+    gap: Scalar
 
-def _row(numbers: Iterable[Scalar]) -> Array:
-    return jnp.stack([jnp.asarray(x) for x in numbers])
+    def at_rest(self) -> Kept:
+        """In the middle of the gap."""
+        return 0.0, 0.0
 
+    def rate(self, v: Scalar, z: Kept) -> Kept:
+        """Nothing to integrate."""
+        return 0.0 * z[0], 0.0 * z[1]
 
-def _slips(last: Scalar) -> Array:
-    """Slips that part a density of sliders into bins, from zero to the last one."""
-    return last * jnp.append(0.0, jnp.logspace(-DECADES, 0.0, BINS))
+    def settle(self, before: Kept, dy: Scalar, after: Kept) -> Kept:
+        """By the midpoint rule in contact; what is left of the step after a release is free."""
+        z, s = before
 
+        def slope(force: Scalar) -> Scalar:
+            lost = self.gap_softening * abs(force) + self.gap_opening * jnp.sign(dy) * force
+            return self.gap_stiffness - lost
 
-def _binned(weight: Array, moment: Array) -> Sliders:
-    """A slider for each bin at its centroid, by integrals of the density and of its moment."""
-    springs = jnp.diff(weight)
-    return Sliders(springs, jnp.diff(moment) / springs)
+        held = (z != 0.0) | ((abs(s) >= self.gap) & (s * dy > 0.0))
+        moved = z + dy * slope(z + 0.5 * dy * slope(z))
+        released = held & (moved * s < 0.0)
+        part = jnp.where(released, z / jnp.where(released, z - moved, 1.0), 1.0)
+        free = jnp.where(released, (1.0 - part) * dy, jnp.where(held, 0.0, dy))
+        place = jnp.clip(s + free, -self.gap, self.gap)
+        beyond = jnp.where(held, 0.0, s + free - place)
+        force = jnp.where(held & ~released, moved, self.gap_stiffness * beyond)
+        return force, place
 
-
-def _power_density(r: Scalar, chi: Scalar, last: Scalar) -> Sliders:
-    r"""Sliders of the density $R \varphi^\chi$ to the last slip."""
-    x = _slips(last)
-    return _binned(r * x ** (chi + 1) / (chi + 1), r * x ** (chi + 2) / (chi + 2))
-
-
-def iwan4(theta: Mapping[str, Scalar]) -> list[Force]:
-    """Segalman's density of sliders, and those at its end that slip together."""
-    chi, spread = theta["iwan_chi"], theta["iwan_stiffness"] / (1 + theta["iwan_beta"])
-    r = theta["iwan_loss"] * (chi + 1) * (chi + 2) / MILLIMETRE ** (chi + 1)
-    last = (spread * (chi + 1) / r) ** (1 / (chi + 1))
-    together = Sliders(_row([theta["iwan_beta"] * spread]), _row([last]))
-    return [_power_density(r, chi, last), together]
-
-
-def masing_power(theta: Mapping[str, Scalar]) -> list[Force]:
-    """Sliders of a power density, without the stiffness that they have at rest."""
-    q = theta["power_exponent"]
-    r = theta["power_loss"] * q * (q + 1) / MILLIMETRE**q
-    sliders = _power_density(r, q - 1, FARTHEST)
-    return [sliders, Spring(-sliders.stiffness)]
-
-
-def masing_exponential(theta: Mapping[str, Scalar]) -> list[Force]:
-    r"""Sliders of the density $\alpha b\,e^{-b\varphi}$."""
-    alpha, b = theta["exponential_alpha"], theta["exponential_b"]
-    x = _slips(40.0 / b)  # beyond which are 4e-18 of them
-    passed = jnp.exp(-b * x)
-    return [_binned(-alpha * passed, -alpha * passed * (x + 1 / b))]
-
-
-# Law in a campaign, without the number of a family's member, to the rig's own, side by side.
-FORCES: dict[str, Callable[[Mapping[str, Scalar]], Sequence[Force]]] = {
-    "bouc_wen": lambda theta: [BoucWenForce(**theta)],
-    "bouc_wen_nu": lambda theta: [BoucWenNuForce(**theta)],
-    "cubic": lambda theta: [PowerSpring(theta["cubic"], 3)],
-    "cubic_damping": lambda theta: [Drag(theta["cubic_damping"], 3)],
-    "iwan": iwan4,
-    "jenkins": jenkins,
-    "masing_exponential": masing_exponential,
-    "masing_power": masing_power,
-    "quadratic": lambda theta: [PowerSpring(theta["quadratic"], 2)],
-    "quadratic_damping": lambda theta: [Drag(theta["quadratic_damping"], 2)],
-    "quintic": lambda theta: [PowerSpring(theta["quintic"], 5)],
-    "stop": lambda theta: [StopForce(theta["stop_stiffness"], theta["stop_gap"])],
-}
-
-
-def forces_of(laws: Iterable[Law], number: Callable[[Any], Scalar] = float) -> tuple[Force, ...]:
-    """The rig's own forces of laws, every parameter made a number by `number`."""
-    forces: list[Force] = []
-    for law in laws:
-        if law.name == "bouc_wen" and (nu := getattr(law, "nu", 1.0)) != 1.0:
-            raise ModelError(
-                f"Parameter `joint.nu` of the rig must be 1, but is {nu}.",
-                remedy="The law `bouc_wen_nu` takes any: BoucWenNu.of_bouc_wen(...).",
-            )
-        known = law.name.rstrip("_0123456789")
-        if known not in FORCES:
-            raise ModelError(
-                f"The law `{law.name}` of the joint is none of the rig's: {', '.join(FORCES)}.",
-                why="The rig integrates every law by a code of its own.",
-                remedy="Make records with `simulate`, which takes every law.",
-            )
-        forces += FORCES[known]({name: number(x) for name, x in law.parameters().items()})
-    return tuple(forces)
+    def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
+        """Z."""
+        return z[0]

@@ -1,7 +1,7 @@
 """The specimen, its joint by laws of the rig's own, answers an analog force.
 
 Nothing here is shared with the solvers of the identification: the rig takes the numbers of a joint
-and has its own code for each law (`jbw.rig.forces`).
+and has its own code for each law (`jbw.rig.law_forces`).
 
 It is integrated far finer than it is sampled: classical Runge-Kutta steps, sixteen to a sample,
 under the force as it is between the samples, not under any hold of the samples. With the paper's
@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from jbw.errors import ModelError
 from jbw.oscillator.oscillator import Joint
-from jbw.rig.forces import Force, Scalar, forces_of
+from jbw.rig.forces import Force, Scalar
+from jbw.rig.law_forces import forces_of
 
 SUBSTEPS = 16  # Runge-Kutta steps in a sample
 GRID = 2 * SUBSTEPS  # values of the force in a sample: at the ends and in the middle of each step

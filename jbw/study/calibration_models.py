@@ -36,8 +36,8 @@ from jbw.observables.dataset import Dataset, log_likelihood, stacked
 from jbw.observables.records import Records
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
-from jbw.rig.forces import forces_of
 from jbw.rig.integrator import Specimen, State, doubles, runge_kutta
+from jbw.rig.law_forces import forces_of
 from jbw.study.calibration_designs import Design
 
 WHERE = 0.55  # of a record, where a sweep has just passed the resonance

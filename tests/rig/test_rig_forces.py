@@ -14,8 +14,8 @@ from jbw.oscillator.law import Law
 from jbw.oscillator.laws import LAWS
 from jbw.oscillator.oscillator import Oscillator
 from jbw.rig import measure
-from jbw.rig.forces import FORCES
 from jbw.rig.integrator import GRID, respond
+from jbw.rig.law_forces import FORCES
 
 FS = 1024.0
 FINER = 8  # times the rig's sampling, so that straight lines between samples follow the force

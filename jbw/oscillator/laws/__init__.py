@@ -14,6 +14,7 @@ from jbw.oscillator.law import Law
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.oscillator.laws.bouc_wen_nu import BoucWenNu
 from jbw.oscillator.laws.dampers import CubicDamping, QuadraticDamping
+from jbw.oscillator.laws.gap_series import GapSeries
 from jbw.oscillator.laws.iwan import Iwan4, MasingExponential, MasingPower
 from jbw.oscillator.laws.jenkins import Jenkins, jenkins
 from jbw.oscillator.laws.kinked_springs import Quadratic, Stop
@@ -33,6 +34,7 @@ LAWS: dict[str, Kind] = {
         BoucWenNu,
         Cubic,
         CubicDamping,
+        GapSeries,
         Iwan4,
         Jenkins,
         MasingExponential,

@@ -1,0 +1,287 @@
+r"""Bouc-Wen's law behind a gap: free travel between two contacts, as of a joint with backlash.
+
+Memory is the element's force Z and the place s in the gap, $-b \le s \le b$. While |s| < b
+there is no force; at a contact the element takes what is moved beyond it. A move d in the
+direction $\sigma$ unloads Z to zero, over the travel
+
+$$D_0 = \frac{\log(1 + (\gamma - \delta)|Z|/\alpha)}{\gamma - \delta},$$
+
+then crosses the gap, then loads the element on the other side. Slope and curvature of the force
+jump where Z comes to zero and where contact is made, without any turning point.
+"""
+
+from typing import ClassVar, NamedTuple
+
+import jax.numpy as jnp
+from jax.lax import stop_gradient
+from jaxtyping import Array, Bool, Complex, Float
+
+from jbw.oscillator import generic
+from jbw.oscillator.kinks import Ends, StepPath, kept, kink_impulse, signed, slope_jump_impulse
+from jbw.oscillator.law import Bounds, Law, Loop, Scales
+from jbw.oscillator.laws.bouc_wen import BoucWenLaw
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.steady.waveform import (
+    angle_of,
+    crest,
+    exponentials,
+    gauss_legendre_between,
+    synthesis,
+)
+from jbw.quantities import Quantity
+
+WIDTH = (0.005, 0.9)  # half the gap, over the largest displacement: a wider one is never crossed
+_NODES, _NODES_PER_HARMONIC = 32, 4
+_SERIES = 1e-3  # of log(1 + x) / x: five terms leave 2e-16
+
+Memory = tuple[Scalar, Scalar]  # Z [N/kg] and s [m]
+Contact = tuple[Bool[Array, "..."], Scalar]  # whether the element moves, and c of its slope [1/m]
+
+
+class _Moved(NamedTuple):
+    """A move in one direction: the memory at its end, and where the force kinked on its way.
+
+    Attributes:
+        memory: Z and s at the end.
+        released: Whether Z came to zero.
+        release: Travel until then [m].
+        met: Whether the far contact was made.
+        meeting: Travel until then [m].
+    """
+
+    memory: Memory
+    released: Bool[Array, "..."]
+    release: Scalar
+    met: Bool[Array, "..."]
+    meeting: Scalar
+
+
+class GapSeries(Law):
+    r"""Bouc-Wen's law with nu = 1 in series with a gap.
+
+    At rest the gap is open and the joint has no stiffness: omega_n is the frequency of rest, and
+    in contact the stiffness is $\omega_n^2 + \alpha$. A gap wider than all motion never acts.
+
+    Attributes:
+        gap_stiffness: Stiffness alpha of the element at a contact [1/s^2].
+        gap_softening: Its delta [1/m].
+        gap_opening: Its gamma [1/m].
+        gap: Half of the free travel, b [m].
+    """
+
+    name: ClassVar[str] = "gap_series"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("gap_stiffness", "α_g", "1/s^2", "stiffness of the joint behind the gap", 0.0),
+        Quantity("gap_softening", "δ_g", "1/m", "softening of the joint behind the gap"),
+        Quantity("gap_opening", "γ_g", "1/m", "opening of the joint behind the gap"),
+        Quantity("gap", "b", "m", "half of the free travel", 0.0),
+    )
+
+    gap_stiffness: Scalar
+    gap_softening: Scalar
+    gap_opening: Scalar
+    gap: Scalar
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        """Of the element as for Bouc-Wen's law, up to twice the stiffness of rest."""
+        own = BoucWenLaw.prior(scales)
+        return {
+            "gap_stiffness": (1e-3 * scales.omega_n**2, 2.0 * scales.omega_n**2),
+            "gap_softening": own["delta"],
+            "gap_opening": own["gamma"],
+            "gap": (WIDTH[0] * scales.y_peak, WIDTH[1] * scales.y_peak),
+        }
+
+    @property
+    def element(self) -> BoucWenLaw:
+        """The element behind the gap."""
+        return BoucWenLaw(self.gap_stiffness, self.gap_softening, self.gap_opening)
+
+    def at_rest(self) -> Memory:
+        """In the middle of the gap."""
+        return 0.0, 0.0
+
+    def force(self, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
+        """Z [N/kg]."""
+        return memory[0]
+
+    def stiffness(self) -> Scalar:
+        """None: at rest the gap is open."""
+        return 0.0 * self.gap_stiffness
+
+    def memory_unit(self, omega_n: Scalar) -> Memory:
+        """Of a force and of a displacement."""
+        return 1.0 / omega_n, omega_n
+
+    def branch(self, v: Scalar, memory: Memory) -> Contact:
+        """Whether the element moves, and the constant c of dZ/dy = alpha - c Z."""
+        z, s = memory
+        outward = (jnp.abs(s) >= self.gap) & (signed(s, v) > 0.0)
+        c = signed(self.gap_opening, v) + signed(self.gap_softening, jnp.where(z == 0.0, v, z))
+        return (jnp.asarray(z) != 0.0) | outward, c
+
+    def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
+        """Rates of Z and s."""
+        contact, c = self.branch(v, memory)
+        slope = self.gap_stiffness - c * memory[0]
+        return jnp.where(contact, slope * v, 0.0), jnp.where(contact, 0.0, v)
+
+    def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
+        """After a monotone move of any length, exact."""
+        return self._moved(memory, dy).memory
+
+    def _moved(self, memory: Memory, dy: Scalar) -> _Moved:
+        z, s = memory
+        side = signed(1.0, dy)
+        loaded = side * z < 0.0  # against the direction of the move
+        length = jnp.abs(dy)
+        release = jnp.where(loaded, self._unloading(jnp.where(loaded, jnp.abs(z), 0.0)), 0.0)
+        released = loaded & (length > release)
+        rest = jnp.where(loaded, jnp.maximum(length - release, 0.0), length)
+        free = jnp.where(side * z > 0.0, 0.0, jnp.maximum(self.gap - side * s, 0.0))
+        travel = jnp.minimum(rest, free)
+        meets = (free > 0.0) & (rest > free) & (~loaded | released)
+        # Back towards zero, or on from where the element is: from zero behind the far contact.
+        unloads = loaded & ~released
+        begun = jnp.where(loaded & released, 0.0, z)
+        way = jnp.where(unloads, dy, side * jnp.maximum(rest - free, 0.0))
+        z_1 = self.element.move(0.0, jnp.where(unloads, z, begun), way)
+        z_1 = jnp.where(unloads & (z * z_1 < 0.0), 0.0, z_1)
+        s_1 = jnp.where(unloads | (side * z > 0.0), s, s + side * travel)
+        s_1 = jnp.where(meets, side * self.gap, s_1)
+        return _Moved((z_1, s_1), released, release, meets, release + free)
+
+    def _unloading(self, size: Scalar) -> Scalar:
+        """Travel over which a force of that size unloads to zero, D_0 [m]."""
+        w = size / self.gap_stiffness
+        x = (self.gap_opening - self.gap_softening) * w
+        near = jnp.abs(x) < _SERIES
+        far = jnp.where(near, 1.0, x)
+        series = 1.0 - x * (1 / 2 - x * (1 / 3 - x * (1 / 4 - x * (1 / 5 - x / 6))))
+        return w * jnp.where(near, series, jnp.log1p(far) / far)
+
+    # -- through a time step -----------------------------------------------------------------------
+    def remainder(
+        self, h: Scalar, y: Scalar, v: Scalar, memory: Memory, branch: Contact
+    ) -> tuple[Scalar, Scalar]:
+        """Z, as nothing of it is in omega_n, and h times its rate."""
+        return memory[0], h * v * self._slope(memory[0], branch)
+
+    def bend(
+        self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Memory, branch: Contact
+    ) -> Scalar:
+        """Half of h^2 times its second derivative."""
+        slope = self._slope(memory[0], branch)
+        return 0.5 * h**2 * slope * (a - branch[1] * v**2)
+
+    def _slope(self, z: Scalar, branch: Contact) -> Scalar:
+        contact, c = branch
+        return jnp.where(contact, self.gap_stiffness - c * z, 0.0)
+
+    def glide(
+        self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact
+    ) -> tuple[Memory, Bool[Array, "..."]]:
+        """After a step without a turn, and whether it released the element or made contact."""
+        found = self._moved(memory, dy)
+        return found.memory, found.released | found.met
+
+    def turn(
+        self, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
+    ) -> tuple[Memory, Scalar, Scalar]:
+        r"""Two moves, and the impulses of the turning point, of releases and of contacts.
+
+        With $c = \sigma(\gamma - \delta)$ at a release and $\sigma(\gamma + \delta)$ at a contact,
+        whose jumps have the other sign,
+
+        $$J_1 = \alpha v, \quad J_2 = \alpha (a - c v^2), \quad
+          J_3 = \alpha (\dot a - 3 c v a + c^2 v^3)$$
+        """
+        path = StepPath.through(ends, quartic)
+        direction = jnp.where(ends[0] == 0.0, ends[1], ends[0])
+        first = self._moved(memory, signed(jnp.abs(path.before), direction))
+        second = self._moved(first.memory, path.after)
+        at_turn = first.memory
+        before = self._slope(at_turn[0], self.branch(ends[0], at_turn))
+        after = self._slope(at_turn[0], self.branch(ends[1], at_turn))
+        jump = jnp.where(path.turns, after - before, 0.0)
+        found = kink_impulse(1.0 - path.fraction, jump * path.bend, jump * 6.0 * path.cubic.c_3)
+        impulse_v, impulse_y = found.v, found.y
+        opposite = self.gap_opening - self.gap_softening, self.gap_opening + self.gap_softening
+        for moved, start, here in ((first, 0.0, True), (second, path.before, False)):
+            side = signed(1.0, direction if here else path.after)
+            kinks = (
+                (moved.released, moved.release, -1.0, side * opposite[0]),
+                (moved.met, moved.meeting, 1.0, side * opposite[1]),
+            )
+            for happens, travel, sign, c in kinks:
+                target = start + side * jnp.where(happens, travel, 0.0)
+                s = kept(jnp.where(happens, path.passage(target, first=here), 1.0))
+                v, a, twist = path.cubic.slope(s), path.cubic.bend(s), 6.0 * path.cubic.c_3
+                scale = jnp.where(happens, sign * self.gap_stiffness, 0.0)
+                more = slope_jump_impulse(
+                    1.0 - s,
+                    scale * v,
+                    scale * (a - c * v**2),
+                    scale * (twist - 3.0 * c * v * a + c**2 * v**3),
+                )
+                impulse_v, impulse_y = kept((impulse_v + more[0], impulse_y + more[1]))
+        return second.memory, impulse_v, impulse_y
+
+    def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact) -> Memory:
+        """Z along its tangent and no further than zero, or s as far as the contact."""
+        z, s = memory
+        contact, _ = branch
+        moved = z + self._slope(z, branch) * dy
+        return (
+            jnp.where(contact & (moved * s > 0.0), moved, 0.0),
+            jnp.where(contact, s, jnp.clip(s + dy, -self.gap, self.gap)),
+        )
+
+    # -- along a periodic motion -------------------------------------------------------------------
+    def at_tip(self, y_peak: Scalar) -> Memory:
+        """At the contact, with the tip of the element's own loop of amplitude Y - b."""
+        beyond = jnp.maximum(jnp.asarray(y_peak, float) - self.gap, 0.0)
+        return self.element.at_tip(beyond), jnp.minimum(jnp.asarray(y_peak, float), self.gap)
+
+    def loop(self, y_peak: Scalar) -> Loop:
+        r"""Of y = Y cos(theta): by quadrature, and $\mathrm{Im}\,\kappa = E(Y - b)/(\pi Y^2)$."""
+        y_peak = jnp.asarray(y_peak, float)
+        peak = jnp.where(y_peak > self.gap, y_peak, 1.0)
+        acts = y_peak > self.gap
+        own = self.element.loop(jnp.where(acts, peak - self.gap, 0.0))
+        energy = own.energy(jnp.where(acts, peak - self.gap, 0.0))
+        tip = self.at_tip(jnp.where(acts, peak, 0.0))
+        release = self._unloading(tip[0])
+        places = stop_gradient((peak - release, peak - release - 2.0 * self.gap))
+        angles = [jnp.arccos(jnp.clip(place / stop_gradient(peak), -1.0, 1.0)) for place in places]
+        theta, weights = gauss_legendre_between(_NODES, jnp.zeros_like(peak), *angles, jnp.pi)
+        column = [x[..., None] for x in jnp.broadcast_arrays(peak, tip[0], tip[1])]
+        force = self._falling(column[0] * (1.0 - jnp.cos(theta)), (column[1], column[2]))
+        real = 2.0 / jnp.pi * jnp.sum(weights * force * jnp.cos(theta), -1) / peak
+        damping = energy / (jnp.pi * peak**2)
+        return Loop(jnp.where(acts, real, 0.0), jnp.where(acts, damping, 0.0))
+
+    def _falling(self, travel: Scalar, tip: Memory) -> Scalar:
+        """Force after some travels down from a tip [N/kg]."""
+        column = GapSeries(*(jnp.asarray(x)[..., None] for x in self.parameters().values()))
+        return column._moved(tip, -travel).memory[0]
+
+    def harmonics(
+        self, q: Complex[Array, " harmonic"], max_turns: int
+    ) -> Complex[Array, " harmonic"]:
+        """By quadrature over half a period from the crest, between release and contact."""
+        if max_turns > 2:
+            return generic.harmonics_by_moves(self, q, max_turns)
+        fixed = stop_gradient(q)
+        start = crest(fixed)
+        peak = synthesis(q, start)
+        tip = self.at_tip(peak)
+        release = self._unloading(tip[0])
+        places = stop_gradient((peak - release, peak - release - 2.0 * self.gap))
+        breaks = (angle_of(fixed, start, place) for place in places)
+        num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
+        theta, weights = gauss_legendre_between(num_nodes, start, *breaks, start + jnp.pi)
+        y: Float[Array, " node"] = jnp.sum(exponentials(theta, q.shape[0]) * q, -1).real
+        force = self._moved(tip, jnp.minimum(y - peak, 0.0)).memory[0]
+        return 2.0 / jnp.pi * ((weights * force) @ exponentials(theta, q.shape[0]).conj())
