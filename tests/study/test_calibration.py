@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from guests import Bilinear
 from scipy.stats import binom
 
 from jbw.cli import run as command
@@ -85,8 +86,9 @@ def test_the_simulated_motion_asks_the_rig_for_the_law():
     solved = simulate(SLIDERS, force, designs.FS, hold="band_limited", substeps=8)
     own = models.motion(theta, force, designs.FS, [law.name for law in SLIDERS.laws])
     np.testing.assert_allclose(own[:, 1], solved.v, atol=1e-4 * np.max(np.abs(solved.v)))
-    with pytest.raises(ModelError, match="none of the rig's"):
-        models.motion({**theta, "cubic": jnp.asarray(1.0)}, force, designs.FS, ["cubic"])
+    theta |= {"bilinear_k": jnp.asarray(600.0), "bilinear_yield": jnp.asarray(2e-3)}
+    with pytest.raises(ModelError, match="law `bilinear` of the joint is none of the rig's"):
+        models.motion(theta, force, designs.FS, [Bilinear])  # pyright: ignore[reportArgumentType]
 
 
 def test_the_simulated_kernel_is_reduced_as_a_campaign_is():
