@@ -36,6 +36,7 @@ USUAL = (
     "", "cubic", "quadratic + quadratic_damping", "bouc_wen", "bouc_wen + cubic", "bouc_wen_nu",
     "iwan4", "iwan4 + cubic", "masing_power + cubic", "jenkins_3",
 )  # fmt: skip
+OF_LOOPS = ("gap_series",)  # besides, where force passes through zero along a motion that is given
 NUM_DRAWS = 50  # that the curves' bands are made of
 NUM_AMPLITUDES = 40
 
@@ -75,7 +76,7 @@ def compare_laws(
         DataError: A campaign with nothing to fit.
     """
     require_float64()
-    sets = list(dict.fromkeys([*_chosen(laws), campaign.laws] if laws is None else _chosen(laws)))
+    sets = _usual(campaign) if laws is None else _chosen(laws)
     settings = campaign.settings
     seen = measured(
         campaign.tests, settings, laws=campaign.laws, gain=force_per_unit(campaign), report=report
@@ -154,12 +155,18 @@ def _weigh(
     return weighed, refused
 
 
-def _chosen(laws: Sequence[str | Sequence[str]] | None) -> list[tuple[str, ...]]:
-    """Sets of laws by what names them; of the usual ones those that the register has."""
-    if laws is None:
-        usual = [_parts(one) for one in USUAL]
-        return [one for one in usual if all(_known(name) for name in one)]
-    sets = [_parts(one) if isinstance(one, str) else tuple(one) for one in laws]
+def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
+    """The usual laws that the register has, and the campaign's own."""
+    loops = any(test.traits.is_prescribed for test in campaign.tests)
+    usual = [_parts(one) for one in (*USUAL, *(OF_LOOPS if loops else ()))]
+    known = [one for one in usual if all(_known(name) for name in one)]
+    return list(dict.fromkeys([*known, campaign.laws]))
+
+
+def _chosen(laws: Sequence[str | Sequence[str]]) -> list[tuple[str, ...]]:
+    """Sets of laws by what names them, each once."""
+    parted = (_parts(one) if isinstance(one, str) else tuple(one) for one in laws)
+    sets = list(dict.fromkeys(parted))
     for one in sets:
         laws_named(one)
     return sets

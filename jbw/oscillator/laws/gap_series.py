@@ -141,12 +141,11 @@ class GapSeries(Law):
         rest = jnp.where(loaded, jnp.maximum(length - release, 0.0), length)
         free = jnp.where(side * z > 0.0, 0.0, jnp.maximum(self.gap - side * s, 0.0))
         travel = jnp.minimum(rest, free)
-        meets = (free > 0.0) & (rest > free) & (~loaded | released)
-        # Back towards zero, or on from where the element is: from zero behind the far contact.
         unloads = loaded & ~released
-        begun = jnp.where(loaded & released, 0.0, z)
+        meets = (free > 0.0) & (rest > free) & ~unloads
+        # Back towards zero, or on from where the element is: from zero behind the far contact.
         way = jnp.where(unloads, dy, side * jnp.maximum(rest - free, 0.0))
-        z_1 = self.element.move(0.0, jnp.where(unloads, z, begun), way)
+        z_1 = self.element.move(0.0, jnp.where(released, 0.0, z), way)
         z_1 = jnp.where(unloads & (z * z_1 < 0.0), 0.0, z_1)
         s_1 = jnp.where(unloads | (side * z > 0.0), s, s + side * travel)
         s_1 = jnp.where(meets, side * self.gap, s_1)
