@@ -31,6 +31,8 @@ from jbw.oscillator.steady.waveform import (
 from jbw.quantities import Quantity
 
 WIDTH = (0.005, 0.9)  # half the gap, over the largest displacement: a wider one is never crossed
+# Over the stiffness of rest; over that of a whole loop, where the motion is given.
+STIFFEST = {False: 2.0, True: 20.0}
 _NODES, _NODES_PER_HARMONIC = 32, 4
 _SERIES = 1e-3  # of log(1 + x) / x: five terms leave 2e-16
 
@@ -84,10 +86,10 @@ class GapSeries(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Of the element as for Bouc-Wen's law, up to twice the stiffness of rest."""
-        own = BoucWenLaw.prior(scales)
+        """Of the element as for Bouc-Wen's law, but as stiff as no part of omega_n^2 could be."""
+        own, square = BoucWenLaw.prior(scales), scales.omega_n**2
         return {
-            "gap_stiffness": (1e-3 * scales.omega_n**2, 2.0 * scales.omega_n**2),
+            "gap_stiffness": (1e-3 * square, STIFFEST[scales.forced] * square),
             "gap_softening": own["delta"],
             "gap_opening": own["gamma"],
             "gap": (WIDTH[0] * scales.y_peak, WIDTH[1] * scales.y_peak),
