@@ -50,6 +50,12 @@ OSCILLATOR = (
     Quantity("gain", "gain", "N/kg/V", "force per unit mass and unit of input", 0.0),
 )
 
+# What the modes outside a band add to a response, per force and unit mass of the joint's own mode.
+RESIDUAL_TERMS = (
+    Quantity("residual_upper", "U", "s^2", "static response of the modes above the band"),
+    Quantity("residual_lower", "L", "1", "response times omega^2 of the modes below the band"),
+)
+
 # Responses in the order of the derivative of the displacement.
 MOTION = (
     Quantity("displacement", "y", "m", "displacement"),
@@ -72,7 +78,7 @@ OTHERS = (
     Quantity("log_likelihood", "log L", "1", "log likelihood"),
     Quantity("response", "v", "m/s", "velocity at one instant"),
 )
-BY_NAME = {each.name: each for each in (*OSCILLATOR, *MOTION, *OTHERS)}
+BY_NAME = {each.name: each for each in (*OSCILLATOR, *RESIDUAL_TERMS, *MOTION, *OTHERS)}
 
 
 def derivative_order(response: str) -> int:

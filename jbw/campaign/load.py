@@ -14,7 +14,7 @@ from jbw.measurement.records import Record, Test
 from jbw.quantities import DEFAULT_LAWS
 
 # Keys of a test's table that its record takes as they are.
-SAME = ("name", "level", "dwell", "settle", "delay", "assembly", "run", "periods")
+SAME = ("name", "level", "dwell", "settle", "delay", "assembly", "run", "periods", "residuals")
 
 
 @dataclass(frozen=True)

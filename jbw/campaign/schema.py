@@ -60,6 +60,12 @@ class TestSpec(Table):
         None, "sampling frequency [Hz], or the path of a scalar in the file"
     )
     band: values.Span | None = key(None, "lowest and highest frequency to use [Hz]", [5.0, 40.0])
+    residuals: Literal["auto", "none", "upper", "both"] = key(
+        "auto",
+        "constant terms for modes outside the band, which all tests share: of those above, or of "
+        "those below too; auto: where the fit shows them",
+        "upper",
+    )
     tones: values.Numbers = key((), "frequencies present at once, or in turn if stepped [Hz]")
     dwell: values.Positive = key(NAN, "duration of each step of a stepped test [s]")
     settle: values.NonNegative = key(0.0, "time to discard before the steady state [s]")

@@ -10,6 +10,7 @@ import numpy as np
 
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
+from jbw.identification.residual_terms import stated_terms, term_bounds
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box, Product, bounds_by_name, box
 from jbw.observables.dataset import Dataset, largest_displacement
@@ -33,9 +34,9 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
     gain = None if "gain" in data.held else (known["gain"], min(p.gain_std() for p in data.parts))
     linear = any(part.is_linear for part in data.parts)
     prior = joint_box(settings, scales, gain, data.laws, linear=linear)
-    return box(
-        {name: pair for name, pair in bounds_by_name(prior).items() if name not in data.held}
-    )
+    own = {name: pair for name, pair in bounds_by_name(prior).items() if name not in data.held}
+    stated = term_bounds(stated_terms(data), omega_n, settings.prior)
+    return box(own | stated)
 
 
 def joint_box(

@@ -29,6 +29,7 @@ from jbw.errors import ConfigError, JbwError
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.joint import with_derived
 from jbw.identification.prepare import Fitted, first_fit, refined, refit, reweight
+from jbw.identification.residual_terms import terms_of, with_terms
 from jbw.identification.step import attrs
 from jbw.inference.fit.costly_fit import residual_at
 from jbw.inference.fit.fitting import Fit
@@ -118,13 +119,21 @@ def candidates(
         ready = reweight(key, under(best.laws, data), own.box, own.fit, settings)
         weighing = replace(best, fitted=ready)
         keys = jax.random.split(key, len(found))
-        found = [_again(k, one, ready.data) for k, one in zip(keys, found, strict=True)]
+        terms = terms_of(ready.box)
+        found = [_again(k, one, ready.data, terms) for k, one in zip(keys, found, strict=True)]
     return found, refused
 
 
-def _again(key: Key[Array, ""], one: Candidate, common: Dataset) -> Candidate:
-    """A candidate fitted to the common data, by as many solver steps as it takes."""
+def _again(
+    key: Key[Array, ""], one: Candidate, common: Dataset, terms: tuple[str, ...]
+) -> Candidate:
+    """A candidate fitted to the common data with the common residual terms.
+
+    By as many solver steps as it takes.
+    """
     prior, best = one.fitted.box, one.fitted.fit
+    if terms != terms_of(prior) and "omega_n" in best.theta:
+        prior = with_terms(prior, terms, best.theta["omega_n"])
     data = under(one.laws, common)
     best = refit(best, prior, data)
     if data.has_offsets:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from jbw.identification.linear import LineFit, PooledFit, line_fit, pool
+from jbw.identification.linear import LineFit, PooledFit, Residuals, line_fit, pool
 from jbw.measurement.records import Test, steady
 from jbw.measurement.spectra import FRF, frf
 from jbw.observables.samples import advance
@@ -50,8 +50,9 @@ def linear_step(test: Test, gain: float | None = None) -> LinearStep:
     how = {"response": response, "band": test.band_hz, "window": window, "nperseg": size}
     u = np.stack([(gain or 1.0) * record.channels[record.source] for record in test.records])
     y = np.stack([advance(r.channels[response], test.delay, fs) for r in test.records])
+    terms: Residuals = "none" if test.residuals == "auto" else test.residuals
     fits = tuple(
-        line_fit(frf(one_u, one_y, fs, **how), test.band_hz)
+        line_fit(frf(one_u, one_y, fs, **how), test.band_hz, residuals=terms)
         for one_u, one_y in zip(u, y, strict=True)
     )
     together = frf(u, y, fs, **how)

@@ -26,6 +26,7 @@ from jbw.identification.coordinates import (
     coordinate_box,
     coordinates_sentence,
 )
+from jbw.identification.residual_terms import shown_terms
 from jbw.identification.run_effects import sentence_of, shifts_of, wanted, with_offsets
 from jbw.inference.fit.costly_fit import TOLERANCE, costly_fit, from_search
 from jbw.inference.fit.fitting import Fit, fit
@@ -208,6 +209,10 @@ def reweight(
         data = dataset.with_directions(best.theta, data, dataset.best_offsets(best.theta, data))
         best = refit(best, prior, data)
         best, data = settled(best, prior, data, settings)
+    if (shown := shown_terms(best, prior, data, refit)) is not None:
+        prior, best, said = shown
+        words.append(said)
+        best, data = settled(best, prior, data, settings)
     for law, coordinates in chosen_coordinates(best, settings, data.laws):
         prior = coordinate_box(prior, best.theta, settings, law, coordinates)
         best = refit(best, prior, data, theta=coordinates.from_parameters(best.theta))
@@ -256,8 +261,8 @@ def refit(
     theta: Mapping[str, float] | None = None,
     tolerance: float = TOLERANCE,
 ) -> Fit:
-    """The fit again, from where it ended."""
-    start = inside(theta or best.theta, prior)
+    """The fit again, from where it ended; what it did not know begins at zero."""
+    start = inside(dict.fromkeys(prior.names, 0.0) | dict(theta or best.theta), prior)
     return costly_fit(dataset.stacked, prior, data, starts=start, tolerance=tolerance)
 
 

@@ -137,7 +137,7 @@ def _residual_term(spectra: Spectra) -> Suspect:
         columns,
         lambda found: (
             f"a residual term of the modes beyond the band, {found[0]:.3g} m per unit of the input",
-            "Measure where other modes are small, or restrict the `band`.",
+            'Let the tests take it by `residuals = "both"`, or restrict the `band`.',
         ),
     )
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +89,7 @@ class Test:
         assembly: Which assembly of the joint; empty when there was one.
         run: Which day or run; empty when there was one.
         periods: Whole periods of the excitation in each record; 1 when none were said.
+        residuals: Terms of modes outside the band: auto, none, upper or both.
     """
 
     __test__ = False  # not a pytest class
@@ -104,6 +106,7 @@ class Test:
     assembly: str = ""
     run: str = ""
     periods: int = 1
+    residuals: Literal["auto", "none", "upper", "both"] = "auto"
 
     @property
     def traits(self) -> Kind:

@@ -17,6 +17,8 @@ from jbw.observables.repeats import Repeats, filled, repeats
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
+FINEST = 6e-3  # of the largest displacement: some thousand values a cycle
+
 
 class Loops(Repeated):
     """Prescribed displacement [m] and mean restoring force [N] of several tests.
@@ -42,7 +44,8 @@ class Loops(Repeated):
     ) -> tuple[Self, ...]:
         """Mean force of repeats of one length; what `settle` takes is predicted but not compared.
 
-        Moves of the hysteresis are exact and take no steps.
+        Moves of the hysteresis are exact and take no steps, so that samples much closer together
+        than the loop bends are averaged to one.
         """
         found = [[forced_loop(record) for record in test.records] for test in tests]
         for test, one in zip(tests, found, strict=True):
@@ -53,10 +56,15 @@ class Loops(Repeated):
                 )
         displacement = [np.mean([loop.displacement for loop in one], axis=0) for one in found]
         force = [np.stack([loop.force for loop in one]) for one in found]
+        blocks = [together(y) for y in displacement]
         counted = [
-            (np.arange(rows.shape[1]) >= round(test.settle * one[0].fs)).astype(float)
-            for test, one, rows in zip(tests, found, force, strict=True)
+            (
+                blocks_of(np.arange(float(rows.shape[1])), size) >= round(test.settle * one[0].fs)
+            ).astype(float)
+            for test, one, rows, size in zip(tests, found, force, blocks, strict=True)
         ]
+        displacement = [blocks_of(y, size) for y, size in zip(displacement, blocks, strict=True)]
+        force = [blocks_of(rows, size) for rows, size in zip(force, blocks, strict=True)]
         mean = [rows.mean(axis=0) * keep for rows, keep in zip(force, counted, strict=True)]
         within = [
             np.sum((rows * keep - m) ** 2)
@@ -110,3 +118,22 @@ class Loops(Repeated):
         """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""
         force = np.ptp(np.asarray(self.mean), axis=1)
         return float(np.max(gain * force / np.ptp(np.asarray(self.displacement), axis=1)))
+
+
+def together(displacement: Float[np.ndarray, " time"]) -> int:
+    r"""Neighbours that are averaged: as many as a sine passes in 6e-3 of its amplitude.
+
+    A mean of so few falls short of a peak by $(6\times10^{-3})^2 / 24$ of the amplitude.
+    """
+    moved = np.mean(np.abs(np.diff(displacement))) * np.pi / 2
+    reach = np.max(np.abs(displacement))
+    return max(1, int(FINEST * reach / moved)) if moved > 0 else 1
+
+
+def blocks_of(
+    rows: Float[np.ndarray, "*batch time"], size: int
+) -> Float[np.ndarray, "*batch block"]:
+    """Means of so many neighbours; what the last block lacks is left out."""
+    count = rows.shape[-1] // size
+    whole = rows[..., : count * size]
+    return whole.reshape(*rows.shape[:-1], count, size).mean(axis=-1)

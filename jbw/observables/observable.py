@@ -59,6 +59,8 @@ class Observable(eqx.Module):
             they take no part in the offsets of runs.
         most_misfit: What a fit may leave of a group, over the group; None for anything.
         laws: Names of the laws of the joint; static.
+        residuals: Which residual terms its prediction takes, of those that theta has: none, upper,
+            both or auto; static. None where nothing drives the motion.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ()
@@ -71,6 +73,7 @@ class Observable(eqx.Module):
     most_misfit: ClassVar[float | None] = None
 
     laws: Laws = eqx.field(static=True, kw_only=True, default=DEFAULT_LAWS)
+    residuals: str = eqx.field(static=True, kw_only=True, default="none")
 
     @classmethod
     def reduce(

@@ -92,11 +92,11 @@ class Records(Repeated):
         forms = {form_of(test) for test in tests}
         if len(forms) != 1:
             raise DataError(
-                "Tests reduced together must share sampling frequency, response, length and band, "
-                f"but found {sorted(forms)}.",
+                "Tests reduced together must share sampling frequency, response, length, "
+                f"`residuals` and band, but found {sorted(forms)}.",
                 remedy="Reduce them apart, or cut the records to one length.",
             )
-        fs, response, length, *band_hz = forms.pop()
+        fs, response, length, residuals, *band_hz = forms.pop()
         lines = lines_of(band_hz, length, fs)
         sources = [np.stack([r.channels[r.source] for r in t.records]) for t in tests]
         responses = [
@@ -126,6 +126,7 @@ class Records(Repeated):
             substeps=substeps or substeps_for(_loudest_hz(means, fs), fs, SUBSTEPS),
             periodic=periodic,
             lines=lines,
+            residuals=residuals,
         )
 
     @classmethod
@@ -167,6 +168,7 @@ class Records(Repeated):
                 source,
                 self.fs,
                 response=self.response,
+                residuals=self.residuals,
                 laws=self.laws,
                 substeps=self.substeps,
                 periodic=self.periodic,
@@ -274,12 +276,12 @@ def _slope_at_origin(theta: Theta, data: Records) -> Float[Array, "level value o
     return jax.jacfwd(moved)(jnp.zeros(len(OFFSETS)))
 
 
-def form_of(test: Test) -> tuple[float, str, int, *tuple[float, ...]]:
-    """Sampling frequency, response, length and band, which tests reduced together must share."""
+def form_of(test: Test) -> tuple[float, str, int, str, *tuple[float, ...]]:
+    """Sampling frequency, response, length, residual terms and band: one in tests put together."""
     record = test.records[0]
-    return record.fs, record.response, record.num_samples, *(test.band_hz or ())
+    return record.fs, record.response, record.num_samples, test.residuals, *(test.band_hz or ())
 
 
 def by_form(tests: Sequence[Test]) -> list[list[Test]]:
-    """Tests in groups of one sampling frequency, response and length."""
+    """Tests in groups of one form, which are reduced together."""
     return [list(same) for _, same in groupby(sorted(tests, key=form_of), key=form_of)]

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.errors import DataError
+from jbw.observables.residual_terms import added_response, taken
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.response import Response, simulate
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF
@@ -101,7 +102,17 @@ def response_to(
     fs: float,
     *,
     response: str = "velocity",
+    residuals: str = "none",
+    periodic: bool = False,
     **options: Any,
 ) -> Float[Array, " time"]:
-    """Displacement [m], velocity [m/s] or acceleration [m/s^2] of `motion_under`."""
-    return getattr(motion_under(theta, source, fs, **options), LETTER_OF[response])
+    """Displacement [m], velocity [m/s] or acceleration [m/s^2] of `motion_under`.
+
+    With what the modes outside the band add to it, as far as theta has that and `residuals` say.
+    """
+    motion = motion_under(theta, source, fs, periodic=periodic, **options)
+    own = getattr(motion, LETTER_OF[response])
+    if not (terms := taken(theta, residuals)):
+        return own
+    force = theta["gain"] * source
+    return own + added_response(terms, force, fs, response=response, periodic=periodic)

@@ -19,6 +19,7 @@ from jbw.observables.line_fit import oscillator_through
 from jbw.observables.observable import AmplitudeCurve, Laws, Rows, Theta
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, filled, repeats
+from jbw.observables.residual_terms import receptance, taken
 from jbw.observables.spectra import Spectrum, of_lines
 from jbw.oscillator.oscillator import Joint, as_oscillator, oscillator_of
 from jbw.oscillator.steady.balance import refined
@@ -64,12 +65,17 @@ class Points(Repeated):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Harmonics of all tests side by side."""
-        groups = groups_of(tests)
-        return (cls.of(groups, laws=laws),) if groups else ()
+        """Harmonics of all tests side by side; apart only where they take other residual terms."""
+        parts = []
+        for residuals in dict.fromkeys(test.residuals for test in tests):
+            groups = groups_of([test for test in tests if test.residuals == residuals])
+            parts += [cls.of(groups, laws=laws, residuals=residuals)] if groups else []
+        return tuple(parts)
 
     @classmethod
-    def of(cls, groups: Sequence[Group], *, laws: Laws = DEFAULT_LAWS) -> Self:
+    def of(
+        cls, groups: Sequence[Group], *, laws: Laws = DEFAULT_LAWS, residuals: str = "none"
+    ) -> Self:
         """Groups side by side; those with the same omega, load and motion share their points."""
         tests: dict[bytes, int] = {}
         omega, load, motion, first = [], [], [], []
@@ -104,6 +110,7 @@ class Points(Repeated):
             ),
             of_force=tuple(group.of_force for group in groups),
             unit_of_group=tuple(group.unit for group in groups),
+            residuals=residuals,
         )
 
     @classmethod
@@ -154,7 +161,7 @@ class Points(Repeated):
         if of_force.any():
             forced = force_of(theta, self)[self.point] / theta["gain"]
         if not of_force.all():
-            moved = motion_of(theta, self)[self.point, column]
+            moved = (motion_of(theta, self) + added_motion(theta, self))[self.point, column]
         return self.factor * jnp.where(of_force[:, None], forced, moved)
 
     def misfit(self, theta: Theta) -> Float[Array, "group part"]:
@@ -212,14 +219,25 @@ def motion_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, "point
     )
 
 
+def added_motion(
+    theta: Mapping[str, Array], data: Points
+) -> Complex[Array, "point harmonic"] | Float[Array, ""]:
+    """What modes outside the band add to the odd harmonics of the displacement [m]."""
+    if not (terms := taken(theta, data.residuals)):
+        return jnp.zeros(())
+    orders = jnp.arange(1, 2 * NUM_HARMONICS, 2)
+    return receptance(terms, orders * data.omega[:, None]) * theta["gain"] * data.load
+
+
 def force_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, " point"]:
     r"""Fundamental force per unit mass that the measured fundamental takes [N/kg]: eqs. (1), (2).
 
     $$F_1 = (k - \omega^2 + 2j\zeta\omega_n\omega + K(|Y_1|) + jC(|Y_1|))\,Y_1$$
 
-    The third harmonic of the motion, which a controller leaves free, changes it by 3e-4 at most.
+    with Y_1 the joint's own: what was measured, less what the modes outside the band add to it. The
+    third harmonic of the motion, which a controller leaves free, changes it by 3e-4 at most.
     """
-    joint, y = oscillator_of(theta, data.laws), data.motion[:, 0]
+    joint, y = oscillator_of(theta, data.laws), (data.motion - added_motion(theta, data))[:, 0]
     stiffness = joint.k - data.omega**2 + 2j * joint.zeta * joint.omega_n * data.omega
     return (stiffness + equivalent_stiffness(joint, jnp.abs(y))) * y
 

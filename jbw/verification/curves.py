@@ -25,7 +25,7 @@ from jbw.observables.harmonic_groups import (
     stepped_groups,
     tone_groups,
 )
-from jbw.observables.steady import Points, force_of, motion_of
+from jbw.observables.steady import Points, added_motion, force_of, motion_of
 from jbw.quantities import UNIT_OF
 from jbw.verification.bands import QUANTILE_AXIS, errors, gaussian_band, phase_near, polar
 from jbw.verification.predicted import Predicted, Source, carry, noise_of, of_repeats
@@ -68,11 +68,20 @@ def predict_curve(source: Source, test: Test) -> Predicted:
 
 def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
     """Harmonics of all curves at once: the force's where a response was held, else its own."""
+    found: dict[int, Predicted] = {}
+    for residuals in dict.fromkeys(curve.test.residuals for curve in curves):
+        own = [i for i, curve in enumerate(curves) if curve.test.residuals == residuals]
+        predicted = _predict_alike(source, [curves[i] for i in own], residuals)
+        found |= zip(own, predicted, strict=True)
+    return [found[i] for i in range(len(curves))]
+
+
+def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> list[Predicted]:
+    """The same of curves that take the same residual terms."""
     # The force's phase counts from the displacement, the response's from the source. Errors are
     # over real and imaginary parts.
-    if not curves:
-        return []
-    data = Points.of([group for curve in curves for group in curve.groups], laws=source.basis.laws)
+    groups = [group for curve in curves for group in curve.groups]
+    data = Points.of(groups, laws=source.basis.laws, residuals=residuals)
     # Without the names of their groups tests of one shape share compiled code.
     none = ("",) * len(data.repeats.labels)
     nameless = replace(data, repeats=replace(data.repeats, labels=none, runs=none))
@@ -122,7 +131,8 @@ def _carried(
     moved = np.broadcast_to(np.asarray(data.motion), (size, *data.motion.shape))
     if not held.all():
         moved = _motion(data, draws)
-        values = np.asarray(data.factor) * moved[:, point, column]
+        response = moved + carry(added_motion, draws, data)
+        values = np.asarray(data.factor) * response[:, point, column]
     if held.any():
         values[:, held] = carry(_forces, draws, data)[:, held]
         of_held = np.isin(np.arange(len(data.omega)), point[held][there[held]])

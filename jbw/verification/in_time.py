@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import frf
+from jbw.observables.residual_terms import added_response, taken
 from jbw.observables.samples import advance, in_band, lines_of, motion_under, noise_share
 from jbw.quantities import LETTER_OF, derivative_order, per
 from jbw.verification.bands import QUANTILE_AXIS, band, beside, errors, polar
@@ -47,11 +48,14 @@ class Motion(NamedTuple):
 
 
 def predict_motion(
-    draws: Draws, record: Record, laws: Laws, *, substeps: int = 2
+    draws: Draws, record: Record, laws: Laws, *, substeps: int = 2, residuals: str = "auto"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Response (draw, time) to the measured input of a record, from rest; peak displacement [m]."""
+    """Response (draw, time) to the measured input of a record, from rest; peak displacement [m].
+
+    The peak is of the joint's own mode, without what residual terms add to the response.
+    """
     source = jnp.asarray(record.channels[record.source])
-    return carry(_response, draws, source, record.fs, record.response, substeps, laws)
+    return carry(_response, draws, source, record.fs, record.response, substeps, laws, residuals)
 
 
 def _response(
@@ -61,9 +65,13 @@ def _response(
     response: str,
     substeps: int,
     laws: Laws,
+    residuals: str,
 ) -> tuple[Float[Array, " time"], Float[Array, ""]]:
     motion = motion_under(theta, source, fs, laws=laws, substeps=substeps)
-    return getattr(motion, LETTER_OF[response]), jnp.max(jnp.abs(motion.y))
+    own, peak = getattr(motion, LETTER_OF[response]), jnp.max(jnp.abs(motion.y))
+    if terms := taken(theta, residuals):
+        own += added_response(terms, theta["gain"] * source, fs, response=response, periodic=False)
+    return own, peak
 
 
 def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Motion:
@@ -75,7 +83,9 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
     test = replace(test, records=tuple(on_time), delay=0.0)
     record, steps = test.records[0], substeps or source.basis.substeps
     (model, peak), others = source.carried(
-        lambda draws, laws: predict_motion(draws, record, laws, substeps=steps)
+        lambda draws, laws: predict_motion(
+            draws, record, laws, substeps=steps, residuals=test.residuals
+        )
     )
     alone = {name: response for name, (response, _) in others.items()}
     if not is_measured(test):

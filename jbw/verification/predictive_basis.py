@@ -20,7 +20,7 @@ from jbw.observables.decay import Decays
 from jbw.observables.harmonic_groups import family_of, response_held
 from jbw.observables.observable import OFFSETS
 from jbw.oscillator.laws import quantities_of
-from jbw.quantities import DEFAULT_LAWS
+from jbw.quantities import DEFAULT_LAWS, RESIDUAL_TERMS
 
 NUM_DRAWS = 100  # outer quantiles of 99 % bands need about as many
 SUBSTEPS = 2  # of the solver a sample, for a run that does not say how many its data took
@@ -106,10 +106,11 @@ def parameter_names(laws: Laws) -> tuple[str, ...]:
 def thin(
     posterior: xr.Dataset, num_draws: int, held: Mapping[str, float] | None = None, *, laws: Laws
 ) -> Draws:
-    """At most `num_draws` evenly spaced draws of the joint's parameters and `gain`, by name."""
+    """At most `num_draws` evenly spaced draws of all that a response depends on, by name."""
     keep = evenly_spaced(posterior, num_draws)
     fixed = {name: np.full(len(keep), float(value)) for name, value in (held or {}).items()}
-    names = [name for name in parameter_names(laws) if name in posterior]
+    terms = (quantity.name for quantity in RESIDUAL_TERMS)
+    names = [name for name in (*parameter_names(laws), *terms) if name in posterior]
     return {**fixed, **{name: posterior[name].values.ravel()[keep] for name in names}}
 
 

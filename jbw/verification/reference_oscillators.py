@@ -11,6 +11,7 @@ from jbw.inference.space.box import bounds_about, box
 from jbw.observables.dataset import Dataset, largest_displacement, stacked
 from jbw.observables.loops import Loops
 from jbw.observables.observable import Observable
+from jbw.observables.residual_terms import bounds
 
 LAWS: dict[str, tuple[str, ...]] = {"linear": (), "cubic": ("cubic",)}
 REACH = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
@@ -37,7 +38,8 @@ def references(
     fits are left out, and so are free decays beside other tests: they have errors of another kind.
     """
     y_peak = largest_displacement(data, known["omega_n"])
-    known = {name: value for name, value in known.items() if name in REACH}
+    terms = bounds(known["omega_n"])
+    known = {name: value for name, value in known.items() if name in {*REACH, *terms}}
     even = [part.evenly() for part in data.parts]
     parts = [part for part in even if part is not None]
     parts = parts or [part for part in data.parts if part.own_shifts]
@@ -64,15 +66,17 @@ def _fitted(
 ) -> Reference:
     """The oscillator of one kind with the least relative error."""
     free = [name for name in REACH if name not in held and name in known]
-    bounds = {name: bounds_about(known[name], *REACH[name]) for name in free}
-    start = {name: known[name] for name in free}
+    within = {name: bounds_about(known[name], *REACH[name]) for name in free}
+    terms = bounds(known["omega_n"])
+    within |= {name: terms[name] for name in terms if name in known}
+    start = {name: known[name] for name in within}
     if kind == "cubic":
         most = STIFFEST * known["omega_n"] ** 2 / y_peak**2
-        bounds["cubic"], start["cubic"] = (-most, most), 0.0
+        within["cubic"], start["cubic"] = (-most, most), 0.0
     data = Dataset.of([replace(part, laws=LAWS[kind]) for part in parts], held)
     # An error quoted to two digits needs no closer optimum.
     best = costly_fit(
-        stacked, box(bounds), data, starts=start, max_evaluations=40, tolerance=1e-6
+        stacked, box(within), data, starts=start, max_evaluations=40, tolerance=1e-6
     )  # fmt: skip
     return Reference({**held, **best.theta}, LAWS[kind])
 

@@ -1,0 +1,67 @@
+r"""Residual terms: what the modes outside a band add to the response of the joint's own mode.
+
+$$y(\omega) = y_{joint}(\omega) + \left(U + \frac{L}{\omega^2}\right) g\,u(\omega)$$
+
+with U of the modes above and L of those below, a rigid body among them, both real. In a narrow band
+the two are one number. They belong to the place where the response is measured, so that all tests
+share them, and they are parameters like omega_n: absent from theta, there is nothing to add.
+
+Reference:
+    Ewins (2000), Modal Testing, section 4.4.
+"""
+
+from collections.abc import Mapping
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Inexact
+
+from jbw.quantities import RESIDUAL_TERMS, derivative_order
+
+UPPER, LOWER = (quantity.name for quantity in RESIDUAL_TERMS)
+# What a test may take of them, by what its campaign says.
+TAKEN: Mapping[str, tuple[str, ...]] = {
+    "none": (), "upper": (UPPER,), "both": (UPPER, LOWER), "auto": (UPPER, LOWER)
+}  # fmt: skip
+DRIVEN = 0.05  # of the largest line of an input: below, 1 / omega^2 would raise what is noise
+LARGEST = 30.0  # of either, where the mode alone responds with 1 / (2 zeta) at its peak
+
+
+def taken(theta: Mapping[str, Array], residuals: str) -> dict[str, Array]:
+    """The terms that theta has and a test takes, by name."""
+    return {name: theta[name] for name in TAKEN[residuals] if name in theta}
+
+
+def receptance(
+    terms: Mapping[str, Array], omega: Float[Array, "*batch"]
+) -> Inexact[Array, "*batch"]:
+    r"""$U + L / \omega^2$ [m per N/kg]; without L at omega = 0, where it has no limit."""
+    squared = jnp.where(omega > 0, omega, jnp.inf) ** 2
+    return terms.get(UPPER, 0.0) + terms.get(LOWER, 0.0) / squared
+
+
+def added_response(
+    terms: Mapping[str, Array],
+    force: Float[Array, " time"],
+    fs: float,
+    *,
+    response: str,
+    periodic: bool,
+) -> Float[Array, " time"]:
+    """Response to a force per unit mass by the terms alone, in the lines that it drives.
+
+    The record is one period, or at rest before and after.
+    """
+    length = force.shape[-1]
+    padded = length if periodic else 2 * length
+    spectrum = jnp.fft.rfft(force, padded)
+    size = jnp.abs(spectrum)
+    spectrum = jnp.where(size > DRIVEN * jnp.max(size), spectrum, 0.0)
+    omega = 2 * np.pi * np.fft.rfftfreq(padded, 1 / fs)
+    factor = (1j * omega) ** derivative_order(response)
+    return jnp.fft.irfft(factor * receptance(terms, jnp.asarray(omega)) * spectrum, padded)[:length]
+
+
+def bounds(omega_n: float) -> dict[str, tuple[float, float]]:
+    """Bounds of either term by name: thirty times what the mode's own static response is."""
+    return {UPPER: (-LARGEST / omega_n**2, LARGEST / omega_n**2), LOWER: (-LARGEST, LARGEST)}
