@@ -100,7 +100,7 @@ def _source(basis: Basis, test: Test, asked: Request) -> Source:
     def drawn(count: int, one: Basis) -> Draws:
         if route is predict_decay:
             return one.thinned(count, one.decay)
-        return one.draws(count, _gain(basis, test, asked.gain), asked.seed)
+        return one.draws_for(test, count, _gain(basis, test, asked.gain), asked.seed)
 
     own, *others = ((drawn(count, one), one.laws) for count, one in basis.shared(most))
     return Source(basis, own[0], noise=asked.noise, bare=0.0, seed=asked.seed, beside=tuple(others))

@@ -18,7 +18,7 @@ from jbw.measurement.records import INPUTS, RESPONSES, Test
 from jbw.observables.dataset import Dataset, largest_displacement
 from jbw.observables.decay import Decays
 from jbw.observables.harmonic_groups import family_of, response_held
-from jbw.observables.observable import OFFSETS
+from jbw.observables.observable import OFFSETS, run_of
 from jbw.oscillator.laws import quantities_of
 from jbw.quantities import DEFAULT_LAWS, RESIDUAL_TERMS
 
@@ -54,6 +54,9 @@ class Basis:
     # the records' natural frequencies [rad/s].
     decay_facts: Mapping[str, float]
     laws: Laws
+    # Draws of omega_n and zeta of every run that was fitted, beside as many evenly spaced ones of
+    # the posterior; None where runs have no offsets.
+    runs: xr.Dataset | None = None
     # Other laws that predict beside this one, each by its share of the draws; what else is known of
     # the tests and their noise is this one's.
     beside: tuple[tuple[float, "Basis"], ...] = ()
@@ -78,7 +81,30 @@ class Basis:
 
     def draws(self, num_draws: int, gain: float | None = None, seed: int = 0) -> Draws:
         """Parameters of a further run's joint, and the gain [N/kg per unit of the source]."""
-        known = self.thinned(num_draws)
+        key = jax.random.fold_in(jax.random.key(seed), SCATTER_KEY)
+        return scattered(key, self._complete(self.thinned(num_draws), gain), self.scatter)
+
+    def draws_for(
+        self, test: Test, num_draws: int, gain: float | None = None, seed: int = 0
+    ) -> Draws:
+        """The same with omega_n and zeta of the test's own run, where that was fitted."""
+        name = self.run_of(test)
+        if self.runs is None or name is None:
+            return self.draws(num_draws, gain, seed)
+        run = self.runs.sel(run=name)
+        known = self.thinned(run.sizes["draw"])
+        known |= {name: run[name].values for name in OFFSETS}
+        some = np.unique(np.linspace(0, run.sizes["draw"] - 1, num_draws).round().astype(int))
+        return self._complete({name: values[some] for name, values in known.items()}, gain)
+
+    def run_of(self, test: Test) -> str | None:
+        """Name of a test's run among those that were fitted; None of a further run."""
+        known = () if self.runs is None else self.runs["run"].values.tolist()
+        names = (name for name in (run_of(test), family_of(test)) if name in known)
+        return next(names, None) if test.name in self.seen else None
+
+    def _complete(self, known: Draws, gain: float | None) -> Draws:
+        """Draws with a gain that is given, if they have all that a response depends on."""
         if gain is not None:
             known["gain"] = np.full(count_of(known) if known else 0, gain)
         missing = [name for name in parameter_names(self.laws) if name not in known]
@@ -89,8 +115,7 @@ class Basis:
                 if missing == ["gain"]
                 else "Identify from tests that move the mass, such as noise, sweeps or tones.",
             )
-        key = jax.random.fold_in(jax.random.key(seed), SCATTER_KEY)
-        return scattered(key, known, self.scatter)
+        return known
 
 
 def count_of(draws: Mapping[str, Any]) -> int:
@@ -176,6 +201,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
         tree[decay].to_dataset() if decay in tree.groups else posterior,
         json.loads(str(attrs.get("decay", "{}"))),
         laws,
+        tree["runs"].to_dataset() if "runs" in tree.children else None,
     )
 
 

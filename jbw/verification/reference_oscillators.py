@@ -2,27 +2,55 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import bounds_about, box
-from jbw.observables.dataset import Dataset, largest_displacement, stacked
+from jbw.observables.dataset import (
+    Dataset,
+    best_offsets,
+    largest_displacement,
+    stacked,
+    with_directions,
+)
 from jbw.observables.loops import Loops
-from jbw.observables.observable import Observable
+from jbw.observables.observable import OFFSETS, Observable
 from jbw.observables.residual_terms import bounds
 
 LAWS: dict[str, tuple[str, ...]] = {"linear": (), "cubic": ("cubic",)}
 REACH = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
+FREELY = 1e3  # times the scatter of the joint's runs: errors here are relative and weigh little
 STIFFEST = 10.0  # times omega_n^2 at the largest displacement: bound of the cubic stiffness
 
 
 class Reference(NamedTuple):
-    """Parameters of an oscillator that the joint is compared with, and the names of its laws."""
+    """An oscillator that the joint is compared with.
+
+    Attributes:
+        parameters: By name.
+        laws: Names of its laws.
+        runs: Offsets of omega_n and zeta of each run that has them, where the joint's runs do.
+    """
 
     parameters: dict[str, float]
     laws: tuple[str, ...]
+    runs: Mapping[str, Float[np.ndarray, " own"]] = MappingProxyType({})
+
+
+def of_run(
+    references: Mapping[str, Reference], run: str | None
+) -> dict[str, tuple[dict[str, float], tuple[str, ...]]]:
+    """Parameters and laws of every reference, as they are in one run; None for a further one."""
+    found = {}
+    for name, one in references.items():
+        offset = zip(OFFSETS, one.runs.get(run or "", ()), strict=False)  # none of a further run
+        own = {key: one.parameters[key] + float(b) for key, b in offset}
+        found[name] = {**one.parameters, **own}, one.laws
+    return found
 
 
 def references(
@@ -36,6 +64,7 @@ def references(
     with lambda_3 = 0 for the linear one, from omega_n, zeta and gain of the joint on. Every group
     of data counts by its relative error, so that no level is fitted at the others' expense. Line
     fits are left out, and so are free decays beside other tests: they have errors of another kind.
+    Where runs have an omega_n and a zeta of their own beside the joint, they have them here too.
     """
     y_peak = largest_displacement(data, known["omega_n"])
     terms = bounds(known["omega_n"])
@@ -54,6 +83,8 @@ def references(
         else:
             start = found["linear"].parameters if "linear" in found else known
             found[kind] = _fitted(parts, held, start, y_peak, kind)
+            if data.has_offsets:
+                found[kind] = _by_run(found[kind], parts, data)
     return found
 
 
@@ -79,6 +110,14 @@ def _fitted(
         stacked, box(within), data, starts=start, max_evaluations=40, tolerance=1e-6
     )  # fmt: skip
     return Reference({**held, **best.theta}, LAWS[kind])
+
+
+def _by_run(found: Reference, parts: Sequence[Observable], data: Dataset) -> Reference:
+    """The oscillator with the offsets by run that leave least of the groups' relative errors."""
+    even = [replace(part, laws=found.laws) for part in parts]
+    common = replace(Dataset.of(even), scatters=data.scatters, scatter=FREELY * data.scatter)
+    placed = with_directions(found.parameters, common)
+    return found._replace(runs=best_offsets(found.parameters, placed))
 
 
 def _spring(forced: Sequence[Loops], known: Mapping[str, float], kind: str) -> Reference:

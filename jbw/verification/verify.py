@@ -26,7 +26,7 @@ from jbw.verification.in_time import NEAR, Motion, compare_frfs, compare_records
 from jbw.verification.predict import route_of
 from jbw.verification.predicted import ALIKE, Predicted, Source
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
-from jbw.verification.reference_oscillators import references
+from jbw.verification.reference_oscillators import Reference, of_run, references
 from jbw.verification.steady_motion import loop_validation
 
 NUM_FEW = 20  # of the draws, through long records
@@ -47,20 +47,22 @@ def verify(
 ) -> Groups:
     """Every test beside the model and the oscillators without hysteresis, by path in the tree."""
 
-    def source(draws: Draws, data: Dataset, *names: str) -> Source:
+    def simpler(draws: Draws, data: Dataset, *names: str) -> dict[str, Reference]:
         mean = {name: float(np.mean(draws[name])) for name in names or draws}
-        return Source(basis, draws, references(data, mean, settings.compare_with), seed=seed)
+        return references(data, mean, settings.compare_with)
 
     groups: Groups = {}
     if found.data is not None:
         report("Verification and validation: every test against the model, and without hysteresis")
         names = {test.name for test in fitted(tests, settings)}
-        forced = source(basis.draws(NUM_DRAWS, seed=seed), found.data)
-        groups |= _verify_forced(forced, tests, names, found)
+        draws = basis.draws(NUM_DRAWS, seed=seed)
+        source = Source(basis, draws, seed=seed)
+        groups |= _verify_forced(source, simpler(draws, found.data), tests, names, found)
     if found.decays is not None and found.decay_data is not None:
         report("Verification: free decays, frequency and damping against amplitude")
         draws = basis.thinned(NUM_DRAWS, basis.decay)
-        free = source(draws, Dataset.of([found.decay_data]), "omega_n", "zeta")
+        others = simpler(draws, Dataset.of([found.decay_data]), "omega_n", "zeta")
+        free = Source(basis, draws, of_run(others, None), seed=seed)
         together, num_fitted = found.decays.together, len(found.decays.fitted.records)
         order = derivative_order(together.records[0].response)
         unit = float(np.mean(draws["omega_n"])) ** order * basis.y_peak
@@ -75,7 +77,11 @@ def verify(
 
 
 def _verify_forced(
-    source: Source, tests: Sequence[Test], names: set[str], found: Identification
+    source: Source,
+    simpler: Mapping[str, Reference],
+    tests: Sequence[Test],
+    names: set[str],
+    found: Identification,
 ) -> Groups:
     """Verification and validation on every test but free decays; `names` are those fitted."""
     natural_hz = float(np.mean(source.draws["omega_n"])) / (2 * np.pi)
@@ -86,8 +92,12 @@ def _verify_forced(
     names, sweeps = _compared_sweeps(names, found.sweeps)
     band_hz = NEAR[0] * natural_hz, NEAR[1] * natural_hz
     basis = source.basis
-    long = replace(source, draws=basis.draws(NUM_FEW, seed=source.seed))
     groups: Groups = {}
+
+    def beside(test: Test, num_draws: int = NUM_DRAWS) -> Source:
+        """What a test is compared with: all of its own run, where that was fitted."""
+        draws = basis.draws_for(test, num_draws, seed=source.seed)
+        return replace(source, draws=draws, references=of_run(simpler, basis.run_of(test)))
 
     def add(kind: str, name: str, one: Predicted, is_fitted: bool) -> None:
         attrs = {"noise": one.noise.says, **marks(is_fitted)}
@@ -105,24 +115,29 @@ def _verify_forced(
         return {"fitted": int(is_fitted), "offsets": int(len(basis.scatter) > 0)}
 
     for test in sweeps:
-        motion = motion_of(source, test)
+        motion = motion_of(own := beside(test), test)
         add_frf(motion)
-        one = Predicted(compare_records(source, motion), motion.peak, motion.noise)
+        one = Predicted(compare_records(own, motion), motion.peak, motion.noise)
         add("sweep", test.name, one, test.name in names)
     for test in tests:
         if test.traits.is_broadband and not test.is_cyclic:
-            add_frf(motion_of(replace(long, references={}), test, substeps=1))
+            add_frf(motion_of(replace(beside(test, NUM_FEW), references={}), test, substeps=1))
     # Fitted tones of a level make a curve apart from the others.
     validating = {test.name for test in loops}
     rest = [test for test in tests if test.name not in validating]
     curves = curves_of([test for test in rest if test.name in names])
     curves |= curves_of([test for test in rest if test.name not in names], " (held out)")
-    compared = predict_curves(source, list(curves.values()))
-    for (name, curve), one in zip(curves.items(), compared, strict=True):
-        add("curve", name, one, curve.test.name in names)
+    by_run: dict[str | None, list[str]] = {}
+    for name, curve in curves.items():
+        by_run.setdefault(basis.run_of(curve.test), []).append(name)
+    for same in by_run.values():
+        alike = [curves[name] for name in same]
+        compared = predict_curves(beside(alike[0].test), alike)
+        for name, curve, one in zip(same, alike, compared, strict=True):
+            add("curve", name, one, curve.test.name in names)
     for test in tests:
         if test.traits.is_prescribed or test.is_cyclic or has_groups_alone(test):
-            one = route_of(test)(long if test.is_cyclic else source, test)
+            one = route_of(test)(beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS), test)
             add(test.kind, test.name, one, test.name in names)
     for test in loops:
         validated = loop_validation(test, source.draws, basis.laws)
