@@ -8,13 +8,15 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 
 from jbw.inference.lanes import at_points
-from jbw.inference.posterior.finding import Finding, checked
+from jbw.inference.posterior.finding import Finding, Verdict, checked, qualified
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.observables.dataset import Dataset, halved, log_likelihood
 from jbw.observables.effective_values import LEAST_VALUES, coloured_from, correlation_at_one
 
 SHIFT = 0.1  # of a posterior standard deviation: what the solver may move a posterior mean
 NUM_DRAWS = 32
+CLOSE = 0.05  # of every test: a law that leaves no more may be used within it
+OF_MISFIT = ("coloured_residual", "repeatability", "chi_square")  # findings that this may qualify
 TINY = np.finfo(float).tiny
 
 
@@ -98,6 +100,22 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
     )
     action = "Doubt the band (a second mode), `settle`, or the law of the joint."
     return checked("misfit", error[worst] < bounded[worst], reason, error[worst], action)
+
+
+def within_misfit(found: Verdict, error: Mapping[str, float]) -> Verdict:
+    """A verdict in which misfit that is small, and counted by the likelihood, is usable.
+
+    A law that leaves more than noise of long or precise records, but a few per cent of each, is
+    wrong in what it leaves and right in the rest; the intervals have this in them.
+    """
+    worst = max(error, key=lambda label: np.nan_to_num(error[label], nan=np.inf), default=None)
+    if worst is None or not error[worst] <= CLOSE:
+        return found
+    said = (
+        f"The fit leaves {error[worst]:.2g} of {worst}, and less of every other test: within this "
+        "the law may be used, for motions as large as those that were fitted."
+    )
+    return qualified(found, OF_MISFIT, said)
 
 
 def repeatability_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from jbw.inference.posterior.finding import Finding
+from jbw.inference.posterior.finding import Finding, Verdict, qualified
 from jbw.inference.posterior.summary import QUANTILES, evenly_spaced
 from jbw.inference.posterior.verdict import bands_finding
 from jbw.oscillator.laws import quantities_of
@@ -22,6 +22,7 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS, OSCILLATOR
 
 NUM_DRAWS = 200
+KNOWN = 0.2  # of an effect, either way: then it is known, whatever its parameters
 SHARES = (0.1, 0.3, 1.0)  # of the largest amplitude: where the response is looked at
 
 
@@ -105,6 +106,36 @@ def _effects(
     loop = joint.loop(y_peak)
     square = joint.k + loop.stiffness
     return jnp.sqrt(square) / joint.omega_n - 1, loop.damping / (2 * square)
+
+
+def within_response(
+    found: Verdict,
+    posterior: xr.Dataset,
+    held: Mapping[str, Any],
+    y_peak: float,
+    laws: tuple[str, ...] = DEFAULT_LAWS,
+) -> Verdict:
+    """A verdict in which what trades for each other is usable where its effect is known.
+
+    By the 99 % intervals of the change of frequency and of the damping at the largest displacement
+    fitted: what is left open there moves no response up to it.
+    """
+    theta = _joint_draws(posterior, held, laws)
+    if theta is None or not laws or y_peak <= 0:
+        return found
+    shift, added = _effects(theta, y_peak, laws)
+    spans = []
+    for values in (shift, theta["zeta"] + added):
+        low, middle, high = np.quantile(values, QUANTILES)
+        spans.append(float((high - low) / (2 * abs(middle))))
+    if not all(span <= KNOWN for span in spans):
+        return found
+    said = (
+        f"What they do together is known: at {y_peak:.2g} m the change of frequency to "
+        f"{spans[0]:.0%} and the damping to {spans[1]:.0%} (half of the 99 % intervals); use "
+        "products and responses, no parameter alone, and no motion much larger."
+    )
+    return qualified(found, ("unidentified",), said)
 
 
 def effects_sentence(found: Effects, y_peak: float) -> str:

@@ -18,7 +18,12 @@ from jaxtyping import Array, Float, Key
 from jbw.campaign.settings import Identify
 from jbw.identification import accuracy
 from jbw.identification.causes import cause_finding, causes, causes_sentence
-from jbw.identification.equivalent import effects, effects_sentence, response_finding
+from jbw.identification.equivalent import (
+    effects,
+    effects_sentence,
+    response_finding,
+    within_response,
+)
 from jbw.identification.leaving_out import consistency_finding, leave_one_out, left_out_sentence
 from jbw.identification.no_joint import joint_finding, may_be_absent, without_joint
 from jbw.identification.prepare import Fitted, prepare
@@ -81,8 +86,12 @@ def joint_step(
         findings=findings, statements=[*ready.statements, *drawn(posterior.attrs), *words],
         held=ready.data.held, chi_square=ready.chi_square,
     )  # fmt: skip
-    advice = stuck(step.posterior, step.verdict)
-    return replace(step, statements=(*step.statements, *advice)), ready.data
+    left = dataset.left_by_label(ready.fit.residual, ready.data)
+    judged = accuracy.within_misfit(step.verdict, dataset.error_by_label(left, ready.data))
+    draws, y_peak = posterior["posterior"].to_dataset(), _largest(ready.fit, ready.data)
+    judged = within_response(judged, draws, ready.data.held, y_peak, ready.data.laws)
+    advice = stuck(step.posterior, judged)
+    return replace(step, verdict=judged, statements=(*step.statements, *advice)), ready.data
 
 
 def sample_joint(
@@ -251,7 +260,7 @@ def posterior_checks(
         accuracy.solver_finding(posterior[list(prior.names)], data),
         response_finding(posterior, data.held, y_peak, data.laws),
     ]
-    if any(one is not None and one.status == "failed" for one in findings[:3]):
+    if any(one is not None and one.status != "ok" for one in findings[:3]):
         why = causes(best, data)
         findings.append(cause_finding(why))
         words += [causes_sentence(why)] if why else []

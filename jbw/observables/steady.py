@@ -219,12 +219,10 @@ def motion_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, "point
     )
 
 
-def added_motion(
-    theta: Mapping[str, Array], data: Points
-) -> Complex[Array, "point harmonic"] | Float[Array, ""]:
+def added_motion(theta: Mapping[str, Array], data: Points) -> Complex[Array, "point harmonic"]:
     """What modes outside the band add to the odd harmonics of the displacement [m]."""
     if not (terms := taken(theta, data.residuals)):
-        return jnp.zeros(())
+        return jnp.zeros_like(data.load)
     orders = jnp.arange(1, 2 * NUM_HARMONICS, 2)
     return receptance(terms, orders * data.omega[:, None]) * theta["gain"] * data.load
 

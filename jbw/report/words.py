@@ -9,6 +9,7 @@ from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, s
 
 STATUS_WORDS = {
     "ok": "The main posterior can be used.",
+    "usable": "The main posterior can be used within the misfit that it states.",
     "not assessed": "Some checks could not be made: hold the main posterior as provisional.",
     "failed": "The main posterior must not be used as it is.",
 }

@@ -82,9 +82,7 @@ def references(
             found[kind] = _spring(forced, known | held, kind)
         else:
             start = found["linear"].parameters if "linear" in found else known
-            found[kind] = _fitted(parts, held, start, y_peak, kind)
-            if data.has_offsets:
-                found[kind] = _by_run(found[kind], parts, data)
+            found[kind] = _fitted(parts, held, start, y_peak, kind, data)
     return found
 
 
@@ -94,8 +92,9 @@ def _fitted(
     known: Mapping[str, float],
     y_peak: float,
     kind: str,
+    joint: Dataset,
 ) -> Reference:
-    """The oscillator of one kind with the least relative error."""
+    """The oscillator of one kind with the least relative error, by run where the joint is so."""
     free = [name for name in REACH if name not in held and name in known]
     within = {name: bounds_about(known[name], *REACH[name]) for name in free}
     terms = bounds(known["omega_n"])
@@ -106,18 +105,17 @@ def _fitted(
         within["cubic"], start["cubic"] = (-most, most), 0.0
     data = Dataset.of([replace(part, laws=LAWS[kind]) for part in parts], held)
     # An error quoted to two digits needs no closer optimum.
-    best = costly_fit(
-        stacked, box(within), data, starts=start, max_evaluations=40, tolerance=1e-6
-    )  # fmt: skip
-    return Reference({**held, **best.theta}, LAWS[kind])
-
-
-def _by_run(found: Reference, parts: Sequence[Observable], data: Dataset) -> Reference:
-    """The oscillator with the offsets by run that leave least of the groups' relative errors."""
-    even = [replace(part, laws=found.laws) for part in parts]
-    common = replace(Dataset.of(even), scatters=data.scatters, scatter=FREELY * data.scatter)
-    placed = with_directions(found.parameters, common)
-    return found._replace(runs=best_offsets(found.parameters, placed))
+    close = {"max_evaluations": 40, "tolerance": 1e-6}
+    best = costly_fit(stacked, box(within), data, starts=start, **close)
+    if not joint.has_offsets:
+        return Reference({**held, **best.theta}, LAWS[kind])
+    data = replace(data, scatters=joint.scatters, scatter=FREELY * joint.scatter)
+    offsets: Mapping[str, Float[np.ndarray, " own"]] = {}
+    for _ in range(2):  # the second time about the offsets that the first one found
+        data = with_directions(best.theta, data, offsets)
+        best = costly_fit(stacked, box(within), data, starts=best.theta, **close)
+        offsets = best_offsets(best.theta, data)
+    return Reference({**held, **best.theta}, LAWS[kind], offsets)
 
 
 def _spring(forced: Sequence[Loops], known: Mapping[str, float], kind: str) -> Reference:

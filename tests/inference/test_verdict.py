@@ -6,7 +6,8 @@ import xarray as xr
 from scipy.stats import truncnorm
 
 from jbw.cli.about import pages
-from jbw.inference.posterior.finding import ASKED_BY, answers
+from jbw.identification.accuracy import within_misfit
+from jbw.inference.posterior.finding import ASKED_BY, answers, qualified
 from jbw.inference.posterior.verdict import Finding, judge, verdict
 from jbw.inference.space.box import box
 
@@ -198,3 +199,31 @@ def test_the_verdict_answers_three_questions():
 
 def test_every_finding_of_the_law_and_of_knowledge_has_a_page():
     assert set(ASKED_BY) <= set(pages())
+
+
+def looked_at(**statuses):
+    return judge(Finding(code, status, f"Seen {code}.", 1.0) for code, status in statuses.items())
+
+
+def test_the_worst_of_the_findings_is_the_verdict():
+    assert looked_at(r_hat="ok", coloured_residual="usable").status == "usable"
+    assert looked_at(r_hat="not assessed", coloured_residual="usable").status == "not assessed"
+    assert looked_at(r_hat="failed", coloured_residual="usable").status == "failed"
+    assert judge([]).status == "not assessed"
+
+
+@pytest.mark.parametrize(("error", "status"), [(0.049, "usable"), (0.051, "failed")])
+def test_misfit_is_usable_up_to_a_twentieth_of_every_test(error, status):
+    found = looked_at(r_hat="ok", coloured_residual="failed", repeatability="ok")
+    judged = within_misfit(found, {"weak": 0.01, "strong": error})
+    assert judged.status == status
+    assert ("within this the law may be used" in judged.findings[1].reason) == (status == "usable")
+
+
+def test_no_other_failure_becomes_usable():
+    found = looked_at(coloured_residual="failed", simpler_model="failed", r_hat="failed")
+    judged = within_misfit(found, {"sweep": 0.01})
+    assert judged.status == "failed"
+    assert [one.status for one in judged.findings] == ["usable", "failed", "failed"]
+    assert within_misfit(found, {"sweep": np.nan}) == found
+    assert qualified(found, ("r_hat",), "Yet.").findings[2].reason == "Seen r_hat. Yet."

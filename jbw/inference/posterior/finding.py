@@ -1,12 +1,13 @@
 """What a look at a posterior found, and the verdict that follows."""
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-Status = Literal["ok", "failed", "not assessed"]
+Status = Literal["ok", "usable", "failed", "not assessed"]
+WORST_FIRST: tuple[Status, ...] = ("failed", "not assessed", "usable", "ok")
 QUESTIONS = {
     "sampling": "Did the computation converge?",
     "law": "Does the model follow the data?",
@@ -30,7 +31,7 @@ class Finding:
 
     Attributes:
         code: Short name, such as "r_hat".
-        status: Of the three.
+        status: Of the four; usable is what holds within an error that is stated.
         reason: One sentence with the worst quantity by name.
         number: The worst number; NaN where there is none.
         action: What to do; empty when ok.
@@ -45,7 +46,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Findings in their order: failed if any is, else not assessed if any is not, else ok."""
+    """Findings in their order: failed if any is, else not assessed or usable if any is, else ok."""
 
     status: Status
     findings: tuple[Finding, ...]
@@ -54,10 +55,26 @@ class Verdict:
 def judge(findings: Iterable[Finding]) -> Verdict:
     """The verdict that follows from findings; one that says nothing is not assessed."""
     findings = tuple(findings)
-    statuses = {finding.status for finding in findings}
-    if "failed" in statuses:
-        return Verdict("failed", findings)
-    return Verdict("ok" if statuses == {"ok"} else "not assessed", findings)
+    statuses: set[Status] = {finding.status for finding in findings}
+    return Verdict(worst_of(statuses), findings)
+
+
+def worst_of(statuses: Collection[Status]) -> Status:
+    """The worst of some statuses; of none, not assessed."""
+    for one in WORST_FIRST:
+        if one in statuses:
+            return one
+    return "not assessed"
+
+
+def qualified(found: Verdict, codes: Collection[str], said: str) -> Verdict:
+    """A verdict in which findings that failed are usable within what is said of them."""
+    return judge(
+        replace(one, status="usable", reason=f"{one.reason} {said}")
+        if one.code in codes and one.status == "failed"
+        else one
+        for one in found.findings
+    )
 
 
 def checked(code: str, ok: bool | np.bool_, reason: str, number: float, action: str) -> Finding:

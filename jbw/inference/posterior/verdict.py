@@ -10,7 +10,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from jbw.inference.fit.identifiability import weak_direction_of_draws
-from jbw.inference.posterior.finding import Finding, Verdict, checked, judge
+from jbw.inference.posterior.finding import WORST_FIRST, Finding, Verdict, checked, judge
 from jbw.inference.posterior.modes import modes_findings
 from jbw.inference.posterior.summary import Row, diagnose, scalars
 from jbw.inference.space.box import Box, bounds_by_name
@@ -28,7 +28,6 @@ EDGE, PILE = 0.01, 1.5
 CHI_SQUARE = (0.2, 5.0)  # a degree of freedom
 GOOD_KHAT = 0.7  # Pareto shape above which weights cannot be trusted (Vehtari et al. 2024)
 MORE = "Draw more, or start from a fit with its covariance."
-WORST_FIRST = ("failed", "not assessed", "ok")
 QUADRATURE = 1e-3  # change by the last refinement, in nats or standard deviations
 
 
