@@ -24,7 +24,7 @@ from jbw.verification.bands import errors
 from jbw.verification.curves import curves_of, predict_curves
 from jbw.verification.predicted import Source
 from jbw.verification.predictive_basis import basis_of, scattered
-from jbw.verification.reference_oscillators import references
+from jbw.verification.reference_oscillators import of_run, references
 from jbw.verification.steady_motion import predict_loop, predict_periods
 from jbw.verification.verify import place
 
@@ -85,7 +85,7 @@ def test_the_linear_reference_finds_a_linear_oscillator():
     groups = [steady.curve_group(held_curve(level)) for level in (1.0, 2.0)]
     data = Dataset.of([Points.of(groups)])
     known = {**LINEAR, "omega_n": 1.01 * OMEGA_N, "zeta": 2 * ZETA, "gain": 0.8 * GAIN}
-    found, laws = references(data, known)["linear"]
+    found, laws, _ = references(data, known)["linear"]
     assert laws == ()
     for name, truth in (("omega_n", OMEGA_N), ("zeta", ZETA), ("gain", GAIN)):
         assert found[name] == pytest.approx(truth, rel=1e-3)
@@ -151,7 +151,7 @@ def test_a_push_is_met_at_its_truth_and_costs_its_work():
     truth = {**LINEAR, "alpha": 4000.0, "delta": 300.0, "gamma": 100.0}
     draws = {name: np.full(3, value) for name, value in truth.items()}
     springs = references(Dataset.of(Loops.reduce([pushed()])), truth, ("linear", "cubic"))
-    found = predict_loop(source(draws, **springs), pushed()).dataset
+    found = predict_loop(source(draws, **of_run(springs, None)), pushed()).dataset
     assert found.attrs["nrmse"] < 1e-12
     y, s = 0.01, 400.0
     work = (OMEGA_N**2 - 4000.0) * y**2 / 2 + 4000.0 / s * (y - (1 - np.exp(-s * y)) / s)

@@ -17,6 +17,7 @@ from jbw.observables.repeats import Repeats, filled, repeats
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
+LONG = 8192  # samples: a longer record's neighbours are averaged
 FINEST = 6e-3  # of the largest displacement: some thousand values a cycle
 
 
@@ -123,8 +124,11 @@ class Loops(Repeated):
 def together(displacement: Float[np.ndarray, " time"]) -> int:
     r"""Neighbours that are averaged: as many as a sine passes in 6e-3 of its amplitude.
 
-    A mean of so few falls short of a peak by $(6\times10^{-3})^2 / 24$ of the amplitude.
+    Only of records so long that their samples are what a prediction costs. A mean of so few falls
+    short of a peak by $(6\times10^{-3})^2 / 24$ of the amplitude.
     """
+    if len(displacement) <= LONG:
+        return 1
     moved = np.mean(np.abs(np.diff(displacement))) * np.pi / 2
     reach = np.max(np.abs(displacement))
     return max(1, int(FINEST * reach / moved)) if moved > 0 else 1

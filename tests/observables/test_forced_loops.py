@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from jbw.errors import DataError
 from jbw.measurement.records import Record, Test
-from jbw.observables.loops import Loops
+from jbw.observables.loops import Loops, blocks_of, together
 
 FS = 256.0
 THETA = {"omega_n": 60.0, "zeta": 0.0, "alpha": 2000.0, "delta": 90.0, "gamma": 150.0}
@@ -77,3 +77,16 @@ def test_repeats_of_unlike_lengths_are_refused():
     )
     with pytest.raises(DataError, match="must be of one length"):
         Loops.reduce([Test("loop", records, "loop", 0.01)])
+
+
+def test_neighbours_of_a_long_record_are_averaged_and_peaks_kept():
+    cycle = 20_000
+    y = np.sin(2 * np.pi * np.arange(3 * cycle) / cycle)
+    size = together(y)
+    # A sine moves by 2 pi / N at its fastest.
+    assert size == int(6e-3 * cycle / (2 * np.pi))
+    few = blocks_of(y, size)
+    # The mean over an angle a about a peak is 1 - a^2 / 24; blocks need not be centred on it.
+    assert np.max(few) > 1 - (2 * np.pi * size / cycle) ** 2
+    assert together(y[:8000]) == 1
+    assert together(np.zeros(20_000)) == 1
