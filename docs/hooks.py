@@ -1,0 +1,223 @@
+"""What MkDocs asks while the site is built: pages made of the code itself, so that none is a copy.
+
+A line `<!-- make WORDS -->` of a page becomes what `MAKERS` makes of the words: the commands, the
+campaign file's keys, the laws, the figures, or a file of the repository. LaTeX of docstrings becomes
+MathML, which browsers draw without a script.
+"""
+
+import html
+import re
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+MARK = re.compile(r"^<!-- make (\w+)(?: (\S+))? -->$", re.MULTILINE)
+PUBLIC = re.compile(r"^::: jbw\.(\w+)$", re.MULTILINE)
+MATH = re.compile(r'<(div|span) class="arithmatex">\\[\[(](.*?)\\[\])]</\1>', re.DOTALL)
+# Of the theme, and of no use here: sources of its scripts, and search in other languages.
+UNUSED = ("assets/javascripts/lunr", "**/*.map", "assets/hooks.py", "assets/draw_result.py")
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """A page's text with what is made of the code in the place of the marks."""
+    made = MARK.sub(lambda mark: MAKERS[mark[1]](*filter(None, mark.groups()[1:])), markdown)
+    return PUBLIC.sub(lambda name: public(name[1]), made)
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """A page with its formulas as MathML."""
+    return MATH.sub(lambda found: formula(found[2], found[1] == "div"), html)
+
+
+def on_post_build(config: Any, **_: Any) -> None:
+    """The site without files that no page asks for."""
+    import shutil
+
+    for pattern in UNUSED:
+        for path in Path(config.site_dir).glob(pattern):
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def formula(latex: str, displayed: bool) -> str:
+    """LaTeX as MathML."""
+    from latex2mathml.converter import convert
+
+    return convert(html.unescape(latex).strip(), display="block" if displayed else "inline")
+
+
+def public(name: str) -> str:
+    """What mkdocstrings is asked for: a public name, at its home, with an anchor of its own."""
+    import jbw
+
+    home = jbw._HOME.get(name)
+    whole = f"jbw.{home}.{name}" if home else jbw._ROOMS.get(name, f"jbw.{name}")
+    return f"[](){{ #jbw.{name} }}\n\n::: {whole}"
+
+
+def included(path: str) -> str:
+    """A file of the repository, whose links to pages of the site lead there."""
+    text = (ROOT / path).read_text(encoding="utf-8")
+    return re.sub(r"\]\(docs/", "](", text)
+
+
+def commands() -> str:
+    """Every command of `jbw`: its help, how it is called, and its options."""
+    import click
+
+    from jbw.cli import COMMANDS, cli
+
+    parts = []
+    for name in COMMANDS:
+        command = cli.get_command(click.Context(cli), name)
+        assert command is not None
+        context = click.Context(command, info_name=f"jbw {name}")
+        usage = command.get_usage(context).removeprefix("Usage: ")
+        rows = [param.get_help_record(context) for param in command.get_params(context)]
+        parts += [
+            f"## jbw {name}",
+            textwrap.dedent(command.help or ""),
+            f"```sh\n{' '.join(usage.split())}\n```",
+            table(("option", "meaning"), ((code(r[0]), r[1]) for r in rows if r)),
+        ]
+    return "\n\n".join(parts)
+
+
+def campaign_keys() -> str:
+    """Every table and key of a campaign file, from its schema."""
+    from jbw.campaign.document import json_schema
+    from jbw.campaign.schema import CampaignFile
+
+    schema = json_schema(CampaignFile)
+    known = schema["$defs"]
+    parts = []
+    for name, (head, table_name) in {
+        "campaign": ("[campaign]", "Head"),
+        "joint": ("[joint]", "Joint"),
+        "test": ("[[test]]", "TestSpec"),
+        "identify": ("[identify]", "Identify"),
+    }.items():
+        rows = key_rows(known[table_name], known)
+        parts += [
+            f"## `{head}` {{ #{name} }}",
+            schema["properties"][name].get("description", "").capitalize() + ".",
+            table(("key", "value", "meaning", "default", "example"), rows),
+        ]
+    return "\n\n".join(parts)
+
+
+def key_rows(schema: Mapping[str, Any], known: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """A row for each key of a table: what it takes, means, is by default, and an example."""
+    from jbw.campaign.document import toml
+
+    for name, field in schema["properties"].items():
+        default = field.get("default")
+        needed = "**needed**" if name in schema.get("required", ()) else ""
+        yield (
+            code(name),
+            kind_of(field, known),
+            field.get("description", ""),
+            needed or ("" if default is None or default == "" else code(toml(default))),
+            code(toml(field["examples"][0])) if field.get("examples") else "",
+        )
+
+
+def kind_of(field: Mapping[str, Any], known: Mapping[str, Any]) -> str:
+    """The values that a key takes, in words, from its JSON Schema."""
+    if "$ref" in field:
+        return kind_of(known[field["$ref"].rsplit("/", 1)[1]], known)
+    if "anyOf" in field:
+        return " or ".join(dict.fromkeys(kind_of(each, known) for each in field["anyOf"]))
+    if "enum" in field:
+        return ", ".join(code(f'"{each}"') for each in field["enum"])
+    if "const" in field:
+        return code(f'"{field["const"]}"')
+    match field.get("type"):
+        case "array":
+            items = [kind_of(each, known) for each in field.get("prefixItems", ())]
+            return f"[{', '.join(items)}]" if items else f"list of {kind_of(field['items'], known)}"
+        case "object":
+            values = field.get("additionalProperties")
+            inner = kind_of(values, known) if isinstance(values, Mapping) else "value"
+            return f"table name = {inner}"
+        case kind:
+            words = {"integer": "whole number", "boolean": "true or false"}
+            return words.get(str(kind), str(kind or "value"))
+
+
+def kinds() -> str:
+    """The kinds of test."""
+    from jbw.measurement.kinds import KINDS
+
+    return table(("kind", "test"), ((code(k.name), k.meaning) for k in KINDS.values()))
+
+
+def roles() -> str:
+    """The roles of channels, and the units that each may be in."""
+    from jbw.measurement.records import QUANTITIES
+    from jbw.units import FACTORS
+
+    def units(quantities: Iterable[str]) -> str:
+        return ", ".join(code(unit) for each in quantities for unit in FACTORS[each])
+
+    rows = ((code(r), " or ".join(found), units(found)) for r, found in QUANTITIES.items())
+    return table(("role", "quantity", "units"), rows)
+
+
+def laws() -> str:
+    """The laws of the joint, with their parameters."""
+    from jbw.oscillator.laws import LAWS, law_named
+
+    parts = []
+    for name, law in LAWS.items():
+        if not law.table:  # a family: its member of three
+            name, law = f"{name}_N", law_named(f"{name}_3")
+        said = re.sub(r"\s+", " ", (law.__doc__ or "").split("\n\n")[0])
+        rows = ((code(q.name), q.symbol, code(q.unit), q.meaning) for q in law.table)
+        parts += [
+            f"## `{name}`",
+            said,
+            table(("parameter", "symbol", "unit", "meaning"), rows),
+        ]
+    return "\n\n".join(parts)
+
+
+def figure(name: str) -> str:
+    """A figure of the report: what it answers, and what to look for."""
+    from jbw.report.figures import FIGURE_LIST
+
+    (entry,) = [each for each in FIGURE_LIST if each.name == name]
+    return f"### {entry.question} {{ #{name} }}\n\n`{entry.slug}.png`\n\n{entry.caption}"
+
+
+def plan_file() -> str:
+    """The example of a plan file, as `jbw plan --example` prints it."""
+    from click.testing import CliRunner
+
+    from jbw.cli import cli
+
+    return f"```toml\n{CliRunner().invoke(cli, ['plan', '--example']).output}```"
+
+
+def code(text: str) -> str:
+    """Text in code font, within a row of a table."""
+    return f"`{text}`"
+
+
+def table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    """A table in Markdown; bars within a cell are escaped."""
+    cells = [head, ("---",) * len(head), *rows]
+    return "\n".join(f"| {' | '.join(c.replace('|', chr(92) + '|') for c in row)} |" for row in cells)
+
+
+MAKERS: dict[str, Callable[..., str]] = {
+    "include": included,
+    "commands": commands,
+    "campaign": campaign_keys,
+    "kinds": kinds,
+    "roles": roles,
+    "laws": laws,
+    "figure": figure,
+    "plan": plan_file,
+}
