@@ -53,7 +53,8 @@ def public(name: str) -> str:
 
     home = jbw._HOME.get(name)
     whole = f"jbw.{home}.{name}" if home else jbw._ROOMS.get(name, f"jbw.{name}")
-    return f"[](){{ #jbw.{name} }}\n\n::: {whole}"
+    shown = f"    options:\n      heading: jbw.{name}\n      toc_label: {name}"
+    return f"[](){{ #jbw.{name} }}\n\n::: {whole}\n{shown}"
 
 
 def included(path: str) -> str:
