@@ -41,10 +41,12 @@ def on_post_build(config: Any, **_: Any) -> None:
 
 
 def formula(latex: str, displayed: bool) -> str:
-    """LaTeX as MathML."""
+    """LaTeX as MathML; formulas that follow each other on lines of their own come as one."""
     from latex2mathml.converter import convert
 
-    return convert(html.unescape(latex).strip(), display="block" if displayed else "inline")
+    display = "block" if displayed else "inline"
+    parts = re.split(r"\$\$\s*\$\$", html.unescape(latex))
+    return "".join(convert(part.strip(), display=display) for part in parts)
 
 
 def public(name: str) -> str:

@@ -39,6 +39,7 @@ COMMANDS = {
     "predict": ("predict", "Predict tests from a run, measured or planned."),
     "export": ("result", "Write a run's joint for CSV, MATLAB and OpenSees."),
     "explain": ("about", "Say what a finding of the verdict means."),
+    "docs": ("about", "Open the documentation, without a network."),
     "report": ("result", "Write the one-file report of a finished run."),
     "schema": ("about", "Print a file's JSON Schema, for editors."),
     "completion": ("about", "Print what completes jbw in a shell."),

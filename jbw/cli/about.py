@@ -1,13 +1,19 @@
-"""What jbw says of itself: findings explained, JSON Schemas, completion in a shell."""
+"""What jbw says of itself: documentation, findings explained, JSON Schemas, completion."""
 
+import sys
+import webbrowser
 from difflib import get_close_matches
 from importlib.resources import files
+from pathlib import Path
 
 import click
 from click.shell_completion import get_completion_class
 
 from jbw.cli.options import json_option
 from jbw.cli.printing import answer, show_json
+from jbw.errors import RunError
+
+PACKAGE = Path(__file__).parents[1]
 
 
 def pages() -> dict[str, str]:
@@ -69,3 +75,33 @@ def completion(shell: str) -> None:
     if found is None:  # Click knows all three
         raise click.UsageError(f"Click completes nothing in {shell}.")
     click.echo(found(cli, {}, "jbw", "_JBW_COMPLETE").source())
+
+
+def first_page(package: Path) -> Path:
+    """The documentation's first page: packed into the wheel, or built in a clone beside it.
+
+    Raises:
+        RunError: Neither is there.
+    """
+    clone = package.parent
+    places = [package / "site", *([clone / "site"] if (clone / "mkdocs.yml").is_file() else [])]
+    for place in places:
+        if (page := place / "index.html").is_file():
+            return page
+    raise RunError(
+        f"The documentation is not built here: there is no {places[-1] / 'index.html'}.",
+        remedy='Build it in a clone of jbw: pip install -e ".[docs]" && mkdocs build',
+    )
+
+
+@click.command()
+@json_option
+def docs(json_: bool) -> None:
+    """Say where the documentation lies, and open it in a browser where stdout is a terminal.
+
+    It is read from files, without a network.
+    """
+    page = first_page(PACKAGE).resolve()
+    answer(json_, {"page": str(page)}, saved=str(page))
+    if not json_ and sys.stdout.isatty():
+        webbrowser.open(page.as_uri())
