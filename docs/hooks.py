@@ -1,8 +1,8 @@
 """What MkDocs asks while the site is built: pages made of the code itself, so that none is a copy.
 
 A line `<!-- make WORDS -->` of a page becomes what `MAKERS` makes of the words: the commands, the
-campaign file's keys, the laws, the figures, or a file of the repository. LaTeX of docstrings becomes
-MathML, which browsers draw without a script.
+campaign file's keys, the laws, the figures, or a file of the repository. LaTeX of docstrings
+becomes MathML, which browsers draw without a script.
 """
 
 import html
@@ -170,12 +170,12 @@ def roles() -> str:
 
 def laws() -> str:
     """The laws of the joint, with their parameters."""
-    from jbw.oscillator.laws import LAWS, law_named
+    from jbw.oscillator.laws import FAMILIES, LAWS, law_named
 
     parts = []
     for name, law in LAWS.items():
-        if not law.table:  # a family: its member of three
-            name, law = f"{name}_N", law_named(f"{name}_3")
+        if name in FAMILIES:  # told by its member of two
+            name, law = f"{name}_N", law_named(f"{name}_2")
         said = re.sub(r"\s+", " ", (law.__doc__ or "").split("\n\n")[0])
         rows = ((code(q.name), q.symbol, code(q.unit), q.meaning) for q in law.table)
         parts += [
@@ -211,7 +211,9 @@ def code(text: str) -> str:
 def table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     """A table in Markdown; bars within a cell are escaped."""
     cells = [head, ("---",) * len(head), *rows]
-    return "\n".join(f"| {' | '.join(c.replace('|', chr(92) + '|') for c in row)} |" for row in cells)
+    return "\n".join(
+        f"| {' | '.join(c.replace('|', chr(92) + '|') for c in row)} |" for row in cells
+    )
 
 
 MAKERS: dict[str, Callable[..., str]] = {

@@ -4,15 +4,21 @@ if (location.protocol === "file:") {
   window.Worker = class extends EventTarget {
     constructor(url) {
       super()
+      const source = new URL(url, location.href).href.replaceAll('"', "%22")
+      const script = (attributes, text) => `<script${attributes}>${text}</` + "script>"
       this.frame = document.createElement("iframe")
       this.frame.hidden = true
       this.frame.answer = data => this.dispatchEvent(new MessageEvent("message", { data }))
-      const source = new URL(url, location.href).href.replaceAll('"', "%22")
-      this.frame.srcdoc =
-        "<script>postMessage = data => frameElement.answer(data)</" + "script>" +
-        `<script src="${source}"></` + "script>"
-      this.loaded = new Promise(resolve => (this.frame.onload = resolve))
+      this.loaded = new Promise(resolve => (this.frame.begin = resolve))
       document.documentElement.append(this.frame)
+      const inside = this.frame.contentDocument
+      inside.open()
+      inside.write(
+        script("", "postMessage = data => frameElement.answer(data)") +
+          script(` src="${source}"`, "") +
+          script("", "frameElement.begin()")
+      )
+      inside.close()
     }
     postMessage(data) {
       this.loaded.then(() => {

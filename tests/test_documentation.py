@@ -1,0 +1,229 @@
+"""The documentation: it builds strictly, knows all that there is, and what it shows is so."""
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from html import unescape
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+
+import jbw
+from jbw.campaign.schema import parse
+from jbw.cli import COMMANDS, cli, run
+from jbw.cli.about import first_page, pages
+from jbw.errors import RunError
+from jbw.measurement.kinds import KINDS
+from jbw.oscillator.laws import FAMILIES, LAWS
+from jbw.report.figures import FIGURES
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
+each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+
+
+def blocks(page, language):
+    return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+
+
+def commands(page):
+    """Every line of a page's shell blocks that calls jbw, as its words but for redirections."""
+    lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
+    parts = [part.partition(">")[0] for line in lines for part in line.split("&&")]
+    return [shlex.split(part)[1:] for part in parts if part.split()[:1] == ["jbw"]]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site as it is built for release: a warning is an error."""
+    pytest.importorskip("mkdocs", reason="needs the extra `docs`: pip install -e '.[docs]'")
+    folder = tmp_path_factory.mktemp("site")
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", folder],
+        cwd=ROOT, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def article(site, name):
+    """What stands on a page, without the frame about it."""
+    return (site / name).read_text(encoding="utf-8").partition("<article")[2]
+
+
+def in_code(text):
+    """All that stands in code font."""
+    return {
+        unescape(re.sub("<[^>]+>", "", part)) for part in re.findall("<code>(.*?)</code>", text)
+    }
+
+
+def test_nothing_of_another_host_is_loaded(site):
+    for page in site.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        loaded = re.findall(r'<(?:script|link|img|iframe)[^>]*?(?:src|href)="([^"]*)"', text)
+        assert not [link for link in loaded if "//" in link], page.name
+    for sheet in site.rglob("*.css"):
+        assert "url(http" not in sheet.read_text(encoding="utf-8")
+
+
+def test_every_mark_is_made_and_every_formula_drawn(site):
+    for page in site.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert "<!-- make" not in text
+        assert 'class="arithmatex"' not in text
+        assert "$$" not in text
+
+
+def test_every_public_name_is_in_the_reference(site):
+    text = "".join(article(site, page.relative_to(site)) for page in site.glob("reference/*.html"))
+    assert [name for name in jbw.__all__ if f'id="jbw.{name}"' not in text] == []
+
+
+def test_every_command_has_its_options_and_arguments(site):
+    text = article(site, "reference/commands.html")
+    for name in COMMANDS:
+        section = text.partition(f'<h2 id="jbw-{name}">')[2].partition("<h2 ")[0]
+        command = cli.get_command(click.Context(cli), name)
+        assert command is not None
+        plain = unescape(re.sub("<[^>]+>", "", section))
+        for param in command.params:
+            if isinstance(param, click.Option):
+                assert param.opts[0] in plain, (name, param.name)
+            else:
+                assert param.make_metavar(click.Context(command)) in plain, (name, param.name)
+
+
+def test_every_key_of_a_campaign_is_told_with_its_meaning(site, capsys):
+    assert run(["schema"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    text = article(site, "reference/campaign.html")
+    for table, model in (
+        ("campaign", "Head"), ("joint", "Joint"), ("test", "TestSpec"), ("identify", "Identify"),
+    ):  # fmt: skip
+        section = text.partition(f'<h2 id="{table}">')[2].partition("<h2 ")[0]
+        known = in_code(section)
+        plain = unescape(re.sub("<[^>]+>", "", section))
+        for key, field in schema["$defs"][model]["properties"].items():
+            assert key in known, (table, key)
+            assert field["description"].split("*")[0] in plain, (table, key)
+    assert set(KINDS) <= in_code(text)
+
+
+def test_every_law_finding_and_figure_has_its_place(site):
+    laws = in_code(article(site, "reference/laws.html"))
+    # A family stands for its members.
+    assert {name for name in LAWS if name not in FAMILIES} <= laws
+    assert {f"{name}_N" for name in FAMILIES} <= laws
+    findings, figures = article(site, "findings.html"), article(site, "figures.html")
+    assert [code for code in pages() if f'<h2 id="{code}">' not in findings] == []
+    assert [name for name in FIGURES if f'<h3 id="{name}">' not in figures] == []
+
+
+@each_page
+def test_a_command_of_a_page_exists_with_its_options(page, capsys):
+    for words in commands(page):
+        assert words[0] in COMMANDS
+        assert run([words[0], "--help"]) == 0
+        told = capsys.readouterr().out
+        assert [word for word in words if word.startswith("--") and word not in told] == []
+    # What the text itself names, alone or with what follows.
+    named = re.findall(r"`jbw\s+([a-z]+)", page.read_text(encoding="utf-8"))
+    assert set(named) <= set(COMMANDS)
+
+
+@each_page
+def test_a_campaign_of_a_page_is_one(page):
+    for text in blocks(page, "toml"):
+        assert parse(text, page.name).tests
+
+
+@each_page
+def test_python_of_a_page_names_public_things(page):
+    text = "".join(blocks(page, "python"))
+    named = {name for name in re.findall(r"\bjbw\.(\w+)", text)}
+    assert named <= {*jbw.__all__, "report"}
+
+
+def test_the_page_of_a_wheel_comes_first_and_a_stranger_s_site_never(tmp_path):
+    package = tmp_path / "jbw"
+    for place in (package / "site", tmp_path / "site"):
+        place.mkdir(parents=True)
+        (place / "index.html").touch()
+    assert first_page(package) == package / "site" / "index.html"
+    (package / "site" / "index.html").unlink()
+    with pytest.raises(RunError, match="mkdocs build"):  # a folder of that name, and no clone
+        first_page(package)
+    (tmp_path / "mkdocs.yml").touch()
+    assert first_page(package) == tmp_path / "site" / "index.html"
+
+
+def test_docs_prints_its_page_or_how_to_build_it_and_loads_nothing_heavy():
+    code = (
+        "import sys\nfrom jbw.cli import run\ncode = run(['docs', '--json'])\n"
+        "print(sorted({'arviz', 'jax', 'matplotlib'} & set(sys.modules)), file=sys.stderr)\n"
+        "sys.exit(code)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    told = json.loads(done.stdout)
+    assert done.stderr.splitlines()[-1] == "[]"
+    if done.returncode == 0:
+        assert Path(told["page"]).is_file()
+    else:
+        assert "mkdocs build" in told["error"]["remedy"]
+
+
+@pytest.mark.slow  # two minutes, most of them the identification
+def test_the_tutorial_is_so(tmp_path, monkeypatch, capsys):
+    page = DOCS / "tutorial.md"
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "page"}
+    first, last = blocks(page, "python")
+    exec(compile(first, "tutorial.md, first", "exec"), names)
+    drafting, *rest = commands(page)
+    assert run(drafting) == 0
+    draft = Path("beam/campaign.toml")
+    assert "CHECK" in draft.read_text(encoding="utf-8")
+    (campaign,) = blocks(page, "toml")
+    draft.write_text(campaign, encoding="utf-8")
+    for words in rest:
+        assert run(words) == 0, words
+    exec(compile(last, "tutorial.md, last", "exec"), names)
+    study, truth = names["study"], jbw.rig.TRUTH
+    assert study.verdict.status == "ok"
+    for name in ("omega_n", "zeta", "alpha", "delta", "gamma"):
+        draws = study.posterior["posterior"][name]
+        # Five standard deviations: once in 3e5 by chance for each of five parameters.
+        assert abs(draws.mean() - getattr(truth, name)) < 5 * draws.std(), name
+    # The laser's noise of 1e-3 m/s is 1.1 % of the middle sweep; a line misses its softening.
+    middle = study.record["predictions"]["middle"]
+    assert not middle["fitted"]
+    assert middle["nrmse"] < 0.015
+    assert middle["nrmse_linear"] > 0.1
+    for file in ("look", "run/report.html", "run/figures", "run/export/backbone.csv"):
+        assert Path(file).exists()
+    assert "BEYOND" in capsys.readouterr().out  # of the sweep at twice the highest level
+
+
+@pytest.mark.slow  # a minute of NUTS
+def test_a_likelihood_of_one_s_own_mixes(tmp_path, monkeypatch):
+    page = DOCS / "howto" / "likelihood.md"
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "page"}
+    for i, text in enumerate(blocks(page, "python")):
+        exec(compile(text, f"likelihood.md, snippet {i + 1}", "exec"), names)
+    # Noise of the rig's laser in the mean of three records.
+    assert names["noise"] == pytest.approx(1e-3 / np.sqrt(3), rel=0.03)  # 5 sd of its own error
+    table, truth = names["table"], {**vars(jbw.rig.TRUTH), "gain": 15.0}
+    for name, row in table.iterrows():
+        assert row["r_hat"] < 1.03  # 500 draws: its own scatter is about a hundredth
+        assert row["ess_bulk"] > 200
+        assert abs(row["mean"] - truth[name]) < 5 * row["sd"], name
+    extra = names["mcmc"].get_extra_fields()
+    assert extra["diverging"].sum() == 0
+    assert extra["num_steps"].mean() < 20  # gradients a draw: more than that is bad scaling
