@@ -6,11 +6,14 @@ becomes MathML, which browsers draw without a script.
 """
 
 import html
+import json
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
+
+from run_notebooks import NOTEBOOKS, OUTPUTS, cells_of
 
 ROOT = Path(__file__).parents[1]
 MARK = re.compile(r"^<!-- make (\w+)(?: (\S+))? -->$", re.MULTILINE)
@@ -45,7 +48,8 @@ def formula(latex: str, displayed: bool) -> str:
     from latex2mathml.converter import convert
 
     display = "block" if displayed else "inline"
-    parts = re.split(r"\$\$\s*\$\$", html.unescape(latex))
+    numbered = re.sub(r"\\tag\{([^}]*)\}", r"\\qquad\\text{(\1)}", html.unescape(latex))
+    parts = re.split(r"\$\$\s*\$\$", numbered)
     return "".join(convert(part.strip(), display=display) for part in parts)
 
 
@@ -194,6 +198,25 @@ def figure(name: str) -> str:
     return f"### {entry.question} {{ #{name} }}\n\n`{entry.slug}.png`\n\n{entry.caption}"
 
 
+def notebook(name: str) -> str:
+    """A notebook as it stands, and what its cells showed when they were run last."""
+    stored = OUTPUTS / f"{name}.json"
+    shown = json.loads(stored.read_text(encoding="utf-8")) if stored.is_file() else {}
+    parts = []
+    for digest, cell in cells_of(NOTEBOOKS / f"{name}.py"):
+        if cell.cell_type != "code":
+            parts.append(cell.source)
+            continue
+        source = re.sub(r"^%.*\n", "", cell.source, flags=re.MULTILINE)
+        parts.append(f"```python\n{source}\n```" if source.strip() else "")
+        for one in shown.get(digest, ()):
+            text = f"```text\n{one.get('text', '').rstrip()}\n```"
+            parts.append(
+                f"![What the cell above shows](outputs/{one['image']})" if "image" in one else text
+            )
+    return "\n\n".join(parts)
+
+
 def plan_file() -> str:
     """The example of a plan file, as `jbw plan --example` prints it."""
     from click.testing import CliRunner
@@ -224,5 +247,6 @@ MAKERS: dict[str, Callable[..., str]] = {
     "roles": roles,
     "laws": laws,
     "figure": figure,
+    "notebook": notebook,
     "plan": plan_file,
 }
