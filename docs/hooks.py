@@ -86,7 +86,7 @@ def commands() -> str:
             f"## jbw {name}",
             textwrap.dedent(command.help or ""),
             f"```sh\n{' '.join(usage.split())}\n```",
-            table(("option", "meaning"), ((code(r[0]), r[1]) for r in rows if r)),
+            table(("option", "meaning"), ((code(r[0]), r[1]) for r in rows if r and r[1])),
         ]
     return "\n\n".join(parts)
 
@@ -130,12 +130,17 @@ def key_rows(schema: Mapping[str, Any], known: Mapping[str, Any]) -> Iterator[tu
         )
 
 
-def kind_of(field: Mapping[str, Any], known: Mapping[str, Any]) -> str:
-    """The values that a key takes, in words, from its JSON Schema."""
+def kind_of(field: Mapping[str, Any], known: Mapping[str, Any], *, many: bool = False) -> str:
+    """The values that a key takes, in words, from its JSON Schema; `many` of them in a list."""
     if "$ref" in field:
-        return kind_of(known[field["$ref"].rsplit("/", 1)[1]], known)
+        return kind_of(known[field["$ref"].rsplit("/", 1)[1]], known, many=many)
     if "anyOf" in field:
-        return " or ".join(dict.fromkeys(kind_of(each, known) for each in field["anyOf"]))
+        told = [kind_of(each, known) for each in field["anyOf"]]
+        listed = [one for one in field["anyOf"] if one.get("items") in field["anyOf"]]
+        if listed:  # one of something, or a list of the same
+            told = [kind_of(listed[0]["items"], known), "a list of such"]
+            told += [kind_of(e, known) for e in field["anyOf"] if e.get("type") == "object"]
+        return " or ".join(dict.fromkeys(told))
     if "enum" in field:
         return ", ".join(code(f'"{each}"') for each in field["enum"])
     if "const" in field:
@@ -143,14 +148,18 @@ def kind_of(field: Mapping[str, Any], known: Mapping[str, Any]) -> str:
     match field.get("type"):
         case "array":
             items = [kind_of(each, known) for each in field.get("prefixItems", ())]
-            return f"[{', '.join(items)}]" if items else f"list of {kind_of(field['items'], known)}"
+            if items:
+                return f"[{', '.join(items)}]"
+            return f"list of {kind_of(field['items'], known, many=True)}"
         case "object":
             values = field.get("additionalProperties")
-            inner = kind_of(values, known) if isinstance(values, Mapping) else "value"
-            return f"table name = {inner}"
+            told = kind_of(values, known) if isinstance(values, Mapping) else "value"
+            return f"table, name = {told}"
+        case "boolean":
+            return "true or false"
         case kind:
-            words = {"integer": "whole number", "boolean": "true or false"}
-            return words.get(str(kind), str(kind or "value"))
+            word = {"integer": "whole number"}.get(str(kind), str(kind or "value"))
+            return f"{word}s" if many else word
 
 
 def kinds() -> str:
