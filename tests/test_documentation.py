@@ -125,6 +125,11 @@ def test_every_law_finding_and_figure_has_its_place(site):
     assert [name for name in FIGURES if f'<h3 id="{name}">' not in figures] == []
 
 
+def test_every_notebook_has_its_page():
+    notebooks = {path.stem for path in (ROOT / "notebooks").glob("[0-9]*_*.py")}
+    assert {page.stem for page in (DOCS / "notebooks").glob("[0-9]*.md")} == notebooks
+
+
 @each_page
 def test_a_command_of_a_page_exists_with_its_options(page, capsys):
     for words in commands(page):

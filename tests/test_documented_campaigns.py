@@ -1,7 +1,7 @@
-"""The campaign files of the how-to pages, beside records that they describe: `jbw check` is content.
+"""Campaign files of the how-to pages, beside records that they describe: `jbw check` is content.
 
-The records are of linear oscillators by SciPy, and of sliders by a clipped spring: what is looked at
-is that files, channels, units and keys are meant as the pages write them.
+The records are of linear oscillators by SciPy, and of sliders by a clipped spring: what is looked
+at is that files, channels, units and keys are meant as the pages write them.
 """
 
 import re
