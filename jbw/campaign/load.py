@@ -19,27 +19,16 @@ SAME = ("name", "level", "dwell", "settle", "delay", "assembly", "run", "periods
 
 @dataclass(frozen=True)
 class Campaign:
-    """Everything that was measured on one joint, in SI.
-
-    Attributes:
-        name: A short name.
-        folder: Of the campaign file; None of a campaign in memory.
-        tests: In the order of the file.
-        gain: Force per modal mass for one volt [N/kg/V], when known.
-        modal_mass: [kg], when known.
-        settings: The `[identify]` table; a mapping of its keys is taken too.
-        path: Of the campaign file.
-        laws: Names of the laws that stand beside each other across the joint.
-    """
+    """Everything that was measured on one joint, in SI."""
 
     name: str
-    folder: Path | None
-    tests: tuple[Test, ...]
-    gain: float | None = None
-    modal_mass: float | None = None
-    settings: Identify = field(default_factory=Identify)
-    path: Path = Path()
-    laws: tuple[str, ...] = DEFAULT_LAWS
+    folder: Path | None  # of the campaign file; None of a campaign in memory
+    tests: tuple[Test, ...]  # in the order of the file
+    gain: float | None = None  # force per modal mass for one volt [N/kg/V], when known
+    modal_mass: float | None = None  # [kg], when known
+    settings: Identify = field(default_factory=Identify)  # a mapping of its keys is taken too
+    path: Path = Path()  # of the campaign file
+    laws: tuple[str, ...] = DEFAULT_LAWS  # that stand beside each other across the joint
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "settings", Identify.of(self.settings))
