@@ -204,7 +204,10 @@ def figure(name: str) -> str:
     from jbw.report.figures import FIGURE_LIST
 
     (entry,) = [each for each in FIGURE_LIST if each.name == name]
-    return f"### {entry.question} {{ #{name} }}\n\n`{entry.slug}.png`\n\n{entry.caption}"
+    stored = f"figures/{name}.png"
+    shown = f"![{entry.question}]({stored})" if (ROOT / "docs" / stored).is_file() else ""
+    head = f"### {entry.question} {{ #{name} }}"
+    return f"{head}\n\n`{entry.slug}.png`\n\n{shown}\n\n{entry.caption}"
 
 
 def notebook(name: str) -> str:
