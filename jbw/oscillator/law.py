@@ -5,9 +5,8 @@ parameters, a table that names them, and a few functions; `jbw.oscillator.laws` 
 Several laws may stand beside each other in one `Oscillator`.
 
 The oscillator solves the linear part with the stuck stiffness K exactly; a law acts there through
-its remainder $r = F - K y$, which is small and whose rate has few kinks. How a law goes through a
-time step is therefore said by five functions (`branch`, `remainder`, `glide`, `turn`, `shift`) of
-which the defaults need `move`, `force` and `rate` alone.
+its remainder $r = F - K y$, which is small and has few kinks. How it goes through a time step is said
+by `branch`, `remainder`, `glide`, `turn`, `shift`, whose defaults need `move`, `force` and `rate`.
 """
 
 from collections.abc import Mapping
@@ -36,8 +35,8 @@ Memory = Any  # a pytree of scalars: z of Bouc-Wen, the sliders' forces, () of a
 class Law(eqx.Module):
     r"""One force F across the joint, per unit modal mass; its leaves are its parameters.
 
-    A law says its `table`, its `prior` and its `force`; one with a memory says `at_rest` and
-    `rate` too. All else has a generic default here, to be overridden where more is known.
+    A law says `table`, `prior` and `force`, one with a memory `at_rest` and `rate`. All else has a
+    generic default here, to be overridden where more is known.
 
     Attributes:
         name: Name in a campaign, `[joint] laws = ["bouc_wen"]`; a class variable.
@@ -118,11 +117,12 @@ class Law(eqx.Module):
         return generic.slope(self, jnp.zeros(()), rest, jnp.ones(()))
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Memory after a monotone move from y by dy, by Runge and Kutta's rule along the path.
-
-        For laws whose rate is proportional to v.
-        """
+        """Memory after a monotone move from y, by Runge and Kutta for rates proportional to v."""
         return generic.move_by_rates(self, y, memory, dy)
+
+    def follow(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
+        """The same of one of many moves along a record, where `move` would be costly."""
+        return self.move(y, memory, dy)
 
     def at_tip(self, y_peak: Scalar) -> Memory:
         """Memory at y = Y on the steady loop between -Y and Y; the second time there."""

@@ -58,6 +58,11 @@ class Oscillator(eqx.Module):
         pairs = zip(self.laws, memory, strict=True)
         return tuple(law.move(y, own, dy) for law, own in pairs)
 
+    def follow(self, y: Scalar, memory: tuple[Memory, ...], dy: Scalar) -> tuple[Memory, ...]:
+        """The same of one of many moves along a record."""
+        pairs = zip(self.laws, memory, strict=True)
+        return tuple(law.follow(y, own, dy) for law, own in pairs)
+
     def at_tip(self, y_peak: Scalar) -> tuple[Memory, ...]:
         """Memories at y = Y on the steady loops between -Y and Y."""
         return tuple(law.at_tip(y_peak) for law in self.laws)
@@ -89,7 +94,7 @@ class Oscillator(eqx.Module):
         def onward(carry: tuple, y_next: Array) -> tuple[tuple, Array]:
             y_last, memory = carry
             dy = y_next - y_last
-            memory = slow.move(y_last, memory, dy)
+            memory = slow.follow(y_last, memory, dy)
             return (y_next, memory), slow.force(y_next, dy, memory)  # pyright: ignore[reportReturnType]
 
         start = jax.tree.map(lambda x: jnp.asarray(x, float), (0.0, slow.at_rest()))
