@@ -27,7 +27,7 @@ SHOWN = {
         "alpha_gamma": (1e-6, "e6 1/(m s^2)"),
     },
     "brake_reuss_beam": {"omega_n": (1, "rad/s"), "alpha_gamma": (1e-6, "e6 1/(m s^2)")},
-    "brake_reuss_all": {"opening": (1, "1/m"), "cubic": (1e-10, "e10 1/(m^2 s^2)")},
+    "brake_reuss_all": {"omega_n": (1, "rad/s"), "alpha_gamma": (1e-6, "e6 1/(m s^2)")},
     "f16_multisine": {"alpha_delta": (1e-5, "e5 1/(m s^2)"), "alpha_gamma": (1e-5, "e5 1/(m s^2)")},
     "f16_sweep": {"alpha_delta": (1e-5, "e5 1/(m s^2)"), "alpha_gamma": (1e-5, "e5 1/(m s^2)")},
     "hysteretic_benchmark": {"alpha": (1, "1/s^2"), "delta": (1, "1/m"), "gamma": (1, "1/m")},
