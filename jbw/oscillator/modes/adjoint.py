@@ -107,7 +107,7 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
         rise, gain = freely(step, q, v, push)
         return rise, gain, tuple(seen_by_joint(step, q, v, rise, gain, push[2]))
 
-    (rise, gain, seen), pre = jax.jvp(before, (step, push), (step_dot, push_dot))
+    (_, _, seen), pre = jax.jvp(before, (step, push), (step_dot, push_dot))
     memories, tree = jax.tree.flatten(memory)
     arguments = (*seen, *memories)
 
