@@ -201,7 +201,7 @@ def _newton(options: tuple, structure: Structure, start: Point, x_peak: Array):
 
 
 def _motion(options: tuple, structure: Structure, point: Point) -> tuple[Array, Array, Array]:
-    """omega and zeta_eq of a point, and harmonics of the joint's displacement over X."""
+    """Frequency, equivalent damping and harmonics over X of a point."""
     omega = point[0] * structure.omega_n[options[0]]  # pyright: ignore[reportIndexIssue]
     higher = point[2:].reshape(-1, 2)
     shape = jnp.concatenate([jnp.ones(1, complex), higher[:, 0] + 1j * higher[:, 1]])
