@@ -9,14 +9,13 @@ higher harmonics of the joint's displacement; they are found along X, from the s
 """
 
 from functools import partial
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
-from jaxtyping import Array, Complex, Float, Real
+from jaxtyping import Array, ArrayLike, Complex, Float, Real
 
 from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.checks import (
@@ -64,7 +63,7 @@ class ModalBackbone(eqx.Module):
 
 def modal_backbone(
     structure: Structure,
-    x_peak: Real[Any, "*level"],
+    x_peak: Real[ArrayLike, "..."],
     *,
     mode: int,
     num_harmonics: int,

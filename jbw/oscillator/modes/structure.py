@@ -6,11 +6,12 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.checks import is_concrete, require_finite
 from jbw.oscillator.law import Law, Memory
+from jbw.oscillator.parameters import Scalar
 
 _PER_MODE = ("omega_n", "zeta", "h", "p", "b")
 # Of two modes; further apart the higher harmonics of the one do not reach the other.
@@ -28,7 +29,8 @@ class Structure(eqx.Module):
     stiffness of rest: the modes are those of the sticking joint. The motion stays the same under
     h -> s h, p -> s p with laws rescaled, and under b_i, p_i -> t b_i, t p_i with
     c_i, h_i -> c_i/t, h_i/t. With h_1 = p_1 = 1 the laws have the meaning and the units that they
-    have about mode 1 alone; that choice is the caller's. Further joints, as a batch, by `jax.vmap`.
+    have about mode 1 alone; that choice is the caller's. Every field is an array, a number a mode, or
+    one number where there is one mode; `c` may have outputs along its first axis. Further joints, as a batch, by `jax.vmap`.
 
     Attributes:
         omega_n: Natural frequencies, the joint sticking [rad/s].
@@ -40,12 +42,12 @@ class Structure(eqx.Module):
         laws: The forces across the joint.
     """
 
-    omega_n: Float[Array, " mode"] | float
-    zeta: Float[Array, " mode"] | float
-    h: Float[Array, " mode"] | float
-    p: Float[Array, " mode"] | float
-    b: Float[Array, " mode"] | float
-    c: Float[Array, "*output mode"] | float
+    omega_n: Scalar
+    zeta: Scalar
+    h: Scalar
+    p: Scalar
+    b: Scalar
+    c: Scalar
     laws: tuple[Law, ...] = eqx.field(default=(), converter=tuple)
 
     def at_rest(self) -> tuple[Memory, ...]:
