@@ -69,7 +69,7 @@ class Response(eqx.Module):
 def simulate(joint: Structure, u: Input, fs: float, **options: Any) -> StructureResponse: ...
 @overload
 def simulate(joint: Joint, u: Input, fs: float, **options: Any) -> Response: ...
-def simulate(
+def simulate(  # pyright: ignore[reportInconsistentOverload]
     joint: Joint | Structure,
     u: Input,
     fs: float,

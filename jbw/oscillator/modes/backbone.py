@@ -99,8 +99,8 @@ def _require_mode(structure: Structure, mode: int) -> None:
     h, p = structure.h[mode], structure.p[mode]  # pyright: ignore[reportIndexIssue]
     if is_concrete(h, p) and (h == 0.0 or p == 0.0):
         raise ConfigError(
-            f"Mode {mode} of the `Structure` must have `h` and `p` other than 0 to have a backbone, "
-            f"but has h = {float(h):g} and p = {float(p):g}.",
+            f"Mode {mode} of the `Structure` must have `h` and `p` other than 0 to have a "
+            f"backbone, but has h = {float(h):g} and p = {float(p):g}.",
             why="Nothing of it passes through the joint.",
         )
 

@@ -29,8 +29,8 @@ class Structure(eqx.Module):
     stiffness of rest: the modes are those of the sticking joint. The motion stays the same under
     h -> s h, p -> s p with laws rescaled, and under b_i, p_i -> t b_i, t p_i with
     c_i, h_i -> c_i/t, h_i/t. With h_1 = p_1 = 1 the laws have the meaning and the units that they
-    have about mode 1 alone; that choice is the caller's. Every field is an array, a number a mode, or
-    one number where there is one mode; `c` may have outputs along its first axis. Further joints, as a batch, by `jax.vmap`.
+    have about mode 1 alone; that choice is the caller's. A field is an array of a number a mode, or
+    one number where there is one mode. Further joints, as a batch, by `jax.vmap`.
 
     Attributes:
         omega_n: Natural frequencies, the joint sticking [rad/s].

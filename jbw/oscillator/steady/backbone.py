@@ -118,7 +118,7 @@ def frequency_response(
 def frequency_response(
     joint: Joint, omega: ArrayLike, amplitude: ArrayLike, num_harmonics: int = 8, **options: Any
 ) -> Complex[Array, "... freq harmonic"]: ...
-def frequency_response(
+def frequency_response(  # pyright: ignore[reportInconsistentOverload]
     joint: Joint | Structure,
     omega: Float[Array, " freq"],
     amplitude: Real[ArrayLike, "..."],
@@ -156,7 +156,7 @@ def frequency_response(
     require_sense(joint, omega, amplitude, num_harmonics, max_turns)
     solve = partial(_sweep, as_oscillator(joint), omega, amplitude, num_harmonics)
     joint, amplitude = jax.tree.map(lambda leaf: jnp.asarray(leaf)[..., None], (joint, amplitude))
-    return converged(solve, joint, omega, amplitude, max_turns)
+    return converged(solve, joint, omega, amplitude, max_turns)  # pyright: ignore[reportArgumentType]
 
 
 @partial(jax.jit, static_argnums=(3, 4))

@@ -82,7 +82,7 @@ def response_curve(
     num_harmonics: int = 8,
     **options: Any,
 ) -> ResponseCurve: ...
-def response_curve(
+def response_curve(  # pyright: ignore[reportInconsistentOverload]
     joint: Joint | Structure,
     omega_start: float,
     omega_stop: float,

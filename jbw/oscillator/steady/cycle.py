@@ -53,7 +53,7 @@ def steady_state(
 def steady_state(
     joint: Joint, omega: ArrayLike, amplitude: ArrayLike, num_harmonics: int = 8, **options: Any
 ) -> Complex[Array, "... harmonic"]: ...
-def steady_state(
+def steady_state(  # pyright: ignore[reportInconsistentOverload]
     joint: Joint | Structure,
     omega: Real[ArrayLike, "..."],
     amplitude: Real[ArrayLike, "..."],
