@@ -53,12 +53,12 @@ def tables(calls: int) -> list[Table]:
     for name in models:
         own, both = times[name, "forward"], times[name, "gradient"]
         rows.append((name, 1e3 * own, own / base, 1e3 * both, both / own, compile_s[name]))
-    one, three, five = (f"{n} modes" for n in (1, 3, 5))
+    slower = times["3 modes", "forward"] / times["1 modes", "forward"]
     entries = [
-        Target("forward, 3 modes / 1 mode", times[three, "forward"] / times[one, "forward"], 1.4, 1.25),
+        Target("forward, 3 modes / 1 mode", slower, 1.4, 1.25),
         Target("value and gradient / forward, 3 modes", rows[3][4], 4.5, 3.0),
-        Target("value and gradient / forward, 5 modes", times[five, "gradient"] / times[five, "forward"], 5.1, 4.0),
-    ]  # fmt: skip
+        Target("value and gradient / forward, 5 modes", rows[4][4], 5.1, 4.0),
+    ]
     return [Table("Several modes with one joint", COLUMNS, rows), targets(entries)]
 
 

@@ -126,7 +126,8 @@ def compared(found, expected):
 
 # What takes long to compile: the quickest of each kind in every run of the tests.
 LONG = {
-    "Structure", "Structure, backbone", "Structure, steady_state", "frequency_response", "simulate, function", "simulate, initial", "simulate, periodic",
+    "Structure", "Structure, backbone", "Structure, steady_state", "frequency_response",
+    "simulate, function", "simulate, initial", "simulate, periodic",
     "steady_state, laws", "steady_state, restoring",
 }  # fmt: skip
 

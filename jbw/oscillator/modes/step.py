@@ -167,14 +167,7 @@ def freely(
     return rise, gain
 
 
-def seen_by_joint(
-    step: ModalStep,
-    q: Coordinates,
-    v: Coordinates,
-    rise: Coordinates,
-    gain: Coordinates,
-    u: Scalar,
-) -> Seen:
+def seen_by_joint(step: ModalStep, q, v, rise, gain, u: Scalar) -> Seen:
     """The five scalars of the modes that the joint sees."""
     modes = step.modes
     pull = _sum(
@@ -187,14 +180,7 @@ def seen_by_joint(
     return Seen(x, dx, step.input_gain * u - pull, up, faster)
 
 
-def driven(
-    step: ModalStep,
-    q: Coordinates,
-    v: Coordinates,
-    rise: Coordinates,
-    gain: Coordinates,
-    given: Given,
-) -> tuple[Coordinates, Coordinates]:
+def driven(step: ModalStep, q, v, rise, gain, given: Given) -> tuple[Coordinates, Coordinates]:
     """The modes at the end of the step, the joint's force included."""
     forces = given[:4]
 

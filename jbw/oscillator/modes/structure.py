@@ -108,7 +108,7 @@ def admitted(structure: Structure) -> Structure:
             remedy="Give one row an output.",
         )
     _require_modes(structure, values)
-    return Structure(*(values[name] for name in (*_PER_MODE, "c")), structure.laws)
+    return Structure(*(values[name] for name in (*_PER_MODE, "c")), structure.laws)  # pyright: ignore[reportCallIssue]
 
 
 def _require_modes(structure: Structure, values: dict[str, Array]) -> None:
