@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from jbw.oscillator.laws.hysteresis import steady_loop as steady_loop
     from jbw.oscillator.laws.springs import Cubic as Cubic
     from jbw.oscillator.laws.springs import Polynomial as Polynomial
+    from jbw.oscillator.modes.structure import Structure as Structure
+    from jbw.oscillator.modes.structure import internal_resonances as internal_resonances
     from jbw.oscillator.oscillator import BoucWen as BoucWen
     from jbw.oscillator.oscillator import Oscillator as Oscillator
     from jbw.oscillator.paper.kernels import h1 as h1
@@ -68,6 +70,7 @@ _HOME = {
     "Record": "measurement.records",
     "Response": "oscillator.response",
     "RunError": "errors",
+    "Structure": "oscillator.modes.structure",
     "Study": "study.study",
     "Test": "measurement.records",
     "backbone": "oscillator.steady.backbone",
@@ -82,6 +85,7 @@ _HOME = {
     "hysteresis_rate": "oscillator.laws.hysteresis",
     "identifiability": "study.identifiability",
     "identify": "study.identify",
+    "internal_resonances": "oscillator.modes.structure",
     "line_fit": "identification.linear",
     "load_campaign": "campaign.load",
     "load_study": "study.study",

@@ -5,8 +5,8 @@ parameters, a table that names them, and a few functions; `jbw.oscillator.laws` 
 Several laws may stand beside each other in one `Oscillator`.
 
 The oscillator solves the linear part with the stuck stiffness K exactly; a law acts there through
-its remainder $r = F - K y$, which is small and has few kinks. How it goes through a time step is said
-by `branch`, `remainder`, `glide`, `turn`, `shift`, whose defaults need `move`, `force` and `rate`.
+its remainder $r = F - K y$, small and with few kinks. How it goes through a time step is said by
+`branch`, `remainder`, `glide`, `turn`, `shift`, whose defaults need `move`, `force` and `rate`.
 """
 
 from collections.abc import Mapping

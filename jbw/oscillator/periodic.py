@@ -6,13 +6,11 @@ that is compiled anyway, where exact tangents are a second program, four times a
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
-
-from jbw.oscillator.adjoint import Trajectory
-from jbw.oscillator.step import State
 
 MAX_ITERATIONS = 400
 _DIFFERENCE = 1e-7  # of the state, for its slope; less than this the slope does not know
@@ -21,10 +19,11 @@ _TOLERANCE = 1e-12  # rounding over a long period leaves a few parts in 1e13
 
 
 def steady_period(
-    period: Callable[[State], Trajectory], guess: State, unit: State
-) -> tuple[Trajectory, Float[Array, ""]]:
+    period: Callable[[Any], Any], guess: Any, unit: Any
+) -> tuple[Any, Float[Array, ""]]:
     """Trajectory over the period that ends where it starts.
 
+    States are pytrees of scalars, of one mode or several.
     Newton's step is tried and taken where it leaves less of the gap; else one period is marched.
     Derivatives of the result come from the implicit function, exact.
     `unit` makes the leaves of the state comparable with a velocity; the residual is what the state

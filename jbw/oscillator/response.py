@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple, overload
 
 import equinox as eqx
 import jax
@@ -30,6 +30,8 @@ from jbw.oscillator.checks import (
 )
 from jbw.oscillator.hold import input_polynomials
 from jbw.oscillator.law import Memory
+from jbw.oscillator.modes.response import ModalOptions, StructureResponse, simulate_structure
+from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.periodic import steady_period
@@ -63,8 +65,12 @@ class Response(eqx.Module):
     guesses: Float[Array, "..."]
 
 
-def simulate(
-    joint: Joint,
+@overload
+def simulate(joint: Structure, u: Input, fs: float, **options: Any) -> StructureResponse: ...
+@overload
+def simulate(joint: Joint, u: Input, fs: float, **options: Any) -> Response: ...
+def simulate(  # pyright: ignore[reportInconsistentOverload]
+    joint: Joint | Structure,
     u: Input,
     fs: float,
     *,
@@ -75,7 +81,7 @@ def simulate(
     num_samples: int | None = None,
     solver: AbstractSolver | None = None,
     controller: AbstractStepSizeController | None = None,
-) -> Response:
+) -> Response | StructureResponse:
     r"""Response of the oscillator, N samples in and N samples out.
 
     $$\ddot y + 2\zeta\omega_n\dot y + k y + \sum F = u$$
@@ -92,14 +98,15 @@ def simulate(
     eager call raises.
 
     Args:
-        joint: A `BoucWen`, or an `Oscillator` with any laws.
+        joint: A `BoucWen`, an `Oscillator` with any laws, or a `Structure` of several modes.
         u: Input per unit mass at the samples [N/kg], or a function of time [s].
         fs: Sampling rate [Hz].
         hold: Input between the samples: "first" (lines), "zero" (u[n] on [n, n + 1)) or
             "band_limited" (local quintics through FFT slopes and curvatures).
         initial: (y [m], v [m/s]) at t = 0, the first guess when `periodic`; with the memories of
             the laws behind them where they are not at rest: Bouc-Wen's Z alone, or a tuple with
-            the memory of every law as `Oscillator.at_rest` gives it.
+            the memory of every law as `Oscillator.at_rest` gives it. Of a `Structure` one
+            number a mode, (q, q').
         substeps: Integration steps per sample interval.
         periodic: Whether u is one period of a steady test: the steady state is returned.
         num_samples: Number of samples; needed for a callable input, otherwise the length of u.
@@ -118,6 +125,11 @@ def simulate(
     Reference:
         Eqs. (1), (2).
     """
+    if isinstance(joint, Structure):
+        default = ConstantStepSize() if solver else PIDController(rtol=1e-9, atol=1e-12)
+        stock = solver or Dopri8(), controller or default
+        modal = ModalOptions(hold, substeps, periodic, num_samples, solver is None, *stock)
+        return simulate_structure(joint, u, fs, initial, modal)
     oscillator = as_oscillator(joint)
     check_options(fs, hold, substeps, num_samples, callable(u))
     start = initial_state(oscillator, initial)

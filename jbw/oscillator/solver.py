@@ -5,7 +5,7 @@ Time counts samples, $\tau = t f_s$, so that no rounding of 1/fs accumulates ove
 """
 
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import diffrax
 import equinox as eqx
@@ -117,20 +117,24 @@ class HysteresisExact(diffrax.AbstractSolver):
 
 
 def solve_stock(
-    oscillator: Oscillator,
+    oscillator: Any,
     u: Callable[[Scalar], Scalar],
     num_samples: int,
     fs: Scalar,
-    initial: State,
+    initial: Any,
     substeps: int,
     solver: diffrax.AbstractSolver,
     controller: diffrax.AbstractStepSizeController,
-) -> State:
-    """States at the samples; inf from where an adaptive solver gave up. Time counts samples."""
+    field: Callable[[Any, Scalar, Any], Any] = oscillate,
+) -> Any:
+    """States at the samples; inf from where an adaptive solver gave up. Time counts samples.
+
+    `field` gives the rates of a state of the oscillator under an input.
+    """
     leaves, tree = jax.tree.flatten(initial)
 
     def rate(tau, leaves, oscillator):
-        rates = oscillate(oscillator, u(tau), jax.tree.unflatten(tree, leaves))
+        rates = field(oscillator, u(tau), jax.tree.unflatten(tree, leaves))
         return tuple(x / fs for x in jax.tree.leaves(rates))
 
     constant = isinstance(controller, diffrax.ConstantStepSize)

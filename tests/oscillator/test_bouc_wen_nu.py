@@ -117,12 +117,10 @@ def test_short_moves_along_a_record_end_where_scipy_does(nu, tolerance):
     ours = Oscillator(2e2, 0.0, (law,)).force_along(jnp.asarray(y)) - (4e4 - 1e4) * y
     theirs, w = [0.0], 0.0
     for way in np.diff(y):
-        rate = lambda _, w, way=way: (
-            way
-            * (  # noqa: E731
-                1 - (0.3 + 0.5 * np.sign(way * w)) * np.abs(w / 1e-3) ** nu
-            )
-        )
+
+        def rate(_, w, way=way):
+            return way * (1 - (0.3 + 0.5 * np.sign(way * w)) * np.abs(w / 1e-3) ** nu)
+
         w = solve_ivp(rate, (0, 1), [w], method="DOP853", rtol=1e-11, atol=1e-16).y[0, -1]
         theirs.append(1e4 * w)
     np.testing.assert_allclose(ours, theirs, atol=tolerance * np.max(np.abs(theirs)))

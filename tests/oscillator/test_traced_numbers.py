@@ -16,6 +16,7 @@ INPUT = 5.0 * np.sin(2 * np.pi * 18.0 * np.arange(64) / FS)
 SPECTRUM = np.array([1e-3 + 2e-4j, 1e-5 - 3e-6j])
 SHAPE = np.array([0.3, -0.2, 1.0])
 MOTION = 1e-3 * SHAPE
+SECOND = np.array([210.0, 0.006, -1.7, -1.1, 0.7, 0.4])
 
 
 def slipping(j):
@@ -35,6 +36,13 @@ def cubed(cubic, y):
 def beside(j, cubic):
     """A smooth force of the caller's own, a pytree of its number."""
     return jbw.BoucWen(**j, restoring=Partial(cubed, cubic))
+
+
+def structure(j, m):
+    """Two modes, the second of the numbers m."""
+    first = jnp.array([j["omega_n"], j["zeta"], 1.0, 1.0, 1.0, 1.0])
+    law = jbw.laws.BoucWenLaw(j["alpha"], j["delta"], j["gamma"])
+    return jbw.Structure(*jnp.stack([first, jnp.asarray(m)], 1), (law,))
 
 
 def simulated(j, fs, u, **options):
@@ -73,6 +81,13 @@ CASES = {
         np.array([110.0, 117.0]), np.array([0.02, 0.05]),
     ),
     "simulate": (simulated, FS, INPUT),
+    "Structure": (lambda j, m, fs, u: jbw.simulate(structure(j, m), u, fs), SECOND, FS, INPUT),
+    "Structure, steady_state": (
+        lambda j, m, w, a: jbw.steady_state(structure(j, m), w, a, 2), SECOND, 117.0, 0.05,
+    ),
+    "Structure, backbone": (
+        lambda j, m, x: jbw.backbone(structure(j, m), x, num_harmonics=2), SECOND, 1e-3,
+    ),
     "simulate, initial": (
         lambda j, fs, u, y, v, z: simulated(j, fs, u, initial=(y, v, z)), FS, INPUT, 1e-3, 0.1, 0.2,
     ),
@@ -90,7 +105,8 @@ ELSEWHERE = {
     "identifiability", "identify", "laws", "line_fit", "load_campaign", "load_study", "plan_tests",
     "pool", "read", "rig", "sbc", "third_order_kernel",
 }  # fmt: skip
-REFUSES = {"response_curve"}  # has as many points as its numbers ask for
+# Have as many points, or pairs, as their numbers ask for.
+REFUSES = {"internal_resonances", "response_curve"}
 
 
 def test_every_public_name_stands_here():
@@ -110,7 +126,8 @@ def compared(found, expected):
 
 # What takes long to compile: the quickest of each kind in every run of the tests.
 LONG = {
-    "frequency_response", "simulate, function", "simulate, initial", "simulate, periodic",
+    "Structure", "Structure, backbone", "Structure, steady_state", "frequency_response",
+    "simulate, function", "simulate, initial", "simulate, periodic",
     "steady_state, laws", "steady_state, restoring",
 }  # fmt: skip
 

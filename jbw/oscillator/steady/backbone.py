@@ -1,6 +1,7 @@
 r"""How resonance moves with amplitude, and frequency responses over frequency and level."""
 
 from functools import partial
+from typing import Any, overload
 
 import equinox as eqx
 import jax
@@ -13,10 +14,14 @@ from jbw.oscillator.checks import (
     require_periodic,
     require_sense,
 )
+from jbw.oscillator.modes.backbone import ModalBackbone, modal_backbone
+from jbw.oscillator.modes.balance import StructureHarmonics
+from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import batched
-from jbw.oscillator.steady.balance import Packed, dimensionless, linear_response
-from jbw.oscillator.steady.cycle import converged, tone_from
+from jbw.oscillator.steady.balance import Packed, dimensionless, linear_response, tone_from
+from jbw.oscillator.steady.cycle import converged
+from jbw.oscillator.steady.modal import modal_tones
 
 
 class Backbone(eqx.Module):
@@ -35,7 +40,25 @@ class Backbone(eqx.Module):
     amplitude: Float[Array, "..."]
 
 
-def backbone(joint: Joint, y_peak: Real[ArrayLike, "..."]) -> Backbone:
+@overload
+def backbone(
+    joint: Structure,
+    y_peak: ArrayLike,
+    *,
+    mode: int = 0,
+    num_harmonics: int = 8,
+    max_turns: int = 2,
+) -> ModalBackbone: ...
+@overload
+def backbone(joint: Joint, y_peak: ArrayLike) -> Backbone: ...
+def backbone(
+    joint: Joint | Structure,
+    y_peak: Real[ArrayLike, "..."],
+    *,
+    mode: int = 0,
+    num_harmonics: int = 8,
+    max_turns: int = 2,
+) -> Backbone | ModalBackbone:
     r"""Resonance frequency and equivalent damping against amplitude, from the steady loop.
 
     For y = Y cos(theta) and the balance of the first harmonic alone, phase resonance needs
@@ -48,12 +71,20 @@ def backbone(joint: Joint, y_peak: Real[ArrayLike, "..."]) -> Backbone:
     energy that their loops dissipate per cycle. Leaving the higher harmonics out costs
     2e-5 to 2.5e-4 in Y at the paper's parameters.
 
+    Of a `Structure` it is the extended periodic motion of one of its modes, against the first
+    harmonic X of the joint's displacement, followed from the sticking joint on:
+
+    $$\ddot q_i + (2\zeta_i\omega_i - 2\zeta_{eq}\omega)\dot q_i + \omega_i^2 q_i + p_i r = 0$$
+
     Args:
-        joint: A `BoucWen` with nu = 1, or an `Oscillator` with any laws.
-        y_peak: Displacement amplitudes Y [m]; at 0 the sticking joint.
+        joint: A `BoucWen` with nu = 1, an `Oscillator` with any laws, or a `Structure`.
+        y_peak: Displacement amplitudes Y [m], of a `Structure` X; at 0 the sticking joint.
+        mode: Which mode of a `Structure`, from 0.
+        num_harmonics: Number of odd harmonics of a `Structure`; the others are taken by the first.
+        max_turns: Turning points of a `Structure`'s joint in a period, at most.
 
     Returns:
-        The backbone at each amplitude.
+        The backbone at each amplitude; of a `Structure` with shape and harmonics.
 
     Raises:
         ModelError: `nu` is not 1, a spring has an even part, or a concrete argument is
@@ -63,6 +94,9 @@ def backbone(joint: Joint, y_peak: Real[ArrayLike, "..."]) -> Backbone:
     Reference:
         Z_1 and E close Eqs. (3)-(6).
     """
+    if isinstance(joint, Structure):
+        options = dict(mode=mode, num_harmonics=num_harmonics, max_turns=max_turns)
+        return modal_backbone(joint, y_peak, **options)
     given, joint = joint, as_oscillator(joint)
     require_periodic(given)
     require_finite(given, y_peak=y_peak)
@@ -76,14 +110,22 @@ def backbone(joint: Joint, y_peak: Real[ArrayLike, "..."]) -> Backbone:
     return Backbone(*jnp.broadcast_arrays(y_peak, omega, zeta, amplitude))
 
 
+@overload
 def frequency_response(
-    joint: Joint,
+    joint: Structure, omega: ArrayLike, amplitude: ArrayLike, num_harmonics: int = 8, **options: Any
+) -> StructureHarmonics: ...
+@overload
+def frequency_response(
+    joint: Joint, omega: ArrayLike, amplitude: ArrayLike, num_harmonics: int = 8, **options: Any
+) -> Complex[Array, "... freq harmonic"]: ...
+def frequency_response(  # pyright: ignore[reportInconsistentOverload]
+    joint: Joint | Structure,
     omega: Float[Array, " freq"],
     amplitude: Real[ArrayLike, "..."],
     num_harmonics: int = 8,
     *,
     max_turns: int = 2,
-) -> Complex[Array, "... freq harmonic"]:
+) -> Complex[Array, "... freq harmonic"] | StructureHarmonics:
     r"""Odd harmonics of the response over frequency, each tone started from its neighbour.
 
     The same solutions as `steady_state`, reached as a slow stepped sine reaches them: Newton's
@@ -92,7 +134,8 @@ def frequency_response(
     sweep may differ from a rising one, as on the rig. Differentiable like `steady_state`.
 
     Args:
-        joint: A `BoucWen` with nu = 1, or an `Oscillator`; it broadcasts against `amplitude`.
+        joint: A `BoucWen` with nu = 1, or an `Oscillator`; it broadcasts against `amplitude`. Or a
+            `Structure`, of which joint, modes and outputs are returned.
         omega: Angular frequencies in the order of the sweep [rad/s].
         amplitude: Force amplitudes A of the levels [N/kg].
         num_harmonics: Number of odd harmonics.
@@ -108,10 +151,12 @@ def frequency_response(
         In place of Eqs. (19)-(31).
     """
     omega = jnp.asarray(omega, float)
+    if isinstance(joint, Structure):
+        return modal_tones(joint, omega, amplitude, num_harmonics, max_turns, swept=True)
     require_sense(joint, omega, amplitude, num_harmonics, max_turns)
     solve = partial(_sweep, as_oscillator(joint), omega, amplitude, num_harmonics)
     joint, amplitude = jax.tree.map(lambda leaf: jnp.asarray(leaf)[..., None], (joint, amplitude))
-    return converged(solve, joint, omega, amplitude, max_turns)
+    return converged(solve, joint, omega, amplitude, max_turns)  # pyright: ignore[reportArgumentType]
 
 
 @partial(jax.jit, static_argnums=(3, 4))

@@ -4,8 +4,10 @@ Harmonics are stored as real arrays of shape (2, harmonic): real and imaginary p
 orders 1, 3, 5, ... of y = Re sum q_n exp(j n theta).
 """
 
+from dataclasses import replace
 from functools import partial, reduce
 from operator import add
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,9 +17,11 @@ from jaxtyping import Array, ArrayLike, Bool, Complex, Float, Shaped
 
 from jbw.oscillator.checks import require_periodic
 from jbw.oscillator.damper import Damper
+from jbw.oscillator.modes.balance import modal_imbalance, modal_response, modal_units
+from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import Scalar
-from jbw.oscillator.steady.waveform import orders
+from jbw.oscillator.steady.waveform import num_turns, orders
 
 Packed = Float[Array, "2 harmonic"]
 
@@ -39,8 +43,14 @@ def unpack(packed: Packed) -> Complex[Array, " harmonic"]:
     return jax.lax.complex(packed[0], packed[1])
 
 
-def linear_response(joint: Oscillator, omega: Scalar, num_harmonics: int) -> Packed:
+# In its dimensionless form; of a structure the motion is the joint's.
+Unit = Oscillator | Structure
+
+
+def linear_response(joint: Unit, omega: Scalar, num_harmonics: int) -> Packed:
     r"""Response of the sticking joint to a unit load, q_1 = 1/(1 - Omega^2 + 2 j zeta Omega)."""
+    if isinstance(joint, Structure):
+        return pack(modal_response(joint, omega, num_harmonics))
     first = np.arange(num_harmonics) == 0
     return pack(jnp.where(first, 1.0 / _dynamic_stiffness(joint, omega, np.ones(1)), 0.0))
 
@@ -107,16 +117,19 @@ def refined(
     return unpack(packed)
 
 
-def residual(packed: Packed, problem: tuple[Oscillator, Scalar], max_turns: int) -> Packed:
+def residual(packed: Packed, problem: tuple[Unit, Scalar], max_turns: int) -> Packed:
     """Imbalance of the dimensionless oscillator under cos(Omega theta)."""
     joint, omega = problem
     q = unpack(packed)
+    if isinstance(joint, Structure):
+        load = orders(q.shape[0]) == 1
+        return pack(modal_imbalance(joint, omega, q, load, max_turns))
     return pack(imbalance(joint, omega, q, orders(q.shape[0]) == 1, max_turns))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(3,))
 def balance(
-    joint: Oscillator, omega: Scalar, start: Packed, max_turns: int
+    joint: Unit, omega: Scalar, start: Packed, max_turns: int
 ) -> tuple[Packed, Float[Array, ""]]:
     """Root of the residual, by loading in as few steps as Newton's iteration allows.
 
@@ -135,7 +148,7 @@ def balance(
         load, step, packed, tries = state
         next_load = jnp.minimum(load + step, 1.0)
         laws = tuple(law.scaled(next_load, 1.0) for law in joint.laws)
-        loaded = Oscillator(joint.omega_n, joint.zeta, laws)
+        loaded = replace(joint, laws=laws)
         tried, ok = newton(loaded, omega, packed, max_turns)
         kept = jnp.where(load > 0.0, packed, linear)
         return (
@@ -166,8 +179,19 @@ def _balance_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple:
     return (packed, load), (step.reshape(packed.shape), jnp.zeros_like(load))
 
 
+def tone_from(
+    start: Packed, unit: Unit, ratio: Array, length: Array, max_turns: int
+) -> tuple[Packed, tuple[Array, Array]]:
+    """Balance of a tone, and its harmonics and turning points; NaN where they are no answer."""
+    packed, load = balance(unit, ratio, start, max_turns)
+    q = unpack(packed)
+    turns = num_turns(q)
+    good = (load == 1.0) & (turns <= max_turns)
+    return packed, (jnp.where(good, length * q, jnp.nan), turns)
+
+
 def newton(
-    joint: Oscillator, omega: Scalar, start: Packed, max_turns: int
+    joint: Unit, omega: Scalar, start: Packed, max_turns: int
 ) -> tuple[Packed, Bool[Array, ""]]:
     """Newton's iteration for the residual from `start`, at full load."""
     solution = optimistix.root_find(
@@ -192,13 +216,15 @@ def _dynamic_stiffness(
 
 
 def dimensionless(
-    oscillator: Oscillator, omega: Scalar, amplitude: Scalar
-) -> tuple[Oscillator, Array, Array]:
+    oscillator: Oscillator | Structure, omega: Scalar, amplitude: Scalar
+) -> tuple[Any, Array, Array]:
     r"""Oscillator, frequency and unit of displacement of the dimensionless problem.
 
     $$\Omega = \omega/\omega_n, \quad \ell = A/\omega_n^2, \quad
       F(\ell q)/A, \quad y = \ell q$$
     """
+    if isinstance(oscillator, Structure):
+        return modal_units(oscillator, omega, amplitude)
     stiffness = oscillator.omega_n**2
     length = jnp.asarray(amplitude / stiffness)
     laws = tuple(law.scaled(length, stiffness) for law in oscillator.laws)

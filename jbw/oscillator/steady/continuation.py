@@ -1,5 +1,8 @@
 r"""The frequency-response curve followed by its arc length, through folds where there are some."""
 
+from functools import partial
+from typing import Any, overload
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,8 +12,11 @@ from jaxtyping import Array, Complex, Float
 
 from jbw.errors import ModelError
 from jbw.oscillator.checks import require_concrete, require_sense
+from jbw.oscillator.modes.balance import StructureHarmonics, modes_of
+from jbw.oscillator.modes.structure import Structure, admitted
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.steady.balance import (
+    Unit,
     balance,
     dimensionless,
     linear_response,
@@ -44,8 +50,40 @@ class ResponseCurve(eqx.Module):
     onward: np.ndarray
 
 
+class StructureCurve(eqx.Module):
+    """Points along a frequency-response curve of several modes with one joint.
+
+    Attributes:
+        omega: Angular frequencies, not monotone where the curve folds [rad/s].
+        harmonics: Those of the joint, the modes and the outputs [m].
+        onward: As of `ResponseCurve`.
+    """
+
+    omega: Float[np.ndarray, " point"]
+    harmonics: StructureHarmonics
+    onward: np.ndarray
+
+
+@overload
+def response_curve(
+    joint: Structure,
+    omega_start: float,
+    omega_stop: float,
+    amplitude: float,
+    *a: int,
+    **options: Any,
+) -> StructureCurve: ...
+@overload
 def response_curve(
     joint: Joint,
+    omega_start: float,
+    omega_stop: float,
+    amplitude: float,
+    num_harmonics: int = 8,
+    **options: Any,
+) -> ResponseCurve: ...
+def response_curve(  # pyright: ignore[reportInconsistentOverload]
+    joint: Joint | Structure,
     omega_start: float,
     omega_stop: float,
     amplitude: float,
@@ -54,7 +92,7 @@ def response_curve(
     step: float = 0.1,
     max_points: int = 2000,
     max_turns: int = 2,
-) -> ResponseCurve:
+) -> ResponseCurve | StructureCurve:
     r"""Frequency-response curve at one level by pseudo-arclength continuation.
 
     The unknowns are the harmonics q and the frequency; each point lies on the plane
@@ -67,7 +105,7 @@ def response_curve(
     steps: not for use under `jit`.
 
     Args:
-        joint: A `BoucWen` with nu = 1, or an `Oscillator`, scalars.
+        joint: A `BoucWen` with nu = 1, or an `Oscillator`, scalars; or a `Structure`.
         omega_start: Angular frequency of the first point [rad/s], where one response exists.
         omega_stop: Angular frequency at which to stop, on either side of the first [rad/s].
         amplitude: Force amplitude A [N/kg].
@@ -85,11 +123,12 @@ def response_curve(
         ConfigError: It is being traced, or as for `steady_state`.
     """
     require_concrete("response_curve", joint, omega_start, omega_stop, amplitude)
-    given, joint = joint, as_oscillator(joint)
+    given, joint = joint, admitted(joint) if isinstance(joint, Structure) else as_oscillator(joint)
     require_sense(given, omega_start, amplitude, num_harmonics, max_turns)
     scalars = jax.tree.map(lambda x: jnp.asarray(x, float), (joint, omega_start, amplitude))
     unit, first, length = dimensionless(*scalars)
-    last = omega_stop / float(joint.omega_n)
+    unit_frequency = float(jnp.ravel(joint.omega_n)[0])
+    last = omega_stop / unit_frequency
     side = 1.0 if last > first else -1.0
     point, direction = _first_point(unit, first, side, num_harmonics, max_turns)
     points, directions, arc = [point], [direction], step
@@ -108,16 +147,18 @@ def response_curve(
         arc = min(step, _GROWTH * arc)
     x = np.stack(points)
     q = x[:, :-1].reshape(-1, 2, num_harmonics)
-    return ResponseCurve(
-        omega=x[:, -1] * float(joint.omega_n),
-        harmonics=float(length) * (q[:, 0] + 1j * q[:, 1]),
-        onward=side * np.stack(directions)[:, -1] > 0.0,
-    )
+    omega, harmonics = x[:, -1] * unit_frequency, float(length) * (q[:, 0] + 1j * q[:, 1])
+    onward = side * np.stack(directions)[:, -1] > 0.0
+    if isinstance(joint, Structure):
+        told = partial(modes_of, joint, max_turns=max_turns)
+        found = jax.vmap(lambda omega, x: told(omega, amplitude, x))(omega, harmonics)
+        return StructureCurve(omega, found, onward)
+    return ResponseCurve(omega, harmonics, onward)
 
 
 @eqx.filter_jit
 def _first_point(
-    unit: Oscillator, ratio: Array, side: float, num_harmonics: int, max_turns: int
+    unit: Unit, ratio: Array, side: float, num_harmonics: int, max_turns: int
 ) -> tuple[Point, Point]:
     """The response at the first frequency and the direction there; NaN where not found."""
     start = linear_response(unit, ratio, num_harmonics)
@@ -129,7 +170,7 @@ def _first_point(
 
 @eqx.filter_jit
 def _advance(
-    unit: Oscillator, x: Point, direction: Point, arc: Float[Array, ""], max_turns: int
+    unit: Unit, x: Point, direction: Point, arc: Float[Array, ""], max_turns: int
 ) -> tuple[Point, Point, Array]:
     """The next point, the direction there, and whether it was found."""
     scale = _scale(x)
@@ -154,11 +195,11 @@ def _advance(
     return tried, ahead, good & jnp.all(jnp.isfinite(ahead))
 
 
-def _equations(unit: Oscillator, x: Point, max_turns: int) -> Float[Array, " equation"]:
+def _equations(unit: Unit, x: Point, max_turns: int) -> Float[Array, " equation"]:
     return residual(x[:-1].reshape(2, -1), (unit, x[-1]), max_turns).ravel()
 
 
-def _tangent(unit: Oscillator, x: Point, previous: Point, max_turns: int) -> Point:
+def _tangent(unit: Unit, x: Point, previous: Point, max_turns: int) -> Point:
     """Unit tangent of the curve, scaled, on the side of the previous one."""
     scale = _scale(x)
     jacobian = jax.jacfwd(lambda x: _equations(unit, x, max_turns))(x) * scale
@@ -174,11 +215,13 @@ def _scale(x: Point) -> Point:
     return size.at[-1].set(_FREQUENCY_SCALE * x[-1])
 
 
-def _require_progress(good: bool, points: list[Point], joint: Oscillator, amplitude: float) -> None:
+def _require_progress(
+    good: bool, points: list[Point], joint: Oscillator | Structure, amplitude: float
+) -> None:
     """Raise where the continuation stopped short."""
     if good and np.all(np.isfinite(points[-1])):
         return
-    omega = float(points[-1][-1]) * float(joint.omega_n)
+    omega = float(points[-1][-1]) * float(jnp.ravel(joint.omega_n)[0])
     raise ModelError(
         f"The response curve at amplitude = {amplitude:g} stopped at omega = {omega:g} after "
         f"{len(points)} points.",

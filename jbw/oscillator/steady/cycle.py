@@ -2,7 +2,7 @@ r"""Periodic response of the joint to a tone, by harmonic balance."""
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple, overload
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +15,13 @@ from jbw.oscillator.checks import (
     require_periodic,
     require_sense,
 )
+from jbw.oscillator.modes.balance import StructureHarmonics
+from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import batched
-from jbw.oscillator.steady.balance import Packed, balance, dimensionless, linear_response, unpack
-from jbw.oscillator.steady.waveform import num_turns, synthesis
+from jbw.oscillator.steady.balance import dimensionless, linear_response, tone_from
+from jbw.oscillator.steady.modal import modal_tones
+from jbw.oscillator.steady.waveform import synthesis
 
 # Turning points a period that an eager call admits when two do not suffice.
 MANY_TURNS = 10
@@ -42,14 +45,22 @@ class SteadyCycle(NamedTuple):
     z: Float[Array, "... time"]
 
 
+@overload
 def steady_state(
-    joint: Joint,
+    joint: Structure, omega: ArrayLike, amplitude: ArrayLike, num_harmonics: int = 8, **options: Any
+) -> StructureHarmonics: ...
+@overload
+def steady_state(
+    joint: Joint, omega: ArrayLike, amplitude: ArrayLike, num_harmonics: int = 8, **options: Any
+) -> Complex[Array, "... harmonic"]: ...
+def steady_state(  # pyright: ignore[reportInconsistentOverload]
+    joint: Joint | Structure,
     omega: Real[ArrayLike, "..."],
     amplitude: Real[ArrayLike, "..."],
     num_harmonics: int = 8,
     *,
     max_turns: int = 2,
-) -> Complex[Array, "... harmonic"]:
+) -> Complex[Array, "... harmonic"] | StructureHarmonics:
     r"""Odd harmonics Y_1, Y_3, Y_5, ... of the periodic response to u = A cos(omega t).
 
     $$(k - n^2\omega^2 + 2j\zeta\omega_n n\omega)\,Y_n + \sum F_n(Y) = A\,\delta_{n1}, \qquad
@@ -63,10 +74,11 @@ def steady_state(
     Newton's iteration starts from the sticking joint; where it fails the load is raised in steps.
     Where several periodic responses exist (a joint that softens faster than it dissipates) one of
     them is returned; `response_curve` follows them all. Derivatives by every parameter, `omega`
-    and `amplitude` are implicit, under jit, vmap, grad and jvp.
+    and `amplitude` are implicit, under jit, vmap, grad and jvp. Of a `Structure` the unknowns are
+    those of the joint's displacement alone, whatever the number of modes.
 
     Args:
-        joint: A `BoucWen` with nu = 1, or an `Oscillator` with any laws.
+        joint: A `BoucWen` with nu = 1, an `Oscillator` with any laws, or a `Structure`.
         omega: Angular frequency of the tone [rad/s].
         amplitude: Amplitude A of the force [N/kg].
         num_harmonics: Number of odd harmonics.
@@ -76,7 +88,7 @@ def steady_state(
     Returns:
         Complex peak amplitudes of orders 1, 3, ..., 2 num_harmonics - 1 [m], along a new last
         axis behind the broadcast shape of `joint`, `omega` and `amplitude`; NaN where the
-        iteration did not converge.
+        iteration did not converge. Of a `Structure` those of joint, modes and outputs.
 
     Raises:
         ModelError: Some response did not converge, nu is not 1, or an argument is not finite.
@@ -85,6 +97,8 @@ def steady_state(
     Reference:
         In place of Eqs. (19)-(31), which hold for weak nonlinearity.
     """
+    if isinstance(joint, Structure):
+        return modal_tones(joint, omega, amplitude, num_harmonics, max_turns, swept=False)
     require_sense(joint, omega, amplitude, num_harmonics, max_turns)
     solve = partial(_steady, as_oscillator(joint), omega, amplitude, num_harmonics)
     return converged(solve, joint, omega, amplitude, max_turns)
@@ -164,14 +178,3 @@ def _steady(
         return tone_from(start, unit, ratio, length, max_turns)[1]
 
     return batched(tone, joint, omega, amplitude)
-
-
-def tone_from(
-    start: Packed, unit: Oscillator, ratio: Array, length: Array, max_turns: int
-) -> tuple[Packed, tuple[Array, Array]]:
-    """Balance of a tone, and its harmonics and turning points; NaN where they are no answer."""
-    packed, load = balance(unit, ratio, start, max_turns)
-    q = unpack(packed)
-    turns = num_turns(q)
-    good = (load == 1.0) & (turns <= max_turns)
-    return packed, (jnp.where(good, length * q, jnp.nan), turns)

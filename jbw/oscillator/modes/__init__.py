@@ -1,0 +1,1 @@
+"""Several modes about one joint."""

@@ -1,0 +1,200 @@
+"""Time response of several modes with one joint to a sampled or callable input."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from diffrax import AbstractSolver, AbstractStepSizeController
+from jaxtyping import Array, Float
+
+from jbw.errors import ConfigError
+from jbw.oscillator.checks import (
+    check_bounded,
+    check_input,
+    check_options,
+    check_settled,
+    initial_state,
+    warn_of_guesses,
+    warn_of_long_steps,
+    warn_of_unbounded_law,
+)
+from jbw.oscillator.damper import Damper
+from jbw.oscillator.hold import input_polynomials
+from jbw.oscillator.modes.adjoint import Trajectory, modal_solve
+from jbw.oscillator.modes.step import ModalState, modal_stepping
+from jbw.oscillator.modes.structure import Structure, admitted, require_sampled
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.periodic import steady_period
+from jbw.oscillator.solver import sampled_input, solve_stock
+
+
+class StructureResponse(eqx.Module):
+    """Motion of a structure at the samples; sample 0 is the initial state.
+
+    Attributes:
+        t: Time [s].
+        q: Modal coordinates [m].
+        dq: Their velocities [m/s].
+        x: Relative displacement of the joint, sum h_i q_i [m].
+        z: Force of all laws with a memory, the hysteretic ones [N/kg].
+        y: Outputs, sum c_i q_i [m].
+        v: Velocities of the outputs [m/s].
+        a: Accelerations of the outputs [m/s^2].
+        residual: For a periodic record, what the state still changes over one period relative to
+            its largest value in it; 0 otherwise [-].
+        guesses: How often a law's memory was too short [-].
+    """
+
+    t: Float[Array, " time"]
+    q: Float[Array, "*batch mode time"]
+    dq: Float[Array, "*batch mode time"]
+    x: Float[Array, "*batch time"]
+    z: Float[Array, "*batch time"]
+    y: Float[Array, "*channel time"]
+    v: Float[Array, "*channel time"]
+    a: Float[Array, "*channel time"]
+    residual: Float[Array, "*batch"]
+    guesses: Float[Array, "*batch"]
+
+
+class ModalOptions(NamedTuple):
+    """What is no array among the arguments of `simulate`; `own` where our own step may do it."""
+
+    hold: str
+    substeps: int
+    periodic: bool
+    num_samples: int | None
+    own: bool
+    solver: AbstractSolver
+    controller: AbstractStepSizeController
+
+
+def simulate_structure(
+    structure: Structure, u: Any, fs: Scalar, initial: tuple, options: ModalOptions
+) -> StructureResponse:
+    """Response of a structure; `jbw.simulate` says what its arguments are."""
+    substeps, num_samples = options.substeps, options.num_samples
+    check_options(fs, options.hold, substeps, num_samples, callable(u))  # pyright: ignore[reportArgumentType]
+    given, structure = structure, admitted(structure)
+    require_sampled(structure, fs, substeps)
+    q, v, memory = initial_state(structure, initial)
+    warn_of_unbounded_law(structure)
+    if not callable(u):
+        u = jnp.asarray(u, float)
+        check_input(u, num_samples)
+        num_samples = u.shape[-1]
+    # Dampers feel the velocity, of which the joint's kernel knows no second prediction.
+    own = options.own and not callable(u)
+    own = own and all(law.stepped and not isinstance(law, Damper) for law in structure.laws)
+    options = options._replace(num_samples=num_samples, own=own)
+    start = _per_mode(q, structure), _per_mode(v, structure), memory
+    args = jax.tree.map(lambda x: jnp.asarray(x, float), (structure, fs, start))
+    response = _simulate_lanes(options, args[0], u, *args[1:])
+    check_settled(response.residual)
+    check_bounded(given, response.x)
+    warn_of_guesses(response.guesses)
+    if own:
+        speed = jnp.einsum("i,...it->...t", args[0].h, response.dq)
+        warn_of_long_steps(fs, substeps, response.x, speed)
+    return response
+
+
+@eqx.filter_jit
+def _simulate_lanes(
+    options: ModalOptions, structure: Structure, u: Any, fs: Scalar, initial: ModalState
+) -> StructureResponse:
+    """Response to every record of a batch of inputs."""
+    if callable(u) or u.ndim == 1:
+        return _simulate(options, structure, u, fs, initial)
+    lead = u.shape[:-1]
+    one = partial(_simulate, options, structure)
+    lanes = jax.vmap(lambda own: one(own, fs, initial))(u.reshape(-1, u.shape[-1]))
+    unflat = jax.tree.map(lambda x: x.reshape(*lead, *x.shape[1:]), lanes)
+    return eqx.tree_at(lambda r: r.t, unflat, lanes.t[0])
+
+
+def _per_mode(part: Any, structure: Structure) -> tuple[Array, ...]:
+    """A start of every mode; one number is that of each."""
+    num = jnp.shape(structure.omega_n)
+    part = jnp.asarray(part, float)
+    if part.ndim and part.shape != num:
+        raise ConfigError(
+            f"Argument `initial` must hold one number a mode, {num[0]}, but has {part.shape}."
+        )
+    return tuple(jnp.broadcast_to(part, num))
+
+
+def _simulate(
+    options: ModalOptions, structure: Structure, u: Any, fs: Scalar, initial: ModalState
+) -> StructureResponse:
+    """One structure under one input."""
+    num_samples = options.num_samples or 0
+    t = jnp.asarray(np.arange(num_samples) / fs)
+    if callable(u):
+        u_sampled = jnp.asarray(jax.vmap(u)(t))
+        trajectory_from = partial(_stock, options, structure, lambda tau: u(tau / fs), fs)
+    else:
+        u_sampled = u
+        polynomials = input_polynomials(u, options.hold, periodic=options.periodic)
+        if options.own:
+            steps = modal_stepping(structure, polynomials, fs, options.substeps)
+
+            def trajectory_from(initial: ModalState) -> Trajectory:
+                return jax.tree.map(lambda x: x[:: options.substeps], modal_solve(steps, initial))
+        else:
+            held = partial(sampled_input, polynomials)
+            trajectory_from = partial(_stock, options, structure, held, fs)
+    residual = jnp.zeros(())
+    if options.periodic:
+        omega_n = tuple(structure.omega_n)  # pyright: ignore[reportArgumentType]
+        own = tuple(law.memory_unit(omega_n[0]) for law in structure.laws)
+        unit = omega_n, tuple(jnp.ones_like(w) for w in omega_n), own
+        (q, dq, memory), residual = steady_period(trajectory_from, initial, unit)  # pyright: ignore[reportArgumentType]
+    else:
+        q, dq, memory = trajectory_from(initial)
+    return _told(structure, t, u_sampled, jnp.stack(q), jnp.stack(dq), memory, residual)
+
+
+def _told(structure, t, u, q, dq, memory, residual) -> StructureResponse:
+    """What is reported of a trajectory."""
+    x, v = structure.h @ q, structure.h @ dq
+    z, r, guesses = jnp.zeros_like(x), jnp.zeros_like(x), jnp.zeros(())
+    for law, own in zip(structure.laws, memory, strict=True):
+        force = law.force(x, v, own)
+        z = z + force if law.remembers else z
+        r = r + force - law.stiffness() * x
+        counts = jnp.broadcast_to(jnp.asarray(law.guesses(own), float), x.shape)
+        guesses = guesses + counts[-1] - counts[0]
+    ddq = _accelerations(structure, q, dq, r, u)
+    c = structure.c
+    return StructureResponse(t, q, dq, x, z, c @ q, c @ dq, c @ ddq, residual, guesses)
+
+
+def _accelerations(structure: Structure, q, dq, r, u) -> Array:
+    """Modal accelerations under the joint's remainder r and the input u [m/s^2]."""
+    omega, zeta, p, b = (
+        jnp.asarray(x).reshape(-1, *(1,) * (q.ndim - 1))
+        for x in (structure.omega_n, structure.zeta, structure.p, structure.b)
+    )
+    return b * u - 2.0 * zeta * omega * dq - omega**2 * q - p * r
+
+
+def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:
+    """Rates of (q, q', memories) [per s], for every law."""
+    q, v, memory = (*(jnp.stack(part) for part in state[:2]), state[2])
+    x, dx = structure.h @ q, structure.h @ v
+    pairs = list(zip(structure.laws, memory, strict=True))
+    r = sum((law.force(x, dx, own) - law.stiffness() * x for law, own in pairs), 0.0 * x)
+    rates = tuple(law.rate(x, dx, own) for law, own in pairs)
+    return state[1], tuple(_accelerations(structure, q, v, r, u)), rates
+
+
+def _stock(options: ModalOptions, structure: Structure, u: Callable, fs: Scalar, initial: Any):
+    """Trajectory through a stock solver; a periodic one goes on to the next period's start."""
+    num = (options.num_samples or 0) + options.periodic
+    stock = options.solver, options.controller
+    return solve_stock(structure, u, num, fs, initial, options.substeps, *stock, oscillate_modes)

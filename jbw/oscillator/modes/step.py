@@ -1,0 +1,295 @@
+r"""One step of several modes with one joint: linear pre, the joint's kernel, linear post.
+
+Modes move freely by their own exact propagators. The joint sees five scalars of them, x and v at
+the start, the acceleration there and what x and v change by freely; it moves the memories as
+`jbw.oscillator.step` does, with the modes' constants summed by h_i p_i, and gives back six scalars,
+which every mode takes by constants of its own.
+"""
+
+from functools import reduce
+from operator import add
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jbw.oscillator.hold import substep_matrices
+from jbw.oscillator.kinks import kept
+from jbw.oscillator.law import Law, Memory
+from jbw.oscillator.linear import impulse_moments
+from jbw.oscillator.modes.structure import Structure
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.step import NUM_MOMENTS
+
+Coordinates = tuple[Scalar, ...]
+# (q_i, ...), (q_i', ...), memories
+ModalState = tuple[Coordinates, Coordinates, tuple[Memory, ...]]
+# What the input adds to every q_i and q_i', and the input at the start.
+ModalPush = tuple[tuple[Any, ...], tuple[Any, ...], Any]
+
+
+class Mode(eqx.Module):
+    """Constants of one mode's step; `on_y`, `on_v` weigh r, h r', the change of r and h r_1'."""
+
+    h: Scalar
+    p: Scalar
+    stiffness: Scalar
+    damping: Scalar
+    f_11: Scalar
+    f_12: Scalar
+    f_21: Scalar
+    f_22: Scalar
+    on_y: tuple[Scalar, ...]
+    on_v: tuple[Scalar, ...]
+
+
+class JointStep(eqx.Module):
+    """Constants of the joint's kernel: those of `ExactStep`, summed over modes by h_i p_i."""
+
+    laws: tuple[Law, ...]
+    dt: Scalar
+    mobility: Scalar
+    r_y: Scalar
+    r_v: Scalar
+    s_y: Scalar
+    s_v: Scalar
+    d_y: Scalar
+    d_v: Scalar
+    a_y: Scalar
+    a_v: Scalar
+    b_y: Scalar
+    b_v: Scalar
+
+
+class ModalStep(eqx.Module):
+    """Constants of a step of all modes; all leaves are scalars."""
+
+    joint: JointStep
+    modes: tuple[Mode, ...]
+    input_gain: Scalar
+
+
+class Seen(NamedTuple):
+    """What the joint sees of the modes, without its own force in this step."""
+
+    x: Scalar
+    v: Scalar
+    a: Scalar
+    rise: Scalar
+    gain: Scalar
+
+
+class Given(NamedTuple):
+    """What the joint gives to the modes: r, h r', the change of r, h r_1', and two impulses."""
+
+    r: Scalar
+    rate: Scalar
+    change: Scalar
+    rate_1: Scalar
+    kick_y: Scalar
+    kick_v: Scalar
+
+
+class ModalStepping(eqx.Module):
+    """All that the stepping of a record needs."""
+
+    step: ModalStep
+    push: ModalPush
+
+
+def modal_stepping(
+    structure: Structure, polynomials: Float[Array, "interval power"], fs: Scalar, substeps: int
+) -> ModalStepping:
+    """Constants of the step, and what the input adds to every mode in every substep."""
+    step, moments_y, moments_v = _constants(structure, 1.0 / (fs * substeps))
+    num_powers = polynomials.shape[-1]
+    parts = substep_matrices(num_powers, substeps)
+
+    def weighted(weights: Float[Array, " power"]) -> Float[Array, " substep"]:
+        weights = jnp.einsum("l,ilj->ij", weights, parts)
+        return jnp.einsum("nj,ij->ni", polynomials, weights).reshape(-1)
+
+    push_y, push_v = (
+        tuple(b * weighted(w[:num_powers]) for b, w in zip(structure.b, moments, strict=True))  # pyright: ignore[reportArgumentType]
+        for moments in (moments_y, moments_v)
+    )
+    start = weighted(jnp.zeros(num_powers).at[0].set(1.0))
+    return ModalStepping(step, (push_y, push_v, start))
+
+
+def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array], list[Array]]:
+    """Constants of the step of length dt [s], and every mode's moments of a unit input."""
+    modes, sums, moments_y, moments_v = [], [], [], []
+    for omega_n, zeta, h, p in zip(
+        structure.omega_n, structure.zeta, structure.h, structure.p, strict=True  # pyright: ignore[reportArgumentType]
+    ):  # fmt: skip
+        stiffness, damping = omega_n**2, 2.0 * zeta * omega_n
+        m = impulse_moments(stiffness, damping, dt, NUM_MOMENTS)
+        (r_y, s_y, d_y, a_y, b_y), (r_v, s_v, d_v, a_v, b_v) = (
+            (w[0], w[1], 3.0 * w[2] - 2.0 * w[3], w[3] - 2.0 * w[2], w[3] - w[2])
+            for w in (m.y, m.v)
+        )
+        on_y, on_v = (
+            tuple(-p * w for w in (r, s + a, d, b))
+            for r, s, d, a, b in ((r_y, s_y, d_y, a_y, b_y), (r_v, s_v, d_v, a_v, b_v))
+        )
+        modes.append(Mode(h, p, stiffness, damping, m.f_11, m.f_12, m.f_21, m.f_22, on_y, on_v))
+        weights = (1.0, r_y, r_v, s_y, s_v, d_y, d_v, a_y, a_v, b_y, b_v)
+        sums.append([h * p * w for w in weights])
+        moments_y.append(m.y)
+        moments_v.append(m.v)
+    joint = JointStep(structure.laws, dt, *(_sum(column) for column in zip(*sums, strict=True)))
+    gain = _sum(h * b for h, b in zip(structure.h, structure.b, strict=True))  # pyright: ignore[reportArgumentType]
+    step = ModalStep(joint, tuple(modes), gain)
+    return jax.tree.map(jnp.asarray, step), moments_y, moments_v
+
+
+def modal_advance(
+    step: ModalStep, state: ModalState, push: ModalPush, *, branch: bool
+) -> ModalState:
+    """One step of all modes and of the joint."""
+    q, v, memory = state
+    rise, gain = freely(step, q, v, push)
+    seen = seen_by_joint(step, q, v, rise, gain, push[2])
+    given, memory = kernel(step.joint, seen, memory, branch=branch)
+    return *driven(step, q, v, rise, gain, given), memory
+
+
+def freely(
+    step: ModalStep, q: Coordinates, v: Coordinates, push: ModalPush
+) -> tuple[Coordinates, Coordinates]:
+    """What every mode changes by without the joint."""
+    modes = list(zip(step.modes, q, v, push[0], push[1], strict=True))
+    rise = tuple(m.f_11 * y + m.f_12 * dy + on_y for m, y, dy, on_y, _ in modes)
+    gain = tuple(m.f_21 * y + m.f_22 * dy + on_v for m, y, dy, _, on_v in modes)
+    return rise, gain
+
+
+def seen_by_joint(step: ModalStep, q, v, rise, gain, u: Scalar) -> Seen:
+    """The five scalars of the modes that the joint sees."""
+    modes = step.modes
+    pull = _sum(
+        m.h * (m.damping * dy + m.stiffness * y) for m, y, dy in zip(modes, q, v, strict=True)
+    )
+    x, dx, up, faster = (
+        _sum(m.h * part for m, part in zip(modes, parts, strict=True))
+        for parts in (q, v, rise, gain)
+    )
+    return Seen(x, dx, step.input_gain * u - pull, up, faster)
+
+
+def driven(step: ModalStep, q, v, rise, gain, given: Given) -> tuple[Coordinates, Coordinates]:
+    """The modes at the end of the step, the joint's force included."""
+    forces = given[:4]
+
+    def after(start, free, kick, weights, p):
+        return start + (free + p * kick + _sum(w * f for w, f in zip(weights, forces, strict=True)))
+
+    modes = step.modes
+    return (
+        tuple(
+            after(y, free, given.kick_y, m.on_y, m.p)
+            for m, y, free in zip(modes, q, rise, strict=True)
+        ),
+        tuple(
+            after(dy, free, given.kick_v, m.on_v, m.p)
+            for m, dy, free in zip(modes, v, gain, strict=True)
+        ),
+    )
+
+
+def kernel(
+    joint: JointStep, seen: Seen, memory: tuple[Memory, ...], *, branch: bool
+) -> tuple[Given, tuple[Memory, ...]]:
+    """The joint's step: as `jbw.oscillator.step.advance`, of which the modes are taken out."""
+    laws = joint.laws
+    x, v = seen.x, seen.v
+    none = jnp.zeros_like(v)
+    if not laws:
+        return Given(none, none, none, none, none, none), memory
+    branches = tuple(law.branch(v, own) for law, own in zip(laws, memory, strict=True))
+    r, rate = _remainder(joint, x, v, memory, branches)
+    x_1 = x + (seen.rise - joint.r_y * r - joint.s_y * rate)
+    v_1 = v + (seen.gain - joint.r_v * r - joint.s_v * rate)
+    kinks = _Kinks(x_1, v_1, memory, branches, none, none, none)
+    if any(law.kinked for law in laws):
+        start = (seen, memory, branches, r)
+        if branch:
+            moves = zip(laws, memory, branches, strict=True)
+            glided = [law.glide(x, own, x_1 - x, at) for law, own, at in moves]
+            kinked = reduce(jnp.logical_or, (met for _, met in glided), v * v_1 <= 0.0)
+            smooth = kinks._replace(memory=tuple(own for own, _ in glided))
+            kinks = jax.lax.cond(
+                kinked, lambda: _through_kinks(joint, start, x_1, v_1), lambda: smooth
+            )
+        else:
+            x_1, v_1, r, rate = kept((x_1, v_1, r, rate))
+            kinks = kept(_through_kinks(joint, (seen, memory, branches, r), x_1, v_1))
+    r_1, rate_1 = _remainder(joint, kinks.x, kinks.v, kinks.memory, kinks.branches)
+    change = r_1 - r
+    if not branch:
+        change, rate_1 = kept((change, rate_1))
+    weighted = joint.d_y * change + joint.a_y * rate + joint.b_y * rate_1
+    dx = (joint.mobility * kinks.kick_y - kinks.shift) - weighted
+    memory = tuple(
+        law.shift(kinks.x, own, dx, at)
+        for law, own, at in zip(laws, kinks.memory, kinks.branches, strict=True)
+    )
+    return Given(r, rate, change, rate_1, kinks.kick_y, kinks.kick_v), memory
+
+
+class _Kinks(NamedTuple):
+    """End of a step before it is corrected; `shift` is what x already holds of the kicks."""
+
+    x: Scalar
+    v: Scalar
+    memory: tuple[Memory, ...]
+    branches: tuple[Any, ...]
+    kick_y: Scalar
+    kick_v: Scalar
+    shift: Scalar
+
+
+def _remainder(joint: JointStep, x, v, memory, branches) -> tuple[Scalar, Scalar]:
+    """The laws' remainders r and h times their rates, summed."""
+    parts = [
+        law.remainder(joint.dt, x, v, own, at)
+        for law, own, at in zip(joint.laws, memory, branches, strict=True)
+    ]
+    return _sum(r for r, _ in parts), _sum(rate for _, rate in parts)
+
+
+def _through_kinks(joint: JointStep, start: tuple, x_1: Scalar, v_1: Scalar) -> _Kinks:
+    """End of a step that may hold a turning point of x, a kink of a law, or both."""
+    (x, v, free, *_), memory, branches, r = start
+    h, laws = joint.dt, joint.laws
+    a = free - joint.mobility * r
+    half = _sum(
+        law.bend(h, x, v, a, own, at) for law, own, at in zip(laws, memory, branches, strict=True)
+    )
+    # W_2 = b - a of the corrector's constants.
+    shifts = kept(((joint.a_y - joint.b_y) * half, (joint.a_v - joint.b_v) * half))
+    turns = (v * v_1 < 0.0) & (v * (v_1 + shifts[1]) < 0.0)
+    shift, faster = (jnp.where(turns, part, 0.0) for part in shifts)
+    x_1, v_1 = kept((x_1 + shift, v_1 + faster))
+    first, last, rise = h * v, h * v_1, x_1 - x
+    quartic = kept(jnp.where(turns, 0.5 * h**2 * a - (3.0 * rise - 2.0 * first - last), 0.0))
+    moved = [
+        law.turn(x, own, (first, last, rise), quartic)
+        for law, own in zip(laws, memory, strict=True)
+        if law.kinked
+    ]
+    ends = iter(own for own, _, _ in moved)
+    memory_1 = tuple(
+        next(ends) if law.kinked else own for law, own in zip(laws, memory, strict=True)
+    )
+    branches_1 = tuple(law.branch(v_1, own) for law, own in zip(laws, memory_1, strict=True))
+    kick_v, kick_y = _sum(on_v for _, on_v, _ in moved), _sum(on_y for _, _, on_y in moved)
+    return _Kinks(x_1, v_1, memory_1, branches_1, h**2 * kick_y, h * kick_v, shift)
+
+
+def _sum(parts) -> Any:
+    """Sum without a zero to begin with, of which XLA would make an addition."""
+    return reduce(add, parts)

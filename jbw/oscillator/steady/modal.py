@@ -1,0 +1,98 @@
+"""Periodic response of several modes with one joint: the doors' part that is theirs alone."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from jbw.errors import ModelError
+from jbw.oscillator.checks import is_concrete, require_sense
+from jbw.oscillator.modes.balance import StructureHarmonics, modal_units, modes_of
+from jbw.oscillator.modes.structure import Structure, admitted
+from jbw.oscillator.steady.balance import linear_response, tone_from
+
+_MANY_TURNS = 10
+
+
+def modal_tones(
+    structure: Structure,
+    omega: ArrayLike,
+    amplitude: ArrayLike,
+    num_harmonics: int,
+    max_turns: int,
+    *,
+    swept: bool,
+) -> StructureHarmonics:
+    """Harmonics of every tone; those of a sweep start from their neighbours along omega.
+
+    Raises:
+        ModelError, ConfigError: As for `steady_state`.
+    """
+    structure = admitted(structure)
+    require_sense(structure, omega, amplitude, num_harmonics, max_turns)
+    omega, amplitude = jnp.asarray(omega, float), jnp.asarray(amplitude, float)
+    solve = partial(_solved, structure, omega, amplitude, num_harmonics, swept=swept)
+    found, turns = solve(max_turns)
+    if not is_concrete(structure, omega, amplitude, found):
+        return found
+    if max_turns == 2 and np.any(np.asarray(turns) > 2):
+        found, turns = solve(_MANY_TURNS)
+    failed = np.isnan(np.asarray(found.x)).any(axis=-1)
+    if failed.any():
+        first = np.unravel_index(np.argmax(failed), failed.shape)
+        tones = np.broadcast_to(np.asarray(omega), failed.shape)
+        raise ModelError(
+            f"The periodic response did not converge for {failed.sum()} of {failed.size} tones, "
+            f"the first at omega = {tones[first]:g} ({int(np.asarray(turns)[first])} turning "
+            "points of the joint a period).",
+            why="Several periodic responses may exist there, or none that turns so rarely.",
+            remedy="Lower `amplitude`, follow the branch with `response_curve`, or raise "
+            "`max_turns`.",
+        )
+    return found
+
+
+@partial(jax.jit, static_argnums=(3, 4), static_argnames=("swept",))
+def _solved(
+    structure: Structure,
+    omega: Array,
+    amplitude: Array,
+    num_harmonics: int,
+    max_turns: int,
+    *,
+    swept: bool,
+) -> tuple[StructureHarmonics, Array]:
+    """Harmonics and turning points of the joint of every tone; NaN where they are no answer."""
+    if swept:
+        level = partial(_sweep, structure, omega, num_harmonics, max_turns)
+        flat = jax.vmap(level)(amplitude.ravel())
+        shape = amplitude.shape
+    else:
+        omega, amplitude = jnp.broadcast_arrays(omega, amplitude)
+        tone = partial(_tone, structure, num_harmonics, max_turns)
+        flat = jax.vmap(tone)(omega.ravel(), amplitude.ravel())
+        shape = omega.shape
+    return jax.tree.map(lambda x: x.reshape(*shape, *x.shape[1:]), flat)
+
+
+def _tone(
+    structure, num_harmonics, max_turns, omega, amplitude
+) -> tuple[StructureHarmonics, Array]:
+    unit, ratio, length = modal_units(structure, omega, amplitude)
+    start = linear_response(unit, ratio, num_harmonics)
+    x, turns = tone_from(start, unit, ratio, length, max_turns)[1]
+    return modes_of(structure, omega, amplitude, x, max_turns), turns
+
+
+def _sweep(structure, omega, num_harmonics, max_turns, amplitude):
+    unit, ratio, length = modal_units(structure, omega, amplitude)
+
+    def tone(before, ratio):
+        return tone_from(before, unit, ratio, length, max_turns)
+
+    start = linear_response(unit, ratio[0], num_harmonics)
+    _, (x, turns) = jax.lax.scan(tone, start, ratio)
+    told = jax.vmap(lambda omega, x: modes_of(structure, omega, amplitude, x, max_turns))
+    return told(omega, x), turns
