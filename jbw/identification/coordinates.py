@@ -71,7 +71,7 @@ def joint_box(
         _require_stiffness(law, own, given, omega_n)
         # Of bounds that the campaign states: those by default are as wide as loops stay bounded.
         stated = {name: given.get(name, (max(pair[0], 0.0), pair[1])) for name, pair in own.items()}
-        if (caution := law.caution(stated)) is not None:
+        if (caution := law.caution(stated, scales.y_peak)) is not None:
             warnings.warn(caution, stacklevel=2)
     return box(bounds)
 

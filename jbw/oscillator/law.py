@@ -94,7 +94,7 @@ class Law(eqx.Module):
         raise NotImplementedError(f"The law {cls.name} bounds no coordinates {coordinates}.")
 
     @classmethod
-    def caution(cls, bounds: Bounds) -> str | None:
+    def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
         """A warning about bounds within which the law misbehaves, or None."""
         return None
 

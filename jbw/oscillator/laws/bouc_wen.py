@@ -123,7 +123,7 @@ class BoucWenLaw(Law):
         }
 
     @classmethod
-    def caution(cls, bounds: Bounds) -> str | None:
+    def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
         """Where the law lets Z grow for ever: measured joints may need it."""
         lowest = bounds["gamma"][0] + bounds["delta"][0]
         if lowest >= 0:

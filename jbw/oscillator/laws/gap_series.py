@@ -95,6 +95,19 @@ class GapSeries(Law):
             "gap": (WIDTH[0] * scales.y_peak, WIDTH[1] * scales.y_peak),
         }
 
+    @classmethod
+    def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
+        """What a prior warns of: a gap that no motion crosses leaves the element without effect."""
+        least, most = bounds["gap"]
+        if most <= y_peak:
+            return None
+        what = "begins at" if least >= y_peak else "reaches"
+        return (
+            f"The prior of gap {what} {least if least >= y_peak else most:.3g} m, but the largest "
+            f"motion is {y_peak:.3g} m: a gap wider than it never closes, and says nothing of the "
+            "joint behind it. Lower the bound, or drive harder."
+        )
+
     @property
     def element(self) -> BoucWenLaw:
         """The element behind the gap."""
