@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_modes import BOUC_WEN, GOLDEN, one_mode, structure_of, two_modes
+from test_structure import BOUC_WEN, GOLDEN, one_mode, structure_of, two_modes
 
 import jbw
 from jbw.errors import ConfigError, ModelError

@@ -101,11 +101,10 @@ class GapSeries(Law):
         least, most = bounds["gap"]
         if most <= y_peak:
             return None
-        what = "begins at" if least >= y_peak else "reaches"
+        what = f"begins at {least:.3g}" if least >= y_peak else f"reaches {most:.3g}"
         return (
-            f"The prior of gap {what} {least if least >= y_peak else most:.3g} m, but the largest "
-            f"motion is {y_peak:.3g} m: a gap wider than it never closes, and says nothing of the "
-            "joint behind it. Lower the bound, or drive harder."
+            f"The prior of gap {what} m, but the largest motion is {y_peak:.3g} m: a gap wider than "
+            "it never closes, and says nothing of the joint behind it. Lower the bound, or drive harder."
         )
 
     @property
