@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 MAX_ITERATIONS = 400
 _DIFFERENCE = 1e-7  # of the state, for its slope; less than this the slope does not know
 _SLOW = 1e-2  # m/s, of which the difference is the part at rest
+_NOTHING = 1e-14  # of the largest of the state
 _TOLERANCE = 1e-12  # rounding over a long period leaves a few parts in 1e13
 
 
@@ -44,8 +45,10 @@ def steady_period(
     start = jax.lax.custom_root(gap, packed(guess), _settle, _solve_linear)
     trajectory = period(state(start))
     leaves = jnp.stack(jax.tree.leaves(trajectory))
-    scale = jnp.max(jnp.abs(leaves), axis=1)
-    change = jnp.abs(leaves[:, -1] - leaves[:, 0])
+    scale = units * jnp.max(jnp.abs(leaves), axis=1)
+    change = units * jnp.abs(leaves[:, -1] - leaves[:, 0])
+    # What a memory holds in places that it does not use is round-off, of which all may change.
+    scale = jnp.maximum(scale, _NOTHING * jnp.max(scale))
     residual = jnp.max(change / jnp.where(scale > 0.0, scale, 1.0))
     return jax.tree.map(lambda x: x[:-1], trajectory), jax.lax.stop_gradient(residual)
 

@@ -103,8 +103,8 @@ class GapSeries(Law):
             return None
         what = f"begins at {least:.3g}" if least >= y_peak else f"reaches {most:.3g}"
         return (
-            f"The prior of gap {what} m, but the largest motion is {y_peak:.3g} m: a gap wider than "
-            "it never closes, and says nothing of the joint behind it. Lower the bound, or drive harder."
+            f"The prior of gap {what} m, but the largest motion is {y_peak:.3g} m: a wider gap "
+            "never closes, and hides what is behind it. Lower the bound, or drive harder."
         )
 
     @property
