@@ -37,7 +37,7 @@ COMMANDS = {
     "laws": ("laws", "Try laws of the joint and say which the data tell apart."),
     "sbc": ("studies", "Calibrate a step by simulation: ranks of simulated truths."),
     "predict": ("predict", "Predict tests from a run, measured or planned."),
-    "export": ("result", "Write a run's joint for CSV, MATLAB and OpenSees."),
+    "export": ("result", "Write a run's joint for other programs, FMUs among them."),
     "explain": ("about", "Say what a finding of the verdict means."),
     "docs": ("about", "Open the documentation, without a network."),
     "report": ("result", "Write the one-file report of a finished run."),

@@ -1,6 +1,7 @@
 """What is written of a finished run: `jbw report DIR` and `jbw export DIR`."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -47,17 +48,28 @@ def report(folder: Path, out: Path | None, interactive: bool, json_: bool) -> No
 @click.option("--mass", type=float, default=1.0, help="Modal mass [kg]; 1 leaves forces per kg.")
 @click.option("--y-max", type=float, help="Largest displacement [m]; by default that measured.")
 @click.option("--draw", type=int, help="Number of a draw, from 0 on; by default the best.")
+@click.option(
+    "--to", "names", default="",
+    callback=lambda _, __, value: [name.strip() for name in value.split(",") if name.strip()],
+    help="Programs with commas between them: opensees, matlab, fmi2, fmi3, abaqus, nastran, "
+    "ansys, modelica, code_aster; the first two when left out.",
+)  # fmt: skip
+@click.option("--fmu", is_flag=True, help="Write FMUs of FMI 2.0 and 3.0 as well.")
+@click.option("--draws", "count", type=int, help="Write parameter cards of so many draws.")
 @json_option
 def export(
-    folder: Path, out: Path | None, mass: float, y_max: float | None, draw: int | None, json_: bool
-) -> None:
-    """Write the joint of the finished run in DIR for CSV, MATLAB and OpenSees.
+    folder: Path, out: Path | None, names: list[str], fmu: bool, count: int | None, json_: bool,
+    **asked: Any,
+) -> None:  # fmt: skip
+    """Write the joint of the finished run in DIR for other programs.
 
     The joint is the draw of highest posterior density, or the one that --draw names; never the
     means, which along a ridge are no joint of the posterior. parameters.csv has it in three
     conventions with 99 % intervals, backbone.csv its frequency and damping against amplitude with
-    99 % bands, loop.csv its static loops, jbw.mat all of them beside the draws, and joint.tcl
-    materials of OpenSees, where it has them. All begin with the verdict of the run.
+    99 % bands, loop.csv its static loops, and jbw.mat all of them beside the draws. --to and --fmu
+    write it in the form of other programs: the law in closed code where they take it, tables where
+    not. --draws writes what to simulate over the posterior with: a folder a draw and manifest.json.
+    All begin with the verdict of the run.
     """
     from jbw.cli.progress import prepare_jax
     from jbw.report.result import read_result
@@ -65,9 +77,21 @@ def export(
 
     prepare_jax()
     from jbw.study import export as exporting
-    from jbw.study.export_files import write_export
+    from jbw.study.export_files import chosen_programs, notes_on, write_export
+    from jbw.study.exports import PROGRAMS, USUAL, programs_named
 
+    programs_named(names)  # a slip of the pen is told before anything is computed
     summary, tree = read_result(folder)
-    result = exporting.export(tree, mass, y_max, draw=draw, summary=summary)
-    paths = [str(p) for p in write_export(claim(out or folder / "export"), result)]
-    answer(json_, {"about": list(result.about), "files": paths}, saved="\n".join(paths))
+    result = exporting.export(tree, summary=summary, **asked)
+    programs = chosen_programs(names, result)
+    if fmu:
+        programs = dict.fromkeys((*programs, *chosen_programs(("fmi2", "fmi3"), result)))
+    draws = () if count is None else exporting.export_draws(tree, result, count)
+    written = write_export(claim(out or folder / "export"), result, tuple(programs), draws)
+    paths, notes = [str(path) for path in written], notes_on(programs)
+    skipped = [] if names else [PROGRAMS[name] for name in USUAL if PROGRAMS[name] not in programs]
+    notes += tuple(
+        f"{each.title} has no form of the joint, so it gets no file." for each in skipped
+    )
+    record = {"about": list(result.about), "files": paths, "notes": list(notes)}
+    answer(json_, record, *notes, saved="\n".join(paths))

@@ -1,11 +1,9 @@
 """A run's joint for other programs: one draw of its posterior, between the bands of all."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -15,7 +13,7 @@ from jbw.oscillator.law import Conversion
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Material
-from jbw.quantities import OSCILLATOR
+from jbw.quantities import OSCILLATOR, Quantity
 from jbw.study.exported_draw import (
     backbone_within,
     best_draw,
@@ -24,6 +22,7 @@ from jbw.study.exported_draw import (
     products_of,
     stated_draw,
 )
+from jbw.study.exported_joint import Table, linear_parts, materials_of, skeletons, static_loops
 from jbw.verification.backbone import curves
 from jbw.verification.bands import QUANTILES, band
 from jbw.verification.predicted import carry
@@ -31,13 +30,15 @@ from jbw.verification.predictive_basis import Draws, Laws, basis_of, count_of, p
 
 NUM_DRAWS = 1000  # carried along the backbone
 NUM_AMPLITUDES = 100
-PARTS = (0.25, 0.5, 1.0)  # of the largest displacement: the loops
-NUM_PHASES = 100  # of half a loop
 MARKS = tuple(f"q{1000 * q:03.0f}" for q in QUANTILES)
 NAMES = ("frequency", "damping", "force")  # of the backbone
 COLUMNS = ("frequency_hz", "damping_ratio", "force_n")
-
-Table = dict[str, NDArray[np.float64]]
+# Of the whole joint, beside the parameters of its laws.
+LINEAR = (
+    Quantity("mass", "m", "kg", "modal mass", 0.0),
+    Quantity("spring", "k", "N/m", "stiffness of the spring beside the laws"),
+    Quantity("dashpot", "c", "N s/m", "coefficient of the dashpot beside the laws"),
+)
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,12 @@ class Export:
     loop: Table  # largest displacement, displacement and static force of the draw
     draws: Draws
     materials: tuple[Material, ...]  # of OpenSees, in parallel; none where one force has none
+    laws: Laws
+    linear: dict[str, float]  # `LINEAR`: mass, and spring and dashpot beside the laws
+    skeleton: Table  # displacement; force of spring and laws at it, equivalent spring and dashpot
+    products: dict[str, float]  # what weak motion knows, of the draw
+    mass: float  # modal mass [kg]
+    y_max: float  # largest displacement [m]
 
 
 def export(
@@ -100,9 +107,59 @@ def export(
         theta,
         list(_parameters(draws, number, some, laws, mass)),
         _backbone(one, amplitude, bands, laws, mass),
-        _loop(one, y_max, laws, mass),
+        static_loops(one, y_max, laws, mass),
         {name: values for name, values in some.items() if name != "gain"},
-        _materials(theta, laws, mass),
+        materials_of(theta, laws, mass),
+        laws,
+        linear_parts(theta, laws, mass),
+        skeletons(one, y_max, laws, mass)[0],
+        {product.name: float(product.values[0]) for product in products_of(one, laws)},
+        mass,
+        y_max,
+    )
+
+
+def export_draws(tree: xr.DataTree, result: Export, count: int) -> tuple[tuple[int, Export], ...]:
+    """Evenly spaced draws of the posterior as exports of their own, with their numbers.
+
+    They weigh the same: the posterior is their mean.
+
+    Args:
+        tree: The run's result.
+        result: Its export.
+        count: How many draws.
+
+    Raises:
+        ConfigError: `count` is not from 1 to the number of draws.
+    """
+    basis = basis_of(tree)
+    total = basis.posterior.sizes["chain"] * basis.posterior.sizes["draw"]
+    if not 1 <= count <= total:
+        raise ConfigError(
+            f"Argument `draws` must be 1 to {total}, the draws of the run, but it is {count}."
+        )
+    draws = basis.thinned(max(2, total))
+    numbers = [(2 * i + 1) * total // (2 * count) for i in range(count)]
+    some = picked({name: values for name, values in draws.items() if name != "gain"}, numbers)
+    curves_of = skeletons(some, result.y_max, result.laws, result.mass)
+    return tuple(
+        (number, _of_draw(result, picked(some, [i]), number, curves_of[i]))
+        for i, number in enumerate(numbers)
+    )
+
+
+def _of_draw(result: Export, one: Draws, number: int, skeleton: Table) -> Export:
+    """What an export says of one draw alone, in place of the draw that it had."""
+    theta = {name: float(values[0]) for name, values in one.items()}
+    laws, mass = result.laws, result.mass
+    return replace(
+        result,
+        about=(result.about[0], f"Joint: draw {number}, from 0 on; modal mass {mass:g} kg."),
+        joint=theta,
+        materials=materials_of(theta, laws, mass),
+        linear=linear_parts(theta, laws, mass),
+        skeleton=skeleton,
+        products={product.name: float(product.values[0]) for product in products_of(one, laws)},
     )
 
 
@@ -206,38 +263,3 @@ def _backbone(
         table[column] = scale * own[name][0]
         table |= {f"{column}_{m}": scale * q for m, q in zip(MARKS, bands[name], strict=True)}
     return table
-
-
-def _loop(one: Draws, y_max: float, laws: Laws, mass: float) -> Table:
-    """Steady loops under slow motion: the force of spring and joint, without any damper [N]."""
-    peaks = y_max * np.asarray(PARTS)
-    half = peaks[:, None] * np.cos(np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1])
-    down = carry(_force_unloading, one, jnp.asarray(peaks), jnp.asarray(half), laws)[0]
-    # The way up is the way down turned about the origin; its end closes the loop.
-    y = np.concatenate([half, -half, half[:, :1]], axis=1)
-    force = np.concatenate([down, -down, down[:, :1]], axis=1)
-    around = np.repeat(peaks, y.shape[1])
-    return {"y_peak_m": around, "displacement_m": y.ravel(), "force_n": mass * force.ravel()}
-
-
-def _force_unloading(
-    theta: Mapping[str, jax.Array], peaks: jax.Array, y: jax.Array, laws: Laws
-) -> jax.Array:
-    """Force of the spring and all laws on the way down from each peak [N/kg]."""
-    joint = oscillator_of(theta, laws).slow
-    return joint.k * y + jax.vmap(joint.force_unloading)(peaks, y)
-
-
-def _materials(theta: Mapping[str, float], laws: Laws, mass: float) -> tuple[Material, ...]:
-    """The spring and every law's force as materials of OpenSees, or none where one has none."""
-    joint = oscillator_of(theta, laws)
-    if not joint.laws:
-        return ()
-    found = [Material("Elastic", (mass * float(joint.k),))]
-    for law in joint.laws:
-        conversions = law.convert(theta["omega_n"], theta["zeta"], mass).values()
-        own = next((each.materials for each in conversions if each.materials), ())
-        if not own:
-            return ()
-        found += own
-    return tuple(found)

@@ -1,32 +1,60 @@
-"""The files that `jbw export` writes: CSV, MATLAB and OpenSees, each with the run's verdict."""
+"""The files that `jbw export` writes: tables, other programs' files and cards of draws."""
 
 import csv
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jbw.oscillator.parameters import Material, Scalar
 from jbw.study.export import Export
+from jbw.study.exports import PROGRAMS, USUAL, programs_named
+from jbw.study.exports.fmu import compiler
+from jbw.study.exports.program import Program, commented, parameters_of, require_law
 
-JOINT_TAG = 1  # of the material that is the whole joint in OpenSees
 LOOP = "Steady loops under slow motion: the force of spring and joint, without any damper."
 BACKBONE = "Resonance frequency, equivalent damping and force against amplitude."
-OPENSEES = (
-    f"Material {JOINT_TAG} is spring and joint, in N, m and kg; mass and zeta are the model's."
-)
 
 
-def write_export(folder: Path, result: Export) -> tuple[Path, ...]:
-    """Write parameters.csv, backbone.csv, loop.csv, jbw.mat and joint.tcl; return the files.
+class Numbered(NamedTuple):
+    """A draw as an export of its own, and its number in the posterior."""
 
-    Texts begin with lines of comment, `# `, which say the run's verdict and which joint this is;
-    so does `about` of jbw.mat. There is no joint.tcl where OpenSees lacks one of the forces.
+    number: int
+    result: Export
+
+
+def chosen_programs(names: Sequence[str], result: Export) -> tuple[Program, ...]:
+    """The programs of some names; of none the usual ones, as far as they take the joint.
+
+    Raises:
+        ConfigError: One is not known, or cannot take the joint.
+    """
+    if not names:
+        usual = (PROGRAMS[name] for name in USUAL)
+        return tuple(program for program in usual if not program.lacks(result))
+    programs = programs_named(names)
+    for program in programs:
+        require_law(program, result)
+    return programs
+
+
+def write_export(
+    folder: Path,
+    result: Export,
+    programs: Sequence[Program] | None = None,
+    draws: Iterable[tuple[int, Export]] = (),
+) -> tuple[Path, ...]:
+    """Write parameters.csv, backbone.csv, loop.csv, jbw.mat and programs' files; return the files.
+
+    Texts begin with lines of comment which say the run's verdict and which joint this is; so does
+    `about` of jbw.mat. Draws get a folder each, draws/0001 on, and a manifest.
     """
     from scipy.io import savemat
 
+    if programs is None:
+        programs = chosen_programs((), result)
     parameters = result.parameters
     rows = [row.values() for row in parameters]
     made = [_write_rows(folder / "parameters.csv", result.about, list(parameters[0]), rows)]
@@ -39,28 +67,57 @@ def write_export(folder: Path, result: Export) -> tuple[Path, ...]:
     matlab |= {"draws": result.draws, "backbone": result.backbone, "loop": result.loop}
     savemat(folder / "jbw.mat", matlab, oned_as="column")
     made.append(folder / "jbw.mat")
-    if result.materials:
-        lines = (*_comments((*result.about, OPENSEES)), *opensees_lines(result.materials))
-        made.append(folder / "joint.tcl")
-        made[-1].write_text("\n".join((*lines, "")), encoding="utf-8")
-    return tuple(made)
+    for program in programs:
+        made += [*program.code(folder, result), *program.card(folder, result)]
+    if draws := [Numbered(*one) for one in draws]:
+        made.append(_write_draws(folder, result, programs, draws))
+    return tuple(dict.fromkeys(made))
 
 
-def opensees_lines(materials: Sequence[Material]) -> tuple[str, ...]:
-    """Commands that make materials and set them in parallel, as material 1."""
-    tags = range(JOINT_TAG + 1, JOINT_TAG + 1 + len(materials))
-    lines = [_line(one.kind, tag, one.arguments) for tag, one in zip(tags, materials, strict=True)]
-    return (*lines, _line("Parallel", JOINT_TAG, tuple(map(str, tags))))
+def notes_on(programs: Iterable[Program]) -> tuple[str, ...]:
+    """What must be said of what was written."""
+    compiled = any(program.name.startswith("fmi") for program in programs)
+    if not compiled or compiler() is not None:
+        return ()
+    return (
+        "There is no C compiler here (cc, gcc or clang), so the FMU holds sources alone: compile "
+        "them where it is used, or install one and export again.",
+    )
 
 
-def _line(kind: str, tag: int, arguments: Iterable[Scalar | str]) -> str:
-    words = (one if isinstance(one, str) else f"{float(one):.17g}" for one in arguments)
-    return " ".join(("uniaxialMaterial", kind, str(tag), *words))
-
-
-def _comments(about: Iterable[str]) -> Iterable[str]:
-    """Lines of comment."""
-    return (f"# {each}" for each in about)
+def _write_draws(
+    folder: Path, result: Export, programs: Sequence[Program], draws: Sequence[Numbered]
+) -> Path:
+    """A card of every program for each draw, and manifest.json, which says what each is."""
+    rows = []
+    for i, one in enumerate(draws, start=1):
+        own = folder / "draws" / f"{i:04d}"
+        own.mkdir(parents=True)
+        cards = {path for program in programs for path in program.card(own, one.result)}
+        rows.append(
+            {
+                "folder": own.relative_to(folder).as_posix(),
+                "draw": one.number,
+                "weight": 1.0 / len(draws),
+                "parameters": {each.name: each.value for each in parameters_of(one.result)}
+                | {name: one.result.joint[name] for name in ("omega_n", "zeta")},
+                "products": one.result.products,
+                "files": sorted(path.name for path in cards),
+            }
+        )
+    units = {row["parameter"]: row["unit"] for row in result.parameters
+             if row["convention"].startswith("jbw")}  # fmt: skip
+    units |= {each.name: each.unit for each in parameters_of(result)}
+    manifest = {
+        "about": result.about,
+        "laws": result.laws,
+        "programs": [program.name for program in programs],
+        "units": units,
+        "draws": rows,
+    }
+    path = folder / "manifest.json"
+    path.write_text(json.dumps(manifest, indent=1, ensure_ascii=False), encoding="utf-8")
+    return path
 
 
 def _write_table(
@@ -73,7 +130,7 @@ def _write_rows(
     path: Path, about: Iterable[str], header: Sequence[str], rows: Iterable[Iterable[Any]]
 ) -> Path:
     with path.open("w", newline="", encoding="utf-8") as file:
-        file.writelines(f"{line}\r\n" for line in _comments(about))
+        file.writelines(f"{line}\r\n" for line in commented(about, "# ").split("\n"))
         writer = csv.writer(file)
         writer.writerow(header)
         writer.writerows(rows)

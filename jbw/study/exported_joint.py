@@ -1,0 +1,96 @@
+"""What one draw of the joint is to other programs: linear parts, curves, loops and materials."""
+
+from collections.abc import Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import NDArray
+
+from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.parameters import Material
+from jbw.oscillator.steady.backbone import backbone
+from jbw.verification.predicted import carry
+from jbw.verification.predictive_basis import Draws, Laws
+
+PARTS = (0.25, 0.5, 1.0)  # of the largest displacement: the loops
+NUM_PHASES = 100  # of half a loop
+NUM_POINTS = 19  # of a skeleton beside its origin: Ansys takes twenty in all
+
+Table = dict[str, NDArray[np.float64]]
+
+
+def linear_parts(theta: Mapping[str, float], laws: Laws, mass: float) -> dict[str, float]:
+    """Modal mass [kg], and the spring [N/m] and the dashpot [N s/m] beside the laws."""
+    joint = oscillator_of(theta, laws)
+    dashpot = 2.0 * mass * theta["zeta"] * theta["omega_n"]
+    return {"mass": mass, "spring": mass * float(joint.k), "dashpot": dashpot}
+
+
+# -- curves ----------------------------------------------------------------------------------------
+def skeletons(draws: Draws, y_max: float, laws: Laws, mass: float) -> list[Table]:
+    """Of each draw, evenly to the largest displacement: forces there and what is equivalent.
+
+    `tip_force_n` is at the tips of steady loops, `virgin_force_n` on the way there from rest, both
+    of spring and laws without dampers; `stiffness_n_m` and `damping_ns_m` are a spring and a
+    dashpot that resonate and lose as the whole does at that amplitude.
+    """
+    y = y_max * np.arange(1, NUM_POINTS + 1) / NUM_POINTS
+    columns = carry(_skeleton, draws, jnp.asarray(y), laws)
+    names = ("tip_force_n", "virgin_force_n", "stiffness_n_m", "damping_ns_m")
+    return [
+        {"displacement_m": y, **dict(zip(names, (mass * np.asarray(x) for x in one), strict=True))}
+        for one in zip(*columns, strict=True)
+    ]
+
+
+def _skeleton(
+    theta: Mapping[str, jax.Array], y: Float[Array, " point"], laws: Laws
+) -> tuple[Float[Array, " point"], ...]:
+    whole = oscillator_of(theta, laws)
+    slow = whole.slow
+
+    def forces(at: Array) -> tuple[Array, Array]:
+        tip = slow.force(at, 0.0, slow.at_tip(at))
+        virgin = slow.force(at, 0.0, slow.move(0.0 * at, slow.at_rest(), at))
+        return slow.k * at + tip, slow.k * at + virgin  # pyright: ignore[reportReturnType]
+
+    found = backbone(whole, y)
+    return (*jax.vmap(forces)(y), found.omega**2, 2.0 * found.zeta * found.omega)
+
+
+def static_loops(one: Draws, y_max: float, laws: Laws, mass: float) -> Table:
+    """Steady loops under slow motion: the force of spring and joint, without any damper [N]."""
+    peaks = y_max * np.asarray(PARTS)
+    half = peaks[:, None] * np.cos(np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1])
+    down = carry(_force_unloading, one, jnp.asarray(peaks), jnp.asarray(half), laws)[0]
+    # The way up is the way down turned about the origin; its end closes the loop.
+    y = np.concatenate([half, -half, half[:, :1]], axis=1)
+    force = np.concatenate([down, -down, down[:, :1]], axis=1)
+    around = np.repeat(peaks, y.shape[1])
+    return {"y_peak_m": around, "displacement_m": y.ravel(), "force_n": mass * force.ravel()}
+
+
+def _force_unloading(
+    theta: Mapping[str, jax.Array], peaks: jax.Array, y: jax.Array, laws: Laws
+) -> jax.Array:
+    """Force of the spring and all laws on the way down from each peak [N/kg]."""
+    joint = oscillator_of(theta, laws).slow
+    return joint.k * y + jax.vmap(joint.force_unloading)(peaks, y)
+
+
+# -- materials -------------------------------------------------------------------------------------
+def materials_of(theta: Mapping[str, float], laws: Laws, mass: float) -> tuple[Material, ...]:
+    """The spring and every law's force as materials of OpenSees, or none where one has none."""
+    joint = oscillator_of(theta, laws)
+    if not joint.laws:
+        return ()
+    found = [Material("Elastic", (mass * float(joint.k),))]
+    for law in joint.laws:
+        conversions = law.convert(theta["omega_n"], theta["zeta"], mass).values()
+        own = next((each.materials for each in conversions if each.materials), ())
+        if not own:
+            return ()
+        found += own
+    return tuple(found)

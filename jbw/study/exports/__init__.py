@@ -1,0 +1,38 @@
+"""The register of other programs that take a run's joint: one file a program, one line here."""
+
+from collections.abc import Sequence
+
+from jbw.errors import ConfigError, did_you_mean
+from jbw.study.exports import abaqus, ansys, code_aster, fmu, matlab, modelica, nastran, opensees
+from jbw.study.exports.program import Program
+
+PROGRAMS: dict[str, Program] = {
+    each.name: each
+    for each in (
+        opensees.OPENSEES,
+        matlab.MATLAB,
+        fmu.FMI2,
+        fmu.FMI3,
+        abaqus.ABAQUS,
+        nastran.NASTRAN,
+        ansys.ANSYS,
+        modelica.MODELICA,
+        code_aster.CODE_ASTER,
+    )
+}
+USUAL = ("opensees", "matlab")  # where nothing is asked for, as far as they take the laws
+
+
+def programs_named(names: Sequence[str]) -> tuple[Program, ...]:
+    """Programs by their names.
+
+    Raises:
+        ConfigError: One is not known; with the nearest.
+    """
+    for name in names:
+        if name not in PROGRAMS:
+            raise ConfigError(
+                f"Argument `to` must name programs, but `{name}` is none.",
+                remedy=f"{did_you_mean(name, PROGRAMS)}Known: {', '.join(PROGRAMS)}.",
+            )
+    return tuple(PROGRAMS[name] for name in dict.fromkeys(names))

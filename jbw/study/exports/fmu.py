@@ -1,0 +1,155 @@
+"""FMUs for co-simulation, FMI 2.0 and 3.0: C source with the exact moves, compiled where possible.
+
+The FMU's memory goes on only by steps, so that an importer may try displacements before one.
+"""
+
+import os
+import platform
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import uuid
+import zipfile
+from collections.abc import Iterable, Mapping
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+from jbw.errors import RunError
+from jbw.quantities import BY_NAME
+from jbw.study.export import Export
+from jbw.study.exports.program import (
+    Parameter,
+    Paths,
+    Program,
+    forms_of,
+    parameters_of,
+    without_form,
+    write_text,
+)
+
+DESCRIPTION = "Force of a joint after exact moves"
+COMPILERS = ("cc", "gcc", "clang")
+# Folder of the binaries by version and system, and how they end.
+SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("win", ".dll")}
+MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
+BASE = {"kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {}, "1": {},
+        "N": {"kg": 1, "m": 1, "s": -2}}  # fmt: skip
+
+
+class Variable(NamedTuple):
+    """A variable of the FMU, in the order of the value references from 1 on."""
+
+    name: str
+    value: float
+    unit: str
+    meaning: str
+    causality: str
+    variability: str
+
+
+def _code(version: int, folder: Path, result: Export) -> Paths:
+    """The FMU; without a compiler of sources alone, which importers can compile."""
+    parameters = parameters_of(result)
+    facts: dict[str, Any] = {"forms": forms_of("c/laws", result), "description": DESCRIPTION}
+    facts["memory"] = sum(form.memory for form in facts["forms"])
+    facts["variables"] = tuple(_variables(parameters))
+    facts["units"] = units_of(facts["variables"])
+    facts["token"] = str(uuid.uuid5(uuid.NAMESPACE_OID, repr((version, result.about, parameters))))
+    path = folder / f"joint_fmi{version}.fmu"
+    with TemporaryDirectory() as name, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as fmu:
+        root = Path(name)
+        for part in ("sources", "documentation"):
+            (root / part).mkdir()
+        write_text(root / "modelDescription.xml", f"fmu/fmi{version}.xml", result, **facts)
+        write_text(root / "documentation/index.html", "fmu/index.html", result, **facts)
+        write_text(root / "sources/joint.c", f"fmu/fmi{version}.c", result, **facts)
+        write_text(root / "sources/buildDescription.xml", "fmu/buildDescription.xml", result)
+        compile_shared(root / "sources/joint.c", root / "binaries" / binary(version))
+        for file in sorted(each for each in root.rglob("*") if each.is_file()):
+            fmu.write(file, file.relative_to(root).as_posix())
+    return (path,)
+
+
+def _card(folder: Path, result: Export) -> Paths:
+    """The parameters as SSP's set of values, by which importers replace the FMU's own."""
+    parameters = parameters_of(result)
+    more = {"description": DESCRIPTION, "units": units_of(parameters)}
+    return (write_text(folder / "joint.ssv", "fmu/joint.ssv", result, **more),)
+
+
+def _variables(parameters: Iterable[Parameter]) -> Iterable[Variable]:
+    for name in ("displacement", "velocity"):
+        unit = BY_NAME[name].unit
+        yield Variable(name, 0.0, unit, f"{name} across the joint", "input", "continuous")
+    laws, whole = "force of the joint's laws", "the same with the spring and the dashpot beside it"
+    for name, meaning in (("force", laws), ("total_force", whole)):
+        yield Variable(name, 0.0, "N", meaning, "output", "continuous")
+    for one in parameters:
+        yield Variable(*one, "parameter", "fixed")
+
+
+# -- units -----------------------------------------------------------------------------------------
+def units_of(variables: Iterable[Variable | Parameter]) -> list[Mapping[str, Any]]:
+    """Units of some variables and of time, as powers of the kilogram, the metre and the second."""
+    names = dict.fromkeys(("s", *(one.unit for one in variables)))
+    return [{"name": name, **base_powers(name)} for name in names]
+
+
+def base_powers(unit: str) -> dict[str, int]:
+    """Powers of kg, m and s in a unit of jbw's dialect, such as `1/(m s^2)`."""
+    powers = {"kg": 0, "m": 0, "s": 0}
+    above, _, below = unit.partition("/")
+    for part, sign in ((above, 1), (below.strip("()"), -1)):
+        for name, power in re.findall(r"([A-Za-z]+|1)(?:\^(\d+))?", part):
+            for base, own in BASE[name].items():
+                powers[base] += sign * own * int(power or 1)
+    return powers
+
+
+# -- binaries --------------------------------------------------------------------------------------
+def binary(version: int) -> str:
+    """Where this machine's binary lies within `binaries`, such as `linux64/joint.so`."""
+    system, suffix = SYSTEMS.get(sys.platform, (sys.platform, ".so"))
+    machine = MACHINES.get(platform.machine().lower(), platform.machine().lower())
+    if version == 2:
+        return f"{system}{64 if machine == 'x86_64' else '-' + machine}/joint{suffix}"
+    return f"{machine}-{'windows' if system == 'win' else system}/joint{suffix}"
+
+
+def compiler() -> list[str] | None:
+    """The C compiler's command, the variable CC's or the system's; None where there is none."""
+    named = shlex.split(os.environ.get("CC", ""))
+    commands = [named] if named else [[name] for name in COMPILERS]
+    return next((command for command in commands if shutil.which(command[0])), None)
+
+
+def compile_shared(source: Path, target: Path) -> bool:
+    """Compile one file of C to a shared library; False without a compiler.
+
+    Raises:
+        RunError: The compiler fails.
+    """
+    if (command := compiler()) is None:
+        return False
+    target.parent.mkdir(parents=True)
+    flags = ["-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden"]
+    whole = [*command, *flags, "-o", str(target), str(source), "-lm"]
+    done = subprocess.run(whole, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise RunError(
+            f"The compiler `{' '.join(command)}` must compile the FMU, but ends with "
+            f"{done.returncode}: {done.stderr[-500:]}",
+            remedy="Name another one in the environment, CC=gcc, or CC=none for sources alone.",
+        )
+    return True
+
+
+FMI2, FMI3 = (
+    Program(f"fmi{version}", f"FMI {version}.0", _card, partial(_code, version),
+            without_form("c/laws"))
+    for version in (2, 3)
+)  # fmt: skip

@@ -1,0 +1,22 @@
+"""A step function for MATLAB and Octave: the exact moves in their language."""
+
+from pathlib import Path
+
+from jbw.study.export import Export
+from jbw.study.exports.program import Paths, Program, forms_of, without_form, write_text
+
+
+def _code(folder: Path, result: Export) -> Paths:
+    """The step function, of any parameters."""
+    forms = forms_of("matlab/laws", result)
+    facts = {"forms": forms, "memory": sum(form.memory for form in forms)}
+    return (write_text(folder / "joint_step.m", "matlab/joint_step.m", result, **facts),)
+
+
+def _card(folder: Path, result: Export) -> Paths:
+    """The parameters."""
+    path = folder / "joint_parameters.m"
+    return (write_text(path, "matlab/joint_parameters.m", result),)
+
+
+MATLAB = Program("matlab", "MATLAB", _card, _code, without_form("matlab/laws"))

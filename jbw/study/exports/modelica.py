@@ -1,0 +1,15 @@
+"""Modelica: the joint as a translational component, by the rates of its laws."""
+
+from pathlib import Path
+
+from jbw.study.export import Export
+from jbw.study.exports.program import Paths, Program, forms_of, without_form, write_text
+
+
+def _card(folder: Path, result: Export) -> Paths:
+    """The model."""
+    forms = forms_of("modelica/laws", result)
+    return (write_text(folder / "Joint.mo", "modelica/joint.mo", result, forms=forms),)
+
+
+MODELICA = Program("modelica", "Modelica", _card, lacks=without_form("modelica/laws"))

@@ -1,0 +1,3 @@
+{% if part == "equations" %}
+  force_quadratic_damping = quadratic_damping*v_rel*abs(v_rel);
+{% endif %}

@@ -1,0 +1,3 @@
+{% if part == "equations" %}
+  force_quintic = quintic*s_rel^5;
+{% endif %}

@@ -1,0 +1,5 @@
+{{ about | commented("# ") }}
+# Material 1 is spring and joint, in N, m and kg; mass and zeta are the model's.
+{% for line in lines %}
+{{ line }}
+{% endfor %}
