@@ -60,10 +60,12 @@ def label(case):
 def test_golden_motions_and_the_order_of_the_step(case):
     """A mode at 0.8 rad a step; the order from one step to four."""
     once, twice, four = (error_of(case, m) for m in (1, 2, 4))
-    # Two tones near 1 : 3 turn the joint within many steps: 4.4e-4, the largest of all.
-    assert once < (5e-4 if label(case).startswith("tones-3") else 3e-4)
-    assert twice < 2e-5
-    assert four < 1e-6
+    # Two tones near 1 : 3 drive the joint to delta x = 6 while the third mode moves by 1/600 of
+    # x: what the cubic of r misses (h^5 r""/720 a step) is 1.5 times as large a part of its peak.
+    larger = 1.5 if label(case).startswith("tones-3") else 1.0
+    assert once < 3e-4 * larger
+    assert twice < 2e-5 * larger
+    assert four < 1e-6 * larger
     assert np.log(once / four) / np.log(4.0) > 3.8
 
 
