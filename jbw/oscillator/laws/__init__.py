@@ -15,6 +15,7 @@ from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.oscillator.laws.bouc_wen_nu import BoucWenNu
 from jbw.oscillator.laws.dampers import CubicDamping, QuadraticDamping
 from jbw.oscillator.laws.gap_series import GapSeries
+from jbw.oscillator.laws.given_backbone import given_backbone as given_backbone
 from jbw.oscillator.laws.iwan import Iwan4, MasingExponential, MasingPower
 from jbw.oscillator.laws.jenkins import Jenkins, jenkins
 from jbw.oscillator.laws.kinked_springs import Quadratic, Stop
