@@ -21,11 +21,14 @@ THETA = {
     "masing_power": {"power_loss": 120.0, "power_exponent": 0.7},
     "quadratic": {"quadratic": 8e4},
     "quintic": {"quintic": 5e11},
+    "square": {"square": 8e4},
     "quadratic_damping": {"quadratic_damping": 2.0},
     "cubic_damping": {"cubic_damping": 4.0},
     "stop": {"stop_stiffness": 400.0, "stop_gap": 1.5e-3},
     "bilinear": {"bilinear_k": 600.0, "bilinear_yield": 2e-3},
 }  # fmt: skip
+
+ODD = [name for name in THETA if name != "square"]  # that have steady responses
 
 
 def law_of(name, theta=None):

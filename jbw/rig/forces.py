@@ -150,6 +150,16 @@ class PowerSpring(Force):
         return self.c * jnp.sign(y) * abs(y) ** self.n
 
 
+class EvenSpring(Force):
+    """Force c y^2, the same on both sides."""
+
+    c: Scalar
+
+    def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
+        """By the square."""
+        return self.c * y * y
+
+
 class Drag(Force):
     """Force c |v|^n sgn v of a power above one."""
 

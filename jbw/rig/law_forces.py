@@ -17,6 +17,7 @@ from jbw.rig.forces import (
     BoucWenForce,
     BoucWenNuForce,
     Drag,
+    EvenSpring,
     Force,
     GapForce,
     PowerSpring,
@@ -98,6 +99,7 @@ FORCES: dict[str, Callable[[Mapping[str, Scalar]], Sequence[Force]]] = {
     "quadratic": lambda theta: [PowerSpring(theta["quadratic"], 2)],
     "quadratic_damping": lambda theta: [Drag(theta["quadratic_damping"], 2)],
     "quintic": lambda theta: [PowerSpring(theta["quintic"], 5)],
+    "square": lambda theta: [EvenSpring(theta["square"])],
     "stop": lambda theta: [StopForce(theta["stop_stiffness"], theta["stop_gap"])],
 }
 

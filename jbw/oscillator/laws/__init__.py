@@ -22,7 +22,7 @@ from jbw.oscillator.laws.kinked_springs import Quadratic, Stop
 from jbw.oscillator.laws.masing import Masing
 from jbw.oscillator.laws.springs import Cubic as Cubic
 from jbw.oscillator.laws.springs import Polynomial as Polynomial
-from jbw.oscillator.laws.springs import Quintic
+from jbw.oscillator.laws.springs import Quintic, Square
 from jbw.quantities import Quantity
 
 Kind = type[Law]
@@ -43,6 +43,7 @@ LAWS: dict[str, Kind] = {
         Quadratic,
         QuadraticDamping,
         Quintic,
+        Square,
         Stop,
     )
 }

@@ -167,6 +167,59 @@ class Quintic(Spring):
         """None."""
 
 
+class Square(Spring):
+    r"""Stiffness that differs in tension and compression, $f(y) = k_2\,y^2$ [N/kg].
+
+    The force is even, so that the motion has a mean and even harmonics: for records, which are
+    followed in time, and not for steady responses. A cubic spring about another rest is this one,
+    a cubic one and a part of omega_n^2.
+
+    Attributes:
+        k_2: Stiffness gained by displacement, of either sign [1/(m s^2)].
+    """
+
+    name: ClassVar[str] = "square"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("square", "k₂", "1/(m s^2)", "stiffness gained by displacement, an even force"),
+    )
+
+    k_2: Scalar
+
+    @classmethod
+    def build(cls, theta: Mapping[str, Any]) -> Self:
+        """The spring of `square`."""
+        return cls(theta["square"])
+
+    def parameters(self) -> dict[str, Any]:
+        """Values by name."""
+        return {"square": self.k_2}
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        """At the largest displacement up to three tenths of the linear stiffness, either sign."""
+        most = MOST_SHARE * scales.omega_n**2 / scales.y_peak
+        return {"square": (-most, most)}
+
+    def __call__(self, y: Scalar) -> Scalar:
+        """Force at the displacement y [m]."""
+        return self.k_2 * y**2
+
+    def loop(self, y_peak: Scalar) -> Loop:
+        """None: the mean of an even force and its even harmonics have no part at the first."""
+        none = 0.0 * self.k_2 * jnp.asarray(y_peak, float)
+        return Loop(none, none)
+
+    def harmonics(
+        self, q: Complex[Array, " harmonic"], max_turns: int
+    ) -> Complex[Array, " harmonic"]:
+        """None of an odd order."""
+        return 0.0 * q
+
+    def even_part(self) -> str:
+        """All of it."""
+        return "`square` is an even one"
+
+
 class Polynomial(Spring):
     r"""Polynomial stiffness, $f(y) = \sum_{n \ge 2} c_n\,y^n$ [N/kg].
 

@@ -1,0 +1,167 @@
+"""Does the posterior hold the truth, and the right law the weight, whatever law made the records?
+
+Campaigns of three sweeps from the virtual rig, which integrates every law by a code of its own,
+at parameters drawn anew for each campaign. Each is given to `jbw.compare_laws` with the law that
+made it and its rivals. Where the truth's rank among the draws is a uniform number its z-score is
+standard normal. Results are appended to a file, a line a campaign; what is there stays.
+
+    python benchmarks/law_recovery.py --out FILE [--campaigns 50] [--only CASE] [--json FILE]
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from scipy import stats
+from timing import Table, options, show
+
+import jbw
+from jbw import rig
+from jbw.inference.posterior.summary import scalars
+from jbw.oscillator.laws import laws_named
+from jbw.rig.generator import Sweep
+from jbw.study.laws import LawComparison
+
+FS, OMEGA_N, ZETA, GAIN = 256.0, 2 * np.pi * 18.8, 0.00444, 15.0
+SCATTER = 0.2  # of the logarithm of each of the law's parameters from campaign to campaign
+NOISE = 0.01  # over the rms of each record
+REPEATS = 5  # runs that are left out in turn: the fewest that give weights
+RIVALS = ("cubic", "bouc_wen", "iwan4")
+KNOWN = 0.25  # a parameter counts as identified where its deviation is less of its mean
+COLUMNS = {
+    "true law": "", "campaigns": "d", "z-scores": "d", "mean z": ".2f", "sd of z": ".2f",
+    "p of Kolmogorov": ".2f", "within 99 %": ".3f", "best": "d", "weight > 1/2": "d",
+    "told apart from": "", "median time, s": ".0f",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A law that makes records: where its parameters lie, and how hard the specimen is driven."""
+
+    law: str
+    theta: Mapping[str, float]
+    levels: tuple[float, ...]  # peaks of the source [V]
+    sure: tuple[str, ...] = ()  # parameters that do not scatter: exponents and ratios
+
+
+IWAN = {"iwan_stiffness": 1500.0, "iwan_loss": 217.0, "iwan_chi": -0.3, "iwan_beta": 0.5}
+TRUTHS = {
+    "Iwan-4 below macroslip": Truth("iwan4", IWAN, (0.005, 0.015, 0.04), ("iwan_chi",)),
+    "Iwan-4 past macroslip": Truth("iwan4", IWAN, (0.03, 0.1, 0.3), ("iwan_chi",)),
+    "gap in series": Truth(
+        "gap_series",
+        {"gap_stiffness": 700.0, "gap_softening": 300.0, "gap_opening": 100.0, "gap": 6e-4},
+        (0.01, 0.03, 0.08),
+    ),
+    "Bouc-Wen of nu = 0.5": Truth(
+        "bouc_wen_nu",
+        {"nu_stiffness": 497.4, "nu_softening": 0.3, "nu_opening": 0.1, "nu": 0.5},
+        (0.01, 0.03, 0.08), ("nu",),
+    ),
+    "Jenkins, three sliders": Truth(
+        "jenkins_3",
+        {
+            "stiffness_1": 300.0, "slip_1": 5e-4, "stiffness_2": 250.0, "slip_ratio_2": 3.0,
+            "stiffness_3": 200.0, "slip_ratio_3": 8 / 3,
+        },
+        (0.01, 0.03, 0.08), ("slip_ratio_2", "slip_ratio_3"),
+    ),
+}  # fmt: skip
+
+
+def made(truth: Truth, seed: int) -> tuple[Any, dict[str, float]]:
+    """A campaign on the rig, and the values of its law's parameters by name."""
+    rng = np.random.default_rng([seed, len(truth.law)])
+    theta = {
+        name: value * (1.0 if name in truth.sure else np.exp(SCATTER * rng.standard_normal()))
+        for name, value in truth.theta.items()
+    }
+    (kind,) = laws_named((truth.law,))
+    joint = jbw.Oscillator(OMEGA_N, ZETA, (kind.of(theta),))
+    plans = tuple(
+        rig.Plan(
+            f"sweep_{1e3 * level:.0f}mV", "sweep",
+            Sweep(12.0, 26.0, level, burst=6.0, fade=0.3, duration=8.0), repeats=REPEATS,
+        )
+        for level in truth.levels
+    )  # fmt: skip
+    preset = replace(rig.MIXED, name="law recovery", gain=GAIN, source="input", plans=plans)
+    campaign = rig.measure(preset, joint=joint, seed=seed, fs=FS, noise_ratio=NOISE)
+    settings = campaign.settings.model_copy(update={"prior": {}, "fit": None})
+    return replace(campaign, settings=settings), {"omega_n": OMEGA_N, "zeta": ZETA, **theta}
+
+
+def ranks(compared: LawComparison, law: str, truth: Mapping[str, float]) -> dict[str, list[float]]:
+    """The truth's rank among the true law's draws, within 0 and 1; their deviation over mean."""
+    draws = scalars(compared.tree[f"laws/{law}"])
+    found = {}
+    for name in (name for name in truth if name in draws):
+        values = np.ravel(draws[name])
+        rank = (np.sum(values < truth[name]) + 0.5) / (len(values) + 1)
+        found[name] = [float(rank), float(abs(np.std(values) / np.mean(values)))]
+    return found
+
+
+def tried(name: str, seed: int) -> dict[str, Any]:
+    """One campaign's answer."""
+    truth = TRUTHS[name]
+    campaign, theta = made(truth, seed)
+    laws = list(dict.fromkeys([truth.law, *RIVALS]))
+    started = perf_counter()
+    compared = jbw.compare_laws(campaign, laws, seed=seed)
+    wall = perf_counter() - started
+    rows = compared.record["laws"]
+    return {
+        "case": name, "seed": seed, "wall": wall,
+        "ranks": ranks(compared, truth.law, theta),
+        "weight": rows[truth.law]["weight"],
+        "answers": {law: row["answer"] for law, row in rows.items()},
+        "error": {law: row["error_left_out"] for law, row in rows.items()},
+    }  # fmt: skip
+
+
+def row(name: str, lines: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
+    """One row of the table: a law that made records."""
+    law = TRUTHS[name].law
+    known = [rank for one in lines for rank, sd in one["ranks"].values() if sd < KNOWN]
+    z = stats.norm.ppf(known)
+    rivals = (law for law in RIVALS if law != TRUTHS[name].law)
+    apart = {rival: sum(one["answers"].get(rival) == "worse" for one in lines) for rival in rivals}
+    return (
+        name, len(lines), len(z), float(np.mean(z)), float(np.std(z)),
+        float(stats.kstest(z, "norm").pvalue), float(np.mean(np.abs(z) < stats.norm.ppf(0.995))),
+        sum(one["answers"].get(law) == "best" for one in lines),
+        sum((one["weight"] or 0.0) > 0.5 for one in lines),
+        ", ".join(f"{rival} {count}" for rival, count in apart.items()),
+        float(np.median([one["wall"] for one in lines])),
+    )  # fmt: skip
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = options(__doc__)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--campaigns", type=int, default=50)
+    parser.add_argument("--only", action="append", choices=list(TRUTHS))
+    chosen = parser.parse_args(arguments)
+    jbw.enable_x64()
+    chosen.out.touch()
+    lines = [json.loads(line) for line in chosen.out.read_text().splitlines()]
+    done = {(one["case"], one["seed"]) for one in lines}
+    names = chosen.only or list(TRUTHS)
+    for seed in range(chosen.campaigns):
+        for name in names:
+            if (name, seed) not in done:
+                lines.append(tried(name, seed))
+                with chosen.out.open("a") as file:
+                    print(json.dumps(lines[-1]), file=file)
+    rows = [row(name, own) for name in names if (own := [x for x in lines if x["case"] == name])]
+    show([Table("Laws recovered", COLUMNS, rows)], file=chosen.json)
+
+
+if __name__ == "__main__":
+    main()
