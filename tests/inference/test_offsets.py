@@ -87,6 +87,23 @@ def test_density_of_offsets_is_that_of_a_normal_distribution():
     assert ours == pytest.approx(reference, rel=1e-10)
 
 
+@pytest.mark.parametrize("own", [1, 2, 3, 4])
+def test_offsets_of_any_number_are_integrated_out_of_the_likelihood(own):
+    """Against the dense normal density of all values of three groups, two of them of one run."""
+    rng, runs, num = np.random.default_rng(own), (0, 1, 0), 12
+    directions = rng.normal(size=(3, own, num))
+    residual, scatter = rng.normal(size=(3, num)), np.geomspace(0.3, 2.0, own)
+    found = known_estimate(jnp.asarray(residual), jnp.asarray(directions))
+    ours = float(jnp.sum(found.log_density) + log_density_of_offsets(found, (runs,), scatter[None]))
+    covariance = np.eye(3 * num)
+    for run in set(runs):
+        moved = np.concatenate([d.T * (run == r) for d, r in zip(directions, runs, strict=True)])
+        covariance += moved @ np.diag(scatter**2) @ moved.T
+    exact = multivariate_normal(np.zeros(3 * num), covariance).logpdf(residual.ravel())
+    # A constant of the values' number apart; twelve digits less a condition of some hundred.
+    assert ours == pytest.approx(exact + 1.5 * num * np.log(2 * np.pi), rel=1e-10)
+
+
 @pytest.fixture
 def nested():
     """Five groups of four runs in two assemblies, and their covariance under given scatters."""
