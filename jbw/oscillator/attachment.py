@@ -1,0 +1,79 @@
+r"""What a shaker adds to a structure: the armature as a linear attachment at the drive point.
+
+A voltage V drives an armature that is tied to the structure where this moves by $x_d$,
+
+$$F = g\,V - (m_a \ddot x_d + c_a \dot x_d + k_a x_d)$$
+
+with the back-EMF in $c_a$. A force that is measured has the structure alone for its response, a
+voltage the structure with its attachment: omega_n and zeta differ, the joint does not.
+
+Reference:
+    McConnell and Varoto (2008), Vibration Testing; Tomlinson, J. Sound Vib. 63 (1979) 337.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from jbw.errors import ModelError
+
+Modal = Float[np.ndarray, " mode"]
+
+
+class Attachment(NamedTuple):
+    """A linear attachment at one point."""
+
+    mass: float  # m_a [kg]; negative where a suspension's stiffness falls over the band
+    damping: float  # c_a [N s/m]
+    stiffness: float  # k_a [N/m]
+
+
+def attached(
+    omega: ArrayLike, zeta: ArrayLike, shape: ArrayLike, attachment: Attachment
+) -> tuple[Modal, Modal]:
+    r"""Natural frequencies [rad/s] and damping ratios of a structure with an attachment.
+
+    $$(I + m_a \phi\phi^T)\,\ddot q + (\mathrm{diag}(2\zeta\omega) + c_a \phi\phi^T)\,\dot q
+      + (\mathrm{diag}(\omega^2) + k_a \phi\phi^T)\,q = 0$$
+
+    Args:
+        omega: Natural frequencies without it [rad/s], shape (mode,).
+        zeta: Damping ratios without it.
+        shape: Mass-normalised mode shapes phi at the drive point [1/sqrt(kg)].
+        attachment: What is tied there.
+
+    Returns:
+        Frequencies in rising order, and the damping ratios beside them.
+
+    Raises:
+        ModelError: Modes that are no oscillators, or that the attachment makes unstable.
+    """
+    w, z, phi = (np.atleast_1d(np.asarray(x, float)) for x in (omega, zeta, shape))
+    if not (w.shape == z.shape == phi.shape and w.ndim == 1):
+        raise ModelError(
+            "Arguments `omega`, `zeta` and `shape` must have one value a mode each, but their "
+            f"shapes are {w.shape}, {z.shape} and {phi.shape}."
+        )
+    if not (np.all(w > 0) and np.all(np.isfinite([w, z, phi])) and np.all(np.isfinite(attachment))):
+        raise ModelError("Every omega must be positive, and zeta, shape and attachment finite.")
+    at_once = np.outer(phi, phi)
+    eye, none = np.eye(len(w)), np.zeros((len(w), len(w)))
+    mass = eye + attachment.mass * at_once
+    stiffness = np.diag(w**2) + attachment.stiffness * at_once
+    for name, matrix in (("mass", mass), ("stiffness", stiffness)):
+        if np.linalg.eigvalsh(matrix)[0] <= 0:
+            raise ModelError(
+                f"Structure and attachment must have a positive {name} together, but the "
+                f"attachment's {name}, {getattr(attachment, name):.4g}, takes all of it.",
+                remedy="Fit the attachment over a wider band, or at the right drive point.",
+            )
+    damping = np.diag(2 * z * w) + attachment.damping * at_once
+    inner = np.linalg.solve(mass, np.concatenate([stiffness, damping], axis=1))
+    values = np.linalg.eigvals(np.block([[none, eye], [-inner]]))
+    poles = values[values.imag > 0]
+    if len(poles) < len(w):
+        raise ModelError("A mode with the attachment no longer oscillates: its damping is above 1.")
+    poles = poles[np.argsort(np.abs(poles))]
+    return np.abs(poles), -poles.real / np.abs(poles)
