@@ -1,0 +1,1 @@
+"""Several units of one joint: their runs collected, and what scatters between them."""
