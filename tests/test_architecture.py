@@ -35,7 +35,8 @@ SEES = {
     "verification": MODEL | {"identification"},
     "planning": MODEL | {"verification"},
     "study": MODEL | {"identification", "verification", "report", "rig"},
-    "cli": MODEL | {"verification", "planning", "report", "rig", "run", "study"},
+    "population": MODEL | {"verification", "report", "study"},
+    "cli": MODEL | {"verification", "planning", "report", "rig", "run", "study", "population"},
 }
 # Rooms within a room: what each may see of its siblings.
 WITHIN = {

@@ -10,12 +10,13 @@ At the root, attributes
     symbols   JSON: parameter to its symbol for people
     meanings  JSON: parameter to what it is, in a few words
     versions  JSON: package to its version, the same in every run (jbw and what it computes with)
-    left_out  JSON: quantity to the units whose draws are not all positive, so that nobody has its
-              logarithm; it is in none of the variables
+    left_out  JSON: quantity to the units that do not know it, or hold draws that are not positive
+              and have no logarithm; it is in none of the variables
 
 coordinates
 
-    unit       name of each run, unique: that of its folder; in the order given
+    unit       name of each run, unique: that of its folder; in the order given (`mean_run` for
+               `mean` and other names of variables)
     parameter  omega_n, zeta, the laws' own parameters, their products (`alpha_delta`) and their
                other coordinates (`softening` = alpha delta/omega_n^2), `gain` where every run
                inferred it; those that every run has, positive in all of its draws
@@ -41,7 +42,7 @@ and variables
     run_scatter  (unit, parameter)  sd over the runs within the unit, over the mean, of omega_n and
                  zeta where the unit has several runs; NaN elsewhere
 
-A group for each unit, `/<unit>`, with
+A group for each unit, `fleet[unit]`, with
 
     draws  (draw, parameter)  natural logarithms, chains one after the other; as many as the run has
     attributes  campaign (its name), folder (of the run), source (the campaign file)
@@ -50,3 +51,174 @@ Logarithms of monomials are sums of those of their factors: ln(alpha delta/omega
 `draws.sel(parameter="alpha_delta") - 2 draws.sel(parameter="omega_n")`. The uniform prior in theta
 has the density exp(sum ln theta) over ln theta: nothing here takes it out.
 """
+
+import json
+import os
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.stats import norm
+
+from jbw.errors import DataError, RunError
+from jbw.population.covariates import NUMBERS, Covariates, covariates_of, require_torque_of_all
+from jbw.population.unit import Unit, require_alike, units_of
+from jbw.study.study import Study
+
+FORMAT = 1
+FEWEST = 2  # units, below which nothing scatters between them
+ABOUT = {
+    "torque": {"units": "N m", "long_name": "tightening torque"},
+    "sequence": {"units": "1", "long_name": "number of the tightening"},
+    "temperature": {"units": "degC", "long_name": "temperature"},
+}
+
+
+def fleet_of(
+    runs: Iterable[Study | str | Path],
+    *,
+    covariates: Mapping[str, Mapping[str, Any]] | None = None,
+    mixed_versions: bool = False,
+) -> xr.DataTree:
+    """Draws of several finished runs with their covariates, as this module describes it.
+
+    Args:
+        runs: Folders of finished runs, or what `jbw.identify` and `jbw.load_study` return; one a
+            unit, in this order.
+        covariates: Name of a run to `torque` [N m], `sequence`, `assembly`, `temperature` [degC],
+            in the place of what its campaign states in [assembly].
+        mixed_versions: Take runs of different versions of jbw or of what it computes with.
+
+    Raises:
+        ConfigError: Covariates of a run that is not there, or that are none.
+        DataError: Fewer than two runs; runs of different laws, units or versions, or of the same
+            records; one that is not finished; a torque that some runs state and others do not.
+    """
+    units = units_of(list(runs))
+    if len(units) < FEWEST:
+        raise DataError(
+            f"A fleet needs at least {FEWEST} runs, but there {'is one' if units else 'is none'}.",
+            why="Nothing scatters between fewer units.",
+            remedy="Give the folders of more finished runs, of other units or tightenings.",
+        )
+    require_alike(units, mixed_versions=mixed_versions)
+    stated = covariates_of({unit.name: unit.record for unit in units}, covariates or {})
+    require_torque_of_all(stated)
+    return _tree(units, [stated[unit.name] for unit in units])
+
+
+def read_fleet(path: str | Path) -> xr.DataTree:
+    """A fleet from the file that `write_fleet` or `jbw collect` wrote.
+
+    Raises:
+        DataError: No such file, or one that holds no fleet of this format.
+    """
+    path, again = Path(path), "Write it with this version of jbw: jbw collect RUNS --out fleet.nc."
+    try:
+        with xr.open_datatree(path, engine="h5netcdf") as stored:
+            tree = stored.load()
+    except (OSError, ValueError) as cause:
+        raise DataError(f"The fleet {path} cannot be read: {cause}", remedy=again) from cause
+    if tree.attrs.get("format") != FORMAT or "unit" not in tree.coords:
+        raise DataError(f"{path} holds no fleet of format {FORMAT}.", remedy=again)
+    return tree
+
+
+def write_fleet(path: str | Path, fleet: xr.DataTree) -> None:
+    """Write a fleet to one NetCDF file, whole or not at all."""
+    path = Path(path)
+    try:
+        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".part-") as part:
+            fleet.to_netcdf(Path(part, path.name), engine="h5netcdf")
+            os.replace(Path(part, path.name), path)
+    except OSError as error:
+        raise RunError(
+            f"The fleet {path} cannot be written: {error.strerror or error}.",
+            remedy="Choose another file with --out, in a folder that is there.",
+        ) from error
+
+
+def _tree(units: Sequence[Unit], stated: Sequence[Covariates]) -> xr.DataTree:
+    names, left_out = _common(units)
+    logs = [np.log(np.stack([unit.draws[name] for name in names], axis=-1)) for unit in units]
+    first = units[0]
+    per, square = ("unit", "parameter"), ("unit", "parameter", "other")
+    bounds = np.array([[_log_bounds(unit, name) for name in names] for unit in units])
+    scatter = [[unit.scatter.get(name, np.nan) for name in names] for unit in units]
+    covariance = [np.atleast_2d(np.cov(log, rowvar=False)) for log in logs]
+    root = xr.Dataset(
+        {
+            **{
+                name: ("unit", [getattr(one, name) for one in stated], ABOUT[name])
+                for name in NUMBERS
+            },
+            "assembly": ("unit", _words(one.assembly for one in stated)),
+            "verdict": ("unit", _words(unit.verdict for unit in units)),
+            "sampling": ("unit", _words(unit.sampling for unit in units)),
+            "num_draws": ("unit", [len(log) for log in logs]),
+            "ess": ("unit", [unit.ess for unit in units]),
+            "mean": (per, [log.mean(axis=0) for log in logs]),
+            "covariance": (square, covariance),
+            "lower": (per, bounds[..., 0]),
+            "upper": (per, bounds[..., 1]),
+            "beyond": (per, [[beyond(unit, name) for name in names] for unit in units]),
+            "run_scatter": (per, scatter),
+        },
+        {
+            "unit": _words(unit.name for unit in units),
+            "parameter": _words(names),
+            "other": _words(names),
+        },
+        {
+            "format": FORMAT,
+            "laws": json.dumps(first.laws),
+            "units": json.dumps({name: first.quantities[name].unit for name in names}),
+            "symbols": json.dumps({name: first.quantities[name].symbol for name in names}),
+            "meanings": json.dumps({name: first.quantities[name].meaning for name in names}),
+            "versions": json.dumps(first.versions),
+            "left_out": json.dumps(left_out),
+        },
+    )
+    groups = {
+        f"/{unit.name}": xr.Dataset({"draws": (("draw", "parameter"), log)}, attrs=unit.origin)
+        for unit, log in zip(units, logs, strict=True)
+    }
+    return xr.DataTree.from_dict({"/": root, **groups})
+
+
+def _words(texts: Iterable[str]) -> Any:
+    return np.asarray(list(texts), object)
+
+
+def _common(units: Sequence[Unit]) -> tuple[list[str], dict[str, list[str]]]:
+    """Quantities that have logarithms in every unit, and of the others the units that lack them."""
+    every = dict.fromkeys(name for unit in units for name in unit.draws)
+    lacking = {
+        name: [u.name for u in units if name not in u.draws or not np.all(u.draws[name] > 0)]
+        for name in every
+    }
+    return [name for name in every if not lacking[name]], {n: w for n, w in lacking.items() if w}
+
+
+def _log_bounds(unit: Unit, name: str) -> tuple[float, float]:
+    """Logarithms of the prior's bounds; -inf below zero, NaN where the quantity was not sampled."""
+    lower, upper = unit.bounds.get(name, (np.nan, np.nan))
+    return float(np.log(lower)) if not lower <= 0 else -np.inf, float(np.log(upper))
+
+
+def beyond(unit: Unit, name: str) -> float:
+    """Probability beyond the prior's bounds of a Gaussian of the draws' mean and sd.
+
+    A posterior that the box leaves alone has next to none there; one that is cut at its mode,
+    half a Gaussian, has 9 %, one that is flat up to a bound 4 %. NaN where not sampled.
+    """
+    if name not in unit.bounds:
+        return np.nan
+    lower, upper = unit.bounds[name]
+    mean, sd = unit.draws[name].mean(), unit.draws[name].std()
+    if sd == 0:
+        return 0.0
+    return float(norm.cdf((lower - mean) / sd) + norm.sf((upper - mean) / sd))

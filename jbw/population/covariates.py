@@ -1,0 +1,106 @@
+"""Covariates of units: torque, sequence, assembly and temperature, as stated, or from a table."""
+
+import csv
+from collections.abc import Mapping
+from math import isfinite, nan
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from jbw.errors import ConfigError, DataError, did_you_mean
+
+NUMBERS = ("torque", "sequence", "temperature")
+NAMES = (*NUMBERS, "assembly")
+
+
+class Covariates(NamedTuple):
+    """What is known of a unit beside its records."""
+
+    torque: float = nan  # [N m]
+    sequence: float = nan  # number of the tightening
+    temperature: float = nan  # [degC]
+    assembly: str = ""
+
+
+def covariates_of(
+    records: Mapping[str, Mapping[str, Any]], given: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Covariates]:
+    """Covariates of every run: what its summary states, and what is given in place of it."""
+    for run in given:
+        if run not in records:
+            raise ConfigError(
+                f"Covariates are given for the run `{run}`, which is not among the runs.",
+                remedy=f"{did_you_mean(run, records)}The runs are {', '.join(records)}.",
+            )
+    return {
+        run: _checked(run, {**(record.get("assembly") or {}), **given.get(run, {})})
+        for run, record in records.items()
+    }
+
+
+def _checked(run: str, stated: Mapping[str, Any]) -> Covariates:
+    for name in stated:
+        if name not in NAMES:
+            raise ConfigError(
+                f"Run {run}: `{name}` is no covariate.",
+                remedy=f"{did_you_mean(name, NAMES)}Known are {', '.join(NAMES)}.",
+            )
+    numbers = {n: _number(run, n, stated[n]) for n in NUMBERS if stated.get(n) not in (None, "")}
+    if not numbers.get("torque", 1.0) > 0:
+        raise ConfigError(
+            f"Run {run}: `torque` must be positive, but is {numbers['torque']:g}.",
+            why="Its logarithm is what the joint depends on.",
+            remedy="State it in N m.",
+        )
+    return Covariates(**numbers, assembly=str(stated.get("assembly") or ""))
+
+
+def _number(run: str, name: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = nan
+    if not isfinite(number):
+        raise ConfigError(
+            f"Run {run}: `{name}` must be a finite number, but is {value!r}.",
+            remedy="Correct it, or leave it out where it is not known.",
+        )
+    return number
+
+
+def require_torque_of_all(stated: Mapping[str, Covariates]) -> None:
+    """Refuse a torque that some units state and others do not."""
+    lacking = [run for run, each in stated.items() if each.torque != each.torque]
+    if lacking and len(lacking) < len(stated):
+        raise DataError(
+            f"`torque` is stated for {len(stated) - len(lacking)} of {len(stated)} runs; it lacks "
+            f"for {', '.join(lacking)}.",
+            why="A slope over the torque needs it of every unit.",
+            remedy="State it for all of them, in [assembly] of their campaigns or in a table given "
+            "with --covariates, or leave those runs out.",
+        )
+
+
+def read_covariates(path: Path) -> dict[str, dict[str, str]]:
+    """Covariates by run from a CSV file: a column `run`, and any of the covariates' names.
+
+    Raises:
+        ConfigError: No such file, no column `run`, or a run that stands there twice.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = list(csv.DictReader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(
+            f"The covariates {path} cannot be read: {error}.", remedy="Give a CSV file in UTF-8."
+        ) from error
+    found: dict[str, dict[str, str]] = {}
+    for number, row in enumerate(rows, start=2):
+        run = (row.pop("run", None) or "").strip()
+        if not run or run in found or None in row:
+            raise ConfigError(
+                f"{path.name}, line {number}: needs one run of its own, and as many values as the "
+                "head has columns.",
+                remedy=f"Begin it with the line: run,{','.join(NAMES)}.",
+            )
+        found[run] = {name.strip(): (value or "").strip() for name, value in row.items()}
+    return found

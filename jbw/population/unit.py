@@ -1,0 +1,192 @@
+"""One run as a unit of a fleet: its draws of the joint in SI, and what must be equal in all."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from jbw.errors import DataError
+from jbw.observables.observable import OFFSETS
+from jbw.oscillator.laws import laws_named, quantities_of
+from jbw.quantities import OSCILLATOR, Quantity
+from jbw.report.result import laws_of, read_result, unit_of
+from jbw.study.study import Study
+
+DEEPEST = 3  # folders in the name of a unit, where that of the run alone is not unique
+# Names of the fleet's own variables, beside which no group may have the same.
+TAKEN = set(
+    "torque sequence temperature assembly verdict sampling num_draws ess mean covariance lower "
+    "upper beyond run_scatter unit parameter other".split()
+)
+
+
+class Unit(NamedTuple):
+    """One run, as it goes into a fleet."""
+
+    name: str
+    laws: tuple[str, ...]
+    draws: Mapping[str, NDArray[np.float64]]  # of each quantity [its unit], all chains in one row
+    quantities: Mapping[str, Quantity]  # of these names
+    bounds: Mapping[str, tuple[float, float]]  # of the uniform prior, of what was sampled
+    scatter: Mapping[str, float]  # sd over runs within the unit, as a part of the mean
+    record: Mapping[str, Any]  # its summary.json
+    origin: Mapping[str, str]  # campaign, folder and source
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Versions of jbw and of what it computes with, by package."""
+        return dict(self.record.get("versions", {}))
+
+    @property
+    def verdict(self) -> str:
+        """The verdict on the run."""
+        return str(self.record["verdict"]["status"])
+
+    @property
+    def sampling(self) -> str:
+        """The verdict on the computation alone; empty where an old run does not say."""
+        answers = self.record["verdict"].get("answers", {})
+        return str(answers.get("sampling", {}).get("status", ""))
+
+    @property
+    def ess(self) -> float:
+        """Effective draws of the parameter of the main posterior that has fewest."""
+        rows = self.record["steps"][self.record["main"]].get("parameters") or {}
+        known = [row["ess_bulk"] for row in rows.values() if row.get("ess_bulk") is not None]
+        return float(min(known, default=np.nan))
+
+
+def units_of(runs: Sequence[Study | str | Path]) -> list[Unit]:
+    """Every run as a unit, under a name that is its own: that of its folder."""
+    folders = [None if isinstance(run, Study) else Path(run).resolve() for run in runs]
+    for folder in folders:
+        if folder is not None and folders.count(folder) > 1:
+            raise DataError(f"The run {folder} is given twice.", remedy="Give each run once.")
+    read = [
+        (run.record, run.tree) if isinstance(run, Study) else read_result(Path(run)) for run in runs
+    ]
+    names = _names(folders, [str(record["campaign"]) for record, _ in read])
+    return [
+        _unit(name, folder, record, tree)
+        for name, folder, (record, tree) in zip(names, folders, read, strict=True)
+    ]
+
+
+def _names(folders: Sequence[Path | None], campaigns: Sequence[str]) -> list[str]:
+    """Names of the folders, with those around them where needed; campaigns' of runs in memory."""
+    names: list[str] = []
+    for depth in range(1, DEEPEST + 1):
+        names = [
+            campaign if folder is None else "_".join(folder.parts[-depth:])
+            for folder, campaign in zip(folders, campaigns, strict=True)
+        ]
+        if len(set(names)) == len(names):
+            break
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise DataError(
+                f"{count} runs are called `{name}`.",
+                why="A unit is known by the name of its run.",
+                remedy="Give the folders, or the campaigns of runs in memory, names of their own.",
+            )
+    clean = [name.replace("/", "_") for name in names]
+    return [f"{name}_run" if name in TAKEN else name for name in clean]
+
+
+def _unit(name: str, folder: Path | None, record: Mapping[str, Any], tree: xr.DataTree) -> Unit:
+    if "posterior" not in tree.children:
+        raise DataError(
+            f"The run {name} has no posterior.", remedy="Identify its campaign again: jbw identify."
+        )
+    posterior, laws = tree["posterior"].to_dataset(), laws_of(tree)
+    draws, quantities = _quantities(posterior, laws)
+    for quantity, values in draws.items():
+        if not np.all(np.isfinite(values)):
+            raise DataError(
+                f"The run {name} has draws of {quantity} that are not finite.",
+                remedy="Identify its campaign again, or leave the run out.",
+            )
+    attrs = {n: posterior[n].attrs for n in draws if n in posterior}
+    bounds = {n: (float(a["lower"]), float(a["upper"])) for n, a in attrs.items() if "lower" in a}
+    runs = np.atleast_1d(tree.attrs.get("scatter", ())).tolist()
+    scatter = {n: s / float(draws[n].mean()) for n, s in zip(OFFSETS, runs, strict=False)}
+    origin = {
+        "campaign": str(record["campaign"]),
+        "folder": str(folder or ""),
+        "source": str(record.get("campaign_file") or ""),
+    }
+    return Unit(name, laws, draws, quantities, bounds, scatter, record, origin)
+
+
+def _quantities(
+    posterior: xr.Dataset, laws: Sequence[str]
+) -> tuple[dict[str, NDArray[np.float64]], dict[str, Quantity]]:
+    """Draws of the oscillator, its laws, their products and other coordinates, and the gain."""
+    known = {each.name: each for each in (*OSCILLATOR, *quantities_of(laws))}
+    known["gain"] = known.pop("gain")  # the source's, not the joint's: last
+    present = [name for name in known if name in posterior]
+    draws = {name: np.ravel(posterior[name].values).astype(float) for name in present}
+    quantities = {
+        name: known[name]._replace(unit=unit_of(posterior[name]) or known[name].unit)
+        for name in present
+    }
+    for law in laws_named(laws):
+        others = (one for each in law.coordinates.values() for one in each.inverse)
+        for monomial in (*law.products, *others):
+            if monomial.name not in draws and monomial.powers.keys() <= draws.keys():
+                draws[monomial.name] = np.asarray(monomial.of(draws))
+                quantities[monomial.name] = monomial.quantity
+    return draws, quantities
+
+
+def require_alike(units: Sequence[Unit], *, mixed_versions: bool) -> None:
+    """Refuse runs of different laws, units or versions, and two of the same records."""
+    for one, other in pairwise(units):
+        pair = f"The runs {one.name} and {other.name}"
+        if one.laws != other.laws:
+            raise DataError(
+                f"{pair} have different laws of the joint: {_laws(one)}, and {_laws(other)}.",
+                why="Their parameters are not the same quantities.",
+                remedy="Identify all with the same [joint] laws, or collect them apart.",
+            )
+        for name in one.quantities.keys() & other.quantities.keys():
+            was, is_ = one.quantities[name].unit, other.quantities[name].unit
+            if was != is_:
+                raise DataError(
+                    f"{pair} hold {name} in different units: {was}, and {is_}.",
+                    why="Values in different units do not scatter about one another.",
+                    remedy="Drive all units in the same unit of the source, or collect them apart.",
+                )
+        packages = one.versions.keys() | other.versions.keys()
+        for name in () if mixed_versions else sorted(packages):
+            was, is_ = one.versions.get(name, "unknown"), other.versions.get(name, "unknown")
+            if was != is_:
+                raise DataError(
+                    f"{pair} were made with different versions of {name}: {was}, and {is_}.",
+                    why="The same records may then have other posteriors.",
+                    remedy="Identify the older one again, or accept it with --mixed-versions.",
+                )
+    _require_own_records(units)
+
+
+def _require_own_records(units: Sequence[Unit]) -> None:
+    """Refuse two runs of the same records: one unit would count twice."""
+    seen: dict[frozenset[str], str] = {}
+    for unit in units:
+        records = frozenset(dict(unit.record.get("inputs", {})).values())
+        if records and records in seen:
+            raise DataError(
+                f"The runs {seen[records]} and {unit.name} are of the same records.",
+                why="One unit would count for two, and the scatter would come out too small.",
+                remedy="Give one of them.",
+            )
+        seen[records] = unit.name
+
+
+def _laws(unit: Unit) -> str:
+    return " + ".join(unit.laws) or "none"
