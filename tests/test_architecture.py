@@ -36,7 +36,9 @@ SEES = {
     "planning": MODEL | {"verification"},
     "study": MODEL | {"identification", "verification", "report", "rig"},
     "population": MODEL | {"verification", "report", "study"},
-    "cli": MODEL | {"verification", "planning", "report", "rig", "run", "study", "population"},
+    "watch": {"campaign", "measurement", "observables", "run", "study"},
+    "cli": MODEL
+    | {"verification", "planning", "report", "rig", "run", "study", "population", "watch"},
 }
 # Rooms within a room: what each may see of its siblings.
 WITHIN = {

@@ -33,9 +33,9 @@ and variables
     ess          (unit)  effective draws of the parameter of the posterior that has fewest
     mean         (unit, parameter)  of the natural logarithms
     covariance   (unit, parameter, other)  of them; `other` has the names of `parameter`
-    lower, upper (unit, parameter)  logarithms of the bounds of the uniform prior where the parameter
-                 itself was sampled, NaN where it was not; lower is -inf where the bound is not
-                 positive
+    lower, upper (unit, parameter)  logarithms of the bounds of the uniform prior where the
+                 parameter itself was sampled, NaN where it was not; lower is -inf where the bound
+                 is not positive
     beyond       (unit, parameter)  probability beyond these bounds of a Gaussian in the sampled
                  coordinate (no logarithm) of the draws' mean and sd: near 0 where the prior leaves
                  the posterior alone, some 0.04 and more where it cuts it; NaN where not sampled

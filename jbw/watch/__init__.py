@@ -1,0 +1,1 @@
+"""One joint watched: readings at fixed amplitudes, and tests of change of a stated rate."""

@@ -1,0 +1,140 @@
+r"""Bayesian online change-point detection: how long the present run of readings has lasted.
+
+Within a run readings are Gaussian with unknown mean and covariance, under a normal-inverse-Wishart
+prior; behind every reading a change comes with probability `hazard`. With $w_r$ the probability
+that r readings belong to the present run, a reading x moves it on by
+
+$$w_{r+1} \propto (1 - h)\,w_r\,p(x \mid \text{run } r), \qquad
+  w_0 \propto h \sum_r w_r\,p(x \mid \text{run } r),$$
+
+where $p(x \mid \text{run } r)$ is Student's t. In one dimension the prior is the
+normal-inverse-gamma with $a = \nu/2$, $b = \psi/2$.
+
+A change since the start is stated when $w_n < a$. Until a change comes, $(1 - h)^n / w_n$ is a
+martingale of mean one, so that by Ville's inequality it reaches 1/a, and a false alarm comes among
+n readings, with probability $a / (1 - h)^n$ at most.
+
+Reference: Adams and MacKay, arXiv:0710.3742 (2007).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import gammaln, logsumexp
+
+from jbw.watch.hotelling import Reference
+
+FURTHEST = 2.0  # standard deviations of a reading: how far a change may be expected to lead
+
+
+class Belief(NamedTuple):
+    r"""Normal-inverse-Wishart belief of a run: mean, and covariance by $\nu$ and $\Psi$."""
+
+    mean: Float[np.ndarray, "*batch p"]
+    kappa: Float[np.ndarray, "*runs"]  # readings that the mean is worth
+    nu: Float[np.ndarray, "*runs"]  # degrees of freedom
+    psi: Float[np.ndarray, "*batch p p"]  # sum of squares
+
+
+class RunLength(NamedTuple):
+    """What is known of the present run after the last reading."""
+
+    probability: Float[np.ndarray, "*batch length"]  # that r readings belong to it, r = 0..n
+    log_evidence: Float[np.ndarray, "*batch"]  # log p of all readings [nats]
+    unchanged: Float[np.ndarray, "*batch n"]  # after each reading, that no change came since start
+
+
+def known_from(reference: Reference) -> Belief:
+    r"""Belief of the unchanged run: what the references leave of a flat prior.
+
+    Its prediction is Hotelling's: Student's t of $n_0 - p$ degrees of freedom.
+    """
+    num = reference.num
+    return Belief(
+        reference.mean,
+        np.array(float(num)),
+        np.array(num - 1.0),
+        (num - 1) * reference.covariance,
+    )
+
+
+def after_change(reference: Reference) -> Belief:
+    """Belief of a run behind a change: about the reference, `FURTHEST` times as wide."""
+    return known_from(reference)._replace(kappa=np.array(1 / FURTHEST**2))
+
+
+def run_length(
+    readings: Float[np.ndarray, "*batch n p"],
+    prior: Belief,
+    hazard: float,
+    start: Belief | None = None,
+) -> RunLength:
+    """Length of the present run after all readings, from the oldest to the newest.
+
+    Args:
+        readings: In the order in which they came.
+        prior: Belief of a run before its first reading.
+        hazard: Probability that a change comes behind a reading.
+        start: Belief of the run that is under way before the first reading; `prior` when None.
+    """
+    first = prior if start is None else start
+    belief = Belief(
+        first.mean[..., None, :], first.kappa[None], first.nu[None],
+        first.psi[..., None, :, :],
+    )  # fmt: skip
+    log_w: np.ndarray = np.zeros((*readings.shape[:-2], 1))
+    total = np.zeros(readings.shape[:-2])
+    unchanged: list[np.ndarray] = []
+    for i in range(readings.shape[-2]):
+        x = readings[..., i, :]
+        joint = log_w + log_predictive(x, belief)
+        change = np.log(hazard) + logsumexp(joint, axis=-1, keepdims=True)
+        log_w = np.concatenate([change, np.log1p(-hazard) + joint], axis=-1)
+        now = np.asarray(logsumexp(log_w, axis=-1, keepdims=True))
+        log_w, total = log_w - now, total + now[..., 0]
+        belief = _with_new_run(updated(x, belief), prior)
+        unchanged.append(np.exp(log_w[..., -1]))
+    history = np.stack(unchanged, axis=-1) if unchanged else np.ones((*total.shape, 0))
+    return RunLength(np.exp(log_w), total, history)
+
+
+def log_predictive(
+    x: Float[np.ndarray, "*batch p"], belief: Belief
+) -> Float[np.ndarray, "*batch length"]:
+    r"""Log density of a reading under each run: $t_{\nu - p + 1}$ about its mean."""
+    p = x.shape[-1]
+    df = belief.nu - p + 1
+    kappa = belief.kappa
+    scale = belief.psi * ((kappa + 1) / (kappa * df))[..., None, None]
+    away = (x[..., None, :] - belief.mean)[..., None]
+    squared = np.sum(away * np.linalg.solve(scale, away), axis=(-1, -2))
+    _, log_det = np.linalg.slogdet(scale)
+    constant = gammaln((df + p) / 2) - gammaln(df / 2) - p / 2 * np.log(np.pi * df)
+    return constant - log_det / 2 - (df + p) / 2 * np.log1p(squared / df)
+
+
+def updated(x: Float[np.ndarray, "*batch p"], belief: Belief) -> Belief:
+    """Belief of each run with one more reading."""
+    kappa = belief.kappa
+    away = x[..., None, :] - belief.mean
+    mean = belief.mean + away / (kappa + 1)[..., None]
+    square = away[..., :, None] * away[..., None, :]
+    psi = belief.psi + (kappa / (kappa + 1))[..., None, None] * square
+    return Belief(mean, kappa + 1, belief.nu + 1, psi)
+
+
+def _with_new_run(belief: Belief, prior: Belief) -> Belief:
+    """The beliefs of all runs, that of one which begins now in front."""
+    mean = np.broadcast_to(
+        prior.mean[..., None, :], (*belief.mean.shape[:-2], 1, prior.mean.shape[-1])
+    )
+    psi = np.broadcast_to(
+        prior.psi[..., None, :, :], (*belief.psi.shape[:-3], 1, *prior.psi.shape[-2:])
+    )
+    return Belief(
+        np.concatenate([mean, belief.mean], axis=-2),
+        np.concatenate([prior.kappa[None], belief.kappa]),
+        np.concatenate([prior.nu[None], belief.nu]),
+        np.concatenate([psi, belief.psi], axis=-3),
+    )

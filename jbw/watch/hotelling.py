@@ -1,0 +1,108 @@
+r"""Hotelling's test of a new reading against a reference whose own uncertainty counts.
+
+Readings without change are Gaussian, of unknown mean and covariance; of $n_0$ of them there is the
+mean $m$ and the covariance $S$ (over $n_0 - 1$). A further reading $t$ of dimension $p$ has
+
+$$T^2 = (t - m)^T S^{-1} (t - m) \sim \frac{p (n_0 - 1)(n_0 + 1)}{n_0 (n_0 - p)} F_{p, n_0 - p},$$
+
+exactly, so that the rate of false alarms is what it is said to be, however few references there
+are. What few references cost is power: the threshold rises.
+
+Reference: Hotelling, Ann. Math. Stat. 2 (1931) 360.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import f as fisher
+from scipy.stats import ncf
+
+from jbw.errors import ConfigError
+
+Vector = Float[np.ndarray, " p"]
+Matrix = Float[np.ndarray, "p p"]
+
+
+class Reference(NamedTuple):
+    """Readings without change: how many, their mean and covariance over `num` - 1."""
+
+    num: int
+    mean: Float[np.ndarray, "*batch p"]
+    covariance: Float[np.ndarray, "*batch p p"]
+
+
+def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> Reference:
+    """The reference that readings without change make.
+
+    Raises:
+        ConfigError: No more readings than they have values each: their covariance is singular.
+    """
+    num, p = readings.shape[-2:]
+    if num <= p:
+        raise ConfigError(
+            f"A reference of readings of {p} values needs at least {p + 1} records, but has {num}.",
+            why="With fewer, their scatter is not known in every direction.",
+            remedy="Add records without change, or read at one amplitude alone.",
+        )
+    mean = readings.mean(axis=-2)
+    away = readings - mean[..., None, :]
+    covariance = np.swapaxes(away, -1, -2) @ away / (num - 1)
+    return Reference(num, mean, covariance)
+
+
+def threshold(alpha: float, p: int, num: int) -> float:
+    r"""What $T^2$ of a reading without change exceeds with probability `alpha`.
+
+    Args:
+        alpha: Rate of false alarms a reading.
+        p: Values of a reading.
+        num: Readings in the reference, $n_0 > p$.
+    """
+    return float(_scale(p, num) * fisher.isf(alpha, p, num - p))
+
+
+def distance(
+    reading: Float[np.ndarray, "*batch p"], reference: Reference, excess: Matrix | None = None
+) -> Float[np.ndarray, "*batch"]:
+    r"""$T^2$ of a further reading.
+
+    Args:
+        reading: Its values.
+        reference: Readings without change.
+        excess: Covariance that the reading's own noise has beyond the references', added to theirs:
+            a noisier record then strays further without an alarm, and no rate rises.
+    """
+    covariance = reference.covariance if excess is None else reference.covariance + excess
+    away = (reading - reference.mean)[..., None]
+    return np.sum(away * np.linalg.solve(covariance, away), axis=(-1, -2))
+
+
+def tail(squared: Float[np.ndarray, "*batch"], p: int, num: int) -> Float[np.ndarray, "*batch"]:
+    r"""Probability that a reading without change has as large a $T^2$."""
+    return np.asarray(fisher.sf(np.asarray(squared) / _scale(p, num), p, num - p))
+
+
+def power(alpha: float, p: int, num: int, change: float) -> float:
+    r"""Probability that one reading after a change exceeds the threshold.
+
+    $n_0 (n_0 - p) / (p (n_0 - 1)(n_0 + 1)) T^2$ is non-central F with $d^2 n_0 / (n_0 + 1)$.
+
+    Args:
+        alpha: Rate of false alarms a reading.
+        p: Values of a reading.
+        num: Readings in the reference.
+        change: The change's size d in standard deviations of a reading (Mahalanobis).
+    """
+    limit = fisher.isf(alpha, p, num - p)
+    return float(ncf.sf(limit, p, num - p, change**2 * num / (num + 1)))
+
+
+def excess_noise(own: Matrix, usual: Matrix) -> Matrix:
+    """The part of a reading's own covariance beyond the references', positive semidefinite."""
+    values, vectors = np.linalg.eigh(own - usual)
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T
+
+
+def _scale(p: int, num: int) -> float:
+    return p * (num - 1) * (num + 1) / (num * (num - p))
