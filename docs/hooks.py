@@ -101,6 +101,7 @@ def campaign_keys() -> str:
     parts = []
     for name, (head, table_name) in {
         "campaign": ("[campaign]", "Head"),
+        "assembly": ("[assembly]", "Assembly"),
         "joint": ("[joint]", "Joint"),
         "test": ("[[test]]", "TestSpec"),
         "identify": ("[identify]", "Identify"),

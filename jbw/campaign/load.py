@@ -6,7 +6,7 @@ from pathlib import Path
 
 from jbw.campaign.check import findings, unread
 from jbw.campaign.files import repeats_of
-from jbw.campaign.schema import force_per_unit, read_spec
+from jbw.campaign.schema import Assembly, force_per_unit, read_spec
 from jbw.campaign.settings import Identify, laws_of
 from jbw.errors import JbwError
 from jbw.measurement.files.read import report
@@ -29,6 +29,7 @@ class Campaign:
     settings: Identify = field(default_factory=Identify)  # a mapping of its keys is taken too
     path: Path = Path()  # of the campaign file
     laws: tuple[str, ...] = DEFAULT_LAWS  # that stand beside each other across the joint
+    assembly: Assembly = field(default_factory=Assembly)  # torque and the like, as far as stated
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "settings", Identify.of(self.settings))
@@ -62,6 +63,5 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
             kept.append(item)
         facts = {name: getattr(test, name) for name in SAME}
         tests.append(Test(test.kind, tuple(kept), tones_hz=test.tones, band_hz=test.band, **facts))
-    return Campaign(
-        spec.name, folder, tuple(tests), spec.gain, spec.modal_mass, spec.settings, path, spec.laws
-    )
+    facts = (spec.gain, spec.modal_mass, spec.settings, path, spec.laws, spec.assembly)
+    return Campaign(spec.name, folder, tuple(tests), *facts)

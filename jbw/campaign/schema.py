@@ -33,6 +33,17 @@ class Head(Table):
         return self
 
 
+class Assembly(Table):
+    """The [assembly] table: what a fleet of campaigns needs of each beside its records."""
+
+    name: values.Text = key("", "which specimen or assembly of the joint", "beam 3")
+    torque: values.Positive | None = key(None, "tightening torque [N m]", 8.0)
+    sequence: values.Index | None = key(
+        None, "number of this tightening, counted over the life of the assembly", 2
+    )
+    temperature: values.Number | None = key(None, "while it was measured [degC]", 21.5)
+
+
 class TestSpec(Table):
     """One [[test]] table."""
 
@@ -104,6 +115,9 @@ class CampaignFile(Table):
     model_config = ConfigDict(title="Campaign file of jbw")
 
     campaign: Head = key(Head, "what was measured")
+    assembly: Assembly = key(
+        Assembly, "of which assembly, at which torque: what `jbw collect` takes to a fleet"
+    )
     joint: Joint = key(Joint, "laws of the joint")
     test: Annotated[list[TestSpec], Field(min_length=1)] = key(..., "one table a test")
     identify: Identify = key(Identify, "what to fit, what to hold out, how to draw")
@@ -119,6 +133,7 @@ class CampaignSpec:
     modal_mass: float | None = None
     settings: Identify = field(default_factory=Identify)
     laws: tuple[str, ...] = DEFAULT_LAWS
+    assembly: Assembly = field(default_factory=Assembly)
 
 
 def _named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
@@ -147,6 +162,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     document = document_of(source, file)
     errors = unknown_tables(document, CampaignFile.model_fields)
     head = checked(Head, document.get("campaign", {}), "[campaign]", errors) or Head()
+    assembly = checked(Assembly, document.get("assembly", {}), "[assembly]", errors) or Assembly()
     joint = checked(Joint, document.get("joint", {}), "[joint]", errors) or Joint()
     tables = document.get("test", [])
     if not isinstance(tables, list) or not tables:
@@ -158,13 +174,14 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     tests = [test for test in found if test is not None]
     settings = checked(Identify, document.get("identify", {}), "[identify]", errors) or Identify()
     if len(tests) == len(tables):
-        errors += _among(tests, settings)
+        errors += [*_among(tests, settings), *_of_others(tests, assembly)]
     # Laws that are stated are all there are, so that a prior on any other is refused.
     stated = "laws" in joint.model_fields_set
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
     errors += law_errors(laws, settings.prior)
     refuse(file, errors)
-    return CampaignSpec(head.name, tuple(_named(tests)), head.gain, head.modal_mass, settings, laws)
+    facts = (head.gain, head.modal_mass, settings, laws, assembly)
+    return CampaignSpec(head.name, tuple(_named(tests)), *facts)
 
 
 def _needs(test: TestSpec) -> Iterator[str]:
@@ -224,6 +241,16 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
 def _curves() -> str:
     """The kinds that are curves, as messages name them."""
     return ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)
+
+
+def _of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
+    """Tests of other assemblies than the one whose torque the campaign states."""
+    names = {test.assembly for test in tests if test.assembly} | {assembly.name or None} - {None}
+    if len(names) > 1 and list(assembly.keys()):
+        yield (
+            f"[assembly]: speaks of one assembly, but the campaign has {len(names)}: "
+            f"{', '.join(sorted(map(str, names)))}; write a campaign file for each."
+        )
 
 
 def _among(tests: Sequence[TestSpec], settings: Identify) -> Iterator[str]:

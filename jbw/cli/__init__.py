@@ -32,6 +32,7 @@ COMMANDS = {
     ),
     "identify": ("identify", "Identify the joint from a campaign."),
     "resume": ("identify", "Go on with a run that was killed or interrupted."),
+    "collect": ("collect", "Gather finished runs, of several units, into one fleet."),
     "plan": ("plan", "Say which tests a wished accuracy takes."),
     "compare": ("studies", "Compare samplers on one posterior of a run."),
     "laws": ("laws", "Try laws of the joint and say which the data tell apart."),

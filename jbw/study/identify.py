@@ -92,6 +92,7 @@ def identify(
         "versions": {package: version(package) for package in VERSIONED},
         "seed": seed,
         "inputs": input_hashes(campaign),
+        "assembly": _assembly(campaign),
         "command": command or " ".join(["jbw", *sys.argv[1:]]),
         "wall_time_s": round(perf_counter() - started, 2),
     }
@@ -100,6 +101,15 @@ def identify(
         tree["identifiability"] = xr.DataTree(as_group(known))
         record["identifiability"] = known.summary()
     return Study(tree, record, campaign, found)
+
+
+def _assembly(campaign: Campaign) -> dict[str, Any]:
+    """Assembly, torque, sequence and temperature, as far as the campaign states them."""
+    stated = campaign.assembly
+    of_tests = {test.assembly for test in campaign.tests if test.assembly}
+    name = stated.name or (of_tests.pop() if len(of_tests) == 1 else "")
+    numbers = {key: stated[key] for key in ("torque", "sequence", "temperature")}
+    return {"assembly": name, **{key: one for key, one in numbers.items() if one is not None}}
 
 
 def _name_gain_unit(tests: Sequence[Test], found: Identification) -> None:

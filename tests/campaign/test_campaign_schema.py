@@ -173,3 +173,41 @@ def test_settings_of_a_script_are_checked_like_the_file():
     assert Identify.of({**found, "num_samples": 7}).draws((20, 30)) == (20, 7)
     with pytest.raises(ConfigError, match="num_chain: unknown key; did you mean `num_chains`"):
         Identify.of({"num_chain": 2})
+
+
+ASSEMBLY = """
+[assembly]
+name = "beam 3"
+torque = 8.0
+sequence = 2
+temperature = -3.5
+"""
+
+
+def test_an_assembly_states_what_a_fleet_needs():
+    found = parse(GOOD + ASSEMBLY).assembly
+    assert (found.name, found.torque, found.sequence, found.temperature) == ("beam 3", 8.0, 2, -3.5)
+    assert parse(GOOD).assembly.torque is None
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("torque = 0.0", "[assembly] torque: must be positive"),
+        ("torque = -8", "[assembly] torque: must be positive"),
+        ("sequence = 1.5", "[assembly] sequence: must be"),
+        ("torqe = 8.0", "[assembly] torqe: unknown key; did you mean `torque`"),
+    ],
+)
+def test_a_wrong_assembly_is_refused(line, message):
+    assert message in refused(f"{GOOD}\n[assembly]\n{line}\n")
+
+
+def test_one_torque_is_not_for_several_assemblies():
+    head, rest = GOOD.split("[identify]", 1)
+    test = head[head.index("[[test]]") :]
+    two = head + "assembly = 'a'\n" + test + "assembly = 'b'\n[identify]" + rest
+    assert parse(two).assembly.name == ""
+    assert "[assembly]: speaks of one assembly, but the campaign has 2: a, b" in refused(
+        two + "[assembly]\ntorque = 8.0\n"
+    )

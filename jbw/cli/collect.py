@@ -1,0 +1,122 @@
+"""The command that gathers finished runs: `jbw collect RUNS --out fleet.nc`."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from jbw.cli.options import json_option
+from jbw.cli.printing import answer
+from jbw.cli.progress import computing
+from jbw.errors import DataError
+from jbw.report.table import Column, Table, table, words
+from jbw.report.text import NOTHING
+
+
+@click.command()
+@click.argument(
+    "runs", nargs=-1, required=True, type=click.Path(exists=True, file_okay=False, path_type=Path)
+)
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    default=Path("fleet.nc"),
+    show_default=True,
+    help="File to write.",
+)
+@click.option(
+    "--covariates",
+    "table_file",
+    metavar="CSV",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Columns run, torque [N m], sequence, temperature [degC], assembly, in the place of what "
+    "the campaigns state.",
+)
+@click.option(
+    "--mixed-versions", is_flag=True, help="Take runs of different versions of jbw and others."
+)
+@json_option
+def collect(
+    runs: Sequence[Path], out: Path, table_file: Path | None, mixed_versions: bool, json_: bool
+) -> None:
+    """Gather the draws of the finished RUNS and their covariates into one file.
+
+    RUNS are folders of runs, or folders that hold such, as `jbw identify A.toml B.toml --out DIR`
+    leaves them. Each is a unit of the fleet. Their laws, units and versions must be the same; the
+    torque of all or of none must be stated, in [assembly] of the campaigns or with --covariates.
+    """
+    with computing() as say:
+        from jbw.population.covariates import read_covariates
+        from jbw.population.fleet import fleet_of, write_fleet
+
+        folders = [folder for given in runs for folder in _runs_of(given, say)]
+        given = {} if table_file is None else read_covariates(table_file)
+        say(f"Reading {len(folders)} run{'' if len(folders) == 1 else 's'}")
+        fleet = fleet_of(folders, covariates=given, mixed_versions=mixed_versions)
+        write_fleet(out, fleet)
+    rows = list(_rows(fleet))
+    left_out = json.loads(fleet.attrs["left_out"])
+    record = {
+        "fleet": str(out),
+        "laws": json.loads(fleet.attrs["laws"]),
+        "parameters": fleet.coords["parameter"].values.tolist(),
+        "left_out": left_out,
+        "units": rows,
+    }
+    lacking = (f"Without {name}: not known, or not positive, in {', '.join(units)}."
+               for name, units in left_out.items())  # fmt: skip
+    answer(json_, record, fleet_table(rows), *lacking, saved=f"Fleet: {out}")
+
+
+def _runs_of(folder: Path, say: Any) -> list[Path]:
+    """A run's folder itself, or those of the finished runs in it; unfinished ones are told."""
+    if (folder / "summary.json").is_file():
+        return [folder]
+    inner = sorted(one for one in folder.iterdir() if one.is_dir() and not one.name.startswith("."))
+    finished = [one for one in inner if (one / "summary.json").is_file()]
+    for one in inner:
+        if (one / ".run").is_dir() and one not in finished:
+            say(f"warning: {one} is not finished and is left out; go on with it: jbw resume {one}")
+    if not finished:
+        raise DataError(
+            f"The folder {folder} holds no finished run.",
+            remedy="Give folders of runs, or finish them: jbw resume DIR.",
+        )
+    return finished
+
+
+def _rows(fleet: Any) -> Iterator[dict[str, Any]]:
+    """A row a unit: covariates, verdict, draws."""
+    for name in fleet.coords["unit"].values.tolist():
+        one = fleet.dataset.sel(unit=name)
+        numbers = {key: float(one[key]) for key in ("torque", "sequence", "temperature", "ess")}
+        yield {
+            "unit": name,
+            "assembly": str(one["assembly"].values),
+            "verdict": str(one["verdict"].values),
+            "num_draws": int(one["num_draws"]),
+            **{key: value if np.isfinite(value) else None for key, value in numbers.items()},
+        }
+
+
+def fleet_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """A line a unit."""
+    return table(
+        f"Fleet of {len(rows)} units",
+        rows,
+        words("unit", "unit"),
+        words("assembly", "assembly"),
+        _number("torque [N m]", "torque"),
+        _number("sequence", "sequence"),
+        _number("temperature [degC]", "temperature"),
+        words("draws", "num_draws", "right"),
+        _number("effective", "ess", ".0f"),
+        words("verdict", "verdict"),
+    )
+
+
+def _number(heading: str, key: str, form: str = "g") -> Column:
+    return Column(heading, lambda row: NOTHING if row[key] is None else format(row[key], form))
