@@ -46,11 +46,15 @@ if TYPE_CHECKING:
     from jbw.oscillator.steady.cycle import steady_cycle as steady_cycle
     from jbw.oscillator.steady.cycle import steady_state as steady_state
     from jbw.planning.making import plan_tests as plan_tests
+    from jbw.population.fleet import fleet_of as fleet_of
+    from jbw.population.fleet import read_fleet as read_fleet
+    from jbw.population.fleet import write_fleet as write_fleet
     from jbw.study.calibration import sbc as sbc
     from jbw.study.compare import compare as compare
     from jbw.study.identifiability import identifiability as identifiability
     from jbw.study.identify import identify as identify
     from jbw.study.laws import compare_laws as compare_laws
+    from jbw.study.many import identify_many as identify_many
     from jbw.study.study import Study as Study
     from jbw.study.study import load_study as load_study
 
@@ -76,6 +80,7 @@ _HOME = {
     "backbone": "oscillator.steady.backbone",
     "compare": "study.compare",
     "compare_laws": "study.laws",
+    "fleet_of": "population.fleet",
     "frequency_response": "oscillator.steady.backbone",
     "frf": "measurement.spectra",
     "h1": "oscillator.paper.kernels",
@@ -85,6 +90,7 @@ _HOME = {
     "hysteresis_rate": "oscillator.laws.hysteresis",
     "identifiability": "study.identifiability",
     "identify": "study.identify",
+    "identify_many": "study.many",
     "internal_resonances": "oscillator.modes.structure",
     "line_fit": "identification.linear",
     "load_campaign": "campaign.load",
@@ -92,6 +98,7 @@ _HOME = {
     "plan_tests": "planning.making",
     "pool": "identification.linear",
     "read": "measurement.files.read",
+    "read_fleet": "population.fleet",
     "response_curve": "oscillator.steady.continuation",
     "sbc": "study.calibration",
     "simulate": "oscillator.response",
@@ -101,6 +108,7 @@ _HOME = {
     "steady_state": "oscillator.steady.cycle",
     "third_harmonic": "oscillator.paper.kernels",
     "third_order_kernel": "measurement.probing",
+    "write_fleet": "population.fleet",
 }
 
 # Rooms that are public as a whole.

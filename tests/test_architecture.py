@@ -34,7 +34,7 @@ SEES = {
     "identification": MODEL,
     "verification": MODEL | {"identification"},
     "planning": MODEL | {"verification"},
-    "study": MODEL | {"identification", "verification", "report", "rig"},
+    "study": MODEL | {"identification", "verification", "report", "rig", "run"},
     "population": MODEL | {"verification", "report", "study"},
     "watch": {"campaign", "measurement", "observables", "run", "study"},
     "cli": MODEL

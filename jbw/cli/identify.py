@@ -1,9 +1,7 @@
 """The commands on a campaign: `jbw identifiability, identify, demo, resume`."""
 
-import json
 import shlex
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +11,10 @@ from jbw.cli.options import json_option, out_option, outside_option, run_argumen
 from jbw.cli.printing import NOT_TRUSTED, answer, verdict_lines
 from jbw.cli.progress import computing
 from jbw.errors import JbwError
-from jbw.report.table import Table
+from jbw.report.table import Table, digits, table, words
 from jbw.run.checkpoints import INTERRUPTED
-from jbw.run.folder import Run, begin, reopen
-from jbw.run.manifest import Manifest, command_line, machine, require_unchanged
+from jbw.run.folder import Run, begin, reopen, require_same
+from jbw.run.manifest import Manifest, command_line
 
 Say = Callable[[str], None]
 
@@ -72,22 +70,74 @@ def demo(out: Path | None, seed: int, preset: str, json_: bool) -> int:
 
 
 @click.command()
-@click.argument("campaign", type=click.Path(path_type=Path))
-@out_option("CAMPAIGN-run")
+@click.argument(
+    "campaigns", metavar="CAMPAIGN...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@out_option("CAMPAIGN-run, or runs for several,")
+@click.option(
+    "--workers", type=click.IntRange(1), help="Processes for several campaigns; half the "
+    "processors when left out.",
+)  # fmt: skip
 @seed_option("campaign")
 @json_option
 @outside_option
 def identify(
-    campaign: Path, out: Path | None, seed: int | None, json_: bool, allow_outside: bool
-) -> int:
-    """Identify the joint from the campaign file CAMPAIGN.
+    campaigns: tuple[Path, ...], out: Path | None, workers: int | None, seed: int | None,
+    json_: bool, allow_outside: bool,
+) -> int:  # fmt: skip
+    """Identify the joint from the campaign file CAMPAIGN, or from each of several.
 
     Ends with 0 when the verdict of the main posterior is ok, with 4 when it is not, and with 5 when
     it was interrupted: `jbw resume` then goes on with it, as it does after a crash.
+
+    Several campaigns run side by side, each in a folder of its own in --out; one that fails stops
+    no other, and the same command again goes on: with what was broken off, and not again with what
+    is finished. It ends as the first that failed, else with 4 where a verdict is not ok.
     """
+    if len(campaigns) > 1:
+        return identify_several(campaigns, out or Path("runs"), workers, seed, json_, allow_outside)
+    campaign = campaigns[0]
+    if workers is not None:
+        raise click.UsageError("--workers is for several campaigns; one runs in one process.")
     source = str(campaign.resolve())
     asked = Manifest(command_line(), source, seed=seed, allow_outside=allow_outside)
     return run_to_end(begin(out or Path(f"{campaign.stem}-run"), asked), json_=json_)
+
+
+def identify_several(
+    campaigns: Sequence[Path], out: Path, workers: int | None, seed: int | None, json_: bool,
+    allow_outside: bool,
+) -> int:  # fmt: skip
+    """Identify several campaigns in processes, and tell what became of each."""
+    try:
+        with computing() as say:
+            from jbw.study.many import identify_many, plain
+
+            found = identify_many(
+                campaigns, out, workers=workers, seed=seed, allow_outside=allow_outside, report=say,
+                command=command_line(),
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        click.echo("Saved; the same command again goes on.", err=True)
+        return INTERRUPTED
+    rows = plain(found)
+    answer(json_, {"out": str(out), "campaigns": rows}, several_table(rows), saved=f"Runs: {out}")
+    failed = [one.exit_code for one in found if one.status == "failed"]
+    return failed[0] if failed else max(one.exit_code for one in found)
+
+
+def several_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """A line a campaign."""
+    done = sum(row["status"] == "done" for row in rows)
+    return table(
+        f"{done} of {len(rows)} campaigns are identified",
+        [{**row, "run": Path(row["folder"]).name} for row in rows],
+        words("run", "run"),
+        words("status", "status"),
+        words("verdict", "verdict"),
+        digits("s", "wall_time_s"),
+        words("error", "error", "left wrap"),
+    )
 
 
 @click.command()
@@ -108,24 +158,12 @@ def resume(folder: Path, json_: bool) -> int:
             click.echo((folder / "summary.json").read_text(encoding="utf-8"), nl=False)
         return 0
     try:
-        _require_same(run)
+        if (warning := require_same(run)) is not None:
+            click.echo(f"warning: {warning}", err=True)
     except BaseException:
         run.close()
         raise
     return run_to_end(run, json_=json_)
-
-
-def _require_same(run: Run) -> None:
-    if not (run.folder / "summary.json").exists():  # a result needs only its report
-        require_unchanged(run.manifest, run.campaign)
-    was, is_ = run.manifest.machine, machine()
-    if was != is_:
-        click.echo(
-            f"warning: The run began on {was['name']} ({was['processors']} processors) and goes on "
-            f"here, on {is_['name']} ({is_['processors']}): its draws may differ in the last "
-            "digits, and chains whose start does begin again.",
-            err=True,
-        )
 
 
 def run_to_end(run: Run, *, json_: bool = False) -> int:
@@ -141,7 +179,9 @@ def run_to_end(run: Run, *, json_: bool = False) -> int:
     try:
         with run.interruption.heard(farewell), computing() as say:
             run.watch = say.chains
-            summary = _carried_out(run, say)
+            from jbw.study import resumable
+
+            summary = resumable.carried_out(run, say)
     except KeyboardInterrupt:
         click.echo(farewell(), err=True)
         return INTERRUPTED
@@ -159,51 +199,6 @@ def run_to_end(run: Run, *, json_: bool = False) -> int:
     again = shlex.quote(str(run.folder))
     click.echo(f"Next: jbw explain {code}, or what to measure: jbw plan {again}", err=True)
     return NOT_TRUSTED
-
-
-def _carried_out(run: Run, say: Say) -> Mapping[str, Any]:
-    """Do what is left of a run, and return its summary."""
-    from jbw.report.result import read_result
-    from jbw.study.store import save_report, save_result
-
-    if (run.folder / "summary.json").exists():
-        summary, tree = read_result(run.folder)
-    else:
-        tree, summary = _identified(run, say)
-        save_result(run.folder, tree, summary)
-    say("Writing figures and report")
-    try:
-        save_report(run.folder, tree, summary)
-    finally:
-        if not run.interruption.asked:
-            run.finish()  # a report that failed is `jbw report`'s to try again
-    say("Done")
-    return summary
-
-
-def _identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
-    """Measure the virtual rig if that is to be done, read the campaign and identify it."""
-    from jbw import rig
-    from jbw.campaign.load import load_campaign
-    from jbw.run.manifest import with_inputs
-    from jbw.study.identify import identify
-    from jbw.study.study import input_hashes
-
-    path, asked, truth = run.campaign, run.manifest, None
-    if asked.preset is not None:
-        if not path.exists():
-            say("Measuring the virtual rig")
-            rig.write(rig.measure(asked.preset, seed=asked.seed or 0), path.parent)
-        known = json.loads((path.parent / "truth.json").read_text(encoding="utf-8"))
-        truth = {**known["joint"], "gain": known["gain"]}
-    say(f"Reading {path}")
-    loaded = load_campaign(path, allow_outside=asked.allow_outside)
-    with_text = replace(asked, text=path.read_text(encoding="utf-8"))
-    run.note(with_inputs(with_text, path, input_hashes(loaded)))
-    study = identify(
-        loaded, seed=asked.seed, truth=truth, report=say, keep=run.keep, command=asked.command
-    )
-    return study.tree, {**study.record, "campaign_file": str(path.resolve())}
 
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[Table | str]:

@@ -1,8 +1,5 @@
 """What commands that compute share: JAX, and how far they are, a line a stage and one a chain."""
 
-import logging
-import os
-import platform
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +7,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import platformdirs
 from rich.console import Console
 from rich.live import Live
 from rich.progress_bar import ProgressBar
@@ -18,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from jbw.cli.printing import duration
+from jbw.run.session import prepare_jax as prepare_jax
 
 LOOK_S = 1.0  # between two looks at the chains at least, on a terminal
 PLAIN_S = 15.0  # between two lines where there is none
@@ -66,25 +63,6 @@ class Teller:
         if self._live is not None:
             self._live.stop()
             self._live = None
-
-
-def prepare_jax() -> None:
-    """Two host devices, so that chains run side by side, float64, and compiled code kept.
-
-    Before JAX starts. What was compiled stays in the user's cache folder, one a machine, for the
-    code holds instructions of its processor; JAX_ENABLE_COMPILATION_CACHE=0 turns that off.
-    """
-    flags = os.environ.get("XLA_FLAGS", "")
-    if "host_platform_device_count" not in flags and (os.cpu_count() or 1) > 1:
-        os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count=2".strip()
-    import jax
-
-    jax.config.update("jax_enable_x64", True)
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        kept = platformdirs.user_cache_path("jbw") / platform.node()
-        jax.config.update("jax_compilation_cache_dir", str(kept))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
-    logging.getLogger("jax").setLevel(logging.ERROR)
 
 
 @contextmanager

@@ -14,7 +14,13 @@ from typing import IO
 from jbw.errors import RunError
 from jbw.run.checkpoints import Checkpoint, Interruption, Watch
 from jbw.run.files import ROOM, ROOM_OF_RIG, require_room
-from jbw.run.manifest import Manifest, read_manifest, write_manifest
+from jbw.run.manifest import (
+    Manifest,
+    machine,
+    read_manifest,
+    require_unchanged,
+    write_manifest,
+)
 
 HIDDEN = ".run"  # beside the results, until these are complete
 MANIFEST, LOCK = "manifest.json", "lock"
@@ -159,6 +165,20 @@ def reopen(folder: Path) -> Run | None:
         for part in folder.glob(".part-*"):
             shutil.rmtree(part, ignore_errors=True)
     return Run(folder, manifest, lock, fresh=False)
+
+
+def require_same(run: Run) -> str | None:
+    """Refuse to go on with what changed since a run began; a warning where only the machine did."""
+    if not (run.folder / "summary.json").exists():  # a result needs only its report
+        require_unchanged(run.manifest, run.campaign)
+    was, is_ = run.manifest.machine, machine()
+    if was == is_:
+        return None
+    return (
+        f"The run began on {was['name']} ({was['processors']} processors) and goes on "
+        f"here, on {is_['name']} ({is_['processors']}): its draws may differ in the last "
+        "digits, and chains whose start does begin again."
+    )
 
 
 def _require_empty(folder: Path) -> None:

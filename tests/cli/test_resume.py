@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jbw.cli import identify, run
+from jbw.cli import run
+from jbw.study import resumable
 from jbw.study import store as storage
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "study"))
@@ -158,7 +159,7 @@ def test_a_demo_goes_on_from_its_first_second(tmp_path, monkeypatch, capsys):
 
 
 def test_a_failed_report_is_tried_again_by_its_command(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(identify, "_identified", lambda run, say: (xr.DataTree(), {"verdict": {}}))
+    monkeypatch.setattr(resumable, "identified", lambda run, say: (xr.DataTree(), {"verdict": {}}))
     monkeypatch.setattr(storage, "write_page", lambda *_: 1 / 0)
     out = tmp_path / "run"
     assert run(["identify", str(tmp_path / "x.toml"), "--out", str(out)]) == 1

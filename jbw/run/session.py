@@ -1,0 +1,26 @@
+"""JAX as every run of jbw wants it, in a process of its own."""
+
+import logging
+import os
+import platform
+
+import platformdirs
+
+
+def prepare_jax() -> None:
+    """Two host devices, so that chains run side by side, float64, and compiled code kept.
+
+    Before JAX starts. What was compiled stays in the user's cache folder, one a machine, for the
+    code holds instructions of its processor; JAX_ENABLE_COMPILATION_CACHE=0 turns that off.
+    """
+    flags = os.environ.get("XLA_FLAGS", "")
+    if "host_platform_device_count" not in flags and (os.cpu_count() or 1) > 1:
+        os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count=2".strip()
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        kept = platformdirs.user_cache_path("jbw") / platform.node()
+        jax.config.update("jax_compilation_cache_dir", str(kept))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    logging.getLogger("jax").setLevel(logging.ERROR)

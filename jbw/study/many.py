@@ -1,0 +1,306 @@
+"""`jbw.identify_many`: many campaigns, each in a folder of its own, on whatever runs functions.
+
+Every campaign becomes an ordinary run, which may be resumed by itself. What is asked for again goes
+on: a finished run whose campaign and data are still the same is not run again, a broken one is
+resumed from its last checkpoint, and a campaign that fails stops no other.
+"""
+
+import logging
+import os
+import sys
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from jbw.campaign.load import Campaign
+from jbw.errors import ConfigError, DataError, JbwError, RunError
+from jbw.report.result import read_result
+from jbw.run.files import hash_of
+from jbw.run.folder import HIDDEN, MANIFEST, begin, reopen, require_same
+from jbw.run.manifest import Manifest
+from jbw.run.session import prepare_jax
+from jbw.study.resumable import carried_out, digest_of
+from jbw.study.workers import Executor, in_processes, submitted
+
+logger = logging.getLogger("jbw")
+PLAIN = "campaign"  # a name that says nothing: the folder's does
+
+
+@dataclass(frozen=True)
+class Task:
+    """One campaign to identify; what a worker is sent."""
+
+    campaign: str
+    folder: str
+    seed: int | None
+    allow_outside: bool
+    command: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one campaign.
+
+    Attributes:
+        campaign: Its file.
+        folder: Of its run, for `jbw.load_study`.
+        status: done or failed; a verdict other than ok is done.
+        verdict: The run's verdict; empty where it failed.
+        error: What went wrong and what to do, in a sentence or two; empty where it is done.
+        exit_code: Of `jbw identify` on this campaign alone.
+        began: new, resumed or finished (before this call).
+        warnings: What was said on the way, each sentence once.
+        wall_time_s: Seconds that it took now.
+    """
+
+    campaign: str
+    folder: str
+    status: Literal["done", "failed"]
+    verdict: str = ""
+    error: str = ""
+    exit_code: int = 0
+    began: Literal["new", "resumed", "finished"] = "new"
+    wall_time_s: float = 0.0
+    warnings: tuple[str, ...] = ()
+
+
+def identify_many(
+    campaigns: Iterable[str | Path | Campaign],
+    out: str | Path = "runs",
+    *,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    seed: int | None = None,
+    allow_outside: bool = False,
+    report: Callable[[str], None] = logger.info,
+    command: str | None = None,
+) -> list[Outcome]:
+    """Identify many campaigns, and go on with them when called again.
+
+    Args:
+        campaigns: Campaign files, or campaigns that were loaded from files.
+        out: Folder of the runs; each has the name of its campaign's file there, or where that is
+            `campaign.toml`, of the file's folder.
+        executor: What runs them, with a `submit` as Python's executors have; processes of this
+            machine when None. On other machines files and folders must have the same paths.
+        workers: Processes of this machine; half its processors when None. Not beside `executor`.
+        seed: Seed of every campaign; each campaign's own when None.
+        allow_outside: Let `files` of campaigns point out of their folders.
+        report: Called with one sentence whenever a campaign ends.
+        command: What was typed, for the summaries; this process's when None.
+
+    Returns:
+        One outcome a campaign, in the order given.
+
+    Raises:
+        ConfigError: No campaign, two that would write to one folder, or one without a file.
+    """
+    if executor is not None and workers is not None:
+        raise ConfigError(
+            "Arguments `executor` and `workers` must not be given together.",
+            why="An executor knows how many workers it has.",
+            remedy="Say it where the executor is made.",
+        )
+    command = command or " ".join(["jbw", *sys.argv[1:]])
+    tasks = [
+        Task(str(path), str(folder), seed, allow_outside, command)
+        for path, folder in _folders([_file_of(each) for each in campaigns], Path(out)).items()
+    ]
+    found: dict[Task, Outcome] = {}
+
+    def ended(task: Task, outcome: Outcome) -> None:
+        found[task] = outcome
+        for sentence in outcome.warnings:
+            report(f"warning: {Path(task.folder).name}: {sentence}")
+        report(_sentence(outcome, list(found.values()), len(tasks)))
+
+    open_tasks: list[Task] = []
+    for task in tasks:
+        outcome = _finished_before(task)
+        if outcome is None:
+            open_tasks.append(task)
+        else:
+            ended(task, outcome)
+    if executor is None:
+        count = workers or max(1, (os.cpu_count() or 1) // 2)
+        jobs = in_processes(run_task, open_tasks, count)
+    else:
+        jobs = submitted(executor, run_task, open_tasks)
+    for task, future in jobs:
+        ended(task, _outcome_of(task, future))
+    return [found[task] for task in tasks]
+
+
+def run_task(task: Task) -> Outcome:
+    """Begin or go on with one run, in the process of a worker; whatever happens is its outcome."""
+    with warnings.catch_warnings(record=True) as told:
+        outcome = _run(task)
+    said = tuple(dict.fromkeys(str(one.message) for one in told))
+    return replace(outcome, warnings=said)
+
+
+def _run(task: Task) -> Outcome:
+    started, began = time.perf_counter(), "new"
+    try:
+        prepare_jax()
+        folder = Path(task.folder)
+        if (folder / HIDDEN / MANIFEST).exists():
+            began, run = "resumed", reopen(folder)
+        else:
+            asked = Manifest(
+                task.command, task.campaign, seed=task.seed, allow_outside=task.allow_outside
+            )
+            run = begin(folder, asked)
+        if run is None:  # another process has finished it meanwhile
+            return _finished_before(task) or _failed(task, RunError(f"{folder} has no result."))
+        try:
+            if began == "resumed":
+                _require_asked(task, run.manifest.campaign, run.manifest.seed)
+                require_same(run)
+            with run.interruption.heard(lambda: f"Saved in {folder}."):
+                summary = carried_out(run, logger.info)
+        except JbwError:
+            run.discard()
+            raise
+        finally:
+            run.close()
+    except Exception as error:  # the boundary: one campaign must not stop the others
+        return _failed(task, error, time.perf_counter() - started)
+    return _done(task, summary, began, time.perf_counter() - started)
+
+
+def _done(task: Task, summary: Mapping[str, Any], began: Any, seconds: float = 0.0) -> Outcome:
+    verdict = str(summary["verdict"]["status"])
+    code = 0 if verdict == "ok" else 4
+    return Outcome(task.campaign, task.folder, "done", verdict, "", code, began, round(seconds, 2))
+
+
+def _failed(task: Task, error: BaseException, seconds: float = 0.0) -> Outcome:
+    code = error.exit_code if isinstance(error, JbwError) else 1
+    told = (
+        " ".join(str(error).split())
+        if isinstance(error, JbwError)
+        else f"Internal error: {type(error).__name__}: {error}"
+    )
+    return Outcome(task.campaign, task.folder, "failed", "", told, code, "new", round(seconds, 2))
+
+
+def _file_of(campaign: str | Path | Campaign) -> Path:
+    if not isinstance(campaign, Campaign):
+        return Path(campaign).absolute()
+    if not campaign.path.is_file():
+        raise ConfigError(
+            f"Campaign `{campaign.name}` has no file.",
+            why="A worker reads it from there.",
+            remedy="Write its records and campaign file, or identify it by jbw.identify.",
+        )
+    return campaign.path.absolute()
+
+
+def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
+    """Campaign files to the folders of their runs, which depend on no other campaign."""
+    if not files:
+        raise ConfigError("No campaign is given.", remedy="Give one campaign file or more.")
+    names = [file.parent.name if file.stem == PLAIN else file.stem for file in files]
+    for name, count in Counter(names).items():
+        if count > 1:
+            first, other, *_ = [str(f) for f, n in zip(files, names, strict=True) if n == name]
+            raise ConfigError(
+                f"{first} and {other} would both write to {out / name}.",
+                why="A run has the name of its campaign's file, or of the folder around "
+                f"{PLAIN}.toml.",
+                remedy="Rename one, give each once, or call for them apart with another `out`.",
+            )
+    return {f: (out / name).absolute() for f, name in zip(files, names, strict=True)}
+
+
+def _finished_before(task: Task) -> Outcome | None:
+    """The outcome of a run that is finished, as its manifest is gone; None where there is work."""
+    folder = Path(task.folder)
+    if (folder / HIDDEN / MANIFEST).exists() or not (folder / "summary.json").is_file():
+        return None
+    try:
+        summary, _ = read_result(folder)
+        _require_same_result(task, summary)
+    except JbwError as error:
+        return _failed(task, error)
+    return _done(task, summary, "finished")
+
+
+def _require_same_result(task: Task, summary: Mapping[str, Any]) -> None:
+    """Refuse a finished run of another campaign, other data or another seed than are asked for."""
+    again = f"Move {task.folder} away to identify anew, or choose another `out`."
+    _require_asked(task, summary.get("campaign_file"), None)
+    if task.seed is not None and summary.get("seed") != task.seed:
+        raise RunError(
+            f"The run in {task.folder} has the seed {summary.get('seed')}, not {task.seed}.",
+            remedy=again,
+        )
+    try:
+        text = Path(task.campaign).read_text(encoding="utf-8")
+        changed = [n for n, was in summary["inputs"].items() if hash_of(Path(n)) != was]
+    except OSError as error:
+        raise DataError(
+            f"{error.filename} cannot be read, so that the run in {task.folder} cannot be checked: "
+            f"{error.strerror}.",
+            remedy="Restore it, or leave this campaign out.",
+        ) from error
+    if summary.get("campaign_sha256", digest_of(text)) != digest_of(text):
+        changed.insert(0, task.campaign)
+    if changed:
+        raise DataError(f"{changed[0]} changed since {task.folder} was finished.", remedy=again)
+
+
+def _require_asked(task: Task, campaign: str | None, seed: int | None) -> None:
+    """Refuse a run in this folder that is of another campaign, or was begun with another seed."""
+    if campaign is not None and Path(campaign).resolve() != Path(task.campaign).resolve():
+        raise RunError(
+            f"The folder {task.folder} holds a run of {campaign}, not of {task.campaign}.",
+            why="Results of two runs must not be mixed.",
+            remedy="Choose another folder `out`.",
+        )
+    if task.seed is not None and seed is not None and seed != task.seed:
+        raise RunError(
+            f"The run in {task.folder} was begun with the seed {seed}, not {task.seed}.",
+            remedy="Go on with that seed, or choose another folder `out`.",
+        )
+
+
+def _outcome_of(task: Task, future: Any) -> Outcome:
+    """What a future brought; a worker that was lost is a failed campaign."""
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        return _failed(task, RunError(
+            "Its process was killed, perhaps for want of memory.",
+            remedy="Call again to go on from its last checkpoint, with fewer workers.",
+        ))  # fmt: skip
+    except Exception as error:  # of the executor: a worker or a machine that is gone
+        return _failed(task, RunError(
+            f"Its worker was lost: {type(error).__name__} {error}.",
+            remedy="Call again to go on from its last checkpoint.",
+        ))  # fmt: skip
+
+
+def _sentence(outcome: Outcome, so_far: Sequence[Outcome], total: int) -> str:
+    """How far all are, and what became of the last one."""
+    failed = sum(one.status == "failed" for one in so_far)
+    name = Path(outcome.folder).name
+    if outcome.status == "failed":
+        told = f"failed: {outcome.error}"
+    elif outcome.began == "finished":
+        told = f"was finished before, verdict {outcome.verdict}"
+    else:
+        told = f"{outcome.began}, verdict {outcome.verdict}, {outcome.wall_time_s:.0f} s"
+    beside = f", {failed} of them failed" if failed else ""
+    return f"{len(so_far)} of {total}{beside}: {name} {told}"
+
+
+def plain(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
+    """Outcomes as JSON has them."""
+    return [asdict(one) for one in outcomes]

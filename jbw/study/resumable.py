@@ -1,0 +1,60 @@
+"""A run in its folder, from wherever it stands to its report."""
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from jbw import rig
+from jbw.campaign.load import load_campaign
+from jbw.report.result import read_result
+from jbw.run.folder import Run
+from jbw.run.manifest import with_inputs
+from jbw.study.identify import identify
+from jbw.study.store import save_report, save_result
+from jbw.study.study import input_hashes
+
+Say = Callable[[str], None]
+
+
+def carried_out(run: Run, say: Say) -> Mapping[str, Any]:
+    """Do what is left of a run, and return its summary."""
+    if (run.folder / "summary.json").exists():
+        summary, tree = read_result(run.folder)
+    else:
+        tree, summary = identified(run, say)
+        save_result(run.folder, tree, summary)
+    say("Writing figures and report")
+    try:
+        save_report(run.folder, tree, summary)
+    finally:
+        if not run.interruption.asked:
+            run.finish()  # a report that failed is `jbw report`'s to try again
+    say("Done")
+    return summary
+
+
+def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
+    """Measure the virtual rig if that is to be done, read the campaign and identify it."""
+    path, asked, truth = run.campaign, run.manifest, None
+    if asked.preset is not None:
+        if not path.exists():
+            say("Measuring the virtual rig")
+            rig.write(rig.measure(asked.preset, seed=asked.seed or 0), path.parent)
+        known = json.loads((path.parent / "truth.json").read_text(encoding="utf-8"))
+        truth = {**known["joint"], "gain": known["gain"]}
+    say(f"Reading {path}")
+    loaded = load_campaign(path, allow_outside=asked.allow_outside)
+    text = path.read_text(encoding="utf-8")
+    run.note(with_inputs(replace(asked, text=text), path, input_hashes(loaded)))
+    study = identify(
+        loaded, seed=asked.seed, truth=truth, report=say, keep=run.keep, command=asked.command
+    )
+    source = {"campaign_file": str(path.resolve()), "campaign_sha256": digest_of(text)}
+    return study.tree, {**study.record, **source}
+
+
+def digest_of(text: str) -> str:
+    """SHA-256 of the text of a campaign file, by which a finished run knows it again."""
+    return hashlib.sha256(text.encode()).hexdigest()
