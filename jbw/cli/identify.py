@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -94,9 +95,9 @@ def identify(
     no other, and the same command again goes on: with what was broken off, and not again with what
     is finished. It ends as the first that failed, else with 4 where a verdict is not ok.
     """
-    if len(campaigns) > 1:
+    campaign, *others = campaigns
+    if others:
         return identify_several(campaigns, out or Path("runs"), workers, seed, json_, allow_outside)
-    campaign = campaigns[0]
     if workers is not None:
         raise click.UsageError("--workers is for several campaigns; one runs in one process.")
     source = str(campaign.resolve())
@@ -111,7 +112,7 @@ def identify_several(
     """Identify several campaigns in processes, and tell what became of each."""
     try:
         with computing() as say:
-            from jbw.study.many import identify_many, plain
+            from jbw.study.many import identify_many
 
             found = identify_many(
                 campaigns, out, workers=workers, seed=seed, allow_outside=allow_outside, report=say,
@@ -120,7 +121,7 @@ def identify_several(
     except KeyboardInterrupt:
         click.echo("Saved; the same command again goes on.", err=True)
         return INTERRUPTED
-    rows = plain(found)
+    rows = [asdict(one) for one in found]
     answer(json_, {"out": str(out), "campaigns": rows}, several_table(rows), saved=f"Runs: {out}")
     failed = [one.exit_code for one in found if one.status == "failed"]
     return failed[0] if failed else max(one.exit_code for one in found)

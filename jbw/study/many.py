@@ -13,7 +13,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -126,11 +126,10 @@ def identify_many(
             open_tasks.append(task)
         else:
             ended(task, outcome)
-    if executor is None:
-        count = workers or max(1, (os.cpu_count() or 1) // 2)
-        jobs = in_processes(run_task, open_tasks, count)
-    else:
+    if executor is not None:
         jobs = submitted(executor, run_task, open_tasks)
+    else:
+        jobs = in_processes(run_task, open_tasks, workers or max(1, (os.cpu_count() or 1) // 2))
     for task, future in jobs:
         ended(task, _outcome_of(task, future))
     return [found[task] for task in tasks]
@@ -299,8 +298,3 @@ def _sentence(outcome: Outcome, so_far: Sequence[Outcome], total: int) -> str:
         told = f"{outcome.began}, verdict {outcome.verdict}, {outcome.wall_time_s:.0f} s"
     beside = f", {failed} of them failed" if failed else ""
     return f"{len(so_far)} of {total}{beside}: {name} {told}"
-
-
-def plain(outcomes: Iterable[Outcome]) -> list[dict[str, Any]]:
-    """Outcomes as JSON has them."""
-    return [asdict(one) for one in outcomes]
