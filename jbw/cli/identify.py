@@ -7,9 +7,17 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.text import Text
 
-from jbw.cli.options import json_option, out_option, outside_option, run_argument, seed_option
-from jbw.cli.printing import NOT_TRUSTED, answer, verdict_lines
+from jbw.cli.options import (
+    json_option,
+    out_option,
+    outside_option,
+    run_argument,
+    seed_option,
+    verbose_option,
+)
+from jbw.cli.printing import NOT_TRUSTED, answer, duration, verdict_line, verdict_lines
 from jbw.cli.progress import computing
 from jbw.errors import JbwError
 from jbw.report.table import Table, digits, table, words
@@ -59,7 +67,8 @@ def identifiability(
     help="Drive of the rig; with `paper` already the weakest sweep saturates the joint.",
 )
 @json_option
-def demo(out: Path | None, seed: int, preset: str, json_: bool) -> int:
+@verbose_option
+def demo(out: Path | None, seed: int, preset: str, json_: bool, verbose: bool) -> int:
     """Measure the paper's cantilever on the virtual rig and identify it.
 
     Writes the records with their campaign file to OUT/campaign, and the results beside them. The
@@ -67,7 +76,7 @@ def demo(out: Path | None, seed: int, preset: str, json_: bool) -> int:
     and the report says why.
     """
     asked = Manifest(command_line(), "campaign/campaign.toml", seed=seed, preset=preset)
-    return run_to_end(begin(out or Path("demo"), asked), json_=json_)
+    return run_to_end(begin(out or Path("demo"), asked), json_=json_, verbose=verbose)
 
 
 @click.command()
@@ -81,10 +90,11 @@ def demo(out: Path | None, seed: int, preset: str, json_: bool) -> int:
 )  # fmt: skip
 @seed_option("campaign")
 @json_option
+@verbose_option
 @outside_option
 def identify(
     campaigns: tuple[Path, ...], out: Path | None, workers: int | None, seed: int | None,
-    json_: bool, allow_outside: bool,
+    json_: bool, verbose: bool, allow_outside: bool,
 ) -> int:  # fmt: skip
     """Identify the joint from the campaign file CAMPAIGN, or from each of several.
 
@@ -102,7 +112,9 @@ def identify(
         raise click.UsageError("--workers is for several campaigns; one runs in one process.")
     source = str(campaign.resolve())
     asked = Manifest(command_line(), source, seed=seed, allow_outside=allow_outside)
-    return run_to_end(begin(out or Path(f"{campaign.stem}-run"), asked), json_=json_)
+    return run_to_end(
+        begin(out or Path(f"{campaign.stem}-run"), asked), json_=json_, verbose=verbose
+    )
 
 
 def identify_several(
@@ -144,7 +156,8 @@ def several_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 @click.command()
 @run_argument
 @json_option
-def resume(folder: Path, json_: bool) -> int:
+@verbose_option
+def resume(folder: Path, json_: bool, verbose: bool) -> int:
     """Go on with the run in the folder DIR, to the very draws of a run without a break.
 
     Takes everything from DIR, and refuses where the campaign, its data or the versions of jbw and
@@ -164,10 +177,10 @@ def resume(folder: Path, json_: bool) -> int:
     except BaseException:
         run.close()
         raise
-    return run_to_end(run, json_=json_)
+    return run_to_end(run, json_=json_, verbose=verbose)
 
 
-def run_to_end(run: Run, *, json_: bool = False) -> int:
+def run_to_end(run: Run, *, json_: bool = False, verbose: bool = False) -> int:
     """Carry a run out; when interrupted, say how to go on.
 
     Returns:
@@ -182,7 +195,7 @@ def run_to_end(run: Run, *, json_: bool = False) -> int:
             run.watch = say.chains
             from jbw.study import resumable
 
-            summary = resumable.carried_out(run, say)
+            summary, tree = resumable.carried_out(run, say)
     except KeyboardInterrupt:
         click.echo(farewell(), err=True)
         return INTERRUPTED
@@ -191,7 +204,7 @@ def run_to_end(run: Run, *, json_: bool = False) -> int:
         raise
     finally:
         run.close()
-    told = *summary_lines(summary), *verdict_lines(summary["verdict"])
+    told = _all_of(summary) if verbose else short_lines(summary, tree)
     answer(json_, summary, *told, saved=f"Report: {run.folder / 'report.html'}")
     if summary["verdict"]["status"] == "ok":
         return 0
@@ -200,6 +213,25 @@ def run_to_end(run: Run, *, json_: bool = False) -> int:
     again = shlex.quote(str(run.folder))
     click.echo(f"Next: jbw explain {code}, or what to measure: jbw plan {again}", err=True)
     return NOT_TRUSTED
+
+
+def _all_of(summary: Mapping[str, Any]) -> Iterator[Table | Text | str]:
+    """Everything that a run says."""
+    yield from summary_lines(summary)
+    yield from verdict_lines(summary["verdict"])
+
+
+def short_lines(summary: Mapping[str, Any], tree: Any) -> Iterator[Text | str]:
+    """What was identified, the verdict, the parameters that are known, and the five sentences."""
+    from jbw.report.opening import known_parameters, opening
+    from jbw.report.result import laws_of
+    from jbw.report.words import law_words
+
+    took = duration(summary.get("wall_time_s") or 0.0)
+    yield f"{summary['campaign']}: {law_words(laws_of(tree))}, identified in {took}"
+    yield verdict_line(summary["verdict"])
+    yield f"Known, mean [99 % interval]: {'; '.join(known_parameters(summary)) or 'nothing'}"
+    yield from opening(summary, tree)
 
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[Table | str]:

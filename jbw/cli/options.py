@@ -9,6 +9,9 @@ import click
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 json_option = click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
+verbose_option = click.option(
+    "--verbose", is_flag=True, help="Print all steps, statements, errors and findings."
+)
 outside_option = click.option(
     "--allow-outside", is_flag=True, help="Read files outside the campaign's folder."
 )

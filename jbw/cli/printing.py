@@ -59,6 +59,14 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def verdict_line(verdict: Mapping[str, Any]) -> Text:
+    """A verdict in one line, with the status of each of its three answers."""
+    parts: list[Any] = ["Verdict: ", _status(verdict["status"])]
+    for i, (name, told) in enumerate(verdict.get("answers", {}).items()):
+        parts += [", " if i else " (", f"{name} ", _status(told["status"])]
+    return Text.assemble(*parts, ")" if len(parts) > 2 else "")
+
+
 def verdict_lines(verdict: Mapping[str, Any], *, passed: bool = False) -> Iterator[Text | str]:
     """A verdict as a record holds it, and each finding against it; those passed, too."""
     status = verdict["status"]

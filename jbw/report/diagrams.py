@@ -9,8 +9,17 @@ from matplotlib.patches import FancyBboxPatch, Rectangle
 
 from jbw.errors import DataError
 from jbw.report import style
-from jbw.report.loops import BACKBONE, draw_loops, enclosed_areas
-from jbw.report.result import branch, laws_of, node, of_joint, of_law, parameters, verified
+from jbw.report.loops import draw_loops, enclosed_areas
+from jbw.report.result import (
+    BACKBONE,
+    branch,
+    laws_of,
+    node,
+    of_joint,
+    of_law,
+    parameters,
+    verified,
+)
 from jbw.report.style import INK, SOFT, VERMILLION, Panels, finish, panels, plain, title
 from jbw.report.text import NOTHING, number, percent, quantity, spread_text
 

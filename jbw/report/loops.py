@@ -12,16 +12,23 @@ from scipy.signal import find_peaks
 
 from jbw.report import style
 from jbw.report.records import short
-from jbw.report.result import branch, fitted_text, laws_of, level_text, quantiles, tests, unit_of
+from jbw.report.result import (
+    BACKBONE,
+    branch,
+    fitted_text,
+    laws_of,
+    level_text,
+    quantiles,
+    tests,
+    unit_of,
+)
 from jbw.report.style import INK, MODEL, SOFT, Panels, draw_model, finish, panels, plain, shade
-from jbw.report.text import axis_label, number, unit_text
+from jbw.report.text import axis_label, length_unit, number, unit_text
 
-BACKBONE = "verification/backbone"
 MILLI, KILO, PERCENT = 1e3, 1e3, 100.0
 BAND_SDS = 5.15
 """Width of a normal variable's 99 % interval in standard deviations."""
 LITTLE = 0.2  # of the hysteretic force: below, only what slip changes can be seen
-PREFIXES = ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"))
 Curve = Float[np.ndarray, " point"]
 Ring = Float[np.ndarray, " point+1"]
 
@@ -157,11 +164,6 @@ def monotone(y: Curve, least: float = 0.05) -> list[NDArray[np.intp]]:
     turns = [find_peaks(sign * y, prominence=least * np.ptp(y))[0] for sign in (1.0, -1.0)]
     ends = [0, *np.sort(np.concatenate(turns)), y.size - 1]
     return [np.arange(a, b + 1) for a, b in pairwise(ends)]
-
-
-def length_unit(largest: float) -> tuple[float, str]:
-    """Return factor and unit that write a length [m] with digits before the point."""
-    return next((each for each in PREFIXES if largest * each[0] >= 1.0), PREFIXES[-1])
 
 
 def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:

@@ -1,7 +1,8 @@
 """The report as one HTML file that needs nothing else, and the same to zoom into by plotly."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,19 @@ from jbw.report import tables
 from jbw.report.charts import charts_of, shown_text
 from jbw.report.figures import FIGURE_LIST, Entry, figure_of, svg
 from jbw.report.identifiability import directions_table, quantities_table
+from jbw.report.opening import lead, opening
 from jbw.report.result import laws_of, names_of
+from jbw.report.table import Table
 from jbw.report.text import Names, seconds
-from jbw.report.words import STATUS_WORDS, badge, findings, identified_words, in_symbols
+from jbw.report.words import (
+    STATUS_WORDS,
+    badge,
+    findings,
+    identified_words,
+    in_symbols,
+    law_words,
+)
 from jbw.run.files import write_whole
-
-# Laws that are called by people's names or by more than their own.
-LAWS = {"bouc_wen": "Bouc-Wen oscillator", "cubic": "cubic spring", "jenkins": "Jenkins array"}
-
 
 # Nothing that was measured leaves the interactive page: no button that uploads a chart.
 PRIVATE = {"showSendToCloud": False, "plotlyServerURL": ""}
@@ -44,14 +50,12 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
     verdict, known = summary.get("verdict") or {}, names_of(tree, summary)
     identifiability = summary.get("identifiability") or {}
     status = badge(verdict)
+    parameters = tables.parameters_table(summary, known)
+    drawn = [_draw(entry, tree) for entry in FIGURE_LIST]
+    first = lead(summary, [one["entry"].name for one in drawn if one["svg"]])
     return ENVIRONMENT.get_template("page.html").render(
         campaign=campaign_name(summary),
-        laws=" and ".join(
-            # A family is called without its number.
-            LAWS.get(law) or LAWS.get(law.rstrip("0123456789_")) or law.replace("_", " ")
-            for law in laws_of(tree)
-        )
-        or "a linear structure",
+        laws=law_words(laws_of(tree)),
         status=status,
         status_words=STATUS_WORDS.get(status.word, "Read the findings before using it."),
         findings=findings(verdict, known),
@@ -71,8 +75,14 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
             }
             for name, step in tables.main_first(summary)
         ],
-        parameters=tables.parameters_table(summary, known),
-        drawn=[_draw(entry, tree) for entry in FIGURE_LIST],
+        opening=[
+            in_symbols(each, known).replace(" %", "\N{NO-BREAK SPACE}%")
+            for each in opening(summary, tree)
+        ],
+        lead=next((one for one in drawn if one["entry"].name == first), None),
+        parameters=_only(parameters, lambda name: name == summary.get("main")),
+        paper=_only(parameters, lambda name: name != summary.get("main")),
+        drawn=[one for one in drawn if one["entry"].name != first],
         predictions=tables.predictions_table(summary),
         directions=directions_table(identifiability, known),
         quantities=quantities_table(identifiability, known),
@@ -85,6 +95,11 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         provenance=_provenance(summary),
         inputs=_inputs(summary.get("inputs") or {}),
     )
+
+
+def _only(table: Table, chosen: Callable[[str], bool]) -> Table:
+    """Sections of a table by their names."""
+    return replace(table, sections=tuple(one for one in table.sections if chosen(one.name)))
 
 
 def _statements(part: Any, known: Names) -> list[str]:

@@ -15,6 +15,7 @@ from jbw.report.style import plain
 from jbw.report.text import quantity, symbol, unit_text
 
 TURN = 360.0  # degrees
+BACKBONE = "verification/backbone"
 
 
 class Parameter(NamedTuple):

@@ -26,6 +26,7 @@ STEPS = {
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LEVEL = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 NOTHING = "–"
+PREFIXES = ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"))
 
 
 def quantity(name: str, known: Names | None = None) -> Quantity:
@@ -108,6 +109,11 @@ def spread_text(draws: Any, unit: str) -> str:
     half = 0.5 * (high - low)
     text = f"{number(middle, max(half, 1e-4 * abs(middle)))} {unit_text(unit)}".rstrip()
     return f"{text} ± {percent(half / abs(middle), digits=2)}" if middle else text
+
+
+def length_unit(largest: float) -> tuple[float, str]:
+    """Return factor and unit that write a length [m] with digits before the point."""
+    return next((each for each in PREFIXES if largest * each[0] >= 1.0), PREFIXES[-1])
 
 
 def percent(value: Any, digits: int = 3) -> str:

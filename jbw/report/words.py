@@ -2,7 +2,7 @@
 
 import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, symbol
@@ -22,6 +22,14 @@ SPELLED = {
 KNOWN, ROUGHLY = 0.05, 0.3  # standard deviation over mean: up to where a parameter is known
 LEARNT = 0.5  # nats over the prior: from where on the data have said something
 UNCOUNTED = "noise_std"
+GRADES = (
+    "Known, with its standard deviation",
+    "Known roughly",
+    "Hardly known",
+    "Not known, its prior all but unchanged",
+)
+# Laws that are called by people's names or by more than their own.
+LAWS = {"bouc_wen": "Bouc-Wen oscillator", "cubic": "cubic spring", "jenkins": "Jenkins array"}
 
 
 class Badge(NamedTuple):
@@ -88,26 +96,37 @@ def combination(text: str, known: Names) -> str:
     return found.replace("*", "·").replace("-", "−")
 
 
-def identified_words(summary: Mapping[str, Any], known: Names) -> list[str]:
-    """Which parameters are known (5 %), roughly known (30 %), or the prior's (half a nat)."""
+def grades(summary: Mapping[str, Any]) -> dict[str, int]:
+    """What is known of each parameter of the main posterior, by its place in `GRADES`."""
     main = (summary.get("steps") or {}).get(summary.get("main")) or {}
-    grades = (
-        "Known, with its standard deviation",
-        "Known roughly",
-        "Hardly known",
-        "Not known, its prior all but unchanged",
-    )
-    groups: dict[str, list[str]] = {grade: [] for grade in grades}
+    found = {}
     for name, facts in (main.get("parameters") or {}).items():
         cv, kl = facts.get("cv"), facts.get("kl")
         if name.startswith(UNCOUNTED) or cv is None:
             continue
         size = abs(cv)
         grade = 0 if size <= KNOWN else 1 if size <= ROUGHLY else 2
-        if kl is not None and kl < LEARNT:
-            grade = 3
+        found[name] = 3 if kl is not None and kl < LEARNT else grade
+    return found
+
+
+def identified_words(summary: Mapping[str, Any], known: Names) -> list[str]:
+    """Which parameters are known (5 %), roughly known (30 %), or the prior's (half a nat)."""
+    groups: dict[int, list[str]] = {}
+    for name, grade in grades(summary).items():
+        size = abs(summary["steps"][summary["main"]]["parameters"][name]["cv"])
         meaning = quantity(name, known).meaning.partition(",")[0]  # of a product without formula
         share = percent(size, digits=2).replace(" ", "\N{NO-BREAK SPACE}")
         facts_text = ", ".join(filter(None, (share, meaning)))
-        groups[grades[grade]].append(f"{symbol(name, known)} ({facts_text})")
-    return [f"{grade}: {'; '.join(found)}." for grade, found in groups.items() if found]
+        groups.setdefault(grade, []).append(f"{symbol(name, known)} ({facts_text})")
+    return [f"{GRADES[grade]}: {'; '.join(groups[grade])}." for grade in sorted(groups)]
+
+
+def law_words(laws: Sequence[str]) -> str:
+    """What the laws of a joint are called together; a structure without any is linear."""
+    # A family is called without its number.
+    called = [
+        LAWS.get(law) or LAWS.get(law.rstrip("0123456789_")) or law.replace("_", " ")
+        for law in laws
+    ]
+    return " and ".join(called) or "a linear structure"

@@ -26,6 +26,7 @@ from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import require_float64
 from jbw.measurement.records import INPUTS, Test
 from jbw.quantities import gain_unit
+from jbw.report.opening import opening
 from jbw.report.result import node, verified
 from jbw.study.collect import collect
 from jbw.study.identifiability import as_group, look_again, plain
@@ -96,6 +97,7 @@ def identify(
         "command": command or " ".join(["jbw", *sys.argv[1:]]),
         "wall_time_s": round(perf_counter() - started, 2),
     }
+    record["opening"] = list(opening(record, tree))
     tree["procedure"] = xr.DataTree(steps_group(record))
     if known is not None:
         tree["identifiability"] = xr.DataTree(as_group(known))

@@ -162,7 +162,7 @@ def _run(task: Task) -> Outcome:
                 _require_asked(task, run.manifest.campaign, run.manifest.seed)
                 require_same(run)
             with run.interruption.heard(lambda: f"Saved in {folder}."):
-                summary = carried_out(run, logger.info)
+                summary, _ = carried_out(run, logger.info)
         except JbwError:
             run.discard()
             raise

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+import xarray as xr
+
 from jbw import rig
 from jbw.campaign.load import load_campaign
 from jbw.report.result import read_result
@@ -18,8 +20,8 @@ from jbw.study.study import input_hashes
 Say = Callable[[str], None]
 
 
-def carried_out(run: Run, say: Say) -> Mapping[str, Any]:
-    """Do what is left of a run, and return its summary."""
+def carried_out(run: Run, say: Say) -> tuple[Mapping[str, Any], xr.DataTree]:
+    """Do what is left of a run, and return its summary and its tree."""
     if (run.folder / "summary.json").exists():
         summary, tree = read_result(run.folder)
     else:
@@ -32,7 +34,7 @@ def carried_out(run: Run, say: Say) -> Mapping[str, Any]:
         if not run.interruption.asked:
             run.finish()  # a report that failed is `jbw report`'s to try again
     say("Done")
-    return summary
+    return summary, tree
 
 
 def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:

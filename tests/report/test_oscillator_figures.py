@@ -7,9 +7,10 @@ from matplotlib.figure import Figure
 
 from jbw.errors import DataError
 from jbw.report.diagrams import oscillator, procedure
-from jbw.report.loops import backbone, draw_loops, length_unit
+from jbw.report.loops import backbone, draw_loops
 from jbw.report.prediction import prediction
 from jbw.report.result import beside, unwrapped_band
+from jbw.report.text import length_unit
 
 
 def texts(ax):

@@ -76,7 +76,10 @@ def test_the_whole_page(whole):
     text = whole.read_text(encoding="utf-8")
     parsed = outline(text)
     figures = [facts["id"] for tag, facts in parsed.tags if tag == "figure"]
-    assert figures == [entry.slug for entry in FIGURE_LIST]
+    # What stands first is not drawn again below.
+    first, *rest = figures
+    assert first == "extra_amplitude"
+    assert rest == [entry.slug for entry in FIGURE_LIST if entry.slug != first]
     identities = re.findall(r'\bid="([^"]+)"', text)
     assert len(identities) == len(set(identities))
     # Every link within the page leads somewhere.
@@ -121,20 +124,25 @@ def test_the_verdict_comes_first_then_what_is_known(small, summary):
     text = text[text.index("not assessed") :]  # below the links to the sections
     order = [
         "Some checks could not be made",
+        "The fit misses one test by 1.1\N{NO-BREAK SPACE}%",
+        "To do next: Look at figure 12",
+        "Verdict: ",
         "What to do: Look at figure 12",
         "R-hat is at most 1.004",
         "What was identified, and what was not",
         "Known, with its standard deviation: ωₙ",
         "All five parameters are determined by the sweeps.",
-        "Only the product α·δ is determined",
-        "Strong correlations: α and δ: −0.994",
         "Table 1",
         "340.3",
+        "Prediction errors",
+        "99 % predictive band",
         "Figures",
         "Not drawn",
         "The result has no group /steps/linear.",
-        "Prediction errors",
-        "99 % predictive band",
+        "That they fail is expected",
+        "Only the product α·δ is determined",
+        "Strong correlations: α and δ: −0.994",
+        "By the cut, γ holds only for the held α.",
         "Provenance",
         "jbw identify campaign.toml --out run --seed 7",
         "ab" * 32,
@@ -142,6 +150,24 @@ def test_the_verdict_comes_first_then_what_is_known(small, summary):
     places = [text.find(each) for each in order]
     assert -1 not in places
     assert places == sorted(places)
+
+
+def test_no_red_mark_stands_above_the_papers_route_when_the_main_answer_is_good(small, summary):
+    """Its steps fail in the toy; they are told within the one fold, which is closed."""
+    summary["verdict"] = {"status": "ok", "findings": []}
+    text = render_page(summary, small)
+    start = text.index('<section id="steps">')
+    fold = text[start : text.index("</section>", start)]
+    outside = text.replace(fold, "")
+    outside = outside[outside.index("<main>") :]
+    assert fold.count("<details>") >= 1
+    assert "<details open" not in fold
+    assert 'class="badge bad"' in fold
+    assert 'class="badge bad"' not in outside
+    # Where the main answer itself is bad, the mark is there to be seen.
+    summary["verdict"] = {"status": "failed", "findings": []}
+    text = render_page(summary, small)
+    assert 'class="badge bad"' in text[text.index("<main>") : text.index('<section id="steps">')]
 
 
 @pytest.mark.fault(52)

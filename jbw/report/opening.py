@@ -1,0 +1,184 @@
+"""What a run found, before any table: five sentences, the parameters that are known, one picture.
+
+The sentences: what the joint does, how the fitted tests are met, how those that no fit saw are
+predicted, what is not known, what to do next.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from math import ceil, log10
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from jbw.report.result import BACKBONE, laws_of, node
+from jbw.report.text import length_unit
+from jbw.report.words import grades
+
+Summary = Mapping[str, Any]
+LOW = 0.1  # of the largest displacement fitted: where the joint hardly slips
+MOST_SHOWN = 8
+# Pictures that may stand first: as measured where the data show it, else of the model alone; of a
+# joint whose motion is prescribed its loops.
+LEADS = ("amplitude", "backbone", "loops")
+UNMEASURED = "zeta"  # what a campaign without a free or driven mode cannot know
+LEANING, ABSENT = "at_bound", "no_joint"  # findings that say something first
+
+
+def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
+    """The five sentences of a run's summary and tree; none of a run that lacks them."""
+    steps = summary.get("steps") or {}
+    if summary.get("main") not in steps or not summary.get("verdict"):
+        return []
+    return [_effect(summary, tree), *_misfits(summary), _unknown(summary), _following(summary)]
+
+
+def lead(summary: Summary, drawn: Sequence[str]) -> str | None:
+    """The name of the figure that stands first, of those that could be drawn."""
+    moves = "loops" if not _has_mode(summary) else None
+    return next((name for name in (moves, *LEADS) if name in drawn), None)
+
+
+def known_parameters(summary: Summary) -> list[str]:
+    """Each parameter known to 30 % with its 99 % interval; products where a factor is not known."""
+    rows, found = _rows(summary), grades(summary)
+    drawn = [name for name in found if rows[name].get("kl") is not None]
+    good = [name for name in drawn if found[name] <= 1]
+    if len(good) < len(drawn):
+        good += [name for name in found if name not in drawn and found[name] <= 1]
+    return [f"{name} {_with_interval(rows[name])}" for name in good[:MOST_SHOWN]]
+
+
+def _rows(summary: Summary) -> Mapping[str, Any]:
+    return summary["steps"][summary["main"]].get("parameters") or {}
+
+
+def _has_mode(summary: Summary) -> bool:
+    steps = summary.get("steps") or {}
+    return UNMEASURED in ((steps.get(summary.get("main")) or {}).get("parameters") or {})
+
+
+def _with_interval(row: Mapping[str, Any]) -> str:
+    """Mean and 99 % interval to two digits of its width, with the unit."""
+    ends = row["mean"], row["q005"], row["q995"]
+    mean, low, high = (f"{one:.{_digits(*ends[1:])}g}" for one in ends)
+    unit = str(row.get("unit") or "1")
+    return f"{mean} [{low}, {high}]" + ("" if unit == "1" else f" {unit}")
+
+
+def _digits(low: float, high: float) -> int:
+    """Digits that leave two of the width of an interval; three at least, fifteen at most."""
+    largest = max(abs(low), abs(high))
+    if not high - low > 0.0 or not largest:
+        return 6
+    return int(min(15, max(3, ceil(log10(largest / (high - low))) + 2)))
+
+
+def _effect(summary: Summary, tree: xr.DataTree) -> str:
+    """Frequency and damping at a tenth of the largest displacement fitted, and there."""
+    for finding in summary["verdict"]["findings"]:
+        if finding["code"] == ABSENT and finding["status"] != "ok":
+            return finding["reason"]
+    if not laws_of(tree):
+        return "The structure was taken as linear: no joint was looked for."
+    found = node(tree, BACKBONE)
+    if found is None:
+        return "Frequency and damping against amplitude are not known of this run."
+    y_peak = float(found.attrs["y_fitted"])
+    at = found.to_dataset().interp(amplitude=[LOW * y_peak, y_peak])
+    factor, unit = length_unit(y_peak)
+    reach = f"From {LOW * y_peak * factor:.2g} to {y_peak * factor:.2g} {unit} of motion the joint"
+    frequency, damping = (at[name].transpose("amplitude", "quantile").values for name in
+                          ("frequency", "damping"))  # fmt: skip
+    if not _has_mode(summary):
+        part = 100 * (frequency[1, ::-1] / frequency[0, 1]) ** 2
+        return f"{reach} keeps {part[1]:.3g} % [{part[2]:.3g}, {part[0]:.3g}] of its stiffness."
+    return (
+        f"{reach} {_change('natural frequency', frequency, 'Hz')} and "
+        f"{_change('damping ratio', 100 * damping, '%')}."
+    )
+
+
+def _change(what: str, values: np.ndarray, unit: str) -> str:
+    """How a quantity changes from the weak motion (first row) to the strong one, with its band."""
+    (_, weak, _), (low, strong, high) = values
+    digits = _digits(low, high)
+    ends = f"{strong:.{digits}g} {unit} [{low:.{digits}g}, {high:.{digits}g}]"
+    if low <= weak <= high:
+        return f"changes the {what} by less than its uncertainty ({ends})"
+    return f"{'lowers' if strong < weak else 'raises'} the {what} from {weak:.{digits}g} to {ends}"
+
+
+def _misfits(summary: Summary) -> Iterator[str]:
+    """Errors of the fitted tests, and of those that no fit saw."""
+    tests = [one for one in (summary.get("predictions") or {}).values() if one.get("nrmse")]
+    fitted = [one for one in tests if one.get("fitted")]
+    held = [one for one in tests if not one.get("fitted")]
+    if fitted:
+        yield f"The fit misses {_count(fitted)} by {_errors(fitted)}."
+    else:
+        yield "How well the fitted tests are met is not known of this run."
+    if not held:
+        yield "No test was held out; `hold_out` shows how well one is predicted that no fit saw."
+        return
+    verb = "is" if len(held) == 1 else "are"
+    inside = [one["coverage"] for one in held if one.get("coverage") is not None]
+    band = f"; {_span(inside, 3)} of the values lie in the 99 % bands" if inside else ""
+    yield f"Of tests that no fit saw, {len(held)} {verb} predicted to {_errors(held)}{band}."
+
+
+def _errors(tests: Sequence[Summary]) -> str:
+    """Errors over the rms of the record, of the joint and of the best linear oscillator."""
+    linear = [x for one in tests if (x := one.get("nrmse_linear")) is not None]
+    beside = f" (the best linear oscillator: {_span(linear)})" if linear else ""
+    return f"{_span([one['nrmse'] for one in tests])} of the rms{beside}"
+
+
+def _span(parts: Sequence[float], digits: int = 2) -> str:
+    """Least and largest part in per cent."""
+    least, most = (f"{float(f'{100 * one:.{digits}g}'):g}" for one in (min(parts), max(parts)))
+    return f"{least} %" if least == most else f"{least} to {most} %"
+
+
+def _count(tests: Sequence[Summary]) -> str:
+    return "one test" if len(tests) == 1 else f"{len(tests)} tests"
+
+
+def _unknown(summary: Summary) -> str:
+    """Which parameters the data do not tell, and which lean on a bound of their prior."""
+    rows, found = _rows(summary), grades(summary)
+    drawn = {name: grade for name, grade in found.items() if rows[name].get("kl") is not None}
+    hidden = [name for name, grade in drawn.items() if grade > 1]
+    leaning = [one["reason"] for one in summary["verdict"]["findings"]
+               if one["code"] == LEANING and one["status"] != "ok"]  # fmt: skip
+    if hidden:
+        least = _per_cent(min(abs(rows[name]["cv"]) for name in hidden))
+        beside = [name for name, grade in found.items() if name not in drawn and grade <= 1]
+        said = f"Not known: {_listed(hidden)} (standard deviations of {least} % and more)"
+        if beside:
+            worst = _per_cent(max(abs(rows[name]["cv"]) for name in beside))
+            return f"{said}, though {_listed(beside)} to {worst} %."
+        return f"{said}."
+    if leaning:
+        return f"Not sure: {leaning[0]}"
+    if not drawn:
+        return "What the data know of each parameter is not known of this run."
+    worst = max(drawn, key=lambda name: abs(rows[name]["cv"]))
+    known = "known" if drawn[worst] == 0 else "known roughly"
+    return f"Every parameter is {known}, {worst} least: to {_per_cent(rows[worst]['cv'])} %."
+
+
+def _per_cent(cv: float) -> str:
+    return f"{float(f'{100 * abs(cv):.2g}'):g}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+def _following(summary: Summary) -> str:
+    """The remedy of the first finding that fails, else of the first that is not ok."""
+    against = [one for one in summary["verdict"]["findings"] if one["status"] != "ok"]
+    against.sort(key=lambda one: one["status"] != "failed")
+    action = next((one["action"] for one in against if one["action"]), None)
+    return f"To do next: {action}" if action else "To do next: use it."

@@ -1,0 +1,202 @@
+"""The five sentences and the ten lines that a run begins with, each with its counter-case."""
+
+import io
+
+import numpy as np
+import pytest
+import xarray as xr
+from rich.console import Console
+
+from jbw.cli import identify, run
+from jbw.cli.identify import short_lines
+from jbw.cli.printing import show
+from jbw.report.opening import known_parameters, lead, opening
+from jbw.study import store
+
+QUANTILE = [0.005, 0.5, 0.995]
+
+
+def facts(mean, cv, kl=2.0, unit="1"):
+    half = 2.576 * cv * abs(mean)
+    ends = {"q005": mean - half, "q995": mean + half}
+    return {"mean": mean, "cv": cv, "kl": kl, "unit": unit, "sd": cv * abs(mean), **ends}
+
+
+def summary_of(parameters=None, findings=(), predictions=None):
+    """A run's summary of what the sentences are made of."""
+    rows = parameters or {"omega_n": facts(118.0, 1e-3, unit="rad/s"), "zeta": facts(0.01, 0.02)}
+    status = "ok" if all(one["status"] == "ok" for one in findings) else "failed"
+    answers = {"sampling": {"status": "ok", "question": "Did it?"}}
+    return {
+        "campaign": "toy",
+        "main": "joint",
+        "steps": {"joint": {"parameters": rows}, "linear": {"parameters": {}}},
+        "verdict": {"status": status, "answers": answers, "findings": list(findings)},
+        "predictions": predictions or {},
+        "wall_time_s": 60.0,
+    }
+
+
+def finding(code, status="failed", reason="It is so.", action="Do it."):
+    return {"code": code, "status": status, "reason": reason, "action": action}
+
+
+def tree_of(rise=-0.02, laws='["bouc_wen"]', damping=0.5):
+    """A result whose frequency rises from 20 Hz by a part of it at 4 mm, within +-0.01 Hz."""
+    y = np.linspace(0.0, 5e-3, 51)[1:]
+    frequencies = 20.0 * (1 + rise * y / 4e-3) + 0.01 * np.array([-1.0, 0.0, 1.0])[:, None]
+    ratios = 0.01 * (1 + damping * y / 4e-3) * np.array([0.99, 1.0, 1.01])[:, None]
+    dims = ("quantile", "amplitude")
+    group = xr.Dataset(
+        {"frequency": (dims, frequencies), "damping": (dims, ratios)},
+        {"amplitude": y, "quantile": QUANTILE},
+        {"y_fitted": 4e-3},
+    )
+    root = xr.Dataset(attrs={"laws": laws})
+    return xr.DataTree.from_dict({"/": root, "/verification/backbone": group})
+
+
+def test_what_the_joint_does_is_told_at_a_tenth_of_the_motion_and_at_its_end():
+    """20 Hz less 2 % at 4 mm is 19.6 Hz, at 0.4 mm 19.96; 1 % times 1.5 and 1.05 of damping."""
+    told = opening(summary_of(), tree_of())[0]
+    assert told == (
+        "From 0.4 to 4 mm of motion the joint lowers the natural frequency from 19.96 to 19.6 Hz "
+        "[19.59, 19.61] and raises the damping ratio from 1.05 to 1.5 % [1.485, 1.515]."
+    )
+
+
+def test_a_joint_that_hardens_and_damps_less_is_told_so():
+    told = opening(summary_of(), tree_of(0.02, damping=-0.5))[0]
+    assert "raises the natural frequency from 20.04 to 20.4 Hz" in told
+    assert "lowers the damping ratio from 0.95 to 0.5 %" in told
+
+
+def test_a_change_within_its_band_is_no_change():
+    told = opening(summary_of(), tree_of(-0.0001))[0]
+    assert "changes the natural frequency by less than its uncertainty (19.998 Hz" in told
+
+
+def test_no_joint_is_said_in_the_words_of_its_finding_and_only_when_it_is_against():
+    reason = "No joint is seen: it changes nothing."
+    absent = summary_of(findings=[finding("no_joint", reason=reason)])
+    assert opening(absent, tree_of())[0] == reason
+    present = summary_of(findings=[finding("no_joint", "ok", reason)])
+    assert opening(present, tree_of())[0].startswith("From 0.4 to 4 mm")
+    assert "linear" in opening(present, tree_of(laws="[]"))[0]
+
+
+def test_a_prescribed_motion_tells_stiffness_and_no_frequency():
+    """Stiffness goes by the frequency squared: (19.6 / 19.96)^2 = 0.9642."""
+    forced = summary_of({"alpha": facts(500.0, 0.02)})
+    told = opening(forced, tree_of())[0]
+    assert "keeps 96.4 %" in told
+    assert "Hz" not in told
+    assert lead(forced, ["backbone", "loops"]) == "loops"
+    assert lead(summary_of(), ["backbone", "loops"]) == "backbone"
+    assert lead(summary_of(), ["backbone", "amplitude"]) == "amplitude"
+    assert lead(summary_of(), ["ridge"]) is None
+
+
+def test_errors_of_fitted_and_held_out_tests_stand_apart():
+    tests = {
+        "weak": {"fitted": True, "nrmse": 0.012, "nrmse_linear": 0.2},
+        "strong": {"fitted": True, "nrmse": 0.034, "nrmse_linear": 0.3},
+        "middle": {"fitted": False, "nrmse": 0.021, "coverage": 0.985},
+        "loop": {"fitted": True, "nrmse": None},
+    }
+    _, fit, held, *_ = opening(summary_of(predictions=tests), tree_of())
+    assert fit == (
+        "The fit misses 2 tests by 1.2 to 3.4 % of the rms (the best linear oscillator: 20 to 30 "
+        "%)."
+    )
+    assert held == (
+        "Of tests that no fit saw, 1 is predicted to 2.1 % of the rms; 98.5 % of the values lie in "
+        "the 99 % bands."
+    )
+    del tests["middle"]
+    assert "hold_out" in opening(summary_of(predictions=tests), tree_of())[2]
+
+
+def test_what_is_not_known_is_named_with_the_products_that_are():
+    ridge = {
+        "omega_n": facts(118.0, 1e-3),
+        "alpha": facts(500.0, 0.6, kl=1.0),
+        "delta": facts(340.0, 0.7),
+        "alpha_delta": facts(1.7e5, 0.02, kl=None, unit="1/(m s^2)"),
+    }
+    told = opening(summary_of(ridge), tree_of())[3]
+    assert told == (
+        "Not known: alpha and delta (standard deviations of 60 % and more), though alpha_delta to "
+        "2 %."
+    )
+    assert [one.split()[0] for one in known_parameters(summary_of(ridge))] == [
+        "omega_n",
+        "alpha_delta",
+    ]
+
+
+def test_where_all_is_known_the_least_known_is_named_and_no_product():
+    known = {
+        "omega_n": facts(118.0, 1e-3, unit="rad/s"),
+        "alpha": facts(500.0, 0.04),
+        "alpha_delta": facts(1.7e5, 0.02, kl=None),
+    }
+    assert opening(summary_of(known), tree_of())[3] == (
+        "Every parameter is known, alpha least: to 4 %."
+    )
+    # 118 +- 2.576 * 0.118: two digits of a width of 0.61.
+    assert known_parameters(summary_of(known)) == [
+        "omega_n 118 [117.7, 118.3] rad/s",
+        "alpha 500 [448, 552]",
+    ]
+
+
+def test_a_parameter_that_leans_on_its_bound_is_not_called_known():
+    leaning = summary_of(findings=[finding("at_bound", reason="alpha leans.")])
+    assert opening(leaning, tree_of())[3] == "Not sure: alpha leans."
+    fine = summary_of(findings=[finding("at_bound", "ok", "alpha does not lean.")])
+    assert opening(fine, tree_of())[3].startswith("Every parameter is known")
+
+
+def test_what_fails_is_to_be_done_before_what_is_only_limited():
+    both = [finding("a", "usable", action="Later."), finding("b", "failed", action="First.")]
+    assert opening(summary_of(findings=both), tree_of())[4] == "To do next: First."
+    assert opening(summary_of(), tree_of())[4] == "To do next: use it."
+
+
+def test_a_bare_summary_has_no_sentences():
+    assert opening({}, xr.DataTree()) == []
+
+
+@pytest.mark.parametrize("width", [80, 160])
+def test_the_terminal_has_at_most_ten_lines_and_its_report(tree, summary, monkeypatch, width):
+    """Nine here: the tenth says where the report is, and a wide terminal wraps few of them."""
+    screen = Console(file=io.StringIO(), width=width, highlight=False)
+    monkeypatch.setattr("jbw.cli.printing.console", lambda: screen)
+    lines = list(short_lines(summary, tree))
+    assert len(lines) <= 9
+    show(*lines)
+    told = screen.file.getvalue()
+    assert told.startswith("cantilever: Bouc-Wen oscillator")
+    assert "Verdict: not assessed" in told
+    assert "omega_n 118.17" in told
+    # What the paper's own steps say is left for --verbose.
+    assert "third_order" not in told
+    assert len(told.splitlines()) <= 20
+
+
+def test_the_command_prints_ten_lines_and_with_verbose_the_rest(tmp_path, monkeypatch, capsys):
+    found = summary_of(findings=[finding("coloured_residual", "ok")]) | {"comparison": {}}
+    found["steps"]["joint"] |= {"statements": ["Drawn at once."], "verdict": {"status": "ok"}}
+    monkeypatch.setattr(identify, "_identified", lambda *_: (tree_of(), found))
+    monkeypatch.setattr(store, "write_page", lambda summary, tree, path: path.write_text("page"))
+    monkeypatch.setattr(store, "save_figures", lambda *_: None)
+    out = tmp_path / "short"
+    assert run(["identify", "toy.toml", "--out", str(out)]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert len(told) <= 10
+    assert told[-1] == f"Report: {out / 'report.html'}"
+    assert told[1] == "Verdict: ok (sampling ok)"
+    assert "Drawn at once" not in "".join(told)
+    assert run(["identify", "toy.toml", "--out", str(tmp_path / "long"), "--verbose"]) == 0
+    assert "joint: Drawn at once." in capsys.readouterr().out
