@@ -34,6 +34,7 @@ COMMANDS = {
     "resume": ("identify", "Go on with a run that was killed or interrupted."),
     "collect": ("collect", "Gather finished runs, of several units, into one fleet."),
     "plan": ("plan", "Say which tests a wished accuracy takes."),
+    "diff": ("diff", "Say what differs between two runs: assemblies, torques, days."),
     "compare": ("studies", "Compare samplers on one posterior of a run."),
     "laws": ("laws", "Try laws of the joint and say which the data tell apart."),
     "sbc": ("studies", "Calibrate a step by simulation: ranks of simulated truths."),

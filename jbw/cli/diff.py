@@ -1,0 +1,54 @@
+"""The command that sets two finished runs side by side: `jbw diff A B`."""
+
+from pathlib import Path
+
+import click
+
+from jbw.cli.options import json_option
+from jbw.cli.printing import answer
+from jbw.cli.progress import computing
+from jbw.errors import ConfigError
+
+ENDINGS = (".png", ".svg", ".pdf")
+finished_run = click.Path(exists=True, file_okay=False, path_type=Path)
+
+
+@click.command()
+@click.argument("first", metavar="A", type=finished_run)
+@click.argument("second", metavar="B", type=finished_run)
+@click.option(
+    "--figure",
+    type=click.Path(dir_okay=False, writable=True, path_type=Path),
+    help="Draw frequency and damping of both against amplitude; .png, .svg or .pdf.",
+)
+@json_option
+def diff(first: Path, second: Path, figure: Path | None, json_: bool) -> None:
+    """Say what differs between the finished runs in A and B: assemblies, torques or days.
+
+    For every parameter and product that both know, and for frequency and damping at amplitudes that
+    both fitted: both 99 % intervals, the difference, and the probability that A's is the larger.
+    """
+    if figure is not None and figure.suffix not in ENDINGS:
+        raise ConfigError(
+            f"Option --figure must end in one of {', '.join(ENDINGS)}, but is {figure}.",
+            remedy="Name it so, for example diff.png.",
+        )
+    with computing() as say:
+        from jbw.report.differences import backbone_table, backbones_figure, parameters_table
+        from jbw.study.differences import differences
+        from jbw.study.store import write_figure
+
+        say(f"Reading {first} (A) and {second} (B)")
+        found = differences(first, second)
+        if figure is not None:
+            if found.backbones is None:
+                raise ConfigError(
+                    "Option --figure needs frequency and damping of both runs, but a run lacks the "
+                    "parameters or the largest displacement for them.",
+                    remedy="Leave --figure out.",
+                )
+            write_figure(figure, backbones_figure(found.backbones))
+        say("Done")
+    tables = parameters_table(found.record), backbone_table(found.record)
+    saved = "" if figure is None else f"Figure: {figure}"
+    answer(json_, found.record, *tables, *found.record["statements"], saved=saved)

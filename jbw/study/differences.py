@@ -1,0 +1,241 @@
+r"""Two finished runs: what differs between their joints, and how sure that is.
+
+Of two posteriors taken as independent, for every quantity q that both know,
+
+$$P(q_A > q_B) = \frac{1}{m n} \sum_{i=1}^{m} \sum_{j=1}^{n} [q_{A,i} > q_{B,j}]$$
+
+over all pairs of draws, a tie as half, and the quantiles of $q_A - q_B$ over the same pairs.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from jbw.errors import ConfigError
+from jbw.inference.posterior.summary import QUANTILES, evenly_spaced, scalars
+from jbw.quantities import OSCILLATOR, in_dialect
+from jbw.report.result import read_result, unit_of
+from jbw.report.text import number, typed
+from jbw.report.words import LEARNT, UNCOUNTED
+from jbw.verification.backbone import curves
+from jbw.verification.predicted import carry
+from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
+
+NUM_DRAWS = 1000  # of each run: a million pairs
+NUM_CARRIED = 200  # of each run along the backbone
+GRID = np.linspace(0.05, 1.0, 20)  # of the largest displacement that both runs fitted
+TOLD = (1, 4, 9, 14, 19)  # of these: a tenth, a quarter, a half, three quarters and all of it
+SURE = 0.995  # probability on one side: outside of the 99 % interval of the difference
+INPUT = "gain"  # of the source and its unit, not of the joint
+
+
+class Run(NamedTuple):
+    """A finished run, under the name that tells it from the other."""
+
+    name: str
+    folder: Path
+    summary: Mapping[str, Any]
+    tree: xr.DataTree
+    basis: Basis
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Result of `differences`: `record` in plain values, `backbones` the bands of both runs."""
+
+    record: dict[str, Any]
+    backbones: xr.Dataset | None
+
+
+def differences(first: Path, second: Path) -> Difference:
+    """Compare the parameters, frequencies and damping of two finished runs.
+
+    Raises:
+        ConfigError: Runs of different laws, or of quantities in different units.
+    """
+    one, other = _opened("A", first), _opened("B", second)
+    _require_comparable(one, other)
+    parameters, apart = _parameters(one, other)
+    backbones, rows = _along_amplitude(one, other)
+    record = {
+        "runs": {
+            run.name: {
+                "folder": str(run.folder),
+                "campaign": str(run.summary.get("campaign", "")),
+                "verdict": (run.summary.get("verdict") or {}).get("status", ""),
+                "largest_displacement": run.basis.y_peak,
+            }
+            for run in (one, other)
+        },
+        "laws": list(one.basis.laws),
+        "parameters": parameters,
+        "backbone": rows,
+    }
+    said = _statements(record, one, other, apart)
+    return Difference(record | {"statements": said}, backbones)
+
+
+def compared(a: Float[np.ndarray, " draw"], b: Float[np.ndarray, " other"]) -> dict[str, Any]:
+    """Both intervals, the interval of the difference A less B, and P(A > B)."""
+    below = np.searchsorted(np.sort(b), a, "left") + np.searchsorted(np.sort(b), a, "right")
+    away = np.subtract.outer(a, b).ravel()
+    return {
+        "a": np.quantile(a, QUANTILES).tolist(),
+        "b": np.quantile(b, QUANTILES).tolist(),
+        "difference": np.quantile(away, QUANTILES).tolist(),
+        "probability": float(np.mean(below) / (2 * len(b))),
+    }
+
+
+def _opened(name: str, folder: Path) -> Run:
+    summary, tree = read_result(folder)
+    return Run(name, folder, summary, tree, basis_of(tree))
+
+
+def _require_comparable(one: Run, other: Run) -> None:
+    if one.basis.laws != other.basis.laws:
+        said = [" and ".join(run.basis.laws) or "no law" for run in (one, other)]
+        raise ConfigError(
+            f"The laws of the two runs must be the same, but {one.folder} has {said[0]} and "
+            f"{other.folder} has {said[1]}.",
+            why="Parameters of different laws are no measure of the same thing.",
+            remedy="Identify both with one law: state the same `laws` in [joint].",
+        )
+    for name in _shared(one, other):
+        units = [unit_of(run.basis.posterior[name]) for run in (one, other)]
+        if units[0] != units[1]:
+            raise ConfigError(
+                f"The units of `{name}` must be the same in both runs, but are `{units[0]}` in "
+                f"{one.folder} and `{units[1]}` in {other.folder}.",
+                remedy="Identify both from responses in units of the same kind.",
+            )
+
+
+def _shared(one: Run, other: Run) -> list[str]:
+    """What both runs drew: scalars, noise apart, and the gain where its unit is the same."""
+    known = [scalars(run.tree) for run in (one, other)]
+    both = [name for name in known[0] if name in known[1] and not name.startswith(UNCOUNTED)]
+    if INPUT in both and len({unit_of(run.basis.posterior[INPUT]) for run in (one, other)}) > 1:
+        both.remove(INPUT)
+    return both
+
+
+def _parameters(one: Run, other: Run) -> tuple[list[dict[str, Any]], list[str]]:
+    """A row a shared quantity, and the names of those that only one of the runs drew."""
+    known = [scalars(run.tree) for run in (one, other)]
+    rows = []
+    for name in _shared(one, other):
+        a, b = (
+            draws[name].ravel()[evenly_spaced(run.basis.posterior, NUM_DRAWS)]
+            for run, draws in zip((one, other), known, strict=True)
+        )
+        of_prior = [run.name for run in (one, other) if _is_of_prior(run, name)]
+        unit = unit_of(one.basis.posterior[name])
+        rows.append({"name": name, "unit": unit, **compared(a, b), "of_prior": of_prior})
+    alone = [name for name in known[0].keys() ^ known[1].keys() if not name.startswith(UNCOUNTED)]
+    return rows, sorted(alone)
+
+
+def _is_of_prior(run: Run, name: str) -> bool:
+    """Whether a run's data said next to nothing about a parameter: its interval is the box's."""
+    main = (run.summary.get("steps") or {}).get(run.summary.get("main")) or {}
+    kl = ((main.get("parameters") or {}).get(name) or {}).get("kl")
+    return kl is not None and kl < LEARNT
+
+
+def _along_amplitude(one: Run, other: Run) -> tuple[xr.Dataset | None, list[dict[str, Any]]]:
+    """Frequency and damping of both at amplitudes that both fitted."""
+    y_peak = min(run.basis.y_peak for run in (one, other))
+    needed = set(parameter_names(one.basis.laws)) - {INPUT}
+    drawn = [run.basis.thinned(NUM_CARRIED) for run in (one, other)]
+    if not 0.0 < y_peak < np.inf or not all(needed <= set(draws) for draws in drawn):
+        return None, []
+    amplitude = y_peak * GRID
+    found = [
+        [np.asarray(x) for x in carry(curves, draws, jnp.asarray(amplitude), run.basis.laws)[:2]]
+        for run, draws in zip((one, other), drawn, strict=True)
+    ]
+    rows, bands = [], {}
+    for place, (name, unit) in enumerate((("frequency", "Hz"), ("damping", "1"))):
+        a, b = found[0][place], found[1][place]
+        rows += [
+            {"name": name, "unit": unit, "amplitude": float(amplitude[i])}
+            | compared(a[:, i], b[:, i])
+            for i in TOLD
+        ]
+        both = np.stack([np.quantile(x, QUANTILES, axis=0) for x in (a, b)])
+        bands[name] = (("run", "quantile", "amplitude"), both, {"units": unit})
+    coordinates = {
+        "run": [one.name, other.name],
+        "quantile": list(QUANTILES),
+        "amplitude": ("amplitude", amplitude, {"units": "m"}),
+    }
+    return xr.Dataset(bands, coordinates), rows
+
+
+def _statements(record: Mapping[str, Any], one: Run, other: Run, alone: Sequence[str]) -> list[str]:
+    """What differs for sure, what does not, and what the probabilities do not cover."""
+    told = [row for row in record["parameters"] if not row["of_prior"]]
+    sure = [row for row in told if _is_sure(row)]
+    said = [_differs(row) for row in sure] or ["No parameter differs for sure (P of 0.995)."]
+    if rest := [row["name"] for row in told if row not in sure]:
+        said.append(f"May be the same: {', '.join(rest)}.")
+    if untold := [row for row in record["parameters"] if row["of_prior"]]:
+        names = ", ".join(f"{row['name']} ({' and '.join(row['of_prior'])})" for row in untold)
+        said.append(f"Not compared, for the data of a run say nothing beyond its prior: {names}.")
+    said += [_differs(row) for row in record["backbone"][len(TOLD) - 1 :: len(TOLD)]]
+    if alone:
+        said.append(f"Only one of the runs has {', '.join(alone)}.")
+    said += [
+        f"Run {run.name} is {verdict}: read its report before its numbers."
+        for run in (one, other)
+        if (verdict := record["runs"][run.name]["verdict"]) not in ("ok", "usable")
+    ]
+    said.append(
+        "P takes the posteriors as independent: an error that both share, of a sensor or a mass, "
+        "is not in it."
+    )
+    return [*said, _scatter_words(one, other)]
+
+
+def _is_sure(row: Mapping[str, Any]) -> bool:
+    return max(row["probability"], 1 - row["probability"]) > SURE
+
+
+def _differs(row: Mapping[str, Any]) -> str:
+    """One quantity's difference with its interval; of the backbone at its amplitude."""
+    low, middle, high = row["difference"]
+    width = 0.5 * (high - low)
+    each = [typed(number(x, width)) for x in (middle, low, high)]
+    unit = "" if row["unit"] == "1" else f" {row['unit']}"
+    place = f" at {number(row['amplitude'])} m" if "amplitude" in row else ""
+    verb = "differs" if _is_sure(row) else "may be the same"
+    return typed(f"{row['name']}{place} {verb}: A less B is ") + (
+        f"{each[0]} [{each[1]}, {each[2]}]{unit}."
+    )
+
+
+def _scatter_words(one: Run, other: Run) -> str:
+    """Whether the scatter from assembly to assembly is known, and that it is not in P."""
+    units = [in_dialect(quantity.unit) for quantity in OSCILLATOR[:2]]
+    known = []
+    for run in (one, other):
+        if run.basis.scatter:
+            each = [f"{x:.2g} {unit}".removesuffix(" 1") for x, unit in
+                    zip(run.basis.scatter, units, strict=True)]  # fmt: skip
+            known.append(f"{run.name} {each[0]} of omega_n and {each[1]} of zeta")
+    if known:
+        return (
+            f"Runs within a campaign scatter (standard deviations of {'; '.join(known)}): the "
+            "intervals are of the means over runs, and one further assembly may lie as far off."
+        )
+    return (
+        "Neither campaign has several assemblies: how much the next tightening alone would change "
+        "is not known, and a sure difference may be one of assembly, not of what you changed."
+    )

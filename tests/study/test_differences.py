@@ -1,0 +1,140 @@
+"""Two runs of known posteriors: what differs and how sure that is, by closed forms."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.stats import norm
+
+from jbw.cli import run
+from jbw.errors import ConfigError
+from jbw.report.differences import probability_text
+from jbw.study.differences import compared, differences
+
+COUNT = 1000
+UNITS = {"omega_n": "rad/s", "zeta": "1", "alpha": "1/s^2", "delta": "1/m", "gamma": "1/m"}
+# No hysteretic stiffness to speak of: frequency and damping are the linear oscillator's.
+LINEAR = {"zeta": 0.01, "alpha": 1e-6, "delta": 1.0, "gamma": 1.0}
+
+
+def gaussian(mean, sd, seed=0):
+    """Draws at a Gaussian's own quantiles, in any order: their moments are the Gaussian's."""
+    draws = mean + sd * norm.ppf((np.arange(COUNT) + 0.5) / COUNT)
+    return np.random.default_rng(seed).permutation(draws)
+
+
+def write_run(folder, omega_n, *, units=UNITS, laws="bouc_wen", kl=3.0, scatter=None, **more):
+    """A finished run as `read_result` finds it: `omega_n` is mean and sd, the rest is fixed."""
+    folder.mkdir()
+    draws = {"omega_n": gaussian(*omega_n, seed=len(folder.name))}
+    draws |= {name: np.full(COUNT, value) for name, value in LINEAR.items()} | more
+    posterior = xr.Dataset(
+        {
+            name: (("chain", "draw"), values[None], {"units": units.get(name, "1")})
+            for name, values in draws.items()
+        }
+    )
+    attrs = {"laws": json.dumps([laws]), "y_peak": 2e-3}
+    if scatter is not None:
+        attrs["scatter"] = np.asarray(scatter)
+    tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), "/posterior": posterior})
+    tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    summary = {
+        "campaign": folder.name,
+        "main": "joint",
+        "steps": {"joint": {"parameters": {"omega_n": {"kl": kl}}}},
+        "verdict": {"status": "ok", "findings": []},
+    }
+    (folder / "summary.json").write_text(json.dumps(summary))
+    return folder
+
+
+def test_the_probability_of_gaussians_is_the_closed_one():
+    """P(A > B) = Phi((a - b) / sqrt(s^2 + t^2)); quantile draws of 1,000 miss it by 1 / 1,000."""
+    for a, s, b, t in ((1.0, 0.3, 0.7, 0.4), (0.0, 1.0, 0.0, 1.0), (-2.0, 0.5, 0.0, 0.5)):
+        found = compared(gaussian(a, s), gaussian(b, t, seed=1))
+        wide = np.hypot(s, t)
+        assert found["probability"] == pytest.approx(norm.cdf((a - b) / wide), abs=2e-3)
+        # The outermost of 1,000 draws cut the tails: 1 % of the interval's end.
+        expected = norm.ppf([0.005, 0.5, 0.995], a - b, wide)
+        np.testing.assert_allclose(found["difference"], expected, atol=0.02 * wide)
+
+
+def test_a_tie_counts_as_half():
+    assert compared(np.ones(10), np.ones(20))["probability"] == 0.5
+    assert compared(np.array([1.0, 3.0]), np.array([1.0, 2.0]))["probability"] == 0.625  # 2.5 / 4
+
+
+def test_frequencies_differ_by_what_the_oscillators_do(tmp_path):
+    """A linear oscillator's frequency is omega_n / 2 pi at every amplitude, its damping zeta."""
+    one = write_run(tmp_path / "first", (126.0, 0.1))
+    other = write_run(tmp_path / "second", (125.0, 0.1))
+    found = differences(one, other)
+    rows = {
+        (row["name"], round(1e3 * row["amplitude"], 6)): row for row in found.record["backbone"]
+    }
+    assert {y for _, y in rows} == {0.2, 0.5, 1.0, 1.5, 2.0}
+    low, middle, high = rows["frequency", 2.0]["difference"]
+    # Of 200 draws carried the tails end at 2.8 standard deviations.
+    half = 2.576 * np.hypot(0.1, 0.1) / (2 * np.pi)
+    assert middle == pytest.approx(1.0 / (2 * np.pi), abs=0.05 * half)
+    assert (high - low) / 2 == pytest.approx(half, rel=0.1)
+    assert rows["frequency", 2.0]["probability"] > 0.999
+    np.testing.assert_allclose(rows["damping", 1.0]["a"], 0.01, rtol=1e-6)
+    said = " ".join(found.record["statements"])
+    assert "omega_n differs: A less B is 1.00 [0.64, 1.36] rad/s." in said
+    assert "May be the same: zeta, alpha, delta, gamma." in said
+    assert "Neither campaign has several assemblies" in said
+
+
+def test_equal_runs_do_not_differ_and_their_scatter_is_told(tmp_path):
+    one = write_run(tmp_path / "first", (126.0, 0.1), scatter=(0.5, 1e-4))
+    other = write_run(tmp_path / "second", (126.0, 0.1))
+    said = " ".join(differences(one, other).record["statements"])
+    assert "No parameter differs for sure" in said
+    assert "A 0.5 rad/s of omega_n and 0.0001 of zeta" in said
+    assert "omega_n differs" not in said
+
+
+def test_what_the_data_do_not_know_is_not_compared(tmp_path):
+    one = write_run(tmp_path / "first", (126.0, 0.1))
+    other = write_run(tmp_path / "second", (125.0, 0.1), kl=0.1)
+    found = differences(one, other).record
+    row = next(row for row in found["parameters"] if row["name"] == "omega_n")
+    assert probability_text(row) == "prior"
+    assert "say nothing beyond its prior: omega_n (B)." in " ".join(found["statements"])
+
+
+def test_laws_and_units_must_agree_and_a_gain_of_another_source_is_left_out(tmp_path):
+    one = write_run(tmp_path / "first", (126.0, 0.1))
+    stop = {"cubic": np.ones(COUNT)}
+    other = write_run(tmp_path / "law", (126.0, 0.1), laws="cubic", **stop)
+    with pytest.raises(ConfigError, match=r"has bouc_wen and .* has cubic"):
+        differences(one, other)
+    volts = write_run(tmp_path / "volts", (126.0, 0.1), units=UNITS | {"alpha": "1/(V s^2)"})
+    with pytest.raises(ConfigError, match="units of `alpha` must be the same"):
+        differences(one, volts)
+    gain = {"gain": np.ones(COUNT)}
+    newtons = write_run(tmp_path / "n", (126.0, 0.1), units=UNITS | {"gain": "1/kg"}, **gain)
+    driven = write_run(tmp_path / "v", (126.0, 0.1), units=UNITS | {"gain": "N/kg/V"}, **gain)
+    names = [row["name"] for row in differences(newtons, driven).record["parameters"]]
+    assert names == ["omega_n", *LINEAR]
+
+
+def test_the_command_prints_both_tables_draws_and_answers_json(tmp_path, capsys):
+    one = write_run(tmp_path / "first", (126.0, 0.1))
+    other = write_run(tmp_path / "second", (125.0, 0.1))
+    figure = tmp_path / "diff.svg"
+    assert run(["diff", str(one), str(other), "--figure", str(figure)]) == 0
+    told = capsys.readouterr().out
+    assert "P(A > B)" in told
+    assert "> 0.999" in told
+    assert "frequency [Hz]" in told
+    assert figure.stat().st_size > 10_000
+    assert run(["diff", str(one), str(other), "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["runs"]["B"]["campaign"] == "second"
+    assert run(["diff", str(one), str(other), "--figure", "x.doc"]) == 2
+    assert "must end in one of .png" in capsys.readouterr().err
+    assert run(["diff", str(one), str(tmp_path / "none")]) == 2
