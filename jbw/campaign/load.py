@@ -6,7 +6,7 @@ from pathlib import Path
 
 from jbw.campaign.check import findings, unread
 from jbw.campaign.files import repeats_of
-from jbw.campaign.schema import Assembly, force_per_unit, read_spec
+from jbw.campaign.schema import Assembly, TestSpec, force_per_unit, read_spec
 from jbw.campaign.settings import Identify, laws_of
 from jbw.errors import JbwError
 from jbw.measurement.files.read import report
@@ -51,17 +51,31 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     spec = read_spec(path)
     for fault in unread(spec):
         warnings.warn(f"{path.name}, [identify]: {fault.what} {fault.remedy}", stacklevel=2)
-    folder = path.resolve().parent
-    tests = []
-    for test in spec.tests:
-        kept: list[Record] = []
-        for item in repeats_of(test, folder, allow_outside=allow_outside):
-            if isinstance(item, JbwError):
-                raise item
-            # The first error is raised, what is doubtful is warned of.
-            report(item, findings(item, test, kept[:1], per_unit=force_per_unit(spec)))
-            kept.append(item)
-        facts = {name: getattr(test, name) for name in SAME}
-        tests.append(Test(test.kind, tuple(kept), tones_hz=test.tones, band_hz=test.band, **facts))
+    folder, per_unit = path.resolve().parent, force_per_unit(spec)
+    tests = [
+        load_test(test, folder, per_unit=per_unit, allow_outside=allow_outside)
+        for test in spec.tests
+    ]
     facts = (spec.gain, spec.modal_mass, spec.settings, path, spec.laws, spec.assembly)
     return Campaign(spec.name, folder, tuple(tests), *facts)
+
+
+def load_test(
+    test: TestSpec, folder: Path, *, per_unit: float | None, allow_outside: bool = False
+) -> Test:
+    """One [[test]] with its records: the first error is raised, what is doubtful is warned of.
+
+    Args:
+        test: Its table.
+        folder: Of the campaign file.
+        per_unit: Force per modal mass for one unit of the input, where the campaign says.
+        allow_outside: Let `files` point out of the folder.
+    """
+    kept: list[Record] = []
+    for item in repeats_of(test, folder, allow_outside=allow_outside):
+        if isinstance(item, JbwError):
+            raise item
+        report(item, findings(item, test, kept[:1], per_unit=per_unit))
+        kept.append(item)
+    facts = {name: getattr(test, name) for name in SAME}
+    return Test(test.kind, tuple(kept), tones_hz=test.tones, band_hz=test.band, **facts)

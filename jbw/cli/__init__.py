@@ -1,7 +1,7 @@
 """The command line: a group whose commands load when called, and a boundary for errors.
 
 Results go to stdout, progress and messages to stderr. Exit codes: 0 ok, 1 internal, 2 usage or
-configuration, 3 data, 4 finished but not trustworthy, 5 interrupted.
+configuration, 3 data, 4 finished but not trustworthy, 5 interrupted, 6 alarm of a watch.
 """
 
 import json
@@ -33,6 +33,7 @@ COMMANDS = {
     "identify": ("identify", "Identify the joint from a campaign."),
     "resume": ("identify", "Go on with a run that was killed or interrupted."),
     "collect": ("collect", "Gather finished runs, of several units, into one fleet."),
+    "watch": ("watch", "Say of every further record whether the joint has changed."),
     "plan": ("plan", "Say which tests a wished accuracy takes."),
     "diff": ("diff", "Say what differs between two runs: assemblies, torques, days."),
     "compare": ("studies", "Compare samplers on one posterior of a run."),

@@ -37,7 +37,7 @@ def _locked(folder: Path) -> Iterator[IO[str]]:
     try:
         (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
         stream = (folder / HIDDEN / LOCK).open("a+", encoding="utf-8")
-        _lock(stream, folder)
+        lock(stream, folder)
         stream.truncate(0)
         stream.write(json.dumps({"pid": os.getpid(), "host": platform.node()}))
         stream.flush()
@@ -60,7 +60,8 @@ def _holder(stream: IO[str]) -> str:
         return ""
 
 
-def _lock(stream: IO[str], folder: Path) -> None:
+def lock(stream: IO[str], folder: Path) -> None:
+    """Lock an open file for this process as long as it stays open, or say who writes there."""
     try:
         if sys.platform == "win32":
             import msvcrt

@@ -10,9 +10,10 @@ $$w_{r+1} \propto (1 - h)\,w_r\,p(x \mid \text{run } r), \qquad
 where $p(x \mid \text{run } r)$ is Student's t. In one dimension the prior is the
 normal-inverse-gamma with $a = \nu/2$, $b = \psi/2$.
 
-A change since the start is stated when $w_n < a$. Until a change comes, $(1 - h)^n / w_n$ is a
-martingale of mean one, so that by Ville's inequality it reaches 1/a, and a false alarm comes among
-n readings, with probability $a / (1 - h)^n$ at most.
+With w the probability that no change came since a reference, behind whose last reading one may
+have come as well, a change is stated when $w < a$. Until it comes, $(1 - h)^{n+1} / w$ is a
+martingale of mean one, so that by Ville's inequality a false alarm comes among n readings with
+probability $a / (1 - h)^{n+1}$ at most.
 
 Reference: Adams and MacKay, arXiv:0710.3742 (2007).
 """
@@ -40,9 +41,11 @@ class Belief(NamedTuple):
 class RunLength(NamedTuple):
     """What is known of the present run after the last reading."""
 
-    probability: Float[np.ndarray, "*batch length"]  # that r readings belong to it, r = 0..n
+    # That r readings belong to it, r = 0..n; last, where there is a run from before the first
+    # reading, that all do and those of before, too.
+    probability: Float[np.ndarray, "*batch length"]
     log_evidence: Float[np.ndarray, "*batch"]  # log p of all readings [nats]
-    unchanged: Float[np.ndarray, "*batch n"]  # after each reading, that no change came since start
+    unchanged: Float[np.ndarray, "*batch n"]  # after each reading, that no change came at all
 
 
 def known_from(reference: Reference) -> Belief:
@@ -76,14 +79,17 @@ def run_length(
         readings: In the order in which they came.
         prior: Belief of a run before its first reading.
         hazard: Probability that a change comes behind a reading.
-        start: Belief of the run that is under way before the first reading; `prior` when None.
+        start: Belief of the run that is under way before the first reading, behind which a change
+            may have come; when None, a run begins with the first reading.
     """
     first = prior if start is None else start
     belief = Belief(
-        first.mean[..., None, :], first.kappa[None], first.nu[None],
-        first.psi[..., None, :, :],
-    )  # fmt: skip
+        first.mean[..., None, :], first.kappa[None], first.nu[None], first.psi[..., None, :, :]
+    )
     log_w: np.ndarray = np.zeros((*readings.shape[:-2], 1))
+    if start is not None:  # a change may have come just before the first reading
+        both = np.array([np.log(hazard), np.log1p(-hazard)])
+        log_w, belief = log_w + both, _with_new_run(belief, prior)
     total = np.zeros(readings.shape[:-2])
     unchanged: list[np.ndarray] = []
     for i in range(readings.shape[-2]):

@@ -69,7 +69,7 @@ def test_one_more_reading_is_one_more_reference():
 
 
 def test_an_unchanged_joint_alarms_no_oftener_than_stated():
-    """Ville: among n readings with probability a / (1 - h)^n at most."""
+    """Ville: among n readings with probability a / (1 - h)^(n + 1) at most."""
     num, length, alpha, hazard = 4000, 30, 0.05, 0.01
     readings = references(20 + length, seed=1, batch=(num,))
     reference = reference_of(readings[:, :20])
@@ -78,7 +78,7 @@ def test_an_unchanged_joint_alarms_no_oftener_than_stated():
     )
     rate = np.mean(np.min(found.unchanged, axis=-1) < alpha)
     # Four standard errors of a share of 4000 above the bound.
-    bound = alpha / (1 - hazard) ** length
+    bound = alpha / (1 - hazard) ** (length + 1)
     assert 0.0 < rate < bound + 4 * np.sqrt(bound / num)
 
 
@@ -107,6 +107,6 @@ def test_a_change_is_dated():
     readings[:, 40:] += 3.0
     reference = reference_of(readings[:, :30])
     found = run_length(readings[:, 30:], after_change(reference), 1e-3, start=known_from(reference))
-    length = np.argmax(found.probability, axis=-1)
+    length = np.argmax(found.probability[:, 1:-1], axis=-1) + 1
     # 4 sd between the means, of which one reading's own sd makes it 1 in 40 to miss by one.
     assert np.mean(np.abs(length - 20) <= 1) > 0.95

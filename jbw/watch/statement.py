@@ -1,0 +1,125 @@
+"""What is stated of a reading: how it lies to the reference, whether the joint has changed."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import t as student
+
+from jbw.watch.change_point import after_change, known_from, run_length
+from jbw.watch.hotelling import (
+    Reference,
+    distance,
+    excess_noise,
+    reference_of,
+    tail,
+    threshold,
+)
+
+LEVEL = 0.99  # of intervals
+
+
+class Change(NamedTuple):
+    """What changed since the reference, by the readings behind the change."""
+
+    first: int  # number of the first reading behind it, counted over the watched from 1
+    frequency: tuple[float, float, float]  # [Hz], with its 99 % interval
+    damping: tuple[float, float, float]  # as a part of it
+    direction: str
+
+
+class Statement(NamedTuple):
+    """What is stated of the last of the watched readings."""
+
+    squared: float  # T^2
+    threshold: float  # of T^2
+    tail: float  # probability of so large a T^2 without a change
+    unchanged: float  # probability that no change came since the reference
+    alarm: str  # empty, "reading", "drift", or "reading and drift"
+    change: Change | None  # of an alarm
+
+
+def state(
+    references: Float[np.ndarray, "reference p"],
+    watched: Float[np.ndarray, "n p"],
+    alpha: float,
+    *,
+    own: Float[np.ndarray, "p p"] | None = None,
+    usual: Float[np.ndarray, "p p"] | None = None,
+) -> Statement:
+    """What is stated of the last watched reading, by itself and together with those before it.
+
+    An unchanged joint alarms at a rate `alpha` a reading by itself, and among n readings by their
+    run with a probability of alpha / (1 - alpha)^(n + 1) at most: the hazard is alpha, too.
+
+    Args:
+        references: Readings without change.
+        watched: All readings since then, in their order.
+        alpha: Rate of false alarms.
+        own: Covariance of the last reading by its own noise.
+        usual: Covariance of the references by their own noise.
+    """
+    reference = reference_of(references)
+    num, p = references.shape
+    excess = None if own is None or usual is None else excess_noise(own, usual)
+    squared = float(distance(watched[-1], reference, excess))
+    far = float(tail(np.array(squared), p, num))
+    run = run_length(watched, after_change(reference), alpha, start=known_from(reference))
+    unchanged = float(run.unchanged[-1])
+    alarms = [name for name, on in (("reading", far < alpha), ("drift", unchanged < alpha)) if on]
+    change = None
+    if alarms:
+        # Runs of one reading or more that began behind the reference; the last stands for none,
+        # and a drift is dated by the likeliest.
+        length = int(np.argmax(run.probability[1:-1])) + 1
+        change = change_of(reference, watched[-length:], len(watched) - length + 1)
+    return Statement(
+        squared, threshold(alpha, p, num), far, unchanged, " and ".join(alarms), change
+    )
+
+
+def change_of(reference: Reference, behind: Float[np.ndarray, "n p"], first: int) -> Change:
+    """Frequency and damping behind a change less those of the reference, by Student's t."""
+    away = behind.mean(axis=0) - reference.mean
+    sd = np.sqrt(np.diag(reference.covariance) * (1 / len(behind) + 1 / reference.num))
+    reach = student.ppf((1 + LEVEL) / 2, reference.num - 1) * sd
+    low, middle, high = (away - reach)[:2], away[:2], (away + reach)[:2]
+    frequency = (float(middle[0]), float(low[0]), float(high[0]))
+    middle_d, low_d, high_d = (float(np.expm1(each[1])) for each in (middle, low, high))
+    return Change(first, frequency, (middle_d, low_d, high_d), _direction(low, high))
+
+
+def _direction(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> str:
+    """Loosening lowers the frequency and raises the damping; what is seen, by 99 % intervals."""
+    looser = [high[0] < 0, low[1] > 0]
+    tighter = [low[0] > 0, high[1] < 0]
+    if any(looser) and not any(tighter):
+        return "looser"
+    if any(tighter) and not any(looser):
+        return "tighter, or another temperature"
+    return "changed otherwise"
+
+
+def sentence(statement: Statement, names: Sequence[str], num_reference: int) -> str:
+    """A statement in words; `names` are those of the watched records."""
+    said = (
+        f"T^2 is {statement.squared:.3g}, threshold {statement.threshold:.3g}; no change since the "
+        f"{num_reference} references has the probability {statement.unchanged:.3g}."
+    )
+    change = statement.change
+    if change is None:
+        return f"No alarm. {said}"
+    (f, f_low, f_high), (z, z_low, z_high) = change.frequency, change.damping
+    since = "" if change.first == len(names) else f", since {names[change.first - 1]}"
+    return (
+        f"Alarm ({statement.alarm}) at {names[-1]}{since}: {change.direction}. Frequency "
+        f"{f:+.3g} Hz [{f_low:+.3g}, {f_high:+.3g}], damping {100 * z:+.3g} % "
+        f"[{100 * z_low:+.3g}, {100 * z_high:+.3g}]. {said}"
+    )
+
+
+def as_plain(statement: Statement) -> dict[str, Any]:
+    """A statement as a line of the log has it."""
+    found = statement._asdict()
+    return found | {"change": None if statement.change is None else statement.change._asdict()}

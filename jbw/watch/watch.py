@@ -1,0 +1,266 @@
+"""A watch: records of a run's kind read one after the other, and what is stated of each."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from jbw.campaign.load import load_test
+from jbw.campaign.schema import CampaignSpec, TestSpec, force_per_unit, read_spec
+from jbw.errors import ConfigError, DataError, JbwError
+from jbw.measurement.kinds import KINDS
+from jbw.measurement.records import Record, Test
+from jbw.study.study import campaign_of
+from jbw.watch.log import Entry, append, locked_log, read_log, set_aside
+from jbw.watch.readings import PER_AMPLITUDE, common_amplitude, names_of, reading
+from jbw.watch.statement import as_plain, sentence, state
+
+FORMAT = 1
+ALPHA = 1e-3  # rate of false alarms, where none is stated
+SPARE = 2  # references beyond the values of a reading, the fewest that are waited for
+FEW = 20  # references below which one amplitude is better than two
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What a watch is begun with; None leaves what it has, or the default."""
+
+    amplitudes: tuple[float, ...] | None = None  # peak, in the unit of the response
+    alpha: float | None = None  # rate of false alarms a record
+    num_reference: int | None = None  # records without change
+    test: str | None = None  # name of the test whose kind the records are
+
+
+@dataclass(frozen=True)
+class Watched:
+    """A watch after a call: its whole log, and the entries of the records of this call."""
+
+    settings: Entry
+    readings: list[Entry]
+    added: list[Entry]
+
+
+def watch(
+    folder: Path, files: Sequence[Path], wishes: Wishes, *, campaign: Path | None = None,
+    say: Say = print,
+) -> Watched:  # fmt: skip
+    """Read records, state of each whether the joint has changed, and append both to the log.
+
+    The records of the run's own campaign come first, as references.
+
+    Args:
+        folder: Of a finished run.
+        files: Records to add, in the order in which they were measured.
+        wishes: How to begin, on the first call.
+        campaign: The run's campaign file, where it has moved.
+        say: Called with one sentence about whatever is unusual.
+
+    Raises:
+        ConfigError: Wishes that are not those that the watch began with, or make none.
+        DataError: A run without free decays, or without enough records that can be compared.
+    """
+    with locked_log(folder) as path:
+        torn = set_aside(path)
+        if torn is not None:
+            say(f"warning: {torn}")
+        entries = read_log(path)
+        source = campaign_of(folder, campaign)
+        spec = read_spec(source)
+        settings = next((one for one in entries if one["kind"] == "settings"), None)
+        table = _decay_test(spec, wishes.test if settings is None else settings["test"])
+        place = source.resolve().parent
+        own = load_test(table, place, per_unit=force_per_unit(spec), allow_outside=True)
+        if settings is None:
+            settings = _begun(own, table.name, wishes)
+            append(path, settings)
+        else:
+            _require_same(settings, wishes)
+        keeper = _Keeper(path, settings, own, say, entries)
+        known = {one["id"] for one in entries if one["kind"] != "settings"}
+        for identity, record in _identified(own.records):
+            if identity not in known:  # all of them on the first call, or after a crash in it
+                keeper.take(identity, record)
+        added: list[Entry] = []
+        for file in files:
+            added += _of_file(file, table, spec, place, keeper)
+        return Watched(settings, [o for o in keeper.entries if o["kind"] == "reading"], added)
+
+
+class _Keeper:
+    """The log of a watch while records are added to it."""
+
+    def __init__(
+        self, path: Path, settings: Entry, test: Test, say: Say, entries: Sequence[Entry]
+    ) -> None:
+        self.path, self.settings, self.test, self.say = path, settings, test, say
+        self.entries = list(entries)
+
+    def take(self, identity: str, record: Record) -> Entry:
+        """Read a record, state what there is to state, and append it; or that it is refused."""
+        try:
+            found = reading(record, self.test, self.settings["amplitudes"])
+        except DataError as error:
+            return self.refuse(identity, record.name, error)
+        readings = [one for one in self.entries if one["kind"] == "reading"]
+        number, num_reference = len(readings) + 1, self.settings["reference"]
+        entry: Entry = {
+            "kind": "reading", "number": number, "record": record.name, "id": identity,
+            "when": _now(), "role": "reference" if number <= num_reference else "watched",
+            "values": found.values.tolist(), "covariance": found.covariance.tolist(),
+            "other_modes": found.other_modes,
+        }  # fmt: skip
+        if number > num_reference:
+            entry |= _stated([*readings, entry], num_reference, self.settings["alpha"])
+        return self._append(entry)
+
+    def refuse(self, identity: str, name: str, error: JbwError) -> Entry:
+        """Note a record that cannot be read or compared, and say why."""
+        reason = " ".join(str(error).split())
+        self.say(f"warning: refused: {reason}")
+        return self._append(
+            {"kind": "refused", "record": name, "id": identity, "when": _now(), "reason": reason}
+        )
+
+    def _append(self, entry: Entry) -> Entry:
+        append(self.path, entry)
+        self.entries.append(entry)
+        return entry
+
+
+def _stated(readings: Sequence[Entry], num_reference: int, alpha: float) -> Entry:
+    values = np.array([one["values"] for one in readings])
+    own = np.array([one["covariance"] for one in readings])
+    found = state(
+        values[:num_reference], values[num_reference:], alpha,
+        own=own[-1], usual=own[:num_reference].mean(axis=0),
+    )  # fmt: skip
+    names = [one["record"] for one in readings[num_reference:]]
+    return {**as_plain(found), "statement": sentence(found, names, num_reference)}
+
+
+def _of_file(
+    file: Path, table: TestSpec, spec: CampaignSpec, place: Path, keeper: _Keeper
+) -> list[Entry]:
+    """Take the records of a file that was measured as those of the test were."""
+    wanted = table.model_copy(update={"files": (str(file.absolute()),), "exclude": ()})
+    try:
+        found = load_test(wanted, place, per_unit=force_per_unit(spec), allow_outside=True)
+    except JbwError as error:
+        return [keeper.refuse(str(file), file.name, error)]
+    entries = []
+    for identity, record in _identified(found.records):
+        before = [o for o in keeper.entries if o["kind"] == "reading" and o["id"] == identity]
+        if before:
+            told = f"`{record.name}` is in the watch already, as number {before[0]['number']}."
+            keeper.say(f"warning: {told}")
+            entries.append({"kind": "known", "record": record.name, "reason": told})
+        else:
+            entries.append(keeper.take(identity, record))
+    return entries
+
+
+def _identified(records: Sequence[Record]) -> list[tuple[str, Record]]:
+    """Records by the hash of their file and their place in it, so that none counts twice."""
+    count: dict[str, int] = {}
+    found = []
+    for record in records:
+        digest = record.provenance.get("sha256", record.name)
+        count[digest] = count.get(digest, -1) + 1
+        found.append((f"{digest}#{count[digest]}", record))
+    return found
+
+
+def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
+    """The test of free decays that is watched, by its name or the only one."""
+    decays = {test.name: test for test in spec.tests if KINDS[test.kind].is_free}
+    if name is not None and name not in decays:
+        raise ConfigError(
+            f"`--test` must name a test of free decays, but is {name!r}.",
+            remedy=f"The campaign has {', '.join(decays) or 'none'}.",
+        )
+    if not decays:
+        raise DataError(
+            "The run's campaign has no free decays.",
+            why="Frequency and damping are read at fixed amplitudes along a decay.",
+            remedy="Hit the structure with a hammer and identify that: a test of kind `decay`.",
+        )
+    if name is None and len(decays) > 1:
+        raise ConfigError(
+            f"The run's campaign has {len(decays)} tests of free decays.",
+            remedy=f"Choose with --test: {', '.join(decays)}.",
+        )
+    chosen = decays[name or next(iter(decays))]
+    if not isinstance(chosen.files, tuple):
+        raise ConfigError(
+            f"Test `{chosen.name}` has a file for each channel, which a watch does not read.",
+            remedy="Put the channels of a record into one file.",
+        )
+    return chosen
+
+
+def _begun(own: Test, name: str, wishes: Wishes) -> Entry:
+    """The settings of a new watch; what is not wished is chosen from the campaign's records."""
+    alpha = ALPHA if wishes.alpha is None else wishes.alpha
+    if not 0 < alpha < 0.5:
+        raise ConfigError(
+            f"`--alpha` must lie between 0 and 0.5, but is {alpha:g}.",
+            remedy="It is the rate of false alarms a record, such as 1e-3.",
+        )
+    amplitudes = wishes.amplitudes or (common_amplitude(own),)
+    if not all(0 < one < np.inf for one in amplitudes) or len(set(amplitudes)) < len(amplitudes):
+        raise ConfigError(
+            "`--amplitude` must be positive numbers, each once, but is "
+            f"{','.join(f'{one:g}' for one in amplitudes)}.",
+            remedy="Give peak amplitudes of the response, in its SI unit.",
+        )
+    least = PER_AMPLITUDE * len(amplitudes) + SPARE
+    number = wishes.num_reference or max(_comparable(own, amplitudes), least)
+    if number < least:
+        raise ConfigError(
+            f"`--reference` must be at least {least} for {len(amplitudes)} amplitudes, but is "
+            f"{number}.",
+            why="With fewer the scatter is hardly known, and no change would be found.",
+            remedy="Begin with more records without change, or read at one amplitude.",
+        )
+    unit = own.records[0].units.get(own.records[0].response, "")
+    return {
+        "kind": "settings", "format": FORMAT, "when": _now(), "test": name,
+        "amplitudes": list(amplitudes), "unit": unit, "alpha": alpha, "reference": number,
+        "names": names_of(amplitudes, unit),
+    }  # fmt: skip
+
+
+def _comparable(own: Test, amplitudes: Sequence[float]) -> int:
+    """How many of the campaign's records can be read at the amplitudes."""
+    count = 0
+    for record in own.records:
+        try:
+            reading(record, replace(own, records=(record,)), amplitudes)
+            count += 1
+        except DataError:
+            continue
+    return count
+
+
+def _require_same(settings: Entry, wishes: Wishes) -> None:
+    """Refuse wishes that are not those that a watch began with."""
+    began = {
+        "--amplitude": (wishes.amplitudes, tuple(settings["amplitudes"])),
+        "--alpha": (wishes.alpha, settings["alpha"]),
+        "--reference": (wishes.num_reference, settings["reference"]),
+        "--test": (wishes.test, settings["test"]),
+    }
+    for option, (wished, has) in began.items():
+        if wished is not None and wished != has:
+            raise ConfigError(
+                f"`{option}` is {wished}, but the watch began with {has}.",
+                why="Its readings and rates would not be comparable.",
+                remedy="Leave the option out, or move watch.jsonl away and begin the watch anew.",
+            )
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
