@@ -1,0 +1,228 @@
+"""`jbw watch` as a user has it: references, louder hits, loose bolts, crashes and wrong files."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+
+from jbw.cli import run
+from jbw.watch.hotelling import power
+
+FS, SECONDS, F_HZ = 512.0, 8.0, 20.3
+NUM = 20  # references
+SCATTER_F, SCATTER_ZETA = 4e-5, 0.007  # of a record, relative: the bolted double beam's
+CAMPAIGN = """
+[campaign]
+name = "hammered"
+[[test]]
+kind = "decay"
+name = "impacts"
+files = "hit_*.h5"
+channels = { velocity = "velocity" }
+units = { velocity = "m/s" }
+fs = 512.0
+band = [14.0, 26.0]
+settle = 0.25
+"""
+
+
+def decay(size, rng, zeta=1.0, f=1.0, seconds=SECONDS):
+    """A joint whose damping goes with a power of its amplitude, integrated by small steps.
+
+    d ln A / dt = -zeta(A) omega, zeta(A) = 0.001 + 0.004 A^0.6, omega(A) = omega (1 - 0.02 A^0.6).
+    """
+    f, zeta = (
+        f * (1 + SCATTER_F * rng.standard_normal()),
+        zeta * (1 + SCATTER_ZETA * rng.standard_normal()),
+    )
+    steps = 8
+    log, phase = np.log(size), rng.uniform(0, 6)
+    found = []
+    for _ in range(round(FS * seconds)):
+        found.append(np.exp(log) * np.cos(phase))
+        for _ in range(steps):
+            power_of = np.exp(0.6 * log)
+            omega = 2 * np.pi * F_HZ * f * (1 - 0.02 * power_of)
+            log -= zeta * (0.001 + 0.004 * power_of) * omega / (steps * FS)
+            phase += omega / (steps * FS)
+    return np.array(found) + 1e-4 * rng.standard_normal(len(found))
+
+
+def write_hit(path, velocity):
+    with h5py.File(path, "w") as file:
+        file["velocity"] = velocity
+    return path
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    """A campaign of hits of several sizes, and further hits of the same and of other joints."""
+    folder = tmp_path_factory.mktemp("hammered")
+    rng = np.random.default_rng(7)
+    for i in range(NUM):
+        write_hit(folder / f"hit_{i}.h5", decay(rng.uniform(0.6, 1.2), rng))
+    more = {
+        "same": decay(0.8, rng), "louder": decay(3.0, rng, seconds=11.0), "softer": decay(0.05, rng),
+        "loose": decay(0.9, rng, zeta=1.08, f=1 - 2e-4), "tight": decay(0.9, rng, f=1 + 1e-3),
+    }  # fmt: skip
+    for name, velocity in more.items():
+        write_hit(folder / f"{name}.h5", velocity)
+    (folder / "campaign.toml").write_text(CAMPAIGN)
+    return folder
+
+
+@pytest.fixture
+def watched(campaign, tmp_path):
+    """The folder of a run of it; of a run a watch needs no more than that it is finished."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    posterior = xr.Dataset({"omega_n": (("chain", "draw"), [[1.0, 2.0]])})
+    tree = xr.DataTree.from_dict({"/posterior": posterior})
+    tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    record = {"campaign": "hammered", "campaign_file": str(campaign / "campaign.toml")}
+    (folder / "summary.json").write_text(json.dumps(record))
+    return folder
+
+
+@pytest.fixture
+def call(watched, campaign, capsys):
+    def called(*names, options=()):
+        files = [word for name in names for word in ("--add", str(campaign / f"{name}.h5"))]
+        code = run(["watch", str(watched), *files, *options, "--json"])
+        told = capsys.readouterr()
+        return code, json.loads(told.out), " ".join(told.err.split())
+
+    return called
+
+
+def lines(folder):
+    return [json.loads(line) for line in (folder / "watch.jsonl").read_text().splitlines()]
+
+
+def test_a_watch_from_the_references_to_a_loose_bolt(call, watched):
+    code, found, _ = call()
+    assert (code, found["count"]) == (0, NUM)
+    assert [one["role"] for one in lines(watched)[1:]] == ["reference"] * NUM
+    code, found, _ = call("same", "louder")
+    assert code == 0
+    assert [one["alarm"] for one in found["added"]] == ["", ""]
+    code, found, _ = call("loose")
+    assert code == 6
+    (loose,) = found["added"]
+    assert loose["alarm"]
+    # 8 % of damping is 11 sd and 2e-4 of frequency 5 sd: such a change is hardly ever missed.
+    assert power(1e-3, 2, NUM, np.hypot(11, 5)) > 0.999
+    assert loose["change"]["direction"] == "looser"
+    middle, low, high = loose["change"]["damping"]
+    assert low < 0.08 < high
+    assert middle == pytest.approx(0.08, abs=4 * 0.01)
+    assert loose["statement"].startswith("Alarm (reading")
+    assert (watched / "watch.png").stat().st_size > 10_000
+    assert lines(watched)[-1]["statement"] == loose["statement"]
+
+
+def test_a_tighter_joint_is_told_apart(call):
+    code, found, _ = call("tight")
+    assert code == 6
+    assert found["added"][0]["change"]["direction"] == "tighter, or another temperature"
+
+
+def test_a_record_below_the_window_is_refused_and_noted(call, watched):
+    code, found, said = call("softer")
+    assert code == 3
+    assert found["added"][0]["kind"] == "refused"
+    assert "does not pass the window" in said
+    assert lines(watched)[-1]["reason"] == found["added"][0]["reason"]
+    code, found, _ = call("same")
+    assert (code, found["added"][0]["number"]) == (0, NUM + 1)
+
+
+def test_a_record_counts_once(call, watched):
+    call("same")
+    before = (watched / "watch.jsonl").read_bytes()
+    code, _, said = call("same")
+    assert code == 0
+    assert f"in the watch already, as number {NUM + 1}" in said
+    assert (watched / "watch.jsonl").read_bytes() == before
+
+
+def test_a_watch_cut_by_a_crash_goes_on_as_if_nothing_had_happened(call, watched):
+    call("same")
+    whole = lines(watched)
+    log = watched / "watch.jsonl"
+    content = log.read_bytes().splitlines(keepends=True)
+    # Within the references, and within the record that was added.
+    for cut in (7, len(content) - 1):
+        log.write_bytes(b"".join(content[:cut]) + content[cut][:50])
+        code, _, said = call("same")
+        assert code == 0
+        assert "was cut off by a crash; its 50 bytes are kept in" in said
+        again = lines(watched)
+        drop = [{k: v for k, v in one.items() if k != "when"} for one in again]
+        assert drop == [{k: v for k, v in one.items() if k != "when"} for one in whole]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--alpha", "0.01"), "`--alpha` is 0.01, but the watch began with 0.001"),
+        (("--amplitude", "0.3"), "`--amplitude` is (0.3,), but the watch began with"),
+        (("--reference", "5"), "`--reference` is 5, but the watch began with 20"),
+    ],
+)
+def test_a_watch_keeps_what_it_began_with(call, options, message):
+    call()
+    code, _, said = call(options=options)
+    assert code == 2
+    assert message in said
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "message"),
+    [
+        (("--alpha", "0.7"), 2, "`--alpha` must lie between 0 and 0.5, but is 0.7"),
+        (("--amplitude", "0.3,0.3"), 2, "must be positive numbers, each once"),
+        (("--reference", "3"), 2, "`--reference` must be at least 4 for 1 amplitudes, but is 3"),
+        (("--test", "noise"), 2, "`--test` must name a test of free decays, but is 'noise'"),
+    ],
+)
+def test_a_watch_that_cannot_begin_says_why_and_leaves_nothing(
+    call, watched, options, code, message
+):
+    found, _, said = call(options=options)
+    assert found == code
+    assert message in said
+    assert not (watched / "watch.jsonl").exists()
+
+
+def test_two_amplitudes_are_read_and_the_reference_may_be_shorter(call, watched):
+    code, _, said = call(options=("--amplitude", "0.3,0.2", "--reference", "10"))
+    assert code == 0
+    settings, *readings = lines(watched)
+    assert settings["names"][2] == "f(0.2 m/s) - f(0.3 m/s) [Hz]"
+    assert [len(one["values"]) for one in readings] == [4] * NUM
+    assert [one["role"] for one in readings] == ["reference"] * 10 + ["watched"] * 10
+    assert not any(one.get("alarm") for one in readings)
+    assert "Below 20 references one amplitude finds more" in said
+
+
+def test_a_file_that_cannot_be_read_is_noted(call, campaign, watched):
+    (campaign / "broken.h5").write_bytes(b"no HDF5")
+    code, found, _ = call("broken", "same")
+    (campaign / "broken.h5").unlink()
+    assert code == 3
+    assert [one["kind"] for one in found["added"]] == ["refused", "reading"]
+    assert lines(watched)[-2]["record"] == "broken.h5"
+
+
+def test_a_run_without_decays_is_refused(call, watched, tmp_path):
+    text = CAMPAIGN.replace('kind = "decay"', 'kind = "noise"').replace(
+        'velocity = "velocity"', 'velocity = "velocity", input = "velocity"'
+    )
+    path = tmp_path / "noise.toml"
+    path.write_text(text.replace('velocity = "m/s"', 'velocity = "m/s", input = "V"'))
+    code, _, said = call(options=("--campaign", str(path)))
+    assert code == 3
+    assert "has no free decays" in said
