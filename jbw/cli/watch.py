@@ -41,7 +41,9 @@ def _amplitudes(_: Any, __: Any, value: str | None) -> tuple[float, ...] | None:
     metavar="A1[,A2]",
     help="Peak amplitudes of the response to read at, SI; the lowest common one when left out.",
 )
-@click.option("--alpha", type=float, help="Rate of false alarms a record; 0.001 when left out.")
+@click.option(
+    "--false-alarms", type=float, help="Rate of false alarms a record; 0.001 when left out."
+)
 @click.option(
     "--reference",
     "num_reference",
@@ -106,7 +108,7 @@ def watch_table(settings: Mapping[str, Any], entries: Any) -> Table:
     rows = [{"role": one["kind"], "alarm": "", **one} for one in entries]
     at = f"{settings['amplitudes'][0]:g} {settings['unit']}"
     return table(
-        f"Read at {at}; rate of false alarms {settings['alpha']:g} a record",
+        f"Read at {at}; rate of false alarms {settings['false_alarms']:g} a record",
         rows,
         number("number", lambda one: one.get("number"), "d"),
         words("record", "record"),

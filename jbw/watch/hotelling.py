@@ -51,15 +51,15 @@ def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> Reference:
     return Reference(num, mean, covariance)
 
 
-def threshold(alpha: float, p: int, num: int) -> float:
-    r"""What $T^2$ of a reading without change exceeds with probability `alpha`.
+def threshold(false_alarms: float, p: int, num: int) -> float:
+    r"""What $T^2$ of a reading without change exceeds with probability `false_alarms`.
 
     Args:
-        alpha: Rate of false alarms a reading.
+        false_alarms: Rate of false alarms a reading.
         p: Values of a reading.
         num: Readings in the reference, $n_0 > p$.
     """
-    return float(_scale(p, num) * fisher.isf(alpha, p, num - p))
+    return float(_scale(p, num) * fisher.isf(false_alarms, p, num - p))
 
 
 def distance(
@@ -83,18 +83,18 @@ def tail(squared: Float[np.ndarray, "*batch"], p: int, num: int) -> Float[np.nda
     return np.asarray(fisher.sf(np.asarray(squared) / _scale(p, num), p, num - p))
 
 
-def power(alpha: float, p: int, num: int, change: float) -> float:
+def power(false_alarms: float, p: int, num: int, change: float) -> float:
     r"""Probability that one reading after a change exceeds the threshold.
 
     $n_0 (n_0 - p) / (p (n_0 - 1)(n_0 + 1)) T^2$ is non-central F with $d^2 n_0 / (n_0 + 1)$.
 
     Args:
-        alpha: Rate of false alarms a reading.
+        false_alarms: Rate of false alarms a reading.
         p: Values of a reading.
         num: Readings in the reference.
         change: The change's size d in standard deviations of a reading (Mahalanobis).
     """
-    limit = fisher.isf(alpha, p, num - p)
+    limit = fisher.isf(false_alarms, p, num - p)
     return float(ncf.sf(limit, p, num - p, change**2 * num / (num + 1)))
 
 

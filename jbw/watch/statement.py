@@ -43,20 +43,20 @@ class Statement(NamedTuple):
 def state(
     references: Float[np.ndarray, "reference p"],
     watched: Float[np.ndarray, "n p"],
-    alpha: float,
+    false_alarms: float,
     *,
     own: Float[np.ndarray, "p p"] | None = None,
     usual: Float[np.ndarray, "p p"] | None = None,
 ) -> Statement:
     """What is stated of the last watched reading, by itself and together with those before it.
 
-    An unchanged joint alarms at a rate `alpha` a reading by itself, and among n readings by their
-    run with a probability of alpha / (1 - alpha)^(n + 1) at most: the hazard is alpha, too.
+    An unchanged joint alarms at a rate r, `false_alarms`, a reading by itself, and among n readings
+    by their run with a probability of r / (1 - r)^(n + 1) at most: the hazard is r, too.
 
     Args:
         references: Readings without change.
         watched: All readings since then, in their order.
-        alpha: Rate of false alarms.
+        false_alarms: Rate of false alarms.
         own: Covariance of the last reading by its own noise.
         usual: Covariance of the references by their own noise.
     """
@@ -65,9 +65,13 @@ def state(
     excess = None if own is None or usual is None else excess_noise(own, usual)
     squared = float(distance(watched[-1], reference, excess))
     far = float(tail(np.array(squared), p, num))
-    run = run_length(watched, after_change(reference), alpha, start=known_from(reference))
+    run = run_length(watched, after_change(reference), false_alarms, start=known_from(reference))
     unchanged = float(run.unchanged[-1])
-    alarms = [name for name, on in (("reading", far < alpha), ("drift", unchanged < alpha)) if on]
+    alarms = [
+        name
+        for name, on in (("reading", far < false_alarms), ("drift", unchanged < false_alarms))
+        if on
+    ]
     change = None
     if alarms:
         # Runs of one reading or more that began behind the reference; the last stands for none,
@@ -75,7 +79,7 @@ def state(
         length = int(np.argmax(run.probability[1:-1])) + 1
         change = change_of(reference, watched[-length:], len(watched) - length + 1)
     return Statement(
-        squared, threshold(alpha, p, num), far, unchanged, " and ".join(alarms), change
+        squared, threshold(false_alarms, p, num), far, unchanged, " and ".join(alarms), change
     )
 
 

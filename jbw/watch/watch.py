@@ -18,7 +18,7 @@ from jbw.watch.readings import PER_AMPLITUDE, common_amplitude, names_of, readin
 from jbw.watch.statement import as_plain, sentence, state
 
 FORMAT = 1
-ALPHA = 1e-3  # rate of false alarms, where none is stated
+FALSE_ALARMS = 1e-3  # rate of false alarms, where none is stated
 SPARE = 2  # references beyond the values of a reading, the fewest that are waited for
 FEW = 20  # references below which one amplitude is better than two
 Say = Callable[[str], None]
@@ -29,7 +29,7 @@ class Wishes:
     """What a watch is begun with; None leaves what it has, or the default."""
 
     amplitudes: tuple[float, ...] | None = None  # peak, in the unit of the response
-    alpha: float | None = None  # rate of false alarms a record
+    false_alarms: float | None = None  # rate of false alarms a record
     num_reference: int | None = None  # records without change
     test: str | None = None  # name of the test whose kind the records are
 
@@ -113,7 +113,7 @@ class _Keeper:
             "other_modes": found.other_modes,
         }  # fmt: skip
         if number > num_reference:
-            entry |= _stated([*readings, entry], num_reference, self.settings["alpha"])
+            entry |= _stated([*readings, entry], num_reference, self.settings["false_alarms"])
         return self._append(entry)
 
     def refuse(self, identity: str, name: str, error: JbwError) -> Entry:
@@ -130,11 +130,11 @@ class _Keeper:
         return entry
 
 
-def _stated(readings: Sequence[Entry], num_reference: int, alpha: float) -> Entry:
+def _stated(readings: Sequence[Entry], num_reference: int, false_alarms: float) -> Entry:
     values = np.array([one["values"] for one in readings])
     own = np.array([one["covariance"] for one in readings])
     found = state(
-        values[:num_reference], values[num_reference:], alpha,
+        values[:num_reference], values[num_reference:], false_alarms,
         own=own[-1], usual=own[:num_reference].mean(axis=0),
     )  # fmt: skip
     names = [one["record"] for one in readings[num_reference:]]
@@ -203,10 +203,10 @@ def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
 
 def _begun(own: Test, name: str, wishes: Wishes) -> Entry:
     """The settings of a new watch; what is not wished is chosen from the campaign's records."""
-    alpha = ALPHA if wishes.alpha is None else wishes.alpha
-    if not 0 < alpha < 0.5:
+    false_alarms = FALSE_ALARMS if wishes.false_alarms is None else wishes.false_alarms
+    if not 0 < false_alarms < 0.5:
         raise ConfigError(
-            f"`--alpha` must lie between 0 and 0.5, but is {alpha:g}.",
+            f"`--false-alarms` must lie between 0 and 0.5, but is {false_alarms:g}.",
             remedy="It is the rate of false alarms a record, such as 1e-3.",
         )
     amplitudes = wishes.amplitudes or (common_amplitude(own),)
@@ -228,8 +228,8 @@ def _begun(own: Test, name: str, wishes: Wishes) -> Entry:
     unit = own.records[0].units.get(own.records[0].response, "")
     return {
         "kind": "settings", "format": FORMAT, "when": _now(), "test": name,
-        "amplitudes": list(amplitudes), "unit": unit, "alpha": alpha, "reference": number,
-        "names": names_of(amplitudes, unit),
+        "amplitudes": list(amplitudes), "unit": unit, "false_alarms": false_alarms,
+        "reference": number, "names": names_of(amplitudes, unit),
     }  # fmt: skip
 
 
@@ -249,7 +249,7 @@ def _require_same(settings: Entry, wishes: Wishes) -> None:
     """Refuse wishes that are not those that a watch began with."""
     began = {
         "--amplitude": (wishes.amplitudes, tuple(settings["amplitudes"])),
-        "--alpha": (wishes.alpha, settings["alpha"]),
+        "--false-alarms": (wishes.false_alarms, settings["false_alarms"]),
         "--reference": (wishes.num_reference, settings["reference"]),
         "--test": (wishes.test, settings["test"]),
     }

@@ -7,11 +7,11 @@ import pytest
 import xarray as xr
 from rich.console import Console
 
-from jbw.cli import identify, run
+from jbw.cli import run
 from jbw.cli.identify import short_lines
 from jbw.cli.printing import show
 from jbw.report.opening import known_parameters, lead, opening
-from jbw.study import store
+from jbw.study import resumable, store
 
 QUANTILE = [0.005, 0.5, 0.995]
 
@@ -188,7 +188,7 @@ def test_the_terminal_has_at_most_ten_lines_and_its_report(tree, summary, monkey
 def test_the_command_prints_ten_lines_and_with_verbose_the_rest(tmp_path, monkeypatch, capsys):
     found = summary_of(findings=[finding("coloured_residual", "ok")]) | {"comparison": {}}
     found["steps"]["joint"] |= {"statements": ["Drawn at once."], "verdict": {"status": "ok"}}
-    monkeypatch.setattr(identify, "_identified", lambda *_: (tree_of(), found))
+    monkeypatch.setattr(resumable, "identified", lambda *_: (tree_of(), found))
     monkeypatch.setattr(store, "write_page", lambda summary, tree, path: path.write_text("page"))
     monkeypatch.setattr(store, "save_figures", lambda *_: None)
     out = tmp_path / "short"

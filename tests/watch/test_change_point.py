@@ -70,32 +70,32 @@ def test_one_more_reading_is_one_more_reference():
 
 def test_an_unchanged_joint_alarms_no_oftener_than_stated():
     """Ville: among n readings with probability a / (1 - h)^(n + 1) at most."""
-    num, length, alpha, hazard = 4000, 30, 0.05, 0.01
+    num, length, false_alarms, hazard = 4000, 30, 0.05, 0.01
     readings = references(20 + length, seed=1, batch=(num,))
     reference = reference_of(readings[:, :20])
     found = run_length(
         readings[:, 20:], after_change(reference), hazard, start=known_from(reference)
     )
-    rate = np.mean(np.min(found.unchanged, axis=-1) < alpha)
+    rate = np.mean(np.min(found.unchanged, axis=-1) < false_alarms)
     # Four standard errors of a share of 4000 above the bound.
-    bound = alpha / (1 - hazard) ** (length + 1)
+    bound = false_alarms / (1 - hazard) ** (length + 1)
     assert 0.0 < rate < bound + 4 * np.sqrt(bound / num)
 
 
 def test_a_slow_change_is_found_where_readings_alone_often_miss_it():
     """A drift of 2.5 sd over 50 readings, from 50 references."""
-    num, alpha = 400, 1e-3
+    num, false_alarms = 400, 1e-3
     readings = references(100, seed=2, batch=(num,))
     readings[:, 50:, 1] += np.linspace(0, 2.5, 50)
     reference = reference_of(readings[:, :50])
     found = run_length(
-        readings[:, 50:], after_change(reference), alpha, start=known_from(reference)
+        readings[:, 50:], after_change(reference), false_alarms, start=known_from(reference)
     )
-    slow = np.mean(np.min(found.unchanged, axis=-1) < alpha)
+    slow = np.mean(np.min(found.unchanged, axis=-1) < false_alarms)
     each = reference._replace(
         mean=reference.mean[:, None], covariance=reference.covariance[:, None]
     )
-    alone = np.mean(np.min(tail(distance(readings[:, 50:], each), 2, 50), axis=-1) < alpha)
+    alone = np.mean(np.min(tail(distance(readings[:, 50:], each), 2, 50), axis=-1) < false_alarms)
     # Shares of 400 have an sd of 0.025: four of them apart at the least.
     assert slow > 0.8
     assert slow - alone > 0.1

@@ -64,7 +64,8 @@ def campaign(tmp_path_factory):
     for i in range(NUM):
         write_hit(folder / f"hit_{i}.h5", decay(rng.uniform(0.6, 1.2), rng))
     more = {
-        "same": decay(0.8, rng), "louder": decay(3.0, rng, seconds=11.0), "softer": decay(0.05, rng),
+        "same": decay(0.8, rng), "louder": decay(3.0, rng, seconds=11.0),
+        "softer": decay(0.05, rng),
         "loose": decay(0.9, rng, zeta=1.08, f=1 - 2e-4), "tight": decay(0.9, rng, f=1 + 1e-3),
     }  # fmt: skip
     for name, velocity in more.items():
@@ -167,7 +168,7 @@ def test_a_watch_cut_by_a_crash_goes_on_as_if_nothing_had_happened(call, watched
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--alpha", "0.01"), "`--alpha` is 0.01, but the watch began with 0.001"),
+        (("--false-alarms", "0.01"), "`--false-alarms` is 0.01, but the watch began with 0.001"),
         (("--amplitude", "0.3"), "`--amplitude` is (0.3,), but the watch began with"),
         (("--reference", "5"), "`--reference` is 5, but the watch began with 20"),
     ],
@@ -182,7 +183,7 @@ def test_a_watch_keeps_what_it_began_with(call, options, message):
 @pytest.mark.parametrize(
     ("options", "code", "message"),
     [
-        (("--alpha", "0.7"), 2, "`--alpha` must lie between 0 and 0.5, but is 0.7"),
+        (("--false-alarms", "0.7"), 2, "`--false-alarms` must lie between 0 and 0.5, but is 0.7"),
         (("--amplitude", "0.3,0.3"), 2, "must be positive numbers, each once"),
         (("--reference", "3"), 2, "`--reference` must be at least 4 for 1 amplitudes, but is 3"),
         (("--test", "noise"), 2, "`--test` must name a test of free decays, but is 'noise'"),

@@ -8,7 +8,7 @@ import pytest
 import jbw
 from jbw.watch.log import TORN, append, locked_log, read_log, set_aside
 
-ENTRIES = [{"kind": "settings", "alpha": 1e-3}, {"kind": "reading", "record": "Größe"}]
+ENTRIES = [{"kind": "settings", "false_alarms": 1e-3}, {"kind": "reading", "record": "Größe"}]
 
 
 @pytest.fixture
