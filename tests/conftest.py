@@ -15,6 +15,9 @@ jax.config.update("jax_enable_x64", True)
 
 # Linux lets a process map 65,530 pieces of memory; each compiled function holds a dozen.
 MAPS, MANY_MAPS = Path("/proc/self/maps"), 40_000
+# Tests of more than two seconds alone on an idle core, which the slow tier runs: of those that
+# `pytest --durations=0` shows at that, all but the quickest case of each function.
+LONG = frozenset((Path(__file__).parent / "long_tests.txt").read_text().splitlines())
 GOLDEN = json.loads((Path(__file__).parent / "golden.json").read_text())
 
 
@@ -32,9 +35,15 @@ def _compiled_code_does_not_pile_up():
         gc.collect()
 
 
+@pytest.hookimpl(tryfirst=True)  # before -m selects
 def pytest_collection_modifyitems(items):
-    """Short chains and real records warn of what they are; what is asked of them is recovery."""
+    """Put long tests into the slow tier, whose warnings fail nothing.
+
+    Short chains and real records warn of what they are; what is asked of them is recovery.
+    """
     for item in items:
+        if item.nodeid in LONG:
+            item.add_marker(pytest.mark.slow)
         if item.get_closest_marker("slow"):
             # First in the list of marks, and so the first to give way to a test's own.
             item.add_marker(pytest.mark.filterwarnings("default"), append=False)
