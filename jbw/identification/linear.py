@@ -1,20 +1,19 @@
 """Step 2: natural frequency, damping and gain from an FRF, with covariance."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import stats
 
 from jbw.errors import ConfigError, DataError
-from jbw.identification.line_method import LineFit, floored, in_band, line_fit_start
-from jbw.identification.windowed import Complex, Real, line_errors, receptance, smeared
+from jbw.identification.line_method import LineFit, in_band, line_fit_start
+from jbw.identification.lines import Lines, fit_lines
+from jbw.identification.windowed import Real
 from jbw.measurement.spectra import FRF
-from jbw.quantities import derivative_order
 
-Model = Callable[[Real], Complex]
 Residuals = Literal["none", "upper", "both"]
 
 NUM_RESIDUALS = {"none": 0, "upper": 1, "both": 2}
@@ -82,29 +81,19 @@ def line_fit(
     Reference:
         Eqs. (23), (38), (39).
     """
-    smear = _checked(frf, residuals, smear)
+    smear = checked_smear(frf, residuals, smear)
     part = in_band(frf, band)
     start = line_fit_start(part)
-    data = part.h * _to_measured(part)
-    model = _model(part, NUM_RESIDUALS[residuals], smear)
     extra = np.zeros(NUM_RESIDUALS[residuals])
     typical = np.concatenate([start, extra + np.abs(part.h).max()])
-    theta = np.concatenate([start, extra])
-    observed = floored(part.variance * np.abs(_to_measured(part)) ** 2, data)
-    variance, of_sum = observed, None
-    theta, jacobian, chi_square = _least_squares(model, data, variance, theta, typical)
-    # The errors depend on the parameters, weakly: two rounds settle the weights.
-    for _ in range(2 if frf.window == "hann" else 0):
-        errors = line_errors(part, observed * frf.num_averages, tuple(theta[:3]), leakage=smear)
-        variance, of_sum = floored(errors.variance, data), errors.of_sum
-        theta, jacobian, chi_square = _least_squares(model, data, variance, theta, typical)
-    upper, lower = (*theta[3:], 0.0, 0.0)[:2]
+    found = fit_lines(Lines((part,), 1, len(extra), smear), np.concatenate([start, extra]), typical)
+    upper, lower = (*found.theta[3:], 0.0, 0.0)[:2]
+    omega_n, zeta, gain = map(float, found.theta[:3])
     fit = LineFit(
-        omega_n=float(theta[0]), zeta=float(theta[1]), gain=float(theta[2]),
-        covariance=_covariance_of(jacobian, variance, of_sum)[:3, :3],
+        omega_n, zeta, gain, covariance=found.covariance[:3, :3],
         upper=float(upper), lower=float(lower * part.omega.mean() ** 2),
-        chi_square=chi_square, dof=2 * len(data) - len(theta), num_lines=len(data),
-        band_hz=(float(part.freq[0]), float(part.freq[-1])), smeared=smear,
+        chi_square=found.chi_square, dof=2 * len(part.h) - len(found.theta),
+        num_lines=len(part.h), band_hz=(float(part.freq[0]), float(part.freq[-1])), smeared=smear,
     )  # fmt: skip
     _warn_when_doubtful(fit, frf)
     return fit
@@ -141,7 +130,7 @@ def pool(fits: Sequence[LineFit]) -> PooledFit:
     return PooledFit(mean, covariance, cv, ratio, p, num_repeats)
 
 
-def _checked(frf: FRF, residuals: str, smear: bool | None) -> bool:
+def checked_smear(frf: FRF, residuals: str, smear: bool | None) -> bool:
     """Whether to smear, after a look at the options."""
     if residuals not in NUM_RESIDUALS:
         raise ConfigError(
@@ -154,71 +143,6 @@ def _checked(frf: FRF, residuals: str, smear: bool | None) -> bool:
             f"but the FRF is {frf.estimator} with {frf.window}."
         )
     return possible if smear is None else bool(smear)
-
-
-def _to_measured(part: FRF) -> Complex:
-    """Factor from the receptance to the response that was measured, whose noise is plainest."""
-    return np.power(1j * part.omega, derivative_order(part.response), dtype=complex)
-
-
-def _model(part: FRF, num_residuals: int, smear: bool) -> Model:
-    """Lines as a function of (omega_n, zeta, gain, residual terms), in the response measured."""
-    order, to_measured = derivative_order(part.response), _to_measured(part)
-    # Both terms have the size of a receptance over the band.
-    inverse_square = (part.omega.mean() / part.omega) ** 2
-    extra = np.array([to_measured, to_measured * inverse_square])[:num_residuals]
-
-    def model(theta: Real) -> Complex:
-        omega_n, zeta, gain = theta[:3]
-        if smear:
-            mode = smeared(part.omega, omega_n, zeta, gain, part.window_s, order)
-        else:
-            mode = receptance(part.omega, omega_n, zeta, gain) * to_measured
-        return mode + theta[3:] @ extra
-
-    return model
-
-
-def _least_squares(
-    model: Model, data: Complex, variance: Real, start: Real, typical: Real
-) -> tuple[Real, Complex, float]:
-    """Parameters, complex Jacobian of the model and chi-square, weighted by the variance."""
-    weight = np.sqrt(2 / variance)  # each component has half of the variance
-
-    def misfit(x: Real) -> Real:
-        r = weight * (model(x * typical) - data)
-        return np.concatenate([r.real, r.imag])
-
-    low = np.full(len(start), -np.inf)
-    low[1] = 1e-6  # a damping of zero has no steady response
-    high = np.full(len(start), np.inf)
-    high[1] = 0.999 / typical[1]
-    x0 = np.clip(start / typical, low + 1e-9, high)
-    # Widths of zeta's size matter in omega_n too, so its step is scaled down.
-    size = np.ones(len(start))
-    size[0] = typical[1]
-    found = optimize.least_squares(
-        misfit, x0, jac="3-point", x_scale=size, bounds=(low, high), xtol=1e-14, ftol=1e-14,
-        gtol=1e-14,
-    )  # fmt: skip
-    if not (np.all(np.isfinite(found.x)) and found.x[1] > 2e-6):
-        raise DataError(
-            "The fit of the oscillator to the FRF found no positive damping.",
-            remedy="Check `delay`, `band` and which channel is the input.",
-        )
-    half = len(data)
-    jacobian = (found.jac[:half] + 1j * found.jac[half:]) / weight[:, None] / typical
-    return found.x * typical, jacobian, float(2 * found.cost)
-
-
-def _covariance_of(
-    jacobian: Complex, variance: Real, of_sum: Callable[[Complex], Real] | None
-) -> Real:
-    """Covariance of weighted least squares; of correlated lines where `of_sum` knows them."""
-    scale = np.linalg.norm(jacobian, axis=0)
-    weighted = (jacobian / scale).conj().T * (2 / variance)
-    inverse = np.linalg.inv((weighted @ (jacobian / scale)).real) / np.outer(scale, scale)
-    return inverse if of_sum is None else of_sum(inverse @ (weighted * scale[:, None]))
 
 
 def _warn_when_doubtful(fit: LineFit, frf: FRF) -> None:

@@ -1,6 +1,9 @@
 """What a window does to the FRF of an oscillator: its smeared mean and the errors it leaves."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +17,7 @@ NEIGHBOURS = 6  # lines further apart than this have independent errors
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
+Modes = Sequence[tuple[float, float, float]]  # (omega_n, zeta, gain) of each
 
 
 def receptance(omega: Real, omega_n: float, zeta: float, gain: float) -> Complex:
@@ -65,31 +69,38 @@ def _hann_transform(p: Complex, window_s: float) -> Complex:
 
 @dataclass(frozen=True)
 class LineErrors:
-    """Errors of an FRF's lines, over (2 NEIGHBOURS + 1, line), q from -NEIGHBOURS on."""
+    """Errors d of an FRF's lines, over (output, output, 2 NEIGHBOURS + 1, line), q from the least.
+
+    The first output is that of line i, the second that of line i + q.
+    """
 
     hermitian: Complex  # E[d_i conj(d_{i+q})]
     symmetric: Complex  # E[d_i d_{i+q}], which leakage makes differ from zero
 
     @property
     def variance(self) -> Real:
-        """E|d_i|^2 of each line."""
-        return np.abs(self.hermitian[len(self.hermitian) // 2])
+        """E|d_i|^2 of each line, output by output."""
+        own = range(len(self.hermitian))
+        middle = self.hermitian.shape[2] // 2
+        return np.concatenate([np.abs(self.hermitian[o, o, middle]) for o in own])
 
     def of_sum(self, weights: Complex) -> Real:
-        """Covariance of Re sum_i G_ai d_i by G (parameter, line), over parameters."""
+        """Covariance of Re sum_i G_ai d_i by G (parameter, line by output), over parameters."""
         total = np.zeros((len(weights), len(weights)), complex)
-        reach = len(self.hermitian) // 2
-        num_lines = weights.shape[-1]
+        reach = self.hermitian.shape[2] // 2
+        num_lines = self.hermitian.shape[-1]
+        each = np.split(weights, len(self.hermitian), axis=-1)
         for q in range(-reach, reach + 1):
             i = np.arange(max(0, -q), min(num_lines, num_lines - q))
-            mine, theirs = weights[:, i], weights[:, i + q]
-            total += (mine * self.hermitian[q + reach, i]) @ theirs.conj().T
-            total += (mine * self.symmetric[q + reach, i]) @ theirs.T
+            for (a, ours), (b, others) in product(enumerate(each), repeat=2):
+                mine, theirs = ours[:, i], others[:, i + q]
+                total += (mine * self.hermitian[a, b, q + reach, i]) @ theirs.conj().T
+                total += (mine * self.symmetric[a, b, q + reach, i]) @ theirs.T
         return np.real(total + total.T) / 4
 
 
 def line_errors(
-    frf: FRF, noise_ratio: Real, theta: tuple[float, float, float], leakage: bool
+    outputs: Sequence[FRF], noise_ratio: Real, modes: Sequence[Modes], leakage: bool
 ) -> LineErrors:
     r"""Errors of the lines of an H1 estimate and their neighbours, in the response as measured.
 
@@ -99,21 +110,24 @@ def line_errors(
     $$\mathrm{E}[d_i \bar d_j] = \sum_m \frac{K-|m|}{K^2}\,
       \frac{\mathrm{E}[R_k(i)\bar R_{k+m}(j)]\,\mathrm{E}[\bar U_k(i)U_{k+m}(j)]}{S_{uu}^2}$$
 
-    R holds what leaks in through the window (known from the oscillator), noise of the sensor
-    (white in the response measured) and disturbing forces (white, through the oscillator); the
+    R holds what leaks in through the window (known from the modes), noise of the sensor
+    (white in the response measured) and disturbing forces (white, through the modes); the
     levels of the last two are read from the coherence. Where both are far below the leakage the
-    reading errs upwards, and with it the errors of omega_n and gain (not of zeta).
+    reading errs upwards, and with it the errors of omega_n and gain (not of zeta). Outputs of one
+    input share what leaks in and the disturbing forces; their sensors' noise is their own.
 
-    The lines of `frf` are evenly spaced, under a Hann window, which leaks where the input is
-    random. `noise_ratio` is unexplained over input power, `theta` is (omega_n, zeta, gain).
+    The lines of the `outputs` are the same and evenly spaced, under a Hann window, which leaks
+    where the input is random. `noise_ratio` is unexplained over input power, output by output,
+    `modes` are the (omega_n, zeta, gain) of each mode in each output.
     """
-    order = derivative_order(frf.response)
-    memory = 1 / (theta[1] * theta[0] * frf.window_s)  # in windows
+    frf = outputs[0]
+    memory = 1 / (min(zeta * omega for omega, zeta, _ in modes[0]) * frf.window_s)  # in windows
     per_bin = int(np.clip(np.ceil(3 + 8 * memory), 4, 24))
     offset = np.arange(-HALF_WIDTH * per_bin, HALF_WIDTH * per_bin + 1) / per_bin
     near = frf.omega[:, None] + 2 * np.pi * offset / frf.window_s
-    h = receptance(near, *theta) * (1j * near) ** order
-    mean = smeared(frf.omega, *theta, frf.window_s, order) if leakage else None
+    responses = [
+        _Response.of(one, each, near, leakage) for one, each in zip(outputs, modes, strict=True)
+    ]
     step = 1 - frf.noverlap / frf.nperseg
     lags = np.arange(-int(np.ceil(1 / step)) + 1, int(np.ceil(1 / step)))
     lags = lags[np.abs(lags) < frf.num_segments]
@@ -124,18 +138,50 @@ def line_errors(
         for q in range(-NEIGHBOURS, NEIGHBOURS + 1)
     ]
     own = np.sum(_hann(offset) ** 2) / per_bin
-    parts = [_parts(h, mean, kernel, q - NEIGHBOURS) for q, kernel in enumerate(kernels)]
-    leak, through = (np.array([part[i] for part in parts]) for i in (0, 1))
-    symmetric = np.array([part[2] for part in parts])
-    white = np.array([kernel.sum(axis=0) for kernel in kernels])
-    sensor, force = _noise_levels(
-        noise_ratio - leak[NEIGHBOURS][:, lags == 0][:, 0].real / own,
-        through[NEIGHBOURS][:, lags == 0][:, 0].real / own,
-        noise_ratio,
+    white = np.array([kernel.sum(axis=0) for kernel in kernels])[:, None, :]
+    parts = {
+        (a, b): _by_neighbour(mine, theirs, kernels)
+        for (a, mine), (b, theirs) in product(enumerate(responses), repeat=2)
+    }
+    levels = []
+    for o, unexplained in enumerate(np.split(noise_ratio, len(outputs))):
+        leak, through = (
+            part[NEIGHBOURS][:, lags == 0][:, 0].real / own for part in parts[o, o][:2]
+        )
+        levels.append(_noise_levels(unexplained - leak, through, unexplained))
+    hermitian, symmetric = (
+        np.empty((len(outputs), len(outputs), *white.shape[:1], len(frf.freq)), complex)
+        for _ in range(2)
     )
-    residual = leak + force * through + sensor * white[:, None, :]
-    hermitian = np.sum(residual * white[:, None, :].conj() * share, axis=-1) / own**2
-    return LineErrors(hermitian, np.sum(symmetric * share, axis=-1) / own**2)
+    for (a, b), (leak, through, twice) in parts.items():
+        force = levels[a][1] if a == b else np.sqrt(levels[a][1] * levels[b][1])
+        residual = leak + force * through + (levels[a][0] if a == b else 0.0) * white
+        hermitian[a, b] = np.sum(residual * white.conj() * share, axis=-1) / own**2
+        symmetric[a, b] = np.sum(twice * share, axis=-1) / own**2
+    return LineErrors(hermitian, symmetric)
+
+
+class _Response(NamedTuple):
+    """One output's response near every line, and its mean through the window where that leaks."""
+
+    near: Complex
+    mean: Complex | None
+
+    @classmethod
+    def of(cls, frf: FRF, modes: Modes, near: Real, leakage: bool) -> "_Response":
+        order = derivative_order(frf.response)
+        h = sum(receptance(near, *mode) for mode in modes) * (1j * near) ** order
+        means = (smeared(frf.omega, *mode, frf.window_s, order) for mode in modes)
+        return cls(h, sum(means) if leakage else None)  # pyright: ignore
+
+
+def _by_neighbour(
+    mine: _Response, theirs: _Response, kernels: Sequence[Complex]
+) -> tuple[Complex, Complex, Complex]:
+    """`_parts` of two outputs for every distance q of lines."""
+    each = [_parts(mine, theirs, kernel, q - NEIGHBOURS) for q, kernel in enumerate(kernels)]
+    leak, through, symmetric = (np.array([part[i] for part in each]) for i in range(3))
+    return leak, through, symmetric
 
 
 def _hann(bins: Real) -> Real:
@@ -147,16 +193,19 @@ def _hann(bins: Real) -> Real:
 
 
 def _parts(
-    h: Complex, mean: Complex | None, kernel: Complex, q: int
+    mine: _Response, theirs: _Response, kernel: Complex, q: int
 ) -> tuple[Complex, Complex, Complex]:
     """Leakage, force noise (E[R conj R]) and leakage (E[R U*] E[R U*]) of lines i and i + q."""
-    through = np.abs(h) ** 2 @ kernel
-    if mean is None:
+    # The first of two outputs is that of line i.
+    same = mine is theirs
+    power = np.abs(mine.near) ** 2 if same else mine.near * theirs.near.conj()
+    through = power @ kernel
+    if mine.mean is None or theirs.mean is None:
         return np.zeros_like(through), through, np.zeros_like(through)
-    mine, theirs = mean[:, None], np.roll(mean, -q)[:, None]
-    white, ahead, behind = kernel.sum(axis=0), h @ kernel, h @ kernel.conj()
-    leak = through - theirs.conj() * ahead - mine * behind.conj() + mine * theirs.conj() * white
-    symmetric = (ahead - mine * white) * (behind - theirs * white.conj())
+    here, there = mine.mean[:, None], np.roll(theirs.mean, -q)[:, None]
+    white, ahead, behind = kernel.sum(axis=0), mine.near @ kernel, theirs.near @ kernel.conj()
+    leak = through - there.conj() * ahead - here * behind.conj() + here * there.conj() * white
+    symmetric = (ahead - here * white) * (behind - there * white.conj())
     return leak, through, symmetric
 
 

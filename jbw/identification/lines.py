@@ -1,0 +1,206 @@
+r"""Lines of FRFs as a sum of modes, by weighted complex least squares; the heart of Step 2.
+
+$$H_o(\omega) = \sum_i \frac{R_{oi}}{\omega_i^2 - \omega^2 + 2j\zeta_i\omega_i\omega}
+  + U_o + \frac{L_o}{\omega^2}$$
+
+of several outputs o of one input, with real residues R. The parameters are those of each mode,
+(omega_n, zeta, residue in each output), then (U, L) of each output, L over the band's mean squared.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import optimize
+
+from jbw.errors import DataError
+from jbw.identification.line_method import floored
+from jbw.identification.windowed import (
+    Complex,
+    LineErrors,
+    Modes,
+    Real,
+    line_errors,
+    receptance,
+    smeared,
+)
+from jbw.measurement.spectra import FRF
+from jbw.quantities import derivative_order
+
+LEAST_ZETA = 1e-6  # a damping of zero has no steady response
+ONE_RECORD = 1.5  # averages below which the lines do not know their noise
+NOISE_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class Lines:
+    """What is fitted: the lines of several outputs over one band, and by what."""
+
+    outputs: tuple[FRF, ...]  # in the band
+    num_modes: int
+    num_residuals: int  # of (U, L), for every output
+    smear: bool  # whether the window's smearing is part of the model
+
+    @property
+    def width(self) -> int:
+        """Parameters of one mode."""
+        return 2 + len(self.outputs)
+
+    @property
+    def num_parameters(self) -> int:
+        """Parameters of all modes, and residual terms."""
+        return self.num_modes * self.width + self.num_residuals * len(self.outputs)
+
+    @property
+    def data(self) -> Complex:
+        """The lines in the response that was measured, output by output."""
+        return np.concatenate([part.h * to_measured(part) for part in self.outputs])
+
+    @property
+    def noise_known(self) -> bool:
+        """Whether averages tell the noise of the lines."""
+        return self.outputs[0].num_averages > ONE_RECORD
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """The optimum of weighted least squares."""
+
+    theta: Real
+    jacobian: Complex  # of the model by theta
+    variance: Real  # of the lines, by which they were weighted
+    covariance: Real  # of all of theta
+    chi_square: float
+    residual: Complex  # model less data, output by output
+
+
+def to_measured(part: FRF) -> Complex:
+    """Factor from the receptance to the response that was measured, whose noise is plainest."""
+    return np.power(1j * part.omega, derivative_order(part.response), dtype=complex)
+
+
+def observed_variance(lines: Lines) -> Real:
+    """Variance of the lines as their averages tell it, in the response that was measured."""
+    each = [
+        floored(part.variance * np.abs(to_measured(part)) ** 2, part.h * to_measured(part))
+        for part in lines.outputs
+    ]
+    return np.concatenate(each)
+
+
+def fit_lines(lines: Lines, start: Real, typical: Real) -> Fitted:
+    """Least squares from a start, its errors those of correlated, leaking lines where windowed."""
+    data, observed = lines.data, observed_variance(lines)
+    variance, of_sum = observed, None
+    fitted = _least_squares(lines, data, variance, start, typical)
+    windowed = lines.outputs[0].window == "hann"
+    # The errors depend on the parameters, weakly: two rounds settle the weights.
+    for _ in range(2 if windowed else 0):
+        errors = _errors(lines, observed, fitted.theta)
+        variance = _floored(errors.variance, data, len(lines.outputs))
+        of_sum = errors.of_sum
+        fitted = _least_squares(lines, data, variance, fitted.theta, typical)
+    for _ in range(0 if lines.noise_known else NOISE_ROUNDS):
+        variance = variance * _left_over(lines, fitted.residual, variance)
+        fitted = _least_squares(lines, data, variance, fitted.theta, typical)
+    return replace(fitted, covariance=_covariance_of(fitted.jacobian, variance, of_sum))
+
+
+def _errors(lines: Lines, observed: Real, theta: Real) -> LineErrors:
+    ratio = observed * lines.outputs[0].num_averages
+    return line_errors(lines.outputs, ratio, modes_by_output(lines, theta), leakage=lines.smear)
+
+
+def _floored(variance: Real, data: Complex, num_outputs: int) -> Real:
+    pairs = zip(np.split(variance, num_outputs), np.split(data, num_outputs), strict=True)
+    return np.concatenate([floored(v, h) for v, h in pairs])
+
+
+def _left_over(lines: Lines, residual: Complex, variance: Real) -> Real:
+    """What is left of every output over its variance: the noise of lines that know none."""
+    num = len(lines.outputs)
+    free = 1 - lines.num_parameters / (2 * len(residual))  # of the values
+    share = np.abs(np.split(residual, num)) ** 2 / np.split(variance, num)
+    return np.repeat(share.mean(axis=-1) / free, residual.size // num)
+
+
+def modes_by_output(lines: Lines, theta: Real) -> list[Modes]:
+    """(omega_n, zeta, residue) of each mode in each output."""
+    blocks = theta[: lines.num_modes * lines.width].reshape(lines.num_modes, lines.width)
+    return [[(b[0], b[1], b[2 + o]) for b in blocks] for o in range(len(lines.outputs))]
+
+
+def terms(part: FRF, count: int) -> Complex:
+    """The columns of U and L, in the response measured, both of the size of a receptance."""
+    inverse_square = (part.omega.mean() / part.omega) ** 2
+    return np.array([to_measured(part), to_measured(part) * inverse_square])[:count]
+
+
+def mode_lines(part: FRF, mode: tuple[float, float, float], smear: bool) -> Complex:
+    """Lines of one mode, (omega_n, zeta, residue), in the response measured."""
+    if smear:
+        return smeared(part.omega, *mode, part.window_s, derivative_order(part.response))
+    return receptance(part.omega, *mode) * to_measured(part)
+
+
+def model_of(lines: Lines) -> Callable[[Real], Complex]:
+    """Lines as a function of the parameters, in the response measured, output by output."""
+    extra = [terms(part, lines.num_residuals) for part in lines.outputs]
+    modal = lines.num_modes * lines.width
+
+    def model(theta: Real) -> Complex:
+        added = theta[modal:].reshape(len(extra), lines.num_residuals)
+        each = zip(lines.outputs, modes_by_output(lines, theta), added, extra, strict=True)
+        return np.concatenate(
+            [
+                sum(mode_lines(part, mode, lines.smear) for mode in modes) + own @ columns
+                for part, modes, own, columns in each
+            ]
+        )
+
+    return model
+
+
+def _least_squares(
+    lines: Lines, data: Complex, variance: Real, start: Real, typical: Real
+) -> Fitted:
+    """The optimum, whose covariance is not known before that of the lines is."""
+    model, weight = model_of(lines), np.sqrt(2 / variance)  # a component has half of the variance
+
+    def misfit(x: Real) -> Real:
+        r = weight * (model(x * typical) - data)
+        return np.concatenate([r.real, r.imag])
+
+    omegas = np.arange(lines.num_modes) * lines.width
+    low = np.full(len(start), -np.inf)
+    low[omegas + 1] = LEAST_ZETA
+    high = np.full(len(start), np.inf)
+    high[omegas + 1] = 0.999 / typical[omegas + 1]
+    x0 = np.clip(start / typical, low + 1e-9, high)
+    # Widths of zeta's size matter in omega_n too, so its step is scaled down.
+    size = np.ones(len(start))
+    size[omegas] = typical[omegas + 1]
+    found = optimize.least_squares(
+        misfit, x0, jac="3-point", x_scale=size, bounds=(low, high), xtol=1e-14, ftol=1e-14,
+        gtol=1e-14,
+    )  # fmt: skip
+    if not (np.all(np.isfinite(found.x)) and np.all(found.x[omegas + 1] > 2 * LEAST_ZETA)):
+        raise DataError(
+            "The fit of the oscillator to the FRF found no positive damping.",
+            remedy="Check `delay`, `band` and which channel is the input.",
+        )
+    half = len(data)
+    jacobian = (found.jac[:half] + 1j * found.jac[half:]) / weight[:, None] / typical
+    left = (found.fun[:half] + 1j * found.fun[half:]) / weight
+    none = np.full((len(start), len(start)), np.nan)
+    return Fitted(found.x * typical, jacobian, variance, none, float(2 * found.cost), left)
+
+
+def _covariance_of(
+    jacobian: Complex, variance: Real, of_sum: Callable[[Complex], Real] | None
+) -> Real:
+    """Covariance of weighted least squares; of correlated lines where `of_sum` knows them."""
+    scale = np.linalg.norm(jacobian, axis=0)
+    weighted = (jacobian / scale).conj().T * (2 / variance)
+    inverse = np.linalg.inv((weighted @ (jacobian / scale)).real) / np.outer(scale, scale)
+    return inverse if of_sum is None else of_sum(inverse @ (weighted * scale[:, None]))

@@ -1,0 +1,270 @@
+r"""Step 2 of several modes: poles, residues in several outputs, and one covariance of all.
+
+Residues and residual terms are linear in the lines: at every trial of the poles they are at their
+best (variable projection), so that starts are needed of the poles alone. What that finds is the
+start of the full fit of `jbw.identification.lines`, which one mode takes too.
+
+Reference:
+    Golub and Pereyra, Inverse Problems 19 (2003) R1; El-Kafafy et al., MSSP 37 (2013) 418.
+"""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from jbw.errors import ConfigError, DataError
+from jbw.identification.line_method import LineFit, in_band
+from jbw.identification.linear import NUM_RESIDUALS, Residuals, checked_smear
+from jbw.identification.lines import (
+    Fitted,
+    Lines,
+    fit_lines,
+    mode_lines,
+    modes_by_output,
+    observed_variance,
+    terms,
+    to_measured,
+)
+from jbw.identification.stabilisation import Stabilisation, starts_of
+from jbw.identification.windowed import Real
+from jbw.measurement.spectra import FRF
+
+SAME_LINES = ("window", "estimator", "nperseg", "noverlap", "num_segments", "num_repeats", "fs")
+LEAST_ZETA, MOST_ZETA = 1e-5, 0.5  # of trials
+MOST_TRIALS = 60  # of the poles: those that wander are refused, and the others take ten
+APART = 0.1  # of the half-width of the more damped: modes nearer than this are one
+
+
+@dataclass(frozen=True)
+class ModalFit:
+    """Modes fitted to the FRFs of one input, in the order in which they were asked for."""
+
+    omega: Real  # natural frequencies [rad/s], shape (mode,)
+    zeta: Real  # damping ratios
+    residues: Real  # force per modal mass times shape [N/kg per unit], shape (mode, output)
+    covariance: Real  # of (omega, zeta, residues), each mode by mode
+    upper: Real  # constant receptance of the modes above, by output [m per unit]
+    lower: Real  # coefficient of 1 / omega^2 of the modes below, by output
+    misfit: Real  # of each output's lines over their size, both in standard errors
+    chi_square: float  # sum of squared misfits over their variance
+    dof: int  # real data less parameters
+    num_lines: int  # fitted, of each output
+    band_hz: tuple[float, float]  # the lowest and highest of them [Hz]
+    smeared: bool  # whether the window's smearing was part of the model
+    diagram: Stabilisation | None  # None where too few lines for one
+
+    @property
+    def theta(self) -> Real:
+        """What the covariance is of: omega, zeta, then the residues mode by mode."""
+        return np.concatenate([self.omega, self.zeta, self.residues.ravel()])
+
+    @property
+    def std(self) -> Real:
+        """Standard deviations of theta."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def fit_modes(
+    frfs: FRF | Sequence[FRF],
+    modes: int | Sequence[float] = (),
+    band: tuple[float, float] | None = None,
+    *,
+    residuals: Residuals = "both",
+    smear: bool | None = None,
+) -> ModalFit:
+    r"""Frequencies, damping ratios and residues of the modes in a band, by weighted least squares.
+
+    $$H_o(\omega) = \sum_i \frac{R_{oi}}{\omega_i^2 - \omega^2 + 2j\zeta_i\omega_i\omega}
+      + U_o + \frac{L_o}{\omega^2}$$
+
+    with R real, weighed and smeared as `line_fit` does for one mode. The outputs share the poles;
+    where the input is random they share what leaks through the window as well, and the covariance
+    knows it. A record without repeats or averages (`record_frf`) has the noise that the fit leaves.
+
+    Args:
+        frfs: Receptances of one input at the same lines, one an output.
+        modes: Frequencies of the modes [Hz], or how many to take from the stabilisation diagram;
+            by default all that it shows.
+        band: Lowest and highest frequency to fit [Hz]; by default 20 % about the highest peak.
+        residuals: Terms of modes outside the band, for every output: none, upper (U) or both.
+        smear: Whether the input was random, as in `line_fit`.
+
+    Returns:
+        The fit, with the diagram. Warns where a mode ends outside the band.
+
+    Raises:
+        DataError: Fewer lines than unknowns, modes that cannot be told apart, no positive damping.
+        ConfigError: A mode outside the band, FRFs of different lines, options that cannot be meant.
+
+    Reference:
+        Eqs. (23), (38), (39), of several modes.
+    """
+    outputs = _same_lines([frfs] if isinstance(frfs, FRF) else list(frfs))
+    smear = checked_smear(outputs[0], residuals, smear)
+    first = in_band(outputs[0], band)
+    edges = float(first.freq[0]), float(first.freq[-1])
+    parts = tuple(in_band(part, edges) for part in outputs)
+    starts, diagram = starts_of(parts, modes, edges)
+    lines = Lines(parts, len(starts), NUM_RESIDUALS[residuals], smear)
+    _enough(lines)
+    order = np.argsort(starts[:, 0])
+    start = _projected(lines, starts[order])
+    fitted = fit_lines(lines, start, _typical(lines, start))
+    _apart(lines, fitted.theta)
+    # As they were asked for, from here on.
+    fit = _as_fit(lines, fitted, diagram, edges, np.argsort(order))
+    _warn_when_outside(fit)
+    return fit
+
+
+def line_of(fit: ModalFit, mode: int = 0, output: int = 0) -> LineFit:
+    """One mode in one output as the line fit of one mode has it, the others beside it left free."""
+    num = len(fit.omega)
+    read = [mode, num + mode, 2 * num + mode * fit.residues.shape[1] + output]
+    omega_n, zeta, gain = map(float, fit.theta[read])
+    return LineFit(
+        omega_n, zeta, gain, covariance=fit.covariance[np.ix_(read, read)],
+        upper=float(fit.upper[output]), lower=float(fit.lower[output]), chi_square=fit.chi_square,
+        dof=fit.dof, num_lines=fit.num_lines, band_hz=fit.band_hz, smeared=fit.smeared,
+    )  # fmt: skip
+
+
+def _same_lines(outputs: list[FRF]) -> list[FRF]:
+    """The outputs, after a look at whether they are of one input at the same lines."""
+    if not outputs:
+        raise ConfigError("Argument `frfs` must hold an FRF at least, but it is empty.")
+    first = outputs[0]
+    for number, part in enumerate(outputs[1:], 2):
+        differ = [name for name in SAME_LINES if getattr(part, name) != getattr(first, name)]
+        if not np.array_equal(part.freq, first.freq):
+            differ = ["freq", *differ]
+        if differ:
+            raise ConfigError(
+                f"The FRFs must have the same lines, but FRF {number} has another "
+                f"`{differ[0]}` than the first.",
+                remedy="Estimate all outputs of an input by the same call of `frf`.",
+            )
+    return outputs
+
+
+def _enough(lines: Lines) -> None:
+    """Refuse a band with fewer values than unknowns."""
+    values = 2 * sum(len(part.freq) for part in lines.outputs)
+    if values <= lines.num_parameters:
+        raise DataError(
+            f"The band must hold more values than unknowns, but its {values // 2} lines are "
+            f"{values} values for {lines.num_parameters} unknowns of {lines.num_modes} modes.",
+            remedy="Widen `band`, lengthen the windows, or ask for fewer modes.",
+        )
+
+
+def _projected(lines: Lines, starts: Real) -> Real:
+    """Parameters with the poles at their best, residues by linear least squares."""
+    weights = np.split(np.sqrt(2 / observed_variance(lines)), len(lines.outputs))
+    data = [part.h * to_measured(part) for part in lines.outputs]
+    extra = [terms(part, lines.num_residuals) for part in lines.outputs]
+
+    def poles_of(x: Real) -> Real:
+        offset, log_ratio = x.reshape(2, -1)
+        omega = starts[:, 0] * (1 + starts[:, 1] * offset)
+        return np.column_stack([omega, starts[:, 1] * np.exp(log_ratio)])
+
+    def linear(poles: Real) -> tuple[list[Real], Real]:
+        """Residues and terms of every output at their best, and what they leave."""
+        found, left = [], []
+        for part, weight, h, own in zip(lines.outputs, weights, data, extra, strict=True):
+            modal = [mode_lines(part, (omega, zeta, 1.0), lines.smear) for omega, zeta in poles]
+            columns, target = _stacked(weight * np.array([*modal, *own])), _stacked(weight * h)
+            scale = np.linalg.norm(columns, axis=1)
+            best = np.linalg.lstsq((columns / scale[:, None]).T, target)[0] / scale
+            found.append(best)
+            left.append(target - best @ columns)
+        return found, np.concatenate(left)
+
+    width = lines.outputs[0].omega[-1] - lines.outputs[0].omega[0]
+    ends = np.array([lines.outputs[0].omega[0] - width / 4, lines.outputs[0].omega[-1] + width / 4])
+    reach = (ends[:, None] / starts[:, 0] - 1) / starts[:, 1]
+    log_ends = np.log(np.array([LEAST_ZETA, MOST_ZETA])[:, None] / starts[:, 1])
+    bounds = np.concatenate([reach, log_ends], axis=1)
+    best = optimize.least_squares(
+        lambda x: linear(poles_of(x))[1], np.zeros(bounds.shape[1]), jac="3-point", bounds=bounds,
+        xtol=1e-10, ftol=1e-10, gtol=1e-10, max_nfev=MOST_TRIALS,
+    )  # fmt: skip
+    poles = poles_of(best.x)
+    found = np.array(linear(poles)[0])  # (output, modes and terms)
+    modes = np.column_stack([poles, found[:, : len(poles)].T])
+    theta = np.concatenate([modes.ravel(), found[:, len(poles) :].ravel()])
+    _apart(lines, theta)
+    return theta
+
+
+def _stacked(rows: NDArray[np.complex128]) -> Real:
+    return np.concatenate([rows.real, rows.imag], axis=-1)
+
+
+def _typical(lines: Lines, start: Real) -> Real:
+    """Sizes of the parameters: a residue's is a tenth of its output's largest at least."""
+    modal = lines.num_modes * lines.width
+    blocks = np.abs(start[:modal]).reshape(lines.num_modes, lines.width)
+    blocks[:, 2:] = np.maximum(blocks[:, 2:], 0.1 * blocks[:, 2:].max(axis=0))
+    peaks = [np.abs(part.h).max() for part in lines.outputs]
+    return np.concatenate([blocks.ravel(), np.repeat(peaks, lines.num_residuals)])
+
+
+def _as_fit(
+    lines: Lines,
+    fitted: Fitted,
+    diagram: Stabilisation | None,
+    edges: tuple[float, float],
+    order: NDArray[np.int64],
+) -> ModalFit:
+    """The fit by quantity, its modes in the `order` asked for."""
+    num, modal = len(lines.outputs), lines.num_modes * lines.width
+    place = np.arange(modal).reshape(lines.num_modes, lines.width)[order]
+    read = np.concatenate([place[:, 0], place[:, 1], place[:, 2:].ravel()])
+    blocks = fitted.theta[place]
+    added = np.zeros((num, 2))
+    added[:, : lines.num_residuals] = fitted.theta[modal:].reshape(num, -1)
+    # By their errors: of a swept record these are the lines of the response itself.
+    left, size = (
+        np.linalg.norm(np.split(x / np.sqrt(fitted.variance), num), axis=-1)
+        for x in (fitted.residual, lines.data)
+    )
+    return ModalFit(
+        omega=blocks[:, 0], zeta=blocks[:, 1], residues=blocks[:, 2:],
+        covariance=fitted.covariance[np.ix_(read, read)], upper=added[:, 0],
+        lower=added[:, 1] * lines.outputs[0].omega.mean() ** 2, misfit=left / size,
+        chi_square=fitted.chi_square, dof=2 * len(lines.data) - len(fitted.theta),
+        num_lines=len(lines.outputs[0].freq), band_hz=edges, smeared=lines.smear, diagram=diagram,
+    )  # fmt: skip
+
+
+def _apart(lines: Lines, theta: Real) -> None:
+    """Refuse modes that passed each other, or that ended as one."""
+    omega, zeta, _ = np.array(modes_by_output(lines, theta)[0]).T
+    half_width = np.maximum((zeta * omega)[1:], (zeta * omega)[:-1])
+    near = np.diff(omega) < APART * half_width
+    if np.any(near):
+        i = int(np.argmax(near))
+        first, second = omega[i : i + 2] / (2 * np.pi)
+        crossed = "passed each other" if second < first else "ended as one"
+        raise DataError(
+            f"Modes {i + 1} and {i + 2} must stay apart, but they {crossed}, at {first:.5g} and "
+            f"{second:.5g} Hz.",
+            why="The lines do not tell them apart.",
+            remedy="Ask for fewer modes, or give frequencies nearer to the peaks.",
+        )
+
+
+def _warn_when_outside(fit: ModalFit) -> None:
+    for freq in fit.omega / (2 * np.pi):
+        if not fit.band_hz[0] <= freq <= fit.band_hz[1]:
+            warnings.warn(
+                f"A mode ended at {freq:.4g} Hz, outside the band {fit.band_hz[0]:.4g} to "
+                f"{fit.band_hz[1]:.4g} Hz: it stands for what the others leave, not for a peak.",
+                stacklevel=3,
+            )

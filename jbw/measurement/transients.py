@@ -1,0 +1,70 @@
+"""The FRF of one transient record, such as a sweep: all of it one segment, from rest to rest."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jbw.errors import ConfigError, DataError
+from jbw.measurement.channels import channel, passband, same_length, sampling
+from jbw.measurement.spectra import FRF
+from jbw.quantities import derivative_order
+
+DRIVEN = 1e-3  # of the largest line of an input: below, the ratio is noise over noise
+
+
+def record_frf(
+    u: ArrayLike,
+    y: ArrayLike,
+    fs: float,
+    band: tuple[float, float],
+    *,
+    response: str = "displacement",
+    delay: float = 0.0,
+) -> FRF:
+    r"""Receptance of one record that begins and ends at rest, $H = Y / U$ of the whole of it.
+
+    A sweep has no segments to average over: its lines do not know their noise. What a fit leaves of
+    them is mostly no sensor's noise but the joint's own: it is taken as even over the lines of what
+    was measured, per unit of the input, of a level that the fit finds (`fit_modes`).
+
+    Args:
+        u: Input, shape (time,).
+        y: Response, of the same shape [m, m/s or m/s^2].
+        fs: Sampling frequency [Hz].
+        band: Lowest and highest frequency to keep [Hz]: what the record sweeps.
+        response: What `y` is: displacement, velocity or acceleration.
+        delay: Lag of the response channel behind the input channel [s].
+
+    Raises:
+        DataError: NaN, unequal shapes, or lines in the band that the input does not drive.
+        ConfigError: A band that holds no line.
+    """
+    u, y, fs = channel(u, "u"), channel(y, "y"), sampling(fs)
+    same_length(u=u, y=y)
+    if u.ndim != 1:
+        raise DataError(f"Channel `u` must be one record, but its shape is {u.shape}.")
+    freq = np.fft.rfftfreq(len(u), 1 / fs)
+    low, high = passband(band, fs / 2)
+    keep = (freq > 0) & (freq >= low) & (freq <= high)
+    if not keep.any():
+        raise ConfigError(f"Argument `band` = ({low:g}, {high:g}) Hz holds no line of the record.")
+    spectra: Any = [np.fft.rfft(x - x.mean()) for x in (u, y)]
+    size = np.abs(spectra[0])
+    if np.min(size[keep]) <= DRIVEN * np.max(size):
+        raise DataError(
+            f"Channel `u` must excite every line from {low:g} to {high:g} Hz, but some have less "
+            f"than {DRIVEN:g} of its largest.",
+            remedy="Narrow `band` to what was swept.",
+        )
+    freq, (above, below) = freq[keep], (spectra[1][keep], spectra[0][keep])
+    factor = (2j * np.pi * freq) ** derivative_order(response)
+    h = above / below * np.exp(2j * np.pi * freq * delay) / factor
+    power = 2 / (fs * len(u)) * np.abs(np.array([below, above])) ** 2
+    # Only its shape over the lines counts: even, in the response measured for a unit of the input.
+    variance = np.mean(np.abs(h * factor) ** 2) / np.abs(factor) ** 2
+    return FRF(
+        freq=freq, h=h, coherence=np.ones_like(freq), variance=variance, input_spectrum=power[0],
+        output_spectrum=power[1], num_averages=1.0, num_segments=1, num_repeats=1,
+        nperseg=len(u), noverlap=0, fs=fs, window="boxcar", estimator="h1", response=response,
+    )  # fmt: skip
