@@ -18,13 +18,17 @@ if TYPE_CHECKING:
     from jbw.errors import RunError as RunError
     from jbw.identification.linear import line_fit as line_fit
     from jbw.identification.linear import pool as pool
+    from jbw.identification.modal import fit_modes as fit_modes
     from jbw.measurement.files.read import read as read
     from jbw.measurement.harmonics import harmonics as harmonics
     from jbw.measurement.probing import third_order_kernel as third_order_kernel
     from jbw.measurement.records import Record as Record
     from jbw.measurement.records import Test as Test
     from jbw.measurement.spectra import frf as frf
+    from jbw.measurement.transients import record_frf as record_frf
     from jbw.oscillator import laws as laws
+    from jbw.oscillator.attachment import Attachment as Attachment
+    from jbw.oscillator.attachment import attached as attached
     from jbw.oscillator.laws.hysteresis import hysteresis_map as hysteresis_map
     from jbw.oscillator.laws.hysteresis import hysteresis_rate as hysteresis_rate
     from jbw.oscillator.laws.hysteresis import steady_loop as steady_loop
@@ -62,6 +66,7 @@ __version__ = "0.1.0"
 
 # Public name to its home, read only when the name is first used.
 _HOME = {
+    "Attachment": "oscillator.attachment",
     "BoucWen": "oscillator.oscillator",
     "Campaign": "campaign.load",
     "ConfigError": "errors",
@@ -77,10 +82,12 @@ _HOME = {
     "Structure": "oscillator.modes.structure",
     "Study": "study.study",
     "Test": "measurement.records",
+    "attached": "oscillator.attachment",
     "backbone": "oscillator.steady.backbone",
     "compare": "study.compare",
     "compare_laws": "study.laws",
     "fleet_of": "population.fleet",
+    "fit_modes": "identification.modal",
     "frequency_response": "oscillator.steady.backbone",
     "frf": "measurement.spectra",
     "h1": "oscillator.paper.kernels",
@@ -99,6 +106,7 @@ _HOME = {
     "pool": "identification.linear",
     "read": "measurement.files.read",
     "read_fleet": "population.fleet",
+    "record_frf": "measurement.transients",
     "response_curve": "oscillator.steady.continuation",
     "sbc": "study.calibration",
     "simulate": "oscillator.response",

@@ -24,6 +24,7 @@ from jbw.measurement.records import INPUTS, Record
 # Settings that not every kind of test reads, and the traits of those that do.
 READ_BY: dict[str, Callable[[Kind], bool]] = {
     "fit_levels": lambda kind: kind.is_transient,
+    "modes": lambda kind: kind.is_broadband,
     "fit_repeats": lambda kind: kind.is_transient or kind.is_free,
     "substeps": lambda kind: kind.is_transient or kind.is_periodic or kind.is_free,
 }
@@ -118,8 +119,6 @@ def unread(spec: CampaignSpec) -> Iterator[Fault]:
         if name in settings.keys() and not any(map(reads, traits)):
             readers = ", ".join(kind.name for kind in KINDS.values() if reads(kind))
             yield _unread(name, f"only tests of kind {readers} read it, of which there are none")
-    if settings.modes:
-        yield _unread("modes", "one mode is identified, and nothing reads where others lie")
     for kind in settings.fit or ():
         if kind not in {test.kind for test in spec.tests}:
             yield _unread("fit", f"no test is of kind {kind}")

@@ -99,7 +99,11 @@ class Identify(Table):
     )
     seed: values.Index = key(0, "of the random numbers", 0)
     modes: values.Modes = key(
-        (), "frequencies of the modes in the band [Hz], the joint's own first", [18.8]
+        (),
+        "modes in the band of the noise or multisine test that Step 2 reads: frequencies [Hz], the "
+        "joint's own first; or how many, of which the joint's own has the highest peak; by default "
+        "one, by a line fit",
+        [18.8, 21.4],
     )
     prior: Mapping[str, values.Bounds] = key(
         dict, "parameter = [lower, upper], in SI", {"zeta": [0.003, 0.006]}

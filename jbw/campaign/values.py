@@ -104,6 +104,11 @@ def unequal(value: Any) -> tuple[Any, ...]:
     return tuple(value)
 
 
+def modes(value: Any) -> tuple[Any, ...] | int:
+    """How many, or frequencies that are all different."""
+    return whole(1)(value) if isinstance(value, int) else unequal(value)
+
+
 def _sampling(value: Any) -> float | str:
     if isinstance(value, str) and value:
         return value
@@ -193,7 +198,10 @@ Kinds = Annotated[
 ]
 Numbers = Annotated[tuple[Positive, ...], BeforeValidator(numbers)]
 Levels = Annotated[tuple[NonNegative, ...], BeforeValidator(numbers)]
-Modes = Annotated[tuple[Positive, ...], BeforeValidator(unequal)]
+Modes = Annotated[
+    int | tuple[Positive, ...],
+    BeforeValidator(modes, json_schema_input_type=Count | list[Positive]),
+]
 Bounds = Annotated[tuple[float, float], BeforeValidator(bounds)]
 Span = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(bounds)]
 Sampling = Annotated[float | str, BeforeValidator(_sampling)]

@@ -69,7 +69,7 @@ def measured(
     noise, linear = selection.linear_test(tests), None
     if noise is not None:
         report(f"Step 2: line fit of {noise.name}")
-        linear = linear_step(noise, gain)
+        linear = linear_step(noise, gain, settings.modes)
     sweeps = selection.sweep_tests(tests, settings)
     decays = selection.decay_tests(tests, settings, chosen)
     return Measured(tuple(tests), tuple(chosen), settings, laws, gain, linear, sweeps, decays)

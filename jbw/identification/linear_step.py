@@ -1,11 +1,13 @@
 """Step 2 on a campaign: the FRF of its most linear noise test, fitted repeat by repeat."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
 from jbw.identification.linear import LineFit, PooledFit, Residuals, line_fit, pool
+from jbw.identification.modal import ModalFit, fit_modes, in_order, line_of, model_lines
 from jbw.measurement.records import Test, steady
 from jbw.measurement.spectra import FRF, frf
 from jbw.observables.samples import advance
@@ -24,6 +26,7 @@ class LinearStep:
     pooled: PooledFit
     frf: FRF  # of all repeats together
     y_rms: float  # displacement of the test, rms [m]: the amplitude that the result holds for
+    modal: ModalFit | None = None  # of all repeats, the joint's own mode first, where asked for
 
     @property
     def natural_hz(self) -> float:
@@ -37,11 +40,14 @@ class LinearStep:
         return record.units[record.source]
 
 
-def linear_step(test: Test, gain: float | None = None) -> LinearStep:
+def linear_step(
+    test: Test, gain: float | None = None, modes: int | Sequence[float] = ()
+) -> LinearStep:
     """Natural frequency, damping and gain of the linear regime, by a noise or multisine test.
 
     Of a multisine by whole periods, which nothing leaks between: its lines scatter by noise alone.
-    `gain` is held where the campaign knows it [N/kg per unit of the input].
+    `gain` is held where the campaign knows it [N/kg per unit of the input]. With `modes`, as
+    `fit_modes` takes them, the joint's own mode is fitted beside its neighbours.
     """
     periodic = steady(test)
     test, size = (test, None) if periodic is None else periodic
@@ -50,16 +56,34 @@ def linear_step(test: Test, gain: float | None = None) -> LinearStep:
     how = {"response": response, "band": test.band_hz, "window": window, "nperseg": size}
     u = np.stack([(gain or 1.0) * record.channels[record.source] for record in test.records])
     y = np.stack([advance(r.channels[response], test.delay, fs) for r in test.records])
-    terms: Residuals = "none" if test.residuals == "auto" else test.residuals
-    fits = tuple(
-        line_fit(frf(one_u, one_y, fs, **how), test.band_hz, residuals=terms)
-        for one_u, one_y in zip(u, y, strict=True)
-    )
-    together = frf(u, y, fs, **how)
+    each = (frf(one_u, one_y, fs, **how) for one_u, one_y in zip(u, y, strict=True))
+    modal = None
+    if modes:
+        together = frf(u, y, fs, **how)
+        modal = _joint_first(_modes_of(test, together, modes), counted=isinstance(modes, int))
+        known = list(modal.omega / (2 * np.pi))
+        fits = tuple(line_of(_modes_of(test, one, known)) for one in each)
+    else:
+        terms: Residuals = "none" if test.residuals == "auto" else test.residuals
+        fits = tuple(line_fit(one, test.band_hz, residuals=terms) for one in each)
+        together = frf(u, y, fs, **how)
     pooled = pool(fits)
     rms = float(np.sqrt(np.mean(y**2)))
     power = derivative_order(response)
-    return LinearStep(test, fits, pooled, together, rms / pooled.omega_n**power)
+    return LinearStep(test, fits, pooled, together, rms / pooled.omega_n**power, modal)
+
+
+def _modes_of(test: Test, one: FRF, modes: int | Sequence[float]) -> ModalFit:
+    terms: Residuals = "both" if test.residuals == "auto" else test.residuals
+    return fit_modes(one, modes, test.band_hz, residuals=terms)
+
+
+def _joint_first(fit: ModalFit, *, counted: bool) -> ModalFit:
+    """The fit with the joint's own mode first: where modes were counted, that of highest peak."""
+    if not counted:
+        return fit
+    peak = np.abs(fit.residues[:, 0]) / (fit.zeta * fit.omega**2)
+    return in_order(fit, np.argsort(-peak, kind="stable"))
 
 
 def units_of(step: LinearStep) -> dict[str, str]:
@@ -73,7 +97,10 @@ def linear_dataset(step: LinearStep) -> xr.Dataset:
     low, high = step.fits[0].band_hz
     keep = (step.frf.freq >= low) & (step.frf.freq <= high)
     freq, h = step.frf.freq[keep], step.frf.h[keep]
-    model = pooled.gain * np.asarray(h1(2 * np.pi * freq, pooled.omega_n, pooled.zeta))
+    if step.modal is None:
+        model = pooled.gain * np.asarray(h1(2 * np.pi * freq, pooled.omega_n, pooled.zeta))
+    else:
+        model = model_lines(step.modal, 2 * np.pi * freq)[0]
     units = units_of(step)
     variables: dict = {}
     std = np.sqrt(np.diag(pooled.covariance))
@@ -90,4 +117,35 @@ def linear_dataset(step: LinearStep) -> xr.Dataset:
         variables[f"{prefix}_magnitude"] = ("freq", np.abs(value), {"units": receptance})
         variables[f"{prefix}_phase"] = ("freq", np.angle(value), {"units": "rad"})
     variables["coherence"] = ("freq", step.frf.coherence[keep], {"units": "1"})
+    return xr.Dataset(variables, {"freq": ("freq", freq, {"units": "Hz"})}, attrs)
+
+
+def modes_dataset(step: LinearStep) -> xr.Dataset | None:
+    """The modes of Step 2 and their stabilisation diagram as labelled arrays; None of one mode."""
+    fit = step.modal
+    if fit is None:
+        return None
+    num, unit = len(fit.omega), gain_unit(step.source_unit)
+    std = fit.std
+    variables: dict = {
+        "omega": ("mode", fit.omega, {"units": "rad/s"}),
+        "omega_sd": ("mode", std[:num], {"units": "rad/s"}),
+        "zeta": ("mode", fit.zeta, {"units": "1"}),
+        "zeta_sd": ("mode", std[num : 2 * num], {"units": "1"}),
+        "residue": ("mode", fit.residues[:, 0], {"units": unit}),
+        "residue_sd": ("mode", std[2 * num :], {"units": unit}),
+        "covariance": (("value", "other"), fit.covariance, {"units": "1"}),
+    }
+    keep = (step.frf.freq >= fit.band_hz[0]) & (step.frf.freq <= fit.band_hz[1])
+    freq = step.frf.freq[keep]
+    model = model_lines(fit, 2 * np.pi * freq)[0]
+    receptance = {"units": per("m", step.source_unit)}
+    variables["h_magnitude"] = ("freq", np.abs(step.frf.h[keep]), receptance)
+    variables["fit_magnitude"] = ("freq", np.abs(model), receptance)
+    if fit.diagram is not None:
+        variables["pole_order"] = ("pole", fit.diagram.order, {"units": "1"})
+        variables["pole_omega"] = ("pole", fit.diagram.omega, {"units": "rad/s"})
+        variables["pole_zeta"] = ("pole", fit.diagram.zeta, {"units": "1"})
+        variables["pole_is_stable"] = ("pole", fit.diagram.is_stable, {"units": "1"})
+    attrs = {"test": step.test.name, "misfit": float(fit.misfit[0])}
     return xr.Dataset(variables, {"freq": ("freq", freq, {"units": "Hz"})}, attrs)

@@ -10,7 +10,7 @@ Reference:
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from jbw.identification.lines import (
     to_measured,
 )
 from jbw.identification.stabilisation import Stabilisation, starts_of
-from jbw.identification.windowed import Real
+from jbw.identification.windowed import Real, receptance
 from jbw.measurement.spectra import FRF
 
 SAME_LINES = ("window", "estimator", "nperseg", "noverlap", "num_segments", "num_repeats", "fs")
@@ -131,6 +131,23 @@ def line_of(fit: ModalFit, mode: int = 0, output: int = 0) -> LineFit:
         upper=float(fit.upper[output]), lower=float(fit.lower[output]), chi_square=fit.chi_square,
         dof=fit.dof, num_lines=fit.num_lines, band_hz=fit.band_hz, smeared=fit.smeared,
     )  # fmt: skip
+
+
+def in_order(fit: ModalFit, order: NDArray[np.int64]) -> ModalFit:
+    """The same fit with its modes in another order."""
+    num, outputs = fit.residues.shape
+    place = np.arange(num * outputs).reshape(num, outputs)[order].ravel()
+    read = np.concatenate([order, num + order, 2 * num + place])
+    return replace(
+        fit, omega=fit.omega[order], zeta=fit.zeta[order], residues=fit.residues[order],
+        covariance=fit.covariance[np.ix_(read, read)],
+    )  # fmt: skip
+
+
+def model_lines(fit: ModalFit, omega: Real) -> NDArray[np.complex128]:
+    """Receptance of every output at frequencies [rad/s], shape (output, freq), unsmeared."""
+    each = [receptance(omega, *pole, 1.0) for pole in zip(fit.omega, fit.zeta, strict=True)]
+    return fit.residues.T @ np.array(each) + fit.upper[:, None] + fit.lower[:, None] / omega**2
 
 
 def _same_lines(outputs: list[FRF]) -> list[FRF]:

@@ -26,7 +26,7 @@ def usable(
         try:
             with warnings.catch_warnings():  # said again by the fit that counts
                 warnings.simplefilter("ignore")
-                linear_step(noise, gain)
+                linear_step(noise, gain, settings.modes)
         except DataError as error:
             refused[noise.name] = str(error)
         else:

@@ -25,6 +25,7 @@ from jbw.report import (
     posterior,
     records,
     responses,
+    stabilisation,
     style,
 )
 
@@ -50,6 +51,7 @@ FIGURE_LIST = (
     _entry("figure_01_oscillator", diagrams.oscillator),
     _entry("figure_02_procedure", diagrams.procedure),
     _entry("figure_04_linear_frf", responses.linear_frf),
+    _entry("extra_stabilisation", stabilisation.diagram),
     _entry("figure_05_softening", responses.softening),
     _entry("figure_06_third_harmonic", kernel.harmonic_spectrum),
     _entry("figure_07_third_order_posterior", posterior.third_order_densities),

@@ -162,7 +162,7 @@ def _linear(campaign: Campaign) -> LinearStep:
     noise = linear_test(campaign.tests)
     if noise is None:
         raise DataError("Steps 3 and 4 need a noise test for Step 2, which the campaign lacks.")
-    return linear_step(noise, force_per_unit(campaign))
+    return linear_step(noise, force_per_unit(campaign), campaign.settings.modes)
 
 
 def _kernel_fit(campaign: Campaign, linear: LinearStep) -> step3.KernelFit:

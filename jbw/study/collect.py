@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from jbw.campaign.settings import Identify
-from jbw.identification.linear_step import LinearStep, linear_dataset
+from jbw.identification.linear_step import LinearStep, linear_dataset, modes_dataset
 from jbw.identification.paper import step3, step4
 from jbw.identification.paper.step3 import KernelFit
 from jbw.identification.procedure import Identification, Report
@@ -39,6 +39,8 @@ def collect(
     groups: Groups = {"/": facts}
     if found.linear is not None:
         groups["/steps/linear"] = linear_dataset(found.linear)
+        modes = modes_dataset(found.linear)
+        groups |= {} if modes is None else {"/modes": modes}
     for name, step in found.steps.items():
         place = "" if name == found.main.name else f"/steps/{name}"
         groups |= {f"{place}/{part}": ds for part, ds in _groups(step, truth or {}).items()}

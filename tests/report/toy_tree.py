@@ -4,6 +4,7 @@ import numpy as np
 import xarray as xr
 from toy_decay import decay_groups
 from toy_identifiability import identifiability_group
+from toy_modes import modes
 from toy_steady import steady_groups
 
 QUANTILE = np.array([0.005, 0.5, 0.995])
@@ -241,6 +242,7 @@ def result_tree():
         "/posterior": main,
         "/identifiability": identifiability_group(),
         "/steps/linear": linear(rng),
+        "/modes": modes(),
         "/steps/third_order_nuts/posterior": ridge_posterior(rng),
         "/steps/third_order_walk/posterior": ridge_posterior(rng),
         "/steps/third_order_paper/posterior": ridge_posterior(rng, draws=765, mix=False),
