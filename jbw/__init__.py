@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from jbw.measurement.records import Test as Test
     from jbw.measurement.spectra import frf as frf
     from jbw.measurement.transients import record_frf as record_frf
+    from jbw.measurement.shaker import fit_attachment as fit_attachment
     from jbw.oscillator import laws as laws
     from jbw.oscillator.attachment import Attachment as Attachment
     from jbw.oscillator.attachment import attached as attached
@@ -87,6 +88,7 @@ _HOME = {
     "compare": "study.compare",
     "compare_laws": "study.laws",
     "fleet_of": "population.fleet",
+    "fit_attachment": "measurement.shaker",
     "fit_modes": "identification.modal",
     "frequency_response": "oscillator.steady.backbone",
     "frf": "measurement.spectra",

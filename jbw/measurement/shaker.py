@@ -1,0 +1,110 @@
+r"""A shaker's attachment from what it was fed, what it gave and how the drive point moved.
+
+$$F = g\,e^{-j\omega\tau}\,V - (k_a + j\omega c_a - \omega^2 m_a)\,X_d$$
+
+is linear in (g, g tau, m_a, c_a, k_a) where the delay is short: least squares over the lines
+of one level find them. About one mode only $k_a - \omega^2 m_a$ is known, not its parts: a band of
+several modes tells these apart.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from jbw.errors import DataError
+from jbw.measurement.channels import (
+    Complexes,
+    Reals,
+    channel,
+    passband,
+    same_length,
+    sampling,
+)
+from jbw.quantities import derivative_order
+
+NAMES = ("gain", "delay", "mass", "damping", "stiffness")
+
+
+@dataclass(frozen=True)
+class ShakerFit:
+    """A shaker as a gain and a linear attachment at the drive point, at one level."""
+
+    gain: float  # g, of the voltage [N/V]; negative where the polarity is turned
+    delay: float  # tau, of the force behind the voltage [s]
+    mass: float  # m_a [kg]
+    damping: float  # c_a [N s/m]
+    stiffness: float  # k_a [N/m]
+    std: Float[np.ndarray, " 5"]  # of these, by what is left, its lines taken for independent
+    leftover: float  # of the force's lines, over their size
+    leftover_gain: float  # the same of a constant gain alone
+    num_lines: int
+    band_hz: tuple[float, float]
+
+
+def fit_attachment(
+    voltage: ArrayLike,
+    force: ArrayLike,
+    response: ArrayLike,
+    fs: float,
+    band: tuple[float, float],
+    *,
+    kind: str = "acceleration",
+) -> ShakerFit:
+    """Gain, delay and attachment of a shaker, by least squares over the lines of a band.
+
+    Args:
+        voltage: What the shaker was fed, shape (time,) [V], from rest to rest or whole periods.
+        force: What it gave [N].
+        response: How the drive point moved [m, m/s or m/s^2].
+        fs: Sampling frequency [Hz].
+        band: Lowest and highest frequency [Hz]; several modes wide, where mass and stiffness are
+            to be told apart.
+        kind: What `response` is: displacement, velocity or acceleration.
+
+    Raises:
+        DataError: NaN, unequal lengths, fewer values than unknowns, a dead voltage.
+    """
+    v, f, x = (channel(one, name) for one, name in (
+        (voltage, "voltage"), (force, "force"), (response, "response")))  # fmt: skip
+    same_length(voltage=v, force=f, response=x)
+    if v.ndim != 1:
+        raise DataError(f"Channel `voltage` must be one record, but its shape is {v.shape}.")
+    if np.ptp(v) == 0 or np.ptp(x) == 0:
+        dead = "voltage" if np.ptp(v) == 0 else "response"
+        raise DataError(f"Channel `{dead}` is constant: it tells nothing of the attachment.")
+    freq = np.fft.rfftfreq(len(v), 1 / sampling(fs))
+    low, high = passband(band, fs / 2)
+    keep = (freq > 0) & (freq >= low) & (freq <= high)
+    if 2 * keep.sum() <= len(NAMES):
+        raise DataError(
+            f"The band {low:g} to {high:g} Hz must hold {len(NAMES) // 2 + 1} lines or more for "
+            f"{len(NAMES)} unknowns, but it holds {keep.sum()}.",
+            remedy="Widen the band, or give a longer record.",
+        )
+    jw = 2j * np.pi * freq[keep]
+    fed, given, moved = (np.fft.rfft(one - one.mean())[keep] for one in (v, f, x))
+    moved = moved / jw ** derivative_order(kind)
+    columns = np.column_stack([fed, -jw * fed, -(jw**2) * moved, -jw * moved, -moved])
+    found, inverse, left = _solved(columns, given)
+    alone = _solved(columns[:, :1], given)[2]
+    gain = found[0]
+    variance = np.sum(np.abs(left) ** 2) / (2 * len(left) - len(found))
+    std = np.sqrt(variance * np.diag(inverse)) / np.array([1, abs(gain), 1, 1, 1])
+    size = np.linalg.norm(given)
+    return ShakerFit(
+        float(gain), float(found[1] / gain), *map(float, found[2:]), std=std,
+        leftover=float(np.linalg.norm(left) / size),
+        leftover_gain=float(np.linalg.norm(alone) / size), num_lines=int(keep.sum()),
+        band_hz=(float(freq[keep][0]), float(freq[keep][-1])),
+    )  # fmt: skip
+
+
+def _solved(columns: Complexes, target: Complexes) -> tuple[Reals, Reals, Complexes]:
+    """Real coefficients, the inverse of the normal matrix, and what is left of the lines."""
+    scale = np.linalg.norm(columns, axis=0)
+    real = np.concatenate([np.real(columns / scale), np.imag(columns / scale)])
+    found = np.linalg.lstsq(real, np.concatenate([np.real(target), np.imag(target)]))[0] / scale
+    inverse = np.linalg.pinv(real.T @ real) / np.outer(scale, scale)
+    return found, inverse, target - columns @ found
