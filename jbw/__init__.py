@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from jbw.measurement.probing import third_order_kernel as third_order_kernel
     from jbw.measurement.records import Record as Record
     from jbw.measurement.records import Test as Test
+    from jbw.measurement.shaker import fit_attachment as fit_attachment
     from jbw.measurement.spectra import frf as frf
     from jbw.measurement.transients import record_frf as record_frf
-    from jbw.measurement.shaker import fit_attachment as fit_attachment
     from jbw.oscillator import laws as laws
     from jbw.oscillator.attachment import Attachment as Attachment
     from jbw.oscillator.attachment import attached as attached
