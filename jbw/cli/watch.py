@@ -80,11 +80,13 @@ def watch(
         several = len(found.settings["amplitudes"]) > 1
         if several and found.settings["reference"] < FEW:
             say(f"Below {FEW} references one amplitude finds more than several.")
-    statements = [one["statement"] for one in found.added if "statement" in one]
+    stated = [one for one in found.added if "statement" in one]
+    # One statement: of the last alarm, or where there is none of the last record.
+    last = ([one for one in stated if one["alarm"]] or stated)[-1:]
     shown = found.added or found.readings
     record = {"settings": found.settings, "added": found.added, "count": len(found.readings)}
     answer(
-        json_, record, watch_table(found.settings, shown), *statements,
+        json_, record, watch_table(found.settings, shown), *(one["statement"] for one in last),
         saved=f"Watch: {folder / 'watch.jsonl'}, {folder / 'watch.png'}",
     )  # fmt: skip
     if any(one.get("alarm") for one in found.added):

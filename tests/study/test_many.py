@@ -1,0 +1,205 @@
+"""Many campaigns: what is finished is not run again, what is broken goes on, all are told."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import jbw
+from jbw.cli import run
+from jbw.run.files import hash_of
+from jbw.study import many
+from jbw.study.resumable import digest_of
+
+sys.path.insert(0, str(Path(__file__).parent))
+from damper_campaign import write_campaign
+
+# Points drawn at once take the least time; the kill comes between campaigns and within them.
+SETTINGS = """num_samples = 100
+num_chains = 2
+sampler = "importance"
+model_error = "none"
+offsets = "none"
+"""
+
+
+def finished(folder, campaign, data, **record):
+    """A finished run made up, of a campaign with one file of data."""
+    folder.mkdir(parents=True)
+    xr.DataTree.from_dict({"/posterior": xr.Dataset()}).to_netcdf(
+        folder / "posterior.nc", engine="h5netcdf"
+    )
+    summary = {
+        "verdict": {"status": "usable"},
+        "seed": 3,
+        "inputs": {str(data): hash_of(data)},
+        "campaign_file": str(campaign),
+        "campaign_sha256": digest_of(campaign.read_text()),
+        **record,
+    }
+    (folder / "summary.json").write_text(json.dumps(summary))
+
+
+@pytest.fixture
+def campaigns(tmp_path):
+    """Two campaigns that nobody can read as such, of which the first is finished."""
+    found = []
+    for name in "ab":
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "data.h5").write_bytes(name.encode())
+        found.append(tmp_path / name / "campaign.toml")
+        found[-1].write_text("[[nonsense]]\n")
+    finished(tmp_path / "runs" / "a", found[0], tmp_path / "a" / "data.h5")
+    return found
+
+
+@pytest.fixture
+def threads(monkeypatch):
+    monkeypatch.setattr(many, "prepare_jax", lambda: None)
+    with ThreadPoolExecutor(2) as pool:
+        yield pool
+
+
+def test_one_that_fails_stops_no_other_and_finished_ones_are_not_run_again(
+    campaigns, threads, tmp_path
+):
+    said = []
+    first, second = jbw.identify_many(
+        campaigns, tmp_path / "runs", executor=threads, report=said.append
+    )
+    assert (first.status, first.verdict, first.began, first.exit_code) == (
+        "done", "usable", "finished", 4,
+    )  # fmt: skip
+    assert (second.status, second.exit_code) == ("failed", 2)
+    assert "unknown table" in second.error
+    assert "\n" not in second.error
+    assert said[0] == "1 of 2: a was finished before, verdict usable"
+    assert said[1].startswith("2 of 2, 1 of them failed: b failed: campaign.toml has")
+    assert not (tmp_path / "runs" / "b").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "message"),
+    [
+        (lambda f: (f / "data.h5").write_bytes(b"other"), {}, "data.h5 changed since"),
+        (lambda f: (f / "campaign.toml").write_text("# new\n"), {}, "campaign.toml changed since"),
+        (lambda f: (f / "data.h5").unlink(), {}, "data.h5 cannot be read"),
+        (lambda f: None, {"seed": 4}, "has the seed 3, not 4"),
+    ],
+)
+def test_a_finished_run_of_something_else_is_not_taken_for_this(
+    campaigns, threads, tmp_path, change, options, message
+):
+    change(tmp_path / "a")
+    (found,) = jbw.identify_many(campaigns[:1], tmp_path / "runs", executor=threads, **options)
+    assert found.status == "failed"
+    assert message in found.error
+
+
+def test_a_folder_of_another_campaign_is_left_alone(campaigns, threads, tmp_path):
+    other = tmp_path / "elsewhere" / "a.toml"
+    other.parent.mkdir()
+    other.write_text("")
+    (found,) = jbw.identify_many([other], tmp_path / "runs", executor=threads)
+    assert found.status == "failed"
+    assert f"holds a run of {campaigns[0]}, not of {other}" in found.error
+
+
+def test_what_cannot_be_meant_is_refused_before_any_work(campaigns, threads, tmp_path):
+    with pytest.raises(jbw.ConfigError, match="No campaign is given"):
+        jbw.identify_many([], tmp_path)
+    with pytest.raises(jbw.ConfigError, match="would both write to"):
+        jbw.identify_many([campaigns[0], campaigns[0]], tmp_path)
+    with pytest.raises(jbw.ConfigError, match="`executor` and `workers`"):
+        jbw.identify_many(campaigns, tmp_path, executor=threads, workers=2)
+    with pytest.raises(jbw.ConfigError, match="Campaign `x` has no file"):
+        jbw.identify_many([jbw.Campaign("x", None, ())], tmp_path)
+
+
+class Lost:
+    """An executor whose worker is lost."""
+
+    def submit(self, function, task):
+        future = Future()
+        future.set_exception(ConnectionError("no route to node 7"))
+        return future
+
+
+def test_a_lost_worker_is_a_failed_campaign(campaigns, tmp_path):
+    (found,) = jbw.identify_many(campaigns[1:], tmp_path / "runs", executor=Lost())
+    assert found.status == "failed"
+    assert "worker was lost: ConnectionError no route to node 7" in found.error
+    assert "Call again" in found.error
+
+
+def test_the_command_tells_each_and_ends_as_the_first_that_failed(
+    campaigns, monkeypatch, tmp_path, capsys
+):
+    monkeypatch.setattr(
+        "jbw.study.many.in_processes",
+        lambda function, tasks, workers: ((task, _done(function, task)) for task in tasks),
+    )
+    asked = ["identify", *map(str, campaigns), "--out", str(tmp_path / "runs"), "--workers", "3"]
+    assert run([*asked, "--json"]) == 2
+    found = json.loads(capsys.readouterr().out)
+    assert [one["status"] for one in found["campaigns"]] == ["done", "failed"]
+    assert run(asked) == 2
+    assert "1 of 2 campaigns are identified" in capsys.readouterr().out
+
+
+def _done(function, task):
+    future = Future()
+    future.set_result(function(task))
+    return future
+
+
+def test_workers_are_for_several_campaigns(campaigns, capsys):
+    assert run(["identify", str(campaigns[0]), "--workers", "2"]) == 2
+    assert "--workers is for several campaigns" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.fault(40)
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_fleet_that_is_killed_goes_on_and_ends_as_the_undisturbed_one(tmp_path):
+    """kill -9 of the whole, while the second of three campaigns is under way."""
+    files = []
+    for i in range(3):
+        folder = tmp_path / f"unit_{i}"
+        folder.mkdir()
+        files.append(write_campaign(folder, 5e-3 * (1 + 0.05 * i), settings=SETTINGS))
+        files[-1].write_text(files[-1].read_text() + f"\n[assembly]\ntorque = {4.0 + i}\n")
+    command = [
+        sys.executable, "-c", "from jbw.cli import main; main()", "identify", *map(str, files),
+        "--workers", "1", "--out", str(tmp_path / "killed"),
+    ]  # fmt: skip
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    second = tmp_path / "killed" / "unit_1" / ".run" / "manifest.json"
+    while process.poll() is None and not second.exists():
+        time.sleep(0.05)
+    time.sleep(2.0)
+    assert process.poll() is None
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()  # ends when the worker's end of the pipe is closed as well
+    first = (tmp_path / "killed" / "unit_0" / "summary.json").stat().st_mtime_ns
+
+    undisturbed = jbw.identify_many(files, tmp_path / "whole", workers=1)
+    found = jbw.identify_many(files, tmp_path / "killed", workers=1)
+    assert [one.began for one in found] == ["finished", "resumed", "new"]
+    assert {one.status for one in (*found, *undisturbed)} == {"done"}
+    assert (tmp_path / "killed" / "unit_0" / "summary.json").stat().st_mtime_ns == first
+    fleets = [jbw.fleet_of([one.folder for one in each]) for each in (found, undisturbed)]
+    assert fleets[0]["torque"].values.tolist() == [4.0, 5.0, 6.0]
+    for unit in fleets[1].coords["unit"].values:
+        for fleet in fleets:
+            fleet[unit].attrs.clear()  # where the run lies
+        np.testing.assert_array_equal(fleets[0][unit]["draws"], fleets[1][unit]["draws"])
+    assert fleets[0].identical(fleets[1])
