@@ -239,6 +239,16 @@ def plan_file() -> str:
     return f"```toml\n{CliRunner().invoke(cli, ['plan', '--example']).output}```"
 
 
+def powers() -> str:
+    """Rows of numbers of references, thresholds and powers of the test of a watch."""
+    from jbw.watch.hotelling import power, threshold
+
+    return "\n".join(
+        f"| {num} | {threshold(1e-3, 2, num):.0f} | {power(1e-3, 2, num, 5.0):.2f} |"
+        for num in (5, 6, 8, 12, 20, 50)
+    )
+
+
 def code(text: str) -> str:
     """Text in code font, within a row of a table."""
     return f"`{text}`"
@@ -262,4 +272,5 @@ MAKERS: dict[str, Callable[..., str]] = {
     "figure": figure,
     "notebook": notebook,
     "plan": plan_file,
+    "powers": powers,
 }

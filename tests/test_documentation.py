@@ -104,7 +104,8 @@ def test_every_key_of_a_campaign_is_told_with_its_meaning(site, capsys):
     schema = json.loads(capsys.readouterr().out)
     text = article(site, "reference/campaign.html")
     for table, model in (
-        ("campaign", "Head"), ("joint", "Joint"), ("test", "TestSpec"), ("identify", "Identify"),
+        ("campaign", "Head"), ("assembly", "Assembly"), ("joint", "Joint"), ("test", "TestSpec"),
+        ("identify", "Identify"),
     ):  # fmt: skip
         section = text.partition(f'<h2 id="{table}">')[2].partition("<h2 ")[0]
         known = in_code(section)
