@@ -26,6 +26,7 @@ COMMANDS = {
     "demo": ("identify", "Measure the virtual rig and identify it, start to finish."),
     "init": ("check", "Write a commented campaign file for a folder of records."),
     "check": ("check", "Check a campaign, channel by channel."),
+    "look": ("look", "Say what the records show without any model, in a minute."),
     "identifiability": (
         "identify",
         "Say which parameters a campaign's data know, before sampling.",
@@ -48,7 +49,7 @@ COMMANDS = {
     "completion": ("about", "Print what completes jbw in a shell."),
 }
 # Commands that take a campaign, and those that take a run: what to type after their failures.
-OF_CAMPAIGNS = ("identify", "identifiability", "compare", "laws", "predict")
+OF_CAMPAIGNS = ("identify", "look", "identifiability", "compare", "laws", "predict")
 OF_RUNS = ("report", "predict", "export", "compare", "plan", "resume")
 
 

@@ -1,0 +1,103 @@
+"""The command that reads records without a model: `jbw look CAMPAIGN`."""
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from jbw.cli.options import json_option, outside_option
+from jbw.cli.printing import answer
+from jbw.cli.progress import computing
+from jbw.errors import ConfigError
+from jbw.report.table import Column, Table, table, words
+from jbw.report.text import NOTHING, length_unit, number
+
+ENDINGS = (".png", ".svg", ".pdf")
+Row = Mapping[str, Any]
+
+
+@click.command()
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.option(
+    "--figure",
+    type=click.Path(dir_okay=False, writable=True, path_type=Path),
+    help="Draw responses, frequency and damping by amplitude; .png, .svg or .pdf.",
+)
+@json_option
+@outside_option
+def look(campaign: Path, figure: Path | None, json_: bool, allow_outside: bool) -> None:
+    """Say what the records of the campaign file CAMPAIGN show, without any model of the joint.
+
+    Frequency, damping, scatter of repeats, third harmonic and what a linear oscillator leaves, test
+    by test in the order of the motion; then whether frequency and damping change with amplitude, by
+    how much and by which power. `jbw check` looks at the channels, `jbw identify` fits a joint.
+    """
+    if figure is not None and figure.suffix not in ENDINGS:
+        raise ConfigError(
+            f"Option --figure must end in one of {', '.join(ENDINGS)}, but is {figure}.",
+            remedy="Name it so, for example look.png.",
+        )
+    with computing() as say:
+        from jbw.campaign.load import load_campaign
+        from jbw.study.look import look as look_at
+
+        say(f"Reading {campaign}")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what is doubtful of channels is said by `jbw check`
+            loaded = load_campaign(campaign, allow_outside=allow_outside)
+            found = look_at(loaded, report=say)
+        if figure is not None:
+            from jbw.report.looking import look_figure  # loads matplotlib
+            from jbw.study.store import write_figure
+
+            write_figure(figure, look_figure(found))
+        say("Done")
+    tables = tests_table(found.record), loops_table(found.record)
+    saved = "" if figure is None else f"Figure: {figure}"
+    answer(json_, found.record, *tables, *found.record["statements"], saved=saved)
+
+
+def tests_table(record: Row) -> Table:
+    """A row a test, in the order of the motion."""
+    factor, unit = length_unit(max((row["y"] for row in record["tests"]), default=1.0))
+    return table(
+        f"Campaign {record['campaign']}, read without a model of the joint",
+        record["tests"],
+        words("test", "test"),
+        Column("level", lambda row: NOTHING if row["level"] is None else f"{row['level']:g}"),
+        words("records", "records", "right"),
+        Column(f"motion [{unit}]", lambda row: number(factor * row["y"])),
+        Column("frequency [Hz]", lambda row: _with_scatter(row, "frequency", "frequency_hz", 1.0)),
+        Column("damping [%]", lambda row: _with_scatter(row, "damping", "damping", 100.0)),
+        _part("repeats\nscatter by", "noise"),
+        _part("third\nharmonic", "third"),
+        _part("a linear one\nleaves", "left"),
+    )
+
+
+def loops_table(record: Row) -> Table:
+    """A row a force loop."""
+    return table(
+        "Force loops",
+        record["loops"],
+        words("test", "test"),
+        Column("motion [mm]", lambda row: number(1e3 * row["y"])),
+        Column("secant stiffness [N/m]", lambda row: number(row["stiffness"])),
+    )
+
+
+def _with_scatter(row: Row, name: str, key: str, scale: float) -> str:
+    """A mean, with the standard deviation over records where there are several."""
+    sd = row[f"{name}_sd"]
+    if not sd:
+        return number(scale * row[key], digits=5 if name == "frequency" else 3)
+    return f"{number(scale * row[key], scale * sd)} ± {number(scale * sd, digits=2)}"
+
+
+def _part(heading: str, key: str) -> Column:
+    def shown(row: Row) -> str:
+        return NOTHING if row[key] is None else f"{number(100 * row[key], digits=2)} %"
+
+    return Column(heading, shown)

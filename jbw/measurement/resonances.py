@@ -1,0 +1,134 @@
+r"""Frequency and damping of a record, read near its resonance as a linear oscillator's.
+
+By linear least squares over the lines of its Fourier transform,
+
+$$(\omega_n^2 + 2j\zeta\omega_n\omega)\,Y - g\,U - \sum_{k=-1}^{1} (j\omega)^k c_k
+  = \omega^2\,Y$$
+
+whose constants c stand for the states in which the record begins and ends; a response curve has
+none. What a joint does shows as readings that change with the amplitude.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+
+from jbw.errors import DataError
+from jbw.measurement.records import Record
+from jbw.quantities import derivative_order
+
+WIDE = 0.15  # of the peak's frequency, to either side: lines of the first fit
+HALF_WIDTHS = 6.0  # zeta omega_n to either side: lines of those that follow
+LEAST_LINES, LEAST_POINTS = 12, 6  # of a fit, of a record in time and of a curve
+ROUNDS = 3  # of narrowing down on the resonance
+DRIVEN = 1e-2  # of the largest line of the source: less is not driven
+NEAR_LINES = 9  # whose mean tells whether they are driven, for single lines of noise scatter
+
+
+class Reading(NamedTuple):
+    """Frequency and damping of one record, curve or piece of a decay, at an amplitude."""
+
+    y: float  # displacement [m]
+    frequency_hz: float
+    damping: float
+    left: float = np.nan  # of the response near resonance, by the linear oscillator, over its rms
+    third: float = np.nan  # third harmonic of the displacement over the first, at the largest
+
+
+class Lines(NamedTuple):
+    """Lines of a record's transform that its source drives."""
+
+    omega: Float[np.ndarray, " line"]  # [rad/s]
+    source: Complex[np.ndarray, " line"]
+    y: Complex[np.ndarray, " line"]  # displacement [m]
+    place: Int[np.ndarray, " line"]  # among all lines, the mean's being 0
+    num_samples: int
+
+
+def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> Lines:
+    """Source and displacement on the lines that are driven, in a band where one is given."""
+    if not record.valid.all():
+        raise DataError(f"{record.name} has samples missing.")
+    u, x = (record.channels[role] for role in (record.source, record.response))
+    freq = np.fft.rfftfreq(len(u), 1 / record.fs)[1:]
+    source, response = (np.fft.rfft(samples - np.mean(samples))[1:] for samples in (u, x))
+    y = response / (2j * np.pi * freq) ** derivative_order(record.response)
+    near = np.ones(NEAR_LINES) / NEAR_LINES
+    size = np.sqrt(np.convolve(np.abs(source) ** 2, near, "same"))
+    kept = size > DRIVEN * np.max(size)
+    if band_hz is not None:
+        kept &= (freq >= band_hz[0]) & (freq <= band_hz[1])
+    if np.count_nonzero(kept) < LEAST_LINES:
+        raise DataError(f"{record.name} drives fewer than {LEAST_LINES} lines in its band.")
+    place = 1 + np.flatnonzero(kept)
+    return Lines(2 * np.pi * freq[kept], source[kept], y[kept], place, len(u))
+
+
+def read_lines(lines: Lines) -> Reading:
+    """The reading of a record in time, at the amplitude of its envelope weighed by energy."""
+    read = read_resonance(lines.omega, lines.source, lines.y)
+    centre = 2 * np.pi * read.frequency_hz
+    near = np.abs(lines.omega - centre) < WIDE * centre
+    spectrum = np.zeros(lines.num_samples, complex)
+    spectrum[lines.place[near]] = 2 * lines.y[near]
+    return read._replace(y=_weighed(np.fft.ifft(spectrum)))
+
+
+def read_curve(
+    omega: Float[np.ndarray, " point"],
+    source: Complex[np.ndarray, " point"],
+    y: Complex[np.ndarray, " point"],
+) -> Reading:
+    """The reading of a response curve, at the amplitude of its points weighed by energy."""
+    if len(omega) < LEAST_POINTS:
+        raise DataError(f"A curve shows its resonance by {LEAST_POINTS} frequencies or more.")
+    return read_resonance(omega, source, y, is_curve=True)._replace(y=_weighed(y))
+
+
+def read_resonance(
+    omega: Float[np.ndarray, " line"],
+    source: Complex[np.ndarray, " line"],
+    y: Complex[np.ndarray, " line"],
+    *,
+    is_curve: bool = False,
+) -> Reading:
+    """An oscillator through the lines about the peak, narrower with what the last one said."""
+    centre = float(omega[int(np.argmax(np.abs(omega * y)))])
+    half, least = WIDE * centre, LEAST_POINTS if is_curve else LEAST_LINES
+    damping = left = np.nan
+    for _ in range(ROUNDS):
+        away = np.abs(omega - centre)
+        near = away <= max(half, float(np.sort(away)[min(least, len(away)) - 1]))
+        centre, damping, left = _through(omega[near], source[near], y[near], is_curve)
+        half = min(half, HALF_WIDTHS * abs(damping) * centre)
+    return Reading(np.nan, centre / (2 * np.pi), damping, left)
+
+
+def _through(
+    omega: Float[np.ndarray, " line"],
+    source: Complex[np.ndarray, " line"],
+    y: Complex[np.ndarray, " line"],
+    is_curve: bool,
+) -> tuple[float, float, float]:
+    """Natural frequency [rad/s], damping ratio, and what is left of the response over its rms."""
+    # What velocities or accelerations lack of a displacement adds the third.
+    ends = [] if is_curve else [np.ones_like(y), 1j * omega, 1 / (1j * omega)]
+    columns = np.column_stack([y, 1j * omega * y, -source, *(-each for each in ends)])
+    scale = np.linalg.norm(columns, axis=0)
+    scaled: Any = columns / scale
+    stacked = np.concatenate([scaled.real, scaled.imag])
+    target = omega**2 * y
+    found = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]))[0] / scale
+    if not found[0] > 0.0:
+        raise DataError("The lines about the largest response show no resonance.")
+    model = -(columns[:, 2:] @ found[2:]) / (found[0] + 1j * omega * found[1] - omega**2)
+    left = np.linalg.norm(y - model) / np.linalg.norm(y)
+    omega_n = float(np.sqrt(found[0]))
+    return omega_n, float(found[1] / (2 * omega_n)), float(left)
+
+
+def _weighed(envelope: Complex[np.ndarray, " value"]) -> float:
+    r"""Amplitude weighed by energy, $\sqrt{\sum |Y|^4 / \sum |Y|^2}$: of a steady tone its own."""
+    energy = np.abs(envelope) ** 2
+    return float(np.sqrt(np.sum(energy**2) / np.sum(energy)))

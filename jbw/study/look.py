@@ -1,0 +1,241 @@
+"""What the records show without any model of the joint: frequency and damping by amplitude.
+
+Every driven record is read near its resonance as a linear oscillator's, decays along their
+envelopes, steady tones and response curves from their harmonics, force loops by their secant.
+"""
+
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from jbw.campaign.load import Campaign
+from jbw.errors import DataError
+from jbw.identification.diagnosis import diagnose
+from jbw.measurement.curves import forced_loop
+from jbw.measurement.records import Test
+from jbw.measurement.resonances import (
+    WIDE,
+    Reading,
+    driven_lines,
+    read_curve,
+    read_lines,
+)
+from jbw.observables.decay_envelopes import readings
+from jbw.observables.harmonic_groups import groups_of
+from jbw.observables.observable import AmplitudeCurve
+from jbw.quantities import derivative_order
+
+logger = logging.getLogger("jbw")
+# Of the frequency, and of the damping at rest: below, leakage and noise may make it.
+LEAST_CHANGE = (1e-4, 0.03)
+CHANGED = 0.5  # scatter of repeats over their mean from where on they are no repeats
+NUM_SHOWN = 2000  # lines of a response that are drawn
+
+
+class Response(NamedTuple):
+    """Displacement over the source along frequency."""
+
+    freq_hz: Float[np.ndarray, " line"]
+    magnitude: Float[np.ndarray, " line"]
+
+
+@dataclass(frozen=True)
+class Look:
+    """Result of `look`: `record` in plain values, readings and responses by test."""
+
+    record: dict[str, Any]
+    readings: dict[str, list[Reading]]
+    responses: dict[str, Response]
+
+
+def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look:
+    """Read frequency and damping against amplitude from every test, without a model of the joint.
+
+    Args:
+        campaign: From `jbw.load_campaign`.
+        report: Called with one sentence a test.
+    """
+    found: dict[str, list[Reading]] = {}
+    responses: dict[str, Response] = {}
+    rows, unread = [], {}
+    for name, tests in _curves(campaign.tests).items():
+        report(f"Reading {name}")
+        try:
+            each, response = _read(tests)
+        except (DataError, np.linalg.LinAlgError) as why:
+            unread[name] = str(why).splitlines()[0]
+            continue
+        found[name] = each
+        if response is not None:
+            responses[name] = response
+        rows.append(_row(name, tests[0], each))
+    loops = [_loop_row(test) for test in campaign.tests if test.traits.is_prescribed]
+    record = {
+        "campaign": campaign.name,
+        "tests": sorted(rows, key=lambda row: row["y"]),
+        "loops": loops,
+        "unread": unread,
+    }
+    return Look(record | {"statements": _statements(record, found)}, found, responses)
+
+
+def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
+    """Tests that are read together: single tones of a level are one curve."""
+    found: dict[str, list[Test]] = {}
+    for test in tests:
+        if not test.traits.is_prescribed:
+            name = f"tones at {test.level:g}" if test.is_single_tone else test.name
+            found.setdefault(name, []).append(test)
+    return found
+
+
+def _read(tests: Sequence[Test]) -> tuple[list[Reading], Response | None]:
+    traits = tests[0].traits
+    if traits.is_free:
+        return [one for test in tests for one in _of_decays(test)], None
+    if traits.is_steady or traits.is_curve:
+        return _of_harmonics(tests)
+    if not traits.is_driven or traits.is_plain:
+        raise DataError(f"Tests of kind {tests[0].kind} show no resonance without a model.")
+    lines = [driven_lines(one, test.band_hz) for test in tests for one in test.records]
+    each = [read_lines(one) for one in lines]
+    return each, _shown(*lines[0][:3], each[0])
+
+
+def _of_decays(test: Test) -> Iterator[Reading]:
+    """Along the envelopes of a test's decays, in its band or in one about its strongest line."""
+    record = test.records[0]
+    if test.band_hz is None:
+        samples = record.channels[record.response]
+        freq = np.fft.rfftfreq(len(samples), 1 / record.fs)
+        peak = freq[1 + int(np.argmax(np.abs(np.fft.rfft(samples))[1:]))]
+        test = replace(test, band_hz=((1 - WIDE) * peak, (1 + WIDE) * peak))
+    order = derivative_order(record.response)
+    for one in readings(test):
+        y = one.amplitude / (2 * np.pi * one.frequency_hz) ** order
+        yield from map(Reading, y.tolist(), one.frequency_hz.tolist(), one.damping.tolist())
+
+
+def _of_harmonics(tests: Sequence[Test]) -> tuple[list[Reading], Response]:
+    """From the first harmonics of a curve, near its largest motion."""
+    groups = [one for one in groups_of(list(tests)) if one.order == 1]
+    if not groups:
+        raise DataError(f"Test {tests[0].name} has no response to a tone of its own.")
+    found = []
+    for one in groups:
+        y = one.motion[:, 0]
+        top = int(np.argmax(np.abs(y)))
+        third = abs(one.motion[top, 1] / y[top]) if one.motion.shape[1] > 1 else 0.0
+        read = read_curve(one.omega, one.load[:, 0], y)
+        found.append(read._replace(third=float(third) or np.nan))
+    first = groups[0]
+    return found, _shown(first.omega, first.load[:, 0], first.motion[:, 0], found[0])
+
+
+def _row(name: str, test: Test, each: Sequence[Reading]) -> dict[str, Any]:
+    """Means over the records of a test, and their scatter."""
+    columns = {key: np.array([getattr(one, key) for one in each]) for key in Reading._fields}
+    scatter = len(each) > 1 and not test.traits.is_free
+    return {
+        "test": name,
+        "kind": test.kind,
+        "level": None if np.isnan(test.level) else test.level,
+        "records": len(test.records),
+        **{key: _finite(np.mean(values)) for key, values in columns.items()},
+        "y_max": float(columns["y"].max()),
+        "frequency_sd": float(np.std(columns["frequency_hz"], ddof=1)) if scatter else None,
+        "damping_sd": float(np.std(columns["damping"], ddof=1)) if scatter else None,
+        "noise": _scatter(test),
+    }
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _scatter(test: Test) -> float | None:
+    """Scatter of repeats of one excitation over the rms of their mean; None of other tests."""
+    records = test.records
+    sizes = {record.num_samples for record in records}
+    if len(records) < 2 or len(sizes) > 1 or not (test.traits.is_transient):
+        return None
+    x = np.stack([record.channels[record.response] for record in records])
+    noise = np.sqrt(np.nanmean(np.nanvar(x, axis=0, ddof=1)))
+    size = np.sqrt(np.nanmean(np.nanmean(x, axis=0) ** 2))
+    return float(noise / size) if noise < CHANGED * size else None
+
+
+def _loop_row(test: Test) -> dict[str, Any]:
+    """The secant stiffness of a force loop at its largest displacement."""
+    loop = forced_loop(test.records[0])
+    top, bottom = int(np.nanargmax(loop.displacement)), int(np.nanargmin(loop.displacement))
+    y, force = loop.displacement[[bottom, top]], loop.force[[bottom, top]]
+    stiffness = float((force[1] - force[0]) / (y[1] - y[0]))
+    return {"test": test.name, "y": float(0.5 * (y[1] - y[0])), "stiffness": stiffness}
+
+
+def _shown(
+    omega: Float[np.ndarray, " line"],
+    source: Complex[np.ndarray, " line"],
+    y: Complex[np.ndarray, " line"],
+    read: Reading,
+) -> Response:
+    """A response about its resonance, as it is drawn."""
+    centre = 2 * np.pi * read.frequency_hz
+    half = max(0.02, min(WIDE, 10 * abs(read.damping))) * centre
+    near = np.flatnonzero(np.abs(omega - centre) < half)[:NUM_SHOWN]
+    return Response(omega[near] / (2 * np.pi), np.abs(y[near] / source[near]))
+
+
+def _statements(record: Mapping[str, Any], found: Mapping[str, list[Reading]]) -> list[str]:
+    """Whether the structure is linear over the levels, and how frequency and damping change."""
+    each = sorted((one for test in found.values() for one in test), key=lambda one: one.y)
+    said = [nonlinear(each)] if each else []
+    loops = sorted(record["loops"], key=lambda row: row["y"])
+    if len(loops) > 1:
+        first, last = loops[0], loops[-1]
+        part = 100 * (last["stiffness"] / first["stiffness"] - 1)
+        said.append(
+            f"From {1e3 * first['y']:.3g} to {1e3 * last['y']:.3g} mm the secant stiffness changes "
+            f"by {part:.2g} %."
+        )
+    reasons: dict[str, list[str]] = {}
+    for name, why in record["unread"].items():
+        reasons.setdefault(why, []).append(name)
+    return [*said, *(f"Not read: {', '.join(names)}. {why}" for why, names in reasons.items())]
+
+
+def nonlinear(each: Sequence[Reading]) -> str:
+    """Whether frequency or damping change with amplitude, of readings in its order."""
+    columns = (np.array([getattr(one, name) for one in each]) for name in Reading._fields[:3])
+    y, frequency, damping = columns
+    known = diagnose(AmplitudeCurve(y, 2 * np.pi * frequency, damping))
+    reach = f"{1e3 * y[0]:.2g} to {1e3 * y[-1]:.2g} mm"
+    if known is None:
+        return (
+            f"Nonlinear: not to be told from {len(y)} readings ({reach}); the frequency changes by "
+            f"{100 * (frequency[-1] / frequency[0] - 1):.2g} % between the first and the last."
+        )
+    fall, add = known.softening, known.damping
+    ways = (
+        (fall, LEAST_CHANGE[0], known.softening_exponent, ("falls", "rises")),
+        (add, LEAST_CHANGE[1] * abs(float(damping[0])), known.damping_exponent, ("rises", "falls")),
+    )
+    told = []
+    for what, (band, least, power, verbs) in zip(("frequency", "damping ratio"), ways, strict=True):
+        low, middle, high = sorted(band)
+        if low <= 0.0 <= high or abs(middle) < least:
+            told.append(f"no change of the {what} is seen")
+            continue
+        ends = sorted(100 * abs(x) for x in band)
+        told.append(
+            f"the {what} {verbs[middle < 0.0]} by {ends[1]:.2g} % [{ends[0]:.2g}, {ends[2]:.2g}]"
+            f"{' of critical damping' if what != 'frequency' else ''}, by the power {power[1]:.2g} "
+            f"[{power[0]:.2g}, {power[2]:.2g}] of the amplitude"
+        )
+    answer = "not seen" if all(one.startswith("no ") for one in told) else "yes"
+    return f"Nonlinear: {answer}. From {reach} ({len(y)} readings) {'; '.join(told)}."

@@ -1,0 +1,156 @@
+"""What records show without a model: linear oscillators and joints integrated without jbw."""
+
+import json
+
+import numpy as np
+import pytest
+from made_runs import FS, JOINT, OMEGA_N, SILENT, SIZE, ZETA, a_test
+from scipy.signal import lsim
+
+from jbw.campaign.load import Campaign
+from jbw.cli import run
+from jbw.errors import DataError
+from jbw.measurement.files.hdf5 import write_hdf5
+from jbw.measurement.records import Record, Test
+from jbw.measurement.resonances import Reading, driven_lines, read_curve, read_lines
+from jbw.report.looking import look_figure
+from jbw.study.look import look, nonlinear
+
+HERTZ = OMEGA_N / (2 * np.pi)
+
+
+def linear(level, noise=0.0, **more):
+    return a_test(level, SILENT, noise, **more)
+
+
+def test_a_sweep_of_a_linear_oscillator_is_read_exactly():
+    """Its transform has no error but the record's ends; 1e-6 is lsim's hold between samples."""
+    read = read_lines(driven_lines(linear(0.3).records[0]))
+    assert read.frequency_hz == pytest.approx(HERTZ, rel=1e-5)
+    assert read.damping == pytest.approx(ZETA, rel=2e-3)
+    assert read.left < 2e-3
+
+
+def test_a_record_that_ends_in_motion_is_read_as_well():
+    """Noise that does not stop: the two constants take the ends of the record."""
+    rng = np.random.default_rng(0)
+    fine = 16
+    t = np.arange(8 * SIZE * fine) / (FS * fine)
+    tones = rng.uniform(5.0, 60.0, 200), rng.uniform(0, 2 * np.pi, 200)
+    u = sum(np.cos(2 * np.pi * f * t + phase) for f, phase in zip(*tones, strict=True))
+    v = lsim(([1.0, 0.0], [1.0, 2 * ZETA * OMEGA_N, OMEGA_N**2]), u, t)[1]
+    record = Record(FS, {"input": u[::fine], "velocity": v[::fine]}, {"velocity": "m/s"})
+    read = read_lines(driven_lines(record))
+    # Without the constants frequency and damping are off by 4e-4 and 3 %.
+    assert read.frequency_hz == pytest.approx(HERTZ, rel=2e-5)
+    assert read.damping == pytest.approx(ZETA, rel=2e-3)
+
+
+def test_the_amplitude_of_a_steady_tone_is_its_own():
+    t = np.arange(2560) / FS
+    y = 3e-3 * np.cos(2 * np.pi * 18.5 * t)
+    u = np.random.default_rng(1).standard_normal(len(t))
+    u += 3 * np.cos(2 * np.pi * 18.5 * t)
+    lines = driven_lines(Record(FS, {"input": u, "displacement": y}, {}), (15.0, 22.0))
+    spectrum = np.zeros(len(t), complex)
+    spectrum[lines.place] = 2 * lines.y
+    energy = np.abs(np.fft.ifft(spectrum)) ** 2
+    assert np.sqrt(np.sum(energy**2) / np.sum(energy)) == pytest.approx(3e-3, rel=1e-9)
+
+
+def test_a_response_curve_is_read_by_its_closed_form():
+    omega = np.linspace(0.97, 1.03, 41) * OMEGA_N
+    load = np.ones(41, complex)
+    y = 2.0 / (OMEGA_N**2 - omega**2 + 2j * ZETA * OMEGA_N * omega)
+    read = read_curve(omega, load, y)
+    assert read.frequency_hz == pytest.approx(HERTZ, rel=1e-9)
+    assert read.damping == pytest.approx(ZETA, rel=1e-8)
+    with pytest.raises(DataError, match="6 frequencies"):
+        read_curve(omega[:5], load[:5], y[:5])
+
+
+def test_a_linear_structure_is_called_linear_and_a_joint_is_not():
+    """The joint's equivalent oscillator is the lower and the more damped, the more it moves."""
+    levels = (0.1, 0.2, 0.4, 0.8, 1.2)
+    for joint, answer in ((SILENT, "not seen"), (JOINT, "yes")):
+        tests = tuple(
+            a_test(level, joint, 1e-4, repeats=2, name=f"sweep {level}") for level in levels
+        )
+        found = look(Campaign("levels", None, tests))
+        assert found.record["statements"][0].startswith(f"Nonlinear: {answer}.")
+        rows = found.record["tests"]
+        assert [row["test"] for row in rows] == [test.name for test in tests]
+        if joint is SILENT:
+            assert "no change of the frequency is seen" in found.record["statements"][0]
+            assert rows[-1]["left"] < 0.01
+        else:
+            frequencies = [row["frequency_hz"] for row in rows]
+            assert frequencies == sorted(frequencies, reverse=True)
+            assert rows[-1]["left"] > 0.1
+        # 1e-4 m/s of noise over each record's rms, from two repeats: half of it is chance.
+        rms = np.sqrt(np.mean(tests[0].records[0].channels["velocity"] ** 2))
+        assert rows[0]["noise"] == pytest.approx(1e-4 / rms, rel=0.1)
+
+
+def test_a_frequency_that_rises_is_said_to_rise_and_few_readings_say_nothing():
+    y = np.linspace(1e-4, 1e-3, 8)
+    rng = np.random.default_rng(0)
+    zeta = 0.01 + 1e-6 * rng.standard_normal(8)
+    rising = [Reading(a, 18.0 * (1 + 5.0 * a), z) for a, z in zip(y, zeta, strict=True)]
+    said = nonlinear(rising)
+    assert "the frequency rises by 0.5 % [0.5, 0.5], by the power 1 [1, 1]" in said
+    assert "no change of the damping ratio is seen" in said
+    assert nonlinear(rising[:3]).startswith("Nonlinear: not to be told from 3 readings")
+
+
+def test_a_decay_is_read_along_its_envelope():
+    """y = exp(-zeta omega t) cos(omega_d t): one frequency and damping at every amplitude."""
+    t = np.arange(12 * 256) / FS
+    omega_d = OMEGA_N * np.sqrt(1 - ZETA**2)
+    y = 1e-3 * np.exp(-ZETA * OMEGA_N * t) * np.cos(omega_d * t)
+    test = Test("decay", (Record(FS, {"displacement": y}, {"displacement": "m"}),), "tap")
+    found = look(Campaign("tap", None, (test,)))
+    each = found.readings["tap"]
+    assert len(each) > 5
+    # The first readings: later ones lie where the filter's ripple of 80 dB is seen.
+    for one in each[:5]:
+        assert one.frequency_hz == pytest.approx(omega_d / (2 * np.pi), rel=1e-4)
+        assert one.damping == pytest.approx(ZETA, rel=1e-2)
+
+
+def test_what_cannot_be_read_is_said_once_and_stops_nothing():
+    good = linear(0.3, name="good")
+    gap = linear(0.3, name="gap")
+    gap.records[0].channels["velocity"][5] = np.nan
+    found = look(Campaign("two", None, (good, gap)))
+    assert [row["test"] for row in found.record["tests"]] == ["good"]
+    assert found.record["statements"][-1] == "Not read: gap.  has samples missing."
+
+
+def test_the_figure_holds_every_test():
+    tests = tuple(linear(level, name=f"at {level}") for level in (0.1, 0.3))
+    axes = look_figure(look(Campaign("two", None, tests)))
+    assert len(axes[0, 0].lines) == 2
+    assert [line.get_label() for line in axes[0, 1].lines] == ["at 0.1", "at 0.3"]
+
+
+def test_the_command_reads_a_folder(tmp_path, capsys):
+    for i, level in enumerate((0.1, 0.3)):
+        write_hdf5(tmp_path / f"sweep_{i}.h5", linear(level).records[0])
+    tests = "".join(
+        f'[[test]]\nkind = "sweep"\nname = "s{i}"\nfiles = "sweep_{i}.h5"\nlevel = {level}\n'
+        'channels = { input = "input", velocity = "velocity" }\n'
+        'units = { input = "V", velocity = "m/s" }\n'
+        for i, level in enumerate((0.1, 0.3))
+    )
+    path = tmp_path / "campaign.toml"
+    path.write_text(f'[campaign]\nname = "two"\n{tests}')
+    assert run(["look", str(path), "--figure", str(tmp_path / "look.svg")]) == 0
+    streams = capsys.readouterr()
+    assert "18.78" in streams.out
+    assert "Nonlinear: not to be told from 2 readings" in streams.out
+    assert "Reading s1" in streams.err
+    assert (tmp_path / "look.svg").stat().st_size > 10_000
+    assert run(["look", str(path), "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["tests"]) == 2
+    assert run(["look", str(path), "--figure", "x.doc"]) == 2
