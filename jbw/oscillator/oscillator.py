@@ -13,7 +13,7 @@ from jbw.oscillator.damper import Damper
 from jbw.oscillator.law import Bounds, Law, Loop, Memory, Scales
 from jbw.oscillator.laws import Kind, laws_named
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
-from jbw.oscillator.laws.springs import as_law
+from jbw.oscillator.laws.springs import Square, as_law
 from jbw.oscillator.parameters import Restoring, Scalar
 
 
@@ -70,7 +70,9 @@ class Oscillator(eqx.Module):
     def loop(self, y_peak: Scalar) -> Loop:
         """Equivalent stiffness and damping of all laws together at amplitude Y [m].
 
-        Dampers lose as much as they do in resonance at this amplitude; they have no stiffness.
+        Dampers lose as much as they do in resonance at this amplitude; they have no stiffness. Even
+        springs k_2 y^2 move the mean by -k_2 Y^2/(2 omega_n^2) and add a second harmonic of
+        k_2 Y^2/(6 omega_n^2); through both they soften by 5 k_2^2 Y^2/(6 omega_n^2).
         """
         loops = [law.loop(y_peak) for law in self.laws]
         none = 0.0 * jnp.asarray(y_peak, float)
@@ -79,6 +81,9 @@ class Oscillator(eqx.Module):
         for law in self.laws:
             if isinstance(law, Damper):
                 damping = damping + law.loop_at(y_peak, jnp.sqrt(self.k + stiffness)).damping
+        if squares := [law.k_2 for law in self.laws if isinstance(law, Square)]:
+            softening = 5.0 / 6.0 * (sum(squares) * jnp.asarray(y_peak, float) / self.omega_n) ** 2
+            stiffness = stiffness - softening
         return Loop(stiffness, damping)
 
     @property

@@ -41,3 +41,22 @@ def test_steady_responses_refuse_it():
     joint = jbw.Oscillator(118.0, 0.01, (Square(8e5),))
     with pytest.raises(ModelError, match="even"):
         jbw.frequency_response(joint, np.array([110.0]), 0.1)
+
+
+def test_free_motion_is_softened_to_second_order():
+    r"""Frequency of free motion of $\omega_n^2 y + k_2 y^2$ by its energy's period, in closed form
+    to order 2: $\omega = \omega_n (1 - 5 k_2^2 Y^2 / (12 \omega_n^4))$."""
+    omega_n, k_2, reach = 118.0, 4e5, 3e-3
+    # The turning points of one motion: equal potential, and the quadrature of dy / v.
+    potential = np.polynomial.Polynomial([0, 0, omega_n**2 / 2, k_2 / 3])
+    energy = potential(reach)
+    ends = sorted(root.real for root in (potential - energy).roots())[-2:]
+    middle, half = np.mean(ends), np.diff(ends)[0] / 2
+    theta = (np.arange(200) + 0.5) * np.pi / 200
+    y = middle + half * np.cos(theta)
+    period = 2 * np.mean(half * np.sin(theta) / np.sqrt(2 * (energy - potential(y)))) * np.pi
+    found = jbw.backbone(jbw.Oscillator(omega_n, 0.0, (Square(k_2),)), half)
+    softening = 1 - found.omega / omega_n
+    assert softening > 2e-3
+    # What is left is of fourth order: a few times the square of the softening.
+    assert abs(2 * np.pi / period / found.omega - 1) < 5 * softening**2

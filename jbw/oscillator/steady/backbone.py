@@ -8,12 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Complex, Float, Real
 
-from jbw.oscillator.checks import (
-    require_at_least,
-    require_finite,
-    require_periodic,
-    require_sense,
-)
+from jbw.oscillator.checks import require_at_least, require_finite, require_sense
+from jbw.oscillator.laws.springs import Square
 from jbw.oscillator.modes.backbone import ModalBackbone, modal_backbone
 from jbw.oscillator.modes.balance import StructureHarmonics
 from jbw.oscillator.modes.structure import Structure
@@ -87,8 +83,8 @@ def backbone(
         The backbone at each amplitude; of a `Structure` with shape and harmonics.
 
     Raises:
-        ModelError: `nu` is not 1, a spring has an even part, or a concrete argument is
-            not finite.
+        ModelError: `nu` is not 1, a spring other than `square` has an even part, or a
+            concrete argument is not finite.
         ConfigError: `y_peak` is negative.
 
     Reference:
@@ -98,7 +94,7 @@ def backbone(
         options = dict(mode=mode, num_harmonics=num_harmonics, max_turns=max_turns)
         return modal_backbone(joint, y_peak, **options)
     given, joint = joint, as_oscillator(joint)
-    require_periodic(given)
+    _require_loops(given)
     require_finite(given, y_peak=y_peak)
     require_at_least("y_peak", y_peak, 0.0)
     y_peak = jnp.asarray(y_peak, float)
@@ -108,6 +104,13 @@ def backbone(
     zeta = joint.zeta * joint.omega_n / omega + loop.damping / (2.0 * omega_squared)
     amplitude = 2.0 * zeta * omega_squared * y_peak
     return Backbone(*jnp.broadcast_arrays(y_peak, omega, zeta, amplitude))
+
+
+def _require_loops(joint: Any) -> None:
+    """Raise where the equivalent stiffness and damping of a law at an amplitude are not known."""
+    for law in joint.laws:
+        if not isinstance(law, Square):  # what it does to second order, `Oscillator.loop` knows
+            law.check_periodic()
 
 
 @overload
