@@ -70,6 +70,7 @@ OTHERS = (
     Quantity("input", "u", "V", "voltage of the source"),
     Quantity("force", "F", "N", "force of the source"),
     Quantity("restoring_force", "R", "N", "force that holds the specimen"),
+    Quantity("drive_point", "a_d", "m/s^2", "acceleration where the shaker pushes"),
     Quantity("frequency", "f", "Hz", "frequency"),
     Quantity("phase", "φ", "rad", "phase of the response"),
     Quantity("noise_std", "noise sd", "1", "noise of one repeat"),

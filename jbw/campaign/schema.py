@@ -201,6 +201,9 @@ def _needs(test: TestSpec) -> Iterator[str]:
         yield f"channels: kind `{test.kind}` needs `input` or `force`."
     if lacking := [f"`{role}`" for role in traits.channels if role not in roles]:
         yield f"channels: kind `{test.kind}` needs {' and '.join(lacking)}."
+    if "drive_point" in roles and not set(INPUTS) <= roles:
+        lacking = " and ".join(f"`{role}`" for role in INPUTS if role not in roles)
+        yield f"channels: `drive_point` tells of the shaker beside {lacking} alone, which lacks."
     forced = "displacement" in roles and roles & {"restoring_force", "force"}
     if traits.is_prescribed and not forced:
         yield f"channels: kind `{test.kind}` needs `displacement` and `restoring_force`."

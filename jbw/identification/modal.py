@@ -35,6 +35,7 @@ from jbw.measurement.spectra import FRF
 
 SAME_LINES = ("window", "estimator", "nperseg", "noverlap", "num_segments", "num_repeats", "fs")
 LEAST_ZETA, MOST_ZETA = 1e-5, 0.5  # of trials
+OUTSIDE = 0.25  # of the band's width: as far outside may a mode end
 MOST_TRIALS = 60  # of the poles: those that wander are refused, and the others take ten
 APART = 0.1  # of the half-width of the more damped: modes nearer than this are one
 
@@ -117,7 +118,7 @@ def fit_modes(
     _apart(lines, fitted.theta)
     # As they were asked for, from here on.
     fit = _as_fit(lines, fitted, diagram, edges, np.argsort(order))
-    _warn_when_outside(fit)
+    _within(fit)
     return fit
 
 
@@ -202,8 +203,8 @@ def _projected(lines: Lines, starts: Real) -> Real:
             left.append(target - best @ columns)
         return found, np.concatenate(left)
 
-    width = lines.outputs[0].omega[-1] - lines.outputs[0].omega[0]
-    ends = np.array([lines.outputs[0].omega[0] - width / 4, lines.outputs[0].omega[-1] + width / 4])
+    first, last = lines.outputs[0].omega[[0, -1]]
+    ends = np.array([first, last]) + OUTSIDE * (last - first) * np.array([-1, 1])
     reach = (ends[:, None] / starts[:, 0] - 1) / starts[:, 1]
     log_ends = np.log(np.array([LEAST_ZETA, MOST_ZETA])[:, None] / starts[:, 1])
     bounds = np.concatenate([reach, log_ends], axis=1)
@@ -277,11 +278,18 @@ def _apart(lines: Lines, theta: Real) -> None:
         )
 
 
-def _warn_when_outside(fit: ModalFit) -> None:
+def _within(fit: ModalFit) -> None:
+    """Warn of a mode that ended outside the band, and refuse one that ended far from it."""
+    low, high = fit.band_hz
     for freq in fit.omega / (2 * np.pi):
-        if not fit.band_hz[0] <= freq <= fit.band_hz[1]:
+        off = max(low - freq, freq - high)
+        said = f"A mode ended at {freq:.4g} Hz, outside the band {low:.4g} to {high:.4g} Hz"
+        if off > OUTSIDE * (high - low):
+            raise DataError(
+                f"{said}, which therefore does not tell it.",
+                remedy="Ask for fewer modes, or give frequencies nearer to the peaks.",
+            )
+        if off > 0:
             warnings.warn(
-                f"A mode ended at {freq:.4g} Hz, outside the band {fit.band_hz[0]:.4g} to "
-                f"{fit.band_hz[1]:.4g} Hz: it stands for what the others leave, not for a peak.",
-                stacklevel=3,
+                f"{said}: it stands for what the others leave, not for a peak.", stacklevel=3
             )

@@ -22,6 +22,7 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "velocity": ("velocity",),
     "acceleration": ("acceleration",),
     "restoring_force": ("force",),
+    "drive_point": ("acceleration",),  # where the shaker pushes: tells its attachment
     "frequency": ("frequency",),  # axis of a measured FRF, which has no sampling frequency
     "phase": ("angle",),  # of the response relative to the force, in a measured FRF
     "time": ("time",),  # gives the sampling frequency; not kept as a channel
@@ -37,7 +38,8 @@ class Record:
         fs: Sampling frequency [Hz].
         channels: Role to samples in SI units; every channel has the same length. Roles:
             `input` (source voltage [V], or per unit mass [N/kg]), `force` [N], `displacement` [m],
-            `velocity` [m/s], `acceleration` [m/s^2], `restoring_force` [N]; in a measured response
+            `velocity` [m/s], `acceleration` [m/s^2], `restoring_force` [N], `drive_point`
+            [m/s^2] (acceleration where the shaker pushes); in a measured response
             curve, whose `fs` is NaN, also `frequency` [Hz] and `phase` [rad].
         units: Role to the SI unit of its samples.
         name: What to call it in messages: the file, and the row where a file holds several.

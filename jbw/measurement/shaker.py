@@ -3,8 +3,9 @@ r"""A shaker's attachment from what it was fed, what it gave and how the drive p
 $$F = g\,e^{-j\omega\tau}\,V - (k_a + j\omega c_a - \omega^2 m_a)\,X_d$$
 
 is linear in (g, g tau, m_a, c_a, k_a) where the delay is short: least squares over the lines
-of one level find them. About one mode only $k_a - \omega^2 m_a$ is known, not its parts: a band of
-several modes tells these apart.
+of one level find them. One mode alone does not: its force is a sum of the same columns,
+$F = (\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega)\,X_d / \phi^2$, so that gain and attachment
+trade for each other. The band has to hold several.
 """
 
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ from jbw.measurement.channels import (
 )
 from jbw.quantities import derivative_order
 
+DEGENERATE = 1e7  # condition number of the columns, of size one each
 NAMES = ("gain", "delay", "mass", "damping", "stiffness")
 
 
@@ -88,6 +90,13 @@ def fit_attachment(
     moved = moved / jw ** derivative_order(kind)
     columns = np.column_stack([fed, -jw * fed, -(jw**2) * moved, -jw * moved, -moved])
     found, inverse, left = _solved(columns, given)
+    if np.linalg.cond(columns / np.linalg.norm(columns, axis=0)) > DEGENERATE:
+        raise DataError(
+            f"The band {low:g} to {high:g} Hz must hold a second mode, but the voltage is a sum of "
+            "the drive point's motion and its derivatives, as of one mode.",
+            why="About one mode gain and attachment trade for each other.",
+            remedy="Widen the band, or give a record that drives several modes.",
+        )
     alone = _solved(columns[:, :1], given)[2]
     gain = found[0]
     variance = np.sum(np.abs(left) ** 2) / (2 * len(left) - len(found))

@@ -1,0 +1,107 @@
+"""What the shaker of a test adds to its structure, by voltage, force and drive point."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from jbw.errors import DataError
+from jbw.identification.modal import ModalFit, fit_modes
+from jbw.measurement.records import Record, Test, steady
+from jbw.measurement.shaker import ShakerFit, fit_attachment
+from jbw.measurement.spectra import frf
+from jbw.measurement.transients import record_frf
+from jbw.oscillator.attachment import Attachment, attached
+
+ROLES = ("input", "force", "drive_point")
+WIDER = 0.5  # of the band's width to either side, for the attachment: mass apart from stiffness
+DRIVEN = 0.05  # of the voltage's largest line: what lies below was not driven
+
+
+@dataclass(frozen=True)
+class ShakerReading:
+    """The shaker of a test, and the modes of its band without and with it."""
+
+    shaker: ShakerFit
+    modes: ModalFit  # by the force: of the structure alone
+    omega: Float[np.ndarray, " mode"]  # predicted with the shaker [rad/s]
+    zeta: Float[np.ndarray, " mode"]
+
+
+def tells_shaker(test: Test) -> bool:
+    """Whether voltage, force and drive point were recorded together."""
+    return bool(test.records) and set(ROLES) <= set(test.records[0].channels)
+
+
+def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
+    """The attachment from a test's first record, and the `modes` of its band with it.
+
+    The test's band is that of the modes; the attachment takes half as much more to either side,
+    where the voltage drives it.
+
+    Raises:
+        DataError: No band, or modes at which the drive point does not move with the force.
+    """
+    if test.band_hz is None:
+        raise DataError(
+            f"Test {test.name} must have a `band` for its shaker to be read, but it has none.",
+            remedy="Say with `band` where the modes lie.",
+        )
+    periodic = steady(test)
+    record = (test if periodic is None else periodic[0]).records[0]
+    voltage, force, moved = (record.channels[role] for role in ROLES)
+    wide = _driven(voltage, record.fs, test.band_hz)
+    shaker = fit_attachment(voltage, force, moved, record.fs, wide)
+    size = None if periodic is None else periodic[1]
+    fit = _modes(test, record, size, modes)
+    squares = fit.residues[:, 0]  # per newton at its own place: the shape's square
+    if np.any(squares <= 0):
+        raise DataError(
+            f"Test {test.name} must show a drive point that moves with the force, but at "
+            f"{fit.omega[np.argmin(squares)] / (2 * np.pi):.4g} Hz it moves against it.",
+            remedy="Check the polarity of `force` and `drive_point`, and their places.",
+        )
+    added = Attachment(shaker.mass, shaker.damping, shaker.stiffness)
+    omega, zeta = attached(fit.omega, fit.zeta, np.sqrt(squares), added)
+    return ShakerReading(shaker, fit, omega, zeta)
+
+
+def _modes(test: Test, record: Record, size: int | None, modes: int) -> ModalFit:
+    """Modes of the band by the force, seen at the drive point, by rising frequency."""
+    assert test.band_hz is not None
+    force, moved = record.channels["force"], record.channels["drive_point"]
+    if test.traits.is_broadband:
+        window = "hann" if size is None else "boxcar"
+        how = {"response": "acceleration", "window": window, "nperseg": size}
+        return fit_modes(frf(force, moved, record.fs, **how), modes, test.band_hz)
+    one = record_frf(force, moved, record.fs, test.band_hz, response="acceleration")
+    return fit_modes(one, modes, test.band_hz)
+
+
+def _driven(
+    voltage: Float[np.ndarray, " time"], fs: float, band: tuple[float, float]
+) -> tuple[float, float]:
+    """The band and half of its width to either side, as far as the voltage drives it."""
+    reach = WIDER * (band[1] - band[0])
+    freq = np.fft.rfftfreq(len(voltage), 1 / fs)
+    size = np.abs(np.fft.rfft(voltage))
+    driven = freq[(size > DRIVEN * size.max()) & (freq > 0)]
+    low, high = max(band[0] - reach, driven[0]), min(band[1] + reach, driven[-1])
+    return float(min(low, band[0])), float(max(high, band[1]))
+
+
+def shaker_sentence(name: str, found: ShakerReading) -> str:
+    """What was read of a test's shaker, in words."""
+    one, turn = found.shaker, 2 * np.pi
+    moved = ", ".join(
+        f"{w / turn:.4g} Hz ({z:.2%}) to {v / turn:.4g} Hz ({y:.2%})"
+        for w, z, v, y in zip(
+            found.modes.omega, found.modes.zeta, found.omega, found.zeta, strict=True
+        )
+    )
+    return (
+        f"{name}: the shaker gives {one.gain:.4g} N/V and is attached by {one.mass:.3g} kg, "
+        f"{one.damping:.3g} N s/m and {one.stiffness:.4g} N/m, which leaves {one.leftover:.1%} of "
+        f"the force ({one.leftover_gain:.1%} by its gain alone). Driven by voltage the structure's "
+        f"modes move from {moved}."
+    )
