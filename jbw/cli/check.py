@@ -12,8 +12,8 @@ from jbw.campaign.files import repeats_of
 from jbw.campaign.schema import read_spec
 from jbw.cli.options import json_option, outside_option
 from jbw.cli.printing import answer, show_json
-from jbw.errors import JbwError, RunError
-from jbw.measurement.records import Record, Test
+from jbw.errors import RunError
+from jbw.measurement.records import Record
 from jbw.report.table import Cell, Column, Table, table
 
 MARKS = {"ok": "good", "warning": "doubt", "error": "bad"}
@@ -54,7 +54,7 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
     Ends with 0 when it can be identified, 2 when the campaign file must change, 3 when data must.
     """
     found = check_campaign(campaign, allow_outside=allow_outside)
-    said = list(_shakers(campaign, allow_outside))
+    said = _shakers(campaign, allow_outside)
     answer(json_, as_json(found) | {"shakers": said}, *_lines(found), *said)
     if figures is not None:
         from jbw.report.overview import save_overviews  # loads matplotlib
@@ -70,24 +70,19 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
     return found.exit_code
 
 
-def _shakers(campaign: Path, allow_outside: bool) -> Iterator[str]:
+def _shakers(campaign: Path, allow_outside: bool) -> list[str]:
     """What is read of shakers, a sentence a test of voltage, force and drive point."""
-    spec = read_spec(campaign)
-    if not any("drive_point" in test.channels for test in spec.tests):
-        return
-    from jbw.identification.shaker import read_shaker, shaker_sentence
+    tests = {test.name: test for test in read_spec(campaign).tests}
+    if not any("drive_point" in test.channels for test in tests.values()):
+        return []
+    from jbw.study.shakers import read_of_shaker  # loads what fits
 
-    records = dict(_first_records(campaign, allow_outside))
-    for test in spec.tests:
-        if "drive_point" in test.channels and test.name in records:
-            one = Test(
-                test.kind, (records[test.name],), name=test.name, band_hz=test.band,
-                periods=test.periods, settle=test.settle,
-            )  # fmt: skip
-            try:
-                yield shaker_sentence(test.name, read_shaker(one))
-            except JbwError as error:
-                yield f"{test.name}: its shaker is not read. {' '.join(str(error).split())}"
+    records = _first_records(campaign, allow_outside)
+    return [
+        read_of_shaker(tests[name], record)
+        for name, record in records
+        if "drive_point" in record.channels
+    ]
 
 
 def _first_records(campaign: Path, allow_outside: bool) -> Iterator[tuple[str, Record]]:

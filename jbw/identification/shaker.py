@@ -53,7 +53,7 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
     wide = _driven(voltage, record.fs, test.band_hz)
     shaker = fit_attachment(voltage, force, moved, record.fs, wide)
     size = None if periodic is None else periodic[1]
-    fit = _modes(test, record, size, modes)
+    fit = _modes(test, record, size, test.band_hz, modes)
     squares = fit.residues[:, 0]  # per newton at its own place: the shape's square
     if np.any(squares <= 0):
         raise DataError(
@@ -66,16 +66,17 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
     return ShakerReading(shaker, fit, omega, zeta)
 
 
-def _modes(test: Test, record: Record, size: int | None, modes: int) -> ModalFit:
+def _modes(
+    test: Test, record: Record, size: int | None, band: tuple[float, float], modes: int
+) -> ModalFit:
     """Modes of the band by the force, seen at the drive point, by rising frequency."""
-    assert test.band_hz is not None
     force, moved = record.channels["force"], record.channels["drive_point"]
     if test.traits.is_broadband:
         window = "hann" if size is None else "boxcar"
         how = {"response": "acceleration", "window": window, "nperseg": size}
-        return fit_modes(frf(force, moved, record.fs, **how), modes, test.band_hz)
-    one = record_frf(force, moved, record.fs, test.band_hz, response="acceleration")
-    return fit_modes(one, modes, test.band_hz)
+        return fit_modes(frf(force, moved, record.fs, **how), modes, band)
+    one = record_frf(force, moved, record.fs, band, response="acceleration")
+    return fit_modes(one, modes, band)
 
 
 def _driven(
