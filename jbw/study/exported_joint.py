@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
+from jbw.oscillator.laws.springs import Square
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Material
 from jbw.oscillator.steady.backbone import backbone
@@ -65,9 +66,10 @@ def static_loops(one: Draws, y_max: float, laws: Laws, mass: float) -> Table:
     peaks = y_max * np.asarray(PARTS)
     half = peaks[:, None] * np.cos(np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1])
     down = carry(_force_unloading, one, jnp.asarray(peaks), jnp.asarray(half), laws)[0]
-    # The way up is the way down turned about the origin; its end closes the loop.
+    even = carry(_even_force, one, jnp.asarray(half), laws)[0]
+    # The way up is the way down turned about the origin, but for what is even; its end closes it.
     y = np.concatenate([half, -half, half[:, :1]], axis=1)
-    force = np.concatenate([down, -down, down[:, :1]], axis=1)
+    force = np.concatenate([down, 2.0 * even - down, down[:, :1]], axis=1)
     around = np.repeat(peaks, y.shape[1])
     return {"y_peak_m": around, "displacement_m": y.ravel(), "force_n": mass * force.ravel()}
 
@@ -78,6 +80,12 @@ def _force_unloading(
     """Force of the spring and all laws on the way down from each peak [N/kg]."""
     joint = oscillator_of(theta, laws).slow
     return joint.k * y + jax.vmap(joint.force_unloading)(peaks, y)
+
+
+def _even_force(theta: Mapping[str, jax.Array], y: jax.Array, laws: Laws) -> jax.Array:
+    """What of the force is the same on both sides [N/kg]."""
+    springs = (law for law in oscillator_of(theta, laws).laws if isinstance(law, Square))
+    return sum((law(y) for law in springs), 0.0 * y)  # pyright: ignore[reportReturnType]
 
 
 # -- materials -------------------------------------------------------------------------------------

@@ -100,11 +100,11 @@ CASES = {
 }  # fmt: skip
 # What has no number to trace: data, files, studies, or a class that is used above.
 ELSEWHERE = {
-    "Attachment", "attached", "Campaign", "ConfigError", "DataError", "JbwError", "ModelError", "Record", "Response",
-    "RunError", "Study", "Test", "compare", "compare_laws", "enable_x64", "frf", "harmonics",
-    "identifiability", "identify", "laws", "identify_many", "fit_attachment", "fit_modes",
-    "fleet_of", "line_fit", "load_campaign", "load_study", "plan_tests",
-    "pool", "read", "read_fleet", "record_frf", "rig", "sbc", "third_order_kernel", "write_fleet",
+    "Attachment", "Campaign", "ConfigError", "DataError", "JbwError", "ModelError", "Record",
+    "Response", "RunError", "Study", "Test", "attached", "compare", "compare_laws", "enable_x64",
+    "fit_attachment", "fit_modes", "fleet_of", "frf", "harmonics", "identifiability", "identify",
+    "identify_many", "laws", "line_fit", "load_campaign", "load_study", "plan_tests", "pool",
+    "read", "read_fleet", "record_frf", "rig", "sbc", "third_order_kernel", "write_fleet",
 }  # fmt: skip
 # Have as many points, or pairs, as their numbers ask for.
 REFUSES = {"internal_resonances", "response_curve"}
