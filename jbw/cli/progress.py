@@ -1,5 +1,6 @@
 """What commands that compute share: JAX, and how far they are, a line a stage and one a chain."""
 
+import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +18,8 @@ from jbw.cli.printing import duration
 from jbw.run.session import prepare_jax as prepare_jax
 
 LOOK_S = 1.0  # between two looks at the chains at least, on a terminal
-PLAIN_S = 15.0  # between two lines where there is none
+PLAIN_S = 10.0  # between two lines where there is none, and of silence at most
+BEAT_S = 1.0  # between two looks at whether it is silent
 FEWEST = 8  # draws of a chain from where on their effective number is estimated
 
 
@@ -30,11 +32,24 @@ class Teller:
         self._started = perf_counter()
         self._told = self._started
         self._said: set[str] = set()
+        self._stage, self._since = "", self._started
 
     def __call__(self, stage: str) -> None:
         """Print one sentence with the seconds since the start."""
         self.clear()
-        self._console.print(Text(f"[{perf_counter() - self._started:5.1f} s] {stage}"))
+        self._stage = stage
+        self._since = self._told = perf_counter()
+        self._print(stage)
+
+    def beat(self) -> None:
+        """Say what is under way, and for how long, where nothing was said for ten seconds."""
+        now = perf_counter()
+        if self._stage and self._live is None and now - self._told > PLAIN_S:
+            self._told = now
+            self._print(f"... {self._stage}, for {duration(round(now - self._since))} so far")
+
+    def _print(self, sentence: str) -> None:
+        self._console.print(Text(f"[{perf_counter() - self._started:5.1f} s] {sentence}"))
 
     def chains(self, name: str, so_far: Any) -> None:
         """Tell how far the chains of a posterior are, no oftener than anybody can read.
@@ -49,7 +64,7 @@ class Teller:
         self._told = perf_counter()
         self._said.add(name)
         if not self._console.is_terminal:
-            self(chain_sentence(name, so_far))
+            self._print(chain_sentence(name, so_far))
         elif last:
             self.clear()
         else:
@@ -74,18 +89,28 @@ def computing() -> Iterator[Teller]:
     def show(message: Any, *_: Any) -> None:
         say(f"warning: {message}")
 
+    done = threading.Event()
+
+    def beat() -> None:
+        while not done.wait(BEAT_S):
+            say.beat()
+
+    beating = threading.Thread(target=beat, daemon=True)
     with warnings.catch_warnings():
         warnings.showwarning = show  # restored with the filters
+        beating.start()
         try:
             yield say
         finally:
+            done.set()
+            beating.join()
             say.clear()
 
 
 def chain_table(name: str, so_far: Any) -> Table:
     """One line a chain: steps, draws, effective draws so far, divergences, time left."""
     table = Table.grid(padding=(0, 2))
-    sizes, left = effective(so_far.draws), duration(so_far.left_s)
+    sizes = effective(so_far.draws)
     for i, size in enumerate([None] if sizes is None else sizes):
         row = [
             name if size is None else f"{name} {i + 1}",
@@ -95,7 +120,9 @@ def chain_table(name: str, so_far: Any) -> Table:
         ]
         if so_far.divergences is not None:
             row.append(f"{int(so_far.divergences[i])} divergences")
-        table.add_row(*row, f"{left} left")
+        if so_far.left_s is not None:
+            row.append(f"{duration(so_far.left_s)} left")
+        table.add_row(*row)
     return table
 
 
@@ -109,7 +136,7 @@ def chain_sentence(name: str, so_far: Any) -> str:
         parts.append(f"{' '.join(f'{size:.0f}' for size in sizes)} effective draws")
         if so_far.divergences is not None:
             parts.append(f"{int(np.sum(so_far.divergences))} divergences")
-    if so_far.done < so_far.total:
+    if so_far.left_s is not None and so_far.done < so_far.total:
         parts.append(f"{duration(so_far.left_s)} left")
     return ", ".join(parts)
 

@@ -118,7 +118,7 @@ def _through(
     scale = np.linalg.norm(columns, axis=0)
     scaled: Any = columns / scale
     stacked = np.concatenate([scaled.real, scaled.imag])
-    target = omega**2 * y
+    target: Any = omega**2 * y
     found = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]))[0] / scale
     if not found[0] > 0.0:
         raise DataError("The lines about the largest response show no resonance.")

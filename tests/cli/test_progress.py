@@ -3,11 +3,13 @@
 import io
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 from rich.console import Console
 
+from jbw.cli import progress
 from jbw.cli.progress import LOOK_S, PLAIN_S, Teller, chain_sentence, effective
 from jbw.inference.samplers.chunked_run import SoFar
 
@@ -62,6 +64,35 @@ def test_on_a_terminal_every_chain_has_its_line(clock):
     assert "2 divergences" in told
     assert told.count("left") >= 4
     assert told.rstrip().endswith("Done")
+
+
+def test_ten_seconds_of_silence_are_broken_by_what_is_under_way(clock):
+    stream = io.StringIO()
+    say = Teller(Console(file=stream, force_terminal=False, width=110, highlight=False))
+    say.beat()  # nothing is under way
+    say("Fitting")
+    for seconds, lines in ((9.0, 1), (2.0, 2), (5.0, 2), (6.0, 3)):
+        clock[0] += seconds
+        say.beat()
+        assert len(stream.getvalue().splitlines()) == lines
+    assert stream.getvalue().splitlines()[-1] == "[ 22.0 s] ... Fitting, for 22 s so far"
+    say("Done")
+    say.beat()
+    assert len(stream.getvalue().splitlines()) == 4
+
+
+def test_no_time_left_is_told_before_it_is_known():
+    assert "left" not in chain_sentence("joint", so_far(left_s=None))
+    assert chain_sentence("joint", so_far()).endswith("100 s left")
+
+
+def test_a_command_that_is_silent_is_heard(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "PLAIN_S", 0.05)
+    monkeypatch.setattr(progress, "BEAT_S", 0.02)
+    with progress.computing() as say:
+        say("Compiling")
+        time.sleep(0.5)
+    assert "... Compiling, for 0 s so far" in capsys.readouterr().err
 
 
 def test_independent_draws_are_worth_themselves_and_few_are_not_judged():

@@ -109,7 +109,7 @@ def gather(
             if kept is not None and (last or kept.due()):
                 kept.save(as_arrays(past, spent, mark), last=last)
             for tell in watching:
-                tell(_so_far(past, found, drawn[0], options, spent))
+                tell(SoFar(len(past.rounds), options.most_rounds, drawn[0].theta, None, None))
             if last:
                 return *drawn, before
         count = 0 if past is None else len(past.rounds)
@@ -271,9 +271,3 @@ def _draws(
     by_name = {name: values.reshape(chosen.shape) for name, values in theta.items()}
     stats: dict[str, Any] = {"log_weight": log_weight[chosen]}
     return Draws(by_name, stats, True, True, facts), past.terms[chosen]
-
-
-def _so_far(past: Past, found: Weighed, drawn: Draws, options: Options, spent: float) -> SoFar:
-    """How far the rounds are, for those who wait; the time left is that of all rounds at most."""
-    count, most = len(past.rounds), options.most_rounds
-    return SoFar(count, most, drawn.theta, None, (most - count) * spent / count)

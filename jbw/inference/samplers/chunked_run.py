@@ -44,14 +44,15 @@ class SoFar(NamedTuple):
         draws: Draws kept so far by name, (chain, draw); empty during the warm-up.
         divergences: Divergent trajectories of each chain after the warm-up; None where the sampler
             has none.
-        left_s: Time left at the rate so far [s].
+        left_s: Time left at the rate of the steps after the warm-up and after compiling [s]; None
+            before it is known, and where the end depends on the draws.
     """
 
     done: int
     total: int
     draws: dict[str, Any]
     divergences: np.ndarray | None
-    left_s: float
+    left_s: float | None
 
 
 class Kept(Protocol):
@@ -137,6 +138,7 @@ def grow_chains(
         total += total - options.num_warmup
     total = end(before.wall_s)
     states = _states(before, starts, problem, make, options) if done < total else None
+    timed: tuple[int, float] | None = None  # steps and clock from where on the rate is counted
     watching = [one for one in (progress, None if kept is None else kept.grown) if one is not None]
     while done < total:
         clock, count = perf_counter(), min(count, total - done)
@@ -151,10 +153,12 @@ def grow_chains(
                 plain = [np.asarray(_plain(leaf)) for leaf in jax.tree.leaves(states)]
                 kept.save(_as_arrays(Chains(plain, done, rows, spent), mark), last=done == total)
         if watching:
-            rate = (perf_counter() - began) / (done - before.done)
+            rate = None if timed is None else (perf_counter() - timed[1]) / (done - timed[0])
             so_far = _so_far(done, total, rows, rate)
             for tell in watching:
                 tell(so_far)
+        if timed is None and rows:  # the first chunk of draws compiled, or warmed up
+            timed = done, perf_counter()
     return _joined(rows)[0], before.wall_s
 
 
@@ -210,9 +214,9 @@ def _grown(
     return states, [jax.tree.map(lambda r: np.asarray(r)[:, first:count], (draws, terms))]
 
 
-def _so_far(done: int, total: int, rows: list[Rows], rate: float) -> SoFar:
-    """What is known of the chains after a chunk, at a rate of seconds a step."""
-    left_s = rate * (total - done)
+def _so_far(done: int, total: int, rows: list[Rows], rate: float | None) -> SoFar:
+    """What is known of the chains after a chunk, at a rate of seconds a step where one is known."""
+    left_s = None if rate is None else rate * (total - done)
     if not rows:
         return SoFar(done, total, {}, None, left_s)
     draws = _joined(rows)[0][0]
