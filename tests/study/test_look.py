@@ -69,6 +69,7 @@ def test_a_response_curve_is_read_by_its_closed_form():
         read_curve(omega[:5], load[:5], y[:5])
 
 
+@pytest.mark.slow
 def test_a_linear_structure_is_called_linear_and_a_joint_is_not():
     """The joint's equivalent oscillator is the lower and the more damped, the more it moves."""
     levels = (0.1, 0.2, 0.4, 0.8, 1.2)
