@@ -118,8 +118,9 @@ def _through(
     scale = np.linalg.norm(columns, axis=0)
     scaled: Any = columns / scale
     stacked = np.concatenate([scaled.real, scaled.imag])
-    target: Any = omega**2 * y
-    found = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]))[0] / scale
+    target = omega**2 * y
+    both = np.concatenate([np.real(target), np.imag(target)])
+    found = np.linalg.lstsq(stacked, both)[0] / scale
     if not found[0] > 0.0:
         raise DataError("The lines about the largest response show no resonance.")
     model = -(columns[:, 2:] @ found[2:]) / (found[0] + 1j * omega * found[1] - omega**2)
