@@ -25,6 +25,7 @@ FOLDERS = {
     "friction_damper": "friction_damper_brfd",
     "hysteretic_benchmark": "boucwen_benchmark_synthetic",
     "silverbox": "silverbox",
+    "silverbox_official": "silverbox",
     "silverbox_without_cubic": "silverbox",
 }
 
