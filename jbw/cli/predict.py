@@ -34,7 +34,11 @@ class FromTo(click.ParamType):
 
 @click.command()
 @run_argument
-@click.option("--campaign", type=click.Path(path_type=Path), help="Campaign file of the tests.")
+@click.option(
+    "--campaign",
+    type=click.Path(path_type=Path),
+    help="Campaign file of the tests; the run's own when left out.",
+)
 @click.option("--test", "names", multiple=True, help="A test by name; all when left out.")
 @click.option("--sweep", type=FromTo(), help="A sweep nobody measured, from:to [Hz].")
 @click.option("--stepped", type=FromTo(), help="A stepped sine nobody measured, from:to [Hz].")
@@ -59,21 +63,24 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     """
     with computing() as say:
         from jbw.campaign.load import force_per_unit, load_campaign
+        from jbw.study.stack import holds_laws
         from jbw.study.store import claim, save_predictions
-        from jbw.study.study import basis_of_run
+        from jbw.study.study import basis_of_run, campaign_of
         from jbw.verification import predict as predicting
 
         basis = basis_of_run(folder)
         # Planned tests are in the run's own unit, whatever the campaign says of its gain.
         request = predicting.Request(options["draws"], not options["without_noise"])
         requests = [(test, request) for test in _planned(basis, options)]
+        if campaign is None and (options["names"] or not requests):
+            if holds_laws(folder):
+                raise click.UsageError("Give --campaign, the one that the laws were compared on.")
+            campaign = campaign_of(folder)
         if campaign is not None:
             loaded = load_campaign(campaign, allow_outside=options["allow_outside"])
             of_units = replace(request, gain=force_per_unit(loaded))
             tests = predicting.chosen(loaded.tests, options["names"], "--test")
             requests = [*((test, of_units) for test in tests), *requests]
-        elif options["names"] or not requests:
-            raise click.UsageError("Give --campaign, or --sweep, --stepped or --tone with --level.")
         out = claim(options["out"] or folder / "predictions")
         found = {}
         for test, asked in requests:

@@ -209,6 +209,12 @@ def check_bounded(joint: Any, y: Any) -> None:
     sample = int(np.argwhere(~finite)[0][-1])
     beside = {name: x for name, x in parameters(joint).items() if name not in ("omega_n", "zeta")}
     text = ", ".join(f"{name} = {value}" for name, value in beside.items())
+    if np.any((zeta := np.asarray(parameters(joint).get("zeta", 0.0))) < 0.0):
+        raise ModelError(
+            f"The trajectory diverges at sample {sample}: zeta = {np.min(zeta):g} is negative, so "
+            "that the damper feeds the motion.",
+            remedy="Give zeta from 0 on, a ratio and no percentage.",
+        )
     raise ModelError(
         f"The trajectory diverges at sample {sample} for {text}.",
         why="Nothing bounds z where delta + gamma < 0 or after a start outside the bounded set; "

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from time import perf_counter
 from typing import IO
 
 from jbw.errors import RunError
@@ -23,7 +24,7 @@ from jbw.run.manifest import (
 )
 
 HIDDEN = ".run"  # beside the results, until these are complete
-MANIFEST, LOCK = "manifest.json", "lock"
+MANIFEST, LOCK, SPENT = "manifest.json", "lock", "spent_s"
 UNSUPPORTED = {errno.ENOTSUP, errno.ENOLCK, errno.ENOSYS}  # some network folders know no locks
 
 
@@ -98,6 +99,7 @@ class Run:
         self._lock, self._fresh = lock, fresh
         self.interruption = Interruption()
         self.watch: Watch = lambda name, so_far: None
+        self._opened = perf_counter()
 
     @property
     def campaign(self) -> Path:
@@ -127,8 +129,19 @@ class Run:
             self.finish()
             self.folder.rmdir()
 
+    @property
+    def spent(self) -> float:
+        """Time that sittings before this one took, as far as they could say so [s]."""
+        try:
+            return float((self.folder / HIDDEN / SPENT).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return 0.0
+
     def close(self) -> None:
-        """Let another process write to the folder."""
+        """Let another process write to the folder; of an unfinished run, say how long it took."""
+        if (self.folder / HIDDEN / MANIFEST).exists():
+            spent = self.spent + perf_counter() - self._opened
+            (self.folder / HIDDEN / SPENT).write_text(f"{spent:.2f}", encoding="utf-8")
         self._lock.close()
 
 

@@ -54,7 +54,8 @@ def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
         loaded, seed=asked.seed, truth=truth, report=say, keep=run.keep, command=asked.command
     )
     source = {"campaign_file": str(path.resolve()), "campaign_sha256": digest_of(text)}
-    return study.tree, {**study.record, **source}
+    whole = {"wall_time_s": round(run.spent + study.record["wall_time_s"], 2)}
+    return study.tree, {**study.record, **whole, **source}
 
 
 def digest_of(text: str) -> str:

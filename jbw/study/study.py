@@ -135,8 +135,8 @@ def campaign_of(folder: Path, stated: Path | None = None) -> Path:
                 return path
     raise ConfigError(
         f"The run in {folder} does not say where its campaign file is.",
-        why="The likelihood has to be built again from the records.",
-        remedy="Give it with --campaign, or compare on the campaign: jbw compare CAMPAIGN.toml.",
+        why="Its records are needed once more.",
+        remedy="Give it with --campaign.",
     )
 
 

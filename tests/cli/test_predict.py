@@ -125,6 +125,13 @@ def test_planned_tests_need_no_campaign(finished, tmp_path, capsys):
         assert "measured" not in tree[name].data_vars
 
 
+def test_the_tests_are_those_of_the_runs_own_campaign_where_no_other_is_given(finished, capsys):
+    folder, data = finished
+    (folder / "summary.json").write_text(json.dumps({"campaign_file": str(write_campaign(data))}))
+    assert run(["predict", str(folder), "--test", "weak", "--json"]) == 0
+    assert [r["test"] for r in json.loads(capsys.readouterr().out)["predictions"]] == ["weak"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
@@ -132,7 +139,7 @@ def test_planned_tests_need_no_campaign(finished, tmp_path, capsys):
         (["--campaign", "CAMPAIGN", "--test", "wek"], 2, "The tests are weak, strong."),
         (["--sweep", "10-25", "--level", "1"], 2, "10:25"),
         (["--sweep", "10:25"], 2, "--level goes with"),
-        ([], 2, "Give --campaign"),
+        ([], 2, "does not say where its campaign file is"),
         (["--tone", "18", "--level", "1", "--draws", "1"], 2, "at least 2"),
     ],
 )

@@ -30,6 +30,19 @@ def test_a_run_begins_goes_on_and_finishes(tmp_path):
     assert [path.name for path in run.folder.iterdir()] == ["summary.json"]
 
 
+def test_sittings_of_one_run_add_their_time(tmp_path, monkeypatch):
+    clock = iter([100.0, 107.5, 1000.0, 1000.25])  # begun, left, gone on with, left
+    monkeypatch.setattr(folders, "perf_counter", lambda: next(clock))
+    run = begin(tmp_path / "run", ASKED)
+    assert run.spent == 0.0
+    run.close()
+    again = reopen(tmp_path / "run")
+    assert again is not None
+    assert again.spent == 7.5
+    again.close()
+    assert again.spent == 7.75
+
+
 def test_a_folder_that_holds_something_is_refused_and_not_touched(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(RunError, match=r"notes\.txt") as caught:
