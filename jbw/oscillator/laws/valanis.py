@@ -1,0 +1,84 @@
+r"""Valanis's endochronic law, and Dahl's, which is a limit of it.
+
+Not in the register, for on weak motion it softens to no first order while joints do: `register` it
+to fit or compare it.
+
+Reference:
+    Valanis (1971); Gaul and Lenz, Acta Mechanica 125 (1997) 169; Dahl (1968).
+"""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+
+from jbw.oscillator.law import Bounds, Law, Scales
+from jbw.oscillator.laws.bouc_wen import SHARE
+from jbw.oscillator.parameters import Scalar
+from jbw.quantities import Quantity
+
+MOST_MICROSLIP = 0.95  # of kappa, at 1 of which the slope of a reversal has no end
+
+
+class Valanis(Law):
+    r"""Valanis's law; s is the direction of motion and $Z = F - E_t y$.
+
+    $$\frac{dZ}{dy} = \frac{E_0 - \lambda s Z}{1 - \kappa\lambda s Z / E_0} - E_t, \qquad
+      |Z| < \frac{E_0 - E_t}{\lambda (1 - \kappa E_t / E_0)}$$
+
+    With $\kappa = 0$ it is Bouc-Wen's law of delta = 0, gamma = lambda and alpha = E_0 - E_t beside
+    a spring; with E_t = 0, too, Dahl's of the friction force E_0/lambda.
+
+    Attributes:
+        valanis_stiffness: Stiffness E_0 of the sticking joint [1/s^2].
+        valanis_hardening: Stiffness left when all slips over that of sticking, E_t/E_0 [-].
+        valanis_rate: Rate lambda at which the force comes to its limit [1/m].
+        valanis_microslip: Share kappa of sticking before the limit, from 0 to below 1 [-].
+    """
+
+    name: ClassVar[str] = "valanis"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        Quantity("valanis_stiffness", "E₀", "1/s^2", "stiffness of the sticking joint", 0.0),
+        Quantity("valanis_hardening", "E_t/E₀", "1", "stiffness left when all slips", 0.0),
+        Quantity("valanis_rate", "λ", "1/m", "rate at which the force comes to its limit", 0.0),
+        Quantity("valanis_microslip", "κ", "1", "share of sticking before the limit", 0.0),
+    )
+
+    valanis_stiffness: Scalar
+    valanis_hardening: Scalar
+    valanis_rate: Scalar
+    valanis_microslip: Scalar
+
+    @classmethod
+    def dahl(cls, stiffness: Scalar, friction: Scalar) -> "Valanis":
+        """Dahl's law of a stiffness [1/s^2] and a friction force [N/kg]."""
+        return cls(stiffness, 0.0, stiffness / friction, 0.0)
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        """A part of the stiffness; the limit is reached far within the motion, or far beyond."""
+        low, high = (part * scales.omega_n**2 for part in SHARE)
+        return {
+            "valanis_stiffness": (low, high),
+            "valanis_hardening": (0.0, 0.99),
+            "valanis_rate": (1e-3 / scales.y_peak, 1e2 / scales.y_peak),
+            "valanis_microslip": (0.0, MOST_MICROSLIP),
+        }
+
+    def stiffness(self) -> Scalar:
+        """E_0 [1/s^2]."""
+        return self.valanis_stiffness
+
+    def at_rest(self) -> Scalar:
+        """No force."""
+        return 0.0
+
+    def force(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
+        """Z + E_t y [N/kg]."""
+        return memory + self.valanis_hardening * self.valanis_stiffness * y
+
+    def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Any:
+        """Slope dZ/dy in the direction of motion, times the velocity."""
+        own, towards = self.valanis_stiffness, jnp.where(v < 0.0, -1.0, 1.0)
+        part = towards * self.valanis_rate * memory / own
+        slope = own * ((1.0 - part) / (1.0 - self.valanis_microslip * part))
+        return (slope - self.valanis_hardening * own) * v
