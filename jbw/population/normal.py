@@ -1,0 +1,163 @@
+r"""Units scattered normally about a line in their covariates: closed forms, a scatter unknown.
+
+Unit k with covariates x_k, whose own posterior is summarised by m_k and C_k:
+
+$$m_k \sim N(B x_k,\ T + C_k), \qquad \mathrm{vec}\,B \sim N(b_0, P_0)$$
+
+T is the scatter between units. Of one coordinate T = tau^2 is integrated over its half-normal prior
+by quadrature, many populations at once.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+Array = NDArray[np.float64]
+NUM_NODES = 400  # of the scatter's quadrature, exact to 1e-10 where the data leave it a width
+REACH = 3.0  # square root of the largest scatter over its prior's, beyond which are 1e-18 of it
+
+
+class Line(NamedTuple):
+    """What is known of the line B where the scatter is given.
+
+    Attributes:
+        mean: Of vec B, coordinate by coordinate.
+        cov: Its covariance.
+        log_marginal: Log density of all m_k.
+    """
+
+    mean: Float[np.ndarray, " coefficient"]
+    cov: Float[np.ndarray, "coefficient coefficient"]
+    log_marginal: float
+
+
+def line(
+    m: Float[np.ndarray, "unit d"],
+    c: Float[np.ndarray, "unit d d"],
+    x: Float[np.ndarray, "unit covariate"],
+    scatter: Float[np.ndarray, "d d"],
+    prior_mean: Float[np.ndarray, " coefficient"],
+    prior_cov: Float[np.ndarray, "coefficient coefficient"],
+) -> Line:
+    """Posterior of the line under a given scatter T, in closed form."""
+    d = m.shape[1]
+    design = [np.kron(np.eye(d), row) for row in x]
+    total = scatter + c
+    weights = np.linalg.inv(total)
+    before = np.linalg.inv(prior_cov)
+    precision = before + sum(a.T @ w @ a for a, w in zip(design, weights, strict=True))
+    pull = before @ prior_mean + sum(
+        a.T @ w @ y for a, w, y in zip(design, weights, m, strict=True)
+    )
+    mean = np.linalg.solve(precision, pull)
+    # The density of the data at any B, over the posterior's there, is the marginal: here the mean.
+    apart = np.stack([y - a @ mean for y, a in zip(m, design, strict=True)])
+    data = -0.5 * np.sum(
+        np.einsum("ki,kij,kj->k", apart, weights, apart) + np.linalg.slogdet(2.0 * np.pi * total)[1]
+    )
+    moved = mean - prior_mean
+    prior = 0.5 * (np.linalg.slogdet(before)[1] - np.linalg.slogdet(precision)[1])
+    log_marginal = float(data + prior - 0.5 * moved @ before @ moved)
+    return Line(mean, np.linalg.inv(precision), log_marginal)
+
+
+def new_unit(
+    known: Line, x: Float[np.ndarray, " covariate"], scatter: Float[np.ndarray, "d d"]
+) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, "d d"]]:
+    """Mean and covariance of a unit that was not measured, at its covariates."""
+    design = np.kron(np.eye(len(scatter)), x)
+    return design @ known.mean, design @ known.cov @ design.T + scatter
+
+
+def shrunken(
+    m: Float[np.ndarray, " d"],
+    c: Float[np.ndarray, "d d"],
+    prior_mean: Float[np.ndarray, " d"],
+    scatter: Float[np.ndarray, "d d"],
+) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, "d d"]]:
+    """A unit's own posterior once the population is known as its prior."""
+    gain = scatter @ np.linalg.inv(scatter + c)
+    return prior_mean + gain @ (m - prior_mean), scatter - gain @ scatter
+
+
+class Scattered(NamedTuple):
+    """One coordinate with its scatter unknown: a mixture over tau; leading axes are populations.
+
+    Attributes:
+        tau: Nodes.
+        weight: Posterior probability of each.
+        mean: Of the line's coefficients at each node.
+        cov: Their covariance.
+        log_evidence: Log density of the data.
+    """
+
+    tau: Float[np.ndarray, " node"]
+    weight: Float[np.ndarray, "... node"]
+    mean: Float[np.ndarray, "... node covariate"]
+    cov: Float[np.ndarray, "... node covariate covariate"]
+    log_evidence: Float[np.ndarray, "..."]
+
+
+def scattered(
+    y: Float[np.ndarray, "... unit"],
+    s: Float[np.ndarray, "... unit"],
+    x: Float[np.ndarray, "unit covariate"],
+    prior_mean: Float[np.ndarray, " covariate"],
+    prior_cov: Float[np.ndarray, "covariate covariate"],
+    scale: float,
+    num_nodes: int = NUM_NODES,
+) -> Scattered:
+    r"""Posterior of one coordinate's line and of its scatter, $\tau \sim$ half-normal of `scale`.
+
+    Nodes of Gauss and Legendre in the square root of tau, which has them dense near zero.
+    """
+    at, width = np.polynomial.legendre.leggauss(num_nodes)
+    root = 0.5 * REACH * (at + 1.0)
+    tau = scale * root**2
+    log_weight = np.log(0.5 * REACH * width * 2.0 * scale * root)
+    log_weight += np.log(np.sqrt(2.0 / np.pi) / scale) - 0.5 * (tau / scale) ** 2
+    variance = np.asarray(s)[..., None, :] ** 2 + tau[:, None] ** 2
+    before = np.linalg.inv(prior_cov)
+    precision = before + np.einsum("...nk,ki,kj->...nij", 1.0 / variance, x, x)
+    pull = before @ prior_mean + np.einsum("...nk,ki->...ni", y[..., None, :] / variance, x)
+    cov = np.linalg.inv(precision)
+    mean = np.einsum("...nij,...nj->...ni", cov, pull)
+    apart = y[..., None, :] - np.einsum("...ni,ki->...nk", mean, x)
+    moved = mean - prior_mean
+    log_likelihood = -0.5 * np.sum(np.log(2.0 * np.pi * variance) + apart**2 / variance, -1)
+    log_likelihood += 0.5 * (np.linalg.slogdet(before)[1] - np.linalg.slogdet(precision)[1])
+    log_likelihood -= 0.5 * np.einsum("...ni,ij,...nj->...n", moved, before, moved)
+    whole = log_likelihood + log_weight
+    most = whole.max(-1, keepdims=True)
+    log_evidence = most[..., 0] + np.log(np.sum(np.exp(whole - most), -1))
+    return Scattered(tau, np.exp(whole - log_evidence[..., None]), mean, cov, log_evidence)
+
+
+def moments(
+    found: Scattered, x: Float[np.ndarray, " covariate"] | None = None
+) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+    """Mean and sd of tau, or of a unit that was not measured at its covariates."""
+    if x is None:
+        mean = np.sum(found.weight * found.tau, -1)
+        square = np.sum(found.weight * found.tau**2, -1)
+        return mean, np.sqrt(square - mean**2)
+    centre, variance = _of_new_unit(found, x)
+    mean = np.sum(found.weight * centre, -1)
+    spread = variance + (centre - mean[..., None]) ** 2
+    return mean, np.sqrt(np.sum(found.weight * spread, -1))
+
+
+def probability_below(
+    found: Scattered, x: Float[np.ndarray, " covariate"], value: Float[np.ndarray, "..."]
+) -> Float[np.ndarray, "..."]:
+    """Probability that a unit that was not measured lies below a value."""
+    centre, variance = _of_new_unit(found, x)
+    return np.sum(found.weight * ndtr((value[..., None] - centre) / np.sqrt(variance)), -1)
+
+
+def _of_new_unit(found: Scattered, x: Array) -> tuple[Array, Array]:
+    centre = found.mean @ x
+    return centre, np.einsum("i,...ij,j->...", x, found.cov, x) + found.tau**2
