@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from jbw.population.fleet import fleet_of as fleet_of
     from jbw.population.fleet import read_fleet as read_fleet
     from jbw.population.fleet import write_fleet as write_fleet
+    from jbw.population.population import population_of as population_of
     from jbw.study.calibration import sbc as sbc
     from jbw.study.compare import compare as compare
     from jbw.study.identifiability import identifiability as identifiability
@@ -106,6 +107,7 @@ _HOME = {
     "load_study": "study.study",
     "plan_tests": "planning.making",
     "pool": "identification.linear",
+    "population_of": "population.population",
     "read": "measurement.files.read",
     "read_fleet": "population.fleet",
     "record_frf": "measurement.transients",

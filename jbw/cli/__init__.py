@@ -34,6 +34,7 @@ COMMANDS = {
     "identify": ("identify", "Identify the joint from a campaign."),
     "resume": ("identify", "Go on with a run that was killed or interrupted."),
     "collect": ("collect", "Gather finished runs, of several units, into one fleet."),
+    "population": ("population", "Say how the units of a fleet scatter, and go with torque."),
     "watch": ("watch", "Say of every further record whether the joint has changed."),
     "plan": ("plan", "Say which tests a wished accuracy takes."),
     "diff": ("diff", "Say what differs between two runs: assemblies, torques, days."),

@@ -26,12 +26,37 @@ if TYPE_CHECKING:
 )
 @json_option
 @click.option("--example", is_flag=True, help="Print a commented plan file; nothing else.")
-def plan(source: Path | None, limits: Path | None, json_: bool, example: bool) -> None:
+@click.option(
+    "--population",
+    "fleet",
+    is_flag=True,
+    help="Say how many assemblies at how many torques tell a trend, before any is tightened.",
+)
+@click.option("--torques", default="2:12", show_default=True, help="Of a fleet, from:to [N m].")
+@click.option(
+    "--scatter",
+    type=float,
+    default=0.1,
+    show_default=True,
+    help="Of a fleet: what is expected between assemblies, as a part of a parameter.",
+)
+def plan(
+    source: Path | None,
+    limits: Path | None,
+    json_: bool,
+    example: bool,
+    fleet: bool,
+    torques: str,
+    scatter: float,
+) -> None:
     """Say which tests make the joint known to a wished CV, before anything is mounted.
 
     PLAN.toml tells what is guessed of the joint, what is wanted and what could be measured; DIR is
     a finished run, for which the next tests are planned. Without either an example is printed.
     """
+    if fleet:
+        _plan_fleet(torques, scatter, json_)
+        return
     if example or source is None:
         from jbw.planning import EXAMPLE
 
@@ -54,6 +79,43 @@ def plan(source: Path | None, limits: Path | None, json_: bool, example: bool) -
     remarks = [f"  {i + 1}: {'; '.join(r.notes)}." for i, r in enumerate(made.rows) if r.notes]
     recommended = _recommended(made.combination, made)
     answer(json_, asdict(made), plan_table(made), *remarks, *recommended, before, *made.notes)
+
+
+def _plan_fleet(torques: str, scatter: float, json_: bool) -> None:
+    """The table of designs of a fleet."""
+    from jbw.population.design import fleet_designs
+
+    try:
+        low, high = map(float, torques.split(":"))
+    except ValueError:
+        raise click.UsageError(
+            f"--torques must be from:to in N m, as 2:12, not {torques}."
+        ) from None
+    if not scatter > 0.0:
+        raise click.UsageError(f"--scatter must be above zero, as 0.1, not {scatter:g}.")
+    made = fleet_designs((low, high))
+    rows = [one._asdict() for one in made]
+    small, large = made[1], made[4]
+    answer(
+        json_,
+        {"torques": [low, high], "scatter": scatter, "designs": rows},
+        fleet_table(rows, scatter),
+        f"{small.levels * small.assemblies} tightenings, {small.assemblies} assemblies at each of "
+        f"{small.levels} torques, tell {large.slope / small.slope:.2g} times as much of the slope "
+        f"as {large.levels}, one at each of {large.levels}.",
+        "Each record's own error is taken as small beside the scatter.",
+    )
+
+
+def fleet_table(rows: "list[dict[str, float]]", scatter: float) -> Table:
+    """A line a design."""
+    return table(
+        f"99 % intervals of a fleet whose assemblies scatter by {100 * scatter:g} %",
+        rows,
+        Column("torques x assemblies", lambda row: f"{row['levels']} x {row['assemblies']}"),
+        Column("power of torque", lambda row: f"+-{scatter * row['slope']:.2g}"),
+        Column("new assembly", lambda row: f"+-{100 * scatter * row['new_unit']:.2g} %"),
+    )
 
 
 def plan_table(made: "Plan") -> Table:

@@ -45,7 +45,8 @@ and variables
 A group for each unit, `fleet[unit]`, with
 
     draws  (draw, parameter)  natural logarithms, chains one after the other; as many as the run has
-    attributes  campaign (its name), folder (of the run), source (the campaign file)
+    attributes  campaign (its name), folder (of the run), source (the campaign file), y_peak (the
+                largest displacement that was fitted, m; NaN where the run does not say)
 
 Logarithms of monomials are sums of those of their factors: ln(alpha delta/omega_n^2) is
 `draws.sel(parameter="alpha_delta") - 2 draws.sel(parameter="omega_n")`. The uniform prior in theta

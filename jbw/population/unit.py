@@ -35,7 +35,7 @@ class Unit(NamedTuple):
     bounds: Mapping[str, tuple[float, float]]  # of the uniform prior, of what was sampled
     scatter: Mapping[str, float]  # sd over runs within the unit, as a part of the mean
     record: Mapping[str, Any]  # its summary.json
-    origin: Mapping[str, str]  # campaign, folder and source
+    origin: Mapping[str, Any]  # campaign, folder, source; y_peak, largest displacement fitted [m]
 
     @property
     def versions(self) -> dict[str, str]:
@@ -119,6 +119,7 @@ def _unit(name: str, folder: Path | None, record: Mapping[str, Any], tree: xr.Da
         "campaign": str(record["campaign"]),
         "folder": str(folder or ""),
         "source": str(record.get("campaign_file") or ""),
+        "y_peak": float(tree.attrs.get("y_peak", np.nan)),
     }
     return Unit(name, laws, draws, quantities, bounds, scatter, record, origin)
 

@@ -104,7 +104,8 @@ ELSEWHERE = {
     "Response", "RunError", "Study", "Test", "attached", "compare", "compare_laws", "enable_x64",
     "fit_attachment", "fit_modes", "fleet_of", "frf", "harmonics", "identifiability", "identify",
     "identify_many", "laws", "line_fit", "load_campaign", "load_study", "plan_tests", "pool",
-    "read", "read_fleet", "record_frf", "rig", "sbc", "third_order_kernel", "write_fleet",
+    "population_of", "read", "read_fleet", "record_frf", "rig", "sbc", "third_order_kernel",
+    "write_fleet",
 }  # fmt: skip
 # Have as many points, or pairs, as their numbers ask for.
 REFUSES = {"internal_resonances", "response_curve"}

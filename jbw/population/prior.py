@@ -1,0 +1,94 @@
+"""Priors of a population: how much units scatter, and how they go with torque and sequence."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jbw.errors import DataError
+
+ANYWHERE = 5.0  # sd of the mean of all units, in logarithms
+# Scale of the half-normal scatter of a logarithm, and mean and sd of its slope on ln torque. Slip
+# limits rise with the preload while contact stiffness rises by its half power or more, so that what
+# slips and is lost falls with torque by about its first power; the frequency hardly rises.
+SCATTER = {"omega_n": 5e-3, "zeta": 0.3}
+SLOPE = {"omega_n": (0.0, 0.05), "zeta": (0.0, 0.5)}
+JOINT_SCATTER, JOINT_SLOPE = 0.5, (-1.0, 1.0)
+PARAMETER_SLOPE = (0.0, 1.0)  # of a law's own parameters, whose signs differ with the load path
+BEDDING = 0.3  # sd of a slope on ln of the number of the tightening, over that of the scatter
+WRENCH = 0.1  # sd of ln preload at a torque, of torque control
+
+
+class Prior(NamedTuple):
+    """Priors of every coordinate.
+
+    Attributes:
+        mean: Of the line's coefficients.
+        sd: Their standard deviations.
+        tau: Scales of the half-normal scatter.
+    """
+
+    mean: Float[np.ndarray, "d covariate"]
+    sd: Float[np.ndarray, "d covariate"]
+    tau: Float[np.ndarray, " d"]
+
+
+class Design(NamedTuple):
+    """Covariates of the units, columns of numbers beside a one.
+
+    Attributes:
+        columns: Their names: `mean`, then of `torque` and `sequence` what varies.
+        x: Of every unit: 1, ln(torque / reference), ln(sequence).
+        reference: Geometric mean of the torques [N m]; NaN where it is no covariate.
+    """
+
+    columns: tuple[str, ...]
+    x: Float[np.ndarray, "unit covariate"]
+    reference: float
+
+    def at(self, torque: float | None) -> Float[np.ndarray, " covariate"]:
+        """Covariates of a unit at a torque, tightened for the first time."""
+        row = np.zeros(len(self.columns))
+        row[0] = 1.0
+        if "torque" in self.columns:
+            row[1] = np.log((self.reference if torque is None else torque) / self.reference)
+        return row
+
+
+def design_of(torque: Sequence[float], sequence: Sequence[float]) -> Design:
+    """Covariates that vary between the units, on logarithms."""
+    columns, x, reference = ["mean"], [np.ones(len(torque))], np.nan
+    for name, values in (("torque", np.asarray(torque)), ("sequence", np.asarray(sequence))):
+        if np.isnan(values).all() or np.ptp(values[~np.isnan(values)]) == 0.0:
+            continue
+        if np.isnan(values).any() or (values <= 0.0).any():
+            raise DataError(
+                f"Every unit must state a positive {name}, or none; found "
+                f"{', '.join(f'{value:g}' for value in values)}.",
+                remedy=f"State it in [assembly] {name} of every campaign, or with "
+                "`jbw collect --covariates`.",
+            )
+        middle = np.exp(np.mean(np.log(values))) if name == "torque" else 1.0
+        reference = float(middle) if name == "torque" else reference
+        columns.append(name)
+        x.append(np.log(values / middle))
+    return Design(tuple(columns), np.column_stack(x), reference)
+
+
+def prior_of(
+    names: Sequence[str], products: Sequence[str], mean: Float[np.ndarray, "unit d"], design: Design
+) -> Prior:
+    """Priors by what is known of joints; the mean of all units stands wherever it does."""
+    tau = np.array([SCATTER.get(name, JOINT_SCATTER) for name in names])
+    middle, spread = [mean.mean(0)], [np.full(len(names), ANYWHERE)]
+    for column in design.columns[1:]:
+        if column == "torque":
+            other = {name: JOINT_SLOPE for name in products}
+            pairs = [SLOPE.get(n, other.get(n, PARAMETER_SLOPE)) for n in names]
+            middle.append(np.array([pair[0] for pair in pairs]))
+            spread.append(np.array([pair[1] for pair in pairs]))
+        else:
+            middle.append(np.zeros(len(names)))
+            spread.append(BEDDING * tau)
+    return Prior(np.column_stack(middle), np.column_stack(spread), tau)
