@@ -2,12 +2,12 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jbw.campaign.settings import Identify, laws_of
-from jbw.errors import DataError
+from jbw.errors import DataError, JbwError
 from jbw.identification import selection
 from jbw.identification.linear_step import LinearStep, linear_step
 from jbw.identification.selection import DecaySplit, Sweeps
@@ -91,10 +91,7 @@ def assemble(seen: Measured) -> Dataset:
     if linear is not None and linear.test.name in _names(seen.chosen):
         if not linear.test.traits.is_periodic:  # random motion enters by its line fit alone
             parts.append(reading_of(linear, gain, seen.laws))
-    usable = _reducible(seen)
-    for observable in OBSERVABLES:
-        if own := [test for test in usable if test.kind in observable.kinds]:
-            parts += observable.reduce(own, laws=seen.laws, substeps=seen.settings.substeps)
+    parts += _reduced(_reducible(seen), seen)
     if not parts:
         raise DataError(
             "The campaign has no test that the joint can be fitted to.",
@@ -109,6 +106,32 @@ def assemble(seen: Measured) -> Dataset:
     if "zeta" not in informed:  # nothing moves freely, and nothing is damped
         held["zeta"] = 0.0
     return Dataset.of(parts, held)
+
+
+def single_records(seen: Measured) -> list[list[Observable]]:
+    """What is fitted, reduced from every test's first record alone, its second, and so on.
+
+    Tests without so many are left out, and so is a number of which no test can be reduced.
+    """
+    usable, found = _reducible(seen), []
+    for i in range(max((len(test.records) for test in usable), default=0)):
+        kept = [
+            replace(test, records=(test.records[i],)) for test in usable if len(test.records) > i
+        ]
+        try:
+            found.append(_reduced(kept, seen))
+        except JbwError:  # an average needs more, or a record is too short by itself
+            found.append([])
+    return found
+
+
+def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
+    """Tests by the register of kinds."""
+    parts: list[Observable] = []
+    for observable in OBSERVABLES:
+        if own := [test for test in tests if test.kind in observable.kinds]:
+            parts += observable.reduce(own, laws=seen.laws, substeps=seen.settings.substeps)
+    return parts
 
 
 def _names(tests: Sequence[Test]) -> set[str]:

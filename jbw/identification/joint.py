@@ -159,7 +159,7 @@ def are_enough(
 ) -> bool:
     """Whether chains agree on every parameter, product and response band up to `y_peak` [m]."""
     sampled = xr.Dataset({name: (("chain", "draw"), x) for name, x in draws.items()})
-    every = sampled.assign(_law_variables(sampled, data))
+    every = sampled.assign(law_variables(sampled, data))
     if not enough({str(name): x.values for name, x in every.data_vars.items()}):
         return False
     bands = response_finding(every, data.held, y_peak, data.laws)
@@ -189,7 +189,7 @@ def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.Da
     posterior = tree["posterior"].to_dataset()
     terms = tree["log_likelihood"].to_dataset()["terms"].values
     derived = draw_noise_std(key, _every_parameter(posterior, data), terms, data)
-    derived |= _law_variables(posterior, data)
+    derived |= law_variables(posterior, data)
     return tree.assign(posterior=xr.DataTree(posterior.assign(derived)))
 
 
@@ -199,7 +199,7 @@ def _every_parameter(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarr
     return {**held, **{str(n): v.values for n, v in posterior.data_vars.items()}}
 
 
-def _law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
+def law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
     """The laws' own parameters and their products, where they were not sampled."""
     theta, derived = _every_parameter(posterior, data), {}
     for law in laws_named(data.laws):

@@ -84,6 +84,15 @@ class Decays(Envelopes):
         rows = jnp.concatenate([left.real, left.imag, shift], axis=1)
         return rows, jnp.zeros((len(rows), 0, rows.shape[1]))
 
+    def left(self, theta: Theta) -> Weighted:
+        """What the best initial state and shift leave of every envelope: its parts side by side."""
+        rows = _parts(self.matches(theta).residual)
+        return rows, jnp.zeros((len(rows), 0, rows.shape[1]))
+
+    def measured_rows(self) -> Float[Array, "record value"]:
+        """Real parts of every envelope, then imaginary parts."""
+        return _parts(self.envelope)
+
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
         r"""What every record says of the shift of its natural frequency, of offsets the first.
 
@@ -214,6 +223,10 @@ class Decays(Envelopes):
             f"Residuals are correlated: {float(self.fraction):.0%} of the "
             f"{self.envelope.shape[1]} values of a record are counted as independent.",
         ]
+
+
+def _parts(values: Complex[Array, "record step"]) -> Float[Array, "record value"]:
+    return jnp.concatenate([values.real, values.imag], axis=1)
 
 
 def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:

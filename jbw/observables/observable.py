@@ -126,6 +126,14 @@ class Observable(eqx.Module):
         """Terms of the log likelihood besides those of `estimate`, where runs have no offsets."""
         return jnp.zeros(0)
 
+    def left(self, theta: Theta) -> Weighted:
+        """Every group's mean less its prediction, and this one's change by the run's offsets."""
+        raise NotImplementedError
+
+    def measured_rows(self) -> Float[Array, "group value"] | None:
+        """Every group's mean as `left` has it; None where it is none, but read off one before."""
+        return None
+
     def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
         """Rows by label, or derivatives, in the values' unit, of groups that a fit is judged by."""
         return {}

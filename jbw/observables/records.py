@@ -185,6 +185,10 @@ class Records(Repeated):
         away = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
         return left - jnp.einsum("lo,lov->lv", away, self.repeats.directions)
 
+    def measured_rows(self) -> Float[Array, "level value"]:
+        """Means, or their spectra in a band."""
+        return values_of(self.mean, self.lines)
+
     def squares(self, theta: Theta) -> Float[Array, " level"]:
         r"""Squared residuals of all repeats, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""
         misfit = jnp.sum(self.misfit(theta) ** 2, axis=-1)

@@ -82,6 +82,16 @@ class Repeated(Observable):
         weight = self.weight
         return weight[:, None] * self.misfit(theta), weight[:, None, None] * self.repeats.directions
 
+    def left(self, theta: Theta) -> Weighted:
+        """Misfit and directions, in the unit of the values."""
+        return self.misfit(theta), self.repeats.directions
+
+    def measured_rows(self) -> Float[Array, "group value"]:
+        """Means, of complex values the real parts, then the imaginary parts."""
+        if not jnp.iscomplexobj(self.mean):
+            return self.mean
+        return jnp.concatenate([self.mean.real, self.mean.imag], axis=1)
+
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
         """What each group says of its offsets, its noise integrated out under 1/sigma."""
         own = self.repeats

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from jbw.campaign.settings import Identify
+from jbw.identification.assemble import Measured
 from jbw.identification.linear_step import LinearStep, linear_dataset, modes_dataset
 from jbw.identification.paper import step3, step4
 from jbw.identification.paper.step3 import KernelFit
@@ -17,6 +18,7 @@ from jbw.inference.posterior.summary import running_mean
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
 from jbw.quantities import DEFAULT_LAWS, derivative_order
+from jbw.study.arviz_groups import arviz_groups, created
 from jbw.verification.backbone import backbone_group
 from jbw.verification.bands import QUANTILE_AXIS, polar
 from jbw.verification.in_time import predict_motion
@@ -27,7 +29,7 @@ SPECTRUM = 4.2  # of the tone: the highest frequency of its spectrum shown
 
 
 def collect(
-    tests: tuple[Test, ...],
+    seen: Measured,
     found: Identification,
     seed: int,
     truth: Mapping[str, float] | None,
@@ -35,6 +37,7 @@ def collect(
     settings: Identify,
 ) -> xr.DataTree:
     """Posteriors, verification and validation as the tree that is saved as `posterior.nc`."""
+    tests = seen.tests
     facts = xr.Dataset(attrs=found.main.posterior.attrs | run_attrs(tests, found))
     groups: Groups = {"/": facts}
     if found.linear is not None:
@@ -53,7 +56,9 @@ def collect(
     curve = backbone_group(basis.thinned(NUM_DRAWS), basis.y_peak, basis.laws)
     if curve is not None:
         groups["/verification/backbone"] = curve
-    return xr.DataTree.from_dict(groups)
+    report("Every record by itself, and what the prior predicts of it")
+    drawn = {name: created(groups[name]) for name in ("/posterior", "/sample_stats")}
+    return xr.DataTree.from_dict(groups | drawn | arviz_groups(seen, found, seed))
 
 
 def run_attrs(tests: Sequence[Test], found: Identification) -> dict[str, Any]:

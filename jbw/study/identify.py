@@ -76,7 +76,7 @@ def identify(
     found = run_procedure(seen, seed=seed, report=report, keep=keep)
     _name_gain_unit(tests, found)
     known = look_again(found, campaign.settings, report)
-    tree = collect(tests, found, seed, truth, report, campaign.settings)
+    tree = collect(seen, found, seed, truth, report, campaign.settings)
     main = found.main
     verdict = judge([*main.verdict.findings, *prediction_findings(tree)])
     main = replace(main, verdict=verdict, statements=(*left_out, *main.statements))

@@ -1,0 +1,239 @@
+r"""Every record of a dataset by itself: its log likelihood, and its size as the draws predict it.
+
+The joint posterior integrates noise and offsets out. Given a draw of them too, records are
+independent, and what a record says is
+
+$$\log p(d_j | \theta, b, \sigma) = -\frac{n_j}{2} \log 2\pi\sigma^2 - \frac{f\,Q_j}{2\sigma^2},
+  \qquad Q_j = K_j\,|\bar d_j - m - J^T b|^2 + S_j + N K_j \tau^2, \qquad n_j = f N K_j$$
+
+of N values each, of which the fraction f is independent, in K_j repeats of scatter S_j (the periods
+of a multisine; else one, and none). This is what leaving out one record asks for. The repeats of a
+group share one prediction m, so that one solve a draw is enough for all of them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, Key
+from numpy.typing import NDArray
+
+from jbw.inference.groups.scatter import draw_offsets
+from jbw.inference.lanes import at_points
+from jbw.observables.dataset import Dataset, as_arrays, estimates
+from jbw.observables.observable import Observable, Theta
+
+SEED = "seed of the draw"  # beside the parameters, of which none is called so
+
+
+class Split(NamedTuple):
+    """Records of one part, rows of values as its misfit has them.
+
+    Records that cannot be had alone stand together, as their group.
+    """
+
+    group: Int[np.ndarray, " record"]  # number of its group within the part
+    repeat: Int[np.ndarray, " record"]  # from 1; 0 for a whole group
+    deviation: Float[np.ndarray, "record value"]  # its mean less that of the group
+    num_repeats: Float[np.ndarray, " record"]
+    within: Float[np.ndarray, " record"]  # scatter about its own mean
+    measured: Float[np.ndarray, "group value"]  # mean of every group
+
+
+Splits = tuple[Split | None, ...]  # None for a part that is a prior, read off a record before
+
+
+class OfPart(NamedTuple):
+    """Records of one part: names, and a row of draws each."""
+
+    name: list[str]
+    group: list[str]  # label of the group
+    run: list[str]
+    repeat: list[int]
+    log_likelihood: Float[np.ndarray, "draw record"]  # [nats]
+    observed: Float[np.ndarray, " record"]  # root mean square over that of the group's mean
+    predicted: Float[np.ndarray, "draw record"]
+
+
+class Records(NamedTuple):
+    """Records of a dataset, part by part, and what stands beside them in a density."""
+
+    parts: tuple[OfPart, ...]
+    known: dict[str, Float[np.ndarray, " draw"]]  # of what was read off a record before [nats]
+    offsets: Float[np.ndarray, "draw run"] | None  # log density of every run's [nats]
+
+
+def records_of(
+    key: Key[Array, ""],
+    theta: Mapping[str, Float[np.ndarray, " draw"]],
+    noise: Mapping[str, Float[np.ndarray, " draw"]],
+    data: Dataset,
+    splits: Splits,
+) -> Records:
+    """All records at every draw.
+
+    Args:
+        key: Of the offsets, the noise and the chi-square of the predicted sizes.
+        theta: Draws of the parameters by name.
+        noise: Draws of every group's noise by its label, in the unit of its values.
+        data: What the posterior was made from.
+        splits: From `splits_of`.
+    """
+    rows = tuple(None if s is None else (s.group, s.deviation, s.measured) for s in splits)
+    count = len(next(iter(theta.values())))
+    keys = jax.random.split(key)
+    sums = at_points(_sums, {**theta, SEED: np.arange(float(count))}, (keys[0], data, rows))
+    found, known = [], {}
+    for i, (part, split, own) in enumerate(zip(data.parts, splits, sums["parts"], strict=True)):
+        if split is None:
+            known |= {label: own[:, g] for g, label in enumerate(part.labels)}
+        else:
+            found.append(_of_part(jax.random.fold_in(keys[1], i), part, split, own, noise))
+    return Records(tuple(found), known, sums.get("offsets"))
+
+
+def splits_of(
+    theta: Mapping[str, float], data: Dataset, alone: Sequence[Sequence[Observable]]
+) -> Splits:
+    """The records of every part, by the same tests reduced from their first records, second, ...
+
+    Misfits are linear in the means: any point `theta` where the model can be solved will do.
+    """
+    everything = as_arrays(theta, data)
+    return tuple(_split(part, everything, alone) for part in data.parts)
+
+
+def _split(part: Any, theta: Theta, alone: Sequence[Sequence[Any]]) -> Split | None:
+    measured = part.measured_rows()
+    if measured is None:
+        return None
+    measured = np.asarray(measured)
+    own, count = getattr(part, "repeats", None), len(part.labels)
+    if own is None:  # every group is one record
+        none = np.zeros(count)
+        same = np.zeros_like(measured)
+        return Split(np.arange(count), none.astype(int), same, none + 1, none, measured)
+    centre = np.asarray(_left(theta, part))
+    told: list[list[tuple[int, NDArray[np.float64], float, float]]] = [[] for _ in range(count)]
+    for j, parts in enumerate(alone, start=1):
+        mean, singles = np.array(part.mean), {}
+        for g, label in enumerate(part.labels):
+            if (single := _single(label, float(own.size[g]), part, parts)) is not None:
+                row, singles[g] = single
+                mean[g] = np.pad(row, (0, mean.shape[1] - len(row)))
+        if singles:
+            moved = np.asarray(_left(theta, replace(part, mean=jnp.asarray(mean)))) - centre
+            for g, numbers in singles.items():
+                told[g].append((j, moved[g], *numbers))
+    rows = []
+    for g, each in enumerate(told):
+        total = float(own.num_repeats[g])
+        if len(each) > 1 and sum(one[2] for one in each) == total:
+            rows += [(g, *one) for one in each]
+        else:  # a single record, or one that cannot be split
+            rows.append((g, 0, np.zeros(measured.shape[1]), total, float(own.within[g])))
+    group, repeat, deviation, num_repeats, within = (
+        np.asarray(column) for column in zip(*rows, strict=True)
+    )
+    return Split(group, repeat, deviation, num_repeats, within, measured)
+
+
+@eqx.filter_jit
+def _left(theta: Theta, part: Observable) -> Float[Array, "group value"]:
+    return part.left(theta)[0]
+
+
+def _single(
+    label: str, size: float, part: Any, parts: Sequence[Any]
+) -> tuple[NDArray[Any], tuple[float, float]] | None:
+    """Mean, repeats and scatter of a group's record alone; None where it has other values."""
+    for one in parts:
+        if type(one) is type(part) and label in one.labels:
+            i, row = one.labels.index(label), np.asarray(one.mean)
+            if row.shape[1] <= part.mean.shape[1] and float(one.repeats.size[i]) == size:
+                numbers = one.repeats.num_repeats[i], one.repeats.within[i]
+                return row[i], (float(numbers[0]), float(numbers[1]))
+    return None
+
+
+def _sums(theta: Theta, given: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -> dict[str, Any]:
+    """What every part is asked at one draw, by one solve, each run's offsets drawn beside it."""
+    key, data, rows = given
+    everything = {**data.held, **{name: x for name, x in theta.items() if name != SEED}}
+    found: dict[str, Any] = {}
+    offset = None
+    if data.has_offsets:
+        own_key = jax.random.fold_in(key, theta[SEED].astype(int))
+        spread = draw_offsets(own_key, estimates(everything, data), data.levels, data.scatters)
+        offset = spread.offset
+        std = spread.scatter[: offset.shape[1]]
+        found["offsets"] = jnp.sum(jax.scipy.stats.norm.logpdf(offset, 0.0, std), axis=1)
+    order = list(dict.fromkeys(data.runs))
+    parts = []
+    for part, own in zip(data.parts, rows, strict=True):
+        b = None if offset is None else offset[np.array([order.index(run) for run in part.runs])]
+        if own is None:
+            parts.append(_known(everything, part, b))
+            continue
+        left, directions = part.left(everything)
+        if b is not None and directions.shape[1]:
+            left = left - jnp.einsum("gi,gin->gn", b, directions)
+        group, deviation, measured = own
+        square = jnp.sum(left**2, axis=1)
+        cross = jnp.einsum("rn,rn->r", deviation, left[group])
+        along = jnp.einsum("gn,gn->g", measured, left)
+        parts.append({"square": square[group], "cross": cross, "along": along[group]})
+    return {**found, "parts": parts}
+
+
+def _known(theta: Theta, part: Observable, offset: Array | None) -> Float[Array, " group"]:
+    """Log density of groups whose covariance is known, at their run's offsets."""
+    free = part.estimate(theta, 0).log_density
+    if offset is None:
+        return free
+    left, directions = part.weighted(theta)
+    moved = left - jnp.einsum("gi,gin->gn", offset, directions)
+    return free + 0.5 * (jnp.sum(left**2, axis=1) - jnp.sum(moved**2, axis=1))
+
+
+def _of_part(
+    key: Key[Array, ""],
+    part: Observable,
+    split: Split,
+    sums: Mapping[str, Float[np.ndarray, "draw record"]],
+    noise: Mapping[str, Float[np.ndarray, " draw"]],
+) -> OfPart:
+    """Records of a part from what it was asked at the draws."""
+    own, group = getattr(part, "repeats", None), split.group
+    count = split.num_repeats
+    size = np.full(len(group), float(split.measured.shape[1]))
+    discrepancy = np.zeros(len(group))
+    if own is not None:
+        size, discrepancy = np.asarray(own.size)[group], np.asarray(own.discrepancy)[group]
+    counted = part.fractions_counted()
+    fraction = np.array([counted.get(part.labels[g], 1.0) for g in group])
+    std = np.stack([noise[part.labels[g]] for g in group], axis=-1)
+    spread = np.sum(split.deviation**2, axis=1)
+    squares = count * (sums["square"] + 2 * sums["cross"] + spread) + split.within
+    squares += size * count * discrepancy
+    log_likelihood = -fraction * (
+        size * count / 2 * np.log(2 * np.pi * std**2) + squares / (2 * std**2)
+    )
+    norm = np.sum(split.measured**2, axis=1)
+    own_norm = np.sum((split.measured[group] + split.deviation) ** 2, axis=1)
+    observed = np.sqrt(own_norm / norm[group])
+    # Noise along the prediction and across it: N - 1 directions more.
+    model = np.maximum(norm[group] - 2 * sums["along"] + sums["square"], 0.0)
+    keys, mean_std = jax.random.split(key), std / np.sqrt(count)
+    ahead = np.sqrt(model) + mean_std * np.asarray(jax.random.normal(keys[0], model.shape))
+    across = np.asarray(jax.random.chisquare(keys[1], np.maximum(size - 1, 1), shape=model.shape))
+    predicted = np.sqrt((ahead**2 + mean_std**2 * across) / norm[group])
+    labels = [part.labels[g] for g in group]
+    repeat = split.repeat.tolist()
+    names = [label if j == 0 else f"{label}, {j}" for label, j in zip(labels, repeat, strict=True)]
+    runs = [part.runs[g] for g in group]
+    return OfPart(names, labels, runs, repeat, log_likelihood, observed, predicted)

@@ -1,0 +1,172 @@
+"""The main posterior in ArviZ's own schema, so that its functions take a run as it is.
+
+Observations are records: what is left out by `arviz.loo`, compared by `arviz.plot_ppc_dist` and
+ranked by `arviz.plot_loo_pit` is the variable `response` of one record each, with the names of
+records, tests and runs for coordinates. Given the noise, and the offsets of the runs where they
+have any, records are independent; so the noise's prior 1/sigma stands in `log_prior`, beside what
+was read off a noise test before.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.metadata import version
+from typing import Any
+
+import jax
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float, Key
+
+from jbw.identification.assemble import Measured, single_records
+from jbw.identification.joint import law_variables
+from jbw.identification.procedure import Identification
+from jbw.inference.space.box import Box, bounds_by_name
+from jbw.observables.dataset import Dataset
+from jbw.observables.pointwise import Records, records_of, splits_of
+
+NUM_PRIOR = 500  # draws of the prior
+NUM_PREDICTED = 100  # of them carried through the model
+SAMPLES = ("chain", "draw")
+SILENCE = 1e-12  # noise of what the prior predicts: 1/sigma is no density to draw from
+KEY = 200  # of the seed: no other numbers move by these
+RESPONSE = {
+    "units": "1",
+    "long_name": "root mean square of the response, over that of the mean of its test's repeats",
+}
+LIKELIHOOD = {"units": "1", "long_name": "log likelihood of a record, given its noise [nats]"}
+
+Groups = dict[str, xr.Dataset]
+Draws = Mapping[str, Float[np.ndarray, " draw"]]
+
+
+def arviz_groups(seen: Measured, found: Identification, seed: int) -> Groups:
+    """All of ArviZ's groups of the main posterior, by path; nothing without a joint posterior."""
+    if found.data is None:
+        return {}
+    step, data = found.main, found.data
+    posterior = step.posterior["posterior"].to_dataset()
+    shape = posterior.sizes["chain"], posterior.sizes["draw"]
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), KEY), 3)
+    splits = splits_of(step.fit.theta, data, single_records(seen))
+    if all(split is None for split in splits):  # nothing but what was read off a record before
+        return {}
+    theta = {name: posterior[name].values.ravel() for name in step.box.names}
+    noise = noise_of(posterior)
+    flat = {label: values.ravel() for label, values in noise.items()}
+    records = records_of(keys[0], theta, flat, data, splits)
+    meaning = {str(name): values.attrs for name, values in posterior.data_vars.items()}
+    prior = prior_draws(keys[1], step.box, data, meaning)
+    some = {name: prior[name].values[0, :NUM_PREDICTED] for name in step.box.names}
+    silent = {label: np.full(NUM_PREDICTED, SILENCE) for label in noise}
+    with np.errstate(invalid="ignore", over="ignore"):  # where the motion cannot be solved
+        before = records_of(keys[2], some, silent, at_large(data), splits)
+    before = _joined(before, "predicted")
+    before = before[np.all(np.isfinite(before), axis=1)]
+    coords = coordinates(records)
+    predicted = _joined(records, "predicted").reshape(*shape, -1)
+    likelihood = _joined(records, "log_likelihood").reshape(*shape, -1)
+    made = {
+        "log_prior": log_prior(posterior, step.box, records, data),
+        "log_likelihood": _of_records(likelihood, coords, LIKELIHOOD),
+        "observed_data": _of_records(_joined(records, "observed"), coords, RESPONSE),
+        "posterior_predictive": _of_records(predicted, coords, RESPONSE),
+        "prior": prior,
+        "prior_predictive": _of_records(before[None], coords, RESPONSE),
+    }
+    return {f"/{name}": created(one) for name, one in made.items()}
+
+
+def at_large(data: Dataset) -> Dataset:
+    """The data predicted at one joint for all runs: offsets are known about the fit alone."""
+    evenly = (part.evenly() for part in data.parts)
+    pairs = zip(data.parts, evenly, strict=True)
+    parts = tuple(part if one is None else one for part, one in pairs)
+    return replace(data, parts=parts, scatters=data.scatters[:1, :0], scatter=data.scatter[:0])
+
+
+def noise_of(posterior: xr.Dataset) -> dict[str, Float[np.ndarray, "chain draw"]]:
+    """Draws of every group's noise, by its label."""
+    return {
+        str(label): values.sel({values.dims[-1]: label}).values
+        for name, values in posterior.data_vars.items()
+        if str(name).startswith("noise_std")
+        for label in values[values.dims[-1]].values
+    }
+
+
+def prior_draws(
+    key: Key[Array, ""], box: Box, data: Dataset, attrs: Mapping[str, Mapping[str, Any]]
+) -> xr.Dataset:
+    """One chain of draws of the prior, with what follows from them; noise has none to draw from."""
+    keys = jax.random.split(key, len(box.names))
+    drawn = {
+        name: (
+            SAMPLES,
+            np.asarray(jax.random.uniform(k, (1, NUM_PRIOR), float, low, high)),
+            attrs[name],
+        )
+        for k, (name, (low, high)) in zip(keys, bounds_by_name(box).items(), strict=True)
+    }
+    coords = {"chain": [0], "draw": np.arange(NUM_PRIOR)}
+    sampled = xr.Dataset(drawn, coords)
+    return sampled.assign(law_variables(sampled, data))
+
+
+def coordinates(records: Records) -> dict[str, Any]:
+    """Names of the records, and of the test, the run and the repeat of each."""
+
+    def every(field: str) -> list[Any]:
+        return [one for part in records.parts for one in getattr(part, field)]
+
+    beside = {"test": every("group"), "run": every("run"), "repeat": every("repeat")}
+    return {"record": every("name"), **{name: ("record", one) for name, one in beside.items()}}
+
+
+def _joined(records: Records, field: str) -> Float[np.ndarray, "*draw record"]:
+    return np.concatenate([getattr(part, field) for part in records.parts], axis=-1)
+
+
+def log_prior(posterior: xr.Dataset, box: Box, records: Records, data: Dataset) -> xr.Dataset:
+    """Log density of the prior by variable: the box, 1/sigma, a line fit, the runs' offsets."""
+    shape = posterior.sizes["chain"], posterior.sizes["draw"]
+    coords: dict[Any, Any] = dict(posterior.coords)
+    one = {"units": "1", "long_name": "log prior density [nats]"}
+    found: dict[str, Any] = {
+        name: (SAMPLES, np.full(shape, -np.log(high - low)), one)
+        for name, (low, high) in bounds_by_name(box).items()
+    }
+    for name, values in posterior.data_vars.items():
+        if str(name).startswith("noise_std"):
+            found[str(name)] = (values.dims, -np.log(values.values), one)
+    for label, density in records.known.items():
+        found[label] = (SAMPLES, density.reshape(shape), one)
+    if records.offsets is not None:
+        runs = list(dict.fromkeys(data.runs))
+        rows = records.offsets.reshape(*shape, len(runs))
+        found["offsets"] = ((*SAMPLES, "run"), rows, one)
+        coords["run"] = runs
+    return xr.Dataset(found, coords)
+
+
+def _of_records(
+    rows: Float[np.ndarray, "..."], coords: Mapping[str, Any], attrs: Mapping[str, str]
+) -> xr.Dataset:
+    """One number a record, by chain and draw where it is drawn."""
+    from arviz_base import dict_to_dataset  # it is needed only here
+
+    found = dict_to_dataset(
+        {"response": rows},
+        coords={"record": coords["record"]},
+        dims={"response": ["record"]},
+        sample_dims=list(SAMPLES) if rows.ndim > 1 else [],
+    )
+    found["response"].attrs = dict(attrs)
+    return found.assign_coords(coords)
+
+
+def created(dataset: xr.Dataset) -> xr.Dataset:
+    """A group with what ArviZ writes of a group's origin."""
+    from arviz_base import make_attrs
+
+    made = {"inference_library": "jbw", "inference_library_version": version("jbw")}
+    return dataset.assign_attrs(make_attrs({**made, **dataset.attrs}))
