@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from jbw.identification.linear import pool as pool
     from jbw.identification.modal import fit_modes as fit_modes
     from jbw.measurement.files.read import read as read
+    from jbw.measurement.files.sep005 import from_sep005 as from_sep005
+    from jbw.measurement.files.sep005 import to_sep005 as to_sep005
+    from jbw.measurement.files.uff import write_uff as write_uff
     from jbw.measurement.harmonics import harmonics as harmonics
     from jbw.measurement.probing import third_order_kernel as third_order_kernel
     from jbw.measurement.records import Record as Record
@@ -93,6 +96,7 @@ _HOME = {
     "fit_modes": "identification.modal",
     "frequency_response": "oscillator.steady.backbone",
     "frf": "measurement.spectra",
+    "from_sep005": "measurement.files.sep005",
     "h1": "oscillator.paper.kernels",
     "h3": "oscillator.paper.kernels",
     "harmonics": "measurement.harmonics",
@@ -120,7 +124,9 @@ _HOME = {
     "steady_state": "oscillator.steady.cycle",
     "third_harmonic": "oscillator.paper.kernels",
     "third_order_kernel": "measurement.probing",
+    "to_sep005": "measurement.files.sep005",
     "write_fleet": "population.fleet",
+    "write_uff": "measurement.files.uff",
 }
 
 # Rooms that are public as a whole.
