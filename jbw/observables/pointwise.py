@@ -54,7 +54,8 @@ class OfPart(NamedTuple):
     group: list[str]  # label of the group
     run: list[str]
     repeat: list[int]
-    log_likelihood: Float[np.ndarray, "draw record"]  # [nats]
+    log_likelihood: Float[np.ndarray, "draw record"]  # [nats], in the values' unit
+    reference: Float[np.ndarray, " record"]  # the same about the mean of its repeats, see below
     observed: Float[np.ndarray, " record"]  # root mean square over that of the group's mean
     predicted: Float[np.ndarray, "draw record"]
 
@@ -224,6 +225,18 @@ def _of_part(
         size * count / 2 * np.log(2 * np.pi * std**2) + squares / (2 * std**2)
     )
     norm = np.sum(split.measured**2, axis=1)
+    # What no model knows, at the scatter of the repeats: a density has a unit, and a ratio none.
+    # Alone, a record has no scatter: its size stands in.
+    within, total = norm[group], np.ones(len(group))
+    if own is not None:
+        repeated = np.asarray(own.num_repeats)[group] > 1
+        within = np.where(repeated, np.asarray(own.within)[group], within)
+        total = np.where(repeated, np.asarray(own.num_repeats)[group] - 1, total)
+    variance = within / (size * total)
+    about = count * spread + split.within
+    reference = -fraction * (
+        size * count / 2 * np.log(2 * np.pi * variance) + about / (2 * variance)
+    )
     own_norm = np.sum((split.measured[group] + split.deviation) ** 2, axis=1)
     observed = np.sqrt(own_norm / norm[group])
     # Noise along the prediction and across it: N - 1 directions more.
@@ -236,4 +249,4 @@ def _of_part(
     repeat = split.repeat.tolist()
     names = [label if j == 0 else f"{label}, {j}" for label, j in zip(labels, repeat, strict=True)]
     runs = [part.runs[g] for g in group]
-    return OfPart(names, labels, runs, repeat, log_likelihood, observed, predicted)
+    return OfPart(names, labels, runs, repeat, log_likelihood, reference, observed, predicted)

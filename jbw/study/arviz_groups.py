@@ -33,7 +33,11 @@ RESPONSE = {
     "units": "1",
     "long_name": "root mean square of the response, over that of the mean of its test's repeats",
 }
-LIKELIHOOD = {"units": "1", "long_name": "log likelihood of a record, given its noise [nats]"}
+LIKELIHOOD = {
+    "units": "1",
+    "long_name": "log likelihood of a record given its noise, over that about the mean of its "
+    "test's repeats at their scatter [nats]",
+}
 
 Groups = dict[str, xr.Dataset]
 Draws = Mapping[str, Float[np.ndarray, " draw"]]
@@ -64,10 +68,10 @@ def arviz_groups(seen: Measured, found: Identification, seed: int) -> Groups:
     before = before[np.all(np.isfinite(before), axis=1)]
     coords = coordinates(records)
     predicted = _joined(records, "predicted").reshape(*shape, -1)
-    likelihood = _joined(records, "log_likelihood").reshape(*shape, -1)
+    likelihood = _joined(records, "log_likelihood") - _joined(records, "reference")
     made = {
         "log_prior": log_prior(posterior, step.box, records, data),
-        "log_likelihood": _of_records(likelihood, coords, LIKELIHOOD),
+        "log_likelihood": _of_records(likelihood.reshape(*shape, -1), coords, LIKELIHOOD),
         "observed_data": _of_records(_joined(records, "observed"), coords, RESPONSE),
         "posterior_predictive": _of_records(predicted, coords, RESPONSE),
         "prior": prior,

@@ -65,25 +65,31 @@ def test_groups_have_arviz_names_and_say_where_they_come_from(run):
         assert response.sizes["draw"] == draws["draw"]
 
 
+# Two loops are half of what is known of their noise: ArviZ says so, and k-hat is what it is for.
+few = pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto")
+
+
+@few
 def test_loo_leaves_one_record_out(run):
     found = az.loo(run, pointwise=True)
     assert list(found.elpd_i["record"].values) == RECORDS
     assert list(found.pareto_k["record"].values) == RECORDS
-    # A record of N values of white noise sigma predicts another at -N/2 (log 2 pi sigma^2 + 1),
-    # a standard deviation of sqrt(N / 2) apart, less the few parameters.
-    for name, size, noise in (("strong", 512, 2e-3), ("pull", 512, 0.02)):
+    # N values of white noise are further from the truth than from the mean of K repeats by
+    # chi-square / 2 of N / K degrees of freedom; the parameters and sigma cost a few nats more.
+    for name, size, repeats in (("strong", 512, 3), ("pull", 512, 2)):
         own = found.elpd_i.sel(record=[r for r in RECORDS if r.startswith(name)])
-        expected = -size / 2 * (np.log(2 * np.pi * noise**2) + 1)
-        assert np.all(abs(own - expected) < 4 * np.sqrt(size / 2) + 20)
+        assert np.all(abs(own + size / (2 * repeats)) < 4 * np.sqrt(size / 2) + 20)
     az.plot_khat(found)
 
 
+@few
 def test_models_are_compared_by_the_records(run):
     table = az.compare({"one": run, "other": run})
     assert table["elpd_diff"].to_list() == [0.0, 0.0]
     assert table["weight"].sum() == pytest.approx(1.0)
 
 
+@few
 def test_observed_and_predicted_sizes_agree(run):
     az.plot_ppc_dist(run)
     az.plot_ppc_dist(run, group="prior_predictive")
@@ -94,6 +100,8 @@ def test_observed_and_predicted_sizes_agree(run):
     assert np.all((pit > 5e-4) & (pit < 1 - 5e-4))
 
 
+# 1/sigma is no density to draw from: of the noise there is a posterior alone.
+@pytest.mark.filterwarnings("ignore:Your data appears to have a single value or no finite")
 def test_prior_and_posterior_stand_beside_each_other(run):
     az.plot_prior_posterior(run)
     prior = run["prior"].to_dataset()

@@ -4,7 +4,7 @@
 may be written. Where a difference is meant, and said in the commit, write it anew from the
 repository's root:
 
-    python -m tests.study.test_toy_run
+    PYTHONPATH=.:tests python -m tests.study.test_toy_run
 
 Units are compared by what they mean ("rad s-1" is "rad/s"), so that a dialect is not a physics.
 """
