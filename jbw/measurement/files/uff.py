@@ -11,7 +11,7 @@ import numpy as np
 
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.sampling import sampling_frequency
-from jbw.measurement.files.tree import Contents, Leaf, Node, cells, leaf, load, optional
+from jbw.measurement.files.tree import Contents, Leaf, Node, cells, leaf, load, names, optional
 from jbw.measurement.records import Record
 
 FREQUENCY_RESPONSE = 4  # function type of the format
@@ -131,10 +131,11 @@ def _set_of(record: Record, role: str) -> dict[str, Any]:
 def _require_same(path: Path, record: Record) -> None:
     """Refuse a file that does not hold what was written; of five digits the sampling interval."""
     with contents(path) as found:
+        leaves = dict(names(found.root))
         for role, samples in record.channels.items():
-            own = found.root.get(role)
+            own = leaves.get(role)
             whole = isinstance(own, Leaf) and own.shape == np.shape(samples)
-            if not (whole and np.allclose(load(own), samples, rtol=1e-10, atol=0.0)):
+            if not whole or not np.allclose(load(own), samples, rtol=1e-10, atol=0.0):
                 raise DataError(
                     f"Channel `{role}` of {path} does not read as it was written.",
                     remedy="Write HDF5 or NumPy instead.",
