@@ -134,8 +134,11 @@ def _require_same(path: Path, record: Record) -> None:
         leaves = dict(names(found.root))
         for role, samples in record.channels.items():
             own = leaves.get(role)
-            whole = isinstance(own, Leaf) and own.shape == np.shape(samples)
-            if not whole or not np.allclose(load(own), samples, rtol=1e-10, atol=0.0):
+            if not (
+                isinstance(own, Leaf)
+                and own.shape == np.shape(samples)
+                and np.allclose(load(own), samples, rtol=1e-10, atol=0.0)
+            ):
                 raise DataError(
                     f"Channel `{role}` of {path} does not read as it was written.",
                     remedy="Write HDF5 or NumPy instead.",
