@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from jbw.campaign.files import repeats_of
+from jbw.campaign.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.campaign.schema import CampaignSpec, TestSpec, force_per_unit, read_spec
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
@@ -51,6 +52,7 @@ class Check:
     campaign: str
     rows: tuple[Row, ...]
     exit_code: int  # 0 when usable, 2 when the campaign file must change, 3 when the data must
+    seen: tuple[str, ...] = ()  # of nonlinearity, repeats and noise, a sentence each
 
     @property
     def status(self) -> str:
@@ -74,17 +76,20 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
         Row("[identify]", fault.channel, "", "", None, 0, fault.severity, (fault,))
         for fault in unread(spec)
     ]
-    codes = set()
+    codes, seen = set(), []
     for test in spec.tests:
         found: list[Fault] = []
         failures: dict[tuple[str, ...], JbwError] = {}
         first: list[Record] = []
-        repeats = 0
+        kept: list[Record] = []
+        repeats = held = 0
         for item in repeats_of(test, folder, allow_outside=allow_outside):
             if isinstance(item, Record):
                 repeats += 1
                 for fault in findings(item, test, first, per_unit=force_per_unit(spec)):
                     found.append(replace(fault, what=f"{item.name}: {fault.what}"))
+                held += item.num_samples * len(item.channels)
+                kept = [*kept, item] if held <= MOST_SAMPLES else []
                 # Its head alone, so that a huge campaign is never held in memory.
                 empty = {role: x[:0].copy() for role, x in item.channels.items()}
                 first = first or [replace(item, channels=empty)]
@@ -94,6 +99,8 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
                 raise item
         codes |= {failure.exit_code for failure in failures.values()}
         codes |= {DataError.exit_code} if worst(found) == "error" else set()
+        if kept and worst(found) != "error":
+            seen += seen_in(test, kept)
         fs = first[0].fs if first and first[0].fs == first[0].fs else None
         # What could not be read is told once a test, in its first channel's row.
         failed = [refusal("", each.what, each.why, each.remedy) for each in failures.values()]
@@ -103,13 +110,14 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
             unit = test.units.get(role, "")
             rows.append(Row(test.name, channel, role, unit, fs, repeats, worst(own), tuple(own)))
             failed = []
-    return Check(spec.name, tuple(rows), min(codes, default=0))
+    return Check(spec.name, tuple(rows), min(codes, default=0), tuple(seen))
 
 
 def as_json(check: Check) -> dict[str, Any]:
     """The check as plain values, for scripts."""
     channels = [asdict(row) for row in check.rows]
-    return {"campaign": check.campaign, "status": check.status, "channels": channels}
+    facts = {"campaign": check.campaign, "status": check.status, "channels": channels}
+    return {**facts, "seen": list(check.seen)}
 
 
 def unread(spec: CampaignSpec) -> Iterator[Fault]:

@@ -55,7 +55,7 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
     """
     found = check_campaign(campaign, allow_outside=allow_outside)
     said = _shakers(campaign, allow_outside)
-    answer(json_, as_json(found) | {"shakers": said}, *_lines(found), *said)
+    answer(json_, as_json(found) | {"shakers": said}, *_lines(found), *found.seen, *said)
     if figures is not None:
         from jbw.report.overview import save_overviews  # loads matplotlib
 
