@@ -8,6 +8,7 @@ from dialect import GRAMMAR, readable
 
 from jbw.errors import ConfigError
 from jbw.identification.step import attrs
+from jbw.oscillator.laws import vocabulary
 from jbw.quantities import BY_NAME, derivative_order, gain_unit, in_dialect, per
 
 
@@ -59,3 +60,17 @@ def test_order_of_the_derivative():
 def test_the_table_loads_no_jax():
     code = "import sys, jbw.quantities; sys.exit('jax' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+def test_pint_reads_every_unit_of_the_tables():
+    pint = pytest.importorskip("pint")
+    registry = pint.UnitRegistry()
+    units = {each.unit for each in (*BY_NAME.values(), *vocabulary().values())}
+    units |= {gain_unit(source) for source in ("V", "N", "N/kg")}
+    assert {"rad/s", "1/m", "N/kg/V", "1/s^2"} <= units
+    known = {"[length]", "[mass]", "[time]", "[current]"}
+    for unit in units:
+        # Base dimensions of a vibration alone: no prefix or name that happens to be a unit.
+        assert set(registry.parse_units(unit).dimensionality) <= known, unit
+    assert registry.parse_units("N/kg") == registry.newton / registry.kilogram
+    assert registry.parse_units("1/(m^2 s^2)") == (registry.meter * registry.second) ** -2
