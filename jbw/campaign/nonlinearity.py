@@ -50,7 +50,7 @@ def seen_in(test: TestSpec, records: Sequence[Record]) -> list[str]:
             said += _repeats(u, y)
             said += _sweep(u, y, fs) if traits.is_transient else []
     except DataError as error:  # too short, say: it is for `jbw identify` to refuse
-        said.append(f"not told: {error}")
+        said.append(f"not told: {str(error).splitlines()[0]}")
     return [f"{test.name}: {one}" for one in said]
 
 

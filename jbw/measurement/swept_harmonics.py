@@ -27,6 +27,7 @@ PERIODS = 10.0  # of the source in a window
 SPACING = 0.5  # of a window: from one to the next
 QUIET = 0.02  # of the source's largest amplitude: below, nothing is driven
 FEWEST = 4  # windows
+MOST_STRAY = 0.1  # of a sweep's source from one tone with its harmonics, within a window
 
 
 class SweptHarmonics(NamedTuple):
@@ -54,7 +55,7 @@ def swept_harmonics(
         periods: Length of a window; fewer follow a resonance better, more tell noise better.
 
     Raises:
-        DataError: NaN, unequal shapes, a dead source, or too short a sweep.
+        DataError: NaN, unequal shapes, a dead source, too short a sweep, or a source that is none.
         ConfigError: An option that cannot be meant.
     """
     u, y, fs = channel(u, "u"), channel(y, "y"), sampling(fs)
@@ -78,7 +79,13 @@ def swept_harmonics(
             remedy="Sweep more slowly, or shorten `periods`.",
         )
     rows = [_fitted(phase[w], u[w], y[w], fs, num_orders) for w in windows]
-    freq, source, response, std = (np.array(x) for x in zip(*rows, strict=True))
+    freq, source, response, std, strays = (np.array(x) for x in zip(*rows, strict=True))
+    if (stray := float(np.median(strays))) > MOST_STRAY:
+        raise DataError(
+            f"The source is no sweep: its amplitude strays by {stray:.0%} within {periods:g} "
+            "periods.",
+            why="Noise and multisines have no phase whose multiples were harmonics.",
+        )
     return SweptHarmonics(freq, source.T, response.T, std)
 
 
@@ -94,8 +101,8 @@ def _windows(amplitude: Reals, phase: Reals, periods: float) -> list[slice]:
 
 def _fitted(
     phase: Reals, u: Reals, y: Reals, fs: float, num_orders: int
-) -> tuple[float, NDArray[np.complex128], NDArray[np.complex128], float]:
-    """Frequency [Hz], harmonics of both, and the standard deviation of the response's."""
+) -> tuple[float, NDArray[np.complex128], NDArray[np.complex128], float, float]:
+    """Frequency [Hz], harmonics of both, standard deviation of the response's, source's rest."""
     x = np.linspace(-1.0, 1.0, len(phase))
     hz = float(np.polyfit(x, phase, 1)[0]) / (np.pi * (len(phase) - 1) / fs)
     shown = [n for n in range(1, num_orders + 1) if n * hz < 0.45 * fs]
@@ -107,6 +114,7 @@ def _fitted(
     rows = weight * basis
     both = np.linalg.solve(rows.T @ rows, rows.T @ (weight * np.column_stack([u, y])))
     left = y - basis @ both[:, 1]
+    stray = float(np.std(u - basis @ both[:, 0]) / np.std(u))
     degrees = max(len(y) - basis.shape[1], 1)
     std = float(np.sqrt(np.sum(left**2) / degrees * 2 / (len(y) / 2)))
     found = np.full((2, num_orders), np.nan, complex)
@@ -114,7 +122,7 @@ def _fitted(
         found[:, n - 1] = both[2 * i] - 1j * both[2 * i + 1]
     # From the source's own fundamental, whatever its phase by the analytic signal.
     turn = np.exp(-1j * np.arange(1, num_orders + 1) * np.angle(found[0, 0]))
-    return hz, found[0] * turn, found[1] * turn, std
+    return hz, found[0] * turn, found[1] * turn, std, stray
 
 
 def largest_share(found: SweptHarmonics, order: int) -> tuple[float, float, float]:

@@ -87,3 +87,12 @@ def test_what_cannot_be_swept_is_refused():
         swept_harmonics(np.cos(linear(T[:500])), T[:500], FS)
     with pytest.raises(ConfigError, match="num_orders"):
         swept_harmonics(np.cos(linear(T)), T, FS, num_orders=0)
+
+
+def test_a_source_that_is_no_sweep_is_refused():
+    rng = np.random.default_rng(3)
+    spectrum = np.zeros(len(T) // 2 + 1, complex)
+    spectrum[200:600] = np.exp(2j * np.pi * rng.random(400))  # a random multisine, 10 to 30 Hz
+    u = np.fft.irfft(spectrum, len(T))
+    with pytest.raises(DataError, match="no sweep: its amplitude strays by"):
+        swept_harmonics(u, u + u**3, FS)
