@@ -5,6 +5,7 @@ noise of multisines, the coherence of random noise. What frequency and damping d
 amplitude is `jbw look`'s to say.
 """
 
+import warnings
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -128,7 +129,9 @@ def _multisine(
 
 
 def _noise(u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: str) -> Iterator[str]:
-    found = frf(u, y, fs, response=role)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the window, which is Step 2's to choose
+        found = frf(u, y, fs, response=role)
     power = np.abs(found.h) ** 2 * found.input_spectrum
     near = power > power.max() / 4
     yield (

@@ -102,10 +102,10 @@ CASES = {
 ELSEWHERE = {
     "Attachment", "Campaign", "ConfigError", "DataError", "JbwError", "ModelError", "Record",
     "Response", "RunError", "Study", "Test", "attached", "compare", "compare_laws", "enable_x64",
-    "fit_attachment", "fit_modes", "fleet_of", "frf", "harmonics", "identifiability", "identify",
-    "identify_many", "laws", "line_fit", "load_campaign", "load_study", "plan_tests", "pool",
-    "population_of", "read", "read_fleet", "record_frf", "rig", "sbc", "third_order_kernel",
-    "write_fleet",
+    "fit_attachment", "fit_modes", "fleet_of", "frf", "from_sep005", "harmonics",
+    "identifiability", "identify", "identify_many", "laws", "line_fit", "load_campaign",
+    "load_study", "plan_tests", "pool", "population_of", "read", "read_fleet", "record_frf", "rig",
+    "sbc", "third_order_kernel", "to_sep005", "write_fleet", "write_uff",
 }  # fmt: skip
 # Have as many points, or pairs, as their numbers ask for.
 REFUSES = {"internal_resonances", "response_curve"}
