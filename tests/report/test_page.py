@@ -170,6 +170,14 @@ def test_no_red_mark_stands_above_the_papers_route_when_the_main_answer_is_good(
     assert 'class="badge bad"' in text[text.index("<main>") : text.index('<section id="steps">')]
 
 
+def test_a_step_that_was_not_judged_has_no_mark(small, summary):
+    """The published route may stop before its verdict, beside steps that have one."""
+    for step in summary["steps"].values():
+        step["main"] = False
+    next(iter(summary["steps"].values())).pop("verdict")
+    assert 'class="badge bad"' in render_page(summary, small)
+
+
 @pytest.mark.fault(52)
 def test_names_from_files_are_escaped(tree, summary):
     summary["campaign"] = HOSTILE
