@@ -27,7 +27,13 @@ from jbw.identification.coordinates import (
     coordinates_sentence,
 )
 from jbw.identification.residual_terms import shown_terms
-from jbw.identification.run_effects import sentence_of, shifts_of, wanted, with_offsets
+from jbw.identification.run_effects import (
+    sentence_of,
+    shifts_of,
+    wanted,
+    with_offsets,
+    with_scatter,
+)
 from jbw.inference.fit.costly_fit import TOLERANCE, costly_fit, from_search
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.lanes import at_points
@@ -209,6 +215,8 @@ def reweight(
         data = dataset.with_directions(best.theta, data, dataset.best_offsets(best.theta, data))
         best = refit(best, prior, data)
         best, data = settled(best, prior, data, settings)
+        data = with_scatter(key, best, data)
+        best = refit(best, prior, data)
     if (shown := shown_terms(best, prior, data, refit)) is not None:
         prior, best, said = shown
         words.append(said)

@@ -39,7 +39,6 @@ class Shifts:
     runs: tuple[str, ...]
     offset: Float[np.ndarray, "run own"]  # omega_n [rad/s] and zeta [-] less the fit's
     std: Float[np.ndarray, "run own"]  # standard errors
-    scatter: Float[np.ndarray, " own"]  # sd over runs beyond the errors, a tenth of all at least
     p: float  # probability of such differences by chance
 
 
@@ -75,13 +74,10 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
     covariance = np.linalg.inv(precision)
     std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     dof = len(OFFSETS) * (int(known.sum()) - 1)
-    seen = np.var(offset, axis=0, ddof=1)
-    beyond = np.maximum(seen - np.mean(std**2, axis=0), 0.01 * seen)
     return Shifts(
         runs=tuple(name for name, one in zip(labels, known, strict=True) if one),
         offset=offset,
         std=std,
-        scatter=np.sqrt(beyond),
         p=float(stats.chi2.sf(chi_square, dof)),
     )
 
@@ -92,17 +88,38 @@ def wanted(shifts: Shifts, settings: Identify) -> bool:
 
 
 def with_offsets(best: Fit, shifts: Shifts, data: Dataset) -> Dataset:
-    """The dataset in which every run has offsets of its own."""
+    """The dataset in which every run has offsets of its own, free in least squares.
+
+    In a fit that knows none, what omega_n misses hides how zeta differs, and the fit's weights
+    follow the misfit: their scatter can be read where both are free (`with_scatter`).
+    """
     centre = np.array([best.theta[name] for name in OFFSETS])
     least, most = (tuple(np.array(part) * centre) for part in (LEAST, MOST))
-    scatter = np.clip(shifts.scatter, least, most)
     own = dict(zip(shifts.runs, shifts.offset, strict=True))
     nested = bool(assemblies_of(tuple(dict.fromkeys(data.runs))))
     return replace(
         with_directions(best.theta, data, own),
         scatters=jnp.asarray(scatter_grid(least, most, assemblies=nested)),
-        scatter=jnp.asarray(scatter),
+        scatter=jnp.asarray(most),
     )
+
+
+def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
+    """The dataset whose least squares take the runs' scatter as it is known at a fit, its median.
+
+    The likelihood integrates over it either way.
+    """
+    theta = {name: jnp.asarray(value) for name, value in best.theta.items()}
+    drawn = _scatters(jax.random.split(key, NUM_DRAWS), theta, data)
+    return replace(data, scatter=jnp.median(drawn[:, : len(OFFSETS)], axis=0))
+
+
+@eqx.filter_jit
+def _scatters(
+    keys: Key[Array, " draw"], theta: Mapping[str, Float[Array, ""]], data: Dataset
+) -> Float[Array, "draw level_own"]:
+    found = estimates({**data.held, **theta}, data)
+    return jax.vmap(lambda key: draw_offsets(key, found, data.levels, data.scatters).scatter)(keys)
 
 
 def sentence_of(shifts: Shifts) -> str:
