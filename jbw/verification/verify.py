@@ -141,7 +141,7 @@ def _verify_forced(
             one = route_of(test)(beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS), test)
             add(test.kind, test.name, one, test.name in names)
     for test in loops:
-        validated = loop_validation(test, source.draws, basis.laws)
+        validated = loop_validation(test, beside(test).draws, basis.laws)
         groups[place("validation/loops", test.name)] = validated
     return groups
 
