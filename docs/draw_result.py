@@ -18,7 +18,7 @@ from jbw.report.records import verification_sweep
 from jbw.report.result import read_result
 
 TARGET = Path(__file__).with_name("result.png")
-SWEEP, LOOP = "verification/sweep/sweep_0p10V", "validation/loops/loop_0p10V"
+SWEEP, LOOP = "verification/sweep/sweep_0p10V_day1", "validation/loops/loop_0p05V_day1"
 # What the legend names of all that is drawn.
 LABELS = {
     name: name
@@ -48,7 +48,7 @@ def draw(tree: xr.DataTree) -> Figure:
         validation_loops(only(tree, LOOP), ax=[spare, axes[1, 0]])
         backbone(tree, ax=axes[1, 1:])
     style.title(axes[0, 0], "a sweep that no fit saw", size=8)
-    style.title(axes[1, 0], "hysteresis loop, 0.1 V at 18.5 Hz", size=8)
+    style.title(axes[1, 0], "hysteresis loop, 0.05 V at 18.5 Hz", size=8)
     style.title(axes[1, 1], "the joint softens", size=8)
     style.title(axes[1, 2], "and dissipates", size=8)
     axes[1, 1].set(xlabel="amplitude [mm]", ylabel="frequency [Hz]")
@@ -61,7 +61,7 @@ def draw(tree: xr.DataTree) -> Figure:
             told = LABELS.get(label)
             handle.set_label("_unnamed" if told is None or told in known else told)
             known |= {told} if told else set()
-    style.legend(axes, None)
+    style.finish(axes, None)
     return axes[0, 0].figure
 
 

@@ -37,15 +37,15 @@ def measure(
     joint: Joint = TRUTH,
     tests: Iterable[str] | None = None,
     repeats: int | None = None,
-    noise_std: float = 50e-6,
+    noise_std: float | None = None,
     noise_ratio: float | None = None,
     input_noise_std: float | None = None,
     force_noise_std: float = 0.02,
     bits: int = 24,
     distortion_db: float | None = None,
     delay: float = 0.0,
-    omega_n_cv: float = 0.0,
-    zeta_cv: float = 0.0,
+    omega_n_cv: float | None = None,
+    zeta_cv: float | None = None,
     fs: float = 1024.0,
 ) -> RigCampaign:
     """Measures the virtual specimen; equal arguments give equal bits.
@@ -57,13 +57,13 @@ def measure(
     0.0018 for omega_n between assemblies.
 
     Args:
-        preset: "laboratory", "paper", "mixed" or a preset of your own.
+        preset: "everyday", "laboratory", "paper", "mixed" or a preset of your own.
         seed: Seed of everything random.
         joint: The specimen: a `BoucWen` with nu = 1, or an `Oscillator` such as `SLIDERS` of any
             laws; the rig has a code of its own for each (`jbw.rig.law_forces`).
         tests: Names of the tests to take, in the order of the preset; all when None.
         repeats: Records of each test; as the preset plans when None.
-        noise_std: Laser noise over 0 .. fs/2 [m/s].
+        noise_std: Laser noise over 0 .. fs/2 [m/s]; the preset's when None.
         noise_ratio: Laser noise as a fraction of the rms velocity of each record, instead [-].
         input_noise_std: Noise of the source's channel [V or N]; the preset's when None.
         force_noise_std: Noise of restoring forces, and of the force that holds a response [N].
@@ -71,8 +71,8 @@ def measure(
         distortion_db: Third harmonic of the source in tones, steps and sweeps [dB]; at -60 dB it
             already rivals the joint's own.
         delay: Lag of the velocity channel, stated in the tests [s].
-        omega_n_cv: Coefficient of variation of omega_n from day to day [-].
-        zeta_cv: Coefficient of variation of zeta from day to day [-].
+        omega_n_cv: Coefficient of variation of omega_n from day to day [-]; the preset's when None.
+        zeta_cv: Coefficient of variation of zeta from day to day [-]; the preset's when None.
         fs: Sampling frequency [Hz].
 
     Raises:
@@ -81,11 +81,15 @@ def measure(
             is not finite.
     """
     rig = preset_named(preset)
+    if noise_std is None and noise_ratio is None:
+        noise_ratio = rig.noise_ratio
     conditions = Conditions(
-        seed=seed, fs=fs, noise_std=noise_std, noise_ratio=noise_ratio,
+        seed=seed, fs=fs, noise_std=rig.noise_std if noise_std is None else noise_std,
+        noise_ratio=noise_ratio,
         input_noise_std=rig.source_noise_std if input_noise_std is None else input_noise_std,
         force_noise_std=force_noise_std, bits=bits, distortion_db=distortion_db, delay=delay,
-        omega_n_cv=omega_n_cv, zeta_cv=zeta_cv,
+        omega_n_cv=rig.omega_n_cv if omega_n_cv is None else omega_n_cv,
+        zeta_cv=rig.zeta_cv if zeta_cv is None else zeta_cv,
     )  # fmt: skip
     check(conditions)
     if repeats is not None and repeats < 1:

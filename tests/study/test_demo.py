@@ -21,8 +21,28 @@ def home(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_demo_from_the_first_record_to_the_report(home):
-    folder = home / "demo"
+def test_demo_of_three_days_finds_the_truth_with_bands_that_are_seen(home):
+    summary = json.loads((home / "demo" / "summary.json").read_text())
+    assert summary["verdict"]["status"] == "ok"
+    joint = summary["steps"]["joint"]["parameters"]
+    for name in ("omega_n", "zeta", "alpha", "delta", "gamma", "gain"):
+        assert abs(joint[name]["z"]) < 4
+    # The population's mean of three days that scatter by 0.18 and 3 %: their error is most of it.
+    assert 0.1 < joint["omega_n"]["sd"] / (0.0018 * 118.1 / 3**0.5) < 3
+    days = summary["steps"]["joint"]["runs"]["omega_n"]
+    truth = json.loads((home / "demo" / "campaign" / "truth.json").read_text())["days"]
+    for day, (name, row) in zip(truth, sorted(days.items()), strict=True):
+        assert abs(row["mean"] - day["omega_n"]) < 4 * row["sd"], name
+    assert {row["fitted"] for row in summary["predictions"].values()} == {True, False}
+    for row in summary["predictions"].values():
+        assert row["nrmse"] < 0.021  # noise of 2 %, and the model hardly adds to it
+    assert (home / "demo" / "report.html").stat().st_size > 100_000
+
+
+@pytest.mark.slow
+def test_demo_of_the_paper_from_the_first_record_to_the_report(tmp_path):
+    folder = tmp_path / "paper"
+    assert run(["demo", "--paper", "--out", str(folder)]) == 0
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["verdict"]["status"] == "ok"
     joint = summary["steps"]["joint"]["parameters"]
