@@ -9,8 +9,6 @@ import numpy as np
 from jbw.cli.options import json_option
 from jbw.cli.printing import NOT_TRUSTED, answer
 from jbw.cli.progress import computing
-from jbw.report.table import Column, Table, table, words
-from jbw.report.text import NOTHING
 
 NUM_PLACES = 25  # of the figure's band
 
@@ -33,14 +31,16 @@ def population(
 
     FLEET is what `jbw collect` wrote. Of every coordinate: its mean at the middle torque, its
     scatter between units, its power of torque, and where a unit lies that nobody measured. Writes
-    population.json, population.nc with frequency and damping of a new unit, and population.png.
+    population.json, population.nc with frequency and damping of a new unit, population.png, and
+    population.html with the units side by side.
     """
     with computing() as say:
         from jbw.inference.posterior.summary import QUANTILES
         from jbw.population.fleet import read_fleet
         from jbw.population.population import population_of, require_torque
         from jbw.population.prediction import new_backbone, new_coordinates
-        from jbw.report.population import population_figure
+        from jbw.report.population import population_figure, population_sheet, population_table
+        from jbw.report.sheet import render_sheet
         from jbw.study.store import claim, write_figure, write_json, writing
 
         units = read_fleet(fleet)
@@ -79,43 +79,16 @@ def population(
             },
         }
         folder = claim(out or fleet.with_name(f"{fleet.stem}-population"))
-        with writing(folder, "population.nc", "population.png", "population.json") as part:
+        shown = population_table(record)
+        sheet = population_sheet(fleet.stem, record, found.pooled.mean, sd, shown)
+        made = [f"population.{ending}" for ending in ("nc", "png", "html", "json")]
+        with writing(folder, *made) as part:
+            page = render_sheet(sheet, figure)
+            (part / "population.html").write_text(page, encoding="utf-8")
             backbone.to_netcdf(part / "population.nc", engine="h5netcdf")
             write_figure(part / "population.png", figure)
             write_json(part / "population.json", record)
     status = f"Status: {record['status']}"
-    saved = f"Population: {folder / 'population.json'}"
-    answer(json_, record, population_table(record), status, *record["statements"], saved=saved)
+    saved = f"Population: {folder / 'population.html'}"
+    answer(json_, record, shown, status, *record["statements"], saved=saved)
     return 0 if record["status"] == "ok" else NOT_TRUSTED
-
-
-def population_table(record: dict[str, Any]) -> Table:
-    """A line a coordinate."""
-    torque = record["new_unit"]["torque"]
-    at = torque if torque is not None else record["reference_torque"]
-    where = "" if at is None else f" at {at:.3g} N m"
-    rows = [
-        {"name": name, **row, "new": record["new_unit"][name]}
-        for name, row in record["parameters"].items()
-    ]
-    middle = "" if at is None else f" at {record['reference_torque']:.3g} N m"
-    columns = [
-        words("", "name"),
-        words("unit", "unit"),
-        Column(f"mean{middle}", lambda row: _interval(row["mean"])),
-        Column("scatter [%]", lambda row: _interval(row["scatter"], 100.0)),
-    ]
-    for column in record["columns"][1:]:
-        key = f"slope_{column}"
-        columns.append(Column(f"power of {column}", lambda row, key=key: _interval(row.get(key))))
-    columns.append(Column(f"new unit{where}", lambda row: _interval(row["new"])))
-    return table(f"Population of {len(record['units'])} units, median [99 %]", rows, *columns)
-
-
-def _interval(row: dict[str, float] | None, factor: float = 1.0) -> str:
-    if row is None:
-        return NOTHING
-    low, middle, high = (factor * row[key] for key in ("q005", "median", "q995"))
-    width = max(abs(high - low), 1e-300)
-    digits = int(np.clip(np.ceil(np.log10(max(abs(low), abs(high)) / width)) + 2, 2, 12))
-    return f"{middle:.{digits}g} [{low:.{digits}g}, {high:.{digits}g}]"

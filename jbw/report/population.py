@@ -1,13 +1,18 @@
-"""The figure of a fleet: every unit beside the others, and where a new one would lie."""
+"""A fleet: every unit beside the others, what they have in common, and where a new one lies."""
 
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from jbw.report.sheet import Sheet
 from jbw.report.style import BLUE, INK, VERMILLION, Panels, finish, panels, shade
+from jbw.report.table import Column, Table, digits, table, words
+from jbw.report.text import NOTHING
+from jbw.report.words import badge
 
 HALF_99 = 2.5758  # sd of a normal interval of 99 %
+ODD = 0.01  # probability, over the number of units, from which one does not belong
 
 
 def population_figure(
@@ -31,7 +36,7 @@ def population_figure(
     rows, trend = record["parameters"], "torque" in record["columns"]
     axes = panels(ax, len(rows), 1, height=1.7 * len(rows))
     place = np.array(record["torque"]) if trend else np.arange(1.0, len(mean) + 1)
-    odd = np.array([p < 0.01 / len(mean) for p in record["belongs"].values()])
+    odd = np.array([p < ODD / len(mean) for p in record["belongs"].values()])
     for i, (each, row) in enumerate(zip(axes[:, 0], rows.values(), strict=True)):
         low, middle, high = np.exp(new[:, :, i])
         shade(each, at, low, high, BLUE, "99 % of a new unit", alpha=0.15)
@@ -46,3 +51,85 @@ def population_figure(
             each.set_xticks(place, record["units"] if i == len(rows) - 1 else [""] * len(place))
     axes[-1, 0].set_xlabel("tightening torque [N m]" if trend else "unit")
     return finish(axes, ax)
+
+
+def population_sheet(
+    name: str, record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray, pooled: Table
+) -> Sheet:
+    """The page of a fleet: figure, statements, the population, every unit.
+
+    Args:
+        name: Of the fleet.
+        record: Of `population_of`.
+        mean: Logarithms, axes (unit, coordinate).
+        sd: Their errors.
+        pooled: The table of the population.
+    """
+    trend = " against torque" if "torque" in record["columns"] else ""
+    return Sheet(
+        title=f"Fleet {name}",
+        about=f"{len(record['units'])} units identified by jbw, and their population.",
+        caption=f"Every unit{trend} with its own 99 % interval, and the band in which 99 % of "
+        "units lie that nobody measured. A square marks a unit that does not belong.",
+        sentences=record["statements"],
+        tables=[("The population", pooled), ("The units", units_table(record, mean, sd))],
+        status=badge(record["status"]),
+        status_words=f"Population of {len(record['units'])} units",
+    )
+
+
+def population_table(record: Mapping[str, Any]) -> Table:
+    """A line a coordinate, with a new unit's."""
+    torque = record["new_unit"]["torque"]
+    at = torque if torque is not None else record["reference_torque"]
+    where = "" if at is None else f" at {at:.3g} N m"
+    rows = [
+        {"name": name, **row, "new": record["new_unit"][name]}
+        for name, row in record["parameters"].items()
+    ]
+    middle = "" if at is None else f" at {record['reference_torque']:.3g} N m"
+    columns = [
+        words("", "name"),
+        words("unit", "unit"),
+        Column(f"mean{middle}", lambda row: _interval(row["mean"])),
+        Column("scatter [%]", lambda row: _interval(row["scatter"], 100.0)),
+    ]
+    for column in record["columns"][1:]:
+        key = f"slope_{column}"
+        columns.append(Column(f"power of {column}", lambda row, key=key: _interval(row.get(key))))
+    columns.append(Column(f"new unit{where}", lambda row: _interval(row["new"])))
+    return table(f"Population of {len(record['units'])} units, median [99 %]", rows, *columns)
+
+
+def units_table(record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray) -> Table:
+    """A line a unit: torque, its coordinates, and how well it belongs with the others."""
+    rows = []
+    for k, unit in enumerate(record["units"]):
+        ends = np.exp(mean[k] + HALF_99 * sd[k] * np.array([[-1.0], [0.0], [1.0]]))
+        own = [
+            dict(zip(("q005", "median", "q995"), map(float, one), strict=True)) for one in ends.T
+        ]
+        known = dict(zip(record["parameters"], own, strict=True))
+        torque = record["torque"][k]
+        stated = torque is not None and np.isfinite(torque)
+        rows.append(
+            {"name": unit, "torque": torque if stated else None, **known}
+            | {"belongs": record["belongs"][unit]}
+        )
+    columns = [words("unit", "name")]
+    if any(row["torque"] is not None for row in rows):
+        columns.append(digits("torque [N m]", "torque"))
+    for name, row in record["parameters"].items():
+        heading = name if row["unit"] == "1" else f"{name} [{row['unit']}]"
+        columns.append(Column(heading, lambda one, name=name: _interval(one[name])))
+    columns.append(digits("P(as far off)", "belongs"))
+    return table("Every unit, median [99 %]", rows, *columns)
+
+
+def _interval(row: Mapping[str, float] | None, factor: float = 1.0) -> str:
+    if row is None:
+        return NOTHING
+    low, middle, high = (factor * row[key] for key in ("q005", "median", "q995"))
+    width = max(abs(high - low), 1e-300)
+    shown = int(np.clip(np.ceil(np.log10(max(abs(low), abs(high)) / width)) + 2, 2, 12))
+    return f"{middle:.{shown}g} [{low:.{shown}g}, {high:.{shown}g}]"

@@ -1,4 +1,4 @@
-"""The figure of a watch: frequency and damping at one amplitude, record by record."""
+"""A watch: frequency and damping at one amplitude, record by record, and every alarm."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
+from jbw.report.sheet import Sheet
 from jbw.report.style import (
     BLUE,
     INK,
@@ -17,6 +18,9 @@ from jbw.report.style import (
     shade,
     title,
 )
+from jbw.report.table import Column, Table, table, words
+from jbw.report.text import NOTHING
+from jbw.report.words import Badge
 
 LEVEL = 0.99  # of the band in which a further reading of an unchanged joint lies
 
@@ -51,3 +55,54 @@ def watch_figure(
         each.ticklabel_format(axis="y", useOffset=False)
         title(each, f"{name.partition(' [')[0]} at {at}")
     return finish(axes, ax, below="record")
+
+
+def watch_sheet(
+    name: str, settings: Mapping[str, Any], readings: Sequence[Mapping[str, Any]]
+) -> Sheet:
+    """The page of a watch: figure, what was said at every alarm, every reading."""
+    alarms = [one for one in readings if one.get("alarm")]
+    said = [f"{one['record']}: {one['statement']}" for one in alarms if "statement" in one]
+    last = [one["statement"] for one in readings if "statement" in one][-1:]
+    return Sheet(
+        title=f"Watch of {name}",
+        about=f"{len(readings)} records by jbw, of which the first {settings['reference']} are the "
+        "reference.",
+        caption="Frequency and damping at one amplitude, and the band in which 99 % of further "
+        "records of an unchanged joint lie. A square marks an alarm.",
+        sentences=said or last,
+        tables=[("Every record", watch_table(settings, readings))],
+        status=Badge("alarm", "bad") if alarms else Badge("no alarm", "good"),
+        status_words=f"{len(alarms)} of {len(readings)} records",
+    )
+
+
+def watch_table(settings: Mapping[str, Any], entries: Any) -> Table:
+    """A line a record, with its readings at the first amplitude."""
+
+    def number(heading: str, read: Any, form: str) -> Column:
+        def shown(one: Mapping[str, Any]) -> str:
+            value = read(one)
+            return NOTHING if value is None else format(value, form)
+
+        return Column(heading, shown)
+
+    def value(at: int) -> Any:
+        return lambda one: one["values"][at] if "values" in one else None
+
+    rows = [{"role": one["kind"], "alarm": "", **one} for one in entries]
+    at = f"{settings['amplitudes'][0]:g} {settings['unit']}"
+    return table(
+        f"Read at {at}; rate of false alarms {settings['false_alarms']:g} a record",
+        rows,
+        number("number", lambda one: one.get("number"), "d"),
+        words("record", "record"),
+        words("role", "role"),
+        number("frequency [Hz]", value(0), ".4f"),
+        number("damping [%]", lambda one: 100 * np.exp(one["values"][1]) if "values" in one
+               else None, ".4g"),
+        number("T^2", lambda one: one.get("squared"), ".3g"),
+        number("threshold", lambda one: one.get("threshold"), ".3g"),
+        number("unchanged", lambda one: one.get("unchanged"), ".3g"),
+        words("alarm", "alarm"),
+    )  # fmt: skip

@@ -104,8 +104,13 @@ def test_the_command_writes_table_figure_and_prediction(found, tmp_path, capsys)
     assert row["q005"] < truth < row["q995"]
     out = tmp_path / "fleet-population"
     assert {p.name for p in out.iterdir()} == {
-        "population.json", "population.nc", "population.png",
+        "population.html", "population.json", "population.nc", "population.png",
     }  # fmt: skip
+    page = (out / "population.html").read_text(encoding="utf-8")
+    assert "Population of 6 units" in page
+    assert all(page.count(name) for name in record["units"])
+    assert page.count("<svg") == 1
+    assert " src=" not in page  # nothing comes from elsewhere
 
 
 @pytest.mark.slow  # each samples a population of its own

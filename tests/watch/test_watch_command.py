@@ -1,5 +1,6 @@
 """`jbw watch` as a user has it: references, louder hits, loose bolts, crashes and wrong files."""
 
+import html
 import json
 
 import h5py
@@ -121,6 +122,9 @@ def test_a_watch_from_the_references_to_a_loose_bolt(call, watched):
     assert middle == pytest.approx(0.08, abs=4 * 0.01)
     assert loose["statement"].startswith("Alarm (reading")
     assert (watched / "watch.png").stat().st_size > 10_000
+    page = (watched / "watch.html").read_text(encoding="utf-8")
+    assert f"1 of {NUM + 3} records" in page
+    assert html.escape(loose["statement"], quote=False) in html.unescape(page)
     assert lines(watched)[-1]["statement"] == loose["statement"]
 
 
