@@ -56,9 +56,11 @@ def test_no_record_is_argued_away_where_no_law_follows():
     """The strongest sweep of fifty sliders was once left with 106 %, by a line with 41."""
     _, _, summary = identified("fifty sliders")
     assert summary["verdict"]["answers"]["sampling"]["status"] == "ok"
-    assert summary["verdict"]["answers"]["law"]["status"] == "failed"
+    # Noise is 0.2 %; the law leaves far more, but no more than 5 % of any sweep: usable, not ok.
+    assert summary["verdict"]["answers"]["law"]["status"] == "usable"
     predictions = summary["predictions"]
     assert predictions
     for name, one in predictions.items():
         # The law holds the linear oscillator: it may not fit worse, but for what noise makes of it.
         assert one["nrmse"] < 1.05 * one["nrmse_linear"], name
+        assert 0.01 < one["nrmse"] < 0.05, name
