@@ -146,7 +146,9 @@ TAKES_LONG = ("amis", "tempered_smc", "elliptical_slice", "importance")
 )
 def test_samplers_are_calibrated(sampler):
     chosen = named(sampler, **SAMPLERS[sampler])
-    found = run(chosen, model=FITTED if chosen[0].needs_fit else RIGHT)
+    # A run of amis takes a second of two cores, those of the others far less.
+    count = 100 if sampler == "amis" else 300
+    found = run(chosen, model=FITTED if chosen[0].needs_fit else RIGHT, num_replications=count)
     assert least_p(found) > 1e-4
     # A walk of 300 steps or a run of 256 particles may scatter beyond R-hat 1.1 now and then.
     assert found.failed.mean() < 0.05
@@ -181,10 +183,10 @@ ACROSS = {
     ("seed", "sampler"), [(0, "amis"), *((seed, "importance") for seed in SEEDS)]
 )
 def test_a_thin_ridge_through_the_box(seed, sampler):
-    found = run(ACROSS[sampler], seed, RIDGE)
+    found = run(ACROSS[sampler], seed, RIDGE, num_replications=100 if sampler == "amis" else 300)
     assert found.names == ("a", "b", "log_likelihood", "ab")
     assert least_p(found) > 1e-4
-    assert found.failed.mean() < 0.01
+    assert found.failed.mean() <= 0.01
 
 
 @pytest.mark.slow

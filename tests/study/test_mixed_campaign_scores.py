@@ -18,7 +18,7 @@ from campaign_scores import score_campaigns
     "ignore"
 )  # of the short window of Step 2, which the line fit allows for
 def test_every_kind_of_test_together_is_calibrated():
-    result = score_campaigns(40, campaign="mixed", repeats=2, noise_ratio=0.02)
+    result = score_campaigns(20, campaign="mixed", repeats=2, noise_ratio=0.02)
     assert np.quantile(result.khat, 0.9) < 0.7
     for name, p in result.p_values.items():
         assert p > 1e-3, f"{name}: {p}"
