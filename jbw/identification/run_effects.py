@@ -105,13 +105,13 @@ def with_offsets(best: Fit, shifts: Shifts, data: Dataset) -> Dataset:
 
 
 def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
-    """The dataset whose least squares take the runs' scatter as it is known at a fit, its median.
+    """The dataset whose least squares take the runs' scatter as it is known at a fit.
 
-    The likelihood integrates over it either way.
+    Its root mean square: the likelihood integrates over it, and the mean of runs scatters by that.
     """
     theta = {name: jnp.asarray(value) for name, value in best.theta.items()}
     drawn = _scatters(jax.random.split(key, NUM_DRAWS), theta, data)
-    return replace(data, scatter=jnp.median(drawn[:, : len(OFFSETS)], axis=0))
+    return replace(data, scatter=jnp.sqrt(jnp.mean(drawn[:, : len(OFFSETS)] ** 2, axis=0)))
 
 
 @eqx.filter_jit

@@ -201,9 +201,10 @@ def test_what_frequencies_hide_of_damping_is_found_and_every_record_counts():
     first = costly_fit(stacked, prior, data, starts=middle)
     found = reweight(jax.random.key(0), data, prior, first, Identify())
     assert min(fractions_counted(found.data).values()) == 1.0
-    # Scatters of 0.05 % and 7.5 % of three days, which know them to a factor of two.
-    assert 0.5 < float(found.data.scatter[0]) / 0.25 < 2.0
-    assert 0.5 < float(found.data.scatter[1]) / 2.3e-4 < 2.0
+    # Scatters of 0.05 % and 7.5 % of three days, of which the likely sizes
+    # reach to some times that: their root mean square lies above.
+    assert 0.5 < float(found.data.scatter[0]) / 0.25 < 6.0
+    assert 0.5 < float(found.data.scatter[1]) / 2.3e-4 < 6.0
     own = best_offsets(found.fit.theta, found.data)
     for i, (_, zeta) in enumerate(days):
         # 72 values of 0.2 to 1 % noise: 1e-5 of damping.
