@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from jbw.campaign.files import repeats_of
-from jbw.campaign.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.campaign.schema import CampaignSpec, TestSpec, force_per_unit, read_spec
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
@@ -19,6 +18,7 @@ from jbw.measurement import response_checks
 from jbw.measurement.checks import Fault, doubt, inspect, refusal, worst
 from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.kinds import KINDS, Kind
+from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.plausibility import doubts, swapped
 from jbw.measurement.records import INPUTS, Record
 

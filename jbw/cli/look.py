@@ -32,7 +32,8 @@ def look(campaign: Path, figure: Path | None, json_: bool, allow_outside: bool) 
 
     Frequency, damping, scatter of repeats, third harmonic and what a linear oscillator leaves, test
     by test in the order of the motion; then whether frequency and damping change with amplitude, by
-    how much and by which power. `jbw check` looks at the channels, `jbw identify` fits a joint.
+    how much and by which power, and what harmonics, distortion and coherence say. `jbw check` looks
+    at the channels, `jbw identify` fits a joint.
     """
     if figure is not None and figure.suffix not in ENDINGS:
         raise ConfigError(
@@ -42,6 +43,7 @@ def look(campaign: Path, figure: Path | None, json_: bool, allow_outside: bool) 
     with computing() as say:
         from jbw.campaign.load import load_campaign
         from jbw.study.look import look as look_at
+        from jbw.study.look import look_groups
 
         say(f"Reading {campaign}")
         with warnings.catch_warnings():
@@ -49,14 +51,18 @@ def look(campaign: Path, figure: Path | None, json_: bool, allow_outside: bool) 
             loaded = load_campaign(campaign, allow_outside=allow_outside)
             found = look_at(loaded, report=say)
         if figure is not None:
+            import xarray
+
             from jbw.report.looking import look_figure  # loads matplotlib
             from jbw.study.store import write_figure
 
-            write_figure(figure, look_figure(found))
+            tree = xarray.DataTree.from_dict(look_groups(found))
+            write_figure(figure, look_figure(tree))
         say("Done")
     tables = tests_table(found.record), loops_table(found.record)
     saved = "" if figure is None else f"Figure: {figure}"
-    answer(json_, found.record, *tables, *found.record["statements"], saved=saved)
+    record = found.record
+    answer(json_, record, *tables, *record["statements"], *record["seen"], saved=saved)
 
 
 def tests_table(record: Row) -> Table:
@@ -73,6 +79,7 @@ def tests_table(record: Row) -> Table:
         Column("damping [%]", lambda row: _with_scatter(row, "damping", "damping", 100.0)),
         _part("repeats\nscatter by", "noise"),
         _part("third\nharmonic", "third"),
+        _part("coherence", "coherence"),
         _part("a linear one\nleaves", "left"),
     )
 

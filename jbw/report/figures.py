@@ -21,6 +21,7 @@ from jbw.report import (
     diagrams,
     identifiability,
     kernel,
+    looking,
     loops,
     posterior,
     records,
@@ -50,6 +51,7 @@ def _entry(slug: str, draw: Callable[..., Any]) -> Entry:
 FIGURE_LIST = (
     _entry("figure_01_oscillator", diagrams.oscillator),
     _entry("figure_02_procedure", diagrams.procedure),
+    _entry("extra_look", looking.look_figure),
     _entry("figure_04_linear_frf", responses.linear_frf),
     _entry("extra_stabilisation", stabilisation.diagram),
     _entry("figure_05_softening", responses.softening),

@@ -1,52 +1,68 @@
-"""What records show without a model, as a table and as a figure."""
+"""What records show without a model, as a figure."""
 
-from collections.abc import Mapping
 from typing import Any
 
+import xarray as xr
 from matplotlib.axes import Axes
 
+from jbw.errors import DataError
 from jbw.report import style
+from jbw.report.result import node
 from jbw.report.style import Panels, finish, log_y, panels, plain, title
-from jbw.report.text import length_unit
+from jbw.report.text import axis_label, length_unit
 
 MOST_NAMED = 12  # tests in a legend
 DOTS = {"ls": "", "marker": ".", "ms": 4}
 
 
-def look_figure(found: Any, ax: Any = None) -> Panels:
-    """Draw the responses of all tests about their resonance, and frequency and damping by motion.
+def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Is the structure nonlinear, before any model?
 
-    `found` is what `jbw.study.look.look` returns.
+    Left, the response of every driven test about its resonance, displacement over source: that of
+    a linear structure is one curve for all levels. Middle and right, frequency and damping of every
+    record, each read as a linear oscillator's, against the motion: a linear structure's do not
+    change with it. Each colour is a test, or the tests of one kind and level on several days.
     """
+    found = node(tree, "look")
+    if found is None or not found.children:
+        raise DataError("The result has no readings of the records by themselves.")
+    tests = [one.to_dataset() for one in found.children.values()]
     axes = panels(ax, 1, 3, height=3.4, width_ratios=[1.2, 1, 1])
-    names = [row["test"] for row in found.record["tests"]]
-    colours = {name: style.LEVELS[i % len(style.LEVELS)] for i, name in enumerate(names)}
-    largest = max((one.y for each in found.readings.values() for one in each), default=1e-3)
-    factor, unit = length_unit(largest)
-    _responses(axes[0, 0], found.responses, colours)
+    factor, unit = length_unit(max(float(test["y"].max()) for test in tests))
+    names = _families(tests)
+    shown = list(dict.fromkeys(names))
+    colours = [style.LEVELS[shown.index(name) % len(style.LEVELS)] for name in names]
+    _responses(axes[0, 0], tests, colours)
     for only, name, scale, label in (
         (axes[0, 1], "frequency_hz", 1.0, "frequency [Hz]"),
         (axes[0, 2], "damping", 100.0, "damping ratio [%]"),
     ):
-        for i, test in enumerate(names):
-            each = found.readings[test]
-            x, values = (
-                [factor * one.y for one in each],
-                [scale * getattr(one, name) for one in each],
-            )
-            called = plain(test) if i < MOST_NAMED else "_further"
-            only.plot(x, values, color=colours[test], label=called, **DOTS)
+        for test, family, colour in zip(tests, names, colours, strict=True):
+            called = plain(family) if shown.index(family) < MOST_NAMED else "_further"
+            only.plot(factor * test["y"], scale * test[name], color=colour, label=called, **DOTS)
         only.set(ylabel=label, xlabel=f"motion [{unit}]")
         only.ticklabel_format(axis="y", useOffset=False)
     return finish(axes, ax)
 
 
-def _responses(only: Axes, found: Mapping[str, Any], colours: Mapping[str, str]) -> None:
-    """Each test's response over its source; that of a linear structure is one for all levels."""
-    for name, one in found.items():
-        look = {"color": colours[name], "lw": 0.8}
-        only.plot(one.freq_hz, one.magnitude, **look)
-    only.set(xlabel="frequency [Hz]", ylabel="displacement over source")
-    title(only, "" if found else "no driven test")
-    if found:
+def _families(tests: list[xr.Dataset]) -> list[str]:
+    """What each test goes under: kind and level where several are alike, else its own name."""
+    alike = [(test.attrs["kind"], test.attrs.get("level")) for test in tests]
+    return [
+        f"{kind}, {level:g}" if level is not None and alike.count((kind, level)) > 1
+        else str(test.attrs["test"])
+        for test, (kind, level) in zip(tests, alike, strict=True)
+    ]  # fmt: skip
+
+
+def _responses(only: Axes, tests: list[xr.Dataset], colours: list[str]) -> None:
+    """Each test's response over its source."""
+    driven = [pair for pair in zip(tests, colours, strict=True) if "response" in pair[0]]
+    for test, colour in driven:
+        only.plot(test["freq"], test["response"], color=colour, lw=0.8)
+    units = {str(test["response"].attrs["units"]) for test, _ in driven}
+    label = axis_label("displacement over source", units.pop() if len(units) == 1 else "")
+    only.set(xlabel="frequency [Hz]", ylabel=label)
+    title(only, "" if driven else "no driven test")
+    if driven:
         log_y(only)

@@ -31,6 +31,7 @@ from jbw.run.files import write_whole
 
 # Nothing that was measured leaves the interactive page: no button that uploads a chart.
 PRIVATE = {"showSendToCloud": False, "plotlyServerURL": ""}
+LOOK = "look"  # the figure that stands with the sentences of its own section
 ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader("jbw.report"),
     autoescape=True,
@@ -82,7 +83,9 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         lead=next((one for one in drawn if one["entry"].name == first), None),
         parameters=_only(parameters, lambda name: name == summary.get("main")),
         paper=_only(parameters, lambda name: name != summary.get("main")),
-        drawn=[one for one in drawn if one["entry"].name != first],
+        look={"statements": [], "seen": []} | (summary.get("look") or {}),
+        looked=next(one for one in drawn if one["entry"].name == LOOK),
+        drawn=[one for one in drawn if one["entry"].name not in (first, LOOK)],
         predictions=tables.predictions_table(summary),
         directions=directions_table(identifiability, known),
         quantities=quantities_table(identifiability, known),

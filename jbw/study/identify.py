@@ -2,6 +2,7 @@
 
 import logging
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib.metadata import version
@@ -31,6 +32,7 @@ from jbw.report.opening import opening
 from jbw.report.result import node, verified
 from jbw.study.collect import collect
 from jbw.study.identifiability import as_group, look_again, plain
+from jbw.study.look import Look, look, look_groups
 from jbw.study.study import Study, input_hashes
 from jbw.verification.verify import prediction_findings
 
@@ -98,12 +100,22 @@ def identify(
         "command": command or " ".join(["jbw", *sys.argv[1:]]),
         "wall_time_s": round(perf_counter() - started, 2),
     }
+    looked = _looked(campaign)
+    record["look"] = looked.record
+    tree = xr.DataTree.from_dict({**tree.to_dict(), **look_groups(looked)})
     record["opening"] = list(opening(record, tree))
     tree["procedure"] = xr.DataTree(steps_group(record))
     if known is not None:
         tree["identifiability"] = xr.DataTree(as_group(known))
         record["identifiability"] = known.summary()
     return Study(tree, record, campaign, found)
+
+
+def _looked(campaign: Campaign) -> Look:
+    """What the records show by themselves; what is doubtful of them was said at the door."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return look(campaign, report=lambda _: None)
 
 
 def _assembly(campaign: Campaign) -> dict[str, Any]:

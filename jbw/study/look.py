@@ -5,18 +5,19 @@ envelopes, steady tones and response curves from their harmonics, force loops by
 """
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 from jaxtyping import Complex, Float
 
 from jbw.campaign.load import Campaign
 from jbw.errors import DataError
-from jbw.identification.diagnosis import diagnose
 from jbw.measurement.curves import forced_loop
-from jbw.measurement.records import Test
+from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
+from jbw.measurement.records import INPUTS, Test
 from jbw.measurement.resonances import (
     WIDE,
     Reading,
@@ -26,14 +27,15 @@ from jbw.measurement.resonances import (
 )
 from jbw.observables.decay_envelopes import readings
 from jbw.observables.harmonic_groups import groups_of
-from jbw.observables.observable import AmplitudeCurve
-from jbw.quantities import derivative_order
+from jbw.quantities import UNIT_OF, derivative_order, per
+from jbw.study.look_words import statements
+from jbw.verification.places import place
 
 logger = logging.getLogger("jbw")
-# Of the frequency, and of the damping at rest: below, leakage and noise may make it.
-LEAST_CHANGE = (1e-4, 0.03)
 CHANGED = 0.5  # scatter of repeats over their mean from where on they are no repeats
 NUM_SHOWN = 2000  # lines of a response that are drawn
+UNITS = {"y": "m", "frequency_hz": "Hz", "damping": "1"}
+MEANING = {"y": "motion", "frequency_hz": "natural frequency", "damping": "damping ratio"}
 
 
 class Response(NamedTuple):
@@ -41,6 +43,7 @@ class Response(NamedTuple):
 
     freq_hz: Float[np.ndarray, " line"]
     magnitude: Float[np.ndarray, " line"]
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -79,8 +82,29 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         "tests": sorted(rows, key=lambda row: row["y"]),
         "loops": loops,
         "unread": unread,
+        "seen": [one for test in campaign.tests for one in seen_in(test, test.records)],
     }
-    return Look(record | {"statements": _statements(record, found)}, found, responses)
+    return Look(record | {"statements": statements(record, found)}, found, responses)
+
+
+def look_groups(found: Look) -> dict[str, xr.Dataset]:
+    """Readings and response of every test in the order of the motion, as groups of a result."""
+    groups = {}
+    for row in found.record["tests"]:
+        each = found.readings[row["test"]]
+        columns = {name: [getattr(one, name) for one in each] for name in UNITS}
+        variables = {
+            name: ("reading", np.array(values), {"units": UNITS[name], "long_name": MEANING[name]})
+            for name, values in columns.items()
+        }
+        response = found.responses.get(row["test"])
+        if response is not None:
+            attrs = {"units": response.unit, "long_name": "displacement over source"}
+            variables["response"] = ("freq", response.magnitude, attrs)
+            variables["freq"] = ("freq", response.freq_hz, {"units": "Hz"})  # its coordinate
+        known = {key: row[key] for key in ("test", "kind", "level") if row[key] is not None}
+        groups[place("look", row["test"])] = xr.Dataset(variables, attrs=known)
+    return groups
 
 
 def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
@@ -103,7 +127,7 @@ def _read(tests: Sequence[Test]) -> tuple[list[Reading], Response | None]:
         raise DataError(f"Tests of kind {tests[0].kind} show no resonance without a model.")
     lines = [driven_lines(one, test.band_hz) for test in tests for one in test.records]
     each = [read_lines(one) for one in lines]
-    return each, _shown(*lines[0][:3], each[0])
+    return each, _shown(*lines[0][:3], each[0], tests[0])
 
 
 def _of_decays(test: Test) -> Iterator[Reading]:
@@ -133,7 +157,8 @@ def _of_harmonics(tests: Sequence[Test]) -> tuple[list[Reading], Response]:
         read = read_curve(one.omega, one.load[:, 0], y)
         found.append(read._replace(third=float(third) or np.nan))
     first = groups[0]
-    return found, _shown(first.omega, first.load[:, 0], first.motion[:, 0], found[0])
+    load, motion = first.load[:, 0], first.motion[:, 0]
+    return found, _shown(first.omega, load, motion, found[0], tests[0])
 
 
 def _row(name: str, test: Test, each: Sequence[Reading]) -> dict[str, Any]:
@@ -150,6 +175,7 @@ def _row(name: str, test: Test, each: Sequence[Reading]) -> dict[str, Any]:
         "frequency_sd": float(np.std(columns["frequency_hz"], ddof=1)) if scatter else None,
         "damping_sd": float(np.std(columns["damping"], ddof=1)) if scatter else None,
         "noise": _scatter(test),
+        "coherence": _coherence(test),
     }
 
 
@@ -169,6 +195,18 @@ def _scatter(test: Test) -> float | None:
     return float(noise / size) if noise < CHANGED * size else None
 
 
+def _coherence(test: Test) -> float | None:
+    """Coherence of source and response about the resonance; None of tests without random noise."""
+    if not test.traits.is_broadband or test.periods > 1:
+        return None
+    first = test.records[0]
+    alike = [one for one in test.records if one.num_samples == first.num_samples]
+    u, y = (
+        np.stack([one.channels[role] for one in alike]) for role in (first.source, first.response)
+    )
+    return coherence_at_resonance(u, y, first.fs, first.response)[1]
+
+
 def _loop_row(test: Test) -> dict[str, Any]:
     """The secant stiffness of a force loop at its largest displacement."""
     loop = forced_loop(test.records[0])
@@ -183,59 +221,13 @@ def _shown(
     source: Complex[np.ndarray, " line"],
     y: Complex[np.ndarray, " line"],
     read: Reading,
+    test: Test,
 ) -> Response:
     """A response about its resonance, as it is drawn."""
     centre = 2 * np.pi * read.frequency_hz
     half = max(0.02, min(WIDE, 10 * abs(read.damping))) * centre
     near = np.flatnonzero(np.abs(omega - centre) < half)[:NUM_SHOWN]
-    return Response(omega[near] / (2 * np.pi), np.abs(y[near] / source[near]))
-
-
-def _statements(record: Mapping[str, Any], found: Mapping[str, list[Reading]]) -> list[str]:
-    """Whether the structure is linear over the levels, and how frequency and damping change."""
-    each = sorted((one for test in found.values() for one in test), key=lambda one: one.y)
-    said = [nonlinear(each)] if each else []
-    loops = sorted(record["loops"], key=lambda row: row["y"])
-    if len(loops) > 1:
-        first, last = loops[0], loops[-1]
-        part = 100 * (last["stiffness"] / first["stiffness"] - 1)
-        said.append(
-            f"From {1e3 * first['y']:.3g} to {1e3 * last['y']:.3g} mm the secant stiffness changes "
-            f"by {part:.2g} %."
-        )
-    reasons: dict[str, list[str]] = {}
-    for name, why in record["unread"].items():
-        reasons.setdefault(why, []).append(name)
-    return [*said, *(f"Not read: {', '.join(names)}. {why}" for why, names in reasons.items())]
-
-
-def nonlinear(each: Sequence[Reading]) -> str:
-    """Whether frequency or damping change with amplitude, of readings in its order."""
-    columns = (np.array([getattr(one, name) for one in each]) for name in Reading._fields[:3])
-    y, frequency, damping = columns
-    known = diagnose(AmplitudeCurve(y, 2 * np.pi * frequency, damping))
-    reach = f"{1e3 * y[0]:.2g} to {1e3 * y[-1]:.2g} mm"
-    if known is None:
-        return (
-            f"Nonlinear: not to be told from {len(y)} readings ({reach}); the frequency changes by "
-            f"{100 * (frequency[-1] / frequency[0] - 1):.2g} % between the first and the last."
-        )
-    fall, add = known.softening, known.damping
-    ways = (
-        (fall, LEAST_CHANGE[0], known.softening_exponent, ("falls", "rises")),
-        (add, LEAST_CHANGE[1] * abs(float(damping[0])), known.damping_exponent, ("rises", "falls")),
-    )
-    told = []
-    for what, (band, least, power, verbs) in zip(("frequency", "damping ratio"), ways, strict=True):
-        low, middle, high = sorted(band)
-        if low <= 0.0 <= high or abs(middle) < least:
-            told.append(f"no change of the {what} is seen")
-            continue
-        ends = sorted(100 * abs(x) for x in band)
-        told.append(
-            f"the {what} {verbs[middle < 0.0]} by {ends[1]:.2g} % [{ends[0]:.2g}, {ends[2]:.2g}]"
-            f"{' of critical damping' if what != 'frequency' else ''}, by the power {power[1]:.2g} "
-            f"[{power[0]:.2g}, {power[2]:.2g}] of the amplitude"
-        )
-    answer = "not seen" if all(one.startswith("no ") for one in told) else "yes"
-    return f"Nonlinear: {answer}. From {reach} ({len(y)} readings) {'; '.join(told)}."
+    record = test.records[0]
+    unit = next((record.units[role] for role in INPUTS if role in record.units), "N")
+    found = omega[near] / (2 * np.pi), np.abs(y[near] / source[near])
+    return Response(*found, per(UNIT_OF["displacement"], unit))

@@ -17,7 +17,7 @@ from jbw.report.figures import figure_of, save_figures
 from jbw.report.page import write_page
 from jbw.report.prediction import prediction
 from jbw.report.style import Panels
-from jbw.verification.verify import safe
+from jbw.verification.places import safe
 
 
 def claim(folder: Path) -> Path:

@@ -24,6 +24,7 @@ from jbw.verification.curves import curves_of, predict_curves
 from jbw.verification.decays import verify_decays
 from jbw.verification.groups import has_groups_alone
 from jbw.verification.in_time import NEAR, Motion, compare_frfs, compare_records, motion_of
+from jbw.verification.places import place
 from jbw.verification.predict import route_of
 from jbw.verification.predicted import ALIKE, Predicted, Source
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
@@ -154,16 +155,6 @@ def _compared_sweeps(names: set[str], sweeps: Sweeps | None) -> tuple[set[str], 
     names = names - (others - {test.name for test in sweeps.fitted})
     rest = [test for test in sweeps.fitted if test.name not in names & others]
     return names, [*sweeps.held_out, *rest]
-
-
-def place(group: str, name: str) -> str:
-    """Path of a test in the tree."""
-    return f"/{group}/{safe(name)}"
-
-
-def safe(name: str) -> str:
-    """A test's name as one level of the tree: a slash would open another."""
-    return name.replace("/", "\N{DIVISION SLASH}")
 
 
 def prediction_findings(tree: xr.DataTree) -> list[Finding]:

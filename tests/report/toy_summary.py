@@ -51,6 +51,10 @@ def result_summary():
                 },
             ],
         },
+        "look": {
+            "statements": ["Nonlinear: yes, it softens."],
+            "seen": ["sweep 0.1: no harmonic stands above what the fit leaves, 0.44%."],
+        },
         "comparison": {
             "parameters": {
                 "gamma": {

@@ -229,6 +229,22 @@ def procedure():
     return xr.Dataset(found, {"step": np.asarray(list(rows), object)}, {"main": "joint"})
 
 
+def look(level):
+    """Readings of five repeats of one level, and a receptance."""
+    y = 1e-2 * level * np.array([0.98, 0.99, 1.0, 1.01, 1.02])
+    freq = np.linspace(17.5, 20.0, 200)
+    return xr.Dataset(
+        {
+            "y": variable("reading", y, "m", "motion"),
+            "frequency_hz": variable("reading", 18.8 - 100.0 * y, "Hz", "natural frequency"),
+            "damping": variable("reading", 0.0044 + 0.5 * y, "1", "damping ratio"),
+            "response": variable("freq", np.abs(receptance(freq, 118.0, 0.005)), "m/N"),
+            "freq": variable("freq", freq, "Hz"),
+        },
+        attrs={"test": f"sweep {level}", "kind": "sweep", "level": level},
+    )
+
+
 def result_tree():
     rng = np.random.default_rng(0)
     main = posterior(
@@ -259,6 +275,7 @@ def result_tree():
     }
     for level in LEVELS:
         name = f"sweep_{level:.2f}".replace(".", "p")
+        groups[f"/look/{name}"] = look(level)
         groups[f"/verification/frf/{name}"] = verification_frf(rng, level)
         groups[f"/verification/sweep/{name}"] = verification_sweep(rng, level)
         groups[f"/validation/loops/loop_{name[6:]}"] = validation_loop(rng, level)

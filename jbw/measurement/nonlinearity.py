@@ -7,13 +7,14 @@ amplitude is `jbw look`'s to say.
 
 import warnings
 from collections.abc import Iterator, Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jbw.campaign.schema import TestSpec
 from jbw.errors import DataError
 from jbw.measurement.distortion import best_linear_approximation, detection_lines
+from jbw.measurement.kinds import Kind
 from jbw.measurement.records import INPUTS, RESPONSES, Record
 from jbw.measurement.repeatability import repeatability
 from jbw.measurement.spectra import frf
@@ -25,7 +26,31 @@ ABOVE_NOISE = 5.0  # standard deviations of a harmonic
 ORDERS = {2: "second", 3: "third", 5: "fifth"}
 
 
-def seen_in(test: TestSpec, records: Sequence[Record]) -> list[str]:
+class Stated(Protocol):
+    """What is stated of a test, by a campaign's table or by the test as it was loaded."""
+
+    @property
+    def name(self) -> str:
+        """Its short name."""
+        ...
+
+    @property
+    def traits(self) -> Kind:
+        """What a test of its kind is."""
+        ...
+
+    @property
+    def periods(self) -> int:
+        """Whole periods in a record."""
+        ...
+
+    @property
+    def settle(self) -> float:
+        """Time to discard at its start [s]."""
+        ...
+
+
+def seen_in(test: Stated, records: Sequence[Record]) -> list[str]:
     """Sentences on a test whose records are in SI and without a fault; none where it says nothing.
 
     `records` are of one length and sampling frequency, or nothing is said.
@@ -95,7 +120,7 @@ def _sweep(u: NDArray[np.float64], y: NDArray[np.float64], fs: float) -> Iterato
 
 
 def _multisine(
-    test: TestSpec, u: NDArray[np.float64], y: NDArray[np.float64], fs: float
+    test: Stated, u: NDArray[np.float64], y: NDArray[np.float64], fs: float
 ) -> Iterator[str]:
     """Distortion beside noise, by periods, by realisations and by the lines left unexcited."""
     size, rest = divmod(u.shape[1], test.periods)
@@ -129,13 +154,24 @@ def _multisine(
 
 
 def _noise(u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: str) -> Iterator[str]:
+    hz, coherence = coherence_at_resonance(u, y, fs, role)
+    yield (
+        f"coherence at the resonance ({hz:.4g} Hz) is {coherence:.3f}; what it lacks of 1 is "
+        "noise, a window too short, or distortion."
+    )
+
+
+def coherence_at_resonance(
+    u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: str
+) -> tuple[float, float]:
+    """Frequency of the strongest response [Hz], and the mean coherence about it.
+
+    About it are the lines whose power is within a quarter of the largest; `u` and `y` have the
+    shape (repeat, time), `role` is the response's.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the window, which is Step 2's to choose
         found = frf(u, y, fs, response=role)
     power = np.abs(found.h) ** 2 * found.input_spectrum
     near = power > power.max() / 4
-    yield (
-        f"coherence at the resonance ({found.freq[np.argmax(power)]:.4g} Hz) is "
-        f"{float(np.mean(found.coherence[near])):.3f}; what it lacks of 1 is noise, a window too "
-        "short, or distortion."
-    )
+    return float(found.freq[np.argmax(power)]), float(np.mean(found.coherence[near]))
