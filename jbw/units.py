@@ -89,3 +89,15 @@ def to_si(values: ArrayLike, unit: str, quantity: str) -> NDArray[np.float64]:
     """
     quantity_of(unit, (quantity,))
     return np.asarray(values, dtype=np.float64) * FACTORS[quantity][plain(unit)]
+
+
+def powers_of(unit: str) -> dict[str, int]:
+    """Powers of its factors in a unit of jbw's dialect: `1/(m s^2)` is {m: -1, s: -2}."""
+    above, _, below = unit.partition("/")
+    found: dict[str, int] = {}
+    for part, sign in ((above, 1), (below.strip("()"), -1)):
+        for factor in part.split():
+            name, _, power = factor.partition("^")
+            if name != "1":
+                found[name] = found.get(name, 0) + sign * int(power or 1)
+    return found

@@ -1,5 +1,7 @@
 """The paper's cantilever as a virtual test rig: `measure` a campaign, `write` it into files.
 
+`measure_fleet` takes it apart and tightens it again, at several torques.
+
 The rig shares no solver, no hold and no noise model with the identification: it integrates the
 analog force on a specimen (`integrator`), which a generator plays (`generator`) as planned
 (`presets`), or takes the joint alone through a displacement (`prescribed_motion`), and records
@@ -8,6 +10,7 @@ what the sensors make of it (`record_test`, `conditions`).
 
 from jbw.rig.acquisition import RigCampaign, measure
 from jbw.rig.presets import LABORATORY, MIXED, PAPER, SLIDERS, TRUTH, Plan, Preset
+from jbw.rig.tightening import Tightening, measure_fleet, tightened
 from jbw.rig.writing import write
 
 __all__ = [
@@ -19,6 +22,9 @@ __all__ = [
     "Plan",
     "Preset",
     "RigCampaign",
+    "Tightening",
     "measure",
+    "measure_fleet",
+    "tightened",
     "write",
 ]

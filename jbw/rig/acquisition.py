@@ -124,7 +124,8 @@ def _settings(
 ) -> Identify:
     """Held out before any fit: the middle sweep level, and half of many repeats. The prior."""
     sweeps = [plan for plan in plans if kind_named(plan.kind).is_transient]
-    settings: dict[str, Any] = {"fit": list(rig.fit)} if rig.fit else {}
+    fitted = [kind for kind in rig.fit if kind in {plan.kind for plan in plans}]
+    settings: dict[str, Any] = {"fit": fitted} if fitted else {}
     if len(sweeps) >= 3:
         levels = [plan.excitation.level for plan in sweeps]
         settings["fit_levels"] = [min(levels), max(levels)]

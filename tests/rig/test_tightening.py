@@ -1,0 +1,119 @@
+"""Joints that follow a torque: powers by hand, scatter, and the campaigns of a fleet."""
+
+import numpy as np
+import pytest
+
+from jbw import rig
+from jbw.campaign.load import load_campaign
+from jbw.errors import ConfigError, ModelError
+from jbw.oscillator.laws import law_named
+from jbw.oscillator.oscillator import Oscillator
+from jbw.rig.tightening import SCATTERING, Tightening, measure_fleet, tightened
+from jbw.units import powers_of
+
+QUIET = {"scatter": dict.fromkeys(SCATTERING, 0.0)}
+SWEEP = "sweep_0p10V"
+
+
+@pytest.mark.parametrize(
+    ("unit", "powers"),
+    [("1", {}), ("1/s^2", {"s": -2}), ("1/(m^2 s^2)", {"m": -2, "s": -2}), ("m", {"m": 1}),
+     ("N/kg", {"N": 1, "kg": -1}), ("m/s^2", {"m": 1, "s": -2})],
+)  # fmt: skip
+def test_a_units_powers(unit, powers):
+    assert powers_of(unit) == powers
+
+
+@pytest.mark.parametrize(
+    ("path", "p", "stiffness", "displacement"),
+    # The contact is stiffer by N^p and slips at mu N. In series what it adds is 1/k, and its slip
+    # a force over the load's stiffness; in parallel it is k itself, and its slip the force over it.
+    [("series", 0.5, -0.5, 1.0), ("series", 0.8, -0.8, 1.0), ("parallel", 0.5, 0.5, 0.5)],
+)
+def test_parameters_are_powers_of_the_torque_by_their_units(path, p, stiffness, displacement):
+    how = Tightening(load_path=path, contact=p, **QUIET)
+    twice = 2.0 * how.reference
+    found = tightened(rig.TRUTH, twice, how)
+    assert found.omega_n == pytest.approx(rig.TRUTH.omega_n * 2**how.omega_n, rel=1e-12)
+    assert found.zeta == pytest.approx(rig.TRUTH.zeta * 2**how.zeta, rel=1e-12)
+    stiff, slip = 2.0**stiffness, 2.0**displacement
+    (law,) = found.laws
+    assert law.alpha == pytest.approx(rig.TRUTH.alpha * stiff, rel=1e-12)
+    assert law.delta == pytest.approx(rig.TRUTH.delta / slip, rel=1e-12)
+    assert law.gamma / law.delta == pytest.approx(rig.TRUTH.gamma / rig.TRUTH.delta, rel=1e-12)
+    sliders = tightened(rig.SLIDERS, twice, how).laws[0]
+    before = rig.SLIDERS.laws[0].parameters()
+    for name, value in sliders.parameters().items():
+        scale = stiff if name.startswith("stiffness") else 1.0 if "ratio" in name else slip
+        assert value == pytest.approx(before[name] * scale, rel=1e-12)
+    # A cubic spring k_3 is k / y_s^2; at a given motion a slip force has the two's product.
+    spring = law_named("cubic").build({"cubic": 3e7})
+    cubic = tightened(Oscillator(118.0, 0.004, (spring,)), twice, how).laws[0]
+    assert cubic.parameters()["cubic"] == pytest.approx(3e7 * stiff / slip**2, rel=1e-12)
+
+
+def test_bedding_counts_as_torque_and_a_wrench_scatters_the_preload():
+    how = Tightening(bedding=0.1, **QUIET)
+    fourth, more = tightened(rig.TRUTH, 8.0, how, sequence=4), tightened(rig.TRUTH, 8 * 4**0.1, how)
+    assert fourth.laws[0].alpha == pytest.approx(more.laws[0].alpha, rel=1e-12)
+    how = Tightening(wrench=0.1, **QUIET)
+    off = tightened(rig.TRUTH, 8.0, how, chance=np.array([0, 0, 0, 0, 1.0]))
+    assert off.laws[0].delta == pytest.approx(rig.TRUTH.delta * np.exp(-0.1), rel=1e-12)
+    away = tightened(rig.TRUTH, 8.0, chance=np.array([1.0, 0, 0, -1.0, 0]))
+    assert away.omega_n == pytest.approx(rig.TRUTH.omega_n * np.exp(2e-3), rel=1e-12)
+    assert away.laws[0].delta == pytest.approx(rig.TRUTH.delta * np.exp(0.05), rel=1e-12)
+
+
+def test_a_fleet_states_what_was_done_and_is_read_back(tmp_path):
+    torques, kept = (4.0, 8.0), {"tests": [SWEEP], "repeats": 2}
+    fleet = measure_fleet(torques=torques, assemblies=2, seed=3, **kept)
+    stated = [(one.assembly["name"], one.assembly.torque, one.assembly.sequence) for one in fleet]
+    assert stated == [
+        ("assembly 1", 4.0, 1), ("assembly 1", 8.0, 2), ("assembly 2", 4.0, 1),
+        ("assembly 2", 8.0, 2),
+    ]  # fmt: skip
+    joints = [one.truth["joint"] for one in fleet]
+    # Every tightening is another joint, by more than the torque alone says.
+    assert len({joint["alpha"] for joint in joints}) == 4
+    again = measure_fleet(torques=torques, assemblies=2, seed=3, **kept)
+    assert [one.truth["joint"] for one in again] == joints
+    for one, two in zip(fleet, again, strict=True):
+        first, second = (each.tests[0].records[0].channels["velocity"] for each in (one, two))
+        assert np.array_equal(first, second)
+    loaded = load_campaign(rig.write(fleet[1], tmp_path / "second"))
+    assert dict(loaded.assembly) == {"name": "assembly 1", "torque": 8.0, "sequence": 2}
+    assert not loaded.settings.prior
+
+
+def test_scatter_is_what_was_asked():
+    rng = np.random.default_rng(0)
+    drawn = [tightened(rig.TRUTH, 8.0, chance=rng.standard_normal(5)) for _ in range(400)]
+    spread = np.std([np.log(one.omega_n) for one in drawn], ddof=1)
+    assert spread == pytest.approx(2e-3, rel=0.15)  # four standard errors of 400
+    spread = np.std([np.log(one.laws[0].alpha) for one in drawn], ddof=1)
+    assert spread == pytest.approx(0.05, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"torque": 0.0}, "`torque` must be positive and finite, but is 0.0"),
+        ({"sequence": 0}, "`sequence` must be positive"),
+        ({"how": Tightening(reference=-1.0)}, "`reference` must be positive"),
+        ({"how": Tightening(load_path="bent")}, '`load_path` must be "series" or "parallel"'),
+        ({"how": Tightening(scatter={"alpha": 0.1})}, 'must name omega_n.*but holds "alpha"'),
+        ({"how": Tightening(wrench=-0.1)}, "`wrench` must be finite and not negative"),
+    ],
+)
+def test_numbers_out_of_range_are_named(change, said):
+    with pytest.raises(ConfigError, match=said):
+        tightened(**{"joint": rig.TRUTH, "torque": 8.0} | change)
+
+
+def test_a_fleet_needs_a_torque_and_laws_without_viscous_parts():
+    with pytest.raises(ConfigError, match="one torque and one assembly"):
+        measure_fleet(torques=())
+    viscous = law_named("cubic_damping")
+    damper = viscous.build(dict.fromkeys(viscous.names(), 1.0))
+    with pytest.raises(ModelError, match="must be a power of a stiffness"):
+        tightened(Oscillator(118.0, 0.004, (damper,)), 8.0)
