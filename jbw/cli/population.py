@@ -17,6 +17,7 @@ NUM_PLACES = 25  # of the figure's band
 @click.argument("fleet", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option("--torque", type=float, help="Predict a new unit at this torque [N m].")
 @click.option("--parameters", help="What is pooled, with commas between; products when left out.")
+@click.option("--saturating", help="Coordinates that saturate with torque: omega_n, say.")
 @click.option("--all-verdicts", is_flag=True, help="Pool though most runs failed.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the sampler.")
 @click.option(
@@ -24,8 +25,8 @@ NUM_PLACES = 25  # of the figure's band
 )
 @json_option
 def population(
-    fleet: Path, torque: float | None, parameters: str | None, all_verdicts: bool, seed: int,
-    out: Path | None, json_: bool,
+    fleet: Path, torque: float | None, parameters: str | None, saturating: str | None,
+    all_verdicts: bool, seed: int, out: Path | None, json_: bool,
 ) -> int:  # fmt: skip
     """Say how the units of FLEET scatter, and how they go with torque.
 
@@ -44,10 +45,14 @@ def population(
         from jbw.study.store import claim, write_figure, write_json, writing
 
         units = read_fleet(fleet)
-        chosen = None if parameters is None else [one.strip() for one in parameters.split(",")]
-        found = population_of(
-            units, parameters=chosen, all_verdicts=all_verdicts, seed=seed, report=say
+        chosen, bent = (
+            None if given is None else [one.strip() for one in given.split(",")]
+            for given in (parameters, saturating)
         )
+        found = population_of(
+            units, parameters=chosen, saturating=bent or (), all_verdicts=all_verdicts, seed=seed,
+            report=say,
+        )  # fmt: skip
         require_torque(found, torque)
 
         def new(at: float | None) -> np.ndarray:

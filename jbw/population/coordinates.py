@@ -10,8 +10,11 @@ from jaxtyping import Float
 
 from jbw.errors import ConfigError, DataError, did_you_mean
 from jbw.oscillator.laws import laws_named
+from jbw.population.model import Units
 
 STRUCTURE = ("omega_n", "zeta")
+GAIN = "gain"  # the source's, no coordinate of a joint
+NUM_KEPT = 400  # draws of a unit, evenly from its own
 CUT = 0.01  # of a unit's posterior beyond the bounds of its prior, from which it is not pooled
 
 
@@ -85,3 +88,22 @@ def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
     mean = root["mean"].sel(parameter=list(names)).values
     cov = root["covariance"].sel(parameter=list(names), other=list(names)).values
     return Pooled(tuple(names), mean, cov, powers, parameters)
+
+
+def units_of_fleet(fleet: xr.DataTree, found: Pooled) -> Units:
+    """Summaries and draws of every unit in the pooled coordinates, none of them weighed yet.
+
+    A run's prior is uniform in what it sampled: over logarithms its density is their product.
+    """
+    lower = fleet.to_dataset()["lower"]
+    draws, log_prior = [], []
+    for name in unit_names(fleet):
+        logs = fleet[name].to_dataset()["draws"]
+        every = logs.values[np.linspace(0, logs.sizes["draw"] - 1, NUM_KEPT).astype(int)]
+        logs = dict(zip(map(str, logs["parameter"].values), every.T, strict=True))
+        sampled = lower["parameter"].values[~np.isnan(lower.sel(unit=name).values)]
+        draws.append(np.stack([logs[each] for each in found.names], axis=-1))
+        log_prior.append(sum(logs[str(one)] for one in sampled if one != GAIN))
+    shape = len(draws), NUM_KEPT
+    prior = np.broadcast_to(np.stack([np.broadcast_to(one, NUM_KEPT) for one in log_prior]), shape)
+    return Units(found.mean, found.cov, np.stack(draws), prior, np.zeros(len(draws), bool))

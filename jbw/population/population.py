@@ -14,16 +14,17 @@ from jbw.errors import ConfigError, DataError
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.inference.space.box import require_float64
 from jbw.oscillator.laws import laws_named
-from jbw.population.coordinates import Pooled, pooled, unit_names
-from jbw.population.model import draws_of
+from jbw.population.coordinates import Pooled, pooled, unit_names, units_of_fleet
+from jbw.population.model import Units, draws_of, log_weights
 from jbw.population.prior import WRENCH, Design, Prior, design_of, prior_of
+from jbw.population.trend import expected, mask_of
 
 logger = logging.getLogger("jbw")
 Report = Callable[[str], None]
 
 FEWEST = 3  # units, below which a scatter is its prior's
 ODD = 0.01  # probability, over the number of units, from which one does not belong
-OWN = 2.0  # a unit's own error over the scatter, above which its normal summary decides
+OWN = 2.0  # a unit's own error over the scatter, above which its normal summary stands for it
 GOOD_R_HAT, FEW_DIVERGENT = 1.01, 0.001
 
 
@@ -49,19 +50,24 @@ def population_of(
     fleet: xr.DataTree,
     *,
     parameters: Sequence[str] | None = None,
+    saturating: Sequence[str] = (),
+    summaries: bool = False,
     all_verdicts: bool = False,
     seed: int = 0,
     report: Report = logger.info,
 ) -> Population:
     r"""The population that the units of a fleet come from.
 
-    Each unit is the normal summary of its own posterior, in logarithms; what its run took for a
-    prior is taken for flat beside it. Units scatter normally about a line in ln torque and in ln of
-    the number of the tightening, as far as these vary.
+    Units scatter normally, in logarithms, about a line in ln torque and in ln of the number of the
+    tightening, as far as these vary. A unit that knows itself better than the population does is
+    its draws, weighed anew; one whose own error is more than twice the scatter is the normal
+    summary of its posterior, for hardly a draw would count.
 
     Args:
         fleet: From `jbw.fleet_of` or `jbw.read_fleet`.
         parameters: What is pooled; frequency, damping and the laws' products when None.
+        saturating: Coordinates that follow a saturating curve of the torque, not a power.
+        summaries: Take the normal summary of every unit.
         all_verdicts: Pool though most runs failed.
         seed: Of the sampler.
         report: Called with one sentence at every stage.
@@ -85,12 +91,43 @@ def population_of(
         )
     found = pooled(fleet, parameters)
     design = design_of(root["torque"].values.tolist(), root["sequence"].values.tolist())
+    design = design._replace(saturates=mask_of(saturating, found.names, design.columns))
     laws = laws_named(json.loads(fleet.attrs["laws"]))
     products = [one.name for law in laws for one in law.products]
     prior = prior_of(found.names, products, found.mean, design)
-    draws = draws_of(jax.random.key(seed), found.mean, found.cov, design.x, prior, report)
-    record = _record(fleet, found, design, prior, draws)
+    units = units_of_fleet(fleet, found)
+    draws = draws_of(jax.random.key(seed), units, design, prior, report)
+    known = _own_over_scatter(found, draws).max(axis=1) <= OWN
+    if known.any() and not summaries:
+        units = units._replace(weighed=known)
+        draws = draws_of(jax.random.key(seed), units, design, prior, report)
+    record = _record(fleet, found, design, draws) | _shares(units, design, draws, fleet)
+    record["statements"] = list(_statements(record))
     return Population(found, design, prior, draws, record)
+
+
+def _own_over_scatter(found: Pooled, draws: dict[str, np.ndarray]) -> np.ndarray:
+    """Each unit's own error over the median scatter, axes (unit, d)."""
+    own = np.sqrt(np.diagonal(found.cov, axis1=1, axis2=2))
+    return own / np.median(draws["tau"], axis=(0, 1))
+
+
+def _shares(
+    units: Units, design: Design, draws: dict[str, np.ndarray], fleet: xr.DataTree
+) -> dict[str, Any]:
+    r"""Of each unit that its draws stand for, their Kish share $(\sum w)^2 / (S \sum w^2)$.
+
+    Under the population's median.
+    """
+    which = np.flatnonzero(units.weighed)
+    line, scatter = (np.median(draws[name], axis=(0, 1)) for name in ("line", "scatter"))
+    bent = np.median(draws["u"]) if "u" in draws else None
+    means = expected(line, design.x, design, bent)
+    w = np.asarray(log_weights(units, which, means, np.linalg.cholesky(scatter)))
+    w = np.exp(w - w.max(axis=1, keepdims=True))
+    share = w.sum(axis=1) ** 2 / (w.shape[1] * (w**2).sum(axis=1))
+    names = np.array(unit_names(fleet))[which]
+    return {"weighed": dict(zip(names.tolist(), share.tolist(), strict=True))}
 
 
 def require_torque(found: Population, torque: float | None) -> None:
@@ -107,11 +144,11 @@ def require_torque(found: Population, torque: float | None) -> None:
 
 
 def _record(
-    fleet: xr.DataTree, found: Pooled, design: Design, prior: Prior, draws: dict[str, np.ndarray]
+    fleet: xr.DataTree, found: Pooled, design: Design, draws: dict[str, np.ndarray]
 ) -> dict[str, Any]:
     units, symbols = (json.loads(fleet.attrs[key]) for key in ("units", "symbols"))
     line, tau = (draws[name].reshape(-1, *draws[name].shape[2:]) for name in ("line", "tau"))
-    own = np.sqrt(np.diagonal(found.cov, axis1=1, axis2=2))
+    ratio = _own_over_scatter(found, draws).max(axis=0)
     rows = {}
     for i, name in enumerate(found.names):
         rows[name] = {
@@ -124,21 +161,23 @@ def _record(
                 for j, column in enumerate(design.columns)
                 if j
             },
-            "own_over_scatter": float(np.max(own[:, i]) / np.median(tau[:, i])),
+            "own_over_scatter": float(ratio[i]),
         }
-    apart = _apart(found, design, line, draws["scatter"].reshape(-1, *draws["scatter"].shape[2:]))
+    apart = _apart(found, design, draws)
     names = unit_names(fleet)
     record = {
         "units": names,
         "torque": fleet.to_dataset()["torque"].values.tolist(),
         "columns": list(design.columns),
+        "saturating": [n for n, bent in zip(found.names, design.saturates, strict=True) if bent],
         "reference_torque": None if np.isnan(design.reference) else design.reference,
         "parameters": rows,
         "belongs": dict(zip(names, map(float, apart), strict=True)),
         "sampling": _sampling(draws),
     }
+    if "u" in draws:
+        record["saturation_torque"] = _interval(design.reference * draws["u"])
     record["status"] = _status(record)
-    record["statements"] = list(_statements(record))
     return record
 
 
@@ -147,12 +186,14 @@ def _interval(values: np.ndarray) -> dict[str, float]:
     return {"median": float(median), "q005": float(low), "q995": float(high)}
 
 
-def _apart(found: Pooled, design: Design, line: np.ndarray, scatter: np.ndarray) -> np.ndarray:
+def _apart(found: Pooled, design: Design, draws: dict[str, np.ndarray]) -> np.ndarray:
     """Probability that a unit of the population lies as far from the line as each does."""
-    some = np.linspace(0, len(line) - 1, min(200, len(line))).astype(int)
-    middle = np.einsum("sdp,kp->ksd", line[some], design.x)
-    total = np.linalg.inv(scatter[some][None] + found.cov[:, None])
-    off = found.mean[:, None] - middle
+    flat = {n: v.reshape(-1, *v.shape[2:]) for n, v in draws.items() if n != "diverging"}
+    some = np.linspace(0, len(flat["tau"]) - 1, min(200, len(flat["tau"]))).astype(int)
+    some = {name: values[some] for name, values in flat.items()}
+    middle = np.asarray(expected(some["line"], design.x, design, some.get("u")))
+    total = np.linalg.inv(some["scatter"][None] + found.cov[:, None])
+    off = found.mean[:, None] - np.swapaxes(middle, 0, 1)
     squared = np.einsum("ksi,ksij,ksj->ks", off, total, off)
     return chi2.sf(squared, len(found.names)).mean(1)
 
@@ -161,7 +202,9 @@ def _sampling(draws: dict[str, np.ndarray]) -> dict[str, float]:
     from numpyro.diagnostics import effective_sample_size, split_gelman_rubin
 
     values = np.concatenate(
-        [draws["tau"], draws["line"].reshape(*draws["line"].shape[:2], -1)], axis=-1
+        [draws["tau"], draws["line"].reshape(*draws["line"].shape[:2], -1)]
+        + [draws[name][..., None] for name in ("u",) if name in draws],
+        axis=-1,
     )
     return {
         "r_hat": float(np.max(split_gelman_rubin(values))),
@@ -199,10 +242,21 @@ def _statements(record: dict[str, Any]):
     limit = ODD / num
     if odd := [name for name, p in record["belongs"].items() if p < limit]:
         yield f"Does not belong with the others: {', '.join(odd)}."
+    if weighed := record["weighed"]:
+        yield (
+            f"{len(weighed)} of {num} units stand with their own draws, weighed anew: "
+            f"{100 * min(weighed.values()):.0f} % of them count at least."
+        )
     if weak := [n for n, row in record["parameters"].items() if row["own_over_scatter"] > OWN]:
         yield (
             f"Of {', '.join(weak)} a unit's own error is more than {OWN:g} times the scatter: the "
             "normal shape of its posterior decides there."
+        )
+    if (at := record.get("saturation_torque")) is not None:
+        yield (
+            f"{', '.join(record['saturating'])} was said to saturate with torque, and does so over "
+            f"{at['median']:.2g} [{at['q005']:.2g}, {at['q995']:.2g}] N m: a power is told from it "
+            "only by torques far apart."
         )
     if "torque" in columns:
         at = np.log([t for t in record["torque"]])

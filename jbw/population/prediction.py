@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from jbw.population.coordinates import unit_names
 from jbw.population.population import Population, require_torque
+from jbw.population.trend import expected
 from jbw.verification.backbone import HERTZ, RATIO, curves
 from jbw.verification.bands import QUANTILE_AXIS, band
 from jbw.verification.predicted import carry
@@ -25,7 +26,9 @@ def new_coordinates(
     require_torque(found, torque)
     flat = {n: v.reshape(-1, *v.shape[2:]) for n, v in found.draws.items() if n != "diverging"}
     some = rng.integers(len(flat["tau"]), size=num)
-    middle = flat["line"][some] @ found.design.at(torque)
+    bent = flat["u"][some] if "u" in flat else None
+    row = found.design.at(torque)[None]
+    middle = np.asarray(expected(flat["line"][some], row, found.design, bent))[:, 0]
     root = np.linalg.cholesky(flat["scatter"][some])
     return middle + np.einsum("sij,sj->si", root, rng.standard_normal(middle.shape))
 

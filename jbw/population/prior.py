@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from jbw.errors import DataError
 
@@ -41,11 +41,14 @@ class Design(NamedTuple):
         columns: Their names: `mean`, then of `torque` and `sequence` what varies.
         x: Of every unit: 1, ln(torque / reference), ln(sequence).
         reference: Geometric mean of the torques [N m]; NaN where it is no covariate.
+        saturates: Which coordinates follow a saturating curve of the torque, not a power; none
+            where it is empty.
     """
 
     columns: tuple[str, ...]
     x: Float[np.ndarray, "unit covariate"]
     reference: float
+    saturates: Bool[np.ndarray, " d"] = np.zeros(0, bool)
 
     def at(self, torque: float | None) -> Float[np.ndarray, " covariate"]:
         """Covariates of a unit at a torque, tightened for the first time."""

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 from test_fleet import MEANS, a_run
 
 import jbw
@@ -11,7 +12,8 @@ from jbw.cli import run
 from jbw.errors import ConfigError, DataError
 from jbw.population.fleet import fleet_of, write_fleet
 from jbw.population.normal import moments, scattered
-from jbw.population.prediction import new_backbone, new_units
+from jbw.population.prediction import new_backbone, new_coordinates, new_units
+from jbw.population.trend import saturating
 
 TORQUES = (2.0, 2.0, 5.0, 5.0, 12.0, 12.0)
 # Powers of torque and scatter of logarithms, of the truth.
@@ -114,6 +116,88 @@ def test_the_command_writes_table_figure_and_prediction(found, tmp_path, capsys)
 
 
 @pytest.mark.slow  # each samples a population of its own
+def test_units_weighed_anew_are_rid_of_what_their_runs_took_for_a_prior(tmp_path):
+    """A likelihood N(y, s^2) of ln zeta under a prior uniform in zeta is drawn about y + s^2."""
+    s, tau, num = 0.3, 0.6, 16
+    rng = np.random.default_rng(1)
+    y = np.log(0.01) + tau * rng.standard_normal(num) + s * rng.standard_normal(num)
+    folders = []
+    for k in range(num):
+        draws = {name: np.full((2, 200), mean) for name, mean in MEANS.items()}
+        draws["zeta"] = np.exp(y[k] + s**2 + s * rng.standard_normal((2, 200)))
+        folders.append(a_run(tmp_path / f"unit_{k}", draws=draws, inputs={"a": f"{k}"})[0])
+    fleet = fleet_of(folders)
+    found = jbw.population_of(fleet, parameters=["zeta"])
+    plain = jbw.population_of(fleet, parameters=["zeta"], summaries=True)
+    exact = scattered(
+        y, np.full(num, s), found.design.x, found.prior.mean[0],
+        np.diag(found.prior.sd[0] ** 2), float(found.prior.tau[0]),
+    )  # fmt: skip
+    mean = np.sum(exact.weight * exact.mean[:, 0])
+    near, away = (one.draws["line"][..., 0, 0].mean() - mean for one in (found, plain))
+    # Draws of the units move their mean by s / sqrt(16 x 400) = 0.004, those of the population, sd
+    # 0.17, by some 0.006 of their mean: four of them together. The prior moved it by s^2 = 0.09.
+    assert abs(near) < 0.03
+    assert abs(away - s**2) < 0.03
+    assert found.draws["tau"].mean() == pytest.approx(moments(exact)[0], rel=0.1)
+    # Kish share of a unit by hand: its draws under the median population, over zeta, the prior's
+    # density over ln zeta.
+    logs = fleet["unit_3"]["draws"].sel(parameter="zeta").values
+    middle = np.median(found.draws["line"])
+    spread = np.sqrt(np.median(found.draws["scatter"]))
+    w = norm.pdf(logs, middle, spread) / np.exp(logs)
+    share = w.sum() ** 2 / (len(w) * np.sum(w**2))
+    assert found.record["weighed"]["unit_3"] == pytest.approx(share, rel=1e-9)
+    assert not plain.record["weighed"]
+    assert "16 of 16 units stand with their own draws" in " ".join(found.record["statements"])
+
+
+def test_a_saturating_curve_is_an_exponential_of_slope_one():
+    """a - d exp(-T/T_0), whose slope on ln T at the reference is d (T_ref/T_0) exp(-T_ref/T_0)."""
+    reference, scale, d = 5.0, 3.0, 0.02
+    torque = np.array([2.0, 5.0, 12.0, 40.0])
+    slope = d * reference / scale * np.exp(-reference / scale)
+    found = slope * np.asarray(saturating(torque / reference, scale / reference))
+    wanted = d * (np.exp(-reference / scale) - np.exp(-torque / scale))
+    np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-18)
+
+
+@pytest.mark.slow  # each samples a population of its own
+def test_a_frequency_that_saturates_is_predicted_beyond_the_torques(tmp_path):
+    """omega_n by its curve; a power through the same units goes on to rise."""
+    torques = np.repeat([1.5, 3.0, 6.0, 12.0], 2)
+    rng = np.random.default_rng(2)
+
+    def curve(torque):
+        return np.log(118.0) - 0.05 * np.exp(-torque / 2.5)
+
+    folders = []
+    for k, torque in enumerate(torques):
+        middle = curve(torque) + 1e-3 * rng.standard_normal()
+        draws = {name: np.full((2, 50), mean) for name, mean in MEANS.items()}
+        draws["omega_n"] = np.exp(middle + 2e-4 * rng.standard_normal((2, 50)))
+        stated = {"assembly": {"torque": float(torque)}, "inputs": {"a": f"{k}"}}
+        folders.append(a_run(tmp_path / f"unit_{k}", draws=draws, **stated)[0])
+    fleet = fleet_of(folders)
+    bent, power = (
+        jbw.population_of(fleet, parameters=["omega_n"], saturating=names)
+        for names in (("omega_n",), ())
+    )
+    far = 40.0
+    drawn = {
+        name: new_coordinates(one, far, np.random.default_rng(0), 4000)[:, 0]
+        for name, one in (("bent", bent), ("power", power))
+    }
+    low, high = np.quantile(drawn["bent"], [0.005, 0.995])
+    assert low < curve(far) < high
+    # The power's line overshoots: it is past the curve by several of its own scatters.
+    assert np.median(drawn["power"]) - curve(far) > 3 * abs(np.median(drawn["bent"]) - curve(far))
+    told = bent.record["saturation_torque"]
+    assert told["q005"] < 2.5 < told["q995"]
+    assert "omega_n was said to saturate" in " ".join(bent.record["statements"])
+
+
+@pytest.mark.slow  # each samples a population of its own
 def test_a_unit_that_is_another_is_told(tmp_path):
     fleet = made(tmp_path, torques=(np.nan,) * 8)
     mean = fleet.to_dataset()["mean"].copy(deep=True)
@@ -135,9 +219,13 @@ def test_what_cannot_be_pooled_is_named(tmp_path, found):
     fleet, pooled = found
     with pytest.raises(ConfigError, match="holds no softenin"):
         jbw.population_of(fleet, parameters=["softenin"])
+    with pytest.raises(ConfigError, match="Nothing called omega is pooled that could saturate"):
+        jbw.population_of(fleet, saturating=["omega"])
     with pytest.raises(ConfigError, match="above zero"):
         new_units(pooled, fleet, -1.0)
     same = made(tmp_path / "same", torques=(5.0, 5.0, 5.0))
+    with pytest.raises(DataError, match="nothing can saturate"):
+        jbw.population_of(same, saturating=["omega_n"])
     alone = jbw.population_of(same, parameters=["zeta"])
     with pytest.raises(DataError, match="no trend"):
         new_units(alone, same, 8.0)
