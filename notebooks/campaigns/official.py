@@ -54,7 +54,8 @@ def output(
     """Output without its offset [V], from a displacement and a velocity."""
     joint = oscillator_of(theta, laws)
     force = theta["gain"] * u
-    return jbw.simulate(joint, force, FS, initial=jnp.asarray(start)).y
+    start = jnp.asarray(start)
+    return jbw.simulate(joint, force, FS, hold="band_limited", initial=start).y
 
 
 def started(
