@@ -239,6 +239,7 @@ def _believable(record: Record, test: TestSpec, per_unit: float | None) -> Itera
         yield from doubts(record, test.band, test.delay, per_unit)
     elif traits.is_transient and driven:
         yield from swapped(record)
+        yield from response_checks.already_moving(record, test.band, test.settle)
     elif traits.is_steady:
         dwell = test.dwell if traits.is_stepped else None
         yield from response_checks.unsteady(record, test.tones, test.settle, dwell)

@@ -79,7 +79,7 @@ class TestSpec(Table):
     )
     tones: values.Numbers = key((), "frequencies present at once, or in turn if stepped [Hz]")
     dwell: values.Positive = key(NAN, "duration of each step of a stepped test [s]")
-    settle: values.NonNegative = key(0.0, "time to discard before the steady state [s]")
+    settle: values.NonNegative = key(0.0, "time at the start that is not compared [s]")
     delay: values.Number = key(0.0, "lag of the response channel behind the input [s]", 0.0)
     assembly: values.Text = key("", "which assembly of the joint", "first")
     run: values.Text = key("", "which day or run", "monday")

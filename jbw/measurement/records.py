@@ -86,7 +86,8 @@ class Test:
         tones_hz: Frequencies present at once (tones), or in turn (stepped) [Hz].
         band_hz: Lowest and highest frequency to use [Hz], when given.
         dwell: Duration of each step of a stepped test [s].
-        settle: Time to discard before the steady state of tones and steps [s].
+        settle: Time at the start that is not compared: until tones and steps are steady, until a
+            joint that was in motion has forgotten it [s].
         delay: Lag of the response channel behind the input channel [s].
         assembly: Which assembly of the joint; empty when there was one.
         run: Which day or run; empty when there was one.
@@ -136,7 +137,7 @@ def periods(test: Test) -> Test | None:
         for record, size in (_steady(record, test) for record in test.records)
         for start in range(0, record.num_samples, size)
     ]
-    return replace(test, records=tuple(records))
+    return replace(test, records=tuple(records), settle=0.0)
 
 
 def steady(test: Test) -> tuple[Test, int] | None:

@@ -16,6 +16,7 @@ THIRD = 3  # the highest order looked at
 LISTED = 6  # tones named in a message
 DEGREES = 20.0  # [rad]; a phase beyond three turns was written in degrees
 FEWEST_LINES = 4
+MOVING = 0.3  # of its usual amplitude: a record from rest does not begin so
 DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
 
 
@@ -152,4 +153,28 @@ def undecaying(record: Record, settle: float) -> Iterator[Fault]:
             f"The response of the last quarter is {times:.2g} times that of the first.",
             "A free decay falls; this record may be driven, or begin before the impact.",
             "Correct kind, or cut the record with span or settle.",
+        )
+
+
+def already_moving(record: Record, band: Sequence[float] | None, settle: float) -> Iterator[Fault]:
+    """The doubt that a record followed from rest begins in motion, by its first half period."""
+    x, fs = record.channels[record.response], record.fs
+    x = np.concatenate([x, np.zeros_like(x)])  # so that the end does not reach round to the start
+    freq, spectrum = np.fft.rfftfreq(len(x), 1 / fs), np.fft.rfft(x)
+    low, high = band or (0.0, fs)
+    spectrum[(freq < low) | (freq > high) | (freq == 0)] = 0
+    x = np.fft.irfft(spectrum, len(x))[: len(x) // 2]
+    phase = 2 * np.pi * freq[np.argmax(np.abs(spectrum))] / fs * np.arange(len(x))
+    first = max(int(np.searchsorted(phase, np.pi)), 4)
+    basis = np.stack([np.cos(phase[:first]), np.sin(phase[:first])], axis=-1)
+    size = float(np.hypot(*np.linalg.lstsq(basis, x[:first])[0]))
+    usual = float(np.sqrt(2.0) * np.std(x))
+    if settle == 0.0 and size > MOVING * usual:
+        yield doubt(
+            record.response,
+            f"The record begins with {size / usual:.0%} of its usual motion, but such a test is "
+            "followed from rest.",
+            "What the joint still knows of before is taken for a misfit of its law.",
+            "Set `settle` to the time in which free motion dies out, some 6 / (zeta omega_n), or "
+            "let `span` begin where the structure is at rest.",
         )

@@ -40,7 +40,8 @@ class Records(Repeated):
 
     Attributes:
         source: Mean measured input of each level [V, N or N/kg].
-        mean: Mean measured response of each level [m, m/s or m/s^2], a group each.
+        mean: Mean measured response of each level [m, m/s or m/s^2], a group each, from the first
+            sample that is compared.
         origin: omega_n [rad/s] and zeta of each level's own run, where runs have offsets: where the
             prediction is made and linearised in them. A record follows the phase for so many
             periods that no line through the common omega_n reaches another day's.
@@ -49,6 +50,7 @@ class Records(Repeated):
         substeps: Steps of the solver between samples.
         periodic: Whether each record is one period of a steady motion.
         lines: First and end of the spectrum's lines that are compared; None compares the samples.
+        skipped: Samples at the start that are followed from rest but not compared, `settle`.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("sweep", "multisine")
@@ -56,7 +58,7 @@ class Records(Repeated):
     stepped: ClassVar[bool] = True
 
     source: Float[Array, "level time"]
-    mean: Float[Array, "level time"]
+    mean: Float[Array, "level compared"]
     repeats: Repeats
     origin: Float[Array, "level own"]
     fs: float = eqx.field(static=True)
@@ -64,6 +66,7 @@ class Records(Repeated):
     substeps: int = eqx.field(static=True, default=SUBSTEPS)
     periodic: bool = eqx.field(static=True, default=False)
     lines: Lines | None = eqx.field(static=True, default=None)
+    skipped: int = eqx.field(static=True, default=0)
 
     @classmethod
     def reduce(
@@ -92,17 +95,18 @@ class Records(Repeated):
         forms = {form_of(test) for test in tests}
         if len(forms) != 1:
             raise DataError(
-                "Tests reduced together must share sampling frequency, response, length, "
-                f"`residuals` and band, but found {sorted(forms)}.",
+                "Tests reduced together must share sampling frequency, response, length, samples "
+                f"skipped, `residuals` and band, but found {sorted(forms)}.",
                 remedy="Reduce them apart, or cut the records to one length.",
             )
-        fs, response, length, residuals, *band_hz = forms.pop()
+        fs, response, length, skipped, residuals, *band_hz = forms.pop()
+        length -= skipped
         lines = lines_of(band_hz, length, fs)
         sources = [np.stack([r.channels[r.source] for r in t.records]) for t in tests]
         responses = [
             np.stack([advance(r.channels[response], t.delay, fs) for r in t.records]) for t in tests
         ]
-        responses = [in_band(r, lines) for r in responses]
+        responses = [in_band(r[:, skipped:], lines) for r in responses]
         means = np.stack([r.mean(axis=0) for r in responses])
         # In a band, the scatter over time is that over its lines.
         within = [np.sum((r - m) ** 2) for r, m in zip(responses, means, strict=True)]
@@ -126,6 +130,7 @@ class Records(Repeated):
             substeps=substeps or substeps_for(_loudest_hz(means, fs), fs, SUBSTEPS),
             periodic=periodic,
             lines=lines,
+            skipped=skipped,
             residuals=residuals,
         )
 
@@ -157,13 +162,13 @@ class Records(Repeated):
         """Unit of the measured response."""
         return UNIT_OF[self.response]
 
-    def predict(self, theta: Theta) -> Float[Array, "level time"]:
+    def predict(self, theta: Theta) -> Float[Array, "level compared"]:
         """Response of every level to its mean input, at its own origin where it has one."""
 
-        def one(level: tuple[Array, Array]) -> Float[Array, " time"]:
+        def one(level: tuple[Array, Array]) -> Float[Array, " compared"]:
             source, origin = level
             own = dict(zip(OFFSETS, origin, strict=False))  # none where runs have no offsets
-            return response_to(
+            motion = response_to(
                 {**theta, **own},
                 source,
                 self.fs,
@@ -173,6 +178,7 @@ class Records(Repeated):
                 substeps=self.substeps,
                 periodic=self.periodic,
             )
+            return motion[self.skipped :]
 
         # One level after another, not batched: alone, the solver skips the work of rare events.
         return jax.lax.map(one, (self.source, self.origin))
@@ -206,7 +212,7 @@ class Records(Repeated):
         order, length, found = derivative_order(self.response), self.mean.shape[1], {}
         omega = 2 * np.pi * np.fft.rfftfreq(length, 1 / self.fs)
         for i, label in enumerate(self.labels):
-            mean, source = np.asarray(self.mean[i]), np.asarray(self.source[i])
+            mean, source = np.asarray(self.mean[i]), np.asarray(self.source[i, self.skipped :])
             if self.lines is None:
                 found[label] = of_samples(
                     mean, left[label], source, self.fs, order, periodic=self.periodic
@@ -219,7 +225,7 @@ class Records(Repeated):
 
     def first_values(self) -> dict[str, float]:
         """Linear least squares over the lines near the peak of the lowest level's spectrum."""
-        mean, source = np.asarray(self.mean), np.asarray(self.source)
+        mean, source = np.asarray(self.mean), np.asarray(self.source[:, self.skipped :])
         level = int(np.argmin(np.mean(mean**2, axis=1)))
         omega = 2 * np.pi * np.fft.rfftfreq(mean.shape[1], 1 / self.fs)[1:]
         x, u = (np.fft.rfft(row[level])[1:] for row in (mean, source))
@@ -280,10 +286,12 @@ def _slope_at_origin(theta: Theta, data: Records) -> Float[Array, "level value o
     return jax.jacfwd(moved)(jnp.zeros(len(OFFSETS)))
 
 
-def form_of(test: Test) -> tuple[float, str, int, str, *tuple[float, ...]]:
-    """Sampling frequency, response, length, residual terms and band: one in tests put together."""
+def form_of(test: Test) -> tuple[float, str, int, int, str, *tuple[float, ...]]:
+    """Of tests put together: fs, response, length, samples skipped, residual terms and band."""
     record = test.records[0]
-    return record.fs, record.response, record.num_samples, test.residuals, *(test.band_hz or ())
+    skipped = round(test.settle * record.fs)
+    band = test.band_hz or ()
+    return record.fs, record.response, record.num_samples, skipped, test.residuals, *band
 
 
 def by_form(tests: Sequence[Test]) -> list[list[Test]]:

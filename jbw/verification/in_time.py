@@ -161,7 +161,8 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
 def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
     """FRF of every repeat, and of every draw under the first one's input, by the same estimator."""
     test, record = motion.test, motion.test.records[0]
-    estimate = partial(_frf, band_hz=band_hz, whole=test.traits.is_transient)
+    from_rest = test.traits.is_transient and not test.settle
+    estimate = partial(_frf, band_hz=band_hz, whole=from_rest)
     unit = record.units[record.source]
     measured = [estimate(r, r.channels[r.response]) for r in test.records]
     h = np.stack([one for _, one in measured])
@@ -211,9 +212,9 @@ def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, floa
 
 
 def _settling(test: Test, draws: Draws) -> float:
-    """Seconds at the start that are not compared: a sweep starts from rest, others may not."""
+    """Seconds at the start that are not compared: a sweep starts from rest unless it says more."""
     if test.traits.is_transient:
-        return 0.0
+        return test.settle
     record = test.records[0]
     rate = float(np.mean(draws["zeta"] * draws["omega_n"]))
     forgotten = FORGOTTEN / rate if rate > 0 else 0.0

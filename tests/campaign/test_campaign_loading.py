@@ -182,6 +182,24 @@ def test_wrong_rate_shows_beside_the_band(folder, factor):
 
 
 @pytest.mark.fault(13)
+def test_a_record_that_begins_in_motion_is_doubted(tmp_path):
+    """Followed from rest it would be a misfit; what is cut off at the start is not compared."""
+    whole = signals()
+    rows = {"from_rest": slice(None), "in_motion": slice(1500, None)}
+    for name, part in rows.items():
+        record = Record(FS, {role: x[part] for role, x in whole.items()}, UNITS, name)
+        write_hdf5(tmp_path / f"{name}.h5", record, names=NAMES)
+
+    def said(name, extra=""):
+        path = campaign_file(tmp_path, "sweep", extra, f'"{name}.h5"')
+        faults = [fault for row in check_campaign(path).rows for fault in row.findings]
+        return " ".join(str(fault) for fault in faults)
+
+    assert "begins with" not in said("from_rest")
+    assert "Set `settle`" in said("in_motion")
+    assert "begins with" not in said("in_motion", "settle = 0.5\n")
+
+
 def test_swapped_channels_are_doubted(folder):
     path = campaign_file(folder)
     swapped = path.read_text().replace('"shaker"', '"_"').replace('"laser"', '"shaker"')

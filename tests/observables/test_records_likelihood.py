@@ -124,6 +124,28 @@ def test_a_delay_is_undone():
     np.testing.assert_allclose(advance(late, 0.0037, FS), pulse, atol=1e-12)
 
 
+@pytest.mark.parametrize("band", [None, (14.0, 24.0)])
+def test_what_moved_before_the_record_is_not_compared(tests, band):
+    """A record cut out of a motion: reference is the motion followed from its true start."""
+    (whole,) = tests
+    begins, after = 200, 280  # samples: 1.1 s are 8 times 1 / (zeta omega_n), at zeta = 0.06
+    damped = theta(zeta=0.06)
+    u = jnp.asarray(whole.records[0].channels["input"])
+    v = np.asarray(response_to(damped, u, FS))[begins:]
+    cut = Record(FS, {"input": np.asarray(u)[begins:], "velocity": v}, whole.records[0].units)
+    test = Test("sweep", (cut,), "cut", 0.1, band_hz=band)
+    naive = Records.of([test])
+    data = Records.of([replace(test, settle=after / FS)])
+    assert data.mean.shape == (1, len(v) - after)
+    missed, left = (
+        float(jnp.linalg.norm(one.misfit(damped)) / np.linalg.norm(v)) for one in (naive, data)
+    )
+    # exp(-8) of the motion is left, of a burst that has died by then to a third of its largest.
+    assert missed > 0.1
+    assert left < 1e-4
+    np.testing.assert_allclose(data.squares(damped), jnp.sum(data.misfit(damped) ** 2), rtol=1e-9)
+
+
 def test_unlike_records_are_refused(tests):
     (test,) = tests
     other = Record(512.0, test.records[0].channels, test.records[0].units)
