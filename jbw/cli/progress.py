@@ -35,11 +35,15 @@ class Teller:
         self._stage, self._since = "", self._started
 
     def __call__(self, stage: str) -> None:
-        """Print one sentence with the seconds since the start."""
+        """Print one sentence with the seconds since the start: what is under way from now on."""
+        self._stage, self._since = stage, perf_counter()
+        self.remark(stage)
+
+    def remark(self, sentence: str) -> None:
+        """Print one sentence beside what is under way."""
         self.clear()
-        self._stage = stage
-        self._since = self._told = perf_counter()
-        self._print(stage)
+        self._told = perf_counter()
+        self._print(sentence)
 
     def beat(self) -> None:
         """Say what is under way, and for how long, where nothing was said for ten seconds."""
@@ -87,7 +91,7 @@ def computing() -> Iterator[Teller]:
     say = Teller(Console(stderr=True, highlight=False))
 
     def show(message: Any, *_: Any) -> None:
-        say(f"warning: {message}")
+        say.remark(f"warning: {message}")
 
     done = threading.Event()
 

@@ -76,9 +76,17 @@ def test_ten_seconds_of_silence_are_broken_by_what_is_under_way(clock):
         say.beat()
         assert len(stream.getvalue().splitlines()) == lines
     assert stream.getvalue().splitlines()[-1] == "[ 22.0 s] ... Fitting, for 22 s so far"
+    # A warning is no work: what was under way is told on.
+    say.remark("warning: a doubt")
+    clock[0] += 12.0
+    say.beat()
+    assert stream.getvalue().splitlines()[-2:] == [
+        "[ 22.0 s] warning: a doubt",
+        "[ 34.0 s] ... Fitting, for 34 s so far",
+    ]
     say("Done")
     say.beat()
-    assert len(stream.getvalue().splitlines()) == 4
+    assert len(stream.getvalue().splitlines()) == 6
 
 
 def test_no_time_left_is_told_before_it_is_known():
