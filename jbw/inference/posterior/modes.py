@@ -14,6 +14,7 @@ Draws = Mapping[str, Float[np.ndarray, "chain draw"]]
 
 DEPTH = 0.5  # of a valley's density over the lower of the peaks beside it
 LEAST = 0.02  # of the draws on either side: fewer are a tail
+SURE = 2.0  # standard errors by which a side is more
 NUM_POINTS = 256
 FEWEST = 100  # draws that a kernel's width supposes: chains that stick make no modes of themselves
 CROSSED = 100.0  # effective draws of the side, from where on its share is a weight
@@ -36,8 +37,9 @@ class Split(NamedTuple):
 
 
 def deepest_split(draws: Draws) -> Split | None:
-    """The quantity of the deepest valley, below half of both peaks and with 2 % on either side.
+    """The quantity of the deepest valley, below half of both peaks.
 
+    Either side has more than 2 % of the draws, beyond doubt: fewer are a tail.
     Modes that overlap in every marginal are not seen.
     """
     found = [_valley(name, values) for name, values in draws.items()]
@@ -56,7 +58,9 @@ def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> Split | None:
     right = np.maximum.accumulate(density[::-1])[::-1]
     depth = density / np.minimum(left, right)
     share = np.searchsorted(np.sort(flat), grid) / flat.size
-    depth[(share < LEAST) | (share > 1 - LEAST)] = 1.0
+    # Few draws of a heavy tail stand in clumps: the lesser side must be one beyond its own error.
+    error = np.maximum(np.sqrt(share * (1 - share) / count), _repeated(flat, grid))
+    depth[np.minimum(share, 1 - share) - SURE * error < LEAST] = 1.0
     i = int(np.argmin(depth))
     if depth[i] >= DEPTH:
         return None
@@ -64,6 +68,21 @@ def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> Split | None:
     above = float(grid[i + 1 + np.argmax(density[i + 1 :])])
     side = (values < grid[i]).astype(float)
     return Split(name, below, above, float(side.mean()), _error(side), float(depth[i]))
+
+
+def _repeated(
+    values: Float[np.ndarray, " draw"], grid: Float[np.ndarray, " place"]
+) -> Float[np.ndarray, " place"]:
+    r"""Standard error of the share s below a place, of draws that are points repeated by weight w.
+
+    $$(1 - s)^2 \sum_{below} w^2 + s^2 \sum_{above} w^2$$
+    """
+    points, times = np.unique(values, return_counts=True)
+    weights = times / values.size
+    share, squares = (np.concatenate([[0.0], np.cumsum(x)]) for x in (weights, weights**2))
+    at = np.searchsorted(points, grid)
+    s, below = share[at], squares[at]
+    return np.sqrt((1 - s) ** 2 * below + s**2 * (squares[-1] - below))
 
 
 def _error(side: Float[np.ndarray, "chain draw"]) -> float:
