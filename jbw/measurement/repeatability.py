@@ -17,6 +17,7 @@ from jbw.errors import DataError
 from jbw.measurement.channels import channel
 
 BY_CHANCE = 1e-3  # probability below which repeats are said to differ
+SHAPES = 3  # directions along which repeats differ by other than noise
 
 
 class Repeatability(NamedTuple):
@@ -46,9 +47,10 @@ def repeatability(y: ArrayLike) -> Repeatability:
         DataError: NaN, fewer than two repeats, or a dead channel.
     """
     rows = channel(y, "y")
-    if rows.ndim != 2 or len(rows) < 2:
+    if rows.ndim != 2 or len(rows) < 2 or rows.shape[1] <= SHAPES:
         raise DataError(
-            f"Channel `y` must hold two repeats, (repeat, time), but has the shape {rows.shape}.",
+            f"Channel `y` must hold two repeats of more than {SHAPES} samples, (repeat, time), but "
+            f"has the shape {rows.shape}.",
             remedy="Measure the test again, with nothing changed.",
         )
     count, length = rows.shape
@@ -61,8 +63,8 @@ def repeatability(y: ArrayLike) -> Repeatability:
     left = rows - mean
     along = left @ basis
     explained = float(np.sum(along**2))
-    rest = float(np.sum(left**2)) - explained
-    degrees = 3 * (count - 1), (length - 3) * (count - 1)
+    rest = max(float(np.sum(left**2)) - explained, 0.0)
+    degrees = SHAPES * (count - 1), (length - SHAPES) * (count - 1)
     noise = rest / degrees[1]
     # Coloured noise has more power where the response has: its own band is what it is judged by.
     ratio = explained / degrees[0] / max(_in_band(left, mean), noise, 1e-300)

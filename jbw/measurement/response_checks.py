@@ -17,6 +17,7 @@ LISTED = 6  # tones named in a message
 DEGREES = 20.0  # [rad]; a phase beyond three turns was written in degrees
 FEWEST_LINES = 4
 MOVING = 0.3  # of its usual amplitude: a record from rest does not begin so
+COHERENT = 0.8  # of the power of a first period that one tone explains; wide-band noise has none
 DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
 
 
@@ -157,7 +158,7 @@ def undecaying(record: Record, settle: float) -> Iterator[Fault]:
 
 
 def already_moving(record: Record, band: Sequence[float] | None, settle: float) -> Iterator[Fault]:
-    """The doubt that a record followed from rest begins in motion, by its first half period."""
+    """The doubt that a record followed from rest begins in motion, by its first period."""
     x, fs = record.channels[record.response], record.fs
     x = np.concatenate([x, np.zeros_like(x)])  # so that the end does not reach round to the start
     freq, spectrum = np.fft.rfftfreq(len(x), 1 / fs), np.fft.rfft(x)
@@ -165,11 +166,12 @@ def already_moving(record: Record, band: Sequence[float] | None, settle: float) 
     spectrum[(freq < low) | (freq > high) | (freq == 0)] = 0
     x = np.fft.irfft(spectrum, len(x))[: len(x) // 2]
     phase = 2 * np.pi * freq[np.argmax(np.abs(spectrum))] / fs * np.arange(len(x))
-    first = max(int(np.searchsorted(phase, np.pi)), 4)
+    first = max(int(np.searchsorted(phase, 2 * np.pi)), 8)
     basis = np.stack([np.cos(phase[:first]), np.sin(phase[:first])], axis=-1)
-    size = float(np.hypot(*np.linalg.lstsq(basis, x[:first])[0]))
-    usual = float(np.sqrt(2.0) * np.std(x))
-    if settle == 0.0 and size > MOVING * usual:
+    tone = np.linalg.lstsq(basis, x[:first])[0]
+    size, usual = float(np.hypot(*tone)), float(np.sqrt(2.0) * np.std(x))
+    is_tone = np.sum((basis @ tone) ** 2) > COHERENT * np.sum(x[:first] ** 2)
+    if settle == 0.0 and is_tone and size > MOVING * usual:
         yield doubt(
             record.response,
             f"The record begins with {size / usual:.0%} of its usual motion, but such a test is "
