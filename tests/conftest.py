@@ -1,23 +1,40 @@
-"""Shared by all tests: float64, jaxtyping shapes checked by beartype, the golden numbers."""
+"""Shared by all tests: float64, jaxtyping shapes checked by beartype, the golden numbers.
+
+Compiled code is kept in the user's cache folder, one a machine, as the command does it: most of the
+tests' time is compiling. `JAX_ENABLE_COMPILATION_CACHE=0` turns that off.
+"""
 
 import gc
 import json
 import os
+import platform
+import time
 from pathlib import Path
 
 import jax
+import platformdirs
 import pytest
 from shapes import check_shapes
 
 if os.environ.get("JBW_CHECK_SHAPES") != "0":
     check_shapes()  # before any test file imports jbw
 jax.config.update("jax_enable_x64", True)
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    KEPT = platformdirs.user_cache_path("jbw") / f"tests of {platform.node()}"
+    jax.config.update("jax_compilation_cache_dir", str(KEPT))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 # Linux lets a process map 65,530 pieces of memory; each compiled function holds a dozen.
 MAPS, MANY_MAPS = Path("/proc/self/maps"), 40_000
 # Tests of more than two seconds alone on an idle core, which the slow tier runs: of those that
 # `pytest --durations=0` shows at that, all but the quickest case of each function.
 LONG = frozenset((Path(__file__).parent / "long_tests.txt").read_text().splitlines())
+# Files of minutes, longest first, so that no process works on one alone at the end.
+FIRST = (
+    "test_notebooks.py", "test_demo.py", "test_resume.py", "test_mixed_campaign_scores.py",
+    "test_campaign_scores.py", "test_calibration.py", "test_fleet_of_the_rig.py",
+    "test_outside_campaigns.py", "test_comparing.py", "test_linear_structure.py",
+)  # fmt: skip
 GOLDEN = json.loads((Path(__file__).parent / "golden.json").read_text())
 
 
@@ -35,12 +52,21 @@ def _compiled_code_does_not_pile_up():
         gc.collect()
 
 
+def pytest_sessionstart(session):
+    """Forget compiled code that a fortnight did not make anew."""
+    if not hasattr(session.config, "workerinput") and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+        for entry in KEPT.glob("*"):
+            if time.time() - entry.stat().st_mtime > 14 * 86400:
+                entry.unlink(missing_ok=True)
+
+
 @pytest.hookimpl(tryfirst=True)  # before -m selects
 def pytest_collection_modifyitems(items):
-    """Put long tests into the slow tier, whose warnings fail nothing.
+    """Put long tests into the slow tier, whose warnings fail nothing, and long files first.
 
     Short chains and real records warn of what they are; what is asked of them is recovery.
     """
+    items.sort(key=lambda item: FIRST.index(n) if (n := item.path.name) in FIRST else len(FIRST))
     for item in items:
         if item.nodeid in LONG:
             item.add_marker(pytest.mark.slow)
