@@ -22,6 +22,8 @@ class Quantity(NamedTuple):
         unit: SI unit; `1` for a pure number.
         meaning: What it is, in a few words.
         least: Lowest value that makes sense; None where there is none.
+        is_share: Whether it is a part of omega_n^2, or that over omega_n^2: it ends where nothing
+            but the joint holds.
     """
 
     name: str
@@ -29,6 +31,7 @@ class Quantity(NamedTuple):
     unit: str
     meaning: str
     least: float | None = None
+    is_share: bool = False
 
     @property
     def attrs(self) -> dict[str, str]:

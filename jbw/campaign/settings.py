@@ -14,7 +14,6 @@ from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.kinds import KINDS
 from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, RESIDUAL_TERMS, Quantity
 
-STIFFNESS = "1/s^2"  # unit of a part of omega_n^2
 SPRING = "cubic"  # a prior on its parameter brings the law of this name, unless laws are stated
 
 Prior = Mapping[str, tuple[float, float]]
@@ -185,7 +184,7 @@ def _too_stiff(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:
     """Stiffnesses of the joint that reach beyond the whole, where nothing holds the structure."""
     least = prior["omega_n"][0] ** 2 if "omega_n" in prior else inf
     for name, (_, highest) in prior.items():
-        if known[name].unit == STIFFNESS and highest >= least:
+        if known[name].is_share and highest >= least:
             yield (
                 f"{name} < omega_n^2 must hold everywhere, but {name} reaches {highest:g} "
                 f"and omega_n^2 begins at {least:g}; lower {name}'s upper bound."

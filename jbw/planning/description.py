@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
 from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
-from jbw.campaign.settings import STIFFNESS, Joint
+from jbw.campaign.settings import Joint
 from jbw.campaign.values import Count, Index, Positive, number, strings, text, whole
 from jbw.errors import ConfigError
 from jbw.oscillator.laws import quantities_of
@@ -214,7 +214,7 @@ def _missing(plan: PlanTable | None, given: set[str], laws: tuple[str, ...]) -> 
         f" {quantity.name}: must stay below omega_n^2, which begins at {least:g}, "
         f"but reaches {plan[quantity.name][1]:g}."
         for quantity in quantities_of(laws)
-        if quantity.unit == STIFFNESS and (plan[quantity.name] or (0, 0))[1] >= least
+        if quantity.is_share and (plan[quantity.name] or (0, 0))[1] >= least
     ]
 
 

@@ -52,7 +52,9 @@ class BoucWenNu(Law):
 
     name: ClassVar[str] = "bouc_wen_nu"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("nu_stiffness", "α_ν", "1/s^2", "stiffness of the hysteretic part", 0.0),
+        Quantity(
+            "nu_stiffness", "α_ν", "1/s^2", "stiffness of the hysteretic part", 0.0, is_share=True
+        ),
         Quantity("nu_softening", "d_ν", "1", "slope lost at a stretch of 1 mm"),
         Quantity("nu_opening", "g_ν", "1", "opening of the hysteresis loop at 1 mm"),
         Quantity("nu", "ν", "1", "smoothness exponent", 0.0),

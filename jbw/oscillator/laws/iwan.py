@@ -112,7 +112,9 @@ class Iwan4(Masing):
 
     name: ClassVar[str] = "iwan4"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("iwan_stiffness", "K_T", "1/s^2", "stiffness of the sliders at rest", 0.0),
+        Quantity(
+            "iwan_stiffness", "K_T", "1/s^2", "stiffness of the sliders at rest", 0.0, is_share=True
+        ),
         Quantity("iwan_loss", "κ_I", "1/s^2", "secant stiffness lost to slip at 1 mm", 0.0),
         Quantity("iwan_chi", "χ", "1", "exponent of the sliders' density", -1.0),
         Quantity("iwan_beta", "β", "1", "stiffness of the last sliders over the others'", 0.0),
@@ -237,7 +239,14 @@ class MasingExponential(Masing):
 
     name: ClassVar[str] = "masing_exponential"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("exponential_alpha", "α_e", "1/s^2", "stiffness of the joint at rest", 0.0),
+        Quantity(
+            "exponential_alpha",
+            "α_e",
+            "1/s^2",
+            "stiffness of the joint at rest",
+            0.0,
+            is_share=True,
+        ),
         Quantity("exponential_b", "b", "1/m", "rate of softening of the virgin curve", 0.0),
     )
 

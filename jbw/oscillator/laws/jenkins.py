@@ -36,7 +36,8 @@ def _table(count: int) -> tuple[Quantity, ...]:
     rows = []
     for i in range(1, count + 1):
         low, before = (f"{number}".translate(_SUBSCRIPT) for number in (i, i - 1))
-        rows.append(Quantity(f"stiffness_{i}", f"α{low}", "1/s^2", f"stiffness of slider {i}", 0.0))
+        meaning = f"stiffness of slider {i}"
+        rows.append(Quantity(f"stiffness_{i}", f"α{low}", "1/s^2", meaning, 0.0, is_share=True))
         if i == 1:
             rows.append(_slip(1))
         else:

@@ -37,7 +37,14 @@ class Valanis(Law):
 
     name: ClassVar[str] = "valanis"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("valanis_stiffness", "E₀", "1/s^2", "stiffness of the sticking joint", 0.0),
+        Quantity(
+            "valanis_stiffness",
+            "E₀",
+            "1/s^2",
+            "stiffness of the sticking joint",
+            0.0,
+            is_share=True,
+        ),
         Quantity("valanis_hardening", "E_t/E₀", "1", "stiffness left when all slips", 0.0),
         Quantity("valanis_rate", "λ", "1/m", "rate at which the force comes to its limit", 0.0),
         Quantity("valanis_microslip", "κ", "1", "share of sticking before the limit", 0.0),
