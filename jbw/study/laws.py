@@ -192,7 +192,7 @@ def _highest(campaign: Campaign, runs: Sequence[str]) -> str | None:
     levels: dict[str, dict[str, float]] = {}
     for test in campaign.tests:
         own = [run for run in runs if run == test.name or run.startswith(f"{test.name} ")]
-        if test.level is not None and own:
+        if np.isfinite(test.level) and own:
             levels.setdefault(test.kind, {})[own[0]] = test.level
     first = next(iter(levels.values()), {})
     return max(first, key=lambda run: first[run]) if len(first) > 1 else None

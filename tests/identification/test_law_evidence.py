@@ -17,6 +17,7 @@ from jbw.inference.space.box import from_unit
 from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.dataset import log_likelihood
+from jbw.study import laws
 from jbw.study.law_answers import compare_rows, statements
 from jbw.study.laws import compare_laws
 
@@ -158,6 +159,23 @@ def test_the_law_that_made_the_data_is_best_and_wrong_ones_are_told_apart(soften
     assert set(found.tree["scores"]["law"].values) == set(rows)
     again = compare_laws(softening, ["cubic"], seed=3)
     assert again.record["laws"]["cubic"]["weight"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("levels", "highest"),
+    [
+        ((float("nan"),) * 3, None),  # as of tests that state none
+        ((20.0, float("nan"), 5.0), "20"),
+        ((20.0, float("nan"), float("nan")), None),
+        ((5.0, 20.0, 10.0), "20"),
+    ],
+)
+def test_the_highest_run_is_that_of_the_highest_level_that_is_stated(levels, highest):
+    names = [f"{level:g} {i}" for i, level in enumerate(levels)]
+    tests = [replace(curve(5.0), name=n, level=x) for n, x in zip(names, levels, strict=True)]
+    campaign = Campaign("levels", None, tuple(tests), gain=1.0, settings=Identify(), laws=())
+    found = laws._highest(campaign, [test.name for test in tests])
+    assert found is None if highest is None else found.startswith(highest)
 
 
 def test_an_unknown_law_is_named(softening):
