@@ -12,7 +12,7 @@ from jbw.campaign.document import Table, checked, key, refuse, unlike
 from jbw.errors import ConfigError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.kinds import KINDS
-from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, RESIDUAL_TERMS, Quantity
+from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, RESIDUAL_TERMS, Quantity, must_be
 
 SPRING = "cubic"  # a prior on its parameter brings the law of this name, unless laws are stated
 
@@ -173,10 +173,7 @@ def _out_of_bounds(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]
             owner = f" of the chosen laws; law `{owners[0]}` has it" if owners else ""
             yield f"{name}: unknown parameter{owner}{unlike(name, known)}."
             continue
-        least = known[name].least
-        # Nothing oscillates at omega_n = 0.
-        if least is not None and (lower < least or (name == "omega_n" and lower <= 0)):
-            must = f"at least {least:g}" if least else "positive"
+        if (must := must_be(known[name], lower)) is not None:
             yield f"{name}: must be {must}, but its lower bound is {lower:g}."
 
 

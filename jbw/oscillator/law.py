@@ -15,6 +15,7 @@ from typing import Any, ClassVar, Self
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator import generic
@@ -26,7 +27,7 @@ from jbw.oscillator.parameters import Loop as Loop
 from jbw.oscillator.parameters import Monomial as Monomial
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.parameters import Scales as Scales
-from jbw.quantities import Quantity
+from jbw.quantities import Quantity, must_be
 
 Branch = Any  # a pytree, what holds between two kinks
 Memory = Any  # a pytree of scalars: z of Bouc-Wen, the sliders' forces, () of a spring
@@ -248,6 +249,14 @@ class Law(eqx.Module):
 
     def doubts(self) -> str | None:
         """A warning about parameters of which the force may diverge, or None; concrete only."""
+        own = self.parameters()
+        for quantity in self.table:
+            least = float(np.min(np.asarray(own[quantity.name])))
+            if (must := must_be(quantity, least)) is not None:
+                return (
+                    f"Parameter `{quantity.name}` of `{self.name}` must be {must}, but it is "
+                    f"{least:g}, of which no force is known."
+                )
         return None
 
     def memory_unit(self, omega_n: Scalar) -> Memory:

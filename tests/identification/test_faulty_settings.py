@@ -52,6 +52,39 @@ def test_bounds_that_cannot_be_meant(line, says):
     assert says in message
 
 
+@pytest.mark.parametrize(
+    ("laws", "line", "must"),
+    [
+        ("iwan4", "iwan_chi = [-1.0, 0.5]", "greater than -1, but its lower bound is -1"),
+        ("iwan4", "iwan_chi = [-1.5, 0.5]", "greater than -1, but its lower bound is -1.5"),
+        ("iwan4", "iwan_loss = [0.0, 50.0]", "positive, but its lower bound is 0"),
+        ("iwan4", "iwan_beta = [-0.1, 1.0]", "positive, but its lower bound is -0.1"),
+        ("masing_power", "power_exponent = [0.0, 1.0]", "positive, but its lower bound is 0"),
+        ("bouc_wen_nu", "nu = [0.0, 1.0]", "positive, but its lower bound is 0"),
+        ("gap_series", "gap_stiffness = [0.0, 1e4]", "positive, but its lower bound is 0"),
+    ],
+)
+def test_a_prior_that_reaches_where_no_law_is(laws, line, must):
+    joint = f'[joint]\nlaws = "{laws}"\n'
+    with pytest.raises(ConfigError) as caught:
+        parse(joint + CAMPAIGN.format(line=line, table=".prior"))
+    told = str(caught.value)
+    assert f"[identify] prior: {line.split()[0]}: must be {must}" in told
+
+
+@pytest.mark.parametrize(
+    ("laws", "line"),
+    [
+        ("iwan4", "iwan_beta = [0.0, 1.0]"),  # without a lump that slips last
+        ("iwan4", "iwan_chi = [-0.99, 0.5]"),
+        ("gap_series", "gap = [0.0, 1e-3]"),
+        ("masing_power", "power_loss = [0.0, 1.0]"),
+    ],
+)
+def test_a_prior_to_the_edge_of_a_law(laws, line):
+    parse(f'[joint]\nlaws = "{laws}"\n' + CAMPAIGN.format(line=line, table=".prior"))
+
+
 def box_of(**prior):
     return joint_box(Identify(prior=prior), Scales(OMEGA_N, 0.004, 1e-3), None)
 

@@ -57,7 +57,7 @@ class BoucWenNu(Law):
         ),
         Quantity("nu_softening", "d_ν", "1", "slope lost at a stretch of 1 mm"),
         Quantity("nu_opening", "g_ν", "1", "opening of the hysteresis loop at 1 mm"),
-        Quantity("nu", "ν", "1", "smoothness exponent", 0.0),
+        Quantity("nu", "ν", "1", "smoothness exponent", 0.0, is_open=True),
     )
 
     nu_stiffness: Scalar

@@ -73,7 +73,14 @@ class GapSeries(Law):
 
     name: ClassVar[str] = "gap_series"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("gap_stiffness", "α_g", "1/s^2", "stiffness of the joint behind the gap", 0.0),
+        Quantity(
+            "gap_stiffness",
+            "α_g",
+            "1/s^2",
+            "stiffness of the joint behind the gap",
+            0.0,
+            is_open=True,
+        ),
         Quantity("gap_softening", "δ_g", "1/m", "softening of the joint behind the gap"),
         Quantity("gap_opening", "γ_g", "1/m", "opening of the joint behind the gap"),
         Quantity("gap", "b", "m", "half of the free travel", 0.0),

@@ -55,7 +55,9 @@ class MasingPower(Masing):
     name: ClassVar[str] = "masing_power"
     table: ClassVar[tuple[Quantity, ...]] = (
         Quantity("power_loss", "κ₁", "1/s^2", "secant stiffness lost to slip at 1 mm", 0.0),
-        Quantity("power_exponent", "q", "1", "exponent of the stiffness lost to slip", 0.0),
+        Quantity(
+            "power_exponent", "q", "1", "exponent of the stiffness lost to slip", 0.0, is_open=True
+        ),
     )
 
     power_loss: Scalar
@@ -113,10 +115,18 @@ class Iwan4(Masing):
     name: ClassVar[str] = "iwan4"
     table: ClassVar[tuple[Quantity, ...]] = (
         Quantity(
-            "iwan_stiffness", "K_T", "1/s^2", "stiffness of the sliders at rest", 0.0, is_share=True
+            "iwan_stiffness",
+            "K_T",
+            "1/s^2",
+            "stiffness of the sliders at rest",
+            0.0,
+            is_share=True,
+            is_open=True,
         ),
-        Quantity("iwan_loss", "κ_I", "1/s^2", "secant stiffness lost to slip at 1 mm", 0.0),
-        Quantity("iwan_chi", "χ", "1", "exponent of the sliders' density", -1.0),
+        Quantity(
+            "iwan_loss", "κ_I", "1/s^2", "secant stiffness lost to slip at 1 mm", 0.0, is_open=True
+        ),
+        Quantity("iwan_chi", "χ", "1", "exponent of the sliders' density", -1.0, is_open=True),
         Quantity("iwan_beta", "β", "1", "stiffness of the last sliders over the others'", 0.0),
     )
 
