@@ -197,13 +197,13 @@ def posterior(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
     """Draws of a candidate's posterior with the log evidence, by so many points at most."""
     found = sample(
         key, dataset.log_likelihood, one.fitted.box, one.fitted.data, sampler="amis",
-        coordinates=_place(one.fitted.fit, one), num_samples=NUM_SAMPLES, num_chains=4,
+        coordinates=place_of(one.fitted.fit, one), num_samples=NUM_SAMPLES, num_chains=4,
         options={"most_rounds": MOST_ROUNDS}, attrs=attrs(one.laws),
     )  # fmt: skip
     return with_derived(jax.random.fold_in(key, 1), found, one.fitted.data)
 
 
-def _place(best: Fit, one: Candidate) -> Reparametrisation:
+def place_of(best: Fit, one: Candidate) -> Reparametrisation:
     """Coordinates about a fit: along its ridge where one is open or ends at a wall."""
     prior, about = one.fitted.box, (best.theta, best.covariance)
     if best.weak is not None or best.at_bound:
@@ -228,7 +228,7 @@ def _by_points(
     key: Key[Array, ""], best: Fit, one: Candidate, rest: Dataset
 ) -> tuple[float, float]:
     """The same by points about the fit without it."""
-    problem = problem_of(dataset.log_likelihood, one.fitted.box, rest, _place(best, one))
+    problem = problem_of(dataset.log_likelihood, one.fitted.box, rest, place_of(best, one))
     points = amis.points(key, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS[rest.stepped])
     whole = at_points(dataset.log_likelihood, points.theta, one.fitted.data)
     gained = whole.reshape(len(points.weights), -1).sum(axis=1) - points.terms.sum(axis=1)

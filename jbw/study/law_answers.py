@@ -11,7 +11,6 @@ from jbw.inference.posterior.verdict import GOOD_KHAT
 FEWEST_RUNS = 5  # from which differences have a standard error that can be believed
 APART = 2.0  # standard errors of a difference from which laws are told apart
 NATS = 5.0  # of evidence from which a law is told apart where runs are too few
-TWICE = float(np.log(2.0))  # nats that doubling the width of one prior costs
 NEAR_FLOOR = 1.2  # times the scatter of repeats
 
 Row = Mapping[str, Any]
@@ -49,8 +48,8 @@ def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
         apart = -row["elpd_difference"] > APART * (row["elpd_difference_se"] or 0.0)
     else:
         widths = ("log_evidence", "log_evidence_wide")
-        known = [(row[key], best[key]) for key in widths if None not in (row[key], best[key])]
-        apart = bool(known) and all(own < other - NATS for own, other in known)
+        pairs = [(row[key], best[key]) for key in widths]
+        apart = all(None not in pair and pair[0] < pair[1] - NATS for pair in pairs)
     return "worse" if apart else "not told apart"
 
 
@@ -82,7 +81,25 @@ def statements(record: Row) -> list[str]:
     for key, what in (("khat", "Scores of runs left out are"), ("khat_evidence", "Evidence is")):
         if rough := [name for name, row in rows.items() if (row[key] or 0.0) > GOOD_KHAT]:
             said.append(f"{what} rough under {', '.join(rough)} (k-hat above {GOOD_KHAT:g}).")
-    said.append("Doubling the width of a law's priors takes 0.7 nats a parameter off its evidence.")
+    return [*said, *_of_widths(rows)]
+
+
+def _of_widths(rows: Mapping[str, Row]) -> list[str]:
+    """How much the evidence hangs on the priors, in words."""
+    widths = ("log_evidence", "log_evidence_wide")
+    known = {name: [row[key] for key in widths] for name, row in rows.items()}
+    moved = [f"{n} {pair[1] - pair[0]:+.1f}" for n, pair in known.items() if None not in pair]
+    open_ = [name for name, pair in known.items() if pair[0] is not None and pair[1] is None]
+    said = []
+    if moved:
+        said.append(
+            "Priors of the laws' own parameters twice as wide move the log evidence by "
+            f"{', '.join(moved)} (0.7 a parameter that the data narrow, nothing for others)."
+        )
+    if open_:
+        said.append(
+            f"Under such priors that of {', '.join(open_)} could not be integrated."
+        )
     return said
 
 

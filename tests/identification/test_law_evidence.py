@@ -1,19 +1,24 @@
 """Laws side by side: scores of runs left out against quadrature, and a truth that is found."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.special import logsumexp
+from scipy.stats import norm
 
 from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.identification import evidence
 from jbw.identification.assemble import measured
-from jbw.inference.space.box import from_unit
+from jbw.identification.prepare import Fitted
+from jbw.identification.prior_widths import log_evidence_wide, twice_as_wide
+from jbw.inference.space.box import bounds_by_name, box, from_unit
 from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.dataset import log_likelihood
@@ -138,6 +143,52 @@ def test_evidence_that_hangs_on_the_priors_tells_nothing_apart():
     rows = {"a": row(0.0, count=5), "b": row(-7.0, count=0)}
     compare_rows(rows, {})
     assert rows["b"]["answer"] == "not told apart"
+
+
+class Normal(NamedTuple):
+    """Data of which the likelihood is normal in omega_n and in the cubic stiffness."""
+
+    centre: float
+    std: float
+    stepped: bool = False
+
+
+def normal(theta, data):
+    own = (theta["cubic"] - data.centre) / data.std
+    return jnp.stack([-0.5 * own**2, -0.5 * (theta["omega_n"] - 1.0) ** 2 / 0.01**2])
+
+
+@pytest.mark.parametrize(
+    ("centre", "std"),
+    [(0.3, 0.05), (0.0, 1e3), (1.0, 0.1), (1.5, 0.3)],
+    ids=["narrow", "open", "at its bound", "beyond it"],
+)
+def test_evidence_under_wider_priors_is_that_of_the_closed_form(centre, std, monkeypatch):
+    monkeypatch.setattr(dataset, "log_likelihood", normal)
+    prior = box({"omega_n": (0.9, 1.1), "cubic": (-1.0, 1.0)})
+    best = {"omega_n": 1.0, "cubic": min(centre, 1.0)}
+    known = SimpleNamespace(theta=best, covariance=np.diag([1e-4, min(std, 0.5) ** 2]), weak=None,
+                            at_bound={})  # fmt: skip
+    one = evidence.Candidate(("cubic",), Fitted(known, prior, Normal(centre, std)))
+    of_omega_n = np.log(np.sqrt(2 * np.pi) * 0.01 / 0.2)  # its ends are ten deviations away
+
+    def exact(width):
+        mass = np.diff(norm.cdf((np.array([-width, width]) - centre) / std))[0]
+        return of_omega_n + np.log(np.sqrt(2 * np.pi) * std * mass / (2 * width))
+
+    found = log_evidence_wide(jax.random.key(0), one, exact(1.0))
+    # Points that are worth 200 draws: an error of 0.07.
+    np.testing.assert_allclose(found, exact(2.0), atol=0.25)
+    change = {0.3: -np.log(2.0), 0.0: 0.0, 1.0: 0.0}
+    assert centre not in change or abs(exact(2.0) - exact(1.0) - change[centre]) < 1e-3
+
+
+def test_wider_priors_of_a_law_are_twice_as_wide_but_for_its_share_of_the_stiffness():
+    bounds = {"omega_n": (90.0, 110.0), "alpha": (10.0, 900.0), "delta": (-2.0, 20.0),
+              "gamma": (0.0, 20.0), "cubic": (-3.0, 3.0)}  # fmt: skip
+    wide = bounds_by_name(twice_as_wide(box(bounds), ("bouc_wen", "cubic")))
+    own = {"delta": (-4.0, 40.0), "gamma": (0.0, 40.0), "cubic": (-6.0, 6.0)}
+    assert wide == bounds | own
 
 
 @pytest.fixture(scope="module")
