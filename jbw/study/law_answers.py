@@ -33,17 +33,34 @@ def compare_rows(rows: dict[str, dict[str, Any]], scores: Mapping[str, np.ndarra
 
 
 def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs: bool) -> str:
-    """The law of the highest score, of the most evidence, or of the smallest error."""
+    """The law of the highest score, of the most evidence, or of the smallest error.
+
+    One whose weights can be trusted, where there is one.
+    """
     if by_runs:
-        return max(scores, key=lambda name: float(np.sum(scores[name])))
-    known = {n: row["log_evidence"] for n, row in rows.items() if row["log_evidence"] is not None}
-    if known:
-        return max(known, key=lambda name: known[name])
-    return min(rows, key=lambda name: rows[name]["error"])
+        known = {name: float(np.sum(own)) for name, own in scores.items()}
+    else:
+        found = {name: row["log_evidence"] for name, row in rows.items()}
+        known = {name: own for name, own in found.items() if own is not None}
+    if not known:
+        return min(rows, key=lambda name: rows[name]["error"])
+    sure = [name for name in known if not _is_rough(rows[name], by_runs=by_runs)]
+    return max(sure or known, key=lambda name: known[name])
+
+
+def _is_rough(row: Row, *, by_runs: bool) -> bool:
+    """Whether the weights that a law's score was found by cannot be trusted."""
+    khat = row["khat" if by_runs else "khat_evidence"]
+    return khat is not None and not khat <= GOOD_KHAT
 
 
 def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
-    """Whether a law is told apart from the best; by evidence under both widths of the priors."""
+    """Whether a law is told apart from the best; by evidence under both widths of the priors.
+
+    By a score that is rough none is judged.
+    """
+    if _is_rough(row, by_runs=by_runs) or _is_rough(best, by_runs=by_runs):
+        return "not judged"
     if by_runs:
         apart = -row["elpd_difference"] > APART * (row["elpd_difference_se"] or 0.0)
     else:
@@ -69,6 +86,11 @@ def statements(record: Row) -> list[str]:
         said.append(f"Not told apart from it: {', '.join(near)}.")
     if worse := _names(rows, "worse"):
         said.append(f"Told apart, and worse: {', '.join(worse)}.")
+    if rough := _names(rows, "not judged"):
+        said.append(
+            f"Not judged: {', '.join(rough)}, whose score or that of {best} is rough (k-hat above "
+            f"{GOOD_KHAT:g}); draw more, or restrict the priors."
+        )
     if (floor := record["floor"]) is not None and floor > 0:
         error = rows[best]["error"]
         said.append(
@@ -97,9 +119,7 @@ def _of_widths(rows: Mapping[str, Row]) -> list[str]:
             f"{', '.join(moved)} (0.7 a parameter that the data narrow, nothing for others)."
         )
     if open_:
-        said.append(
-            f"Under such priors that of {', '.join(open_)} could not be integrated."
-        )
+        said.append(f"Under such priors that of {', '.join(open_)} could not be integrated.")
     return said
 
 

@@ -138,6 +138,22 @@ def test_few_runs_are_no_comparison_of_predictions():
     assert "a leaves 10 % of the response where single repeats scatter by 9 %; no law" in said[3]
 
 
+def test_a_rough_score_calls_no_law_worse_and_none_the_best():
+    rng = np.random.default_rng(0)
+    base = rng.normal(size=6)
+    scores = {"a": base, "b": base - 50.0, "c": base - 60.0, "d": base + 40.0}
+    rows = {name: row(0.0) for name in scores}
+    rows["b"]["khat"] = rows["d"]["khat"] = 0.9
+    compare_rows(rows, scores)
+    answers = {name: one["answer"] for name, one in rows.items()}
+    assert answers == {"a": "best", "b": "not judged", "c": "worse", "d": "not judged"}
+    said = " ".join(statements({"laws": rows, "runs": list("uvwxyz"), "floor": None}))
+    assert "Not judged: b, d, whose score or that of a is rough (k-hat above 0.7)" in said
+    rows = {"a": row(0.0), "b": row(-80.0) | {"khat_evidence": np.inf}, "c": row(-80.0)}
+    compare_rows(rows, {})
+    assert [one["answer"] for one in rows.values()] == ["best", "not judged", "worse"]
+
+
 def test_evidence_that_hangs_on_the_priors_tells_nothing_apart():
     # Seven nats behind with one parameter more, four with both priors twice as wide.
     rows = {"a": row(0.0, count=5), "b": row(-7.0, count=0)}
