@@ -11,7 +11,7 @@ from jbw.inference.posterior.verdict import GOOD_KHAT
 FEWEST_RUNS = 5  # from which differences have a standard error that can be believed
 APART = 2.0  # standard errors of a difference from which laws are told apart
 NATS = 5.0  # of evidence from which a law is told apart where runs are too few
-NEAR_FLOOR = 1.2  # times the scatter of repeats
+NEAR_FLOOR = 1.2  # times the scatter of the mean of repeats
 
 Row = Mapping[str, Any]
 
@@ -94,8 +94,13 @@ def statements(record: Row) -> list[str]:
     if (floor := record["floor"]) is not None and floor > 0:
         error = rows[best]["error"]
         said.append(
-            f"{best} leaves {100 * error:.2g} % of the response where single repeats scatter by "
-            f"{100 * floor:.2g} %{_near(error / floor)}."
+            f"{best} leaves {100 * error:.2g} % of the response and the mean of the repeats "
+            f"scatters by {100 * floor:.2g} %{_near(error / floor)}."
+        )
+    if lines := list(record["lines"].values()):
+        said.append(
+            f"A line through each run alone leaves {100 * record['line']:.2g} %, from "
+            f"{100 * min(lines):.2g} to {100 * max(lines):.2g} %."
         )
     for name, row in rows.items():
         if row["at_bound"] and row["answer"] != "worse":

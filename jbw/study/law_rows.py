@@ -1,10 +1,9 @@
 """What every law of a comparison is weighed by, and its row of numbers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
-import numpy as np
 import xarray as xr
 from jaxtyping import Array, Key
 
@@ -12,6 +11,7 @@ from jbw.errors import DataError, JbwError
 from jbw.identification import evidence
 from jbw.identification.assemble import Report
 from jbw.identification.evidence import Candidate, LeftOut, name_of
+from jbw.identification.floors import rms
 from jbw.identification.prior_widths import log_evidence_wide
 
 
@@ -55,7 +55,7 @@ def row_of(weighed: Weighed) -> dict[str, Any]:
         "laws": list(one.laws),
         "num_parameters": len(names),
         "error": one.error,
-        "error_left_out": None if left is None else _rms(left.error),
+        "error_left_out": None if left is None else rms(list(left.error.values())),
         "error_highest": None,
         "elpd": None if left is None else float(sum(left.elpd.values())),
         "khat": None if left is None else left.khat,
@@ -69,7 +69,3 @@ def row_of(weighed: Weighed) -> dict[str, Any]:
             for name in names
         },
     }
-
-
-def _rms(errors: Mapping[str, float]) -> float:
-    return float(np.sqrt(np.mean(np.square(list(errors.values())))))

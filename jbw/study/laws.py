@@ -15,6 +15,7 @@ from jbw.identification import evidence
 from jbw.identification.assemble import Report, measured
 from jbw.identification.diagnosis import diagnose, diagnosis_sentences, readings_of
 from jbw.identification.evidence import Candidate, LeftOut, name_of
+from jbw.identification.floors import own_lines, rms, scatter_of_means
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
@@ -95,6 +96,8 @@ def compare_laws(
     highest = _highest(campaign, runs)
     for name, one in left.items():
         rows[name]["error_highest"] = one.error.get(highest) if highest else None
+    first = found[0].fitted
+    lines = own_lines(first.data, {**_held(first.data), **first.fit.theta})
     readings = readings_of(found[0].fitted.data)
     diagnosis = None if readings is None else diagnose(readings)
     record = {
@@ -102,7 +105,9 @@ def compare_laws(
         "diagnosis": None if diagnosis is None else diagnosis._asdict(),
         "runs": list(runs),
         "highest": highest,
-        "floor": evidence.floor_of(found[0].fitted.data),
+        "floor": scatter_of_means(found[0].fitted.data),
+        "line": rms(list(lines.values())) if lines else None,
+        "lines": lines,
         "laws": rows,
         "refused": {name_of(laws): reason for laws, reason in refused.items()},
     }
@@ -115,7 +120,7 @@ def compare_laws(
     record["statements"] = [*told, *statements(record), *scatter]
     tree = xr.DataTree.from_dict(
         {
-            "/scores": _scores(left, runs),
+            "/scores": _scores(left, runs, lines),
             "/curves": _curves(named, draws, y_peak),
             **({} if offsets is None else {"/offsets": offsets}),
             **law_groups(campaign.tests, named, draws),
@@ -152,8 +157,8 @@ def _known(name: str) -> bool:
 
 
 def _largest(one: Candidate) -> float:
-    values = {**one.fitted.data.held, **one.fitted.fit.theta}
-    return largest_displacement(one.fitted.data, float(values.get("omega_n", 1.0)))
+    values = {**_held(one.fitted.data), **one.fitted.fit.theta}
+    return largest_displacement(one.fitted.data, values.get("omega_n", 1.0))
 
 
 def _highest(campaign: Campaign, runs: Sequence[str]) -> str | None:
@@ -167,7 +172,9 @@ def _highest(campaign: Campaign, runs: Sequence[str]) -> str | None:
     return max(first, key=lambda run: first[run]) if len(first) > 1 else None
 
 
-def _scores(left: Mapping[str, LeftOut], runs: Sequence[str]) -> xr.Dataset:
+def _scores(
+    left: Mapping[str, LeftOut], runs: Sequence[str], lines: Mapping[str, float]
+) -> xr.Dataset:
     dims, none = ("law", "run"), np.zeros((0, len(runs)))
     elpd = np.array([[one.elpd[run] for run in runs] for one in left.values()])
     error = np.array([[one.error[run] for run in runs] for one in left.values()])
@@ -175,6 +182,11 @@ def _scores(left: Mapping[str, LeftOut], runs: Sequence[str]) -> xr.Dataset:
         {
             "elpd": (dims, elpd if left else none, {"long_name": "log predictive density"}),
             "error": (dims, error if left else none, {"units": "1", "long_name": "error over rms"}),
+            "line": (
+                "run",
+                [lines.get(run, np.nan) for run in runs],
+                {"units": "1", "long_name": "error over rms of a line of the run's own"},
+            ),
         },
         {"law": list(left), "run": list(runs)},
     )
@@ -205,5 +217,9 @@ def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
     posterior = tree["posterior"].to_dataset()
     chosen = evenly_spaced(posterior, NUM_DRAWS)
     theta = {name: np.ravel(values)[chosen] for name, values in scalars(tree).items()}
-    held = {name: np.full(len(chosen), float(value)) for name, value in data.held.items()}
+    held = {name: np.full(len(chosen), value) for name, value in _held(data).items()}
     return {**held, **theta}
+
+
+def _held(data: Dataset) -> dict[str, float]:
+    return {name: float(value) for name, value in data.held.items()}

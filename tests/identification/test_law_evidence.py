@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.special import logsumexp
 from scipy.stats import norm
 
@@ -15,7 +16,8 @@ from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.identification import evidence
-from jbw.identification.assemble import measured
+from jbw.identification.assemble import assemble, measured
+from jbw.identification.floors import own_lines, rms, scatter_of_means
 from jbw.identification.prepare import Fitted
 from jbw.identification.prior_widths import log_evidence_wide, twice_as_wide
 from jbw.inference.space.box import bounds_by_name, box, from_unit
@@ -101,6 +103,30 @@ def test_a_run_that_is_silenced_counts_for_nothing(linear):
     np.testing.assert_allclose(np.delete(before, index), np.delete(after, index), atol=1e-9)
 
 
+def test_floors_are_the_scatter_of_the_mean_and_a_line_of_each_runs_own():
+    tests = [curve(level) for level in (40.0, 80.0)]
+    data = assemble(measured(tests, Identify(), laws=("cubic",), gain=1.0))
+    lines = own_lines(data, {"omega_n": OMEGA_N, "zeta": ZETA})
+    scatter = []
+    for test in tests:
+        omega, forces = 2 * np.pi * test.records[0].channels["frequency"], []
+        for one in test.records:
+            forces.append(one.channels["force"] * np.exp(1j * (np.pi - one.channels["phase"])))
+        mean, y = np.mean(forces, axis=0), test.level / omega**2
+        size = np.linalg.norm(mean)
+        scatter.append(np.sqrt(np.sum(np.abs(forces - mean) ** 2) / 2) / 3**0.5 / size)
+
+        def left(x, omega=omega, y=y, mean=mean):
+            own = x[0] * OMEGA_N
+            miss = mean - y * (own**2 - omega**2 + 2j * x[1] * ZETA * own * omega)
+            return np.concatenate([miss.real, miss.imag])
+
+        best = least_squares(left, [1.0, 1.0], xtol=1e-12)
+        # Fits stop where the cost changes by less than 1e-6 of itself.
+        np.testing.assert_allclose(lines[test.name], np.sqrt(2 * best.cost) / size, rtol=1e-5)
+    np.testing.assert_allclose(scatter_of_means(data), rms(scatter), rtol=1e-9)
+
+
 def test_differences_and_stacking_are_closed_forms():
     rng = np.random.default_rng(0)
     base = rng.normal(size=8)
@@ -133,9 +159,21 @@ def test_few_runs_are_no_comparison_of_predictions():
     compare_rows(rows, {name: np.zeros(3) for name in rows})
     assert [one["answer"] for one in rows.values()] == ["best", "not told apart", "worse"]
     assert rows["a"]["weight"] is None
-    said = statements({"laws": rows, "runs": ["x", "y", "z"], "floor": 0.09})
+    said = statements(
+        {
+            "laws": rows,
+            "runs": ["x", "y", "z"],
+            "floor": 0.09,
+            "line": 0.035,
+            "lines": {"x": 0.03, "y": 0.04},
+        }
+    )
     assert said[0].startswith("3 runs are too few to compare predictions, 5 are needed")
-    assert "a leaves 10 % of the response where single repeats scatter by 9 %; no law" in said[3]
+    assert (
+        "a leaves 10 % of the response and the mean of the repeats scatters by 9 %; no law"
+        in said[3]
+    )
+    assert said[4] == "A line through each run alone leaves 3.5 %, from 3 to 4 %."
 
 
 def test_a_rough_score_calls_no_law_worse_and_none_the_best():
@@ -147,7 +185,7 @@ def test_a_rough_score_calls_no_law_worse_and_none_the_best():
     compare_rows(rows, scores)
     answers = {name: one["answer"] for name, one in rows.items()}
     assert answers == {"a": "best", "b": "not judged", "c": "worse", "d": "not judged"}
-    said = " ".join(statements({"laws": rows, "runs": list("uvwxyz"), "floor": None}))
+    said = " ".join(statements({"laws": rows, "runs": list("uvwxyz"), "floor": None, "lines": {}}))
     assert "Not judged: b, d, whose score or that of a is rough (k-hat above 0.7)" in said
     rows = {"a": row(0.0), "b": row(-80.0) | {"khat_evidence": np.inf}, "c": row(-80.0)}
     compare_rows(rows, {})
