@@ -180,9 +180,12 @@ def _out_of_bounds(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]
 def _too_stiff(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:
     """Stiffnesses of the joint that reach beyond the whole, where nothing holds the structure."""
     least = prior["omega_n"][0] ** 2 if "omega_n" in prior else inf
-    for name, (_, highest) in prior.items():
-        if known[name].is_share and highest >= least:
-            yield (
-                f"{name} < omega_n^2 must hold everywhere, but {name} reaches {highest:g} "
-                f"and omega_n^2 begins at {least:g}; lower {name}'s upper bound."
-            )
+    shares = {name: highest for name, (_, highest) in prior.items() if known[name].is_share}
+    stiff = [(name, highest) for name, highest in shares.items() if highest >= least]
+    if not stiff and sum(shares.values()) >= least:
+        stiff = [(" + ".join(shares), sum(shares.values()))]
+    for name, highest in stiff:
+        yield (
+            f"{name} < omega_n^2 must hold everywhere, but {name} reaches {highest:g} "
+            f"and omega_n^2 begins at {least:g}; lower {name}'s upper bound."
+        )

@@ -5,10 +5,11 @@ import pytest
 
 import jbw
 from jbw.campaign.schema import parse
-from jbw.campaign.settings import Identify
+from jbw.campaign.settings import Identify, law_errors
 from jbw.errors import ConfigError, ModelError
 from jbw.identification.accuracy import residual_finding
 from jbw.identification.coordinates import joint_box
+from jbw.inference.space.box import bounds_by_name
 from jbw.oscillator.law import Scales
 from jbw.planning.description import parse as parse_plan
 
@@ -96,6 +97,36 @@ def test_more_stiffness_in_the_joint_than_there_is_in_all():
     assert "20000" in caught.value.what
     assert "13924 by Step 2" in caught.value.what
     assert "[identify.prior]" in caught.value.remedy
+
+
+def test_stiffnesses_of_laws_are_parts_of_one_whole():
+    scales, laws = Scales(OMEGA_N, 0.004, 1e-3), ("bouc_wen", "iwan4", "cubic")
+    whole = OMEGA_N**2
+    bounds = bounds_by_name(joint_box(Identify(), scales, None, laws))
+    # Of 0.9 each by itself: together no more than one of them alone.
+    assert bounds["alpha"] == pytest.approx((5e-4 * whole, 0.45 * whole))
+    assert bounds["iwan_stiffness"] == pytest.approx((5e-4 * whole, 0.45 * whole))
+    stated = Identify(prior={"iwan_stiffness": (10.0, 0.8 * whole)})
+    bounds = bounds_by_name(joint_box(stated, scales, None, laws))
+    assert bounds["iwan_stiffness"] == pytest.approx((10.0, 0.8 * whole))
+    assert bounds["alpha"] == pytest.approx((5e-4 * whole, 0.2 * whole))
+    alone = bounds_by_name(joint_box(Identify(), scales, None, ("bouc_wen", "cubic")))
+    assert alone["alpha"] == pytest.approx((5e-4 * whole, 0.9 * whole))
+
+
+@pytest.mark.fault(27)
+def test_stated_stiffnesses_that_exceed_the_whole_together_are_refused_by_name():
+    prior = {"alpha": (10.0, 8e3), "iwan_stiffness": (10.0, 7e3)}
+    with pytest.raises(ConfigError, match="Priors of `alpha`, `iwan_stiffness`") as caught:
+        joint_box(Identify(prior=prior), Scales(OMEGA_N, 0.004, 1e-3), None, ("bouc_wen", "iwan4"))
+    assert "reach 15000 and omega_n^2 is 13924" in caught.value.what
+    three = {f"stiffness_{i}": (10.0, 5e3) for i in (1, 2, 3)}
+    with pytest.raises(ConfigError, match="Priors of `stiffness_1`, `stiffness_2`, `stiffness_3`"):
+        joint_box(Identify(prior=three), Scales(OMEGA_N, 0.004, 1e-3), None, ("jenkins_3",))
+    told = law_errors(("bouc_wen", "iwan4"), {"omega_n": (118.0, 120.0), **prior})
+    assert "alpha + iwan_stiffness < omega_n^2 must hold everywhere" in told[0]
+    sliders = {"omega_n": (100.0, 130.0)} | {f"stiffness_{i}": (1.0, 4e3) for i in (1, 2, 3)}
+    assert "stiffness_1 + stiffness_2 + stiffness_3 <" in law_errors(("jenkins_3",), sliders)[0]
 
 
 def test_laws_that_no_motion_tells_apart_are_warned_of():
