@@ -15,7 +15,6 @@ from typing import Any, ClassVar, Self
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator import generic
@@ -27,7 +26,8 @@ from jbw.oscillator.parameters import Loop as Loop
 from jbw.oscillator.parameters import Monomial as Monomial
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.parameters import Scales as Scales
-from jbw.quantities import Quantity, must_be
+from jbw.oscillator.parameters import Threshold as Threshold
+from jbw.quantities import Quantity
 
 Branch = Any  # a pytree, what holds between two kinks
 Memory = Any  # a pytree of scalars: z of Bouc-Wen, the sliders' forces, () of a spring
@@ -139,6 +139,10 @@ class Law(eqx.Module):
         """
         return Loop(*generic.loop_by_moves(self, y_peak))
 
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """Displacements that a motion must reach for the law to be known beyond them."""
+        return ()
+
     # -- through a time step of length h ---------------------------------------------------------
     def packed(self, memory: Memory) -> Memory:
         """Memory as the time loop carries it; what seldom changes in few arrays."""
@@ -167,13 +171,7 @@ class Law(eqx.Module):
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Memory, branch: Branch
     ) -> Scalar:
         """Half of h^2 times the remainder's second derivative on the branch."""
-        rate = jax.tree.map(lambda x: jnp.asarray(x, float), self.rate(y, v, memory))
-        _, bend = jax.jvp(
-            lambda y, v, memory: self.remainder(h, y, v, memory, branch)[1],
-            (y, v, memory),
-            (v, a, rate),
-        )
-        return 0.5 * h * bend
+        return generic.bend_by_rates(self, h, (y, v, memory), a, branch)
 
     def glide(
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch
@@ -249,15 +247,7 @@ class Law(eqx.Module):
 
     def doubts(self) -> str | None:
         """A warning about parameters of which the force may diverge, or None; concrete only."""
-        own = self.parameters()
-        for quantity in self.table:
-            least = float(np.min(np.asarray(own[quantity.name])))
-            if (must := must_be(quantity, least)) is not None:
-                return (
-                    f"Parameter `{quantity.name}` of `{self.name}` must be {must}, but it is "
-                    f"{least:g}, of which no force is known."
-                )
-        return None
+        return generic.no_force(self)
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
         """Factors that make the memory comparable with a velocity; those of a force."""

@@ -103,8 +103,11 @@ def statements(record: Row) -> list[str]:
             f"{100 * min(lines):.2g} to {100 * max(lines):.2g} %."
         )
     for name, row in rows.items():
-        if row["at_bound"] and row["answer"] != "worse":
+        if row["answer"] == "worse":
+            continue
+        if row["at_bound"]:
             said.append(f"{name}: {', '.join(row['at_bound'])} at a bound of the prior.")
+        said += row["reached"] if len(row["laws"]) < 2 else [f"{name}: {x}" for x in row["reached"]]
     for key, what in (("khat", "Scores of runs left out are"), ("khat_evidence", "Evidence is")):
         if rough := [name for name, row in rows.items() if (row[key] or 0.0) > GOOD_KHAT]:
             said.append(f"{what} rough under {', '.join(rough)} (k-hat above {GOOD_KHAT:g}).")

@@ -19,7 +19,7 @@ from jbw.identification.floors import own_lines, rms, scatter_of_means
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
-from jbw.observables.dataset import Dataset, largest_displacement
+from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.study.law_answers import compare_rows, statements
 from jbw.study.law_rows import row_of, weigh
@@ -92,7 +92,7 @@ def compare_laws(
     rows = {name: row_of(one) for name, one in weighed.items()}
     scores = {name: np.array(list(one.elpd.values())) for name, one in left.items()}
     compare_rows(rows, scores)
-    y_peak = max(_largest(one) for one in named.values())
+    y_peak = max(one.y_peak for one in named.values())
     highest = _highest(campaign, runs)
     for name, one in left.items():
         rows[name]["error_highest"] = one.error.get(highest) if highest else None
@@ -154,11 +154,6 @@ def _parts(name: str) -> tuple[str, ...]:
 
 def _known(name: str) -> bool:
     return name in LAWS or name.rpartition("_")[0] in FAMILIES
-
-
-def _largest(one: Candidate) -> float:
-    values = {**_held(one.fitted.data), **one.fitted.fit.theta}
-    return largest_displacement(one.fitted.data, values.get("omega_n", 1.0))
 
 
 def _highest(campaign: Campaign, runs: Sequence[str]) -> str | None:

@@ -213,10 +213,12 @@ def test_residuals_that_are_no_numbers_are_not_white():
 
 
 @pytest.mark.parametrize(
-    ("gap", "says"),
+    ("bounds", "says"),
     [((2e-3, 3e-3), "begins at 0.002 m"), ((1e-4, 3e-3), "reaches 0.003 m")],
 )
-def test_a_gap_that_no_motion_crosses_is_warned_of(gap, says):
-    with pytest.warns(UserWarning, match=f"prior of gap {says}, but the largest motion is 0.001 m"):
-        joint_box(Identify(prior={"gap": gap}), Scales(OMEGA_N, 0.004, 1e-3), None, ("gap_series",))
-    joint_box(Identify(), Scales(OMEGA_N, 0.004, 1e-3), None, ("gap_series",))  # its own is within
+@pytest.mark.parametrize(("law", "gap"), [("gap_series", "gap"), ("stop", "stop_gap")])
+def test_a_gap_that_no_motion_crosses_is_warned_of(law, gap, bounds, says):
+    told = f"prior of {gap} {says}, but the largest motion is 0.001 m"
+    with pytest.warns(UserWarning, match=told):
+        joint_box(Identify(prior={gap: bounds}), Scales(OMEGA_N, 0.004, 1e-3), None, (law,))
+    joint_box(Identify(), Scales(OMEGA_N, 0.004, 1e-3), None, (law,))  # its own is within

@@ -151,7 +151,7 @@ def test_differences_and_stacking_are_closed_forms():
 def row(evidence_of, error=0.1, count=1):
     wide = None if evidence_of is None else evidence_of - count * np.log(2.0)
     return {"error": error, "log_evidence": evidence_of, "log_evidence_wide": wide, "khat": 0.1,
-            "khat_evidence": 0.1, "at_bound": []}  # fmt: skip
+            "khat_evidence": 0.1, "at_bound": [], "reached": [], "laws": []}  # fmt: skip
 
 
 def test_few_runs_are_no_comparison_of_predictions():

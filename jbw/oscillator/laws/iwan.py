@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax.scipy.special import gammaln
 from jaxtyping import Array, Float
 
-from jbw.oscillator.law import Bounds, Conversion, Loop, Scales
+from jbw.oscillator.law import Bounds, Conversion, Loop, Scales, Threshold
 from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
 from jbw.oscillator.laws.masing import Kink, Masing
 from jbw.oscillator.laws.relaxation import exponential_remainder
@@ -207,6 +207,10 @@ class Iwan4(Masing):
         phi_max = self.phi_max
         spread = self.iwan_stiffness / (1.0 + self.iwan_beta)
         return Kink(phi_max, -self.s, spread * (1.0 + self.iwan_chi) / phi_max)
+
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """Macroslip; below it only the loss and chi act."""
+        return (Threshold("macroslip", self.phi_max, "K_T, F_S and beta"),)
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
         """Lag by the power below macroslip, K_T x - F_S beyond; and its slope."""

@@ -10,7 +10,7 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator.kinks import Ends, StepPath, kept, kink_impulse, signed, slope_jump_impulse
-from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales
+from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales, Threshold
 from jbw.oscillator.parameters import Conversion, Material, Scalar, of_opensees
 from jbw.oscillator.steady.waveform import (
     angle_of,
@@ -116,6 +116,13 @@ class Jenkins(Law):
         return bounds
 
     # -- motion ------------------------------------------------------------------------------------
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """The slips; sliders that never slip are one linear spring."""
+        return tuple(
+            Threshold(f"slip of slider {i}", phi, "its stiffness, but for the sum of such")
+            for i, phi in enumerate(self.phi, 1)
+        )
+
     def stiffness(self) -> Scalar:
         """All sliders stuck [1/s^2]."""
         return sum(self.alpha)
