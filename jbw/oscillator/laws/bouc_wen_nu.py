@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Complex, Float
 
 import jbw.oscillator.laws.stretch_path as stretch_path
 from jbw.oscillator.kinks import Ends, StepPath, kink_impulse, signed
-from jbw.oscillator.law import Bounds, Law, Loop, Scales
+from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales
 from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
 from jbw.oscillator.laws.conversions import bouc_wen
 from jbw.oscillator.laws.iwan import REFERENCE, power
@@ -58,6 +58,17 @@ class BoucWenNu(Law):
         Quantity("nu_softening", "d_ν", "1", "slope lost at a stretch of 1 mm"),
         Quantity("nu_opening", "g_ν", "1", "opening of the hysteresis loop at 1 mm"),
         Quantity("nu", "ν", "1", "smoothness exponent", 0.0, is_open=True),
+    )
+
+    products: ClassVar[tuple[Monomial, ...]] = (
+        Monomial(
+            Quantity("nu_alpha_d", "α_ν d_ν", "1/s^2", "stiffness lost at a stretch of 1 mm"),
+            {"nu_stiffness": 1, "nu_softening": 1},
+        ),
+        Monomial(
+            Quantity("nu_alpha_g", "α_ν g_ν", "1/s^2", "opening of the loop at 1 mm, by stiffness"),
+            {"nu_stiffness": 1, "nu_opening": 1},
+        ),
     )
 
     nu_stiffness: Scalar

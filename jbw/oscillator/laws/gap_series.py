@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator import generic
 from jbw.oscillator.kinks import Ends, StepPath, kept, kink_impulse, signed, slope_jump_impulse
-from jbw.oscillator.law import Bounds, Law, Loop, Scales, Threshold
+from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales, Threshold
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.oscillator.laws.gap_move import Memory, moved, unloading
 from jbw.oscillator.parameters import Scalar, beyond_all_motion
@@ -65,6 +65,17 @@ class GapSeries(Law):
         Quantity("gap_softening", "δ_g", "1/m", "softening of the joint behind the gap"),
         Quantity("gap_opening", "γ_g", "1/m", "opening of the joint behind the gap"),
         Quantity("gap", "b", "m", "half of the free travel", 0.0),
+    )
+
+    products: ClassVar[tuple[Monomial, ...]] = (
+        Monomial(
+            Quantity("gap_alpha_delta", "α_g δ_g", "1/(m s^2)", "softening behind the gap"),
+            {"gap_stiffness": 1, "gap_softening": 1},
+        ),
+        Monomial(
+            Quantity("gap_alpha_gamma", "α_g γ_g", "1/(m s^2)", "opening behind the gap"),
+            {"gap_stiffness": 1, "gap_opening": 1},
+        ),
     )
 
     gap_stiffness: Scalar

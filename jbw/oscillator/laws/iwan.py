@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax.scipy.special import gammaln
 from jaxtyping import Array, Float
 
-from jbw.oscillator.law import Bounds, Conversion, Loop, Scales, Threshold
+from jbw.oscillator.law import Bounds, Conversion, Loop, Monomial, Scales, Threshold
 from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
 from jbw.oscillator.laws.masing import Kink, Masing
 from jbw.oscillator.laws.relaxation import exponential_remainder
@@ -262,6 +262,13 @@ class MasingExponential(Masing):
             is_share=True,
         ),
         Quantity("exponential_b", "b", "1/m", "rate of softening of the virgin curve", 0.0),
+    )
+
+    products: ClassVar[tuple[Monomial, ...]] = (
+        Monomial(
+            Quantity("exponential_alpha_b", "α_e b", "1/(m s^2)", "softening at rest, alpha * b"),
+            {"exponential_alpha": 1, "exponential_b": 1},
+        ),
     )
 
     exponential_alpha: Scalar
