@@ -22,6 +22,9 @@ class Quantity(NamedTuple):
         unit: SI unit; `1` for a pure number.
         meaning: What it is, in a few words.
         least: Lowest value that makes sense; None where there is none.
+        is_share: Whether it is a part of omega_n^2, or that over omega_n^2: it ends where nothing
+            but the joint holds.
+        is_open: Whether the least value itself makes no sense.
     """
 
     name: str
@@ -29,11 +32,23 @@ class Quantity(NamedTuple):
     unit: str
     meaning: str
     least: float | None = None
+    is_share: bool = False
+    is_open: bool = False
 
     @property
     def attrs(self) -> dict[str, str]:
         """Attributes of its variable in a dataset."""
         return {"units": self.unit, "long_name": self.meaning, "symbol": self.symbol}
+
+
+def must_be(quantity: Quantity, value: float) -> str | None:
+    """What a quantity must be, in words, where a value lies below all that makes sense; or None."""
+    least = quantity.least
+    if least is None or value > least or (value == least and not quantity.is_open):
+        return None
+    if least == 0.0:
+        return "positive"
+    return f"greater than {least:g}" if quantity.is_open else f"at least {least:g}"
 
 
 def attrs_of(quantities: Iterable[Quantity]) -> dict[str, dict[str, str]]:
@@ -45,7 +60,7 @@ DEFAULT_LAWS = ("bouc_wen",)  # of a joint of which nothing else is said
 
 # Of the linear oscillator, whatever stands across the joint.
 OSCILLATOR = (
-    Quantity("omega_n", "ωₙ", "rad/s", "natural frequency, joint stuck", 0.0),
+    Quantity("omega_n", "ωₙ", "rad/s", "natural frequency, joint stuck", 0.0, is_open=True),
     Quantity("zeta", "ζ", "1", "viscous damping ratio", 0.0),
     Quantity("gain", "gain", "N/kg/V", "force per unit mass and unit of input", 0.0),
 )

@@ -22,7 +22,7 @@ class Bilinear(Law):
 
     name: ClassVar[str] = "bilinear"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("bilinear_k", "k_b", "1/s^2", "stiffness before yield", 0.0),
+        Quantity("bilinear_k", "k_b", "1/s^2", "stiffness before yield", 0.0, is_share=True),
         Quantity("bilinear_yield", "y_b", "m", "displacement at yield", 0.0),
     )
     bilinear_k: float

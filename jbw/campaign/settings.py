@@ -12,9 +12,8 @@ from jbw.campaign.document import Table, checked, key, refuse, unlike
 from jbw.errors import ConfigError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.kinds import KINDS
-from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, RESIDUAL_TERMS, Quantity
+from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, RESIDUAL_TERMS, Quantity, must_be
 
-STIFFNESS = "1/s^2"  # unit of a part of omega_n^2
 SPRING = "cubic"  # a prior on its parameter brings the law of this name, unless laws are stated
 
 Prior = Mapping[str, tuple[float, float]]
@@ -174,19 +173,19 @@ def _out_of_bounds(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]
             owner = f" of the chosen laws; law `{owners[0]}` has it" if owners else ""
             yield f"{name}: unknown parameter{owner}{unlike(name, known)}."
             continue
-        least = known[name].least
-        # Nothing oscillates at omega_n = 0.
-        if least is not None and (lower < least or (name == "omega_n" and lower <= 0)):
-            must = f"at least {least:g}" if least else "positive"
+        if (must := must_be(known[name], lower)) is not None:
             yield f"{name}: must be {must}, but its lower bound is {lower:g}."
 
 
 def _too_stiff(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:
     """Stiffnesses of the joint that reach beyond the whole, where nothing holds the structure."""
     least = prior["omega_n"][0] ** 2 if "omega_n" in prior else inf
-    for name, (_, highest) in prior.items():
-        if known[name].unit == STIFFNESS and highest >= least:
-            yield (
-                f"{name} < omega_n^2 must hold everywhere, but {name} reaches {highest:g} "
-                f"and omega_n^2 begins at {least:g}; lower {name}'s upper bound."
-            )
+    shares = {name: highest for name, (_, highest) in prior.items() if known[name].is_share}
+    stiff = [(name, highest) for name, highest in shares.items() if highest >= least]
+    if not stiff and sum(shares.values()) >= least:
+        stiff = [(" + ".join(shares), sum(shares.values()))]
+    for name, highest in stiff:
+        yield (
+            f"{name} < omega_n^2 must hold everywhere, but {name} reaches {highest:g} "
+            f"and omega_n^2 begins at {least:g}; lower {name}'s upper bound."
+        )

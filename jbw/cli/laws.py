@@ -56,7 +56,7 @@ def laws(
 
 def laws_table(record: Mapping[str, Any]) -> Table:
     """A line a law, the best first."""
-    rows = [{"law": name, **row} for name, row in record["laws"].items()]
+    rows = [{"law": name, "floor": record["line"], **row} for name, row in record["laws"].items()]
     worst = -float("inf")
 
     def rank(row: Mapping[str, Any]) -> float:
@@ -73,6 +73,7 @@ def laws_table(record: Mapping[str, Any]) -> Table:
         _percent("fit [%]", "error"),
         _percent("left out [%]", "error_left_out"),
         _percent("highest [%]", "error_highest"),
+        _percent("own lines [%]", "floor"),
         Column("log score", _difference("elpd_difference", "elpd_difference_se")),
         _number("weight", "weight", ".2f"),
         Column("log evidence", _difference("log_evidence_difference", "log_evidence_error")),

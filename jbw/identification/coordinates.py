@@ -66,9 +66,12 @@ def joint_box(
     bounds = {name: given.get(name, pair) for name, pair in bounds.items()}
     if (alike := same_by_construction(laws)) is not None:
         warnings.warn(alike, stacklevel=2)
-    for law in laws_named(laws):
+    kinds = laws_named(laws)
+    for law in kinds:
+        _require_stiffness(law, {name: bounds[name] for name in law.names()}, given, omega_n)
+    bounds |= _shared(kinds, bounds, given, omega_n)
+    for law in kinds:
         own = {name: bounds[name] for name in law.names()}
-        _require_stiffness(law, own, given, omega_n)
         # Of bounds that the campaign states: those by default are as wide as loops stay bounded.
         stated = {name: given.get(name, (max(pair[0], 0.0), pair[1])) for name, pair in own.items()}
         if (caution := law.caution(stated, scales.y_peak)) is not None:
@@ -88,6 +91,36 @@ def _require_stiffness(law: type[Law], own: Bounds, given: Collection[str], omeg
                 why="The joint's stiffness is a part of the whole, omega_n^2.",
                 remedy=f"Lower {name}'s upper bound in [identify.prior].",
             )
+
+
+def _shared(
+    laws: Collection[type[Law]], bounds: Bounds, given: Collection[str], omega_n: float
+) -> Bounds:
+    """Bounds of the laws' parts of omega_n^2 that together are no more than the stiffest alone.
+
+    Upper bounds that nobody states are lowered alike; those that are stated must leave room.
+    """
+    parts = [[q.name for q in law.table if q.is_share] for law in laws]
+    names = [name for own in parts for name in own]
+    stated = [name for name in names if name in given]
+    free = [name for name in names if name not in given]
+    held = sum(bounds[name][1] for name in stated)
+    alone = max((sum(bounds[name][1] for name in own) for own in parts), default=0.0)
+    whole = omega_n**2 if stated else max(omega_n**2, alone)
+    if held < omega_n**2 and sum(bounds[name][1] for name in names) <= whole:
+        return {}
+    room = max(omega_n**2 - held, 0.0) if stated else alone
+    scale = room / sum(bounds[name][1] for name in free) if free else 0.0
+    lowered = {name: (bounds[name][0], scale * bounds[name][1]) for name in free}
+    if held >= omega_n**2 or any(low >= high for low, high in lowered.values()):
+        raise ConfigError(
+            f"Priors of {', '.join(f'`{name}`' for name in stated)}: the laws' stiffnesses must "
+            f"stay below omega_n^2 together, but reach {held:g} and omega_n^2 is "
+            f"{omega_n**2:g} by Step 2.",
+            why="The stiffness of each law is a part of the whole, omega_n^2.",
+            remedy="Lower their upper bounds in [identify.prior].",
+        )
+    return lowered
 
 
 def chosen_coordinates(

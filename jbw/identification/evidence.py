@@ -27,6 +27,7 @@ from scipy.special import logsumexp
 
 from jbw.errors import ConfigError, JbwError
 from jbw.identification.assemble import Measured, Report, assemble
+from jbw.identification.floors import rms
 from jbw.identification.joint import with_derived
 from jbw.identification.prepare import Fitted, first_fit, refined, refit, reweight
 from jbw.identification.residual_terms import terms_of, with_terms
@@ -64,7 +65,13 @@ class Candidate:
     @property
     def error(self) -> float:
         """Error of the fit over the response, the root mean square over the groups."""
-        return _rms(list(errors_of(self.fitted.fit, self.fitted.data).values()))
+        return rms(list(errors_of(self.fitted.fit, self.fitted.data).values()))
+
+    @property
+    def y_peak(self) -> float:
+        """The largest displacement fitted [m]."""
+        known = {**self.fitted.data.held, **self.fitted.fit.theta}
+        return dataset.largest_displacement(self.fitted.data, float(known.get("omega_n", 1.0)))
 
     @property
     def at_bound(self) -> tuple[str, ...]:
@@ -161,12 +168,6 @@ def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
     return {n: e for n, e in dataset.error_by_label(left, data).items() if np.isfinite(e)}
 
 
-def floor_of(data: Dataset) -> float | None:
-    """Scatter of the mean of the repeats over the response: what no law can be asked to beat."""
-    found = {label: r for part in data.parts for label, r in part.repeatability().items()}
-    return _rms(list(found.values())) if found else None
-
-
 def runs_of(data: Dataset) -> tuple[str, ...]:
     """Runs that can be left out: those whose values count, each once."""
     counted = dataset.fractions_counted(data)
@@ -197,13 +198,13 @@ def posterior(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
     """Draws of a candidate's posterior with the log evidence, by so many points at most."""
     found = sample(
         key, dataset.log_likelihood, one.fitted.box, one.fitted.data, sampler="amis",
-        coordinates=_place(one.fitted.fit, one), num_samples=NUM_SAMPLES, num_chains=4,
+        coordinates=place_of(one.fitted.fit, one), num_samples=NUM_SAMPLES, num_chains=4,
         options={"most_rounds": MOST_ROUNDS}, attrs=attrs(one.laws),
     )  # fmt: skip
     return with_derived(jax.random.fold_in(key, 1), found, one.fitted.data)
 
 
-def _place(best: Fit, one: Candidate) -> Reparametrisation:
+def place_of(best: Fit, one: Candidate) -> Reparametrisation:
     """Coordinates about a fit: along its ridge where one is open or ends at a wall."""
     prior, about = one.fitted.box, (best.theta, best.covariance)
     if best.weak is not None or best.at_bound:
@@ -228,7 +229,7 @@ def _by_points(
     key: Key[Array, ""], best: Fit, one: Candidate, rest: Dataset
 ) -> tuple[float, float]:
     """The same by points about the fit without it."""
-    problem = problem_of(dataset.log_likelihood, one.fitted.box, rest, _place(best, one))
+    problem = problem_of(dataset.log_likelihood, one.fitted.box, rest, place_of(best, one))
     points = amis.points(key, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS[rest.stepped])
     whole = at_points(dataset.log_likelihood, points.theta, one.fitted.data)
     gained = whole.reshape(len(points.weights), -1).sum(axis=1) - points.terms.sum(axis=1)
@@ -243,7 +244,7 @@ def _error_of(run: str, best: Fit, one: Candidate) -> float:
     left = dataset.left_by_label(residual_at(dataset.stacked, best.x, one.fitted.box, data), data)
     every = dataset.error_by_label(left, data)
     pairs = zip(data.labels, data.runs, strict=True)
-    return _rms([every[label] for label, name in pairs if name == run and label in every])
+    return rms([every[label] for label, name in pairs if name == run and label in every])
 
 
 def differences(scores: Mapping[str, Float[np.ndarray, " run"]], reference: str) -> dict[str, Any]:
@@ -279,7 +280,3 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
     }  # fmt: skip
     found = compare(each, method="stacking")
     return {str(name): float(weight) for name, weight in found["weight"].items()}
-
-
-def _rms(values: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")

@@ -27,6 +27,7 @@ from jbw.identification.equivalent import (
 from jbw.identification.leaving_out import consistency_finding, leave_one_out, left_out_sentence
 from jbw.identification.no_joint import joint_finding, may_be_absent, without_joint
 from jbw.identification.prepare import Fitted, prepare
+from jbw.identification.reached import threshold_sentences
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.step import Step, attrs, finished, means_of
 from jbw.identification.widening import widened
@@ -274,6 +275,7 @@ def posterior_checks(
         words.append(effects_sentence(added, y_peak))
         if may_be_absent(added):
             findings.append(joint_finding(without_joint(best, prior, data), added, y_peak))
+    words += threshold_sentences(_every_parameter(posterior, data), y_peak, data.laws)
     if (left_out := leave_one_out(best, prior, data)) is not None:
         groups["leave_one_out"] = left_out
         findings.append(consistency_finding(left_out))

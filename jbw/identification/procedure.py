@@ -31,6 +31,7 @@ from jbw.quantities import DEFAULT_LAWS
 
 logger = logging.getLogger("jbw")
 STEPS = ("joint", "third_order", "opening")
+PAPER_LAW = "bouc_wen"  # of Steps 3 and 4
 DECAY_KEY = 100  # of the seed: the paper's steps draw the same with decays and without
 
 
@@ -78,7 +79,10 @@ def run_procedure(
     """
     keys = iter(jax.random.split(jax.random.key(seed), 16))
     found = Identification(linear=seen.linear, sweeps=seen.sweeps, decays=seen.decays)
-    if seen.linear is not None and seen.probing and "bouc_wen" in seen.laws:
+    said = paper_words(seen)
+    if said:
+        report(said[0])
+    if seen.linear is not None and seen.probing and PAPER_LAW in seen.laws:
         try:
             kernel_fit, steps = _paper_steps(seen, seen.linear.pooled, keys, report, keep)
         except DataError as error:
@@ -86,11 +90,11 @@ def run_procedure(
                 raise
             report(f"Steps 3 and 4 are left out: {' '.join(str(error).split())}")
         else:
-            found = replace(found, kernel=kernel_fit, steps=steps)
+            found = replace(found, kernel=kernel_fit, steps=_told(said, steps))
     data = assemble(seen)
     report(f"Joint posterior: all parameters from {len(data.labels)} groups of data")
     step, data = joint_step(next(keys), data, found.steps, seen.settings, keep=keep)
-    found = replace(found, data=data, steps={**found.steps, "joint": step})
+    found = replace(found, data=data, steps=found.steps | _told(said, {"joint": step}))
     if seen.decays is None:
         return found
     if not all(test.traits.is_free for test in seen.tests):
@@ -101,6 +105,27 @@ def run_procedure(
         found = replace(found, steps={**found.steps, "decay": step})
     decays = next((part for part in data.parts if isinstance(part, Decays)), None)
     return replace(found, decay_data=decays)
+
+
+def _told(words: tuple[str, ...], steps: Mapping[str, Step]) -> dict[str, Step]:
+    """Steps that begin with some words."""
+    return {name: replace(one, statements=(*words, *one.statements)) for name, one in steps.items()}
+
+
+def paper_words(seen: Measured) -> tuple[str, ...]:
+    """What the paper's Steps 3 and 4 are to the laws of this joint; nothing where they suit."""
+    if seen.linear is None or not seen.probing:
+        return ()
+    others = " and ".join(name for name in seen.laws if name != PAPER_LAW)
+    if PAPER_LAW not in seen.laws:
+        own = f"whose law is {others}" if others else "that has none"
+        return (f"The paper's Steps 3 and 4 know Bouc-Wen's law: left out, of a joint {own}.",)
+    if not others:
+        return ()
+    return (
+        f"The paper's Steps 3 and 4 know Bouc-Wen's law alone and take what {others} adds for its "
+        "own; the joint posterior knows all laws.",
+    )
 
 
 def _paper_steps(

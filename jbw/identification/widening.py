@@ -9,12 +9,10 @@ from jbw.identification.prepare import Fitted, refit
 from jbw.inference.posterior.summary import scalars
 from jbw.inference.posterior.verdict import leaning
 from jbw.inference.space.box import bounds_by_name, box
-from jbw.oscillator.laws import vocabulary
+from jbw.oscillator.laws import quantities_of, vocabulary
 from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS
 
-# A share of the stiffness ends where nothing but the joint holds: at its upper bound it says that
-# products alone are known.
-SHARES = ("1/s^2", "1")
+NEARER = 0.1  # of a bound's distance from the least value that makes sense
 
 
 def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted | None:
@@ -23,17 +21,17 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
     Bounds that the campaign states are kept.
     """
     bounds, moved = bounds_by_name(ready.box), []
-    table = {one.name: one for one in (*OSCILLATOR, *RESIDUAL_TERMS)} | vocabulary()
+    known = (*OSCILLATOR, *RESIDUAL_TERMS, *quantities_of(ready.data.laws))
+    table = vocabulary() | {one.name: one for one in known}
     for name, side, _ in leaning(scalars(tree), ready.box):
         quantity = table.get(name)
-        share = quantity is not None and name != "zeta" and quantity.unit in SHARES
-        if name in stated or (share and side == "upper"):
+        # A share of the stiffness ends where nothing but the joint holds: at its upper bound it
+        # says that products alone are known.
+        ends = quantity is not None and quantity.is_share and side == "upper"
+        if name in stated or ends:
             continue
-        low, high = bounds[name]
-        further = high + (high - low) if side == "upper" else low - (high - low)
-        if side == "lower" and low > 0:
-            further = max(further, 0.1 * low)  # what is positive stays so
-        bounds[name] = (low, further) if side == "upper" else (further, high)
+        least = None if quantity is None else quantity.least
+        bounds[name] = _wider(*bounds[name], side, least)
         moved.append(f"{name} to [{bounds[name][0]:.3g}, {bounds[name][1]:.3g}]")
     if not moved:
         return None
@@ -48,3 +46,12 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
         fit=refit(ready.fit, wide, ready.data),
         statements=(*ready.statements, said),
     )
+
+
+def _wider(low: float, high: float, side: str, least: float | None) -> tuple[float, float]:
+    """Bounds twice as wide on a side; the lower stays above the least, what is positive so."""
+    if side == "upper":
+        return low, high + (high - low)
+    end = 0.0 if least is None and low > 0.0 else least
+    further = low - (high - low)
+    return further if end is None else max(further, end + NEARER * (low - end)), high

@@ -150,6 +150,10 @@ class Observable(eqx.Module):
         """Scatter of single repeats of each group, over the size of their mean; by label."""
         return {}
 
+    def mean_repeatability(self) -> dict[str, float]:
+        """Scatter of the mean of the repeats of each group, over the size of that; by label."""
+        return {}
+
     def noise_known(self) -> dict[str, float]:
         """Number of values of each group whose noise the repeats tell, by label."""
         return {}

@@ -121,6 +121,11 @@ class Repeated(Observable):
         by_label, sizes = dict(zip(self.labels, scatter, strict=True)), self.sizes()
         return {label: float(by_label[label]) / sizes[label] for label in self.noise_known()}
 
+    def mean_repeatability(self) -> dict[str, float]:
+        """Scatter of the mean of K repeats, that of a single one over the root of K."""
+        count = dict(zip(self.labels, np.asarray(self.repeats.num_repeats).tolist(), strict=True))
+        return {label: x / count[label] ** 0.5 for label, x in self.repeatability().items()}
+
     def noise_known(self) -> dict[str, float]:
         """Number of values of each group that was repeated."""
         count, size = (np.asarray(x) for x in (self.repeats.num_repeats, self.repeats.size))

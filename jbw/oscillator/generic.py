@@ -14,6 +14,7 @@ from jaxtyping import Array, Complex, Float
 from jbw.oscillator.kinks import Ends, StepPath, kink_impulse, signed
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import crest, exponentials, synthesis
+from jbw.quantities import must_be
 
 Law = Any  # a `jbw.oscillator.law.Law`, whose methods call these functions
 Memory = Any
@@ -72,6 +73,18 @@ def remainder_by_rates(
         (h * v, jax.tree.map(lambda x: h * x, rate)),
     )
     return force - own * y, rise - own * h * v
+
+
+def bend_by_rates(
+    law: Law, h: Scalar, state: tuple[Scalar, Scalar, Memory], a: Scalar, branch: Any
+) -> Scalar:
+    """Half of h^2 times the second derivative of the remainder, at an acceleration."""
+    y, v, memory = state
+    rate = jax.tree.map(lambda x: jnp.asarray(x, float), law.rate(y, v, memory))
+    _, bend = jax.jvp(
+        lambda y, v, memory: law.remainder(h, y, v, memory, branch)[1], state, (v, a, rate)
+    )
+    return 0.5 * h * bend
 
 
 def turn_by_slopes(
@@ -138,3 +151,16 @@ def force_by_moves(
     start = jax.tree.map(lambda x: jnp.asarray(x, y.dtype), (0.0, law.at_rest()))
     settled, _ = jax.lax.scan(onward, start, (y, rise))
     return jax.lax.scan(onward, settled, (y, rise))[1]
+
+
+def no_force(law: Law) -> str | None:
+    """A warning of a parameter below where the law makes sense, or None; concrete values only."""
+    own = law.parameters()
+    for quantity in law.table:
+        least = float(np.min(np.asarray(own[quantity.name])))
+        if (must := must_be(quantity, least)) is not None:
+            return (
+                f"Parameter `{quantity.name}` of `{law.name}` must be {must}, but it is "
+                f"{least:g}, of which no force is known."
+            )
+    return None

@@ -26,6 +26,7 @@ from jbw.oscillator.parameters import Loop as Loop
 from jbw.oscillator.parameters import Monomial as Monomial
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.parameters import Scales as Scales
+from jbw.oscillator.parameters import Threshold as Threshold
 from jbw.quantities import Quantity
 
 Branch = Any  # a pytree, what holds between two kinks
@@ -138,6 +139,10 @@ class Law(eqx.Module):
         """
         return Loop(*generic.loop_by_moves(self, y_peak))
 
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """Displacements that a motion must reach for the law to be known beyond them."""
+        return ()
+
     # -- through a time step of length h ---------------------------------------------------------
     def packed(self, memory: Memory) -> Memory:
         """Memory as the time loop carries it; what seldom changes in few arrays."""
@@ -166,13 +171,7 @@ class Law(eqx.Module):
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Memory, branch: Branch
     ) -> Scalar:
         """Half of h^2 times the remainder's second derivative on the branch."""
-        rate = jax.tree.map(lambda x: jnp.asarray(x, float), self.rate(y, v, memory))
-        _, bend = jax.jvp(
-            lambda y, v, memory: self.remainder(h, y, v, memory, branch)[1],
-            (y, v, memory),
-            (v, a, rate),
-        )
-        return 0.5 * h * bend
+        return generic.bend_by_rates(self, h, (y, v, memory), a, branch)
 
     def glide(
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch
@@ -248,7 +247,7 @@ class Law(eqx.Module):
 
     def doubts(self) -> str | None:
         """A warning about parameters of which the force may diverge, or None; concrete only."""
-        return None
+        return generic.no_force(self)
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
         """Factors that make the memory comparable with a velocity; those of a force."""

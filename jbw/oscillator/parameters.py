@@ -123,6 +123,20 @@ class Coordinates(NamedTuple):
         return {name: power for name, power in total.items() if power}
 
 
+class Threshold(NamedTuple):
+    """A displacement from which something of a law acts that smaller motions know nothing of.
+
+    Attributes:
+        what: That which begins there, such as "macroslip".
+        y: The displacement [m].
+        rests: What rests on its prior alone where no motion reaches it.
+    """
+
+    what: str
+    y: Scalar
+    rests: str
+
+
 class Loop(NamedTuple):
     r"""Steady loop of a law for y = Y cos(theta), F = Re sum F_n exp(j n theta).
 
@@ -168,3 +182,15 @@ class Conversion(NamedTuple):
 def of_opensees(*materials: Material) -> dict[str, Conversion]:
     """The conversions of a law that is known as materials of OpenSees alone."""
     return {"OpenSees": Conversion({}, {}, materials)}
+
+
+def beyond_all_motion(name: str, bounds: tuple[float, float], y_peak: float) -> str | None:
+    """A warning of a prior on a gap that is wider than the largest motion [m], or None."""
+    least, most = bounds
+    if most <= y_peak:
+        return None
+    what = f"begins at {least:.3g}" if least >= y_peak else f"reaches {most:.3g}"
+    return (
+        f"The prior of {name} {what} m, but the largest motion is {y_peak:.3g} m: a wider gap "
+        "never closes, and hides what is behind it. Lower the bound, or drive harder."
+    )

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,17 +10,18 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
 from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
-from jbw.campaign.settings import STIFFNESS, Joint
+from jbw.campaign.settings import Joint
 from jbw.campaign.values import Count, Index, Positive, number, strings, text, whole
 from jbw.errors import ConfigError
 from jbw.oscillator.laws import quantities_of
 from jbw.planning.beliefs import Range, ranges_of, shares_of, usual_of
 from jbw.planning.plan import Noise
 from jbw.planning.proposals import GRIDS, Grid
-from jbw.quantities import DEFAULT_LAWS, UNIT_OF
+from jbw.quantities import DEFAULT_LAWS, UNIT_OF, Quantity, must_be
 from jbw.units import quantity_of, to_si
 
 MOTIONS = tuple(UNIT_OF)
+POSITIVE = Quantity("positive", "", "1", "a positive number", 0.0)
 
 
 def _range(value: Any) -> Range:
@@ -38,11 +39,11 @@ def _range(value: Any) -> Range:
     return float(low), float(high)
 
 
-def _positive(found: Range) -> Range:
+def _within(quantity: Quantity, found: Range) -> Range:
     low, high = found
-    if low < 0:
+    if (must := must_be(quantity, low)) is not None:
         shown = f"{low:g}" if low == high else f"[{low:g}, {high:g}]"
-        raise ValueError(f"must be positive, but is {shown}.")
+        raise ValueError(f"must be {must}, but is {shown}.")
     return found
 
 
@@ -67,7 +68,7 @@ def _fraction(value: Any) -> float:
 
 
 AnyRange = Annotated[Range, BeforeValidator(_range, json_schema_input_type=float | Range)]
-PositiveRange = Annotated[AnyRange, AfterValidator(_positive)]
+PositiveRange = Annotated[AnyRange, AfterValidator(partial(_within, POSITIVE))]
 Part = Annotated[PositiveRange, AfterValidator(_part)]
 
 
@@ -104,7 +105,7 @@ def plan_table(laws: tuple[str, ...] = DEFAULT_LAWS) -> type[PlanTable]:
     """The [plan] table of a joint with these laws, whose parameters are keys too."""
     fields: dict[str, Any] = {}
     for quantity in quantities_of(laws):
-        kind: Any = AnyRange if quantity.least is None else PositiveRange
+        kind: Any = Annotated[AnyRange, AfterValidator(partial(_within, quantity))]
         fields[quantity.name] = kind | None, key(None, f"{quantity.meaning} [{quantity.unit}]")
     words = Literal["omega_n", "zeta", *fields]  # pyright: ignore[reportInvalidTypeForm]
     check = BeforeValidator(strings, json_schema_input_type=words | list[words])
@@ -214,7 +215,7 @@ def _missing(plan: PlanTable | None, given: set[str], laws: tuple[str, ...]) -> 
         f" {quantity.name}: must stay below omega_n^2, which begins at {least:g}, "
         f"but reaches {plan[quantity.name][1]:g}."
         for quantity in quantities_of(laws)
-        if quantity.unit == STIFFNESS and (plan[quantity.name] or (0, 0))[1] >= least
+        if quantity.is_share and (plan[quantity.name] or (0, 0))[1] >= least
     ]
 
 

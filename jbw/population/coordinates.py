@@ -9,6 +9,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from jbw.errors import ConfigError, DataError, did_you_mean
+from jbw.oscillator.law import Law
 from jbw.oscillator.laws import laws_named
 from jbw.population.model import Units
 
@@ -44,8 +45,8 @@ def unit_names(fleet: xr.DataTree) -> list[str]:
 def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
     """The coordinates of a fleet: those named, else of the structure and what weak motion knows.
 
-    Of a law that has products, which are known where its parameters trade, these; of another its
-    parameters.
+    Of a law its products, which are known where its parameters trade, and the parameters that are
+    in none of them.
 
     Raises:
         ConfigError: A name that the fleet does not have.
@@ -55,10 +56,7 @@ def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
     held = [str(name) for name in fleet.coords["parameter"].values]
     parameters = (*STRUCTURE, *(name for law in laws for name in law.names()))
     if names is None:
-        own = (
-            [one.name for one in law.products] if law.products else [*law.names()] for law in laws
-        )
-        names = [*STRUCTURE, *(name for each in own for name in each)]
+        names = [*STRUCTURE, *(name for law in laws for name in _known_of(law))]
     lacking = json.loads(fleet.attrs["left_out"])
     for name in names:
         if name in lacking:
@@ -88,6 +86,11 @@ def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
     mean = root["mean"].sel(parameter=list(names)).values
     cov = root["covariance"].sel(parameter=list(names), other=list(names)).values
     return Pooled(tuple(names), mean, cov, powers, parameters)
+
+
+def _known_of(law: type[Law]) -> list[str]:
+    factors = {name for one in law.products for name in one.powers}
+    return [*(one.name for one in law.products), *(n for n in law.names() if n not in factors)]
 
 
 def units_of_fleet(fleet: xr.DataTree, found: Pooled) -> Units:

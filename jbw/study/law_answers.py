@@ -11,8 +11,7 @@ from jbw.inference.posterior.verdict import GOOD_KHAT
 FEWEST_RUNS = 5  # from which differences have a standard error that can be believed
 APART = 2.0  # standard errors of a difference from which laws are told apart
 NATS = 5.0  # of evidence from which a law is told apart where runs are too few
-TWICE = float(np.log(2.0))  # nats that doubling the width of one prior costs
-NEAR_FLOOR = 1.2  # times the scatter of repeats
+NEAR_FLOOR = 1.2  # times the scatter of the mean of repeats
 
 Row = Mapping[str, Any]
 
@@ -34,23 +33,40 @@ def compare_rows(rows: dict[str, dict[str, Any]], scores: Mapping[str, np.ndarra
 
 
 def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs: bool) -> str:
-    """The law of the highest score, of the most evidence, or of the smallest error."""
+    """The law of the highest score, of the most evidence, or of the smallest error.
+
+    One whose weights can be trusted, where there is one.
+    """
     if by_runs:
-        return max(scores, key=lambda name: float(np.sum(scores[name])))
-    known = {n: row["log_evidence"] for n, row in rows.items() if row["log_evidence"] is not None}
-    if known:
-        return max(known, key=lambda name: known[name])
-    return min(rows, key=lambda name: rows[name]["error"])
+        known = {name: float(np.sum(own)) for name, own in scores.items()}
+    else:
+        found = {name: row["log_evidence"] for name, row in rows.items()}
+        known = {name: own for name, own in found.items() if own is not None}
+    if not known:
+        return min(rows, key=lambda name: rows[name]["error"])
+    sure = [name for name in known if not _is_rough(rows[name], by_runs=by_runs)]
+    return max(sure or known, key=lambda name: known[name])
+
+
+def _is_rough(row: Row, *, by_runs: bool) -> bool:
+    """Whether the weights that a law's score was found by cannot be trusted."""
+    khat = row["khat" if by_runs else "khat_evidence"]
+    return khat is not None and not khat <= GOOD_KHAT
 
 
 def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
-    """Whether a law is told apart from the best; by evidence under both widths of the priors."""
+    """Whether a law is told apart from the best; by evidence under both widths of the priors.
+
+    By a score that is rough none is judged.
+    """
+    if _is_rough(row, by_runs=by_runs) or _is_rough(best, by_runs=by_runs):
+        return "not judged"
     if by_runs:
         apart = -row["elpd_difference"] > APART * (row["elpd_difference_se"] or 0.0)
     else:
         widths = ("log_evidence", "log_evidence_wide")
-        known = [(row[key], best[key]) for key in widths if None not in (row[key], best[key])]
-        apart = bool(known) and all(own < other - NATS for own, other in known)
+        pairs = [(row[key], best[key]) for key in widths]
+        apart = all(None not in pair and pair[0] < pair[1] - NATS for pair in pairs)
     return "worse" if apart else "not told apart"
 
 
@@ -70,19 +86,48 @@ def statements(record: Row) -> list[str]:
         said.append(f"Not told apart from it: {', '.join(near)}.")
     if worse := _names(rows, "worse"):
         said.append(f"Told apart, and worse: {', '.join(worse)}.")
+    if rough := _names(rows, "not judged"):
+        said.append(
+            f"Not judged: {', '.join(rough)}, whose score or that of {best} is rough (k-hat above "
+            f"{GOOD_KHAT:g}); draw more, or restrict the priors."
+        )
     if (floor := record["floor"]) is not None and floor > 0:
         error = rows[best]["error"]
         said.append(
-            f"{best} leaves {100 * error:.2g} % of the response where single repeats scatter by "
-            f"{100 * floor:.2g} %{_near(error / floor)}."
+            f"{best} leaves {100 * error:.2g} % of the response and the mean of the repeats "
+            f"scatters by {100 * floor:.2g} %{_near(error / floor)}."
+        )
+    if lines := list(record["lines"].values()):
+        said.append(
+            f"A line through each run alone leaves {100 * record['line']:.2g} %, from "
+            f"{100 * min(lines):.2g} to {100 * max(lines):.2g} %."
         )
     for name, row in rows.items():
-        if row["at_bound"] and row["answer"] != "worse":
+        if row["answer"] == "worse":
+            continue
+        if row["at_bound"]:
             said.append(f"{name}: {', '.join(row['at_bound'])} at a bound of the prior.")
+        said += row["reached"] if len(row["laws"]) < 2 else [f"{name}: {x}" for x in row["reached"]]
     for key, what in (("khat", "Scores of runs left out are"), ("khat_evidence", "Evidence is")):
         if rough := [name for name, row in rows.items() if (row[key] or 0.0) > GOOD_KHAT]:
             said.append(f"{what} rough under {', '.join(rough)} (k-hat above {GOOD_KHAT:g}).")
-    said.append("Doubling the width of a law's priors takes 0.7 nats a parameter off its evidence.")
+    return [*said, *_of_widths(rows)]
+
+
+def _of_widths(rows: Mapping[str, Row]) -> list[str]:
+    """How much the evidence hangs on the priors, in words."""
+    widths = ("log_evidence", "log_evidence_wide")
+    known = {name: [row[key] for key in widths] for name, row in rows.items()}
+    moved = [f"{n} {pair[1] - pair[0]:+.1f}" for n, pair in known.items() if None not in pair]
+    open_ = [name for name, pair in known.items() if pair[0] is not None and pair[1] is None]
+    said = []
+    if moved:
+        said.append(
+            "Priors of the laws' own parameters twice as wide move the log evidence by "
+            f"{', '.join(moved)} (0.7 a parameter that the data narrow, nothing for others)."
+        )
+    if open_:
+        said.append(f"Under such priors that of {', '.join(open_)} could not be integrated.")
     return said
 
 

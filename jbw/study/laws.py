@@ -3,26 +3,26 @@
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Key
 
 from jbw.campaign.load import Campaign, force_per_unit
-from jbw.errors import DataError, JbwError
 from jbw.identification import evidence
 from jbw.identification.assemble import Report, measured
 from jbw.identification.diagnosis import diagnose, diagnosis_sentences, readings_of
 from jbw.identification.evidence import Candidate, LeftOut, name_of
+from jbw.identification.floors import own_lines, rms, scatter_of_means
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
-from jbw.observables.dataset import Dataset, largest_displacement
+from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
-from jbw.study.law_answers import TWICE, compare_rows, statements
+from jbw.study.law_answers import compare_rows, statements
+from jbw.study.law_rows import row_of, weigh
 from jbw.study.stack import law_groups
 from jbw.verification.backbone import HERTZ, RATIO, curves
 from jbw.verification.bands import QUANTILE_AXIS, band
@@ -83,19 +83,21 @@ def compare_laws(
     )
     keys = jax.random.split(jax.random.key(settings.seed if seed is None else seed), 3)
     found, refused = evidence.candidates(keys[0], seen, sets, report)
-    weighed, unweighed = _weigh(keys[1:], found, report)
+    weighed, unweighed = weigh(keys[1:], found, report)
     refused |= unweighed
     named = {name: one.candidate for name, one in weighed.items()}
     draws = {name: one.draws for name, one in weighed.items()}
     left = {name: one.left_out for name, one in weighed.items() if one.left_out is not None}
     runs = evidence.runs_of(found[0].fitted.data)
-    rows = {name: _row(one, left.get(name), draws[name]) for name, one in named.items()}
+    rows = {name: row_of(one) for name, one in weighed.items()}
     scores = {name: np.array(list(one.elpd.values())) for name, one in left.items()}
     compare_rows(rows, scores)
-    y_peak = max(_largest(one) for one in named.values())
+    y_peak = max(one.y_peak for one in named.values())
     highest = _highest(campaign, runs)
     for name, one in left.items():
         rows[name]["error_highest"] = one.error.get(highest) if highest else None
+    first = found[0].fitted
+    lines = own_lines(first.data, {**_held(first.data), **first.fit.theta})
     readings = readings_of(found[0].fitted.data)
     diagnosis = None if readings is None else diagnose(readings)
     record = {
@@ -103,7 +105,9 @@ def compare_laws(
         "diagnosis": None if diagnosis is None else diagnosis._asdict(),
         "runs": list(runs),
         "highest": highest,
-        "floor": evidence.floor_of(found[0].fitted.data),
+        "floor": scatter_of_means(found[0].fitted.data),
+        "line": rms(list(lines.values())) if lines else None,
+        "lines": lines,
         "laws": rows,
         "refused": {name_of(laws): reason for laws, reason in refused.items()},
     }
@@ -116,43 +120,13 @@ def compare_laws(
     record["statements"] = [*told, *statements(record), *scatter]
     tree = xr.DataTree.from_dict(
         {
-            "/scores": _scores(left, runs),
+            "/scores": _scores(left, runs, lines),
             "/curves": _curves(named, draws, y_peak),
             **({} if offsets is None else {"/offsets": offsets}),
             **law_groups(campaign.tests, named, draws),
         }
     )
     return LawComparison(named, tree, record)
-
-
-class _Weighed(NamedTuple):
-    """A law with what its posterior says."""
-
-    candidate: Candidate
-    draws: xr.DataTree
-    left_out: LeftOut | None  # None where there is one run alone
-
-
-def _weigh(
-    keys: Key[Array, " two"], found: Sequence[Candidate], report: Report
-) -> tuple[dict[str, _Weighed], dict[tuple[str, ...], str]]:
-    """Posterior of each law, and what it makes of each run unseen; laws that have none, and why."""
-    weighed: dict[str, _Weighed] = {}
-    refused: dict[tuple[str, ...], str] = {}
-    runs = evidence.runs_of(found[0].fitted.data)
-    for i, one in enumerate(found):
-        name, (own, other) = name_of(one.laws), (jax.random.fold_in(key, i) for key in keys)
-        report(f"{name}: {len(runs)} runs predicted from each other's rest; evidence")
-        try:
-            drawn = evidence.posterior(own, one)
-            known = evidence.left_out(other, one, drawn) if len(runs) > 1 else None
-        except JbwError as error:
-            refused[one.laws] = str(error)
-        else:
-            weighed[name] = _Weighed(one, drawn, known)
-    if not weighed:
-        raise DataError(f"No law can be weighed by these data: {next(iter(refused.values()))}")
-    return weighed, refused
 
 
 def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
@@ -182,58 +156,20 @@ def _known(name: str) -> bool:
     return name in LAWS or name.rpartition("_")[0] in FAMILIES
 
 
-def _largest(one: Candidate) -> float:
-    values = {**one.fitted.data.held, **one.fitted.fit.theta}
-    return largest_displacement(one.fitted.data, float(values.get("omega_n", 1.0)))
-
-
 def _highest(campaign: Campaign, runs: Sequence[str]) -> str | None:
     """The run of the highest level of the first kind of test that has levels."""
     levels: dict[str, dict[str, float]] = {}
     for test in campaign.tests:
         own = [run for run in runs if run == test.name or run.startswith(f"{test.name} ")]
-        if test.level is not None and own:
+        if np.isfinite(test.level) and own:
             levels.setdefault(test.kind, {})[own[0]] = test.level
     first = next(iter(levels.values()), {})
     return max(first, key=lambda run: first[run]) if len(first) > 1 else None
 
 
-def _row(one: Candidate, left: LeftOut | None, tree: xr.DataTree) -> dict[str, Any]:
-    """Numbers of one law, plain values."""
-    names = one.fitted.box.names
-    posterior, count = tree["posterior"].to_dataset(), len(_own(one))
-    known = tree.attrs.get("log_evidence")
-    return {
-        "laws": list(one.laws),
-        "num_parameters": len(names),
-        "error": one.error,
-        "error_left_out": None if left is None else _rms(left.error),
-        "error_highest": None,
-        "elpd": None if left is None else float(sum(left.elpd.values())),
-        "khat": None if left is None else left.khat,
-        "log_evidence": known,
-        "log_evidence_error": tree.attrs.get("log_evidence_error"),
-        "log_evidence_wide": None if known is None else known - count * TWICE,
-        "khat_evidence": tree.attrs.get("khat"),
-        "at_bound": list(one.at_bound),
-        "parameters": {
-            str(name): {"mean": float(posterior[name].mean()), "sd": float(posterior[name].std())}
-            for name in names
-        },
-    }
-
-
-def _own(one: Candidate) -> list[str]:
-    """Parameters of the laws alone, among those that are inferred."""
-    own = {name for law in laws_named(one.laws) for name in law.names()}
-    return [name for name in one.fitted.box.names if name in own]
-
-
-def _rms(errors: Mapping[str, float]) -> float:
-    return float(np.sqrt(np.mean(np.square(list(errors.values())))))
-
-
-def _scores(left: Mapping[str, LeftOut], runs: Sequence[str]) -> xr.Dataset:
+def _scores(
+    left: Mapping[str, LeftOut], runs: Sequence[str], lines: Mapping[str, float]
+) -> xr.Dataset:
     dims, none = ("law", "run"), np.zeros((0, len(runs)))
     elpd = np.array([[one.elpd[run] for run in runs] for one in left.values()])
     error = np.array([[one.error[run] for run in runs] for one in left.values()])
@@ -241,6 +177,11 @@ def _scores(left: Mapping[str, LeftOut], runs: Sequence[str]) -> xr.Dataset:
         {
             "elpd": (dims, elpd if left else none, {"long_name": "log predictive density"}),
             "error": (dims, error if left else none, {"units": "1", "long_name": "error over rms"}),
+            "line": (
+                "run",
+                [lines.get(run, np.nan) for run in runs],
+                {"units": "1", "long_name": "error over rms of a line of the run's own"},
+            ),
         },
         {"law": list(left), "run": list(runs)},
     )
@@ -271,5 +212,9 @@ def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
     posterior = tree["posterior"].to_dataset()
     chosen = evenly_spaced(posterior, NUM_DRAWS)
     theta = {name: np.ravel(values)[chosen] for name, values in scalars(tree).items()}
-    held = {name: np.full(len(chosen), float(value)) for name, value in data.held.items()}
+    held = {name: np.full(len(chosen), value) for name, value in _held(data).items()}
     return {**held, **theta}
+
+
+def _held(data: Dataset) -> dict[str, float]:
+    return {name: float(value) for name, value in data.held.items()}

@@ -5,10 +5,11 @@ import pytest
 
 import jbw
 from jbw.campaign.schema import parse
-from jbw.campaign.settings import Identify
+from jbw.campaign.settings import Identify, law_errors
 from jbw.errors import ConfigError, ModelError
 from jbw.identification.accuracy import residual_finding
 from jbw.identification.coordinates import joint_box
+from jbw.inference.space.box import bounds_by_name
 from jbw.oscillator.law import Scales
 from jbw.planning.description import parse as parse_plan
 
@@ -52,6 +53,39 @@ def test_bounds_that_cannot_be_meant(line, says):
     assert says in message
 
 
+@pytest.mark.parametrize(
+    ("laws", "line", "must"),
+    [
+        ("iwan4", "iwan_chi = [-1.0, 0.5]", "greater than -1, but its lower bound is -1"),
+        ("iwan4", "iwan_chi = [-1.5, 0.5]", "greater than -1, but its lower bound is -1.5"),
+        ("iwan4", "iwan_loss = [0.0, 50.0]", "positive, but its lower bound is 0"),
+        ("iwan4", "iwan_beta = [-0.1, 1.0]", "positive, but its lower bound is -0.1"),
+        ("masing_power", "power_exponent = [0.0, 1.0]", "positive, but its lower bound is 0"),
+        ("bouc_wen_nu", "nu = [0.0, 1.0]", "positive, but its lower bound is 0"),
+        ("gap_series", "gap_stiffness = [0.0, 1e4]", "positive, but its lower bound is 0"),
+    ],
+)
+def test_a_prior_that_reaches_where_no_law_is(laws, line, must):
+    joint = f'[joint]\nlaws = "{laws}"\n'
+    with pytest.raises(ConfigError) as caught:
+        parse(joint + CAMPAIGN.format(line=line, table=".prior"))
+    told = str(caught.value)
+    assert f"[identify] prior: {line.split()[0]}: must be {must}" in told
+
+
+@pytest.mark.parametrize(
+    ("laws", "line"),
+    [
+        ("iwan4", "iwan_beta = [0.0, 1.0]"),  # without a lump that slips last
+        ("iwan4", "iwan_chi = [-0.99, 0.5]"),
+        ("gap_series", "gap = [0.0, 1e-3]"),
+        ("masing_power", "power_loss = [0.0, 1.0]"),
+    ],
+)
+def test_a_prior_to_the_edge_of_a_law(laws, line):
+    parse(f'[joint]\nlaws = "{laws}"\n' + CAMPAIGN.format(line=line, table=".prior"))
+
+
 def box_of(**prior):
     return joint_box(Identify(prior=prior), Scales(OMEGA_N, 0.004, 1e-3), None)
 
@@ -63,6 +97,36 @@ def test_more_stiffness_in_the_joint_than_there_is_in_all():
     assert "20000" in caught.value.what
     assert "13924 by Step 2" in caught.value.what
     assert "[identify.prior]" in caught.value.remedy
+
+
+def test_stiffnesses_of_laws_are_parts_of_one_whole():
+    scales, laws = Scales(OMEGA_N, 0.004, 1e-3), ("bouc_wen", "iwan4", "cubic")
+    whole = OMEGA_N**2
+    bounds = bounds_by_name(joint_box(Identify(), scales, None, laws))
+    # Of 0.9 each by itself: together no more than one of them alone.
+    assert bounds["alpha"] == pytest.approx((5e-4 * whole, 0.45 * whole))
+    assert bounds["iwan_stiffness"] == pytest.approx((5e-4 * whole, 0.45 * whole))
+    stated = Identify(prior={"iwan_stiffness": (10.0, 0.8 * whole)})
+    bounds = bounds_by_name(joint_box(stated, scales, None, laws))
+    assert bounds["iwan_stiffness"] == pytest.approx((10.0, 0.8 * whole))
+    assert bounds["alpha"] == pytest.approx((5e-4 * whole, 0.2 * whole))
+    alone = bounds_by_name(joint_box(Identify(), scales, None, ("bouc_wen", "cubic")))
+    assert alone["alpha"] == pytest.approx((5e-4 * whole, 0.9 * whole))
+
+
+@pytest.mark.fault(27)
+def test_stated_stiffnesses_that_exceed_the_whole_together_are_refused_by_name():
+    prior = {"alpha": (10.0, 8e3), "iwan_stiffness": (10.0, 7e3)}
+    with pytest.raises(ConfigError, match="Priors of `alpha`, `iwan_stiffness`") as caught:
+        joint_box(Identify(prior=prior), Scales(OMEGA_N, 0.004, 1e-3), None, ("bouc_wen", "iwan4"))
+    assert "reach 15000 and omega_n^2 is 13924" in caught.value.what
+    three = {f"stiffness_{i}": (10.0, 5e3) for i in (1, 2, 3)}
+    with pytest.raises(ConfigError, match="Priors of `stiffness_1`, `stiffness_2`, `stiffness_3`"):
+        joint_box(Identify(prior=three), Scales(OMEGA_N, 0.004, 1e-3), None, ("jenkins_3",))
+    told = law_errors(("bouc_wen", "iwan4"), {"omega_n": (118.0, 120.0), **prior})
+    assert "alpha + iwan_stiffness < omega_n^2 must hold everywhere" in told[0]
+    sliders = {"omega_n": (100.0, 130.0)} | {f"stiffness_{i}": (1.0, 4e3) for i in (1, 2, 3)}
+    assert "stiffness_1 + stiffness_2 + stiffness_3 <" in law_errors(("jenkins_3",), sliders)[0]
 
 
 def test_laws_that_no_motion_tells_apart_are_warned_of():
@@ -149,10 +213,12 @@ def test_residuals_that_are_no_numbers_are_not_white():
 
 
 @pytest.mark.parametrize(
-    ("gap", "says"),
+    ("bounds", "says"),
     [((2e-3, 3e-3), "begins at 0.002 m"), ((1e-4, 3e-3), "reaches 0.003 m")],
 )
-def test_a_gap_that_no_motion_crosses_is_warned_of(gap, says):
-    with pytest.warns(UserWarning, match=f"prior of gap {says}, but the largest motion is 0.001 m"):
-        joint_box(Identify(prior={"gap": gap}), Scales(OMEGA_N, 0.004, 1e-3), None, ("gap_series",))
-    joint_box(Identify(), Scales(OMEGA_N, 0.004, 1e-3), None, ("gap_series",))  # its own is within
+@pytest.mark.parametrize(("law", "gap"), [("gap_series", "gap"), ("stop", "stop_gap")])
+def test_a_gap_that_no_motion_crosses_is_warned_of(law, gap, bounds, says):
+    told = f"prior of {gap} {says}, but the largest motion is 0.001 m"
+    with pytest.warns(UserWarning, match=told):
+        joint_box(Identify(prior={gap: bounds}), Scales(OMEGA_N, 0.004, 1e-3), None, (law,))
+    joint_box(Identify(), Scales(OMEGA_N, 0.004, 1e-3), None, (law,))  # its own is within

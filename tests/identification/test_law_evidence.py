@@ -1,22 +1,30 @@
 """Laws side by side: scores of runs left out against quadrature, and a truth that is found."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.special import logsumexp
+from scipy.stats import norm
 
 from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.identification import evidence
-from jbw.identification.assemble import measured
-from jbw.inference.space.box import from_unit
+from jbw.identification.assemble import assemble, measured
+from jbw.identification.floors import own_lines, rms, scatter_of_means
+from jbw.identification.prepare import Fitted
+from jbw.identification.prior_widths import log_evidence_wide, twice_as_wide
+from jbw.inference.space.box import bounds_by_name, box, from_unit
 from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.dataset import log_likelihood
+from jbw.study import laws
 from jbw.study.law_answers import compare_rows, statements
 from jbw.study.laws import compare_laws
 
@@ -95,6 +103,30 @@ def test_a_run_that_is_silenced_counts_for_nothing(linear):
     np.testing.assert_allclose(np.delete(before, index), np.delete(after, index), atol=1e-9)
 
 
+def test_floors_are_the_scatter_of_the_mean_and_a_line_of_each_runs_own():
+    tests = [curve(level) for level in (40.0, 80.0)]
+    data = assemble(measured(tests, Identify(), laws=("cubic",), gain=1.0))
+    lines = own_lines(data, {"omega_n": OMEGA_N, "zeta": ZETA})
+    scatter = []
+    for test in tests:
+        omega, forces = 2 * np.pi * test.records[0].channels["frequency"], []
+        for one in test.records:
+            forces.append(one.channels["force"] * np.exp(1j * (np.pi - one.channels["phase"])))
+        mean, y = np.mean(forces, axis=0), test.level / omega**2
+        size = np.linalg.norm(mean)
+        scatter.append(np.sqrt(np.sum(np.abs(forces - mean) ** 2) / 2) / 3**0.5 / size)
+
+        def left(x, omega=omega, y=y, mean=mean):
+            own = x[0] * OMEGA_N
+            miss = mean - y * (own**2 - omega**2 + 2j * x[1] * ZETA * own * omega)
+            return np.concatenate([miss.real, miss.imag])
+
+        best = least_squares(left, [1.0, 1.0], xtol=1e-12)
+        # Fits stop where the cost changes by less than 1e-6 of itself.
+        np.testing.assert_allclose(lines[test.name], np.sqrt(2 * best.cost) / size, rtol=1e-5)
+    np.testing.assert_allclose(scatter_of_means(data), rms(scatter), rtol=1e-9)
+
+
 def test_differences_and_stacking_are_closed_forms():
     rng = np.random.default_rng(0)
     base = rng.normal(size=8)
@@ -119,7 +151,7 @@ def test_differences_and_stacking_are_closed_forms():
 def row(evidence_of, error=0.1, count=1):
     wide = None if evidence_of is None else evidence_of - count * np.log(2.0)
     return {"error": error, "log_evidence": evidence_of, "log_evidence_wide": wide, "khat": 0.1,
-            "khat_evidence": 0.1, "at_bound": []}  # fmt: skip
+            "khat_evidence": 0.1, "at_bound": [], "reached": [], "laws": []}  # fmt: skip
 
 
 def test_few_runs_are_no_comparison_of_predictions():
@@ -127,9 +159,37 @@ def test_few_runs_are_no_comparison_of_predictions():
     compare_rows(rows, {name: np.zeros(3) for name in rows})
     assert [one["answer"] for one in rows.values()] == ["best", "not told apart", "worse"]
     assert rows["a"]["weight"] is None
-    said = statements({"laws": rows, "runs": ["x", "y", "z"], "floor": 0.09})
+    said = statements(
+        {
+            "laws": rows,
+            "runs": ["x", "y", "z"],
+            "floor": 0.09,
+            "line": 0.035,
+            "lines": {"x": 0.03, "y": 0.04},
+        }
+    )
     assert said[0].startswith("3 runs are too few to compare predictions, 5 are needed")
-    assert "a leaves 10 % of the response where single repeats scatter by 9 %; no law" in said[3]
+    assert (
+        "a leaves 10 % of the response and the mean of the repeats scatters by 9 %; no law"
+        in said[3]
+    )
+    assert said[4] == "A line through each run alone leaves 3.5 %, from 3 to 4 %."
+
+
+def test_a_rough_score_calls_no_law_worse_and_none_the_best():
+    rng = np.random.default_rng(0)
+    base = rng.normal(size=6)
+    scores = {"a": base, "b": base - 50.0, "c": base - 60.0, "d": base + 40.0}
+    rows = {name: row(0.0) for name in scores}
+    rows["b"]["khat"] = rows["d"]["khat"] = 0.9
+    compare_rows(rows, scores)
+    answers = {name: one["answer"] for name, one in rows.items()}
+    assert answers == {"a": "best", "b": "not judged", "c": "worse", "d": "not judged"}
+    said = " ".join(statements({"laws": rows, "runs": list("uvwxyz"), "floor": None, "lines": {}}))
+    assert "Not judged: b, d, whose score or that of a is rough (k-hat above 0.7)" in said
+    rows = {"a": row(0.0), "b": row(-80.0) | {"khat_evidence": np.inf}, "c": row(-80.0)}
+    compare_rows(rows, {})
+    assert [one["answer"] for one in rows.values()] == ["best", "not judged", "worse"]
 
 
 def test_evidence_that_hangs_on_the_priors_tells_nothing_apart():
@@ -137,6 +197,52 @@ def test_evidence_that_hangs_on_the_priors_tells_nothing_apart():
     rows = {"a": row(0.0, count=5), "b": row(-7.0, count=0)}
     compare_rows(rows, {})
     assert rows["b"]["answer"] == "not told apart"
+
+
+class Normal(NamedTuple):
+    """Data of which the likelihood is normal in omega_n and in the cubic stiffness."""
+
+    centre: float
+    std: float
+    stepped: bool = False
+
+
+def normal(theta, data):
+    own = (theta["cubic"] - data.centre) / data.std
+    return jnp.stack([-0.5 * own**2, -0.5 * (theta["omega_n"] - 1.0) ** 2 / 0.01**2])
+
+
+@pytest.mark.parametrize(
+    ("centre", "std"),
+    [(0.3, 0.05), (0.0, 1e3), (1.0, 0.1), (1.5, 0.3)],
+    ids=["narrow", "open", "at its bound", "beyond it"],
+)
+def test_evidence_under_wider_priors_is_that_of_the_closed_form(centre, std, monkeypatch):
+    monkeypatch.setattr(dataset, "log_likelihood", normal)
+    prior = box({"omega_n": (0.9, 1.1), "cubic": (-1.0, 1.0)})
+    best = {"omega_n": 1.0, "cubic": min(centre, 1.0)}
+    known = SimpleNamespace(theta=best, covariance=np.diag([1e-4, min(std, 0.5) ** 2]), weak=None,
+                            at_bound={})  # fmt: skip
+    one = evidence.Candidate(("cubic",), Fitted(known, prior, Normal(centre, std)))
+    of_omega_n = np.log(np.sqrt(2 * np.pi) * 0.01 / 0.2)  # its ends are ten deviations away
+
+    def exact(width):
+        mass = np.diff(norm.cdf((np.array([-width, width]) - centre) / std))[0]
+        return of_omega_n + np.log(np.sqrt(2 * np.pi) * std * mass / (2 * width))
+
+    found = log_evidence_wide(jax.random.key(0), one, exact(1.0))
+    # Points that are worth 200 draws: an error of 0.07.
+    np.testing.assert_allclose(found, exact(2.0), atol=0.25)
+    change = {0.3: -np.log(2.0), 0.0: 0.0, 1.0: 0.0}
+    assert centre not in change or abs(exact(2.0) - exact(1.0) - change[centre]) < 1e-3
+
+
+def test_wider_priors_of_a_law_are_twice_as_wide_but_for_its_share_of_the_stiffness():
+    bounds = {"omega_n": (90.0, 110.0), "alpha": (10.0, 900.0), "delta": (-2.0, 20.0),
+              "gamma": (0.0, 20.0), "cubic": (-3.0, 3.0)}  # fmt: skip
+    wide = bounds_by_name(twice_as_wide(box(bounds), ("bouc_wen", "cubic")))
+    own = {"delta": (-4.0, 40.0), "gamma": (0.0, 40.0), "cubic": (-6.0, 6.0)}
+    assert wide == bounds | own
 
 
 @pytest.fixture(scope="module")
@@ -158,6 +264,23 @@ def test_the_law_that_made_the_data_is_best_and_wrong_ones_are_told_apart(soften
     assert set(found.tree["scores"]["law"].values) == set(rows)
     again = compare_laws(softening, ["cubic"], seed=3)
     assert again.record["laws"]["cubic"]["weight"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("levels", "highest"),
+    [
+        ((float("nan"),) * 3, None),  # as of tests that state none
+        ((20.0, float("nan"), 5.0), "20"),
+        ((20.0, float("nan"), float("nan")), None),
+        ((5.0, 20.0, 10.0), "20"),
+    ],
+)
+def test_the_highest_run_is_that_of_the_highest_level_that_is_stated(levels, highest):
+    names = [f"{level:g} {i}" for i, level in enumerate(levels)]
+    tests = [replace(curve(5.0), name=n, level=x) for n, x in zip(names, levels, strict=True)]
+    campaign = Campaign("levels", None, tuple(tests), gain=1.0, settings=Identify(), laws=())
+    found = laws._highest(campaign, [test.name for test in tests])
+    assert found is None if highest is None else found.startswith(highest)
 
 
 def test_an_unknown_law_is_named(softening):

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from jbw.errors import ModelError
-from jbw.oscillator.oscillator import BoucWen
+from jbw.oscillator.checks import warn_of_unbounded_law
+from jbw.oscillator.laws.iwan import Iwan4, MasingPower
+from jbw.oscillator.oscillator import BoucWen, Oscillator
 from jbw.oscillator.response import simulate
 
 PAPER = dict(omega_n=2 * np.pi * 18.8, zeta=0.00444, alpha=497.4, delta=340.21, gamma=32.84)
@@ -27,6 +29,23 @@ def test_unbounded_parameters_warn_once_with_their_inequality(change, words):
         response = simulate(BoucWen(**PAPER | change), SMALL, 512.0)
     assert len(found) == 1
     assert np.all(np.isfinite(response.y))
+
+
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [
+        (
+            Iwan4(500.0, 50.0, -1.2, 0.5),
+            "`iwan_chi` of `iwan4` must be greater than -1",
+        ),
+        (Iwan4(500.0, 50.0, 0.2, -0.5), "`iwan_beta` of `iwan4` must be positive"),
+        (MasingPower(50.0, -0.2), "`power_exponent` of `masing_power` must be positive"),
+    ],
+)
+def test_parameters_of_which_no_force_is_known_are_named(law, words):
+    assert words in law.doubts()
+    with pytest.warns(UserWarning, match="of which no force is known"):
+        warn_of_unbounded_law(Oscillator(118.0, 0.004, (law,)))
 
 
 @pytest.mark.parametrize("change", [{}, {"delta": 0.0, "gamma": 0.0}], ids=["paper", "linear"])

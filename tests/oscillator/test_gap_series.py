@@ -11,6 +11,7 @@ import pytest
 
 import jbw
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
+from jbw.oscillator.laws.gap_move import unloading
 from jbw.oscillator.laws.gap_series import GapSeries
 
 GOLD = json.loads((Path(__file__).parents[1] / "golden_laws.json").read_text())
@@ -37,7 +38,7 @@ def test_the_steady_loop_is_golden():
         energy = LAW.loop(row["Y"]).energy(row["Y"])
         np.testing.assert_allclose(energy, row["energy"], rtol=1e-11, atol=1e-18)
         if "y_gap_entry" in row:
-            released = row["Y"] - LAW._unloading(z)
+            released = row["Y"] - unloading(LAW, z)
             np.testing.assert_allclose(released, row["y_gap_entry"], rtol=1e-12)
 
 

@@ -72,6 +72,33 @@ def test_the_table_is_complete(law):
         assert product.powers.keys() <= {*law.names()}
 
 
+@pytest.mark.parametrize(
+    ("name", "y"),
+    # Of a gap beyond its contact, where only the element's losses are of second order.
+    [
+        ("bouc_wen", 1e-7),
+        ("bouc_wen_nu", 1e-9),
+        ("masing_exponential", 1e-7),
+        ("gap_series", 6e-4 + 1e-8),
+    ],
+)
+def test_weak_motion_knows_the_products_alone(name, y):
+    law = law_of(name)
+    first, *others = [key for key in law.names() if any(key in one.powers for one in law.products)]
+    own = law.parameters()
+    traded = {first: 1.5 * own[first]} | {key: own[key] / 1.5 for key in others}
+    other = type(law).build({**own, **traded})
+    for product in law.products:
+        assert product.of(other.parameters()) == pytest.approx(product.of(own), rel=1e-14)
+    pair = law, other
+    loops = [one.loop(y) for one in pair]
+    # To the next order in the amplitude.
+    assert float(loops[0].damping) == pytest.approx(float(loops[1].damping), rel=1e-3)
+    if name != "gap_series":
+        lost = [float(a.stiffness() - b.stiffness) for a, b in zip(pair, loops, strict=True)]
+        assert lost[0] == pytest.approx(lost[1], rel=1e-3)
+
+
 def test_the_prior_is_inside_the_limits(law):
     bounds = law.prior(SCALES)
     assert {*bounds} == {*law.names()}

@@ -8,6 +8,7 @@ from jbw.planning import EXAMPLE
 from jbw.planning.description import MOTIONS, TABLES, parse, read_description
 from jbw.units import FACTORS
 
+IWAN = "[joint]\nlaws = 'iwan4'\n[plan]\n"
 LEAST = "[plan]\nnatural_hz = 20.0\ndelta = [100.0, 300.0]\nnoise = 1e-5\n"
 
 
@@ -53,6 +54,8 @@ def test_a_modal_mass_makes_newtons_and_its_range_is_inferred():
         (LEAST + "gamma = [-5.0, 5.0]\n", ["gamma: must be a number other than 0", "one sign"]),
         (LEAST + "gamma = [5.0, 4.0]\n", ["lower < upper"]),
         (LEAST + "gamma = [5.0, 6.0, 7.0]\n", ["must be a number or [lower, upper]"]),
+        (IWAN + "iwan_chi = -1.0\n", ["iwan_chi: must be greater than -1, but is -1."]),
+        (IWAN + "iwan_beta = -1.0\n", ["iwan_beta: must be positive, but is -1."]),
         (LEAST + "zeta = -0.01\n", ["zeta: must be positive, but is -0.01."]),
         (LEAST + "share = [0.5, 1.0]\n", ["share: must lie between 0 and 1", "reaches 1"]),
         (LEAST + "share = 0.1\nalpha = 3.0\n", ["give share or alpha, not both"]),

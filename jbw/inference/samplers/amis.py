@@ -131,12 +131,14 @@ class WeighedPoints(NamedTuple):
         terms: Of the log likelihood [nats].
         weights: Smoothed, of sum one.
         khat: Of the weights; good below 0.7.
+        log_evidence: Logarithm of the mean weight [nats].
     """
 
     theta: dict[str, Any]
     terms: Float[np.ndarray, "point term"]
     weights: Float[np.ndarray, " point"]
     khat: float
+    log_evidence: float
 
 
 def points(
@@ -152,7 +154,8 @@ def points(
         past = _grown(np.random.default_rng([*seed, count]), past, problem, size)
         found = weighed(past)
     theta = jax.tree.map(np.asarray, _placed(problem, jnp.asarray(past.w))[0])
-    return WeighedPoints(theta, past.terms, found.weights, found.khat)
+    log_evidence = float(logsumexp(past.log_weight) - np.log(len(past.w)))
+    return WeighedPoints(theta, past.terms, found.weights, found.khat, log_evidence)
 
 
 def _is_over(

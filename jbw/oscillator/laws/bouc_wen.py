@@ -21,7 +21,7 @@ from jbw.oscillator.laws.piecewise_map import smooth_move
 from jbw.oscillator.parameters import Scalar
 from jbw.quantities import Quantity
 
-_ALPHA = Quantity("alpha", "α", "1/s^2", "stiffness of the hysteretic part", 0.0)
+_ALPHA = Quantity("alpha", "α", "1/s^2", "stiffness of the hysteretic part", 0.0, is_share=True)
 _DELTA = Quantity("delta", "δ", "1/m", "softening of the hysteresis")
 _GAMMA = Quantity("gamma", "γ", "1/m", "opening of the hysteresis loop")
 
@@ -47,7 +47,13 @@ _PRODUCTS = Coordinates(
             {"alpha": 1, "gamma": 1, "omega_n": -2},
         ),
         Monomial(
-            Quantity("share", "α / ωₙ²", "1", "joint's share of the stiffness, alpha / omega_n^2"),
+            Quantity(
+                "share",
+                "α / ωₙ²",
+                "1",
+                "joint's share of the stiffness, alpha / omega_n^2",
+                is_share=True,
+            ),
             {"alpha": 1, "omega_n": -2},
         ),
     ),

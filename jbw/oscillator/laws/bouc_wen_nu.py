@@ -16,14 +16,15 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+from jax.scipy.special import gammaln
 from jaxtyping import Array, Bool, Complex, Float
 
 import jbw.oscillator.laws.stretch_path as stretch_path
 from jbw.oscillator.kinks import Ends, StepPath, kink_impulse, signed
-from jbw.oscillator.law import Bounds, Law, Loop, Scales
+from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales
 from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
 from jbw.oscillator.laws.conversions import bouc_wen
-from jbw.oscillator.laws.iwan import REFERENCE, power
+from jbw.oscillator.laws.iwan import REFERENCE, power, power_loop
 from jbw.oscillator.parameters import Conversion, Scalar, batched, of_opensees
 from jbw.oscillator.steady.waveform import synthesis
 from jbw.quantities import Quantity
@@ -32,6 +33,16 @@ NU = (0.1, 3.0)
 _ROUNDS = 3  # of the mean's fixed point
 _PARTS = 8  # of a move along a record
 _PERIODS = 4  # Newton's steps to the steady stretch
+
+
+def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    r"""What weak motion loses of stiffness over delta, and damping over gamma: of (alpha Y)^nu.
+
+    $$C_s = \frac{4 I(\nu + 2)}{\pi (\nu + 1)}, \qquad C_d = \frac{4}{\pi (\nu + 2)}$$
+    """
+    nu = jnp.asarray(nu, float)
+    integral = 0.5 * jnp.sqrt(jnp.pi) * jnp.exp(gammaln(0.5 * (nu + 3.0)) - gammaln(0.5 * nu + 2.0))
+    return 4.0 / jnp.pi * integral / (nu + 1.0), 4.0 / jnp.pi / (nu + 2.0)
 
 
 class BoucWenNu(Law):
@@ -52,10 +63,23 @@ class BoucWenNu(Law):
 
     name: ClassVar[str] = "bouc_wen_nu"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("nu_stiffness", "α_ν", "1/s^2", "stiffness of the hysteretic part", 0.0),
+        Quantity(
+            "nu_stiffness", "α_ν", "1/s^2", "stiffness of the hysteretic part", 0.0, is_share=True
+        ),
         Quantity("nu_softening", "d_ν", "1", "slope lost at a stretch of 1 mm"),
         Quantity("nu_opening", "g_ν", "1", "opening of the hysteresis loop at 1 mm"),
-        Quantity("nu", "ν", "1", "smoothness exponent", 0.0),
+        Quantity("nu", "ν", "1", "smoothness exponent", 0.0, is_open=True),
+    )
+
+    products: ClassVar[tuple[Monomial, ...]] = (
+        Monomial(
+            Quantity("nu_alpha_d", "α_ν d_ν", "1/s^2", "stiffness lost at a stretch of 1 mm"),
+            {"nu_stiffness": 1, "nu_softening": 1},
+        ),
+        Monomial(
+            Quantity("nu_alpha_g", "α_ν g_ν", "1/s^2", "opening of the loop at 1 mm, by stiffness"),
+            {"nu_stiffness": 1, "nu_opening": 1},
+        ),
     )
 
     nu_stiffness: Scalar
@@ -79,6 +103,22 @@ class BoucWenNu(Law):
         """The law of Eq. (2)'s parameters; delta and gamma in kg^(nu-1)/(N^(nu-1) m)."""
         factor = power(alpha, nu - 1.0) * power(REFERENCE, nu)
         return cls(alpha, delta * factor, gamma * factor, nu)
+
+    @classmethod
+    def of_masing(cls, alpha: Scalar, loss: Scalar, exponent: Scalar) -> "BoucWenNu":
+        r"""The law that weak motion does not tell from a Masing law that softens by a power.
+
+        $$\nu = q, \qquad \alpha d = \kappa\,C_s^M / C_s, \qquad
+          \alpha g = \kappa\,C_d^M / C_d$$
+
+        Args:
+            alpha: Stiffness; that of the Masing law, where it has one [1/s^2].
+            loss: Secant stiffness kappa that the Masing law loses at 1 mm [1/s^2].
+            exponent: Exponent q of the loss; 1 + chi of Iwan's law.
+        """
+        (softens, opens), (own_softens, own_opens) = power_loop(exponent), weak_loop(exponent)
+        softening, opening = loss * softens / own_softens, loss * opens / own_opens
+        return cls(alpha, softening / alpha, opening / alpha, exponent)
 
     def stiffness(self) -> Scalar:
         """Alpha [1/s^2]."""

@@ -10,7 +10,7 @@ then crosses the gap, then loads the element on the other side. Slope and curvat
 jump where Z comes to zero and where contact is made, without any turning point.
 """
 
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jax.lax import stop_gradient
@@ -18,9 +18,10 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator import generic
 from jbw.oscillator.kinks import Ends, StepPath, kept, kink_impulse, signed, slope_jump_impulse
-from jbw.oscillator.law import Bounds, Law, Loop, Scales
+from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales, Threshold
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
-from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.laws.gap_move import Memory, moved, unloading
+from jbw.oscillator.parameters import Scalar, beyond_all_motion
 from jbw.oscillator.steady.waveform import (
     angle_of,
     crest,
@@ -34,28 +35,8 @@ WIDTH = (0.005, 0.9)  # half the gap, over the largest displacement: a wider one
 # Over the stiffness of rest; over that of a whole loop, where the motion is given.
 STIFFEST = {False: 2.0, True: 20.0}
 _NODES, _NODES_PER_HARMONIC = 32, 4
-_SERIES = 1e-3  # of log(1 + x) / x: five terms leave 2e-16
 
-Memory = tuple[Scalar, Scalar]  # Z [N/kg] and s [m]
 Contact = tuple[Bool[Array, "..."], Scalar]  # whether the element moves, and c of its slope [1/m]
-
-
-class _Moved(NamedTuple):
-    """A move in one direction: the memory at its end, and where the force kinked on its way.
-
-    Attributes:
-        memory: Z and s at the end.
-        released: Whether Z came to zero.
-        release: Travel until then [m].
-        met: Whether the far contact was made.
-        meeting: Travel until then [m].
-    """
-
-    memory: Memory
-    released: Bool[Array, "..."]
-    release: Scalar
-    met: Bool[Array, "..."]
-    meeting: Scalar
 
 
 class GapSeries(Law):
@@ -73,10 +54,28 @@ class GapSeries(Law):
 
     name: ClassVar[str] = "gap_series"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("gap_stiffness", "α_g", "1/s^2", "stiffness of the joint behind the gap", 0.0),
+        Quantity(
+            "gap_stiffness",
+            "α_g",
+            "1/s^2",
+            "stiffness of the joint behind the gap",
+            0.0,
+            is_open=True,
+        ),
         Quantity("gap_softening", "δ_g", "1/m", "softening of the joint behind the gap"),
         Quantity("gap_opening", "γ_g", "1/m", "opening of the joint behind the gap"),
         Quantity("gap", "b", "m", "half of the free travel", 0.0),
+    )
+
+    products: ClassVar[tuple[Monomial, ...]] = (
+        Monomial(
+            Quantity("gap_alpha_delta", "α_g δ_g", "1/(m s^2)", "softening behind the gap"),
+            {"gap_stiffness": 1, "gap_softening": 1},
+        ),
+        Monomial(
+            Quantity("gap_alpha_gamma", "α_g γ_g", "1/(m s^2)", "opening behind the gap"),
+            {"gap_stiffness": 1, "gap_opening": 1},
+        ),
     )
 
     gap_stiffness: Scalar
@@ -98,14 +97,11 @@ class GapSeries(Law):
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
         """What a prior warns of: a gap that no motion crosses leaves the element without effect."""
-        least, most = bounds["gap"]
-        if most <= y_peak:
-            return None
-        what = f"begins at {least:.3g}" if least >= y_peak else f"reaches {most:.3g}"
-        return (
-            f"The prior of gap {what} m, but the largest motion is {y_peak:.3g} m: a wider gap "
-            "never closes, and hides what is behind it. Lower the bound, or drive harder."
-        )
+        return beyond_all_motion("gap", bounds["gap"], y_peak)
+
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """The contacts."""
+        return (Threshold("contact", self.gap, "all that is behind the gap"),)
 
     @property
     def element(self) -> BoucWenLaw:
@@ -143,36 +139,7 @@ class GapSeries(Law):
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
         """After a monotone move of any length, exact."""
-        return self._moved(memory, dy).memory
-
-    def _moved(self, memory: Memory, dy: Scalar) -> _Moved:
-        z, s = memory
-        side = signed(1.0, dy)
-        loaded = side * z < 0.0  # against the direction of the move
-        length = jnp.abs(dy)
-        release = jnp.where(loaded, self._unloading(jnp.where(loaded, jnp.abs(z), 0.0)), 0.0)
-        released = loaded & (length > release)
-        rest = jnp.where(loaded, jnp.maximum(length - release, 0.0), length)
-        free = jnp.where(side * z > 0.0, 0.0, jnp.maximum(self.gap - side * s, 0.0))
-        travel = jnp.minimum(rest, free)
-        unloads = loaded & ~released
-        meets = (free > 0.0) & (rest > free) & ~unloads
-        # Back towards zero, or on from where the element is: from zero behind the far contact.
-        way = jnp.where(unloads, dy, side * jnp.maximum(rest - free, 0.0))
-        z_1 = self.element.move(0.0, jnp.where(released, 0.0, z), way)
-        z_1 = jnp.where(unloads & (z * z_1 < 0.0), 0.0, z_1)
-        s_1 = jnp.where(unloads | (side * z > 0.0), s, s + side * travel)
-        s_1 = jnp.where(meets, side * self.gap, s_1)
-        return _Moved((z_1, s_1), released, release, meets, release + free)
-
-    def _unloading(self, size: Scalar) -> Scalar:
-        """Travel over which a force of that size unloads to zero, D_0 [m]."""
-        w = size / self.gap_stiffness
-        x = (self.gap_opening - self.gap_softening) * w
-        near = jnp.abs(x) < _SERIES
-        far = jnp.where(near, 1.0, x)
-        series = 1.0 - x * (1 / 2 - x * (1 / 3 - x * (1 / 4 - x * (1 / 5 - x / 6))))
-        return w * jnp.where(near, series, jnp.log1p(far) / far)
+        return moved(self, memory, dy).memory
 
     # -- through a time step -----------------------------------------------------------------------
     def remainder(
@@ -196,7 +163,7 @@ class GapSeries(Law):
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact
     ) -> tuple[Memory, Bool[Array, "..."]]:
         """After a step without a turn, and whether it released the element or made contact."""
-        found = self._moved(memory, dy)
+        found = moved(self, memory, dy)
         return found.memory, found.released | found.met
 
     def turn(
@@ -212,8 +179,8 @@ class GapSeries(Law):
         """
         path = StepPath.through(ends, quartic)
         direction = jnp.where(ends[0] == 0.0, ends[1], ends[0])
-        first = self._moved(memory, signed(jnp.abs(path.before), direction))
-        second = self._moved(first.memory, path.after)
+        first = moved(self, memory, signed(jnp.abs(path.before), direction))
+        second = moved(self, first.memory, path.after)
         at_turn = first.memory
         before = self._slope(at_turn[0], self.branch(ends[0], at_turn))
         after = self._slope(at_turn[0], self.branch(ends[1], at_turn))
@@ -221,11 +188,11 @@ class GapSeries(Law):
         found = kink_impulse(1.0 - path.fraction, jump * path.bend, jump * 6.0 * path.cubic.c_3)
         impulse_v, impulse_y = found.v, found.y
         opposite = self.gap_opening - self.gap_softening, self.gap_opening + self.gap_softening
-        for moved, start, here in ((first, 0.0, True), (second, path.before, False)):
+        for way, start, here in ((first, 0.0, True), (second, path.before, False)):
             side = signed(1.0, direction if here else path.after)
             kinks = (
-                (moved.released, moved.release, -1.0, side * opposite[0]),
-                (moved.met, moved.meeting, 1.0, side * opposite[1]),
+                (way.released, way.release, -1.0, side * opposite[0]),
+                (way.met, way.meeting, 1.0, side * opposite[1]),
             )
             for happens, travel, sign, c in kinks:
                 target = start + side * jnp.where(happens, travel, 0.0)
@@ -265,7 +232,7 @@ class GapSeries(Law):
         own = self.element.loop(jnp.where(acts, peak - self.gap, 0.0))
         energy = own.energy(jnp.where(acts, peak - self.gap, 0.0))
         tip = self.at_tip(jnp.where(acts, peak, 0.0))
-        release = self._unloading(tip[0])
+        release = unloading(self, tip[0])
         places = stop_gradient((peak - release, peak - release - 2.0 * self.gap))
         angles = [jnp.arccos(jnp.clip(place / stop_gradient(peak), -1.0, 1.0)) for place in places]
         theta, weights = gauss_legendre_between(_NODES, jnp.zeros_like(peak), *angles, jnp.pi)
@@ -278,7 +245,7 @@ class GapSeries(Law):
     def _falling(self, travel: Scalar, tip: Memory) -> Scalar:
         """Force after some travels down from a tip [N/kg]."""
         column = GapSeries(*(jnp.asarray(x)[..., None] for x in self.parameters().values()))
-        return column._moved(tip, -travel).memory[0]
+        return moved(column, tip, -travel).memory[0]
 
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int
@@ -290,11 +257,11 @@ class GapSeries(Law):
         start = crest(fixed)
         peak = synthesis(q, start)
         tip = self.at_tip(peak)
-        release = self._unloading(tip[0])
+        release = unloading(self, tip[0])
         places = stop_gradient((peak - release, peak - release - 2.0 * self.gap))
         breaks = (angle_of(fixed, start, place) for place in places)
         num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
         theta, weights = gauss_legendre_between(num_nodes, start, *breaks, start + jnp.pi)
         y: Float[Array, " node"] = jnp.sum(exponentials(theta, q.shape[0]) * q, -1).real
-        force = self._moved(tip, jnp.minimum(y - peak, 0.0)).memory[0]
+        force = moved(self, tip, jnp.minimum(y - peak, 0.0)).memory[0]
         return 2.0 / jnp.pi * ((weights * force) @ exponentials(theta, q.shape[0]).conj())

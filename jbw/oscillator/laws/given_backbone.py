@@ -122,7 +122,14 @@ def given_backbone(name: str, x: Sequence[float], force: Sequence[float]) -> typ
         "name": name,
         "table": (
             Quantity(f"{name}_force", f"s_F,{name}", "1", f"scale of {name}'s force", 0.0),
-            Quantity(f"{name}_displacement", f"s_x,{name}", "1", f"scale of {name}'s reach", 0.0),
+            Quantity(
+                f"{name}_displacement",
+                f"s_x,{name}",
+                "1",
+                f"scale of {name}'s reach",
+                0.0,
+                is_open=True,
+            ),
         ),
         "knots": points,
         "pieces": np.vstack([lag, beyond]),

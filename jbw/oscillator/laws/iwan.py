@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax.scipy.special import gammaln
 from jaxtyping import Array, Float
 
-from jbw.oscillator.law import Bounds, Conversion, Loop, Scales
+from jbw.oscillator.law import Bounds, Conversion, Loop, Monomial, Scales, Threshold
 from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
 from jbw.oscillator.laws.masing import Kink, Masing
 from jbw.oscillator.laws.relaxation import exponential_remainder
@@ -55,7 +55,9 @@ class MasingPower(Masing):
     name: ClassVar[str] = "masing_power"
     table: ClassVar[tuple[Quantity, ...]] = (
         Quantity("power_loss", "κ₁", "1/s^2", "secant stiffness lost to slip at 1 mm", 0.0),
-        Quantity("power_exponent", "q", "1", "exponent of the stiffness lost to slip", 0.0),
+        Quantity(
+            "power_exponent", "q", "1", "exponent of the stiffness lost to slip", 0.0, is_open=True
+        ),
     )
 
     power_loss: Scalar
@@ -112,9 +114,19 @@ class Iwan4(Masing):
 
     name: ClassVar[str] = "iwan4"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("iwan_stiffness", "K_T", "1/s^2", "stiffness of the sliders at rest", 0.0),
-        Quantity("iwan_loss", "κ_I", "1/s^2", "secant stiffness lost to slip at 1 mm", 0.0),
-        Quantity("iwan_chi", "χ", "1", "exponent of the sliders' density", -1.0),
+        Quantity(
+            "iwan_stiffness",
+            "K_T",
+            "1/s^2",
+            "stiffness of the sliders at rest",
+            0.0,
+            is_share=True,
+            is_open=True,
+        ),
+        Quantity(
+            "iwan_loss", "κ_I", "1/s^2", "secant stiffness lost to slip at 1 mm", 0.0, is_open=True
+        ),
+        Quantity("iwan_chi", "χ", "1", "exponent of the sliders' density", -1.0, is_open=True),
         Quantity("iwan_beta", "β", "1", "stiffness of the last sliders over the others'", 0.0),
     )
 
@@ -196,6 +208,10 @@ class Iwan4(Masing):
         spread = self.iwan_stiffness / (1.0 + self.iwan_beta)
         return Kink(phi_max, -self.s, spread * (1.0 + self.iwan_chi) / phi_max)
 
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """Macroslip; below it only the loss and chi act."""
+        return (Threshold("macroslip", self.phi_max, "K_T, F_S and beta"),)
+
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
         """Lag by the power below macroslip, K_T x - F_S beyond; and its slope."""
         phi_max = self.phi_max
@@ -237,8 +253,22 @@ class MasingExponential(Masing):
 
     name: ClassVar[str] = "masing_exponential"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("exponential_alpha", "α_e", "1/s^2", "stiffness of the joint at rest", 0.0),
+        Quantity(
+            "exponential_alpha",
+            "α_e",
+            "1/s^2",
+            "stiffness of the joint at rest",
+            0.0,
+            is_share=True,
+        ),
         Quantity("exponential_b", "b", "1/m", "rate of softening of the virgin curve", 0.0),
+    )
+
+    products: ClassVar[tuple[Monomial, ...]] = (
+        Monomial(
+            Quantity("exponential_alpha_b", "α_e b", "1/(m s^2)", "softening at rest, alpha * b"),
+            {"exponential_alpha": 1, "exponential_b": 1},
+        ),
     )
 
     exponential_alpha: Scalar

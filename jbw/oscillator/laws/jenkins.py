@@ -10,7 +10,7 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator.kinks import Ends, StepPath, kept, kink_impulse, signed, slope_jump_impulse
-from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales
+from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales, Threshold
 from jbw.oscillator.parameters import Conversion, Material, Scalar, of_opensees
 from jbw.oscillator.steady.waveform import (
     angle_of,
@@ -36,7 +36,8 @@ def _table(count: int) -> tuple[Quantity, ...]:
     rows = []
     for i in range(1, count + 1):
         low, before = (f"{number}".translate(_SUBSCRIPT) for number in (i, i - 1))
-        rows.append(Quantity(f"stiffness_{i}", f"α{low}", "1/s^2", f"stiffness of slider {i}", 0.0))
+        meaning = f"stiffness of slider {i}"
+        rows.append(Quantity(f"stiffness_{i}", f"α{low}", "1/s^2", meaning, 0.0, is_share=True))
         if i == 1:
             rows.append(_slip(1))
         else:
@@ -115,6 +116,13 @@ class Jenkins(Law):
         return bounds
 
     # -- motion ------------------------------------------------------------------------------------
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """The slips; sliders that never slip are one linear spring."""
+        return tuple(
+            Threshold(f"slip of slider {i}", phi, "its stiffness, but for the sum of such")
+            for i, phi in enumerate(self.phi, 1)
+        )
+
     def stiffness(self) -> Scalar:
         """All sliders stuck [1/s^2]."""
         return sum(self.alpha)

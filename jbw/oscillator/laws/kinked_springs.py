@@ -9,9 +9,15 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator import generic
 from jbw.oscillator.kinks import Ends, StepPath, kept, signed, slope_jump_impulse
-from jbw.oscillator.law import Bounds, Loop, Scales
+from jbw.oscillator.law import Bounds, Loop, Scales, Threshold
 from jbw.oscillator.laws.springs import MOST_SHARE, Spring
-from jbw.oscillator.parameters import Conversion, Material, Scalar, of_opensees
+from jbw.oscillator.parameters import (
+    Conversion,
+    Material,
+    Scalar,
+    beyond_all_motion,
+    of_opensees,
+)
 from jbw.oscillator.steady.waveform import (
     angle_of,
     crest,
@@ -191,6 +197,15 @@ class Stop(KinkedSpring):
         least, most = (share * scales.omega_n**2 for share in STOP_SHARE)
         near, far = (share * scales.y_peak for share in STOP_GAP)
         return {"stop_stiffness": (least, most), "stop_gap": (near, far)}
+
+    @classmethod
+    def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
+        """What a prior warns of: a stop that no motion reaches has no effect."""
+        return beyond_all_motion("stop_gap", bounds["stop_gap"], y_peak)
+
+    def thresholds(self) -> tuple[Threshold, ...]:
+        """The stop."""
+        return (Threshold("the stop", self.gap, "its stiffness"),)
 
     def __call__(self, y: Scalar) -> Scalar:
         """Force at the displacement y [m]."""

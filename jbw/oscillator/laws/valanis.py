@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 
 from jbw.oscillator.law import Bounds, Law, Scales
-from jbw.oscillator.laws.bouc_wen import SHARE
+from jbw.oscillator.laws.bouc_wen import SHARE, BoucWenLaw
 from jbw.oscillator.parameters import Scalar
 from jbw.quantities import Quantity
 
@@ -37,7 +37,14 @@ class Valanis(Law):
 
     name: ClassVar[str] = "valanis"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("valanis_stiffness", "E₀", "1/s^2", "stiffness of the sticking joint", 0.0),
+        Quantity(
+            "valanis_stiffness",
+            "E₀",
+            "1/s^2",
+            "stiffness of the sticking joint",
+            0.0,
+            is_share=True,
+        ),
         Quantity("valanis_hardening", "E_t/E₀", "1", "stiffness left when all slips", 0.0),
         Quantity("valanis_rate", "λ", "1/m", "rate at which the force comes to its limit", 0.0),
         Quantity("valanis_microslip", "κ", "1", "share of sticking before the limit", 0.0),
@@ -52,6 +59,11 @@ class Valanis(Law):
     def dahl(cls, stiffness: Scalar, friction: Scalar) -> "Valanis":
         """Dahl's law of a stiffness [1/s^2] and a friction force [N/kg]."""
         return cls(stiffness, 0.0, stiffness / friction, 0.0)
+
+    def bouc_wen_limit(self) -> BoucWenLaw:
+        """Bouc-Wen's law that it is for kappa = 0, beside a spring of the stiffness E_t."""
+        left = self.valanis_stiffness * (1.0 - self.valanis_hardening)
+        return BoucWenLaw(left, 0.0, self.valanis_rate)
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:

@@ -1,0 +1,63 @@
+"""What no law of the joint can be asked to beat: the scatter of repeats, a line of each run's own.
+
+A law within a fifth of what the mean of the repeats scatters by needs no successor. A linear
+oscillator fitted to each run alone knows its level and its day; what it leaves bends within a run.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.space.box import Box, bounds_about, box
+from jbw.observables import dataset
+from jbw.observables.dataset import Dataset
+
+REACH = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
+CLOSE = {"max_evaluations": 40, "tolerance": 1e-6}  # an error of two digits needs no more
+
+
+def scatter_of_means(data: Dataset) -> float | None:
+    r"""Scatter of the mean of K repeats over the response, $s / \sqrt K$; None without repeats.
+
+    The root mean square over the groups. What a fit leaves is of that mean.
+    """
+    found = [x for part in data.parts for x in part.mean_repeatability().values()]
+    return rms(found) if found else None
+
+
+def own_lines(data: Dataset, known: Mapping[str, float]) -> dict[str, float]:
+    """Error over the response of a line fitted to each run alone, by run; empty where none can be.
+
+    `known` are omega_n, zeta and the gain of a joint, from which the fits start.
+    """
+    even = [part.evenly() for part in data.parts]
+    parts = [replace(part, laws=()) for part in even if part is not None]
+    within = {n: bounds_about(known[n], *REACH[n]) for n in REACH if n in known}
+    within = {name: pair for name, pair in within.items() if name not in data.held}
+    if not parts or not within:
+        return {}
+    held = {name: float(value) for name, value in data.held.items() if name in REACH}
+    linear = Dataset.of(parts, held)
+    runs = tuple(dict.fromkeys(linear.runs))
+    return {run: _own_line(run, runs, linear, box(within), known) for run in runs}
+
+
+def _own_line(
+    run: str, runs: Sequence[str], data: Dataset, within: Box, known: Mapping[str, float]
+) -> float:
+    alone = data
+    for other in runs:
+        alone = alone if other == run else dataset.without(other, alone)
+    start = {name: known[name] for name in within.names}
+    best = costly_fit(dataset.stacked, within, alone, starts=start, **CLOSE)
+    left = dataset.left_by_label(best.residual, alone)
+    error = dataset.error_by_label(left, alone)
+    pairs = zip(data.labels, data.runs, strict=True)
+    return rms([error[label] for label, name in pairs if name == run and label in error])
+
+
+def rms(values: Sequence[float]) -> float:
+    """Root mean square; NaN of none."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")

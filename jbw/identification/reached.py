@@ -1,0 +1,40 @@
+"""Whether the motion reached what a law keeps for larger ones, by the posterior, in words."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from jbw.inference.posterior.summary import QUANTILES
+from jbw.oscillator.laws import laws_named
+
+
+def threshold_sentences(
+    theta: Mapping[str, Any], y_peak: float, laws: tuple[str, ...]
+) -> list[str]:
+    """Where macroslip, contacts and slips lie, and whether the largest motion [m] reached them.
+
+    `theta` are draws by name; what is not reached rests on the priors and is no finding.
+    """
+    if y_peak <= 0:
+        return []
+    told = []
+    for law in laws_named(laws):
+        known = law.of(theta).thresholds()
+        said = [f"{one.what} {_where(np.asarray(one.y), y_peak, one.rests)}" for one in known]
+        told += [f"{law.name}: {'; '.join(said)}."] if said else []
+    return told
+
+
+def _where(y: Float[np.ndarray, "..."], y_peak: float, rests: str) -> str:
+    low, middle, high = np.quantile(y, QUANTILES)
+    said = (
+        f"at {1e3 * middle:.2g} mm [{1e3 * low:.2g}, {1e3 * high:.2g}], {middle / y_peak:.2g} "
+        f"[{low / y_peak:.2g}, {high / y_peak:.2g}] of the largest motion: "
+    )
+    if high <= y_peak:
+        return f"{said}reached"
+    if low > y_peak:
+        return f"{said}not reached, the priors alone tell of {rests}"
+    return f"{said}perhaps reached, the priors tell of {rests} too"

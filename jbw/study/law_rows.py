@@ -1,0 +1,79 @@
+"""What every law of a comparison is weighed by, and its row of numbers."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import xarray as xr
+from jaxtyping import Array, Key
+
+from jbw.errors import DataError, JbwError
+from jbw.identification import evidence
+from jbw.identification.assemble import Report
+from jbw.identification.evidence import Candidate, LeftOut, name_of
+from jbw.identification.floors import rms
+from jbw.identification.prior_widths import log_evidence_wide
+from jbw.identification.reached import threshold_sentences
+from jbw.observables.dataset import Dataset
+
+
+class Weighed(NamedTuple):
+    """A law with what its posterior says."""
+
+    candidate: Candidate
+    draws: xr.DataTree
+    left_out: LeftOut | None  # None where there is one run alone
+    wide: float | None  # log evidence under priors twice as wide
+
+
+def weigh(
+    keys: Key[Array, " two"], found: Sequence[Candidate], report: Report
+) -> tuple[dict[str, Weighed], dict[tuple[str, ...], str]]:
+    """Posterior of each law, and what it makes of each run unseen; laws that have none, and why."""
+    weighed: dict[str, Weighed] = {}
+    refused: dict[tuple[str, ...], str] = {}
+    runs = evidence.runs_of(found[0].fitted.data)
+    for i, one in enumerate(found):
+        name, (own, other) = name_of(one.laws), (jax.random.fold_in(key, i) for key in keys)
+        report(f"{name}: {len(runs)} runs predicted from each other's rest; evidence")
+        try:
+            drawn = evidence.posterior(own, one)
+            known = evidence.left_out(other, one, drawn) if len(runs) > 1 else None
+            wide = log_evidence_wide(own, one, drawn.attrs.get("log_evidence"))
+        except JbwError as error:
+            refused[one.laws] = str(error)
+        else:
+            weighed[name] = Weighed(one, drawn, known, wide)
+    if not weighed:
+        raise DataError(f"No law can be weighed by these data: {next(iter(refused.values()))}")
+    return weighed, refused
+
+
+def _draws(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
+    sampled = {str(name): values.values for name, values in posterior.data_vars.items()}
+    return {**{name: float(value) for name, value in data.held.items()}, **sampled}
+
+
+def row_of(weighed: Weighed) -> dict[str, Any]:
+    """Numbers of one law, plain values."""
+    one, tree, left = weighed.candidate, weighed.draws, weighed.left_out
+    names, posterior = one.fitted.box.names, tree["posterior"].to_dataset()
+    return {
+        "laws": list(one.laws),
+        "num_parameters": len(names),
+        "error": one.error,
+        "error_left_out": None if left is None else rms(list(left.error.values())),
+        "error_highest": None,
+        "elpd": None if left is None else float(sum(left.elpd.values())),
+        "khat": None if left is None else left.khat,
+        "log_evidence": tree.attrs.get("log_evidence"),
+        "log_evidence_error": tree.attrs.get("log_evidence_error"),
+        "log_evidence_wide": weighed.wide,
+        "khat_evidence": tree.attrs.get("khat"),
+        "at_bound": list(one.at_bound),
+        "reached": threshold_sentences(_draws(posterior, one.fitted.data), one.y_peak, one.laws),
+        "parameters": {
+            str(name): {"mean": float(posterior[name].mean()), "sd": float(posterior[name].std())}
+            for name in names
+        },
+    }

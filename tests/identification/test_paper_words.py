@@ -1,0 +1,25 @@
+"""The paper's steps are Bouc-Wen's, and say so where they are left out or another law acts."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from jbw.identification.procedure import paper_words
+
+
+@pytest.mark.parametrize(
+    ("laws", "says"),
+    [
+        (("bouc_wen",), None),
+        (("iwan4",), "left out, of a joint whose law is iwan4."),
+        (("masing_power", "cubic"), "left out, of a joint whose law is masing_power and cubic."),
+        ((), "left out, of a joint that has none."),
+        (("bouc_wen", "cubic"), "take what cubic adds for its own"),
+    ],
+)
+def test_the_papers_steps_say_which_law_they_know(laws, says):
+    seen = SimpleNamespace(linear=object(), probing=("a tone",), laws=laws)
+    words = paper_words(seen)
+    assert (words == ()) if says is None else (says in words[0] and "Bouc-Wen's" in words[0])
+    for absent in ({"linear": None}, {"probing": ()}):  # without tests for them there are none
+        assert paper_words(SimpleNamespace(**{**vars(seen), **absent})) == ()
