@@ -6,9 +6,10 @@ from dataclasses import replace
 import xarray as xr
 
 from jbw.identification.prepare import Fitted, refit
+from jbw.inference.posterior.remedies import wider
 from jbw.inference.posterior.summary import scalars
 from jbw.inference.posterior.verdict import leaning
-from jbw.inference.space.box import bounds_by_name, box
+from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.oscillator.laws import vocabulary
 from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS
 
@@ -17,24 +18,24 @@ from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS
 SHARES = ("1/s^2", "1")
 
 
+def ending(prior: Box) -> tuple[str, ...]:
+    """Parameters of a box that end at their upper bound by themselves: shares of the stiffness."""
+    table = {one.name: one for one in (*OSCILLATOR, *RESIDUAL_TERMS)} | vocabulary()
+    shares = (name for name in prior.names if name in table and table[name].unit in SHARES)
+    return tuple(name for name in shares if name != "zeta")
+
+
 def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted | None:
     """What to sample again: the fit in a box twice as wide where draws lean on it; or None.
 
     Bounds that the campaign states are kept.
     """
-    bounds, moved = bounds_by_name(ready.box), []
-    table = {one.name: one for one in (*OSCILLATOR, *RESIDUAL_TERMS)} | vocabulary()
+    bounds, sides = bounds_by_name(ready.box), {}
     for name, side, _ in leaning(scalars(tree), ready.box):
-        quantity = table.get(name)
-        share = quantity is not None and name != "zeta" and quantity.unit in SHARES
-        if name in stated or (share and side == "upper"):
-            continue
-        low, high = bounds[name]
-        further = high + (high - low) if side == "upper" else low - (high - low)
-        if side == "lower" and low > 0:
-            further = max(further, 0.1 * low)  # what is positive stays so
-        bounds[name] = (low, further) if side == "upper" else (further, high)
-        moved.append(f"{name} to [{bounds[name][0]:.3g}, {bounds[name][1]:.3g}]")
+        if name not in stated and not (side == "upper" and name in ending(ready.box)):
+            sides.setdefault(name, []).append(side)
+    bounds |= {name: wider(bounds[name], each) for name, each in sides.items()}
+    moved = [f"{name} to [{bounds[name][0]:.3g}, {bounds[name][1]:.3g}]" for name in sides]
     if not moved:
         return None
     wide = box(bounds)
