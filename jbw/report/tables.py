@@ -127,6 +127,7 @@ def predictions_table(summary: Summary) -> Table:
         Column("level", level_of),
         Column("used as", _fitted),
         Column("inside the\n99 % predictive band", inside),
+        shares("its half width /\nrms of the record", "half_width", ""),
         shares("error /\nrms of the record", "nrmse", ""),
         shares("the same, best\nlinear oscillator", "nrmse_linear", ""),
         shares("best\ncubic oscillator", "nrmse_cubic", ""),

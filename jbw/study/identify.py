@@ -38,7 +38,9 @@ from jbw.verification.verify import prediction_findings
 
 logger = logging.getLogger("jbw")
 VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy", "scipy")
-ERRORS = ("coverage", "num_values", "nrmse", "nrmse_linear", "nrmse_cubic", "extrapolation")
+ERRORS = (
+    "coverage", "num_values", "nrmse", "half_width", "nrmse_linear", "nrmse_cubic", "extrapolation",
+)  # fmt: skip
 
 
 def identify(
