@@ -27,7 +27,7 @@ from jbw.report.table import (
 from jbw.report.text import NOTHING, Names, number, percent, seconds, step_name, symbol, unit_text
 from jbw.report.words import badge
 
-ROUTE = ("third_order", "opening")  # Steps 3 and 4 of the paper, with any sampler
+ROUTE = ("third_order_", "opening_")  # Steps 3 and 4 of the paper, with any sampler
 GOOD_R_HAT, FAR = 1.01, 2.576
 Summary = Mapping[str, Any]
 

@@ -8,7 +8,6 @@ from typing import Any
 Bounds = tuple[float, float]
 
 MOST = 20.0  # times the draws: what takes more of them is not sampled by more draws
-STUCK = ("nuts", "tempered_smc")  # samplers to change to, each for what the one before leaves
 NUM_WARMUP = 500  # of a sampler that does not say
 
 
@@ -19,7 +18,7 @@ def put(table: str, key: str, value: Any) -> str:
 
 def other_sampler(now: str = "") -> str:
     """The line of a sampler that copes where another did not."""
-    return put("identify", "sampler", next(name for name in STUCK if name != now))
+    return put("identify", "sampler", "tempered_smc" if now == "nuts" else "nuts")
 
 
 def more_draws(num_samples: int, least: float, wanted: float, sampler: str = "") -> str:
