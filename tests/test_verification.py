@@ -198,6 +198,14 @@ def test_coverage_is_that_of_a_gaussian():
     found = errors(measured, model, {}, 0.4)
     assert found["coverage"] == pytest.approx(0.99, abs=0.005)
     assert found["num_values"] == measured.size
+    # 2.576 sqrt(0.3^2 + 0.4^2) over sqrt(1 + 0.25): of 5000 values 1 %, of 400 draws 0.1 %.
+    assert found["half_width"] == pytest.approx(2.576 * 0.5 / np.sqrt(1.25), rel=0.04)
+    wide = errors(measured, model, {}, 20.0)  # holds all and says nothing
+    assert wide["coverage"] == 1.0
+    assert wide["half_width"] > 40
+    # Of the parameters alone, where the noise is not known: quantiles of a normal.
+    alone = errors(measured, model, {}, None)["half_width"]
+    assert alone == pytest.approx(2.576 * 0.3 / np.sqrt(1.25), rel=0.1)
     assert "nrmse_linear" not in found
 
 

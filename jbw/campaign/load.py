@@ -2,7 +2,10 @@
 
 import warnings
 from dataclasses import dataclass, field
+from html import escape
+from math import isnan
 from pathlib import Path
+from textwrap import shorten
 
 from jbw.campaign.check import findings, unread
 from jbw.campaign.files import repeats_of
@@ -17,7 +20,10 @@ from jbw.quantities import DEFAULT_LAWS
 SAME = ("name", "level", "dwell", "settle", "delay", "assembly", "run", "periods", "residuals")
 
 
-@dataclass(frozen=True)
+SHOWN, LINE = 10, 100  # tests and characters of a campaign in a cell
+
+
+@dataclass(frozen=True, repr=False)
 class Campaign:
     """Everything that was measured on one joint, in SI."""
 
@@ -31,9 +37,32 @@ class Campaign:
     laws: tuple[str, ...] = DEFAULT_LAWS  # that stand beside each other across the joint
     assembly: Assembly = field(default_factory=Assembly)  # torque and the like, as far as stated
 
+    def __repr__(self) -> str:
+        lines = [f"  {_line(test)}" for test in self.tests[:SHOWN]]
+        return "\n".join([self._head(), *lines, *self._more()])
+
+    def _repr_html_(self) -> str:
+        items = [shorten(_line(test), LINE) for test in self.tests[:SHOWN]] + self._more()
+        rows = "".join(f"<li>{escape(item)}</li>" for item in items)
+        return f"<p>{escape(shorten(self._head(), LINE))}</p><ul>{rows}</ul>"
+
+    def _head(self) -> str:
+        laws = ", ".join(self.laws) or "no joint"
+        return f"Campaign {self.name}: {len(self.tests)} tests, {laws}"
+
+    def _more(self) -> list[str]:
+        left = len(self.tests) - SHOWN
+        return [f"and {left} more"] if left > 0 else []
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "settings", Identify.of(self.settings))
         object.__setattr__(self, "laws", laws_of(self.laws, self.settings.prior))
+
+
+def _line(test: Test) -> str:
+    """A test in a line."""
+    level = "" if isnan(test.level) else f", level {test.level:g}"
+    return f"{test.name}: {test.kind}, {len(test.records)} records{level}"
 
 
 def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:

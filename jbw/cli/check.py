@@ -11,7 +11,7 @@ from jbw.campaign.draft import start_campaign, write_campaign
 from jbw.campaign.files import repeats_of
 from jbw.campaign.schema import read_spec
 from jbw.cli.options import json_option, outside_option
-from jbw.cli.printing import answer, show_json
+from jbw.cli.printing import answer, following, show_json
 from jbw.errors import RunError
 from jbw.measurement.records import Record
 from jbw.report.table import Cell, Column, Table, table
@@ -32,10 +32,12 @@ def init(folder: Path, print_: bool, json_: bool) -> None:
     path = None if print_ else str(write_campaign(draft, folder))
     if json_:
         show_json({"campaign": path, "text": draft.text, "check": list(draft.assumed)})
-        return
-    click.echo(draft.text if path is None else path, nl=path is not None)
-    for assumed in draft.assumed:
-        click.echo(f"CHECK: {assumed}", err=True)
+    else:
+        click.echo(draft.text if path is None else path, nl=path is not None)
+        for assumed in draft.assumed:
+            click.echo(f"CHECK: {assumed}", err=True)
+    if path is not None:
+        following("check", path)
 
 
 @click.command()
@@ -67,6 +69,10 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
                 remedy="Choose another folder with --figures.",
             ) from error
         click.echo(f"{count} figure{'s' if count != 1 else ''} in {figures}", err=json_)
+    if found.exit_code == 0:
+        following("look", campaign)
+    else:
+        following("check", campaign, ", after the change")
     return found.exit_code
 
 

@@ -17,7 +17,7 @@ from jbw.cli.options import (
     seed_option,
     verbose_option,
 )
-from jbw.cli.printing import NOT_TRUSTED, answer, duration, verdict_line, verdict_lines
+from jbw.cli.printing import NOT_TRUSTED, answer, duration, following, verdict_line, verdict_lines
 from jbw.cli.progress import computing
 from jbw.errors import JbwError
 from jbw.report.table import Table, digits, table, words
@@ -215,12 +215,17 @@ def run_to_end(run: Run, *, json_: bool = False, verbose: bool = False) -> int:
         run.close()
     told = _all_of(summary) if verbose else short_lines(summary, tree)
     answer(json_, summary, *told, saved=f"Report: {run.folder / 'report.html'}")
-    if summary["verdict"]["status"] == "ok":
+    return ended(summary["verdict"], run.folder)
+
+
+def ended(verdict: Mapping[str, Any], folder: Path) -> int:
+    """Say what to type after a run with this verdict, and return its exit code, 0 or 4."""
+    again = shlex.quote(str(folder))
+    if verdict["status"] == "ok":
+        following("predict", folder, f", or for other programs: jbw export {again}")
         return 0
-    findings = summary["verdict"]["findings"]
-    code = next((one["code"] for one in findings if one["status"] != "ok"), "")
-    again = shlex.quote(str(run.folder))
-    click.echo(f"Next: jbw explain {code}, or what to measure: jbw plan {again}", err=True)
+    code = next((one["code"] for one in verdict["findings"] if one["status"] != "ok"), "")
+    following("explain", code or None, f", or what to measure: jbw plan {again}")
     return NOT_TRUSTED
 
 

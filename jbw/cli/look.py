@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from jbw.cli.options import json_option, outside_option
-from jbw.cli.printing import answer
+from jbw.cli.printing import answer, following
 from jbw.cli.progress import computing
 from jbw.errors import ConfigError
 from jbw.report.table import Column, Table, table, words
@@ -63,6 +63,7 @@ def look(campaign: Path, figure: Path | None, json_: bool, allow_outside: bool) 
     saved = "" if figure is None else f"Figure: {figure}"
     record = found.record
     answer(json_, record, *tables, *record["statements"], *record["seen"], saved=saved)
+    following("identify", campaign)
 
 
 def tests_table(record: Row) -> Table:

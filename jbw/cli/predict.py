@@ -127,6 +127,7 @@ def prediction_table(rows: Sequence[dict[str, Any]]) -> Table:
         Column("level", level_of),
         words("kind", "kind"),
         Column("inside the band", inside),
+        shares("its half width", "half_width", ""),
         shares("error", "nrmse", ""),
         Column("peak displacement [m]", _peak),
         Column("of fitted", _reach, align="left"),

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shlex
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -44,6 +45,12 @@ def answer(json_: bool, record: Any, *shown: Table | Text | str, saved: str = ""
     show(*shown)
     if saved:
         click.echo(saved)
+
+
+def following(command: str, target: Any = None, also: str = "") -> None:
+    """Name on stderr the command that brings the user on, and what is said beside it."""
+    named = "" if target is None else f" {shlex.quote(str(target))}"
+    click.echo(f"Next: jbw {command}{named}{also}", err=True)
 
 
 def show_json(record: Any) -> None:

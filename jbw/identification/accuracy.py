@@ -1,14 +1,16 @@
 """What the verdict needs beside the chains: the solver's error, coloured residuals."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
 from numpy.typing import NDArray
 
+from jbw.campaign.settings import SPRING
 from jbw.inference.lanes import at_points
 from jbw.inference.posterior.finding import Finding, Verdict, checked, qualified
+from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.observables.dataset import Dataset, halved, log_likelihood
 from jbw.observables.effective_values import LEAST_VALUES, coloured_from, correlation_at_one
@@ -34,8 +36,20 @@ def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
         f"Halving the solver's step moves no posterior mean by more than {shift:.2g} standard "
         f"deviations; it must be below {SHIFT:g}."
     )
-    action = "Set `substeps` in [identify] to twice its value."
+    action = put("identify", "substeps", 2 * substeps_of(data))
     return checked("solver_error", shift < SHIFT, reason, shift, action)
+
+
+def substeps_of(data: Dataset) -> int:
+    """Most steps of the solver between two samples."""
+    return max((getattr(part, "substeps", 1) for part in data.parts), default=1)
+
+
+def another_law(laws: Sequence[str]) -> str:
+    """The line that stands a cubic spring beside the laws; where it stands, what else there is."""
+    if SPRING in laws:
+        return "Try other laws: jbw laws."
+    return put("joint", "laws", [*laws, SPRING])
 
 
 def solver_change(
@@ -60,11 +74,15 @@ def thinned(
 
 
 def residual_finding(
-    left: Mapping[str, np.ndarray], counted: Mapping[str, float], error: Mapping[str, float]
+    left: Mapping[str, np.ndarray],
+    counted: Mapping[str, float],
+    error: Mapping[str, float],
+    laws: Sequence[str] = (),
 ) -> Finding | None:
     """The largest lag-one correlation of what a fit leaves of a group of 16 values or more.
 
-    By label: what is `left`, the fraction of values `counted`, the relative `error`.
+    By label: what is `left`, the fraction of values `counted`, the relative `error`; `laws` are
+    those fitted.
     """
     long = {label: row for label, row in left.items() if len(row) >= 2 * LEAST_VALUES}
     lag_one = {label: correlation_at_one(row) for label, row in long.items()}
@@ -79,7 +97,7 @@ def residual_finding(
         f"the fit leaves {error[worst]:.2g} with a lag-one correlation of {lag_one[worst]:.2f}, "
         f"and the likelihood counts {counted[worst]:.2g} of the values."
     )
-    action = "The model does not follow the data to their noise: its law, or a second mode."
+    action = f"The law misses something, or a second mode is in the band. {another_law(laws)}"
     return checked("coloured_residual", not coloured, reason, lag_one[worst], action)
 
 
@@ -98,7 +116,7 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
         f"The best fit leaves {error[worst]:.2%} of fitted record {worst}, the worst; it must be "
         f"less than {bounded[worst]:.0%}."
     )
-    action = "Doubt the band (a second mode), `settle`, or the law of the joint."
+    action = f"Doubt the band (a second mode), `settle`, or the law. {another_law(data.laws)}"
     return checked("misfit", error[worst] < bounded[worst], reason, error[worst], action)
 
 
@@ -132,5 +150,5 @@ def repeatability_finding(error: Mapping[str, float], data: Dataset) -> Finding 
         f"The best fit leaves {error[worst]:.2%} of {worst}, whose repeats scatter by "
         f"{scatter[worst]:.2%}, the worst of {len(ratio)}; it must leave no more than they scatter."
     )
-    action = "Add a law to `[joint] laws`, restrict the `band`, or quote this error as the law's."
+    action = f"Quote this error as the law's, or try another. {another_law(data.laws)}"
     return checked("repeatability", ratio[worst] <= 1, reason, ratio[worst], action)

@@ -30,7 +30,7 @@ from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.reached import threshold_sentences
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.step import Step, attrs, finished, means_of
-from jbw.identification.widening import widened
+from jbw.identification.widening import ending, widened
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.fit.valley import about_valley
 from jbw.inference.posterior.finding import Finding
@@ -78,6 +78,7 @@ def joint_step(
     if (wider := widened(chains, ready, settings.prior)) is not None:
         ready = wider
         chains = sample_joint(jax.random.fold_in(keys[2], 1), ready, settings, keep, f"{name}_wide")
+    chains.attrs["substeps"] = accuracy.substeps_of(ready.data)
     posterior = with_derived(keys[3], chains, ready.data)
     groups, findings, words = posterior_checks(keys[4], posterior["posterior"].to_dataset(), ready)
     for group, arrays in groups.items():
@@ -85,7 +86,7 @@ def joint_step(
     step = finished(
         name, posterior, ready.box, ready.fit, started,
         findings=findings, statements=[*ready.statements, *drawn(posterior.attrs), *words],
-        held=ready.data.held, chi_square=ready.chi_square,
+        held=ready.data.held, chi_square=ready.chi_square, ending=ending(ready.box, ready.data.laws),
     )  # fmt: skip
     left = dataset.left_by_label(ready.fit.residual, ready.data)
     judged = accuracy.within_misfit(step.verdict, dataset.error_by_label(left, ready.data))
@@ -255,7 +256,7 @@ def posterior_checks(
     error = dataset.error_by_label(left, data)
     y_peak = _largest(best, data)
     findings = [
-        accuracy.residual_finding(left, dataset.fractions_counted(data), error),
+        accuracy.residual_finding(left, dataset.fractions_counted(data), error, data.laws),
         accuracy.shape_finding(error, data),
         accuracy.repeatability_finding(error, data),
         accuracy.solver_finding(posterior[list(prior.names)], data),
@@ -278,6 +279,6 @@ def posterior_checks(
     words += threshold_sentences(_every_parameter(posterior, data), y_peak, data.laws)
     if (left_out := leave_one_out(best, prior, data)) is not None:
         groups["leave_one_out"] = left_out
-        findings.append(consistency_finding(left_out))
+        findings.append(consistency_finding(left_out, data.laws))
         words.append(left_out_sentence(left_out))
     return groups, [finding for finding in findings if finding is not None], words

@@ -12,12 +12,14 @@ A change counts for no more than what the other runs gain by it: along a bent di
 them determines, a fit moves far for nothing.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from jbw.identification.accuracy import another_law
 from jbw.identification.prepare import refit
 from jbw.inference.fit.costly_fit import residual_at
 from jbw.inference.fit.fitting import Fit
@@ -89,7 +91,7 @@ def left_out_sentence(left_out: xr.Dataset) -> str:
     return "Left out and predicted from the others, error over rms: " + ", ".join(said) + "."
 
 
-def consistency_finding(left_out: xr.Dataset) -> Finding:
+def consistency_finding(left_out: xr.Dataset, laws: Sequence[str] = ()) -> Finding:
     """Whether the runs tell of one joint; its number is the largest |z|."""
     size = abs(left_out["z"])
     if size.isnull().all():
@@ -102,6 +104,7 @@ def consistency_finding(left_out: xr.Dataset) -> Finding:
         f"{MOVES:g}."
     )
     action = (
-        "The levels ask for different joints: restrict the levels by `hold_out`, or doubt the law."
+        "The tests ask for different joints: leave this one out by `hold_out`, or doubt the law. "
+        f"{another_law(laws)}"
     )
     return checked("leave_one_out", worst.item() < MOVES, reason, worst.item(), action)

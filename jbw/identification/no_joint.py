@@ -10,6 +10,7 @@ from jbw.identification.equivalent import Effects
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding, checked
+from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.observables.dataset import Dataset, stacked
@@ -56,7 +57,7 @@ def joint_finding(nested: Nested, added: Effects, y_peak: float) -> Finding:
         f"frequency by less than {shift:.2g} % and adds less than {damping:.2g} % of zeta to the "
         f"damping; without it chi-square grows by {max(nested.growth, 0.0):.2g} alone."
     )
-    action = "Drive harder, or state `laws = []` in [joint]: the structure is linear so far."
+    action = f"Drive harder; so far the structure is linear. {put('joint', 'laws', [])}"
     return checked("no_joint", False, reason, nested.growth, action)
 
 

@@ -1,6 +1,6 @@
 """What every posterior of the procedure ends as."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -50,13 +50,15 @@ def finished(
     statements: Iterable[str] = (),
     held: Mapping[str, Any] | None = None,
     chi_square: tuple[float, int] | None = None,
+    ending: Collection[str] = (),
 ) -> Step:
     """Judge a posterior, beside the `findings` of other looks, and put it beside its origin.
 
     `started` is the `perf_counter()` at the start of the step, `chi_square` that of a fit and its
-    degrees of freedom, where the noise is known from repeats.
+    degrees of freedom, where the noise is known from repeats, `ending` the parameters whose
+    upper bound is no choice.
     """
-    judged = verdict(posterior, box, chi_square=chi_square)
+    judged = verdict(posterior, box, chi_square=chi_square, ending=ending)
     said = [*statements]
     if fit.weak is not None:
         said.append(f"By the initial fit, {fit.weak.text}.")

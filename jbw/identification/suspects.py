@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
 
+from jbw.inference.posterior.remedies import put
 from jbw.observables.spectra import Row, Spectrum
 
 DRIVEN = 0.1  # of the largest: lines of the input within which another mode is looked for
@@ -26,6 +27,8 @@ UNITS = {
     0.0254: "inches", 1 / 0.0254: "inches",
 }  # fmt: skip
 
+TEST = "[test]"  # table of the lines that a remedy names
+
 Columns = Mapping[str, Float[np.ndarray, "value column"]]  # by the groups' labels
 Spectra = Mapping[str, Spectrum]
 Slopes = Mapping[str, Mapping[str, Row]]  # of what is left, by parameter and by label
@@ -38,6 +41,11 @@ class Suspect(NamedTuple):
     kind: str
     columns: Columns
     words: Callable[[NDArray[np.float64]], Words]
+
+
+def three(x: float) -> float:
+    """A number of three digits."""
+    return float(f"{x:.3g}")
 
 
 def as_columns(*rows: Row) -> NDArray[np.float64]:
@@ -65,7 +73,7 @@ def _delay(spectra: Spectra) -> Suspect:
         way = "behind" if tau > 0 else "before"
         return (
             f"a response that is {abs(tau):.3g} s {way} the input",
-            f"State `delay = {tau:.3g}` in the tests, or correct the channels' clock.",
+            f"Correct the channels' clock, or take it out. {put(TEST, 'delay', three(tau))}",
         )
 
     columns = {n: as_columns(s.row(-1j * s.omega * s.predicted)) for n, s in spectra.items()}
@@ -81,13 +89,16 @@ def _factor(label: str, one: Spectrum) -> Suspect:
 def factor_words(label: str, factor: float) -> Words:
     """What a group is whose response over its input is so many times that of others."""
     if abs(factor + 1) < TURNED:
-        return f"{label} with its sign turned", f"Turn the sign of a channel of {label}."
+        return f"{label} with its sign turned", (
+            f"Turn a channel of {label}, its input say. {put(TEST, 'scale.input', -1.0)}"
+        )
     size, turned = abs(factor), " and of the other sign" if factor < 0 else ""
     unit = next((name for f, name in UNITS.items() if abs(size / f - 1) < CLOSE), None)
     hint = f", as {unit} would be" if unit else ""
     return (
         f"{label} {size:.4g} times as large as by the others{turned}{hint}",
-        f"Check units and amplifiers of {label}.",
+        f"Check units and amplifiers of {label}; if this is its input's, correct it. "
+        f"{put(TEST, 'scale.input', three(factor))}",
     )
 
 
@@ -105,7 +116,7 @@ def _in_time(spectra: Spectra) -> Iterator[Suspect]:
         constants,
         lambda found: (
             f"a constant offset of the response, {found[np.argmax(np.abs(found))]:.3g} at most",
-            "Take the mean off the response, or measure it AC coupled.",
+            f"Measure AC coupled, or take the mean off. {put(TEST, 'remove_mean', True)}",
         ),
     )
     cut = {}
@@ -137,7 +148,7 @@ def _residual_term(spectra: Spectra) -> Suspect:
         columns,
         lambda found: (
             f"a residual term of the modes beyond the band, {found[0]:.3g} m per unit of the input",
-            'Let the tests take it by `residuals = "both"`, or restrict the `band`.',
+            f"Let the tests take it, or restrict the band. {put(TEST, 'residuals', 'both')}",
         ),
     )
 
@@ -155,7 +166,8 @@ def _own_frequency(spectra: Spectra, slopes: Slopes, omega_n: float) -> Suspect:
         spread = np.std(found[:: len(slopes)]) / (omega_n if first == "omega_n" else 1.0)
         return (
             f"a natural frequency and damping of each test's own, scattering by {spread:.2%}",
-            "Name the `run` of every test, and measure a noise record in each.",
+            "Name the run of every test, and measure a noise record in each. "
+            f"{put(TEST, 'run', 'day 1')}",
         )
 
     return Suspect("own frequency", columns, words)
@@ -169,10 +181,14 @@ def _modes(spectra: Spectra, omega_n: float) -> Iterator[Suspect]:
         return
     for omega in np.geomspace(driven.min(), driven.max(), NUM_MODES):
         if abs(omega / omega_n - 1) > APART:
-            yield from (_mode(spectra, omega, zeta) for zeta in MODE_ZETAS)
+            # The band as far as between both, which leaves the joint's own.
+            middle = np.sqrt(omega * omega_n)
+            ends = (driven.min(), middle) if omega > omega_n else (middle, driven.max())
+            band = [three(end / (2 * np.pi)) for end in ends]
+            yield from (_mode(spectra, omega, zeta, band) for zeta in MODE_ZETAS)
 
 
-def _mode(spectra: Spectra, omega: float, zeta: float) -> Suspect:
+def _mode(spectra: Spectra, omega: float, zeta: float, band: list[float]) -> Suspect:
     columns = {}
     for label, one in spectra.items():
         below = omega**2 - one.omega**2 + 2j * zeta * omega * one.omega
@@ -183,6 +199,6 @@ def _mode(spectra: Spectra, omega: float, zeta: float) -> Suspect:
         columns,
         lambda found: (
             f"one more mode about {hz:.3g} Hz",
-            "Restrict the `band` to one mode, or measure where the other is still.",
+            f"Restrict the band, or measure where the other is still. {put(TEST, 'band', band)}",
         ),
     )

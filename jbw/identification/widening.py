@@ -6,13 +6,29 @@ from dataclasses import replace
 import xarray as xr
 
 from jbw.identification.prepare import Fitted, refit
+from jbw.inference.posterior.remedies import wider
 from jbw.inference.posterior.summary import scalars
 from jbw.inference.posterior.verdict import leaning
-from jbw.inference.space.box import bounds_by_name, box
+from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.oscillator.laws import quantities_of, vocabulary
-from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS
+from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS, Quantity
 
-NEARER = 0.1  # of a bound's distance from the least value that makes sense
+Laws = tuple[str, ...]
+
+
+def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
+    """Parameters of a box that end at their upper bound by themselves: shares of the stiffness.
+
+    A share ends where nothing but the joint holds: there it says that products alone are known.
+    """
+    known = _known(laws)
+    return tuple(name for name in prior.names if name in known and known[name].is_share)
+
+
+def _known(laws: Laws) -> dict[str, Quantity]:
+    """Quantities by name: the register's, those of laws that carry numbers in their name too."""
+    table = (*OSCILLATOR, *RESIDUAL_TERMS, *quantities_of(laws))
+    return vocabulary() | {one.name: one for one in table}
 
 
 def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted | None:
@@ -20,19 +36,14 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
 
     Bounds that the campaign states are kept.
     """
-    bounds, moved = bounds_by_name(ready.box), []
-    known = (*OSCILLATOR, *RESIDUAL_TERMS, *quantities_of(ready.data.laws))
-    table = vocabulary() | {one.name: one for one in known}
+    bounds, sides = bounds_by_name(ready.box), {}
+    known, ends = _known(ready.data.laws), ending(ready.box, ready.data.laws)
     for name, side, _ in leaning(scalars(tree), ready.box):
-        quantity = table.get(name)
-        # A share of the stiffness ends where nothing but the joint holds: at its upper bound it
-        # says that products alone are known.
-        ends = quantity is not None and quantity.is_share and side == "upper"
-        if name in stated or ends:
-            continue
-        least = None if quantity is None else quantity.least
-        bounds[name] = _wider(*bounds[name], side, least)
-        moved.append(f"{name} to [{bounds[name][0]:.3g}, {bounds[name][1]:.3g}]")
+        if name not in stated and not (side == "upper" and name in ends):
+            sides.setdefault(name, []).append(side)
+    for name, each in sides.items():
+        bounds[name] = wider(bounds[name], each, known[name].least if name in known else None)
+    moved = [f"{name} to [{bounds[name][0]:.3g}, {bounds[name][1]:.3g}]" for name in sides]
     if not moved:
         return None
     wide = box(bounds)
@@ -47,11 +58,3 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
         statements=(*ready.statements, said),
     )
 
-
-def _wider(low: float, high: float, side: str, least: float | None) -> tuple[float, float]:
-    """Bounds twice as wide on a side; the lower stays above the least, what is positive so."""
-    if side == "upper":
-        return low, high + (high - low)
-    end = 0.0 if least is None and low > 0.0 else least
-    further = low - (high - low)
-    return further if end is None else max(further, end + NEARER * (low - end)), high

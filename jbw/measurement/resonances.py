@@ -49,7 +49,7 @@ class Lines(NamedTuple):
 def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> Lines:
     """Source and displacement on the lines that are driven, in a band where one is given."""
     if not record.valid.all():
-        raise DataError(f"{record.name} has samples missing.")
+        raise DataError(f"{_named(record)} has samples missing.")
     u, x = (record.channels[role] for role in (record.source, record.response))
     freq = np.fft.rfftfreq(len(u), 1 / record.fs)[1:]
     source, response = (np.fft.rfft(samples - np.mean(samples))[1:] for samples in (u, x))
@@ -60,9 +60,13 @@ def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> 
     if band_hz is not None:
         kept &= (freq >= band_hz[0]) & (freq <= band_hz[1])
     if np.count_nonzero(kept) < LEAST_LINES:
-        raise DataError(f"{record.name} drives fewer than {LEAST_LINES} lines in its band.")
+        raise DataError(f"{_named(record)} drives fewer than {LEAST_LINES} lines in its band.")
     place = 1 + np.flatnonzero(kept)
     return Lines(2 * np.pi * freq[kept], source[kept], y[kept], place, len(u))
+
+
+def _named(record: Record) -> str:
+    return record.name or "A record"  # of one in memory there is no file to name
 
 
 def read_lines(lines: Lines) -> Reading:

@@ -124,6 +124,8 @@ def _misfits(summary: Summary) -> Iterator[str]:
     verb = "is" if len(held) == 1 else "are"
     inside = [one["coverage"] for one in held if one.get("coverage") is not None]
     band = f"; {_span(inside, 3)} of the values lie in the 99 % bands" if inside else ""
+    if inside and (widths := [x for one in held if (x := one.get("half_width")) is not None]):
+        band += f", which reach {_span(widths)} of the rms to either side"
     yield f"Of tests that no fit saw, {len(held)} {verb} predicted to {_errors(held)}{band}."
 
 

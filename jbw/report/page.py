@@ -69,6 +69,7 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
             {
                 "name": tables.step_heading(name, summary),
                 "main": name == summary.get("main"),
+                "route": tables.of_route(name, summary),
                 "badge": badge(step.get("verdict")) if step.get("verdict") else None,
                 "findings": findings(step.get("verdict"), known),
                 "statements": _statements(step, known),
@@ -82,7 +83,11 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         ],
         lead=next((one for one in drawn if one["entry"].name == first), None),
         parameters=_only(parameters, lambda name: name == summary.get("main")),
-        paper=_only(parameters, lambda name: name != summary.get("main")),
+        others=_only(
+            parameters,
+            lambda name: name != summary.get("main") and not tables.of_route(name, summary),
+        ),
+        paper=_only(parameters, lambda name: tables.of_route(name, summary)),
         look={"statements": [], "seen": []} | (summary.get("look") or {}),
         looked=next(one for one in drawn if one["entry"].name == LOOK),
         drawn=[one for one in drawn if one["entry"].name not in (first, LOOK)],

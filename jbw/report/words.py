@@ -67,7 +67,14 @@ def findings(verdict: Any, known: Names) -> list[dict[str, Any]]:
 
 
 def in_symbols(text: str, known: Names) -> str:
-    """Return a sentence with parameters as symbols, products as dots and exponents raised."""
+    """Return a sentence with parameters as symbols, products as dots and exponents raised.
+
+    What stands in backticks is to be typed, and stays as it is.
+    """
+    if "`" in text:
+        parts = text.split("`")
+        told = [part if i % 2 else in_symbols(part, known) for i, part in enumerate(parts)]
+        return "`".join(told)
     # A name means the quantity alone, as alpha does, or is a word too, as `share` and `cubic`.
     spelled = {
         name: each.symbol

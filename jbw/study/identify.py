@@ -38,7 +38,9 @@ from jbw.verification.verify import prediction_findings
 
 logger = logging.getLogger("jbw")
 VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy", "scipy")
-ERRORS = ("coverage", "num_values", "nrmse", "nrmse_linear", "nrmse_cubic", "extrapolation")
+ERRORS = (
+    "coverage", "num_values", "nrmse", "half_width", "nrmse_linear", "nrmse_cubic", "extrapolation",
+)  # fmt: skip
 
 
 def identify(
@@ -74,6 +76,9 @@ def identify(
     tests, left_out = usable(campaign.tests, campaign.settings, gain)
     for sentence in left_out:
         report(sentence)
+    # Before anything is sampled: what is wrong with a record then costs no result.
+    report("Reading the records without a model")
+    looked = _looked(replace(campaign, tests=tests))
     seen = measured(tests, campaign.settings, laws=campaign.laws, gain=gain, report=report)
     found = run_procedure(seen, seed=seed, report=report, keep=keep)
     _name_gain_unit(tests, found)
@@ -100,7 +105,6 @@ def identify(
         "command": command or " ".join(["jbw", *sys.argv[1:]]),
         "wall_time_s": round(perf_counter() - started, 2),
     }
-    looked = _looked(campaign)
     record["look"] = looked.record
     tree = xr.DataTree.from_dict({**tree.to_dict(), **look_groups(looked)})
     record["opening"] = list(opening(record, tree))

@@ -33,6 +33,8 @@ from jbw.verification.places import place
 
 logger = logging.getLogger("jbw")
 CHANGED = 0.5  # scatter of repeats over their mean from where on they are no repeats
+# What a record that shows nothing ends a reading with: it is named, and the others are read.
+UNREADABLE = (DataError, ValueError, np.linalg.LinAlgError)
 NUM_SHOWN = 2000  # lines of a response that are drawn
 UNITS = {"y": "m", "frequency_hz": "Hz", "damping": "1"}
 MEANING = {"y": "motion", "frequency_hz": "natural frequency", "damping": "damping ratio"}
@@ -69,14 +71,20 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         report(f"Reading {name}")
         try:
             each, response = _read(tests)
-        except (DataError, np.linalg.LinAlgError) as why:
+            rows.append(_row(name, tests[0], each))
+        except UNREADABLE as why:
             unread[name] = str(why).splitlines()[0]
             continue
         found[name] = each
         if response is not None:
             responses[name] = response
-        rows.append(_row(name, tests[0], each))
-    loops = [_loop_row(test) for test in campaign.tests if test.traits.is_prescribed]
+    loops = []
+    for test in campaign.tests:
+        if test.traits.is_prescribed:
+            try:
+                loops.append(_loop_row(test))
+            except UNREADABLE as why:
+                unread[test.name] = str(why).splitlines()[0]
     record = {
         "campaign": campaign.name,
         "tests": sorted(rows, key=lambda row: row["y"]),
@@ -212,6 +220,8 @@ def _loop_row(test: Test) -> dict[str, Any]:
     loop = forced_loop(test.records[0])
     top, bottom = int(np.nanargmax(loop.displacement)), int(np.nanargmin(loop.displacement))
     y, force = loop.displacement[[bottom, top]], loop.force[[bottom, top]]
+    if y[1] == y[0]:
+        raise DataError(f"Test {test.name} holds its displacement still.")
     stiffness = float((force[1] - force[0]) / (y[1] - y[0]))
     return {"test": test.name, "y": float(0.5 * (y[1] - y[0])), "stiffness": stiffness}
 

@@ -2,8 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from html import escape
 from importlib.metadata import version
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import xarray as xr
@@ -13,14 +15,17 @@ from jbw.errors import ConfigError, DataError
 from jbw.identification.procedure import Identification, Known
 from jbw.inference.posterior.finding import Finding, Verdict
 from jbw.measurement.records import Test
+from jbw.report.opening import known_parameters
 from jbw.report.result import node, read_result
 from jbw.study.stack import basis_of_laws, holds_laws
 from jbw.study.store import claim, save_report, save_result
 from jbw.verification.predict import Request, chosen, predict
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, basis_of
 
+LINE = 300  # characters of what is known, in a cell
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Study:
     """Result of `identify`, or of a run that was saved.
 
@@ -36,6 +41,20 @@ class Study:
     record: dict[str, Any]
     campaign: Campaign | None = None
     identification: Identification | None = None
+
+    def __repr__(self) -> str:
+        judged = [repr(self.verdict)] if "verdict" in self.record else []
+        return "\n".join([*judged, self._known()])
+
+    def _repr_html_(self) -> str:
+        found = self.verdict._repr_html_() if "verdict" in self.record else ""
+        return f"{found}<p>{escape(self._known())}</p>"
+
+    def _known(self) -> str:
+        """The campaign and the parameters that are known, in one line."""
+        found = known_parameters(self.record) if "main" in self.record else []
+        known = "; ".join(found) or "no parameter is known"
+        return shorten(f"Study of {self.record.get('campaign', '')}: {known}", LINE)
 
     @property
     def posterior(self) -> xr.DataTree:

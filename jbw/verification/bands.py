@@ -18,6 +18,14 @@ def error(measured: NDArray[Any], predicted: NDArray[Any]) -> float:
     return float(np.linalg.norm(measured - predicted) / np.linalg.norm(measured))
 
 
+def half_width(edges: NDArray[np.float64], measured: NDArray[Any]) -> float:
+    """Half the width of a band, root mean square, over the root mean square of what was measured.
+
+    A band that holds every value says little where this is large.
+    """
+    return float(np.linalg.norm(edges[-1] - edges[0]) / (2 * np.linalg.norm(measured)))
+
+
 def errors(
     measured: NDArray[np.float64],
     model: Float[np.ndarray, "draw value"],
@@ -27,11 +35,13 @@ def errors(
 ) -> dict[str, float]:
     """How far a test lies from the model, and from the oscillators it is compared with."""
     # `coverage` is the share of `num_values` values, of the repeats or else their mean, that lie
-    # inside the predictive band.
+    # inside the predictive band; `half_width` is of that band, or of the parameters' alone.
+    edges = band(model) if noise_std is None else gaussian_band(model, noise_std)
     found = {"nrmse": error(measured, np.median(model, axis=0))}
     found |= {f"nrmse_{name}": error(measured, other) for name, other in others.items()}
+    found["half_width"] = half_width(edges, measured)
     if noise_std is not None:
-        inside = within(measured if repeats is None else repeats, gaussian_band(model, noise_std))
+        inside = within(measured if repeats is None else repeats, edges)
         found |= {"coverage": float(np.mean(inside)), "num_values": inside.size}
     return found
 

@@ -13,7 +13,7 @@ from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, decay_of
 from jbw.observables.decay_envelopes import Entry, envelopes, filter_of, follow, match
 from jbw.quantities import UNIT_OF, derivative_order, in_dialect
-from jbw.verification.bands import QUANTILE_AXIS, band, error, within
+from jbw.verification.bands import QUANTILE_AXIS, band, error, half_width, within
 from jbw.verification.predicted import ALIKE, NOT_KNOWN, Noise, Predicted, Source
 
 SEEN = 0.5  # s of a held-out record from which its initial state is read
@@ -33,9 +33,11 @@ def predict_decay(source: Source, test: Test) -> Predicted:
     # The strongest record begins with this displacement, at the natural frequency.
     strongest = max(one.attrs["level"] for one in found)
     peak = strongest / source.draws["omega_n"] ** derivative_order(data.response)
+    wanted = "predictive_band" if source.noise else "model_band"
     late = [one.isel(time=one["time"] >= one["time"][0] + one.attrs["seen_s"]) for one in found]
     measured = np.concatenate([one["measured"].values for one in late])
     median = np.concatenate([one["model_band"].values[1] for one in late])
+    edges = np.concatenate([one[wanted].values for one in late], axis=1)
     counts = [one.attrs["num_values"] for one in found]
     far = xr.DataArray([one.attrs["nrmse"] for one in found], dims="record", attrs={"units": "1"})
     joined = xr.concat(found, "record", join="outer", combine_attrs="drop_conflicts")
@@ -45,6 +47,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
         coverage=float(np.average([one.attrs["coverage"] for one in found], weights=counts)),
         num_values=sum(counts),
         nrmse=error(measured, median),
+        half_width=half_width(edges, measured),
     )
     return Predicted(dataset, peak, noise)
 
@@ -97,7 +100,8 @@ def _compared(
         measured, later = np.real(whole * carrier), time >= seen_s
         model_band = band(model)
         predictive = band(model + noise * np.asarray(jax.random.normal(key_noise, model.shape)))
-        inside = within(measured, predictive if source.noise else model_band)[later]
+        edges = (predictive if source.noise else model_band)[:, later]
+        inside = within(measured[later], edges)
         variables = {
             "measured": ("time", measured, {**unit, "long_name": "measured, in the band"}),
             "model_band": (dims, model_band, unit),
@@ -113,6 +117,7 @@ def _compared(
             "coverage": float(inside.mean()),
             "num_values": inside.size,
             "nrmse": error(measured[later], model_band[1][later]),
+            "half_width": half_width(edges, measured[later]),
         }
         for name, other in zip(others, alone, strict=True):
             attrs[f"nrmse_{name}"] = error(measured[later], other[0][later])

@@ -23,7 +23,7 @@ from jbw.verification.steady_motion import predict_loop, predict_periods
 HARDLY = 0.01  # of an input's power near the mode: less hardly touches it
 MOST_SAMPLES = 8_000_000  # of all draws of a record together
 FEWEST = 20  # draws through however long a record
-ERRORS = ("coverage", "num_values", "nrmse")
+ERRORS = ("coverage", "num_values", "nrmse", "half_width")
 
 
 @dataclass(frozen=True)

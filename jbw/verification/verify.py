@@ -4,6 +4,7 @@ A narrow posterior of the wrong law passes every look at its chains. It fails wh
 oscillator predicts better, or where tests that no fit saw leave its bands.
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -12,10 +13,11 @@ import numpy as np
 import xarray as xr
 
 from jbw.campaign.settings import Identify
-from jbw.identification.accuracy import CLOSE
+from jbw.identification.accuracy import CLOSE, another_law
 from jbw.identification.procedure import Identification, Report
 from jbw.identification.selection import Sweeps, fitted, loop_tests
 from jbw.inference.posterior.finding import Finding, checked
+from jbw.inference.posterior.remedies import put
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
 from jbw.quantities import derivative_order
@@ -166,10 +168,11 @@ def prediction_findings(tree: xr.DataTree) -> list[Finding]:
         for name, one in parent.children.items()
         if "nrmse" in one.attrs
     }
-    return [*_simpler(tests), *_coverage(tests)]
+    laws = json.loads(str(tree.attrs.get("laws", "[]")))
+    return [*_simpler(tests, laws), *_coverage(tests)]
 
 
-def _simpler(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
+def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> list[Finding]:
     ratios = {
         (name, kind): attrs["nrmse"] / attrs[f"nrmse_{kind}"]
         for name, attrs in tests.items()
@@ -189,8 +192,8 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
         "that, here as on every other test."
     )
     action = (
-        "The law of the joint does not hold there: fit fewer levels, add `cubic` to the prior, or "
-        "doubt that hysteresis is what the data show."
+        "The law of the joint does not hold there: fit fewer levels by `fit_levels`, or try "
+        f"another law. {another_law(laws)}"
     )
     return [checked("simpler_model", ratios[worst] < BETTER, reason, ratios[worst], action)]
 
@@ -214,7 +217,7 @@ def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
     )
     action = (
         "The intervals are too narrow for what was not fitted: the law does not hold there, or "
-        "runs differ; mark them by `run`."
+        f"runs differ. {put('identify', 'offsets', 'runs')}"
     )
     ok = shares[worst] >= LEAST_COVERAGE
     found = checked("held_out_coverage", ok, reason, shares[worst], action)

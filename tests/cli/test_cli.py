@@ -81,7 +81,7 @@ def test_init_then_check(folder, capsys):
     assert run(["check", str(folder / "campaign.toml")]) == 0
     streams = capsys.readouterr()
     assert "1024 Hz" in streams.out
-    assert streams.err == ""
+    assert streams.err == f"Next: jbw look {folder / 'campaign.toml'}\n"
     assert run(["init", str(folder)]) == 2
     assert "not overwritten" in capsys.readouterr().err
 

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from pasted import pasted
 
 import jbw
 from jbw.campaign.schema import parse
 from jbw.campaign.settings import Identify, law_errors
 from jbw.errors import ConfigError, ModelError
-from jbw.identification.accuracy import residual_finding
+from jbw.identification.accuracy import another_law, residual_finding
 from jbw.identification.coordinates import joint_box
 from jbw.inference.space.box import bounds_by_name
 from jbw.oscillator.law import Scales
@@ -189,7 +190,7 @@ def left_after(correlation, n=4000):
 def test_autocorrelated_residuals_fail_with_their_correlation_and_worth():
     rows = {"white": left_after(0.0), "coloured": left_after(0.9)}
     worth, error = {"white": 1.0, "coloured": 0.053}, {"white": 0.01, "coloured": 0.02}
-    found = residual_finding(rows, worth, error)
+    found = residual_finding(rows, worth, error, ("bouc_wen",))
     assert found is not None
     assert found.status == "failed"
     # Of 4000 values, to three standard errors of sqrt((1 - 0.81) / 4000).
@@ -197,7 +198,8 @@ def test_autocorrelated_residuals_fail_with_their_correlation_and_worth():
     assert "1 of 2 residuals are coloured" in found.reason
     assert "coloured, where" in found.reason
     assert "counts 0.053 of the values" in found.reason
-    assert "does not follow the data" in found.action
+    assert pasted(found.action).laws == ("bouc_wen", "cubic")
+    assert another_law(("bouc_wen", "cubic")) == "Try other laws: jbw laws."
     alone = residual_finding({"white": rows["white"]}, worth, error)
     assert alone is not None
     assert alone.status == "ok"

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 import xarray as xr
+from pasted import lines_of, pasted
 from scipy.stats import truncnorm
 
 from jbw.cli.about import pages
 from jbw.identification.accuracy import within_misfit
 from jbw.inference.posterior.finding import ASKED_BY, answers, qualified
+from jbw.inference.posterior.remedies import more_draws, put_bounds, wider
 from jbw.inference.posterior.verdict import Finding, judge, verdict
 from jbw.inference.space.box import box
 
@@ -27,7 +29,7 @@ def healthy(num_chains=4, num_draws=1000, seed=0):
     return draws, stats
 
 
-def judged(draws, stats, **options):
+def judged(draws, stats, facts=None, **options):
     dims = ("chain", "draw")
     groups = {"posterior": draws, "sample_stats": stats}
     tree = xr.DataTree.from_dict(
@@ -36,6 +38,7 @@ def judged(draws, stats, **options):
             for group, variables in groups.items()
         }
     )
+    tree.attrs.update(facts or {})
     return verdict(tree, BOX, **options)
 
 
@@ -124,6 +127,80 @@ def test_every_pathology_fails_with_what_to_do(code):
     assert finding.reason.endswith(".")
 
 
+NO_LINE = ("non_finite", "chi_square", "modes")  # what no key of a campaign mends
+
+
+@pytest.mark.parametrize("code", [code for code in PATHOLOGIES if code not in NO_LINE])
+def test_every_remedy_is_a_line_that_a_campaign_file_takes(code):
+    draws, stats = healthy()
+    PATHOLOGIES[code](draws, stats)
+    for finding in judged(draws, stats).findings:
+        if finding.status != "ok" and finding.code not in NO_LINE:
+            assert lines_of(finding.action), finding
+            pasted(finding.action)
+
+
+AT_ONCE = {
+    "khat": 0.9, "ess_weights": 12.0, "inverse_temperature": 0.5, "quadrature_error": 0.1,
+    "budget_spent_s": 900.0, "sampler": "nuts",
+}  # fmt: skip
+
+
+def test_remedies_of_samplers_that_draw_at_once_are_lines_too():
+    draws, stats = healthy()
+    _sticky(draws, stats)
+    found = {one.code: one for one in judged(draws, stats, AT_ONCE).findings}
+    for code in ("khat", "ess_weights", "temperature", "quadrature"):
+        assert pasted(found[code].action).settings.sampler in ("nuts", "tempered_smc")
+    # Two hundred of 400: at least twice the time that was spent.
+    assert pasted(found["budget"].action).settings.budget_s >= 1800
+    draws, stats = healthy(num_chains=1, num_draws=4000)
+    alone = {one.code: one for one in judged(draws, stats).findings}
+    assert pasted(alone["r_hat"].action).settings.num_chains == 4
+
+
+@pytest.mark.parametrize(
+    ("least", "line"),
+    [(200.0, "num_samples = 2000"), (130.0, "num_samples = 3100"), (3.0, 'sampler = "nuts"')],
+)
+def test_so_many_draws_as_are_missing_are_asked_for(least, line):
+    """400 over the least times 1000, to two digits upwards; beyond 20 times, another sampler."""
+    assert f"`{line}`" in more_draws(1000, least, 400.0)
+    assert '"tempered_smc"' in more_draws(1000, 0.0, 400.0, "nuts")
+
+
+@pytest.mark.parametrize(
+    ("bounds", "sides", "wide"),
+    [
+        ((1.0, 2.0), ["upper"], (1.0, 3.0)),
+        ((1.0, 2.0), ["lower"], (0.1, 2.0)),  # what is positive stays so
+        ((-1.0, 2.0), ["lower", "upper"], (-4.0, 5.0)),
+        ((0.0, 2.0), ["upper"], (0.0, 4.0)),
+    ],
+)
+def test_a_bound_is_moved_by_the_width_of_the_box(bounds, sides, wide):
+    assert wider(bounds, sides) == pytest.approx(wide)
+
+
+@pytest.mark.parametrize("bounds", [(117.9123, 118.0877), (2.1e-7, 3e3), (-1e-9, 1e-9)])
+def test_a_line_of_bounds_never_cuts_the_box(bounds):
+    low, high = pasted(put_bounds("cubic" if bounds[0] < 0 else "omega_n", bounds)).settings.prior[
+        "cubic" if bounds[0] < 0 else "omega_n"
+    ]
+    assert low <= bounds[0]
+    assert high >= bounds[1]
+    assert high - low <= 1.02 * (bounds[1] - bounds[0])
+
+
+def test_what_the_stiffness_ends_is_not_widened():
+    draws, stats = healthy()
+    _piled(draws, stats)
+    found = judged(draws, stats, ending=("alpha",)).findings
+    (finding,) = (one for one in found if one.code == "at_bound")
+    assert finding.status == "failed"
+    assert lines_of(finding.action) == []
+
+
 @pytest.mark.fault(29)
 def test_chains_in_two_modes_fail():
     draws, stats = healthy()
@@ -137,7 +214,8 @@ def test_the_bound_is_named_with_its_side():
     _piled(draws, stats)
     finding = next(f for f in judged(draws, stats).findings if f.code == "at_bound")
     assert "alpha" in finding.reason
-    assert finding.action.startswith("Widen alpha upper")
+    # The box, 1 to 2, twice as wide upwards: the rule of `widened`.
+    assert pasted(finding.action).settings.prior == {"alpha": (1.0, 3.0)}
 
 
 @pytest.mark.fault(26)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from pasted import pasted
 from scipy.stats import norm
 
 from jbw.errors import DataError
@@ -91,6 +92,7 @@ def test_what_a_fit_leaves_stands_beside_the_scatter_of_its_repeats(tests):
     assert poor.status == "failed"
     assert f"leaves {3 * scatter:.2%} of sweep" in poor.reason
     assert f"scatter by {scatter:.2%}" in poor.reason
+    assert pasted(poor.action).laws == ("bouc_wen", "cubic")
     once = Records.of([replace(tests[0], records=tests[0].records[:1])])
     assert repeatability_finding({"sweep": 1.0}, Dataset.of([once])) is None
 

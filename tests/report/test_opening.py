@@ -101,7 +101,7 @@ def test_errors_of_fitted_and_held_out_tests_stand_apart():
     tests = {
         "weak": {"fitted": True, "nrmse": 0.012, "nrmse_linear": 0.2},
         "strong": {"fitted": True, "nrmse": 0.034, "nrmse_linear": 0.3},
-        "middle": {"fitted": False, "nrmse": 0.021, "coverage": 0.985},
+        "middle": {"fitted": False, "nrmse": 0.021, "coverage": 0.985, "half_width": 0.04},
         "loop": {"fitted": True, "nrmse": None},
     }
     _, fit, held, *_ = opening(summary_of(predictions=tests), tree_of())
@@ -111,7 +111,7 @@ def test_errors_of_fitted_and_held_out_tests_stand_apart():
     )
     assert held == (
         "Of tests that no fit saw, 1 is predicted to 2.1 % of the rms; 98.5 % of the values lie in "
-        "the 99 % bands."
+        "the 99 % bands, which reach 4 % of the rms to either side."
     )
     del tests["middle"]
     assert "hold_out" in opening(summary_of(predictions=tests), tree_of())[2]

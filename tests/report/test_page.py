@@ -140,6 +140,8 @@ def test_the_verdict_comes_first_then_what_is_known(small, summary):
         "Figures",
         "Not drawn",
         "The result has no group /steps/linear.",
+        "Other posteriors",
+        "The linear mode is identified.",
         "That they fail is expected",
         "Only the product α·δ is determined",
         "Strong correlations: α and δ: −0.994",
@@ -169,6 +171,20 @@ def test_no_red_mark_stands_above_the_papers_route_when_the_main_answer_is_good(
     summary["verdict"] = {"status": "failed", "findings": []}
     text = render_page(summary, small)
     assert 'class="badge bad"' in text[text.index("<main>") : text.index('<section id="steps">')]
+
+
+def test_a_failed_posterior_of_decays_is_not_excused_with_the_papers_route(small, summary):
+    """It is no step of the paper: nothing says that its failing is expected."""
+    failed = summary["steps"]["third_order_paper"]
+    summary["steps"] = {"decay": failed, "joint": summary["steps"]["joint"]}
+    text = render_page(summary, small)
+    others = text[text.index('<section id="others">') :]
+    others = others[: others.index("</section>")]
+    assert "Free decays" in others
+    assert 'class="badge bad"' in others
+    assert "The chains disagree" in others
+    assert "expected" not in text
+    assert "own route" not in text
 
 
 def test_a_step_that_was_not_judged_has_no_mark(small, summary):

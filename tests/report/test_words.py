@@ -22,6 +22,7 @@ KNOWN = {name: quantity(name) for name in (*PARAMETERS, "alpha_delta", "alpha_ga
         ("counts 3.82e+05 of 1.4e-05", "counts 3.82×10⁵ of 1.4×10⁻⁵"),
         ("data/alpha/delta.mat of sweep_alpha", "data/alpha/delta.mat of sweep_alpha"),
         ("set `gamma` in it", "set `gamma` in it"),
+        ("widen alpha: `alpha = [1e+03, 2e-05]`", "widen α: `alpha = [1e+03, 2e-05]`"),
     ],
 )  # fmt: skip
 def test_names_become_symbols(plain, printed):

@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 import xarray as xr
+from pasted import pasted
 
 from jbw.verification.verify import prediction_findings
 
 
 def tree_of(**tests):
     groups = {f"/verification/{kind}": xr.Dataset(attrs=attrs) for kind, attrs in tests.items()}
-    return xr.DataTree.from_dict({"/": xr.Dataset(), **groups})
+    root = xr.Dataset(attrs={"laws": '["bouc_wen"]'})
+    return xr.DataTree.from_dict({"/": root, **groups})
 
 
 def findings(**tests):
@@ -39,7 +41,7 @@ def test_a_simpler_oscillator_that_predicts_better_is_named_with_its_error():
     assert found.number == pytest.approx(0.24 / 0.062)
     assert found.reason.startswith("On high (never fitted) the joint's error is 0.24 of the record")
     assert "best cubic oscillator 0.062" in found.reason
-    assert found.action
+    assert pasted(found.action).laws == ("bouc_wen", "cubic")
 
 
 def test_tests_outside_their_bands_fail_unless_fitted_or_short():
@@ -47,6 +49,7 @@ def test_tests_outside_their_bands_fail_unless_fitted_or_short():
     found = findings(**{"sweep/high": outside})
     assert found["held_out_coverage"].status == "failed"
     assert found["held_out_coverage"].number == 0.87
+    assert pasted(found["held_out_coverage"].action).settings.offsets == "runs"
     assert "held_out_coverage" not in findings(**{"sweep/high": {**outside, "fitted": 1}})
     assert "held_out_coverage" not in findings(**{"sweep/high": {**outside, "num_values": 20}})
     assert "held_out_coverage" not in findings(**{"sweep/high": {**outside, "coverage": np.nan}})

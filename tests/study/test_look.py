@@ -15,6 +15,7 @@ from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record, Test
 from jbw.measurement.resonances import Reading, driven_lines, read_curve, read_lines
 from jbw.report.looking import look_figure
+from jbw.study.identify import identify
 from jbw.study.look import look, look_groups
 from jbw.study.look_words import nonlinear
 
@@ -134,7 +135,45 @@ def test_what_cannot_be_read_is_said_once_and_stops_nothing():
     gap.records[0].channels["velocity"][5] = np.nan
     found = look(Campaign("two", None, (good, gap)))
     assert [row["test"] for row in found.record["tests"]] == ["good"]
-    assert found.record["statements"][-1] == "Not read: gap.  has samples missing."
+    assert found.record["statements"][-1] == "Not read: gap. A record has samples missing."
+
+
+def test_what_stands_beside_the_readings_stops_nothing_either(monkeypatch):
+    """Coherence of a record that drives nothing, a loop held still: told, and the rest is read."""
+    still = np.full(64, 1e-3)
+    loop = Record(FS, {"displacement": still, "restoring_force": still}, {})
+    held = Test("loop", (loop,), "held")
+
+    def refuse(_):
+        raise DataError("No coherence.")
+
+    good, noise = linear(0.3, name="good"), linear(0.3, name="noise", kind="noise")
+    monkeypatch.setattr("jbw.study.look._coherence", lambda test: test is noise and refuse(test))
+    found = look(Campaign("three", None, (good, noise, held)))
+    assert list(found.readings) == ["good"]
+    assert found.record["loops"] == []
+    assert found.record["unread"] == {
+        "noise": "No coherence.",
+        "held": "Test held holds its displacement still.",
+    }
+
+
+def test_an_identification_looks_before_it_samples(monkeypatch):
+    """A look that fails must not cost a finished posterior: the procedure is never begun."""
+    said = []
+
+    def look_fails(campaign, report):
+        said.append([test.name for test in campaign.tests])
+        raise DataError("Nothing is seen.")
+
+    monkeypatch.setattr("jbw.study.identify.look", look_fails)
+    monkeypatch.setattr("jbw.study.identify.run_procedure", lambda *_, **__: said.append("sampled"))
+    good, left_out, told = linear(0.3, name="good"), linear(0.3, name="left out"), []
+    monkeypatch.setattr("jbw.study.identify.usable", lambda tests, *_: ((good,), ("One less.",)))
+    with pytest.raises(DataError, match="Nothing is seen"):
+        identify(Campaign("two", None, (good, left_out)), report=told.append)
+    assert said == [["good"]]
+    assert told == ["One less.", "Reading the records without a model"]
 
 
 def test_the_figure_holds_every_test():

@@ -23,6 +23,7 @@ from jbw.identification.step import Step, attrs, finished, means_of
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.fit.identifiability import weak_direction
 from jbw.inference.posterior.finding import Finding, checked
+from jbw.inference.posterior.remedies import put_bounds
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box, box
@@ -225,4 +226,6 @@ def _series_finding(
         f"The Chebyshev series of the log likelihood is wrong by {worst:.2g} nats over the "
         f"posterior; it must be below {WRONG:g}."
     )
-    return checked("series", worst < WRONG, reason, worst, "Narrow the prior of gamma.")
+    low, high = (float(end) for end in np.quantile(posterior["gamma"].values, (0.0, 1.0)))
+    action = f"Narrow the prior to what was drawn. {put_bounds('gamma', (low, high))}"
+    return checked("series", worst < WRONG, reason, worst, action)

@@ -6,6 +6,8 @@ from typing import Literal
 
 import numpy as np
 
+from jbw.inference.posterior.shown import first_line, table_of, text_of
+
 Status = Literal["ok", "usable", "failed", "not assessed"]
 WORST_FIRST: tuple[Status, ...] = ("failed", "not assessed", "usable", "ok")
 QUESTIONS = {
@@ -44,12 +46,22 @@ class Finding:
     action: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Verdict:
     """Findings in their order: failed if any is, else not assessed or usable if any is, else ok."""
 
     status: Status
     findings: tuple[Finding, ...]
+
+    def __repr__(self) -> str:
+        return "\n".join([self._told(), *text_of(self.findings)])
+
+    def _repr_html_(self) -> str:
+        return f"<p><b>{self._told()}</b></p>{table_of(self.findings)}"
+
+    def _told(self) -> str:
+        each = ((name, told.status) for name, told in answers(self.findings))
+        return first_line(self.status, each)
 
 
 def judge(findings: Iterable[Finding]) -> Verdict:

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from scipy.stats import gaussian_kde
 
 from jbw.inference.posterior.finding import Finding
+from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import diagnose
 
 Draws = Mapping[str, Float[np.ndarray, "chain draw"]]
@@ -107,7 +108,7 @@ def modes_findings(draws: Draws) -> list[Finding]:
             f"{places}, and the chains do not cross between them often enough to weigh them: "
             f"{split.weight:.0%} of the draws at the first is an accident of their starts."
         )
-        action = 'Set sampler = "tempered_smc" or "nested" in [identify], which weigh modes.'
+        action = f"{put('identify', 'sampler', 'tempered_smc')} It weighs modes, as nested does."
         return [Finding("crossing", "failed", reason, smaller, action)]
     weights = f"{split.weight:.3f} and {1 - split.weight:.3f} +- {split.error:.1g}"
     action = "Report each mode by itself, with its weight: a mean between them describes neither."

@@ -1,0 +1,45 @@
+"""A verdict in a few lines, for a notebook's cell and for `print`."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from html import escape
+from textwrap import shorten
+from typing import Any
+
+Said = Any  # a finding: its code, status, reason and action
+CHARACTERS = 200  # of a reason or a remedy at most
+SIZE = 1500  # bytes of a table at most
+
+
+def first_line(status: str, answers: Iterable[tuple[str, str]] = ()) -> str:
+    """The status, and that of each answer."""
+    parts = ", ".join(f"{name} {each}" for name, each in answers)
+    return f"Verdict: {status}" + (f" ({parts})" if parts else "")
+
+
+def text_of(findings: Sequence[Said]) -> Iterator[str]:
+    """A line a finding that is not ok, and how many are."""
+    against = [one for one in findings if one.status != "ok"]
+    for one in against:
+        yield f"  {one.status}, {one.code}: {shorten(one.reason, CHARACTERS)} {one.action}".rstrip()
+    yield f"  {len(findings) - len(against)} of {len(findings)} checks passed"
+
+
+def table_of(findings: Sequence[Said], size: int = SIZE) -> str:
+    """The same as a table of HTML within so many bytes, the failed first; names escaped."""
+    against = sorted((one for one in findings if one.status != "ok"), key=_badness)
+    rows, spent = [], 0
+    for one in against:
+        cells = one.status, one.code, shorten(one.reason, CHARACTERS), one.action
+        row = "".join(f"<td>{escape(shorten(cell, CHARACTERS))}</td>" for cell in cells)
+        spent += len(row.encode()) + 10
+        if spent > size:
+            break
+        rows.append(f"<tr>{row}</tr>")
+    left = len(against) - len(rows)
+    more = f", {left} more against it" if left else ""
+    passed = f"<p>{len(findings) - len(against)} of {len(findings)} checks passed{more}</p>"
+    return (f"<table>{''.join(rows)}</table>" if rows else "") + passed
+
+
+def _badness(one: Said) -> int:
+    return ("failed", "not assessed", "usable").index(one.status)

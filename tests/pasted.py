@@ -1,0 +1,27 @@
+"""Lines that findings tell to put into the campaign file, put into one and checked."""
+
+import re
+
+from jbw.campaign.schema import parse
+
+CAMPAIGN = {
+    "campaign": 'name = "any"',
+    "[test]": """kind = "sweep"
+files = "sweep.h5"
+channels = { input = "input", velocity = "velocity" }
+units = { input = "V", velocity = "m/s" }""",
+}
+PUT = re.compile(r"Put under \[([\w.\[\]]+?)\]: `([^`]+)`")
+
+
+def lines_of(action):
+    """Table and line of each that an action names."""
+    return PUT.findall(action)
+
+
+def pasted(action):
+    """The campaign with the lines of an action in it, as its schema reads them."""
+    tables = dict(CAMPAIGN)
+    for table, line in lines_of(action):
+        tables[table] = f"{tables.get(table, '')}\n{line}".strip()
+    return parse("\n".join(f"[{table}]\n{lines}" for table, lines in tables.items()))
