@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from jbw.population.fleet import read_fleet as read_fleet
     from jbw.population.fleet import write_fleet as write_fleet
     from jbw.population.population import population_of as population_of
+    from jbw.report.citation import citation as citation
     from jbw.study.calibration import sbc as sbc
     from jbw.study.compare import compare as compare
     from jbw.study.identifiability import identifiability as identifiability
@@ -89,6 +90,7 @@ _HOME = {
     "Test": "measurement.records",
     "attached": "oscillator.attachment",
     "backbone": "oscillator.steady.backbone",
+    "citation": "report.citation",
     "compare": "study.compare",
     "compare_laws": "study.laws",
     "fleet_of": "population.fleet",

@@ -11,7 +11,8 @@ import jbw
 yaml = pytest.importorskip("yaml")
 
 ROOT = Path(jbw.__file__).parents[1]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT, HATCH = PYPROJECT["project"], PYPROJECT["tool"]["hatch"]
 # Of what conda calls otherwise.
 NAMES = {"matplotlib": "matplotlib-base"}
 
@@ -20,15 +21,54 @@ def read(path):
     return yaml.safe_load((ROOT / path).read_text(encoding="utf-8"))
 
 
+def test_the_version_is_one_and_the_same():
+    assert "version" in PROJECT["dynamic"]
+    assert f'__version__ = "{jbw.__version__}"' in (ROOT / HATCH["version"]["path"]).read_text()
+    assert read("packaging/conda/recipe.yaml")["context"]["version"] == jbw.__version__
+    assert read("CITATION.cff")["version"] == jbw.__version__
+
+
+def test_a_package_s_page_links_to_the_repository():
+    """What hatch-fancy-pypi-readme does to the README, by the patterns that it is given."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    here = re.findall(r"\]\((?!\w+:)([^)]+)\)", text)
+    for one in HATCH["metadata"]["hooks"]["fancy-pypi-readme"]["substitutions"]:
+        text = re.sub(one["pattern"], one["replacement"], text)
+    there = re.findall(r"\]\(([^)]+)\)", text)
+    address = PROJECT["urls"]["Repository"]
+    assert {f"{address}/blob/main/{one}" for one in here} - set(there) == {
+        f"{address}/blob/main/docs/result.png"
+    }
+    assert f"]({address}/raw/main/docs/result.png)" in text
+    assert all(one.startswith("https://") for one in there)
+    assert {one for one in PROJECT["urls"].values() if not one.startswith(address)} == {
+        "https://doi.org/10.1016/j.ymssp.2020.107333"
+    }
+
+
+def test_it_says_how_it_is_cited():
+    (place,) = [
+        target
+        for source, target in HATCH["build"]["targets"]["wheel"]["force-include"].items()
+        if source == "CITATION.cff"
+    ]
+    assert place == "jbw/CITATION.cff"
+    cited = yaml.safe_load(jbw.citation())
+    assert cited == read("CITATION.cff")
+    (paper,) = cited["references"]
+    assert PROJECT["urls"]["Paper"] == f"https://doi.org/{paper['doi']}"
+
+
 def test_the_conda_recipe_needs_what_the_wheel_needs():
     recipe = read("packaging/conda/recipe.yaml")
     assert recipe["schema_version"] == 1
-    assert recipe["context"]["version"] == PROJECT["version"] == jbw.__version__
     needed = {f"python {PROJECT['requires-python']}"}
     for one in PROJECT["dependencies"]:
         name, bound = re.fullmatch(r"([\w-]+)(.*)", one).groups()
         needed.add(f"{NAMES.get(name, name)} {bound}".strip())
     assert set(recipe["requirements"]["run"]) == needed
+    backend = {one.replace(">=", " >=") for one in PYPROJECT["build-system"]["requires"]}
+    assert backend <= set(recipe["requirements"]["host"])
     points = [f"{name} = {home}" for name, home in PROJECT["scripts"].items()]
     assert recipe["build"]["python"]["entry_points"] == points
     assert recipe["about"]["license"] == PROJECT["license"]

@@ -5,12 +5,11 @@ import json
 import os
 import platform
 import shutil
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
-from typing import IO
+from typing import TYPE_CHECKING
 
 from jbw.errors import RunError
 from jbw.run.checkpoints import Checkpoint, Interruption, Watch
@@ -23,68 +22,65 @@ from jbw.run.manifest import (
     write_manifest,
 )
 
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
+
 HIDDEN = ".run"  # beside the results, until these are complete
 MANIFEST, LOCK, SPENT = "manifest.json", "lock", "spent_s"
+HOLDER = ".holder"  # beside a lock's file: which process holds it
 UNSUPPORTED = {errno.ENOTSUP, errno.ENOLCK, errno.ENOSYS}  # some network folders know no locks
 
 
-@contextmanager
-def _locked(folder: Path) -> Iterator[IO[str]]:
-    """The right to write to a run's folder, given back at once where what follows fails.
+def lock(file: Path, folder: Path) -> "BaseFileLock":
+    """Hold a file for this process until the lock is released or the process ends, however.
 
-    It lasts as long as the stream is open: the system lets go of it when the process ends,
-    however that comes.
+    Raises:
+        RunError: Another process holds it, named as far as it is known.
+        OSError: The file cannot be written.
     """
+    from filelock import FileLock, Timeout  # not for a command that only prints its help
+
+    # A file that stays behind a process would lock out the next: no stand-in by a file's existence.
+    held = FileLock(file, timeout=0, thread_local=False, fallback_to_soft=False)
     try:
-        (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
-        stream = (folder / HIDDEN / LOCK).open("a+", encoding="utf-8")
-        lock(stream, folder)
-        stream.truncate(0)
-        stream.write(json.dumps({"pid": os.getpid(), "host": platform.node()}))
-        stream.flush()
+        held.acquire()
+    except Timeout as error:
+        raise RunError(
+            f"Another process{_holder(file)} is writing to {folder}.",
+            why="Results of two runs must not be mixed.",
+            remedy="Wait until it ends, or choose another folder.",
+        ) from error
     except OSError as error:
-        raise _unwritable(folder, error) from error
-    try:
-        yield stream
-    except BaseException:
-        stream.close()
-        raise
+        if error.errno not in UNSUPPORTED:
+            raise
+    # Beside the file, which Windows lets no other process read.
+    holder = {"pid": os.getpid(), "host": platform.node()}
+    file.with_suffix(HOLDER).write_text(json.dumps(holder), encoding="utf-8")
+    return held
 
 
-def _holder(stream: IO[str]) -> str:
+def _holder(file: Path) -> str:
     """Who holds the lock, as far as it is written there."""
-    stream.seek(0)
     try:
-        found = json.loads(stream.read())
+        found = json.loads(file.with_suffix(HOLDER).read_text(encoding="utf-8"))
         return f" (number {found['pid']} on {found['host']})"
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return ""
 
 
-def lock(stream: IO[str], folder: Path) -> None:
-    """Lock an open file for this process as long as it stays open, or say who writes there."""
+@contextmanager
+def _locked(folder: Path) -> "Iterator[BaseFileLock]":
+    """The right to write to a run's folder, given back at once where what follows fails."""
     try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            # Beyond the text, which others must be able to read.
-            stream.seek(2**20)
-            msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)
-            stream.seek(0)
-        else:
-            import fcntl
-
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        (folder / HIDDEN).mkdir(parents=True, exist_ok=True)
+        held = lock(folder / HIDDEN / LOCK, folder)
     except OSError as error:
-        if error.errno in UNSUPPORTED:
-            return
-        holder = _holder(stream)
-        stream.close()
-        raise RunError(
-            f"Another process{holder} is writing to {folder}.",
-            why="Results of two runs must not be mixed.",
-            remedy="Wait until it ends, or choose another folder.",
-        ) from error
+        raise _unwritable(folder, error) from error
+    try:
+        yield held
+    except BaseException:
+        held.release()
+        raise
 
 
 class Run:
@@ -94,9 +90,11 @@ class Run:
     of a posterior and how far its chains are.
     """
 
-    def __init__(self, folder: Path, manifest: Manifest, lock: IO[str], *, fresh: bool) -> None:
+    def __init__(
+        self, folder: Path, manifest: Manifest, held: "BaseFileLock", *, fresh: bool
+    ) -> None:
         self.folder, self.manifest = folder, manifest
-        self._lock, self._fresh = lock, fresh
+        self._held, self._fresh = held, fresh
         self.interruption = Interruption()
         self.watch: Watch = lambda name, so_far: None
         self._opened = perf_counter()
@@ -119,6 +117,7 @@ class Run:
     def finish(self) -> None:
         """Remove what only an unfinished run needs."""
         (self.folder / HIDDEN / MANIFEST).unlink(missing_ok=True)
+        self._held.release()  # Windows removes no open file; a folder with results is taken
         shutil.rmtree(self.folder / HIDDEN, ignore_errors=True)
 
     def discard(self) -> None:
@@ -142,7 +141,7 @@ class Run:
         if (self.folder / HIDDEN / MANIFEST).exists():
             spent = self.spent + perf_counter() - self._opened
             (self.folder / HIDDEN / SPENT).write_text(f"{spent:.2f}", encoding="utf-8")
-        self._lock.close()
+        self._held.release()
 
 
 def begin(folder: Path, manifest: Manifest) -> Run:
@@ -150,7 +149,7 @@ def begin(folder: Path, manifest: Manifest) -> Run:
     unfinished = folder / HIDDEN / MANIFEST
     if not unfinished.exists():
         _require_empty(folder)
-    with _locked(folder) as lock:
+    with _locked(folder) as held:
         if unfinished.exists():
             raise RunError(
                 f"The folder {folder} holds a run that was interrupted.",
@@ -160,7 +159,7 @@ def begin(folder: Path, manifest: Manifest) -> Run:
         _require_empty(folder)  # another process may have been here before the lock
         require_room(folder, ROOM if manifest.preset is None else ROOM_OF_RIG)
         write_manifest(unfinished, manifest)
-    return Run(folder, manifest, lock, fresh=True)
+    return Run(folder, manifest, held, fresh=True)
 
 
 def reopen(folder: Path) -> Run | None:
@@ -173,12 +172,12 @@ def reopen(folder: Path) -> Run | None:
             f"The folder {folder} holds no run to go on with.",
             remedy=f"Begin one: jbw identify CAMPAIGN --out {folder}.",
         )
-    with _locked(folder) as lock:
+    with _locked(folder) as held:
         manifest = read_manifest(folder / HIDDEN / MANIFEST)
         require_room(folder)
         for part in folder.glob(".part-*"):
             shutil.rmtree(part, ignore_errors=True)
-    return Run(folder, manifest, lock, fresh=False)
+    return Run(folder, manifest, held, fresh=False)
 
 
 def require_same(run: Run) -> str | None:

@@ -20,12 +20,13 @@ def locked_log(folder: Path) -> Iterator[Path]:
     """The log of a run's folder, for this process alone."""
     path = folder / NAME
     try:
-        stream = (folder / f".{NAME}.lock").open("a+", encoding="utf-8")
+        held = lock(folder / f".{NAME}.lock", folder)
     except OSError as error:
         raise _unwritable(path, error) from error
-    with stream:
-        lock(stream, folder)
+    try:
         yield path
+    finally:
+        held.release()
 
 
 def read_log(path: Path) -> list[Entry]:

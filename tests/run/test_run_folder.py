@@ -1,10 +1,12 @@
 """The folder of a run under way: begun once, by one process, and gone on with unchanged."""
 
+import errno
 import json
 import subprocess
 import sys
 from dataclasses import replace
 
+import filelock
 import pytest
 
 from jbw.errors import ConfigError, DataError, RunError
@@ -104,6 +106,21 @@ def test_a_second_process_is_refused_and_a_dead_ones_lock_taken_over(tmp_path):
     run = reopen(tmp_path)
     assert run is not None
     run.close()
+
+
+def test_a_folder_that_knows_no_locks_is_written_all_the_same(tmp_path, monkeypatch):
+    def without(error):
+        def acquire(lock, *args, **kwargs):
+            raise OSError(error, "No locks available")
+
+        monkeypatch.setattr(filelock.FileLock, "acquire", acquire)
+
+    without(errno.ENOLCK)
+    run = begin(tmp_path / "network", ASKED)
+    run.close()
+    without(errno.EACCES)
+    with pytest.raises(RunError, match="cannot be written"):
+        begin(tmp_path / "shut", ASKED)
 
 
 @pytest.mark.fault(44)
