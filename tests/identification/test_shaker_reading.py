@@ -2,6 +2,7 @@
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,27 @@ def test_what_cannot_be_read_is_named():
         fit_attachment(voltage, force, one["drive_point"], FS, (15.0, 28.0))
     with pytest.raises(DataError, match="must have a `band`"):
         read_shaker(Test("multisine", test.records, name="noise", periods=4))
+
+
+def test_an_offset_of_the_voltage_changes_nothing():
+    found = read_shaker(made_test(), modes=2)
+    offset = read_shaker(made_test(input=5.0 + channels()["input"]), modes=2)
+    np.testing.assert_allclose(offset.omega, found.omega, rtol=1e-9)  # round-off
+    assert offset.shaker.band_hz == found.shaker.band_hz
+    with pytest.raises(DataError, match="`voltage` is constant"):
+        read_shaker(made_test(input=np.full(4 * NUM, 5.0)))
+
+
+def test_a_sweep_counts_from_settle_on():
+    """A record of one period, and the same with half a minute of something else before it."""
+    one = {role: x[:NUM] for role, x in channels().items()}
+    before = channels(seed=2)["input"][: 30 * int(FS)]
+    late = {role: np.concatenate([before, x]) for role, x in one.items()}
+    alone = replace(made_test(**one), kind="sweep", periods=1)
+    test = replace(made_test(**late), kind="sweep", periods=1, settle=30.0)
+    assert read_shaker(test).shaker.gain == read_shaker(alone).shaker.gain
+    with pytest.raises(DataError, match="`settle` must leave a part"):
+        read_shaker(replace(test, settle=1e4))
 
 
 def test_check_says_it(tmp_path):
