@@ -1,10 +1,9 @@
 """The shaker of a test: what `jbw check` says of it, made and measured."""
 
 import json
-import os
 from dataclasses import replace
-from pathlib import Path
 
+import measured_data
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -22,7 +21,7 @@ from jbw.oscillator.attachment import Attachment, attached
 FS, NUM = 256.0, 256 * 32
 OMEGA, ZETA, SHAPE = np.array([118.0, 160.0]), np.array([0.01, 0.012]), np.array([0.9, 0.6])
 GAIN, MASS, DAMPING, STIFFNESS = 40.0, 0.08, 1.5, 900.0
-DATA = Path(os.environ.get("JBW_DATA", "data")) / "f16_gvt_sinesweep"
+DATA = measured_data.DATA / "f16_gvt_sinesweep"
 
 
 def channels(seed=1):
