@@ -17,6 +17,7 @@ ROOT = Path(__file__).parents[2]
 CAMPAIGNS = sorted((ROOT / "notebooks" / "campaigns").glob("*.toml"))
 FOLDERS = {
     "bolted_double_beam": "bolted_double_beam",
+    "bolted_double_beam_mode2": "bolted_double_beam",
     "brake_reuss_all": "brake_reuss_beam",
     "brake_reuss_beam": "brake_reuss_beam",
     "f16_multisine": "f16_gvt_multisine",
