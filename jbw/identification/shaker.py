@@ -1,6 +1,6 @@
 """What the shaker of a test adds to its structure, by voltage, force and drive point."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -37,10 +37,11 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
     """The attachment from a test's first record, and the `modes` of its band with it.
 
     The test's band is that of the modes; the attachment takes half as much more to either side,
-    where the voltage drives it.
+    where the voltage drives it. A record counts from `settle` on.
 
     Raises:
-        DataError: No band, or modes at which the drive point does not move with the force.
+        DataError: No band, a `settle` that leaves no record, or modes at which the drive point does
+            not move with the force.
     """
     if test.band_hz is None:
         raise DataError(
@@ -48,7 +49,7 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
             remedy="Say with `band` where the modes lie.",
         )
     periodic = steady(test)
-    record = (test if periodic is None else periodic[0]).records[0]
+    record = _after(test.records[0], test.settle) if periodic is None else periodic[0].records[0]
     voltage, force, moved = (record.channels[role] for role in ROLES)
     wide = _driven(voltage, record.fs, test.band_hz)
     shaker = fit_attachment(voltage, force, moved, record.fs, wide)
@@ -64,6 +65,17 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
     added = Attachment(shaker.mass, shaker.damping, shaker.stiffness)
     omega, zeta = attached(fit.omega, fit.zeta, np.sqrt(squares), added)
     return ShakerReading(shaker, fit, omega, zeta)
+
+
+def _after(record: Record, settle: float) -> Record:
+    """A record from the time on that is compared."""
+    start = round(settle * record.fs)
+    if start >= record.num_samples:
+        raise DataError(
+            f"Key `settle` must leave a part of the record, but {settle:g} s is all of it.",
+            remedy="Shorten `settle`.",
+        )
+    return replace(record, channels={role: x[start:] for role, x in record.channels.items()})
 
 
 def _modes(
@@ -85,8 +97,10 @@ def _driven(
     """The band and half of its width to either side, as far as the voltage drives it."""
     reach = WIDER * (band[1] - band[0])
     freq = np.fft.rfftfreq(len(voltage), 1 / fs)
-    size = np.abs(np.fft.rfft(voltage))
-    driven = freq[(size > DRIVEN * size.max()) & (freq > 0)]
+    size = np.abs(np.fft.rfft(voltage - voltage.mean()))  # an amplifier's offset drives nothing
+    driven = freq[size > DRIVEN * size.max()]
+    if not len(driven):  # a dead channel, which the fit will name
+        return band
     low, high = max(band[0] - reach, driven[0]), min(band[1] + reach, driven[-1])
     return float(min(low, band[0])), float(max(high, band[1]))
 

@@ -243,7 +243,6 @@ def prediction(theta: Theta, data: Observable) -> Any:
 
 
 @eqx.filter_jit
-@eqx.filter_jit
 def slope_by_offsets(predict: Callable[[Theta], Array], theta: Theta) -> Float[Array, "*row own"]:
     """Derivative of a prediction by the offsets of omega_n and zeta, along a last axis."""
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Inexact
+from jaxtyping import Array, Bool, Float, Inexact
 
 from jbw.quantities import RESIDUAL_TERMS, derivative_order
 
@@ -23,7 +23,7 @@ UPPER, LOWER = (quantity.name for quantity in RESIDUAL_TERMS)
 TAKEN: Mapping[str, tuple[str, ...]] = {
     "none": (), "upper": (UPPER,), "both": (UPPER, LOWER), "auto": (UPPER, LOWER)
 }  # fmt: skip
-DRIVEN = 0.05  # of the largest line of an input: below, 1 / omega^2 would raise what is noise
+DRIVEN = 0.05  # of the largest line of an input: beyond, 1 / omega^2 would raise what is noise
 LARGEST = 30.0  # of either, where the mode alone responds with 1 / (2 zeta) at its peak
 
 
@@ -48,18 +48,27 @@ def added_response(
     response: str,
     periodic: bool,
 ) -> Float[Array, " time"]:
-    """Response to a force per unit mass by the terms alone, in the lines that it drives.
+    """Response to a force per unit mass by the terms alone, from its first driven line to its last.
 
-    The record is one period, or at rest before and after.
+    The record is one period, or at rest before and after. A constant force is none: it is an
+    amplifier's offset, which 1 / omega^2 would raise to a drift.
     """
     length = force.shape[-1]
     padded = length if periodic else 2 * length
-    spectrum = jnp.fft.rfft(force, padded)
-    size = jnp.abs(spectrum)
-    spectrum = jnp.where(size > DRIVEN * jnp.max(size), spectrum, 0.0)
+    spectrum = jnp.fft.rfft(force - jnp.mean(force), padded)
+    spectrum = jnp.where(driven(jnp.abs(spectrum)), spectrum, 0.0)
     omega = 2 * np.pi * np.fft.rfftfreq(padded, 1 / fs)
     factor = (1j * omega) ** derivative_order(response)
     return jnp.fft.irfft(factor * receptance(terms, jnp.asarray(omega)) * spectrum, padded)[:length]
+
+
+def driven(size: Float[Array, " line"]) -> Bool[Array, " line"]:
+    """Lines of a spectrum from the first that is driven to the last.
+
+    Between them none is left out: a shaker's force drops off where the structure resonates.
+    """
+    loud = size > DRIVEN * jnp.max(size)
+    return (jnp.cumsum(loud) > 0) & (jnp.cumsum(loud[::-1])[::-1] > 0)
 
 
 def bounds(omega_n: float) -> dict[str, tuple[float, float]]:

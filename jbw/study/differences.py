@@ -23,6 +23,7 @@ from jbw.quantities import OSCILLATOR, in_dialect
 from jbw.report.result import read_result, unit_of
 from jbw.report.text import number, typed
 from jbw.report.words import LEARNT, UNCOUNTED
+from jbw.study.one_joint import are_two_modes, of_draws, ratios, sentence
 from jbw.verification.backbone import curves
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
@@ -128,18 +129,26 @@ def _shared(one: Run, other: Run) -> list[str]:
 
 def _parameters(one: Run, other: Run) -> tuple[list[dict[str, Any]], list[str]]:
     """A row a shared quantity, and the names of those that only one of the runs drew."""
-    known = [scalars(run.tree) for run in (one, other)]
-    rows = []
+    known = [_drawn(run) for run in (one, other)]
+    rows: list[dict[str, Any]] = []
     for name in _shared(one, other):
-        a, b = (
-            draws[name].ravel()[evenly_spaced(run.basis.posterior, NUM_DRAWS)]
-            for run, draws in zip((one, other), known, strict=True)
-        )
+        a, b = (draws[name] for draws in known)
         of_prior = [run.name for run in (one, other) if _is_of_prior(run, name)]
         unit = unit_of(one.basis.posterior[name])
         rows.append({"name": name, "unit": unit, **compared(a, b), "of_prior": of_prior})
+    for ratio in ratios(one.basis.laws):
+        a, b = (of_draws(ratio, draws) for draws in known)
+        if a is not None and b is not None:
+            about = {"name": ratio.ratio.name, "unit": ratio.ratio.quantity.unit, "of_prior": []}
+            rows.append({**about, **compared(a, b), "two_modes": are_two_modes(*known)})
     alone = [name for name in known[0].keys() ^ known[1].keys() if not name.startswith(UNCOUNTED)]
     return rows, sorted(alone)
+
+
+def _drawn(run: Run) -> dict[str, np.ndarray]:
+    """As many evenly spaced draws of every scalar as are compared."""
+    kept = evenly_spaced(run.basis.posterior, NUM_DRAWS)
+    return {name: draws.ravel()[kept] for name, draws in scalars(run.tree).items()}
 
 
 def _is_of_prior(run: Run, name: str) -> bool:
@@ -189,6 +198,8 @@ def _statements(record: Mapping[str, Any], one: Run, other: Run, alone: Sequence
     if untold := [row for row in record["parameters"] if row["of_prior"]]:
         names = ", ".join(f"{row['name']} ({' and '.join(row['of_prior'])})" for row in untold)
         said.append(f"Not compared, for the data of a run say nothing beyond its prior: {names}.")
+    modes = [row for row in record["parameters"] if row.get("two_modes")]
+    said += [sentence(row, sure=_is_sure(row)) for row in modes]
     said += [_differs(row) for row in record["backbone"][len(TOLD) - 1 :: len(TOLD)]]
     if alone:
         said.append(f"Only one of the runs has {', '.join(alone)}.")

@@ -26,6 +26,10 @@ SHOWN = {
         "alpha_delta": (1e-6, "e6 1/(m s^2)"),
         "alpha_gamma": (1e-6, "e6 1/(m s^2)"),
     },
+    "bolted_double_beam_mode2": {
+        "alpha_delta": (1e-6, "e6 1/(m s^2)"),
+        "alpha_gamma": (1e-6, "e6 1/(m s^2)"),
+    },
     "brake_reuss_beam": {"omega_n": (1, "rad/s"), "alpha_gamma": (1e-6, "e6 1/(m s^2)")},
     "brake_reuss_all": {"omega_n": (1, "rad/s"), "alpha_gamma": (1e-6, "e6 1/(m s^2)")},
     "f16_multisine": {"alpha_delta": (1e-5, "e5 1/(m s^2)"), "alpha_gamma": (1e-5, "e5 1/(m s^2)")},

@@ -1,11 +1,11 @@
 """The campaign files of published measurements; skipped where the data are not at hand."""
 
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.io
+from measured_data import DATA
 
 from jbw.campaign.check import check_campaign
 from jbw.campaign.load import load_campaign
@@ -14,10 +14,10 @@ from jbw.measurement.curves import displacement_of, forced_loop, response_curve
 from jbw.measurement.loops import enclosed_area
 
 ROOT = Path(__file__).parents[2]
-DATA = Path(os.environ.get("JBW_DATA", ROOT / "data"))
 CAMPAIGNS = sorted((ROOT / "notebooks" / "campaigns").glob("*.toml"))
 FOLDERS = {
     "bolted_double_beam": "bolted_double_beam",
+    "bolted_double_beam_mode2": "bolted_double_beam",
     "brake_reuss_all": "brake_reuss_beam",
     "brake_reuss_beam": "brake_reuss_beam",
     "f16_multisine": "f16_gvt_multisine",

@@ -1,15 +1,13 @@
 """An F-16's wing at the lowest level, swept from 15 to 2 Hz: two modes, three outputs."""
 
-import os
-from pathlib import Path
-
+import measured_data
 import numpy as np
 import pytest
 
 from jbw.identification.modal import fit_modes
 from jbw.measurement.transients import record_frf
 
-DATA = Path(os.environ.get("JBW_DATA", "data")) / "f16_gvt_sinesweep"
+DATA = measured_data.DATA / "f16_gvt_sinesweep"
 BAND = (6.0, 8.0)
 
 

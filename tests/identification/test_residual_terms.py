@@ -66,6 +66,18 @@ def test_a_period_of_tones_gets_what_the_formula_says(response, order):
     np.testing.assert_allclose(made, closed, atol=1e-12 * np.abs(closed).max())  # round-off
 
 
+def test_lines_where_the_force_drops_off_are_driven_too():
+    """A force of three tones, the middle one, at the resonance, of a hundredth of the others."""
+    omega = 2 * np.pi * np.array([2.0, 3.0, 5.0])
+    size, response = np.array([1.0, 0.01, 1.0]), 3e-4 + 0.7 / omega**2
+    force, closed = (np.cos(np.outer(T, omega)) @ each for each in (size, size * response))
+    terms = {"residual_upper": jnp.array(3e-4), "residual_lower": jnp.array(0.7)}
+    made = added_response(
+        terms, jnp.asarray(0.5 + force), FS, response="displacement", periodic=True
+    )  # an offset of the force is none
+    np.testing.assert_allclose(made, closed, atol=1e-12 * np.abs(closed).max())  # round-off
+
+
 def test_there_is_no_residual_at_rest():
     terms = {"residual_lower": jnp.array(2.0)}
     np.testing.assert_allclose(receptance(terms, jnp.array([0.0, 2.0])), [0.0, 0.5])

@@ -1,9 +1,9 @@
 """The shaker of a test: what `jbw check` says of it, made and measured."""
 
 import json
-import os
-from pathlib import Path
+from dataclasses import replace
 
+import measured_data
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -21,7 +21,7 @@ from jbw.oscillator.attachment import Attachment, attached
 FS, NUM = 256.0, 256 * 32
 OMEGA, ZETA, SHAPE = np.array([118.0, 160.0]), np.array([0.01, 0.012]), np.array([0.9, 0.6])
 GAIN, MASS, DAMPING, STIFFNESS = 40.0, 0.08, 1.5, 900.0
-DATA = Path(os.environ.get("JBW_DATA", "data")) / "f16_gvt_sinesweep"
+DATA = measured_data.DATA / "f16_gvt_sinesweep"
 
 
 def channels(seed=1):
@@ -70,6 +70,27 @@ def test_what_cannot_be_read_is_named():
         fit_attachment(voltage, force, one["drive_point"], FS, (15.0, 28.0))
     with pytest.raises(DataError, match="must have a `band`"):
         read_shaker(Test("multisine", test.records, name="noise", periods=4))
+
+
+def test_an_offset_of_the_voltage_changes_nothing():
+    found = read_shaker(made_test(), modes=2)
+    offset = read_shaker(made_test(input=5.0 + channels()["input"]), modes=2)
+    np.testing.assert_allclose(offset.omega, found.omega, rtol=1e-9)  # round-off
+    assert offset.shaker.band_hz == found.shaker.band_hz
+    with pytest.raises(DataError, match="`voltage` is constant"):
+        read_shaker(made_test(input=np.full(4 * NUM, 5.0)))
+
+
+def test_a_sweep_counts_from_settle_on():
+    """A record of one period, and the same with half a minute of something else before it."""
+    one = {role: x[:NUM] for role, x in channels().items()}
+    before = channels(seed=2)["input"][: 30 * int(FS)]
+    late = {role: np.concatenate([before, x]) for role, x in one.items()}
+    alone = replace(made_test(**one), kind="sweep", periods=1)
+    test = replace(made_test(**late), kind="sweep", periods=1, settle=30.0)
+    assert read_shaker(test).shaker.gain == read_shaker(alone).shaker.gain
+    with pytest.raises(DataError, match="`settle` must leave a part"):
+        read_shaker(replace(test, settle=1e4))
 
 
 def test_check_says_it(tmp_path):

@@ -1,15 +1,13 @@
 """Published measurements through the door; skipped where the files are not at hand."""
 
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.io
+from measured_data import DATA
 
 from jbw.measurement.files.read import read
-
-DATA = Path(os.environ.get("JBW_DATA", Path(__file__).parents[2] / "data"))
 
 
 def measured(name: str) -> Path:

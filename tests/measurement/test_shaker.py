@@ -1,9 +1,8 @@
 """A shaker's attachment: a made one given back, its errors, and an F-16's by measured records."""
 
-import os
 from dataclasses import asdict
-from pathlib import Path
 
+import measured_data
 import numpy as np
 import pytest
 
@@ -15,7 +14,7 @@ from jbw.oscillator.attachment import Attachment, attached
 
 FS, NUM, BAND = 256.0, 256 * 64, (5.0, 60.0)
 TRUTH = {"gain": -440.0, "delay": 2e-4, "mass": 0.3, "damping": 25.0, "stiffness": 6e3}
-DATA = Path(os.environ.get("JBW_DATA", "data")) / "f16_gvt_sinesweep"
+DATA = measured_data.DATA / "f16_gvt_sinesweep"
 
 
 def driven(rng, noise=0.0, order=2):

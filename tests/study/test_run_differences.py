@@ -84,8 +84,38 @@ def test_frequencies_differ_by_what_the_oscillators_do(tmp_path):
     np.testing.assert_allclose(rows["damping", 1.0]["a"], 0.01, rtol=1e-6)
     said = " ".join(found.record["statements"])
     assert "omega_n differs: A less B is 1.00 [0.64, 1.36] rad/s." in said
-    assert "May be the same: zeta, alpha, delta, gamma." in said
+    assert "May be the same: zeta, alpha, delta, gamma, gamma/delta." in said
     assert "Neither campaign has several assemblies" in said
+
+
+def with_ratio(mean, sd, seed):
+    """Of a joint whose alpha and delta are poorly known: its ratio is the one number."""
+    delta = np.exp(gaussian(5.0, 0.3, seed))
+    return {"delta": delta, "gamma": delta * gaussian(mean, sd, seed + 1)}
+
+
+def test_two_modes_of_one_joint_have_one_ratio(tmp_path):
+    one = write_run(tmp_path / "first", (126.0, 0.1), **with_ratio(0.27, 0.02, 1))
+    other = write_run(tmp_path / "second", (252.0, 0.1), **with_ratio(0.50, 0.03, 4))
+    found = differences(one, other).record
+    row = found["parameters"][-1]
+    assert (row["name"], row["unit"]) == ("gamma/delta", "1")
+    # The outermost of 1,000 draws cut the tails, as above.
+    low, middle, high = norm.ppf([0.005, 0.5, 0.995], -0.23, np.hypot(0.02, 0.03))
+    np.testing.assert_allclose(row["difference"], [low, middle, high], atol=2e-3)
+    said = " ".join(found["statements"])
+    assert "One joint across both modes has one gamma/delta; A 0.270 [0.2" in said
+    assert "these are two joints." in said
+    same = write_run(tmp_path / "same", (252.0, 0.1), **with_ratio(0.29, 0.03, 4))
+    said = " ".join(differences(one, same).record["statements"])
+    assert "these are two joints" not in said
+    assert "they may be one." in said
+    # Of one mode on two days nothing is said of modes; a softening that may be none has no ratio.
+    again = write_run(tmp_path / "again", (127.0, 0.1), **with_ratio(0.50, 0.03, 4))
+    assert "One joint" not in " ".join(differences(one, again).record["statements"])
+    weak = write_run(tmp_path / "weak", (252.0, 0.1), delta=gaussian(1.0, 1.0))
+    names = [row["name"] for row in differences(one, weak).record["parameters"]]
+    assert "gamma/delta" not in names
 
 
 def test_equal_runs_do_not_differ_and_their_scatter_is_told(tmp_path):
@@ -119,7 +149,7 @@ def test_laws_and_units_must_agree_and_a_gain_of_another_source_is_left_out(tmp_
     newtons = write_run(tmp_path / "n", (126.0, 0.1), units=UNITS | {"gain": "1/kg"}, **gain)
     driven = write_run(tmp_path / "v", (126.0, 0.1), units=UNITS | {"gain": "N/kg/V"}, **gain)
     names = [row["name"] for row in differences(newtons, driven).record["parameters"]]
-    assert names == ["omega_n", *LINEAR]
+    assert names == ["omega_n", *LINEAR, "gamma/delta"]
 
 
 def test_the_command_prints_both_tables_draws_and_answers_json(tmp_path, capsys):
