@@ -50,8 +50,10 @@ def state(
 ) -> Statement:
     """What is stated of the last watched reading, by itself and together with those before it.
 
-    An unchanged joint alarms at a rate r, `false_alarms`, a reading by itself, and among n readings
-    by their run with a probability of r / (1 - r)^(n + 1) at most: the hazard is r, too.
+    Of an unchanged joint a reading by itself alarms at the rate r, `false_alarms`, and their run
+    among n readings with a probability of r / (1 - r)^(n + 1) at most, as the hazard is r, too.
+    That bound is far: with 20 references and r = 0.01 a record alarms by either at the rate 1.00 r
+    at first, at 0.94 r after thirty, and of sequences of thirty 21 % alarm somewhere.
 
     Args:
         references: Readings without change.
