@@ -36,7 +36,15 @@ SEES = {
     "planning": MODEL | {"verification"},
     "study": MODEL | {"identification", "verification", "report", "rig", "run"},
     "population": MODEL | {"verification", "report", "study"},
-    "watch": {"campaign", "measurement", "observables", "run", "study"},
+    "watch": {
+        "campaign",
+        "measurement",
+        "observables",
+        "population",
+        "run",
+        "study",
+        "verification",
+    },
     "cli": MODEL
     | {"verification", "planning", "report", "rig", "run", "study", "population", "watch"},
 }

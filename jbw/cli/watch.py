@@ -1,5 +1,6 @@
 """The command that watches a joint: `jbw watch RUN --add RECORD`."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +53,16 @@ def _amplitudes(_: Any, __: Any, value: str | None) -> tuple[float, ...] | None:
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     help="The run's campaign file, where it has moved.",
 )
+@click.option(
+    "--population",
+    "fleet",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="A fleet at several torques, of `jbw collect`: state a change as one of torque, too.",
+)
 @json_option
 def watch(
-    folder: Path, files: tuple[Path, ...], campaign: Path | None, json_: bool, **wished: Any
+    folder: Path, files: tuple[Path, ...], campaign: Path | None, fleet: Path | None, json_: bool,
+    **wished: Any,
 ) -> int:  # fmt: skip
     """Watch the joint of the run in DIR: has it changed since?
 
@@ -71,7 +79,14 @@ def watch(
         from jbw.watch.watch import FEW, Wishes
         from jbw.watch.watch import watch as add
 
-        found = add(folder, files, Wishes(**wished), campaign=campaign, say=say)
+        trend_at = None
+        if fleet is not None:
+            from jbw.population.fleet import read_fleet
+            from jbw.watch.trend import trend_of
+
+            trend_at = partial(trend_of, read_fleet(fleet), report=say)
+        wishes = Wishes(**wished)
+        found = add(folder, files, wishes, campaign=campaign, trend_at=trend_at, say=say)
         figure = watch_figure(found.settings, found.readings)
         page = render_sheet(watch_sheet(folder.name, found.settings, found.readings), figure)
         with writing(folder, "watch.png", "watch.html") as part:

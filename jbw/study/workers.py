@@ -4,7 +4,8 @@ import multiprocessing
 import os
 import threading
 import time
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Hashable, Iterator, Sequence
 from concurrent import futures
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait
@@ -55,25 +56,59 @@ def in_processes[Task: Hashable](
 ) -> Iterator[tuple[Task, Any]]:
     """The same in spawned processes; where one of them is killed from outside, the others go on.
 
-    A process that dies breaks its whole pool, and nobody knows which task was its: what then has no
-    result runs again, each task in a pool of its own.
+    Its task, which may have wanted more memory than there was, runs once again when all else has
+    ended, alone.
     """
-    left: list[Task] = []
-    with _pool(min(workers, len(tasks))) as pool:
-        for task, future in submitted(pool, function, tasks):
-            if isinstance(future.exception(), BrokenProcessPool):
-                left.append(task)
-            else:
-                yield task, future
-    for task in left:
-        with _pool(1) as pool:
-            yield from submitted(pool, function, [task])
+    killed = yield from _side_by_side(function, deque(tasks), workers)
+    for task, _ in killed:
+        yield from (yield from _side_by_side(function, deque([task]), 1))
 
 
-def _pool(workers: int) -> futures.ProcessPoolExecutor:
-    """Spawned processes, for JAX's threads do not outlive a fork."""
+def _side_by_side[Task: Hashable](
+    function: Callable[[Task], Any], left: deque[Task], workers: int
+) -> Generator[tuple[Task, Any], None, list[tuple[Task, Any]]]:
+    """Run tasks from the left; those whose process died are returned.
+
+    Every process is a pool of its own: one that dies breaks no other's, and it is known of what.
+    """
+    free = [_pool() for _ in range(min(workers, len(left)))]
+    under_way: dict[futures.Future[Any], tuple[Task, futures.ProcessPoolExecutor]] = {}
+    killed: list[tuple[Task, Any]] = []
+    try:
+        while left or under_way:
+            while left and free:
+                future, pool = _begun(free.pop(), function, left[0])
+                under_way[future] = left.popleft(), pool
+            ended, _ = futures.wait(under_way, return_when=futures.FIRST_COMPLETED)
+            for future in ended:
+                task, pool = under_way.pop(future)
+                free.append(pool)
+                if isinstance(future.exception(), BrokenProcessPool):
+                    killed.append((task, future))
+                else:
+                    yield task, future
+    finally:
+        for pool in (*free, *(pool for _, pool in under_way.values())):
+            pool.shutdown()
+    return killed
+
+
+def _begun[Task](
+    pool: futures.ProcessPoolExecutor, function: Callable[[Task], Any], task: Task
+) -> tuple[futures.Future[Any], futures.ProcessPoolExecutor]:
+    """A task's future and its pool; a new one where the process of this one has died."""
+    try:
+        return pool.submit(function, task), pool
+    except BrokenProcessPool:
+        pool.shutdown()
+        pool = _pool()
+        return pool.submit(function, task), pool
+
+
+def _pool() -> futures.ProcessPoolExecutor:
+    """One spawned process, for JAX's threads do not outlive a fork; begun with its first task."""
     context = multiprocessing.get_context("spawn")
-    return futures.ProcessPoolExecutor(max(1, workers), context, _leave_with_parent)
+    return futures.ProcessPoolExecutor(1, context, _leave_with_parent)
 
 
 def _leave_with_parent() -> None:

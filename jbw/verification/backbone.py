@@ -97,7 +97,9 @@ def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws
     amplitude = np.linspace(0.0, 1.05 * sizes.max(), NUM_OF_DECAYS + 1)[1:]
     response = test.records[0].response
     centre, order = 2 * np.pi * filter_of(test).centre_hz, derivative_order(response)
-    frequency, damping, _ = carry(_of_response, draws, jnp.asarray(amplitude), centre, order, laws)
+    frequency, damping, _ = carry(
+        curves_of_response, draws, jnp.asarray(amplitude), centre, order, laws
+    )
     unit, dims = {"units": UNIT_OF[response], "long_name": response}, ("record", "piece")
     return xr.Dataset(
         {
@@ -112,7 +114,7 @@ def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws
     )
 
 
-def _of_response(
+def curves_of_response(
     theta: Mapping[str, Array],
     amplitude: Float[Array, " amplitude"],
     centre: float,

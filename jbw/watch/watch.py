@@ -16,12 +16,15 @@ from jbw.study.study import campaign_of
 from jbw.watch.log import Entry, append, locked_log, read_log, set_aside
 from jbw.watch.readings import PER_AMPLITUDE, common_amplitude, names_of, reading
 from jbw.watch.statement import as_plain, sentence, state
+from jbw.watch.torque import Trend
 
 FORMAT = 1
 FALSE_ALARMS = 1e-3  # rate of false alarms, where none is stated
 SPARE = 2  # references beyond the values of a reading, the fewest that are waited for
 FEW = 20  # references below which one amplitude is better than two
 Say = Callable[[str], None]
+# Torque before any change [N m] where it is stated, amplitudes, and the test, to the trend.
+TrendAt = Callable[[float | None, Sequence[float], Test], Trend]
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,7 @@ class Watched:
 
 def watch(
     folder: Path, files: Sequence[Path], wishes: Wishes, *, campaign: Path | None = None,
-    say: Say = print,
+    trend_at: TrendAt | None = None, say: Say = print,
 ) -> Watched:  # fmt: skip
     """Read records, state of each whether the joint has changed, and append both to the log.
 
@@ -56,6 +59,8 @@ def watch(
         files: Records to add, in the order in which they were measured.
         wishes: How to begin, on the first call.
         campaign: The run's campaign file, where it has moved.
+        trend_at: How readings go with torque, where a change is to be stated as one of torque, too:
+            `trend_of` of a fleet.
         say: Called with one sentence about whatever is unusual.
 
     Raises:
@@ -73,12 +78,16 @@ def watch(
         table = _decay_test(spec, wishes.test if settings is None else settings["test"])
         place = source.resolve().parent
         own = load_test(table, place, per_unit=force_per_unit(spec), allow_outside=True)
+        begins = settings is None
         if settings is None:
             settings = _begun(own, table.name, wishes)
-            append(path, settings)
         else:
             _require_same(settings, wishes)
-        keeper = _Keeper(path, settings, own, say, entries)
+        torque, amplitudes = spec.assembly.torque, settings["amplitudes"]
+        trend = None if trend_at is None else trend_at(torque, amplitudes, own)
+        if begins:
+            append(path, settings)
+        keeper = _Keeper(path, settings, own, say, entries, trend)
         known = {one["id"] for one in entries if one["kind"] != "settings"}
         for identity, record in _identified(own.records):
             if identity not in known:  # all of them on the first call, or after a crash in it
@@ -93,10 +102,11 @@ class _Keeper:
     """The log of a watch while records are added to it."""
 
     def __init__(
-        self, path: Path, settings: Entry, test: Test, say: Say, entries: Sequence[Entry]
-    ) -> None:
+        self, path: Path, settings: Entry, test: Test, say: Say, entries: Sequence[Entry],
+        trend: Trend | None,
+    ) -> None:  # fmt: skip
         self.path, self.settings, self.test, self.say = path, settings, test, say
-        self.entries = list(entries)
+        self.entries, self.trend = list(entries), trend
 
     def take(self, identity: str, record: Record) -> Entry:
         """Read a record, state what there is to state, and append it; or that it is refused."""
@@ -113,7 +123,9 @@ class _Keeper:
             "other_modes": found.other_modes,
         }  # fmt: skip
         if number > num_reference:
-            entry |= _stated([*readings, entry], num_reference, self.settings["false_alarms"])
+            entry |= _stated(
+                [*readings, entry], num_reference, self.settings["false_alarms"], self.trend
+            )
         return self._append(entry)
 
     def refuse(self, identity: str, name: str, error: JbwError) -> Entry:
@@ -130,12 +142,14 @@ class _Keeper:
         return entry
 
 
-def _stated(readings: Sequence[Entry], num_reference: int, false_alarms: float) -> Entry:
+def _stated(
+    readings: Sequence[Entry], num_reference: int, false_alarms: float, trend: Trend | None
+) -> Entry:
     values = np.array([one["values"] for one in readings])
     own = np.array([one["covariance"] for one in readings])
     found = state(
         values[:num_reference], values[num_reference:], false_alarms,
-        own=own[-1], usual=own[:num_reference].mean(axis=0),
+        own=own[-1], usual=own[:num_reference].mean(axis=0), trend=trend,
     )  # fmt: skip
     names = [one["record"] for one in readings[num_reference:]]
     return {**as_plain(found), "statement": sentence(found, names, num_reference)}

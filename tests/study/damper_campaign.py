@@ -27,9 +27,9 @@ def _slope(z, dy):
     return TRUTH["alpha"] - TRUTH["gamma"] * np.sign(dy) * z - TRUTH["delta"] * abs(z)
 
 
-def write_campaign(folder, amplitude, noise=2e-4, settings=""):
+def write_campaign(folder, amplitude, noise=2e-4, settings="", seed=5):
     """Loops up to an amplitude [m], with noise as a share of the largest force."""
-    rng = np.random.default_rng(5)
+    rng = np.random.default_rng(seed)
     t = np.arange(round(SECONDS * FS)) / FS
     y = amplitude * np.sin(2 * np.pi * 0.5 * t) * (0.4 + 0.15 * t)
     force = force_along(y)

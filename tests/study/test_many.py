@@ -166,17 +166,30 @@ def test_workers_are_for_several_campaigns(campaigns, capsys):
     assert "--workers is for several campaigns" in capsys.readouterr().err
 
 
+@pytest.fixture
+def units(tmp_path):
+    """Writes short campaigns, each of its own amplitude and torque."""
+
+    def written(number):
+        files = []
+        for i in range(number):
+            folder = tmp_path / f"unit_{i}"
+            folder.mkdir()
+            files.append(write_campaign(folder, 5e-3 * (1 + 0.05 * i), settings=SETTINGS))
+            files[-1].write_text(files[-1].read_text() + f"\n[assembly]\ntorque = {4.0 + i}\n")
+        return files
+
+    return written
+
+
 @pytest.mark.slow
 @pytest.mark.fault(40)
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-def test_a_fleet_that_is_killed_goes_on_and_ends_as_the_undisturbed_one(tmp_path, monkeypatch):
+def test_a_fleet_that_is_killed_goes_on_and_ends_as_the_undisturbed_one(
+    tmp_path, monkeypatch, units
+):
     """kill -9 of the whole, while the second of three campaigns is under way."""
-    files = []
-    for i in range(3):
-        folder = tmp_path / f"unit_{i}"
-        folder.mkdir()
-        files.append(write_campaign(folder, 5e-3 * (1 + 0.05 * i), settings=SETTINGS))
-        files[-1].write_text(files[-1].read_text() + f"\n[assembly]\ntorque = {4.0 + i}\n")
+    files = units(3)
     command = [
         sys.executable, "-c", "from jbw.cli import main; main()", "identify", *map(str, files),
         "--workers", "1", "--out", str(tmp_path / "killed"),
@@ -200,10 +213,34 @@ def test_a_fleet_that_is_killed_goes_on_and_ends_as_the_undisturbed_one(tmp_path
     assert [one.began for one in found] == ["finished", "resumed", "new"]
     assert {one.status for one in (*found, *undisturbed)} == {"done"}
     assert (tmp_path / "killed" / "unit_0" / "summary.json").stat().st_mtime_ns == first
-    fleets = [jbw.fleet_of([one.folder for one in each]) for each in (found, undisturbed)]
-    assert fleets[0]["torque"].values.tolist() == [4.0, 5.0, 6.0]
-    for unit in fleets[1].coords["unit"].values:
-        for fleet in fleets:
+    fleet = require_same_fleets(found, undisturbed)
+    assert fleet["torque"].values.tolist() == [4.0, 5.0, 6.0]
+
+
+def require_same_fleets(*several):
+    """The one fleet that the runs of each of several calls make, to the last draw."""
+    first, *others = [jbw.fleet_of([one.folder for one in each]) for each in several]
+    for unit in first.coords["unit"].values:
+        for fleet in (first, *others):
             fleet[unit].attrs.clear()  # where the run lies
-        np.testing.assert_array_equal(fleets[0][unit]["draws"], fleets[1][unit]["draws"])
-    assert fleets[0].identical(fleets[1])
+        for fleet in others:
+            np.testing.assert_array_equal(fleet[unit]["draws"], first[unit]["draws"])
+    assert all(fleet.identical(first) for fleet in others)
+    return first
+
+
+@pytest.mark.slow
+def test_dasks_workers_draw_what_a_thread_of_this_process_draws(tmp_path, monkeypatch, units):
+    distributed = pytest.importorskip("distributed")
+    files = units(2)
+    place = {"dashboard_address": None, "local_directory": str(tmp_path / "dask")}
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, **place) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        found = jbw.identify_many(files, tmp_path / "there", executor=client.get_executor())
+    monkeypatch.setattr(store, "save_figures", lambda tree, folder: None)
+    monkeypatch.setattr(store, "write_page", lambda summary, tree, path: path.write_text("page"))
+    with ThreadPoolExecutor(1) as pool:
+        here = jbw.identify_many(files, tmp_path / "here", executor=pool)
+    require_same_fleets(found, here)

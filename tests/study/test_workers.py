@@ -21,13 +21,31 @@ def results(jobs):
     }
 
 
-def test_a_process_that_dies_takes_no_other_with_it():
-    fine = [partial(abs, -i) for i in range(3)]
-    dying, failing = partial(os._exit, 9), partial(int, "x")
-    found = results(in_processes(operator.call, [fine[0], dying, fine[1], failing, fine[2]], 2))
-    assert [found[each] for each in fine] == [0, 1, 2]
-    assert found[dying] == "BrokenProcessPool"
-    assert found[failing] == "ValueError"
+def noted(path, act):
+    """Note in a file that a task begins and in which process, then do something."""
+    with path.open("a") as stream:
+        stream.write(f"{os.getpid()}\n")
+    return act()
+
+
+def test_a_process_that_dies_takes_no_other_with_it(tmp_path):
+    """A long task beside it begins once, what waits goes on, and its own comes again at the end."""
+    dying, failing = partial(noted, tmp_path / "dying", partial(os._exit, 9)), partial(int, "x")
+    seconds = {"long": 0.4, "first": 0.0, "second": 0.0}
+    fine = {n: partial(noted, tmp_path / n, partial(time.sleep, s)) for n, s in seconds.items()}
+    tasks = [fine["long"], dying, fine["first"], failing, fine["second"]]
+    found = list(in_processes(operator.call, tasks, 2))
+    assert found[-1][0] is dying
+    assert results(found) == {
+        dying: "BrokenProcessPool", failing: "ValueError", **dict.fromkeys(fine.values())
+    }  # fmt: skip
+    began = {name: (tmp_path / name).read_text().splitlines() for name in ("dying", *fine)}
+    assert {name: len(each) for name, each in began.items()} == {
+        "dying": 2,
+        **dict.fromkeys(fine, 1),
+    }
+    # That of the long one, and one new one in place of the dead for all the others.
+    assert len({began[name][0] for name in fine}) <= 2
 
 
 def test_no_task_needs_no_process():

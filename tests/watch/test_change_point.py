@@ -82,6 +82,27 @@ def test_an_unchanged_joint_alarms_no_oftener_than_stated():
     assert 0.0 < rate < bound + 4 * np.sqrt(bound / num)
 
 
+@pytest.mark.parametrize(("num", "length"), [(100_000, 1), (2000, 30)])
+def test_the_whole_alarm_comes_as_often_as_stated(num, length):
+    """A reading by itself or the drift, with twenty references: the rate is that of a record."""
+    rate = 0.01
+    readings = references(20 + length, seed=length, batch=(num,))
+    reference = reference_of(readings[:, :20])
+    each = reference._replace(
+        mean=reference.mean[:, None], covariance=reference.covariance[:, None]
+    )
+    alone = tail(distance(readings[:, 20:], each), 2, 20) < rate
+    drift = run_length(
+        readings[:, 20:], after_change(reference), rate, start=known_from(reference)
+    ).unchanged
+    alarms = alone | (drift < rate)
+    # 1,000 alarms expected of 1e5 first records, 600 of 6e4: a Monte Carlo sd of 3 and 5 %.
+    assert np.mean(alarms) == pytest.approx(rate, rel=0.2)
+    # And over a whole sequence no oftener than of independent records, to four standard errors.
+    ever = 1 - (1 - rate) ** length
+    assert np.mean(alarms.any(axis=-1)) < ever + 4 * np.sqrt(ever / num)
+
+
 def test_a_slow_change_is_found_where_readings_alone_often_miss_it():
     """A drift of 2.5 sd over 50 readings, from 50 references."""
     num, false_alarms = 400, 1e-3

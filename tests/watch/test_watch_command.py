@@ -10,6 +10,7 @@ import xarray as xr
 
 from jbw.cli import run
 from jbw.watch.hotelling import power
+from jbw.watch.torque import Trend
 
 FS, SECONDS, F_HZ = 512.0, 8.0, 20.3
 NUM = 20  # references
@@ -126,6 +127,25 @@ def test_a_watch_from_the_references_to_a_loose_bolt(call, watched):
     assert f"1 of {NUM + 3} records" in page
     assert html.escape(loose["statement"], quote=False) in html.unescape(page)
     assert lines(watched)[-1]["statement"] == loose["statement"]
+
+
+def test_an_alarm_is_stated_as_a_torque_where_a_fleet_is_known(call, tmp_path, monkeypatch):
+    fleet = tmp_path / "fleet.nc"
+    fleet.touch()
+    # 8 % more damping is 0.077 of its logarithm, and 2e-4 of the frequency 4 mHz.
+    slopes = np.tile([4e-3 / 0.3, -0.077 / 0.3], (10, 1))
+    monkeypatch.setattr("jbw.population.fleet.read_fleet", lambda path: path)
+    monkeypatch.setattr(
+        "jbw.watch.trend.trend_of",
+        lambda units, torque, amplitudes, test, report: Trend(8.0, slopes, 4.0, 12.0),
+    )
+    code, found, _ = call("loose", options=("--population", str(fleet)))
+    assert code == 6
+    (loose,) = found["added"]
+    like = loose["change"]["torque"]
+    assert like["low"] < 8.0 * np.exp(-0.3) < like["high"]
+    assert like["explained"]
+    assert f"as if the torque had fallen from 8 to {like['after']:.3g} N m" in loose["statement"]
 
 
 def test_a_tighter_joint_is_told_apart(call):

@@ -1,0 +1,171 @@
+"""A change of readings as one of torque: closed forms, a fleet of known trend, and refusals."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+from decays import BAND, FS, SETTLE
+from scipy.stats import t as student
+
+import jbw
+from jbw.measurement.records import Record, Test
+from jbw.population.coordinates import Pooled
+from jbw.population.population import Population
+from jbw.population.prior import Design
+from jbw.watch import trend
+from jbw.watch.hotelling import Reference
+from jbw.watch.statement import as_plain, sentence, state
+from jbw.watch.torque import PLACES, Trend, torque_after, words_of
+
+SLOPE = np.array([0.8, -0.4])  # of frequency [Hz] and ln zeta on ln torque
+COVARIANCE = np.array([[4e-4, 1e-4], [1e-4, 9e-4]])
+STEP = PLACES[1] - PLACES[0]
+
+
+def known(num_draws=50, slope=SLOPE):
+    return Trend(8.0, np.tile(slope, (num_draws, 1)), 4.0, 12.0)
+
+
+def test_many_references_and_one_slope_leave_weighted_least_squares():
+    """Of a known covariance, x is normal about g'Wd / g'Wg, with the expectation N(0, 1) in it."""
+    num, away = 4, np.array([-0.21, 0.13])
+    found = torque_after(away, Reference(10**6, np.zeros(2), COVARIANCE), num, known())
+    weight = np.linalg.inv(COVARIANCE / num)
+    precision = SLOPE @ weight @ SLOPE + 1.0
+    middle, reach = SLOPE @ weight @ away / precision, 2.5758293 / np.sqrt(precision)
+    # Quantiles of a sum over places; a covariance of 1e6 readings is known to 1e-3.
+    for value, expected in (
+        (found.after, middle), (found.low, middle - reach), (found.high, middle + reach),
+    ):  # fmt: skip
+        assert np.log(value / 8.0) == pytest.approx(expected, abs=STEP)
+    assert (found.before, found.explained, found.inside) == (8.0, True, True)
+
+
+def test_few_references_leave_students_t():
+    """t of n0 - 1 degrees of freedom and the scale (1 + q / (n0 - 1)) / g'Wg about the same."""
+    num, references, away = 1, 8, 1e-2 * np.array([-2.1, 1.3])
+    scale = 1e-2 * COVARIANCE * 0.01  # narrow, so that what is expected does not matter
+    found = torque_after(away, Reference(references, np.zeros(2), scale), num, known())
+    weight = np.linalg.inv(scale * (1 / num + 1 / references))
+    precision = SLOPE @ weight @ SLOPE
+    middle = SLOPE @ weight @ away / precision
+    left = (away - SLOPE * middle) @ weight @ (away - SLOPE * middle)
+    reach = student.ppf(0.995, 7) * np.sqrt((1 + left / 7) / precision)
+    assert np.log(found.after / 8.0) == pytest.approx(middle, abs=STEP)
+    assert np.log(found.low / 8.0) == pytest.approx(middle - reach, abs=STEP)
+    assert np.log(found.high / 8.0) == pytest.approx(middle + reach, abs=STEP)
+
+
+def test_without_a_trend_nothing_is_learnt():
+    """The interval is that of what was expected: factors of exp(2.58) either way."""
+    reference = Reference(20, np.zeros(2), COVARIANCE)
+    found = torque_after(np.array([-0.2, 0.1]), reference, 1, known(slope=np.zeros(2)))
+    assert np.log([found.low / 8.0, found.high / 8.0]) == pytest.approx([-2.576, 2.576], abs=1e-2)
+
+
+def test_what_no_torque_explains_is_said():
+    reference = Reference(20, np.zeros(2), COVARIANCE)
+    found = torque_after(np.array([-0.4, -0.4]), reference, 1, known())  # lower and less damped
+    assert not found.explained
+    assert words_of(found).endswith("no torque explains frequency and damping together")
+    far = torque_after(1.5 * SLOPE, reference, 1, known())
+    assert not far.inside
+    assert "risen from 8 to" in words_of(far)
+    assert "beyond the torques of the fleet" in words_of(far)
+
+
+def test_an_alarm_is_stated_as_a_torque():
+    rng = np.random.default_rng(1)
+    root = np.linalg.cholesky(COVARIANCE)
+    references = rng.standard_normal((20, 2)) @ root.T
+    x = np.log(6.1 / 8.0)
+    watched = rng.standard_normal((4, 2)) @ root.T + SLOPE * x
+    found = state(references, watched, 1e-3, trend=known())
+    assert found.change is not None
+    assert found.change.torque is not None
+    assert found.change.torque.low < 6.1 < found.change.torque.high
+    said = sentence(found, [f"hit {i}" for i in range(4)], 20)
+    assert "], as if the torque had fallen from 8 to " in said
+    plain = json.loads(json.dumps(as_plain(found)))
+    assert plain["change"]["torque"]["before"] == 8.0
+    assert "torque" not in as_plain(state(references, watched, 1e-3))["change"]
+
+
+# Of a fleet of cubic springs: powers of torque, and the peak that its units were driven to.
+POWER = {"omega_n": 0.02, "zeta": -0.3, "cubic": -1.0}
+MEANS = {"omega_n": 2 * np.pi * 20.0, "zeta": 2e-3, "cubic": 2e6}
+Y_PEAK = 5e-3
+
+
+def a_fleet(status="ok", y_peak=Y_PEAK):
+    """A fleet and its population, both known exactly."""
+    logs = np.log([list(MEANS.values())])
+    draws = xr.DataArray(logs, dims=("draw", "parameter"), coords={"parameter": list(MEANS)})
+    units = {f"/{name}": xr.Dataset({"draws": draws}) for name in "ab"}
+    root = xr.Dataset(coords={"unit": list("ab")}, attrs={"laws": json.dumps(["cubic"])})
+    fleet = xr.DataTree.from_dict({"/": root, **units})
+    for name, peak in zip("ab", (2 * y_peak, y_peak), strict=True):
+        fleet[name].attrs["y_peak"] = peak
+    design = Design(("mean", "torque"), np.ones((2, 2)), 5.0)
+    line = np.stack([logs[0], list(POWER.values())], axis=-1)[None, None]
+    found = Population(
+        Pooled(tuple(MEANS), logs, np.zeros((1, 3, 3)), np.eye(3), tuple(MEANS)),
+        design,
+        SimpleNamespace(),
+        {"line": line, "tau": np.zeros((1, 1, 3)), "scatter": 1e-30 * np.eye(3)[None, None]},
+        {"status": status, "torque": [4.0, 12.0]},
+    )
+    return fleet, found
+
+
+@pytest.fixture
+def trend_at(monkeypatch):
+    """The trend by such a fleet, of readings of a velocity."""
+
+    def found(torque=8.0, amplitudes=(0.3, 0.2), **of_fleet):
+        fleet, population = a_fleet(**of_fleet)
+        monkeypatch.setattr(trend, "population_of", lambda fleet, report: population)
+        record = Record(FS, {"velocity": np.zeros(4096)}, {"velocity": "m/s"}, "hit")
+        test = Test("decay", (record,), "impacts", band_hz=BAND, settle=SETTLE)
+        return trend.trend_of(fleet, torque, amplitudes, test, report=said.append)
+
+    said: list[str] = []
+    found.said = said
+    return found
+
+
+def duffing(torque, amplitude):
+    """Frequency [Hz] and ln zeta of a cubic spring: omega^2 = omega_n^2 + 3/4 lambda Y^2."""
+    at = {name: mean * (torque / 5.0) ** POWER[name] for name, mean in MEANS.items()}
+    omega = at["omega_n"]
+    for _ in range(50):
+        omega = np.sqrt(at["omega_n"] ** 2 + 0.75 * at["cubic"] * (amplitude / omega) ** 2)
+    return omega / (2 * np.pi), np.log(at["zeta"] * at["omega_n"] / omega)
+
+
+def test_slopes_are_those_of_the_fleets_own_joints(trend_at):
+    found = trend_at()
+    (f_8, z_8), (g_8, w_8) = (duffing(8.0, amplitude) for amplitude in (0.3, 0.2))
+    (f_9, z_9), (g_9, w_9) = (duffing(8.8, amplitude) for amplitude in (0.3, 0.2))
+    expected = np.array([f_9 - f_8, z_9 - z_8, g_9 - f_9 - (g_8 - f_8), w_9 - w_8]) / np.log(1.1)
+    # Three steps of the velocity to a displacement, each a hundredth of the one before.
+    assert np.allclose(found.slopes, expected, rtol=1e-3, atol=1e-5)
+    assert (found.least, found.most, found.torque) == (4.0, 12.0, 8.0)
+    # 0.1 of ln preload over the sd 0.55 of ln torque: 0.01 / (0.302 + 0.01).
+    assert "takes about 3 % off every slope" in trend_at.said[-1]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"torque": None}, "does not state the torque of its joint"),
+        ({"status": "not assessed"}, "status of the population is not assessed"),
+        ({"amplitudes": (1.0, 0.3)}, r"displacement of 0\.00796 m, .* no more than: 0\.005 m"),
+        ({"y_peak": np.nan}, "some do not say how far"),
+    ],
+)
+def test_a_trend_that_is_not_known_is_refused(trend_at, wrong, message):
+    with pytest.raises(jbw.DataError, match=message):
+        trend_at(**wrong)
