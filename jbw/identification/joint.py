@@ -86,7 +86,8 @@ def joint_step(
     step = finished(
         name, posterior, ready.box, ready.fit, started,
         findings=findings, statements=[*ready.statements, *drawn(posterior.attrs), *words],
-        held=ready.data.held, chi_square=ready.chi_square, ending=ending(ready.box, ready.data.laws),
+        held=ready.data.held, chi_square=ready.chi_square,
+        ending=ending(ready.box, ready.data.laws),
     )  # fmt: skip
     left = dataset.left_by_label(ready.fit.residual, ready.data)
     judged = accuracy.within_misfit(step.verdict, dataset.error_by_label(left, ready.data))

@@ -57,4 +57,3 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
         fit=refit(ready.fit, wide, ready.data),
         statements=(*ready.statements, said),
     )
-
