@@ -129,7 +129,7 @@ def candidates(
         weighing = replace(best, fitted=ready)
         keys = jax.random.split(key, len(found))
         terms = terms_of(ready.box)
-        found = [_again(k, one, ready.data, terms) for k, one in zip(keys, found, strict=True)]
+        found = [again(k, one, ready.data, terms) for k, one in zip(keys, found, strict=True)]
     return found, refused
 
 
@@ -142,7 +142,7 @@ def alike(settings: Identify) -> Identify:
     return settings.model_copy(update={"coordinates": "paper", "run_scatter": scatter})
 
 
-def _again(
+def again(
     key: Key[Array, ""], one: Candidate, common: Dataset, terms: tuple[str, ...]
 ) -> Candidate:
     """A candidate fitted to the common data with the common residual terms.

@@ -17,6 +17,7 @@ from jbw.identification.diagnosis import diagnose, diagnosis_sentences, readings
 from jbw.identification.evidence import Candidate, LeftOut, name_of
 from jbw.identification.floors import own_lines, rms, scatter_of_means
 from jbw.identification.run_effects import runs_dataset, runs_sentence
+from jbw.identification.without_offsets import compared, without_offsets
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
 from jbw.observables.dataset import Dataset
@@ -114,6 +115,11 @@ def compare_laws(
     told = [] if diagnosis is None else diagnosis_sentences(diagnosis)
     (best,) = (name for name, row in rows.items() if row["answer"] == "best")
     own = named[best].fitted
+    record["shared_runs"] = None
+    if own.data.has_offsets:
+        report("Fitting all to runs that share omega_n and zeta")
+        shared = without_offsets(keys[0], seen, list(named.values()), named[best])
+        record["shared_runs"] = _shared_runs(named[best], dict(zip(named, shared, strict=True)))
     posterior = draws[best]["posterior"].to_dataset()
     offsets = runs_dataset(keys[0], posterior, own.box.names, own.data)
     scatter = [] if offsets is None else [f"Under {best}: {runs_sentence(offsets)}"]
@@ -214,6 +220,12 @@ def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
     theta = {name: np.ravel(values)[chosen] for name, values in scalars(tree).items()}
     held = {name: np.full(len(chosen), value) for name, value in _held(data).items()}
     return {**held, **theta}
+
+
+def _shared_runs(best: Candidate, shared: Mapping[str, Candidate]) -> dict[str, Any]:
+    """What laws would be without offsets of the runs: the best one's parameters, all errors."""
+    errors = {name: one.error for name, one in shared.items()}
+    return {**compared(best, shared[name_of(best.laws)]), "errors": errors}
 
 
 def _held(data: Dataset) -> dict[str, float]:
