@@ -73,6 +73,8 @@ def laws_table(record: Mapping[str, Any]) -> Table:
         _percent("fit [%]", "error"),
         _percent("left out [%]", "error_left_out"),
         _percent("highest [%]", "error_highest"),
+        _percent("held out [%]", "error_held_out"),
+        _percent("beyond [%]", "error_beyond"),
         _percent("own lines [%]", "floor"),
         Column("log score", _difference("elpd_difference", "elpd_difference_se")),
         _number("weight", "weight", ".2f"),

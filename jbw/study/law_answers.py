@@ -111,7 +111,22 @@ def statements(record: Row) -> list[str]:
     for key, what in (("khat", "Scores of runs left out are"), ("khat_evidence", "Evidence is")):
         if rough := [name for name, row in rows.items() if (row[key] or 0.0) > GOOD_KHAT]:
             said.append(f"{what} rough under {', '.join(rough)} (k-hat above {GOOD_KHAT:g}).")
+    said += _of_unseen(rows)
     return [*said, *_of_offsets(best, record["shared_runs"]), *_of_widths(rows)]
+
+
+def _of_unseen(rows: Mapping[str, Row]) -> list[str]:
+    """Which laws predict best what nobody fitted, within the motion fitted and beyond, in words."""
+    said = []
+    for key, where in (
+        ("error_held_out", "Tests held out, within the motion fitted"),
+        ("error_beyond", "Tests beyond the motion fitted"),
+    ):
+        known = {name: row[key] for name, row in rows.items() if row.get(key) is not None}
+        if known:
+            least = min(known, key=lambda name: known[name])
+            said.append(f"{where}: {least} predicts them best, to {100 * known[least]:.2g} %.")
+    return said
 
 
 def _of_offsets(best: str, shared: Row | None) -> list[str]:

@@ -23,6 +23,7 @@ from jbw.inference.space.box import require_float64
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.study.law_answers import compare_rows, statements
+from jbw.study.law_held_out import errors_apart, held_out, unseen
 from jbw.study.law_rows import row_of, weigh
 from jbw.study.stack import law_groups
 from jbw.verification.backbone import HERTZ, RATIO, curves
@@ -115,6 +116,11 @@ def compare_laws(
     told = [] if diagnosis is None else diagnosis_sentences(diagnosis)
     (best,) = (name for name, row in rows.items() if row["answer"] == "best")
     own = named[best].fitted
+    groups = law_groups(campaign.tests, named, draws)
+    names = (*own.data.runs, *own.data.labels)
+    others = held_out(unseen(campaign.tests, names), groups, list(named), settings.seed)
+    for name, row in rows.items():
+        row |= errors_apart(others, name, best)
     record["shared_runs"] = None
     if own.data.has_offsets:
         report("Fitting all to runs that share omega_n and zeta")
@@ -129,7 +135,8 @@ def compare_laws(
             "/scores": _scores(left, runs, lines),
             "/curves": _curves(named, draws, y_peak),
             **({} if offsets is None else {"/offsets": offsets}),
-            **law_groups(campaign.tests, named, draws),
+            **({} if others is None else {"/held_out": others}),
+            **groups,
         }
     )
     return LawComparison(named, tree, record)

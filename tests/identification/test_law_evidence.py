@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.optimize import least_squares
 from scipy.special import logsumexp
 from scipy.stats import norm
@@ -26,7 +27,8 @@ from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.dataset import log_likelihood
 from jbw.study import laws
-from jbw.study.law_answers import _of_offsets, compare_rows, statements
+from jbw.study.law_answers import _of_offsets, _of_unseen, compare_rows, statements
+from jbw.study.law_held_out import errors_apart, unseen
 from jbw.study.laws import compare_laws
 
 OMEGA_N, ZETA, CUBIC, LEVELS = 500.0, 0.003, -2e10, (5.0, 20.0, 40.0, 60.0, 80.0, 100.0)
@@ -289,7 +291,35 @@ def test_a_law_is_shown_with_offsets_of_the_runs_and_without():
 @pytest.fixture(scope="module")
 def softening():
     tests = tuple(curve(level) for level in LEVELS)
-    return Campaign("softening", None, tests, gain=1.0, settings=Identify(), laws=("cubic",))
+    return Campaign(
+        "softening",
+        None,
+        tests,
+        gain=1.0,
+        settings=Identify(hold_out=("held at 100",)),
+        laws=("cubic",),
+    )
+
+
+def test_tests_that_nobody_fitted_are_told_apart_by_reach():
+    tests = [curve(level) for level in LEVELS[:3]]
+    assert [test.name for test in unseen(tests, ("held at 5", "held at 20 again"))] == [
+        "held at 40"
+    ]
+    found = xr.Dataset(
+        {
+            "error": (("law", "test"), [[0.1, 0.2, 0.6], [0.3, np.nan, 0.4]]),
+            "extrapolation": (("law", "test"), [[0.5, 1.0, 1.3], [2.0, 2.0, 2.0]]),
+        },
+        {"law": ["a", "b"], "test": list("xyz")},
+    )
+    rows = {name: errors_apart(found, name, "a") for name in "ab"}
+    assert rows["a"] == {"error_held_out": pytest.approx(0.025**0.5), "error_beyond": 0.6}
+    assert rows["b"] == {"error_held_out": 0.3, "error_beyond": 0.4}
+    within, beyond = _of_unseen(rows)
+    assert within.endswith("within the motion fitted: a predicts them best, to 16 %.")
+    assert beyond == "Tests beyond the motion fitted: b predicts them best, to 40 %."
+    assert _of_unseen({"a": errors_apart(None, "a", "a")}) == []
 
 
 @pytest.mark.slow
@@ -301,10 +331,15 @@ def test_the_law_that_made_the_data_is_best_and_wrong_ones_are_told_apart(soften
     assert rows["cubic"]["weight"] > 0.5
     mean, sd = (rows["cubic"]["parameters"]["cubic"][key] for key in ("mean", "sd"))
     assert abs(mean - CUBIC) < 4 * sd
-    assert found.record["highest"] == "held at 100"
+    assert found.record["highest"] == "held at 80"
+    # The highest level is held out: the law that made it predicts it, within the noise.
+    others = found.tree["held_out"].to_dataset()
+    assert others["test"].values.tolist() == ["held at 100"]
+    assert float(others["extrapolation"].sel(law="cubic").item()) > 1.1
+    assert rows["cubic"]["error_beyond"] < 0.2 * rows["linear"]["error_beyond"]
+    assert rows["cubic"]["error_held_out"] is None
     assert set(found.tree["scores"]["law"].values) == set(rows)
-    again = compare_laws(softening, ["cubic"], seed=3)
-    assert again.record["laws"]["cubic"]["weight"] == 1.0
+    assert evidence.stacking({"cubic": np.zeros(5)}) == {"cubic": 1.0}
 
 
 @pytest.mark.parametrize(
