@@ -159,7 +159,8 @@ def _of_widths(rows: Mapping[str, Row]) -> list[str]:
     if moved:
         said.append(
             "Priors of the laws' own parameters twice as wide move the log evidence by "
-            f"{', '.join(moved)} (0.7 a parameter that the data narrow, nothing for others)."
+            f"{', '.join(moved)} (-0.7 a parameter that the data narrow; more "
+            "where they push against a bound)."
         )
     if open_:
         said.append(f"Under such priors that of {', '.join(open_)} could not be integrated.")

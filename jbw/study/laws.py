@@ -25,6 +25,7 @@ from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.study.law_answers import compare_rows, statements
 from jbw.study.law_held_out import errors_apart, held_out, unseen
 from jbw.study.law_rows import row_of, weigh
+from jbw.study.law_shapes import loops, residuals
 from jbw.study.stack import law_groups
 from jbw.verification.backbone import HERTZ, RATIO, curves
 from jbw.verification.bands import QUANTILE_AXIS, band
@@ -134,6 +135,8 @@ def compare_laws(
         {
             "/scores": _scores(left, runs, lines),
             "/curves": _curves(named, draws, y_peak),
+            "/loops": loops(named, y_peak),
+            "/residuals": residuals(named, highest),
             **({} if offsets is None else {"/offsets": offsets}),
             **({} if others is None else {"/held_out": others}),
             **groups,
