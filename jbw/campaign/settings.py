@@ -63,6 +63,12 @@ class Identify(Table):
         "whether each run has an omega_n and a zeta of its own; auto: where the data show it",
         "auto",
     )
+    run_scatter: values.Positive | None = key(
+        None,
+        "expected scatter of omega_n over runs, relative, within a factor of two; by default "
+        "anything from 1e-7 to 1e-2, where laws are compared 5e-4",
+        5e-4,
+    )
     model_error: Literal["auto", "none"] = key(
         "auto",
         "auto: coloured residuals, and misfit that all repeats share, count for fewer values; "

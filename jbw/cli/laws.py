@@ -31,8 +31,8 @@ def laws(
     All are fitted to the same data with the same weights. Each run is left out in turn and
     predicted from the others; the differences of the log scores, with their standard errors, say
     which laws are told apart, and which are not. laws.json has all numbers, laws.nc the posteriors
-    and curves, laws.png frequency and damping against amplitude under every law. `jbw predict` on
-    the folder predicts tests with all of them, each by its weight.
+    and curves, laws.png what each law makes of amplitude, its loop and what it leaves. `jbw
+    predict` on the folder predicts tests with all of them, each by its weight.
     """
     with computing() as say:
         from jbw.campaign.load import load_campaign
@@ -73,6 +73,8 @@ def laws_table(record: Mapping[str, Any]) -> Table:
         _percent("fit [%]", "error"),
         _percent("left out [%]", "error_left_out"),
         _percent("highest [%]", "error_highest"),
+        _percent("held out [%]", "error_held_out"),
+        _percent("beyond [%]", "error_beyond"),
         _percent("own lines [%]", "floor"),
         Column("log score", _difference("elpd_difference", "elpd_difference_se")),
         _number("weight", "weight", ".2f"),

@@ -25,6 +25,7 @@ import xarray as xr
 from jaxtyping import Array, Float, Key
 from scipy.special import logsumexp
 
+from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, JbwError
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.floors import rms
@@ -52,6 +53,7 @@ MOST_ROUNDS = 24  # of points for the evidence: a law that leads the data nowher
 # Of points without a run: a round, draws wanted, and rounds where time is stepped through or not.
 SIZE, WORTH, ROUNDS = 256, 200.0, {True: 8, False: 24}
 AT_BOUND = 1e-3  # of the box's width
+RUN_SCATTER = 5e-4  # of omega_n over runs, relative: what a structure shifts by from day to day
 MOST_TURNS = 2  # of weights by the law that leaves least, and fits of all
 
 
@@ -103,7 +105,7 @@ def candidates(
     Their priors are fixed before any is fitted, by omega_n, zeta and the largest displacement
     alone. Laws that cannot be fitted are returned with the reason.
     """
-    data, settings = assemble(seen), seen.settings.model_copy(update={"coordinates": "paper"})
+    data, settings = assemble(seen), alike(seen.settings)
     found: list[Candidate] = []
     refused: dict[Laws, str] = {}
     for laws in sets:
@@ -127,11 +129,20 @@ def candidates(
         weighing = replace(best, fitted=ready)
         keys = jax.random.split(key, len(found))
         terms = terms_of(ready.box)
-        found = [_again(k, one, ready.data, terms) for k, one in zip(keys, found, strict=True)]
+        found = [again(k, one, ready.data, terms) for k, one in zip(keys, found, strict=True)]
     return found, refused
 
 
-def _again(
+def alike(settings: Identify) -> Identify:
+    """The settings in which laws are compared: their own parameters, and a scatter of the runs.
+
+    Softening trades with the runs' offsets, which a wide prior would let have it all.
+    """
+    scatter = settings.run_scatter or RUN_SCATTER
+    return settings.model_copy(update={"coordinates": "paper", "run_scatter": scatter})
+
+
+def again(
     key: Key[Array, ""], one: Candidate, common: Dataset, terms: tuple[str, ...]
 ) -> Candidate:
     """A candidate fitted to the common data with the common residual terms.

@@ -209,7 +209,7 @@ def reweight(
     shifts = shifts_of(best, prior.names, data)
     if shifts is not None and wanted(shifts, settings):
         words.append(sentence_of(shifts))
-        data = with_offsets(best, shifts, data)
+        data = with_offsets(best, shifts, data, settings.run_scatter)
         best = refit(best, prior, data)
         # The offsets that are known now are where records are linearised in them.
         data = dataset.with_directions(best.theta, data, dataset.best_offsets(best.theta, data))

@@ -87,19 +87,21 @@ def wanted(shifts: Shifts, settings: Identify) -> bool:
     return settings.offsets == "runs" or (settings.offsets != "none" and shifts.p < BY_CHANCE)
 
 
-def with_offsets(best: Fit, shifts: Shifts, data: Dataset) -> Dataset:
+def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None = None) -> Dataset:
     """The dataset in which every run has offsets of its own, free in least squares.
 
     In a fit that knows none, what omega_n misses hides how zeta differs, and the fit's weights
-    follow the misfit: their scatter can be read where both are free (`with_scatter`).
+    follow the misfit: their scatter can be read where both are free (`with_scatter`). `median` is
+    that of the prior of omega_n's, over omega_n; None for a wide one.
     """
     centre = np.array([best.theta[name] for name in OFFSETS])
     least, most = (tuple(np.array(part) * centre) for part in (LEAST, MOST))
     own = dict(zip(shifts.runs, shifts.offset, strict=True))
+    about = None if median is None else median * float(centre[0])
     nested = bool(assemblies_of(tuple(dict.fromkeys(data.runs))))
     return replace(
         with_directions(best.theta, data, own),
-        scatters=jnp.asarray(scatter_grid(least, most, assemblies=nested)),
+        scatters=jnp.asarray(scatter_grid(least, most, assemblies=nested, medians=(about, None))),
         scatter=jnp.asarray(most),
     )
 

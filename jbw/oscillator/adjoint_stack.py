@@ -152,7 +152,7 @@ def _shuffled(
     def moved():
         entries = jnp.concatenate([jnp.zeros(1), column])
         left = places + 1.0
-        step = 16
+        step = 2 ** size.bit_length()
         while step:
             if step < size + 1:
                 far = left > step - 0.5

@@ -11,17 +11,36 @@ LOOKS = [(colour, dashes) for dashes in ("-", "--", ":") for colour in LEVELS]
 ROW = 0.22  # height of a run's line [in]
 
 
+Looks = dict[str, tuple[str, str]]
+
+
 def laws_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Draw frequency and damping against amplitude under every law, and errors of left-out runs."""
+    """Draw laws side by side.
+
+    Frequency and damping against amplitude under every law, its loop at the largest, what it leaves
+    of one record, and its errors of the runs that were left out.
+    """
     curves, scores = tree["curves"].to_dataset(), tree["scores"].to_dataset()
     runs = [str(run) for run in scores["run"].values] if scores.sizes["law"] else []
-    rows = 3 if runs else 2
-    axes = panels(ax, rows, 1, height=2.3 * 2 + (1.0 + ROW * len(runs) if runs else 0.0))
-    amplitude = 1e3 * curves["amplitude"].values
+    shapes = [name for name in ("loops", "residuals") if name in tree.children]
+    shapes = [name for name in shapes if tree[name].to_dataset().data_vars]
+    rows = 2 + len(shapes) + bool(runs)
+    height = 2.3 * (2 + len(shapes)) + (1.0 + ROW * len(runs) if runs else 0.0)
+    axes = panels(ax, rows, 1, height=height)
     looks = dict(zip(curves["law"].values.tolist(), LOOKS, strict=False))
+    _against_amplitude(axes[:2, 0], curves, looks)
+    for number, name in enumerate(shapes, 2):
+        SHAPES[name](axes[number, 0], tree[name].to_dataset(), looks)
+    if runs:
+        _left_out(axes[rows - 1, 0], scores, runs, looks)
+    return finish(axes, ax)
+
+
+def _against_amplitude(axes: Any, curves: xr.Dataset, looks: Looks) -> None:
+    amplitude = 1e3 * curves["amplitude"].values
     for each, name, unit, scale in (
-        (axes[0, 0], "frequency", "Hz", 1.0),
-        (axes[1, 0], "damping", "%", 100.0),
+        (axes[0], "frequency", "Hz", 1.0),
+        (axes[1], "damping", "%", 100.0),
     ):
         for law, (colour, dashes) in looks.items():
             low, middle, high = scale * curves[name].sel(law=law).values
@@ -31,22 +50,44 @@ def laws_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
         each.set_ylabel(f"{name} [{unit}]")
         each.set_xlabel("amplitude of the displacement [mm]")
         title(each, f"{name} under each law, with its 99 % band; dotted: the largest fitted")
-    if runs:
-        here = axes[2, 0]
-        for i, law in enumerate(scores["law"].values.tolist()):
-            places = np.arange(len(runs)) + 0.6 * (i / max(len(looks) - 1, 1) - 0.5)
-            errors = 100 * scores["error"].sel(law=law).values
-            here.plot(
-                errors,
-                places,
-                "o",
-                ms=4,
-                color=looks[law][0],
-                fillstyle="none" if looks[law][1] != "-" else "full",
-            )
-        here.set_yticks(range(len(runs)), [plain(run) for run in runs])
-        here.set_ylim(len(runs) - 0.4, -0.6)
-        here.set_xscale("log")
-        here.set_xlabel("error over the response [%]")
-        title(here, "runs as a fit predicts them that has not seen them")
-    return finish(axes, ax)
+
+
+def _loops(here: Any, found: xr.Dataset, looks: Looks) -> None:
+    y = 1e3 * found["displacement"].values
+    for law, (colour, dashes) in looks.items():
+        here.plot(y, found["force"].sel(law=law).values, color=colour, ls=dashes, lw=1.0)
+    here.set_xlabel("displacement [mm]")
+    here.set_ylabel("force beside\nthe stuck spring [N/kg]")
+    title(here, "loop of each law at the largest displacement fitted")
+
+
+def _residuals(here: Any, found: xr.Dataset, looks: Looks) -> None:
+    along = (np.arange(found.sizes["part"]) + 0.5) / found.sizes["part"]
+    for law, (colour, dashes) in looks.items():
+        left = 100 * found["left"].sel(law=law).values
+        here.plot(along, left, color=colour, ls=dashes, lw=1.0)
+    here.set_yscale("log")
+    here.set_xlabel("place in the record")
+    here.set_ylabel("left [% of rms]")
+    title(here, f"what each law leaves of {plain(found.attrs['group'])}")
+
+
+SHAPES = {"loops": _loops, "residuals": _residuals}
+
+
+def _left_out(here: Any, scores: xr.Dataset, runs: list[str], looks: Looks) -> None:
+    laws = scores["law"].values.tolist()
+    for i, law in enumerate(laws):
+        places = np.arange(len(runs)) + 0.6 * (i / max(len(looks) - 1, 1) - 0.5)
+        errors = 100 * scores["error"].sel(law=law).values
+        filled = "none" if looks[law][1] != "-" else "full"
+        here.plot(errors, places, "o", ms=4, color=looks[law][0], fillstyle=filled)
+    said = "runs as a fit predicts them that has not seen them"
+    if "line" in scores and np.isfinite(scores["line"].values).any():
+        here.plot(100 * scores["line"].values, np.arange(len(runs)), "|", ms=12, color="0.3")
+        said += "; bar: a line of the run's own"
+    here.set_yticks(range(len(runs)), [plain(run) for run in runs])
+    here.set_ylim(len(runs) - 0.4, -0.6)
+    here.set_xscale("log")
+    here.set_xlabel("error over the response [%]")
+    title(here, said)

@@ -17,12 +17,15 @@ from jbw.identification.diagnosis import diagnose, diagnosis_sentences, readings
 from jbw.identification.evidence import Candidate, LeftOut, name_of
 from jbw.identification.floors import own_lines, rms, scatter_of_means
 from jbw.identification.run_effects import runs_dataset, runs_sentence
+from jbw.identification.without_offsets import compared, without_offsets
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.study.law_answers import compare_rows, statements
+from jbw.study.law_held_out import errors_apart, held_out, unseen
 from jbw.study.law_rows import row_of, weigh
+from jbw.study.law_shapes import loops, residuals
 from jbw.study.stack import law_groups
 from jbw.verification.backbone import HERTZ, RATIO, curves
 from jbw.verification.bands import QUANTILE_AXIS, band
@@ -114,6 +117,16 @@ def compare_laws(
     told = [] if diagnosis is None else diagnosis_sentences(diagnosis)
     (best,) = (name for name, row in rows.items() if row["answer"] == "best")
     own = named[best].fitted
+    groups = law_groups(campaign.tests, named, draws)
+    names = (*own.data.runs, *own.data.labels)
+    others = held_out(unseen(campaign.tests, names), groups, list(named), settings.seed)
+    for name, row in rows.items():
+        row |= errors_apart(others, name, best)
+    record["shared_runs"] = None
+    if own.data.has_offsets:
+        report("Fitting all to runs that share omega_n and zeta")
+        shared = without_offsets(keys[0], seen, list(named.values()), named[best])
+        record["shared_runs"] = _shared_runs(named[best], dict(zip(named, shared, strict=True)))
     posterior = draws[best]["posterior"].to_dataset()
     offsets = runs_dataset(keys[0], posterior, own.box.names, own.data)
     scatter = [] if offsets is None else [f"Under {best}: {runs_sentence(offsets)}"]
@@ -122,8 +135,11 @@ def compare_laws(
         {
             "/scores": _scores(left, runs, lines),
             "/curves": _curves(named, draws, y_peak),
+            "/loops": loops(named, y_peak),
+            "/residuals": residuals(named, highest),
             **({} if offsets is None else {"/offsets": offsets}),
-            **law_groups(campaign.tests, named, draws),
+            **({} if others is None else {"/held_out": others}),
+            **groups,
         }
     )
     return LawComparison(named, tree, record)
@@ -214,6 +230,12 @@ def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
     theta = {name: np.ravel(values)[chosen] for name, values in scalars(tree).items()}
     held = {name: np.full(len(chosen), value) for name, value in _held(data).items()}
     return {**held, **theta}
+
+
+def _shared_runs(best: Candidate, shared: Mapping[str, Candidate]) -> dict[str, Any]:
+    """What laws would be without offsets of the runs: the best one's parameters, all errors."""
+    errors = {name: one.error for name, one in shared.items()}
+    return {**compared(best, shared[name_of(best.laws)]), "errors": errors}
 
 
 def _held(data: Dataset) -> dict[str, float]:

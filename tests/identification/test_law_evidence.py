@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.optimize import least_squares
 from scipy.special import logsumexp
 from scipy.stats import norm
@@ -20,12 +21,14 @@ from jbw.identification.assemble import assemble, measured
 from jbw.identification.floors import own_lines, rms, scatter_of_means
 from jbw.identification.prepare import Fitted
 from jbw.identification.prior_widths import log_evidence_wide, twice_as_wide
+from jbw.identification.without_offsets import compared, without_offsets
 from jbw.inference.space.box import bounds_by_name, box, from_unit
 from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.dataset import log_likelihood
 from jbw.study import laws
-from jbw.study.law_answers import compare_rows, statements
+from jbw.study.law_answers import _of_offsets, _of_unseen, compare_rows, statements
+from jbw.study.law_held_out import errors_apart, unseen
 from jbw.study.laws import compare_laws
 
 OMEGA_N, ZETA, CUBIC, LEVELS = 500.0, 0.003, -2e10, (5.0, 20.0, 40.0, 60.0, 80.0, 100.0)
@@ -163,6 +166,7 @@ def test_few_runs_are_no_comparison_of_predictions():
         {
             "laws": rows,
             "runs": ["x", "y", "z"],
+            "shared_runs": None,
             "floor": 0.09,
             "line": 0.035,
             "lines": {"x": 0.03, "y": 0.04},
@@ -185,7 +189,11 @@ def test_a_rough_score_calls_no_law_worse_and_none_the_best():
     compare_rows(rows, scores)
     answers = {name: one["answer"] for name, one in rows.items()}
     assert answers == {"a": "best", "b": "not judged", "c": "worse", "d": "not judged"}
-    said = " ".join(statements({"laws": rows, "runs": list("uvwxyz"), "floor": None, "lines": {}}))
+    said = " ".join(
+        statements(
+            {"laws": rows, "runs": list("uvwxyz"), "floor": None, "lines": {}, "shared_runs": None}
+        )
+    )
     assert "Not judged: b, d, whose score or that of a is rough (k-hat above 0.7)" in said
     rows = {"a": row(0.0), "b": row(-80.0) | {"khat_evidence": np.inf}, "c": row(-80.0)}
     compare_rows(rows, {})
@@ -245,10 +253,73 @@ def test_wider_priors_of_a_law_are_twice_as_wide_but_for_its_share_of_the_stiffn
     assert wide == bounds | own
 
 
+def moved_by(level):
+    """A level whose natural frequency lies elsewhere: by chance, but much for a law."""
+    return curve(level) if level != 40.0 else shifted(curve(level), 1.003)
+
+
+def shifted(test, factor):
+    records = []
+    for one in test.records:
+        channels = {**one.channels, "frequency": one.channels["frequency"] * factor}
+        records.append(replace(one, channels=channels))
+    return replace(test, records=tuple(records))
+
+
+@pytest.mark.slow
+def test_a_law_is_shown_with_offsets_of_the_runs_and_without():
+    tests = [moved_by(level) for level in LEVELS[1:5]]
+    seen = measured(tests, Identify(), laws=("cubic",), gain=1.0)
+    found, _ = evidence.candidates(jax.random.key(0), seen, [("cubic",)], lambda said: None)
+    (best,) = found
+    assert best.fitted.data.has_offsets
+    shared = without_offsets(jax.random.key(1), seen, found, best)
+    assert not any(one.fitted.data.has_offsets for one in shared)
+    row = compared(best, shared[0])
+    own = row["parameters"]["cubic"]
+    assert abs(own["with"] - CUBIC) < 4 * own["with_sd"]
+    # One level of four that is off by 0.3 % costs the fit without offsets more than that with them.
+    assert row["error"][1] > 2 * row["error"][0]
+    shown = {**row, "errors": {"linear": 1.0, "cubic": shared[0].error}}
+    (said,) = _of_offsets("cubic", shown)
+    assert said.startswith(
+        "Runs have offsets, which trade with softening. Without them cubic would"
+    )
+    assert said.endswith("no law would leave less.")
+
+
 @pytest.fixture(scope="module")
 def softening():
     tests = tuple(curve(level) for level in LEVELS)
-    return Campaign("softening", None, tests, gain=1.0, settings=Identify(), laws=("cubic",))
+    return Campaign(
+        "softening",
+        None,
+        tests,
+        gain=1.0,
+        settings=Identify(hold_out=("held at 100",)),
+        laws=("cubic",),
+    )
+
+
+def test_tests_that_nobody_fitted_are_told_apart_by_reach():
+    tests = [curve(level) for level in LEVELS[:3]]
+    assert [test.name for test in unseen(tests, ("held at 5", "held at 20 again"))] == [
+        "held at 40"
+    ]
+    found = xr.Dataset(
+        {
+            "error": (("law", "test"), [[0.1, 0.2, 0.6], [0.3, np.nan, 0.4]]),
+            "extrapolation": (("law", "test"), [[0.5, 1.0, 1.3], [2.0, 2.0, 2.0]]),
+        },
+        {"law": ["a", "b"], "test": list("xyz")},
+    )
+    rows = {name: errors_apart(found, name, "a") for name in "ab"}
+    assert rows["a"] == {"error_held_out": pytest.approx(0.025**0.5), "error_beyond": 0.6}
+    assert rows["b"] == {"error_held_out": 0.3, "error_beyond": 0.4}
+    within, beyond = _of_unseen(rows)
+    assert within.endswith("within the motion fitted: a predicts them best, to 16 %.")
+    assert beyond == "Tests beyond the motion fitted: b predicts them best, to 40 %."
+    assert _of_unseen({"a": errors_apart(None, "a", "a")}) == []
 
 
 @pytest.mark.slow
@@ -260,10 +331,15 @@ def test_the_law_that_made_the_data_is_best_and_wrong_ones_are_told_apart(soften
     assert rows["cubic"]["weight"] > 0.5
     mean, sd = (rows["cubic"]["parameters"]["cubic"][key] for key in ("mean", "sd"))
     assert abs(mean - CUBIC) < 4 * sd
-    assert found.record["highest"] == "held at 100"
+    assert found.record["highest"] == "held at 80"
+    # The highest level is held out: the law that made it predicts it, within the noise.
+    others = found.tree["held_out"].to_dataset()
+    assert others["test"].values.tolist() == ["held at 100"]
+    assert float(others["extrapolation"].sel(law="cubic").item()) > 1.1
+    assert rows["cubic"]["error_beyond"] < 0.2 * rows["linear"]["error_beyond"]
+    assert rows["cubic"]["error_held_out"] is None
     assert set(found.tree["scores"]["law"].values) == set(rows)
-    again = compare_laws(softening, ["cubic"], seed=3)
-    assert again.record["laws"]["cubic"]["weight"] == 1.0
+    assert evidence.stacking({"cubic": np.zeros(5)}) == {"cubic": 1.0}
 
 
 @pytest.mark.parametrize(

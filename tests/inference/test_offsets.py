@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.special import logsumexp
-from scipy.stats import multivariate_normal
+from scipy.stats import multivariate_normal, norm
 
 from jbw.inference.groups.offsets import (
     Estimate,
@@ -85,6 +85,25 @@ def test_density_of_offsets_is_that_of_a_normal_distribution():
     reference = logsumexp([exact(s) for s in scatters]) - np.log(len(scatters)) - constant
     ours = float(log_density_of_offsets(found, (runs,), scatters))
     assert ours == pytest.approx(reference, rel=1e-10)
+
+
+def test_a_scatter_whose_median_is_stated_is_log_normal():
+    """Of the dense integral over offsets that are normal and a scatter that is log-normal."""
+    sure, seen = 4.0, np.array([[0.9], [-0.4], [1.7]])  # precision and offsets of three runs
+    found = Estimate(
+        jnp.zeros(3), jnp.asarray(seen), jnp.asarray(np.full((3, 1, 1), sure)),
+    )  # fmt: skip
+    nodes = scatter_grid((1e-3,), (1e3,), medians=(0.8,))
+    ours = log_density_of_offsets(found, ((0, 1, 2),), jnp.asarray(nodes))
+    log_s = np.linspace(-8.0, 8.0, 20001) * np.log(2.0) + np.log(0.8)
+    std = np.sqrt(np.exp(2 * log_s) + 1 / sure)
+    each = norm.logpdf(seen, 0.0, std).sum(axis=0) + norm.logpdf(log_s, np.log(0.8), np.log(2.0))
+    exact = logsumexp(each) + np.log(log_s[1] - log_s[0])
+    # Up to the constant of the observations' own density.
+    constant = 3 * norm.logpdf(0.0, 0.0, 1 / np.sqrt(sure))
+    # Seventeen nodes of one weight leave a few thousandths.
+    np.testing.assert_allclose(float(ours), exact - constant, atol=0.01)
+    assert np.median(nodes) == pytest.approx(0.8)
 
 
 @pytest.mark.parametrize("own", [1, 2, 3, 4])

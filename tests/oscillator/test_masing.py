@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -294,6 +295,24 @@ def test_loops_too_deep_are_told():
         response = jbw.simulate(joined, push, RULES["fs"], initial=start)
     assert response.guesses >= 1.0
     assert jbw.simulate(joined, push, RULES["fs"]).guesses == 0.0
+
+
+@pytest.mark.slow
+def test_loops_within_loops_are_remembered_by_a_stack_that_deepens(monkeypatch):
+    """Long white noise: more loops within loops than a law remembers at first."""
+    law = law_of("iwan4_a")
+    push = 100.0 * np.random.default_rng(2).normal(size=4096)
+    own = jbw.Oscillator(RULES["omega_n"], RULES["zeta"], (law,))
+    found = jbw.simulate(own, push, RULES["fs"], substeps=2)
+    deep = jbw.Oscillator(RULES["omega_n"], RULES["zeta"], (replace(law, depth=40),))
+    exact = jbw.simulate(deep, push, RULES["fs"], substeps=2)
+    assert found.guesses == exact.guesses == 0.0
+    monkeypatch.setattr("jbw.oscillator.response.forgot", lambda *of: False)
+    with pytest.warns(UserWarning, match="deeper than a law remembers"):
+        assert jbw.simulate(own, push, RULES["fs"], substeps=2).guesses > 0.0
+    for name in ("y", "v", "z"):
+        values, known = (np.asarray(getattr(one, name)) for one in (found, exact))
+        np.testing.assert_allclose(values, known, atol=1e-5 * np.abs(known).max())
 
 
 def test_a_start_on_the_loop_stays_there_and_a_start_aside_is_at_rest():

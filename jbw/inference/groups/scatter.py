@@ -10,11 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
+from scipy.special import ndtri
 
 from jbw.inference.groups.offsets import Estimate, log_determinant, members, solve
 
 NUM_SCATTERS = 17  # nodes of each scatter's prior, half a decade apart or less
 NUM_ASSEMBLIES = 7  # of the scatter of assemblies, beside that of runs
+LOG_SD = float(np.log(2.0))  # of a scatter whose median is stated
 
 Levels = tuple[tuple[int, ...], ...]
 """Number of the run of each group; then, where there are assemblies, that of each run's."""
@@ -35,14 +37,29 @@ class _Information(NamedTuple):
 
 
 def scatter_grid(
-    least: tuple[float, ...], most: tuple[float, ...], *, assemblies: bool = False
+    least: tuple[float, ...],
+    most: tuple[float, ...],
+    *,
+    assemblies: bool = False,
+    medians: tuple[float | None, ...] = (),
 ) -> Float[np.ndarray, "node level_own"]:
-    """Nodes of the scatters of runs, then of `assemblies`, from least to most of each offset."""
-    bounds = list(zip(least, most, strict=True))
-    axes = [np.geomspace(a, b, NUM_SCATTERS) for a, b in bounds]
+    """Nodes of the scatters of runs, then of `assemblies`, all of one weight.
+
+    From least to most of each offset, whose logarithm is uniform there; about its median where that
+    is stated: the scatter is log-normal then, within a factor of two in two cases of three.
+    """
+    known = medians or (None,) * len(least)
+    bounds = list(zip(least, most, known, strict=True))
+    axes = [_axis(*each, NUM_SCATTERS) for each in bounds]
     if assemblies:
-        axes += [np.geomspace(a, b, NUM_ASSEMBLIES) for a, b in bounds]
+        axes += [_axis(*each, NUM_ASSEMBLIES) for each in bounds]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+def _axis(least: float, most: float, median: float | None, count: int) -> np.ndarray:
+    if median is None:
+        return np.geomspace(least, most, count)
+    return median * np.exp(LOG_SD * ndtri((np.arange(count) + 0.5) / count))
 
 
 def log_density_of_offsets(

@@ -11,8 +11,10 @@ Reference:
     Masing (1926); Iwan (1966); Mayergoyz (1991) for the closures.
 """
 
-from typing import NamedTuple
+from dataclasses import replace
+from typing import NamedTuple, Self
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
@@ -65,7 +67,13 @@ class _Move(NamedTuple):
 
 
 class Masing(Law):
-    """Base of Masing's laws; one of them says its stiffness, `lag` and `lag_integral`."""
+    """Base of Masing's laws; one of them says its stiffness, `lag` and `lag_integral`.
+
+    Attributes:
+        depth: Reversals that are remembered; static.
+    """
+
+    depth: int = eqx.field(default=SIZE, static=True, kw_only=True)
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
         """Lag of the virgin curve at x >= 0, K x - F_b [N/kg], and its slope [1/s^2]."""
@@ -86,7 +94,7 @@ class Masing(Law):
     # -- motion ------------------------------------------------------------------------------------
     def at_rest(self) -> Branch:
         """Nothing remembered; the virgin curve begins where the motion does."""
-        return nothing_remembered()
+        return nothing_remembered(self.depth)
 
     def force(self, y: Scalar, v: Scalar, memory: Branch) -> Scalar:
         """Force on the present branch [N/kg]."""
@@ -122,13 +130,13 @@ class Masing(Law):
         """A force over omega_n and a displacement times omega_n are velocities."""
         # What only counts, or follows from the rest, weighs little; a power of two rounds nothing.
         small = 2.0**-10 + 0.0 * omega_n
-        stack = Stack(small, small, small, (omega_n,) * SIZE, (1.0 / omega_n,) * SIZE)
+        stack = Stack(small, small, small, (omega_n,) * self.depth, (1.0 / omega_n,) * self.depth)
         return Branch(small, small, small, small, small, 1.0 / omega_n, small, stack.row())
 
     def packed(self, memory: Branch) -> Branch:
         """With the reversals in one array; whole counts, also from a search for a steady state."""
         stack = Stack.of(memory.stack)
-        stack = stack._replace(count=jnp.clip(jnp.round(stack.count), 0.0, float(SIZE)))
+        stack = stack._replace(count=jnp.clip(jnp.round(stack.count), 0.0, float(stack.size)))
         branch = branch_of(jnp.sign(jnp.round(memory.sense)), stack)
         branch = branch._replace(force=memory.force, slope=memory.slope)
         return branch._replace(stack=jnp.stack(branch.stack))
@@ -140,6 +148,10 @@ class Masing(Law):
     def guesses(self, memory: Branch) -> Scalar:
         """How often the motion came back to reversals that had been given up."""
         return Stack.of(memory.stack).missed
+
+    def deepened(self) -> Self:
+        """The same law with twice the depth."""
+        return replace(self, depth=2 * self.depth)
 
     # -- for derivatives ---------------------------------------------------------------------------
     @property

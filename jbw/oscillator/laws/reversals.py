@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool
 from jbw.oscillator.kinks import kept
 from jbw.oscillator.parameters import Scalar
 
-SIZE = 10
+SIZE = 10  # unless a law says more
 # A closure met to rounding is met: of the displacements that it is found from.
 _ROUNDING = 1e-14
 
@@ -44,7 +44,13 @@ class Stack(NamedTuple):
     @classmethod
     def of(cls, places: Any) -> "Stack":
         """From all numbers in a row, a tuple or an array."""
-        return cls(places[0], places[1], places[2], places[3 : 3 + SIZE], places[3 + SIZE :])
+        size = (len(places) - 3) // 2
+        return cls(places[0], places[1], places[2], places[3 : 3 + size], places[3 + size :])
+
+    @property
+    def size(self) -> int:
+        """Reversals that there is room for."""
+        return len(self.y)
 
     def row(self) -> Any:
         """All numbers in a row."""
@@ -81,9 +87,17 @@ class Branch(NamedTuple):
 _OUT_OF_REACH = 1e3  # m
 
 
-def nothing_remembered() -> Branch:
-    """Nothing remembered."""
-    return Branch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0,) * (3 + 2 * SIZE))
+def nothing_remembered(size: int = SIZE) -> Branch:
+    """Nothing remembered, with room for so many reversals."""
+    return Branch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0,) * (3 + 2 * size))
+
+
+def with_room(memory: Branch, size: int) -> Branch:
+    """A memory with room for more reversals; those that were given up are not found again."""
+    stack = Stack.of(memory.stack)
+    more = tuple(0.0 * stack.count for _ in range(size - stack.size))
+    wider = stack._replace(y=(*stack.y, *more), f=(*stack.f, *more))
+    return memory._replace(stack=wider.row())
 
 
 def branch_of(sense: Scalar, stack: Stack) -> Branch:
@@ -110,7 +124,7 @@ def closes(sense: Scalar, y: Scalar, begin: Scalar, closure: Scalar) -> Bool[Arr
 def headed(sense: Scalar, stack: Stack, y: Scalar, f: Scalar, dy: Scalar) -> tuple[Scalar, Stack]:
     """Sense and reversals at (y, f) after turning into the next move, if that is the other way."""
     turned = jnp.asarray((sense * dy < 0.0) | ((sense == 0.0) & (dy != 0.0)))
-    full = turned & jnp.asarray(stack.count > SIZE - 0.5)
+    full = turned & jnp.asarray(stack.count > stack.size - 0.5)
     count = stack.count + jnp.where(full, -1.0, jnp.where(turned, 1.0, 0.0))
     pushed = Stack(
         stop_gradient(count),
@@ -134,10 +148,10 @@ def _pushed(
     if not isinstance(entries, tuple):
         front, none = jnp.asarray(value)[None], jnp.zeros(1)
         moved = jnp.concatenate([front, entries[:-1]])
-        shortened = jnp.concatenate([front, entries[: SIZE - 4], entries[SIZE - 2 :], none])
+        shortened = jnp.concatenate([front, entries[:-4], entries[-2:], none])
         return jnp.where(full, shortened, jnp.where(turned, moved, entries))
     moved = (value, *entries[:-1])
-    shortened = (value, *entries[: SIZE - 4], *entries[SIZE - 2 :], 0.0 * value)
+    shortened = (value, *entries[:-4], *entries[-2:], 0.0 * value)
     return tuple(
         jnp.where(full, b, jnp.where(turned, a, x))
         for a, b, x in zip(moved, shortened, entries, strict=True)
@@ -150,7 +164,7 @@ def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scala
     The entries that remain are the same, moved to the front.
     """
     popped, last, going = jnp.zeros_like(stack.count), stack.y[0], jnp.asarray(True)
-    for first in range(0, SIZE - 1, 2):
+    for first in range(0, stack.size - 1, 2):
         place, pair = _closing_place(stack, first), stack.count - first > 2.5
         going = going & (stack.count - first > 1.5) & closes(sense, y, stack.y[first], place)
         popped = popped + jnp.where(going, jnp.where(pair, 2.0, 1.0), 0.0)
@@ -173,9 +187,9 @@ def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scala
 def forward(entries: Entries, places: Scalar) -> Entries:
     """Entries moved to the front by a number of places, in steps of powers of two."""
     if not isinstance(entries, tuple):
-        padded = jnp.concatenate([entries, jnp.zeros(SIZE)])
-        return dynamic_slice(padded, (jnp.asarray(places, int),), (SIZE,))
-    for step in (8, 4, 2, 1):
+        padded = jnp.concatenate([entries, jnp.zeros(len(entries))])
+        return dynamic_slice(padded, (jnp.asarray(places, int),), (len(entries),))
+    for step in (2**power for power in reversed(range(len(entries).bit_length()))):
         far = places > step - 0.5
         places = places - jnp.where(far, float(step), 0.0)
         moved = (*entries[step:], *(0.0 * x for x in entries[:step]))
@@ -188,5 +202,6 @@ def places_moved(before: Stack, after: Stack) -> tuple[Scalar, Scalar]:
 
     Behind the first place, which may hold a new entry, y_i after is y_(i + places) before.
     """
-    full = (before.count > SIZE - 0.5) & (after.y[1] == before.y[0]) & (after.count < SIZE - 0.5)
+    most = before.size - 0.5
+    full = (before.count > most) & (after.y[1] == before.y[0]) & (after.count < most)
     return jnp.where(full, -1.0, before.count - after.count), jnp.where(full, 1.0, 0.0)

@@ -1,0 +1,65 @@
+"""Laws side by side: loops of known area, residuals of known size, and a panel for each."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import xarray as xr
+
+from jbw.oscillator.laws import law_named
+from jbw.report.laws import laws_figure
+from jbw.study import law_shapes
+from jbw.study.law_shapes import loops, residuals
+
+THETA = {"omega_n": 118.0, "zeta": 0.004, "power_loss": 120.0, "power_exponent": 0.7, "cubic": -2e7}
+Y = 2e-3
+
+
+def candidate(*laws):
+    fit = SimpleNamespace(theta=THETA, residual=None)
+    data = SimpleNamespace(held={}, labels=("low", "high"), runs=("a", "b"))
+    return SimpleNamespace(laws=laws, fitted=SimpleNamespace(fit=fit, data=data))
+
+
+NAMED = {"linear": candidate(), "masing_power + cubic": candidate("masing_power", "cubic")}
+
+
+def test_loops_have_the_area_of_the_energy_that_is_lost():
+    found = loops(NAMED, Y)
+    y = found["displacement"].values
+    assert not found["force"].sel(law="linear").values.any()
+    force = found["force"].sel(law="masing_power + cubic").values
+    area = np.sum(0.5 * (force + np.roll(force, -1)) * (np.roll(y, -1) - y))
+    lost = float(law_named("masing_power").of(THETA).loop(Y).energy(Y))
+    # The trapezium rule on two hundred points.
+    np.testing.assert_allclose(abs(area), lost, rtol=1e-3)
+
+
+def test_residuals_are_of_the_highest_level_and_of_the_size_of_the_error(monkeypatch):
+    left = {"low": np.ones(300), "high": np.full(300, 0.2)}
+    monkeypatch.setattr(law_shapes.dataset, "left_by_label", lambda *of: left)
+    sizes = {"low": 10 * np.sqrt(300), "high": np.sqrt(300)}
+    monkeypatch.setattr(law_shapes.dataset, "size_by_label", lambda of: sizes)
+    found = residuals(NAMED, "b")
+    assert found.attrs["group"] == "high"
+    assert found.sizes["part"] == 100
+    np.testing.assert_allclose(found["left"].values, 0.2)
+    assert residuals(NAMED, None).attrs["group"] == "low"  # the largest response
+
+
+def test_every_part_of_a_comparison_has_a_panel():
+    laws, runs = list(NAMED), ["a", "b"]
+    band = np.ones((2, 3, 5)) * np.array([0.9, 1.0, 1.1])[None, :, None]
+    curves = xr.Dataset(
+        {name: (("law", "quantile", "amplitude"), band) for name in ("frequency", "damping")},
+        {"law": laws, "amplitude": np.linspace(1e-4, 1e-3, 5)},
+        {"y_fitted": 8e-4},
+    )
+    scores = xr.Dataset(
+        {"error": (("law", "run"), [[0.1, 0.2], [0.01, 0.02]]), "line": ("run", [0.03, np.nan])},
+        {"law": laws, "run": runs},
+    )
+    left = xr.Dataset({"left": (("law", "part"), np.ones((2, 9)))}, {"law": laws}, {"group": "b"})
+    parts = {"/curves": curves, "/scores": scores, "/loops": loops(NAMED, Y), "/residuals": left}
+    assert laws_figure(xr.DataTree.from_dict(parts)).size == 5
+    del parts["/residuals"], parts["/loops"]  # as comparisons of earlier versions
+    assert laws_figure(xr.DataTree.from_dict(parts)).size == 3
