@@ -15,7 +15,7 @@ from jbw.campaign.schema import CampaignSpec, TestSpec, force_per_unit, read_spe
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement import response_checks
-from jbw.measurement.checks import Fault, doubt, inspect, refusal, worst
+from jbw.measurement.checks import Fault, doubt, gathered, inspect, refusal, worst
 from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
@@ -78,7 +78,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
     ]
     codes, seen = set(), []
     for test in spec.tests:
-        found: list[Fault] = []
+        named: list[tuple[str, Fault]] = []
         failures: dict[tuple[str, ...], JbwError] = {}
         first: list[Record] = []
         kept: list[Record] = []
@@ -91,8 +91,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
                 stated = () if first or spoilt else tuple(_stated(item, test))
                 codes |= {DataError.exit_code} if spoilt else set()
                 codes |= {ConfigError.exit_code} if worst(stated) == "error" else set()
-                for fault in (*faults, *stated):
-                    found.append(replace(fault, what=f"{item.name}: {fault.what}"))
+                named += [(item.name, fault) for fault in (*faults, *stated)]
                 held += item.num_samples * len(item.channels)
                 kept = [*kept, item] if held <= MOST_SAMPLES else []
                 # Its head alone, so that a huge campaign is never held in memory.
@@ -102,6 +101,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
                 failures.setdefault(item.args, item)
             else:
                 raise item
+        found = gathered(named, repeats)
         codes |= {failure.exit_code for failure in failures.values()}
         if kept and worst(found) != "error":
             seen += seen_in(test, kept)
