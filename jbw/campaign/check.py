@@ -15,7 +15,7 @@ from jbw.campaign.schema import CampaignSpec, TestSpec, force_per_unit, read_spe
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement import response_checks
-from jbw.measurement.checks import Fault, doubt, inspect, refusal, worst
+from jbw.measurement.checks import Fault, doubt, gathered, inspect, refusal, worst
 from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
@@ -78,7 +78,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
     ]
     codes, seen = set(), []
     for test in spec.tests:
-        found: list[Fault] = []
+        named: list[tuple[str, Fault]] = []
         failures: dict[tuple[str, ...], JbwError] = {}
         first: list[Record] = []
         kept: list[Record] = []
@@ -86,8 +86,12 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
         for item in repeats_of(test, folder, allow_outside=allow_outside):
             if isinstance(item, Record):
                 repeats += 1
-                for fault in findings(item, test, first, per_unit=force_per_unit(spec)):
-                    found.append(replace(fault, what=f"{item.name}: {fault.what}"))
+                faults = findings(item, test, first, per_unit=force_per_unit(spec))
+                spoilt = worst(faults) == "error"
+                stated = () if first or spoilt else tuple(_stated(item, test))
+                codes |= {DataError.exit_code} if spoilt else set()
+                codes |= {ConfigError.exit_code} if worst(stated) == "error" else set()
+                named += [(item.name, fault) for fault in (*faults, *stated)]
                 held += item.num_samples * len(item.channels)
                 kept = [*kept, item] if held <= MOST_SAMPLES else []
                 # Its head alone, so that a huge campaign is never held in memory.
@@ -97,8 +101,8 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
                 failures.setdefault(item.args, item)
             else:
                 raise item
+        found = gathered(named, repeats)
         codes |= {failure.exit_code for failure in failures.values()}
-        codes |= {DataError.exit_code} if worst(found) == "error" else set()
         if kept and worst(found) != "error":
             seen += seen_in(test, kept)
         fs = first[0].fs if first and first[0].fs == first[0].fs else None
@@ -229,6 +233,17 @@ def _fits_curve(record: Record, test: TestSpec) -> Iterator[tuple[str, ...]]:
             f"`band` = [{test.band[0]:g}, {test.band[1]:g}] Hz.",
             "Correct band, or the unit of frequency: it may be rad/s.",
         )
+
+
+def _stated(record: Record, test: TestSpec) -> Iterator[Fault]:
+    """What the campaign file states, or not, beside a test's first record; asked by a check alone.
+
+    A look reads decays without a band, and an identification leaves them out.
+    """
+    if test.traits.is_free and test.band is None:
+        yield from response_checks.bandless(record, test.settle)
+    if not test.traits.is_free:
+        yield from response_checks.level_unlike(record, test.level)
 
 
 def _believable(record: Record, test: TestSpec, per_unit: float | None) -> Iterator[Fault]:

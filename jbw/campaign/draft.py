@@ -1,6 +1,7 @@
 """A first campaign file from what lies in a folder, with comments and every guess marked."""
 
 import re
+import tomllib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -11,10 +12,12 @@ from jbw.campaign.document import commented, toml
 from jbw.campaign.schema import Head, TestSpec
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, DataError, JbwError
-from jbw.measurement.files.read import READERS, channels_of
+from jbw.measurement.files.assemble import Wanted
+from jbw.measurement.files.read import READERS, channels_of, records
 from jbw.measurement.files.tree import Leaf
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES
+from jbw.measurement.response_checks import band_about_peak
 from jbw.units import quantity_of, si_unit
 
 HEAD = """\
@@ -43,6 +46,8 @@ HINTS = (
 )
 KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", msine="multisine",
                   sinesw="sweep")  # fmt: skip
+Assume = Callable[[str], None]
+Leaves = Mapping[str, Leaf]
 FEW_COLUMNS = 16  # a table of more is no record of a few channels
 
 
@@ -115,12 +120,7 @@ def _blocks(files: Sequence[Path], assumed: list[str]) -> list[str]:
     return blocks
 
 
-def _block(
-    files: Sequence[Path],
-    series: Mapping[str, Leaf],
-    leaves: Mapping[str, Leaf],
-    assumed: list[str],
-) -> str:
+def _block(files: Sequence[Path], series: Leaves, leaves: Leaves, assumed: list[str]) -> str:
     """One [[test]] table; as a comment where no channel is named like a response."""
 
     def assume(what: str) -> None:
@@ -148,17 +148,20 @@ def _block(
     timed = "time" in roles or any(series[name].fs for name in roles.values())
     if not traits.is_curve and not timed:
         lines.append(_sampling(leaves, assume))
+    if traits.is_free:
+        lines.append(_band(files[0], roles, lines, assume))
     if traits.is_steady:
         lines.append("tones = [1.0]  # CHECK: frequencies [Hz]")
         assume("tones must be given.")
     if traits.is_stepped:
         lines.append("dwell = 1.0  # CHECK: duration of each step [s]")
-    if others := [name for name in series if name not in roles.values()]:
-        lines.append(f"# not used: {_listed(others)}")
-    return "\n".join([*lines, *commented(TestSpec, OPTIONAL)]) + "\n"
+    if unused := [name for name in series if name not in roles.values()]:
+        lines.append(f"# not used: {_listed(unused)}")
+    others = [name for name in OPTIONAL if name != "band" or not traits.is_free]
+    return "\n".join([*lines, *commented(TestSpec, others)]) + "\n"
 
 
-def _units(channels: Mapping[str, Leaf], assume: Callable[[str], None]) -> str:
+def _units(channels: Leaves, assume: Assume) -> str:
     units, guessed = {}, []
     for role, leaf in channels.items():
         if leaf.unit:
@@ -171,7 +174,20 @@ def _units(channels: Mapping[str, Leaf], assume: Callable[[str], None]) -> str:
     return f"units = {toml(units)}{mark}"
 
 
-def _sampling(leaves: Mapping[str, Leaf], assume: Callable[[str], None]) -> str:
+def _band(path: Path, roles: Mapping[str, str], lines: Sequence[str], assume: Assume) -> str:
+    """The band of a free decay, about the strongest line of its first record."""
+    try:
+        stated = tomllib.loads("\n".join(lines[1:]))
+        wanted = Wanted(roles, stated["units"], stated.get("fs"))
+        low, high = band_about_peak(records(path, wanted)[0])
+    except (JbwError, ValueError, IndexError):  # for `jbw check` to say
+        assume("band must be given.")
+        return "# band = [5.0, 40.0]  # CHECK: frequencies around the one mode [Hz]"
+    assume(f"band {low:g} to {high:g} Hz is about the strongest line.")
+    return f"band = {toml([low, high])}  # CHECK: about the strongest line; no other mode in it"
+
+
+def _sampling(leaves: Leaves, assume: Assume) -> str:
     for name, leaf in leaves.items():
         is_scalar = all(length == 1 for length in leaf.shape)
         if is_scalar and name.lower().strip("_") in ("fs", "fs_hz"):
@@ -180,7 +196,7 @@ def _sampling(leaves: Mapping[str, Leaf], assume: Callable[[str], None]) -> str:
     return "# fs = 1024.0  # CHECK: sampling frequency [Hz], not in the file"
 
 
-def _skeleton(files: Sequence[Path], found: Mapping[str, Leaf]) -> str:
+def _skeleton(files: Sequence[Path], found: Leaves) -> str:
     """A [[test]] table to be filled in by hand, commented out."""
     lines = [
         f"# CHECK: name the channels of {toml(files[0].name)} by hand, from {_listed(found)}.",
@@ -213,7 +229,7 @@ def _listed(found: Collection[str]) -> str:
     return (", ".join(some) or "nothing") + (f" and {more} more" if more else "")
 
 
-def _series_in(leaves: Mapping[str, Leaf]) -> dict[str, Leaf]:
+def _series_in(leaves: Leaves) -> dict[str, Leaf]:
     """The arrays that are one series, and the rows or columns of narrow tables, by their paths."""
     found: dict[str, Leaf] = {}
     for name, leaf in leaves.items():
@@ -226,7 +242,7 @@ def _series_in(leaves: Mapping[str, Leaf]) -> dict[str, Leaf]:
     return found
 
 
-def _records_in(series: Mapping[str, Leaf]) -> list[dict[str, Leaf]]:
+def _records_in(series: Leaves) -> list[dict[str, Leaf]]:
     """Series by the struct or group that they lie in, where several hold the same names."""
     groups: dict[str, dict[str, Leaf]] = {}
     for name, leaf in series.items():
@@ -240,7 +256,7 @@ def _last_name(path: str) -> str:
     return re.split(r"[./]", re.sub(r"\[[^\]]*\]", "", path))[-1].lower()
 
 
-def _roles_of(series: Mapping[str, Leaf]) -> dict[str, str]:
+def _roles_of(series: Leaves) -> dict[str, str]:
     """Role to channel, by the channels' names, and by their units where the file gives them."""
     roles: dict[str, str] = {}
     for name, leaf in series.items():

@@ -12,6 +12,7 @@ from jbw.campaign.files import repeats_of
 from jbw.campaign.schema import Assembly, TestSpec, force_per_unit, read_spec
 from jbw.campaign.settings import Identify, laws_of
 from jbw.errors import JbwError
+from jbw.measurement.checks import Fault, gathered
 from jbw.measurement.files.read import report
 from jbw.measurement.records import Record, Test
 from jbw.quantities import DEFAULT_LAWS
@@ -101,10 +102,16 @@ def load_test(
         allow_outside: Let `files` point out of the folder.
     """
     kept: list[Record] = []
+    doubts: list[tuple[str, Fault]] = []
     for item in repeats_of(test, folder, allow_outside=allow_outside):
         if isinstance(item, JbwError):
             raise item
-        report(item, findings(item, test, kept[:1], per_unit=per_unit))
+        faults = findings(item, test, kept[:1], per_unit=per_unit)
+        report(item, [one for one in faults if one.severity == "error"])
+        doubts += [(item.name, one) for one in faults]
         kept.append(item)
+    for one in gathered(doubts, len(kept)):
+        said = f"Test {test.name}, channel `{one.channel}`: {one.what} {one.remedy}"
+        warnings.warn(said.rstrip(), stacklevel=3)
     facts = {name: getattr(test, name) for name in SAME}
     return Test(test.kind, tuple(kept), tones_hz=test.tones, band_hz=test.band, **facts)

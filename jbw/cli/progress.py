@@ -20,6 +20,12 @@ from jbw.run.session import prepare_jax as prepare_jax
 LOOK_S = 1.0  # between two looks at the chains at least, on a terminal
 PLAIN_S = 10.0  # between two lines where there is none, and of silence at most
 BEAT_S = 1.0  # between two looks at whether it is silent
+STEPS = {
+    "joint_": "joint posterior", "decay_": "posterior of free decays", "third_order_": "Step 3",
+    "opening_": "Step 4",
+}  # fmt: skip
+WAYS = {"amis": "weighed points", "ridge": "along the ridge,", "valley": "along the valley,",
+        "wide": "wider prior bounds,"}  # fmt: skip
 FEWEST = 8  # draws of a chain from where on their effective number is estimated
 
 
@@ -48,7 +54,7 @@ class Teller:
     def beat(self) -> None:
         """Say what is under way, and for how long, where nothing was said for ten seconds."""
         now = perf_counter()
-        if self._stage and self._live is None and now - self._told > PLAIN_S:
+        if self._stage and now - self._told > PLAIN_S:
             self._told = now
             self._print(f"... {self._stage}, for {duration(round(now - self._since))} so far")
 
@@ -111,15 +117,30 @@ def computing() -> Iterator[Teller]:
             say.clear()
 
 
+def called(name: str) -> str:
+    """What a posterior under way is called, by the name that its draws are kept under."""
+    base, _, again = name.rpartition("_") if name[-1:].isdigit() else (name, "", "0")
+    step = next((one for one in STEPS if f"{base}_".startswith(one)), base)
+    how = f"{base}_".removeprefix(step).strip("_").replace("_", " ")
+    for word, plain in WAYS.items():
+        how = how.replace(word, plain)
+    told = ", ".join(filter(None, (STEPS.get(step, step), how)))
+    if again == "0":
+        return told
+    return f"{told}, round {int(again) + 1} (chains disagreed or draws were few: drawn again)"
+
+
 def chain_table(name: str, so_far: Any) -> Table:
     """One line a chain: steps, draws, effective draws so far, divergences, time left."""
     table = Table.grid(padding=(0, 2))
+    table.title, table.title_justify = called(name), "left"
     sizes = effective(so_far.draws)
+    groups = "group" if so_far.in_rounds else "chain"
     for i, size in enumerate([None] if sizes is None else sizes):
         row = [
-            name if size is None else f"{name} {i + 1}",
+            "" if size is None else f"{groups} {i + 1}",
             ProgressBar(total=so_far.total, completed=so_far.done, width=24),
-            f"{so_far.done}/{so_far.total}",
+            f"round {so_far.done}" if so_far.in_rounds else f"{so_far.done}/{so_far.total}",
             "warming up" if size is None else f"{size:.0f} effective draws",
         ]
         if so_far.divergences is not None:
@@ -132,7 +153,10 @@ def chain_table(name: str, so_far: Any) -> Table:
 
 def chain_sentence(name: str, so_far: Any) -> str:
     """The same in one line for all chains."""
-    parts = [f"{name}: {so_far.done} of {so_far.total} steps"]
+    steps = f"{so_far.done} of {so_far.total} steps"
+    if so_far.in_rounds:
+        steps = f"round {so_far.done} of {so_far.total} at most, until the draws are enough"
+    parts = [f"{called(name)}: {steps}"]
     sizes = effective(so_far.draws)
     if sizes is None:
         parts.append("warming up")

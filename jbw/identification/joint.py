@@ -85,7 +85,8 @@ def joint_step(
         posterior[group] = xr.DataTree(arrays)
     step = finished(
         name, posterior, ready.box, ready.fit, started,
-        findings=findings, statements=[*ready.statements, *drawn(posterior.attrs), *words],
+        findings=[*ready.findings, *findings],
+        statements=[*ready.statements, *drawn(posterior.attrs), *words],
         held=ready.data.held, chi_square=ready.chi_square,
         ending=ending(ready.box, ready.data.laws),
     )  # fmt: skip

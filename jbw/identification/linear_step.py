@@ -8,6 +8,7 @@ import xarray as xr
 
 from jbw.identification.linear import LineFit, PooledFit, Residuals, line_fit, pool
 from jbw.identification.modal import ModalFit, fit_modes, in_order, line_of, model_lines
+from jbw.measurement.checks import told_together
 from jbw.measurement.records import Test, steady
 from jbw.measurement.spectra import FRF, frf
 from jbw.observables.samples import advance
@@ -56,17 +57,18 @@ def linear_step(
     how = {"response": response, "band": test.band_hz, "window": window, "nperseg": size}
     u = np.stack([(gain or 1.0) * record.channels[record.source] for record in test.records])
     y = np.stack([advance(r.channels[response], test.delay, fs) for r in test.records])
-    each = (frf(one_u, one_y, fs, **how) for one_u, one_y in zip(u, y, strict=True))
-    modal = None
-    if modes:
-        together = frf(u, y, fs, **how)
-        modal = _joint_first(_modes_of(test, together, modes), counted=isinstance(modes, int))
-        known = list(modal.omega / (2 * np.pi))
-        fits = tuple(line_of(_modes_of(test, one, known)) for one in each)
-    else:
-        terms: Residuals = "none" if test.residuals == "auto" else test.residuals
-        fits = tuple(line_fit(one, test.band_hz, residuals=terms) for one in each)
-        together = frf(u, y, fs, **how)
+    with told_together(test.name, len(test.records)):
+        each = (frf(one_u, one_y, fs, **how) for one_u, one_y in zip(u, y, strict=True))
+        modal = None
+        if modes:
+            together = frf(u, y, fs, **how)
+            modal = _joint_first(_modes_of(test, together, modes), counted=isinstance(modes, int))
+            known = list(modal.omega / (2 * np.pi))
+            fits = tuple(line_of(_modes_of(test, one, known)) for one in each)
+        else:
+            terms: Residuals = "none" if test.residuals == "auto" else test.residuals
+            fits = tuple(line_fit(one, test.band_hz, residuals=terms) for one in each)
+            together = frf(u, y, fs, **how)
     pooled = pool(fits)
     rms = float(np.sqrt(np.mean(y**2)))
     power = derivative_order(response)

@@ -26,6 +26,7 @@ from jbw.identification.coordinates import (
     coordinate_box,
     coordinates_sentence,
 )
+from jbw.identification.level_trend import trend_finding
 from jbw.identification.residual_terms import shown_terms
 from jbw.identification.run_effects import (
     sentence_of,
@@ -37,6 +38,7 @@ from jbw.identification.run_effects import (
 from jbw.inference.fit.costly_fit import TOLERANCE, costly_fit, from_search
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.lanes import at_points
+from jbw.inference.posterior.finding import Finding
 from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
@@ -70,6 +72,7 @@ class Fitted:
     statements: tuple[str, ...] = ()  # what the fit showed, a sentence each
     # Of the first fit over the groups whose noise repeats tell, and its degrees of freedom.
     chi_square: tuple[float, int] | None = None
+    findings: tuple[Finding, ...] = ()  # of the same, for the verdict
 
 
 def fit_joint(key: Key[Array, ""], seen: Measured, report: Report) -> Fitted:
@@ -204,11 +207,13 @@ def reweight(
     key: Key[Array, ""], data: Dataset, prior: Box, first: Fit, settings: Identify
 ) -> Fitted:
     """Noise, effective values and run effects as fits show them; coordinates and solver steps."""
-    words = []
+    words: list[str] = []
+    findings: list[Finding | None] = []
     best, data = settled(first, prior, data, settings)
     shifts = shifts_of(best, prior.names, data)
     if shifts is not None and wanted(shifts, settings):
         words.append(sentence_of(shifts))
+        findings.append(trend_finding(shifts, data))
         data = with_offsets(best, shifts, data, settings.run_scatter)
         best = refit(best, prior, data)
         # The offsets that are known now are where records are linearised in them.
@@ -232,7 +237,8 @@ def reweight(
             if finer is data:
                 break
             data, best = finer, refit(best, prior, finer)
-    return Fitted(best, prior, data, tuple(words))
+    seen = tuple(one for one in findings if one is not None)
+    return Fitted(best, prior, data, tuple(words), findings=seen)
 
 
 def settled(best: Fit, prior: Box, data: Dataset, settings: Identify) -> tuple[Fit, Dataset]:

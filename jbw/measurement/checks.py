@@ -1,7 +1,10 @@
 """Checks after reading: each finds one fault of a channel and says what to do about it."""
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+import re
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -52,6 +55,50 @@ def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> t
     for role, x in record.channels.items():
         found += _channel(role, x, record.fs, masked)
     return tuple(sorted(found, key=lambda fault: fault.severity))
+
+
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+def gathered(found: Iterable[tuple[str, Fault]], count: int) -> list[Fault]:
+    """Faults of `count` records by their names: doubts that differ in numbers alone are one.
+
+    It says of how many records, and from where to where the numbers reach.
+    """
+    alike: dict[tuple[str, ...], list[tuple[str, Fault]]] = {}
+    for name, fault in found:
+        # What cannot be used is named record by record, to be excluded.
+        own = name if fault.severity == "error" else ""
+        key = fault.severity, fault.channel, NUMBER.sub("#", fault.what), own
+        alike.setdefault(key, []).append((name, fault))
+    return [_together(each, count) for each in alike.values()]
+
+
+@contextmanager
+def told_together(test: str, count: int) -> Iterator[None]:
+    """Warnings that the records of a test give one by one, as one each."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    doubts = [("", doubt("", str(each.message))) for each in caught]
+    for one in gathered(doubts, count):
+        warnings.warn(f"Test {test}: {one.what}", stacklevel=4)
+
+
+def _together(alike: Sequence[tuple[str, Fault]], count: int) -> Fault:
+    (name, first), *others = alike
+    if not others:
+        return replace(first, what=f"{name}: {first.what}") if name else first
+    columns = zip(*(NUMBER.findall(fault.what) for _, fault in alike), strict=True)
+    reach = iter([_reach(column) for column in columns])
+    told = NUMBER.sub(lambda _: next(reach), first.what)
+    return replace(first, what=f"{min(len(alike), count)} of {count} records: {told}")
+
+
+def _reach(numbers: Sequence[str]) -> str:
+    """The least to the largest of numbers as they were written."""
+    least, most = min(numbers, key=float), max(numbers, key=float)
+    return least if float(least) == float(most) else f"{least} to {most}"
 
 
 def worst(faults: Iterable[Fault]) -> str:

@@ -10,7 +10,8 @@ from jbw.measurement.channels import Reals
 from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.measurement.curves import ForcedLoop, ResponseCurve, displacement_of
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
-from jbw.measurement.records import Record
+from jbw.measurement.records import INPUTS, Record
+from jbw.quantities import derivative_order
 
 THIRD = 3  # the highest order looked at
 LISTED = 6  # tones named in a message
@@ -18,6 +19,10 @@ DEGREES = 20.0  # [rad]; a phase beyond three turns was written in degrees
 FEWEST_LINES = 4
 MOVING = 0.3  # of its usual amplitude: a record from rest does not begin so
 COHERENT = 0.8  # of the power of a first period that one tone explains; wide-band noise has none
+LIKE = 2.0  # times peak or rms of a channel: a level beyond that is of none
+NO_LEVEL = ("frequency", "phase", "time")
+ABOUT = 0.2  # of the strongest line, to either side: a band to begin with
+PERIODS = 8  # of a record at least, where a line is taken for a mode
 DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
 
 
@@ -180,3 +185,52 @@ def already_moving(record: Record, band: Sequence[float] | None, settle: float) 
             "Set `settle` to the time in which free motion dies out, some 6 / (zeta omega_n), or "
             "let `span` begin where the structure is at rest.",
         )
+
+
+def level_unlike(record: Record, level: float) -> Iterator[Fault]:
+    """The doubt that a level is a name: neither peak nor rms of any channel comes near it."""
+    seen = {}
+    for role, samples in record.channels.items():
+        x = np.abs(samples[np.isfinite(samples)])
+        if role not in NO_LEVEL and x.size:
+            seen[role] = float(x.max()), float(np.sqrt(np.mean(x**2)))
+    if not level > 0 or not seen:
+        return
+    if any(1 / LIKE <= size / level <= LIKE for sizes in seen.values() for size in sizes):
+        return
+    role = next((role for role in INPUTS if role in seen), record.response)
+    peak, rms = seen[role]
+    yield doubt(
+        role,
+        f"`level` is {level:g}, but {role} has a peak of {peak:.3g} and an rms of {rms:.3g} "
+        f"{record.units.get(role, '')}".rstrip()
+        + ".",
+        "Predictions at a level, and tests of one level, take it for an amplitude.",
+        f"State what the rig held constant, say `level = {peak:.3g}`; a name goes into `name`.",
+    )
+
+
+def bandless(record: Record, settle: float) -> Iterator[Fault]:
+    """The refusal of a free decay without a band, with one about its strongest line."""
+    low, high = band_about_peak(record, settle)
+    yield refusal(
+        record.response,
+        "A free decay needs `band`: the frequencies around the one mode of the joint.",
+        "It shows every mode at once.",
+        f"Put under [[test]]: `band = [{low:g}, {high:g}]`. That is about the strongest line; "
+        "no other mode may lie in it.",
+    )
+
+
+def band_about_peak(record: Record, settle: float = 0.0) -> tuple[float, float]:
+    """Frequencies about the strongest line of a displacement [Hz], to two digits."""
+    x = record.channels[record.response][round(settle * record.fs) :]
+    x = np.where(np.isfinite(x), x, 0.0) - np.nanmean(x)
+    freq = np.fft.rfftfreq(len(x), 1 / record.fs)[1:]
+    # As a displacement, of which the joint's mode is the largest part.
+    size = np.abs(np.fft.rfft(x * np.hanning(len(x)))[1:]) / freq ** derivative_order(
+        record.response
+    )
+    lowest = np.searchsorted(freq, PERIODS * record.fs / len(x))  # of a mean that drifts
+    peak = float(freq[lowest + np.argmax(size[lowest:])])
+    return float(f"{(1 - ABOUT) * peak:.2g}"), float(f"{(1 + ABOUT) * peak:.2g}")

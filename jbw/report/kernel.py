@@ -7,6 +7,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from jbw.errors import DataError
+from jbw.report import style
 from jbw.report.result import branch, frequency, quantiles, unit_of, wrap_band, wrap_degrees
 from jbw.report.style import BLUE, INK, VERMILLION, Panels, finish, log_y, panels, title
 from jbw.report.text import axis_label
@@ -86,7 +87,7 @@ def kernel_bands(tree: xr.DataTree, ax: Any = None) -> Panels:
             magnitude = quantiles(shown, f"{name}_magnitude")
             phase = wrap_band(quantiles(shown, f"{name}_phase"))
             for each, (low, middle, high) in zip(row, (magnitude, phase), strict=True):
-                look = {"lw": 4, "alpha": 0.45, "label": f"99 % parameter band, {called}"}
+                look = {"lw": 4, "alpha": 0.45, "label": f"{style.BAND}, {called}"}
                 each.vlines(freq + side * step, low, high, color=colour, **look)
                 each.plot(freq + side * step, middle, "_", color=INK, ms=6, mew=0.9)
         for each in row:

@@ -95,7 +95,7 @@ def draw_loop(ax: Axes, test: xr.Dataset, slope: float) -> None:
         label = "99 % band of the measured loop, from ζ and gain"
         _ring(ax, y, quantiles(test, "measured_force_band") - slope * y, style.REPEATS, label)
     band = quantiles(test, "model_force") - slope * model_y
-    _ring(ax, model_y, band, MODEL, f"{style.BAND} of the model")
+    _ring(ax, model_y, band, MODEL, style.band_label(test.attrs))
     if "measured_force_viscous" in test:
         force = np.asarray(test["measured_force_viscous"], float) - slope * y
         label = "measured, viscous force included"
@@ -151,7 +151,7 @@ def draw_forced_loop(ax: Axes, test: xr.Dataset) -> None:
     y = MILLI * np.asarray(test["displacement"], float)
     low, median, high = quantiles(test, "model_force") / KILO
     for i, part in enumerate(monotone(y)):
-        label = f"{style.BAND} of the model" if i == 0 else "_further"
+        label = style.band_label(test.attrs) if i == 0 else "_further"
         shade(ax, y[part], low[part], high[part], MODEL, label, alpha=0.4)
     ax.plot(y, test["measured_force"] / KILO, color=INK, lw=0.8, label="measured")
     ax.plot(y, median, color=MODEL, lw=0.9, ls="--", label="median of the model")

@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from jbw.report import style
 from jbw.report.loops import verification_loops
 from jbw.report.records import (
-    PREDICTIVE_LABEL,
     draw_record,
     resonance_slice,
     response_label,
@@ -32,8 +31,8 @@ FIGURES: tuple[tuple[set[str], str, Callable[..., Panels]], ...] = (
     ({"measured", "measured_band", "model_band", "predictive_band"}, "sweep", verification_sweep),
 )
 LOOKS = {
-    "predictive": (style.PREDICTIVE, PREDICTIVE_LABEL, 9.0),
-    "model": (style.MODEL, style.BAND, 4.0),
+    "predictive": (style.PREDICTIVE, 9.0),
+    "model": (style.MODEL, 4.0),
 }
 
 
@@ -95,7 +94,8 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
                 shown = np.asarray(dataset[f"{kind}_{what}{suffix}"].transpose(..., "freq"), float)
                 # All phases within half a turn of the model's median.
                 shown = beside(shown, phase) if what == "phase" else shown
-                _harmonic(panels_of[what], kind, dataset["freq"], shown)
+                label = style.band_label(dataset.attrs, noise=kind == "predictive")
+                _harmonic(panels_of[what], kind, dataset["freq"], shown, label)
         if dataset.sizes["freq"] > 1:
             log_y(upper)
         what = plain(values.attrs.get("long_name", "response"))
@@ -105,12 +105,12 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
     return finish(axes, None, "frequency [Hz]")
 
 
-def _harmonic(ax: Axes, kind: str, freq: Any, values: Any) -> None:
+def _harmonic(ax: Axes, kind: str, freq: Any, values: Any, label: str) -> None:
     """Draw one quantity of a harmonic: a band, of a single frequency as a bar, or marks."""
     if kind == "measured":
         ax.plot(freq, values, "o", color=style.INK, ms=4, mfc="none", label="measured")
         return
-    colour, label, width = LOOKS[kind]
+    colour, width = LOOKS[kind]
     low, middle, high = values
     if freq.size == 1:
         ax.vlines(freq, low, high, color=colour, lw=width, alpha=0.6, label=label)

@@ -1,5 +1,6 @@
 """Measured records in time against what the posterior predicts: sweeps, decays, multisines."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -10,19 +11,13 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from jbw.report import style
 from jbw.report.result import fitted_text, frequency, level_text, quantiles, tests, unit_of
-from jbw.report.style import BAND, INK, MODEL, Panels, finish, panels, plain, shade, title
+from jbw.report.style import INK, MODEL, Panels, band_label, finish, panels, plain, shade, title
 from jbw.report.text import axis_label, percent
 
 COLUMNS = 1000  # extremes drawn of a full record: as many as the figure has points across
 FEWER = 300  # the same where three panels share the width
 MOST_DECAYS = 6  # records drawn: the first held-out ones, then the fitted ones
 PERIODS, WIDE_PERIODS = 6, 8
-PREDICTIVE_LABEL = "99 % predictive band (noise included)"
-BANDS = (
-    ("predictive_band", style.PREDICTIVE, PREDICTIVE_LABEL),
-    ("measured_band", style.REPEATS, "99 % band of the repeats"),
-    ("model_band", MODEL, BAND),
-)
 SPECTRA = (
     ("measured", INK, "measured"),
     ("linear_error", style.SKY, "left by a linear oscillator"),
@@ -43,6 +38,16 @@ def extremes(
     return time[np.minimum(starts + size // 2, time.size - 1)], least, most
 
 
+def bands_of(test: xr.Dataset) -> Iterator[tuple[str, str, str]]:
+    """Variable, colour and label of the bands that a test has, the widest first."""
+    looks = (
+        ("predictive_band", style.PREDICTIVE, band_label(test.attrs, noise=True)),
+        ("measured_band", style.REPEATS, "99 % band of the repeats"),
+        ("model_band", MODEL, band_label(test.attrs)),
+    )
+    return (look for look in looks if look[0] in test)
+
+
 def draw_record(
     ax: Axes,
     part: xr.Dataset,
@@ -53,10 +58,9 @@ def draw_record(
 ) -> None:
     """Draw a record and what bands it has, all `less` a curve; extremes of `count` stretches."""
     time = np.asarray(part["time"], float)
-    for name, colour, label in BANDS:
-        if name in part:
-            low, _, high = quantiles(part, name) - less
-            shade(ax, *extremes(time, low, high, count), colour, label, alpha=0.5)
+    for name, colour, label in bands_of(part):
+        low, _, high = quantiles(part, name) - less
+        shade(ax, *extremes(time, low, high, count), colour, label, alpha=0.5)
     if "measured" in part:
         values = np.asarray(part["measured"], float) - less
         if count is None:
@@ -124,7 +128,9 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None) -> Panels:
         reach = max(3, time.size // 96)
         shown = slice(None, None, max(1, reach // 4))
         edges = minimum_filter1d(low, reach)[shown], maximum_filter1d(high, reach)[shown]
-        draw_outline(whole, time[shown], *edges, "outline of the 99 % predictive band")
+        draw_outline(
+            whole, time[shown], *edges, f"outline of the {band_label(test.attrs, noise=True)}"
+        )
         whole.margins(x=0)
         part = test.isel(time=resonance_slice(measured))
         draw_record(zoom, part)

@@ -12,7 +12,7 @@ from matplotlib.colors import to_hex
 
 from jbw.errors import DataError
 from jbw.report import style
-from jbw.report.records import BANDS, short
+from jbw.report.records import bands_of, short
 from jbw.report.result import (
     beside,
     branch,
@@ -157,7 +157,7 @@ def _frf_column(column: Panels, test: xr.Dataset) -> None:
             reach = (repeats.min(axis=0), repeats.max(axis=0))
             style.shade(each, freq, *reach, style.REPEATS, "range of all repeats", alpha=0.5)
         each.plot(freq, repeats.mean(axis=0), color=INK, lw=0.8, label="mean of the repeats")
-        style.draw_model(each, freq, model, ls="--")
+        style.draw_model(each, freq, model, ls="--", holds=style.band_label(test.attrs))
         each.margins(x=0)
     log_y(column[0])
     column[1].set(ylim=(-230, 50), yticks=[-180, -90, 0])
@@ -168,9 +168,9 @@ def verification_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Does the model follow the response curves from level to level?
 
     Measured harmonics, filled circles where fitted and open triangles where held out, with the
-    model's 99 % parameter bands, its median a line, dashed where held out; where runs shift, the
-    bands hold the scatter of the runs. Below, how far the measured curve lies from the median, over
-    the curve's peak.
+    model's 99 % bands, its median a line, dashed where held out. Where runs shift, the bands of
+    tests that no fit saw hold the scatter of runs, which the legend then says. Below, how far the
+    measured curve lies from the median, over the curve's peak.
 
     Panels: a column for each measured quantity and harmonic (3 axes a column, row by row).
     """
@@ -211,10 +211,9 @@ def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
         axis = str(test.attrs["axis"])
         for _, group in test.groupby("group"):
             one = group.sortby(axis)
-            for variable, colour, label in BANDS:
-                if variable in one:
-                    low, _, high = quantiles(one, variable)
-                    style.shade(only, one[axis], low, high, colour, label, alpha=0.5)
+            for variable, colour, label in bands_of(one):
+                low, _, high = quantiles(one, variable)
+                style.shade(only, one[axis], low, high, colour, label, alpha=0.5)
             if "measured" in one:
                 look = {"color": INK, "ms": 3, "mfc": "none", "label": "measured"}
                 only.plot(one[axis], one["measured"], "o", **look)
@@ -268,7 +267,8 @@ def _curve(column: Panels, test: xr.Dataset, suffix: str, colour: str) -> None:
         (column[0], measured, model),
         (column[1], beside(phase, turned[1]), turned),
     ):
-        style.shade(ax, freq, band[0], band[2], colour, "_band", alpha=0.18)
+        low, _, high = band
+        style.shade(ax, freq, low, high, colour, style.band_label(test.attrs), alpha=0.18)
         ax.plot(freq, band[1], color=colour, lw=1.0, ls="-" if fitted else "--")
         ax.plot(freq, points, label=label, **look)
     column[2].plot(freq, 100.0 * off / np.nanmax(measured), color=colour, lw=1.0, label=label)

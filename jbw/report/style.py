@@ -1,6 +1,6 @@
 """How every figure looks: one palette, one width, units on the axes, no display needed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib
@@ -18,7 +18,7 @@ INK, SOFT, GRID = "#20242a", "#68707a", "#d9dde2"
 
 # The same role has the same colour in every figure.
 MEASURED, REPEATS, MODEL, PREDICTIVE = INK, SKY, VERMILLION, ORANGE
-BAND = "99 % parameter band"
+BAND = "99 % band: parameters alone"
 LEVELS = (BLUE, GREEN, ORANGE, VERMILLION, PURPLE, SKY)
 
 Panels = np.ndarray
@@ -137,9 +137,22 @@ def shade(ax: Axes, x: Any, lower: Any, upper: Any, colour: str, label: str, **l
     ax.fill_between(x, lower, upper, **look)
 
 
+def band_label(attrs: Mapping[Any, Any], *, noise: bool = False) -> str:
+    """What a band of a test holds, by the test's attributes: parameters, runs' scatter, noise."""
+    also = ["scatter of runs"] * bool(attrs.get("scatter")) + ["noise"] * noise
+    if not also:
+        return BAND
+    return f"99 % band: {', '.join(['parameters', *also[:-1]])} and {also[-1]}"
+
+
 def draw_model(
-    ax: Axes, x: Any, band: Any, label: str = "median of the model", ls: str = "-"
+    ax: Axes,
+    x: Any,
+    band: Any,
+    label: str = "median of the model",
+    ls: str = "-",
+    holds: str = BAND,
 ) -> None:
     """Draw the model's 99 % band and its median, the band's lower end, median and upper end."""
-    shade(ax, x, band[0], band[2], MODEL, BAND, alpha=0.4)
+    shade(ax, x, band[0], band[2], MODEL, holds, alpha=0.4)
     ax.plot(x, band[1], color=MODEL, lw=1.0, ls=ls, label=label)

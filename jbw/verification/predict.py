@@ -56,6 +56,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     source = _source(basis, test, asked)
     dataset, peak, noise = found = route_of(test)(source, test)
     facts = {"test": test.name, "kind": test.kind, "num_draws": source.num_draws}
+    facts["scatter"] = int(basis.scatters(test) and not test.traits.is_free)
     facts["noise"] = noise.says if asked.noise else LEFT_OUT
     if np.isfinite(test.level):
         unit = str(dataset.attrs.get("level_unit", seen_of(test).source))

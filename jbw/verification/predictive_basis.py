@@ -103,6 +103,10 @@ class Basis:
         names = (name for name in (run_of(test), family_of(test)) if name in known)
         return next(names, None) if test.name in self.seen else None
 
+    def scatters(self, test: Test) -> bool:
+        """Whether bands of a test hold the scatter of runs: it is of none that was fitted."""
+        return len(self.scatter) > 0 and (self.runs is None or self.run_of(test) is None)
+
     def _complete(self, known: Draws, gain: float | None) -> Draws:
         """Draws with a gain that is given, if they have all that a response depends on."""
         if gain is not None:

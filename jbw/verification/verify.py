@@ -103,26 +103,27 @@ def _verify_forced(
         draws = basis.draws_for(test, num_draws, seed=source.seed)
         return replace(source, draws=draws, references=of_run(simpler, basis.run_of(test)))
 
-    def add(kind: str, name: str, one: Predicted, is_fitted: bool) -> None:
-        attrs = {"noise": one.noise.says, **marks(is_fitted)}
+    def add(kind: str, name: str, test: Test, one: Predicted) -> None:
+        attrs = {"noise": one.noise.says, **marks(test)}
         extrapolation = one.extrapolation(basis)
-        if extrapolation is not None and not is_fitted:
+        if extrapolation is not None and not attrs["fitted"]:
             attrs["extrapolation"] = extrapolation
         groups[place(f"verification/{kind}", name)] = one.dataset.assign_attrs(attrs)
 
     def add_frf(motion: Motion) -> None:
         name = motion.test.name
-        frf = compare_frfs(motion, band_hz).assign_attrs(marks(name in names))
+        frf = compare_frfs(motion, band_hz).assign_attrs(marks(motion.test))
         groups[place("verification/frf", name)] = frf
 
-    def marks(is_fitted: bool) -> dict[str, Any]:
-        return {"fitted": int(is_fitted), "offsets": int(len(basis.scatter) > 0)}
+    def marks(test: Test) -> dict[str, Any]:
+        known = {"fitted": int(test.name in names), "offsets": int(len(basis.scatter) > 0)}
+        return {**known, "scatter": int(basis.scatters(test))}
 
     for test in sweeps:
         motion = motion_of(own := beside(test), test)
         add_frf(motion)
         one = Predicted(compare_records(own, motion), motion.peak, motion.noise)
-        add("sweep", test.name, one, test.name in names)
+        add("sweep", test.name, test, one)
     for test in tests:
         if test.traits.is_broadband and not test.is_cyclic:
             add_frf(motion_of(replace(beside(test, NUM_FEW), references={}), test, substeps=1))
@@ -138,14 +139,15 @@ def _verify_forced(
         alike = [curves[name] for name in same]
         compared = predict_curves(beside(alike[0].test), alike)
         for name, curve, one in zip(same, alike, compared, strict=True):
-            add("curve", name, one, curve.test.name in names)
+            add("curve", name, curve.test, one)
     for test in tests:
         if test.traits.is_prescribed or test.is_cyclic or has_groups_alone(test):
             one = route_of(test)(beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS), test)
-            add(test.kind, test.name, one, test.name in names)
+            add(test.kind, test.name, test, one)
     for test in loops:
         validated = loop_validation(test, beside(test).draws, basis.laws)
-        groups[place("validation/loops", test.name)] = validated
+        marked = validated.assign_attrs(scatter=int(basis.scatters(test)))
+        groups[place("validation/loops", test.name)] = marked
     return groups
 
 

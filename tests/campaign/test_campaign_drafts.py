@@ -33,7 +33,9 @@ def test_struct_array_of_curves_is_a_test_each(tmp_path):
 @pytest.mark.parametrize("along_rows", [True, False])
 def test_rows_and_columns_of_tables_are_channels(tmp_path, along_rows):
     rng = np.random.default_rng(0)
-    table = rng.normal(size=(3, 4000) if along_rows else (4000, 3))
+    # From rest, as a sweep begins.
+    table = np.linspace(0.0, 1.0, 4000) * rng.normal(size=(3, 4000))
+    table = table if along_rows else table.T
     np.savez(
         tmp_path / "sinesweep_1.npz", Force=rng.normal(size=4000), Acceleration=table, Fs=400.0
     )

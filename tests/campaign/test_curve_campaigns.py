@@ -210,7 +210,8 @@ def test_files_of_two_rates(tmp_path):
 
 def test_mean_is_removed_and_said(tmp_path):
     pair(tmp_path)
-    (test,) = load_campaign(campaign(tmp_path, {}, **TWO, fs="fs", remove_mean=True)).tests
+    stated = campaign(tmp_path, {}, **TWO, fs="fs", remove_mean=True, settle=0.1)  # in motion
+    (test,) = load_campaign(stated).tests
     for samples in test.records[0].channels.values():
         assert abs(samples.mean()) < 1e-15
     with np.load(tmp_path / "u_1.npz") as archive:

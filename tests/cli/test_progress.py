@@ -10,15 +10,17 @@ import pytest
 from rich.console import Console
 
 from jbw.cli import progress
-from jbw.cli.progress import LOOK_S, PLAIN_S, Teller, chain_sentence, effective
+from jbw.cli.progress import LOOK_S, PLAIN_S, Teller, called, chain_sentence, effective
 from jbw.inference.samplers.chunked_run import SoFar
 
 
-def so_far(done=300, total=425, num_draws=275, divergences=(0, 2, 0, 0), left_s=100.0):
+def so_far(
+    done=300, total=425, num_draws=275, divergences=(0, 2, 0, 0), left_s=100.0, in_rounds=False
+):
     rng = np.random.default_rng(0)
     draws = {"alpha": rng.normal(size=(4, num_draws)), "zeta": rng.normal(size=(4, num_draws))}
     counts = None if divergences is None else np.array(divergences)
-    return SoFar(done, total, draws if num_draws else {}, counts, left_s)
+    return SoFar(done, total, draws if num_draws else {}, counts, left_s, in_rounds)
 
 
 @pytest.fixture
@@ -45,8 +47,8 @@ def test_where_there_is_no_terminal_a_line_now_and_then(clock):
     )
     lines = told.splitlines()
     assert len(lines) == 3
-    assert lines[0].endswith("joint: 10 of 425 steps, warming up, 100 s left")
-    assert "joint: 300 of 425 steps, " in lines[1]
+    assert lines[0].endswith("joint posterior: 10 of 425 steps, warming up, 100 s left")
+    assert "joint posterior: 300 of 425 steps, " in lines[1]
     assert "2 divergences" in lines[1]
     assert "\x1b" not in told
 
@@ -58,8 +60,9 @@ def test_a_quick_posterior_says_nothing(clock):
 
 def test_on_a_terminal_every_chain_has_its_line(clock):
     told = told_on(True, clock, [(LOOK_S + 1, so_far())])
+    assert "joint posterior" in told
     for chain in range(1, 5):
-        assert f"joint {chain}" in told
+        assert f"chain {chain}" in told
     assert told.count("300/425") >= 4  # drawn again when the live lines end
     assert "2 divergences" in told
     assert told.count("left") >= 4
@@ -87,6 +90,50 @@ def test_ten_seconds_of_silence_are_broken_by_what_is_under_way(clock):
     say("Done")
     say.beat()
     assert len(stream.getvalue().splitlines()) == 6
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("joint", "joint posterior"),
+        ("joint_amis", "joint posterior, weighed points"),
+        ("joint_ridge_amis", "joint posterior, along the ridge, weighed points"),
+        ("joint_wide_nuts", "joint posterior, wider prior bounds, nuts"),
+        ("decay_elliptical_slice", "posterior of free decays, elliptical slice"),
+        ("third_order_nuts", "Step 3, nuts"),
+        ("mine", "mine"),
+        (
+            "joint_1",
+            "joint posterior, round 2 (chains disagreed or draws were few: drawn again)",
+        ),
+        (
+            "joint_nuts_2",
+            "joint posterior, nuts, round 3 (chains disagreed or draws were few: drawn again)",
+        ),
+    ],
+)
+def test_what_is_under_way_is_named_in_plain_words(name, words):
+    assert called(name) == words
+
+
+def test_rounds_of_points_are_no_steps():
+    told = chain_sentence("joint_amis", so_far(3, 64, left_s=None, in_rounds=True))
+    assert told.startswith(
+        "joint posterior, weighed points: round 3 of 64 at most, until the draws are enough, "
+    )
+    assert "steps" not in told
+
+
+def test_a_live_line_that_stands_still_is_no_silence(clock):
+    stream = io.StringIO()
+    say = Teller(Console(file=stream, force_terminal=True, width=110, highlight=False))
+    say("Joint posterior")
+    clock[0] += LOOK_S + 1
+    say.chains("joint", so_far())
+    clock[0] += PLAIN_S + 1
+    say.beat()
+    assert "... Joint posterior, for 13 s so far" in stream.getvalue()
+    say("Done")
 
 
 def test_no_time_left_is_told_before_it_is_known():

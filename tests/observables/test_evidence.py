@@ -214,6 +214,19 @@ def test_what_frequencies_hide_of_damping_is_found_and_every_record_counts():
 
 
 @pytest.mark.slow
+def test_runs_whose_frequency_goes_with_their_level_are_told_as_the_laws_failure():
+    # More than the joint softens, which would take a smaller rise for less softening.
+    levels = (5, 12, 20, 30, 45, 60)
+    tests = [curve(level, omega_n=500.0 + 3.0 * i, seed=i) for i, level in enumerate(levels)]
+    prior = box(PRIOR)
+    data = assemble(measured(tests, Identify(), gain=GAIN))
+    middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
+    first = costly_fit(stacked, prior, data, starts=middle)
+    (found,) = reweight(jax.random.key(0), data, prior, first, Identify()).findings
+    assert (found.code, found.status) == ("level_trend", "failed")
+
+
+@pytest.mark.slow
 def test_every_run_has_its_own_frequency_and_assemblies_scatter_more_than_days():
     shifted = {"A": (501.5, 501.7), "B": (499.0, 498.7), "C": (500.2, 500.4)}
     tests = [

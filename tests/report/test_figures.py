@@ -12,6 +12,7 @@ from PIL import Image
 from jbw.errors import ConfigError, DataError
 from jbw.report import figures
 from jbw.report.figures import FIGURE_LIST, FIGURES, figure_of, save_figures, svg
+from jbw.report.style import band_label
 
 # The paper's figure 3 shows the rig itself.
 NUMBERED = [f"figure_{number}" for number in (1, 2, *range(4, 14))]
@@ -104,9 +105,29 @@ def test_the_callers_axes_are_used_and_returned(tree):
 
 def test_bands_are_named_for_what_they_are(drawn):
     labels = [text.get_text() for text in drawn["figure_12"].legends[0].get_texts()]
-    assert "99 % parameter band" in labels
-    assert "99 % predictive band (noise included)" in labels
+    assert "99 % band: parameters alone" in labels
+    assert "99 % band: parameters and noise" in labels
     assert "99 % band of the repeats" in labels
+
+
+@pytest.mark.parametrize(
+    ("attrs", "noise", "label"),
+    [
+        ({}, False, "99 % band: parameters alone"),
+        ({"scatter": 0}, True, "99 % band: parameters and noise"),
+        ({"scatter": 1}, False, "99 % band: parameters and scatter of runs"),
+        ({"scatter": 1}, True, "99 % band: parameters, scatter of runs and noise"),
+    ],
+)
+def test_a_legend_says_what_is_in_its_band(tree, attrs, noise, label):
+    assert band_label(attrs, noise=noise) == label
+    groups = {
+        f"/verification/sweep/{name}": test.to_dataset().assign_attrs(attrs)
+        for name, test in tree["verification/sweep"].children.items()
+    }
+    drawn = FIGURES["figure_12"](xr.DataTree.from_dict(groups))
+    texts = [text.get_text() for text in drawn.flat[0].figure.legends[0].get_texts()]
+    assert label in texts
 
 
 @pytest.mark.parametrize("name", FIGURES)

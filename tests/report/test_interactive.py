@@ -62,7 +62,7 @@ def test_bands_are_filled_and_named(few):
     (frequency, _) = charts_of(few)
     band, median = frequency.lines
     assert band["fill"] == "toself"
-    assert band["name"] == "99 % parameter band"
+    assert band["name"] == "99 % band: parameters alone"
     assert band["legendgroup"] == median["legendgroup"]
     for x, y in zip(median["x"], median["y"], strict=True):
         edges = band["y"][np.isclose(band["x"], x)]

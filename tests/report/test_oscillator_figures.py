@@ -34,7 +34,11 @@ def test_the_backbone_is_the_trees(tree):
     assert right.get_ylabel() == "equivalent damping ratio [%]"
     assert left.get_xlabel() == "amplitude of displacement [mm]"
     labels = [text.get_text() for text in left.figure.legends[0].get_texts()]
-    assert labels == ["99 % parameter band", "median of the model", "beyond what was fitted"]
+    assert labels == [
+        "99 % band: parameters alone",
+        "median of the model",
+        "beyond what was fitted",
+    ]
 
 
 def test_loops_are_drawn_whole_or_as_what_slip_takes(tree):

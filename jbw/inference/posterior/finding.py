@@ -19,7 +19,7 @@ QUESTIONS = {
 ASKED = {
     "sampling": ("ess_bulk", "r_hat"),
     "law": (
-        "cause", "repeatability", "held_out_coverage", "simpler_model", "misfit",
+        "cause", "level_trend", "repeatability", "held_out_coverage", "simpler_model", "misfit",
         "coloured_residual", "chi_square", "leave_one_out",
     ),
     "knowledge": ("no_joint", "unidentified", "modes", "at_bound"),

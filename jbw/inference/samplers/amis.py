@@ -109,7 +109,8 @@ def gather(
             if kept is not None and (last or kept.due()):
                 kept.save(as_arrays(past, spent, mark), last=last)
             for tell in watching:
-                tell(SoFar(len(past.rounds), options.most_rounds, drawn[0].theta, None, None))
+                count, most, theta = len(past.rounds), options.most_rounds, drawn[0].theta
+                tell(SoFar(count, most, theta, None, None, in_rounds=True))
             if last:
                 return *drawn, before
         count = 0 if past is None else len(past.rounds)

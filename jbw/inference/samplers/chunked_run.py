@@ -46,6 +46,7 @@ class SoFar(NamedTuple):
             has none.
         left_s: Time left at the rate of the steps after the warm-up and after compiling [s]; None
             before it is known, and where the end depends on the draws.
+        in_rounds: Whether the steps are rounds of points, of which there are `total` at most.
     """
 
     done: int
@@ -53,6 +54,7 @@ class SoFar(NamedTuple):
     draws: dict[str, Any]
     divergences: np.ndarray | None
     left_s: float | None
+    in_rounds: bool = False
 
 
 class Kept(Protocol):

@@ -1,0 +1,97 @@
+r"""Do the offsets of runs go with their motion? Then they are no scatter: the law misses something.
+
+Weighted least squares of the offsets on the size of the response, the scatter of runs taken from
+what is left, by Student's t with two degrees of freedom less than runs:
+
+$$b_r = a + s\,x_r + e_r, \qquad w_r = 1 / (\sigma_r^2 + \tau^2), \qquad
+  \mathrm{se}(s)^2 = \frac{\sum_r w_r e_r^2}{(n - 2) \sum_r w_r (x_r - \bar x)^2}$$
+
+Reference:
+    DerSimonian and Laird (1986), Controlled Clinical Trials 7, 177, for tau.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy import stats
+
+from jbw.identification.accuracy import another_law
+from jbw.identification.run_effects import Shifts
+from jbw.inference.posterior.finding import Finding, checked
+from jbw.observables.dataset import Dataset
+from jbw.observables.observable import OFFSETS
+
+Values = Float[np.ndarray, " run"]
+FEWEST = 5  # runs from which a trend is told from their scatter
+BY_CHANCE = 0.005  # of each of two trends, frequency's and damping's
+NAMES = {"omega_n": "natural frequency", "zeta": "damping ratio"}
+
+
+class Slope(NamedTuple):
+    """A slope, its standard error, and the probability of one so steep by chance."""
+
+    value: float
+    std: float
+    p: float
+
+
+def slope_of(x: Values, offset: Values, std: Values) -> Slope:
+    """Slope of offsets of these standard errors that scatter besides; of equal ones the usual."""
+    weight = 1 / (std**2 + _scatter(offset, std))
+    middle = np.average(x, weights=weight)
+    spread = np.sum(weight * (x - middle) ** 2)
+    value = float(np.sum(weight * (x - middle) * offset) / spread)
+    left = offset - np.average(offset, weights=weight) - value * (x - middle)
+    dof = len(x) - 2
+    error = float(np.sqrt(np.sum(weight * left**2) / dof / spread))
+    return Slope(value, error, float(2 * stats.t.sf(abs(value) / error, dof)))
+
+
+def _scatter(offset: Values, std: Values) -> float:
+    """Variance between runs beyond their standard errors, by moments."""
+    weight = 1 / std**2
+    apart = np.sum(weight * (offset - np.average(offset, weights=weight)) ** 2)
+    scale = weight.sum() - np.sum(weight**2) / weight.sum()
+    return max(0.0, float((apart - (len(offset) - 1)) / scale))
+
+
+def trend_finding(shifts: Shifts, data: Dataset) -> Finding | None:
+    """Whether offsets of frequency or damping go with the motion; None of too few runs."""
+    sizes = sizes_of(data)
+    places = [i for i, name in enumerate(shifts.runs) if name in sizes]
+    x = np.array([sizes[shifts.runs[i]] for i in places])
+    if len(places) < FEWEST or np.ptp(x) <= 0:
+        return None
+    x = (x - x.min()) / np.ptp(x)  # a slope is then the change from the smallest to the largest
+    found = {
+        name: slope_of(x, shifts.offset[places, i], shifts.std[places, i])
+        for i, name in enumerate(OFFSETS)
+    }
+    worst = min(found, key=lambda name: found[name].p)
+    return _told(worst, found[worst], len(places), data)
+
+
+def _told(name: str, slope: Slope, count: int, data: Dataset) -> Finding:
+    goes = slope.p < BY_CHANCE
+    scale, unit = (1 / (2 * np.pi), "Hz") if name == "omega_n" else (100.0, "% of critical damping")
+    reason = (
+        f"The {NAMES[name]} that each of {count} runs asks for {'goes' if goes else 'does not go'} "
+        "with the size of its motion: beside what the law has, from the smallest to the largest by "
+        f"{scale * slope.value:+.2g} +- {scale * slope.std:.1g} {unit} (p = {slope.p:.1g})."
+    )
+    action = f"That is no scatter of runs: the law misses it. {another_law(data.laws)}"
+    return checked("level_trend", not goes, reason, slope.p, action)
+
+
+def sizes_of(data: Dataset) -> dict[str, float]:
+    """Root of the sum of squares of the response, the mean of every run's, of the largest part."""
+    found: list[dict[str, float]] = []
+    for part in data.parts:
+        if not part.own_shifts:
+            runs = dict(zip(part.labels, part.runs, strict=True))
+            sizes: dict[str, list[float]] = {}
+            for label, size in part.sizes().items():
+                sizes.setdefault(runs[label], []).append(size)
+            found.append({run: float(np.mean(each)) for run, each in sizes.items()})
+    return max(found, key=len, default={})

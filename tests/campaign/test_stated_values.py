@@ -1,0 +1,88 @@
+"""What a campaign states beside its records: a decay's band, a level that is an amplitude."""
+
+import tomllib
+
+import numpy as np
+import pytest
+from pasted import lines_of
+from scipy.io import savemat
+
+from jbw.campaign.check import check_campaign
+from jbw.campaign.draft import start_campaign, write_campaign
+from jbw.cli import run
+from jbw.measurement.records import Record
+from jbw.measurement.response_checks import band_about_peak, level_unlike
+
+FS, HERTZ = 512.0, 18.8
+
+
+def decay(size=4096):
+    """Acceleration of a mode at 18.8 Hz, a louder one at 90 Hz beside it, and a mean."""
+    t = np.arange(size) / FS
+    fast = 20 * np.exp(-4 * t) * np.sin(2 * np.pi * 90 * t)
+    return 2.0 * np.exp(-1.2 * t) * np.cos(2 * np.pi * HERTZ * t) + fast + 0.3
+
+
+@pytest.fixture
+def folder(tmp_path):
+    rows = {"t": np.arange(4096) / FS, "acceleration": decay()}
+    savemat(tmp_path / "tap_decay_1.mat", rows)
+    return tmp_path
+
+
+def test_a_band_is_proposed_about_the_mode_and_not_the_loudest_acceleration():
+    record = Record(FS, {"acceleration": decay()}, {"acceleration": "m/s^2"})
+    # 20 % to either side of 18.8 Hz, to two digits; lines are 1/8 Hz apart.
+    assert band_about_peak(record) == (15.0, 22.0)
+
+
+def test_init_drafts_the_band_of_a_decay_and_check_takes_it(folder):
+    draft = start_campaign(folder)
+    (test,) = tomllib.loads(draft.text)["test"]
+    assert test["band"] == [15.0, 22.0]
+    assert draft.text.count("band = ") == 1
+    assert any("band 15 to 22 Hz" in line for line in draft.assumed)
+    assert check_campaign(write_campaign(draft, folder)).exit_code == 0
+
+
+def test_check_refuses_a_decay_without_a_band_with_the_line_that_mends_it(folder, capsys):
+    path = write_campaign(start_campaign(folder), folder)
+    text = path.read_text()
+    line = next(line for line in text.splitlines() if line.startswith("band = "))
+    path.write_text(text.replace(line + "\n", ""))
+    found = check_campaign(path)
+    assert found.exit_code == 2  # the file must change, not the data
+    (fault,) = (one for row in found.rows for one in row.findings if one.severity == "error")
+    assert "needs `band`" in fault.what
+    assert lines_of(fault.remedy) == [("[test]", "band = [15, 22]")]
+    assert run(["check", str(path)]) == 2
+    assert "band = [15, 22]" in capsys.readouterr().out
+    # A look needs no band, and tells frequency and damping all the same.
+    assert run(["look", str(path)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("level", "doubted"),
+    [(22.0, False), (15.6, False), (11.5, False), (40.0, False), (2.0, True), (1e3, True)],
+)
+def test_a_level_that_is_a_name_is_doubted(level, doubted):
+    """A sine of 22 N: rms 15.6; twice or half of either is let pass, `level = 2` is not."""
+    t = np.arange(512) / FS
+    channels = {"force": 22.0 * np.sin(2 * np.pi * 16 * t), "velocity": 1e-3 * np.cos(t)}
+    found = list(level_unlike(Record(FS, channels, {"force": "N"}), level))
+    assert bool(found) == doubted
+    if doubted:
+        assert "`level` is" in found[0].what
+        assert "peak of 22 and an rms of 15.6 N" in found[0].what
+        assert "`level = 22`" in found[0].remedy
+
+
+@pytest.mark.parametrize("level", [float("nan"), 0.0])
+def test_a_level_that_is_not_stated_is_not_doubted(level):
+    record = Record(FS, {"force": np.ones(8), "velocity": np.ones(8)}, {})
+    assert list(level_unlike(record, level)) == []
+
+
+def test_a_level_of_the_response_that_was_held_is_one():
+    channels = {"force": np.full(9, 22.0), "acceleration": np.full(9, 5.0)}
+    assert list(level_unlike(Record(float("nan"), channels, {}), 5.0)) == []
