@@ -4,7 +4,7 @@ A slider of stiffness k and slip s stands for the part of the density $-F_b''$ b
 
 $$k = \ell'(b) - \ell'(a), \qquad k s = \Bigl[x\,\ell' - \ell\Bigr]_a^b$$
 
-by the lag $\ell = K x - F_b$ of the virgin curve: bins are whole, whatever the density does in them.
+by the lag $\ell = K x - F_b$ of the virgin curve: exact for a bin, whatever the density does in it.
 """
 
 from typing import NamedTuple
