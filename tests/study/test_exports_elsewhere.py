@@ -36,7 +36,8 @@ from jbw.study.exports.program import parameters_of
 MASS, Y_MAX = 2.5, 4e-3
 IN_C = [
     "bouc_wen", "bouc_wen_nu", "jenkins", "jenkins_3", "gap_series", "iwan4", "masing_power",
-    "masing_exponential", "cubic", "quintic", "square", "quadratic", "stop", "quadratic_damping", "cubic_damping",
+    "masing_exponential", "cubic", "quintic", "square", "quadratic", "stop", "quadratic_damping",
+    "cubic_damping",
 ]  # fmt: skip
 SUM = ("jenkins_3", "stop", "quadratic_damping", "masing_power")
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="there is no C compiler")
