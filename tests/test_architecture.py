@@ -176,6 +176,21 @@ def test_heavy_libraries_live_in_their_rooms():
     assert not told(wrong)
 
 
+def test_no_array_is_made_by_jax_at_import():
+    """It would have the precision of that moment, and `enable_x64` may come later."""
+    wrong = {}
+    for path in FILES:
+        made = {
+            node.lineno
+            for statement in parsed(path).body
+            if isinstance(statement, ast.Assign | ast.AnnAssign) and statement.value
+            for node in ast.walk(statement.value)
+            if isinstance(node, ast.Call) and ast.unparse(node.func).startswith("jnp.")
+        }
+        wrong[name_of(path)] = made
+    assert not told(wrong)
+
+
 def test_no_pickle_eval_or_assert():
     wrong = {}
     for path in FILES:

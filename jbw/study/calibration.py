@@ -13,10 +13,12 @@ from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError
 from jbw.identification.procedure import Report
 from jbw.identification.step import attrs
+from jbw.inference.calibration.own_prior import Prior, Simulate, own_model
 from jbw.inference.calibration.record import Calibration
 from jbw.inference.calibration.replications import Model, calibrate
 from jbw.inference.samplers.register import SAMPLERS, Sampler, options_of, sampler_named
 from jbw.inference.space.box import require_float64
+from jbw.inference.space.problem import LogLikelihood
 from jbw.quantities import BY_NAME, attrs_of
 from jbw.report.studies import rank_ecdfs
 from jbw.study import calibration_designs as designs
@@ -24,6 +26,7 @@ from jbw.study import calibration_models as models
 from jbw.study.store import write_figure, write_json
 
 logger = logging.getLogger("jbw")
+OWN = "own"  # the step's name where the posterior is one's own
 REPLICATIONS = {"linear": 1000, "third_order": 1000, "opening": 1000, "joint": 200}
 NOISES = ("unknown", "known")
 # Of each step: the rig's short tests, those of a campaign, and the posterior that they give.
@@ -64,8 +67,14 @@ def sbc(
     noise: str = "unknown",
     seed: int = 0,
     report: Report = logger.info,
+    simulate: Simulate | None = None,
+    log_likelihood: LogLikelihood | None = None,
+    prior: Prior | None = None,
 ) -> Sbc:
     """Draw truths from the prior, simulate, identify, and rank each truth in its posterior.
+
+    A posterior of one's own is calibrated by its `simulate`, `log_likelihood` and `prior`, all
+    three; jbw's samplers draw from it. They must be what JAX may trace, over many truths at once.
 
     Args:
         campaign: Whose tests, noise and prior are taken; short tests of the virtual rig when None.
@@ -78,6 +87,9 @@ def sbc(
             as a campaign is identified) or is told ("known", as the paper supposes).
         seed: Seed of everything random.
         report: Called with one sentence as the work proceeds.
+        simulate: Makes data, arrays of fixed shapes, of (key, theta); theta is parameters by name.
+        log_likelihood: Of (theta, data), a number or its terms [nats].
+        prior: A NumPyro distribution of one real number to every parameter's name.
 
     Raises:
         ConfigError: An unknown step, sampler or noise, or a float32 session.
@@ -87,7 +99,11 @@ def sbc(
         Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), Bayesian Analysis 20, 461.
     """
     require_float64()
-    for name, word, known in (("step", step, REPLICATIONS), ("noise", noise, NOISES)):
+    own = _own_step(campaign, simulate, log_likelihood, prior)
+    if own is not None:
+        step = OWN
+    steps = (*REPLICATIONS,) if own is None else (OWN,)
+    for name, word, known in (("step", step, steps), ("noise", noise, NOISES)):
         if word not in known:
             raise ConfigError(f"Argument `{name}` must be one of {', '.join(known)}, not {word!r}.")
     if sampler is not None and (sampler not in SAMPLERS or step == "linear"):
@@ -95,7 +111,7 @@ def sbc(
         raise ConfigError(
             f"Argument `sampler` must be one of {', '.join(SAMPLERS)}, not {sampler!r}.", why=why
         )
-    count = REPLICATIONS[step] if num_replications is None else num_replications
+    count = REPLICATIONS.get(step, 1000) if num_replications is None else num_replications
     started, key = perf_counter(), jax.random.key(seed)
 
     def progress(done: int) -> None:
@@ -107,10 +123,7 @@ def sbc(
             key, *designs.lines(), num_replications=count, report=progress
         )
     else:
-        of_rig, of_campaign, posterior = DESIGNS[step]
-        design = of_rig() if campaign is None else of_campaign(campaign, report)
-        told = {"known_noise": noise == "known"} if step == "third_order" else {}
-        chosen = posterior(design, **told)
+        chosen = _step_of(step, campaign, noise, report) if own is None else own
         sampler = sampler or chosen.sampler
         found = calibrate(
             key, *suited(chosen, sampler), num_replications=count, batch=chosen.batch,
@@ -126,6 +139,31 @@ def sbc(
         **_numbers_of(found),
     }
     return Sbc(found, _tree(found, record), record)
+
+
+def _step_of(step: str, campaign: Campaign | None, noise: str, report: Report) -> models.Step:
+    """A step of the procedure."""
+    of_rig, of_campaign, posterior = DESIGNS[step]
+    design = of_rig() if campaign is None else of_campaign(campaign, report)
+    told = {"known_noise": noise == "known"} if step == "third_order" else {}
+    return posterior(design, **told)
+
+
+def _own_step(
+    campaign: Campaign | None,
+    simulate: Simulate | None,
+    log_likelihood: LogLikelihood | None,
+    prior: Prior | None,
+) -> models.Step | None:
+    """The posterior of one's own, where one is given, whole."""
+    if simulate is None and log_likelihood is None and prior is None:
+        return None
+    if simulate is None or log_likelihood is None or prior is None or campaign is not None:
+        raise ConfigError(
+            "A posterior of one's own needs `simulate`, `log_likelihood` and `prior`, all three, "
+            "and no campaign.",
+        )
+    return models.Step(own_model(simulate, log_likelihood, prior), 100, "nuts")
 
 
 def _numbers_of(found: Calibration) -> dict[str, Any]:

@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
+from jbw.oscillator.laws.masing import Masing
+from jbw.oscillator.laws.sliders import Sliders, lost_by, sliders_of
 from jbw.oscillator.laws.springs import Square
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Material
@@ -17,6 +19,7 @@ from jbw.verification.predictive_basis import Draws, Laws
 
 PARTS = (0.25, 0.5, 1.0)  # of the largest displacement: the loops
 NUM_PHASES = 100  # of half a loop
+REACH = 2.0  # of sliders that stand for a law, in largest displacements
 NUM_POINTS = 19  # of a skeleton beside its origin: Ansys takes twenty in all
 
 Table = dict[str, NDArray[np.float64]]
@@ -89,8 +92,13 @@ def _even_force(theta: Mapping[str, jax.Array], y: jax.Array, laws: Laws) -> jax
 
 
 # -- materials -------------------------------------------------------------------------------------
-def materials_of(theta: Mapping[str, float], laws: Laws, mass: float) -> tuple[Material, ...]:
-    """The spring and every law's force as materials of OpenSees, or none where one has none."""
+def materials_of(
+    theta: Mapping[str, float], laws: Laws, mass: float, y_max: float
+) -> tuple[Material, ...]:
+    """The spring and every law's force as materials of OpenSees, or none where one has none.
+
+    Laws of Masing's kind are sliders up to `REACH` times the largest displacement.
+    """
     joint = oscillator_of(theta, laws)
     if not joint.laws:
         return ()
@@ -98,7 +106,23 @@ def materials_of(theta: Mapping[str, float], laws: Laws, mass: float) -> tuple[M
     for law in joint.laws:
         conversions = law.convert(theta["omega_n"], theta["zeta"], mass).values()
         own = next((each.materials for each in conversions if each.materials), ())
+        if isinstance(law, Masing):
+            own = _in_parallel(sliders_of(law, REACH * y_max), mass)
         if not own:
             return ()
         found += own
     return tuple(found)
+
+
+def _in_parallel(sliders: Sliders, mass: float) -> tuple[Material, ...]:
+    """Sliders and what does not slip."""
+    pairs = zip(sliders.stiffness, sliders.slip, strict=True)
+    slipping = (Material("ElasticPP", (mass * float(k), float(slip))) for k, slip in pairs)
+    return Material("Elastic", (mass * sliders.spring,)), *slipping
+
+
+def error_of_sliders(law: Masing, y_max: float) -> float:
+    """The largest error of what cycles of a tenth to the whole largest displacement lose."""
+    peaks = y_max * np.linspace(0.1, 1.0, 10)
+    exact = np.pi * peaks**2 * np.asarray(jax.vmap(lambda y: law.loop(y).damping)(peaks))
+    return float(np.max(np.abs(lost_by(sliders_of(law, REACH * y_max), peaks) / exact - 1.0)))

@@ -50,6 +50,31 @@ def test_a_cubic_has_the_gain_of_bussgang_and_distortion_beyond_its_noise():
     assert 0.3 < share < 1.0
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_it_is_that_of_another_package(noise):
+    """`best-linear-approximation`, of Pintelon and Schoukens' robust methods, of exact and noisy u.
+
+    Equal to round-off, and its distortion is that of the mean of the realisations.
+    """
+    robust = pytest.importorskip("best_linear_approximation.robust")
+    lines, count = np.arange(5, 200, 2), 6
+    u = multisine(lines, count)
+    y = np.roll(u, 3, axis=-1) + 0.3 * u**3 + 0.05 * RNG.normal(size=u.shape)
+    u = u + noise * RNG.normal(size=u.shape)
+    found = best_linear_approximation(u, y, FS)
+    theirs = np.moveaxis(y, -1, 0)[:, None]  # (time, channel, realisation, period)
+    quiet = {"show_warnings": False}  # of periods that it thinks unequal
+    if noise:
+        other = robust.noisy_input(np.moveaxis(u, -1, 0)[:, None], theirs, FS, lines, **quiet).G
+    else:
+        other = robust.known_input(u[:, 0].T[:, None], theirs, FS, lines, **quiet).G
+    np.testing.assert_allclose(found.h, other.value.ravel(), rtol=1e-12)
+    np.testing.assert_allclose(found.noise_std, other.noise.std.ravel(), rtol=1e-10)
+    np.testing.assert_allclose(found.total_std, other.total.std.ravel(), rtol=1e-10)
+    one = np.sqrt(count) * other.nonlinear.std.ravel()
+    np.testing.assert_allclose(found.distortion_std, one, rtol=1e-10)
+
+
 @pytest.mark.parametrize(("b", "c"), [(0.2, 0.0), (0.0, 0.1)])
 def test_even_and_odd_nonlinearities_stand_at_their_own_lines(b, c):
     every = np.arange(5, 201, 2)

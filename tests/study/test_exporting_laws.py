@@ -19,7 +19,8 @@ from jbw.study.export_files import write_export
 STRUCTURE = {"omega_n": 118.0, "zeta": 0.005}
 MASS, Y_MAX, STEPS = 2.5, 4e-3, 2000
 SUMS = [("bouc_wen", "cubic"), ("jenkins_3", "stop", "quadratic_damping"), ("iwan4", "quintic")]
-KNOWN_TO_OPENSEES = {
+SLIDING = {"iwan4", "masing_exponential", "masing_power"}  # as sliders, within some thousandths
+KNOWN_TO_OPENSEES = SLIDING | {
     "bouc_wen", "bouc_wen_nu", "cubic_damping", "jenkins", "jenkins_3", "quadratic_damping", "stop",
 }  # fmt: skip
 
@@ -116,8 +117,9 @@ def test_every_law_is_exported_as_tables_and_where_opensees_has_it_as_materials(
         total = sum(forces(kind, words, path) for kind, words in materials.values())
         down, half = slice(-2 * (STEPS - 1), -(STEPS - 1)), len(y) // 2
         expected = np.interp(path[down][::-1], y[: half + 1][::-1], static[: half + 1][::-1])
-        # Straight lines between the loop's points.
-        np.testing.assert_allclose(total[down][::-1], expected, atol=5e-4 * np.max(static))
+        # Straight lines between the loop's points; bins of sliders.
+        atol = (2e-3 if set(laws) & SLIDING else 5e-4) * np.max(static)
+        np.testing.assert_allclose(total[down][::-1], expected, atol=atol)
 
 
 def test_dampers_are_dashpots_of_opensees(tmp_path):

@@ -35,8 +35,9 @@ from jbw.study.exports.program import parameters_of
 
 MASS, Y_MAX = 2.5, 4e-3
 IN_C = [
-    "bouc_wen", "jenkins", "jenkins_3", "gap_series", "iwan4", "masing_power", "masing_exponential",
-    "cubic", "quintic", "square", "quadratic", "stop", "quadratic_damping", "cubic_damping",
+    "bouc_wen", "bouc_wen_nu", "jenkins", "jenkins_3", "gap_series", "iwan4", "masing_power",
+    "masing_exponential", "cubic", "quintic", "square", "quadratic", "stop", "quadratic_damping",
+    "cubic_damping",
 ]  # fmt: skip
 SUM = ("jenkins_3", "stop", "quadratic_damping", "masing_power")
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="there is no C compiler")
@@ -404,11 +405,11 @@ def test_the_equations_of_modelica_are_the_laws(tmp_path, laws):
 
 # -- what is asked for -----------------------------------------------------------------------------
 def test_a_law_that_a_program_cannot_take_is_refused_with_what_can():
-    result = result_of("bouc_wen_nu")
+    result = replace(result_of("cubic"), laws=("bilinear",))
     for name in ("fmi2", "matlab", "abaqus"):
-        with pytest.raises(ConfigError, match=r"no form of .* `bouc_wen_nu`.*\n.*--to"):
+        with pytest.raises(ConfigError, match=r"no form of .* `bilinear`.*\n.*--to"):
             chosen_programs([name], result)
-    assert chosen_programs(["modelica", "ansys"], result)
+    assert chosen_programs(["modelica", "ansys", "fmi2"], result_of("bouc_wen_nu"))
     with pytest.raises(ConfigError, match="matlab"):
         chosen_programs(["matlba"], result)
     with pytest.raises(ConfigError, match="iwan4"):

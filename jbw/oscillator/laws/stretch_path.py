@@ -19,8 +19,10 @@ from jbw.oscillator.kinks import signed
 from jbw.oscillator.laws.iwan import REFERENCE, power
 from jbw.oscillator.parameters import Scalar
 
-_NODES, _WEIGHTS = (jnp.asarray(x) for x in np.polynomial.legendre.leggauss(48))
-_UNIT, _UNIT_WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
+# Gauss and Legendre's rule on [0, 1]; NumPy's, for JAX may be switched to float64 after this.
+UNIT_RULE = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
+_UNIT, _UNIT_WEIGHTS = UNIT_RULE
 _HALVINGS, _FAR = 60, 16.0  # of the search for the tip's stretch, up to so many amplitudes
 
 

@@ -1,11 +1,13 @@
 """Materials of OpenSees: the spring beside the joint and its laws, in parallel."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from jbw.oscillator.laws.masing import Masing
+from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Material, Scalar
 from jbw.study.export import Export
-from jbw.study.exported_joint import materials_of
+from jbw.study.exported_joint import REACH, error_of_sliders, materials_of
 from jbw.study.exports.program import Paths, Program, write_text
 
 JOINT_TAG = 1  # of the material that is the whole joint
@@ -13,8 +15,20 @@ JOINT_TAG = 1  # of the material that is the whole joint
 
 def _card(folder: Path, result: Export) -> Paths:
     """The materials."""
-    lines = opensees_lines(result.materials)
-    return (write_text(folder / "joint.tcl", "opensees/joint.tcl", result, lines=lines),)
+    facts = {"lines": opensees_lines(result.materials), "notes": tuple(_notes(result))}
+    return (write_text(folder / "joint.tcl", "opensees/joint.tcl", result, **facts),)
+
+
+def _notes(result: Export) -> Iterator[str]:
+    """Of each law that sliders stand for, how far and how well."""
+    for law in oscillator_of(result.joint, result.laws).laws:
+        if isinstance(law, Masing):
+            error = 100.0 * error_of_sliders(law, result.y_max)
+            yield (
+                f"Sliders stand for {law.name} up to {REACH * result.y_max:.4g} m, a spring "
+                f"beyond: from {0.1 * result.y_max:.4g} to {result.y_max:.4g} m a cycle loses what "
+                f"it must within {error:.2g} %."
+            )
 
 
 def opensees_lines(materials: Sequence[Material]) -> tuple[str, ...]:
@@ -32,7 +46,11 @@ def _line(kind: str, tag: int, arguments: Iterable[Scalar | str]) -> str:
 def _lacks(result: Export) -> tuple[str, ...]:
     if not result.laws:
         return ("linear",)  # a joint of no law
-    return tuple(law for law in result.laws if not materials_of(result.joint, (law,), result.mass))
+
+    def found(law: str) -> tuple[Material, ...]:
+        return materials_of(result.joint, (law,), result.mass, result.y_max)
+
+    return tuple(law for law in result.laws if not found(law))
 
 
 OPENSEES = Program("opensees", "OpenSees", _card, lacks=_lacks)

@@ -11,6 +11,7 @@ import jinja2
 from jbw import __version__
 from jbw.errors import ConfigError
 from jbw.oscillator.laws import FAMILIES, law_named, quantities_of
+from jbw.oscillator.laws.stretch_path import UNIT_RULE
 from jbw.study.export import LINEAR, Export
 from jbw.study.exported_joint import Table
 
@@ -175,3 +176,5 @@ ENVIRONMENT.filters |= {
     "wrapped": wrapped,
     "modelica": in_modelica,
 }
+# Nodes and weights on [0, 1], of the law whose map is an integral.
+ENVIRONMENT.globals["legendre"] = tuple(zip(*(x.tolist() for x in UNIT_RULE), strict=True))

@@ -1,0 +1,130 @@
+"""The exported materials in OpenSees itself, moved along a path beside the laws' exact moves.
+
+OpenSees runs in a process of its own: it keeps its model in the process, and speaks at its end.
+"""
+
+import json
+import subprocess
+import sys
+from functools import cache
+from importlib.util import find_spec
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from known_laws import law_of
+from test_exports_elsewhere import MASS, Y_MAX, assert_same, forces, result_of
+
+from jbw.oscillator.laws.sliders import lost_by, sliders_of
+from jbw.study.exports import PROGRAMS
+
+# A zeroLength element between a held node and one that is moved; its force after every move.
+RUN = """
+import json, sys
+import openseespy.opensees as ops
+
+def word(one):
+    for kind in (int, float):
+        try:
+            return kind(one)
+        except ValueError:
+            pass
+    return one
+
+asked = json.load(sys.stdin)
+ops.wipe()
+ops.model("basic", "-ndm", 1, "-ndf", 1)
+ops.node(1, 0.0)
+ops.node(2, 0.0)
+ops.fix(1, 1)
+for line in asked["lines"]:
+    command, kind, *rest = line.split()
+    getattr(ops, command)(kind, *map(word, rest))
+ops.element("zeroLength", 1, 1, 2, "-mat", 1, "-dir", 1)
+ops.timeSeries("Path", 1, "-dt", 1.0, "-values", 0.0, *asked["y"], asked["y"][-1])
+ops.pattern("Plain", 1, 1)
+ops.sp(2, 1, 1.0)
+ops.constraints("Lagrange")
+ops.numberer("Plain")
+ops.system("FullGeneral")
+ops.test("NormUnbalance", 1e-9, 20)
+ops.algorithm("Newton")
+ops.integrator("LoadControl", 1.0)
+ops.analysis("Static")
+found = []
+for _ in asked["y"]:
+    assert ops.analyze(1) == 0
+    found.append(ops.eleResponse(1, "material", 1, "stress")[0])
+print(json.dumps(found))
+"""
+pytestmark = [
+    pytest.mark.slow,  # a few seconds each, of moves one by one
+    pytest.mark.skipif(
+        find_spec("openseespy") is None, reason="needs openseespy, which extra `test` has on Linux"
+    ),
+]
+TURNS = np.concatenate([[0.0], 3e-3 * np.random.default_rng(1).uniform(-1, 1, 12), [3e-3, -3e-3]])
+
+
+@cache
+def path(steps):
+    """Every move between two of the displacements in as many steps."""
+    return np.concatenate([np.linspace(a, b, steps + 1)[1:] for a, b in pairwise(TURNS)])
+
+
+def in_opensees(folder, result, y):
+    """Force of spring and joint along a path [N]."""
+    (file,) = PROGRAMS["opensees"].card(folder, result)
+    lines = [line for line in file.read_text().splitlines() if line and line[0] != "#"]
+    done = subprocess.run(
+        [sys.executable, "-c", RUN], input=json.dumps({"lines": lines, "y": list(y)}),
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return np.array(json.loads(done.stdout.splitlines()[-1]))
+
+
+def exact(result, laws, y):
+    """The same by the laws' own moves."""
+    return result.linear["spring"] * y + forces(laws, y, np.zeros(y.size))
+
+
+@pytest.mark.parametrize("laws", [("jenkins_3", "stop")], ids="+".join)
+def test_sliders_and_stops_are_exact(tmp_path, laws):
+    result, y = result_of(*laws), path(7)
+    assert_same(in_opensees(tmp_path, result, y), exact(result, laws, y))
+
+
+@pytest.mark.parametrize("law", ["bouc_wen", "bouc_wen_nu"])
+def test_bouc_wen_is_the_law_as_steps_get_short(tmp_path, law):
+    """OpenSees steps it by Euler's rule, backwards, whose error halves with the step."""
+    result = result_of(law)
+    ends = exact(result, (law,), TURNS[1:])
+    size = np.max(np.abs(ends - result.linear["spring"] * TURNS[1:]))
+    error = [
+        np.max(np.abs(in_opensees(tmp_path, result, path(steps))[steps - 1 :: steps] - ends)) / size
+        for steps in (40, 80)
+    ]
+    assert error[1] < 1e-2
+    assert error[0] / error[1] == pytest.approx(2.0, rel=0.15)
+
+
+@pytest.mark.parametrize("law", ["iwan4", "masing_power", "masing_exponential"])
+def test_laws_of_masing_are_sliders(tmp_path, law):
+    result, y = result_of(law), path(7)
+    found = in_opensees(tmp_path, result, y)
+    expected = exact(result, (law,), y)
+    size = np.max(np.abs(forces((law,), y, 0.0 * y)))
+    # A bin is as wide as a fifteenth of where it lies: the slope there is off by half of it.
+    np.testing.assert_allclose(found, expected, atol=2e-3 * size)
+    text = (tmp_path / "joint.tcl").read_text()
+    assert f"# Sliders stand for {law} up to 0.008 m" in text
+    # What is stated of the loss, by the closed form of sliders and the law's own.
+    told = float(text.partition("it must within ")[2].partition(" %")[0]) / 100.0
+    peaks = Y_MAX * np.array([0.1, 0.33, 0.7, 1.0])
+    law = law_of(law)
+    exactly = [np.pi * y**2 * float(law.loop(y).damping) for y in peaks]
+    lost = lost_by(sliders_of(law, 2 * Y_MAX), peaks)
+    assert np.max(np.abs(lost / exactly - 1.0)) < 1.3 * told < 0.007
+    assert text.count("ElasticPP") >= 55
+    assert MASS == result.mass
