@@ -4,7 +4,7 @@ About a fit, by the groups' labels: a delay, a sign or a unit, an offset, clippi
 modes beyond the band or of one more mode within it, runs that have a frequency each.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +38,7 @@ class Suspect(NamedTuple):
     kind: str
     columns: Columns
     words: Callable[[NDArray[np.float64]], Words]
+    mode: tuple[float, float] | None = None  # omega [rad/s] and zeta of the mode that it is
 
 
 def as_columns(*rows: Row) -> NDArray[np.float64]:
@@ -54,7 +55,7 @@ def suspects(spectra: Spectra, slopes: Slopes, omega_n: float) -> Iterator[Suspe
     yield _residual_term(spectra)
     if len(spectra) > 1 and len(slopes) > 0:
         yield _own_frequency(spectra, slopes, omega_n)
-    yield from _modes(spectra, omega_n)
+    yield from modes_anywhere(spectra, omega_n)
 
 
 def _delay(spectra: Spectra) -> Suspect:
@@ -161,18 +162,23 @@ def _own_frequency(spectra: Spectra, slopes: Slopes, omega_n: float) -> Suspect:
     return Suspect("own frequency", columns, words)
 
 
-def _modes(spectra: Spectra, omega_n: float) -> Iterator[Suspect]:
-    r"""One more mode: $X = a\,U / (\omega_2^2 - \omega^2 + 2j\zeta_2\omega_2\omega)$."""
+def modes_anywhere(spectra: Spectra, omega_n: float) -> Iterator[Suspect]:
+    """One more mode anywhere in what is driven, but for the joint's own place."""
     lines = [s.omega[np.abs(s.source) > DRIVEN * np.abs(s.source).max()] for s in spectra.values()]
     driven = np.concatenate([line[line > 0] for line in lines])
     if not len(driven):
         return
-    for omega in np.geomspace(driven.min(), driven.max(), NUM_MODES):
-        if abs(omega / omega_n - 1) > APART:
-            yield from (_mode(spectra, omega, zeta) for zeta in MODE_ZETAS)
+    places = np.geomspace(driven.min(), driven.max(), NUM_MODES)
+    yield from modes_at(spectra, places[np.abs(places / omega_n - 1) > APART])
+
+
+def modes_at(spectra: Spectra, places: Iterable[float]) -> Iterator[Suspect]:
+    """One more mode at any of some frequencies [rad/s], of any of the usual dampings."""
+    yield from (_mode(spectra, float(omega), zeta) for omega in places for zeta in MODE_ZETAS)
 
 
 def _mode(spectra: Spectra, omega: float, zeta: float) -> Suspect:
+    r"""$X = a\,U / (\omega_2^2 - \omega^2 + 2j\zeta_2\omega_2\omega)$."""
     columns = {}
     for label, one in spectra.items():
         below = omega**2 - one.omega**2 + 2j * zeta * omega * one.omega
@@ -183,6 +189,8 @@ def _mode(spectra: Spectra, omega: float, zeta: float) -> Suspect:
         columns,
         lambda found: (
             f"one more mode about {hz:.3g} Hz",
-            "Restrict the `band` to one mode, or measure where the other is still.",
+            "State it by `modes` in [identify], restrict the `band` to one mode, or measure where "
+            "the other is still.",
         ),
+        (omega, zeta),
     )

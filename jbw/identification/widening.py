@@ -9,12 +9,15 @@ from jbw.identification.prepare import Fitted, refit
 from jbw.inference.posterior.summary import scalars
 from jbw.inference.posterior.verdict import leaning
 from jbw.inference.space.box import bounds_by_name, box
+from jbw.observables.residual_terms import MODES
 from jbw.oscillator.laws import vocabulary
 from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS
 
 # A share of the stiffness ends where nothing but the joint holds: at its upper bound it says that
 # products alone are known.
 SHARES = ("1/s^2", "1")
+# A neighbour's frequency and damping, which would wander off to mend the joint's law.
+PLACES = frozenset(name for omega, zeta, _ in MODES for name in (omega, zeta))
 
 
 def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted | None:
@@ -27,7 +30,7 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
     for name, side, _ in leaning(scalars(tree), ready.box):
         quantity = table.get(name)
         share = quantity is not None and name != "zeta" and quantity.unit in SHARES
-        if name in stated or (share and side == "upper"):
+        if name in stated or name in PLACES or (share and side == "upper"):
             continue
         low, high = bounds[name]
         further = high + (high - low) if side == "upper" else low - (high - low)
