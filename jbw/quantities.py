@@ -65,11 +65,23 @@ OSCILLATOR = (
     Quantity("gain", "gain", "N/kg/V", "force per unit mass and unit of input", 0.0),
 )
 
-# What the modes outside a band add to a response, per force and unit mass of the joint's own mode.
-RESIDUAL_TERMS = (
+# What other modes add to a response, per force and unit mass of the joint's own mode: those outside
+# of a band by two constants, linear ones within it as they are.
+CONSTANT_TERMS = (
     Quantity("residual_upper", "U", "s^2", "static response of the modes above the band"),
     Quantity("residual_lower", "L", "1", "response times omega^2 of the modes below the band"),
 )
+NEIGHBOURS = tuple(
+    (
+        Quantity(
+            f"neighbour_{k}_omega", f"ω{n}", "rad/s", f"natural frequency, neighbour {k}", 0.0
+        ),
+        Quantity(f"neighbour_{k}_zeta", f"ζ{n}", "1", f"damping ratio, neighbour {k}", 0.0),
+        Quantity(f"neighbour_{k}_share", f"s{n}", "1", f"gain over the mode's, neighbour {k}"),
+    )
+    for k, n in enumerate("₁₂₃₄", 1)
+)
+RESIDUAL_TERMS = (*CONSTANT_TERMS, *(each for mode in NEIGHBOURS for each in mode))
 
 # Responses in the order of the derivative of the displacement.
 MOTION = (

@@ -25,7 +25,7 @@ from jbw.measurement.records import INPUTS, Record
 # Settings that not every kind of test reads, and the traits of those that do.
 READ_BY: dict[str, Callable[[Kind], bool]] = {
     "fit_levels": lambda kind: kind.is_transient,
-    "modes": lambda kind: kind.is_broadband,
+    "modes": lambda kind: kind.is_driven,
     "fit_repeats": lambda kind: kind.is_transient or kind.is_free,
     "substeps": lambda kind: kind.is_transient or kind.is_periodic or kind.is_free,
 }

@@ -261,11 +261,11 @@ def _among(tests: Sequence[TestSpec], settings: Identify) -> Iterator[str]:
     given = [test.name for test in tests if test.name]
     for name in sorted({name for name in given if given.count(name) > 1}):
         yield f"[[test]] name: {name!r} is given to {given.count(name)} tests."
-    bands = [test.band for test in tests if test.traits.is_broadband and test.band]
+    bands = [test.band for test in tests if test.traits.is_driven and test.band]
     for freq in settings.modes if isinstance(settings.modes, tuple) and bands else ():
         if not any(low <= freq <= high for low, high in bands):
             yield (
-                f"[identify] modes: {freq:g} Hz must lie in the band of a noise or multisine test, "
+                f"[identify] modes: {freq:g} Hz must lie in the band of a test with a source, "
                 f"{', '.join(f'{low:g} to {high:g} Hz' for low, high in bands)}; widen `band`, or "
                 "leave it to `residuals`."
             )

@@ -105,9 +105,9 @@ class Identify(Table):
     seed: values.Index = key(0, "of the random numbers", 0)
     modes: values.Modes = key(
         (),
-        "modes in the band of the noise or multisine test that Step 2 reads: frequencies [Hz], the "
-        "joint's own first; or how many, of which the joint's own has the highest peak; by default "
-        "one, by a line fit",
+        "modes in the band: frequencies [Hz], the joint's own first, then those of linear "
+        "neighbours; or how many Step 2 finds in the noise or multisine test, of which the joint's "
+        "own has the highest peak; by default one, by a line fit",
         [18.8, 21.4],
     )
     prior: Mapping[str, values.Bounds] = key(

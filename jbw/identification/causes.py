@@ -7,7 +7,7 @@ $$\min_{\Delta\theta, c} |r + J\,\Delta\theta - D\,c|^2, \qquad
   1 - \frac{|r + J\,\Delta\theta - D\,c|^2}{|r + J\,\Delta\theta|^2}$$
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,8 @@ from jbw.identification.suspects import (
     Suspect,
     as_columns,
     factor_words,
+    modes_anywhere,
+    modes_at,
     suspects,
 )
 from jbw.inference.fit.fitting import Fit
@@ -45,6 +47,7 @@ class Cause(NamedTuple):
     text: str
     explained: float
     action: str
+    mode: tuple[float, float, float] | None = None  # omega [rad/s], zeta and residue, if it is one
 
 
 class Linearised(NamedTuple):
@@ -67,8 +70,7 @@ class Linearised(NamedTuple):
 
 def causes(best: Fit, data: Dataset) -> list[Cause]:
     """What would explain the misfit of a fit, most of it first; nothing where none is seen."""
-    left = left_by_label(best.residual, data)
-    spectra = {label: one for part in data.parts for label, one in part.spectra(left).items()}
+    spectra = _spectra(best, data)
     missed = _missed(spectra, data)
     if not missed:
         return []
@@ -84,6 +86,28 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
     tried.sort(key=lambda pair: pair[1].explained)
     found = {kind: one for kind, one in tried if one.explained > WORTH_SAYING}
     return sorted(found.values(), key=lambda one: -one.explained)
+
+
+def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause | None:
+    """The mode that would explain most of a misfit, at some frequencies [rad/s] or anywhere.
+
+    None where no misfit is seen of what responses there are.
+    """
+    spectra = _spectra(best, data)
+    missed = _missed(spectra, data)
+    if not missed:
+        return None
+    about = _linearised(best, data, spectra, missed)
+    omega_n = float({**data.held, **best.theta}["omega_n"])
+    tried = [*modes_at(spectra, places)] or [*modes_anywhere(spectra, omega_n)]
+    found = [_tried(one, about) for one in tried]
+    return max(found, key=lambda one: one.explained, default=None)
+
+
+def _spectra(best: Fit, data: Dataset) -> dict[str, Spectrum]:
+    """Spectra of every group whose misfit can be tried, by label."""
+    left = left_by_label(best.residual, data)
+    return {label: one for part in data.parts for label, one in part.spectra(left).items()}
 
 
 def cause_finding(found: Sequence[Cause]) -> Finding | None:
@@ -153,7 +177,8 @@ def _tried(suspect: Suspect, about: Linearised) -> Cause:
         np.sum((about.counted * left) ** 2) for left in (about.left, about.left - columns @ found)
     )
     text, action = suspect.words(found)
-    return Cause(text, float(1 - after / before), action)
+    mode = None if suspect.mode is None else (*suspect.mode, float(found[0]))
+    return Cause(text, float(1 - after / before), action, mode)
 
 
 def _apart(spectra: Spectra, missed: Sequence[str]) -> list[Cause]:

@@ -128,8 +128,7 @@ def candidates(
         ready = reweight(key, under(best.laws, data), own.box, own.fit, settings)
         weighing = replace(best, fitted=ready)
         keys = jax.random.split(key, len(found))
-        terms = terms_of(ready.box)
-        found = [again(k, one, ready.data, terms) for k, one in zip(keys, found, strict=True)]
+        found = [again(k, one, ready) for k, one in zip(keys, found, strict=True)]
     return found, refused
 
 
@@ -142,18 +141,16 @@ def alike(settings: Identify) -> Identify:
     return settings.model_copy(update={"coordinates": "paper", "run_scatter": scatter})
 
 
-def again(
-    key: Key[Array, ""], one: Candidate, common: Dataset, terms: tuple[str, ...]
-) -> Candidate:
+def again(key: Key[Array, ""], one: Candidate, common: Fitted) -> Candidate:
     """A candidate fitted to the common data with the common residual terms.
 
     By as many solver steps as it takes.
     """
-    prior, best = one.fitted.box, one.fitted.fit
-    if terms != terms_of(prior) and "omega_n" in best.theta:
-        prior = with_terms(prior, terms, best.theta["omega_n"])
-    data = under(one.laws, common)
-    best = refit(best, prior, data)
+    terms = terms_of(common.box)
+    prior, best = with_terms(one.fitted.box, terms), one.fitted.fit
+    data = under(one.laws, common.data)
+    begun = {name: common.fit.theta[name] for name in terms} | dict(best.theta)
+    best = refit(best, prior, data, theta=begun)
     if data.has_offsets:
         data = dataset.with_directions(best.theta, data, dataset.best_offsets(best.theta, data))
         best = refit(best, prior, data)

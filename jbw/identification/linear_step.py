@@ -52,6 +52,7 @@ def linear_step(
     """
     periodic = steady(test)
     test, size = (test, None) if periodic is None else periodic
+    modes = _within(test.band_hz, modes)
     window = "hann" if size is None else "boxcar"
     fs, response = test.records[0].fs, test.records[0].response
     how = {"response": response, "band": test.band_hz, "window": window, "nperseg": size}
@@ -73,6 +74,15 @@ def linear_step(
     rms = float(np.sqrt(np.mean(y**2)))
     power = derivative_order(response)
     return LinearStep(test, fits, pooled, together, rms / pooled.omega_n**power, modal)
+
+
+def _within(
+    band_hz: tuple[float, float] | None, modes: int | Sequence[float]
+) -> int | Sequence[float]:
+    """Modes that lie in the band of the test; others are neighbours of another test's band."""
+    if isinstance(modes, int) or band_hz is None:
+        return modes
+    return [freq for freq in modes if band_hz[0] <= freq <= band_hz[1]]
 
 
 def _modes_of(test: Test, one: FRF, modes: int | Sequence[float]) -> ModalFit:

@@ -222,9 +222,9 @@ def reweight(
         best, data = settled(best, prior, data, settings)
         data = with_scatter(key, best, data)
         best = refit(best, prior, data)
-    if (shown := shown_terms(best, prior, data, refit)) is not None:
-        prior, best, said = shown
-        words.append(said)
+    if (shown := shown_terms(best, prior, data, settings, refit)) is not None:
+        prior, best = shown.box, shown.fit
+        words += shown.words
         best, data = settled(best, prior, data, settings)
     for law, coordinates in chosen_coordinates(best, settings, data.laws):
         prior = coordinate_box(prior, best.theta, settings, law, coordinates)

@@ -1,85 +1,173 @@
-r"""Residual terms of modes outside the band: where a campaign states them, or a fit shows them.
+r"""Residual terms of other modes: where a campaign states them, or a fit shows them.
 
-A fit that leaves no more than noise asks for none. Otherwise a term stays where the fit with it
+A fit that leaves no more than noise asks for none. Otherwise terms stay where the fit with them
 leaves clearly less,
 
 $$\chi^2_{without} - \chi^2_{with} > 25, \qquad
   1 - \chi^2_{with} / \chi^2_{without} > 0.1$$
 
-with the values counted as independent ones: five standard deviations, and a tenth of the misfit.
+with the values counted as independent ones: five standard deviations, and a tenth of the misfit. So
+are tried in turn the neighbours that `modes` states, the constants of modes outside the band, and
+one neighbour more where it would explain most of what is left.
 """
 
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
+import numpy as np
+
+from jbw.campaign.settings import Identify
+from jbw.identification.causes import MOSTLY, other_mode
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.observables.dataset import Dataset, left_by_label
 from jbw.observables.effective_values import is_coloured
-from jbw.observables.residual_terms import LOWER, TAKEN, UPPER, bounds
+from jbw.observables.residual_terms import (
+    LOWER,
+    MODES,
+    OF_MODES,
+    TAKEN,
+    UPPER,
+    bounds,
+    neighbours_of,
+)
 from jbw.quantities import BY_NAME
 
 GROWTH, SHARE = 25.0, 0.1  # of chi-square without a term, at least
 TRIED = ((UPPER,), (UPPER, LOWER))
+ABOUT = np.linspace(0.97, 1.03, 7)  # times the frequency that `modes` states: where it is looked at
+USUAL_ZETA = 0.01  # of a neighbour of which no spectrum tells
 
-Refit = Callable[[Fit, Box, Dataset], Fit]
+Refit = Callable[..., Fit]
+Bounds = dict[str, tuple[float, float]]
+
+
+class Taken(NamedTuple):
+    """The box with the terms that were taken in, the fit, and sentences of them."""
+
+    box: Box
+    fit: Fit
+    words: tuple[str, ...] = ()
 
 
 def stated_terms(data: Dataset) -> tuple[str, ...]:
-    """Terms that tests of a campaign ask for."""
+    """Constant terms that tests of a campaign ask for."""
     asked = {name for p in data.parts if p.residuals != "auto" for name in TAKEN[p.residuals]}
     return tuple(name for name in (UPPER, LOWER) if name in asked)
 
 
 def term_bounds(
     names: tuple[str, ...], omega_n: float, given: Mapping[str, tuple[float, float]]
-) -> dict[str, tuple[float, float]]:
-    """Bounds of terms by name: those that a campaign gives, else wide ones."""
+) -> Bounds:
+    """Bounds of constant terms by name: those that a campaign gives, else wide ones."""
     wide = bounds(omega_n)
     return {name: given.get(name, wide[name]) for name in names}
 
 
-def terms_of(prior: Box) -> tuple[str, ...]:
-    """Terms among what is inferred."""
-    return tuple(name for name in (UPPER, LOWER) if name in prior.names)
+def terms_of(prior: Box) -> Bounds:
+    """Bounds of the terms among what is inferred, by name."""
+    return {n: pair for n, pair in bounds_by_name(prior).items() if n in (UPPER, LOWER, *OF_MODES)}
 
 
-def with_terms(prior: Box, names: tuple[str, ...], omega_n: float) -> Box:
-    """A box with terms besides, within wide bounds."""
-    return box(bounds_by_name(prior) | term_bounds(names, omega_n, {}))
+def with_terms(prior: Box, terms: Bounds) -> Box:
+    """A box with terms besides."""
+    return box(bounds_by_name(prior) | terms)
 
 
-def shown_terms(best: Fit, prior: Box, data: Dataset, refit: Refit) -> tuple[Box, Fit, str] | None:
-    """The box with the terms that a fit shows, the fit with them, and a sentence; None of none."""
-    omega_n = {**data.held, **best.theta}.get("omega_n")
-    if terms_of(prior) or omega_n is None or not _misses(best, data):
+def shown_terms(
+    best: Fit, prior: Box, data: Dataset, settings: Identify, refit: Refit
+) -> Taken | None:
+    """The box with the terms that a fit shows, the fit with them and sentences; None of none."""
+    if "omega_n" not in data.held | best.theta:
         return None
-    chosen: tuple[Box, Fit, str] | None = None
-    before = 2 * best.cost
+    now = Taken(prior, best)
+    for hz in settings.modes[1:] if isinstance(settings.modes, tuple) else ():
+        now = _with_neighbour(now, data, settings, refit, 2 * np.pi * hz)
+    now = _with_constants(now, data, refit)
+    now = _with_neighbour(now, data, settings, refit)
+    return now if now.words else None
+
+
+def _with_constants(now: Taken, data: Dataset, refit: Refit) -> Taken:
+    """The terms of modes outside the band, where none was stated."""
+    omega_n = float({**data.held, **now.fit.theta}["omega_n"])
+    if {UPPER, LOWER} & set(now.box.names) or not _misses(now.fit, data, ("auto",)):
+        return now
+    chosen, before = now, now.fit
     for names in TRIED:
-        wider = with_terms(prior, names, float(omega_n))
-        found = refit(best, wider, data)
-        gained = before - 2 * found.cost
-        if not (gained > GROWTH and gained > SHARE * before):
+        wider = with_terms(now.box, term_bounds(names, omega_n, {}))
+        found = refit(now.fit, wider, data)
+        if not _falls(before, found):
             break
-        chosen = wider, found, _sentence(names, found, 1 - found.cost / best.cost)
-        before = 2 * found.cost
+        said = _constants_sentence(names, found, 1 - found.cost / now.fit.cost)
+        chosen, before = Taken(wider, found, (*now.words, said)), found
     return chosen
 
 
-def _misses(best: Fit, data: Dataset) -> bool:
+def _with_neighbour(
+    now: Taken, data: Dataset, settings: Identify, refit: Refit, omega: float | None = None
+) -> Taken:
+    """One neighbour more: where it is stated, or where it would explain most of what is left."""
+    known = neighbours_of(now.fit.theta)
+    takers = tuple(name for name, taken in TAKEN.items() if set(OF_MODES) & set(taken))
+    if len(known) == len(MODES) or not _misses(now.fit, data, takers):
+        return now
+    theta = {**data.held, **now.fit.theta}
+    start = _start(now.fit, data, omega)
+    if start is None:
+        return now
+    names, wide = MODES[len(known)], bounds(float(theta["omega_n"]), (*known, start[0]))
+    every = [name for mode in MODES[: len(known) + 1] for name in mode]
+    wider = with_terms(now.box, {name: settings.prior.get(name, wide[name]) for name in every})
+    begun = {**now.fit.theta, **dict(zip(names, start, strict=True))}
+    found = refit(now.fit, wider, data, theta=begun)
+    if not _falls(now.fit, found):
+        return now
+    return Taken(wider, found, (*now.words, _neighbour_sentence(names, now.fit, found)))
+
+
+def _start(best: Fit, data: Dataset, omega: float | None) -> tuple[float, float, float] | None:
+    """Frequency, damping and share of a neighbour to begin with; None where none is suspected."""
+    found = other_mode(best, data, () if omega is None else omega * ABOUT)
+    if found is None or found.mode is None:
+        return None if omega is None else (omega, USUAL_ZETA, 0.0)
+    if omega is None and found.explained < MOSTLY:
+        return None
+    gain = float({**data.held, **best.theta}.get("gain", 1.0))
+    place, zeta, residue = found.mode
+    return place, zeta, residue / gain
+
+
+def _falls(before: Fit, after: Fit) -> bool:
+    """Whether chi-square falls by more than chance and by more than little."""
+    gained = 2 * (before.cost - after.cost)
+    return gained > GROWTH and gained > SHARE * 2 * before.cost
+
+
+def _misses(best: Fit, data: Dataset, takers: tuple[str, ...]) -> bool:
     """Whether a fit leaves more than noise of data that may take terms."""
     left = left_by_label(best.residual, data)
-    own = [label for part in data.parts if part.residuals == "auto" for label in part.labels]
+    own = (label for part in data.parts if part.residuals in takers for label in part.labels)
     return any(label in left and is_coloured(left[label]) for label in own)
 
 
-def _sentence(names: tuple[str, ...], found: Fit, share: float) -> str:
-    value = {name: found.theta[name] for name in names}
+def _constants_sentence(names: tuple[str, ...], found: Fit, share: float) -> str:
     told = " and ".join(
-        f"{BY_NAME[name].meaning} ({name} = {x:.3g} {BY_NAME[name].unit})".replace(" 1)", ")")
-        for name, x in value.items()
+        f"{BY_NAME[name].meaning} ({name} = {found.theta[name]:.3g} {BY_NAME[name].unit})".replace(
+            " 1)", ")"
+        )
+        for name in names
     )
     return (
         f"Modes outside the band are seen, and were taken in: {told}. It takes {share:.0%} off "
         'what the fit left; `residuals = "none"` in a test goes without.'
+    )
+
+
+def _neighbour_sentence(names: tuple[str, ...], before: Fit, found: Fit) -> str:
+    omega, zeta, share = (found.theta[name] for name in names)
+    return (
+        f"One linear neighbour at {omega / (2 * np.pi):.4g} Hz, zeta {zeta:.2%}, with {share:.2g} "
+        f"times the gain of the joint's own mode, was taken in: chi-square falls by "
+        f'{1 - found.cost / before.cost:.0%}; `residuals = "none"` in a test goes without.'
     )

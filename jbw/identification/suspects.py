@@ -4,7 +4,7 @@ About a fit, by the groups' labels: a delay, a sign or a unit, an offset, clippi
 modes beyond the band or of one more mode within it, runs that have a frequency each.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +41,7 @@ class Suspect(NamedTuple):
     kind: str
     columns: Columns
     words: Callable[[NDArray[np.float64]], Words]
+    mode: tuple[float, float] | None = None  # omega [rad/s] and zeta of the mode that it is
 
 
 def three(x: float) -> float:
@@ -62,7 +63,7 @@ def suspects(spectra: Spectra, slopes: Slopes, omega_n: float) -> Iterator[Suspe
     yield _residual_term(spectra)
     if len(spectra) > 1 and len(slopes) > 0:
         yield _own_frequency(spectra, slopes, omega_n)
-    yield from _modes(spectra, omega_n)
+    yield from modes_anywhere(spectra, omega_n)
 
 
 def _delay(spectra: Spectra) -> Suspect:
@@ -173,22 +174,29 @@ def _own_frequency(spectra: Spectra, slopes: Slopes, omega_n: float) -> Suspect:
     return Suspect("own frequency", columns, words)
 
 
-def _modes(spectra: Spectra, omega_n: float) -> Iterator[Suspect]:
-    r"""One more mode: $X = a\,U / (\omega_2^2 - \omega^2 + 2j\zeta_2\omega_2\omega)$."""
+def modes_anywhere(spectra: Spectra, omega_n: float) -> Iterator[Suspect]:
+    """One more mode anywhere in what is driven, but for the joint's own place."""
     lines = [s.omega[np.abs(s.source) > DRIVEN * np.abs(s.source).max()] for s in spectra.values()]
     driven = np.concatenate([line[line > 0] for line in lines])
     if not len(driven):
         return
-    for omega in np.geomspace(driven.min(), driven.max(), NUM_MODES):
-        if abs(omega / omega_n - 1) > APART:
-            # The band as far as between both, which leaves the joint's own.
-            middle = np.sqrt(omega * omega_n)
-            ends = (driven.min(), middle) if omega > omega_n else (middle, driven.max())
-            band = [three(end / (2 * np.pi)) for end in ends]
-            yield from (_mode(spectra, omega, zeta, band) for zeta in MODE_ZETAS)
+    places = np.geomspace(driven.min(), driven.max(), NUM_MODES)
+    for omega in places[np.abs(places / omega_n - 1) > APART]:
+        # The band as far as between both, which leaves the joint's own.
+        middle = np.sqrt(omega * omega_n)
+        ends = (driven.min(), middle) if omega > omega_n else (middle, driven.max())
+        band = [three(end / (2 * np.pi)) for end in ends]
+        yield from modes_at(spectra, [omega], f" {put(TEST, 'band', band)}")
 
 
-def _mode(spectra: Spectra, omega: float, zeta: float, band: list[float]) -> Suspect:
+def modes_at(spectra: Spectra, places: Iterable[float], remedy: str = "") -> Iterator[Suspect]:
+    """One more mode at any of some frequencies [rad/s], of any of the usual dampings."""
+    for omega in places:
+        yield from (_mode(spectra, float(omega), zeta, remedy) for zeta in MODE_ZETAS)
+
+
+def _mode(spectra: Spectra, omega: float, zeta: float, remedy: str) -> Suspect:
+    r"""$X = a\,U / (\omega_2^2 - \omega^2 + 2j\zeta_2\omega_2\omega)$."""
     columns = {}
     for label, one in spectra.items():
         below = omega**2 - one.omega**2 + 2j * zeta * omega * one.omega
@@ -199,6 +207,8 @@ def _mode(spectra: Spectra, omega: float, zeta: float, band: list[float]) -> Sus
         columns,
         lambda found: (
             f"one more mode about {hz:.3g} Hz",
-            f"Restrict the band, or measure where the other is still. {put(TEST, 'band', band)}",
+            "State it by `modes` in [identify], restrict the `band` to one mode, or measure where "
+            f"the other is still.{remedy}",
         ),
+        (omega, zeta),
     )

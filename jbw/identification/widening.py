@@ -10,10 +10,14 @@ from jbw.inference.posterior.remedies import wider
 from jbw.inference.posterior.summary import scalars
 from jbw.inference.posterior.verdict import leaning
 from jbw.inference.space.box import Box, bounds_by_name, box
+from jbw.observables.residual_terms import MODES
 from jbw.oscillator.laws import quantities_of, vocabulary
 from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS, Quantity
 
 Laws = tuple[str, ...]
+
+# A neighbour's frequency and damping, which would wander off to mend the joint's law.
+PLACES = frozenset(name for omega, zeta, _ in MODES for name in (omega, zeta))
 
 
 def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
@@ -39,7 +43,8 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
     bounds, sides = bounds_by_name(ready.box), {}
     known, ends = _known(ready.data.laws), ending(ready.box, ready.data.laws)
     for name, side, _ in leaning(scalars(tree), ready.box):
-        if name not in stated and not (side == "upper" and name in ends):
+        kept = name in stated or name in PLACES or (side == "upper" and name in ends)
+        if not kept:
             sides.setdefault(name, []).append(side)
     for name, each in sides.items():
         bounds[name] = wider(bounds[name], each, known[name].least if name in known else None)

@@ -10,7 +10,6 @@ from jaxtyping import Array, Key
 from jbw.identification.assemble import Measured, assemble
 from jbw.identification.evidence import Candidate, again, alike, under
 from jbw.identification.prepare import reweight
-from jbw.identification.residual_terms import terms_of
 
 
 def without_offsets(
@@ -24,8 +23,7 @@ def without_offsets(
     own = best.fitted
     ready = reweight(key, under(best.laws, assemble(seen)), own.box, own.fit, settings)
     keys = jax.random.split(key, len(found))
-    terms = terms_of(ready.box)
-    return [again(k, one, ready.data, terms) for k, one in zip(keys, found, strict=True)]
+    return [again(k, one, ready) for k, one in zip(keys, found, strict=True)]
 
 
 def compared(best: Candidate, shared: Candidate) -> dict[str, Any]:

@@ -1,30 +1,37 @@
-r"""Residual terms: what the modes outside a band add to the response of the joint's own mode.
+r"""Residual terms: what other modes add to the response of the joint's own mode.
 
-$$y(\omega) = y_{joint}(\omega) + \left(U + \frac{L}{\omega^2}\right) g\,u(\omega)$$
+$$y(\omega) = y_{joint}(\omega) + \left(U + \frac{L}{\omega^2} +
+  \sum_k \frac{s_k}{\omega_k^2 - \omega^2 + 2j\zeta_k\omega_k\omega}\right) g\,u(\omega)$$
 
 with U of the modes above and L of those below, a rigid body among them, both real. In a narrow band
-the two are one number. They belong to the place where the response is measured, so that all tests
-share them, and they are parameters like omega_n: absent from theta, there is nothing to add.
+the two are one number. A neighbour within the band is linear, which the joint does not feel. They
+belong to the place where the response is measured, so that all tests share them, and they are
+parameters like omega_n: absent from theta, there is nothing to add.
 
 Reference:
     Ewins (2000), Modal Testing, section 4.4.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Inexact
 
-from jbw.quantities import RESIDUAL_TERMS, derivative_order
+from jbw.quantities import CONSTANT_TERMS, NEIGHBOURS, derivative_order
 
-UPPER, LOWER = (quantity.name for quantity in RESIDUAL_TERMS)
+UPPER, LOWER = (quantity.name for quantity in CONSTANT_TERMS)
+MODES = tuple(tuple(quantity.name for quantity in mode) for mode in NEIGHBOURS)
+OF_MODES = tuple(name for mode in MODES for name in mode)
 # What a test may take of them, by what its campaign says.
 TAKEN: Mapping[str, tuple[str, ...]] = {
-    "none": (), "upper": (UPPER,), "both": (UPPER, LOWER), "auto": (UPPER, LOWER)
+    "none": (), "upper": (UPPER, *OF_MODES),
+    "both": (UPPER, LOWER, *OF_MODES), "auto": (UPPER, LOWER, *OF_MODES),
 }  # fmt: skip
 DRIVEN = 0.05  # of the largest line of an input: beyond, 1 / omega^2 would raise what is noise
-LARGEST = 30.0  # of either, where the mode alone responds with 1 / (2 zeta) at its peak
+LARGEST = 30.0  # of any, where the mode alone responds with 1 / (2 zeta) at its peak
+NEAR = 0.07  # of a neighbour's frequency, which a free one would leave to mend the joint's law
+DAMPED = (1e-4, 0.2)  # damping ratio of a neighbour
 
 
 def taken(theta: Mapping[str, Array], residuals: str) -> dict[str, Array]:
@@ -35,9 +42,12 @@ def taken(theta: Mapping[str, Array], residuals: str) -> dict[str, Array]:
 def receptance(
     terms: Mapping[str, Array], omega: Float[Array, "*batch"]
 ) -> Inexact[Array, "*batch"]:
-    r"""$U + L / \omega^2$ [m per N/kg]; without L at omega = 0, where it has no limit."""
+    r"""The sum in brackets above [m per N/kg]; without L at omega = 0, where it has no limit."""
     squared = jnp.where(omega > 0, omega, jnp.inf) ** 2
-    return terms.get(UPPER, 0.0) + terms.get(LOWER, 0.0) / squared
+    total = terms.get(UPPER, 0.0) + terms.get(LOWER, 0.0) / squared
+    for omega_k, zeta, share in ([terms[n] for n in mode] for mode in MODES if mode[0] in terms):
+        total = total + share / (omega_k**2 - omega**2 + 2j * zeta * omega_k * omega)
+    return total
 
 
 def added_response(
@@ -71,6 +81,22 @@ def driven(size: Float[Array, " line"]) -> Bool[Array, " line"]:
     return (jnp.cumsum(loud) > 0) & (jnp.cumsum(loud[::-1])[::-1] > 0)
 
 
-def bounds(omega_n: float) -> dict[str, tuple[float, float]]:
-    """Bounds of either term by name: thirty times what the mode's own static response is."""
-    return {UPPER: (-LARGEST / omega_n**2, LARGEST / omega_n**2), LOWER: (-LARGEST, LARGEST)}
+def neighbours_of(theta: Mapping[str, float]) -> tuple[float, ...]:
+    """Natural frequencies of the neighbours that theta has [rad/s]."""
+    return tuple(float(theta[mode[0]]) for mode in MODES if mode[0] in theta)
+
+
+def bounds(omega_n: float, neighbours: Sequence[float] = ()) -> dict[str, tuple[float, float]]:
+    """Bounds of the terms by name: wide ones of what is added, narrow ones of neighbours' places.
+
+    Of a constant thirty times what the mode's own static response is, of a neighbour's gain thirty
+    times the mode's. A neighbour stays within 7 % of where it was seen, and nearer to that than to
+    any other mode.
+    """
+    found = {UPPER: (-LARGEST / omega_n**2, LARGEST / omega_n**2), LOWER: (-LARGEST, LARGEST)}
+    for (name, zeta, share), own in zip(MODES, neighbours, strict=False):
+        middles = [0.5 * (own + other) for other in (omega_n, *neighbours) if other != own]
+        low = max([(1 - NEAR) * own, *(x for x in middles if x < own)])
+        high = min([(1 + NEAR) * own, *(x for x in middles if x > own)])
+        found |= {name: (low, high), zeta: DAMPED, share: (-LARGEST, LARGEST)}
+    return found

@@ -19,7 +19,7 @@ from jbw.observables.dataset import (
 )
 from jbw.observables.loops import Loops
 from jbw.observables.observable import OFFSETS, Observable
-from jbw.observables.residual_terms import bounds
+from jbw.observables.residual_terms import bounds, neighbours_of
 
 LAWS: dict[str, tuple[str, ...]] = {"linear": (), "cubic": ("cubic",)}
 REACH = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
@@ -67,7 +67,7 @@ def references(
     Where runs have an omega_n and a zeta of their own beside the joint, they have them here too.
     """
     y_peak = largest_displacement(data, known["omega_n"])
-    terms = bounds(known["omega_n"])
+    terms = bounds(known["omega_n"], neighbours_of(known))
     known = {name: value for name, value in known.items() if name in {*REACH, *terms}}
     even = [part.evenly() for part in data.parts]
     parts = [part for part in even if part is not None]
@@ -97,7 +97,7 @@ def _fitted(
     """The oscillator of one kind with the least relative error, by run where the joint is so."""
     free = [name for name in REACH if name not in held and name in known]
     within = {name: bounds_about(known[name], *REACH[name]) for name in free}
-    terms = bounds(known["omega_n"])
+    terms = bounds(known["omega_n"], neighbours_of(known))
     within |= {name: terms[name] for name in terms if name in known}
     start = {name: known[name] for name in within}
     if kind == "cubic":

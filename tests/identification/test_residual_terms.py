@@ -13,7 +13,7 @@ from jbw.campaign.settings import Identify
 from jbw.identification.assemble import measured
 from jbw.identification.prepare import fit_joint
 from jbw.observables.records import Records
-from jbw.observables.residual_terms import added_response, receptance
+from jbw.observables.residual_terms import added_response, bounds, receptance
 from jbw.observables.steady import Points
 
 FS, LENGTH = 256.0, 2048
@@ -26,6 +26,7 @@ LOWER = -BELOW[2] / MODE[2]
 UNITS = {"force": "N", "velocity": "m/s"}
 NOISE = 1e-3
 SETTINGS = Identify(offsets="none")
+NEAR = (20.8, 0.015, 6.0)  # a neighbour in the band
 
 
 def system(hz, zeta, gain):
@@ -51,8 +52,8 @@ def swept(modes, residuals="auto", **extra):
     return Test("sweep", records, name="sweep", level=1.0, residuals=residuals, **extra)
 
 
-def fitted(test):
-    return fit_joint(jax.random.key(1), measured([test], SETTINGS, laws=()), str)
+def fitted(test, settings=SETTINGS):
+    return fit_joint(jax.random.key(1), measured([test], settings, laws=()), str)
 
 
 @pytest.mark.parametrize(("response", "order"), [("displacement", 0), ("acceleration", 2)])
@@ -109,13 +110,49 @@ def test_nothing_is_taken_in_where_one_mode_is_all():
     assert set(ready.fit.theta) == {"omega_n", "zeta", "gain"}
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("modes", [(18.8, 20.5), ()])
+def test_a_neighbour_is_taken_in_where_it_is_stated_or_suspected(modes):
+    ready = fitted(swept([MODE, NEAR]), SETTINGS.model_copy(update={"modes": modes}))
+    theta, std = ready.fit.theta, np.sqrt(np.diag(ready.fit.covariance))
+    truth = {
+        "omega_n": 2 * np.pi * MODE[0], "zeta": MODE[1], "gain": MODE[2],
+        "neighbour_1_omega": 2 * np.pi * NEAR[0], "neighbour_1_zeta": NEAR[1],
+        "neighbour_1_share": NEAR[2] / MODE[2],
+    }  # fmt: skip
+    assert set(theta) == set(truth)  # and no constants beside it
+    for (name, value), sd in zip(theta.items(), std, strict=True):
+        # Beside noise the sweep's samples tell of what drove it between them to 1e-4.
+        assert value == pytest.approx(truth[name], abs=4 * sd + 2e-4 * truth[name]), name
+    assert any("One linear neighbour at 20.8 Hz, zeta 1.50%" in said for said in ready.statements)
+    if not modes:
+        bare = fitted(swept([MODE, NEAR], residuals="none")).fit.theta
+        assert abs(bare["zeta"] / MODE[1] - 1) > 0.05  # what one mode makes of both
+
+
+def test_a_stated_neighbour_that_is_none_is_not_taken_in():
+    ready = fitted(swept([MODE]), SETTINGS.model_copy(update={"modes": (18.8, 20.5)}))
+    assert set(ready.fit.theta) == {"omega_n", "zeta", "gain"}
+
+
+def test_a_neighbour_keeps_its_place():
+    """Within 7 %, and nearer to where it was seen than to any other mode."""
+    found = bounds(100.0, (104.0, 130.0, 135.0))
+    np.testing.assert_allclose(found["neighbour_1_omega"], (102.0, 1.07 * 104.0))
+    np.testing.assert_allclose(found["neighbour_2_omega"], (0.93 * 130.0, 132.5))
+    np.testing.assert_allclose(found["neighbour_3_omega"], (132.5, 1.07 * 135.0))
+    assert found["neighbour_2_zeta"] == (1e-4, 0.2)
+
+
 def curve(residuals, held):
-    """A curve of one mode and a term above it, its response or its force held, in closed form."""
+    """A curve of two modes and a term above them, its response or its force held: closed form."""
     hz, zeta, gain = MODE
     freq = np.linspace(17.5, 20.0, 41)
     omega, omega_n = 2 * np.pi * freq, 2 * np.pi * hz
     mode = 1 / (omega_n**2 - omega**2 + 2j * zeta * omega_n * omega)
-    h = gain * (mode + UPPER)
+    other = 2 * np.pi * NEAR[0]
+    near = NEAR[2] / gain / (other**2 - omega**2 + 2j * NEAR[1] * other * omega)
+    h = gain * (mode + UPPER + near)
     force = 1e-3 / np.abs(h) if held else np.full(len(freq), 2.0)
     y = h * force
     channels = {
@@ -126,16 +163,18 @@ def curve(residuals, held):
 
 
 @pytest.mark.parametrize("held", [False, True])
-def test_curves_take_the_term_whichever_side_was_held(held):
+def test_curves_take_the_terms_whichever_side_was_held(held):
     hz, zeta, gain = MODE
     theta = {"omega_n": 2 * np.pi * hz, "zeta": zeta, "gain": gain, "residual_upper": UPPER}
+    theta |= {"neighbour_1_omega": 2 * np.pi * NEAR[0], "neighbour_1_zeta": NEAR[1]}
+    theta |= {"neighbour_1_share": NEAR[2] / gain}
     theta = {name: jnp.asarray(value) for name, value in theta.items()}
     (data,) = Points.reduce([curve("auto", held)], laws=())
     assert data.of_force == (held,)
     scale = np.abs(data.mean).max()
     np.testing.assert_allclose(data.predict(theta), data.mean, atol=1e-10 * scale)  # Newton
     (without,) = Points.reduce([curve("none", held)], laws=())
-    bare = {name: value for name, value in theta.items() if name != "residual_upper"}
+    bare = {name: theta[name] for name in ("omega_n", "zeta", "gain")}
     np.testing.assert_allclose(without.predict(theta), without.predict(bare), rtol=0)
     assert np.abs(without.predict(theta) - without.mean).max() > 1e-3 * scale
 
