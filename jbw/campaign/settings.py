@@ -12,7 +12,7 @@ from jbw.campaign.document import Table, checked, key, refuse, unlike
 from jbw.errors import ConfigError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.kinds import KINDS
-from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, RESIDUAL_TERMS, Quantity
+from jbw.quantities import DEFAULT_LAWS, LINEAR, RESIDUAL_TERMS, Quantity
 
 STIFFNESS = "1/s^2"  # unit of a part of omega_n^2
 SPRING = "cubic"  # a prior on its parameter brings the law of this name, unless laws are stated
@@ -153,7 +153,7 @@ def law_errors(laws: Sequence[str], prior: Prior) -> list[str]:
 
     The register of laws loads JAX, so it is asked only where [joint] or a prior needs it.
     """
-    known = {quantity.name: quantity for quantity in (*OSCILLATOR, *RESIDUAL_TERMS)}
+    known = {quantity.name: quantity for quantity in (*LINEAR, *RESIDUAL_TERMS)}
     if tuple(laws) != DEFAULT_LAWS or set(prior) - set(known):
         from jbw.oscillator.laws import quantities_of
 
@@ -176,7 +176,7 @@ def _out_of_bounds(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]
             continue
         least = known[name].least
         # Nothing oscillates at omega_n = 0.
-        if least is not None and (lower < least or (name == "omega_n" and lower <= 0)):
+        if least is not None and (lower < least or (name.startswith("omega_n") and lower <= 0)):
             must = f"at least {least:g}" if least else "positive"
             yield f"{name}: must be {must}, but its lower bound is {lower:g}."
 

@@ -9,8 +9,9 @@ from jbw.identification.prepare import Fitted, refit
 from jbw.inference.posterior.summary import scalars
 from jbw.inference.posterior.verdict import leaning
 from jbw.inference.space.box import bounds_by_name, box
+from jbw.observables.drives import plain
 from jbw.oscillator.laws import vocabulary
-from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS
+from jbw.quantities import LINEAR, RESIDUAL_TERMS
 
 # A share of the stiffness ends where nothing but the joint holds: at its upper bound it says that
 # products alone are known.
@@ -23,10 +24,10 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
     Bounds that the campaign states are kept.
     """
     bounds, moved = bounds_by_name(ready.box), []
-    table = {one.name: one for one in (*OSCILLATOR, *RESIDUAL_TERMS)} | vocabulary()
+    table = {one.name: one for one in (*LINEAR, *RESIDUAL_TERMS)} | vocabulary()
     for name, side, _ in leaning(scalars(tree), ready.box):
         quantity = table.get(name)
-        share = quantity is not None and name != "zeta" and quantity.unit in SHARES
+        share = quantity is not None and plain(name) != "zeta" and quantity.unit in SHARES
         if name in stated or (share and side == "upper"):
             continue
         low, high = bounds[name]

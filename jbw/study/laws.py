@@ -11,7 +11,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Key
 
-from jbw.campaign.load import Campaign, force_per_unit
+from jbw.campaign.gains import force_per_unit
+from jbw.campaign.load import Campaign
 from jbw.errors import DataError, JbwError
 from jbw.identification import evidence
 from jbw.identification.assemble import Report, measured
