@@ -65,6 +65,20 @@ OSCILLATOR = (
     Quantity("gain", "gain", "N/kg/V", "force per unit mass and unit of input", 0.0),
 )
 
+# What feeds a shaker that is part of what moves: then these are of the structure with it, and have
+# names of their own beside those of the structure alone.
+FED = {"voltage": ("ᵛ", "N/kg/V"), "current": ("ⁱ", "N/kg/A")}
+ATTACHED = tuple(
+    one._replace(
+        name=f"{one.name}_{drive}", symbol=one.symbol + mark,
+        unit=gain if one.name == "gain" else one.unit,
+        meaning=f"{one.meaning}, driven by {drive}",
+    )
+    for drive, (mark, gain) in FED.items()
+    for one in OSCILLATOR
+)  # fmt: skip
+LINEAR = (*OSCILLATOR, *ATTACHED)
+
 # What other modes add to a response, per force and unit mass of the joint's own mode: those outside
 # of a band by two constants, linear ones within it as they are.
 CONSTANT_TERMS = (
@@ -106,7 +120,7 @@ OTHERS = (
     Quantity("log_likelihood", "log L", "1", "log likelihood"),
     Quantity("response", "v", "m/s", "velocity at one instant"),
 )
-BY_NAME = {each.name: each for each in (*OSCILLATOR, *RESIDUAL_TERMS, *MOTION, *OTHERS)}
+BY_NAME = {each.name: each for each in (*LINEAR, *RESIDUAL_TERMS, *MOTION, *OTHERS)}
 
 
 def derivative_order(response: str) -> int:

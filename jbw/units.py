@@ -23,6 +23,7 @@ FACTORS: dict[str, dict[str, float]] = {
         "kip": 1e3 * POUND_FORCE,
         "kgf": GRAVITY,
     },
+    "current": {"A": 1.0, "mA": 1e-3},
     "force per mass": {"N/kg": 1.0, "mN/kg": 1e-3, "kN/kg": 1e3},
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": INCH},
     "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "in/s": INCH},

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from jbw.campaign.files import repeats_of
-from jbw.campaign.schema import CampaignSpec, TestSpec, force_per_unit, read_spec
+from jbw.campaign.gains import force_per_unit, gain_of
+from jbw.campaign.schema import CampaignSpec, TestSpec, read_spec
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement import response_checks
@@ -86,7 +87,8 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
         for item in repeats_of(test, folder, allow_outside=allow_outside):
             if isinstance(item, Record):
                 repeats += 1
-                faults = findings(item, test, first, per_unit=force_per_unit(spec))
+                per_unit = gain_of(force_per_unit(spec), test.driven_by)
+                faults = findings(item, test, first, per_unit=per_unit)
                 spoilt = worst(faults) == "error"
                 stated = () if first or spoilt else tuple(_stated(item, test))
                 codes |= {DataError.exit_code} if spoilt else set()
@@ -180,9 +182,22 @@ def findings(
             contradictions.append((said, "Make two tests of them."))
     for what, remedy, *why in contradictions:
         found.append(refusal(record.response, what, *why, remedy=remedy))
+    if not first:
+        found += _of_two_sources(record, test)
     if worst(found) != "error":
         found += _believable(record, test, per_unit)
     return tuple(found)
+
+
+def _of_two_sources(record: Record, test: TestSpec) -> Iterator[Fault]:
+    """Which of two recorded sources is taken, where the test does not say."""
+    if test.traits.is_driven and test.drive is None and set(INPUTS) <= record.channels.keys():
+        yield doubt(
+            "input",
+            "`input` and `force` were both recorded; `input` is taken for what drives the test.",
+            why="With its feed for the input, the shaker is part of the structure.",
+            remedy='Say which with drive = "voltage" or drive = "force".',
+        )
 
 
 def _fits_test(record: Record, test: TestSpec) -> Iterator[tuple[str, ...]]:

@@ -50,7 +50,7 @@ def repeats_of(
                 unused.remove(number)
             else:
                 kept += 1
-                yield item
+                yield replace(item, drive=test.drive or "") if isinstance(item, Record) else item
             number += 1
     if unused:
         listed = ", ".join(repr(item) for item in sorted(unused, key=str))

@@ -9,7 +9,8 @@ from textwrap import shorten
 
 from jbw.campaign.check import findings, unread
 from jbw.campaign.files import repeats_of
-from jbw.campaign.schema import Assembly, TestSpec, force_per_unit, read_spec
+from jbw.campaign.gains import Gain, force_per_unit, gain_of
+from jbw.campaign.schema import Assembly, TestSpec, read_spec
 from jbw.campaign.settings import Identify, laws_of
 from jbw.errors import JbwError
 from jbw.measurement.checks import Fault, gathered
@@ -90,23 +91,22 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     return Campaign(spec.name, folder, tuple(tests), *facts)
 
 
-def load_test(
-    test: TestSpec, folder: Path, *, per_unit: float | None, allow_outside: bool = False
-) -> Test:
+def load_test(test: TestSpec, folder: Path, *, per_unit: Gain, allow_outside: bool = False) -> Test:
     """One [[test]] with its records: the first error is raised, what is doubtful is warned of.
 
     Args:
         test: Its table.
         folder: Of the campaign file.
-        per_unit: Force per modal mass for one unit of the input, where the campaign says.
+        per_unit: Force per modal mass for one unit of the input, where the campaign says; by drive.
         allow_outside: Let `files` point out of the folder.
     """
     kept: list[Record] = []
+    gain = gain_of(per_unit, test.driven_by)
     doubts: list[tuple[str, Fault]] = []
     for item in repeats_of(test, folder, allow_outside=allow_outside):
         if isinstance(item, JbwError):
             raise item
-        faults = findings(item, test, kept[:1], per_unit=per_unit)
+        faults = findings(item, test, kept[:1], per_unit=gain)
         report(item, [one for one in faults if one.severity == "error"])
         doubts += [(item.name, one) for one in faults]
         kept.append(item)
@@ -114,4 +114,5 @@ def load_test(
         said = f"Test {test.name}, channel `{one.channel}`: {one.what} {one.remedy}"
         warnings.warn(said.rstrip(), stacklevel=3)
     facts = {name: getattr(test, name) for name in SAME}
+    facts["drive"] = test.drive or ""
     return Test(test.kind, tuple(kept), tones_hz=test.tones, band_hz=test.band, **facts)

@@ -3,18 +3,19 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import ConfigDict, Field, StrictBool, model_validator
 
 from jbw.campaign import values
 from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
+from jbw.campaign.gains import differ
 from jbw.campaign.settings import Identify, Joint, law_errors, laws_of
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.kinds import Kind as Traits
-from jbw.measurement.records import INPUTS, RESPONSES, si_of
-from jbw.quantities import DEFAULT_LAWS
+from jbw.measurement.records import BY_UNIT, INPUTS, RESPONSES, si_of
+from jbw.quantities import DEFAULT_LAWS, FED
 
 NAN = float("nan")  # where nothing is stated of a number
 
@@ -24,13 +25,9 @@ class Head(Table):
 
     name: values.Text = key("campaign", "a short name", "beam")
     gain: values.Positive | None = key(None, "force per modal mass for one volt [N/kg/V]", 15.0)
-    modal_mass: values.Positive | None = key(None, "[kg], for a measured force", 1.93)
-
-    @model_validator(mode="after")
-    def _once(self) -> Self:
-        if self.gain is not None and self.modal_mass is not None:
-            raise ValueError("give gain or modal_mass, not both; they say the same.")
-        return self
+    modal_mass: values.Positive | None = key(
+        None, "[kg], for a measured force; beside gain where some tests have either source", 1.93
+    )
 
 
 class Assembly(Table):
@@ -77,6 +74,12 @@ class TestSpec(Table):
         "those below too; auto: where the fit shows them",
         "upper",
     )
+    drive: Literal["voltage", "current", "force", "none"] | None = key(
+        None,
+        "what drives it, or hangs on it in a free decay: by voltage or current the shaker moves "
+        "along; by default what the unit of `input` says, force of `force`, none of a decay",
+        "voltage",
+    )
     tones: values.Numbers = key((), "frequencies present at once, or in turn if stepped [Hz]")
     dwell: values.Positive = key(NAN, "duration of each step of a stepped test [s]")
     settle: values.NonNegative = key(0.0, "time at the start that is not compared [s]")
@@ -101,6 +104,17 @@ class TestSpec(Table):
     def traits(self) -> Traits:
         """What its kind is."""
         return KINDS[self.kind]
+
+    @property
+    def driven_by(self) -> str:
+        """What drives it, as far as the campaign file alone says it; as `drive_of` of its test."""
+        if self.drive or self.traits.is_prescribed:
+            return self.drive or ""
+        if self.traits.is_free:
+            return "none"
+        if "input" in self.channels:
+            return BY_UNIT.get(si_of("input", self.units.get("input", "V"))[1], "voltage")
+        return "force"
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -147,11 +161,6 @@ def _named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
         yield test.model_copy(update={"name": name})
 
 
-def force_per_unit(campaign: Any) -> float | None:  # as checked, or with its records
-    """Force per modal mass for one unit of the input [1/kg, or N/kg/V], when the campaign says."""
-    return campaign.gain if campaign.modal_mass is None else 1 / campaign.modal_mass
-
-
 def read_spec(path: Path) -> CampaignSpec:
     """Read and check a campaign file; a ConfigError of all that is wrong with it."""
     return parse(text_of(path, "Campaign file", "Write one with: jbw init FOLDER"), path.name)
@@ -173,6 +182,9 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     ]
     tests = [test for test in found if test is not None]
     settings = checked(Identify, document.get("identify", {}), "[identify]", errors) or Identify()
+    both = head.gain is not None and head.modal_mass is not None
+    if both and not differ({test.driven_by for test in tests}):
+        errors.append("[campaign]: give gain or modal_mass, not both; they say the same.")
     if len(tests) == len(tables):
         errors += [*_among(tests, settings), *_of_others(tests, assembly)]
     # Laws that are stated are all there are, so that a prior on any other is refused.
@@ -199,6 +211,10 @@ def _needs(test: TestSpec) -> Iterator[str]:
         yield f"units: `{unit}` of `{ratios[0]}` is for kind {_curves()} only."
     if traits.is_driven and roles.isdisjoint(INPUTS) and not ratios:
         yield f"channels: kind `{test.kind}` needs `input` or `force`."
+    if test.drive in FED and traits.is_driven and "input" not in roles:
+        yield f"drive: `{test.drive}` needs the channel `input`, what the shaker was fed."
+    if test.drive == "none" and traits.is_driven:
+        yield f"drive: `none` is for free decays, but kind `{test.kind}` is driven."
     if lacking := [f"`{role}`" for role in traits.channels if role not in roles]:
         yield f"channels: kind `{test.kind}` needs {' and '.join(lacking)}."
     if "drive_point" in roles and not set(INPUTS) <= roles:

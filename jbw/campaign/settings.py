@@ -12,7 +12,7 @@ from jbw.campaign.document import Table, checked, key, refuse, unlike
 from jbw.errors import ConfigError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.kinds import KINDS
-from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, RESIDUAL_TERMS, Quantity, must_be
+from jbw.quantities import DEFAULT_LAWS, LINEAR, RESIDUAL_TERMS, Quantity, must_be
 
 SPRING = "cubic"  # a prior on its parameter brings the law of this name, unless laws are stated
 
@@ -158,7 +158,7 @@ def law_errors(laws: Sequence[str], prior: Prior) -> list[str]:
 
     The register of laws loads JAX, so it is asked only where [joint] or a prior needs it.
     """
-    known = {quantity.name: quantity for quantity in (*OSCILLATOR, *RESIDUAL_TERMS)}
+    known = {quantity.name: quantity for quantity in (*LINEAR, *RESIDUAL_TERMS)}
     if tuple(laws) != DEFAULT_LAWS or set(prior) - set(known):
         from jbw.oscillator.laws import quantities_of
 

@@ -62,7 +62,8 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     each. A test beyond the displacements that were fitted is said to be.
     """
     with computing() as say:
-        from jbw.campaign.load import force_per_unit, load_campaign
+        from jbw.campaign.gains import force_per_unit
+        from jbw.campaign.load import load_campaign
         from jbw.study.stack import holds_laws
         from jbw.study.store import claim, save_predictions
         from jbw.study.study import basis_of_run, campaign_of

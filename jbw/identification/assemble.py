@@ -6,17 +6,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jbw.campaign.gains import Gain, gain_of
 from jbw.campaign.settings import Identify, laws_of
 from jbw.errors import DataError, JbwError
 from jbw.identification import selection
+from jbw.identification.attachments import foretold, require_one_unit
 from jbw.identification.linear_step import LinearStep, linear_step
 from jbw.identification.selection import DecaySplit, Sweeps
-from jbw.measurement.records import Test
+from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
+from jbw.observables.drives import attached, named, parts_of
 from jbw.observables.line_fit import LineReading
 from jbw.observables.observable import Observable, run_of
 from jbw.observables.register import OBSERVABLES
-from jbw.quantities import DEFAULT_LAWS
+from jbw.quantities import DEFAULT_LAWS, FED
 
 logger = logging.getLogger("jbw")
 Report = Callable[[str], None]
@@ -30,7 +33,7 @@ class Measured:
     chosen: tuple[Test, ...]  # those that `fit` and `hold_out` leave
     settings: Identify
     laws: tuple[str, ...]
-    gain: float | None  # that the campaign states [N/kg per unit of the input]
+    gain: Gain  # that the campaign states [N/kg per unit of the input]
     linear: LinearStep | None  # Step 2, when there was a noise test
     sweeps: Sweeps | None  # when there were any
     decays: DecaySplit | None  # when any may be fitted
@@ -39,7 +42,10 @@ class Measured:
     def probing(self) -> tuple[Test, ...]:
         """Tests with one tone that probes the third-order kernel, for Step 3."""
         linear = self.linear
-        return () if linear is None else selection.probing_tests(self.tests, linear.natural_hz)
+        if linear is None:
+            return ()
+        alike = [test for test in self.tests if drive_of(test) == drive_of(linear.test)]
+        return selection.probing_tests(alike, linear.natural_hz)
 
     @property
     def swept(self) -> list[Test]:
@@ -53,23 +59,26 @@ def measured(
     settings: Identify,
     *,
     laws: tuple[str, ...] | None = None,
-    gain: float | None = None,
+    gain: Gain = None,
     report: Report = logger.info,
 ) -> Measured:
     """Step 2, where there is a noise test, and what is fitted and held out.
 
     `laws` are those of a campaign that names none when None, `gain` is what the campaign states
-    [N/kg per unit of the input], and `report` is called with one sentence at every stage.
+    [N/kg per unit of the input], by drive where there are several, and `report` is called with one
+    sentence at every stage.
 
     Raises:
-        ConfigError: If `hold_out` names no test, or settings do not fit the tests.
+        ConfigError: If `hold_out` names no test, settings do not fit the tests, or tests of one
+            drive have sources in different units.
     """
     laws = laws_of(DEFAULT_LAWS, settings.prior) if laws is None else laws
     chosen = selection.fitted(tests, settings)
+    require_one_unit(chosen)
     noise, linear = selection.linear_test(tests), None
     if noise is not None:
         report(f"Step 2: line fit of {noise.name}")
-        linear = linear_step(noise, gain, settings.modes)
+        linear = linear_step(noise, gain_of(gain, drive_of(noise)), settings.modes)
     sweeps = selection.sweep_tests(tests, settings)
     decays = selection.decay_tests(tests, settings, chosen)
     return Measured(tuple(tests), tuple(chosen), settings, laws, gain, linear, sweeps, decays)
@@ -90,7 +99,8 @@ def assemble(seen: Measured) -> Dataset:
     parts: list[Observable] = []
     if linear is not None and linear.test.name in _names(seen.chosen):
         if not linear.test.traits.is_periodic:  # random motion enters by its line fit alone
-            parts.append(reading_of(linear, gain, seen.laws))
+            own = gain_of(gain, drive_of(linear.test))
+            parts.append(reading_of(linear, own, seen.laws))
     parts += _reduced(_reducible(seen), seen)
     if not parts:
         raise DataError(
@@ -99,13 +109,42 @@ def assemble(seen: Measured) -> Dataset:
             remedy="Add sweeps, stepped sines, response curves, loops, free decays or tones near "
             "a third of the resonance; or shorten `hold_out`.",
         )
-    informed = frozenset().union(*(part.informs for part in parts))
-    held = {} if gain is None else {"gain": gain}
+    _require_labels(parts)
+    held = _held(parts, gain, seen.chosen)
+    return Dataset.of([*parts, *foretold(seen.tests, parts)], held)
+
+
+def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dict[str, float]:
+    """What is not inferred: gains that are stated, and what no part can tell."""
+    others, own = attached(parts), parts_of("", parts)
+    informed = frozenset().union(*(part.informs for part in own))
+    first = next((part.drive for part in own if part.drive), "")
+    known = gain_of(gain, "force" if others and first not in FED else first)
+    held = {} if known is None else {"gain": known}
     if "gain" not in informed:  # nothing tells the modal mass: per kilogram
-        held = {"gain": gain or 1.0}
+        held = {"gain": known or 1.0}
     if "zeta" not in informed:  # nothing moves freely, and nothing is damped
         held["zeta"] = 0.0
-    return Dataset.of(parts, held)
+    stated = {named("gain", drive): gain_of(gain, drive) for drive in others}
+    if others and known is None and "gain" in held and any(t.traits.is_prescribed for t in tests):
+        raise DataError(
+            "Loops beside tests driven by a shaker's feed and free decays need the modal mass.",
+            why="No test driven by a measured force tells it.",
+            remedy="State `modal_mass`, or hold the loops out.",
+        )
+    return held | {name: value for name, value in stated.items() if value is not None}
+
+
+def _require_labels(parts: Sequence[Observable]) -> None:
+    """Refuse groups of one name: tones of one level, but of two drives."""
+    labels = [label for part in parts for label in part.labels]
+    twice = [label for part in parts for label in part.labels if labels.count(label) > 1]
+    if twice and attached(parts):
+        raise DataError(
+            f"Groups of data must have names of their own, but {len(twice)} are `{twice[0]}`.",
+            why="Tones of one level are one group, but different drives move these.",
+            remedy="Correct `level` of the tones driven otherwise, in the unit of their source.",
+        )
 
 
 def single_records(seen: Measured) -> list[list[Observable]]:
@@ -126,11 +165,14 @@ def single_records(seen: Measured) -> list[list[Observable]]:
 
 
 def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
-    """Tests by the register of kinds."""
+    """Tests by the register of kinds, and by what drives them."""
     parts: list[Observable] = []
     for observable in OBSERVABLES:
-        if own := [test for test in tests if test.kind in observable.kinds]:
-            parts += observable.reduce(own, laws=seen.laws, substeps=seen.settings.substeps)
+        own = [test for test in tests if test.kind in observable.kinds]
+        for drive in dict.fromkeys(drive_of(test) for test in own):
+            alike = [test for test in own if drive_of(test) == drive]
+            found = observable.reduce(alike, laws=seen.laws, substeps=seen.settings.substeps)
+            parts += [replace(part, drive=drive) for part in found]
     return parts
 
 
@@ -157,4 +199,5 @@ def reading_of(
     scale = np.array([1.0, 1.0, gain or 1.0])
     covariance = linear.pooled.covariance * np.outer(scale, scale)
     run = run_of(linear.test)
-    return LineReading.of(linear.pooled.mean * scale, covariance, linear.y_rms, run, laws=laws)
+    read = LineReading.of(linear.pooled.mean * scale, covariance, linear.y_rms, run, laws=laws)
+    return replace(read, drive=drive_of(linear.test))

@@ -8,7 +8,7 @@ $$\min_{\Delta\theta, c} |r + J\,\Delta\theta - D\,c|^2, \qquad
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from jbw.identification.suspects import (
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
 from jbw.observables.dataset import Dataset, by_label, left_by_label
+from jbw.observables.drives import plain
 from jbw.observables.effective_values import LEAST_VALUES, is_coloured
 from jbw.observables.line_fit import oscillator_through
 from jbw.observables.observable import OFFSETS
@@ -76,7 +77,11 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
         return []
     about = _linearised(best, data, spectra, missed)
     columns = zip(best.theta, best.jacobian.T, strict=True)
-    slopes = {name: left_by_label(x, data) for name, x in columns if name in OFFSETS}
+    # Of drives side by side a row knows one of them.
+    of_offset: dict[str, Any] = {}
+    for name, x in columns:
+        of_offset[plain(name)] = of_offset.get(plain(name), 0.0) + x
+    slopes = {n: left_by_label(x, data) for n, x in of_offset.items() if n in OFFSETS}
     theta = {name: float(x) for name, x in {**data.held, **best.theta}.items()}
     tried = [(one.kind, _tried(one, about)) for one in suspects(spectra, slopes, theta["omega_n"])]
     if apart := _apart(spectra, missed):  # which a step from a fit near none would only guess

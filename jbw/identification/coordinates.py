@@ -14,6 +14,7 @@ from jbw.identification.residual_terms import stated_terms, term_bounds
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box, Product, bounds_by_name, box
 from jbw.observables.dataset import Dataset, largest_displacement
+from jbw.observables.drives import attached, named, parts_of, plain
 from jbw.oscillator.law import Bounds, Coordinates, Law, Scales
 from jbw.oscillator.laws import laws_named, same_by_construction
 from jbw.oscillator.oscillator import prior_of
@@ -22,8 +23,9 @@ from jbw.quantities import DEFAULT_LAWS
 
 def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
     """Box of the joint route: the joint's parameters, and the gain, where they are not held."""
+    parts = parts_of("", data.parts)
     # Where nothing tells of damping, the displacement is prescribed in every test.
-    forced = all("zeta" not in part.informs for part in data.parts)
+    forced = all("zeta" not in part.informs for part in parts)
     omega_n = known.get("omega_n")
     if not omega_n:
         # Force over displacement of the stiffest loop, peak to peak, per unit mass.
@@ -31,12 +33,39 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
         omega_n = max(value for value in stiffness if value is not None) ** 0.5
     y_peak = largest_displacement(data, omega_n)
     scales = Scales(omega_n, known.get("zeta", 0.01), y_peak, forced)
-    gain = None if "gain" in data.held else (known["gain"], min(p.gain_std() for p in data.parts))
-    linear = any(part.is_linear for part in data.parts)
+    gain = None if "gain" in data.held else (known["gain"], min(p.gain_std() for p in parts))
+    linear = any(part.is_linear for part in parts)
     prior = joint_box(settings, scales, gain, data.laws, linear=linear)
     own = {name: pair for name, pair in bounds_by_name(prior).items() if name not in data.held}
+    for drive in attached(data.parts):
+        own |= _bounds_of(drive, settings, data, known)
     stated = term_bounds(stated_terms(data), omega_n, settings.prior)
+    _require_drives(settings.prior, data)
     return box(own | stated)
+
+
+def _bounds_of(drive: str, settings: Identify, data: Dataset, known: Mapping[str, float]) -> Bounds:
+    """Bounds of omega_n, zeta and gain of a drive that has its own, unless they are held."""
+    parts = parts_of(drive, data.parts)
+    omega_n, zeta = known[named("omega_n", drive)], known.get(named("zeta", drive), 0.01)
+    gain = known.get(named("gain", drive))
+    std = None if gain is None else (gain, min(part.gain_std() for part in parts))
+    linear = any(part.is_linear for part in parts)
+    wide = linear_bounds(Scales(omega_n, zeta, 0.0), std, linear=linear)
+    bounds = {named(name, drive): pair for name, pair in wide.items()}
+    return {n: settings.prior.get(n, pair) for n, pair in bounds.items() if n not in data.held}
+
+
+def _require_drives(prior: Collection[str], data: Dataset) -> None:
+    """Refuse a prior on a parameter of a drive that has none of its own."""
+    others = attached(data.parts)
+    for name in prior:
+        if plain(name) != name and not name.endswith(others):
+            raise ConfigError(
+                f"[identify.prior] `{name}`: needs tests of that drive beside tests of another, "
+                "but the campaign fits none.",
+                remedy=f"Bound `{plain(name)}`, or state `drive` in the tests.",
+            )
 
 
 def joint_box(
@@ -52,17 +81,11 @@ def joint_box(
     The gain comes with its standard deviation. Unless `linear`, omega_n and zeta of the scales were
     read at a level that holds the joint's softening and its losses: roughly the oscillator's own.
     """
-    given, omega_n, zeta = settings.prior, scales.omega_n, scales.zeta
-    bounds: Bounds = {"omega_n": (0.97 * omega_n, 1.03 * omega_n), "zeta": (0.2 * zeta, 3.0 * zeta)}
-    if not linear:
-        bounds |= {"omega_n": (0.7 * omega_n, 1.5 * omega_n), "zeta": (0.005 * zeta, 3.0 * zeta)}
-    if scales.forced:
-        bounds["omega_n"] = (0.2 * omega_n, 2.0 * omega_n)
-    bounds |= prior_of(laws, scales)
-    if gain is not None:
-        size = abs(gain[0])  # a channel may have its sign turned
-        reach = max(0.1 * size, 8 * gain[1]) if np.isfinite(gain[1]) else 0.5 * size
-        bounds["gain"] = (gain[0] - reach, gain[0] + reach)
+    given, omega_n = settings.prior, scales.omega_n
+    own = linear_bounds(scales, gain, linear=linear)
+    # The gain, which is the source's, comes last.
+    last = {name: own.pop(name) for name in ("gain",) if name in own}
+    bounds = own | prior_of(laws, scales) | last
     bounds = {name: given.get(name, pair) for name, pair in bounds.items()}
     if (alike := same_by_construction(laws)) is not None:
         warnings.warn(alike, stacklevel=2)
@@ -77,6 +100,21 @@ def joint_box(
         if (caution := law.caution(stated, scales.y_peak)) is not None:
             warnings.warn(caution, stacklevel=2)
     return box(bounds)
+
+
+def linear_bounds(scales: Scales, gain: tuple[float, float] | None, *, linear: bool) -> Bounds:
+    """Bounds of omega_n and zeta, and of a gain with its standard deviation; as `joint_box`."""
+    omega_n, zeta = scales.omega_n, scales.zeta
+    bounds: Bounds = {"omega_n": (0.97 * omega_n, 1.03 * omega_n), "zeta": (0.2 * zeta, 3.0 * zeta)}
+    if not linear:
+        bounds |= {"omega_n": (0.7 * omega_n, 1.5 * omega_n), "zeta": (0.005 * zeta, 3.0 * zeta)}
+    if scales.forced:
+        bounds["omega_n"] = (0.2 * omega_n, 2.0 * omega_n)
+    if gain is not None:
+        size = abs(gain[0])  # a channel may have its sign turned
+        reach = max(0.1 * size, 8 * gain[1]) if np.isfinite(gain[1]) else 0.5 * size
+        bounds["gain"] = (gain[0] - reach, gain[0] + reach)
+    return bounds
 
 
 def _require_stiffness(law: type[Law], own: Bounds, given: Collection[str], omega_n: float) -> None:

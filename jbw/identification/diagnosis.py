@@ -19,6 +19,7 @@ from scipy.special import gammaln
 
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.observables.dataset import Dataset
+from jbw.observables.drives import parts_of
 from jbw.observables.observable import AmplitudeCurve
 from jbw.oscillator.laws.iwan import power_loop
 
@@ -59,7 +60,8 @@ class Diagnosis(NamedTuple):
 
 def readings_of(data: Dataset) -> AmplitudeCurve | None:
     """All readings of frequency and damping against amplitude, of decays and of held responses."""
-    found = [one for part in data.parts if (one := part.amplitude_readings()) is not None]
+    parts = parts_of("", data.parts)  # of one drive: another's begin at another damping
+    found = [one for part in parts if (one := part.amplitude_readings()) is not None]
     return AmplitudeCurve(*map(np.concatenate, zip(*found, strict=True))) if found else None
 
 

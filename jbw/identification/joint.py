@@ -17,6 +17,7 @@ from jaxtyping import Array, Float, Key
 
 from jbw.campaign.settings import Identify
 from jbw.identification import accuracy
+from jbw.identification.attachments import drive_sentences
 from jbw.identification.causes import cause_finding, causes, causes_sentence
 from jbw.identification.equivalent import (
     effects,
@@ -43,6 +44,7 @@ from jbw.inference.space.reparametrisation import along_logarithms, in_box, neve
 from jbw.inference.space.ridge import along_ridge
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
+from jbw.observables.drives import NAMES, attached, named, of_part
 from jbw.observables.observable import Drawn, Observable
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import BY_NAME
@@ -72,7 +74,7 @@ def joint_step(
     known: dict[str, float] = {}
     for step in ("third_order_nuts", "opening_nuts"):
         if step in earlier:
-            known |= means_of(earlier[step].posterior)
+            known |= _of_reading(means_of(earlier[step].posterior), data)
     ready = prepare(keys[:2], data, settings, known)
     chains = sample_joint(keys[2], ready, settings, keep, name)
     if (wider := widened(chains, ready, settings.prior)) is not None:
@@ -96,6 +98,13 @@ def joint_step(
     judged = within_response(judged, draws, ready.data.held, y_peak, ready.data.laws)
     advice = stuck(step.posterior, judged)
     return replace(step, verdict=judged, statements=(*step.statements, *advice)), ready.data
+
+
+def _of_reading(means: Mapping[str, float], data: Dataset) -> dict[str, float]:
+    """What the paper's steps know, under the names of the drive of the noise that they read."""
+    drive = next((part.drive for part in data.parts if part.is_linear), "")
+    own = drive in attached(data.parts)
+    return {named(n, drive) if own and n in NAMES else n: value for n, value in means.items()}
 
 
 def sample_joint(
@@ -226,7 +235,7 @@ def draw_noise_std(
         if not part.dimension:
             continue
         key, now = jax.random.split(key)
-        noise = part.draw_noise(now, theta, labelled, data.num_offsets)
+        noise = part.draw_noise(now, of_part(theta, part), labelled, data.num_offsets)
         name, dim, number = f"noise_std{part.suffix}", part.dimension, 2
         while name in derived:
             name, dim = f"noise_std{part.suffix}_{number}", f"{part.dimension}_{number}"
@@ -273,7 +282,8 @@ def posterior_checks(
         words.append(runs_sentence(runs))
     theta = dataset.as_arrays(best.theta, data)
     for part in data.parts:
-        words += part.statements(theta)
+        words += part.statements(of_part(theta, part))
+    words += drive_sentences(theta, data)
     if (added := effects(posterior, data.held, y_peak, data.laws)) is not None:
         words.append(effects_sentence(added, y_peak))
         if may_be_absent(added):

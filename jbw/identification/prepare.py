@@ -42,10 +42,11 @@ from jbw.inference.posterior.finding import Finding
 from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
+from jbw.observables.drives import of_part, plain, told_by
 from jbw.observables.observable import AmplitudeCurve
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
-from jbw.quantities import OSCILLATOR
+from jbw.quantities import LINEAR
 
 logger = logging.getLogger("jbw")
 MOST_SUBSTEPS = 64
@@ -110,7 +111,7 @@ def first_fit(
 
 def first_values(data: Dataset) -> dict[str, float]:
     """omega_n [rad/s], zeta [-] and gain as the first part tells them that can; empty if none."""
-    return next((found for part in data.parts if (found := part.first_values())), {})
+    return told_by(data.parts)
 
 
 def from_amplitude_curve(
@@ -123,8 +124,9 @@ def from_amplitude_curve(
 
     with K and C of the steady loops: no solve in time, so that many starts cost nothing.
     """
-    curve = next((c for part in data.parts if (c := part.amplitude_curve()) is not None), None)
-    if curve is None or "zeta" not in prior.names:
+    curves = ((part, part.amplitude_curve()) for part in data.parts)
+    part, curve = next(((p, c) for p, c in curves if c is not None), (None, None))
+    if part is None or curve is None or "zeta" not in prior.names:
         return {}
     some = np.unique(np.linspace(0, len(curve.y) - 1, MOST_CURVE_POINTS).astype(int))
     thin = AmplitudeCurve(*(values[some] for values in curve))
@@ -136,7 +138,8 @@ def from_amplitude_curve(
         damping = (model.zeta - seen.zeta) / (DAMPING_STD * jnp.max(seen.zeta))
         return jnp.concatenate([frequency, damping])
 
-    bounds = {name: pair for name, pair in bounds_by_name(prior).items() if name != "gain"}
+    own = of_part(bounds_by_name(prior), part)
+    bounds = {name: pair for name, pair in own.items() if name != "gain" and name == plain(name)}
     best = fit(left, box(bounds), thin, starts=CURVE_STARTS, key=key)
     return {name: value for name, value in best.theta.items() if name not in known}
 
@@ -156,7 +159,7 @@ def fit_from(key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str,
             return ends[0]
     middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
     start = {name: known.get(name, float(middle[name])) for name in prior.names}
-    sure = {one.name: known[one.name] for one in OSCILLATOR if one.name in known}
+    sure = {one.name: known[one.name] for one in LINEAR if one.name in known}
     points = screened(key, prior, start, sure)
     likelihood = at_points(dataset.log_likelihood, points, data).sum(axis=1)
     found = np.nan_to_num(likelihood, nan=-np.inf)

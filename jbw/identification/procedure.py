@@ -24,6 +24,7 @@ from jbw.inference.fit.fitting import Fit
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import LogLikelihood
+from jbw.measurement.records import drive_of
 from jbw.observables.dataset import Dataset, log_likelihood
 from jbw.observables.decay import Decays
 from jbw.observables.records import Records, by_form
@@ -135,7 +136,8 @@ def _paper_steps(
     report(f"Step 3: third-order kernel at {len(seen.probing)} frequencies")
     kernel_fit = step3.fit_kernel(next(keys), seen.probing, linear, seen.settings)
     steps = step3.third_order_steps(next(keys), kernel_fit, seen.settings, keep=keep)
-    if swept := by_form(seen.swept):
+    drive = drive_of(seen.linear.test) if seen.linear is not None else ""
+    if swept := by_form([test for test in seen.swept if drive_of(test) == drive]):
         # One record form, the one with the most levels: the curve of gamma is of one solve.
         report("Step 4: gamma alone, the earlier steps held")
         records = Records.of(max(swept, key=len), substeps=seen.settings.substeps)

@@ -23,6 +23,7 @@ from jbw.inference.fit.fitting import Fit
 from jbw.inference.groups.scatter import Spread, draw_offsets, scatter_grid
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.observables.dataset import Dataset, by_label, estimates, with_directions
+from jbw.observables.drives import plain
 from jbw.observables.observable import OFFSETS, assemblies_of
 from jbw.quantities import BY_NAME
 
@@ -50,11 +51,13 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
 
     None with fewer than two runs that know their offsets.
     """
-    columns = [names.index(name) for name in OFFSETS if name in names]
-    if len(columns) < len(OFFSETS):
+    # Of drives side by side a row knows one: the sum over them is the change by the run's offset.
+    columns = [[i for i, n in enumerate(names) if plain(n) == name] for name in OFFSETS]
+    if not all(columns):
         return None
     left = by_label(best.residual, data)
-    slopes = by_label(-best.jacobian[:, columns], data)
+    slope_of_all = np.stack([best.jacobian[:, own].sum(axis=1) for own in columns], axis=1)
+    slopes = by_label(-slope_of_all, data)
     labels, size = data.shared_runs, len(OFFSETS)
     precision, pull = np.zeros((len(labels), size, size)), np.zeros((len(labels), size))
     for part in data.parts:
@@ -94,7 +97,8 @@ def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None 
     follow the misfit: their scatter can be read where both are free (`with_scatter`). `median` is
     that of the prior of omega_n's, over omega_n; None for a wide one.
     """
-    centre = np.array([best.theta[name] for name in OFFSETS])
+    theta = {plain(name): value for name, value in reversed(best.theta.items())}
+    centre = np.array([theta[name] for name in OFFSETS])
     least, most = (tuple(np.array(part) * centre) for part in (LEAST, MOST))
     own = dict(zip(shifts.runs, shifts.offset, strict=True))
     about = None if median is None else median * float(centre[0])
@@ -141,9 +145,10 @@ def runs_dataset(
 ) -> xr.Dataset | None:
     """Draws of every run's omega_n and zeta, and their standard deviation over runs; or None.
 
-    omega_n and zeta of the posterior are the population's mean. Of each draw of the parameters the
-    scatter and the offsets are drawn from their density given the data: `spread_omega_n` and
-    `spread_zeta` over runs, with the suffix `_assembly` over assemblies where there are any.
+    omega_n and zeta of the posterior are the population's mean; one run's offset serves all drives,
+    each of which has its own values of a run. Of each draw of the parameters the scatter and the
+    offsets are drawn from their density given the data: `spread_omega_n` and `spread_zeta` over
+    runs, with the suffix `_assembly` over assemblies where there are any.
     """
     if not data.has_offsets:
         return None
@@ -154,9 +159,10 @@ def runs_dataset(
     centre = {**data.held, **theta}
     found = {}
     for i, name in enumerate(OFFSETS):
-        own = np.asarray(drawn.offset[:, :, i]) + np.reshape(centre[name], (-1, 1))
-        attrs = {**BY_NAME[name].attrs, "long_name": f"{name} of each run"}
-        found[name] = (("draw", "run"), own, attrs)
+        for each in (one for one in centre if plain(one) == name):
+            own = np.asarray(drawn.offset[:, :, i]) + np.reshape(centre[each], (-1, 1))
+            attrs = {**BY_NAME[each].attrs, "long_name": f"{each} of each run"}
+            found[each] = (("draw", "run"), own, attrs)
         unit = BY_NAME[name].unit
         for level, over in enumerate(list(PLURAL)[: drawn.scatter.shape[1] // len(OFFSETS)]):
             suffix = "" if over == "run" else f"_{over}"

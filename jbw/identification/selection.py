@@ -6,7 +6,7 @@ from operator import attrgetter
 
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
-from jbw.measurement.records import Test
+from jbw.measurement.records import Test, drive_of
 
 THIRD = (0.2, 0.45)  # of the natural frequency: where a tone probes the third-order kernel
 LEVEL = attrgetter("level")  # to sort tests by
@@ -56,17 +56,15 @@ def loop_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
 def sweep_tests(tests: Sequence[Test], settings: Identify) -> Sweeps | None:
     """Sweeps split into what is fitted and what is held out.
 
-    `fit_levels` names the levels to fit; by default the lowest and the highest of three or more,
-    all of fewer. `fit_repeats` is how many repeats of them are fitted, half by default.
+    `fit_levels` names the levels to fit; by default the lowest and the highest of three or more
+    of each drive, all of fewer. `fit_repeats` is how many of their repeats are fitted, by default
+    half.
     """
     sweeps = [test for test in sorted(tests, key=LEVEL) if test.traits.is_transient]
     if not sweeps:
         return None
     levels = [test.level for test in sweeps]
-    chosen = settings.fit_levels
-    if chosen is None:
-        chosen = [levels[0], levels[-1]] if len(levels) > 2 else levels
-    unknown = [level for level in chosen if level not in levels]
+    unknown = [level for level in settings.fit_levels or () if level not in levels]
     if unknown:
         raise ConfigError(
             f"Setting `fit_levels` must name levels of sweeps, but holds {unknown}.",
@@ -74,10 +72,17 @@ def sweep_tests(tests: Sequence[Test], settings: Identify) -> Sweeps | None:
         )
     fitted, held_out = [], []
     for test in sweeps:
+        chosen = settings.fit_levels or _outermost(sweeps, drive_of(test))
         count = _fitted_repeats(test, settings) if test.level in chosen else 0
         fitted.append(replace(test, records=test.records[:count]))
         held_out.append(replace(test, records=test.records[count:]))
     return Sweeps(*(tuple(test for test in side if test.records) for side in (fitted, held_out)))
+
+
+def _outermost(sweeps: Sequence[Test], drive: str) -> list[float]:
+    """The lowest and the highest level of a drive, whose levels have a unit of their own."""
+    levels = [test.level for test in sweeps if drive_of(test) == drive]
+    return [levels[0], levels[-1]] if len(levels) > 2 else levels
 
 
 @dataclass(frozen=True)
@@ -99,11 +104,12 @@ def decay_tests(
     decays = [test for test in tests if test.traits.is_free]
     if not decays:
         return None
-    forms = {(t.band_hz, t.settle, t.records[0].fs, t.records[0].response) for t in decays}
+    forms = {(t.band_hz, t.settle, t.records[0].fs, t.records[0].response, drive_of(t))
+             for t in decays}  # fmt: skip
     if len(forms) > 1:
         raise ConfigError(
-            "Tests of kind decay must share band, settle, sampling frequency and response, but "
-            f"{len(forms)} combinations were found.",
+            "Tests of kind decay must share band, settle, sampling frequency, response and drive, "
+            f"but {len(forms)} combinations were found.",
             remedy="Make one campaign of each mode.",
         )
     allowed = {test.name for test in (decays if chosen is None else chosen)}

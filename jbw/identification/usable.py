@@ -3,16 +3,17 @@
 import warnings
 from collections.abc import Sequence
 
+from jbw.campaign.gains import Gain, gain_of
 from jbw.campaign.settings import Identify
 from jbw.errors import DataError
 from jbw.identification.linear_step import linear_step
 from jbw.identification.selection import decay_tests, linear_test
-from jbw.measurement.records import Test
+from jbw.measurement.records import Test, drive_of
 from jbw.observables.register import OBSERVABLES
 
 
 def usable(
-    tests: Sequence[Test], settings: Identify, gain: float | None = None
+    tests: Sequence[Test], settings: Identify, gain: Gain = None
 ) -> tuple[tuple[Test, ...], tuple[str, ...]]:
     """The tests that can be reduced, and a sentence for each that cannot.
 
@@ -26,7 +27,7 @@ def usable(
         try:
             with warnings.catch_warnings():  # said again by the fit that counts
                 warnings.simplefilter("ignore")
-                linear_step(noise, gain, settings.modes)
+                linear_step(noise, gain_of(gain, drive_of(noise)), settings.modes)
         except DataError as error:
             refused[noise.name] = str(error)
         else:

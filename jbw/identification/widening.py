@@ -12,7 +12,7 @@ from jbw.inference.posterior.verdict import leaning
 from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.observables.residual_terms import MODES
 from jbw.oscillator.laws import quantities_of, vocabulary
-from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS, Quantity
+from jbw.quantities import LINEAR, RESIDUAL_TERMS, Quantity
 
 Laws = tuple[str, ...]
 
@@ -31,7 +31,7 @@ def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
 
 def _known(laws: Laws) -> dict[str, Quantity]:
     """Quantities by name: the register's, those of laws that carry numbers in their name too."""
-    table = (*OSCILLATOR, *RESIDUAL_TERMS, *quantities_of(laws))
+    table = (*LINEAR, *RESIDUAL_TERMS, *quantities_of(laws))
     return vocabulary() | {one.name: one for one in table}
 
 

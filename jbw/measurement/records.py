@@ -14,9 +14,12 @@ from jbw.units import FACTORS, plain, quantity_of, si_unit
 
 RESPONSES = ("displacement", "velocity", "acceleration")
 INPUTS = ("input", "force")
-# Role to what its channel measures: a source is a voltage, or already a force per modal mass.
+# What moves the structure, and with that what hangs on it: by voltage or current its shaker does.
+DRIVES = ("voltage", "current", "force", "none")
+BY_UNIT = {"V": "voltage", "A": "current", "N": "force", "N/kg": "force"}
+# Role to what its channel measures: a source is a voltage or current, or a force per modal mass.
 QUANTITIES: dict[str, tuple[str, ...]] = {
-    "input": ("voltage", "force per mass"),
+    "input": ("voltage", "force per mass", "current"),
     "force": ("force",),
     "displacement": ("displacement",),
     "velocity": ("velocity",),
@@ -37,13 +40,14 @@ class Record:
     Attributes:
         fs: Sampling frequency [Hz].
         channels: Role to samples in SI units; every channel has the same length. Roles:
-            `input` (source voltage [V], or per unit mass [N/kg]), `force` [N], `displacement` [m],
-            `velocity` [m/s], `acceleration` [m/s^2], `restoring_force` [N], `drive_point`
-            [m/s^2] (acceleration where the shaker pushes); in a measured response
-            curve, whose `fs` is NaN, also `frequency` [Hz] and `phase` [rad].
+            `input` (source voltage [V] or current [A], or force per unit mass [N/kg]), `force`
+            [N], `displacement` [m], `velocity` [m/s], `acceleration` [m/s^2], `restoring_force`
+            [N], `drive_point` [m/s^2] (acceleration where the shaker pushes); in a measured
+            response curve, whose `fs` is NaN, also `frequency` [Hz] and `phase` [rad].
         units: Role to the SI unit of its samples.
         name: What to call it in messages: the file, and the row where a file holds several.
         provenance: Path, sha256, reader and what was converted or snapped at the door.
+        drive: What its test says that drives it, which chooses between `input` and `force`.
     """
 
     fs: float
@@ -51,6 +55,7 @@ class Record:
     units: Mapping[str, str]
     name: str = ""
     provenance: Mapping[str, str] = field(default_factory=dict)
+    drive: str = ""
 
     @property
     def num_samples(self) -> int:
@@ -69,7 +74,9 @@ class Record:
 
     @property
     def source(self) -> str:
-        """The role of the excitation channel: input or force."""
+        """The role of the excitation channel: input or force; of both the input, unless said."""
+        if self.drive == "force" and "force" in self.channels:
+            return "force"
         return next(role for role in INPUTS if role in self.channels)
 
 
@@ -93,6 +100,7 @@ class Test:
         run: Which day or run; empty when there was one.
         periods: Whole periods of the excitation in each record; 1 when none were said.
         residuals: Terms of modes outside the band: auto, none, upper or both.
+        drive: What drives it, one of `DRIVES`; empty where that follows from its source.
     """
 
     __test__ = False  # not a pytest class
@@ -110,6 +118,12 @@ class Test:
     run: str = ""
     periods: int = 1
     residuals: Literal["auto", "none", "upper", "both"] = "auto"
+    drive: str = ""
+
+    def __post_init__(self) -> None:
+        if any(record.drive != self.drive for record in self.records):
+            own = tuple(replace(record, drive=self.drive) for record in self.records)
+            object.__setattr__(self, "records", own)
 
     @property
     def traits(self) -> Kind:
@@ -125,6 +139,18 @@ class Test:
     def is_cyclic(self) -> bool:
         """Whether the records hold several whole periods of their excitation."""
         return self.traits.is_periodic and self.periods > 1
+
+
+def drive_of(test: Test) -> str:
+    """What drives a test: as stated, else by its source; empty along a prescribed displacement."""
+    if test.drive or test.traits.is_prescribed or not test.records:
+        return test.drive
+    if test.traits.is_free:
+        return "none"
+    record = test.records[0]
+    if not any(role in record.channels for role in INPUTS):
+        return ""
+    return BY_UNIT.get(record.units.get(record.source, ""), "voltage")
 
 
 def periods(test: Test) -> Test | None:

@@ -15,8 +15,10 @@ from jaxtyping import Array, Float
 
 from jbw.inference.groups.offsets import Estimate, run_numbers, shrunk
 from jbw.inference.groups.scatter import Levels, log_density_of_offsets
+from jbw.observables.drives import of_part
 from jbw.observables.observable import OFFSETS, Observable, Row, Theta, assemblies_of
 
+Block = tuple[Float[Array, "_group _value"], Float[Array, "_group own _value"]]
 Residual = dict[str, Float[Array, " value"]]
 
 
@@ -109,14 +111,15 @@ def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
         found = estimates(everything, data)
         offsets = log_density_of_offsets(found, data.levels, data.scatters)
         return jnp.append(found.log_density, offsets)
-    each = [(part, part.estimate(everything, 0)) for part in data.parts]
-    scatter = [part.scatter_terms(everything, found) for part, found in each]
-    return jnp.concatenate([*(found.log_density for _, found in each), *scatter])
+    own = [(part, of_part(everything, part)) for part in data.parts]
+    each = [(part, theta, part.estimate(theta, 0)) for part, theta in own]
+    scatter = [part.scatter_terms(theta, found) for part, theta, found in each]
+    return jnp.concatenate([*(found.log_density for *_, found in each), *scatter])
 
 
 def estimates(theta: Theta, data: Dataset) -> Estimate:
     """What every group says of the offsets of its run."""
-    found = [part.estimate(theta, data.num_offsets) for part in data.parts]
+    found = [part.estimate(of_part(theta, part), data.num_offsets) for part in data.parts]
     return Estimate(*(jnp.concatenate(rows) for rows in zip(*found, strict=True)))
 
 
@@ -126,7 +129,7 @@ def residual(theta: Theta, data: Dataset) -> Residual:
     Rows `offsets of RUN` are each run's offsets over their scatter.
     """
     everything = {**data.held, **theta}
-    rows, offsets = _offsets_taken_out([part.weighted(everything) for part in data.parts], data)
+    rows, offsets = _offsets_taken_out(_weighted(everything, data), data)
     labelled = {
         label: row
         for part, block in zip(data.parts, rows, strict=True)
@@ -135,9 +138,12 @@ def residual(theta: Theta, data: Dataset) -> Residual:
     return labelled | {_offsets_key(run): row for run, row in offsets.items()}
 
 
+def _weighted(theta: Theta, data: Dataset) -> list[Block]:
+    return [part.weighted(of_part(theta, part)) for part in data.parts]
+
+
 def _offsets_taken_out(
-    blocks: Sequence[tuple[Float[Array, "_group _value"], Float[Array, "_group own _value"]]],
-    data: Dataset,
+    blocks: Sequence[Block], data: Dataset
 ) -> tuple[list[Float[Array, "_group _value"]], dict[str, Float[Array, " own"]]]:
     """Rows of every part with its runs' best offsets taken out, and these over their scatter."""
     rows = [block[0] for block in blocks]
@@ -200,7 +206,7 @@ def best_offsets(theta: Mapping[str, float], data: Dataset) -> dict[str, np.ndar
 @eqx.filter_jit
 def _scaled_offsets(theta: Theta, data: Dataset) -> dict[str, Float[Array, " own"]]:
     """Best offsets of each run that has them, over their scatter."""
-    return _offsets_taken_out([part.weighted(theta) for part in data.parts], data)[1]
+    return _offsets_taken_out(_weighted(theta, data), data)[1]
 
 
 def with_directions(
@@ -210,7 +216,7 @@ def with_directions(
 ) -> Dataset:
     """The dataset with every prediction's change by its run's offsets; records about these."""
     everything = as_arrays(theta, data)
-    parts = tuple(part.linearised(everything, offsets or {}) for part in data.parts)
+    parts = tuple(p.linearised(of_part(everything, p), offsets or {}) for p in data.parts)
     return replace(data, parts=parts)
 
 
@@ -247,7 +253,7 @@ def with_fitted_noise(
 ) -> Dataset:
     """The dataset with the noise that a fit leaves in every group."""
     everything = as_arrays(theta, data)
-    parts = tuple(part.with_fitted_noise(everything, left) for part in data.parts)
+    parts = tuple(p.with_fitted_noise(of_part(everything, p), left) for p in data.parts)
     return replace(data, parts=parts)
 
 

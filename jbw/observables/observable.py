@@ -61,6 +61,7 @@ class Observable(eqx.Module):
         laws: Names of the laws of the joint; static.
         residuals: Which residual terms its prediction takes, of those that theta has: none, upper,
             both or auto; static. None where nothing drives the motion.
+        drive: What drives it, one of `DRIVES`; static. Empty where that does not matter.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ()
@@ -74,6 +75,7 @@ class Observable(eqx.Module):
 
     laws: Laws = eqx.field(static=True, kw_only=True, default=DEFAULT_LAWS)
     residuals: str = eqx.field(static=True, kw_only=True, default="none")
+    drive: str = eqx.field(static=True, kw_only=True, default="")
 
     @classmethod
     def reduce(

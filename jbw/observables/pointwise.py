@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from jbw.inference.groups.scatter import draw_offsets
 from jbw.inference.lanes import at_points
 from jbw.observables.dataset import Dataset, as_arrays, estimates
+from jbw.observables.drives import of_part
 from jbw.observables.observable import Observable, Theta
 
 SEED = "seed of the draw"  # beside the parameters, of which none is called so
@@ -105,7 +106,7 @@ def splits_of(
     Misfits are linear in the means: any point `theta` where the model can be solved will do.
     """
     everything = as_arrays(theta, data)
-    return tuple(_split(part, everything, alone) for part in data.parts)
+    return tuple(_split(part, of_part(everything, part), alone) for part in data.parts)
 
 
 def _split(part: Any, theta: Theta, alone: Sequence[Sequence[Any]]) -> Split | None:
@@ -178,9 +179,9 @@ def _sums(theta: Theta, given: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) 
     for part, own in zip(data.parts, rows, strict=True):
         b = None if offset is None else offset[np.array([order.index(run) for run in part.runs])]
         if own is None:
-            parts.append(_known(everything, part, b))
+            parts.append(_known(of_part(everything, part), part, b))
             continue
-        left, directions = part.left(everything)
+        left, directions = part.left(of_part(everything, part))
         if b is not None and directions.shape[1]:
             left = left - jnp.einsum("gi,gin->gn", b, directions)
         group, deviation, measured = own

@@ -135,6 +135,7 @@ def _test_text(test: Test) -> str:
         "delay": test.delay or None,
         "periods": test.periods if test.periods > 1 else None,
         "run": test.run or None,
+        "drive": test.drive or None,
         "channels": {role: role for role in record.channels},
         "units": {role: record.units[role] for role in record.channels},
     }

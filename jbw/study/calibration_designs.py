@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jbw import rig
-from jbw.campaign.load import Campaign, force_per_unit
+from jbw.campaign.gains import force_per_unit, gain_of
+from jbw.campaign.load import Campaign
 from jbw.errors import DataError
 from jbw.identification.assemble import measured
 from jbw.identification.linear_step import LinearStep, linear_step
@@ -21,7 +22,7 @@ from jbw.identification.paper.kernel import KernelData
 from jbw.identification.procedure import Report, posterior_of
 from jbw.identification.selection import linear_test, probing_tests, sweep_tests
 from jbw.inference.space.box import Box, box
-from jbw.measurement.records import Record, Test
+from jbw.measurement.records import Record, Test, drive_of
 from jbw.measurement.spectra import FRF
 from jbw.observables.dataset import Dataset
 from jbw.observables.records import Records
@@ -162,7 +163,11 @@ def _linear(campaign: Campaign) -> LinearStep:
     noise = linear_test(campaign.tests)
     if noise is None:
         raise DataError("Steps 3 and 4 need a noise test for Step 2, which the campaign lacks.")
-    return linear_step(noise, force_per_unit(campaign), campaign.settings.modes)
+    return linear_step(noise, _gain(campaign, noise), campaign.settings.modes)
+
+
+def _gain(campaign: Campaign, test: Test) -> float | None:
+    return gain_of(force_per_unit(campaign), drive_of(test))
 
 
 def _kernel_fit(campaign: Campaign, linear: LinearStep) -> step3.KernelFit:

@@ -12,7 +12,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Key
 
-from jbw.campaign.load import Campaign, force_per_unit
+from jbw.campaign.gains import force_per_unit
+from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError, JbwError
 from jbw.identification.assemble import measured
 from jbw.identification.procedure import Known, Posterior, Report, posterior_of

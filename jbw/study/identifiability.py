@@ -10,7 +10,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from jbw.campaign.load import Campaign, force_per_unit
+from jbw.campaign.gains import force_per_unit
+from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import measured
 from jbw.identification.coordinates import combinations

@@ -13,7 +13,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from jbw.campaign.load import Campaign, force_per_unit
+from jbw.campaign.gains import force_per_unit
+from jbw.campaign.load import Campaign
 from jbw.identification.assemble import measured
 from jbw.identification.linear_step import NAMES, LinearStep, units_of
 from jbw.identification.modal import ModalFit
@@ -26,7 +27,8 @@ from jbw.inference.posterior.finding import Verdict, answers, judge
 from jbw.inference.posterior.summary import as_plain, correlations, summarise
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import require_float64
-from jbw.measurement.records import INPUTS, Test
+from jbw.measurement.records import INPUTS, Test, drive_of
+from jbw.observables.drives import named
 from jbw.quantities import gain_unit
 from jbw.report.opening import opening
 from jbw.report.result import node, verified
@@ -133,11 +135,16 @@ def _assembly(campaign: Campaign) -> dict[str, Any]:
 
 def _name_gain_unit(tests: Sequence[Test], found: Identification) -> None:
     """Write the unit of the gain, which the source's unit decides, into every posterior."""
-    units = [record.units for test in tests for record in test.records]
-    driven = [unit for each in units for role, unit in each.items() if role in INPUTS]
+    driven = [test for test in tests if not set(INPUTS).isdisjoint(test.records[0].channels)]
+    units = {drive_of(t): t.records[0].units[t.records[0].source] for t in reversed(driven)}
     for step in found.steps.values():
-        if driven and "gain" in step.posterior["posterior"]:
-            step.posterior["posterior"]["gain"].attrs["units"] = gain_unit(driven[0])
+        draws = step.posterior["posterior"]
+        own = {drive: named("gain", drive) for drive in units if named("gain", drive) in draws}
+        rest = [drive for drive in map(drive_of, driven) if drive not in own]
+        if rest and "gain" in draws:
+            draws["gain"].attrs["units"] = gain_unit(units[rest[0]])
+        for drive, name in own.items():
+            draws[name].attrs["units"] = gain_unit(units[drive])
 
 
 def steps_group(record: Mapping[str, Any]) -> xr.Dataset:

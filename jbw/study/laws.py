@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from jbw.campaign.load import Campaign, force_per_unit
+from jbw.campaign.gains import force_per_unit
+from jbw.campaign.load import Campaign
 from jbw.identification import evidence
 from jbw.identification.assemble import Report, measured
 from jbw.identification.diagnosis import diagnose, diagnosis_sentences, readings_of

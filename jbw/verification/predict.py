@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from jbw.campaign.gains import Gain, gain_of
 from jbw.errors import ConfigError, DataError
 from jbw.inference.thresholds import BEYOND
-from jbw.measurement.records import Test
+from jbw.measurement.records import Test, drive_of
+from jbw.observables.drives import of_drive
 from jbw.verification.bands import QUANTILES, band
 from jbw.verification.curves import predict_curve
 from jbw.verification.decays import predict_decay
@@ -32,7 +34,7 @@ class Request:
 
     num_draws: int = NUM_DRAWS  # of the posterior at most; fewer through long records
     noise: bool = True  # whether bands include the noise, where it is known
-    gain: float | None = None  # that the campaign of the tests states, or 1 / modal mass
+    gain: Gain = None  # that the campaign of the tests states, or 1 / modal mass; by drive
     seed: int = 0  # of everything random
 
 
@@ -95,13 +97,14 @@ def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
 def _source(basis: Basis, test: Test, asked: Request) -> Source:
     """The draws that a test is predicted with: fewer of them through long records."""
     most, route = asked.num_draws, route_of(test)
+    own_gain = gain_of(asked.gain, drive_of(test))
     if route in (predict_records, predict_periods, predict_groups):
         most = min(most, max(FEWEST, MOST_SAMPLES // test.records[0].num_samples))
 
     def drawn(count: int, one: Basis) -> Draws:
         if route is predict_decay:
-            return one.thinned(count, one.decay)
-        return one.draws_for(test, count, _gain(basis, test, asked.gain), asked.seed)
+            return dict(of_drive(one.thinned(count, one.decay), drive_of(test)))
+        return one.draws_for(test, count, _gain(basis, test, own_gain), asked.seed)
 
     own, *others = ((drawn(count, one), one.laws) for count, one in basis.shared(most))
     return Source(basis, own[0], noise=asked.noise, bare=0.0, seed=asked.seed, beside=tuple(others))

@@ -14,13 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from jbw.errors import ConfigError, DataError
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.measurement.curves import response_curve
-from jbw.measurement.records import INPUTS, RESPONSES, Test
+from jbw.measurement.records import INPUTS, RESPONSES, Test, drive_of
 from jbw.observables.dataset import Dataset, largest_displacement
 from jbw.observables.decay import Decays
+from jbw.observables.drives import of_drive, plain
 from jbw.observables.harmonic_groups import family_of, response_held
 from jbw.observables.observable import OFFSETS, run_of
 from jbw.oscillator.laws import quantities_of
-from jbw.quantities import DEFAULT_LAWS, RESIDUAL_TERMS
+from jbw.quantities import ATTACHED, DEFAULT_LAWS, RESIDUAL_TERMS
 
 NUM_DRAWS = 100  # outer quantiles of 99 % bands need about as many
 SUBSTEPS = 2  # of the solver a sample, for a run that does not say how many its data took
@@ -37,6 +38,7 @@ class Seen(NamedTuple):
     response: str  # what is compared, or the force that a held response takes
     level: float | None = None  # None where it has none, or the run does not say
     family: str = ""  # name that its group of data shares with other tests of its level
+    drive: str = ""  # what drives it; empty where the run does not say
 
 
 @dataclass(frozen=True)
@@ -79,21 +81,28 @@ class Basis:
         chosen = self.posterior if posterior is None else posterior
         return thin(chosen, num_draws, self.held, laws=self.laws)
 
-    def draws(self, num_draws: int, gain: float | None = None, seed: int = 0) -> Draws:
-        """Parameters of a further run's joint, and the gain [N/kg per unit of the source]."""
+    def draws(
+        self, num_draws: int, gain: float | None = None, seed: int = 0, drive: str = ""
+    ) -> Draws:
+        """Parameters of a further run's joint, and the gain [N/kg per unit of the source].
+
+        Those of a drive that has its own, under their plain names; of others' all names.
+        """
         key = jax.random.fold_in(jax.random.key(seed), SCATTER_KEY)
-        return scattered(key, self._complete(self.thinned(num_draws), gain), self.scatter)
+        known = dict(of_drive(self.thinned(num_draws), drive))
+        return scattered(key, self._complete(known, gain), self.scatter)
 
     def draws_for(
         self, test: Test, num_draws: int, gain: float | None = None, seed: int = 0
     ) -> Draws:
         """The same with omega_n and zeta of the test's own run, where that was fitted."""
-        name = self.run_of(test)
+        name, drive = self.run_of(test), drive_of(test)
         if self.runs is None or name is None:
-            return self.draws(num_draws, gain, seed)
+            return self.draws(num_draws, gain, seed, drive)
         run = self.runs.sel(run=name)
         known = self.thinned(run.sizes["draw"])
-        known |= {name: run[name].values for name in OFFSETS}
+        known |= {str(n): v.values for n, v in run.data_vars.items() if plain(str(n)) in OFFSETS}
+        known = of_drive(known, drive)
         some = np.unique(np.linspace(0, run.sizes["draw"] - 1, num_draws).round().astype(int))
         return self._complete({name: values[some] for name, values in known.items()}, gain)
 
@@ -139,7 +148,8 @@ def thin(
     keep = evenly_spaced(posterior, num_draws)
     fixed = {name: np.full(len(keep), float(value)) for name, value in (held or {}).items()}
     terms = (quantity.name for quantity in RESIDUAL_TERMS)
-    names = [name for name in (*parameter_names(laws), *terms) if name in posterior]
+    others = (quantity.name for quantity in ATTACHED)
+    names = [name for name in (*parameter_names(laws), *terms, *others) if name in posterior]
     return {**fixed, **{name: posterior[name].values.ravel()[keep] for name in names}}
 
 
@@ -212,10 +222,10 @@ def basis_of(tree: xr.DataTree) -> Basis:
 def seen_of(test: Test) -> Seen:
     """A test's kind, the unit of its source and what is compared."""
     record = test.records[0]
-    place = (test.level if np.isfinite(test.level) else None, family_of(test))
+    place = (test.level if np.isfinite(test.level) else None, family_of(test), drive_of(test))
     if test.traits.is_prescribed:
         return Seen(test.kind, "N", "restoring_force", *place)
-    source = next((role for role in INPUTS if role in record.channels), "")
+    source = record.source if any(role in record.channels for role in INPUTS) else ""
     response = next((role for role in RESPONSES if role in record.channels), "")
     if test.traits.is_curve:
         curve = response_curve(record)

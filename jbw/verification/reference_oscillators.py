@@ -17,12 +17,15 @@ from jbw.observables.dataset import (
     stacked,
     with_directions,
 )
+from jbw.observables.drives import named, of_drive, plain
 from jbw.observables.loops import Loops
 from jbw.observables.observable import OFFSETS, Observable
 from jbw.observables.residual_terms import bounds, neighbours_of
+from jbw.quantities import LINEAR
 
 LAWS: dict[str, tuple[str, ...]] = {"linear": (), "cubic": ("cubic",)}
-REACH = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
+PLAIN = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
+REACH = {one.name: PLAIN[plain(one.name)] for one in LINEAR}
 FREELY = 1e3  # times the scatter of the joint's runs: errors here are relative and weigh little
 STIFFEST = 10.0  # times omega_n^2 at the largest displacement: bound of the cubic stiffness
 
@@ -42,14 +45,18 @@ class Reference(NamedTuple):
 
 
 def of_run(
-    references: Mapping[str, Reference], run: str | None
+    references: Mapping[str, Reference], run: str | None, drive: str = ""
 ) -> dict[str, tuple[dict[str, float], tuple[str, ...]]]:
-    """Parameters and laws of every reference, as they are in one run; None for a further one."""
+    """Parameters and laws of every reference, as they are in one run; None for a further one.
+
+    Those of a drive that has its own, under their plain names.
+    """
     found = {}
     for name, one in references.items():
         offset = zip(OFFSETS, one.runs.get(run or "", ()), strict=False)  # none of a further run
-        own = {key: one.parameters[key] + float(b) for key, b in offset}
-        found[name] = {**one.parameters, **own}, one.laws
+        known = of_drive(one.parameters, drive)
+        own = {key: known[key] + float(b) for key, b in offset}
+        found[name] = {**known, **own}, one.laws
     return found
 
 
@@ -95,7 +102,9 @@ def _fitted(
     joint: Dataset,
 ) -> Reference:
     """The oscillator of one kind with the least relative error, by run where the joint is so."""
-    free = [name for name in REACH if name not in held and name in known]
+    used = {name if (own := named(name, part.drive)) not in known else own
+            for name in PLAIN for part in parts}  # fmt: skip
+    free = [name for name in REACH if name not in held and name in known and name in used]
     within = {name: bounds_about(known[name], *REACH[name]) for name in free}
     terms = bounds(known["omega_n"], neighbours_of(known))
     within |= {name: terms[name] for name in terms if name in known}
@@ -107,15 +116,16 @@ def _fitted(
     # An error quoted to two digits needs no closer optimum.
     close = {"max_evaluations": 40, "tolerance": 1e-6}
     best = costly_fit(stacked, box(within), data, starts=start, **close)
+    known = {name: known[name] for name in REACH if name in known}
     if not joint.has_offsets:
-        return Reference({**held, **best.theta}, LAWS[kind])
+        return Reference({**known, **held, **best.theta}, LAWS[kind])
     data = replace(data, scatters=joint.scatters, scatter=FREELY * joint.scatter)
     offsets: Mapping[str, Float[np.ndarray, " own"]] = {}
     for _ in range(2):  # the second time about the offsets that the first one found
         data = with_directions(best.theta, data, offsets)
         best = costly_fit(stacked, box(within), data, starts=best.theta, **close)
         offsets = best_offsets(best.theta, data)
-    return Reference({**held, **best.theta}, LAWS[kind], offsets)
+    return Reference({**known, **held, **best.theta}, LAWS[kind], offsets)
 
 
 def _spring(forced: Sequence[Loops], known: Mapping[str, float], kind: str) -> Reference:

@@ -18,8 +18,9 @@ from jbw.identification.procedure import Identification, Report
 from jbw.identification.selection import Sweeps, fitted, loop_tests
 from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.posterior.remedies import put
-from jbw.measurement.records import Test
+from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
+from jbw.observables.drives import of_drive
 from jbw.quantities import derivative_order
 from jbw.verification.backbone import amplitude_verification
 from jbw.verification.curves import curves_of, predict_curves
@@ -64,7 +65,8 @@ def verify(
         groups |= _verify_forced(source, simpler(draws, found.data), tests, names, found)
     if found.decays is not None and found.decay_data is not None:
         report("Verification: free decays, frequency and damping against amplitude")
-        draws = basis.thinned(NUM_DRAWS, basis.decay)
+        drive = drive_of(found.decays.together)
+        draws = dict(of_drive(basis.thinned(NUM_DRAWS, basis.decay), drive))
         others = simpler(draws, Dataset.of([found.decay_data]), "omega_n", "zeta")
         free = Source(basis, draws, of_run(others, None), seed=seed)
         together, num_fitted = found.decays.together, len(found.decays.fitted.records)
@@ -101,7 +103,9 @@ def _verify_forced(
     def beside(test: Test, num_draws: int = NUM_DRAWS) -> Source:
         """What a test is compared with: all of its own run, where that was fitted."""
         draws = basis.draws_for(test, num_draws, seed=source.seed)
-        return replace(source, draws=draws, references=of_run(simpler, basis.run_of(test)))
+        return replace(
+            source, draws=draws, references=of_run(simpler, basis.run_of(test), drive_of(test))
+        )
 
     def add(kind: str, name: str, test: Test, one: Predicted) -> None:
         attrs = {"noise": one.noise.says, **marks(test)}
@@ -132,9 +136,9 @@ def _verify_forced(
     rest = [test for test in tests if test.name not in validating]
     curves = curves_of([test for test in rest if test.name in names])
     curves |= curves_of([test for test in rest if test.name not in names], " (held out)")
-    by_run: dict[str | None, list[str]] = {}
+    by_run: dict[tuple[str | None, str], list[str]] = {}
     for name, curve in curves.items():
-        by_run.setdefault(basis.run_of(curve.test), []).append(name)
+        by_run.setdefault((basis.run_of(curve.test), drive_of(curve.test)), []).append(name)
     for same in by_run.values():
         alike = [curves[name] for name in same]
         compared = predict_curves(beside(alike[0].test), alike)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import load_test
-from jbw.campaign.schema import CampaignSpec, TestSpec, force_per_unit, read_spec
+from jbw.campaign.schema import CampaignSpec, TestSpec, read_spec
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import Record, Test

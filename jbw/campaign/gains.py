@@ -1,0 +1,33 @@
+"""Force per modal mass for one unit of a source, as far as a campaign states it, by what drives."""
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from jbw.measurement.records import Test, drive_of
+from jbw.quantities import FED
+
+Gain = float | Mapping[str, float] | None  # one of all tests, or by drive
+
+
+def force_per_unit(campaign: Any) -> Gain:  # as checked, or with its records
+    """Force per modal mass for one unit of the input [1/kg, or N/kg/V], when the campaign says.
+
+    Where a measured force drives some tests and a shaker's feed others, by drive.
+    """
+    gain, mass = campaign.gain, campaign.modal_mass
+    by_mass = None if mass is None else 1 / mass
+    tests = campaign.tests
+    if not differ({drive_of(t) if isinstance(t, Test) else t.driven_by for t in tests}):
+        return gain if by_mass is None else by_mass
+    every = {"force": by_mass, **dict.fromkeys(FED, gain)}
+    return {drive: value for drive, value in every.items() if value is not None}
+
+
+def gain_of(gain: Gain, drive: str) -> float | None:
+    """What `force_per_unit` says of a drive."""
+    return gain.get(drive) if isinstance(gain, Mapping) else gain
+
+
+def differ(drives: Collection[str]) -> bool:
+    """Whether a measured force drives some tests, and a shaker's feed others."""
+    return "force" in drives and not FED.keys().isdisjoint(drives)

@@ -1,0 +1,147 @@
+r"""Drives side by side in a campaign: what is refused, what their shaker foretells, what is said.
+
+The attachment is read where voltage, force and drive point were measured, on the test of the least
+voltage: omega_n and zeta of a fit are those of weak motion. What it foretells has a standard
+deviation of 30 % of the change; of 60 % where the drive point is the very response that is fitted.
+"""
+
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from jbw.errors import ConfigError, JbwError
+from jbw.identification.shaker import ShakerReading, read_shaker, tells_shaker
+from jbw.measurement.records import BY_UNIT, Record, Test, drive_of
+from jbw.observables.attachment import Foretold, label_of, mode_words
+from jbw.observables.dataset import Dataset
+from jbw.observables.drives import attached, named
+from jbw.observables.observable import Observable, run_of
+from jbw.quantities import FED
+
+Own = Float[np.ndarray, " own"]
+SHARE, SHARE_OF_RESPONSE = 0.3, 0.6  # of a change foretold: its standard deviation
+LEAST_OMEGA, LEAST_ZETA = 2e-4, 0.02  # of omega_n and of zeta: at least
+HEAVY = 0.03  # of the modal mass: an armature that changes the joint's share of the stiffness
+
+
+def require_one_unit(tests: Iterable[Test]) -> None:
+    """Refuse tests of one drive with sources in different units: one gain cannot serve both."""
+    seen: dict[str, tuple[str, str]] = {}
+    for test in tests:
+        drive = drive_of(test)
+        if drive in ("", "none") or test.traits.is_free:
+            continue
+        record = test.records[0]
+        unit = record.units.get(record.source, "")
+        first, name = seen.setdefault(drive, (unit, test.name))
+        if unit != first:
+            raise ConfigError(
+                f"Tests driven by {drive} must have their source in one unit, but `{name}` has it "
+                f"in {first} and `{test.name}` in {unit}.",
+                why="They share one gain.",
+                remedy="State `drive` where another drives it, or bring both to one unit by "
+                "`scale` and `units`.",
+            )
+
+
+def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observable]:
+    """What the shakers lead to of drives that have names of their own; warns where one is not read.
+
+    Beside a structure alone only, whose modes the force tells.
+    """
+    found: list[Observable] = []
+    for drive in attached(parts):
+        beside = {part.drive for part in parts} - {"", *FED}
+        readable = [test for test in tests if tells_shaker(test) and _feeds(test, drive)]
+        if not readable or not beside:
+            continue
+        test = min(readable, key=lambda one: _rms(one.records[0].channels["input"]))
+        try:
+            reading = read_shaker(test)
+        except JbwError as error:
+            warnings.warn(f"The shaker is not read. {' '.join(str(error).split())}", stacklevel=2)
+            continue
+        share = SHARE_OF_RESPONSE if _is_response(test.records[0]) else SHARE
+        runs = [run for part in parts for run in part.runs]
+        run = run_of(test) if run_of(test) in runs else runs[0]
+        mode = _nearest(reading, parts)
+        mean, std = _change(reading, mode, share)
+        words = _sentence(test, reading, mode, share)
+        found.append(Foretold.of(mean, std, drive, run, words, laws=parts[0].laws))
+    return found
+
+
+def _feeds(test: Test, drive: str) -> bool:
+    """Whether what a test records of its shaker's feed is this drive's."""
+    return BY_UNIT.get(test.records[0].units.get("input", ""), drive) == drive
+
+
+def _rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def _is_response(record: Record) -> bool:
+    """Whether the drive point's channel is that of the response."""
+    response = record.channels[record.response]
+    return record.response == "acceleration" and bool(
+        np.array_equal(response, record.channels["drive_point"])
+    )
+
+
+def _nearest(reading: ShakerReading, parts: Sequence[Observable]) -> int:
+    """Number of the mode that is the joint's own: nearest to where the data have it."""
+    told = (part.first_values().get("omega_n") for part in parts)
+    omega = next(filter(None, told), reading.modes.omega[0])
+    return int(np.argmin(np.abs(reading.modes.omega - omega)))
+
+
+def _change(reading: ShakerReading, mode: int, share: float) -> tuple[Own, Own]:
+    """Change of omega_n and zeta of a mode, and its standard deviation."""
+    omega, zeta = reading.modes.omega[mode], reading.modes.zeta[mode]
+    mean = np.array([reading.omega[mode] - omega, reading.zeta[mode] - zeta])
+    least = np.array([LEAST_OMEGA * omega, LEAST_ZETA * zeta])
+    return mean, np.maximum(share * np.abs(mean), least)
+
+
+def _sentence(test: Test, reading: ShakerReading, mode: int, share: float) -> str:
+    """How far the attachment is to be trusted, and how heavy it is."""
+    added = reading.shaker.mass * reading.modes.residues[mode, 0]
+    how = (
+        "and as the drive point is the response itself, with a standard deviation twice as wide, "
+        if share > SHARE
+        else "with a standard deviation of "
+    )
+    said = (
+        f"The shaker was read on {test.name}: its attachment predicts omega_n and zeta, {how}"
+        f"{share:.0%} of the change. It adds {added:+.2%} to the modal mass, by which the joint's "
+        "share of the stiffness differs too; that is left out."
+    )
+    if abs(added) > HEAVY:
+        said += f" Beyond {HEAVY:.0%} that matters: fit the tests of either drive apart, or move "
+        said += "the shaker to where the mode moves less."
+    return said
+
+
+def drive_sentences(theta: Mapping[str, Any], data: Dataset) -> list[str]:
+    """Whose omega_n and zeta these are, where a shaker moves along."""
+    drives = {part.drive for part in data.parts if part.drive}
+    if len(drives) == 1 and drives <= set(FED):
+        return [
+            f"Every test is driven by {drives.pop()}, so that omega_n and zeta are those of the "
+            "structure with its shaker, whose armature moves along."
+        ]
+    everything = {**data.held, **theta}
+    said = []
+    for drive in attached(data.parts):
+        if label_of(drive) in data.labels:
+            continue
+        omega, zeta = (float(everything[named(name, drive)]) for name in ("omega_n", "zeta"))
+        own = mode_words(float(everything["omega_n"]), float(everything["zeta"]))
+        said.append(
+            f"Driven by {drive} the mode lies at {mode_words(omega, zeta)}, with its shaker; "
+            f"otherwise at {own}."
+        )
+    return said
