@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from jbw.study.many import identify_many as identify_many
     from jbw.study.study import Study as Study
     from jbw.study.study import load_study as load_study
+    from jbw.watch.sequential import updated as updated
 
 __version__ = "0.1.0"
 
@@ -127,6 +128,7 @@ _HOME = {
     "third_harmonic": "oscillator.paper.kernels",
     "third_order_kernel": "measurement.probing",
     "to_sep005": "measurement.files.sep005",
+    "updated": "watch.sequential",
     "write_fleet": "population.fleet",
     "write_uff": "measurement.files.uff",
 }

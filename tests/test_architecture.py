@@ -36,15 +36,8 @@ SEES = {
     "planning": MODEL | {"verification"},
     "study": MODEL | {"identification", "verification", "report", "rig", "run"},
     "population": MODEL | {"verification", "report", "study"},
-    "watch": {
-        "campaign",
-        "measurement",
-        "observables",
-        "population",
-        "run",
-        "study",
-        "verification",
-    },
+    "watch": MODEL - {"oscillator"}
+    | {"identification", "population", "run", "study", "verification"},
     "cli": MODEL
     | {"verification", "planning", "report", "rig", "run", "study", "population", "watch"},
 }

@@ -1,0 +1,179 @@
+"""`jbw.updated`: the posterior of an unchanged joint with further free decays, record by record.
+
+Draws of a finished run are moved by the likelihood of each new record, where a run anew would fit
+and draw everything again. That holds while the joint has not changed: `jbw watch` says that.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from jbw.campaign.load import Campaign, force_per_unit
+from jbw.errors import ConfigError, DataError
+from jbw.identification.assemble import assemble, measured
+from jbw.identification.joint import law_variables
+from jbw.identification.usable import usable
+from jbw.inference.lanes import at_points
+from jbw.inference.posterior.summary import evenly_spaced
+from jbw.inference.space.box import require_float64
+from jbw.measurement.records import Record, Test
+from jbw.observables import dataset
+from jbw.observables.dataset import Dataset
+from jbw.observables.decay import Decays, matched
+from jbw.study.study import Study
+from jbw.watch.particles import LogDensity, Taken, evenly, particles_of, take_in
+
+NUM_PARTICLES = 1000
+SAME = 0.5  # nats: what the likelihood that is built anew may stray from the run's own, its sd
+
+
+def updated(
+    study: Study,
+    records: Sequence[Record],
+    *,
+    num_particles: int = NUM_PARTICLES,
+    seed: int = 0,
+    report: Callable[[str], None] = print,
+) -> xr.DataTree:
+    """Draws of the joint's posterior with further free decays, and the evidence of each.
+
+    The values of a new record count as those of the run do: as many of them as are independent.
+    Its initial state, its noise and its shift of frequency are integrated out.
+
+    Args:
+        study: A finished run that was fitted to free decays alone, from `jbw.load_study`.
+        records: Further records of the same channels, in the order of measurement.
+        num_particles: Draws to carry, evenly from the run's; fewer where it has fewer.
+        seed: Of the resampling and of the moves.
+        report: Called with one sentence a record.
+
+    Returns:
+        `posterior`, draws of one weight with the laws' own parameters and products, and
+        `sequential` by record: `log_evidence`, log p(y_r | y_<r) up to a constant that no law
+        changes [nats], `kish`, the share of particles that counted, and `accepted`, of their moves.
+
+    Raises:
+        ConfigError: A float32 session, no record, or a run without its campaign.
+        DataError: A run of other tests than free decays, or whose likelihood cannot be had again;
+            a record of other channels, or shorter than those of the run.
+    """
+    require_float64()
+    if study.campaign is None or not records:
+        raise ConfigError(
+            "There must be a record to add, and the run's campaign.",
+            remedy="Give records of a campaign's test, and the campaign to jbw.load_study.",
+        )
+    posterior = study.posterior["posterior"].to_dataset()
+    sampled = {str(n): v for n, v in posterior.data_vars.items() if "lower" in v.attrs}
+    data, test = _fitted(study.campaign, sampled)
+    rows = evenly_spaced(posterior, num_particles)
+    draws = np.stack([v.values.ravel()[rows] for v in sampled.values()], axis=-1)
+    bounds = np.array([[v.attrs["lower"], v.attrs["upper"]] for v in sampled.values()])
+    names = tuple(sampled)
+    terms = study.posterior["log_likelihood"]["terms"].values
+    own = terms.reshape(-1, terms.shape[-1])[rows].sum(axis=1)
+    now = particles_of(draws, _density_of(data, names, bounds))
+    _require_same(now.log_density - own)
+    rng, taken = np.random.default_rng(seed), []
+    for i, record in enumerate(records):
+        data = _with_records(data, test, records[: i + 1])
+        taken.append(take_in(rng, now, _density_of(data, names, bounds)))
+        now = taken[-1].particles
+        moved = "" if taken[-1].accepted is None else ", moved since"
+        report(f"{record.name or i + 1}: {taken[-1].kish:.0%} of the particles count{moved}")
+    return _tree(dict(zip(names, evenly(rng, now).x.T, strict=True)), sampled, data, taken, records)
+
+
+def _fitted(campaign: Campaign, sampled: Mapping[str, xr.DataArray]) -> tuple[Dataset, Test]:
+    """What a run was fitted to, weighed as it was, and the test of its free decays."""
+    gain = force_per_unit(campaign)
+    tests, _ = usable(campaign.tests, campaign.settings, gain)
+    seen = measured(tests, campaign.settings, laws=campaign.laws, gain=gain)
+    data = assemble(seen)
+    (part, *others) = data.parts
+    if seen.decays is None or others or part.kinds != Decays.kinds:
+        raise DataError(
+            "The run was fitted to other tests than free decays.",
+            why="Their part of the posterior is not carried from record to record.",
+            remedy="Identify the joint anew with the further records in its campaign.",
+        )
+    if campaign.settings.model_error != "none":
+        middle = {name: float(np.median(values)) for name, values in sampled.items()}
+        left = np.asarray(matched(dataset.as_arrays(middle, data), part).residual)
+        rows = dict(zip(part.labels, left, strict=True))
+        fractions = part.effective_fractions(rows, [], np.zeros((0, 0)))
+        data = dataset.with_effective_values(fractions, data)
+    return data, seen.decays.fitted
+
+
+def _with_records(data: Dataset, test: Test, records: Sequence[Record]) -> Dataset:
+    """The dataset of a run with further records of its kind."""
+    (part,) = data.parts
+    for record in records:
+        if test.records[0].response not in record.channels or record.fs != test.records[0].fs:
+            raise DataError(
+                f"`{record.name}` has not the channel or the rate of the run's records: "
+                f"{test.records[0].response} at {test.records[0].fs:g} Hz.",
+                remedy="Give records that were measured as those of the run were.",
+            )
+    every = replace(test, records=(*test.records, *records))
+    longer = Decays.of(every, laws=data.laws, substeps=part.substeps)
+    if longer.envelope.shape[1] < part.envelope.shape[1]:
+        raise DataError(
+            f"`{records[-1].name}` is shorter than the records of the run.",
+            why="All of them are compared over one duration.",
+            remedy="Record as long, or identify the joint anew.",
+        )
+    return replace(data, parts=(replace(longer, fraction=part.fraction),))
+
+
+def _density_of(
+    data: Dataset, names: Sequence[str], bounds: Float[np.ndarray, "parameter two"]
+) -> LogDensity:
+    """Log posterior density of points under the run's uniform prior, up to its constant."""
+
+    def found(x: Float[np.ndarray, "particle d"]) -> Float[np.ndarray, " particle"]:
+        inside = np.all((x >= bounds[:, 0]) & (x <= bounds[:, 1]), axis=1)
+        points = dict(zip(names, np.clip(x, *bounds.T).T, strict=True))
+        terms = at_points(dataset.log_likelihood, points, data).sum(axis=1)
+        return np.where(inside & np.isfinite(terms), terms, -np.inf)
+
+    return found
+
+
+def _require_same(strays: Float[np.ndarray, " particle"]) -> None:
+    """Refuse a likelihood that is not the one that the run drew from."""
+    sd = float(np.std(strays))
+    if not sd < SAME:
+        raise DataError(
+            f"The likelihood of the run's draws cannot be had again: it strays by {sd:.2g} nats.",
+            why="The run drew by other weights or solver steps than its campaign asks for now.",
+            remedy="Identify the joint anew with the further records in its campaign.",
+        )
+
+
+def _tree(
+    draws: dict[str, Float[np.ndarray, " draw"]],
+    sampled: dict[str, xr.DataArray],
+    data: Dataset,
+    taken: Sequence[Taken],
+    records: Sequence[Record],
+) -> xr.DataTree:
+    """The draws as a chain, with what follows from them, and what each record did."""
+    posterior = xr.Dataset(
+        {n: (("chain", "draw"), x[None], sampled[n].attrs) for n, x in draws.items()}
+    )
+    posterior = posterior.assign(law_variables(posterior, data))
+    accepted = [np.nan if one.accepted is None else one.accepted for one in taken]
+    sequential = xr.Dataset(
+        {
+            "log_evidence": ("record", [one.log_evidence for one in taken], {"units": "nat"}),
+            "kish": ("record", [one.kish for one in taken], {"units": "1"}),
+            "accepted": ("record", accepted, {"units": "1"}),
+        },
+        {"record": [record.name or str(i + 1) for i, record in enumerate(records)]},
+    )
+    return xr.DataTree.from_dict({"/posterior": posterior, "/sequential": sequential})
