@@ -54,10 +54,14 @@ if TYPE_CHECKING:
     from jbw.oscillator.steady.cycle import steady_cycle as steady_cycle
     from jbw.oscillator.steady.cycle import steady_state as steady_state
     from jbw.planning.making import plan_tests as plan_tests
+    from jbw.population.basis import new_prediction as new_prediction
     from jbw.population.fleet import fleet_of as fleet_of
     from jbw.population.fleet import read_fleet as read_fleet
     from jbw.population.fleet import write_fleet as write_fleet
+    from jbw.population.one_stage import one_stage as one_stage
     from jbw.population.population import population_of as population_of
+    from jbw.population.prediction import new_backbone as new_backbone
+    from jbw.population.prediction import new_units as new_units
     from jbw.report.citation import citation as citation
     from jbw.study.calibration import sbc as sbc
     from jbw.study.compare import compare as compare
@@ -112,6 +116,10 @@ _HOME = {
     "line_fit": "identification.linear",
     "load_campaign": "campaign.load",
     "load_study": "study.study",
+    "new_backbone": "population.prediction",
+    "new_prediction": "population.basis",
+    "new_units": "population.prediction",
+    "one_stage": "population.one_stage",
     "plan_tests": "planning.making",
     "pool": "identification.linear",
     "population_of": "population.population",

@@ -15,9 +15,11 @@
 # *What do several assemblies at several torques tell about the next one?*
 #
 # The virtual rig takes a specimen apart and tightens it again: three torques, two assemblies, two
-# sweeps at each of two levels. Slip limits grow with the preload, contact stiffness by its half
-# power, every assembly differs from the others, and the wrench is off by some per cent. The paper
-# names this as its next step; here it is measured, and compared with what the rig was built with.
+# sweeps at each of two levels. Each assembly takes the torques in an order by chance, the second in
+# the reverse of the first: torques that rose with every tightening would hide bedding-in. Slip
+# limits grow with the preload, contact stiffness by its half power, every assembly differs from the
+# others, and the wrench is off by some per cent. The paper names this as its next step; here it is
+# measured, and compared with what the rig was built with.
 
 # %%
 # %matplotlib inline
@@ -30,7 +32,7 @@ import virtual_rig
 
 import jbw
 from jbw import rig
-from jbw.population.prediction import new_backbone, new_coordinates
+from jbw.population.prediction import new_coordinates
 from jbw.report.population import population_figure
 from jbw.rig.generator import Sweep
 
@@ -70,8 +72,9 @@ for outcome in outcomes:
 
 # %% [markdown]
 # `fleet_of` gathers the draws with their torques; `population_of` asks how the units scatter, and
-# how they go with torque: logarithms of frequency, damping and of the products that weak motion
-# knows, with the errors of every unit.
+# how they go with torque: logarithms of frequency, damping, of the products that weak motion knows
+# and of the joint's share of the stiffness, which these sweeps know too, with the errors of every
+# unit.
 
 # %%
 units = jbw.fleet_of(outcome.folder for outcome in outcomes)
@@ -97,6 +100,7 @@ drawn = population_figure(found.record, found.pooled.mean, sd, torque, np.stack(
 def coordinates(truth):
     """What is pooled, of a specimen: parameters, or products of the joint's."""
     products = {f"alpha_{name}": truth["alpha"] * truth[name] for name in ("delta", "gamma")}
+    products["share"] = truth["alpha"] / truth["omega_n"] ** 2
     return [{**truth, **products}[name] for name in found.pooled.names]
 
 
@@ -115,7 +119,7 @@ drawn.flat[0].figure
 
 # %%
 NEW = 10.0  # N m
-backbone = new_backbone(found, units, NEW)
+backbone = jbw.new_backbone(found, units, NEW)
 (seen,) = rig.measure_fleet(preset, torques=[NEW], how=law, assemblies=1, seed=7, fs=256.0)
 amplitude = backbone.amplitude.values
 curve = jbw.backbone(jbw.BoucWen(**seen.truth["joint"]), amplitude)
@@ -136,8 +140,18 @@ figure.tight_layout()
 plt.show()
 
 # %% [markdown]
+# A test is predicted as well: the strong sweep of that specimen, by units of 10 N m that are drawn
+# from the population. The gain of its source is that of the units. From the command line it is
+# `jbw predict fleet-population --campaign new.toml`.
+
+# %%
+strong = next(test for test in seen.tests if test.name == "strong")
+bands = jbw.new_prediction(found, units, strong, NEW)
+print(f"{bands.attrs['coverage']:.0%} of the measured sweep inside the 99 % band of a new unit")
+
+# %% [markdown]
 # *What to see.* Each unit is known a hundred times better than units agree: the question is no
 # longer how well a joint was measured, but which joint one gets. The products fall with torque by
-# a power that six units know to a half or so; the wrench's own error takes a part of it. Two
-# assemblies at each of three torques told this; `jbw plan --population` says beforehand what
-# another number of either would.
+# a power that six units know to a half or so. The wrench sets the torque: its error takes nothing
+# off that power and is part of the scatter. Two assemblies at each of three torques told this;
+# `jbw plan --population` says beforehand what another number of either would.

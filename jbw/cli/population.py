@@ -32,11 +32,13 @@ def population(
 
     FLEET is what `jbw collect` wrote. Of every coordinate: its mean at the middle torque, its
     scatter between units, its power of torque, and where a unit lies that nobody measured. Writes
-    population.json, population.nc with frequency and damping of a new unit, population.png, and
-    population.html with the units side by side.
+    population.json, population.nc with draws of a new unit, its frequency and damping,
+    population.png, and population.html with the units side by side. `jbw predict` takes the folder
+    and predicts tests of that unit.
     """
     with computing() as say:
         from jbw.inference.posterior.summary import QUANTILES
+        from jbw.population.basis import new_unit, torque_of
         from jbw.population.fleet import read_fleet
         from jbw.population.population import population_of, require_torque
         from jbw.population.prediction import new_backbone, new_coordinates
@@ -60,9 +62,11 @@ def population(
             return np.quantile(new_coordinates(found, at, rng, 4000), QUANTILES, axis=0)
 
         say("Frequency and damping of a new unit")
+        tree = new_unit(found, units, torque, seed=seed)
         backbone = new_backbone(found, units, torque, seed=seed)
+        tree.dataset = backbone.assign_attrs(tree.attrs)
         trend = "torque" in found.design.columns
-        known = np.array(found.record["torque"])
+        known = np.array(found.record["torque"], float)
         places = np.geomspace(known.min(), known.max(), NUM_PLACES) if trend else np.zeros(0)
         if trend and torque is not None:
             places = np.sort(np.append(places, torque))
@@ -76,7 +80,7 @@ def population(
         record: dict[str, Any] = {
             **found.record,
             "new_unit": {
-                "torque": torque,
+                "torque": torque_of(found, torque),
                 **{
                     name: dict(zip(("q005", "median", "q995"), map(float, row), strict=True))
                     for name, row in zip(found.pooled.names, ahead, strict=True)
@@ -90,7 +94,7 @@ def population(
         with writing(folder, *made) as part:
             page = render_sheet(sheet, figure)
             (part / "population.html").write_text(page, encoding="utf-8")
-            backbone.to_netcdf(part / "population.nc", engine="h5netcdf")
+            tree.to_netcdf(part / "population.nc", engine="h5netcdf")
             write_figure(part / "population.png", figure)
             write_json(part / "population.json", record)
     status = f"Status: {record['status']}"

@@ -54,7 +54,8 @@ class FromTo(click.ParamType):
 def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     """Predict tests from the finished run in DIR: 99 % bands, coverage, error.
 
-    DIR may be that of a comparison by `jbw laws`: then all laws predict, each by its weight.
+    DIR may be that of a comparison by `jbw laws`: then all laws predict, each by its weight. Or
+    that of `jbw population`: then further units do, which nobody measured, at its torque.
 
     The tests are those of a campaign, which the run need never have seen, or planned ones that
     nobody measured: a linear sweep from rest, which fades out over its last 2 %, a stepped sine or
@@ -64,7 +65,7 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     with computing() as say:
         from jbw.campaign.gains import force_per_unit
         from jbw.campaign.load import load_campaign
-        from jbw.study.stack import holds_laws
+        from jbw.study.stack import holds_laws, holds_population, require_same_torque
         from jbw.study.store import claim, save_predictions
         from jbw.study.study import basis_of_run, campaign_of
         from jbw.verification import predict as predicting
@@ -76,9 +77,12 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
         if campaign is None and (options["names"] or not requests):
             if holds_laws(folder):
                 raise click.UsageError("Give --campaign, the one that the laws were compared on.")
+            if holds_population(folder):
+                raise click.UsageError("Give --campaign, that of the unit to predict, or --sweep.")
             campaign = campaign_of(folder)
         if campaign is not None:
             loaded = load_campaign(campaign, allow_outside=options["allow_outside"])
+            require_same_torque(folder, loaded.assembly.torque)
             of_units = replace(request, gain=force_per_unit(loaded))
             tests = predicting.chosen(loaded.tests, options["names"], "--test")
             requests = [*((test, of_units) for test in tests), *requests]
@@ -96,9 +100,19 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     for row in rows:
         by_noise.setdefault(row["noise"], []).append(row["test"])
     how = [f"Noise {noise} ({', '.join(named)})" for noise, named in by_noise.items()]
+    if holds_population(folder):
+        how.insert(0, _of_population(require_same_torque(folder, None), requests))
     record = {"run": str(folder), "predictions": rows}
     place = f"Predictions: {out / 'predictions.nc'}"
     answer(options["json_"], record, prediction_table(rows), *how, saved=place)
+
+
+def _of_population(torque: float | None, requests: Sequence[tuple[Any, Any]]) -> str:
+    """Which units are predicted, and whose gain they have."""
+    at = "" if torque is None else f" at {torque:.3g} N m"
+    own = all(request.gain is None for _, request in requests)
+    gain = "the gains of the measured units" if own else "the campaign's gain for its tests"
+    return f"Further units{at}, with {gain}"
 
 
 def _planned(basis: "Basis", options: Mapping[str, Any]) -> "Iterator[Test]":

@@ -1,8 +1,8 @@
 """In which logarithms a fleet is pooled, and how units are found again from them."""
 
 import json
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -12,11 +12,14 @@ from jbw.errors import ConfigError, DataError, did_you_mean
 from jbw.oscillator.law import Law
 from jbw.oscillator.laws import laws_named
 from jbw.population.model import Units
+from jbw.population.unit import GAIN
 
 STRUCTURE = ("omega_n", "zeta")
-GAIN = "gain"  # the source's, no coordinate of a joint
 NUM_KEPT = 400  # draws of a unit, evenly from its own
 CUT = 0.01  # of a unit's posterior beyond the bounds of its prior, from which it is not pooled
+KNOWN = 0.2  # sd of a logarithm, up to which a unit knows what its law's products leave open
+
+Rows = Float[np.ndarray, "coordinate parameter"]
 
 
 class Pooled(NamedTuple):
@@ -28,13 +31,16 @@ class Pooled(NamedTuple):
         cov: Its covariance.
         powers: Each coordinate's exponents of the parameters, the rows by which logarithms add up.
         parameters: Their names: of the structure and of the laws.
+        common: Exponents of what the laws are written in beside these, which has one value at every
+            torque: of Bouc-Wen's law its share of the stiffness, where no unit knows it.
     """
 
     names: tuple[str, ...]
     mean: Float[np.ndarray, "unit coordinate"]
     cov: Float[np.ndarray, "unit coordinate coordinate"]
-    powers: Float[np.ndarray, "coordinate parameter"]
+    powers: Rows
     parameters: tuple[str, ...]
+    common: Rows
 
 
 def unit_names(fleet: xr.DataTree) -> list[str]:
@@ -42,50 +48,128 @@ def unit_names(fleet: xr.DataTree) -> list[str]:
     return [str(one) for one in fleet.to_dataset()["unit"].values]
 
 
-def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
-    """The coordinates of a fleet: those named, else of the structure and what weak motion knows.
+def parameters_of(fleet: xr.DataTree) -> tuple[str, ...]:
+    """Names of the parameters of the structure and of the fleet's laws."""
+    laws = laws_named(laws_of(fleet))
+    return (*STRUCTURE, *(name for law in laws for name in law.names()))
 
-    Of a law its products, which are known where its parameters trade, and the parameters that are
-    in none of them.
+
+def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
+    """The coordinates of a fleet: those named, else of the structure and what its units know.
+
+    Of a law its products, which are known where its parameters trade, the parameters that are in
+    none of them, and what these leave open where every unit knows that too.
 
     Raises:
         ConfigError: A name that the fleet does not have.
         DataError: One that some units do not know, or whose posterior the prior cuts.
     """
-    laws = laws_named(json.loads(fleet.attrs["laws"]))
-    held = [str(name) for name in fleet.coords["parameter"].values]
-    parameters = (*STRUCTURE, *(name for law in laws for name in law.names()))
-    if names is None:
-        names = [*STRUCTURE, *(name for law in laws for name in _known_of(law))]
-    lacking = json.loads(fleet.attrs["left_out"])
+    parameters = parameters_of(fleet)
+    names = _usual(fleet, parameters) if names is None else list(names)
     for name in names:
-        if name in lacking:
-            raise DataError(
-                f"{name} has no logarithm in {', '.join(lacking[name])}: not known, or not "
-                "positive.",
-                remedy="Pool others with --parameters, or leave these units out.",
-            )
-        if name not in held:
-            raise ConfigError(
-                f"The fleet holds no {name}.",
-                remedy=f"{did_you_mean(name, held)}It holds {', '.join(held)}.",
-            )
+        _require_held(fleet, name)
+    for name in names:
+        _require_whole(fleet, name)
     root = fleet.to_dataset()
-    for name in names:
-        cut = root["unit"].values[root["beyond"].sel(parameter=name).values > CUT]
-        if len(cut):
-            raise DataError(
-                f"The prior cuts the posterior of {name} in {', '.join(map(str, cut))}.",
-                why="A posterior that ends at a bound is no normal one, and pooling would take the "
-                "bound for knowledge.",
-                remedy=f"Widen [identify.prior] {name} of their campaigns and identify them again.",
-            )
-    known = {one.name: dict(one.powers) for law in laws for one in law.products}
-    rows = [known.get(name, {name: 1}) for name in names]
-    powers = np.array([[float(row.get(one, 0)) for one in parameters] for row in rows])
-    mean = root["mean"].sel(parameter=list(names)).values
-    cov = root["covariance"].sel(parameter=list(names), other=list(names)).values
-    return Pooled(tuple(names), mean, cov, powers, parameters)
+    powers = rows_of(laws_of(fleet), names, parameters)
+    common = list(_beside(fleet, powers, parameters))
+    return Pooled(
+        tuple(names),
+        root["mean"].sel(parameter=names).values,
+        root["covariance"].sel(parameter=names, other=names).values,
+        powers,
+        parameters,
+        rows_of(laws_of(fleet), common, parameters),
+    )
+
+
+def laws_of(fleet: xr.DataTree) -> tuple[str, ...]:
+    """Names of the fleet's laws."""
+    return tuple(json.loads(fleet.attrs["laws"]))
+
+
+def monomials_of(laws: Sequence[str]) -> dict[str, Mapping[str, float]]:
+    """Exponents of the laws' products, and of the other coordinates that they are written in."""
+    return {
+        one.name: one.powers
+        for law in laws_named(laws)
+        for one in (*law.products, *(m for each in law.coordinates.values() for m in each.inverse))
+    }
+
+
+def rows_of(laws: Sequence[str], names: Sequence[str], parameters: Sequence[str]) -> Rows:
+    """Exponents of the parameters in quantities by name, a row each."""
+    known = monomials_of(laws)
+    rows = [[known.get(name, {name: 1}).get(one, 0) for one in parameters] for name in names]
+    return np.array(rows, float).reshape(len(names), len(parameters))
+
+
+def _usual(fleet: xr.DataTree, parameters: Sequence[str]) -> list[str]:
+    laws = laws_named(laws_of(fleet))
+    names = [*STRUCTURE, *(name for law in laws for name in _known_of(law))]
+    root = fleet.to_dataset()
+    held = {str(name) for name in root["parameter"].values}
+    for name in _beside(fleet, rows_of(laws_of(fleet), names, parameters), parameters):
+        if name in held:
+            variance = root["covariance"].sel(parameter=name, other=name).values
+            if np.sqrt(variance.max()) < KNOWN:
+                names.append(name)
+    return names
+
+
+def _beside(fleet: xr.DataTree, powers: Rows, parameters: Sequence[str]) -> Iterator[str]:
+    """Further coordinates of the laws, each of which no power of those before it gives."""
+    for name in monomials_of(laws_of(fleet)):
+        longer = np.concatenate([powers, rows_of(laws_of(fleet), [name], parameters)])
+        if np.linalg.matrix_rank(longer) > np.linalg.matrix_rank(powers):
+            yield name
+            powers = longer
+
+
+def _require_held(fleet: xr.DataTree, name: str) -> None:
+    held = [str(one) for one in fleet.coords["parameter"].values]
+    if lacking := json.loads(fleet.attrs["left_out"]).get(name):
+        raise DataError(
+            f"{name} has no logarithm in {', '.join(lacking)}: not known, or not positive.",
+            remedy="Pool others with --parameters, or leave these units out.",
+        )
+    if name not in held:
+        raise ConfigError(
+            f"The fleet holds no {name}.",
+            remedy=f"{did_you_mean(name, held)}It holds {', '.join(held)}.",
+        )
+
+
+def _require_whole(fleet: xr.DataTree, name: str) -> None:
+    cut, by = cut_of(fleet, name)
+    units = [one for one, far in zip(unit_names(fleet), cut, strict=True) if far > CUT]
+    if units:
+        bounds = ", ".join(dict.fromkeys(by[cut > CUT].tolist()))
+        raise DataError(
+            f"The prior cuts the posterior of {name} in {', '.join(units)}.",
+            why="A posterior that ends at a bound is no normal one, and pooling would take the "
+            "bound for knowledge.",
+            remedy=f"Widen [identify.prior] {bounds} of their campaigns and identify them again.",
+        )
+
+
+def cut_of(fleet: xr.DataTree, name: str) -> tuple[Float[np.ndarray, " unit"], Any]:
+    r"""How much of each unit's posterior a prior cuts, and the parameter whose prior does.
+
+    Of a quantity that was not sampled itself, what the bounds of each that was cut, times the part
+    $\rho^2$ of its variance that goes with that one: a product stays whole where its factors trade
+    up to their bounds.
+    """
+    root = fleet.to_dataset()
+    beyond = root["beyond"].values
+    own = root["beyond"].sel(parameter=name).values
+    covariance = root["covariance"].sel(parameter=name).values
+    variance = np.diagonal(root["covariance"].values, axis1=1, axis2=2)
+    product = root["covariance"].sel(parameter=name, other=name).values[:, None] * variance
+    through = np.nan_to_num(beyond) * covariance**2 / np.where(product > 0, product, np.inf)
+    by = root["parameter"].values.astype(str)[through.argmax(axis=1)]
+    sampled = ~np.isnan(own)
+    return np.where(sampled, own, through.max(axis=1)), np.where(sampled, name, by)
 
 
 def _known_of(law: type[Law]) -> list[str]:
@@ -94,19 +178,25 @@ def _known_of(law: type[Law]) -> list[str]:
 
 
 def units_of_fleet(fleet: xr.DataTree, found: Pooled) -> Units:
-    """Summaries and draws of every unit in the pooled coordinates, none of them weighed yet.
+    r"""Summaries and draws of every unit in the pooled coordinates, none of them weighed yet.
 
-    A run's prior is uniform in what it sampled: over logarithms its density is their product.
+    A run's prior is uniform in what it sampled: over logarithms its density is their product. A
+    normal summary is rid of it in closed form, over the logarithms of all that was sampled,
+
+    $$N(m, C) / e^{1^T \varphi} \propto N(m - C 1, C)$$
+
+    The source's gain keeps its prior, and so does what has no logarithm in the fleet.
     """
-    lower = fleet.to_dataset()["lower"]
+    root = fleet.to_dataset()
+    parameters = root["parameter"].values.astype(str)
+    sampled = ~np.isnan(root["lower"].values) & (parameters != GAIN)
+    covariance = root["covariance"].sel(parameter=list(found.names)).values
+    mean = found.mean - np.einsum("kij,kj->ki", covariance, sampled)
     draws, log_prior = [], []
-    for name in unit_names(fleet):
-        logs = fleet[name].to_dataset()["draws"]
-        every = logs.values[np.linspace(0, logs.sizes["draw"] - 1, NUM_KEPT).astype(int)]
-        logs = dict(zip(map(str, logs["parameter"].values), every.T, strict=True))
-        sampled = lower["parameter"].values[~np.isnan(lower.sel(unit=name).values)]
-        draws.append(np.stack([logs[each] for each in found.names], axis=-1))
-        log_prior.append(sum(logs[str(one)] for one in sampled if one != GAIN))
-    shape = len(draws), NUM_KEPT
-    prior = np.broadcast_to(np.stack([np.broadcast_to(one, NUM_KEPT) for one in log_prior]), shape)
-    return Units(found.mean, found.cov, np.stack(draws), prior, np.zeros(len(draws), bool))
+    for name, each in zip(unit_names(fleet), sampled, strict=True):
+        logs = fleet[name].to_dataset()["draws"].sel(parameter=parameters)
+        every = logs.isel(draw=np.linspace(0, logs.sizes["draw"] - 1, NUM_KEPT).astype(int))
+        draws.append(every.sel(parameter=list(found.names)).values)
+        log_prior.append(every.values @ each)
+    weighed = np.zeros(len(draws), bool)
+    return Units(mean, found.cov, np.stack(draws), np.stack(log_prior), weighed)

@@ -45,8 +45,11 @@ and variables
 A group for each unit, `fleet[unit]`, with
 
     draws  (draw, parameter)  natural logarithms, chains one after the other; as many as the run has
+    gain   (draw)  of the source, itself, as inferred or held; not there where the run knows none
+    noise  (label)  noise of every group of data, in the unit of what was compared
     attributes  campaign (its name), folder (of the run), source (the campaign file), y_peak (the
-                largest displacement that was fitted, m; NaN where the run does not say)
+                largest displacement that was fitted, m; NaN where the run does not say); tests,
+                substeps and scatter as the run has them, with which it predicts
 
 Logarithms of monomials are sums of those of their factors: ln(alpha delta/omega_n^2) is
 `draws.sel(parameter="alpha_delta") - 2 draws.sel(parameter="omega_n")`. The uniform prior in theta
@@ -66,7 +69,7 @@ from scipy.stats import norm
 
 from jbw.errors import DataError, RunError
 from jbw.population.covariates import NUMBERS, Covariates, covariates_of, require_torque_of_all
-from jbw.population.unit import Unit, require_alike, units_of
+from jbw.population.unit import GAIN, NOISE, Unit, require_alike, units_of
 from jbw.study.study import Study
 
 FORMAT = 1
@@ -183,11 +186,19 @@ def _tree(units: Sequence[Unit], stated: Sequence[Covariates]) -> xr.DataTree:
             "left_out": json.dumps(left_out),
         },
     )
-    groups = {
-        f"/{unit.name}": xr.Dataset({"draws": (("draw", "parameter"), log)}, attrs=unit.origin)
-        for unit, log in zip(units, logs, strict=True)
-    }
+    groups = {f"/{unit.name}": _group(unit, log) for unit, log in zip(units, logs, strict=True)}
     return xr.DataTree.from_dict({"/": root, **groups})
+
+
+def _group(unit: Unit, logs: Any) -> xr.Dataset:
+    variables = {"draws": (("draw", "parameter"), logs)}
+    coords = {}
+    if unit.gain is not None:
+        variables[GAIN] = ("draw", unit.gain)
+    if unit.noise:
+        variables[NOISE] = ("label", list(unit.noise.values()))
+        coords = {"label": _words(unit.noise)}
+    return xr.Dataset(variables, coords, unit.origin)
 
 
 def _words(texts: Iterable[str]) -> Any:

@@ -13,8 +13,8 @@ $$m_k \sim N(\mu_k,\ T + C_k), \qquad
 B is sampled in units of A about the mean of all units.
 
 Reference:
-    Lunn, Barrett, Sweeting and Thompson (2013), Statistics in Medicine 32, 4021, on draws weighed
-    anew in a second stage.
+    Lunn, Barrett, Sweeting and Thompson (2013), J. R. Stat. Soc. C 62, 551, on draws weighed anew
+    in a second stage.
 """
 
 from collections.abc import Callable
@@ -29,10 +29,12 @@ import numpyro.distributions as dist
 from jaxtyping import Array, Bool, Float, Int, Key
 from numpyro.infer import MCMC, NUTS
 
-from jbw.population.prior import Design, Prior
+from jbw.population.prior import ALIKE, TORQUE, Design, Prior
 from jbw.population.trend import SPREAD, expected
 
-NUM_WARMUP, NUM_SAMPLES, NUM_CHAINS = 1000, 1000, 2
+FULL = (500, 1000, 2)  # warm-up, draws, chains: of NUTS
+ROUGH = (300, 200, 1)  # to see how much units scatter
+ACCEPTED = 0.95  # scatters near zero and correlations near one bend the density
 EVEN = 2.0  # of the correlations' prior: above 1 it leans to none
 
 
@@ -40,7 +42,7 @@ class Units(NamedTuple):
     """What is known of every unit in the pooled coordinates.
 
     Attributes:
-        mean: Of its posterior.
+        mean: Of its posterior, rid of its run's prior.
         cov: Its covariance.
         draws: Some of its draws.
         log_prior: Of each, what its run took for a prior, up to a constant.
@@ -54,17 +56,11 @@ class Units(NamedTuple):
     weighed: Bool[np.ndarray, " unit"]
 
 
-def population_model(units: Units, design: Design, prior: Prior) -> None:
-    """The NumPyro model of units that are integrated out."""
+def population_model(units: Units, design: Design, prior: Prior, kept: Any) -> None:
+    """The NumPyro model of units that are integrated out, those that are kept (1, else 0)."""
     means, factor = population_of_units(design, prior)
-    normal, weighed = np.flatnonzero(~units.weighed), np.flatnonzero(units.weighed)
-    if len(normal):
-        total = factor @ factor.T + units.cov[normal]
-        told = dist.MultivariateNormal(means[normal], total)
-        numpyro.sample("m", told, obs=jnp.asarray(units.mean[normal]))
-    if len(weighed):
-        weights = log_weights(units, weighed, means, factor)
-        numpyro.factor("draws", jnp.sum(jax.nn.logsumexp(weights, axis=1)))
+    told = log_likelihoods(units, means, factor)
+    numpyro.factor("units", jnp.sum(jnp.asarray(kept) * told))
 
 
 def population_of_units(
@@ -78,11 +74,30 @@ def population_of_units(
     spread = jnp.asarray(prior.sd) / scale[:, None]
     offset: Any = numpyro.sample("offset", dist.Normal(0.0, spread).to_event(2))
     line = jnp.asarray(numpyro.deterministic("line", middle + scale[:, None] * offset))
+    if TORQUE in design.columns and prior.alike:
+        slope, pairs = line[:, design.columns.index(TORQUE)], np.array(prior.alike)
+        apart = slope[pairs[:, 1]] - slope[pairs[:, 0]]
+        numpyro.factor("alike", jnp.sum(dist.Normal(0.0, ALIKE).log_prob(apart)))
     tau: Any = numpyro.sample("tau", dist.HalfNormal(scale).to_event(1))
     d = len(scale)
     root: Any = numpyro.sample("root", dist.LKJCholesky(d, EVEN)) if d > 1 else jnp.eye(1)
     bent: Any = numpyro.sample("u", dist.LogNormal(0.0, SPREAD)) if any(design.saturates) else None
     return expected(line, design.x, design, bent), jnp.asarray(tau[:, None] * root)
+
+
+def log_likelihoods(
+    units: Units, means: Float[Array, "unit d"], factor: Float[Array, "d d"]
+) -> Float[Array, " unit"]:
+    """Log density of every unit's records, itself integrated out, up to a constant of each."""
+    normal, weighed = np.flatnonzero(~units.weighed), np.flatnonzero(units.weighed)
+    found = jnp.zeros(len(units.mean))
+    if len(normal):
+        told = dist.MultivariateNormal(means[normal], factor @ factor.T + units.cov[normal])
+        found = found.at[normal].set(told.log_prob(jnp.asarray(units.mean[normal])))
+    if len(weighed):
+        weights = log_weights(units, weighed, means, factor)
+        found = found.at[weighed].set(jax.nn.logsumexp(weights, axis=1))
+    return found
 
 
 def log_weights(
@@ -97,31 +112,35 @@ def log_weights(
     return log_det - 0.5 * squares - units.log_prior[which]
 
 
-def draws_of(
-    key: Key[Array, ""],
-    units: Units,
-    design: Design,
-    prior: Prior,
-    report: Callable[[str], None],
-) -> dict[str, np.ndarray]:
-    """Draws of `line`, `tau`, `scatter` (T), `u` where a coordinate saturates, and divergences.
+Sampler = Callable[[Key[Array, ""], Float[np.ndarray, " unit"]], dict[str, np.ndarray]]
 
-    Axes (chain, draw).
+
+def sampler(units: Units, design: Design, prior: Prior, lengths: tuple[int, int, int]) -> Sampler:
+    """Draws of the population by a key and which units are kept: 1, and 0 of one that is left out.
+
+    They are `line`, `tau`, `scatter` (T), `u` where a coordinate saturates, and divergences, axes
+    (chain, draw). What is compiled serves any number of calls.
     """
-    report(f"Population of {len(units.mean)} units: NUTS, {NUM_CHAINS} chains of {NUM_SAMPLES}")
+    warmup, samples, chains = lengths
+    model = partial(population_model, units, design, prior)
     mcmc = MCMC(
-        NUTS(partial(population_model, units, design, prior), target_accept_prob=0.95),
-        num_warmup=NUM_WARMUP, num_samples=NUM_SAMPLES, num_chains=NUM_CHAINS,
-        chain_method="sequential", progress_bar=False,
+        NUTS(model, target_accept_prob=ACCEPTED, dense_mass=True),
+        num_warmup=warmup, num_samples=samples, num_chains=chains, chain_method="sequential",
+        progress_bar=False, jit_model_args=True,
     )  # fmt: skip
-    mcmc.run(key, extra_fields=("diverging",))
-    found = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
+
+    def drawn(key: Key[Array, ""], kept: Float[np.ndarray, " unit"]) -> dict[str, np.ndarray]:
+        mcmc.run(key, jnp.asarray(kept), extra_fields=("diverging",))
+        found = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
+        diverging = np.asarray(mcmc.get_extra_fields(group_by_chain=True)["diverging"])
+        return named_draws(found) | {"diverging": diverging}
+
+    return drawn
+
+
+def named_draws(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Of the model's sites `line`, `tau`, `scatter` and `u`."""
     root = found.get("root", np.ones((*found["tau"].shape, 1)))
     factor = found["tau"][..., :, None] * root
-    return {
-        "line": found["line"],
-        "tau": found["tau"],
-        "scatter": factor @ np.swapaxes(factor, -1, -2),
-        **{name: found[name] for name in ("u",) if name in found},
-        "diverging": np.asarray(mcmc.get_extra_fields(group_by_chain=True)["diverging"]),
-    }
+    kept = {name: found[name] for name in ("line", "tau", "u") if name in found}
+    return kept | {"scatter": factor @ np.swapaxes(factor, -1, -2)}

@@ -4,7 +4,8 @@ $$p(B, T, \theta_1 \dots \theta_K\,|\,\text{data}) \propto p(B, T)
   \prod_k p(\text{data}_k | \theta_k)\,N(\varphi_k;\ B x_k, T)$$
 
 What `population_of` has in two stages, summaries or draws weighed anew, without either's
-approximation, at the price of a solve of every record a step: to check it, on a few units.
+approximation, at the price of a solve of every record a step: to check it, on a few units. What is
+not pooled of a unit is flat in its logarithm between the bounds of its run's prior.
 """
 
 import logging
@@ -19,16 +20,20 @@ import numpyro
 import numpyro.distributions as dist
 from jaxtyping import Float
 from numpyro.infer import MCMC, NUTS, init_to_value
+from scipy.special import logit
 
-from jbw.errors import DataError
+from jbw.errors import ConfigError, DataError
+from jbw.inference.space.box import bounds_by_name
 from jbw.observables.dataset import Dataset, log_likelihood
-from jbw.population.coordinates import GAIN
-from jbw.population.model import population_of_units
+from jbw.population.coordinates import rows_of
+from jbw.population.model import named_draws, population_of_units
 from jbw.population.population import Population
+from jbw.population.unit import GAIN
 from jbw.study.study import Study
 
 logger = logging.getLogger("jbw")
 NUM_WARMUP, NUM_SAMPLES = 500, 1000
+LEAST = 1e-6  # of its upper bound: where the logarithm of what may be zero or less ends
 
 
 class Whole(NamedTuple):
@@ -37,14 +42,18 @@ class Whole(NamedTuple):
     Attributes:
         data: The records as its own posterior was made from them.
         names: What was sampled of it.
-        mean: Of the logarithms of these, in its own posterior.
+        lower: Logarithms of the bounds of its prior.
+        upper: The same.
+        mean: In its own posterior, of the logits of the places of the logarithms between these.
         root: Of their covariance.
-        powers: The pooled coordinates' exponents of these.
-        gain: Where the source's gain stands among them, whose prior stays uniform.
+        powers: The pooled coordinates' exponents of what was sampled.
+        gain: Where the source's gain stands among it, whose prior stays uniform.
     """
 
     data: Dataset
     names: tuple[str, ...]
+    lower: Float[np.ndarray, " parameter"]
+    upper: Float[np.ndarray, " parameter"]
     mean: Float[np.ndarray, " parameter"]
     root: Float[np.ndarray, "parameter parameter"]
     powers: Float[np.ndarray, "d parameter"]
@@ -67,33 +76,42 @@ def one_stage(
         report: Called with one sentence.
 
     Raises:
+        ConfigError: Not as many studies as the population has units.
         DataError: A unit without a joint posterior, or with draws that have no logarithm.
     """
-    wholes = [_whole(study, found) for study in studies]
+    wholes = wholes_of(studies, found)
     report(f"All records of {len(wholes)} units at once: NUTS, one chain of {NUM_SAMPLES}")
     start = {f"z_{k}": np.zeros(len(one.names)) for k, one in enumerate(wholes)}
-    model = partial(_model, wholes, found)
+    model = partial(whole_model, wholes, found)
     kernel = NUTS(model, target_accept_prob=0.9, init_strategy=init_to_value(values=start))
     mcmc = MCMC(kernel, num_warmup=NUM_WARMUP, num_samples=NUM_SAMPLES, progress_bar=False)
     mcmc.run(jax.random.key(seed), extra_fields=("diverging",))
     drawn = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
-    root = drawn.get("root", np.ones((*drawn["tau"].shape, 1)))
-    factor = drawn["tau"][..., :, None] * root
-    return {
-        "line": drawn["line"],
-        "tau": drawn["tau"],
-        "scatter": factor @ np.swapaxes(factor, -1, -2),
-        "diverging": np.asarray(mcmc.get_extra_fields(group_by_chain=True)["diverging"]),
-    }
+    diverging = np.asarray(mcmc.get_extra_fields(group_by_chain=True)["diverging"])
+    return named_draws(drawn) | {"diverging": diverging}
 
 
-def _model(wholes: Sequence[Whole], found: Population) -> None:
+def wholes_of(studies: Sequence[Study], found: Population) -> list[Whole]:
+    """Every unit with its records."""
+    if len(studies) != len(found.record["units"]):
+        raise ConfigError(
+            f"Argument `studies` must hold the {len(found.record['units'])} units of the "
+            f"population, but holds {len(studies)}.",
+            remedy="Give what `jbw.identify` returned of each, in the order of the fleet.",
+        )
+    return [_whole(study, found) for study in studies]
+
+
+def whole_model(wholes: Sequence[Whole], found: Population) -> None:
     """The NumPyro model: the population's, and `z_k`, each unit in its own posterior's scale."""
     means, factor = population_of_units(found.design, found.prior)
     for k, one in enumerate(wholes):
         flat = dist.ImproperUniform(dist.constraints.real_vector, (), (len(one.names),))
         z: Any = numpyro.sample(f"z_{k}", flat)
-        logs = one.mean + one.root @ z
+        place = one.mean + one.root @ z
+        logs = one.lower + (one.upper - one.lower) * jax.nn.sigmoid(place)
+        flat_in_logs = jax.nn.log_sigmoid(place) + jax.nn.log_sigmoid(-place)
+        numpyro.factor(f"flat_{k}", jnp.sum(flat_in_logs))
         theta = dict(zip(one.names, jnp.exp(logs), strict=True))
         numpyro.factor(f"data_{k}", jnp.sum(log_likelihood(theta, one.data)))
         numpyro.factor(f"prior_{k}", jnp.sum(logs[np.array(one.gain, int)]))
@@ -110,15 +128,35 @@ def _whole(study: Study, found: Population) -> Whole:
             remedy="Give what `jbw.identify` returned.",
         )
     data, main = known.data, known.main
-    names = main.box.names
+    bounds, names = bounds_by_name(main.box), main.box.names
     posterior = main.posterior["posterior"].to_dataset()
     draws: Any = np.stack([np.ravel(posterior[name].values) for name in names], axis=-1)
     if not np.all(draws > 0):
-        raise DataError(f"Draws of {study.record['campaign']} are not positive: no logarithm.")
-    logs = np.log(draws)
-    root = np.linalg.cholesky(np.cov(logs, rowvar=False))
-    rows = dict(zip(found.pooled.parameters, found.pooled.powers.T, strict=True))
-    none = np.zeros(len(found.pooled.names))
-    powers = np.stack([rows.get(name, none) for name in names], axis=-1)
+        raise DataError(
+            f"Draws of {study.record['campaign']} are not positive: they have no logarithm.",
+            remedy="Leave the unit out, or check the two-stage population by other units.",
+        )
+    upper = np.array([bounds[name][1] for name in names])
+    lower = np.maximum([bounds[name][0] for name in names], LEAST * upper)
+    place = np.log(draws / lower) / np.log(upper / lower)
+    logits = logit(np.clip(place, 1e-12, 1.0 - 1e-12))
+    root = np.linalg.cholesky(np.atleast_2d(np.cov(logits, rowvar=False)))
     gain = tuple(i for i, name in enumerate(names) if name == GAIN)
-    return Whole(data, names, logs.mean(axis=0), root, powers, gain)
+    powers = _powers(found, data.laws, names)
+    return Whole(data, names, np.log(lower), np.log(upper), logits.mean(axis=0), root, powers, gain)
+
+
+def _powers(
+    found: Population, laws: Sequence[str], names: Sequence[str]
+) -> Float[np.ndarray, "d parameter"]:
+    """Exponents of what was sampled, parameters or products, in the pooled coordinates."""
+    pooled = found.pooled
+    sampled = rows_of(laws, names, pooled.parameters)
+    powers = pooled.powers @ np.linalg.pinv(sampled)
+    if not np.allclose(powers @ sampled, pooled.powers, atol=1e-9):
+        raise DataError(
+            f"What was sampled, {', '.join(names)}, does not tell all of "
+            f"{', '.join(pooled.names)}.",
+            remedy="Pool what every unit sampled.",
+        )
+    return powers

@@ -1,16 +1,14 @@
 """A unit of the population that nobody measured: its parameters, frequency and damping."""
 
-import json
-from typing import Any
-
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from jbw.population.coordinates import unit_names
+from jbw.population.coordinates import laws_of, unit_names
 from jbw.population.population import Population, require_torque
 from jbw.population.trend import expected
+from jbw.population.unit import GAIN
 from jbw.verification.backbone import HERTZ, RATIO, curves
 from jbw.verification.bands import QUANTILE_AXIS, band
 from jbw.verification.predicted import carry
@@ -45,34 +43,71 @@ def new_units(
 
     What is pooled may be fewer numbers than the parameters: products, where data know no factor. A
     draw of a measured unit is moved by the least step, in logarithms, that gives it the pooled
-    coordinates of the new one,
+    coordinates of the new one and leaves what its law is written in beside them,
 
-    $$\ln\theta' = \ln\theta + P^+ (\varphi - P \ln\theta)$$
+    $$\ln\theta' = \ln\theta + (P, Q)^+ (\varphi - P \ln\theta,\ 0)$$
 
-    so that what is pooled scatters as the population does, and the rest as within the units.
+    so that what is pooled scatters as the population does, and the rest as within the units: Q is
+    the share of the stiffness where no unit knows it. The source's `gain` is that of the measured
+    unit whose draw was moved, where all units know theirs: it is no part of the population.
+
+    Args:
+        found: From `jbw.population_of`.
+        fleet: The fleet that it was made from.
+        torque: At which the units are tightened [N m].
+        seed: Of everything random.
+        num: How many.
+
+    Raises:
+        ConfigError: A torque that is not positive.
+        DataError: A torque where no trend with it is known.
     """
     rng = np.random.default_rng(seed)
     wanted = new_coordinates(found, torque, rng, num)
-    parameters = list(found.pooled.parameters)
-    names = unit_names(fleet)
-    own = [fleet[name]["draws"].sel(parameter=parameters).values for name in names]
-    start = np.stack([own[k][rng.integers(len(own[k]))] for k in rng.integers(len(own), size=num)])
-    powers = found.pooled.powers
-    step = (wanted - start @ powers.T) @ np.linalg.pinv(powers).T
-    return dict(zip(parameters, np.exp(start + step).T, strict=True))
+    parameters, powers = list(found.pooled.parameters), found.pooled.powers
+    own = [fleet[name]["draws"].sel(parameter=parameters).values for name in unit_names(fleet)]
+    which = rng.integers(len(own), size=num)
+    place = rng.integers([len(own[k]) for k in which])
+    start = np.stack([own[k][s] for k, s in zip(which, place, strict=True)])
+    both = np.concatenate([powers, found.pooled.common])
+    moves = np.pad(wanted - start @ powers.T, ((0, 0), (0, len(found.pooled.common))))
+    units = dict(zip(parameters, np.exp(start + moves @ np.linalg.pinv(both).T).T, strict=True))
+    gains = gains_of(fleet)
+    if gains is not None:
+        units[GAIN] = np.array([gains[k][s] for k, s in zip(which, place, strict=True)])
+    return units
+
+
+def gains_of(fleet: xr.DataTree) -> list[Float[np.ndarray, " draw"]] | None:
+    """Draws of the source's gain of every unit, as inferred or as held; None where one lacks it."""
+    found = []
+    for name in unit_names(fleet):
+        group = fleet[name].to_dataset()
+        if GAIN in group:
+            found.append(group[GAIN].values)
+        elif GAIN in group["parameter"].values:
+            found.append(np.exp(group["draws"].sel(parameter=GAIN).values))
+    return found if len(found) == fleet.sizes["unit"] else None
+
+
+def y_peak_of(fleet: xr.DataTree) -> float:
+    """The displacement that every unit was driven to [m]; NaN where none says."""
+    peaks = np.array([fleet[one].attrs.get("y_peak", np.nan) for one in unit_names(fleet)], float)
+    return float(np.min(peaks[np.isfinite(peaks)], initial=np.inf)) if np.any(peaks > 0) else np.nan
 
 
 def new_backbone(
     found: Population, fleet: xr.DataTree, torque: float | None = None, *, seed: int = 0
 ) -> xr.Dataset:
-    """99 % bands of a further unit's frequency and damping, to what every unit was driven to."""
-    peaks = [float(fleet[one].attrs.get("y_peak", np.nan)) for one in unit_names(fleet)]
-    known = [one for one in peaks if np.isfinite(one)]
-    y_peak = min(known) if known else 1e-3
+    """99 % bands of a further unit's frequency and damping, to what every unit was driven to.
+
+    Arguments and errors as of `jbw.new_units`.
+    """
+    y_peak = y_peak_of(fleet)
+    y_peak = y_peak if np.isfinite(y_peak) else 1e-3
     amplitude = y_peak * np.arange(1, NUM_AMPLITUDES + 1) / NUM_AMPLITUDES
     draws = new_units(found, fleet, torque, seed=seed)
-    laws: Any = tuple(json.loads(fleet.attrs["laws"]))
-    frequency, damping, _ = carry(curves, draws, jnp.asarray(amplitude), laws)
+    frequency, damping, _ = carry(curves, draws, jnp.asarray(amplitude), laws_of(fleet))
     dims = ("quantile", "amplitude")
     return xr.Dataset(
         {"frequency": (dims, band(frequency), HERTZ), "damping": (dims, band(damping), RATIO)},

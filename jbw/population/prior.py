@@ -1,6 +1,7 @@
 """Priors of a population: how much units scatter, and how they go with torque and sequence."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -8,6 +9,7 @@ from jaxtyping import Bool, Float
 
 from jbw.errors import DataError
 
+TORQUE = "torque"
 ANYWHERE = 5.0  # sd of the mean of all units, in logarithms
 # Scale of the half-normal scatter of a logarithm, and mean and sd of its slope on ln torque. Slip
 # limits rise with the preload while contact stiffness rises by its half power or more, so that what
@@ -17,6 +19,7 @@ SLOPE = {"omega_n": (0.0, 0.05), "zeta": (0.0, 0.5)}
 JOINT_SCATTER, JOINT_SLOPE = 0.5, (-1.0, 1.0)
 PARAMETER_SLOPE = (0.0, 1.0)  # of a law's own parameters, whose signs differ with the load path
 BEDDING = 0.3  # sd of a slope on ln of the number of the tightening, over that of the scatter
+ALIKE = 0.3  # sd of the difference of two products' slopes that have one unit, as gamma/delta's
 WRENCH = 0.1  # sd of ln preload at a torque, of torque control
 
 
@@ -27,11 +30,13 @@ class Prior(NamedTuple):
         mean: Of the line's coefficients.
         sd: Their standard deviations.
         tau: Scales of the half-normal scatter.
+        alike: Pairs of coordinates whose ratio hardly goes with torque: products of one unit.
     """
 
     mean: Float[np.ndarray, "d covariate"]
     sd: Float[np.ndarray, "d covariate"]
     tau: Float[np.ndarray, " d"]
+    alike: tuple[tuple[int, int], ...] = ()
 
 
 class Design(NamedTuple):
@@ -54,7 +59,7 @@ class Design(NamedTuple):
         """Covariates of a unit at a torque, tightened for the first time."""
         row = np.zeros(len(self.columns))
         row[0] = 1.0
-        if "torque" in self.columns:
+        if TORQUE in self.columns:
             row[1] = np.log((self.reference if torque is None else torque) / self.reference)
         return row
 
@@ -62,7 +67,7 @@ class Design(NamedTuple):
 def design_of(torque: Sequence[float], sequence: Sequence[float]) -> Design:
     """Covariates that vary between the units, on logarithms."""
     columns, x, reference = ["mean"], [np.ones(len(torque))], np.nan
-    for name, values in (("torque", np.asarray(torque)), ("sequence", np.asarray(sequence))):
+    for name, values in ((TORQUE, np.asarray(torque)), ("sequence", np.asarray(sequence))):
         if np.isnan(values).all() or np.ptp(values[~np.isnan(values)]) == 0.0:
             continue
         if np.isnan(values).any() or (values <= 0.0).any():
@@ -72,21 +77,31 @@ def design_of(torque: Sequence[float], sequence: Sequence[float]) -> Design:
                 remedy=f"State it in [assembly] {name} of every campaign, or with "
                 "`jbw collect --covariates`.",
             )
-        middle = np.exp(np.mean(np.log(values))) if name == "torque" else 1.0
-        reference = float(middle) if name == "torque" else reference
+        middle = np.exp(np.mean(np.log(values))) if name == TORQUE else 1.0
+        reference = float(middle) if name == TORQUE else reference
         columns.append(name)
         x.append(np.log(values / middle))
     return Design(tuple(columns), np.column_stack(x), reference)
 
 
 def prior_of(
-    names: Sequence[str], products: Sequence[str], mean: Float[np.ndarray, "unit d"], design: Design
+    names: Sequence[str],
+    products: Mapping[str, str],
+    mean: Float[np.ndarray, "unit d"],
+    design: Design,
 ) -> Prior:
-    """Priors by what is known of joints; the mean of all units stands wherever it does."""
+    """Priors by what is known of joints; the mean of all units stands wherever it does.
+
+    Args:
+        names: Coordinates.
+        products: Those among them that may be products of a law's parameters, with their units.
+        mean: Of every unit.
+        design: Covariates.
+    """
     tau = np.array([SCATTER.get(name, JOINT_SCATTER) for name in names])
     middle, spread = [mean.mean(0)], [np.full(len(names), ANYWHERE)]
     for column in design.columns[1:]:
-        if column == "torque":
+        if column == TORQUE:
             other = {name: JOINT_SLOPE for name in products}
             pairs = [SLOPE.get(n, other.get(n, PARAMETER_SLOPE)) for n in names]
             middle.append(np.array([pair[0] for pair in pairs]))
@@ -94,4 +109,19 @@ def prior_of(
         else:
             middle.append(np.zeros(len(names)))
             spread.append(BEDDING * tau)
-    return Prior(np.column_stack(middle), np.column_stack(spread), tau)
+    known = [(i, products[name]) for i, name in enumerate(names) if name in products]
+    alike = tuple((i, j) for (i, one), (j, two) in combinations(known, 2) if one == two)
+    return Prior(np.column_stack(middle), np.column_stack(spread), tau, alike)
+
+
+def precision_of(prior: Prior, design: Design) -> Float[np.ndarray, "coefficient coefficient"]:
+    """Inverse covariance of the line's coefficients, coordinate by coordinate."""
+    d, p = prior.sd.shape
+    found = np.diag(np.ravel(prior.sd) ** -2.0)
+    if TORQUE in design.columns:
+        j = design.columns.index(TORQUE)
+        for one, two in prior.alike:
+            apart = np.zeros(d * p)
+            apart[[two * p + j, one * p + j]] = 1.0, -1.0
+            found += np.outer(apart, apart) / ALIKE**2
+    return found

@@ -14,9 +14,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jbw.errors import ConfigError, DataError, did_you_mean
-from jbw.population.prior import Design
+from jbw.population.prior import TORQUE, Design
 
-TORQUE = "torque"
 SPREAD = 0.7  # sd of ln(T_0/T_ref): over 2 to 12 N m a power is like a curve of 3 T_ref to 3 %
 
 Reals = Float[Array, "..."] | Float[np.ndarray, "..."]
@@ -40,8 +39,13 @@ def expected(line: Reals, x: Reals, design: Design, u: Reals | None) -> Float[Ar
     if u is None:
         return straight
     j = design.columns.index(TORQUE)
-    bent = saturating(jnp.exp(x[:, j]), jnp.asarray(u)[..., None]) - x[:, j]
-    return straight + bent[..., None] * (jnp.asarray(line)[..., j] * design.saturates)[..., None, :]
+    slope = jnp.asarray(line)[..., j] * design.saturates
+    return straight + bent(x[:, j], jnp.asarray(u)[..., None])[..., None] * slope[..., None, :]
+
+
+def bent(log_ratio: Reals, u: Reals) -> Float[Array, "..."]:
+    """What the curve of slope 1 adds to its power's line, at ln(T/T_ref)."""
+    return saturating(jnp.exp(jnp.asarray(log_ratio)), u) - jnp.asarray(log_ratio)
 
 
 def mask_of(

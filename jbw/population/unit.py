@@ -1,5 +1,6 @@
 """One run as a unit of a fleet: its draws of the joint in SI, and what must be equal in all."""
 
+import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -16,7 +17,11 @@ from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.quantities import OSCILLATOR, Quantity
 from jbw.report.result import laws_of, read_result, unit_of
 from jbw.study.study import Study
+from jbw.verification.predicted import noise_by_label
 
+GAIN = "gain"  # the source's, no coordinate of a joint
+NOISE = "noise"
+STARTS = ("tests", "substeps", "scatter")  # attributes of a run that its predictions start from
 DEEPEST = 3  # folders in the name of a unit, where that of the run alone is not unique
 # Names of the fleet's own variables, beside which no group may have the same.
 TAKEN = set(
@@ -35,7 +40,10 @@ class Unit(NamedTuple):
     bounds: Mapping[str, tuple[float, float]]  # of the uniform prior, of what was sampled
     scatter: Mapping[str, float]  # sd over runs within the unit, as a part of the mean
     record: Mapping[str, Any]  # its summary.json
-    origin: Mapping[str, Any]  # campaign, folder, source; y_peak, largest displacement fitted [m]
+    # Campaign, folder, source; y_peak, largest displacement fitted [m]; what it predicts with.
+    origin: Mapping[str, Any]
+    gain: NDArray[np.float64] | None  # draws of the source's, or as held; None: not known
+    noise: Mapping[str, float]  # of every group of data, by its label
 
     @property
     def versions(self) -> dict[str, str]:
@@ -120,8 +128,21 @@ def _unit(name: str, folder: Path | None, record: Mapping[str, Any], tree: xr.Da
         "folder": str(folder or ""),
         "source": str(record.get("campaign_file") or ""),
         "y_peak": float(tree.attrs.get("y_peak", np.nan)),
+        **{name: tree.attrs[name] for name in STARTS if name in tree.attrs},
     }
-    return Unit(name, laws, draws, quantities, bounds, scatter, record, origin)
+    return Unit(
+        name, laws, draws, quantities, bounds, scatter, record, origin,
+        _gain(draws, json.loads(str(tree.attrs.get("held", "{}")))), noise_by_label(posterior),
+    )  # fmt: skip
+
+
+def _gain(
+    draws: Mapping[str, NDArray[np.float64]], held: Mapping[str, float]
+) -> NDArray[np.float64] | None:
+    if GAIN in draws:
+        return draws[GAIN]
+    first = next(iter(draws.values()))
+    return np.full(len(first), held[GAIN]) if GAIN in held else None
 
 
 def _quantities(
@@ -129,7 +150,7 @@ def _quantities(
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, Quantity]]:
     """Draws of the oscillator, its laws, their products and other coordinates, and the gain."""
     known = {each.name: each for each in (*OSCILLATOR, *quantities_of(laws))}
-    known["gain"] = known.pop("gain")  # the source's, not the joint's: last
+    known[GAIN] = known.pop(GAIN)  # the source's, not the joint's: last
     present = [name for name in known if name in posterior]
     draws = {name: np.ravel(posterior[name].values).astype(float) for name in present}
     quantities = {

@@ -35,7 +35,7 @@ def population_figure(
     """
     rows, trend = record["parameters"], "torque" in record["columns"]
     axes = panels(ax, len(rows), 1, height=1.7 * len(rows))
-    place = np.array(record["torque"]) if trend else np.arange(1.0, len(mean) + 1)
+    place = np.array(record["torque"], float) if trend else np.arange(1.0, len(mean) + 1)
     odd = np.array([p < ODD / len(mean) for p in record["belongs"].values()])
     for i, (each, row) in enumerate(zip(axes[:, 0], rows.values(), strict=True)):
         low, middle, high = np.exp(new[:, :, i])
@@ -92,8 +92,10 @@ def population_table(record: Mapping[str, Any]) -> Table:
         words("", "name"),
         words("unit", "unit"),
         Column(f"mean{middle}", lambda row: _interval(row["mean"])),
-        Column("scatter [%]", lambda row: _interval(row["scatter"], 100.0)),
+        Column("scatter between units [%]", lambda row: _interval(row["scatter"], 100.0)),
     ]
+    if any(row["run_scatter"] is not None for row in rows):
+        columns.append(Column("between runs [%]", _of_runs))
     for column in record["columns"][1:]:
         key = f"slope_{column}"
         columns.append(Column(f"power of {column}", lambda row, key=key: _interval(row.get(key))))
@@ -110,11 +112,10 @@ def units_table(record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray) -> 
             dict(zip(("q005", "median", "q995"), map(float, one), strict=True)) for one in ends.T
         ]
         known = dict(zip(record["parameters"], own, strict=True))
-        torque = record["torque"][k]
-        stated = torque is not None and np.isfinite(torque)
         rows.append(
-            {"name": unit, "torque": torque if stated else None, **known}
+            {"name": unit, "torque": record["torque"][k], **known}
             | {"belongs": record["belongs"][unit]}
+            | {"stands": "its draws" if unit in record["weighed"] else "normal summary"}
         )
     columns = [words("unit", "name")]
     if any(row["torque"] is not None for row in rows):
@@ -122,8 +123,13 @@ def units_table(record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray) -> 
     for name, row in record["parameters"].items():
         heading = name if row["unit"] == "1" else f"{name} [{row['unit']}]"
         columns.append(Column(heading, lambda one, name=name: _interval(one[name])))
-    columns.append(digits("P(as far off)", "belongs"))
+    columns += [digits("P(as far off)", "belongs"), words("stands for it", "stands")]
     return table("Every unit, median [99 %]", rows, *columns)
+
+
+def _of_runs(row: Mapping[str, Any]) -> str:
+    scatter = row["run_scatter"]
+    return NOTHING if scatter is None else f"{100.0 * scatter:.2g}"
 
 
 def _interval(row: Mapping[str, float] | None, factor: float = 1.0) -> str:

@@ -4,10 +4,11 @@ A torque T gives a preload N, through a wrench that is off and a contact that be
 
 $$\ln N = \ln(T / T_0) + b\,\ln n + w\,\epsilon$$
 
-n being the number of the tightening. The contact is stiffer by $N^p$ and slips at a force of
-$\mu N$. A joint through which all of the load passes is given its force: what it adds to the motion
-falls, and its slip comes at larger displacements. One beside which the rest carries is given its
-displacement,
+n being the number of the tightening. The torque is set and the preload scatters about it (Berkson's
+error): a regression on T keeps its slope, and w is part of the scatter. The contact is stiffer by
+$N^p$ and slips at a force of $\mu N$. A joint through which all of the load passes is given its
+force: what it adds to the motion falls, and its slip comes at larger displacements. One beside
+which the rest carries is given its displacement,
 
 $$\text{series:}\quad k \sim N^{-p},\; y_s \sim N; \qquad
   \text{parallel:}\quad k \sim N^p,\; y_s \sim N^{1-p}$$
@@ -121,13 +122,17 @@ def measure_fleet(
     assemblies: int = 2,
     joint: Joint = TRUTH,
     how: Tightening | None = None,
+    order: Literal["shuffled", "given"] = "shuffled",
     seed: int = 0,
     **conditions: Any,
 ) -> list[RigCampaign]:
-    """One campaign a tightening: the torques in turn, all of them for every assembly.
+    """One campaign a tightening: all torques for every assembly, one assembly after the other.
 
     Each states its [assembly] table and holds its own joint in `truth`; tightenings are counted
     over all campaigns of an assembly. Priors are left to the records' own scales.
+
+    Torques that rise with the number of the tightening hide bedding-in in the trend. So each
+    assembly takes them in an order by chance, and the one after it in the reverse of that.
 
     Args:
         preset: What is measured of each; its day-to-day scatter are the runs of one tightening.
@@ -135,6 +140,7 @@ def measure_fleet(
         assemblies: How often the structure is taken apart and put together again at each torque.
         joint: The structure at the reference torque, when nothing scatters.
         how: How the joint follows the torque.
+        order: `shuffled`, or `given`: every assembly in the order of `torques`.
         seed: Seed of everything random.
         conditions: Further arguments of `jbw.rig.measure`.
 
@@ -144,17 +150,29 @@ def measure_fleet(
     """
     if assemblies < 1 or not len(torques):
         raise ConfigError("A fleet needs one torque and one assembly at least.")
+    if order not in ("shuffled", "given"):
+        raise ConfigError(f'Argument `order` must be "shuffled" or "given", but is "{order}".')
     campaigns = []
     for assembly in range(assemblies):
-        for place, torque in enumerate(torques):
-            key = (FLEET, assembly, place)
-            chance = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
-            own = tightened(
-                joint, torque, how, sequence=place + 1, chance=chance.standard_normal(5)
-            )
+        places = (
+            _order(len(torques), assembly, seed) if order == "shuffled" else range(len(torques))
+        )
+        for number, place in enumerate(places, start=1):
+            chance, torque = _chance(seed, assembly, place), torques[place]
+            own = tightened(joint, torque, how, sequence=number, chance=chance.standard_normal(5))
             one = measure(preset, joint=own, seed=int(chance.integers(2**31)), **conditions)
-            campaigns.append(_stated(one, f"assembly {assembly + 1}", torque, place + 1))
+            campaigns.append(_stated(one, f"assembly {assembly + 1}", torque, number))
     return campaigns
+
+
+def _chance(seed: int, *key: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(FLEET, *key)))
+
+
+def _order(num: int, assembly: int, seed: int) -> Sequence[int]:
+    """Places of the torques in turn: by chance, and of every second assembly the reverse."""
+    places = _chance(seed, assembly // 2).permutation(num).tolist()
+    return places[::-1] if assembly % 2 else places
 
 
 def _stated(one: RigCampaign, assembly: str, torque: float, sequence: int) -> RigCampaign:

@@ -17,7 +17,7 @@ from jbw.inference.posterior.finding import Finding, Verdict
 from jbw.measurement.records import Test
 from jbw.report.opening import known_parameters
 from jbw.report.result import node, read_result
-from jbw.study.stack import basis_of_laws, holds_laws
+from jbw.study.stack import basis_of_laws, basis_of_population, holds_laws, holds_population
 from jbw.study.store import claim, save_report, save_result
 from jbw.verification.predict import Request, chosen, predict
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, basis_of
@@ -126,9 +126,11 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
 
 
 def basis_of_run(folder: Path) -> Basis:
-    """What a finished run, or a comparison of laws, predicts with."""
+    """What a finished run, a comparison of laws, or a population predicts with."""
     if holds_laws(folder):
         return basis_of_laws(folder)
+    if holds_population(folder):
+        return basis_of_population(folder)
     return _basis(folder, *read_result(folder))
 
 

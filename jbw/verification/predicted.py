@@ -115,7 +115,7 @@ def noise_of(
     basis: Basis, test: Test, repeated: Noise = NOT_KNOWN, *, label: str = "", order: int = 0
 ) -> Noise:
     """Noise of one repeat: as fitted, as its repeats tell, or the mean of fitted tests alike."""
-    known, wanted = _noise_by_label(basis.posterior), seen_of(test)
+    known, wanted = noise_by_label(basis.posterior), seen_of(test)
     # Kind, source and response of a test that was called so before may be others.
     if (label or test.name) in known and basis.seen.get(test.name, wanted)[:3] == wanted[:3]:
         return Noise(known[label or test.name], OWN)
@@ -136,7 +136,8 @@ def noise_of(
     return Noise(float(np.mean(chosen)), ALIKE) if chosen else NOT_KNOWN
 
 
-def _noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
+def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
+    """Mean noise of every group of data of a posterior, by the group's label."""
     found = {}
     for name, values in posterior.data_vars.items():
         dims = [dim for dim in values.dims if dim not in ("chain", "draw")]

@@ -14,11 +14,14 @@ from jbw.population.fleet import fleet_of, read_fleet, write_fleet
 
 UNITS = {"omega_n": "rad/s", "zeta": "1", "alpha": "1/s^2", "delta": "1/m", "gamma": "1/m"}
 MEANS = {"omega_n": 118.0, "zeta": 0.01, "alpha": 3000.0, "delta": 400.0, "gamma": 150.0}
-BOUNDS = {"omega_n": (50.0, 200.0), "zeta": (1e-4, 0.1), "delta": (-100.0, 1000.0)}
+BOUNDS = {"omega_n": (50.0, 200.0), "zeta": (1e-4, 0.1), "delta": (-100.0, 5000.0)}
 VERSIONS = {"jbw": "0.1.0", "jax": "0.12.0"}
 
 
-def a_run(folder, seed=0, laws=("bouc_wen",), draws=None, units=UNITS, scatter=None, **record):
+def a_run(
+    folder, seed=0, laws=("bouc_wen",), draws=None, units=UNITS, scatter=None, attrs=None, box=True,
+    **record,
+):  # fmt: skip
     """The folder of a finished run made up: draws of two chains of fifty, log-normal."""
     rng = np.random.default_rng(seed)
     if draws is None:
@@ -26,10 +29,11 @@ def a_run(folder, seed=0, laws=("bouc_wen",), draws=None, units=UNITS, scatter=N
     posterior = xr.Dataset({n: (("chain", "draw"), v) for n, v in draws.items()})
     for name in draws:
         posterior[name].attrs["units"] = units.get(name, "1")
-        if name in BOUNDS:
+        if box and name in BOUNDS:
             posterior[name].attrs.update(zip(("lower", "upper"), BOUNDS[name], strict=True))
-    attrs = {"laws": json.dumps(laws)} | ({} if scatter is None else {"scatter": scatter})
-    tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), "/posterior": posterior})
+    facts = {"laws": json.dumps(laws)} | ({} if scatter is None else {"scatter": scatter})
+    facts |= attrs or {}
+    tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs=facts), "/posterior": posterior})
     folder.mkdir(parents=True)
     tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
     parameters = {name: {"ess_bulk": 90.0 + i} for i, name in enumerate(draws)}

@@ -11,7 +11,7 @@ import pytest
 
 import jbw
 from jbw import rig
-from jbw.population.prediction import new_backbone, new_coordinates
+from jbw.population.prediction import new_coordinates
 from jbw.rig.generator import Sweep
 from jbw.study import store
 
@@ -23,12 +23,15 @@ PLANS = tuple(
 PRESET = replace(rig.MIXED, name="fleet", source="input", gain=15.0, plans=PLANS, input_range=1.0)
 LAW = rig.Tightening(wrench=0.03)
 # Of a joint in series with its load: alpha ~ T^-1/2 and delta, gamma ~ T^-1.
-SLOPES = {"omega_n": 0.01, "zeta": -0.1, "alpha_delta": -1.5, "alpha_gamma": -1.5}
+SLOPES = {
+    "omega_n": 0.01, "zeta": -0.1, "alpha_delta": -1.5, "alpha_gamma": -1.5, "share": -0.52,
+}  # fmt: skip
 
 
 def coordinates(names, campaign):
     truth = dict(campaign.truth["joint"])
     truth |= {f"alpha_{name}": truth["alpha"] * truth[name] for name in ("delta", "gamma")}
+    truth["share"] = truth["alpha"] / truth["omega_n"] ** 2
     return np.log([truth[name] for name in names])
 
 
@@ -49,8 +52,13 @@ def test_a_fleet_is_measured_identified_pooled_and_the_next_torque_predicted(tmp
     names = found.pooled.names
     built = np.array([coordinates(names, one) for one in fleet])
     sd = np.sqrt(np.diagonal(found.pooled.cov, axis1=1, axis2=2))
-    # 24 standardised errors: one beyond 3.5 is expected in eighty fleets.
+    # 30 standardised errors: one beyond 3.5 is expected in seventy fleets.
     assert np.max(np.abs(found.pooled.mean - built) / sd) < 3.5
+    assert list(names) == [*SLOPES]  # every unit knows alpha/omega_n^2 too
+    assert found.record["status"] == "ok"
+    assert abs(found.record["correlation"]) < 0.5
+    ratio = found.record["ratios"]["gamma/delta"]
+    assert ratio["q005"] < 0.0 < ratio["q995"]
     for name in names:
         row = found.record["parameters"][name]["slope_torque"]
         assert row["q005"] < SLOPES[name] < row["q995"]
@@ -60,8 +68,12 @@ def test_a_fleet_is_measured_identified_pooled_and_the_next_torque_predicted(tmp
     low, high = np.quantile(ahead, (0.005, 0.995), axis=0)
     true = coordinates(names, new)
     assert np.all((low < true) & (true < high))
-    backbone = new_backbone(found, units, NEW)
+    backbone = jbw.new_backbone(found, units, NEW)
     curve = jbw.backbone(jbw.BoucWen(**new.truth["joint"]), backbone.amplitude.values)
     for name, values in (("frequency", curve.omega / (2 * np.pi)), ("damping", curve.zeta)):
         band = backbone[name].values
         assert np.all((band[0] < values) & (values < band[-1]))
+    # The band is of scatter between units, far wider than noise: it holds a unit's sweep, or not.
+    strong = next(test for test in new.tests if test.name == "strong")
+    bands = jbw.new_prediction(found, units, strong, NEW)
+    assert bands.attrs["coverage"] > 0.97

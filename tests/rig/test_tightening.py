@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import linregress
 
 from jbw import rig
 from jbw.campaign.load import load_campaign
@@ -66,6 +67,7 @@ def test_bedding_counts_as_torque_and_a_wrench_scatters_the_preload():
 
 def test_a_fleet_states_what_was_done_and_is_read_back(tmp_path):
     torques, kept = (4.0, 8.0), {"tests": [SWEEP], "repeats": 2}
+    kept["order"] = "given"
     fleet = measure_fleet(torques=torques, assemblies=2, seed=3, **kept)
     stated = [(one.assembly["name"], one.assembly.torque, one.assembly.sequence) for one in fleet]
     assert stated == [
@@ -83,6 +85,42 @@ def test_a_fleet_states_what_was_done_and_is_read_back(tmp_path):
     loaded = load_campaign(rig.write(fleet[1], tmp_path / "second"))
     assert dict(loaded.assembly) == {"name": "assembly 1", "torque": 8.0, "sequence": 2}
     assert not loaded.settings.prior
+
+
+def test_a_wrench_that_is_off_leaves_the_slope_and_adds_to_the_scatter():
+    """A torque that is set: ln alpha = a - p ln T - p w eps. 2,000 draws, SciPy's regression."""
+    rng, w = np.random.default_rng(0), 0.3
+    how = Tightening(wrench=w, **QUIET)
+    torques = np.repeat([2.0, 4.0, 8.0, 12.0], 500)
+    drawn = [
+        tightened(rig.TRUTH, one, how, chance=rng.standard_normal(5)).laws[0] for one in torques
+    ]
+    for values, power in (
+        ([law.alpha for law in drawn], -how.contact),
+        ([law.alpha * law.delta for law in drawn], -1.0 - how.contact),
+    ):
+        line = linregress(np.log(torques), np.log(values))
+        # Attenuated, as of a torque read with this error, it would be off by 16 %: 16 of these.
+        assert abs(line.slope - power) < 3 * line.stderr
+        off = np.log(values) - line.intercept - line.slope * np.log(torques)
+        assert np.std(off) == pytest.approx(abs(power) * w, rel=0.07)  # four errors of 2,000
+
+
+def test_torque_and_sequence_do_not_rise_together():
+    kept = {"tests": [SWEEP], "repeats": 1, "torques": (4.0, 8.0, 12.0)}
+    fleet = measure_fleet(assemblies=2, seed=3, **kept)
+    stated = np.array([[one.assembly.torque, one.assembly.sequence] for one in fleet])
+    assert abs(np.corrcoef(np.log(stated).T)[0, 1]) < 0.5
+    first, second = stated[:3, 0], stated[3:, 0]
+    assert sorted(first) == [4.0, 8.0, 12.0]
+    assert np.array_equal(second, first[::-1])
+    given = measure_fleet(assemblies=2, seed=3, order="given", **kept)
+
+    # Which joint one gets at a torque has nothing to do with the order.
+    def joints(campaigns):
+        return {(o.assembly["name"], o.assembly.torque): o.truth["joint"] for o in campaigns}
+
+    assert joints(fleet) == joints(given)
 
 
 def test_scatter_is_what_was_asked():
@@ -113,6 +151,8 @@ def test_numbers_out_of_range_are_named(change, said):
 def test_a_fleet_needs_a_torque_and_laws_without_viscous_parts():
     with pytest.raises(ConfigError, match="one torque and one assembly"):
         measure_fleet(torques=())
+    with pytest.raises(ConfigError, match='`order` must be "shuffled" or "given"'):
+        measure_fleet(torques=(4.0,), order="random")
     viscous = law_named("cubic_damping")
     damper = viscous.build(dict.fromkeys(viscous.names(), 1.0))
     with pytest.raises(ModelError, match="must be a power of a stiffness"):

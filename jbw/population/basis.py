@@ -1,0 +1,118 @@
+"""A unit that nobody measured as a run that predicts: its draws, and what else predictions need."""
+
+import json
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from jbw.measurement.records import Test
+from jbw.population.coordinates import laws_of, unit_names
+from jbw.population.population import Population
+from jbw.population.prediction import NUM_UNITS, new_units, y_peak_of
+from jbw.population.unit import NOISE
+from jbw.verification.predict import Request, predict
+from jbw.verification.predictive_basis import NUM_DRAWS, basis_of
+
+
+def new_unit(
+    found: Population,
+    fleet: xr.DataTree,
+    torque: float | None = None,
+    *,
+    seed: int = 0,
+    num: int = NUM_UNITS,
+) -> xr.DataTree:
+    """Further units as the posterior of one run, which `basis_of` reads as any other's.
+
+    Runs scatter as they do within the units, and the noise is the mean of the units' tests alike.
+    What counts as fitted ends where the unit that was driven least does.
+    """
+    draws = new_units(found, fleet, torque, seed=seed, num=num)
+    units = json.loads(fleet.attrs["units"])
+    variables: dict[str, Any] = {
+        name: (("chain", "draw"), values[None], {"units": units.get(name, "1")})
+        for name, values in draws.items()
+    }
+    labels, noise = _noise(fleet)
+    if labels:
+        each = np.broadcast_to(noise, (1, num, len(noise)))
+        variables["noise_std"] = (("chain", "draw", "group"), each)
+    coords = {"chain": [0], "draw": np.arange(num), **({"group": labels} if labels else {})}
+    root = xr.Dataset(attrs=_facts(found, fleet, torque))
+    return xr.DataTree.from_dict({"/": root, "/posterior": xr.Dataset(variables, coords)})
+
+
+def new_prediction(
+    found: Population,
+    fleet: xr.DataTree,
+    test: Test,
+    torque: float | None = None,
+    *,
+    num_draws: int = NUM_DRAWS,
+    noise: bool = True,
+    gain: float | None = None,
+    seed: int = 0,
+) -> xr.Dataset:
+    """Bands of a further unit on any test: scatter between units and what is open about it.
+
+    Args:
+        found: From `jbw.population_of`.
+        fleet: The fleet that it was made from.
+        test: What is predicted, measured or planned.
+        torque: At which the unit is tightened [N m]; the reference when None.
+        num_draws: Units carried through the model; fewer through long records.
+        noise: Whether the bands include the noise, where it is known.
+        gain: Of the test's source, or 1 / modal mass, where it is known; else the units' own.
+        seed: Of everything random.
+
+    Returns:
+        As `Study.predict`.
+
+    Raises:
+        ConfigError: A torque that is not positive, or too few draws.
+        DataError: A torque where no trend with it is known, or a source that no gain is known for.
+    """
+    basis = basis_of(new_unit(found, fleet, torque, seed=seed, num=max(num_draws, 2)))
+    return predict(basis, test, Request(num_draws, noise, gain, seed))
+
+
+def _facts(found: Population, fleet: xr.DataTree, torque: float | None) -> dict[str, Any]:
+    """What `basis_of` reads beside draws; tests by unit, none of which is the new unit's."""
+    names = unit_names(fleet)
+    attrs = [fleet[name].attrs for name in names]
+    seen = {}
+    for name, each in zip(names, attrs, strict=True):
+        for test, facts in json.loads(each.get("tests", "{}")).items():
+            family = f"{name}: {facts['family']}" if facts.get("family") else ""
+            seen[f"{name}: {test}"] = {**facts, "family": family}
+    scatter = [np.atleast_1d(each["scatter"]) for each in attrs if "scatter" in each]
+    y_peak, at = y_peak_of(fleet), torque_of(found, torque)
+    return {
+        "laws": json.dumps(laws_of(fleet)),
+        "tests": json.dumps(seen),
+        "substeps": max(int(each.get("substeps", 1)) for each in attrs),
+        "y_peak": y_peak if np.isfinite(y_peak) else 0.0,
+        **({"scatter": np.sqrt(np.mean(np.square(scatter), axis=0))} if scatter else {}),
+        **({} if at is None else {"torque": at}),
+    }
+
+
+def torque_of(found: Population, torque: float | None) -> float | None:
+    """At which a new unit is tightened: as asked, else the reference, else that of all units."""
+    stated = {one for one in found.record["torque"] if one is not None}
+    common = stated.pop() if len(stated) == 1 else None
+    return next(
+        (t for t in (torque, found.record["reference_torque"], common) if t is not None), None
+    )
+
+
+def _noise(fleet: xr.DataTree) -> tuple[list[str], np.ndarray]:
+    """Labels of all units' groups of data, the unit's name before each, and their noise."""
+    labels, values = [], []
+    for name in unit_names(fleet):
+        group = fleet[name].to_dataset()
+        if NOISE in group:
+            labels += [f"{name}: {one}" for one in group["label"].values]
+            values += group[NOISE].values.tolist()
+    return labels, np.array(values)

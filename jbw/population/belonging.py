@@ -1,0 +1,99 @@
+r"""Whether a unit belongs with the others, judged by the population that those alone have.
+
+Under a scatter T the line of all units but k is normal in closed form, and so is where it expects
+the summary of unit k,
+
+$$m_k\,|\,T, m_{-k} \sim N(x_k B_{-k},\ S_k), \qquad S_k = T + C_k + x_k P_{-k}^{-1} x_k^T, \qquad
+  P_k = E\big[P(\chi^2_d > r^T S_k^{-1} r)\,\big|\,m_{-k}\big]$$
+
+with r the unit's distance from there. Draws of T are those of all units, each weighed by
+$1/p(m_k | T, m_{-k})$, the weights smoothed by a Pareto tail. Where that tail is too heavy for a
+unit that may be another, the population without it is sampled, of normal summaries: those of all
+units hardly reach a scatter that one of them made large.
+
+Reference:
+    Vehtari, Gelman and Gabry (2017), Statistics and Computing 27, 1413.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Key
+from scipy.special import softmax
+from scipy.stats import chi2
+
+from jbw.inference.samplers.importance import smooth
+from jbw.population.model import Units, sampler
+from jbw.population.prior import TORQUE, Design, Prior, precision_of
+from jbw.population.trend import bent
+
+HEAVY = 0.7  # Pareto's k-hat, from which weights are not to be trusted
+# From which probability a unit is beyond doubt: in the scatter that it made large itself, one that
+# is far off in one coordinate lies at chi-square = d - 1 + n, 0.2 and less.
+BEYOND_DOUBT = 0.3
+LENGTHS = (500, 1000, 1)  # of a population without a unit
+BATCH = 20  # draws side by side
+
+
+def belonging(
+    key: Key[Array, ""],
+    units: Units,
+    design: Design,
+    prior: Prior,
+    draws: dict[str, np.ndarray],
+    report: Callable[[str], Any],
+) -> Float[np.ndarray, " unit"]:
+    """Probability that a unit of the others' population lies as far from its line as each does."""
+    told, far = left_out(units, design, prior, draws)
+    found, heavy = np.zeros(len(units.mean)), []
+    for k, one in enumerate(told.T):
+        weights, k_hat = smooth(-one)
+        found[k] = np.sum(softmax(weights) * far[:, k])
+        heavy += [k] if k_hat > HEAVY and found[k] < BEYOND_DOUBT else []
+    plain = units._replace(weighed=np.zeros(len(found), bool))
+    drawn = sampler(plain, design, prior, LENGTHS)
+    for number, k in enumerate(heavy, start=1):
+        report(f"Population without one unit that weighs much: {number} of {len(heavy)}")
+        others = drawn(key, (np.arange(len(found)) != k).astype(float))
+        found[k] = np.mean(left_out(units, design, prior, others)[1][:, k])
+    return found
+
+
+def left_out(
+    units: Units, design: Design, prior: Prior, draws: dict[str, np.ndarray]
+) -> tuple[Float[np.ndarray, "draw unit"], Float[np.ndarray, "draw unit"]]:
+    """Of every unit by the others, draw by draw of T: its log density, and P of one as far off."""
+    m, c = jnp.asarray(units.mean), jnp.asarray(units.cov)
+    d = m.shape[1]
+    before = jnp.asarray(precision_of(prior, design))
+    at_zero = jnp.asarray(np.ravel(prior.mean / prior.sd**2))
+
+    def one(drawn: dict[str, Array]) -> tuple[Array, Array]:
+        rows = _rows(design, d, drawn.get("u"))
+        weighed = jnp.swapaxes(rows, 1, 2) @ jnp.linalg.inv(drawn["scatter"] + c)
+        tells, pull = weighed @ rows, jnp.einsum("kij,kj->ki", weighed, m)
+        # What all tell, less what the unit does: its line without it.
+        others = jnp.linalg.inv(before + tells.sum(0) - tells)
+        line = jnp.einsum("kij,kj->ki", others, at_zero + pull.sum(0) - pull)
+        off = m - jnp.einsum("kij,kj->ki", rows, line)
+        spread = drawn["scatter"] + c + rows @ others @ jnp.swapaxes(rows, 1, 2)
+        squares = jnp.einsum("ki,ki->k", off, jnp.linalg.solve(spread, off[..., None])[..., 0])
+        return -0.5 * (squares + jnp.linalg.slogdet(spread)[1]), squares
+
+    flat = {n: v.reshape(-1, *v.shape[2:]) for n, v in draws.items() if n in ("scatter", "u")}
+    told, squares = jax.jit(lambda each: jax.lax.map(one, each, batch_size=BATCH))(
+        {name: jnp.asarray(values) for name, values in flat.items()}
+    )
+    return np.asarray(told), chi2.sf(np.asarray(squares), d)
+
+
+def _rows(design: Design, d: int, u: Array | None) -> Float[Array, "unit d coefficient"]:
+    """The coordinates of every unit as a product with the line, coordinate by coordinate."""
+    x = jnp.repeat(jnp.asarray(design.x)[:, None], d, axis=1)
+    if u is not None:
+        j = design.columns.index(TORQUE)
+        x = x.at[..., j].add(bent(design.x[:, j], u)[:, None] * design.saturates)
+    return jnp.einsum("kip,ij->kijp", x, jnp.eye(d)).reshape(len(x), d, -1)

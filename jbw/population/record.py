@@ -1,0 +1,165 @@
+"""What a population says in numbers, as `population.json` holds them."""
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from jbw.inference.posterior.summary import QUANTILES
+from jbw.population.coordinates import Pooled, laws_of, monomials_of, parameters_of, unit_names
+from jbw.population.model import Units, log_weights
+from jbw.population.prior import TORQUE, Design, Prior
+from jbw.population.trend import expected
+from jbw.population.unit import GAIN
+
+FEWEST = 3  # units, below which a scatter is its prior's
+FEWEST_FREE = 3  # degrees of freedom, below which a trend's intervals are
+GOOD_R_HAT, FEW_DIVERGENT = 1.01, 0.001
+Draws = dict[str, np.ndarray]
+
+
+def record_of(
+    fleet: xr.DataTree,
+    found: Pooled,
+    units: Units,
+    design: Design,
+    prior: Prior,
+    draws: Draws,
+    belongs: Float[np.ndarray, " unit"],
+) -> dict[str, Any]:
+    """All numbers of a population; `belongs` as `belonging` has it."""
+    root, names = fleet.to_dataset(), unit_names(fleet)
+    torque = root["torque"].values.tolist()
+    record = {
+        "units": names,
+        "torque": [one if np.isfinite(one) else None for one in torque],
+        "columns": list(design.columns),
+        "correlation": _correlation(design),
+        "saturating": [n for n, bent in zip(found.names, design.saturates, strict=True) if bent],
+        "reference_torque": None if np.isnan(design.reference) else design.reference,
+        "parameters": _rows(fleet, found, design, draws),
+        "ratios": _ratios(fleet, found, design, prior, draws),
+        "belongs": dict(zip(names, map(float, belongs), strict=True)),
+        "weighed": _shares(units, design, draws, names),
+        "failed": root["unit"].values[root["verdict"].values == "failed"].astype(str).tolist(),
+        "no_logarithm": _no_logarithm(fleet),
+        "sampling": _sampling(draws),
+    }
+    if "u" in draws:
+        record["saturation_torque"] = interval(design.reference * draws["u"])
+    record["status"] = status_of(record)
+    return record
+
+
+def own_over_scatter(found: Pooled, draws: Draws) -> Float[np.ndarray, "unit d"]:
+    """Each unit's own error over the median scatter."""
+    own = np.sqrt(np.diagonal(found.cov, axis1=1, axis2=2))
+    return own / np.median(draws["tau"], axis=(0, 1))
+
+
+def interval(values: np.ndarray) -> dict[str, float]:
+    """Median and 99 % interval."""
+    low, median, high = np.quantile(values, QUANTILES)
+    return {"median": float(median), "q005": float(low), "q995": float(high)}
+
+
+def _rows(
+    fleet: xr.DataTree, found: Pooled, design: Design, draws: Draws
+) -> dict[str, dict[str, Any]]:
+    """A row a coordinate: mean, scatter between units and between runs, powers."""
+    units, symbols = (json.loads(fleet.attrs[key]) for key in ("units", "symbols"))
+    line, tau = draws["line"], draws["tau"]
+    ratio = own_over_scatter(found, draws).max(axis=0)
+    rows = {}
+    for i, name in enumerate(found.names):
+        runs = fleet.to_dataset()["run_scatter"].sel(parameter=name).values
+        runs = runs[np.isfinite(runs)]
+        rows[name] = {
+            "unit": units.get(name, "1"),
+            "symbol": symbols.get(name, name),
+            "mean": interval(np.exp(line[..., i, 0])),
+            "scatter": interval(tau[..., i]),
+            "run_scatter": float(np.sqrt(np.mean(runs**2))) if len(runs) else None,
+            **{
+                f"slope_{column}": interval(line[..., i, j])
+                for j, column in enumerate(design.columns)
+                if j
+            },
+            "own_over_scatter": float(ratio[i]),
+        }
+    return rows
+
+
+def _ratios(
+    fleet: xr.DataTree, found: Pooled, design: Design, prior: Prior, draws: Draws
+) -> dict[str, dict[str, float]]:
+    """The power of torque of ratios of two products, by its text: gamma/delta of Bouc-Wen's law."""
+    if TORQUE not in design.columns:
+        return {}
+    slope, known = draws["line"][..., design.columns.index(TORQUE)], monomials_of(laws_of(fleet))
+    rows = {}
+    for i, j in prior.alike:
+        below, above = (known[found.names[one]] for one in (i, j))
+        text = "/".join(
+            "*".join(name for name in one if one[name] != other.get(name))
+            for one, other in ((above, below), (below, above))
+        )
+        rows[text] = interval(slope[..., j] - slope[..., i])
+    return rows
+
+
+def _shares(units: Units, design: Design, draws: Draws, names: list[str]) -> dict[str, float]:
+    r"""Of each unit that its draws stand for, their Kish share $(\sum w)^2 / (S \sum w^2)$.
+
+    Under the population's median.
+    """
+    which = np.flatnonzero(units.weighed)
+    line, scatter = (np.median(draws[name], axis=(0, 1)) for name in ("line", "scatter"))
+    bent = np.median(draws["u"]) if "u" in draws else None
+    means = expected(line, design.x, design, bent)
+    w = np.asarray(log_weights(units, which, means, np.linalg.cholesky(scatter)))
+    w = np.exp(w - w.max(axis=1, keepdims=True))
+    share = w.sum(axis=1) ** 2 / (w.shape[1] * (w**2).sum(axis=1))
+    return dict(zip(np.array(names)[which].tolist(), share.tolist(), strict=True))
+
+
+def _correlation(design: Design) -> float | None:
+    """Of ln torque with ln of the number of the tightening over the units, where both vary."""
+    if len(design.columns) < 3:
+        return None
+    return float(np.corrcoef(design.x[:, 1], design.x[:, 2])[0, 1])
+
+
+def _no_logarithm(fleet: xr.DataTree) -> dict[str, list[str]]:
+    """Parameters that are not positive in some units, or not known there, and these units."""
+    lacking = json.loads(fleet.attrs["left_out"])
+    return {n: lacking[n] for n in parameters_of(fleet) if n in lacking and n != GAIN}
+
+
+def _sampling(draws: Draws) -> dict[str, float]:
+    from numpyro.diagnostics import effective_sample_size, split_gelman_rubin
+
+    values = np.concatenate(
+        [draws["tau"], draws["line"].reshape(*draws["line"].shape[:2], -1)]
+        + [draws[name][..., None] for name in ("u",) if name in draws],
+        axis=-1,
+    )
+    return {
+        "r_hat": float(np.max(split_gelman_rubin(values))),
+        "ess": float(np.min(effective_sample_size(values))),
+        "divergences": int(draws["diverging"].sum()),
+        "num_draws": int(draws["tau"].shape[0] * draws["tau"].shape[1]),
+    }
+
+
+def status_of(record: Mapping[str, Any]) -> str:
+    """`ok`, `failed` where the sampler did, `not assessed` where units are too few."""
+    sampling, num, columns = record["sampling"], len(record["units"]), len(record["columns"])
+    if num < FEWEST or (columns > 1 and num - columns < FEWEST_FREE):
+        return "not assessed"
+    good = sampling["r_hat"] < GOOD_R_HAT
+    few = sampling["divergences"] <= FEW_DIVERGENT * sampling["num_draws"]
+    return "ok" if good and few else "failed"

@@ -1,0 +1,186 @@
+"""Units that nobody measured: far torques by the rig's law, one unit's own prediction, gains."""
+
+import json
+
+import numpy as np
+import pytest
+from test_fleet import MEANS, UNITS, a_run
+
+import jbw
+from jbw import rig
+from jbw.cli import run
+from jbw.errors import DataError
+from jbw.population.basis import new_unit
+from jbw.population.coordinates import pooled
+from jbw.population.fleet import fleet_of
+from jbw.population.population import Population
+from jbw.population.prediction import new_backbone, new_units
+from jbw.population.prior import design_of, prior_of
+from jbw.report.result import read_result
+from jbw.rig.tightening import SCATTERING, Tightening, tightened
+from jbw.study.stack import require_same_torque
+from jbw.verification.planned import planned_tones
+from jbw.verification.predict import Request, predict
+from jbw.verification.predictive_basis import basis_of
+
+QUIET = {"scatter": dict.fromkeys(SCATTERING, 0.0)}
+TORQUES = (4.0, 6.0, 8.0, 10.0, 12.0)
+TESTS = {"weak": {"kind": "stepped", "source": "V", "response": "velocity", "level": 0.05}}
+
+
+def parameters(joint):
+    return {"omega_n": float(joint.omega_n), "zeta": float(joint.zeta), **{
+        name: float(value) for name, value in joint.laws[0].parameters().items()
+    }}  # fmt: skip
+
+
+def population(fleet, scatter, line=None):
+    """Of a fleet without NUTS: its regression on ln torque, and a scatter that is given."""
+    found, root = pooled(fleet), fleet.to_dataset()
+    design = design_of(root["torque"].values.tolist(), root["sequence"].values.tolist())
+    if line is None:
+        line = np.linalg.lstsq(design.x, found.mean, rcond=None)[0].T
+    d = len(found.names)
+    draws = {
+        "line": np.broadcast_to(line, (1, 50, *line.shape)),
+        "tau": np.full((1, 50, d), scatter),
+        "scatter": np.broadcast_to(scatter**2 * np.eye(d), (1, 50, d, d)),
+    }
+    torque = [None if np.isnan(one) else one for one in root["torque"].values.tolist()]
+    record = {
+        "torque": torque,
+        "reference_torque": None if np.isnan(design.reference) else design.reference,
+    }
+    return Population(found, design, prior_of(found.names, {}, found.mean, design), draws, record)
+
+
+def series(path, own):
+    """Units of the rig's joint in series at several torques, each known to `own` of a parameter."""
+    rng, folders = np.random.default_rng(0), []
+    for torque in TORQUES:
+        true = parameters(tightened(rig.TRUTH, torque, Tightening(**QUIET)))
+        off = {name: own.get(name, 1e-4) * rng.standard_normal((2, 200)) for name in true}
+        off["delta"] = off["delta"] - off["alpha"]  # a ridge: alpha delta, alpha gamma are known
+        off["gamma"] = off["gamma"] - off["alpha"]
+        draws = {name: value * np.exp(off[name]) for name, value in true.items()}
+        stated, facts = {"torque": torque}, {"y_peak": 5e-3}
+        folder, _ = a_run(path / f"at_{torque:g}", draws=draws, assembly=stated, attrs=facts,
+                          inputs={"a": str(torque)}, box=False)  # fmt: skip
+        folders.append(folder)
+    return fleet_of(folders)
+
+
+def test_a_torque_far_away_follows_the_rig_s_law_of_a_joint_in_series(tmp_path):
+    """alpha ~ T^-p by itself: no product tells it, and at full amplitude the frequency does."""
+    fleet, far = series(tmp_path, {}), 40.0
+    found = population(fleet, 1e-3)
+    assert "share" in found.pooled.names
+    true = tightened(rig.TRUTH, far, Tightening(**QUIET))
+    drawn = new_units(found, fleet, far)
+    for name, value in parameters(true).items():
+        # Scatter of 1e-3 a coordinate over 400 draws, a line that is known to 1e-4: 2e-3 at most.
+        assert np.median(drawn[name]) == pytest.approx(value, rel=3e-3), name
+    band = new_backbone(found, fleet, far)
+    curve = jbw.backbone(true, band.amplitude.values)
+    for name, values in (("frequency", curve.omega / (2 * np.pi)), ("damping", curve.zeta)):
+        np.testing.assert_allclose(band[name].values[1], values, rtol=5e-3)
+
+
+def test_a_share_that_no_unit_knows_is_common_to_all_torques(tmp_path):
+    fleet, far = series(tmp_path, {"alpha": 0.5}), 40.0
+    found = population(fleet, 1e-3)
+    assert "share" not in found.pooled.names
+    drawn = new_units(found, fleet, far, num=4000)
+    true = parameters(tightened(rig.TRUTH, far, Tightening(**QUIET)))
+    for name in ("delta", "gamma"):
+        product = np.median(drawn["alpha"] * drawn[name])
+        assert product == pytest.approx(true["alpha"] * true[name], rel=3e-3)
+    own = [fleet[f"at_{torque:g}"]["draws"].sel(parameter="share").values for torque in TORQUES]
+    share = np.log(drawn["alpha"] / drawn["omega_n"] ** 2)
+    # Medians of 4,000 draws of sd 0.55: four of their errors.
+    assert np.median(share) == pytest.approx(np.median(own), abs=0.05)
+
+
+def driven(path, gains=(15.0, 15.0), **facts):
+    """Two units that are known exactly, and driven by sources of some gain."""
+    folders = []
+    for name, gain in zip("AB", gains, strict=True):
+        draws = {n: np.full((2, 50), m) for n, m in {**MEANS, "gain": gain}.items()}
+        seen = {"tests": json.dumps(TESTS), "y_peak": 5e-3, "substeps": 2, **facts}
+        folders.append(a_run(path / name, draws=draws, attrs=seen, inputs={"a": name}, box=False,
+                             units={**UNITS, "gain": "N/(kg V)"})[0])  # fmt: skip
+    return folders
+
+
+def test_units_that_do_not_scatter_predict_as_the_one_that_was_measured(tmp_path):
+    folders = driven(tmp_path)
+    fleet = fleet_of(folders)
+    own = basis_of(read_result(folders[0])[1])
+    test = planned_tones(own, (17.0, 18.5), 0.3)
+    expected = predict(own, test, Request(20))
+    found = jbw.new_prediction(population(fleet, 1e-12), fleet, test, num_draws=20)
+    assert found.attrs["y_peak_fitted"] == expected.attrs["y_peak_fitted"]
+    for name in ("model_magnitude", "model_magnitude_3"):
+        np.testing.assert_allclose(found[name].values, expected[name].values, rtol=1e-8)
+    # What scatters between units widens the band of one of them.
+    wide = jbw.new_prediction(population(fleet, 0.05), fleet, test, num_draws=20)
+    assert np.all(
+        np.ptp(wide["model_magnitude"].values, axis=0)
+        > 0.01 * expected["model_magnitude"].values[1]
+    )
+
+
+def test_gains_are_those_of_the_measured_units(tmp_path):
+    fleet = fleet_of(driven(tmp_path / "two", gains=(14.0, 16.0)))
+    assert set(new_units(population(fleet, 1e-3), fleet)["gain"]) == {14.0, 16.0}
+    facts = {"held": json.dumps({"gain": 15.0})}
+    held = [a_run(tmp_path / name, inputs={"a": name}, attrs=facts)[0] for name in "AB"]
+    fleet = fleet_of(held)
+    assert set(new_units(population(fleet, 1e-3), fleet)["gain"]) == {15.0}
+    lacking = fleet_of([held[0], a_run(tmp_path / "C", inputs={"a": "C"})[0]])
+    found = population(lacking, 1e-3)
+    assert "gain" not in new_units(found, lacking)
+    test = planned_tones(basis_of(new_unit(found, lacking)), (18.0,), 0.1)
+    with pytest.raises(DataError, match="lacks gain") as caught:
+        jbw.new_prediction(found, lacking, test)
+    assert "State `gain`" in caught.value.remedy
+
+
+def test_noise_and_run_scatter_of_the_units_go_with_a_new_one(tmp_path):
+    folders = driven(tmp_path, scatter=[0.3, 2e-4])
+    fleet = fleet_of(folders)
+    for k, name in enumerate("AB"):
+        held = fleet[name].to_dataset()
+        held["noise"] = ("label", [1e-3 * (k + 1)])
+        fleet[name].dataset = held.assign_coords(label=np.array(["weak"], object))
+    basis = basis_of(new_unit(population(fleet, 1e-3), fleet))
+    assert basis.scatter == (0.3, 2e-4)
+    test = planned_tones(basis, (17.0, 18.5), 0.05)
+    found = predict(basis, test, Request(20))
+    # The mean of both units' tests alike, 1 and 2 mm/s; none of them is this one.
+    assert found.attrs["noise_std"] == pytest.approx(1.5e-3, rel=1e-12)
+    assert found.attrs["noise"] == "mean of the fitted tests of its kind"
+
+
+def test_the_folder_of_a_population_predicts_at_its_torque(tmp_path, capsys, monkeypatch):
+    fleet = fleet_of(driven(tmp_path))
+    folder = tmp_path / "population"
+    folder.mkdir()
+    tree = new_unit(population(fleet, 0.01), fleet)
+    tree.to_netcdf(folder / "population.nc", engine="h5netcdf")
+    (folder / "population.json").write_text(json.dumps({"new_unit": {"torque": 8.0}}))
+    asked = ["predict", str(folder), "--tone", "18", "--level", "0.05", "--draws", "20", "--json"]
+    assert run(asked) == 0
+    (row,) = json.loads(capsys.readouterr().out)["predictions"]
+    assert row["y_peak"]["0.005"] < row["y_peak"]["0.995"]
+    assert (folder / "predictions" / "predictions.nc").exists()
+    assert run(["predict", str(folder)]) == 2
+    assert "that of the unit to predict" in " ".join(capsys.readouterr().err.split())
+    assert require_same_torque(folder, 8.0) == 8.0
+    assert require_same_torque(tmp_path / "A", 12.0) is None  # a run is for its own joint
+    with pytest.raises(DataError, match=r"tightened to 12 N m, but .* units at 8 N m") as caught:
+        require_same_torque(folder, 12.0)
+    assert "jbw population FLEET --torque 12" in caught.value.remedy
+    (folder / "population.nc").write_text("cut by a crash")
+    assert run([*asked, "--out", str(tmp_path / "again")]) == 3
+    assert "cannot be read" in capsys.readouterr().out
