@@ -44,6 +44,8 @@ class Diagnosis(NamedTuple):
         masing: r of Masing's laws at that exponent.
         elastic: Share of the softening that Masing's laws do not explain, 1 - r / r_Masing.
         opening: gamma/delta of the Bouc-Wen law with that exponent.
+        spring: Smooth spring c y|y| of as much softening, c [1/(m s^2)].
+        damper: Smooth damper c v|v| of as much damping, c [1/m].
     """
 
     num_readings: int
@@ -56,6 +58,8 @@ class Diagnosis(NamedTuple):
     masing: tuple[float, float, float]
     elastic: tuple[float, float, float]
     opening: tuple[float, float, float]
+    spring: tuple[float, float, float]
+    damper: tuple[float, float, float]
 
 
 def readings_of(data: Dataset) -> AmplitudeCurve | None:
@@ -104,7 +108,20 @@ def _read(curve: AmplitudeCurve, y_max: float) -> Sequence[float]:
     ratio = added / softening if softening else np.inf
     integral = 0.5 * np.sqrt(np.pi) * np.exp(gammaln((q + 3) / 2) - gammaln(q / 2 + 2))
     opening = ratio * (q + 2) * integral / (q + 1)
-    return softening, q, added, p, ratio, masing, 1 - ratio / masing, opening
+    smooth = _smooth_pair(line(curve.omega, 1.0)[0], line(curve.zeta, 1.0)[0], y_max)
+    return softening, q, added, p, ratio, masing, 1 - ratio / masing, opening, *smooth
+
+
+def _smooth_pair(
+    omega: Float[np.ndarray, " two"], zeta: Float[np.ndarray, " two"], y_max: float
+) -> tuple[float, float]:
+    r"""Spring c y|y| and damper c v|v| of straight lines of frequency and damping in amplitude.
+
+    $$\frac{\Delta\omega}{\omega} = \frac{8}{3\pi} \frac{c Y}{2 \omega^2}, \qquad
+      \Delta\zeta = \frac{8}{3\pi} \frac{c' Y}{2}$$
+    """
+    factor = 0.5 * 8.0 / (3.0 * np.pi) * y_max
+    return float(omega[0] * omega[1] / factor), float(zeta[1] / factor)
 
 
 def masing_ratio(exponent: float) -> float:
@@ -121,9 +138,11 @@ def diagnosis_sentences(found: Diagnosis) -> list[str]:
         f"{_number(found.softening_exponent)} of the amplitude; the damping ratio grows by "
         f"{_percent(found.damping)}, by the power {_number(found.damping_exponent)}."
     )
-    low, _, high = found.softening
+    (low, _, high), p = found.softening, found.damping_exponent
     if low <= 0.0 <= high:
-        return [first, "No softening is seen that damping could be compared with."]
+        grows = found.damping[0] > 0.0
+        alike = "as by Dahl's law or a damper" if grows else "as of sliders that all stick"
+        return [first, f"No softening is seen that damping could be compared with, {alike}."]
     if high < 0.0:
         return [first, "The joint hardens: an elastic stiffness grows with amplitude."]
     said = (
@@ -137,7 +156,15 @@ def diagnosis_sentences(found: Diagnosis) -> list[str]:
         said += ": there is damping that does not soften."
     else:
         said += ": as sliders have it."
-    return [first, f"{said} For a Bouc-Wen law gamma/delta is {_number(found.opening)}."]
+    said += f" For a Bouc-Wen law gamma/delta is {_number(found.opening)}."
+    if not all(low <= 1.0 <= high for low, _, high in (found.softening_exponent, p)):
+        return [first, said]
+    return [
+        first,
+        said,
+        f"A smooth spring c y|y| of c = {_number(found.spring)} 1/(m s^2) and a damper c v|v| of "
+        f"c = {_number(found.damper)} 1/m do as much: such readings alone prove no hysteresis.",
+    ]
 
 
 def _number(band: tuple[float, float, float]) -> str:

@@ -284,7 +284,11 @@ def refit(
 
 
 def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Dataset:
-    """The dataset with so many solver steps that halving them would not matter to the fit."""
+    """The dataset with so many solver steps that halving them would not matter to the fit.
+
+    And with as much memory of loops within loops as the motion of the fit asks for.
+    """
+    data = dataset.remembering(best.theta, data)
     white = np.asarray(jax.random.normal(key, (NUM_DRAWS, len(best.theta))))
     draws = list(best.theta.values()) + white @ np.linalg.cholesky(best.covariance).T
     theta = inside(dict(zip(best.theta, draws.T, strict=True)), prior)

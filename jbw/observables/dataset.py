@@ -192,6 +192,14 @@ def halved(data: Dataset) -> Dataset | None:
     return replace(data, parts=tuple(part if fine is None else fine for part, fine in pairs))
 
 
+def remembering(theta: Mapping[str, float], data: Dataset) -> Dataset:
+    """The dataset with as much memory of the laws as the motion at a point asks for."""
+    everything = as_arrays(theta, data)
+    parts = tuple(part.remembering(everything) for part in data.parts)
+    same = all(new is old for new, old in zip(parts, data.parts, strict=True))
+    return data if same else replace(data, parts=parts)
+
+
 def largest_displacement(data: Dataset, omega_n: float) -> float:
     """Largest displacement that was measured [m]."""
     return max((part.y_peak(omega_n) for part in data.parts), default=0.0)

@@ -234,6 +234,10 @@ class Observable(eqx.Module):
         """The data with twice as many steps of the solver; None where nothing is stepped."""
         return None
 
+    def remembering(self, theta: Theta) -> "Observable":
+        """The data with as much memory of the laws as the motion at a point asks for."""
+        return self
+
     def statements(self, theta: Theta) -> list[str]:
         """What is to be said of the data at the optimum, a sentence each."""
         return []

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import equinox as eqx
 import jax
@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from jbw.errors import DataError
 from jbw.measurement.records import Record, Test, periods
+from jbw.observables import remembered
 from jbw.observables.line_fit import oscillator_through
 from jbw.observables.observable import OFFSETS, Laws, Rows, Theta, run_of
 from jbw.observables.repeated import Repeated
@@ -22,12 +23,12 @@ from jbw.observables.samples import (
     advance,
     in_band,
     lines_of,
-    motion_under,
     response_to,
     substeps_for,
     values_of,
 )
 from jbw.observables.spectra import Spectrum, of_lines, of_samples
+from jbw.oscillator.laws.reversals import SIZE
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
@@ -51,6 +52,7 @@ class Records(Repeated):
         periodic: Whether each record is one period of a steady motion.
         lines: First and end of the spectrum's lines that are compared; None compares the samples.
         skipped: Samples at the start that are followed from rest but not compared, `settle`.
+        depth: Reversals that laws of Masing's kind remember.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("sweep", "multisine")
@@ -67,6 +69,7 @@ class Records(Repeated):
     periodic: bool = eqx.field(static=True, default=False)
     lines: Lines | None = eqx.field(static=True, default=None)
     skipped: int = eqx.field(static=True, default=0)
+    depth: int = eqx.field(static=True, default=SIZE)
 
     @classmethod
     def reduce(
@@ -162,6 +165,12 @@ class Records(Repeated):
         """Unit of the measured response."""
         return UNIT_OF[self.response]
 
+    @property
+    def solving(self) -> dict[str, Any]:
+        """How the motion is found, as `motion_under` takes it."""
+        own = {"laws": self.laws, "substeps": self.substeps, "periodic": self.periodic}
+        return own | {"depth": self.depth}
+
     def predict(self, theta: Theta) -> Float[Array, "level compared"]:
         """Response of every level to its mean input, at its own origin where it has one."""
 
@@ -174,9 +183,7 @@ class Records(Repeated):
                 self.fs,
                 response=self.response,
                 residuals=self.residuals,
-                laws=self.laws,
-                substeps=self.substeps,
-                periodic=self.periodic,
+                **self.solving,
             )
             return motion[self.skipped :]
 
@@ -248,32 +255,24 @@ class Records(Repeated):
 
     def statements(self, theta: Theta) -> list[str]:
         """Where the motion comes back to reversals that a law has given up."""
-        if not any(law.stacks for law in oscillator_of(theta, self.laws).laws):
-            return []
-        counts = np.asarray(_guesses(theta, self))
-        return [
-            f"{label}: loops within loops are deeper than the law remembers; {int(count)} times "
-            "its force may have been a guess until a larger loop closed."
-            for label, count in zip(self.labels, counts, strict=True)
-            if count > 0
-        ]
+        return remembered.told(theta, self) if self._stacks(theta) else []
+
+    def remembering(self, theta: Theta) -> Self:
+        """The records with as much memory as their motion at a point asks for."""
+        return self.with_depth(remembered.room(theta, self)) if self._stacks(theta) else self
+
+    def with_depth(self, depth: int) -> Self:
+        """The records of laws that remember so many reversals."""
+        return self if depth == self.depth else replace(self, depth=depth)
+
+    def _stacks(self, theta: Theta) -> bool:
+        return any(law.stacks for law in oscillator_of(theta, self.laws).laws)
 
 
 def _loudest_hz(means: Float[np.ndarray, "level time"], fs: float) -> float:
     """Frequency at which the responses together have the most power [Hz]."""
     power = np.sum(np.abs(np.fft.rfft(means)) ** 2, axis=0)
     return float(np.fft.rfftfreq(means.shape[1], 1 / fs)[np.argmax(power)])
-
-
-@eqx.filter_jit
-def _guesses(theta: Theta, data: Records) -> Float[Array, " level"]:
-    """How often the force of each level may have been a guess."""
-
-    def one(source: Array) -> Array:
-        options = {"laws": data.laws, "substeps": data.substeps, "periodic": data.periodic}
-        return motion_under(theta, source, data.fs, **options).guesses
-
-    return jax.lax.map(one, data.source)
 
 
 @eqx.filter_jit

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 
 from jbw.errors import DataError
 from jbw.observables.residual_terms import added_response, taken
+from jbw.oscillator.deepening import with_depth
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.response import Response, simulate
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF
@@ -80,14 +81,16 @@ def motion_under(
     laws: tuple[str, ...] = DEFAULT_LAWS,
     substeps: int = 2,
     periodic: bool = False,
+    depth: int | None = None,
 ) -> Response:
     """Motion of the joint by eqs. (1), (2) under a measured input, from rest or steady.
 
     The input between its samples is the band-limited one that the sampling saw; theta has the
-    `gain` [N/kg per unit of the input] besides. `substeps` are those of the solver between samples.
+    `gain` [N/kg per unit of the input] besides. `substeps` are those of the solver between samples,
+    `depth` the reversals that laws of Masing's kind remember.
     """
     return simulate(
-        oscillator_of(theta, laws),
+        with_depth(oscillator_of(theta, laws), depth),
         theta["gain"] * source,
         fs,
         hold="band_limited",

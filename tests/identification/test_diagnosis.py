@@ -60,5 +60,29 @@ def test_bands_hold_the_truth_in_noise_and_the_words_follow_them():
     assert "hardens" in hard[1]
 
 
+def test_a_smooth_pair_is_told_where_straight_lines_are_seen():
+    """Equivalent stiffness 8 c Y / 3 pi of c y|y| and damping of c v|v|, of the textbooks."""
+    spring, damper, omega = -5e5, 0.9, 500.0
+    kappa = 8 * spring * Y / (3 * np.pi)
+    frequency = np.sqrt(omega**2 + kappa)
+    found = diagnose(AmplitudeCurve(Y, frequency, 0.003 + 8 / (3 * np.pi) * damper * Y / 2))
+    # First order in a softening of 0.1 %.
+    np.testing.assert_allclose(found.spring, spring, rtol=2e-3)
+    np.testing.assert_allclose(found.damper, damper, rtol=1e-3)
+    noisy = diagnosis_sentences(diagnose(readings(1.0, 0.245, noise=0.02)))
+    assert noisy[2].endswith("do as much: such readings alone prove no hysteresis.")
+    assert len(diagnosis_sentences(diagnose(readings(0.5, 0.245, noise=1e-3)))) == 2
+
+
+def test_damping_without_softening_is_told():
+    rng = np.random.default_rng(0)
+    still = 500.0 * (1 + 1e-6 * rng.normal(size=Y.size) / Y * Y[-1])
+    grows = diagnosis_sentences(diagnose(AmplitudeCurve(Y, still, 0.003 + 1e-3 * Y / Y[-1])))
+    assert grows[1].endswith("as by Dahl's law or a damper.")
+    noise = 1e-5 * rng.normal(size=Y.size)
+    stuck = diagnosis_sentences(diagnose(AmplitudeCurve(Y, still, 0.003 + noise)))
+    assert stuck[1].endswith("as of sliders that all stick.")
+
+
 def test_few_readings_say_nothing():
     assert diagnose(AmplitudeCurve(*(x[:4] for x in readings(1.0, 0.3)))) is None

@@ -155,21 +155,41 @@ def test_unlike_records_are_refused(tests):
         Records.of([test, Test("sweep", (other, other), "fast", 0.2)])
 
 
-def test_loops_deeper_than_a_law_remembers_are_told():
-    rng = np.random.default_rng(2)
-    own = {name: jnp.asarray(value) for name, value in {
-        "omega_n": 118.0, "zeta": 0.01, "gain": 15.0, "power_loss": 3000.0, "power_exponent": 0.3,
-    }.items()}  # fmt: skip
-    # Motion that grows closes every loop; in noise that dies loops lie in loops, till a push.
+SLIDING = {name: jnp.asarray(value) for name, value in {
+    "omega_n": 118.0, "zeta": 0.01, "gain": 15.0, "power_loss": 3000.0, "power_exponent": 0.3,
+}.items()}  # fmt: skip
+
+
+def dying():
+    """In noise that dies loops lie in loops, till a push."""
     t = np.arange(4096) / FS
-    ramps = np.exp(-t / 6) * np.sin(2 * np.pi * 2 * t) + 0.3 * rng.normal(size=t.size)
-    ramps[-64:] = 6.0
-    for u, told in ((np.exp(2 * t[:512]) * np.sin(2 * np.pi * 5 * t[:512]), 0), (ramps, 1)):
-        record = Record(FS, {"input": u, "velocity": 0.0 * u}, {"input": "V", "velocity": "m/s"})
-        test = Test("sweep", (record, record), name="sweep", level=0.1)
-        (data,) = Records.reduce([test], laws=("masing_power",), substeps=1)
-        said = data.statements(own)
+    noise = np.random.default_rng(2).normal(size=t.size)
+    u = np.exp(-t / 6) * np.sin(2 * np.pi * 2 * t) + 0.3 * noise
+    u[-64:] = 6.0
+    return u
+
+
+def under(u):
+    record = Record(FS, {"input": u, "velocity": 0.0 * u}, {"input": "V", "velocity": "m/s"})
+    return Test("sweep", (record, record), name="sweep", level=0.1)
+
+
+@pytest.mark.slow
+def test_records_remember_as_deep_as_their_motion_asks():
+    (data,) = Records.reduce([under(dying())], laws=("masing_power",), substeps=1)
+    deep = data.remembering(SLIDING)
+    assert deep.depth > data.depth
+    assert deep.statements(SLIDING) == []
+
+
+def test_loops_deeper_than_a_law_remembers_are_told():
+    # Motion that grows closes every loop.
+    t = np.arange(512) / FS
+    for u, told in ((np.exp(2 * t) * np.sin(2 * np.pi * 5 * t), 0), (dying(), 1)):
+        (data,) = Records.reduce([under(u)], laws=("masing_power",), substeps=1)
+        said = data.statements(SLIDING)
         assert len(said) == told
     assert said[0].startswith("sweep: loops within loops are deeper than the law remembers")
-    (data,) = Records.reduce([test])
+    (data,) = Records.reduce([under(dying())])
     assert data.statements(theta()) == []
+    assert data.remembering(theta()) is data

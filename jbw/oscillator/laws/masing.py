@@ -11,8 +11,7 @@ Reference:
     Masing (1926); Iwan (1966); Mayergoyz (1991) for the closures.
 """
 
-from dataclasses import replace
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -148,10 +147,6 @@ class Masing(Law):
     def guesses(self, memory: Branch) -> Scalar:
         """How often the motion came back to reversals that had been given up."""
         return Stack.of(memory.stack).missed
-
-    def deepened(self) -> Self:
-        """The same law with twice the depth."""
-        return replace(self, depth=2 * self.depth)
 
     # -- for derivatives ---------------------------------------------------------------------------
     @property

@@ -1,0 +1,44 @@
+"""Loops within loops of records: whether the laws remember enough of them, and more room if not."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from jbw.observables.samples import motion_under
+from jbw.oscillator.deepening import MOST
+from jbw.oscillator.laws.reversals import SIZE
+
+Records = Any  # with a source, which calls these functions
+
+
+@eqx.filter_jit
+def guesses(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
+    """How often the force of each level may have been a guess."""
+
+    def one(source: Array) -> Array:
+        return motion_under(theta, source, data.fs, **data.solving).guesses
+
+    return jax.lax.map(one, data.source)
+
+
+def room(theta: Mapping[str, Array], data: Records) -> int:
+    """Reversals that the motion at a point asks for, as powers of two of the usual number."""
+    depth = SIZE
+    while depth < MOST and np.any(np.asarray(guesses(theta, data.with_depth(depth))) > 0):
+        depth *= 2
+    return depth
+
+
+def told(theta: Mapping[str, Array], data: Records) -> list[str]:
+    """Where the motion comes back to reversals that a law has given up, in words."""
+    counts = np.asarray(guesses(theta, data))
+    return [
+        f"{label}: loops within loops are deeper than the law remembers; {int(count)} times "
+        "its force may have been a guess until a larger loop closed."
+        for label, count in zip(data.labels, counts, strict=True)
+        if count > 0
+    ]
