@@ -93,9 +93,10 @@ def residual_finding(
     worst = max(ratio, key=lambda label: np.nan_to_num(ratio[label], nan=np.inf))
     coloured = sum(not value < 1 for value in ratio.values())
     reason = (
-        f"{coloured} of {len(lag_one)} residuals are coloured. Most of all that of {worst}, where "
-        f"the fit leaves {error[worst]:.2g} with a lag-one correlation of {lag_one[worst]:.2f}, "
-        f"and the likelihood counts {counted[worst]:.2g} of the values."
+        f"In {coloured} of {len(lag_one)} tests the fit leaves more than noise, most of all in "
+        f"{worst}: {error[worst]:.2g} of its rms, in which neighbouring values are alike "
+        f"(correlation {lag_one[worst]:.2f}). So that intervals do not become too narrow, "
+        f"{counted[worst]:.2g} of its values are counted as independent."
     )
     action = f"The law misses something, or a second mode is in the band. {another_law(laws)}"
     return checked("coloured_residual", not coloured, reason, lag_one[worst], action)

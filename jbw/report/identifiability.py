@@ -143,7 +143,7 @@ def quantities_table(found: Row, known: Names) -> Table:
         shares("sd / value,\nby the fit", "relative"),
         digits("sd / prior's,\nby the fit", "ratio", 2),
         Column("contraction,\nby the draws", lambda row: percent(row["contraction"]), CONTRACTION),
-        Column("follows its box,\nin sds", partial(_shift, known=known), FOLLOWS),
+        Column("follows its bounds,\nin sds", partial(_shift, known=known), FOLLOWS),
         Column("99 % interval\nof the profile", _interval),
         note=f"The fit's numbers come from its derivatives and hold near it. {_waterfall(found)}",
     )

@@ -181,7 +181,7 @@ def routes_table(summary: Summary, known: Names) -> Table:
         mean("joint"),
         digits("joint: sd", "joint_sd", 2),
         digits("joint sd /\ncut sd", "sd_ratio", 2),
-        digits("cut less joint,\nin joint sds", "difference", place=1.0),
+        digits("cut less joint,\nover the joint's sd", "difference", place=1.0),
     )
 
 

@@ -5,6 +5,7 @@ import unicodedata
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from jbw.inference.thresholds import KNOWN, LEARNT, ROUGHLY
 from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, symbol
 
 STATUS_WORDS = {
@@ -19,8 +20,6 @@ SPELLED = {
     **{f"lambda_{n}": f"λ{digit}" for n, digit in enumerate("₀₁₂₃")},
     **{"ess_bulk": "bulk ESS", "ess_tail": "tail ESS", "r_hat": "R-hat"},
 }
-KNOWN, ROUGHLY = 0.05, 0.3  # standard deviation over mean: up to where a parameter is known
-LEARNT = 0.5  # nats over the prior: from where on the data have said something
 UNCOUNTED = "noise_std"
 GRADES = (
     "Known, with its standard deviation",

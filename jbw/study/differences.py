@@ -19,10 +19,11 @@ from jaxtyping import Float
 
 from jbw.errors import ConfigError
 from jbw.inference.posterior.summary import QUANTILES, evenly_spaced, scalars
+from jbw.inference.thresholds import LEARNT
 from jbw.quantities import OSCILLATOR, in_dialect
 from jbw.report.result import read_result, unit_of
 from jbw.report.text import number, typed
-from jbw.report.words import LEARNT, UNCOUNTED
+from jbw.report.words import UNCOUNTED
 from jbw.study.one_joint import are_two_modes, of_draws, ratios, sentence
 from jbw.verification.backbone import curves
 from jbw.verification.predicted import carry

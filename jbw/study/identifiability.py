@@ -21,16 +21,20 @@ from jbw.inference.fit.identifiability import (
     Sensitivity,
     box_sensitivity,
     contraction,
-    listed,
     sensitivity_statements,
 )
-from jbw.inference.fit.information import Information, information, statements
+from jbw.inference.fit.information import (
+    Information,
+    directions_sentence,
+    information,
+    statements,
+    ties,
+)
 from jbw.inference.fit.profiles import Profile, profile_statements, profiles
 from jbw.inference.space.box import Product, alone, require_float64, value_of
 from jbw.observables.dataset import stacked
 
 logger = logging.getLogger("jbw")
-NARROWED = 0.5  # of the prior's variance
 REACHED = 0.01  # of the best cost: a start that came so near found the optimum
 NOTHING = 0.05  # of cost: a difference of chi-square of 0.1 prefers neither
 Column = tuple[str | tuple[str, str], Any, str, str]  # dimensions, values, unit, meaning
@@ -153,9 +157,13 @@ def look_again(
     values = {each.name: value_of(each, draws) for each in looked_at}
     sensitivity = box_sensitivity(values, box)
     texts = {each.name: each.text for each in looked_at}
+    # Which parameters are known is said by the draws' own grades, not by the fit beside them.
     said = [
-        *before.statements,
-        _contraction_words(narrowed, texts),
+        *fitted.statements,
+        directions_sentence(before.information),
+        *ties(before.information, products),
+        *profile_statements(before.profiles),
+        _waterfall_words(fitted.fit.waterfall),
         *sensitivity_statements(sensitivity, texts),
     ]
     return replace(before, contraction=narrowed, sensitivity=sensitivity, statements=tuple(said))
@@ -177,14 +185,6 @@ def _waterfall_words(costs: NDArray[np.float64]) -> str:
             "may have been missed."
         )
     return f"{near} of {len(costs)} starts of the fit ended within 1 % of the lowest cost."
-
-
-def _contraction_words(narrowed: Mapping[str, float], texts: Mapping[str, str]) -> str:
-    shares = {texts[name]: max(value, 0.0) for name, value in narrowed.items() if value < NARROWED}
-    if not shares:
-        return "After sampling, every parameter has less than half of its prior variance left."
-    wide = listed([f"{text} ({share:.0%})" for text, share in shares.items()])
-    return f"After sampling, the data have taken less than half of the prior variance of {wide}."
 
 
 def as_group(found: Identifiability) -> xr.Dataset:

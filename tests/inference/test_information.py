@@ -182,9 +182,9 @@ def test_cutting_a_uniform_and_a_truncated_normal():
     assert (found["b"].box, found["b"].end) == ("b", "lower")
     assert found["c"].shift < 0.02  # nothing of it is cut; others' cuts move it by chance alone
     said = sensitivity_statements(found)[0]
-    assert "a (0.17 sd" in said
+    assert "a (by 0.17 of its standard deviation, the lower bound of a)" in said
     assert "c (" not in said
-    assert "No mean follows" in sensitivity_statements({"c": found["c"]})[0]
+    assert "No result hangs on where the prior ends" in sensitivity_statements({"c": found["c"]})[0]
 
 
 def test_a_narrow_posterior_follows_a_bound_only_if_it_leans_on_it():
@@ -204,7 +204,7 @@ def test_a_narrow_posterior_follows_a_bound_only_if_it_leans_on_it():
     [
         (0.03, 0.1, "Known: p to 3 % (one standard deviation)."),
         (0.3, 0.1, "Known roughly: p to 30 %."),
-        (3.0, 0.1, "Known roughly: p to 6 about 2."),  # as small as that, in a far wider box
+        (3.0, 0.1, "Hardly known: p to 6 about 2."),  # though far narrower than its box
         (0.6, 0.5, "Hardly known: p to 60 %."),
         (0.03, 0.9, "Not known beyond the prior: p."),
     ],

@@ -179,9 +179,9 @@ def _product_sentence(tree: xr.DataTree) -> str:
     product = (posterior["alpha"] * posterior["delta"]).values
     low, high = np.quantile(product, [0.005, 0.995])
     return (
-        f"The kernel determines lambda_3 and with it the product alpha*delta: {product.mean():.6g} "
-        f"1/(m s^2), 99 % interval [{low:.6g}, {high:.6g}]; alpha and delta apart come from the "
-        "box and from the error of the model (31)."
+        "Third harmonics tell lambda_3 and with it the product alpha*delta: "
+        f"{product.mean():.6g} 1/(m s^2), 99 % interval [{low:.6g}, {high:.6g}]. They do not tell "
+        "alpha and delta apart: use the product, or the joint posterior."
     )
 
 

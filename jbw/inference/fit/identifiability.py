@@ -240,13 +240,17 @@ def sensitivity_statements(
     called = texts or {}
     following = {n: each for n, each in found.items() if each.shift > FOLLOWS}
     if not following:
-        return ["No mean follows the box: a tenth less of it at either end moves none by 0.1 sd."]
+        return [
+            "No result hangs on where the prior ends: bounds a tenth closer would move no mean by "
+            "0.1 of its standard deviation."
+        ]
     moves = []
     for name, each in following.items():
         finite = math.isfinite(each.shift)
-        size = f"{each.shift:.2g} sd" if finite else "out of the rest of the box"
-        moves.append(f"{called.get(name, name)} ({size} by the {each.end} bound of {each.box})")
+        size = f"by {each.shift:.2g} of its standard deviation" if finite else "beyond the rest"
+        moves.append(f"{called.get(name, name)} ({size}, the {each.end} bound of {each.box})")
     return [
-        "A box narrower by a tenth moves the posterior mean of "
-        f"{listed(moves)}: there the box speaks as well as the data."
+        f"The prior's bounds are a part of the result of {listed(moves)}: so far would the mean "
+        "move, were they a tenth closer. State bounds that you can defend in [identify.prior], or "
+        "measure with more motion."
     ]

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from jbw.inference.fit.fitting import Fit, svd_of_all
 from jbw.inference.fit.identifiability import PRESENT, RESOLVED, UNLEARNT, combination, listed
 from jbw.inference.space.box import Box, Product, alone, gradient_of, log_prior_std, value_of
+from jbw.inference.thresholds import KNOWN, LEARNT, ROUGHLY
 
-CLOSE = 0.1  # of a value: what is known to less than that is known well
-HARDLY = (0.5, 0.3)  # of a value, and of the prior: what is known to no less than both
 SENSIBLE = 10.0  # an exponent beyond tells of boxes of unlike widths, and of no combination
 KINDS = {
     "known": "Known: {} (one standard deviation).",
@@ -122,29 +121,44 @@ def _direction(
 
 def statements(found: Information, products: Iterable[Product] = ()) -> list[str]:
     """What the data know of parameters and `products`, and what not, in words with numbers."""
-    learnt = sum(each.ratio < UNLEARNT for each in found.directions)
-    said = [
-        f"The data know {learnt} of the {len(found.directions)} directions of the parameters "
-        "better than the prior does."
-    ]
+    said = [directions_sentence(found)]
     rows = list(found.known.values())
     for kind, words in KINDS.items():
         of_kind = [row for row in rows if _kind(row) == kind]
         if of_kind:
             said.append(words.format(listed([_to(row) for row in of_kind])))
-    return said + [sentence for each in products for sentence in _tie(found.known, each)]
+    return [*said, *ties(found, products)]
+
+
+def directions_sentence(found: Information) -> str:
+    """How many directions of the parameters the data know better than the prior does."""
+    learnt = sum(each.ratio < UNLEARNT for each in found.directions)
+    return (
+        f"The data know {learnt} of the {len(found.directions)} directions of the parameters "
+        "better than the prior does."
+    )
+
+
+def ties(found: Information, products: Iterable[Product]) -> list[str]:
+    """Which products are known better than their factors."""
+    return [sentence for each in products for sentence in _tie(found.known, each)]
 
 
 def _kind(row: Known) -> str:
-    if row.ratio >= UNLEARNT:
+    """By the criterion that the report grades parameters by, after sampling."""
+    if _is_unlearnt(row):
         return "unknown"
-    if row.relative < CLOSE:
+    if row.relative <= KNOWN:
         return "known"
-    return "hardly" if row.relative > HARDLY[0] and row.ratio > HARDLY[1] else "roughly"
+    return "roughly" if row.relative <= ROUGHLY else "hardly"
+
+
+def _is_unlearnt(row: Known) -> bool:
+    return row.ratio > math.exp(-LEARNT)
 
 
 def _to(row: Known) -> str:
-    if row.ratio >= UNLEARNT:
+    if _is_unlearnt(row):
         return row.text
     if row.relative < 1:
         return f"{row.text} to {100 * row.relative:.2g} %"
@@ -155,7 +169,7 @@ def _tie(known: Mapping[str, Known], product: Product) -> list[str]:
     """That a product is known better than its factors, where it is."""
     own = known[product.name]
     factors = [known[name].relative for name in product.factors if name in known]
-    if own.ratio >= UNLEARNT or not factors or own.relative >= TOLD_APART * min(factors):
+    if _is_unlearnt(own) or not factors or own.relative >= TOLD_APART * min(factors):
         return []
     times = min(factors) / own.relative
     size = f"{times:.0f}" if times >= 10 else f"{times:.2g}"
