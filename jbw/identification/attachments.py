@@ -24,6 +24,7 @@ from jbw.quantities import FED
 Own = Float[np.ndarray, " own"]
 SHARE, SHARE_OF_RESPONSE = 0.3, 0.6  # of a change foretold: its standard deviation
 LEAST_OMEGA, LEAST_ZETA = 2e-4, 0.02  # of omega_n and of zeta: at least
+MOST_MODES = (1, 2, 3)  # in the band of the joint's own
 HEAVY = 0.03  # of the modal mass: an armature that changes the joint's share of the stiffness
 
 
@@ -59,10 +60,7 @@ def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observa
         if not readable or not beside:
             continue
         test = min(readable, key=lambda one: _rms(one.records[0].channels["input"]))
-        try:
-            reading = read_shaker(test)
-        except JbwError as error:
-            warnings.warn(f"The shaker is not read. {' '.join(str(error).split())}", stacklevel=2)
+        if (reading := _read(test)) is None:
             continue
         share = SHARE_OF_RESPONSE if _is_response(test.records[0]) else SHARE
         runs = [run for part in parts for run in part.runs]
@@ -72,6 +70,18 @@ def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observa
         words = _sentence(test, reading, mode, share)
         found.append(Foretold.of(mean, std, drive, run, words, laws=parts[0].laws))
     return found
+
+
+def _read(test: Test) -> ShakerReading | None:
+    """The shaker, with as few modes in the band as it is read with; warns where with none."""
+    said = ""
+    for modes in MOST_MODES:
+        try:
+            return read_shaker(test, modes)
+        except JbwError as error:
+            said = said or " ".join(str(error).split())
+    warnings.warn(f"The shaker is not read. {said}", stacklevel=3)
+    return None
 
 
 def _feeds(test: Test, drive: str) -> bool:

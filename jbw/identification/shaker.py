@@ -14,7 +14,7 @@ from jbw.measurement.transients import record_frf
 from jbw.oscillator.attachment import Attachment, attached
 
 ROLES = ("input", "force", "drive_point")
-WIDER = 0.5  # of the band's width to either side, for the attachment: mass apart from stiffness
+WIDER = 1.5  # of the band's width to either side: apart lie mass and stiffness, delay and damping
 DRIVEN = 0.05  # of the voltage's largest line: what lies below was not driven
 
 
@@ -36,8 +36,8 @@ def tells_shaker(test: Test) -> bool:
 def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
     """The attachment from a test's first record, and the `modes` of its band with it.
 
-    The test's band is that of the modes; the attachment takes half as much more to either side,
-    where the voltage drives it. A record counts from `settle` on.
+    The test's band is that of the modes; the attachment takes three halves of it more to either
+    side, where the voltage drives it. A record counts from `settle` on.
 
     Raises:
         DataError: No band, a `settle` that leaves no record, or modes at which the drive point does
@@ -94,7 +94,7 @@ def _modes(
 def _driven(
     voltage: Float[np.ndarray, " time"], fs: float, band: tuple[float, float]
 ) -> tuple[float, float]:
-    """The band and half of its width to either side, as far as the voltage drives it."""
+    """The band and three halves of its width to either side, as far as the voltage drives it."""
     reach = WIDER * (band[1] - band[0])
     freq = np.fft.rfftfreq(len(voltage), 1 / fs)
     size = np.abs(np.fft.rfft(voltage - voltage.mean()))  # an amplifier's offset drives nothing

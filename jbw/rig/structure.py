@@ -1,0 +1,178 @@
+r"""Several modes of a structure with one joint, and the armature of the shaker that drives it.
+
+$$\ddot q = \phi_d F - 2 Z \Omega \dot q - \Omega^2 q - \phi_J (f - K x), \qquad x = \phi_J^T q$$
+
+$$F = g V - (m_a \ddot x_d + c_a \dot x_d + k_a x_d), \qquad x_d = \phi_d^T q$$
+
+in mass-normalised shapes phi of the sticking joint, with the rig's own force f of the joint [N] and
+its stiffness K at rest. Nothing here is shared with the identification: the motion is integrated
+as that of one mode is (`jbw.rig.integrator`), and not by the modes' exact propagators.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float
+from numpy.typing import NDArray
+
+from jbw.errors import ModelError
+from jbw.oscillator.law import Law
+from jbw.rig.forces import Force
+from jbw.rig.integrator import BLOCK, GRID, SUBSTEPS, Specimen, State, doubles, runge_kutta
+from jbw.units import powers_of
+
+Modal = Float[np.ndarray, " mode"]
+
+
+class Shapes(NamedTuple):
+    """Modes of the sticking joint, and what a unit of each moves [1/sqrt(kg)]."""
+
+    omega: Modal  # natural frequencies [rad/s]
+    zeta: Modal  # damping ratios [-]
+    drive: Modal  # where the shaker pushes
+    joint: Modal  # the joint's relative displacement
+    output: Modal  # where the response is measured
+
+
+class Armature(NamedTuple):
+    """A shaker: its gain, and what it ties to the structure where it pushes."""
+
+    gain: float = 1.0  # force with the armature held [N/V]; 1 where the source is the force
+    mass: float = 0.0  # [kg]
+    damping: float = 0.0  # back-EMF included [N s/m]
+    stiffness: float = 0.0  # [N/m]
+
+
+class Assembled(NamedTuple):
+    """A structure with its joint and its shaker."""
+
+    shapes: Shapes
+    joint: tuple[Force, ...]  # forces [N], of a displacement [m]
+    armature: Armature = Armature()
+
+    @property
+    def specimen(self) -> Specimen:
+        """The joint alone, with the memory of its forces; k is less its stiffness."""
+        return Specimen(0.0, 0.0, self.joint)
+
+    def at_rest(self) -> State:
+        """State (x, q, q', parts) before any motion."""
+        none = jnp.zeros_like(jnp.asarray(self.shapes.omega, float))
+        return jnp.zeros(()), none, none, self.specimen.at_rest()
+
+    def state_rate(self, state: State, source: Any) -> State:
+        """Rate of the state under a source [V, or N]."""
+        x, q, rate, parts = state
+        shapes, shaker, joint = self.shapes, self.armature, self.specimen
+        v = shapes.joint @ rate
+        held = shaker.damping * (shapes.drive @ rate) + shaker.stiffness * (shapes.drive @ q)
+        bare = shapes.drive * (shaker.gain * source - held)
+        bare -= 2 * shapes.zeta * shapes.omega * rate + shapes.omega**2 * q
+        bare -= shapes.joint * (joint.joint_force(x, v, parts) + joint.k * x)
+        # The armature's mass by Sherman and Morrison.
+        share = shaker.mass / (1 + shaker.mass * (shapes.drive @ shapes.drive))
+        return v, rate, bare - share * shapes.drive * (shapes.drive @ bare), joint.rates(v, parts)
+
+
+class Motion(NamedTuple):
+    """What moves, at the samples."""
+
+    displacement: Float[np.ndarray, " time"]  # of the output [m]
+    velocity: Float[np.ndarray, " time"]  # of the output [m/s]
+    acceleration: Float[np.ndarray, " time"]  # of the output [m/s^2]
+    drive_point: Float[np.ndarray, " time"]  # acceleration where the shaker pushes [m/s^2]
+    force: Float[np.ndarray, " time"]  # between shaker and structure [N]
+    joint: Float[np.ndarray, " time"]  # relative displacement of the joint [m]
+
+
+def move(
+    structure: Assembled,
+    source: Callable[[int, int], NDArray[np.float64]],
+    num_samples: int,
+    fs: float,
+) -> Motion:
+    """Motion from rest under a source [V, or N] at points i .. j - 1, `GRID` a sample."""
+    if not jax.config.jax_enable_x64:
+        raise ModelError(
+            "The rig must be simulated in float64, but JAX works in float32.",
+            remedy="Call jbw.enable_x64() before any array is made.",
+        )
+    own = doubles(structure)
+    state: State = own.at_rest()
+    blocks = []
+    size = min(BLOCK, 1 << (num_samples - 1).bit_length())  # few compilations for short records
+    for first in range(0, num_samples, size):
+        u = source(first * GRID, (first + size) * GRID + 1)
+        state, block = _advance(own, state, u, 1.0 / (fs * SUBSTEPS))
+        blocks.append([np.asarray(x) for x in block])
+    x, q, rate, change = (
+        np.concatenate(parts)[:num_samples] for parts in zip(*blocks, strict=True)
+    )
+    if not np.isfinite(q).all():
+        raise ModelError("The response of the structure must stay finite, but it is not.")
+    played = np.concatenate([source(i, i + 1) for i in range(0, num_samples * GRID, GRID)])
+    shapes, shaker = structure.shapes, structure.armature
+    tied = (shaker.stiffness * q + shaker.damping * rate + shaker.mass * change) @ shapes.drive
+    outputs = (each @ shapes.output for each in (q, rate, change))
+    return Motion(*outputs, change @ shapes.drive, shaker.gain * played - tied, x)
+
+
+@jax.jit
+def _advance(
+    structure: Assembled, state: State, u: Float[Array, " grid"], h: float
+) -> tuple[State, tuple[Array, ...]]:
+    """Runs one block; returns its final state, and x, q, q' and q'' at the start of each sample."""
+    settle = structure.specimen.settle
+
+    def substep(i: Array, carry: tuple[Array, State]) -> tuple[Array, State]:
+        start, now = carry
+        at = start + 2 * i
+        inputs = (u[at], u[at + 1], u[at + 2])
+        return start, runge_kutta(structure.state_rate, settle, now, inputs, h)
+
+    def sample(now: State, n: Array) -> tuple[State, tuple[Array, ...]]:
+        _, after = lax.fori_loop(0, SUBSTEPS, substep, (GRID * n, now))
+        change = structure.state_rate(now, u[GRID * n])[2]
+        return after, (*now[:3], change)
+
+    return lax.scan(sample, state, jnp.arange(u.shape[0] // GRID))
+
+
+def modal_truth(shapes: Shapes, mode: int = 0) -> dict[str, Modal]:
+    r"""What an identification finds of the modes, in units of what one of them does to the joint.
+
+    $$b_i = \phi_{d,i}\,\phi_{r,i}, \qquad
+      h_i = \frac{\phi_{J,i}/\phi_{r,i}}{\phi_{J,1}/\phi_{r,1}}, \qquad
+      p_i = \frac{\phi_{J,i}\,\phi_{r,i}}{\phi_{J,1}\,\phi_{r,1}}$$
+
+    with c_i = 1 at the output r, per newton of the source.
+    """
+    across, along = shapes.joint / shapes.output, shapes.joint * shapes.output
+    found = {"omega_n": shapes.omega, "zeta": shapes.zeta}
+    found |= {"h": across / across[mode], "p": along / along[mode]}
+    return found | {"b": shapes.drive * shapes.output, "c": np.ones_like(across)}
+
+
+def law_of_mode(law: Law, shapes: Shapes, mode: int = 0) -> dict[str, float]:
+    r"""Parameters of a law across the joint as those of one mode's oscillator, where output is y.
+
+    $$x = s\,y, \qquad s = \phi_J/\phi_r, \qquad \text{force per unit mass}\ \phi_J \phi_r f$$
+
+    so that what is per length takes s, a length 1/s, and a stiffness phi_J^2 beside.
+    """
+    push, stretch = float(shapes.joint[mode]), float(shapes.joint[mode] / shapes.output[mode])
+    if push == 0:
+        raise ModelError(f"Mode {mode} must move the joint, but its shape there is 0.")
+    own = {name: float(value) for name, value in law.parameters().items()}
+    powers = {quantity.name: powers_of(quantity.unit) for quantity in law.table}
+    return {name: x * _factor(powers[name], push, abs(stretch)) for name, x in own.items()}
+
+
+def _factor(powers: Mapping[str, int], push: float, stretch: float) -> float:
+    """Of a parameter whose unit has these powers, of which s^-2 marks a stiffness."""
+    stiff = push**2 if powers.get("s") == -2 else 1.0
+    return stiff * stretch ** -powers.get("m", 0)
