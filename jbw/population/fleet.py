@@ -191,7 +191,7 @@ def _tree(units: Sequence[Unit], stated: Sequence[Covariates]) -> xr.DataTree:
 
 
 def _group(unit: Unit, logs: Any) -> xr.Dataset:
-    variables = {"draws": (("draw", "parameter"), logs)}
+    variables: dict[str, Any] = {"draws": (("draw", "parameter"), logs)}
     coords = {}
     if unit.gain is not None:
         variables[GAIN] = ("draw", unit.gain)

@@ -117,8 +117,9 @@ def move(
     played = np.concatenate([source(i, i + 1) for i in range(0, num_samples * GRID, GRID)])
     shapes, shaker = structure.shapes, structure.armature
     tied = (shaker.stiffness * q + shaker.damping * rate + shaker.mass * change) @ shapes.drive
-    outputs = (each @ shapes.output for each in (q, rate, change))
-    return Motion(*outputs, change @ shapes.drive, shaker.gain * played - tied, x)
+    force = shaker.gain * played - tied
+    y, v, a = (each @ shapes.output for each in (q, rate, change))
+    return Motion(y, v, a, change @ shapes.drive, force, x)
 
 
 @jax.jit

@@ -6,12 +6,14 @@ and draw everything again. That holds while the joint has not changed: `jbw watc
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from jbw.campaign.load import Campaign, force_per_unit
+from jbw.campaign.gains import force_per_unit
+from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError, DataError
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.joint import law_variables
@@ -73,7 +75,7 @@ def updated(
     draws = np.stack([v.values.ravel()[rows] for v in sampled.values()], axis=-1)
     bounds = np.array([[v.attrs["lower"], v.attrs["upper"]] for v in sampled.values()])
     names = tuple(sampled)
-    terms = study.posterior["log_likelihood"]["terms"].values
+    terms = study.posterior["log_likelihood"].to_dataset()["terms"].values
     own = terms.reshape(-1, terms.shape[-1])[rows].sum(axis=1)
     now = particles_of(draws, _density_of(data, names, bounds))
     _require_same(now.log_density - own)
@@ -94,7 +96,7 @@ def _fitted(campaign: Campaign, sampled: Mapping[str, xr.DataArray]) -> tuple[Da
     seen = measured(tests, campaign.settings, laws=campaign.laws, gain=gain)
     data = assemble(seen)
     (part, *others) = data.parts
-    if seen.decays is None or others or part.kinds != Decays.kinds:
+    if seen.decays is None or others or not isinstance(part, Decays):
         raise DataError(
             "The run was fitted to other tests than free decays.",
             why="Their part of the posterior is not carried from record to record.",
@@ -111,7 +113,7 @@ def _fitted(campaign: Campaign, sampled: Mapping[str, xr.DataArray]) -> tuple[Da
 
 def _with_records(data: Dataset, test: Test, records: Sequence[Record]) -> Dataset:
     """The dataset of a run with further records of its kind."""
-    (part,) = data.parts
+    part: Any = data.parts[0]
     for record in records:
         if test.records[0].response not in record.channels or record.fs != test.records[0].fs:
             raise DataError(
