@@ -55,7 +55,7 @@ def take_in(rng: np.random.Generator, before: Particles, log_density: LogDensity
     """Particles with one record more; `log_density` is that of the posterior with it in [nats]."""
     density = log_density(before.x)
     log_weight = before.log_weight + density - before.log_density
-    evidence = float(logsumexp(log_weight))
+    evidence = float(np.asarray(logsumexp(log_weight)))
     log_weight = log_weight - evidence
     weight = np.exp(log_weight)
     kish = float(1 / np.sum(weight**2) / len(weight))

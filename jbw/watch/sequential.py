@@ -6,7 +6,6 @@ and draw everything again. That holds while the joint has not changed: `jbw watc
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -70,18 +69,18 @@ def updated(
         )
     posterior = study.posterior["posterior"].to_dataset()
     sampled = {str(n): v for n, v in posterior.data_vars.items() if "lower" in v.attrs}
-    data, test = _fitted(study.campaign, sampled)
+    data, part, test = _fitted(study.campaign, sampled)
     rows = evenly_spaced(posterior, num_particles)
     draws = np.stack([v.values.ravel()[rows] for v in sampled.values()], axis=-1)
     bounds = np.array([[v.attrs["lower"], v.attrs["upper"]] for v in sampled.values()])
     names = tuple(sampled)
-    terms = study.posterior["log_likelihood"].to_dataset()["terms"].values
+    terms = np.asarray(study.posterior["log_likelihood"].to_dataset()["terms"].values)
     own = terms.reshape(-1, terms.shape[-1])[rows].sum(axis=1)
     now = particles_of(draws, _density_of(data, names, bounds))
     _require_same(now.log_density - own)
     rng, taken = np.random.default_rng(seed), []
     for i, record in enumerate(records):
-        data = _with_records(data, test, records[: i + 1])
+        data = replace(data, parts=(_with_records(part, test, records[: i + 1]),))
         taken.append(take_in(rng, now, _density_of(data, names, bounds)))
         now = taken[-1].particles
         moved = "" if taken[-1].accepted is None else ", moved since"
@@ -89,47 +88,50 @@ def updated(
     return _tree(dict(zip(names, evenly(rng, now).x.T, strict=True)), sampled, data, taken, records)
 
 
-def _fitted(campaign: Campaign, sampled: Mapping[str, xr.DataArray]) -> tuple[Dataset, Test]:
-    """What a run was fitted to, weighed as it was, and the test of its free decays."""
+def _fitted(
+    campaign: Campaign, sampled: Mapping[str, xr.DataArray]
+) -> tuple[Dataset, Decays, Test]:
+    """What a run was fitted to, its only part, weighed as it was, and the test of its records."""
     gain = force_per_unit(campaign)
     tests, _ = usable(campaign.tests, campaign.settings, gain)
     seen = measured(tests, campaign.settings, laws=campaign.laws, gain=gain)
     data = assemble(seen)
-    (part, *others) = data.parts
-    if seen.decays is None or others or not isinstance(part, Decays):
+    if seen.decays is None or [part.kinds for part in data.parts] != [Decays.kinds]:
         raise DataError(
             "The run was fitted to other tests than free decays.",
             why="Their part of the posterior is not carried from record to record.",
             remedy="Identify the joint anew with the further records in its campaign.",
         )
+    test = seen.decays.fitted
+    part = Decays.of(test, laws=data.laws, substeps=campaign.settings.substeps)
     if campaign.settings.model_error != "none":
         middle = {name: float(np.median(values)) for name, values in sampled.items()}
         left = np.asarray(matched(dataset.as_arrays(middle, data), part).residual)
         rows = dict(zip(part.labels, left, strict=True))
         fractions = part.effective_fractions(rows, [], np.zeros((0, 0)))
-        data = dataset.with_effective_values(fractions, data)
-    return data, seen.decays.fitted
+        part = part.with_effective_values(fractions)
+    return replace(data, parts=(part,)), part, test
 
 
-def _with_records(data: Dataset, test: Test, records: Sequence[Record]) -> Dataset:
-    """The dataset of a run with further records of its kind."""
-    part: Any = data.parts[0]
+def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays:
+    """The decays of a run with further records of their kind."""
+    response, fs = test.records[0].response, test.records[0].fs
     for record in records:
-        if test.records[0].response not in record.channels or record.fs != test.records[0].fs:
+        if response not in record.channels or record.fs != fs:
             raise DataError(
                 f"`{record.name}` has not the channel or the rate of the run's records: "
-                f"{test.records[0].response} at {test.records[0].fs:g} Hz.",
+                f"{response} at {fs:g} Hz.",
                 remedy="Give records that were measured as those of the run were.",
             )
     every = replace(test, records=(*test.records, *records))
-    longer = Decays.of(every, laws=data.laws, substeps=part.substeps)
+    longer = Decays.of(every, laws=part.laws, substeps=part.substeps)
     if longer.envelope.shape[1] < part.envelope.shape[1]:
         raise DataError(
             f"`{records[-1].name}` is shorter than the records of the run.",
             why="All of them are compared over one duration.",
             remedy="Record as long, or identify the joint anew.",
         )
-    return replace(data, parts=(replace(longer, fraction=part.fraction),))
+    return replace(longer, fraction=part.fraction)
 
 
 def _density_of(
