@@ -10,11 +10,14 @@ from dataclasses import replace
 import numpy as np
 
 from jbw.inference.fit.costly_fit import costly_fit
-from jbw.inference.space.box import Box, bounds_about, box
+from jbw.inference.space.box import bounds_about, box
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
+from jbw.observables.drives import plain, used_by
+from jbw.quantities import LINEAR
 
-REACH = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
+PLAIN = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
+REACH = {one.name: PLAIN[plain(one.name)] for one in LINEAR}
 CLOSE = {"max_evaluations": 40, "tolerance": 1e-6}  # an error of two digits needs no more
 
 
@@ -30,7 +33,7 @@ def scatter_of_means(data: Dataset) -> float | None:
 def own_lines(data: Dataset, known: Mapping[str, float]) -> dict[str, float]:
     """Error over the response of a line fitted to each run alone, by run; empty where none can be.
 
-    `known` are omega_n, zeta and the gain of a joint, from which the fits start.
+    `known` are omega_n, zeta and the gain of a joint, of every drive, from which the fits start.
     """
     even = [part.evenly() for part in data.parts]
     parts = [replace(part, laws=()) for part in even if part is not None]
@@ -41,12 +44,18 @@ def own_lines(data: Dataset, known: Mapping[str, float]) -> dict[str, float]:
     held = {name: float(value) for name, value in data.held.items() if name in REACH}
     linear = Dataset.of(parts, held)
     runs = tuple(dict.fromkeys(linear.runs))
-    return {run: _own_line(run, runs, linear, box(within), known) for run in runs}
+    return {run: _own_line(run, runs, linear, within, known) for run in runs}
 
 
 def _own_line(
-    run: str, runs: Sequence[str], data: Dataset, within: Box, known: Mapping[str, float]
+    run: str,
+    runs: Sequence[str],
+    data: Dataset,
+    bounds: Mapping[str, tuple[float, float]],
+    known: Mapping[str, float],
 ) -> float:
+    used = used_by([part for part in data.parts if run in part.runs], bounds)
+    within = box({name: bounds[name] for name in bounds if name in used})
     alone = data
     for other in runs:
         alone = alone if other == run else dataset.without(other, alone)

@@ -10,10 +10,10 @@ drive its name behind theirs, as `omega_n_voltage`. Offsets of runs are added to
 of one drive has the plain names, whatever it is.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from jbw.observables.observable import Observable
-from jbw.quantities import ATTACHED, FED, OSCILLATOR
+from jbw.quantities import ATTACHED, FED, LINEAR, OSCILLATOR
 
 NAMES = tuple(quantity.name for quantity in OSCILLATOR)
 PLAIN = {quantity.name: plain for quantity, plain in zip(ATTACHED, NAMES * len(FED), strict=True)}
@@ -51,6 +51,16 @@ def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
     """Parts that take the parameters of a drive with its own names, or, of "", the plain ones."""
     others = attached(parts)
     return [part for part in parts if (part.drive if part.drive in others else "") == drive]
+
+
+def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
+    """Names among `known` of omega_n, zeta and gain as parts take them, those of `LINEAR` in order.
+
+    Where a drive has none of its own there, it takes the plain ones.
+    """
+    used = {own if (own := named(name, part.drive)) in known else name
+            for name in NAMES for part in parts}  # fmt: skip
+    return [one.name for one in LINEAR if one.name in used and one.name in known]
 
 
 def told_by(parts: Sequence[Observable]) -> dict[str, float]:

@@ -17,7 +17,7 @@ from jbw.observables.dataset import (
     stacked,
     with_directions,
 )
-from jbw.observables.drives import named, of_drive, plain
+from jbw.observables.drives import of_drive, plain, used_by
 from jbw.observables.loops import Loops
 from jbw.observables.observable import OFFSETS, Observable
 from jbw.observables.residual_terms import bounds, neighbours_of
@@ -102,9 +102,7 @@ def _fitted(
     joint: Dataset,
 ) -> Reference:
     """The oscillator of one kind with the least relative error, by run where the joint is so."""
-    used = {name if (own := named(name, part.drive)) not in known else own
-            for name in PLAIN for part in parts}  # fmt: skip
-    free = [name for name in REACH if name not in held and name in known and name in used]
+    free = [name for name in used_by(parts, known) if name not in held]
     within = {name: bounds_about(known[name], *REACH[name]) for name in free}
     terms = bounds(known["omega_n"], neighbours_of(known))
     within |= {name: terms[name] for name in terms if name in known}
