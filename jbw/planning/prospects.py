@@ -1,8 +1,9 @@
 """What each joint would do in a candidate test: its information, its peak displacement."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from time import perf_counter
 
 import equinox as eqx
 import jax
@@ -25,6 +26,7 @@ from jbw.planning.plan import Candidate, Noise, Sweep, Tones
 # A test as the identification would reduce it, and 1 for each of its values that is measured.
 Design = tuple[Dataset, Float[Array, " value"]]
 SUBSTEPS = 1  # the exact step at the samples: derivatives to a few parts in a thousand
+MINUTE = 60.0
 NUM_PHASES = 256  # of a period, where its peak is looked for
 
 
@@ -54,11 +56,41 @@ def prospects(
     # compiled anew; what fills them up is not counted.
     sweeps = [one for one in candidates if isinstance(one, Sweep)]
     longest = max((one.num_samples for one in sweeps), default=0)
+    report("Timing the first candidate of each form")
+    report(cost_sentence(candidates, _seconds_each(candidates, beliefs, noise, longest), beliefs))
     found = []
     for i, candidate in enumerate(candidates):
         report(f"{i + 1}/{len(candidates)} {candidate}, input {candidate.level:g}")
         found.append(_prospect(candidate, beliefs, noise, longest))
     return tuple(found)
+
+
+def _seconds_each(
+    candidates: Sequence[Candidate], beliefs: Beliefs, noise: Noise, longest: int
+) -> dict[type, float]:
+    """Time that one joint takes in the first candidate of each form, once compiled [s]."""
+    alone = replace(
+        beliefs, scale=beliefs.scale[:1], joints={n: v[:1] for n, v in beliefs.joints.items()}
+    )
+    found = {}
+    for first in {type(one): one for one in reversed(candidates)}.values():
+        _prospect(first, alone, noise, longest)
+        began = perf_counter()
+        _prospect(first, alone, noise, longest)
+        found[type(first)] = perf_counter() - began
+    return found
+
+
+def cost_sentence(
+    candidates: Sequence[Candidate], each: Mapping[type, float], beliefs: Beliefs
+) -> str:
+    """What a plan costs: the time of the first candidate of each form times their number."""
+    seconds = beliefs.num_joints * sum(each[type(one)] for one in candidates)
+    told = f"{seconds:.2g} s" if seconds < 2 * MINUTE else f"{seconds / MINUTE:.2g} minutes"
+    return (
+        f"{len(candidates)} candidates at {beliefs.num_joints} joints: about {told} by the first, "
+        "once compiled; fewer candidates or `joints` in [plan] take less"
+    )
 
 
 def _prospect(candidate: Candidate, beliefs: Beliefs, noise: Noise, longest: int) -> Prospect:

@@ -178,6 +178,8 @@ def _row(name: str, test: Test, each: Sequence[Reading]) -> dict[str, Any]:
         "kind": test.kind,
         "level": None if np.isnan(test.level) else test.level,
         "records": len(test.records),
+        "run": test.run or None,
+        "assembly": test.assembly or None,
         **{key: _finite(np.mean(values)) for key, values in columns.items()},
         "y_max": float(columns["y"].max()),
         "frequency_sd": float(np.std(columns["frequency_hz"], ddof=1)) if scatter else None,

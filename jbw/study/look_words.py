@@ -13,6 +13,7 @@ from jbw.observables.observable import AmplitudeCurve
 Values = Float[np.ndarray, " reading"]
 # Of the frequency, and of the damping at rest: below, leakage and noise may make it.
 LEAST_CHANGE = (1e-4, 0.03)
+SURE = 3.0  # standard deviations from where on a change is none of chance
 CLEAR = 0.2  # of half width and of damping: no noise that leaves a resonance to be read does it
 
 
@@ -20,6 +21,9 @@ def statements(record: Mapping[str, Any], found: Mapping[str, list[Reading]]) ->
     """Whether the structure is linear over the levels, and how frequency and damping change."""
     each = sorted((one for test in found.values() for one in test), key=lambda one: one.y)
     said = [nonlinear(each)] if each else []
+    if said and said[0].startswith("Nonlinear: yes"):
+        said += onset(record["tests"], each)
+    said += days(record["tests"])
     told = [row for row in record["tests"] if row["coherence"] is not None]
     if len(told) > 1:
         ends = (f"{row['coherence']:.3f} ({row['test']})" for row in (told[0], told[-1]))
@@ -82,3 +86,60 @@ def _between_ends(frequency: Values, damping: Values, reach: str) -> str:
         f"{abs(shift) / half_width:.2g} of the resonance's half width, and the damping ratio goes "
         f"from {100 * damping[0]:.2g} to {100 * damping[-1]:.2g} %."
     )
+
+
+def onset(rows: Sequence[Mapping[str, Any]], each: Sequence[Reading]) -> list[str]:
+    """From which motion on the frequency differs from that of the weakest, as records scatter."""
+    known = [row for row in rows if row["frequency_sd"]]
+    if len(known) > 1:
+        y, frequency = (np.array([row[key] for row in known]) for key in ("y", "frequency_hz"))
+        sd = frequency * _pooled([row["frequency_sd"] / row["frequency_hz"] for row in known])
+        names = [f" ({row['test']})" for row in known]
+    elif len(each) > 3:
+        y, frequency = (
+            np.array([getattr(one, key) for one in each]) for key in Reading._fields[:2]
+        )
+        # Of neighbours that a curve joins, what the second differences leave.
+        sd = np.full(len(y), np.std(np.diff(frequency, 2)) / np.sqrt(6.0))
+        names = [""] * len(y)
+    else:
+        return []
+    least = np.maximum(SURE * np.hypot(sd, sd[0]), LEAST_CHANGE[0] * frequency[0])
+    shifted = np.abs(frequency - frequency[0]) > least
+    if not shifted[-1]:
+        return []
+    first = len(y) - int(np.argmin(np.append(shifted[::-1], False)))
+    where = f"{1e3 * y[first]:.2g} mm{names[first]}"
+    return [
+        f"The change of the frequency is seen from {where} on, beyond {SURE:g} standard deviations "
+        "of a reading; below, the structure may be taken as linear."
+    ]
+
+
+def days(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Scatter of records within a day against that between days, or assemblies, of one level."""
+    groups: dict[tuple[Any, ...], dict[tuple[Any, ...], list[Mapping[str, Any]]]] = {}
+    for row in rows:
+        day = row["assembly"], row["run"]
+        if any(day):
+            own = groups.setdefault((row["kind"], row["level"]), {})
+            own.setdefault(day, []).append(row)
+    apart = [list(group.values()) for group in groups.values() if len(group) > 1]
+    within = [row for group in apart for each in group for row in each if row["frequency_sd"]]
+    if not within:
+        return []
+    count = max(map(len, apart))
+    parts = []
+    for name, key in (("frequency", "frequency_hz"), ("damping", "damping")):
+        record = _pooled([row[f"{name}_sd"] / row[key] for row in within])
+        means = [[np.mean([row[key] for row in each]) for each in group] for group in apart]
+        day = _pooled([float(np.std(one, ddof=1) / np.mean(one)) for one in means])
+        parts.append(f"{name} {100 * record:.2g} % within and {100 * day:.2g} % between")
+    return [
+        f"Scatter of records within a day against that of {count} days or assemblies at one level: "
+        f"{'; '.join(parts)}."
+    ]
+
+
+def _pooled(parts: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(parts))))

@@ -14,6 +14,7 @@ from jbw.observables.decay import Decays, decay_of
 from jbw.observables.decay_envelopes import Entry, envelopes, filter_of, follow, match
 from jbw.quantities import UNIT_OF, derivative_order, in_dialect
 from jbw.verification.bands import QUANTILE_AXIS, band, error, half_width, within
+from jbw.verification.places import repeats_named
 from jbw.verification.predicted import ALIKE, NOT_KNOWN, Noise, Predicted, Source
 
 SEEN = 0.5  # s of a held-out record from which its initial state is read
@@ -41,7 +42,8 @@ def predict_decay(source: Source, test: Test) -> Predicted:
     counts = [one.attrs["num_values"] for one in found]
     far = xr.DataArray([one.attrs["nrmse"] for one in found], dims="record", attrs={"units": "1"})
     joined = xr.concat(found, "record", join="outer", combine_attrs="drop_conflicts")
-    dataset = joined.assign(nrmse_of_record=far).assign_attrs(
+    dataset = joined.assign(nrmse_of_record=far).assign_coords(record=repeats_named(test.records))
+    dataset = dataset.assign_attrs(
         level=strongest,
         level_unit=UNIT_OF[data.response],
         coverage=float(np.average([one.attrs["coverage"] for one in found], weights=counts)),

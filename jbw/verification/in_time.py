@@ -17,7 +17,8 @@ from jbw.measurement.spectra import frf
 from jbw.observables.residual_terms import added_response, taken
 from jbw.observables.samples import advance, in_band, lines_of, motion_under, noise_share
 from jbw.quantities import LETTER_OF, derivative_order, per
-from jbw.verification.bands import QUANTILE_AXIS, band, beside, errors, polar
+from jbw.verification.bands import QUANTILE_AXIS, band, beside, error, errors, polar
+from jbw.verification.places import repeats_named
 from jbw.verification.predicted import (
     Noise,
     Predicted,
@@ -46,6 +47,7 @@ class Motion(NamedTuple):
     others: dict[str, Float[np.ndarray, " time"]]  # of the oscillators compared with
     noise: Noise  # of one repeat
     start: int = 0  # samples that are not compared
+    repeats: tuple[str, ...] = ("1",)  # names of the measured
 
 
 def predict_motion(
@@ -96,20 +98,20 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
         return Motion(test, measured, model, peak, alone, noise_of(source.basis, test))
     # Repeats of the first record's input; noise of the input channel is far below a tenth of it.
     u = record.channels[record.source]
-    repeated = [
-        one.channels[one.response]
-        for one in test.records
+    repeated = {
+        name: one.channels[one.response]
+        for name, one in zip(repeats_named(test.records), test.records, strict=True)
         if one.num_samples == record.num_samples
         and np.linalg.norm(one.channels[one.source] - u) <= 0.1 * np.linalg.norm(u)
-    ]
-    measured = np.stack(repeated)
+    }
+    measured = np.stack(list(repeated.values()))
     start = round(_settling(test, source.draws) * record.fs)
     lines = lines_of(test.band_hz or (), measured.shape[1], record.fs)
     size = measured.shape[1] if lines is None else 2 * (lines[1] - lines[0])
     compared = in_band(measured, lines)
     within = float(np.sum((compared - compared.mean(axis=0)) ** 2))
     noise = noise_of(source.basis, test, of_scatter(within, size, len(measured)))
-    return Motion(test, measured, model, peak, alone, noise, start)
+    return Motion(test, measured, model, peak, alone, noise, start, tuple(repeated))
 
 
 def predict_records(source: Source, test: Test) -> Predicted:
@@ -123,7 +125,9 @@ def predict_records(source: Source, test: Test) -> Predicted:
     long_enough = test.traits.is_broadband and record.num_samples > 2 * SETTLING * record.fs
     if band_hz is not None and (test.traits.is_transient or long_enough):
         in_frequency = compare_frfs(motion, band_hz)
-        dataset = dataset.merge(in_frequency).assign_attrs(in_frequency.attrs | dataset.attrs)
+        dataset = dataset.merge(in_frequency, join="outer").assign_attrs(
+            in_frequency.attrs | dataset.attrs
+        )
     return Predicted(dataset, motion.peak, motion.noise)
 
 
@@ -142,11 +146,14 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
     mean, unit = measured.mean(axis=0), {"units": record.units[response]}
     variables = beside("time", mean, model, noise_std, unit)
     variables["measured"] = ("time", mean, {**unit, "long_name": f"mean measured {response}"})
+    each = [error(one, np.median(model, axis=0)) for one in measured]
+    variables["nrmse_of_repeat"] = ("repeat", each, {"units": "1", "long_name": "error over rms"})
     return xr.Dataset(
         {**variables, "measured_band": (("quantile", "time"), band(measured), unit)},
         {
             "time": ("time", np.arange(size) / fs + motion.start / fs, {"units": "s"}),
             "quantile": QUANTILE_AXIS,
+            "repeat": ("repeat", list(motion.repeats)),
         },
         {
             "level": test.level,
@@ -174,7 +181,11 @@ def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
             **polar("measured", h, *how, phase, ("repeat", "freq")),
             **polar("model", simulated, *how, phase),
         },
-        {"freq": ("freq", measured[0][0], {"units": "Hz"}), "quantile": QUANTILE_AXIS},
+        {
+            "freq": ("freq", measured[0][0], {"units": "Hz"}),
+            "quantile": QUANTILE_AXIS,
+            "repeat": ("repeat", repeats_named(test.records)),
+        },
         {"level": test.level, "level_unit": unit, "kind": test.kind},
     )
 

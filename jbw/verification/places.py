@@ -1,4 +1,8 @@
-"""Where a test stands in the tree of a result."""
+"""Where a test stands in the tree of a result, and what its repeats are called there."""
+
+from collections.abc import Sequence
+
+from jbw.measurement.records import Record
 
 
 def place(group: str, name: str) -> str:
@@ -9,3 +13,11 @@ def place(group: str, name: str) -> str:
 def safe(name: str) -> str:
     """A test's name as one level of the tree: a slash would open another."""
     return name.replace("/", "\N{DIVISION SLASH}")
+
+
+def repeats_named(records: Sequence[Record]) -> list[str]:
+    """Names of repeats: of their records where these differ, else their numbers from one on."""
+    names = [record.name for record in records]
+    if all(names) and len(set(names)) == len(names):
+        return names
+    return [str(i + 1) for i in range(len(names))]

@@ -45,7 +45,8 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
 
     Returns:
         Measured values beside bands over `quantile`: `model_*` of the parameters, `predictive_*`
-        with the noise where that is asked for and known; over time, frequency or both.
+        with the noise where that is asked for and known; over time, frequency or both, repeats and
+        records by name. `peak_displacement`, `nrmse_of_repeat` or `nrmse_of_record` where known.
         Attributes: `coverage` of the 99 % band and its `num_values`, `nrmse`, `noise` in words,
         `y_peak` the 99 % band of the peak displacement [m], `extrapolation` its upper edge over
         the largest displacement among what was fitted, `kind`, `level` and `num_draws`.
@@ -73,9 +74,13 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     if not asked.noise or noise.std is None:
         dropped += [name for name in dataset.data_vars if "predictive" in str(name)]
     if not is_measured(test):
-        dropped += [name for name in dataset.data_vars if "measured" in str(name)]
+        of_measured = ("measured", "nrmse", "repeat")
+        dropped += [n for n in dataset.variables if any(word in str(n) for word in of_measured)]
         kept = {name: value for name, value in kept.items() if name not in (*ERRORS, "num_repeats")}
     dataset = dataset.drop_vars(dropped)
+    if peak is not None:
+        about = {"units": "m", "long_name": "largest displacement"}
+        dataset = dataset.assign(peak_displacement=("quantile", band(peak), about))
     dataset.attrs = kept
     return dataset
 

@@ -61,6 +61,10 @@ def test_a_table_goes_to_stdout_and_progress_to_stderr(capsys, plan_file):
         assert part in streams.out
     assert "Recommended" in streams.out
     assert "1/1 stepped" in streams.err
+    # What it costs is said before the first candidate is judged.
+    lines = streams.err.splitlines()
+    (cost,) = (i for i, line in enumerate(lines) if "1 candidates at 2 joints: about" in line)
+    assert cost < next(i for i, line in enumerate(lines) if "1/1 stepped" in line)
 
 
 def test_json_holds_the_rows_and_the_combination(capsys, plan_file):

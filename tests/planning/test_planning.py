@@ -1,5 +1,7 @@
 """From beliefs to a plan: ranges, limits, repeats, what stays undetermined, what to combine."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -19,7 +21,7 @@ from jbw.planning.proposals import (
     displacement_for,
     propose,
 )
-from jbw.planning.prospects import Prospect, peak_displacements, prospects
+from jbw.planning.prospects import Prospect, cost_sentence, peak_displacements, prospects
 
 RANGES = {
     "omega_n": (110.0, 120.0),
@@ -208,7 +210,7 @@ def test_a_plan_after_a_run_reads_its_rig():
     found = plan_tests(parse(text, of_run=True), tree, report=said.append)
     assert found.wish.input_unit == "V"
     assert found.num_joints == 2
-    assert len(said) == 2
+    assert len(said) == 4  # what is timed, what it costs, and two candidates
     # Known before as the posterior has it: 1200 draws tell a spread to 2 %.
     expected = np.sqrt(covariance[3, 3])
     assert found.before["delta"].median == pytest.approx(expected, rel=0.07)
@@ -335,3 +337,14 @@ def test_tests_of_a_joint_of_sliders_are_planned_by_its_own_parameters():
     beliefs = before(parse(text).ranges, held={"gain": 15.0}, num_joints=8, seed=0,
                      laws=("jenkins_1",))  # fmt: skip
     assert 1e-3 < displacement_for(beliefs) < 1.5e-3
+
+
+def test_the_cost_of_a_plan_is_the_first_of_each_form_times_their_number():
+    """Three sweeps of 2 s and two sets of tones of 0.5 s, at four joints: 4 (6 + 1) s."""
+    kinds = [int, int, int, str, str]
+    joints = SimpleNamespace(num_joints=4)
+    candidates = [kind() for kind in kinds]
+    told = cost_sentence(candidates, {int: 2.0, str: 0.5}, joints)  # pyright: ignore
+    assert told.startswith("5 candidates at 4 joints: about 28 s by the first")
+    told = cost_sentence(candidates, {int: 200.0, str: 0.5}, joints)  # pyright: ignore
+    assert "about 40 minutes" in told

@@ -17,7 +17,7 @@ from jbw.measurement.resonances import Reading, driven_lines, read_curve, read_l
 from jbw.report.looking import look_figure
 from jbw.study.identify import identify
 from jbw.study.look import look, look_groups
-from jbw.study.look_words import nonlinear
+from jbw.study.look_words import days, nonlinear, onset
 
 HERTZ = OMEGA_N / (2 * np.pi)
 
@@ -205,3 +205,45 @@ def test_the_command_reads_a_folder(tmp_path, capsys):
     assert run(["look", str(path), "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["tests"]) == 2
     assert run(["look", str(path), "--figure", "x.doc"]) == 2
+
+
+def row(y, frequency, sd=0.01, damping=0.01, **more):
+    """A row of a look, of a test at this motion [m]."""
+    facts = {"test": f"at {1e3 * y:g} mm", "kind": "sweep", "level": 1.0, "run": None}
+    facts |= {"assembly": None, "y": y, "frequency_hz": frequency, "frequency_sd": sd}
+    return {**facts, "damping": damping, "damping_sd": 1e-4, **more}
+
+
+def test_the_level_from_which_on_it_is_nonlinear_is_named():
+    """Records scatter by 0.01 Hz: 0.04 Hz is within three of sqrt(2) 0.01, 0.05 Hz is not."""
+    falls = (0.0, 0.02, 0.04, 0.05, 0.2)
+    rows = [row(1e-3 * (i + 1), 18.8 - fall) for i, fall in enumerate(falls)]
+    (said,) = onset(rows, [])
+    assert said.startswith("The change of the frequency is seen from 4 mm (at 4 mm) on")
+    assert onset(rows[:3], []) == []
+    # Beyond and back is no onset: chance did it.
+    rows[1] = row(2e-3, 18.7)
+    assert "from 4 mm" in onset(rows, [])[0]
+
+
+def test_readings_of_one_decay_tell_where_their_frequency_leaves_the_weakest():
+    """f = 20 (1 - 10 y) of y in m, read to 1e-3 Hz: three of them are 0.004 Hz, at 21 um and on."""
+    rng = np.random.default_rng(0)
+    y = np.linspace(1e-5, 1e-3, 60)
+    each = [Reading(a, 20.0 * (1 - 10 * a) + 1e-3 * rng.standard_normal(), 0.01) for a in y]
+    (said,) = onset([], each)
+    first = float(said.split("seen from ")[1].split()[0])
+    assert 0.02 < first < 0.12  # three readings of 17 um at most until it is beyond chance
+    same = [one._replace(frequency_hz=20.0 + 1e-3 * rng.standard_normal()) for one in each]
+    assert onset([], same) == []
+
+
+def test_scatter_within_a_day_stands_against_that_between_days():
+    """Days at 18.8, 18.9 and 19.0 Hz: 0.1 Hz of 18.9; records 0.01 Hz."""
+    rows = [row(1e-3, 18.8 + 0.1 * i, run=f"day {i}") for i in range(3)]
+    (said,) = days(rows)
+    assert "of 3 days or assemblies" in said
+    assert "frequency 0.053 % within and 0.53 % between" in said
+    assert days([row(1e-3, 18.8), row(2e-3, 18.7)]) == []
+    # Levels are not compared with one another.
+    assert days([row(1e-3, 18.8, run="a"), row(2e-3, 18.7, run="b", level=2.0)]) == []

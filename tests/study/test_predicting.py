@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
+from dialect import unreadable_units
 from made_runs import (
     FS,
     GAIN,
@@ -79,6 +80,29 @@ def test_a_gaussian_gain_has_the_band_of_its_closed_form():
     left = 0.5 * sigma * np.sqrt(SIZE)
     expected = left / np.hypot(left, np.linalg.norm(clean))
     assert found.attrs["nrmse"] == pytest.approx(expected, rel=4 / np.sqrt(2 * SIZE))
+
+
+def test_repeats_are_named_and_their_numbers_are_variables():
+    """Three repeats of a linear oscillator with noise: the error of each by hand."""
+    test = a_test(0.3, noise=0.02, repeats=3)
+    named = [replace(one, name=f"sweep_{i}.h5") for i, one in enumerate(test.records)]
+    found = predict(basis_of(a_tree(same(SILENT), noise={"sweep": 0.02}, seen=[test])),
+                    replace(test, records=tuple(named)))  # fmt: skip
+    assert found["repeat"].values.tolist() == ["sweep_0.h5", "sweep_1.h5", "sweep_2.h5"]
+    model = found["model_band"].values[1]
+    for i, record in enumerate(named):
+        x = record.channels["velocity"]
+        expected = np.linalg.norm(x - model) / np.linalg.norm(x)
+        assert float(found["nrmse_of_repeat"].sel(repeat=record.name)) == pytest.approx(expected)
+        assert float(found["nrmse_of_repeat"][i]) > float(found.attrs["nrmse"])  # of the mean
+    np.testing.assert_array_equal(found["peak_displacement"], found.attrs["y_peak"])
+    assert unreadable_units(xr.DataTree(found)) == {}
+    # Records in memory have no names, and are numbered.
+    assert predict(basis_of(a_tree(same(SILENT))), test)["repeat"].values.tolist() == [*"123"]
+    planned = predict(basis_of(a_tree(same(SILENT), seen=[test])),
+                      planned_sweep(basis_of(a_tree(same(SILENT), seen=[test])), (14, 24), 0.2,
+                                    4.0, FS))  # fmt: skip
+    assert not [name for name in planned.variables if "nrmse" in str(name) or name == "repeat"]
 
 
 def test_noise_is_of_its_kind_or_said_not_to_be_known():

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from decays import OMEGA_N as DECAY_OMEGA_N
 from decays import TRUTH as DECAY_TRUTH
 from decays import decay_test
+from dialect import unreadable_units
 from made_runs import (
     FS,
     GAIN,
@@ -40,6 +42,7 @@ def test_planned_tones_are_those_of_the_transfer_function():
     velocity = 0.2 * omega * np.abs(receptance(omega))
     # The median of an even number of draws lies between two of them, the joint carries 1e-6 N/kg.
     np.testing.assert_allclose(found["model_magnitude"][1], velocity, rtol=1e-4)
+    assert unreadable_units(xr.DataTree(found)) == {}
     wide = found["model_magnitude"].values
     np.testing.assert_allclose(wide[2] - wide[1], Z * 0.01 * velocity, rtol=0.05)
     turned = np.angle(1j * receptance(omega))
@@ -129,7 +132,9 @@ def test_decays_are_predicted_from_their_first_half_second():
     tree = a_tree({name: np.full(8, value) for name, value in joint.items()}, y_peak=1.5e-3)
     test = decay_test(states=((2.0e-3, 0.0), (0.3e-3, -0.2)), noise=1e-5)
     found = predict(basis_of(tree), test, Request(8))
-    assert found.sizes["record"] == 2
+    assert len(set(found["record"].values.tolist())) == 2  # by name
+    assert found["nrmse_of_record"].dims == ("record",)
+    assert unreadable_units(xr.DataTree(found)) == {}
     # White noise of 1e-5 m/s through the band is 2e-5 of the first swings; the initial state is
     # read from half a second, 10 periods, with the second mode 60 dB down.
     assert found.attrs["nrmse"] < 2e-3
