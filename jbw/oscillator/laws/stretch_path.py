@@ -41,9 +41,10 @@ def _way(c: Scalar, w: Scalar, nu: Scalar, weight: int = 0) -> Scalar:
     With t = w s^p, p such that the broken power is at least of second order at s = 0.
     """
     p = jnp.maximum(1.0, 2.0 / nu)
-    t = w * power(_UNIT, p)
+    unit = jnp.asarray(_UNIT)
+    t = w * power(unit, p)
     bracket = 1.0 - c * power(t / REFERENCE, nu)
-    return jnp.sum(_UNIT_WEIGHTS * p * power(_UNIT, p - 1.0) * w * t**weight / bracket)
+    return jnp.sum(_UNIT_WEIGHTS * p * power(unit, p - 1.0) * w * t**weight / bracket)
 
 
 def _limit(c: Scalar, nu: Scalar) -> Scalar:
