@@ -8,7 +8,7 @@ jbw up to 0.1 wrote `rad s-1` and `m^-2 s^6` as well; `in_dialect` reads them.
 
 import re
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from jbw.errors import ConfigError
 
@@ -121,6 +121,9 @@ OTHERS = (
     Quantity("response", "v", "m/s", "velocity at one instant"),
 )
 BY_NAME = {each.name: each for each in (*LINEAR, *RESIDUAL_TERMS, *MOTION, *OTHERS)}
+
+
+Motion = Literal["displacement", "velocity", "acceleration"]
 
 
 def derivative_order(response: str) -> int:

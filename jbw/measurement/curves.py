@@ -7,7 +7,7 @@ import numpy as np
 from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.records import INPUTS, RESPONSES, Record
-from jbw.quantities import derivative_order
+from jbw.quantities import Motion, derivative_order
 
 
 class ResponseCurve(NamedTuple):
@@ -17,7 +17,7 @@ class ResponseCurve(NamedTuple):
     source: Reals  # peak amplitude of the excitation, whose phase is zero
     response: Complexes  # peak amplitude X of the response x(t) = Re X exp(j omega t)
     source_kind: str  # `input` or `force`
-    response_kind: str  # displacement, velocity or acceleration
+    response_kind: Motion  # displacement, velocity or acceleration
     # Whether the file holds the response per unit of excitation, at an amplitude that it does
     # not tell; `source` is 1 then, and the curve is that of the linear regime.
     is_ratio: bool = False

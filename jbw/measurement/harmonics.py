@@ -11,7 +11,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.channels import Complexes, Reals, channel, sampling
-from jbw.quantities import derivative_order
+from jbw.quantities import Motion, derivative_order
 
 DRIFT_LIMIT = 0.01
 NOISE_FLOOR = 3.0  # standard errors
@@ -53,7 +53,7 @@ def harmonics(
     omega: float,
     num_harmonics: int,
     *,
-    response: str = "displacement",
+    response: Motion = "displacement",
     start: float = 0.0,
     delay: float = 0.0,
     also: Sequence[float] = (),

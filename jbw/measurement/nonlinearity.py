@@ -19,6 +19,7 @@ from jbw.measurement.records import INPUTS, RESPONSES, Record
 from jbw.measurement.repeatability import repeatability
 from jbw.measurement.spectra import frf
 from jbw.measurement.swept_harmonics import largest_share, swept_harmonics
+from jbw.quantities import Motion
 
 MOST_SAMPLES = 2**23  # of a test's channels together: more are not held in memory to be compared
 SAME_SOURCE = 0.1  # scatter of the source over its size: above it, repeats are none of each other
@@ -60,7 +61,7 @@ def seen_in(test: Stated, records: Sequence[Record]) -> list[str]:
     if traits.is_curve or len(shapes) != 1 or not all(one.valid.all() for one in records):
         return []
     driven = traits.is_driven and any(role in records[0].channels for role in INPUTS)
-    role = next((role for role in RESPONSES if role in records[0].channels), None)
+    role = next(filter(records[0].channels.__contains__, RESPONSES), None)
     if not driven or role is None:
         return []
     fs = records[0].fs
@@ -153,7 +154,7 @@ def _multisine(
         )
 
 
-def _noise(u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: str) -> Iterator[str]:
+def _noise(u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: Motion) -> Iterator[str]:
     hz, coherence = coherence_at_resonance(u, y, fs, role)
     yield (
         f"coherence at the resonance ({hz:.4g} Hz) is {coherence:.3f}; what it lacks of 1 is "
@@ -162,7 +163,7 @@ def _noise(u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: str)
 
 
 def coherence_at_resonance(
-    u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: str
+    u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: Motion
 ) -> tuple[float, float]:
     """Frequency of the strongest response [Hz], and the mean coherence about it.
 

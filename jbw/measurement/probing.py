@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals, channel, same_length, sampling
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
+from jbw.quantities import Motion
 
 PERIOD_POINTS = 4096  # of one period; a peak between two of them is missed by 3e-7 n^2 at most
 LARGE_SOURCE = 0.1
@@ -48,7 +49,7 @@ def third_order_kernel(
     *,
     amplitude: complex | None = None,
     h1_3omega: complex | None = None,
-    response: str = "displacement",
+    response: Motion = "displacement",
     delay: float = 0.0,
     start: float = 0.0,
     num_harmonics: int = 7,

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from jbw.errors import DataError, naming
 from jbw.measurement.channels import Reals
 from jbw.measurement.kinds import Kind, kind_named
+from jbw.quantities import Motion
 from jbw.units import FACTORS, plain, quantity_of, si_unit
 
-RESPONSES = ("displacement", "velocity", "acceleration")
+RESPONSES: tuple[Motion, ...] = get_args(Motion)
 INPUTS = ("input", "force")
 # What moves the structure, and with that what hangs on it: by voltage or current its shaker does.
 DRIVES = ("voltage", "current", "force", "none")
@@ -68,7 +69,7 @@ class Record:
         return np.logical_and.reduce([np.isfinite(x) for x in self.channels.values()])
 
     @property
-    def response(self) -> str:
+    def response(self) -> Motion:
         """The role of the response channel: displacement, velocity or acceleration."""
         return next(role for role in RESPONSES if role in self.channels)
 

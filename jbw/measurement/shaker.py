@@ -23,7 +23,7 @@ from jbw.measurement.channels import (
     same_length,
     sampling,
 )
-from jbw.quantities import derivative_order
+from jbw.quantities import Motion, derivative_order
 
 DEGENERATE = 1e7  # condition number of the columns, of size one each
 NAMES = ("gain", "delay", "mass", "damping", "stiffness")
@@ -52,7 +52,7 @@ def fit_attachment(
     fs: float,
     band: tuple[float, float],
     *,
-    kind: str = "acceleration",
+    kind: Motion = "acceleration",
 ) -> ShakerFit:
     """Gain, delay and attachment of a shaker, by least squares over the lines of a band.
 

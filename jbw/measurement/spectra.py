@@ -10,7 +10,7 @@ from scipy import fft, signal
 
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.channels import Complexes, Reals, channel, passband, same_length, sampling
-from jbw.quantities import derivative_order
+from jbw.quantities import Motion, derivative_order
 
 Window = Literal["hann", "boxcar"]
 
@@ -41,7 +41,7 @@ class FRF:
     fs: float  # sampling frequency [Hz]
     window: Window
     estimator: Literal["h1", "h2"]
-    response: str  # what was measured: displacement, velocity or acceleration
+    response: Motion  # what was measured: displacement, velocity or acceleration
 
     @property
     def omega(self) -> Reals:
@@ -64,7 +64,7 @@ def frf(
     y: ArrayLike,
     fs: float,
     *,
-    response: str = "displacement",
+    response: Motion = "displacement",
     window: Window = "hann",
     window_s: float | None = None,
     nperseg: int | None = None,

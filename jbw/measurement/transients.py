@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.channels import channel, passband, same_length, sampling
 from jbw.measurement.spectra import FRF
-from jbw.quantities import derivative_order
+from jbw.quantities import Motion, derivative_order
 
 DRIVEN = 1e-3  # of the largest line of an input: below, the ratio is noise over noise
 
@@ -19,7 +19,7 @@ def record_frf(
     fs: float,
     band: tuple[float, float],
     *,
-    response: str = "displacement",
+    response: Motion = "displacement",
     delay: float = 0.0,
 ) -> FRF:
     r"""Receptance of one record that begins and ends at rest, $H = Y / U$ of the whole of it.

@@ -5,6 +5,7 @@ integration scheme: a measured record is band-limited, not a polygon.
 """
 
 from math import comb
+from typing import Literal, get_args
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +14,8 @@ from jaxtyping import Array, Float
 # One-sided second difference of order 4.
 _END_CURVATURE = (15 / 4, -77 / 6, 107 / 6, -13.0, 61 / 12, -5 / 6)
 _BUMP_WIDTH = 8.0
-HOLDS = ("first", "zero", "band_limited")
+Hold = Literal["first", "zero", "band_limited"]
+HOLDS = get_args(Hold)
 
 
 def input_polynomials(

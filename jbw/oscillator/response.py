@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple, overload
+from typing import NamedTuple, TypedDict, Unpack, overload
 
 import equinox as eqx
 import jax
@@ -15,7 +15,7 @@ from diffrax import (
     Dopri8,
     PIDController,
 )
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from jbw.oscillator.adjoint import Trajectory, solve
 from jbw.oscillator.checks import (
@@ -29,7 +29,7 @@ from jbw.oscillator.checks import (
     warn_of_unbounded_law,
 )
 from jbw.oscillator.deepening import deeper, forgot
-from jbw.oscillator.hold import input_polynomials
+from jbw.oscillator.hold import Hold, input_polynomials
 from jbw.oscillator.law import Memory
 from jbw.oscillator.modes.response import ModalOptions, StructureResponse, simulate_structure
 from jbw.oscillator.modes.structure import Structure
@@ -39,7 +39,20 @@ from jbw.oscillator.periodic import steady_period
 from jbw.oscillator.solver import Stepping, sampled_input, solve_stock, stepping
 from jbw.oscillator.step import State
 
-Input = Float[Array, "... time"] | Callable[[Scalar], Scalar]
+Input = Float[Array | np.ndarray, "... time"] | Callable[[Array], ArrayLike]
+_Input = Float[Array, "... time"] | Callable[[Array], ArrayLike]  # within, where all is JAX's
+
+
+class SimulateOptions(TypedDict, total=False):
+    """What `simulate` takes by keyword, for both kinds of joint."""
+
+    hold: Hold
+    initial: tuple[Scalar | Memory, ...]
+    substeps: int
+    periodic: bool
+    num_samples: int | None
+    solver: AbstractSolver | None
+    controller: AbstractStepSizeController | None
 
 
 class Response(eqx.Module):
@@ -67,15 +80,17 @@ class Response(eqx.Module):
 
 
 @overload
-def simulate(joint: Structure, u: Input, fs: float, **options: Any) -> StructureResponse: ...
+def simulate(
+    joint: Structure, u: Input, fs: float, **options: Unpack[SimulateOptions]
+) -> StructureResponse: ...
 @overload
-def simulate(joint: Joint, u: Input, fs: float, **options: Any) -> Response: ...
-def simulate(  # pyright: ignore[reportInconsistentOverload]
+def simulate(joint: Joint, u: Input, fs: float, **options: Unpack[SimulateOptions]) -> Response: ...
+def simulate(
     joint: Joint | Structure,
     u: Input,
     fs: float,
     *,
-    hold: str = "first",
+    hold: Hold = "first",
     initial: tuple[Scalar | Memory, ...] = (0.0, 0.0),
     substeps: int = 1,
     periodic: bool = False,
@@ -152,7 +167,7 @@ def simulate(  # pyright: ignore[reportInconsistentOverload]
 class _Options(NamedTuple):
     """What is no array among the arguments of `simulate`."""
 
-    hold: str
+    hold: Hold
     substeps: int
     periodic: bool
     num_samples: int
@@ -161,7 +176,7 @@ class _Options(NamedTuple):
 
 
 def _deep_enough(
-    options: _Options, joint: Oscillator, u: Input, fs: Scalar, initial: State
+    options: _Options, joint: Oscillator, u: _Input, fs: Scalar, initial: State
 ) -> Response:
     """The response, solved again with twice the memory as long as that was too short and helps."""
 
@@ -181,7 +196,7 @@ def _deep_enough(
 
 @eqx.filter_jit
 def _simulate_batch(
-    options: _Options, joint: Oscillator, u: Input, fs: Scalar, initial: State
+    options: _Options, joint: Oscillator, u: _Input, fs: Scalar, initial: State
 ) -> Response:
     """Response over the common batch shape of the joint, the input and the initial state."""
     lead = () if callable(u) else u.shape[:-1]
@@ -211,7 +226,7 @@ def _is_stepped(joint: Oscillator) -> bool:
 
 
 def _simulate(
-    options: _Options, joint: Oscillator, u: Input, fs: Scalar, initial: State
+    options: _Options, joint: Oscillator, u: _Input, fs: Scalar, initial: State
 ) -> Response:
     """One oscillator under one input."""
     t = jnp.asarray(np.arange(options.num_samples) / fs)

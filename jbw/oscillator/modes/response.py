@@ -23,7 +23,7 @@ from jbw.oscillator.checks import (
     warn_of_unbounded_law,
 )
 from jbw.oscillator.damper import Damper
-from jbw.oscillator.hold import input_polynomials
+from jbw.oscillator.hold import Hold, input_polynomials
 from jbw.oscillator.modes.adjoint import Trajectory, modal_solve
 from jbw.oscillator.modes.step import ModalState, modal_stepping
 from jbw.oscillator.modes.structure import Structure, admitted, require_sampled
@@ -64,7 +64,7 @@ class StructureResponse(eqx.Module):
 class ModalOptions(NamedTuple):
     """What is no array among the arguments of `simulate`; `own` where our own step may do it."""
 
-    hold: str
+    hold: Hold
     substeps: int
     periodic: bool
     num_samples: int | None
