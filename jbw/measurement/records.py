@@ -92,7 +92,7 @@ class Test:
         assembly: Which assembly of the joint; empty when there was one.
         run: Which day or run; empty when there was one.
         periods: Whole periods of the excitation in each record; 1 when none were said.
-        residuals: Terms of modes outside the band: auto, none, upper or both.
+        residuals: Terms of modes outside the band: auto, none, upper, both or own.
     """
 
     __test__ = False  # not a pytest class
@@ -109,7 +109,7 @@ class Test:
     assembly: str = ""
     run: str = ""
     periods: int = 1
-    residuals: Literal["auto", "none", "upper", "both"] = "auto"
+    residuals: Literal["auto", "none", "upper", "both", "own"] = "auto"
 
     @property
     def traits(self) -> Kind:
