@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from jbw.population.fleet import read_fleet as read_fleet
     from jbw.population.fleet import write_fleet as write_fleet
     from jbw.population.population import population_of as population_of
+    from jbw.report.modal_backbones import draw_backbones as draw_backbones
     from jbw.study.calibration import sbc as sbc
     from jbw.study.compare import compare as compare
     from jbw.study.identifiability import identifiability as identifiability
@@ -91,6 +92,7 @@ _HOME = {
     "backbone": "oscillator.steady.backbone",
     "compare": "study.compare",
     "compare_laws": "study.laws",
+    "draw_backbones": "report.modal_backbones",
     "fleet_of": "population.fleet",
     "fit_attachment": "measurement.shaker",
     "fit_modes": "identification.modal",
