@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from jbw.population.prediction import new_backbone as new_backbone
     from jbw.population.prediction import new_units as new_units
     from jbw.report.citation import citation as citation
+    from jbw.report.modal_backbones import draw_backbones as draw_backbones
     from jbw.study.calibration import sbc as sbc
     from jbw.study.compare import compare as compare
     from jbw.study.identifiability import identifiability as identifiability
@@ -98,6 +99,7 @@ _HOME = {
     "citation": "report.citation",
     "compare": "study.compare",
     "compare_laws": "study.laws",
+    "draw_backbones": "report.modal_backbones",
     "fleet_of": "population.fleet",
     "fit_attachment": "measurement.shaker",
     "fit_modes": "identification.modal",

@@ -68,10 +68,10 @@ class TestSpec(Table):
         None, "sampling frequency [Hz], or the path of a scalar in the file"
     )
     band: values.Span | None = key(None, "lowest and highest frequency to use [Hz]", [5.0, 40.0])
-    residuals: Literal["auto", "none", "upper", "both"] = key(
+    residuals: Literal["auto", "none", "upper", "both", "own"] = key(
         "auto",
         "constant terms for modes outside the band, which all tests share: of those above, or of "
-        "those below too; auto: where the fit shows them",
+        "those below too; own: both, of this test alone; auto: where the fit shows them",
         "upper",
     )
     drive: Literal["voltage", "current", "force", "none"] | None = key(

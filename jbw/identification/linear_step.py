@@ -67,7 +67,7 @@ def linear_step(
             known = list(modal.omega / (2 * np.pi))
             fits = tuple(line_of(_modes_of(test, one, known)) for one in each)
         else:
-            terms: Residuals = "none" if test.residuals == "auto" else test.residuals
+            terms: Residuals = _terms_of(test, "none")
             fits = tuple(line_fit(one, test.band_hz, residuals=terms) for one in each)
             together = frf(u, y, fs, **how)
     pooled = pool(fits)
@@ -86,8 +86,14 @@ def _within(
 
 
 def _modes_of(test: Test, one: FRF, modes: int | Sequence[float]) -> ModalFit:
-    terms: Residuals = "both" if test.residuals == "auto" else test.residuals
-    return fit_modes(one, modes, test.band_hz, residuals=terms)
+    return fit_modes(one, modes, test.band_hz, residuals=_terms_of(test, "both"))
+
+
+def _terms_of(test: Test, usual: Residuals) -> Residuals:
+    """Terms of modes outside the band: of a line fit every test's are its own."""
+    if test.residuals == "own":
+        return "both"
+    return usual if test.residuals == "auto" else test.residuals
 
 
 def _joint_first(fit: ModalFit, *, counted: bool) -> ModalFit:

@@ -154,7 +154,9 @@ def _multisine(
         )
 
 
-def _noise(u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: Motion) -> Iterator[str]:
+def _noise(
+    u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: Motion
+) -> Iterator[str]:
     hz, coherence = coherence_at_resonance(u, y, fs, role)
     yield (
         f"coherence at the resonance ({hz:.4g} Hz) is {coherence:.3f}; what it lacks of 1 is "

@@ -100,7 +100,7 @@ class Test:
         assembly: Which assembly of the joint; empty when there was one.
         run: Which day or run; empty when there was one.
         periods: Whole periods of the excitation in each record; 1 when none were said.
-        residuals: Terms of modes outside the band: auto, none, upper or both.
+        residuals: Terms of modes outside the band: auto, none, upper, both or own.
         drive: What drives it, one of `DRIVES`; empty where that follows from its source.
     """
 
@@ -118,7 +118,7 @@ class Test:
     assembly: str = ""
     run: str = ""
     periods: int = 1
-    residuals: Literal["auto", "none", "upper", "both"] = "auto"
+    residuals: Literal["auto", "none", "upper", "both", "own"] = "auto"
     drive: str = ""
 
     def __post_init__(self) -> None:

@@ -60,7 +60,7 @@ class Observable(eqx.Module):
         most_misfit: What a fit may leave of a group, over the group; None for anything.
         laws: Names of the laws of the joint; static.
         residuals: Which residual terms its prediction takes, of those that theta has: none, upper,
-            both or auto; static. None where nothing drives the motion.
+            both, auto or own; static. None where nothing drives the motion.
         drive: What drives it, one of `DRIVES`; static. Empty where that does not matter.
     """
 

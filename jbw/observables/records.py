@@ -18,6 +18,7 @@ from jbw.observables.line_fit import oscillator_through
 from jbw.observables.observable import OFFSETS, Laws, Rows, Theta, run_of
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, repeats
+from jbw.observables.residual_terms import own_columns
 from jbw.observables.samples import (
     Lines,
     advance,
@@ -103,9 +104,8 @@ class Records(Repeated):
                 remedy="Reduce them apart, or cut the records to one length.",
             )
         fs, response, length, skipped, residuals, *band_hz = forms.pop()
-        length -= skipped
-        lines = lines_of(band_hz, length, fs)
-        sources = [np.stack([r.channels[r.source] for r in t.records]) for t in tests]
+        lines = lines_of(band_hz, length - skipped, fs)
+        inputs = np.stack([np.mean([r.channels[r.source] for r in t.records], 0) for t in tests])
         responses = [
             np.stack([advance(r.channels[response], t.delay, fs) for r in t.records]) for t in tests
         ]
@@ -113,10 +113,10 @@ class Records(Repeated):
         means = np.stack([r.mean(axis=0) for r in responses])
         # In a band, the scatter over time is that over its lines.
         within = [np.sum((r - m) ** 2) for r, m in zip(responses, means, strict=True)]
-        size = length if lines is None else 2 * (lines[1] - lines[0])
+        size = means.shape[1] if lines is None else 2 * (lines[1] - lines[0])
         return cls(
             laws=laws,
-            source=jnp.asarray(np.stack([s.mean(axis=0) for s in sources])),
+            source=jnp.asarray(inputs),
             mean=jnp.asarray(means),
             repeats=repeats(
                 within=np.array(within),
@@ -126,6 +126,7 @@ class Records(Repeated):
                 labels=[test.name for test in tests],
                 runs=[run_of(test) for test in tests],
                 scale=np.sqrt(np.sum(means**2, axis=1) / size),
+                spanned=own_columns(residuals, inputs[:, skipped:], fs, response, lines),
             ),
             origin=jnp.zeros((len(tests), 0)),
             fs=fs,
@@ -204,7 +205,7 @@ class Records(Repeated):
 
     def squares(self, theta: Theta) -> Float[Array, " level"]:
         r"""Squared residuals of all repeats, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""
-        misfit = jnp.sum(self.misfit(theta) ** 2, axis=-1)
+        misfit = jnp.sum(self.beside_own(self.misfit(theta)) ** 2, axis=-1)
         return self.repeats.num_repeats * misfit + self.repeats.within
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:

@@ -75,16 +75,28 @@ class Repeated(Observable):
     def weight(self) -> Float[Array, " group"]:
         r"""One over a mean's standard error, $\sqrt{n / N} / \sigma$; n is N K if independent."""
         own = self.repeats
-        return jnp.sqrt(own.num_values / own.size) / own.noise_std
+        size = own.size - own.num_taken / own.num_repeats
+        return jnp.sqrt(own.num_values / size) / own.noise_std
 
     def weighted(self, theta: Theta) -> Weighted:
         """Residuals and directions in standard errors of a mean."""
         weight = self.weight
-        return weight[:, None] * self.misfit(theta), weight[:, None, None] * self.repeats.directions
+        left, directions = self.left(theta)
+        return weight[:, None] * left, weight[:, None, None] * directions
 
     def left(self, theta: Theta) -> Weighted:
         """Misfit and directions, in the unit of the values."""
-        return self.misfit(theta), self.repeats.directions
+        return self.beside_own(self.misfit(theta)), self.repeats.directions
+
+    def beside_own(
+        self, rows: Float[Array, "group *own value"]
+    ) -> Float[Array, "group *own value"]:
+        """Rows of every group without what lies along its own constants, which nothing tells."""
+        own = self.repeats.spanned
+        if not own.shape[1]:
+            return rows
+        along = jnp.einsum("gcv,g...v->g...c", own, rows)
+        return rows - jnp.einsum("gcv,g...c->g...v", own, along)
 
     def measured_rows(self) -> Float[Array, "group value"]:
         """Means, of complex values the real parts, then the imaginary parts."""
@@ -96,9 +108,8 @@ class Repeated(Observable):
         """What each group says of its offsets, its noise integrated out under 1/sigma."""
         own = self.repeats
         scatter = own.within + own.size * own.num_repeats * own.discrepancy
-        return estimate(
-            self.misfit(theta), scatter, own.num_repeats, own.num_values, own.directions
-        )
+        left = self.beside_own(self.misfit(theta))
+        return estimate(left, scatter, own.num_repeats, own.num_values, own.directions)
 
     def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
         """Rows of the residual in the unit of the values, complex where the values are."""
@@ -137,7 +148,7 @@ class Repeated(Observable):
 
     def with_directions(self, slope: Float[Array, "group value own"]) -> Self:
         """The data with derivatives of the predictions by the offsets."""
-        return self.with_repeats(directions=jnp.moveaxis(slope, -1, 1))
+        return self.with_repeats(directions=self.beside_own(jnp.moveaxis(slope, -1, 1)))
 
     def with_repeats(self, **changes: Array) -> Self:
         """The data with some of the repeats' arrays changed."""
@@ -158,11 +169,11 @@ class Repeated(Observable):
         return self.with_repeats(discrepancy=jnp.asarray(shared_misfit(self.repeats, sizes, left)))
 
     def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
-        r"""The data with the noise that a fit leaves, $\sigma^2 = Q / (N K) + \tau^2$."""
+        r"""The data with the noise that a fit leaves, $\sigma^2 = Q / (N K - q) + \tau^2$."""
         own = self.repeats
         squares = jnp.asarray([np.sum(np.abs(left[label]) ** 2) for label in own.labels])
         total = own.num_repeats * squares + own.within
-        square = total / (own.size * own.num_repeats) + own.discrepancy
+        square = total / own.num_counted + own.discrepancy
         return self.with_repeats(noise_std=jnp.sqrt(square))
 
     def effective_fractions(
@@ -175,12 +186,12 @@ class Repeated(Observable):
         """The data that count for as many values as are independent."""
         own = self.repeats
         fraction = jnp.asarray(np.array([fractions.get(label, 1.0) for label in own.labels]))
-        return self.with_repeats(num_values=fraction * own.size * own.num_repeats)
+        return self.with_repeats(num_values=fraction * own.num_counted)
 
     def fractions_counted(self) -> dict[str, float]:
         """Fraction of the values of each group that the likelihood counts."""
         own = self.repeats
-        fraction = np.asarray(own.num_values / (own.size * own.num_repeats))
+        fraction = np.asarray(own.num_values / own.num_counted)
         return dict(zip(own.labels, fraction.tolist(), strict=True))
 
     def without(self, run: str) -> Self:
@@ -208,6 +219,6 @@ class Repeated(Observable):
         rows = np.stack([terms[label] for label in self.labels], axis=-1)
         count = np.asarray(own.num_values)
         chi_square = np.asarray(jax.random.chisquare(key, count - num_offsets, shape=rows.shape))
-        fraction = count / np.asarray(own.size * own.num_repeats)
+        fraction = count / np.asarray(own.num_counted)
         noise = np.sqrt(fraction * np.exp(-2 * rows / count) / chi_square)
         return {label: noise[..., i] for i, label in enumerate(self.labels)}

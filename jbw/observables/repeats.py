@@ -1,12 +1,15 @@
 """Groups of repeated data: their bookkeeping, and rows of unequal lengths side by side."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+SPANS = 1e-10  # of columns of size one: a direction that is none but for rounding
 
 
 class Repeats(eqx.Module):
@@ -20,6 +23,8 @@ class Repeats(eqx.Module):
         noise_std: Noise of one repeat, for least squares.
         discrepancy: Mean square that the law is expected to leave of every value, in all repeats.
         directions: Change of the prediction by each offset of the run; no offsets, no rows.
+        spanned: Orthonormal directions of what the misfit may hold besides, integrated out: of a
+            constant of each group's own (`residuals = "own"`); zero rows where there are fewer.
     """
 
     within: Float[Array, " group"]
@@ -29,8 +34,19 @@ class Repeats(eqx.Module):
     noise_std: Float[Array, " group"]
     discrepancy: Float[Array, " group"]
     directions: Float[Array, "group own value"]
+    spanned: Float[Array, "group column value"]
     labels: tuple[str, ...] = eqx.field(static=True)
     runs: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def num_taken(self) -> Float[Array, " group"]:
+        """Values that the directions of each group's own take, one each."""
+        return jnp.round(jnp.sum(self.spanned**2, axis=(1, 2)))
+
+    @property
+    def num_counted(self) -> Float[Array, " group"]:
+        """Values of all repeats of each group, less those that are taken."""
+        return self.size * self.num_repeats - self.num_taken
 
 
 def repeats(
@@ -41,26 +57,40 @@ def repeats(
     labels: Sequence[str],
     runs: Sequence[str],
     scale: Float[np.ndarray, " group"],
+    spanned: Float[np.ndarray, "group column value"] | None = None,
 ) -> Repeats:
     r"""Bookkeeping of groups of independent values of noise $\sigma^2 = S / (N (K - 1))$.
 
     Until a fit tells it, a single repeat's noise is guessed as one hundredth of the root mean
-    square, the `scale`. Labels that come again get a number.
+    square, the `scale`. Labels that come again get a number. `spanned` are columns of each group
+    that its misfit may hold besides, in any scale.
     """
     degrees = sizes * (num_repeats - 1)
     known = degrees > 0
     noise = np.sqrt(np.where(known, within / np.where(known, degrees, 1), (0.01 * scale) ** 2))
-    return Repeats(
+    own = np.zeros((len(labels), 0, longest)) if spanned is None else _orthonormal(spanned)
+    found = Repeats(
         within=jnp.asarray(within),
         num_repeats=jnp.asarray(num_repeats, float),
         size=jnp.asarray(sizes, float),
-        num_values=jnp.asarray(sizes * num_repeats, float),
+        num_values=jnp.zeros(len(labels)),
         noise_std=jnp.asarray(noise),
         discrepancy=jnp.zeros(len(labels)),
         directions=jnp.zeros((len(labels), 0, longest)),
+        spanned=jnp.asarray(own),
         labels=_distinct(labels),
         runs=tuple(runs),
     )
+    return replace(found, num_values=found.num_counted)
+
+
+def _orthonormal(
+    columns: Float[np.ndarray, "group column value"],
+) -> Float[np.ndarray, "group column value"]:
+    """Orthonormal rows of the same span, and zeros for those that are not needed."""
+    size = np.linalg.norm(columns, axis=-1, keepdims=True)
+    _, weight, rows = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
+    return rows * (weight > SPANS)[..., None]
 
 
 def filled(rows: Sequence[np.ndarray], mode: Literal["constant", "edge"] = "constant") -> Array:

@@ -8,6 +8,9 @@ the two are one number. A neighbour within the band is linear, which the joint d
 belong to the place where the response is measured, so that all tests share them, and they are
 parameters like omega_n: absent from theta, there is nothing to add.
 
+A test may have a U and an L of its own, of a sensor that was moved, say. Both act along columns
+that hold no parameter: a flat prior integrates them out, the misfit along these is not counted.
+
 Reference:
     Ewins (2000), Modal Testing, section 4.4.
 """
@@ -25,7 +28,7 @@ MODES = tuple(tuple(quantity.name for quantity in mode) for mode in NEIGHBOURS)
 OF_MODES = tuple(name for mode in MODES for name in mode)
 # What a test may take of them, by what its campaign says.
 TAKEN: Mapping[str, tuple[str, ...]] = {
-    "none": (), "upper": (UPPER, *OF_MODES),
+    "none": (), "own": OF_MODES, "upper": (UPPER, *OF_MODES),
     "both": (UPPER, LOWER, *OF_MODES), "auto": (UPPER, LOWER, *OF_MODES),
 }  # fmt: skip
 DRIVEN = 0.05  # of the largest line of an input: beyond, 1 / omega^2 would raise what is noise
@@ -70,6 +73,33 @@ def added_response(
     omega = 2 * np.pi * np.fft.rfftfreq(padded, 1 / fs)
     factor = (1j * omega) ** derivative_order(response)
     return jnp.fft.irfft(factor * receptance(terms, jnp.asarray(omega)) * spectrum, padded)[:length]
+
+
+def own_columns(
+    residuals: str,
+    force: Float[np.ndarray, "level time"],
+    fs: float,
+    response: str,
+    lines: tuple[int, int] | None,
+) -> Float[np.ndarray, "level 2 value"] | None:
+    r"""What tests' own U and L add to their lines: $F_k (j\omega_k)^o$ and $1/\omega_k^2$ of it.
+
+    Of lines the real parts, then the imaginary parts; of samples what the driven lines come to.
+    None of tests that have none of their own.
+    """
+    if residuals != "own":
+        return None
+    length = force.shape[1]
+    omega = 2 * np.pi * np.fft.rfftfreq(length, 1 / fs)
+    spectrum = np.fft.rfft(force - force.mean(axis=1, keepdims=True))
+    if lines is None:
+        spectrum *= np.stack([np.asarray(driven(jnp.asarray(np.abs(one)))) for one in spectrum])
+    first = spectrum * (1j * omega) ** derivative_order(response)
+    both = np.stack([first, first / np.where(omega > 0, omega, np.inf) ** 2], axis=1)
+    if lines is None:
+        return np.fft.irfft(both, length)
+    both = both[..., slice(*lines)]
+    return np.concatenate([np.real(both), np.imag(both)], axis=-1)
 
 
 def driven(size: Float[Array, " line"]) -> Bool[Array, " line"]:

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact, Int
 
+from jbw.errors import DataError
 from jbw.measurement.records import Test
 from jbw.observables.harmonic_groups import NUM_HARMONICS, ORDERS, Group, groups_of, harmonic_label
 from jbw.observables.line_fit import oscillator_through
@@ -88,6 +89,7 @@ class Points(Repeated):
                 motion.append(group.motion)
             first.append(tests[key])
         sizes = np.array([2 * len(group.values) for group in groups])
+        spanned = _own_columns(groups) if residuals == "own" else None
         return cls(
             laws=laws,
             omega=jnp.asarray(np.concatenate(omega)),
@@ -107,6 +109,7 @@ class Points(Repeated):
                 labels=[group.label for group in groups],
                 runs=[group.run for group in groups],
                 scale=np.array([np.sqrt(np.mean(np.abs(g.values) ** 2) / 2) for g in groups]),
+                spanned=spanned,
             ),
             of_force=tuple(group.of_force for group in groups),
             unit_of_group=tuple(group.unit for group in groups),
@@ -209,6 +212,23 @@ class Points(Repeated):
     def y_peak(self, omega_n: float) -> float:
         """Largest displacement [m]."""
         return float(jnp.max(jnp.abs(self.motion)))
+
+
+def _own_columns(groups: Sequence[Group]) -> Float[np.ndarray, "group 2 part"]:
+    r"""What curves' own U and L add to their values, real parts then imaginary parts."""
+    held = next((group.label for group in groups if group.of_force), None)
+    if held is not None:
+        raise DataError(
+            f"`residuals` = 'own' must be of a test whose response is compared, but that of {held} "
+            "was held.",
+            why="Where the force is compared, a residual term changes it through the joint's law.",
+            remedy="State `upper` or `both`, which all tests share.",
+        )
+    first = [group.factor * group.load[:, group.order // 2] for group in groups]
+    squared = [(group.order * group.omega) ** 2 for group in groups]
+    second = [x / y for x, y in zip(first, squared, strict=True)]
+    both = np.stack([np.asarray(filled(rows)) for rows in (first, second)], axis=1)
+    return np.concatenate([np.real(both), np.imag(both)], axis=-1)
 
 
 def motion_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, "point harmonic"]:

@@ -36,6 +36,7 @@ from jbw.study.collect import collect
 from jbw.study.identifiability import as_group, look_again, plain
 from jbw.study.look import Look, look, look_groups
 from jbw.study.study import Study, input_hashes
+from jbw.study.surroundings import constants_sentence
 from jbw.verification.verify import prediction_findings
 
 logger = logging.getLogger("jbw")
@@ -83,12 +84,14 @@ def identify(
     looked = _looked(replace(campaign, tests=tests))
     seen = measured(tests, campaign.settings, laws=campaign.laws, gain=gain, report=report)
     found = run_procedure(seen, seed=seed, report=report, keep=keep)
-    _name_gain_unit(tests, found)
+    source = _name_gain_unit(tests, found)
     known = look_again(found, campaign.settings, report)
     tree = collect(seen, found, seed, truth, report, campaign.settings)
     main = found.main
     verdict = judge([*main.verdict.findings, *prediction_findings(tree)])
-    main = replace(main, verdict=verdict, statements=(*left_out, *main.statements))
+    outside = constants_sentence(main.posterior["posterior"].to_dataset(), main.held, source)
+    said = (*left_out, *main.statements, *([outside] if outside else []))
+    main = replace(main, verdict=verdict, statements=said)
     found = replace(found, steps={**found.steps, main.name: main})
     steps = {} if found.linear is None else {"linear": _linear(found.linear, truth or {})}
     steps |= {name: _step(step, truth or {}) for name, step in found.steps.items()}
@@ -133,8 +136,8 @@ def _assembly(campaign: Campaign) -> dict[str, Any]:
     return {"assembly": name, **{key: one for key, one in numbers.items() if one is not None}}
 
 
-def _name_gain_unit(tests: Sequence[Test], found: Identification) -> None:
-    """Write the unit of the gain, which the source's unit decides, into every posterior."""
+def _name_gain_unit(tests: Sequence[Test], found: Identification) -> str:
+    """Write the unit of the gain, which the returned one of the source decides, into posteriors."""
     driven = [test for test in tests if not set(INPUTS).isdisjoint(test.records[0].channels)]
     units = {drive_of(t): t.records[0].units[t.records[0].source] for t in reversed(driven)}
     for step in found.steps.values():
@@ -145,6 +148,7 @@ def _name_gain_unit(tests: Sequence[Test], found: Identification) -> None:
             draws["gain"].attrs["units"] = gain_unit(units[rest[0]])
         for drive, name in own.items():
             draws[name].attrs["units"] = gain_unit(units[drive])
+    return next(iter(units.values()), "")
 
 
 def steps_group(record: Mapping[str, Any]) -> xr.Dataset:

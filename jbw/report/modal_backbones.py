@@ -1,0 +1,165 @@
+"""Backbones of every mode of a structure, and how their shapes change with amplitude."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from jbw.errors import ConfigError, ModelError
+from jbw.oscillator.modes.backbone import ModalBackbone
+from jbw.oscillator.modes.structure import Structure, admitted
+from jbw.oscillator.steady.backbone import backbone
+from jbw.report.style import INK, LEVELS, MODEL, SOFT, Panels, finish, panels, title
+from jbw.report.text import length_unit, number
+
+TURN = 2 * np.pi
+ORDERS = (3, 5, 7)
+NEAR = 0.01  # of the harmonic's frequency: an internal resonance
+HEIGHT = 6.0
+
+Levels = Float[np.ndarray, " level"]
+
+
+class Interaction(NamedTuple):
+    """A harmonic of one mode's motion that meets another mode."""
+
+    order: int
+    mode: int  # that it meets, from 0
+    x_peak: float  # where it is nearest [m]
+
+
+class Curve(NamedTuple):
+    """Backbone of one mode; not a number beyond its end."""
+
+    omega: Levels
+    zeta: Levels
+    shape: Float[np.ndarray, "level mode"]  # |q_i / X|
+    end: float | None  # largest amplitude that was reached, where it was not the last [m]
+
+
+def draw_backbones(
+    structure: Structure, x_peak: ArrayLike, *, num_harmonics: int = 8, ax: Any = None
+) -> Panels:
+    r"""Draw frequency, damping and deflection shape of every mode against amplitude.
+
+    A column a mode: its resonance frequency, its equivalent damping ratio and the first harmonics
+    $|q_i / X|$ of all modal coordinates over that of the joint's displacement. Where a harmonic
+    meets another mode, $\omega_j = n\,\omega_i(X)$ within 1 %, stands which, as "1:3 with mode 3".
+    Where a backbone folds over it ends, and its title says at what amplitude.
+
+    Args:
+        structure: The modes and their joint.
+        x_peak: Rising amplitudes X of the joint's displacement [m], from zero or from small ones.
+        num_harmonics: Number of odd harmonics.
+        ax: Three axes a mode, row by row; a figure of its own when None.
+
+    Returns:
+        The axes, three rows of as many columns as modes.
+
+    Raises:
+        ConfigError: Amplitudes that do not rise, or as for `jbw.backbone`.
+
+    Reference:
+        Krack (2015), Computers and Structures 154, 59.
+    """
+    levels = np.atleast_1d(np.asarray(x_peak, float))
+    if levels.ndim != 1 or len(levels) < 2 or not np.all(np.diff(levels) > 0):
+        raise ConfigError(
+            "Argument `x_peak` must be two rising amplitudes or more, but is "
+            f"{np.array2string(levels, threshold=4)}.",
+            remedy="Give for example np.linspace(0, 1e-3, 50).",
+        )
+    structure = admitted(structure)
+    own = np.asarray(structure.omega_n)
+    factor, unit = length_unit(float(levels[-1]))
+    axes = panels(ax, 3, len(own), height=HEIGHT, sharex="col")
+    for mode, column in enumerate(axes.T):
+        curve = curve_of(structure, levels, mode, num_harmonics)
+        _draw(column, factor * levels, curve)
+        title(column[0], _title(mode, curve, factor, unit))
+        for each in interactions(own, mode, levels, curve.omega):
+            _mark(column, each, factor, unit)
+    left = ("frequency [Hz]", "damping ratio [%]", "|q / X| [-]")
+    return finish(axes, ax, f"amplitude at the joint [{unit}]", left)
+
+
+def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int) -> Curve:
+    """Backbone of one mode as far as it goes."""
+    try:
+        motion = backbone(structure, levels, mode=mode, num_harmonics=num_harmonics)
+    except ModelError:  # it ends before the last amplitude, or cannot be had at all
+        motion = _as_far_as_it_goes(structure, jnp.asarray(levels), mode, num_harmonics)
+    omega, zeta = np.asarray(motion.omega), np.asarray(motion.zeta)
+    reached = levels[np.isfinite(omega)]
+    end = None if len(reached) == len(levels) else float(reached.max(initial=0.0))
+    return Curve(omega, zeta, np.abs(np.asarray(motion.shape)), end)
+
+
+@eqx.filter_jit
+def _as_far_as_it_goes(
+    structure: Structure, levels: Float[Array, " level"], mode: int, num_harmonics: int
+) -> ModalBackbone:
+    """Not a number beyond, as under every transformation, instead of an error."""
+    return backbone(structure, levels, mode=mode, num_harmonics=num_harmonics)
+
+
+def interactions(
+    own: Float[np.ndarray, " mode"], mode: int, levels: Levels, omega: Levels
+) -> list[Interaction]:
+    """Modes that a harmonic of one mode's motion comes within 1 % of, and where it is nearest."""
+    found = []
+    known = np.isfinite(omega)
+    for order in ORDERS:
+        for other in (j for j in range(len(own)) if j != mode and known.any()):
+            away = own[other] / (order * omega[known]) - 1.0
+            nearest = int(np.argmin(np.abs(away)))
+            if abs(away[nearest]) < NEAR:
+                place = _crossing(away, levels[known], nearest)
+                found.append(Interaction(order, other, place))
+    return found
+
+
+def _crossing(away: Levels, levels: Levels, nearest: int) -> float:
+    """Where a detuning is zero, between two amplitudes; else the amplitude where it is least."""
+    turns = np.flatnonzero(np.diff(np.sign(away)) != 0)
+    if not len(turns):
+        return float(levels[nearest])
+    i = int(turns[0])
+    part = away[i] / (away[i] - away[i + 1])
+    return float(levels[i] + part * (levels[i + 1] - levels[i]))
+
+
+def _draw(column: Panels, x: Levels, curve: Curve) -> None:
+    """The three panels of one mode."""
+    column[0].plot(x, curve.omega / TURN, color=MODEL, lw=1.2)
+    column[1].plot(x, 100 * curve.zeta, color=MODEL, lw=1.2)
+    for i, share in enumerate(curve.shape.T):
+        column[2].plot(x, share, color=LEVELS[i % len(LEVELS)], lw=1.2, label=f"mode {i + 1}")
+    column[2].set_yscale("log", nonpositive="mask")
+    for each in column[:2]:
+        each.ticklabel_format(axis="y", useOffset=False)
+    for each in column:
+        each.set_xlim(x[0], x[-1])
+
+
+def _title(mode: int, curve: Curve, factor: float, unit: str) -> str:
+    said = f"mode {mode + 1}"
+    if curve.end is None:
+        return said
+    return f"{said}: folds over, or turns\ntoo often, at {number(factor * curve.end)} {unit}"
+
+
+def _mark(column: Panels, each: Interaction, factor: float, unit: str) -> None:
+    """A line where a harmonic meets another mode, and which it is."""
+    place = factor * each.x_peak
+    for one in column:
+        one.axvline(place, color=SOFT, lw=0.8, ls=":")
+    low, high = column[0].get_xlim()
+    ha, away = ("right", -3) if place > 0.5 * (low + high) else ("left", 3)
+    column[0].annotate(
+        f"1:{each.order} with mode {each.mode + 1}\nat {number(place)} {unit}",
+        (place, 0.04), xycoords=("data", "axes fraction"), xytext=(away, 0),
+        textcoords="offset points", ha=ha, fontsize=7, color=INK,
+    )  # fmt: skip

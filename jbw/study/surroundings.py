@@ -1,0 +1,47 @@
+r"""What the modes outside a band come to in a campaign's own units, in a sentence.
+
+About the joint's own mode both residual terms are one real constant: as an inertance
+
+$$c = -g\,(\omega_n^2 U + L)$$
+
+that of a rigid body, 1/M, where it is positive; else the modes above give the structure a
+compliance $-c / \omega_n^2$.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+from jbw.inference.posterior.summary import QUANTILES
+from jbw.observables.residual_terms import LOWER, UPPER
+from jbw.quantities import gain_unit, per
+from jbw.report.text import number, typed
+
+
+def constants_sentence(posterior: xr.Dataset, held: Mapping[str, float], source: str) -> str | None:
+    """One real constant with its 99 % interval, and what it is of; None where there is none.
+
+    `source` is the unit of what drives the tests.
+    """
+    known = {**held, **{str(name): draws.values for name, draws in posterior.items()}}
+    if not {UPPER, LOWER} & known.keys() or not {"gain", "omega_n"} <= known.keys():
+        return None
+    stiff = np.asarray(known["omega_n"]) ** 2
+    inertance = -known["gain"] * (stiff * known.get(UPPER, 0.0) + known.get(LOWER, 0.0))
+    if np.median(inertance) > 0:
+        return (
+            f"About the mode the modes outside the band are one real constant of "
+            f"{_spread(inertance)} {gain_unit(source).replace('N/kg', 'm/s^2')}: the rigid body, "
+            "with what modes there are below."
+        )
+    return (
+        f"About the mode the modes outside the band are one real constant of "
+        f"{_spread(-inertance / stiff)} {per('m', source)}: the compliance of the modes above."
+    )
+
+
+def _spread(draws: np.ndarray) -> str:
+    low, middle, high = np.quantile(draws, QUANTILES)
+    told = [typed(number(x, 0.2 * (high - low))) for x in (middle, low, high)]
+    return f"{told[0]} [{told[1]}, {told[2]}]"
