@@ -17,7 +17,7 @@ from jbw.rig.generator import Excitation, Multisine, Noise, Steps, Tone, analog,
 from jbw.rig.integrator import GRID, Specimen, respond
 from jbw.rig.prescribed_motion import Growth, Held, holding_force, pulled
 from jbw.rig.presets import Plan, Preset
-from jbw.rig.structure import Assembled, Motion, move, of_day
+from jbw.rig.structure import Assembled, Motion, Shapes, move, of_day
 
 CELL_NOISE, POINT_NOISE = 2e-4, 1e-3  # of a force cell [N], and of an accelerometer [m/s^2]
 POINT_RANGE = 512.0  # full scale of the accelerometer [m/s^2]
@@ -58,7 +58,7 @@ def record_test(
     bench, excitation = Bench(plan, rig, conditions), plan.excitation
     demands: Sequence[Samples] = []
     if rig.shapes is not None and not isinstance(excitation, Growth | Held):
-        channels, demands = _shaken_structure(bench, excitation, days)
+        channels, demands = _shaken_structure(bench, rig.shapes, excitation, days)
     elif not isinstance(excitation, Growth | Held):
         channels, demands = _shaken(bench, excitation, days)
     elif rig.source != "force":
@@ -156,7 +156,7 @@ def _play(
 
 
 def _shaken_structure(
-    bench: Bench, excitation: Excitation, days: Sequence[Specimen]
+    bench: Bench, shapes: Shapes, excitation: Excitation, days: Sequence[Specimen]
 ) -> tuple[list[Channels], list[Samples]]:
     """The same of several modes under a shaker with an armature, with what its plan records."""
     rig, conditions = bench.rig, bench.conditions
@@ -171,7 +171,8 @@ def _shaken_structure(
     played = None
     for r in range(bench.plan.repeats):
         if played is None or differ:
-            played = _play_structure(bench, excitation, days[r], r)
+            assembled = Assembled(of_day(shapes, days[r]), days[r].forces, rig.armature)
+            played = _play_structure(bench, assembled, excitation, r)
         demand, source, motion = played
         sensors = {
             "input": (source, conditions.input_noise_std, rig.input_range, 1),
@@ -194,17 +195,15 @@ def _shaken_structure(
 
 
 def _play_structure(
-    bench: Bench, excitation: Excitation, specimen: Specimen, repeat: int
+    bench: Bench, structure: Assembled, excitation: Excitation, repeat: int
 ) -> tuple[Samples, Samples, Motion]:
     """Demanded voltage, voltage at the shaker and motion, as they are before any sensor."""
-    conditions, fs, rig = bench.conditions, bench.conditions.fs, bench.rig
-    assert rig.shapes is not None
+    conditions, fs = bench.conditions, bench.conditions.fs
     drawn = repeat if isinstance(excitation, Noise) else 0
     phases = draw_phases(excitation, bench.stream(drawn, 0), fs)
     first = round(excitation.settle * fs)
     last = first + round(excitation.duration * fs)
     played = partial(analog, excitation, phases=phases, fs=fs)
-    structure = Assembled(of_day(rig.shapes, specimen), specimen.forces, rig.armature)
     motion = move(structure, played(GRID * fs, distortion=conditions.distortion), last, fs)
     demand = played(fs)(first, last)
     source = played(fs, distortion=conditions.distortion)(first, last)
