@@ -78,6 +78,7 @@ ATTACHED = tuple(
     for one in OSCILLATOR
 )  # fmt: skip
 LINEAR = (*OSCILLATOR, *ATTACHED)
+GAINS = frozenset(one.name for one in LINEAR if one.name.startswith("gain"))  # of the sources
 
 # What other modes add to a response, per force and unit mass of the joint's own mode: those outside
 # of a band by two constants, linear ones within it as they are.

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import FancyBboxPatch, Rectangle
 
 from jbw.errors import DataError
+from jbw.quantities import GAINS
 from jbw.report import style
 from jbw.report.loops import draw_loops, enclosed_areas
 from jbw.report.result import (
@@ -219,7 +220,7 @@ def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[Outcome]:
 def _main(tree: xr.DataTree, facts: xr.Dataset) -> list[Outcome]:
     """Return the main posterior's numbers, two in a line, and below them how it mixed."""
     stored = parameters(branch(tree, "posterior"))
-    kept = [each for each in stored if "[" not in each.name and each.name != "gain"]
+    kept = [each for each in stored if "[" not in each.name and each.name not in GAINS]
     texts = [f"{each.symbol} = {spread_text(each.draws, each.unit)}" for each in kept]
     mixing, status = _quality(facts, str(facts.attrs["main"]))
     lines = [",  ".join(texts[i : i + 2]) for i in range(0, len(texts), 2)]

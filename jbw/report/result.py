@@ -10,7 +10,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from jbw.errors import DataError
-from jbw.quantities import BY_NAME, Quantity, in_dialect
+from jbw.quantities import BY_NAME, GAINS, Quantity, in_dialect
 from jbw.report.style import plain
 from jbw.report.text import quantity, symbol, unit_text
 
@@ -144,7 +144,7 @@ def _element(value: Any, index: int) -> float | None:
 def of_joint(group: xr.Dataset) -> list[Parameter]:
     """The oscillator's and its laws' own parameters: no gain, no noise, no products."""
     # The symbol of a product has several letters with spaces between them.
-    return [each for each in parameters(group) if each.name != "gain" and " " not in each.symbol]
+    return [each for each in parameters(group) if each.name not in GAINS and " " not in each.symbol]
 
 
 def of_law(joint: Iterable[Parameter]) -> list[Parameter]:

@@ -9,13 +9,14 @@ what the sensors make of it (`record_test`, `conditions`).
 """
 
 from jbw.rig.acquisition import RigCampaign, measure
-from jbw.rig.presets import LABORATORY, MIXED, PAPER, SLIDERS, TRUTH, Plan, Preset
+from jbw.rig.presets import LABORATORY, MIXED, MODES, PAPER, SLIDERS, TRUTH, Plan, Preset
 from jbw.rig.tightening import Tightening, measure_fleet, tightened
 from jbw.rig.writing import write
 
 __all__ = [
     "LABORATORY",
     "MIXED",
+    "MODES",
     "PAPER",
     "SLIDERS",
     "TRUTH",

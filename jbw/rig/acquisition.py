@@ -18,6 +18,7 @@ from jbw.rig.conditions import Conditions, check, specimen_of_days
 from jbw.rig.integrator import specimen_of
 from jbw.rig.presets import PRIOR, TRUTH, Plan, Preset, plans_named, preset_named
 from jbw.rig.record_test import record_test
+from jbw.rig.structure import first_mode_truth, law_of_mode, of_day
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ def measure(
     0.0018 for omega_n between assemblies.
 
     Args:
-        preset: "everyday", "laboratory", "paper", "mixed" or a preset of your own.
+        preset: "everyday", "laboratory", "paper", "mixed", "modes" or a preset of your own.
         seed: Seed of everything random.
         joint: The specimen: a `BoucWen` with nu = 1, or an `Oscillator` such as `SLIDERS` of any
             laws; the rig has a code of its own for each (`jbw.rig.law_forces`).
@@ -98,6 +99,13 @@ def measure(
     count = max(plan.repeats for plan in plans)
     days = specimen_of_days(specimen_of(joint), count, conditions)
     joint_truth = {name: float(x) for name, x in as_oscillator(joint).parameters().items()}
+    gain, by_voltage = rig.gain, {}
+    if rig.shapes is not None:
+        shapes = of_day(rig.shapes, specimen_of(joint))
+        for law in as_oscillator(joint).laws:
+            joint_truth |= law_of_mode(law, shapes)
+        by_voltage = first_mode_truth(shapes, rig.armature)
+        gain = float(shapes.drive[0] * shapes.output[0])
     # Two tests at once: FFT, compiled loop and random numbers all release the interpreter's lock.
     with ThreadPoolExecutor(max_workers=2) as pool:
         by_plan = pool.map(lambda plan: record_test(plan, rig, days, conditions), plans)
@@ -109,8 +117,8 @@ def measure(
         settings=_settings(rig, plans, conditions, joint_truth),
         truth={
             "preset": rig.name,
-            "gain": rig.gain,
-            "joint": joint_truth,
+            "gain": gain,
+            "joint": joint_truth | by_voltage,
             "days": [{"omega_n": day.omega_n, "zeta": day.zeta} for day in days],
             "conditions": asdict(conditions),
         },
@@ -126,7 +134,7 @@ def _settings(
     sweeps = [plan for plan in plans if kind_named(plan.kind).is_transient]
     fitted = [kind for kind in rig.fit if kind in {plan.kind for plan in plans}]
     settings: dict[str, Any] = {"fit": fitted} if fitted else {}
-    if len(sweeps) >= 3:
+    if len(sweeps) >= 3 and rig.shapes is None:  # with an armature, levels are in units of two
         levels = [plan.excitation.level for plan in sweeps]
         settings["fit_levels"] = [min(levels), max(levels)]
     fewest = min((plan.repeats for plan in sweeps), default=0)

@@ -1,4 +1,4 @@
-"""What is measured on the rig: the paper's cantilever, its tests and four ways to measure it.
+"""What is measured on the rig: the paper's cantilever, its tests and five ways to measure it.
 
 `everyday` is a working day of a laboratory: the structure is taken apart and assembled anew between
 three days, of which omega_n scatters by 0.18 % as in the paper and zeta by 3 %; the laser leaves
@@ -18,10 +18,14 @@ that one factor, one over the modal mass, serves the shaken tests and the forced
 is measured well enough to do without the others: noise knows the linear joint, tones near a third
 of the resonance its third harmonic, the stepped sine and the sweeps all of it, decays what it
 dissipates, and the loop its stiffness without the resonance.
+
+`modes` is a structure of three modes with the paper's joint across it, and a shaker whose armature
+moves along: tests about the first mode by its measured force, by its voltage, and a decay with the
+amplifier at zero volts. Its key `drive` says which test is whose.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,6 +35,7 @@ from jbw.oscillator.laws import law_named
 from jbw.oscillator.oscillator import BoucWen, Oscillator
 from jbw.rig.generator import Excitation, Noise, Steps, Sweep, Tone
 from jbw.rig.prescribed_motion import Growth, Held
+from jbw.rig.structure import Armature, Shapes
 
 TRUTH = BoucWen(omega_n=2 * np.pi * 18.8, zeta=0.00444, alpha=497.40, delta=340.21, gamma=32.84)
 """The cantilever of the paper, Table 1 (the identified values, taken as the truth)."""
@@ -83,6 +88,8 @@ class Plan:
     # Band to use in the identification [Hz], when it should be stated.
     band_hz: tuple[float, float] | None = None
     settle: float = 0.0  # time to discard after the start of each step [s]
+    drive: str = ""  # what drives it, where the rig has an armature
+    sources: tuple[str, ...] = ()  # recorded beside the velocity there: input, force, drive_point
 
 
 @dataclass(frozen=True)
@@ -107,6 +114,8 @@ class Preset:
     noise_ratio: float | None = None  # laser noise relative to each record's rms, instead [-]
     omega_n_cv: float = 0.0  # coefficient of variation of omega_n from day to day [-]
     zeta_cv: float = 0.0  # coefficient of variation of zeta from day to day [-]
+    shapes: Shapes | None = None  # of several modes, the joint's own first; driven by the armature
+    armature: Armature = field(default_factory=Armature)
 
 
 def named(kind: str, level: float, unit: str = "V") -> str:
@@ -191,6 +200,25 @@ def _everyday_programme(days: int = 3) -> tuple[Plan, ...]:
     )
 
 
+def _modes_programme() -> tuple[Plan, ...]:
+    """About the first mode, by the force that the shaker gives and by what it is fed."""
+    near = (12.0, 26.0)
+    every, cell = ("input", "force", "drive_point"), ("force",)
+    sweeps = [Sweep(10.0, 30.0, v, burst=6.0, fade=0.2, duration=10.0) for v in (0.02, 0.06, 0.2)]
+    burst = Sweep(BURST_HZ, BURST_HZ, 0.05, burst=6.0, fade=0.1, duration=10.0, settle=6.0)
+    by_force = {"drive": "force", "sources": cell}
+    by_voltage = {"drive": "voltage", "sources": every, "band_hz": near}
+    return (
+        Plan("noise_force", "noise", Noise(0.003, 128.0, settle=16.0), 3, (17.0, 20.5), **by_force),
+        *(
+            Plan(f"sweep_force_{i}", "sweep", sweep, 3, near, **by_force)
+            for i, sweep in enumerate(sweeps, start=1)
+        ),
+        *(_plan("sweep", "sweep", sweep, 3, **by_voltage) for sweep in sweeps[::2]),
+        Plan("decay_shaker", "decay", burst, 3, (15.0, 22.0), drive="voltage"),
+    )
+
+
 EVERYDAY = Preset(
     name="everyday",
     gain=15.0,
@@ -227,7 +255,21 @@ MIXED = Preset(
     source_noise_std=50e-6,
     plans=_short_programme(),
 )
-PRESETS = {preset.name: preset for preset in (EVERYDAY, LABORATORY, PAPER, MIXED)}
+MODES = Preset(
+    name="modes",
+    gain=20.0,
+    input_range=1.0,
+    velocity_range=2.0,
+    plans=_modes_programme(),
+    noise_ratio=0.02,
+    shapes=Shapes(
+        omega=2 * np.pi * np.array([18.8, 57.2, 131.0]), zeta=np.array([0.00444, 0.006, 0.008]),
+        drive=np.array([0.7, 0.9, 0.4]), joint=np.array([1.0, -0.8, 0.5]),
+        output=np.array([1.0, 0.7, -0.6]),
+    ),
+    armature=Armature(gain=20.0, mass=0.01, damping=1.2, stiffness=300.0),
+)  # fmt: skip
+PRESETS = {preset.name: preset for preset in (EVERYDAY, LABORATORY, PAPER, MIXED, MODES)}
 
 
 def preset_named(preset: str | Preset) -> Preset:

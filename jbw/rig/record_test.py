@@ -17,7 +17,10 @@ from jbw.rig.generator import Excitation, Multisine, Noise, Steps, Tone, analog,
 from jbw.rig.integrator import GRID, Specimen, respond
 from jbw.rig.prescribed_motion import Growth, Held, holding_force, pulled
 from jbw.rig.presets import Plan, Preset
+from jbw.rig.structure import Assembled, Motion, Shapes, move, of_day
 
+CELL_NOISE, POINT_NOISE = 2e-4, 1e-3  # of a force cell [N], and of an accelerometer [m/s^2]
+POINT_RANGE = 512.0  # full scale of the accelerometer [m/s^2]
 Samples = NDArray[np.float64]
 Channels = dict[str, Samples]
 
@@ -54,7 +57,9 @@ def record_test(
     """A planned test as recorded, or one a day where days differ, and its demands [V or N]."""
     bench, excitation = Bench(plan, rig, conditions), plan.excitation
     demands: Sequence[Samples] = []
-    if not isinstance(excitation, Growth | Held):
+    if rig.shapes is not None and not isinstance(excitation, Growth | Held):
+        channels, demands = _shaken_structure(bench, rig.shapes, excitation, days)
+    elif not isinstance(excitation, Growth | Held):
         channels, demands = _shaken(bench, excitation, days)
     elif rig.source != "force":
         raise ConfigError(
@@ -92,6 +97,7 @@ def record_test(
         settle=plan.settle,
         delay=conditions.delay if "velocity" in channels[0] else 0.0,
         periods=excitation.periods if isinstance(excitation, Multisine) else 1,
+        drive=plan.drive,
     )
     if not conditions.varies:
         return [(whole, demands)]
@@ -147,6 +153,61 @@ def _play(
     gain = bench.rig.gain
     _, velocity, _ = respond(specimen, lambda i, j: gain * fine(i, j), last, fs)
     return demand, source, velocity[first:]
+
+
+def _shaken_structure(
+    bench: Bench, shapes: Shapes, excitation: Excitation, days: Sequence[Specimen]
+) -> tuple[list[Channels], list[Samples]]:
+    """The same of several modes under a shaker with an armature, with what its plan records."""
+    rig, conditions = bench.rig, bench.conditions
+    if conditions.delay:
+        raise ConfigError(
+            f"Argument `delay` must be 0 on the rig `{rig.name}`, but is {conditions.delay:g}.",
+            why="Its force and drive point are recorded at the same time as its velocity.",
+        )
+    differ = conditions.varies or isinstance(excitation, Noise)
+    recorded: list[Channels] = []
+    demands: list[Samples] = []
+    played = None
+    for r in range(bench.plan.repeats):
+        if played is None or differ:
+            assembled = Assembled(of_day(shapes, days[r]), days[r].forces, rig.armature)
+            played = _play_structure(bench, assembled, excitation, r)
+        demand, source, motion = played
+        sensors = {
+            "input": (source, conditions.input_noise_std, rig.input_range, 1),
+            "force": (motion.force, CELL_NOISE, rig.force_range, 3),
+            "drive_point": (motion.drive_point, POINT_NOISE, POINT_RANGE, 4),
+        }
+        channels: Channels = {}
+        for role in bench.plan.sources:
+            x, noise, full_scale, number = sensors[role]
+            channels[role] = bench.sensed(role, x, noise, full_scale, (r, number))
+        if bench.plan.sources:
+            demands.append(demand)
+        noise = conditions.noise_std
+        if conditions.noise_ratio is not None:
+            noise = conditions.noise_ratio * float(np.sqrt(np.mean(motion.velocity**2)))
+        velocity = motion.velocity
+        channels["velocity"] = bench.sensed("velocity", velocity, noise, rig.velocity_range, (r, 2))
+        recorded.append(channels)
+    return recorded, demands
+
+
+def _play_structure(
+    bench: Bench, structure: Assembled, excitation: Excitation, repeat: int
+) -> tuple[Samples, Samples, Motion]:
+    """Demanded voltage, voltage at the shaker and motion, as they are before any sensor."""
+    conditions, fs = bench.conditions, bench.conditions.fs
+    drawn = repeat if isinstance(excitation, Noise) else 0
+    phases = draw_phases(excitation, bench.stream(drawn, 0), fs)
+    first = round(excitation.settle * fs)
+    last = first + round(excitation.duration * fs)
+    played = partial(analog, excitation, phases=phases, fs=fs)
+    motion = move(structure, played(GRID * fs, distortion=conditions.distortion), last, fs)
+    demand = played(fs)(first, last)
+    source = played(fs, distortion=conditions.distortion)(first, last)
+    return demand, source, Motion(*(x[first:] for x in motion))
 
 
 def _pulled(bench: Bench, growth: Growth, specimen: Specimen, repeat: int) -> Channels:

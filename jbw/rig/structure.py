@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.errors import ModelError
+from jbw.oscillator.attachment import Attachment, attached
 from jbw.oscillator.law import Law
 from jbw.rig.forces import Force
 from jbw.rig.integrator import BLOCK, GRID, SUBSTEPS, Specimen, State, doubles, runge_kutta
@@ -141,6 +142,22 @@ def _advance(
         return after, (*now[:3], change)
 
     return lax.scan(sample, state, jnp.arange(u.shape[0] // GRID))
+
+
+def of_day(shapes: Shapes, specimen: Specimen) -> Shapes:
+    """The modes as they are where the first has a specimen's frequency and damping."""
+    omega = shapes.omega * (specimen.omega_n / shapes.omega[0])
+    return shapes._replace(omega=omega, zeta=shapes.zeta * (specimen.zeta / shapes.zeta[0]))
+
+
+def first_mode_truth(shapes: Shapes, armature: Armature) -> dict[str, float]:
+    """What an identification finds of the first mode by voltage, and its gains by either drive."""
+    added = Attachment(armature.mass, armature.damping, armature.stiffness)
+    omega, zeta = attached(shapes.omega, shapes.zeta, shapes.drive, added)
+    gain = float(shapes.drive[0] * shapes.output[0])
+    share = 1 + armature.mass * float(shapes.drive[0]) ** 2
+    fed = {"omega_n": float(omega[0]), "zeta": float(zeta[0]), "gain": gain * armature.gain / share}
+    return {f"{name}_voltage": value for name, value in fed.items()}
 
 
 def modal_truth(shapes: Shapes, mode: int = 0) -> dict[str, Modal]:

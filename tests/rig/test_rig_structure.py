@@ -10,6 +10,9 @@ import pytest
 from scipy.signal import lsim
 
 import jbw
+from jbw import rig
+from jbw.campaign.schema import read_spec
+from jbw.errors import ConfigError
 from jbw.oscillator.laws import law_named
 from jbw.rig.forces import BoucWenForce
 from jbw.rig.integrator import GRID
@@ -108,3 +111,33 @@ def test_a_law_takes_the_units_of_the_mode():
     assert cubic == pytest.approx({"cubic": 2.0 * 1.44 * 2.25})
     slider = law_of_mode(law_named("jenkins_1").build({"stiffness_1": 3.0, "slip_1": 0.3}), SHAPES)
     assert slider == pytest.approx({"stiffness_1": 4.32, "slip_1": 0.2})
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return rig.measure("modes", tests=["sweep_0p20V", "decay_shaker"], repeats=1, fs=512.0)
+
+
+def test_a_campaign_of_modes_says_what_drives_each_test(campaign, tmp_path):
+    sweep, decay = campaign.tests
+    assert set(sweep.records[0].channels) == {"input", "force", "drive_point", "velocity"}
+    assert (sweep.records[0].source, decay.drive) == ("input", "voltage")
+    spec = read_spec(rig.write(campaign, tmp_path / "written"))
+    assert [test.drive for test in spec.tests] == ["voltage", "voltage"]
+
+
+def test_the_truth_by_voltage_is_that_of_the_structure_with_its_shaker(campaign):
+    """By hand, of the first mode alone: the others change it by a hundredth of the change."""
+    true, shaker, push = campaign.truth["joint"], rig.MODES.armature, 0.7**2
+    share = 1 + shaker.mass * push
+    omega = np.sqrt((true["omega_n"] ** 2 + shaker.stiffness * push) / share)
+    rate = (2 * true["zeta"] * true["omega_n"] + shaker.damping * push) / share
+    change = omega - true["omega_n"]
+    assert true["omega_n_voltage"] - true["omega_n"] == pytest.approx(change, rel=0.01)
+    assert true["zeta_voltage"] == pytest.approx(rate / (2 * omega), rel=0.01)
+    assert true["gain_voltage"] == pytest.approx(0.7 * shaker.gain / share)
+
+
+def test_a_lag_of_one_channel_is_refused():
+    with pytest.raises(ConfigError, match="`delay` must be 0"):
+        rig.measure("modes", tests="sweep_0p20V", repeats=1, delay=1e-3)
