@@ -34,7 +34,7 @@ from jbw.population.trend import SPREAD, expected
 
 FULL = (500, 1000, 2)  # warm-up, draws, chains: of NUTS
 ROUGH = (300, 200, 1)  # to see how much units scatter
-ACCEPTED = 0.95  # scatters near zero and correlations near one bend the density
+ACCEPTED = 0.98  # scatters near zero and correlations near one bend the density
 EVEN = 2.0  # of the correlations' prior: above 1 it leans to none
 
 

@@ -17,7 +17,7 @@ from jbw.population.unit import GAIN
 
 FEWEST = 3  # units, below which a scatter is its prior's
 FEWEST_FREE = 3  # degrees of freedom, below which a trend's intervals are
-GOOD_R_HAT, FEW_DIVERGENT = 1.01, 0.001
+GOOD_R_HAT, FEW_DIVERGENT = 1.01, 0.002
 Draws = dict[str, np.ndarray]
 
 
