@@ -77,7 +77,8 @@ class TestSpec(Table):
     drive: Literal["voltage", "current", "force", "none"] | None = key(
         None,
         "what drives it, or hangs on it in a free decay: by voltage or current the shaker moves "
-        "along; by default what the unit of `input` says, force of `force`, none of a decay",
+        "along; by default what the unit of the input says, force where that is the source, "
+        "none of a decay",
         "voltage",
     )
     tones: values.Numbers = key((), "frequencies present at once, or in turn if stepped [Hz]")

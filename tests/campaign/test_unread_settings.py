@@ -30,7 +30,7 @@ def campaign(settings, *kinds, head=""):
     [
         ("fit_repeats = 2", ["frf", "loop"], "fit_repeats"),
         ("substeps = 2", ["frf"], "substeps"),
-        ("modes = [18.8]", ["sweep"], "modes"),
+        ("modes = [18.8]", ["loop"], "modes"),
         ('fit = ["sweep", "noise"]', ["sweep"], "fit"),
         ('offsets = "runs"', ["sweep"], "offsets"),
         ('sampler = "nested"\nnum_warmup = 9', ["sweep"], "num_warmup"),
@@ -66,7 +66,7 @@ def test_check_shows_it_and_loading_warns_of_it(tmp_path, capsys):
     wave = np.exp(-2.0 * time) * np.cos(60.0 * time)
     np.savetxt(tmp_path / "a.csv", np.c_[time, wave], delimiter=",", header="t,v", comments="")
     text = campaign('offsets = "runs"', "decay").replace("a.h5", "a.csv")
-    units = 'units = { velocity = "m/s" }\nfs = 256.0\n[identify]'
+    units = 'units = { velocity = "m/s" }\nfs = 256.0\nband = [8.0, 11.0]\n[identify]'
     file = tmp_path / "campaign.toml"
     file.write_text(text.replace("[identify]", units))
     assert run(["check", str(file), "--json"]) == 0

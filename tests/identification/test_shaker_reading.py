@@ -97,7 +97,7 @@ def test_check_says_it(tmp_path):
     np.savez(tmp_path / "a.npz", **channels())
     (tmp_path / "campaign.toml").write_text(TEXT)
     ran = CliRunner().invoke(check, [str(tmp_path / "campaign.toml"), "--json"])
-    (said,) = json.loads(ran.output)["shakers"]
+    (said,) = json.loads(ran.stdout)["shakers"]
     assert "the shaker gives 40 N/V and is attached by 0.08 kg, 1.5 N s/m and 900 N/m" in said
 
 

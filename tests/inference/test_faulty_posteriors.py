@@ -53,7 +53,7 @@ def test_failed_solves_are_counted_shown_and_fail(sampler, code):
     status, finding = finding_of(tree, NARROW, code)
     assert (status, finding.status) == ("failed", "failed")
     assert "failed solve" in finding.reason
-    assert "solved" in finding.action
+    assert "Solve more finely" in finding.action
 
 
 FUNNEL = box({"scale": (-9.0, 9.0), "x": (-60.0, 60.0)})

@@ -112,7 +112,7 @@ def test_a_spent_budget_is_a_finding_that_says_what_it_would_have_taken():
     finding = next(one for one in judged.findings if one.code == "budget")
     assert judged.status == "failed"
     assert finding.number == found.attrs["budget_spent_s"]
-    assert "Set `budget_s` in [identify] to" in finding.action
+    assert "Put under [identify]: `budget_s = " in finding.action
 
 
 def test_draws_of_a_told_number_have_no_budget():

@@ -101,12 +101,14 @@ CASES = {
 # What has no number to trace: data, files, studies, or a class that is used above.
 ELSEWHERE = {
     "Attachment", "Campaign", "ConfigError", "DataError", "JbwError", "ModelError", "Record",
-    "Response", "RunError", "Study", "Test", "attached", "compare", "compare_laws", "enable_x64",
+    "Response", "RunError", "Study", "Test", "attached", "citation", "compare", "compare_laws",
+    "draw_backbones", "enable_x64",
     "fit_attachment", "fit_modes", "fleet_of", "frf", "from_sep005", "harmonics",
     "identifiability", "identify", "identify_many", "laws", "line_fit", "load_campaign",
     "load_study", "new_backbone", "new_prediction", "new_units", "one_stage", "plan_tests", "pool",
     "population_of", "read", "read_fleet", "record_frf", "rig",
-    "sbc", "third_order_kernel", "to_sep005", "write_fleet", "write_uff",
+    "sbc", "third_order_kernel", "to_sep005", "updated",
+    "write_fleet", "write_uff",
 }  # fmt: skip
 # Have as many points, or pairs, as their numbers ask for.
 REFUSES = {"internal_resonances", "response_curve"}

@@ -111,7 +111,7 @@ def a_fleet(status="ok", y_peak=Y_PEAK):
     design = Design(("mean", "torque"), np.ones((2, 2)), 5.0)
     line = np.stack([logs[0], list(POWER.values())], axis=-1)[None, None]
     found = Population(
-        Pooled(tuple(MEANS), logs, np.zeros((1, 3, 3)), np.eye(3), tuple(MEANS)),
+        Pooled(tuple(MEANS), logs, np.zeros((1, 3, 3)), np.eye(3), tuple(MEANS), np.zeros((0, 3))),
         design,
         SimpleNamespace(),
         {"line": line, "tau": np.zeros((1, 1, 3)), "scatter": 1e-30 * np.eye(3)[None, None]},
