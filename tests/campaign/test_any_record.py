@@ -91,5 +91,6 @@ def test_any_record_is_checked_without_breaking(tmp_path_factory, table, seed):
             found = check_campaign(folder / "campaign.toml")
         except ConfigError:
             return
-    assert (found.exit_code == 3) == (found.status == "error")
+    # 3 for what a record is, 2 for what the campaign does not state of it.
+    assert (found.exit_code in (2, 3)) == (found.status == "error")
     json.dumps(as_json(found), allow_nan=False)
