@@ -37,6 +37,15 @@ def test_white_noise_keeps_its_standard_deviation_by_lines():
     assert in_band(noise, lines).std() == pytest.approx(0.3 * noise_share(lines, SIZE), rel=0.01)
 
 
+def test_an_offset_of_the_output_lies_in_no_band():
+    """A constant is at 0 Hz alone, so that a band integrates it out whatever its prior is."""
+    lines = lines_of((0.0, 60.0), SIZE, FS)
+    assert lines[0] == 1
+    x = np.random.default_rng(2).standard_normal(SIZE)
+    moved = values_of(jnp.asarray(x + 30.0), lines)
+    np.testing.assert_allclose(moved, values_of(jnp.asarray(x), lines), atol=1e-11)
+
+
 def test_a_band_without_a_line_is_refused():
     with pytest.raises(DataError, match="`band` must hold a line"):
         lines_of((10.01, 10.02), SIZE, FS)
