@@ -1,0 +1,48 @@
+"""Draws what `jbw demo` says in a terminal, from a recording of one, as docs/terminal.svg.
+
+    script -c "jbw demo" demo.log && python docs/draw_terminal.py demo.log
+
+What a terminal writes over, and the lines that only say that work goes on, are left out. No font or
+style of another host is asked for.
+"""
+
+import re
+import sys
+from collections.abc import Iterator
+from io import StringIO
+from pathlib import Path
+
+from rich.console import Console
+from rich.terminal_theme import MONOKAI
+from rich.text import Text
+
+WIDTH = 100
+ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
+STARTED = re.compile(r"\[ *[\d.]+ s\] (?!\.\.\.)")  # a step, at its time
+PASSING = re.compile(r"\[ *[\d.]+ s\] \.\.\.|so far$|effective draws")
+FONTS = re.compile(r"@font-face \{.*?\}\s*", re.DOTALL)
+
+
+def lines_of(recording: str) -> Iterator[str]:
+    """Lines that stay, the wrapped end of a passing one left out too."""
+    for line in ESCAPES.sub("", recording).replace("\r", "").splitlines():
+        if not line.strip() or line.startswith("Script ") or PASSING.search(line):
+            continue
+        if line.startswith(("real\t", "user\t", "sys\t")):
+            continue
+        yield line
+
+
+def drawn(recording: str) -> str:
+    """The SVG."""
+    console = Console(record=True, width=WIDTH, file=StringIO(), force_terminal=True)
+    console.print(Text("$ jbw demo", style="bold"))
+    for line in lines_of(recording):
+        style = "dim" if STARTED.match(line) else ""
+        console.print(Text(line, style="bold green" if line.startswith("Verdict") else style))
+    return FONTS.sub("", console.export_svg(title="jbw demo", theme=MONOKAI))
+
+
+if __name__ == "__main__":
+    text = Path(sys.argv[1]).read_text(encoding="utf-8", errors="replace")
+    Path(__file__).with_name("terminal.svg").write_text(drawn(text), encoding="utf-8")
