@@ -192,7 +192,7 @@ def _tree(units: Sequence[Unit], stated: Sequence[Covariates]) -> xr.DataTree:
 
 def _group(unit: Unit, logs: Any) -> xr.Dataset:
     variables: dict[str, Any] = {"draws": (("draw", "parameter"), logs)}
-    coords = {}
+    coords: dict[str, Any] = {}
     if unit.gain is not None:
         variables[GAIN] = ("draw", unit.gain)
     if unit.noise:
