@@ -75,6 +75,17 @@ def test_the_conda_recipe_needs_what_the_wheel_needs():
     assert (ROOT / recipe["about"]["license_file"]).is_file()
 
 
+def test_rattler_build_reads_and_renders_the_recipe():
+    """As `rattler-build build` begins; what it then fetches is conda's."""
+    rattler = pytest.importorskip("rattler_build", reason="needs py-rattler-build, of extra `test`")
+    recipe = rattler.Stage0Recipe.from_file(ROOT / "packaging" / "conda" / "recipe.yaml")
+    (rendered,) = recipe.render(rattler.VariantConfig())
+    found = rendered.recipe.to_dict()
+    assert found["package"] == {"name": "jbw", "version": jbw.__version__}
+    assert found["build"]["noarch"] == "python"
+    assert len(found["requirements"]["run"]) == 1 + len(PROJECT["dependencies"])
+
+
 def test_workflows_run_every_system_and_python():
     matrix = read(".github/workflows/tests.yml")["jobs"]["fast"]["strategy"]["matrix"]
     systems = {name.partition("-")[0] for name in matrix["os"]}
