@@ -159,7 +159,7 @@ BENCHMARKS = {
             Published(
                 "polynomial state space by inference and learning, freq-statespace 0.2.0",
                 {"multisine": 0.289, "arrow": 0.333},
-                "its example, run; its documentation states 0.44 % of the training record only "
+                "as reported to us, not run again; its documentation states 0.44 % of the training only "
                 "(arXiv:2503.14409 is the method)",
             ),
             Published(

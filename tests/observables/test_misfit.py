@@ -165,7 +165,15 @@ def of_groups(part, order):
     own, place = part.repeats, np.array(order)
     fields = {
         name: jnp.asarray(np.asarray(getattr(own, name))[place])
-        for name in ("within", "num_repeats", "size", "num_values", "noise_std", "discrepancy")
+        for name in (
+            "within",
+            "num_repeats",
+            "size",
+            "num_values",
+            "noise_std",
+            "discrepancy",
+            "spanned",
+        )
     }
     moved = Repeats(
         **fields,
