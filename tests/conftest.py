@@ -68,8 +68,8 @@ def pytest_collection_modifyitems(items):
     """
     items.sort(key=lambda item: FIRST.index(n) if (n := item.path.name) in FIRST else len(FIRST))
     for item in items:
-        if item.nodeid in LONG:
+        if item.nodeid in LONG and not item.get_closest_marker("release"):
             item.add_marker(pytest.mark.slow)
-        if item.get_closest_marker("slow"):
+        if item.get_closest_marker("slow") or item.get_closest_marker("release"):
             # First in the list of marks, and so the first to give way to a test's own.
             item.add_marker(pytest.mark.filterwarnings("default"), append=False)

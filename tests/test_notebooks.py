@@ -35,8 +35,21 @@ def shared(tmp_path_factory):
     return tmp_path_factory.mktemp("notebooks")
 
 
-@pytest.mark.slow
-@each
+# Minutes each: before a release. The others are the first hour of a user.
+LONG = {"7_one_joint_every_law", "8_joints_in_populations"}
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(
+            path,
+            id=path.stem,
+            marks=pytest.mark.release if path.stem in LONG else pytest.mark.slow,
+        )
+        for path in NOTEBOOKS
+    ],
+)
 def test_notebook_runs(path, shared, monkeypatch):
     nbclient = pytest.importorskip("nbclient")
     monkeypatch.setenv("JBW_NOTEBOOKS", str(shared))

@@ -159,8 +159,8 @@ BENCHMARKS = {
             Published(
                 "polynomial state space by inference and learning, freq-statespace 0.2.0",
                 {"multisine": 0.289, "arrow": 0.333},
-                "as reported to us, not run again; its documentation states 0.44 % of the training only "
-                "(arXiv:2503.14409 is the method)",
+                "as reported to us, not run again; its documentation states 0.44 % of the "
+                "training only (arXiv:2503.14409 is the method)",
             ),
             Published(
                 "gated recurrent unit",

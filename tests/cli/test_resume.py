@@ -170,7 +170,7 @@ def test_a_failed_report_is_tried_again_by_its_command(tmp_path, monkeypatch, ca
 
 
 @pytest.mark.fault(40)
-@pytest.mark.slow
+@pytest.mark.release
 def test_twenty_kills_at_random_moments_change_no_bit(campaign, whole, tmp_path):
     moments, kills, finished, folder = random.Random(0), 0, 0, tmp_path / "run"
     while kills < 20 or folder.exists():

@@ -201,7 +201,7 @@ def test_step_4_is_calibrated(opening, seed):
     assert binom(1000, 0.99).cdf(found.inside[:, 0].sum()) > LEAST
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_joint_posterior_is_calibrated(joint):
     inside = []
     for seed in SEEDS:

@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from campaign_scores import score_campaigns
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_truths_z_scores_follow_a_standard_normal():
     result = score_campaigns(24, repeats=4, noise_ratio=0.01)
     # k-hat < 0.7: the weights turn the Laplace approximation into the posterior. Its own estimate

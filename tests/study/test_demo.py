@@ -39,7 +39,7 @@ def test_demo_of_three_days_finds_the_truth_with_bands_that_are_seen(home):
     assert (home / "demo" / "report.html").stat().st_size > 100_000
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_demo_of_the_paper_from_the_first_record_to_the_report(tmp_path):
     folder = tmp_path / "paper"
     assert run(["demo", "--paper", "--out", str(folder)]) == 0

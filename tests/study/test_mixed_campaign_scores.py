@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from campaign_scores import score_campaigns
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.filterwarnings(
     "ignore"
 )  # of the short window of Step 2, which the line fit allows for
