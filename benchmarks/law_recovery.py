@@ -2,8 +2,9 @@
 
 Campaigns of six sweeps from the virtual rig, which integrates every law by a code of its own, at
 parameters drawn anew for each campaign. Each is given to `jbw.compare_laws` with the law that made
-it and its rivals; a sweep is a run, and each is left out in turn. Where the truth's rank among the draws is a uniform number its z-score is
-standard normal. Results are appended to a file, a line a campaign; what is there stays.
+it and its rivals; a sweep is a run, and each is left out in turn. Where the truth's rank among the
+draws is a uniform number its z-score is standard normal. Results are appended to a file, a line a
+campaign; what is there stays.
 
     python benchmarks/law_recovery.py --out FILE [--campaigns 50] [--only CASE] [--json FILE]
 """
