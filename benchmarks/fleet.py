@@ -51,6 +51,7 @@ KILLS = {"pass": "", "wall, s": ".0f", "finished before": "d", "run": "d", "fail
 
 def six_of_the_rig(folder: Path) -> list[Path]:
     """Campaign files of three torques and two assemblies, by the rig's law of the torque."""
+    jbw.enable_x64()
     fleet = rig.measure_fleet(
         PRESET, torques=TORQUES, assemblies=2, seed=1,
         how=rig.Tightening(wrench=0.03), fs=256.0, noise_ratio=0.05,
