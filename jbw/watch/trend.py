@@ -65,8 +65,8 @@ def trend_of(
     known = np.array(found.record["torque"])
     part = WRENCH**2 / (np.var(np.log(known)) + WRENCH**2)
     report(
-        f"A wrench that is off by {100 * WRENCH:.0f} % takes about {100 * part:.1g} % off every "
-        "slope, and a change of torque is then overstated by as much."
+        f"Where the fleet's torques were read to {100 * WRENCH:.0f} %, and not set, its slopes are "
+        f"about {100 * part:.1g} % too small, and a change of torque is overstated by as much."
     )
     slopes = (raised - before) / np.log(RAISED)
     return Trend(torque, slopes, float(known.min()), float(known.max()))

@@ -154,7 +154,7 @@ def test_slopes_are_those_of_the_fleets_own_joints(trend_at):
     assert np.allclose(found.slopes, expected, rtol=1e-3, atol=1e-5)
     assert (found.least, found.most, found.torque) == (4.0, 12.0, 8.0)
     # 0.1 of ln preload over the sd 0.55 of ln torque: 0.01 / (0.302 + 0.01).
-    assert "takes about 3 % off every slope" in trend_at.said[-1]
+    assert "slopes are about 3 % too small" in trend_at.said[-1]
 
 
 @pytest.mark.parametrize(
