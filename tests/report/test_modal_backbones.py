@@ -63,7 +63,7 @@ def test_amplitudes_must_rise():
 @pytest.mark.slow
 def test_it_is_the_backbone_of_a_golden_structure():
     """A golden amplitude lies on the curve that is drawn, and its 1:3 resonance is marked."""
-    case = next(one for one in GOLDEN["backbone"] if one["system"]["w"][0] > 500)
+    case = next(one for one in GOLDEN["backbone"]["cases"] if one["system"]["w"][0] > 500)
     system, x = case["system"], case["x_joint_first_harmonic"]
     law = jbw.laws.LAWS["bouc_wen"].build(
         {name: system[key] for name, key in (("alpha", "al"), ("delta", "de"), ("gamma", "ga"))}

@@ -172,18 +172,21 @@ def _identified(draws: Draws, box: Box) -> Finding:
 
 def _trajectories(stats: xr.Dataset, facts: Mapping[Any, Any]) -> list[Finding]:
     findings = []
+    finer = put("identify", "substeps", 2 * int(facts.get("substeps", SUBSTEPS)))
     if "diverging" in stats:
         count = int(stats["diverging"].sum())
         reason = (
             f"{count} of {stats['diverging'].size} trajectories diverged or met a failed solve."
         )
-        action = f"{put('identify', 'sampler', 'tempered_smc')} It follows no trajectories."
+        action = (
+            f"{put('identify', 'sampler', 'tempered_smc')} It follows no trajectories. "
+            f"Solve more finely where it is the solves that fail. {finer}"
+        )
         findings.append(checked("divergences", count == 0, reason, count, action))
     if "failed" in stats:
         share = float(stats["failed"].mean())
         reason = f"{share:.2%} of the proposals met a failed solve."
-        finer = 2 * int(facts.get("substeps", SUBSTEPS))
-        action = f"Solve more finely, or narrow the prior. {put('identify', 'substeps', finer)}"
+        action = f"Solve more finely, or narrow the prior. {finer}"
         findings.append(checked("failed_solves", share <= FAILED_SOLVES, reason, share, action))
     if "reached_max_tree_depth" in stats:
         share = float(stats["reached_max_tree_depth"].mean())
