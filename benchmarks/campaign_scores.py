@@ -13,10 +13,10 @@ from jbw.errors import ConfigError
 from jbw.identification.assemble import assemble, measured, reading_of
 from jbw.identification.coordinates import box_of
 from jbw.identification.linear_step import linear_step
-from jbw.identification.prepare import first_values
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.samplers.sampling import sample
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
+from jbw.observables.drives import told_by
 from jbw.observables.records import Records
 
 FITTED = ("sweep_0p05V", "sweep_0p20V")
@@ -115,7 +115,7 @@ def _identified(
     seed: int, data: Dataset, campaign: rig.RigCampaign
 ) -> tuple[dict[str, float], float, float]:
     """z-scores of one campaign, k-hat, chi-square a degree of freedom."""
-    prior = box_of(campaign.settings, data, first_values(data))
+    prior = box_of(campaign.settings, data, told_by(data.parts))
     centre = {
         n: float(v) for n, v in zip(prior.names, (prior.lower + prior.upper) / 2, strict=True)
     }

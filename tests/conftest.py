@@ -12,17 +12,15 @@ import time
 from pathlib import Path
 
 import jax
-import platformdirs
 import pytest
 from shapes import check_shapes
 
 if os.environ.get("JBW_CHECK_SHAPES") != "0":
     check_shapes()  # before any test file imports jbw
 jax.config.update("jax_enable_x64", True)
-if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-    KEPT = platformdirs.user_cache_path("jbw") / f"tests of {platform.node()}"
-    jax.config.update("jax_compilation_cache_dir", str(KEPT))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+from jbw.run.session import keep_compiled  # noqa: E402
+
+KEPT = keep_compiled(f"tests of {platform.node()}")
 
 # Linux lets a process map 65,530 pieces of memory; each compiled function holds a dozen.
 MAPS, MANY_MAPS = Path("/proc/self/maps"), 40_000
@@ -54,7 +52,7 @@ def _compiled_code_does_not_pile_up():
 
 def pytest_sessionstart(session):
     """Forget compiled code that a fortnight did not make anew."""
-    if not hasattr(session.config, "workerinput") and "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    if not hasattr(session.config, "workerinput") and KEPT is not None:
         for entry in KEPT.glob("*"):
             if time.time() - entry.stat().st_mtime > 14 * 86400:
                 entry.unlink(missing_ok=True)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jbw.errors import ConfigError, JbwError
+from jbw.identification.floors import rms
 from jbw.identification.shaker import ShakerReading, read_shaker, tells_shaker
 from jbw.measurement.records import BY_UNIT, Record, Test, drive_of
 from jbw.observables.attachment import Foretold, label_of, mode_words
@@ -59,7 +60,7 @@ def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observa
         readable = [test for test in tests if tells_shaker(test) and _feeds(test, drive)]
         if not readable or not beside:
             continue
-        test = min(readable, key=lambda one: _rms(one.records[0].channels["input"]))
+        test = min(readable, key=lambda one: rms(one.records[0].channels["input"]))
         if (reading := _read(test)) is None:
             continue
         share = SHARE_OF_RESPONSE if _is_response(test.records[0]) else SHARE
@@ -87,10 +88,6 @@ def _read(test: Test) -> ShakerReading | None:
 def _feeds(test: Test, drive: str) -> bool:
     """Whether what a test records of its shaker's feed is this drive's."""
     return BY_UNIT.get(test.records[0].units.get("input", ""), drive) == drive
-
-
-def _rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(x**2)))
 
 
 def _is_response(record: Record) -> bool:

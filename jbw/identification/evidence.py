@@ -70,12 +70,6 @@ class Candidate:
         return rms(list(errors_of(self.fitted.fit, self.fitted.data).values()))
 
     @property
-    def y_peak(self) -> float:
-        """The largest displacement fitted [m]."""
-        known = {**self.fitted.data.held, **self.fitted.fit.theta}
-        return dataset.largest_displacement(self.fitted.data, float(known.get("omega_n", 1.0)))
-
-    @property
     def at_bound(self) -> tuple[str, ...]:
         """Parameters whose optimum lies at a bound of their prior."""
         names, x = self.fitted.box.names, np.asarray(self.fitted.fit.x)

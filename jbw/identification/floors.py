@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import bounds_about, box
@@ -67,6 +68,7 @@ def _own_line(
     return rms([error[label] for label, name in pairs if name == run and label in error])
 
 
-def rms(values: Sequence[float]) -> float:
+def rms(values: ArrayLike) -> float:
     """Root mean square; NaN of none."""
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float("nan")
+    squares = np.square(values)
+    return float(np.sqrt(np.mean(squares))) if squares.size else float("nan")

@@ -32,7 +32,6 @@ from jbw.identification.reached import threshold_sentences
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.step import Step, attrs, finished, means_of
 from jbw.identification.widening import ending, widened
-from jbw.inference.fit.fitting import Fit
 from jbw.inference.fit.valley import about_valley
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.verdict import Verdict, enough
@@ -94,7 +93,7 @@ def joint_step(
     )  # fmt: skip
     left = dataset.left_by_label(ready.fit.residual, ready.data)
     judged = accuracy.within_misfit(step.verdict, dataset.error_by_label(left, ready.data))
-    draws, y_peak = posterior["posterior"].to_dataset(), _largest(ready.fit, ready.data)
+    draws, y_peak = posterior["posterior"].to_dataset(), ready.y_peak
     judged = within_response(judged, draws, ready.data.held, y_peak, ready.data.laws)
     advice = stuck(step.posterior, judged)
     return replace(step, verdict=judged, statements=(*step.statements, *advice)), ready.data
@@ -126,7 +125,7 @@ def sample_joint(
         "ridge": lambda: along_ridge(*about, prior),
     }
     further: Further = {"valley": lambda: about_valley(dataset.stacked, prior, data, best)}
-    enough = partial(are_enough, data=data, y_peak=_largest(best, data))
+    enough = partial(are_enough, data=data, y_peak=ready.y_peak)
     shared: dict[str, Any] = {
         "num_chains": settings.num_chains, "attrs": attrs(data.laws), "budget_s": settings.budget_s
     }  # fmt: skip
@@ -179,12 +178,6 @@ def are_enough(
     return bands is None or bands.status != "failed"
 
 
-def _largest(best: Fit, data: Dataset) -> float:
-    """The largest displacement fitted [m]."""
-    omega_n = {**data.held, **best.theta}.get("omega_n", 1.0)
-    return dataset.largest_displacement(data, float(omega_n))
-
-
 def stuck(posterior: xr.DataTree, judged: Verdict) -> list[str]:
     """What to do where elliptical slices do not mix, in words; nothing where they do."""
     failed = {finding.code for finding in judged.findings if finding.status != "ok"}
@@ -201,12 +194,12 @@ def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.Da
     """The posterior with the noise of each group, the laws' own parameters and their products."""
     posterior = tree["posterior"].to_dataset()
     terms = tree["log_likelihood"].to_dataset()["terms"].values
-    derived = draw_noise_std(key, _every_parameter(posterior, data), terms, data)
+    derived = draw_noise_std(key, every_parameter(posterior, data), terms, data)
     derived |= law_variables(posterior, data)
     return tree.assign(posterior=xr.DataTree(posterior.assign(derived)))
 
 
-def _every_parameter(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarray]:
+def every_parameter(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarray]:
     """Draws by name, and what was held."""
     held = {name: np.asarray(value) for name, value in data.held.items()}
     return {**held, **{str(n): v.values for n, v in posterior.data_vars.items()}}
@@ -214,7 +207,7 @@ def _every_parameter(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarr
 
 def law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
     """The laws' own parameters and their products, where they were not sampled."""
-    theta, derived = _every_parameter(posterior, data), {}
+    theta, derived = every_parameter(posterior, data), {}
     for law in laws_named(data.laws):
         own = {name: np.asarray(v) for name, v in law.of(theta).parameters().items()}
         named = [(quantity, own[quantity.name]) for quantity in law.table]
@@ -265,7 +258,7 @@ def posterior_checks(
     words: list[str] = []
     left = dataset.left_by_label(best.residual, data)
     error = dataset.error_by_label(left, data)
-    y_peak = _largest(best, data)
+    y_peak = ready.y_peak
     findings = [
         accuracy.residual_finding(left, dataset.fractions_counted(data), error, data.laws),
         accuracy.shape_finding(error, data),
@@ -288,7 +281,7 @@ def posterior_checks(
         words.append(effects_sentence(added, y_peak))
         if may_be_absent(added):
             findings.append(joint_finding(without_joint(best, prior, data), added, y_peak))
-    words += threshold_sentences(_every_parameter(posterior, data), y_peak, data.laws)
+    words += threshold_sentences(every_parameter(posterior, data), y_peak, data.laws)
     if (left_out := leave_one_out(best, prior, data)) is not None:
         groups["leave_one_out"] = left_out
         findings.append(consistency_finding(left_out, data.laws))

@@ -75,6 +75,12 @@ class Fitted:
     chi_square: tuple[float, int] | None = None
     findings: tuple[Finding, ...] = ()  # of the same, for the verdict
 
+    @property
+    def y_peak(self) -> float:
+        """The largest displacement fitted [m]."""
+        known = {**self.data.held, **self.fit.theta}
+        return dataset.largest_displacement(self.data, float(known.get("omega_n", 1.0)))
+
 
 def fit_joint(key: Key[Array, ""], seen: Measured, report: Report) -> Fitted:
     """Fit the joint to a campaign as the joint posterior would."""
@@ -103,15 +109,10 @@ def first_fit(
     known: Mapping[str, float] | None = None,
 ) -> tuple[Box, Fit]:
     """The box, and the fit to data as they are, from first values and from `known` ones."""
-    values = {**first_values(data), **(known or {})}
+    values = {**told_by(data.parts), **(known or {})}
     prior = box_of(settings, data, values)
     values = {**from_amplitude_curve(key, data, prior, values), **values}
     return prior, fit_from(key, data, prior, values)
-
-
-def first_values(data: Dataset) -> dict[str, float]:
-    """omega_n [rad/s], zeta [-] and gain as the first part tells them that can; empty if none."""
-    return told_by(data.parts)
 
 
 def from_amplitude_curve(
@@ -211,12 +212,12 @@ def reweight(
 ) -> Fitted:
     """Noise, effective values and run effects as fits show them; coordinates and solver steps."""
     words: list[str] = []
-    findings: list[Finding | None] = []
+    findings: tuple[Finding, ...] = ()
     best, data = settled(first, prior, data, settings)
     shifts = shifts_of(best, prior.names, data)
     if shifts is not None and wanted(shifts, settings):
         words.append(sentence_of(shifts))
-        findings.append(trend_finding(shifts, data))
+        findings = tuple(filter(None, [trend_finding(shifts, data)]))
         data = with_offsets(best, shifts, data, settings.run_scatter)
         best = refit(best, prior, data)
         # The offsets that are known now are where records are linearised in them.
@@ -240,8 +241,7 @@ def reweight(
             if finer is data:
                 break
             data, best = finer, refit(best, prior, finer)
-    seen = tuple(one for one in findings if one is not None)
-    return Fitted(best, prior, data, tuple(words), findings=seen)
+    return Fitted(best, prior, data, tuple(words), findings=findings)
 
 
 def settled(best: Fit, prior: Box, data: Dataset, settings: Identify) -> tuple[Fit, Dataset]:

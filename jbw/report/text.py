@@ -103,6 +103,12 @@ def number(value: Any, sd: Any = None, digits: int = 3) -> str:
     return f"{mantissa}×10{str(lead).translate(_RAISED)}".replace("-", "−")
 
 
+def interval(low: float, middle: float, high: float, sd: float = 0.2) -> str:
+    """A value and its interval as one types them, to two digits of so many of its widths."""
+    each = [typed(number(x, sd * (high - low))) for x in (middle, low, high)]
+    return f"{each[0]} [{each[1]}, {each[2]}]"
+
+
 def spread_text(draws: Any, unit: str) -> str:
     """Return the median of draws with its unit, and half of their 99 % interval in percent."""
     low, middle, high = (float(each) for each in np.nanquantile(draws, [0.005, 0.5, 0.995]))

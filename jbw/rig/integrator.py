@@ -10,6 +10,7 @@ joint the velocity of a sweep is right to 2e-7 of its rms, at most 0.02 um/s in 
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -31,6 +32,7 @@ BLOCK = 16_384
 
 Parts = tuple[Any, ...]  # of the joint's memory: what each of the rig's forces keeps of the past
 State = Any  # a tuple (y, ..., v, parts)
+Seen = tuple[Array, ...]
 
 
 class Specimen(NamedTuple):
@@ -75,12 +77,17 @@ def specimen_of(joint: Joint | Specimen) -> Specimen:
     """The rig's own record of a joint, its numbers in double precision."""
     if isinstance(joint, Specimen):
         return joint
+    require_double()
+    return Specimen(float(joint.omega_n), float(joint.zeta), forces_of(joint.laws))
+
+
+def require_double() -> None:
+    """Refuse to simulate in float32."""
     if not jax.config.jax_enable_x64:
         raise ModelError(
             "The rig must be simulated in float64, but JAX works in float32.",
             remedy="Call jbw.enable_x64() before any array is made.",
         )
-    return Specimen(float(joint.omega_n), float(joint.zeta), forces_of(joint.laws))
 
 
 def doubles(numbers: Any) -> Any:
@@ -120,13 +127,8 @@ def respond(
     """Displacement [m], velocity [m/s] and joint force beside the spring k [N/kg], from rest."""
     # `force(i, j)` is the analog force per unit mass at points i .. j - 1, `GRID` a sample [N/kg].
     specimen = doubles(specimen_of(joint))
-    state: State = doubles((0.0, 0.0, specimen.at_rest()))
-    saved = []
-    for first in range(0, num_samples, BLOCK):
-        u = force(first * GRID, (first + BLOCK) * GRID + 1)
-        state, block = _advance(specimen, state, u, 1.0 / (fs * SUBSTEPS))
-        saved.append(np.stack(block))
-    y, v, z = np.concatenate(saved, axis=1)[:, :num_samples]
+    start = doubles((0.0, 0.0, specimen.at_rest()))
+    y, v, z = integrated(_motion_and_force, specimen, start, force, num_samples, fs)
     if not np.isfinite(v).all():
         raise ModelError(
             f"The response of `joint` must stay finite, but it is not from sample "
@@ -136,21 +138,51 @@ def respond(
     return y, v, z
 
 
-@jax.jit
+def _motion_and_force(specimen: Specimen, state: State, u: Array) -> Seen:
+    y, v, parts = state
+    return y, v, specimen.joint_force(y, v, parts)
+
+
+def integrated(
+    seen: Callable[[Any, State, Array], Seen],
+    system: Any,
+    state: State,
+    source: Callable[[int, int], NDArray[np.float64]],
+    num_samples: int,
+    fs: float,
+    *,
+    block: int = BLOCK,
+) -> list[NDArray[np.float64]]:
+    """What is `seen` of a system's state and source at the start of each sample, from a state on.
+
+    The system has `state_rate` and `settle`; `source(i, j)` are points i .. j - 1, `GRID` a sample.
+    """
+    saved = []
+    for first in range(0, num_samples, block):
+        u = source(first * GRID, (first + block) * GRID + 1)
+        state, now = _advance(seen, system, state, u, 1.0 / (fs * SUBSTEPS))
+        saved.append([np.asarray(each) for each in now])
+    return [np.concatenate(each)[:num_samples] for each in zip(*saved, strict=True)]
+
+
+@partial(jax.jit, static_argnums=0)
 def _advance(
-    specimen: Specimen, state: State, u: Float[Array, " grid"], h: float
-) -> tuple[State, tuple[Array, Array, Array]]:
-    """Runs one block; returns its final state, and motion and force at the start of each sample."""
+    seen: Callable[[Any, State, Array], Seen],
+    system: Any,
+    state: State,
+    u: Float[Array, " grid"],
+    h: float,
+) -> tuple[State, Seen]:
+    """Runs one block; returns its final state, and what is seen at the start of each sample."""
 
     def substep(i: Array, carry: tuple[Array, State]) -> tuple[Array, State]:
         start, now = carry
         at = start + 2 * i
         inputs = (u[at], u[at + 1], u[at + 2])
-        return start, runge_kutta(specimen.state_rate, specimen.settle, now, inputs, h)
+        return start, runge_kutta(system.state_rate, system.settle, now, inputs, h)
 
-    def sample(now: State, n: Array) -> tuple[State, tuple[Array, Array, Array]]:
+    def sample(now: State, n: Array) -> tuple[State, Seen]:
         _, after = lax.fori_loop(0, SUBSTEPS, substep, (GRID * n, now))
-        y, v, parts = now
-        return after, (y, v, specimen.joint_force(y, v, parts))
+        return after, seen(system, now, u[GRID * n])
 
     return lax.scan(sample, state, jnp.arange(u.shape[0] // GRID))

@@ -1,7 +1,7 @@
 """One test at the rig: played or pulled, answered, sensed and recorded."""
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -13,7 +13,16 @@ from jbw.measurement.kinds import kind_named
 from jbw.measurement.records import Record, Test
 from jbw.quantities import BY_NAME
 from jbw.rig.conditions import Conditions, digitise, stream
-from jbw.rig.generator import Excitation, Multisine, Noise, Steps, Tone, analog, draw_phases
+from jbw.rig.generator import (
+    Excitation,
+    Multisine,
+    Noise,
+    Steps,
+    Tone,
+    Voltage,
+    analog,
+    draw_phases,
+)
 from jbw.rig.integrator import GRID, Specimen, respond
 from jbw.rig.prescribed_motion import Growth, Held, holding_force, pulled
 from jbw.rig.presets import Plan, Preset
@@ -127,12 +136,31 @@ def _shaken(
             noise = conditions.input_noise_std
             channels[rig.source] = bench.sensed(rig.source, source, noise, rig.input_range, (r, 1))
             demands.append(demand)
-        noise = conditions.noise_std
-        if conditions.noise_ratio is not None:
-            noise = conditions.noise_ratio * float(np.sqrt(np.mean(velocity**2)))
-        channels["velocity"] = bench.sensed("velocity", velocity, noise, rig.velocity_range, (r, 2))
+        channels["velocity"] = _by_laser(bench, velocity, r)
         recorded.append(channels)
     return recorded, demands
+
+
+def _by_laser(bench: Bench, velocity: Samples, repeat: int) -> Samples:
+    """The velocity as it is sensed."""
+    rig, conditions = bench.rig, bench.conditions
+    noise = conditions.noise_std
+    if conditions.noise_ratio is not None:
+        noise = conditions.noise_ratio * float(np.sqrt(np.mean(velocity**2)))
+    return bench.sensed("velocity", velocity, noise, rig.velocity_range, (repeat, 2))
+
+
+def _played(
+    bench: Bench, excitation: Excitation, repeat: int
+) -> tuple[Callable[..., Voltage], int, int]:
+    """What is played, by the rate of its points, the first sample recorded and that after all."""
+    fs = bench.conditions.fs
+    # Every repeat of noise draws phases of its own; a multisine is played again as it was.
+    drawn = repeat if isinstance(excitation, Noise) else 0
+    phases = draw_phases(excitation, bench.stream(drawn, 0), fs)
+    first = round(excitation.settle * fs)
+    last = first + round(excitation.duration * fs)
+    return partial(analog, excitation, phases=phases, fs=fs), first, last
 
 
 def _play(
@@ -140,12 +168,7 @@ def _play(
 ) -> tuple[Samples, Samples, Samples]:
     """Demanded source, source at the shaker and velocity, as they are before any sensor."""
     conditions, fs = bench.conditions, bench.conditions.fs
-    # Every repeat of noise draws phases of its own; a multisine is played again as it was.
-    drawn = repeat if isinstance(excitation, Noise) else 0
-    phases = draw_phases(excitation, bench.stream(drawn, 0), fs)
-    first = round(excitation.settle * fs)
-    last = first + round(excitation.duration * fs)
-    played = partial(analog, excitation, phases=phases, fs=fs)
+    played, first, last = _played(bench, excitation, repeat)
     demand = played(fs)(first, last)
     source = played(fs, distortion=conditions.distortion)(first, last)
     # The channel that lags shows at t what the specimen did at t - delay: its clock starts later.
@@ -185,11 +208,7 @@ def _shaken_structure(
             channels[role] = bench.sensed(role, x, noise, full_scale, (r, number))
         if bench.plan.sources:
             demands.append(demand)
-        noise = conditions.noise_std
-        if conditions.noise_ratio is not None:
-            noise = conditions.noise_ratio * float(np.sqrt(np.mean(motion.velocity**2)))
-        velocity = motion.velocity
-        channels["velocity"] = bench.sensed("velocity", velocity, noise, rig.velocity_range, (r, 2))
+        channels["velocity"] = _by_laser(bench, motion.velocity, r)
         recorded.append(channels)
     return recorded, demands
 
@@ -199,11 +218,7 @@ def _play_structure(
 ) -> tuple[Samples, Samples, Motion]:
     """Demanded voltage, voltage at the shaker and motion, as they are before any sensor."""
     conditions, fs = bench.conditions, bench.conditions.fs
-    drawn = repeat if isinstance(excitation, Noise) else 0
-    phases = draw_phases(excitation, bench.stream(drawn, 0), fs)
-    first = round(excitation.settle * fs)
-    last = first + round(excitation.duration * fs)
-    played = partial(analog, excitation, phases=phases, fs=fs)
+    played, first, last = _played(bench, excitation, repeat)
     motion = move(structure, played(GRID * fs, distortion=conditions.distortion), last, fs)
     demand = played(fs)(first, last)
     source = played(fs, distortion=conditions.distortion)(first, last)

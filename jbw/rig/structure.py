@@ -12,10 +12,8 @@ as that of one mode is (`jbw.rig.integrator`), and not by the modes' exact propa
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
@@ -23,7 +21,15 @@ from jbw.errors import ModelError
 from jbw.oscillator.attachment import Attachment, attached
 from jbw.oscillator.law import Law
 from jbw.rig.forces import Force
-from jbw.rig.integrator import BLOCK, GRID, SUBSTEPS, Specimen, State, doubles, runge_kutta
+from jbw.rig.integrator import (
+    BLOCK,
+    Seen,
+    Specimen,
+    State,
+    doubles,
+    integrated,
+    require_double,
+)
 from jbw.units import powers_of
 
 Modal = Float[np.ndarray, " mode"]
@@ -65,6 +71,10 @@ class Assembled(NamedTuple):
         none = jnp.zeros_like(jnp.asarray(self.shapes.omega, float))
         return jnp.zeros(()), none, none, self.specimen.at_rest()
 
+    def settle(self, before: State, after: State) -> State:
+        """State after a small step: that of the joint's memory, by its displacement."""
+        return self.specimen.settle(before, after)
+
     def state_rate(self, state: State, source: Any) -> State:
         """Rate of the state under a source [V, or N]."""
         x, q, rate, parts = state
@@ -97,25 +107,14 @@ def move(
     fs: float,
 ) -> Motion:
     """Motion from rest under a source [V, or N] at points i .. j - 1, `GRID` a sample."""
-    if not jax.config.jax_enable_x64:
-        raise ModelError(
-            "The rig must be simulated in float64, but JAX works in float32.",
-            remedy="Call jbw.enable_x64() before any array is made.",
-        )
+    require_double()
     own = doubles(structure)
-    state: State = own.at_rest()
-    blocks = []
     size = min(BLOCK, 1 << (num_samples - 1).bit_length())  # few compilations for short records
-    for first in range(0, num_samples, size):
-        u = source(first * GRID, (first + size) * GRID + 1)
-        state, block = _advance(own, state, u, 1.0 / (fs * SUBSTEPS))
-        blocks.append([np.asarray(x) for x in block])
-    x, q, rate, change = (
-        np.concatenate(parts)[:num_samples] for parts in zip(*blocks, strict=True)
+    x, q, rate, change, played = integrated(
+        _motion_and_source, own, own.at_rest(), source, num_samples, fs, block=size
     )
     if not np.isfinite(q).all():
         raise ModelError("The response of the structure must stay finite, but it is not.")
-    played = np.concatenate([source(i, i + 1) for i in range(0, num_samples * GRID, GRID)])
     shapes, shaker = structure.shapes, structure.armature
     tied = (shaker.stiffness * q + shaker.damping * rate + shaker.mass * change) @ shapes.drive
     force = shaker.gain * played - tied
@@ -123,25 +122,9 @@ def move(
     return Motion(y, v, a, change @ shapes.drive, force, x)
 
 
-@jax.jit
-def _advance(
-    structure: Assembled, state: State, u: Float[Array, " grid"], h: float
-) -> tuple[State, tuple[Array, ...]]:
-    """Runs one block; returns its final state, and x, q, q' and q'' at the start of each sample."""
-    settle = structure.specimen.settle
-
-    def substep(i: Array, carry: tuple[Array, State]) -> tuple[Array, State]:
-        start, now = carry
-        at = start + 2 * i
-        inputs = (u[at], u[at + 1], u[at + 2])
-        return start, runge_kutta(structure.state_rate, settle, now, inputs, h)
-
-    def sample(now: State, n: Array) -> tuple[State, tuple[Array, ...]]:
-        _, after = lax.fori_loop(0, SUBSTEPS, substep, (GRID * n, now))
-        change = structure.state_rate(now, u[GRID * n])[2]
-        return after, (*now[:3], change)
-
-    return lax.scan(sample, state, jnp.arange(u.shape[0] // GRID))
+def _motion_and_source(structure: Assembled, state: State, source: Array) -> Seen:
+    """x, q, q', q'' and the source."""
+    return *state[:3], structure.state_rate(state, source)[2], source
 
 
 def of_day(shapes: Shapes, specimen: Specimen) -> Shapes:

@@ -3,6 +3,7 @@
 import logging
 import os
 import platform
+from pathlib import Path
 
 import platformdirs
 
@@ -19,8 +20,17 @@ def prepare_jax() -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        kept = platformdirs.user_cache_path("jbw") / platform.node()
-        jax.config.update("jax_compilation_cache_dir", str(kept))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    keep_compiled(platform.node())
     logging.getLogger("jax").setLevel(logging.ERROR)
+
+
+def keep_compiled(name: str) -> Path | None:
+    """Keep compiled code in a folder of the user's cache; None where the environment names one."""
+    import jax
+
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return None
+    kept = platformdirs.user_cache_path("jbw") / name
+    jax.config.update("jax_compilation_cache_dir", str(kept))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    return kept

@@ -22,7 +22,7 @@ from jbw.inference.posterior.summary import QUANTILES, evenly_spaced, scalars
 from jbw.inference.thresholds import LEARNT
 from jbw.quantities import OSCILLATOR, in_dialect
 from jbw.report.result import read_result, unit_of
-from jbw.report.text import number, typed
+from jbw.report.text import interval, number, typed
 from jbw.report.words import UNCOUNTED
 from jbw.study.one_joint import are_two_modes, of_draws, ratios, sentence
 from jbw.verification.backbone import curves
@@ -222,15 +222,11 @@ def _is_sure(row: Mapping[str, Any]) -> bool:
 
 def _differs(row: Mapping[str, Any]) -> str:
     """One quantity's difference with its interval; of the backbone at its amplitude."""
-    low, middle, high = row["difference"]
-    width = 0.5 * (high - low)
-    each = [typed(number(x, width)) for x in (middle, low, high)]
     unit = "" if row["unit"] == "1" else f" {row['unit']}"
     place = f" at {number(row['amplitude'])} m" if "amplitude" in row else ""
     verb = "differs" if _is_sure(row) else "may be the same"
-    return typed(f"{row['name']}{place} {verb}: A less B is ") + (
-        f"{each[0]} [{each[1]}, {each[2]}]{unit}."
-    )
+    told = interval(*row["difference"], sd=0.5)
+    return typed(f"{row['name']}{place} {verb}: A less B is ") + f"{told}{unit}."
 
 
 def _scatter_words(one: Run, other: Run) -> str:

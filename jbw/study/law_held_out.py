@@ -23,12 +23,12 @@ NUM_DRAWS = 20  # an error is that of the median of so many
 
 def unseen(tests: Sequence[Test], runs: Sequence[str]) -> list[Test]:
     """Measured tests of which no run was fitted."""
-    return [
-        test
-        for test in tests
-        if is_measured(test)
-        and not any(run == test.name or run.startswith(f"{test.name} ") for run in runs)
-    ]
+    return [test for test in tests if is_measured(test) and not any(is_of(r, test) for r in runs)]
+
+
+def is_of(run: str, test: Test) -> bool:
+    """Whether a run, or a group of data, is a test's: it has its name, or that and more."""
+    return run == test.name or run.startswith(f"{test.name} ")
 
 
 def held_out(
@@ -46,9 +46,13 @@ def held_out(
         own = xr.DataTree.from_dict(
             {"/": groups[f"/laws/{law}"], "/posterior": groups[f"/laws/{law}/posterior"]}
         )
+        try:
+            basis = basis_of(own)
+        except JbwError:
+            continue
         for j, test in enumerate(tests):
             try:
-                found = predict(basis_of(own), test, Request(num_draws=NUM_DRAWS, seed=seed)).attrs
+                found = predict(basis, test, Request(num_draws=NUM_DRAWS, seed=seed)).attrs
             except JbwError:
                 continue
             error[i, j] = found.get("nrmse", np.nan)

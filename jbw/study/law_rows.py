@@ -12,9 +12,9 @@ from jbw.identification import evidence
 from jbw.identification.assemble import Report
 from jbw.identification.evidence import Candidate, LeftOut, name_of
 from jbw.identification.floors import rms
+from jbw.identification.joint import every_parameter
 from jbw.identification.prior_widths import log_evidence_wide
 from jbw.identification.reached import threshold_sentences
-from jbw.observables.dataset import Dataset
 
 
 class Weighed(NamedTuple):
@@ -49,15 +49,11 @@ def weigh(
     return weighed, refused
 
 
-def _draws(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
-    sampled = {str(name): values.values for name, values in posterior.data_vars.items()}
-    return {**{name: float(value) for name, value in data.held.items()}, **sampled}
-
-
 def row_of(weighed: Weighed) -> dict[str, Any]:
     """Numbers of one law, plain values."""
     one, tree, left = weighed.candidate, weighed.draws, weighed.left_out
     names, posterior = one.fitted.box.names, tree["posterior"].to_dataset()
+    every = every_parameter(posterior, one.fitted.data)
     return {
         "laws": list(one.laws),
         "num_parameters": len(names),
@@ -71,7 +67,7 @@ def row_of(weighed: Weighed) -> dict[str, Any]:
         "log_evidence_wide": weighed.wide,
         "khat_evidence": tree.attrs.get("khat"),
         "at_bound": list(one.at_bound),
-        "reached": threshold_sentences(_draws(posterior, one.fitted.data), one.y_peak, one.laws),
+        "reached": threshold_sentences(every, one.fitted.y_peak, one.laws),
         "parameters": {
             str(name): {"mean": float(posterior[name].mean()), "sd": float(posterior[name].std())}
             for name in names

@@ -24,7 +24,7 @@ from jbw.inference.space.box import require_float64
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.study.law_answers import compare_rows, statements
-from jbw.study.law_held_out import errors_apart, held_out, unseen
+from jbw.study.law_held_out import errors_apart, held_out, is_of, unseen
 from jbw.study.law_rows import row_of, weigh
 from jbw.study.law_shapes import loops, residuals
 from jbw.study.stack import law_groups
@@ -96,7 +96,7 @@ def compare_laws(
     rows = {name: row_of(one) for name, one in weighed.items()}
     scores = {name: np.array(list(one.elpd.values())) for name, one in left.items()}
     compare_rows(rows, scores)
-    y_peak = max(one.y_peak for one in named.values())
+    y_peak = max(one.fitted.y_peak for one in named.values())
     highest = _highest(campaign, runs)
     for name, one in left.items():
         rows[name]["error_highest"] = one.error.get(highest) if highest else None
@@ -177,7 +177,7 @@ def _highest(campaign: Campaign, runs: Sequence[str]) -> str | None:
     """The run of the highest level of the first kind of test that has levels."""
     levels: dict[str, dict[str, float]] = {}
     for test in campaign.tests:
-        own = [run for run in runs if run == test.name or run.startswith(f"{test.name} ")]
+        own = [run for run in runs if is_of(run, test)]
         if np.isfinite(test.level) and own:
             levels.setdefault(test.kind, {})[own[0]] = test.level
     first = next(iter(levels.values()), {})

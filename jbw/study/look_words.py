@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jbw.identification.diagnosis import diagnose
+from jbw.identification.floors import rms
 from jbw.measurement.resonances import Reading
 from jbw.observables.observable import AmplitudeCurve
 
@@ -93,7 +94,7 @@ def onset(rows: Sequence[Mapping[str, Any]], each: Sequence[Reading]) -> list[st
     known = [row for row in rows if row["frequency_sd"]]
     if len(known) > 1:
         y, frequency = (np.array([row[key] for row in known]) for key in ("y", "frequency_hz"))
-        sd = frequency * _pooled([row["frequency_sd"] / row["frequency_hz"] for row in known])
+        sd = frequency * rms([row["frequency_sd"] / row["frequency_hz"] for row in known])
         names = [f" ({row['test']})" for row in known]
     elif len(each) > 3:
         y, frequency = (
@@ -131,15 +132,11 @@ def days(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     count = max(map(len, apart))
     parts = []
     for name, key in (("frequency", "frequency_hz"), ("damping", "damping")):
-        record = _pooled([row[f"{name}_sd"] / row[key] for row in within])
+        record = rms([row[f"{name}_sd"] / row[key] for row in within])
         means = [[np.mean([row[key] for row in each]) for each in group] for group in apart]
-        day = _pooled([float(np.std(one, ddof=1) / np.mean(one)) for one in means])
+        day = rms([float(np.std(one, ddof=1) / np.mean(one)) for one in means])
         parts.append(f"{name} {100 * record:.2g} % within and {100 * day:.2g} % between")
     return [
         f"Scatter of records within a day against that of {count} days or assemblies at one level: "
         f"{'; '.join(parts)}."
     ]
-
-
-def _pooled(parts: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(parts))))

@@ -18,7 +18,7 @@ from jbw.inference.posterior.summary import QUANTILES
 from jbw.oscillator.laws import laws_named
 from jbw.oscillator.parameters import Monomial
 from jbw.quantities import Quantity, per
-from jbw.report.text import number, typed
+from jbw.report.text import interval
 
 APART = 1.1  # times the other's natural frequency: runs of two modes, not of two days
 
@@ -71,8 +71,6 @@ def sentence(row: Mapping[str, Any], *, sure: bool) -> str:
     """Whether two modes may have one joint, by the row of a ratio."""
     each = []
     for name, key in (("A", "a"), ("B", "b")):
-        low, middle, high = row[key]
-        told = [typed(number(x, 0.2 * (high - low))) for x in (middle, low, high)]
-        each.append(f"{name} {told[0]} [{told[1]}, {told[2]}]")
+        each.append(f"{name} {interval(*row[key])}")
     said = f"One joint across both modes has one {row['name']}; {', '.join(each)}: "
     return said + ("these are two joints." if sure else "they may be one.")

@@ -16,7 +16,7 @@ import xarray as xr
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.observables.residual_terms import LOWER, UPPER
 from jbw.quantities import gain_unit, per
-from jbw.report.text import number, typed
+from jbw.report.text import interval
 
 
 def constants_sentence(posterior: xr.Dataset, held: Mapping[str, float], source: str) -> str | None:
@@ -42,6 +42,4 @@ def constants_sentence(posterior: xr.Dataset, held: Mapping[str, float], source:
 
 
 def _spread(draws: np.ndarray) -> str:
-    low, middle, high = np.quantile(draws, QUANTILES)
-    told = [typed(number(x, 0.2 * (high - low))) for x in (middle, low, high)]
-    return f"{told[0]} [{told[1]}, {told[2]}]"
+    return interval(*np.quantile(draws, QUANTILES))

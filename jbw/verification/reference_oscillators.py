@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from jbw.identification.floors import REACH
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import bounds_about, box
 from jbw.observables.dataset import (
@@ -17,15 +18,12 @@ from jbw.observables.dataset import (
     stacked,
     with_directions,
 )
-from jbw.observables.drives import of_drive, plain, used_by
+from jbw.observables.drives import of_drive, used_by
 from jbw.observables.loops import Loops
 from jbw.observables.observable import OFFSETS, Observable
 from jbw.observables.residual_terms import bounds, neighbours_of
-from jbw.quantities import LINEAR
 
 LAWS: dict[str, tuple[str, ...]] = {"linear": (), "cubic": ("cubic",)}
-PLAIN = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
-REACH = {one.name: PLAIN[plain(one.name)] for one in LINEAR}
 FREELY = 1e3  # times the scatter of the joint's runs: errors here are relative and weigh little
 STIFFEST = 10.0  # times omega_n^2 at the largest displacement: bound of the cubic stiffness
 

@@ -13,12 +13,13 @@ from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.identification.coordinates import box_of
 from jbw.identification.joint import joint_step
-from jbw.identification.prepare import first_values, from_amplitude_curve, prepare
+from jbw.identification.prepare import from_amplitude_curve, prepare
 from jbw.identification.selection import decay_tests
 from jbw.inference.posterior.summary import summarise
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, as_arrays
 from jbw.observables.decay import Decays, matched
+from jbw.observables.drives import told_by
 from jbw.observables.effective_values import correlated_fraction
 
 MEASURED = Path(__file__).parents[2] / "notebooks" / "campaigns" / "bolted_double_beam.toml"
@@ -40,7 +41,7 @@ def fitted():
 
 def test_first_values_are_near_the_truth():
     data = dataset(decay_test(shifts=(3e-6, -4e-6, 1e-6, 0.0)))
-    found = first_values(data)
+    found = told_by(data.parts)
     # The straight lines leave out terms of second order: delta Y = 0.19 at the strongest record.
     assert found["omega_n"] == pytest.approx(TRUTH["omega_n"], rel=1e-3)
     assert found["zeta"] == pytest.approx(TRUTH["zeta"], rel=0.15)
@@ -48,7 +49,7 @@ def test_first_values_are_near_the_truth():
 
 def test_the_amplitude_curve_starts_the_fit_near_the_truth():
     data = dataset(decay_test(shifts=(3e-6, -4e-6, 1e-6, 0.0)))
-    known = first_values(data)
+    known = told_by(data.parts)
     prior = box_of(Identify(), data, known)
     found = from_amplitude_curve(jax.random.key(0), data, prior, {})
     square = found["omega_n"] ** 2

@@ -13,7 +13,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.joint import joint_step
 from jbw.identification.leaving_out import consistency_finding, leave_one_out
-from jbw.identification.prepare import first_values, reweight, with_weights
+from jbw.identification.prepare import reweight, with_weights
 from jbw.identification.run_effects import (
     runs_dataset,
     runs_sentence,
@@ -36,6 +36,7 @@ from jbw.observables.dataset import (
     stacked,
     with_fitted_noise,
 )
+from jbw.observables.drives import told_by
 from jbw.oscillator.laws.hysteresis import hysteresis_map, steady_loop
 from jbw.oscillator.oscillator import BoucWen
 
@@ -331,7 +332,8 @@ def test_a_level_that_contradicts_the_others_is_found():
 
 
 def test_the_linear_look_reads_a_held_curve():
-    found = first_values(assemble(measured([curve(5), curve(60)], Identify(), gain=GAIN)))
+    data = assemble(measured([curve(5), curve(60)], Identify(), gain=GAIN))
+    found = told_by(data.parts)
     # At the lowest level: 10 um on a joint that softens by 4/(3 pi) alpha delta Y, and the noise.
     assert found["omega_n"] == pytest.approx(500.0, rel=1e-3)
     assert found["zeta"] == pytest.approx(0.003, rel=0.4)

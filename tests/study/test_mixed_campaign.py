@@ -8,9 +8,10 @@ from jbw import rig
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.coordinates import box_of
-from jbw.identification.prepare import first_values, fit_from, reweight
+from jbw.identification.prepare import fit_from, reweight
 from jbw.inference.samplers.sampling import sample
 from jbw.observables.dataset import log_likelihood
+from jbw.observables.drives import told_by
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
 
@@ -35,7 +36,7 @@ class Weighed:
 
 def joint_of(data, settings, seed):
     """The joint step's fits, and their posterior by importance sampling instead of chains."""
-    known = first_values(data)
+    known = told_by(data.parts)
     prior = box_of(settings, data, known)
     keys = jax.random.split(jax.random.key(seed), 3)
     first = fit_from(keys[0], data, prior, known)
