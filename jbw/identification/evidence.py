@@ -23,7 +23,6 @@ import jax
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Key
-from scipy.special import logsumexp
 
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, JbwError
@@ -33,14 +32,8 @@ from jbw.identification.joint import with_derived
 from jbw.identification.prepare import Fitted, first_fit, refined, refit, reweight
 from jbw.identification.residual_terms import terms_of, with_terms
 from jbw.identification.step import attrs
-from jbw.inference.fit.costly_fit import residual_at
 from jbw.inference.fit.fitting import Fit
-from jbw.inference.lanes import at_points
-from jbw.inference.posterior.verdict import GOOD_KHAT
-from jbw.inference.samplers import amis
 from jbw.inference.samplers.sampling import sample
-from jbw.inference.samplers.weighed_points import weights_of
-from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation, along_logarithms, never_zero
 from jbw.inference.space.ridge import along_ridge
 from jbw.observables import dataset
@@ -50,8 +43,6 @@ Laws = tuple[str, ...]
 
 NUM_SAMPLES = 250  # a group of four
 MOST_ROUNDS = 24  # of points for the evidence: a law that leads the data nowhere is not waited for
-# Of points without a run: a round, draws wanted, and rounds where time is stepped through or not.
-SIZE, WORTH, ROUNDS = 256, 200.0, {True: 8, False: 24}
 AT_BOUND = 1e-3  # of the box's width
 RUN_SCATTER = 5e-4  # of omega_n over runs, relative: what a structure shifts by from day to day
 MOST_TURNS = 2  # of weights by the law that leaves least, and fits of all
@@ -74,21 +65,6 @@ class Candidate:
         """Parameters whose optimum lies at a bound of their prior."""
         names, x = self.fitted.box.names, np.asarray(self.fitted.fit.x)
         return tuple(n for n, one in zip(names, x, strict=True) if min(one, 1.0 - one) < AT_BOUND)
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """What a law makes of each run that it has not seen.
-
-    Attributes:
-        elpd: Log predictive density [nats].
-        error: Error of the prediction over the response.
-        khat: Of the weights by which it was found; good below 0.7.
-    """
-
-    elpd: dict[str, float]
-    error: dict[str, float]
-    khat: float
 
 
 def candidates(
@@ -170,32 +146,6 @@ def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
     return {n: e for n, e in dataset.error_by_label(left, data).items() if np.isfinite(e)}
 
 
-def runs_of(data: Dataset) -> tuple[str, ...]:
-    """Runs that can be left out: those whose values count, each once."""
-    counted = dataset.fractions_counted(data)
-    pairs = zip(data.labels, data.runs, strict=True)
-    return tuple(dict.fromkeys(run for label, run in pairs if label in counted))
-
-
-def left_out(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -> LeftOut:
-    """Predict each run by what the others know: by draws weighed anew, or fitted again without it.
-
-    Where a run moves the posterior far, its draws weighed without it say little, as k-hat shows.
-    """
-    prior, data = one.fitted.box, one.fitted.data
-    elpd, error, worst = {}, {}, -np.inf
-    for i, run in enumerate(runs_of(data)):
-        rest = dataset.silenced(run, data)
-        best = refit(one.fitted.fit, prior, rest)
-        found = _by_draws(draws, prior.names, rest)
-        if found is None:
-            found = _by_points(jax.random.fold_in(key, i), best, one, rest)
-        elpd[run], khat = found
-        error[run] = _error_of(run, best, one)
-        worst = max(worst, khat)
-    return LeftOut(elpd, error, float(worst))
-
-
 def posterior(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
     """Draws of a candidate's posterior with the log evidence, by so many points at most."""
     found = sample(
@@ -212,41 +162,6 @@ def place_of(best: Fit, one: Candidate) -> Reparametrisation:
     if best.weak is not None or best.at_bound:
         return along_ridge(*about, prior)
     return along_logarithms(*about, prior, never_zero(*about, prior))
-
-
-def _by_draws(tree: xr.DataTree, names: Sequence[str], rest: Dataset) -> tuple[float, float] | None:
-    """Log predictive density of what `rest` lacks [nats] and k-hat; None where weights are poor."""
-    posterior = tree["posterior"].to_dataset()
-    theta = {name: posterior[name].values.ravel() for name in names}
-    terms = tree["log_likelihood"].to_dataset()["terms"].values
-    without = at_points(dataset.log_likelihood, theta, rest).reshape(len(theta[names[0]]), -1)
-    gained = terms.sum(axis=-1).ravel() - without.sum(axis=1)
-    found = weights_of(-gained)
-    if not (found.khat < GOOD_KHAT and found.effective >= WORTH):
-        return None
-    return float(np.asarray(logsumexp(gained, b=found.weights))), found.khat
-
-
-def _by_points(
-    key: Key[Array, ""], best: Fit, one: Candidate, rest: Dataset
-) -> tuple[float, float]:
-    """The same by points about the fit without it."""
-    problem = problem_of(dataset.log_likelihood, one.fitted.box, rest, place_of(best, one))
-    points = amis.points(key, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS[rest.stepped])
-    whole = at_points(dataset.log_likelihood, points.theta, one.fitted.data)
-    gained = whole.reshape(len(points.weights), -1).sum(axis=1) - points.terms.sum(axis=1)
-    with np.errstate(divide="ignore"):
-        score = logsumexp(np.where(np.isfinite(gained), gained, -np.inf), b=points.weights)
-    return float(np.asarray(score)), points.khat
-
-
-def _error_of(run: str, best: Fit, one: Candidate) -> float:
-    """Error of a run over its response at a fit that does not know it."""
-    data = one.fitted.data
-    left = dataset.left_by_label(residual_at(dataset.stacked, best.x, one.fitted.box, data), data)
-    every = dataset.error_by_label(left, data)
-    pairs = zip(data.labels, data.runs, strict=True)
-    return rms([every[label] for label, name in pairs if name == run and label in every])
 
 
 def differences(scores: Mapping[str, Float[np.ndarray, " run"]], reference: str) -> dict[str, Any]:

@@ -9,7 +9,8 @@ from dataclasses import replace
 import jax
 from jaxtyping import Array, Key
 
-from jbw.identification.evidence import ROUNDS, SIZE, WORTH, Candidate, place_of
+from jbw.identification.evidence import Candidate, place_of
+from jbw.identification.unseen_runs import ROUNDS, SIZE, WORTH
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers import amis
 from jbw.inference.space.box import Box, bounds_by_name, box

@@ -10,11 +10,12 @@ from jaxtyping import Array, Key
 from jbw.errors import DataError, JbwError
 from jbw.identification import evidence
 from jbw.identification.assemble import Report
-from jbw.identification.evidence import Candidate, LeftOut, name_of
+from jbw.identification.evidence import Candidate, name_of
 from jbw.identification.floors import rms
 from jbw.identification.joint import every_parameter
 from jbw.identification.prior_widths import log_evidence_wide
 from jbw.identification.reached import threshold_sentences
+from jbw.identification.unseen_runs import LeftOut, left_out, runs_of
 
 
 class Weighed(NamedTuple):
@@ -32,13 +33,13 @@ def weigh(
     """Posterior of each law, and what it makes of each run unseen; laws that have none, and why."""
     weighed: dict[str, Weighed] = {}
     refused: dict[tuple[str, ...], str] = {}
-    runs = evidence.runs_of(found[0].fitted.data)
+    runs = runs_of(found[0].fitted.data)
     for i, one in enumerate(found):
         name, (own, other) = name_of(one.laws), (jax.random.fold_in(key, i) for key in keys)
         report(f"{name}: {len(runs)} runs predicted from each other's rest; evidence")
         try:
             drawn = evidence.posterior(own, one)
-            known = evidence.left_out(other, one, drawn) if len(runs) > 1 else None
+            known = left_out(other, one, drawn) if len(runs) > 1 else None
             wide = log_evidence_wide(own, one, drawn.attrs.get("log_evidence"))
         except JbwError as error:
             refused[one.laws] = str(error)

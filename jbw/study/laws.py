@@ -15,9 +15,10 @@ from jbw.campaign.load import Campaign
 from jbw.identification import evidence
 from jbw.identification.assemble import Report, measured
 from jbw.identification.diagnosis import diagnose, diagnosis_sentences, readings_of
-from jbw.identification.evidence import Candidate, LeftOut, name_of
+from jbw.identification.evidence import Candidate, name_of
 from jbw.identification.floors import own_lines, rms, scatter_of_means
 from jbw.identification.run_effects import runs_dataset, runs_sentence
+from jbw.identification.unseen_runs import LeftOut, runs_of
 from jbw.identification.without_offsets import compared, without_offsets
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
@@ -92,7 +93,7 @@ def compare_laws(
     named = {name: one.candidate for name, one in weighed.items()}
     draws = {name: one.draws for name, one in weighed.items()}
     left = {name: one.left_out for name, one in weighed.items() if one.left_out is not None}
-    runs = evidence.runs_of(found[0].fitted.data)
+    runs = runs_of(found[0].fitted.data)
     rows = {name: row_of(one) for name, one in weighed.items()}
     scores = {name: np.array(list(one.elpd.values())) for name, one in left.items()}
     compare_rows(rows, scores)

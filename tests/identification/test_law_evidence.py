@@ -16,7 +16,7 @@ from scipy.stats import norm
 from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
-from jbw.identification import evidence
+from jbw.identification import evidence, unseen_runs
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.floors import own_lines, rms, scatter_of_means
 from jbw.identification.prepare import Fitted
@@ -67,14 +67,14 @@ def linear():
 @pytest.mark.parametrize("way", ["draws", "points"])
 def test_scores_of_left_out_runs_are_those_of_a_grid(linear, way, monkeypatch):
     if way == "points":  # as where the draws say too little
-        monkeypatch.setattr(evidence, "_by_draws", lambda *of: None)
+        monkeypatch.setattr(unseen_runs, "_by_draws", lambda *of: None)
     else:  # a run that moves the posterior far has none
-        own, counted = evidence._by_draws, []
+        own, counted = unseen_runs._by_draws, []
         monkeypatch.setattr(
-            evidence, "_by_draws", lambda *of: counted.append(own(*of)) or counted[-1]
+            unseen_runs, "_by_draws", lambda *of: counted.append(own(*of)) or counted[-1]
         )
     draws = evidence.posterior(jax.random.key(2), linear)
-    found = evidence.left_out(jax.random.key(1), linear, draws)
+    found = unseen_runs.left_out(jax.random.key(1), linear, draws)
     prior, data, best = linear.fitted.box, linear.fitted.data, linear.fitted.fit
     assert list(found.elpd) == [f"held at {level:g}" for level in LEVELS[:4]]
     std = np.sqrt(np.diag(best.covariance)) / np.asarray(prior.upper - prior.lower)
@@ -104,6 +104,20 @@ def test_a_run_that_is_silenced_counts_for_nothing(linear):
     change = np.asarray(log_likelihood(moved, silent) - log_likelihood(theta, silent))
     assert abs(change[index]) < 1e-6
     np.testing.assert_allclose(np.delete(before, index), np.delete(after, index), atol=1e-9)
+
+
+def test_terms_of_a_silenced_run_tell_what_it_says(linear):
+    """As the difference of two evaluations has it: by the terms of either."""
+    data, run = linear.fitted.data, "held at 20"
+    rest = dataset.silenced(run, data)
+    times = unseen_runs._told_by_terms(data, rest)
+    theta = {name: jnp.asarray(1.001 * value) for name, value in linear.fitted.fit.theta.items()}
+    whole, silent = (np.asarray(log_likelihood(theta, one)) for one in (data, rest))
+    exact = whole.sum() - silent.sum()
+    np.testing.assert_allclose(whole @ (1 - 1 / times), exact, rtol=1e-10)
+    np.testing.assert_allclose(silent @ (times - 1), exact, rtol=1e-10)
+    tied = replace(data, scatters=jnp.ones((1, 2)), scatter=jnp.ones(2))
+    assert unseen_runs._told_by_terms(tied, rest) is None
 
 
 def test_floors_are_the_scatter_of_the_mean_and_a_line_of_each_runs_own():

@@ -1,0 +1,131 @@
+r"""What a law makes of each run that it has not seen: the log predictive density, and the error.
+
+$$\mathrm{elpd}_r = \log \int p(D_r | \theta, D_{-r})\, p(\theta | D_{-r})\, d\theta$$
+
+by the draws of the whole posterior weighed anew where they suffice, else by points about a fit
+without the run.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float, Key
+from scipy.special import logsumexp
+
+from jbw.identification.evidence import Candidate, place_of
+from jbw.identification.floors import rms
+from jbw.identification.prepare import refit
+from jbw.inference.fit.costly_fit import residual_at
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.lanes import at_points
+from jbw.inference.posterior.verdict import GOOD_KHAT
+from jbw.inference.samplers import amis
+from jbw.inference.samplers.weighed_points import weights_of
+from jbw.inference.space.problem import problem_of
+from jbw.observables import dataset
+from jbw.observables.dataset import Dataset
+
+# Of points without a run: a round, draws wanted, and rounds where time is stepped through or not.
+SIZE, WORTH, ROUNDS = 256, 200.0, {True: 8, False: 24}
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """What a law makes of each run that it has not seen.
+
+    Attributes:
+        elpd: Log predictive density [nats].
+        error: Error of the prediction over the response.
+        khat: Of the weights by which it was found; good below 0.7.
+    """
+
+    elpd: dict[str, float]
+    error: dict[str, float]
+    khat: float
+
+
+def runs_of(data: Dataset) -> tuple[str, ...]:
+    """Runs that can be left out: those whose values count, each once."""
+    counted = dataset.fractions_counted(data)
+    pairs = zip(data.labels, data.runs, strict=True)
+    return tuple(dict.fromkeys(run for label, run in pairs if label in counted))
+
+
+def left_out(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -> LeftOut:
+    """Predict each run by what the others know: by draws weighed anew, or fitted again without it.
+
+    Where a run moves the posterior far, its draws weighed without it say little, as k-hat shows.
+    """
+    prior, data = one.fitted.box, one.fitted.data
+    elpd, error, worst = {}, {}, -np.inf
+    for i, run in enumerate(runs_of(data)):
+        rest = dataset.silenced(run, data)
+        best = refit(one.fitted.fit, prior, rest)
+        found = _by_draws(draws, prior.names, data, rest)
+        if found is None:
+            found = _by_points(jax.random.fold_in(key, i), best, one, rest)
+        elpd[run], khat = found
+        error[run] = _error_of(run, best, one)
+        worst = max(worst, khat)
+    return LeftOut(elpd, error, float(worst))
+
+
+def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] | None:
+    """Times that each group's term of `rest` is in that of `data`; None where offsets tie runs.
+
+    Without offsets a term is the number of values times what one of them says, and a silenced
+    group has next to none: its term tells what it says, and nothing is solved twice.
+    """
+    if data.has_offsets or data.labels != rest.labels:
+        return None
+    whole, silent = dataset.fractions_counted(data), dataset.fractions_counted(rest)
+    return np.array([whole[x] / silent[x] if x in whole else 1.0 for x in data.labels])
+
+
+def _by_draws(
+    tree: xr.DataTree, names: Sequence[str], data: Dataset, rest: Dataset
+) -> tuple[float, float] | None:
+    """Log predictive density of what `rest` lacks [nats] and k-hat; None where weights are poor."""
+    posterior = tree["posterior"].to_dataset()
+    terms = tree["log_likelihood"].to_dataset()["terms"].values
+    terms = terms.reshape(-1, terms.shape[-1])
+    times = _told_by_terms(data, rest)
+    if times is None:
+        theta = {name: posterior[name].values.ravel() for name in names}
+        without = at_points(dataset.log_likelihood, theta, rest).reshape(len(terms), -1)
+        gained = terms.sum(axis=1) - without.sum(axis=1)
+    else:
+        gained = terms[:, : len(times)] @ (1 - 1 / times)
+    found = weights_of(-gained)
+    if not (found.khat < GOOD_KHAT and found.effective >= WORTH):
+        return None
+    return float(np.asarray(logsumexp(gained, b=found.weights))), found.khat
+
+
+def _by_points(
+    key: Key[Array, ""], best: Fit, one: Candidate, rest: Dataset
+) -> tuple[float, float]:
+    """The same by points about the fit without it."""
+    problem = problem_of(dataset.log_likelihood, one.fitted.box, rest, place_of(best, one))
+    points = amis.points(key, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS[rest.stepped])
+    times = _told_by_terms(one.fitted.data, rest)
+    if times is None:
+        whole = at_points(dataset.log_likelihood, points.theta, one.fitted.data)
+        gained = whole.reshape(len(points.weights), -1).sum(axis=1) - points.terms.sum(axis=1)
+    else:
+        gained = points.terms[:, : len(times)] @ (times - 1)
+    with np.errstate(divide="ignore"):
+        score = logsumexp(np.where(np.isfinite(gained), gained, -np.inf), b=points.weights)
+    return float(np.asarray(score)), points.khat
+
+
+def _error_of(run: str, best: Fit, one: Candidate) -> float:
+    """Error of a run over its response at a fit that does not know it."""
+    data = one.fitted.data
+    left = dataset.left_by_label(residual_at(dataset.stacked, best.x, one.fitted.box, data), data)
+    every = dataset.error_by_label(left, data)
+    pairs = zip(data.labels, data.runs, strict=True)
+    return rms([every[label] for label, name in pairs if name == run and label in every])
