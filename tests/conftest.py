@@ -4,7 +4,6 @@ Compiled code is kept in the user's cache folder, one a machine, as the command 
 tests' time is compiling. `JAX_ENABLE_COMPILATION_CACHE=0` turns that off.
 """
 
-import gc
 import json
 import os
 import platform
@@ -18,12 +17,11 @@ from shapes import check_shapes
 if os.environ.get("JBW_CHECK_SHAPES") != "0":
     check_shapes()  # before any test file imports jbw
 jax.config.update("jax_enable_x64", True)
+from jbw.inference.compiled import forget_when_many  # noqa: E402
 from jbw.run.session import keep_compiled  # noqa: E402
 
 KEPT = keep_compiled(f"tests of {platform.node()}")
 
-# Linux lets a process map 65,530 pieces of memory; each compiled function holds a dozen.
-MAPS, MANY_MAPS = Path("/proc/self/maps"), 40_000
 # Tests of more than two seconds alone on an idle core, which the slow tier runs: of those that
 # `pytest --durations=0` shows at that, all but the quickest case of each function.
 LONG = frozenset((Path(__file__).parent / "long_tests.txt").read_text().splitlines())
@@ -45,9 +43,7 @@ def golden():
 def _compiled_code_does_not_pile_up():
     """A process that runs out of mappings dies in the compiler, not in the test that filled it."""
     yield
-    if MAPS.exists() and MAPS.read_bytes().count(b"\n") > MANY_MAPS:
-        jax.clear_caches()
-        gc.collect()
+    forget_when_many()
 
 
 def pytest_sessionstart(session):

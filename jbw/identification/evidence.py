@@ -32,6 +32,7 @@ from jbw.identification.joint import with_derived
 from jbw.identification.prepare import Fitted, first_fit, refined, refit, reweight
 from jbw.identification.residual_terms import terms_of, with_terms
 from jbw.identification.step import attrs
+from jbw.inference.compiled import forget_when_many
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.reparametrisation import Reparametrisation, along_logarithms, never_zero
@@ -80,6 +81,7 @@ def candidates(
     refused: dict[Laws, str] = {}
     for laws in sets:
         report(f"Fitting {name_of(laws)}")
+        forget_when_many()
         try:
             prior, first = first_fit(key, under(laws, data), settings)
         except JbwError as error:
@@ -116,6 +118,7 @@ def again(key: Key[Array, ""], one: Candidate, common: Fitted) -> Candidate:
 
     By as many solver steps as it takes.
     """
+    forget_when_many()
     terms = terms_of(common.box)
     prior, best = with_terms(one.fitted.box, terms), one.fitted.fit
     data = under(one.laws, common.data)

@@ -74,12 +74,12 @@ def left_out(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -> LeftOut
 
 
 def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] | None:
-    """Times that each group's term of `rest` is in that of `data`; None where offsets tie runs.
+    """Times that each group's term of `rest` is in that of `data`; None where shifts tie runs.
 
     Without offsets a term is the number of values times what one of them says, and a silenced
     group has next to none: its term tells what it says, and nothing is solved twice.
     """
-    if data.has_offsets or data.labels != rest.labels:
+    if data.has_offsets or any(part.own_shifts for part in data.parts):
         return None
     whole, silent = dataset.fractions_counted(data), dataset.fractions_counted(rest)
     return np.array([whole[x] / silent[x] if x in whole else 1.0 for x in data.labels])

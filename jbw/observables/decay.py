@@ -81,7 +81,7 @@ class Decays(Envelopes):
         weight = jnp.sqrt(self.fraction) / self.noise_std
         left: Complex[Array, "record step"] = found.residual * weight[:, None]
         shift = found.entry.shift[:, None] / self.shift_std
-        rows = jnp.concatenate([left.real, left.imag, shift], axis=1)
+        rows = jnp.concatenate([left.real, left.imag, shift], axis=1) * self.counted[:, None]
         return rows, jnp.zeros((len(rows), 0, rows.shape[1]))
 
     def left(self, theta: Theta) -> Weighted:
@@ -100,7 +100,8 @@ class Decays(Envelopes):
 
         where Q is what the best initial state and shift leave, A their normal matrix, n the number
         of independent real values, and e the shift's standard error: eq. (37) on the envelope, its
-        noise integrated out under 1/sigma. Q is nearly quadratic in the three unknowns.
+        noise integrated out under 1/sigma. Q is nearly quadratic in the three unknowns. A record
+        that does not count says nothing.
         """
         found = self.matches(theta)
         _, log_det = jnp.linalg.slogdet(found.precision)
@@ -108,8 +109,8 @@ class Decays(Envelopes):
         degrees = self._num_values - NUM_OWN
         log_density = -degrees / 2 * jnp.log(found.misfit) - 0.5 * log_det - jnp.log(error)
         first = jnp.eye(max(num_offsets, 1))[0]
-        precision = jnp.outer(first, first) / error[:, None, None] ** 2
-        return Estimate(log_density, found.entry.shift[:, None] * first, precision)
+        precision = jnp.outer(first, first) * (self.counted / error**2)[:, None, None]
+        return Estimate(self.counted * log_density, found.entry.shift[:, None] * first, precision)
 
     def scatter_terms(self, theta: Theta, found: Estimate) -> Float[Array, " term"]:
         r"""The scatter, $\log \int p(s) \prod_i e_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$."""
@@ -161,18 +162,13 @@ class Decays(Envelopes):
 
     def fractions_counted(self) -> dict[str, float]:
         """Fraction of the values of each record that the likelihood counts."""
-        return dict.fromkeys(self.names, float(self.fraction))
+        fractions = np.asarray(self.fraction * self.counted)
+        return dict(zip(self.names, fractions.tolist(), strict=True))
 
     def silenced(self, run: str) -> Self:
-        """The decays without one record; all of them where it is the only one."""
-        kept = [i for i, name in enumerate(self.names) if name != run]
-        if not kept or len(kept) == len(self.names):
-            return self
-        rows = np.array(kept)
-        return replace(
-            self, names=tuple(self.names[i] for i in kept), envelope=self.envelope[rows],
-            noise_std=self.noise_std[rows],
-        )  # fmt: skip
+        """The decays of which one does not count, of the same shapes."""
+        others = np.array([name != run for name in self.names], float)
+        return replace(self, counted=self.counted * others)
 
     def draw_noise(
         self, key: Key[Array, ""], theta: Drawn, terms: Mapping[str, Draws], num_offsets: int

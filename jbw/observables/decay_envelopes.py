@@ -67,6 +67,7 @@ class Envelopes(Observable):
         noise_std: Noise of each record, of the real and of the imaginary part, for fits.
         shift_std: Scatter of the records' natural frequencies [rad/s], for fits.
         fraction: Of the envelopes' values, those that count as independent.
+        counted: 1 for each record, 0 where it counts for nothing.
         y_start: Displacement that the simulated decay begins from [m].
         taps: The band's filter as the model's samples meet it.
         rotation: Turn of the carrier between two values of the envelope, `step_s` [s] apart.
@@ -81,6 +82,7 @@ class Envelopes(Observable):
     noise_std: Float[Array, " record"]
     shift_std: Float[Array, ""]
     fraction: Float[Array, ""]
+    counted: Float[Array, " record"]
     y_start: Float[Array, ""]
     taps: Complex[Array, " tap"]
     rotation: Complex[Array, ""]
@@ -124,6 +126,7 @@ class Envelopes(Observable):
             noise_std=jnp.asarray(0.01 * np.sqrt(np.mean(np.abs(envelope) ** 2, axis=1))),
             shift_std=jnp.asarray(1e-4 * 2 * np.pi * chosen.centre_hz),
             fraction=jnp.asarray(1.0),
+            counted=jnp.ones(len(found)),
             y_start=jnp.asarray(y_start),
             taps=jnp.asarray(2 * taps / taps.sum() * np.exp(-1j * turn * n)),
             rotation=jnp.asarray(np.exp(-1j * turn * chosen.step)),

@@ -16,6 +16,7 @@ from jbw.identification.joint import every_parameter
 from jbw.identification.prior_widths import log_evidence_wide
 from jbw.identification.reached import threshold_sentences
 from jbw.identification.unseen_runs import LeftOut, left_out, runs_of
+from jbw.inference.compiled import forget_when_many
 
 
 class Weighed(NamedTuple):
@@ -35,6 +36,7 @@ def weigh(
     refused: dict[tuple[str, ...], str] = {}
     runs = runs_of(found[0].fitted.data)
     for i, one in enumerate(found):
+        forget_when_many()
         name, (own, other) = name_of(one.laws), (jax.random.fold_in(key, i) for key in keys)
         report(f"{name}: {len(runs)} runs predicted from each other's rest; evidence")
         try:

@@ -10,6 +10,7 @@ import xarray as xr
 
 from jbw import rig
 from jbw.campaign.load import load_campaign
+from jbw.inference.compiled import forget_when_many
 from jbw.report.result import read_result
 from jbw.run.folder import Run
 from jbw.run.manifest import with_inputs
@@ -25,6 +26,7 @@ def carried_out(run: Run, say: Say) -> tuple[Mapping[str, Any], xr.DataTree]:
     if (run.folder / "summary.json").exists():
         summary, tree = read_result(run.folder)
     else:
+        forget_when_many()  # of runs before, in the same process
         tree, summary = identified(run, say)
         save_result(run.folder, tree, summary)
     say("Writing figures and report")

@@ -1,5 +1,7 @@
 """Free decays: the filter, the model's decay, and where records enter it."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from decays import (
 from jbw.errors import DataError
 from jbw.measurement.demodulation import band_filter, demodulate, read_decay
 from jbw.measurement.records import Record, Test
+from jbw.observables.dataset import Dataset, log_likelihood
 from jbw.observables.decay import Decays, decay_of
 from jbw.observables.decay_envelopes import along, match
 
@@ -116,3 +119,19 @@ def test_useless_decays_are_refused(band, samples, word):
     record = Record(FS, {"velocity": np.ones(samples)}, {"velocity": "m/s"})
     with pytest.raises(DataError, match=word):
         Decays.of(Test("decay", (record,), "impacts", band_hz=band, settle=SETTLE))
+
+
+@pytest.mark.slow
+def test_a_silenced_record_counts_as_if_it_were_not_there():
+    test = decay_test(shifts=(3e-6, -4e-6, 1e-6, 0.0))
+    data = Decays.of(test)
+    rest = Decays.of(replace(test, records=test.records[1:]))
+    silent = data.silenced(data.runs[0])
+    # The model's decay begins at the largest amplitude of all records.
+    rest = replace(rest, y_start=data.y_start, num_samples=data.num_samples)
+    found = [log_likelihood(THETA, Dataset.of([one])) for one in (silent, rest)]
+    assert float(found[0][0]) == 0.0
+    np.testing.assert_allclose(found[0][1:], found[1], rtol=1e-9)
+    rows, _ = silent.weighted(THETA)
+    assert not np.any(rows[0])
+    assert silent.fractions_counted()[data.runs[0]] == 0.0
