@@ -29,6 +29,7 @@ MOST = 6.0  # rms: amplitudes beyond have a share of 1e-8
 NUM_NODES = 24
 MARGIN = 0.05  # of the joint's shift of a reading: a standard deviation for what is left out
 READ = ("omega_n", "zeta", "gain")
+JUMP = 0.5  # of the response, from one point of a curve to the next: another branch
 
 
 class LineReading(Observable):
@@ -162,3 +163,28 @@ def oscillator_through(
         "zeta": float(max(found[1] / (2 * omega_n), 1e-4)),
         "gain": float(found[2]),
     }
+
+
+def at_quadrature(
+    omega: NDArray[np.float64], u: NDArray[np.complex128], y: NDArray[np.complex128], gain: float
+) -> tuple[float, float, float] | None:
+    r"""Amplitude [m], frequency [rad/s] and damping where the motion lags by a quarter turn.
+
+    $$\arg (Y/U) = -\tfrac{\pi}{2}: \qquad \omega = \omega(|Y|), \qquad
+      \zeta(|Y|) = \frac{g\,|U|}{2 \omega^2 |Y|}$$
+
+    the first harmonics of any joint. Between two points by a straight line; None where no two that
+    follow each other lie on either side, or where the motion jumps from one to the other.
+    """
+    ratio = y / u
+    (turns,) = np.nonzero((ratio.real[:-1] > 0) != (ratio.real[1:] > 0))
+    for i in turns:
+        pair = slice(i, i + 2)
+        if np.ptp(np.abs(ratio[pair])) > JUMP * np.abs(ratio[i]) or np.any(ratio.imag[pair] >= 0):
+            continue
+        part = ratio[i].real / (ratio[i].real - ratio[i + 1].real)
+        w, size, moved = (
+            one[i] + part * (one[i + 1] - one[i]) for one in (omega, np.abs(u), -ratio.imag)
+        )
+        return float(size * moved), float(w), float(gain / (2 * w**2 * moved))
+    return None

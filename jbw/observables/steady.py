@@ -16,7 +16,7 @@ from jaxtyping import Array, Complex, Float, Inexact, Int
 from jbw.errors import DataError
 from jbw.measurement.records import Test
 from jbw.observables.harmonic_groups import NUM_HARMONICS, ORDERS, Group, groups_of, harmonic_label
-from jbw.observables.line_fit import oscillator_through
+from jbw.observables.line_fit import at_quadrature, oscillator_through
 from jbw.observables.observable import AmplitudeCurve, Laws, Rows, Theta
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, filled, repeats
@@ -196,22 +196,36 @@ class Points(Repeated):
         return oscillator_through(omega[chosen], load[chosen, 0], motion[chosen, 0])
 
     def amplitude_readings(self) -> AmplitudeCurve | None:
-        """A point of every curve at a held response: there the joint is a spring and a damper."""
-        found = []
+        """A point of every curve: where the response was held, or lags by a quarter turn."""
+        gain, found = self.first_values()["gain"], []
         for i, row in enumerate(np.asarray(self.point)):
             points = row[self.compared(i)]
-            if self.of_force[i] and self.position[i] == 0 and len(points) >= LEAST_POINTS:
-                omega, load, motion = (
-                    np.asarray(x)[points] for x in (self.omega, self.load[:, 0], self.motion[:, 0])
-                )
-                read = oscillator_through(omega, load, motion)
-                near = np.argmin(np.abs(omega - read["omega_n"]))
-                found.append((abs(motion[near]), read["omega_n"], read["zeta"]))
-        return AmplitudeCurve(*np.array(found).T) if found else None
+            if self.position[i] != 0 or len(points) < LEAST_POINTS:
+                continue
+            omega, load, motion = (
+                np.asarray(x)[points] for x in (self.omega, self.load[:, 0], self.motion[:, 0])
+            )
+            if self.of_force[i]:
+                found.append(_held(omega, load, motion))
+            else:
+                found.append(at_quadrature(omega, load, motion, gain))
+        rows = [one for one in found if one is not None]
+        return AmplitudeCurve(*np.array(rows).T) if rows else None
 
     def y_peak(self, omega_n: float) -> float:
         """Largest displacement [m]."""
         return float(jnp.max(jnp.abs(self.motion)))
+
+
+def _held(
+    omega: Float[np.ndarray, " point"],
+    load: Complex[np.ndarray, " point"],
+    motion: Complex[np.ndarray, " point"],
+) -> tuple[float, float, float]:
+    """Amplitude, frequency and damping of a held response, at which the joint is one oscillator."""
+    read = oscillator_through(omega, load, motion)
+    near = np.argmin(np.abs(omega - read["omega_n"]))
+    return abs(motion[near]), read["omega_n"], read["zeta"]
 
 
 def _own_columns(groups: Sequence[Group]) -> Float[np.ndarray, "group 2 part"]:
