@@ -1,6 +1,7 @@
 """Modes outside the band: closed forms, and structures of three modes by scipy seen as one."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +13,7 @@ from jbw import Record, Test
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import measured
 from jbw.identification.prepare import fit_joint
+from jbw.identification.residual_terms import GROWTH, _falls
 from jbw.observables.records import Records
 from jbw.observables.residual_terms import added_response, bounds, receptance
 from jbw.observables.steady import Points
@@ -133,6 +135,17 @@ def test_a_neighbour_is_taken_in_where_it_is_stated_or_suspected(modes):
 def test_a_stated_neighbour_that_is_none_is_not_taken_in():
     ready = fitted(swept([MODE]), SETTINGS.model_copy(update={"modes": (18.8, 20.5)}))
     assert set(ready.fit.theta) == {"omega_n", "zeta", "gain"}
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "stated", "taken"),
+    [(32.5, 23.6, True, True), (32.5, 23.6, False, False), (32.5, 31.0, True, False),
+     (80.0, 60.0, False, True)],
+)  # fmt: skip
+def test_a_stated_neighbour_need_not_prove_that_it_is_there(before, after, stated, taken):
+    """A wing's sweeps count for few values where the law errs: a third of so little is no proof."""
+    fits = (SimpleNamespace(cost=cost) for cost in (before, after))
+    assert _falls(*fits, 0.0 if stated else GROWTH) is taken
 
 
 def test_a_neighbour_keeps_its_place():
