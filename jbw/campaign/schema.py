@@ -197,7 +197,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     # Laws that are stated are all there are, so that a prior on any other is refused.
     stated = "laws" in joint.model_fields_set
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
-    errors += law_errors(laws, settings.prior)
+    errors += law_errors(laws, settings.prior, 1 if structure is None else len(structure.modes))
     refuse(file, errors)
     facts = (head.gain, head.modal_mass, settings, laws, assembly, structure)
     return CampaignSpec(head.name, tuple(_named(tests)), *facts)

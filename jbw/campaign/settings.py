@@ -12,7 +12,7 @@ from jbw.campaign.document import Table, checked, key, refuse, unlike
 from jbw.errors import ConfigError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.kinds import KINDS
-from jbw.quantities import DEFAULT_LAWS, LINEAR, MODAL, MODES, RESIDUAL_TERMS, Quantity, must_be
+from jbw.quantities import DEFAULT_LAWS, LINEAR, MODES, RESIDUAL_TERMS, Quantity, must_be
 
 MOST_MODES = 1 + len(MODES)  # of a structure
 SPRING = "cubic"  # a prior on its parameter brings the law of this name, unless laws are stated
@@ -197,12 +197,13 @@ def laws_of(laws: Sequence[str], prior: Container[Any]) -> tuple[str, ...]:
     return (*laws, SPRING) if SPRING in prior and laws == DEFAULT_LAWS else laws
 
 
-def law_errors(laws: Sequence[str], prior: Prior) -> list[str]:
-    """What is wrong with a campaign's laws and with the priors on their parameters.
+def law_errors(laws: Sequence[str], prior: Prior, num_modes: int = 1) -> list[str]:
+    """What is wrong with a campaign's laws and with the priors on their parameters and its modes'.
 
     The register of laws loads JAX, so it is asked only where [joint] or a prior needs it.
     """
-    known = {quantity.name: quantity for quantity in (*LINEAR, *RESIDUAL_TERMS, *MODAL)}
+    known = {quantity.name: quantity for quantity in (*LINEAR, *RESIDUAL_TERMS)}
+    known |= {quantity.name: quantity for mode in MODES[: num_modes - 1] for quantity in mode}
     if tuple(laws) != DEFAULT_LAWS or set(prior) - set(known):
         from jbw.oscillator.laws import quantities_of
 

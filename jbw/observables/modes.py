@@ -57,7 +57,8 @@ class Modes(NamedTuple):
     def held(self) -> dict[str, float]:
         """What is held: signs, which begin as positive, and shapes that were measured."""
         signs = {names[4]: 1.0 for names in self.names}
-        known = dict(zip(self.names, self.joint_shape[1:], strict=False))
+        over_first = (h / self.joint_shape[0] for h in self.joint_shape[1:])
+        known = dict(zip(self.names, over_first, strict=False))
         signs |= {names[4]: float(np.sign(h)) for names, h in known.items()}
         return signs | {names[3]: abs(h) for names, h in known.items()}
 

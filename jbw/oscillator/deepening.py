@@ -33,7 +33,7 @@ def deeper(joint: Oscillator, start: State) -> tuple[Oscillator, State]:
 
 
 def with_depth[Model: Oscillator | Structure](joint: Model, depth: int | None) -> Model:
-    """The oscillator, or structure, whose laws of Masing's kind remember so many reversals; None for the usual."""
+    """The model whose laws of Masing's kind remember so many reversals; None for the usual."""
     if depth is None:
         return joint
     own = (replace(law, depth=depth) if isinstance(law, Masing) else law for law in joint.laws)
