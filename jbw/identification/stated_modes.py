@@ -7,19 +7,21 @@ from itertools import pairwise
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from scipy import stats
 
 from jbw.campaign.settings import Identify, Structured, structure_errors
 from jbw.errors import ConfigError, DataError
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.summary import QUANTILES
-from jbw.inference.space.box import Box
+from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.drives import told_by
 from jbw.observables.modes import Modes, ModesAtJoint
 from jbw.observables.observable import Observable
 
+BY_CHANCE = 0.01  # probability of as much better a fit, of modes that do not move the joint
 ROUGH = 1e-6  # of the cost and of the step: the other sign, which a further fit follows
 
 
@@ -84,6 +86,14 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
                 "that is fitted does.",
                 remedy="Sweep through it, or leave it out of `modes`.",
             )
+        ratio = told[names[2]] if len(names) > 2 else 1.0
+        if modes.driving_point and ratio < 0:
+            raise DataError(
+                f"[structure] driving_point: the mode at {hz:g} Hz must have a gain of the first "
+                f"mode's sign, but its gain is {ratio:.2g} times that.",
+                why="Where the source pushes, every mode has the square of its shape for a gain.",
+                remedy="Leave `driving_point` out, or turn the channel of the response round.",
+            )
 
 
 def unknown_signs(prior: Box, data: Dataset) -> list[str]:
@@ -107,6 +117,30 @@ def with_signs(best: Fit, prior: Box, data: Dataset) -> tuple[Fit, Dataset]:
                 for p in data.parts)  # fmt: skip
         data = replace(data, parts=tuple(told))
     return best, data
+
+
+def one_joint_sentences(best: Fit, prior: Box, data: Dataset) -> list[str]:
+    r"""Whether further modes meet in the joint, by the fit in which they are linear neighbours.
+
+    $$\chi^2_{linear} - \chi^2 > F^{-1}_{\chi^2_k}(0.99)$$
+
+    of k sizes at the joint; nothing where these are not fitted.
+    """
+    if not unknown_signs(prior, data):
+        return []
+    bounds = bounds_by_name(prior)
+    linear = {n: pair for n, pair in bounds.items() if n not in data.modes.free}
+    start = {name: best.theta[name] for name in linear}
+    found = costly_fit(stacked, box(linear), data, starts=start, tolerance=ROUGH)
+    growth, num = 2 * (found.cost - best.cost), len(bounds) - len(linear)
+    least = float(stats.chi2.isf(BY_CHANCE, num))
+    said = f"chi-square grows by {growth:.3g} where modes beside the first are linear neighbours"
+    if growth > least:
+        return [f"One joint across the modes: {said}, by chance {least:.3g}."]
+    return [
+        f"Nothing shows that modes beside the first move the joint: {said}; drive harder, or leave "
+        "them out of `modes`."
+    ]
 
 
 def participation_sentences(posterior: xr.Dataset, modes: Modes | None) -> list[str]:

@@ -129,7 +129,9 @@ def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> 
         reach = 2 * max(abs(known[ratio]), 0.05)
         found[omega] = 2 * np.pi * low, 2 * np.pi * high
         found[zeta] = 0.005 * known[zeta], 3.0 * known[zeta]
-        found[ratio] = known[ratio] - reach, known[ratio] + reach
+        # Where the output is the drive point, gains are squares of shapes.
+        least = 1e-3 * known[ratio] if modes.driving_point else known[ratio] - reach
+        found[ratio] = least, known[ratio] + reach
     for name in modes.free if with_joint else ():
         end = float(np.exp(REACH * _std(name)))
         found[name] = 1 / end, end
