@@ -103,6 +103,7 @@ def campaign_keys() -> str:
         "campaign": ("[campaign]", "Head"),
         "assembly": ("[assembly]", "Assembly"),
         "joint": ("[joint]", "Joint"),
+        "structure": ("[structure]", "Structured"),
         "test": ("[[test]]", "TestSpec"),
         "identify": ("[identify]", "Identify"),
     }.items():

@@ -98,6 +98,27 @@ NEIGHBOURS = tuple(
 )
 RESIDUAL_TERMS = (*CONSTANT_TERMS, *(each for mode in NEIGHBOURS for each in mode))
 
+# Of modes that meet in the joint beside the first, in units of what that one does to it.
+MODES = tuple(
+    (
+        Quantity(f"omega_{k}", f"ω{n}", "rad/s", f"natural frequency, mode {k}", 0.0, is_open=True),
+        Quantity(f"zeta_{k}", f"ζ{n}", "1", f"viscous damping ratio, mode {k}", 0.0),
+        Quantity(f"gain_ratio_{k}", f"b{n}/b₁", "1", f"gain over the first mode's, mode {k}"),
+        Quantity(
+            f"shape_{k}", f"|h{n}|", "1", f"motion of the joint over the first mode's, mode {k}",
+            0.0, is_open=True,
+        ),
+        Quantity(f"sign_{k}", f"sgn h{n}", "1", f"sign of that motion, mode {k}"),
+        Quantity(
+            f"coupling_{k}", f"κ{n}", "1", f"what the joint does to it over the first, mode {k}",
+            0.0, is_open=True,
+        ),
+    )
+    for k, n in enumerate("₂₃₄₅", 2)
+)  # fmt: skip
+MODAL = tuple(each for mode in MODES for each in mode)
+STUCK = (*LINEAR, *(each for mode in MODES for each in mode[:3]))  # while the joint sticks
+
 # Responses in the order of the derivative of the displacement.
 MOTION = (
     Quantity("displacement", "y", "m", "displacement"),
@@ -121,7 +142,7 @@ OTHERS = (
     Quantity("log_likelihood", "log L", "1", "log likelihood"),
     Quantity("response", "v", "m/s", "velocity at one instant"),
 )
-BY_NAME = {each.name: each for each in (*LINEAR, *RESIDUAL_TERMS, *MOTION, *OTHERS)}
+BY_NAME = {each.name: each for each in (*LINEAR, *RESIDUAL_TERMS, *MODAL, *MOTION, *OTHERS)}
 
 
 Motion = Literal["displacement", "velocity", "acceleration"]

@@ -84,6 +84,17 @@ def loops():
     np.savez("loops.npz", **found)
 
 
+def structure():
+    for name, hz in (("low", 18.8), ("high", 57.2)):
+        t = np.arange(8 * 512) / 512.0
+        u = np.sin(2 * np.pi * (0.8 * hz + 0.025 * hz * t) * t) * np.sin(np.pi * t / 8) ** 2
+        for i in range(2):
+            with h5py.File(f"{name}_{i}.h5", "w") as file:
+                file["cell"] = u
+                v = 1e3 * velocity(u, 512.0, hz)
+                file["laser"] = v + 0.01 * np.std(v) * noise(len(v), i)
+
+
 RECORDS = {
     "decays": (decays,),
     "stepped": (stepped, curves),
@@ -91,6 +102,7 @@ RECORDS = {
     "loops": (loops,),
     "days": (lambda: hdf5("monday", "tuesday", "wednesday"),),
     "laws": (lambda: hdf5("sweep"),),
+    "structures": (structure,),
 }
 CASES = [(page, i) for page, made in RECORDS.items() for i in range(len(made))]
 

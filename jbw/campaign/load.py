@@ -11,7 +11,7 @@ from jbw.campaign.check import findings, unread
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import Gain, force_per_unit, gain_of
 from jbw.campaign.schema import Assembly, TestSpec, read_spec
-from jbw.campaign.settings import Identify, laws_of
+from jbw.campaign.settings import Identify, Structured, laws_of
 from jbw.errors import JbwError
 from jbw.measurement.checks import Fault, gathered
 from jbw.measurement.files.read import report
@@ -38,6 +38,7 @@ class Campaign:
     path: Path = Path()  # of the campaign file
     laws: tuple[str, ...] = DEFAULT_LAWS  # that stand beside each other across the joint
     assembly: Assembly = field(default_factory=Assembly)  # torque and the like, as far as stated
+    structure: Structured | None = None  # modes that meet in the joint; None of one
 
     def __repr__(self) -> str:
         lines = [f"  {_line(test)}" for test in self.tests[:SHOWN]]
@@ -88,7 +89,7 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
         for test in spec.tests
     ]
     facts = (spec.gain, spec.modal_mass, spec.settings, path, spec.laws, spec.assembly)
-    return Campaign(spec.name, folder, tuple(tests), *facts)
+    return Campaign(spec.name, folder, tuple(tests), *facts, structure=spec.structure)
 
 
 def load_test(test: TestSpec, folder: Path, *, per_unit: Gain, allow_outside: bool = False) -> Test:

@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field, StrictBool, model_validator
 from jbw.campaign import values
 from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
 from jbw.campaign.gains import differ
-from jbw.campaign.settings import Identify, Joint, law_errors, laws_of
+from jbw.campaign.settings import Identify, Joint, Structured, law_errors, laws_of, structure_errors
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.kinds import Kind as Traits
 from jbw.measurement.records import BY_UNIT, INPUTS, RESPONSES, si_of
@@ -134,6 +134,7 @@ class CampaignFile(Table):
         Assembly, "of which assembly, at which torque: what `jbw collect` takes to a fleet"
     )
     joint: Joint = key(Joint, "laws of the joint")
+    structure: Structured | None = key(None, "several modes that meet in the joint")
     test: Annotated[list[TestSpec], Field(min_length=1)] = key(..., "one table a test")
     identify: Identify = key(Identify, "what to fit, what to hold out, how to draw")
 
@@ -149,6 +150,7 @@ class CampaignSpec:
     settings: Identify = field(default_factory=Identify)
     laws: tuple[str, ...] = DEFAULT_LAWS
     assembly: Assembly = field(default_factory=Assembly)
+    structure: Structured | None = None
 
 
 def _named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
@@ -174,6 +176,9 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     head = checked(Head, document.get("campaign", {}), "[campaign]", errors) or Head()
     assembly = checked(Assembly, document.get("assembly", {}), "[assembly]", errors) or Assembly()
     joint = checked(Joint, document.get("joint", {}), "[joint]", errors) or Joint()
+    structure = None
+    if "structure" in document:
+        structure = checked(Structured, document["structure"], "[structure]", errors)
     tables = document.get("test", [])
     if not isinstance(tables, list) or not tables:
         errors.append("[[test]]: at least one test is needed, each under its own [[test]].")
@@ -188,12 +193,13 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
         errors.append("[campaign]: give gain or modal_mass, not both; they say the same.")
     if len(tests) == len(tables):
         errors += [*_among(tests, settings), *_of_others(tests, assembly)]
+        errors += [] if structure is None else structure_errors(structure, tests)
     # Laws that are stated are all there are, so that a prior on any other is refused.
     stated = "laws" in joint.model_fields_set
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
-    errors += law_errors(laws, settings.prior)
+    errors += law_errors(laws, settings.prior, 1 if structure is None else len(structure.modes))
     refuse(file, errors)
-    facts = (head.gain, head.modal_mass, settings, laws, assembly)
+    facts = (head.gain, head.modal_mass, settings, laws, assembly, structure)
     return CampaignSpec(head.name, tuple(_named(tests)), *facts)
 
 

@@ -1,19 +1,20 @@
 """The choices of an identification: the [identify] and [joint] tables as typed records."""
 
 import sys
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from math import inf
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, StrictBool
+from pydantic import BeforeValidator, StrictBool, model_validator
 
 from jbw.campaign import values
 from jbw.campaign.document import Table, checked, key, refuse, unlike
 from jbw.errors import ConfigError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.kinds import KINDS
-from jbw.quantities import DEFAULT_LAWS, LINEAR, RESIDUAL_TERMS, Quantity, must_be
+from jbw.quantities import DEFAULT_LAWS, LINEAR, MODES, RESIDUAL_TERMS, Quantity, must_be
 
+MOST_MODES = 1 + len(MODES)  # of a structure
 SPRING = "cubic"  # a prior on its parameter brings the law of this name, unless laws are stated
 
 Prior = Mapping[str, tuple[float, float]]
@@ -137,6 +138,49 @@ class Identify(Table):
         )
 
 
+class Structured(Table):
+    """The [structure] table: modes that meet in the joint, and what is known of them there."""
+
+    modes: values.Frequencies = key(
+        ...,
+        "natural frequencies [Hz] of the modes that meet in the joint, the one whose laws are "
+        "given first",
+        [18.8, 57.2],
+    )
+    driving_point: StrictBool = key(
+        False, "the response is measured where the source pushes, in its direction", True
+    )
+    joint_shape: values.Shapes = key(
+        (),
+        "motion of the joint over that of the response in every mode, as measured across it; any "
+        "common factor",
+        [1.0, -0.8],
+    )
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> Self:
+        shape, num = self.joint_shape, len(self.modes)
+        if shape and len(shape) != num:
+            raise ValueError(
+                f"joint_shape: must hold a number a mode, {num}, but holds {len(shape)}."
+            )
+        if num > MOST_MODES:
+            raise ValueError(f"modes: must be {MOST_MODES} at most, but are {num}.")
+        return self
+
+
+def structure_errors(structure: Structured, tests: Iterable[Any]) -> Iterator[str]:
+    """Tests of kinds that know one mode alone, a sentence each."""
+    several = [kind.name for kind in KINDS.values() if kind.is_transient or kind.is_periodic]
+    for test in tests if len(structure.modes) > 1 else ():
+        if test.kind not in several:
+            named = f"test `{test.name}`" if test.name else "a test"
+            yield (
+                f"[structure]: {named} is of kind `{test.kind}`, which knows one mode alone; leave "
+                f"it out of the file, or all modes but the first (several: {', '.join(several)})."
+            )
+
+
 class Joint(Table):
     """The [joint] table: which laws stand beside each other across the joint."""
 
@@ -153,12 +197,13 @@ def laws_of(laws: Sequence[str], prior: Container[Any]) -> tuple[str, ...]:
     return (*laws, SPRING) if SPRING in prior and laws == DEFAULT_LAWS else laws
 
 
-def law_errors(laws: Sequence[str], prior: Prior) -> list[str]:
-    """What is wrong with a campaign's laws and with the priors on their parameters.
+def law_errors(laws: Sequence[str], prior: Prior, num_modes: int = 1) -> list[str]:
+    """What is wrong with a campaign's laws and with the priors on their parameters and its modes'.
 
     The register of laws loads JAX, so it is asked only where [joint] or a prior needs it.
     """
     known = {quantity.name: quantity for quantity in (*LINEAR, *RESIDUAL_TERMS)}
+    known |= {quantity.name: quantity for mode in MODES[: num_modes - 1] for quantity in mode}
     if tuple(laws) != DEFAULT_LAWS or set(prior) - set(known):
         from jbw.oscillator.laws import quantities_of
 

@@ -104,6 +104,13 @@ def unequal(value: Any) -> tuple[Any, ...]:
     return tuple(value)
 
 
+def nonzero(value: Any) -> tuple[Any, ...]:
+    """Numbers other than zero."""
+    if 0 in numbers(value):
+        raise ValueError(f"must not hold a 0, but is {list(value)}.")
+    return tuple(value)
+
+
 def modes(value: Any) -> tuple[Any, ...] | int:
     """How many, or frequencies that are all different."""
     return whole(1)(value) if isinstance(value, int) else unequal(value)
@@ -198,6 +205,8 @@ Kinds = Annotated[
 ]
 Numbers = Annotated[tuple[Positive, ...], BeforeValidator(numbers)]
 Levels = Annotated[tuple[NonNegative, ...], BeforeValidator(numbers)]
+Frequencies = Annotated[tuple[Positive, ...], BeforeValidator(unequal)]
+Shapes = Annotated[tuple[float, ...], BeforeValidator(nonzero)]
 Modes = Annotated[
     int | tuple[Positive, ...],
     BeforeValidator(modes, json_schema_input_type=Count | list[Positive]),

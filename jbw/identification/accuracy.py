@@ -8,11 +8,12 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 
 from jbw.campaign.settings import SPRING
+from jbw.inference.fit.fitting import Fit
 from jbw.inference.lanes import at_points
 from jbw.inference.posterior.finding import Finding, Verdict, checked, qualified
 from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import evenly_spaced
-from jbw.observables.dataset import Dataset, halved, log_likelihood
+from jbw.observables.dataset import Dataset, by_label, halved, log_likelihood
 from jbw.observables.effective_values import LEAST_VALUES, coloured_from, correlation_at_one
 
 SHIFT = 0.1  # of a posterior standard deviation: what the solver may move a posterior mean
@@ -119,6 +120,16 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
     )
     action = f"Doubt the band (a second mode), `settle`, or the law. {another_law(data.laws)}"
     return checked("misfit", error[worst] < bounded[worst], reason, error[worst], action)
+
+
+def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
+    """Chi-square of a fit over the groups whose noise repeats tell, and its degrees of freedom."""
+    sizes = {label: size for part in data.parts for label, size in part.noise_known().items()}
+    if sum(sizes.values()) <= len(first.x):  # as many parameters explain any data
+        return None
+    rows = by_label(first.residual, data)
+    total = sum(float(np.sum(rows[label] ** 2)) for label in sizes)
+    return total, int(sum(sizes.values())) - len(first.x)
 
 
 def within_misfit(found: Verdict, error: Mapping[str, float]) -> Verdict:

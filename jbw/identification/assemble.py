@@ -7,16 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jbw.campaign.gains import Gain, gain_of
-from jbw.campaign.settings import Identify, laws_of
+from jbw.campaign.settings import Identify, Structured, laws_of
 from jbw.errors import DataError, JbwError
 from jbw.identification import selection
 from jbw.identification.attachments import foretold, require_one_unit
 from jbw.identification.linear_step import LinearStep, linear_step
 from jbw.identification.selection import DecaySplit, Sweeps
+from jbw.identification.stated_modes import modes_of, require_driven
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import attached, named, parts_of
 from jbw.observables.line_fit import LineReading
+from jbw.observables.modes import Modes, ModesAtJoint
 from jbw.observables.observable import Observable, run_of
 from jbw.observables.register import OBSERVABLES
 from jbw.quantities import DEFAULT_LAWS, FED
@@ -37,6 +39,7 @@ class Measured:
     linear: LinearStep | None  # Step 2, when there was a noise test
     sweeps: Sweeps | None  # when there were any
     decays: DecaySplit | None  # when any may be fitted
+    modes: Modes | None = None  # that meet in the joint; None of one mode
 
     @property
     def probing(self) -> tuple[Test, ...]:
@@ -59,14 +62,15 @@ def measured(
     settings: Identify,
     *,
     laws: tuple[str, ...] | None = None,
+    structure: Structured | None = None,
     gain: Gain = None,
     report: Report = logger.info,
 ) -> Measured:
     """Step 2, where there is a noise test, and what is fitted and held out.
 
-    `laws` are those of a campaign that names none when None, `gain` is what the campaign states
-    [N/kg per unit of the input], by drive where there are several, and `report` is called with one
-    sentence at every stage.
+    `laws` are those of a campaign that names none when None, `structure` its modes where several
+    meet in the joint, `gain` is what the campaign states [N/kg per unit of the input], by drive
+    where there are several, and `report` is called with one sentence at every stage.
 
     Raises:
         ConfigError: If `hold_out` names no test, settings do not fit the tests, or tests of one
@@ -75,13 +79,15 @@ def measured(
     laws = laws_of(DEFAULT_LAWS, settings.prior) if laws is None else laws
     chosen = selection.fitted(tests, settings)
     require_one_unit(chosen)
+    modes = modes_of(structure, tests, settings)
     noise, linear = selection.linear_test(tests), None
-    if noise is not None:
+    if noise is not None and modes is None:  # several modes are fitted in time, from first values
         report(f"Step 2: line fit of {noise.name}")
         linear = linear_step(noise, gain_of(gain, drive_of(noise)), settings.modes)
-    sweeps = selection.sweep_tests(tests, settings)
+    sweeps = selection.sweep_tests(tests, settings, every=modes is not None)
     decays = selection.decay_tests(tests, settings, chosen)
-    return Measured(tuple(tests), tuple(chosen), settings, laws, gain, linear, sweeps, decays)
+    facts = (settings, laws, gain, linear, sweeps, decays, modes)
+    return Measured(tuple(tests), tuple(chosen), *facts)
 
 
 def assemble(seen: Measured) -> Dataset:
@@ -111,6 +117,12 @@ def assemble(seen: Measured) -> Dataset:
         )
     _require_labels(parts)
     held = _held(parts, gain, seen.chosen)
+    if seen.modes is not None:
+        require_driven(seen.modes, parts)
+        held |= seen.modes.held
+        if seen.modes.free:
+            stated, run = tuple(seen.settings.prior), parts[0].runs[0]
+            parts.append(ModesAtJoint.of(seen.modes, stated, run, laws=seen.laws))
     return Dataset.of([*parts, *foretold(seen.tests, parts)], held)
 
 
@@ -172,7 +184,7 @@ def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
         for drive in dict.fromkeys(drive_of(test) for test in own):
             alike = [test for test in own if drive_of(test) == drive]
             found = observable.reduce(alike, laws=seen.laws, substeps=seen.settings.substeps)
-            parts += [replace(part, drive=drive) for part in found]
+            parts += [replace(part, drive=drive, modes=seen.modes) for part in found]
     return parts
 
 

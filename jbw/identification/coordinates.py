@@ -15,6 +15,7 @@ from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box, Product, bounds_by_name, box
 from jbw.observables.dataset import Dataset, largest_displacement
 from jbw.observables.drives import attached, named, parts_of, plain
+from jbw.observables.modes import bounds_of
 from jbw.oscillator.law import Bounds, Coordinates, Law, Scales
 from jbw.oscillator.laws import laws_named, same_by_construction
 from jbw.oscillator.oscillator import prior_of
@@ -39,6 +40,10 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
     own = {name: pair for name, pair in bounds_by_name(prior).items() if name not in data.held}
     for drive in attached(data.parts):
         own |= _bounds_of(drive, settings, data, known)
+    own |= _bounds_beside(settings, data, known)
+    if data.modes is not None and "omega_n" in own and "omega_n" not in settings.prior:
+        low, high = (2 * np.pi * hz for hz in data.modes.windows_hz[0])
+        own["omega_n"] = max(own["omega_n"][0], low), min(own["omega_n"][1], high)
     stated = term_bounds(stated_terms(data), omega_n, settings.prior)
     _require_drives(settings.prior, data)
     return box(own | stated)
@@ -54,6 +59,14 @@ def _bounds_of(drive: str, settings: Identify, data: Dataset, known: Mapping[str
     wide = linear_bounds(Scales(omega_n, zeta, 0.0), std, linear=linear)
     bounds = {named(name, drive): pair for name, pair in wide.items()}
     return {n: settings.prior.get(n, pair) for n, pair in bounds.items() if n not in data.held}
+
+
+def _bounds_beside(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Bounds:
+    """Bounds of modes beside the first."""
+    if data.modes is None:
+        return {}
+    wide = bounds_of(data.modes, known, with_joint=bool(data.laws))
+    return {name: settings.prior.get(name, pair) for name, pair in wide.items()}
 
 
 def _require_drives(prior: Collection[str], data: Dataset) -> None:

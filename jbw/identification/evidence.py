@@ -83,11 +83,11 @@ def candidates(
         report(f"Fitting {name_of(laws)}")
         forget_when_many()
         try:
-            prior, first = first_fit(key, under(laws, data), settings)
+            prior, first, own = first_fit(key, under(laws, data), settings)
         except JbwError as error:
             refused[laws] = str(error)
         else:
-            found.append(Candidate(laws, Fitted(first, prior, under(laws, data))))
+            found.append(Candidate(laws, Fitted(first, prior, own)))
     if not found:
         raise ConfigError(f"None of the laws can be fitted: {next(iter(refused.values()))}")
     weighing: Candidate | None = None

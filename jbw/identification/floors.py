@@ -15,10 +15,12 @@ from jbw.inference.space.box import bounds_about, box
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import plain, used_by
-from jbw.quantities import LINEAR
+from jbw.quantities import LINEAR, STUCK
 
 PLAIN = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
+APART = ((0.95, 1.05), *list(PLAIN.values())[1:])  # of further modes, which keep their places
 REACH = {one.name: PLAIN[plain(one.name)] for one in LINEAR}
+REACH |= {one.name: APART[i % 3] for i, one in enumerate(STUCK[len(LINEAR) :])}
 CLOSE = {"max_evaluations": 40, "tolerance": 1e-6}  # an error of two digits needs no more
 
 

@@ -14,7 +14,7 @@ from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.observables.dataset import Dataset, stacked
-from jbw.quantities import LINEAR, RESIDUAL_TERMS
+from jbw.quantities import RESIDUAL_TERMS, STUCK
 
 FAR = 5.0  # standard deviations from zero: beyond, a joint is seen without a further fit
 BY_CHANCE = 0.01  # probability of as much better a fit, of data of a structure without a joint
@@ -29,7 +29,7 @@ class Nested(NamedTuple):
 
 def without_joint(best: Fit, prior: Box, data: Dataset) -> Nested:
     """The fit of the oscillator alone, to the same data in the same weights."""
-    own = {quantity.name for quantity in (*LINEAR, *RESIDUAL_TERMS)}
+    own = {quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS)}
     bounds = {name: pair for name, pair in bounds_by_name(prior).items() if name in own}
     bare = replace(data, parts=tuple(replace(part, laws=()) for part in data.parts))
     start = {name: best.theta[name] for name in bounds}

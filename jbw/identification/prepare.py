@@ -7,7 +7,6 @@ the law misses is shared by all groups of a kind, relative to their size: weight
 misfit of each would let a record that a poor fit misses lose its voice, and be missed the more.
 """
 
-import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float, Key
 
 from jbw.campaign.settings import Identify
-from jbw.identification.accuracy import NUM_DRAWS, SHIFT, solver_change
+from jbw.identification.accuracy import NUM_DRAWS, SHIFT, explained, solver_change
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.coordinates import (
     box_of,
@@ -35,6 +34,7 @@ from jbw.identification.run_effects import (
     with_offsets,
     with_scatter,
 )
+from jbw.identification.stated_modes import unknown_signs, with_signs
 from jbw.inference.fit.costly_fit import TOLERANCE, costly_fit, from_search
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.lanes import at_points
@@ -46,9 +46,8 @@ from jbw.observables.drives import of_part, plain, told_by
 from jbw.observables.observable import AmplitudeCurve
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
-from jbw.quantities import LINEAR
+from jbw.quantities import STUCK
 
-logger = logging.getLogger("jbw")
 MOST_SUBSTEPS = 64
 AMPLE = 0.5  # of what the verdict allows the solver: draws about a fit are not the posterior
 ROUGH = 1e-6  # of the cost and of the step: fits that others follow
@@ -58,8 +57,8 @@ NUM_SCREENED = 255  # points of the box that are looked at beside the start
 MOST_STARTS = 12  # of them fitted
 AGREED, ALIKE = 6, 1.01  # fits that end at one cost, times the least: then there is no better
 EXPLAINED = 5.0  # chi-square a degree of freedom below which a fit explains the data
-CURVE_STARTS = 8  # of the fit to frequency and damping against amplitude, which costs nothing
-MOST_CURVE_POINTS = 200
+# Of the fit to frequency and damping against amplitude, which costs nothing.
+CURVE_STARTS, MOST_CURVE_POINTS = 8, 200
 FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03  # relative: weights of such a curve
 
 
@@ -96,7 +95,7 @@ def prepare(
     known: Mapping[str, float] | None = None,
 ) -> Fitted:
     """First values, the box, the fit from them and from `known` ones, and what the fit settles."""
-    prior, first = first_fit(keys[0], data, settings, known)
+    prior, first, data = first_fit(keys[0], data, settings, known)
     ready = reweight(keys[1], data, prior, first, settings)
     best = replace(ready.fit, waterfall=first.waterfall)  # the later fits have one start
     return replace(ready, fit=best, chi_square=explained(first, data))
@@ -107,12 +106,18 @@ def first_fit(
     data: Dataset,
     settings: Identify,
     known: Mapping[str, float] | None = None,
-) -> tuple[Box, Fit]:
-    """The box, and the fit to data as they are, from first values and from `known` ones."""
+) -> tuple[Box, Fit, Dataset]:
+    """The box, the fit to data as they are, from first values and from `known` ones, and the data.
+
+    These hold the signs of modes at the joint, chosen by a rough fit and again by the final one.
+    """
     values = {**told_by(data.parts), **(known or {})}
     prior = box_of(settings, data, values)
     values = {**from_amplitude_curve(key, data, prior, values), **values}
-    return prior, fit_from(key, data, prior, values)
+    if unknown_signs(prior, data):
+        begun, data = with_signs(fit_from(key, data, prior, values, most=1), prior, data)
+        values |= begun.theta
+    return prior, *with_signs(fit_from(key, data, prior, values), prior, data)
 
 
 def from_amplitude_curve(
@@ -131,10 +136,9 @@ def from_amplitude_curve(
         return {}
     some = np.unique(np.linspace(0, len(curve.y) - 1, MOST_CURVE_POINTS).astype(int))
     thin = AmplitudeCurve(*(values[some] for values in curve))
-    laws = data.laws
 
     def left(theta: Mapping[str, Array], seen: AmplitudeCurve) -> Float[Array, " value"]:
-        model = backbone(oscillator_of(theta, laws), seen.y)
+        model = backbone(oscillator_of(theta, data.laws), seen.y)
         frequency = (model.omega / seen.omega - 1) / FREQUENCY_STD
         damping = (model.zeta - seen.zeta) / (DAMPING_STD * jnp.max(seen.zeta))
         return jnp.concatenate([frequency, damping])
@@ -145,7 +149,14 @@ def from_amplitude_curve(
     return {name: value for name, value in best.theta.items() if name not in known}
 
 
-def fit_from(key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str, float]) -> Fit:
+def fit_from(
+    key: Key[Array, ""],
+    data: Dataset,
+    prior: Box,
+    known: Mapping[str, float],
+    *,
+    most: int = MOST_STARTS,
+) -> Fit:
     """Least squares over all parameters, from what is known of them and from where data point.
 
     Where all are known, as by the paper's steps, from there. Otherwise the likelihood of many
@@ -160,14 +171,13 @@ def fit_from(key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str,
             return ends[0]
     middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
     start = {name: known.get(name, float(middle[name])) for name in prior.names}
-    sure = {one.name: known[one.name] for one in LINEAR if one.name in known}
+    sure = {one.name: known[one.name] for one in STUCK if one.name in known}
     points = screened(key, prior, start, sure)
     likelihood = at_points(dataset.log_likelihood, points, data).sum(axis=1)
     found = np.nan_to_num(likelihood, nan=-np.inf)
     order = np.argsort(-found)
-    for number in order[:MOST_STARTS]:
-        one = {name: values[number] for name, values in points.items()}
-        begun = inside(one, prior)
+    for number in order[:most]:
+        begun = inside({name: values[number] for name, values in points.items()}, prior)
         ends.append(costly_fit(dataset.stacked, prior, data, starts=begun, tolerance=ROUGH))
         best = min(ends, key=lambda one: one.cost)
         chi_square, dof = best.chi_square
@@ -195,16 +205,6 @@ def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
         name: np.clip(starts[name], prior.lower[i], prior.upper[i])
         for i, name in enumerate(prior.names)
     }
-
-
-def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
-    """Chi-square of a fit over the groups whose noise repeats tell, and its degrees of freedom."""
-    sizes = {label: size for part in data.parts for label, size in part.noise_known().items()}
-    if sum(sizes.values()) <= len(first.x):  # as many parameters explain any data
-        return None
-    rows = dataset.by_label(first.residual, data)
-    total = sum(float(np.sum(rows[label] ** 2)) for label in sizes)
-    return total, int(sum(sizes.values())) - len(first.x)
 
 
 def reweight(

@@ -53,11 +53,12 @@ def loop_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
     return tuple(sorted(single, key=LEVEL))
 
 
-def sweep_tests(tests: Sequence[Test], settings: Identify) -> Sweeps | None:
+def sweep_tests(tests: Sequence[Test], settings: Identify, *, every: bool = False) -> Sweeps | None:
     """Sweeps split into what is fitted and what is held out.
 
     `fit_levels` names the levels to fit; by default the lowest and the highest of three or more
-    of each drive, all of fewer. `fit_repeats` is how many of their repeats are fitted, by default
+    of each drive, all of fewer; all where `every` level is asked for, as each of several modes has
+    its own. `fit_repeats` is how many of their repeats are fitted, by default
     half.
     """
     sweeps = [test for test in sorted(tests, key=LEVEL) if test.traits.is_transient]
@@ -72,7 +73,8 @@ def sweep_tests(tests: Sequence[Test], settings: Identify) -> Sweeps | None:
         )
     fitted, held_out = [], []
     for test in sweeps:
-        chosen = settings.fit_levels or _outermost(sweeps, drive_of(test))
+        usual = levels if every else _outermost(sweeps, drive_of(test))
+        chosen = settings.fit_levels or usual
         count = _fitted_repeats(test, settings) if test.level in chosen else 0
         fitted.append(replace(test, records=test.records[:count]))
         held_out.append(replace(test, records=test.records[count:]))

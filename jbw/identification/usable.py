@@ -1,7 +1,7 @@
 """Tests that cannot be used: too short, too damped, too noisy. Left out, so that others go on."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 from jbw.campaign.gains import Gain, gain_of
 from jbw.campaign.settings import Identify
@@ -13,17 +13,17 @@ from jbw.observables.register import OBSERVABLES
 
 
 def usable(
-    tests: Sequence[Test], settings: Identify, gain: Gain = None
+    tests: Sequence[Test], settings: Identify, gain: Gain = None, *, several_modes: bool = False
 ) -> tuple[tuple[Test, ...], tuple[str, ...]]:
     """The tests that can be reduced, and a sentence for each that cannot.
 
     All of them where the settings are `strict`, or where none can be used: so the refusal that
-    follows says why.
+    follows says why. Of several modes at the joint there is no Step 2.
     """
     if settings.strict:
         return tuple(tests), ()
     refused = {test.name: why for test in tests if (why := _refusal(test, settings))}
-    while (noise := linear_test([test for test in tests if test.name not in refused])) is not None:
+    while (noise := _linear(tests, refused)) is not None and not several_modes:
         try:
             with warnings.catch_warnings():  # said again by the fit that counts
                 warnings.simplefilter("ignore")
@@ -37,6 +37,11 @@ def usable(
     kept = tuple(test for test in tests if test.name not in refused)
     said = (f"Test {name} is left out: {' '.join(why.split())}" for name, why in refused.items())
     return kept, tuple(said)
+
+
+def _linear(tests: Sequence[Test], refused: Container[str]) -> Test | None:
+    """The test of Step 2 among those that are not refused."""
+    return linear_test([test for test in tests if test.name not in refused])
 
 
 def _refusal(test: Test, settings: Identify) -> str:

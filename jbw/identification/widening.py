@@ -12,12 +12,15 @@ from jbw.inference.posterior.verdict import leaning
 from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.observables.residual_terms import MODES
 from jbw.oscillator.laws import quantities_of, vocabulary
-from jbw.quantities import LINEAR, RESIDUAL_TERMS, Quantity
+from jbw.quantities import LINEAR, MODAL, RESIDUAL_TERMS, Quantity
+from jbw.quantities import MODES as BESIDE
 
 Laws = tuple[str, ...]
 
 # A neighbour's frequency and damping, which would wander off to mend the joint's law.
 PLACES = frozenset(name for omega, zeta, _ in MODES for name in (omega, zeta))
+# Of further modes at the joint, which keep their places, and whose sizes have priors of their own.
+KEPT = PLACES | {one.name for mode in BESIDE for one in (mode[0], *mode[3:])}
 
 
 def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
@@ -31,7 +34,7 @@ def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
 
 def _known(laws: Laws) -> dict[str, Quantity]:
     """Quantities by name: the register's, those of laws that carry numbers in their name too."""
-    table = (*LINEAR, *RESIDUAL_TERMS, *quantities_of(laws))
+    table = (*LINEAR, *RESIDUAL_TERMS, *MODAL, *quantities_of(laws))
     return vocabulary() | {one.name: one for one in table}
 
 
@@ -43,7 +46,7 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
     bounds, sides = bounds_by_name(ready.box), {}
     known, ends = _known(ready.data.laws), ending(ready.box, ready.data.laws)
     for name, side, _ in leaning(scalars(tree), ready.box):
-        kept = name in stated or name in PLACES or (side == "upper" and name in ends)
+        kept = name in stated or name in KEPT or (side == "upper" and name in ends)
         if not kept:
             sides.setdefault(name, []).append(side)
     for name, each in sides.items():

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from jbw.inference.groups.offsets import Estimate, run_numbers, shrunk
 from jbw.inference.groups.scatter import Levels, log_density_of_offsets
 from jbw.observables.drives import of_part
+from jbw.observables.modes import Modes
 from jbw.observables.observable import OFFSETS, Observable, Row, Theta, assemblies_of
 
 Block = tuple[Float[Array, "_group _value"], Float[Array, "_group own _value"]]
@@ -48,6 +49,11 @@ class Dataset(eqx.Module):
     def laws(self) -> tuple[str, ...]:
         """Names of the laws of the joint."""
         return self.parts[0].laws
+
+    @property
+    def modes(self) -> Modes | None:
+        """Modes that meet in the joint; None of one mode."""
+        return self.parts[0].modes
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -12,8 +12,9 @@ of one drive has the plain names, whatever it is.
 
 from collections.abc import Collection, Mapping, Sequence
 
+from jbw.observables.modes import with_ratios
 from jbw.observables.observable import Observable
-from jbw.quantities import ATTACHED, FED, LINEAR, OSCILLATOR
+from jbw.quantities import ATTACHED, FED, LINEAR, OSCILLATOR, STUCK
 
 NAMES = tuple(quantity.name for quantity in OSCILLATOR)
 PLAIN = {quantity.name: plain for quantity, plain in zip(ATTACHED, NAMES * len(FED), strict=True)}
@@ -54,13 +55,15 @@ def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
 
 
 def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
-    """Names among `known` of omega_n, zeta and gain as parts take them, those of `LINEAR` in order.
+    """Names among `known` of omega_n, zeta and gain as parts take them, those of `STUCK` in order.
 
-    Where a drive has none of its own there, it takes the plain ones.
+    Where a drive has none of its own there, it takes the plain ones. Then those of further modes.
     """
     used = {own if (own := named(name, part.drive)) in known else name
             for name in NAMES for part in parts}  # fmt: skip
-    return [one.name for one in LINEAR if one.name in used and one.name in known]
+    if any(part.modes for part in parts):
+        used |= {one.name for one in STUCK[len(LINEAR) :]}
+    return [one.name for one in STUCK if one.name in used and one.name in known]
 
 
 def told_by(parts: Sequence[Observable]) -> dict[str, float]:
@@ -76,4 +79,9 @@ def told_by(parts: Sequence[Observable]) -> dict[str, float]:
 
 
 def _first(parts: Sequence[Observable]) -> dict[str, float]:
-    return next((found for part in parts if (found := part.first_values())), {})
+    if not any(part.modes for part in parts):
+        return next((found for part in parts if (found := part.first_values())), {})
+    found: dict[str, float] = {}
+    for part in parts:  # of several modes each part may tell its own
+        found = part.first_values() | found
+    return with_ratios(found)

@@ -62,6 +62,8 @@ class Observable(eqx.Module):
         residuals: Which residual terms its prediction takes, of those that theta has: none, upper,
             both, auto or own; static. None where nothing drives the motion.
         drive: What drives it, one of `DRIVES`; static. Empty where that does not matter.
+        modes: Modes of the structure that meet in the joint, as a campaign states them
+            (`jbw.observables.modes`); static. None of one mode.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ()
@@ -76,6 +78,7 @@ class Observable(eqx.Module):
     laws: Laws = eqx.field(static=True, kw_only=True, default=DEFAULT_LAWS)
     residuals: str = eqx.field(static=True, kw_only=True, default="none")
     drive: str = eqx.field(static=True, kw_only=True, default="")
+    modes: Any = eqx.field(static=True, kw_only=True, default=None)
 
     @classmethod
     def reduce(

@@ -15,6 +15,7 @@ from jbw.errors import DataError
 from jbw.measurement.records import Record, Test, periods
 from jbw.observables import remembered
 from jbw.observables.line_fit import oscillator_through
+from jbw.observables.modes import displacement_peak, read_modes
 from jbw.observables.observable import OFFSETS, Laws, Rows, Theta, run_of
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, repeats
@@ -24,6 +25,7 @@ from jbw.observables.samples import (
     advance,
     in_band,
     lines_of,
+    loudest_hz,
     response_to,
     substeps_for,
     values_of,
@@ -131,7 +133,7 @@ class Records(Repeated):
             origin=jnp.zeros((len(tests), 0)),
             fs=fs,
             response=response,
-            substeps=substeps or substeps_for(_loudest_hz(means, fs), fs, SUBSTEPS),
+            substeps=substeps or substeps_for(loudest_hz(means, fs), fs, SUBSTEPS),
             periodic=periodic,
             lines=lines,
             skipped=skipped,
@@ -234,6 +236,8 @@ class Records(Repeated):
     def first_values(self) -> dict[str, float]:
         """Linear least squares over the lines near the peak of the lowest level's spectrum."""
         mean, source = np.asarray(self.mean), np.asarray(self.source[:, self.skipped :])
+        if self.modes is not None:
+            return read_modes(self.modes, source, mean, self.fs, derivative_order(self.response))
         level = int(np.argmin(np.mean(mean**2, axis=1)))
         omega = 2 * np.pi * np.fft.rfftfreq(mean.shape[1], 1 / self.fs)[1:]
         x, u = (np.fft.rfft(row[level])[1:] for row in (mean, source))
@@ -248,7 +252,10 @@ class Records(Repeated):
 
     def y_peak(self, omega_n: float) -> float:
         """Largest displacement [m]."""
-        return float(jnp.max(jnp.abs(self.mean))) / omega_n ** derivative_order(self.response)
+        power = derivative_order(self.response)
+        if self.modes is not None:
+            return displacement_peak(self.modes, np.asarray(self.mean), self.fs, power)
+        return float(jnp.max(jnp.abs(self.mean))) / omega_n**power
 
     def halved(self) -> Self:
         """The records with twice as many steps of the solver."""
@@ -268,12 +275,6 @@ class Records(Repeated):
 
     def _stacks(self, theta: Theta) -> bool:
         return any(law.stacks for law in oscillator_of(theta, self.laws).laws)
-
-
-def _loudest_hz(means: Float[np.ndarray, "level time"], fs: float) -> float:
-    """Frequency at which the responses together have the most power [Hz]."""
-    power = np.sum(np.abs(np.fft.rfft(means)) ** 2, axis=0)
-    return float(np.fft.rfftfreq(means.shape[1], 1 / fs)[np.argmax(power)])
 
 
 @eqx.filter_jit

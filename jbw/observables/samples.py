@@ -10,8 +10,8 @@ from jaxtyping import Array, Float
 from jbw.errors import DataError
 from jbw.observables.residual_terms import added_response, taken
 from jbw.oscillator.deepening import with_depth
-from jbw.oscillator.oscillator import oscillator_of
-from jbw.oscillator.response import Response, simulate
+from jbw.oscillator.modes.parameters import model_of
+from jbw.oscillator.response import simulate
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF
 
 STEPS_A_PERIOD = 50.0  # until a fit shows what data take
@@ -67,6 +67,12 @@ def values_of(
     return scale * jnp.concatenate([spectrum.real, spectrum.imag], axis=-1)
 
 
+def loudest_hz(means: Float[np.ndarray, "level time"], fs: float) -> float:
+    """Frequency at which the responses together have the most power [Hz]."""
+    power = np.sum(np.abs(np.fft.rfft(means)) ** 2, axis=0)
+    return float(np.fft.rfftfreq(means.shape[1], 1 / fs)[np.argmax(power)])
+
+
 def substeps_for(hz: float, fs: float, least: int) -> int:
     """Steps of the solver between samples, a power of two, for 50 in a period of a motion."""
     wanted = max(STEPS_A_PERIOD * hz / fs, least)
@@ -82,15 +88,17 @@ def motion_under(
     substeps: int = 2,
     periodic: bool = False,
     depth: int | None = None,
-) -> Response:
+) -> Any:
     """Motion of the joint by eqs. (1), (2) under a measured input, from rest or steady.
+
+    Of a structure's output where theta has further modes (`jbw.oscillator.modes.parameters`).
 
     The input between its samples is the band-limited one that the sampling saw; theta has the
     `gain` [N/kg per unit of the input] besides. `substeps` are those of the solver between samples,
     `depth` the reversals that laws of Masing's kind remember.
     """
     return simulate(
-        with_depth(oscillator_of(theta, laws), depth),
+        with_depth(model_of(theta, laws), depth),
         theta["gain"] * source,
         fs,
         hold="band_limited",

@@ -7,6 +7,7 @@ import numpy as np
 from jbw.oscillator.checks import is_concrete
 from jbw.oscillator.laws.masing import Masing
 from jbw.oscillator.laws.reversals import with_room
+from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.step import State
 
@@ -31,8 +32,8 @@ def deeper(joint: Oscillator, start: State) -> tuple[Oscillator, State]:
     return with_depth(joint, depth), (y, v, memory)
 
 
-def with_depth(joint: Oscillator, depth: int | None) -> Oscillator:
-    """The oscillator whose laws of Masing's kind remember so many reversals; None for the usual."""
+def with_depth[Model: Oscillator | Structure](joint: Model, depth: int | None) -> Model:
+    """The model whose laws of Masing's kind remember so many reversals; None for the usual."""
     if depth is None:
         return joint
     own = (replace(law, depth=depth) if isinstance(law, Masing) else law for law in joint.laws)

@@ -103,6 +103,8 @@ def _campaign_text(campaign: RigCampaign) -> str:
         blocks.append(_table("[assembly]", dict(campaign.assembly)))
     if campaign.laws != DEFAULT_LAWS:
         blocks.append(_table("[joint]", {"laws": campaign.laws}))
+    if campaign.structure is not None:
+        blocks.append(_table("[structure]", dict(campaign.structure)))
     blocks += [_test_text(test) for test in campaign.tests]
     if stated := dict(campaign.settings):
         prior = stated.pop("prior", None)

@@ -146,7 +146,14 @@ def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
 def joint_of(campaign: Campaign, report: Report) -> Design[Records]:
     """Sweeps, noise and prior of the joint posterior; what else it is made from is left out."""
     gain = force_per_unit(campaign)
-    seen = measured(campaign.tests, campaign.settings, laws=campaign.laws, gain=gain, report=report)
+    seen = measured(
+        campaign.tests,
+        campaign.settings,
+        laws=campaign.laws,
+        structure=campaign.structure,
+        gain=gain,
+        report=report,
+    )
     posterior = posterior_of("joint", seen, report=report)
     data = posterior.data
     parts = [p for p in data.parts if isinstance(p, Records)] if isinstance(data, Dataset) else []

@@ -106,7 +106,14 @@ def compare(
     else:
         settings, gain = campaign.settings, force_per_unit(campaign)
         seed = settings.seed if seed is None else seed
-        seen = measured(campaign.tests, settings, laws=campaign.laws, gain=gain, report=report)
+        seen = measured(
+            campaign.tests,
+            settings,
+            laws=campaign.laws,
+            structure=campaign.structure,
+            gain=gain,
+            report=report,
+        )
         posterior = posterior_of(step, seen, seed=seed, known=known, report=report)
         record["campaign"] = campaign.name
     key = jax.random.fold_in(jax.random.key(seed), len(SAMPLERS))

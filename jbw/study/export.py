@@ -1,5 +1,6 @@
 """A run's joint for other programs: one draw of its posterior, between the bands of all."""
 
+import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,7 +14,7 @@ from jbw.oscillator.law import Conversion
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Material
-from jbw.quantities import OSCILLATOR, Quantity
+from jbw.quantities import MODES, OSCILLATOR, Quantity
 from jbw.study.exported_draw import (
     backbone_within,
     best_draw,
@@ -88,6 +89,12 @@ def export(
     laws, posterior = basis.laws, basis.posterior
     draws = basis.thinned(max(2, posterior.sizes["chain"] * posterior.sizes["draw"]))
     draws.pop("gain", None)
+    if any(omega.name in posterior for omega, *_ in MODES):
+        warnings.warn(
+            "The run has several modes; exported are the joint and the first of them, in whose "
+            "units it is. The others are in `posterior.nc`.",
+            stacklevel=2,
+        )
     _require_all(draws, laws)
     y_max = basis.y_peak if y_max is None else y_max
     _require_positive(y_max=y_max, mass=mass)

@@ -118,7 +118,14 @@ def identifiability(
     """
     require_float64()
     gain = force_per_unit(campaign)
-    seen = measured(campaign.tests, campaign.settings, laws=campaign.laws, gain=gain, report=report)
+    seen = measured(
+        campaign.tests,
+        campaign.settings,
+        laws=campaign.laws,
+        structure=campaign.structure,
+        gain=gain,
+        report=report,
+    )
     # In the paper's parameters.
     seen = replace(seen, settings=seen.settings.model_copy(update={"coordinates": "paper"}))
     key = jax.random.key(campaign.settings.seed if seed is None else seed)

@@ -76,13 +76,21 @@ def identify(
     started = perf_counter()
     seed = campaign.settings.seed if seed is None else seed
     gain = force_per_unit(campaign)
-    tests, left_out = usable(campaign.tests, campaign.settings, gain)
+    several = campaign.structure is not None and len(campaign.structure.modes) > 1
+    tests, left_out = usable(campaign.tests, campaign.settings, gain, several_modes=several)
     for sentence in left_out:
         report(sentence)
     # Before anything is sampled: what is wrong with a record then costs no result.
     report("Reading the records without a model")
     looked = _looked(replace(campaign, tests=tests))
-    seen = measured(tests, campaign.settings, laws=campaign.laws, gain=gain, report=report)
+    seen = measured(
+        tests,
+        campaign.settings,
+        laws=campaign.laws,
+        structure=campaign.structure,
+        gain=gain,
+        report=report,
+    )
     found = run_procedure(seen, seed=seed, report=report, keep=keep)
     source = _name_gain_unit(tests, found)
     known = look_again(found, campaign.settings, report)

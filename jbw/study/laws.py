@@ -84,7 +84,12 @@ def compare_laws(
     sets = _usual(campaign) if laws is None else _chosen(laws)
     settings = campaign.settings
     seen = measured(
-        campaign.tests, settings, laws=campaign.laws, gain=force_per_unit(campaign), report=report
+        campaign.tests,
+        settings,
+        laws=campaign.laws,
+        structure=campaign.structure,
+        gain=force_per_unit(campaign),
+        report=report,
     )
     keys = jax.random.split(jax.random.key(settings.seed if seed is None else seed), 3)
     found, refused = evidence.candidates(keys[0], seen, sets, report)

@@ -1,7 +1,7 @@
 """Predictions under a recorded input from rest: sweeps, noise, multisines, several tones."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import frf
 from jbw.observables.residual_terms import added_response, taken
 from jbw.observables.samples import advance, in_band, lines_of, motion_under, noise_share
-from jbw.quantities import LETTER_OF, derivative_order, per
+from jbw.quantities import LETTER_OF, MODES, derivative_order, per
 from jbw.verification.bands import QUANTILE_AXIS, band, beside, error, errors, polar
 from jbw.verification.places import repeats_named
 from jbw.verification.predicted import (
@@ -207,15 +207,37 @@ def _frf(
     return freq[keep], ratio / (2j * np.pi * freq[keep]) ** derivative_order(record.response)
 
 
+def bands_of_modes(draws: Draws) -> list[tuple[float, float]]:
+    """The band around every mode that the draws have [Hz]."""
+    names = ("omega_n", *(omega.name for omega, *_ in MODES))
+    natural = (float(np.mean(draws[name])) / (2 * np.pi) for name in names if name in draws)
+    return [(NEAR[0] * hz, NEAR[1] * hz) for hz in natural]
+
+
+def most_driven(record: Record, bands: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """That of some bands [Hz] in which an input has the most power."""
+    source = record.channels[record.source]
+    freq, power = np.fft.rfftfreq(len(source), 1 / record.fs), np.abs(np.fft.rfft(source)) ** 2
+    return max(bands, key=lambda edges: _share(power, freq, edges))
+
+
+def _share(
+    power: NDArray[np.float64], freq: NDArray[np.float64], edges: tuple[float, float]
+) -> float:
+    """Share of the power in a band."""
+    low, high = edges
+    return float(np.sum(power[(freq >= low) & (freq <= high)]) / np.sum(power))
+
+
 def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, float] | None]:
-    """Share of an input's power around the mode, and how far it fills that band [Hz]."""
+    """Share of an input's power around a mode, the most of any, and how far it fills that [Hz]."""
     source = record.channels[record.source]
     freq = np.fft.rfftfreq(len(source), 1 / record.fs)[1:]
     power = np.abs(np.fft.rfft(source)[1:]) ** 2
     grown = np.cumsum(power) / np.sum(power)
-    natural = float(np.mean(draws["omega_n"])) / (2 * np.pi)
-    low, high = (part * natural for part in NEAR)
-    share = float(np.sum(power[(freq >= low) & (freq <= high)]) / np.sum(power))
+    shares = {edges: _share(power, freq, edges) for edges in bands_of_modes(draws)}
+    low, high = max(shares, key=lambda edges: shares[edges])
+    share = shares[low, high]
     low = max(low, freq[np.searchsorted(grown, OUTSIDE)])
     high = min(high, freq[np.searchsorted(grown, 1 - OUTSIDE)])
     enough = np.count_nonzero((freq >= low) & (freq <= high)) >= LEAST_LINES

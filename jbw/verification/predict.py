@@ -12,6 +12,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.inference.thresholds import BEYOND
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.drives import of_drive
+from jbw.quantities import MODES
 from jbw.verification.bands import QUANTILES, band
 from jbw.verification.curves import predict_curve
 from jbw.verification.decays import predict_decay
@@ -53,9 +54,11 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
 
     Raises:
         ConfigError: Too few draws.
-        DataError: A source that the run's gain is not for, or a posterior without the joint.
+        DataError: A source that the run's gain is not for, a posterior without the joint, or a
+            steady or free motion of several modes.
     """
     asked = request or Request()
+    _require_modes_known(basis, test)
     source = _source(basis, test, asked)
     dataset, peak, noise = found = route_of(test)(source, test)
     facts = {"test": test.name, "kind": test.kind, "num_draws": source.num_draws}
@@ -97,6 +100,17 @@ def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
     if traits.is_curve or traits.is_stepped or test.is_single_tone:
         return predict_curve if is_measured(test) else predict_planned
     return predict_periods if test.is_cyclic else predict_records
+
+
+def _require_modes_known(basis: Basis, test: Test) -> None:
+    """Refuse motions of several modes that are predicted for one alone."""
+    several = any(omega.name in basis.posterior for omega, *_ in MODES)
+    if several and route_of(test) not in (predict_records, predict_periods):
+        raise DataError(
+            f"Test `{test.name}` of kind `{test.kind}` is predicted for one mode alone, but the "
+            "run has several.",
+            remedy="Predict sweeps or multisines, or take the draws into a `jbw.Structure`.",
+        )
 
 
 def _source(basis: Basis, test: Test, asked: Request) -> Source:

@@ -21,7 +21,7 @@ from jbw.observables.drives import of_drive, plain
 from jbw.observables.harmonic_groups import family_of, response_held
 from jbw.observables.observable import OFFSETS, run_of
 from jbw.oscillator.laws import quantities_of
-from jbw.quantities import ATTACHED, DEFAULT_LAWS, RESIDUAL_TERMS
+from jbw.quantities import ATTACHED, DEFAULT_LAWS, MODAL, RESIDUAL_TERMS
 
 NUM_DRAWS = 100  # outer quantiles of 99 % bands need about as many
 SUBSTEPS = 2  # of the solver a sample, for a run that does not say how many its data took
@@ -147,7 +147,7 @@ def thin(
     """At most `num_draws` evenly spaced draws of all that a response depends on, by name."""
     keep = evenly_spaced(posterior, num_draws)
     fixed = {name: np.full(len(keep), float(value)) for name, value in (held or {}).items()}
-    terms = (quantity.name for quantity in RESIDUAL_TERMS)
+    terms = (quantity.name for quantity in (*RESIDUAL_TERMS, *MODAL))
     others = (quantity.name for quantity in ATTACHED)
     names = [name for name in (*parameter_names(laws), *terms, *others) if name in posterior]
     return {**fixed, **{name: posterior[name].values.ravel()[keep] for name in names}}

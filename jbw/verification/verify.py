@@ -26,7 +26,15 @@ from jbw.verification.backbone import amplitude_verification
 from jbw.verification.curves import curves_of, predict_curves
 from jbw.verification.decays import verify_decays
 from jbw.verification.groups import has_groups_alone
-from jbw.verification.in_time import NEAR, Motion, compare_frfs, compare_records, motion_of
+from jbw.verification.in_time import (
+    NEAR,
+    Motion,
+    bands_of_modes,
+    compare_frfs,
+    compare_records,
+    most_driven,
+    motion_of,
+)
 from jbw.verification.places import place
 from jbw.verification.predict import route_of
 from jbw.verification.predicted import ALIKE, Predicted, Source
@@ -96,7 +104,8 @@ def _verify_forced(
         natural_hz = found.linear.natural_hz
         loops = loop_tests(tests, natural_hz)
     names, sweeps = _compared_sweeps(names, found.sweeps)
-    band_hz = NEAR[0] * natural_hz, NEAR[1] * natural_hz
+    # Of the first mode as Step 2 has it, then of those beside it.
+    bands = [(NEAR[0] * natural_hz, NEAR[1] * natural_hz), *bands_of_modes(source.draws)[1:]]
     basis = source.basis
     groups: Groups = {}
 
@@ -116,6 +125,7 @@ def _verify_forced(
 
     def add_frf(motion: Motion) -> None:
         name = motion.test.name
+        band_hz = most_driven(motion.test.records[0], bands)
         frf = compare_frfs(motion, band_hz).assign_attrs(marks(motion.test))
         groups[place("verification/frf", name)] = frf
 

@@ -34,7 +34,7 @@ def schemas():
 def test_it_is_the_campaign_file_by_default_and_knows_two_files(capsys):
     assert run(["schema", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["properties"].keys() == {
-        "campaign", "assembly", "joint", "test", "identify",
+        "campaign", "assembly", "joint", "structure", "test", "identify",
     }  # fmt: skip
     assert run(["schema", "plam"]) == 2
 

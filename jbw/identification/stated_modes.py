@@ -1,0 +1,157 @@
+"""Modes that a campaign states to meet in the joint: what is refused, and which sign each has."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from scipy import stats
+
+from jbw.campaign.settings import Identify, Structured, structure_errors
+from jbw.errors import ConfigError, DataError
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.posterior.summary import QUANTILES
+from jbw.inference.space.box import Box, bounds_by_name, box
+from jbw.measurement.records import Test, drive_of
+from jbw.observables.dataset import Dataset, stacked
+from jbw.observables.drives import told_by
+from jbw.observables.modes import Modes, ModesAtJoint
+from jbw.observables.observable import Observable
+
+BY_CHANCE = 0.01  # probability of as much better a fit, of modes that do not move the joint
+ROUGH = 1e-6  # of the cost and of the step: the other sign, which a further fit follows
+
+
+def modes_of(
+    structure: Structured | None, tests: Collection[Test], settings: Identify
+) -> Modes | None:
+    """The modes of a campaign's structure; None where one alone meets the joint.
+
+    Raises:
+        ConfigError: Tests or priors that do not go with several modes.
+    """
+    if structure is None or len(structure.modes) < 2:
+        return None
+    if errors := [*structure_errors(structure, tests)]:
+        raise ConfigError(errors[0])
+    modes = Modes(structure.modes, structure.driving_point, structure.joint_shape)
+    drives = sorted({drive_of(test) for test in tests})
+    if len(drives) > 1:
+        raise ConfigError(
+            f"[structure] needs tests of one drive, but they are driven by {' and '.join(drives)}.",
+            why="A shaker that moves along changes every mode.",
+            remedy="Leave the tests of one drive out of the campaign file.",
+        )
+    highest = max(modes.hz)
+    for test in tests:
+        fs = test.records[0].fs
+        if highest >= 0.5 * fs:
+            raise ConfigError(
+                f"[structure] modes: {highest:g} Hz must lie below half the sampling frequency of "
+                f"every test, but test `{test.name}` is sampled at {fs:g} Hz.",
+                remedy="Leave the mode out, or sample faster.",
+            )
+    _require_apart(modes, settings.prior)
+    return modes
+
+
+def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> None:
+    """Refuse stated bounds within which frequencies could change places."""
+    names = ("omega_n", *(own[0] for own in modes.names))
+    wide = {
+        n: (2 * np.pi * low, 2 * np.pi * high)
+        for n, (low, high) in zip(names, modes.windows_hz, strict=True)
+    }
+    bounds = sorted((prior.get(name, wide[name]), name) for name in names)
+    for ((_, high), name), ((low, _), other) in pairwise(bounds):
+        if high > low:
+            raise ConfigError(
+                f"[identify.prior] `{name}` must end below `{other}`, which begins at {low:.5g} "
+                f"rad/s, but ends at {high:.5g}.",
+                why="The modes would change places.",
+                remedy="Narrow these bounds, or leave them out.",
+            )
+
+
+def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
+    """Refuse modes of which no test tells a frequency, damping and gain to begin with."""
+    told = told_by(parts)
+    for hz, names in zip(modes.hz, (("omega_n",), *modes.names), strict=True):
+        if names[0] not in told:
+            raise DataError(
+                f"[structure] modes: a test must drive the mode at {hz:g} Hz within 7 %, but none "
+                "that is fitted does.",
+                remedy="Sweep through it, or leave it out of `modes`.",
+            )
+        ratio = told[names[2]] if len(names) > 2 else 1.0
+        if modes.driving_point and ratio < 0:
+            raise DataError(
+                f"[structure] driving_point: the mode at {hz:g} Hz must have a gain of the first "
+                f"mode's sign, but its gain is {ratio:.2g} times that.",
+                why="Where the source pushes, every mode has the square of its shape for a gain.",
+                remedy="Leave `driving_point` out, or turn the channel of the response round.",
+            )
+
+
+def unknown_signs(prior: Box, data: Dataset) -> list[str]:
+    """Names of the signs of modes whose shapes are free."""
+    return [] if data.modes is None else [
+        names[4] for names in data.modes.names if names[3] in prior.names
+    ]  # fmt: skip
+
+
+def with_signs(best: Fit, prior: Box, data: Dataset) -> tuple[Fit, Dataset]:
+    """The fit with each mode's sign as it fits better, tried mode by mode, and its dataset."""
+    growth = []
+    for sign in unknown_signs(prior, data):
+        other = replace(data, held={**data.held, sign: -data.held[sign]})
+        found = costly_fit(stacked, prior, other, starts=best.theta, tolerance=ROUGH)
+        growth.append(2 * abs(found.cost - best.cost))
+        if found.cost < best.cost:
+            best, data = found, other
+    if growth:
+        told = (replace(p, growth=jnp.asarray(growth)) if isinstance(p, ModesAtJoint) else p
+                for p in data.parts)  # fmt: skip
+        data = replace(data, parts=tuple(told))
+    return best, data
+
+
+def one_joint_sentences(best: Fit, prior: Box, data: Dataset) -> list[str]:
+    r"""Whether further modes meet in the joint, by the fit in which they are linear neighbours.
+
+    $$\chi^2_{linear} - \chi^2 > F^{-1}_{\chi^2_k}(0.99)$$
+
+    of k sizes at the joint; nothing where these are not fitted.
+    """
+    if not unknown_signs(prior, data):
+        return []
+    bounds = bounds_by_name(prior)
+    linear = {n: pair for n, pair in bounds.items() if n not in data.modes.free}
+    start = {name: best.theta[name] for name in linear}
+    found = costly_fit(stacked, box(linear), data, starts=start, tolerance=ROUGH)
+    growth, num = 2 * (found.cost - best.cost), len(bounds) - len(linear)
+    least = float(stats.chi2.isf(BY_CHANCE, num))
+    said = f"chi-square grows by {growth:.3g} where modes beside the first are linear neighbours"
+    if growth > least:
+        return [f"One joint across the modes: {said}, by chance {least:.3g}."]
+    return [
+        f"Nothing shows that modes beside the first move the joint: {said}; drive harder, or leave "
+        "them out of `modes`."
+    ]
+
+
+def participation_sentences(posterior: xr.Dataset, modes: Modes | None) -> list[str]:
+    """Modes whose gain may be zero by the posterior, a sentence each."""
+    said = []
+    for hz, names in zip(modes.hz[1:] if modes else (), modes.names if modes else (), strict=True):
+        low, _, high = np.quantile(posterior[names[2]].values, QUANTILES)
+        if low <= 0.0 <= high:
+            said.append(
+                f"The mode at {hz:g} Hz does not take part: {names[2]} lies within {low:.2g} and "
+                f"{high:.2g}. The source or the sensor stands in its node; leave it out of "
+                "`modes`, or measure elsewhere."
+            )
+    return said

@@ -1,0 +1,235 @@
+r"""Modes of a structure that meet in one joint: what is known of them before any fit.
+
+Their frequencies are stated; first values are read off spectra. Of what a mode does to the joint
+nothing is known but its size,
+
+$$\ln|h_i| \sim N(0, 1.5^2), \qquad \ln\kappa_i \sim N(0, 2^2)$$
+
+and the sign of h_i, which is held, is that of the better fit.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import NDArray
+
+from jbw.inference.groups.offsets import Estimate, known_estimate
+from jbw.observables.line_fit import oscillator_through
+from jbw.observables.observable import OFFSETS, Laws, Observable, Theta, Weighted
+from jbw.oscillator.modes.parameters import NAMES, structure_of
+from jbw.quantities import DEFAULT_LAWS
+
+LABEL = "modes at the joint"
+SHAPE_STD, COUPLING_STD = 1.5, 2.0  # of logarithms
+REACH = 3.0  # of these: where boxes end
+WITHIN = 0.07  # of a stated frequency: where a mode is looked for, and stays
+DRIVEN, NEAR_PEAK = 0.1, 0.3  # of the largest: lines that first values are read from
+FEWEST = 4  # of them
+CLEAR = 9.0  # of chi-square: by less the other sign is not ruled out
+Bounds = dict[str, tuple[float, float]]
+Reals = NDArray[np.float64]
+
+
+class Modes(NamedTuple):
+    """Modes that a campaign states, the first of which is the laws' own; static."""
+
+    hz: tuple[float, ...]
+    driving_point: bool = False  # whether the output is where the source pushes
+    joint_shape: tuple[float, ...] = ()  # h_i / h_1 of every mode, where they were measured
+
+    @property
+    def names(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the parameters of every mode but the first, as `NAMES`."""
+        return NAMES[: len(self.hz) - 1]
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of what is unknown of the modes at the joint: shapes, couplings, or neither."""
+        shapes = () if self.joint_shape else tuple(names[3] for names in self.names)
+        return shapes + (() if self.driving_point else tuple(names[5] for names in self.names))
+
+    @property
+    def held(self) -> dict[str, float]:
+        """What is held: signs, which begin as positive, and shapes that were measured."""
+        signs = {names[4]: 1.0 for names in self.names}
+        over_first = (h / self.joint_shape[0] for h in self.joint_shape[1:])
+        known = dict(zip(self.names, over_first, strict=False))
+        signs |= {names[4]: float(np.sign(h)) for names, h in known.items()}
+        return signs | {names[3]: abs(h) for names, h in known.items()}
+
+    @property
+    def windows_hz(self) -> list[tuple[float, float]]:
+        """Where each mode is looked for: about its frequency, and nearer to it than to others."""
+        found = []
+        for own in self.hz:
+            middles = [0.5 * (own + other) for other in self.hz if other != own]
+            low = max([(1 - WITHIN) * own, *(x for x in middles if x < own)])
+            found.append((low, min([(1 + WITHIN) * own, *(x for x in middles if x > own)])))
+        return found
+
+
+def read_modes(
+    modes: Modes,
+    source: Float[np.ndarray, "level time"],
+    x: Float[np.ndarray, "level time"],
+    fs: float,
+    order: int,
+) -> dict[str, float]:
+    """First values of every mode that is driven, at the lowest level that drives it.
+
+    Gains are those of each mode, not ratios; x are responses of this order.
+    """
+    omega = 2 * np.pi * np.fft.rfftfreq(x.shape[1], 1 / fs)[1:]
+    rising = np.argsort(np.mean(x**2, axis=1))
+    u, y = (np.fft.rfft(rows[rising])[:, 1:] for rows in (source, x))
+    y = y / (1j * omega) ** order
+    first: tuple[str, ...] = ("omega_n", "zeta", "gain")
+    found: dict[str, float] = {}
+    for names, (low, high) in zip((first, *modes.names), modes.windows_hz, strict=True):
+        near = (omega >= 2 * np.pi * low) & (omega <= 2 * np.pi * high)
+        for force, response in zip(u, y, strict=True):
+            loud = near & (np.abs(force) > DRIVEN * np.abs(force).max())
+            peak = np.abs(response[loud]).max(initial=0.0)
+            lines = loud & (np.abs(response) > NEAR_PEAK * peak)
+            if np.count_nonzero(loud) >= FEWEST <= np.count_nonzero(lines):
+                told = oscillator_through(omega[lines], force[lines], response[lines])
+                found |= dict(zip(names, told.values(), strict=False))
+                break
+    return found
+
+
+def displacement_peak(
+    modes: Modes, x: Float[np.ndarray, "level time"], fs: float, order: int
+) -> float:
+    """Largest displacement [m] of responses of this order, integrated from half the lowest mode."""
+    omega = 2 * np.pi * np.fft.rfftfreq(x.shape[1], 1 / fs)
+    kept = omega > np.pi * min(modes.hz)
+    factor = np.where(kept, (1j * np.where(kept, omega, 1.0)) ** -order, 0.0)
+    return float(np.max(np.abs(np.fft.irfft(factor * np.fft.rfft(x), x.shape[1]))))
+
+
+def with_ratios(found: Mapping[str, float]) -> dict[str, float]:
+    """First values with every further mode's gain over that of the first."""
+    if not found.get("gain"):
+        return dict(found)
+    ratios = {names[2]: found[names[2]] / found["gain"] for names in NAMES if names[2] in found}
+    return {**found, **ratios}
+
+
+def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> Bounds:
+    """Bounds of the modes' parameters about first values; at the joint only where it has a law."""
+    found: Bounds = {}
+    for names, (low, high) in zip(modes.names, modes.windows_hz[1:], strict=True):
+        omega, zeta, ratio, *_ = names
+        reach = 2 * max(abs(known[ratio]), 0.05)
+        found[omega] = 2 * np.pi * low, 2 * np.pi * high
+        found[zeta] = 0.005 * known[zeta], 3.0 * known[zeta]
+        # Where the output is the drive point, gains are squares of shapes.
+        least = 1e-3 * known[ratio] if modes.driving_point else known[ratio] - reach
+        found[ratio] = least, known[ratio] + reach
+    for name in modes.free if with_joint else ():
+        end = float(np.exp(REACH * _std(name)))
+        found[name] = 1 / end, end
+    return found
+
+
+def _std(name: str) -> float:
+    return SHAPE_STD if name in {names[3] for names in NAMES} else COUPLING_STD
+
+
+class ModesAtJoint(Observable):
+    """What is known before any test of the sizes of modes at the joint, as an observable.
+
+    Attributes:
+        growth: Chi-square by which the other sign of each mode fits worse, in the order of `names`;
+            NaN where it was not tried.
+        directions: Of a run's offsets: none moves these.
+        names: Of parameters whose logarithms are normal about zero; static.
+        modes: As stated; static.
+        run: A run of the data, which it says nothing of.
+    """
+
+    growth: Float[Array, " mode"]
+    directions: Float[Array, "offset size"]
+    names: tuple[str, ...] = eqx.field(static=True)
+    run: str = eqx.field(static=True)
+
+    @classmethod
+    def of(
+        cls, modes: Modes, stated: Sequence[str], run: str, *, laws: Laws = DEFAULT_LAWS
+    ) -> Self:
+        """Of the modes' sizes that a campaign gives no prior of its own."""
+        names = tuple(name for name in modes.free if name not in stated)
+        growth = jnp.full(len(modes.names), jnp.nan)
+        return cls(growth, jnp.zeros((0, len(names))), names, run, laws=laws, modes=modes)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """One group."""
+        return (LABEL,)
+
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """Its run."""
+        return (self.run,)
+
+    @property
+    def width(self) -> int:
+        """One value a size."""
+        return len(self.names)
+
+    def predict(self, theta: Theta) -> Float[Array, " size"]:
+        """Logarithms of the sizes; zero of a joint without a law."""
+        return jnp.stack([jnp.log(theta.get(name, jnp.ones(()))) for name in self.names])
+
+    def weighted(self, theta: Theta) -> Weighted:
+        """Logarithms in standard deviations."""
+        std = np.array([_std(name) for name in self.names])
+        return (self.predict(theta) / std)[None], self.directions[None]
+
+    def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
+        """The log density of the sizes over that of their box; nothing of offsets."""
+        left, _ = self.weighted(theta)
+        known = known_estimate(left, jnp.zeros((1, num_offsets, self.width)))
+        if not set(self.names) <= theta.keys():
+            return known
+        ends = np.array([REACH * _std(name) for name in self.names])
+        std = np.array([_std(name) for name in self.names])
+        box = np.sum(np.log(2 * np.sinh(ends)) - np.log(np.sqrt(2 * np.pi) * std))
+        density = known.log_density + box - jnp.sum(self.predict(theta))
+        return known._replace(log_density=density)
+
+    def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
+        """With directions of the offsets, which are zero."""
+        return replace(self, directions=jnp.zeros((len(OFFSETS), self.width)))
+
+    def first_values(self) -> dict[str, float]:
+        """Every mode as strong at the joint as the first."""
+        return dict.fromkeys(self.modes.free, 1.0) if self.modes else {}
+
+    def statements(self, theta: Theta) -> list[str]:
+        """Every further mode at the optimum, and what tells the sign of its motion of the joint."""
+        if self.modes is None or not self.laws:
+            return []
+        found = structure_of(theta, self.laws)
+        h, p = (np.asarray(x)[1:] for x in (found.h, found.p))
+        growth = np.asarray(self.growth)
+        said = []
+        for i, hz in enumerate(np.asarray(found.omega_n)[1:] / (2 * np.pi)):
+            sign = (
+                "" if np.isnan(growth[i])
+                else f" The other sign of h fits worse, chi-square by {growth[i]:.3g}."
+                if growth[i] > CLEAR
+                else f" The other sign of h fits as well, chi-square differs by {growth[i]:.2g}: "
+                "it is not known."
+            )  # fmt: skip
+            said.append(
+                f"Mode {i + 2}, at {hz:.4g} Hz, moves the joint by h = {h[i]:.3g} and takes "
+                f"p = {p[i]:.3g} of its force, at the optimum, the first mode 1 and 1.{sign}"
+            )
+        return said

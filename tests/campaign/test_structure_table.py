@@ -1,0 +1,70 @@
+"""The [structure] table: what it takes, and what it refuses."""
+
+import pytest
+
+from jbw.campaign.schema import parse
+from jbw.errors import ConfigError
+
+TEXT = """[structure]
+{}
+[[test]]
+name = "one"
+kind = "{}"
+files = "a.h5"
+channels = {{ input = "u", velocity = "v" }}
+units = {{ input = "V", velocity = "m/s" }}
+"""
+
+
+def parsed(stated, kind="sweep"):
+    return parse(TEXT.format(stated, kind))
+
+
+def test_modes_and_what_is_known_of_them_are_read():
+    found = parsed(
+        "modes = [18.8, 57.2]\ndriving_point = true\njoint_shape = [1.0, -0.8]"
+    ).structure
+    assert found is not None
+    assert (found.modes, found.driving_point) == ((18.8, 57.2), True)
+    assert found.joint_shape == (1.0, -0.8)
+    assert (
+        parse(
+            TEXT.partition("[[test]]")[1] + TEXT.format("", "sweep").partition("[[test]]")[2]
+        ).structure
+        is None
+    )
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ("driving_point = true", r"\[structure\] modes: missing"),
+        ("modes = [18.8, 18.8]", "must not repeat a frequency"),
+        ("modes = [18.8, -57.2]", "must be positive"),
+        ("modes = [1, 2, 3, 4, 5, 6]", "must be 5 at most, but are 6"),
+        ("modes = [18.8, 57.2]\njoint_shape = [1.0]", "joint_shape: must hold a number a mode, 2"),
+        ("modes = [18.8, 57.2]\njoint_shape = [1.0, 0]", "joint_shape: must not hold a 0"),
+        ("modes = [18.8, 57.2]\nmode = 2", "unknown key; did you mean `modes`"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(stated, said):
+    with pytest.raises(ConfigError, match=said):
+        parsed(stated)
+
+
+@pytest.mark.parametrize("kind", ["noise", "decay"])
+def test_kinds_that_know_one_mode_are_refused_by_name(kind):
+    with pytest.raises(ConfigError, match=f"test `one` is of kind `{kind}`, .* leave it out"):
+        parsed("modes = [18.8, 57.2]", kind)
+    assert parsed("modes = [18.8]", kind).structure is not None
+    assert parsed("modes = [18.8, 57.2]", "multisine").structure is not None
+
+
+def test_priors_know_the_modes_parameters():
+    text = TEXT.format("modes = [18.8, 57.2]", "sweep")
+    found = parse(text + "[identify.prior]\nshape_2 = [0.5, 2.0]\n")
+    assert found.settings.prior["shape_2"] == (0.5, 2.0)
+    with pytest.raises(ConfigError, match="zeta_2: must be positive"):
+        parse(text + "[identify.prior]\nzeta_2 = [-0.1, 0.1]\n")
+    with pytest.raises(ConfigError, match="shape_3: unknown parameter"):
+        parse(text + "[identify.prior]\nshape_3 = [0.5, 2.0]\n")

@@ -1,0 +1,163 @@
+"""Several modes that meet in one joint: what records say of them, and what is known before."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+from two_modes import SHAPES, STATED, swept, truth
+
+from jbw.campaign.settings import Identify, Structured
+from jbw.errors import ConfigError, DataError
+from jbw.identification.assemble import assemble, measured
+from jbw.identification.coordinates import box_of
+from jbw.identification.stated_modes import modes_of
+from jbw.inference.space.box import bounds_by_name
+from jbw.observables.dataset import log_likelihood
+from jbw.observables.drives import told_by
+from jbw.observables.modes import LABEL, Modes, ModesAtJoint
+from jbw.oscillator.modes.parameters import structure_of
+from jbw.rig.structure import modal_truth
+
+SETTINGS = Identify.of({"offsets": "none", "fit_repeats": 2, "substeps": 4})
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return swept(["low_2", "high_2"], duration=2.0)
+
+
+@pytest.fixture(scope="module")
+def data(campaign):
+    seen = measured(campaign.tests, SETTINGS, structure=STATED, report=lambda _: None)
+    return assemble(seen)
+
+
+def point(**changes):
+    return {name: jnp.asarray(value) for name, value in {**truth(), **changes}.items()}
+
+
+def test_records_of_the_rig_are_predicted_to_their_noise(data):
+    (records, known) = data.parts
+    left = np.asarray(records.mean - records.predict(point()))
+    size = np.linalg.norm(np.asarray(records.mean), axis=1)
+    # Of the mean of two repeats of 1 %, over 512 samples: within 3 sd of its own scatter; the
+    # solver's steps, four a sample, leave 1e-4 of it.
+    np.testing.assert_allclose(np.linalg.norm(left, axis=1) / size, 0.01 / np.sqrt(2), rtol=0.1)
+    assert data.labels == ("low_2", "high_2", LABEL)
+    assert known.runs == ("low_2",)
+    # Another sign of the shape is far off: the strongest sweeps have harmonics at the other mode.
+    wrong = np.asarray(records.mean - records.predict(point(sign_2=1.0)))
+    assert np.max(np.linalg.norm(wrong, axis=1) / size) > 0.05
+
+
+@pytest.mark.slow
+def test_gradients_are_those_of_central_differences(data):
+    theta = {name: value for name, value in point().items() if name not in data.held}
+    held = {**data.held, "sign_2": jnp.asarray(-1.0)}
+    data = data.__class__(data.parts, held, data.scatters, data.scatter)
+
+    @jax.jit
+    def total(theta):
+        return jnp.sum(log_likelihood(theta, data))
+
+    slope = jax.jit(jax.grad(total))(theta)
+    for name, value in theta.items():
+        # Some 1e-4 of what the parameter is known to: the third derivative is small, and rounding
+        # of the sum, 1e-12 of 1e4, too.
+        step = 1e-6 * value
+        numeric = (total({**theta, name: value + step}) - total({**theta, name: value - step})) / (
+            2 * step
+        )
+        np.testing.assert_allclose(slope[name] * value, numeric * value, rtol=2e-3, atol=0.05)
+
+
+def test_where_the_output_is_the_drive_point_no_coupling_is_unknown():
+    """By reciprocity: mass-normalised shapes that push and see alike give p = h b."""
+    modes = modal_truth(SHAPES._replace(output=SHAPES.drive))
+    theta = {name: value for name, value in point().items() if name != "coupling_2"}
+    theta |= {"gain_ratio_2": jnp.asarray(modes["b"][1] / modes["b"][0])}
+    theta |= {"shape_2": jnp.asarray(abs(modes["h"][1])), "sign_2": jnp.sign(modes["h"][1])}
+    found = structure_of(theta, ("bouc_wen",))
+    np.testing.assert_allclose(found.h, modes["h"], rtol=1e-14)
+    np.testing.assert_allclose(found.p, modes["p"], rtol=1e-14)
+
+
+def test_a_coupling_is_what_the_joint_does_to_the_mode_alone():
+    """kappa = |p| h^2 of the rig's shapes, and h p > 0."""
+    modes, found = modal_truth(SHAPES), structure_of(point(), ("bouc_wen",))
+    np.testing.assert_allclose(found.h, modes["h"], rtol=1e-14)
+    np.testing.assert_allclose(found.p, modes["p"], rtol=1e-14)
+    np.testing.assert_allclose(found.b * truth()["gain"], modes["b"], rtol=1e-14)
+
+
+def test_sizes_are_lognormal_over_their_box():
+    modes = Modes((18.8, 57.2))
+    part = ModesAtJoint.of(modes, (), "run")
+    theta = {"shape_2": jnp.asarray(0.4), "coupling_2": jnp.asarray(3.0)}
+    ends = np.exp(3 * 1.5), np.exp(3 * 2.0)
+    expected = stats.lognorm.logpdf(0.4, 1.5) + np.log(ends[0] - 1 / ends[0])
+    expected += stats.lognorm.logpdf(3.0, 2.0) + np.log(ends[1] - 1 / ends[1])
+    np.testing.assert_allclose(part.estimate(theta, 0).log_density, [expected], rtol=1e-12)
+    np.testing.assert_allclose(part.weighted(theta)[0], [[np.log(0.4) / 1.5, np.log(3.0) / 2.0]])
+    # A prior that the campaign states takes their place.
+    assert ModesAtJoint.of(modes, ("shape_2",), "run").names == ("coupling_2",)
+
+
+def test_first_values_are_read_near_every_mode(data):
+    found, true = told_by(data.parts), truth()
+    # Of a softening joint, by one line: per cents of frequency, tens of damping.
+    for name in ("omega_n", "omega_2"):
+        assert found[name] == pytest.approx(true[name], rel=0.04)
+    assert found["gain_ratio_2"] == pytest.approx(true["gain_ratio_2"], rel=0.3)
+    assert found["shape_2"] == found["coupling_2"] == 1.0
+
+
+def test_the_box_keeps_modes_apart(data):
+    bounds = bounds_by_name(box_of(SETTINGS, data, told_by(data.parts)))
+    assert set(truth()) - {"sign_2"} == set(bounds)
+    assert bounds["omega_n"][1] < bounds["omega_2"][0]
+    near = Modes((18.8, 20.0)).windows_hz
+    assert near[0][1] == near[1][0] == pytest.approx(19.4)
+
+
+@pytest.mark.parametrize(
+    ("stated", "free", "held"),
+    [
+        ({}, ("shape_2", "coupling_2"), {"sign_2": 1.0}),
+        ({"driving_point": True}, ("shape_2",), {"sign_2": 1.0}),
+        ({"joint_shape": (1.0, -0.8)}, ("coupling_2",), {"sign_2": -1.0, "shape_2": 0.8}),
+        (
+            {"joint_shape": (2.0, -1.6), "driving_point": True},
+            (),
+            {"sign_2": -1.0, "shape_2": 0.8},
+        ),
+    ],
+)
+def test_what_is_measured_at_the_joint_is_not_asked_of_it(campaign, stated, free, held):
+    structure = Structured(modes=(18.8, 57.2), **stated)
+    modes = modes_of(structure, campaign.tests, SETTINGS)
+    assert modes.free == free
+    assert modes.held == pytest.approx(held)
+
+
+def test_one_mode_is_none(campaign):
+    assert modes_of(None, campaign.tests, SETTINGS) is None
+    assert modes_of(Structured(modes=(18.8,)), campaign.tests, SETTINGS) is None
+
+
+def test_a_mode_that_nothing_drives_is_refused(campaign):
+    structure = Structured(modes=(18.8, 90.0))
+    with pytest.raises(DataError, match="must drive the mode at 90 Hz"):
+        assemble(measured(campaign.tests, SETTINGS, structure=structure, report=lambda _: None))
+
+
+def test_a_mode_above_half_the_sampling_frequency_is_refused(campaign):
+    with pytest.raises(ConfigError, match=r"131 Hz must lie below half .* is sampled at 256"):
+        modes_of(Structured(modes=(18.8, 131.0)), campaign.tests, SETTINGS)
+
+
+def test_bounds_within_which_modes_change_places_are_refused(campaign):
+    settings = Identify.of({"prior": {"omega_n": (100.0, 400.0)}})
+    with pytest.raises(ConfigError, match="`omega_n` must end below `omega_2`"):
+        modes_of(STATED, campaign.tests, settings)

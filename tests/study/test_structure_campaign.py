@@ -1,0 +1,53 @@
+"""Two modes with one joint, swept by the rig and identified from the campaign's file."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from two_modes import swept, truth
+
+import jbw
+from jbw import rig
+
+# Importance sampling compiles least; the middle level of either mode is predicted.
+SETTINGS = {
+    "sampler": "importance", "num_chains": 2, "num_samples": 250, "substeps": 4,
+    "hold_out": ("low_1", "high_1"), "model_error": "none",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """Of two levels of each mode, written and read again."""
+    taken = swept(["low_0", "low_1", "low_2", "high_0", "high_1", "high_2"])
+    path = rig.write(taken, tmp_path_factory.mktemp("two_modes") / "campaign")
+    loaded = jbw.load_campaign(path)
+    assert loaded.structure == taken.structure
+    campaign = replace(loaded, settings=loaded.settings.model_copy(update=SETTINGS))
+    return jbw.identify(campaign, seed=1, report=lambda _: None)
+
+
+@pytest.mark.slow
+def test_the_truth_of_both_modes_lies_in_the_posterior(study):
+    posterior, true = study.tree["posterior"].to_dataset(), truth()
+    names = [name for name in true if name in posterior]
+    assert {"omega_n", "omega_2", "zeta_2", "gain_ratio_2", "shape_2", "coupling_2"} <= {*names}
+    for name in names:
+        low, high = np.quantile(posterior[name], [0.005, 0.995])
+        assert low < true[name] < high, f"{name}: {low:.6g} {true[name]:.6g} {high:.6g}"
+    # As section 2.2 of the theory promises of both modes swept beyond delta x = 0.3.
+    for name in ("shape_2", "coupling_2", "delta"):
+        assert posterior[name].std() < 0.03 * true[name]
+    said = study.record["steps"]["joint"]["statements"]
+    assert any("moves the joint by h = -1.1" in one and "fits worse" in one for one in said)
+
+
+@pytest.mark.slow
+def test_a_level_that_no_fit_saw_is_predicted_to_its_noise(study):
+    for test in ("low_1", "high_1"):
+        attrs = study.tree[f"verification/sweep/{test}"].attrs
+        assert attrs["fitted"] == 0
+        # One per cent of noise, over the root of two repeats.
+        assert attrs["nrmse"] == pytest.approx(0.01 / np.sqrt(2), rel=0.15)
+        assert attrs["coverage"] > 0.97
+        assert attrs["nrmse"] < 0.5 * attrs["nrmse_linear"]

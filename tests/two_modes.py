@@ -1,0 +1,53 @@
+"""Two modes with one Bouc-Wen joint, swept on the rig, whose integration shares nothing with jbw's.
+
+The source is the measured force, no armature beside it; the output is not where it pushes.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+import jbw
+from jbw import rig
+from jbw.campaign.settings import Identify, Structured
+from jbw.rig.generator import Sweep
+from jbw.rig.presets import Plan, Preset
+from jbw.rig.structure import Armature, Shapes, law_of_mode, modal_truth
+
+SHAPES = Shapes(
+    omega=2 * np.pi * np.array([18.8, 57.2]), zeta=np.array([0.006, 0.008]),
+    drive=np.array([0.7, 0.9]), joint=np.array([1.0, -0.8]), output=np.array([1.0, 0.7]),
+)  # fmt: skip
+JOINT = jbw.BoucWen(omega_n=float(SHAPES.omega[0]), zeta=0.006, alpha=3e3, delta=340.0, gamma=90.0)
+FS, STATED = 256.0, Structured(modes=(18.8, 57.2))
+# delta times the joint's motion reaches 0.3 to 1 in either mode's sweeps.
+LEVELS = {"low": (14.0, 24.0, (0.8, 1.2, 2.0)), "high": (50.0, 64.0, (4.0, 7.0, 12.0))}
+
+
+def truth():
+    """Parameters by the names that a campaign has for them, of the structure's shapes alone."""
+    modes = modal_truth(SHAPES)
+    first, second = ({name: values[i] for name, values in modes.items()} for i in (0, 1))
+    found = {"omega_n": first["omega_n"], "zeta": first["zeta"], "gain": first["b"]}
+    found |= {"omega_2": second["omega_n"], "zeta_2": second["zeta"]}
+    found |= {"gain_ratio_2": second["b"] / first["b"], "shape_2": abs(second["h"])}
+    found |= {"sign_2": np.sign(second["h"]), "coupling_2": abs(second["p"]) * second["h"] ** 2}
+    law = law_of_mode(JOINT.laws[0], SHAPES)
+    return {name: float(value) for name, value in (found | law).items()}
+
+
+def swept(names, *, duration=4.0, seed=1, noise_ratio=0.01):
+    """Campaign of some of the sweeps, `low_0` to `high_2`, two repeats each."""
+    plans = tuple(
+        Plan(f"{band}_{i}", "sweep", Sweep(*ends, level, burst=0.75 * duration, fade=0.2,
+             duration=duration), 2, sources=("force",))
+        for band, (*ends, levels) in LEVELS.items()
+        for i, level in enumerate(levels)
+    )  # fmt: skip
+    preset = Preset(
+        name="two modes", gain=1.0, input_range=64.0, velocity_range=8.0, plans=plans,
+        source="force", noise_ratio=noise_ratio, shapes=SHAPES, armature=Armature(),
+    )  # fmt: skip
+    taken = rig.measure(preset, joint=JOINT, tests=names, fs=FS, seed=seed)
+    settings = Identify.of({"fit_repeats": 2, "offsets": "none"})
+    return replace(taken, structure=STATED, settings=settings)
