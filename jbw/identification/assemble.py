@@ -1,6 +1,7 @@
 """From the tests of a campaign to the dataset of the joint posterior, by the register of kinds."""
 
 import logging
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -158,7 +159,9 @@ def single_records(seen: Measured) -> list[list[Observable]]:
             replace(test, records=(test.records[i],)) for test in usable if len(test.records) > i
         ]
         try:
-            found.append(_reduced(kept, seen))
+            with warnings.catch_warnings():  # of one repeat alone, and told of all together
+                warnings.simplefilter("ignore")
+                found.append(_reduced(kept, seen))
         except JbwError:  # an average needs more, or a record is too short by itself
             found.append([])
     return found
