@@ -148,6 +148,16 @@ def _require_labels(parts: Sequence[Observable]) -> None:
         )
 
 
+def entered(seen: Measured) -> dict[str, bool]:
+    """Whether anything of a test is fitted, some of its repeats or its line fit, by its name."""
+    kinds = {kind for observable in OBSERVABLES for kind in observable.kinds}
+    names = _names([test for test in _reducible(seen) if test.kind in kinds])
+    names |= _names([test for test in seen.chosen if test.traits.is_free])
+    if seen.linear is not None:
+        names |= {seen.linear.test.name} & _names(seen.chosen)
+    return {test.name: test.name in names for test in seen.tests}
+
+
 def single_records(seen: Measured) -> list[list[Observable]]:
     """What is fitted, reduced from every test's first record alone, its second, and so on.
 
