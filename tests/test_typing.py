@@ -16,6 +16,11 @@ ACCEPTED = (
     + """
 many = jbw.BoucWen(omega_n=118.1, zeta=np.float64(0.005), alpha=jnp.ones(3), delta=1, gamma=u[0])
 omega, y_peak = np.linspace(110.0, 120.0, 5), np.array([1e-3, 2e-3])
+each = jbw.BoucWen(np.linspace(1.0, 2.0, 3), np.full(3, 0.005), np.array(497.4), 340.2, np.ones(3))
+jbw.Oscillator(np.ones(3), np.array(0.005), [jbw.Cubic(np.ones(3)), jbw.laws.Quintic(u[0])])
+jbw.Structure(np.ones(2), np.ones(2), u[:2], np.ones(2), np.ones(2), np.ones(2))
+jbw.simulate(each, np.zeros((3, 64)), 1024, initial=(np.zeros(3), 0.0))
+jbw.h1(omega, np.array(118.1), np.full(5, 0.005)), jbw.steady_state(each, 118.0, np.ones(3))
 jbw.simulate(many, u, np.float64(1024.0), hold="band_limited", periodic=True)
 jbw.simulate(joint, jnp.asarray(u), 1024.0, hold="zero", initial=(0.0, u[0]))
 jbw.simulate(joint, lambda t: jnp.sin(t), 1024.0, num_samples=64)
@@ -45,6 +50,8 @@ jbw.fit_attachment(u, u, u, 1024.0, (1.0, 2.0), kind="speed")
 jbw.h3(joint, 30.0, 1e-3, variant="exact")
 jbw.steady_state(joint, "omega", 1.0)
 jbw.backbone(joint, y_peak="large")
+jbw.BoucWen(omega_n="118.1", zeta=0.005, alpha=497.4, delta=340.2, gamma=32.8)
+jbw.Oscillator(118.1, "0.005")
 """
 )
 

@@ -8,7 +8,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from rich.console import Console
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
@@ -34,7 +34,10 @@ class Teller:
 
     def __init__(self, console: Console) -> None:
         self._console = console
+        self._rewrites = console.is_terminal and not console.is_dumb_terminal
         self._live: Live | None = None
+        self._chains: Table | None = None  # among the live lines
+        self._lock = threading.RLock()  # the heart beats in a thread of its own
         self._started = perf_counter()
         self._told = self._started
         self._said: set[str] = set()
@@ -47,19 +50,38 @@ class Teller:
 
     def remark(self, sentence: str) -> None:
         """Print one sentence beside what is under way."""
-        self.clear()
-        self._told = perf_counter()
-        self._print(sentence)
+        with self._lock:
+            self.clear()
+            self._told = perf_counter()
+            self._console.print(self._line(sentence))
 
     def beat(self) -> None:
-        """Say what is under way, and for how long, where nothing was said for ten seconds."""
-        now = perf_counter()
-        if self._stage and now - self._told > PLAIN_S:
-            self._told = now
-            self._print(f"... {self._stage}, for {duration(round(now - self._since))} so far")
+        """Say what is under way, and for how long, where nothing was said for ten seconds.
 
-    def _print(self, sentence: str) -> None:
-        self._console.print(Text(f"[{perf_counter() - self._started:5.1f} s] {sentence}"))
+        On a terminal one line is written over, elsewhere each is a new one.
+        """
+        with self._lock:
+            now = perf_counter()
+            if not self._stage or now - self._told <= PLAIN_S:
+                return
+            line = self._line(f"... {self._stage}, for {duration(round(now - self._since))} so far")
+            if self._rewrites:
+                self._show(Group(*filter(None, (self._chains, line))))
+            else:
+                self._told = now
+                self._console.print(line)
+
+    def _line(self, sentence: str) -> Text:
+        return Text(f"[{perf_counter() - self._started:5.1f} s] {sentence}")
+
+    def _show(self, lines: RenderableType) -> None:
+        """Write live lines over those before them."""
+        if self._live is None:
+            self._live = Live(
+                console=self._console, auto_refresh=False, transient=True, redirect_stdout=False
+            )
+            self._live.start()
+        self._live.update(lines, refresh=True)
 
     def chains(self, name: str, so_far: Any) -> None:
         """Tell how far the chains of a posterior are, no oftener than anybody can read.
@@ -67,27 +89,27 @@ class Teller:
         `so_far` is what is known of them, a `jbw.inference.samplers.chunked_run.SoFar`.
         """
         last = so_far.done >= so_far.total
-        every = LOOK_S if self._console.is_terminal else PLAIN_S
-        due = perf_counter() - self._told > every
-        if not (due or (last and name in self._said)):
-            return
-        self._told = perf_counter()
-        self._said.add(name)
-        if not self._console.is_terminal:
-            self._print(chain_sentence(name, so_far))
-        elif last:
-            self.clear()
-        else:
-            if self._live is None:
-                self._live = Live(console=self._console, auto_refresh=False, transient=True)
-                self._live.start()
-            self._live.update(chain_table(name, so_far), refresh=True)
+        every = LOOK_S if self._rewrites else PLAIN_S
+        with self._lock:
+            due = perf_counter() - self._told > every
+            if not (due or (last and name in self._said)):
+                return
+            self._told = perf_counter()
+            self._said.add(name)
+            if not self._rewrites:
+                self._console.print(self._line(chain_sentence(name, so_far)))
+            elif last:
+                self.clear()
+            else:
+                self._chains = chain_table(name, so_far)
+                self._show(self._chains)
 
     def clear(self) -> None:
         """Take the live lines away."""
-        if self._live is not None:
-            self._live.stop()
-            self._live = None
+        with self._lock:
+            if self._live is not None:
+                self._live.stop()
+                self._live = self._chains = None
 
 
 @contextmanager

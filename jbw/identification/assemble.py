@@ -1,6 +1,7 @@
 """From the tests of a campaign to the dataset of the joint posterior, by the register of kinds."""
 
 import logging
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -159,6 +160,16 @@ def _require_labels(parts: Sequence[Observable]) -> None:
         )
 
 
+def entered(seen: Measured) -> dict[str, bool]:
+    """Whether anything of a test is fitted, some of its repeats or its line fit, by its name."""
+    kinds = {kind for observable in OBSERVABLES for kind in observable.kinds}
+    names = _names([test for test in _reducible(seen) if test.kind in kinds])
+    names |= _names([test for test in seen.chosen if test.traits.is_free])
+    if seen.linear is not None:
+        names |= {seen.linear.test.name} & _names(seen.chosen)
+    return {test.name: test.name in names for test in seen.tests}
+
+
 def single_records(seen: Measured) -> list[list[Observable]]:
     """What is fitted, reduced from every test's first record alone, its second, and so on.
 
@@ -170,7 +181,9 @@ def single_records(seen: Measured) -> list[list[Observable]]:
             replace(test, records=(test.records[i],)) for test in usable if len(test.records) > i
         ]
         try:
-            found.append(_reduced(kept, seen))
+            with warnings.catch_warnings():  # of one repeat alone, and told of all together
+                warnings.simplefilter("ignore")
+                found.append(_reduced(kept, seen))
         except JbwError:  # an average needs more, or a record is too short by itself
             found.append([])
     return found

@@ -1,7 +1,8 @@
 """Tests that cannot be used: too short, too damped, too noisy. Left out, so that others go on."""
 
 import warnings
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterator, Sequence
+from contextlib import contextmanager
 
 from jbw.campaign.gains import Gain, gain_of
 from jbw.campaign.settings import Identify
@@ -25,8 +26,7 @@ def usable(
     refused = {test.name: why for test in tests if (why := _refusal(test, settings))}
     while (noise := _linear(tests, refused)) is not None and not several_modes:
         try:
-            with warnings.catch_warnings():  # said again by the fit that counts
-                warnings.simplefilter("ignore")
+            with _tried():
                 linear_step(noise, gain_of(gain, drive_of(noise)), settings.modes)
         except DataError as error:
             refused[noise.name] = str(error)
@@ -50,9 +50,18 @@ def _refusal(test: Test, settings: Identify) -> str:
         if test.traits.is_free:
             split = decay_tests([test], settings)
             test = test if split is None else split.together
-        for observable in OBSERVABLES:
-            if test.kind in observable.kinds:
-                observable.reduce([test], substeps=settings.substeps)
+        with _tried():
+            for observable in OBSERVABLES:
+                if test.kind in observable.kinds:
+                    observable.reduce([test], substeps=settings.substeps)
     except DataError as error:
         return str(error)
     return ""
+
+
+@contextmanager
+def _tried() -> Iterator[None]:
+    """Keep the warnings of a trial back: the fit that counts gives them, of what it fits, once."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield

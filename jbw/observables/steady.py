@@ -271,7 +271,7 @@ def force_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, " point
     """
     joint, y = oscillator_of(theta, data.laws), (data.motion - added_motion(theta, data))[:, 0]
     stiffness = joint.k - data.omega**2 + 2j * joint.zeta * joint.omega_n * data.omega
-    return (stiffness + equivalent_stiffness(joint, jnp.abs(y))) * y
+    return (stiffness + equivalent_stiffness(joint, jnp.abs(y))) * y  # pyright: ignore[reportReturnType]
 
 
 def equivalent_stiffness(joint: Joint, y_peak: Float[Array, " point"]) -> Complex[Array, " point"]:

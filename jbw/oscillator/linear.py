@@ -55,7 +55,7 @@ def impulse_moments(stiffness: Scalar, damping: Scalar, dt: Scalar, num: int) ->
     terms = [(jnp.zeros_like(kappa), jnp.ones_like(kappa))]
     for _ in range(_NUM_TERMS - 1):
         y, v = terms[-1]
-        terms.append((v, -kappa * y - c * v))
+        terms.append((v, -kappa * y - c * v))  # pyright: ignore[reportArgumentType]
     y, v = (jnp.stack(entries, axis=-1) for entries in zip(*terms, strict=True))
     free = np.array([0.0] + [1.0 / factorial(k) for k in range(1, _NUM_TERMS)])
     weights = np.array(

@@ -103,7 +103,7 @@ class Oscillator(eqx.Module):
             return (y_next, memory), slow.force(y_next, dy, memory)  # pyright: ignore[reportReturnType]
 
         start = jax.tree.map(lambda x: jnp.asarray(x, float), (0.0, slow.at_rest()))
-        return self.k * y + jax.lax.scan(onward, start, y)[1]
+        return self.k * y + jax.lax.scan(onward, start, y)[1]  # pyright: ignore[reportReturnType]
 
     def force_unloading(self, y_peak: Scalar, y: Float[Array, " phase"]) -> Float[Array, " phase"]:
         """Sum of the laws' forces on the way down of the steady loop from y = Y [N/kg]."""

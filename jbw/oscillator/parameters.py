@@ -5,11 +5,13 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.quantities import Quantity
 
-Scalar = Float[Array, "..."] | float
+# A caller may give NumPy's; inside of what is traced all is JAX's, which pyright cannot know.
+Scalar = Float[Array, "..."] | Float[np.ndarray, "..."] | float
 Restoring = Callable[[Scalar], Scalar]
 
 

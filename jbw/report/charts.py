@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
@@ -58,6 +58,11 @@ def traces(ax: Axes) -> list[Trace]:
             red, green, blue = (round(255 * part) for part in to_rgb(colour))
             look = {"fill": "toself", "fillcolor": f"rgba({red},{green},{blue},0.3)"}
             look |= {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
+        elif isinstance(artist, LineCollection):  # bars of points
+            gap = [[np.nan] * 2]
+            x, y = np.concatenate([np.append(one, gap, axis=0) for one in artist.get_segments()]).T
+            colour = to_hex(np.asarray(artist.get_colors())[0])
+            look = {"mode": "lines", "line": {"color": colour, "width": 1}, "hoverinfo": "skip"}
         else:
             x, y = artist.get_data()
             colour = to_hex(artist.get_color())

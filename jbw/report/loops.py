@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from jbw.report import style
+from jbw.report.measured_points import draw_points, measured_points
 from jbw.report.records import short
 from jbw.report.result import (
     BACKBONE,
@@ -169,8 +170,10 @@ def monotone(y: Curve, least: float = 0.05) -> list[NDArray[np.intp]]:
 def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
     """What do frequency and damping become as the joint slips?
 
-    Natural frequency and equivalent damping of the identified joint against amplitude. Beyond the
-    amplitudes that were fitted (grey) the law is trusted, not tested.
+    Natural frequency and equivalent damping of the identified joint against amplitude; open symbols
+    are what each test shows without a model of the joint, read as a linear oscillator, with the
+    standard deviation of its repeats. Beyond the amplitudes that were fitted (grey) the law is
+    trusted, not tested.
 
     Panels: frequency, damping (2 axes); grey beyond the amplitudes that were fitted.
     """
@@ -179,8 +182,10 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
     factor, unit = length_unit(found.attrs["y_fitted"])
     amplitude = factor * np.asarray(found["amplitude"], float)
     end = factor * float(found.attrs["y_fitted"])
+    points = measured_points(tree, found)
     for each, name, scale in ((axes[0, 0], "frequency", 1.0), (axes[0, 1], "damping", PERCENT)):
         draw_model(each, amplitude, scale * quantiles(found, name))
+        draw_points(each, points, name, factor, scale)
         label = "beyond what was fitted"
         each.axvspan(end, amplitude[-1], color=SOFT, alpha=0.15, lw=0, label=label)
         each.set_xlim(0.0, amplitude[-1])

@@ -18,9 +18,9 @@ from jbw.report.words import grades
 Summary = Mapping[str, Any]
 LOW = 0.1  # of the largest displacement fitted: where the joint hardly slips
 MOST_SHOWN = 8
-# Pictures that may stand first: as measured where the data show it, else of the model alone; of a
-# joint whose motion is prescribed its loops.
-LEADS = ("amplitude", "backbone", "loops")
+# Pictures that may stand first, and where the tree has no readings of the records; of a joint whose
+# motion is prescribed its loops.
+LEADS, UNREAD = ("backbone", "amplitude", "loops"), ("amplitude", "backbone", "loops")
 UNMEASURED = "zeta"  # what a campaign without a free or driven mode cannot know
 LEANING, ABSENT = "at_bound", "no_joint"  # findings that say something first
 
@@ -36,7 +36,8 @@ def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
 def lead(summary: Summary, drawn: Sequence[str]) -> str | None:
     """The name of the figure that stands first, of those that could be drawn."""
     moves = "loops" if not _has_mode(summary) else None
-    return next((name for name in (moves, *LEADS) if name in drawn), None)
+    leads = LEADS if (summary.get("look") or {}).get("tests") else UNREAD
+    return next((name for name in (moves, *leads) if name in drawn), None)
 
 
 def known_parameters(summary: Summary) -> list[str]:

@@ -27,6 +27,8 @@ Panels = np.ndarray
 WIDTH = 7.2
 """Width of a figure [in]: two columns of a paper, one column of the page."""
 
+LETTERS = 120  # of a legend's line, a handle being seven
+
 RC: Any = {
     "font.size": 9,
     "axes.titlesize": 9,
@@ -108,10 +110,17 @@ def finish(axes: Panels, ax: Any, below: str = "", left: str | Sequence[str] = "
     if ax is not None:
         first.legend(handles, names, **look)
         return axes
-    # At 8 points a line of the figure holds some 120 letters; a handle takes seven.
-    columns = max(1, min(len(names), 120 // (max(map(len, names)) + 7)))
-    first.figure.legend(handles, names, loc="outside upper left", ncols=columns, **look)
+    first.figure.legend(handles, names, loc="outside upper left", ncols=_columns(names), **look)
     return axes
+
+
+def _columns(names: Sequence[str]) -> int:
+    """As many columns of a legend as the figure is wide, each as wide as its longest name."""
+    for count in range(len(names), 1, -1):
+        columns = np.array_split(np.array([len(name) + 7 for name in names]), count)
+        if sum(column.max() for column in columns) <= LETTERS:
+            return count
+    return 1
 
 
 def title(ax: Axes, text: str, size: float = 9.0) -> None:

@@ -195,7 +195,7 @@ def motion(
     """Displacement and velocity under a force [N/kg] from rest, Eqs. (1), (2), by Runge-Kutta."""
     # The force between the samples is what their spectrum stands for; at rest at both ends.
     joint = oscillator_of(theta, laws)
-    specimen = Specimen(joint.omega_n, joint.zeta, forces_of(joint.laws, jnp.asarray))
+    specimen = Specimen(joint.omega_n, joint.zeta, forces_of(joint.laws, jnp.asarray))  # pyright: ignore[reportArgumentType]
     h, size = 1 / (fs * STEPS), force.shape[-1]
     # The spectrum filled up with zeros gives the input at both ends and middles of the steps.
     fine = jnp.fft.irfft(jnp.fft.rfft(force), 2 * STEPS * size) * 2 * STEPS

@@ -82,7 +82,7 @@ def _force_unloading(
 ) -> jax.Array:
     """Force of the spring and all laws on the way down from each peak [N/kg]."""
     joint = oscillator_of(theta, laws).slow
-    return joint.k * y + jax.vmap(joint.force_unloading)(peaks, y)
+    return joint.k * y + jax.vmap(joint.force_unloading)(peaks, y)  # pyright: ignore[reportReturnType]
 
 
 def _even_force(theta: Mapping[str, jax.Array], y: jax.Array, laws: Laws) -> jax.Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
-from jbw.identification.assemble import measured
+from jbw.identification.assemble import entered, measured
 from jbw.identification.linear_step import NAMES, LinearStep, units_of
 from jbw.identification.modal import ModalFit
 from jbw.identification.paper.sequential_vs_joint import compare_routes
@@ -119,7 +119,7 @@ def identify(
         "wall_time_s": round(perf_counter() - started, 2),
     }
     record["look"] = looked.record
-    tree = xr.DataTree.from_dict({**tree.to_dict(), **look_groups(looked)})
+    tree = xr.DataTree.from_dict({**tree.to_dict(), **look_groups(looked, entered(seen))})
     record["opening"] = list(opening(record, tree))
     tree["procedure"] = xr.DataTree(steps_group(record))
     if known is not None:

@@ -5,7 +5,7 @@ envelopes, steady tones and response curves from their harmonics, force loops by
 """
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from jbw.campaign.load import Campaign
 from jbw.errors import DataError
 from jbw.measurement.curves import forced_loop
 from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
-from jbw.measurement.records import INPUTS, Test
+from jbw.measurement.records import INPUTS, Test, drive_of
 from jbw.measurement.resonances import (
     WIDE,
     Reading,
@@ -95,9 +95,12 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
     return Look(record | {"statements": statements(record, found)}, found, responses)
 
 
-def look_groups(found: Look) -> dict[str, xr.Dataset]:
-    """Readings and response of every test in the order of the motion, as groups of a result."""
-    groups = {}
+def look_groups(found: Look, fitted: Mapping[str, bool] | None = None) -> dict[str, xr.Dataset]:
+    """Readings and response of every test in the order of the motion, as groups of a result.
+
+    `fitted` tells by name of which tests a posterior saw something, where there is one.
+    """
+    groups, fitted = {}, fitted or {}
     for row in found.record["tests"]:
         each = found.readings[row["test"]]
         columns = {name: [getattr(one, name) for one in each] for name in UNITS}
@@ -110,7 +113,11 @@ def look_groups(found: Look) -> dict[str, xr.Dataset]:
             attrs = {"units": response.unit, "long_name": "displacement over source"}
             variables["response"] = ("freq", response.magnitude, attrs)
             variables["freq"] = ("freq", response.freq_hz, {"units": "Hz"})  # its coordinate
-        known = {key: row[key] for key in ("test", "kind", "level") if row[key] is not None}
+        known = {
+            key: row[key] for key in ("test", "kind", "level", "drive") if row[key] is not None
+        }
+        if row["test"] in fitted:  # of no family of tones
+            known["fitted"] = int(fitted[row["test"]])
         groups[place("look", row["test"])] = xr.Dataset(variables, attrs=known)
     return groups
 
@@ -176,6 +183,7 @@ def _row(name: str, test: Test, each: Sequence[Reading]) -> dict[str, Any]:
     return {
         "test": name,
         "kind": test.kind,
+        "drive": drive_of(test),
         "level": None if np.isnan(test.level) else test.level,
         "records": len(test.records),
         "run": test.run or None,

@@ -1,6 +1,8 @@
 """Chains under way: a live line each on a terminal, plain lines elsewhere; colours when wanted."""
 
 import io
+import os
+import re
 import subprocess
 import sys
 import time
@@ -124,6 +126,62 @@ def test_rounds_of_points_are_no_steps():
     assert "steps" not in told
 
 
+def screen(written):
+    """Lines of a terminal after what was written: up a line, erase it, carriage return, newline."""
+    lines, at = [""], 0
+    for code, text in re.findall(r"\x1b\[([?\d;]*[A-Za-z])|([^\x1b\r\n]+|\r|\n)", written):
+        if code.endswith("A"):
+            at -= int(code[:-1] or 1)
+        elif code == "2K":
+            lines[at] = ""
+        elif text == "\n":
+            at += 1
+            lines += [""] * (at == len(lines))
+        elif text != "\r" and not code:
+            lines[at] = text
+    return [line for line in lines if line]
+
+
+def test_on_a_terminal_one_line_is_written_over(clock, monkeypatch):
+    """Ninety beats leave the milestones alone, as a terminal of 80 columns shows them."""
+    pty = pytest.importorskip("pty", reason="no pseudo-terminals here")
+    monkeypatch.setenv("TERM", "xterm")
+    master, slave = pty.openpty()
+    written = []
+    with open(slave, "w", encoding="utf-8") as stream:
+        say = Teller(Console(file=stream, width=80, highlight=False))
+
+        def after(event, *told):
+            event(*told)
+            written.append(os.read(master, 4096).decode())
+            return screen("".join(written))
+
+        after(say, "Reading")
+        shown = after(say, "Joint posterior")
+        for beat in range(90):
+            clock[0] += 1.0
+            if beat < PLAIN_S:
+                say.beat()
+            else:
+                shown = after(say.beat)
+        assert len(shown) == 3
+        assert shown[-1] == "[ 90.0 s] ... Joint posterior, for 90 s so far"
+        shown = after(say, "Done")
+    os.close(master)
+    assert [line[10:] for line in shown] == ["Reading", "Joint posterior", "Done"]
+
+
+def test_a_terminal_that_rewrites_nothing_gets_lines(clock, monkeypatch):
+    monkeypatch.setenv("TERM", "dumb")
+    stream = io.StringIO()
+    say = Teller(Console(file=stream, force_terminal=True, width=80, highlight=False))
+    say("Fitting")
+    for _ in range(24):
+        clock[0] += 1.0
+        say.beat()
+    assert len(stream.getvalue().splitlines()) == 3
+
+
 def test_a_live_line_that_stands_still_is_no_silence(clock):
     stream = io.StringIO()
     say = Teller(Console(file=stream, force_terminal=True, width=110, highlight=False))
@@ -132,7 +190,9 @@ def test_a_live_line_that_stands_still_is_no_silence(clock):
     say.chains("joint", so_far())
     clock[0] += PLAIN_S + 1
     say.beat()
-    assert "... Joint posterior, for 13 s so far" in stream.getvalue()
+    written = stream.getvalue()
+    assert "... Joint posterior, for 13 s so far" in written
+    assert "chain 4" in written[written.rindex("chain 1") :]  # the chains stay above it
     say("Done")
 
 

@@ -1,11 +1,13 @@
 """A test that cannot be used is left out with a sentence; a strict campaign refuses it."""
 
+import warnings
+
 import numpy as np
 import pytest
 
 from jbw.campaign.settings import Identify
 from jbw.errors import DataError
-from jbw.identification.assemble import assemble, measured
+from jbw.identification.assemble import assemble, measured, single_records
 from jbw.identification.usable import usable
 from jbw.measurement.records import Record, Test
 
@@ -57,3 +59,31 @@ def test_noise_too_short_for_a_line_fit_is_left_out():
     kept, said = usable([noise, long], Identify())
     assert kept == (long,)
     assert "noise is left out: " in said[0]
+
+
+def tones(run, hz=6.0, repeats=1):
+    t = np.arange(2048) / FS
+    channels = {"input": np.sin(2 * np.pi * hz * t), "velocity": 1e-3 * np.cos(2 * np.pi * hz * t)}
+    record = Record(FS, channels, {"input": "V", "velocity": "m/s"})
+    return Test("tones", (record,) * repeats, f"tone {run}", 0.5, tones_hz=(hz,), run=run)
+
+
+def test_tones_of_three_days_that_tell_no_noise_are_named_in_one_warning():
+    """A trial gives none, so that tests which `fit` leaves out are not said to be not fitted."""
+    tests = [decay("long", 8.0), *(tones(f"day {i}") for i in (1, 2, 3))]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        kept, _ = usable(tests, Identify())
+        assemble(measured(kept, Identify(fit=["decay"]), gain=1.0))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assemble(measured(kept, Identify(), gain=1.0))
+    (told,) = [str(one.message) for one in caught if "Not fitted" in str(one.message)]
+    assert all(f"tone day {i} order 1" in told for i in (1, 2, 3))
+
+
+def test_a_repeat_by_itself_warns_of_nothing():
+    seen = measured([tones("day 1", repeats=2)], Identify(), gain=1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        single_records(seen)

@@ -39,6 +39,7 @@ addEventListener("load", async () => {{
       flat: [...d.querySelectorAll("figure svg")]
         .filter(each => each.getBoundingClientRect().height < 100).length,
       table: Math.max(...[...d.querySelectorAll("#table table")].map(t => t.scrollWidth)),
+      opening: d.getElementById("opening").getBoundingClientRect().bottom,
       scrolling: boxes(d).filter(b => b.scrollWidth > b.clientWidth + 1).length,
     }});
   }}
@@ -88,6 +89,8 @@ def test_the_page_fits_every_window(tree, summary, tmp_path):
         # In a wide window nothing has to be scrolled; in a narrow one the boxes do, not the page.
         assert (each["scrolling"] == 0) == (each["width"] > 1200)
         assert each["table"] <= 1100
+        # Verdict, picture and sentences are seen at once in a window of 900 pixels.
+        assert each["opening"] < 900 or each["width"] < 700
 
 
 @pytest.mark.slow

@@ -187,7 +187,7 @@ class BoucWenLaw(Law):
     ) -> tuple[Scalar, Bool[Array, "..."]]:
         """Z by a polynomial, and whether it passed zero or the move was too long for that."""
         moved = smooth_move(self.alpha, branch, memory, dy)
-        return moved, (memory * moved <= 0.0) | (jnp.abs(branch * dy) > 1.0)
+        return moved, (memory * moved <= 0.0) | (jnp.abs(branch * dy) > 1.0)  # pyright: ignore[reportReturnType]
 
     def turn(
         self, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
@@ -207,14 +207,14 @@ class BoucWenLaw(Law):
         self, q: Complex[Array, " harmonic"], max_turns: int
     ) -> Complex[Array, " harmonic"]:
         """By quadrature between turning points and zeros of Z, whose periodicity is solved for."""
-        return self.alpha * periodic_path.relaxed_force(q, self.delta, self.gamma, max_turns)
+        return self.alpha * periodic_path.relaxed_force(q, self.delta, self.gamma, max_turns)  # pyright: ignore[reportReturnType]
 
     def force_over_period(
         self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
     ) -> Float[Array, " time"]:
         """Exact, closed over the period."""
         args = self.delta, self.gamma, max_turns
-        return self.alpha * periodic_path.force_over_period(q, theta, *args)
+        return self.alpha * periodic_path.force_over_period(q, theta, *args)  # pyright: ignore[reportReturnType]
 
     def check_periodic(self) -> None:
         """Only with nu = 1 is the force along a period known."""

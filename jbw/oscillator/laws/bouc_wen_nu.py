@@ -251,4 +251,4 @@ class BoucWenNu(Law):
             last, slope = jax.jvp(end, (w,), (jnp.ones_like(w),))
             w = w - (last - w) / (slope - 1.0)
         _, after = jax.lax.scan(onward, w, steps)
-        return self.nu_stiffness * jnp.append(w, after[:-1])
+        return self.nu_stiffness * jnp.append(w, after[:-1])  # pyright: ignore[reportReturnType]

@@ -103,7 +103,7 @@ class QuadraticDamping(Damper):
     def loop_at(self, y_peak: Scalar, omega: Scalar) -> Loop:
         r"""Closed form, $\mathrm{Im}\,\kappa = 8 c Y \omega^2 / (3\pi)$."""
         damping = 8.0 / (3.0 * jnp.pi) * self.c * jnp.asarray(y_peak) * omega**2
-        return Loop(jnp.zeros_like(damping), damping)
+        return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
         """In OpenSees a dashpot of the second power of the velocity."""
@@ -159,7 +159,7 @@ class CubicDamping(Damper):
     def loop_at(self, y_peak: Scalar, omega: Scalar) -> Loop:
         r"""Closed form, $\mathrm{Im}\,\kappa = 3 c Y^2 \omega^3 / 4$."""
         damping = 0.75 * self.c * jnp.asarray(y_peak) ** 2 * omega**3
-        return Loop(jnp.zeros_like(damping), damping)
+        return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
         """In OpenSees a dashpot of the third power of the velocity."""

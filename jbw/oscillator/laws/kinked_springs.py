@@ -160,7 +160,7 @@ class Quadratic(KinkedSpring):
     def loop(self, y_peak: Scalar) -> Loop:
         r"""Closed form, $\kappa = 8 c Y / (3\pi)$."""
         stiffness = 8.0 / (3.0 * jnp.pi) * self.c * jnp.asarray(y_peak, float)
-        return Loop(stiffness, jnp.zeros_like(stiffness))
+        return Loop(stiffness, jnp.zeros_like(stiffness))  # pyright: ignore[reportArgumentType]
 
 
 class Stop(KinkedSpring):

@@ -183,7 +183,7 @@ def _zero_impulse(
     crosses = z * z_1 < 0.0
     steady = crosses & ~motion.turns
     share = kept(1.0 / jnp.where(crosses, z - z_1, 1.0))
-    s = passage(steady, path, z * share, motion.moves.zero)
+    s = passage(steady, path, z * share, motion.moves.zero)  # pyright: ignore[reportArgumentType]
     speed, bend = kept((path.slope(s), path.bend(s)))
     size = jnp.abs(speed)
     twice = jnp.where(crosses, -2.0 * alpha, 0.0)

@@ -208,7 +208,7 @@ class Masing(Law):
         if (kink := self.kink()) is not None:
             place = kink.x * memory.stretch
             met = met | ((sense * (y - memory.y) < place) & (sense * (after - memory.y) >= place))
-        return memory._replace(force=force, slope=slope), met
+        return memory._replace(force=force, slope=slope), met  # pyright: ignore[reportReturnType]
 
     def turn(
         self, y: Scalar, memory: Branch, ends: Ends, quartic: Scalar
@@ -238,7 +238,7 @@ class Masing(Law):
         closing = first.popped > 0.5
         inner = kept(self._on_branch(first.begin, first.closure)[1])
         outer = kept(self._on_branch(after, first.closure)[1])
-        yield _slope_jump(path, closing, first.closure - y, outer - inner)
+        yield _slope_jump(path, closing, first.closure - y, outer - inner)  # pyright: ignore[reportArgumentType]
         if (kink := self.kink()) is None:
             return
         place = after.y + after.sense * after.stretch * kink.x

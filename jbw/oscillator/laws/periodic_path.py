@@ -41,7 +41,7 @@ def opening(y_peak: Scalar, delta: Scalar, gamma: Scalar) -> Float[Array, "..."]
     """Displacement at which z vanishes on unloading from `y_peak`, with gamma's sign."""
     sign = jnp.where(gamma < 0.0, -1.0, 1.0)
     d, g = delta * y_peak, sign * gamma * y_peak
-    return sign * y_peak * opening_and_area(half_width(d, g), d + g, g)[0]
+    return sign * y_peak * opening_and_area(half_width(d, g), d + g, g)[0]  # pyright: ignore[reportArgumentType]
 
 
 def relaxed_force(

@@ -207,7 +207,7 @@ class Square(Spring):
     def loop(self, y_peak: Scalar) -> Loop:
         """None: the mean of an even force and its even harmonics have no part at the first."""
         none = 0.0 * self.k_2 * jnp.asarray(y_peak, float)
-        return Loop(none, none)
+        return Loop(none, none)  # pyright: ignore[reportArgumentType]
 
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int

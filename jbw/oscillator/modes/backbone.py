@@ -237,4 +237,4 @@ def _told(options: tuple, structure: Structure, point: Point, x_peak: Array) -> 
     beside = structure.h @ relative[:, 0] - structure.h[mode] * relative[mode, 0]  # pyright: ignore
     relative = relative.at[mode, 0].set((shape[0] - beside) / structure.h[mode])  # pyright: ignore
     q = x_peak * relative
-    return ModalBackbone(x_peak, omega, zeta, relative[:, 0], x_peak * shape, q, structure.c @ q)
+    return ModalBackbone(x_peak, omega, zeta, relative[:, 0], x_peak * shape, q, structure.c @ q)  # pyright: ignore[reportArgumentType]

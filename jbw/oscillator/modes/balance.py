@@ -44,7 +44,7 @@ def dynamic_stiffness(
     frequency = omega * orders(num_harmonics)
     omega_n, zeta = structure.omega_n[:, None], structure.zeta[:, None]  # pyright: ignore
     damping = 2.0 * (zeta * omega_n - zeta_eq * omega)
-    return omega_n**2 - frequency**2 + 1j * damping * frequency
+    return omega_n**2 - frequency**2 + 1j * damping * frequency  # pyright: ignore[reportReturnType]
 
 
 def joint_force(

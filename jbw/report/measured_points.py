@@ -1,0 +1,87 @@
+"""What the records show without a model, as points beside the model's backbone."""
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from matplotlib.axes import Axes
+
+from jbw.report.result import node
+from jbw.report.style import INK, SKY, plain
+
+MARKERS = "osD^v<>"  # a kind of test each, again from the first on
+ALIKE = 0.1  # of the largest motion: readings that spread no more are repeats of one another
+OTHER_MODE = 0.15  # of the joint's frequency: what is farther away belongs to another mode
+
+Values = Float[np.ndarray, " reading"]
+
+
+class Points(NamedTuple):
+    """Readings of one test: its records' mean with their scatter, or every piece of a decay."""
+
+    kind: str
+    is_fitted: bool
+    y: Values  # amplitude of the displacement [m]
+    values: dict[str, Values]  # frequency [Hz] and damping [-]
+    std: dict[str, Values]  # nan where there is one reading alone
+
+
+def measured_points(tree: xr.DataTree, curve: xr.Dataset) -> list[Points]:
+    """Readings that a backbone says something of, in the order of the motion; none without any.
+
+    Each is read as a linear oscillator's. Decays are read along their envelopes, from the smallest
+    amplitude of the curve on, below which they scatter. Everything else is read as a whole, at the
+    mean amplitude weighed by its energy, sum A^3 / sum A^2. Not drawn are readings of other modes,
+    of drives with an omega_n of their own, and beyond the curve's largest amplitude.
+    """
+    parent = node(tree, "look")
+    known = node(tree, "posterior")
+    tests = [] if parent is None else [one.to_dataset() for one in parent.children.values()]
+    drawn = () if known is None else known.data_vars
+    alone = [test for test in tests if f"omega_n_{test.attrs.get('drive')}" not in drawn]
+    return [found for test in alone if len((found := _points(test, curve)).y)]
+
+
+def _points(test: xr.Dataset, curve: xr.Dataset) -> Points:
+    y = np.asarray(test["y"], float)
+    values = {
+        "frequency": np.asarray(test["frequency_hz"], float),
+        "damping": np.asarray(test["damping"], float),
+    }
+    std = {name: np.full(len(y), np.nan) for name in values}
+    amplitude = np.asarray(curve["amplitude"], float)
+    along = len(y) > 1 and np.ptp(y) > ALIKE * y.max()
+    if not along:
+        if len(y) > 1:
+            std = {name: np.std(one, ddof=1, keepdims=True) for name, one in values.items()}
+        y, values = y.mean(keepdims=True), {n: x.mean(keepdims=True) for n, x in values.items()}
+    model = np.asarray(curve["frequency"].transpose("quantile", ...), float)[1]
+    kept = np.abs(values["frequency"] / np.interp(y, amplitude, model) - 1) < OTHER_MODE
+    kept &= (y >= amplitude[0] * along) & (y <= amplitude[-1])
+    return Points(
+        str(test.attrs.get("kind", "")),
+        bool(test.attrs.get("fitted", 1)),
+        y[kept],
+        *({name: one[kept] for name, one in each.items()} for each in (values, std)),
+    )
+
+
+def draw_points(ax: Axes, found: list[Points], name: str, factor: float, scale: float) -> None:
+    """Draw points of a quantity against the amplitude, an open symbol a kind of test."""
+    kinds = list(dict.fromkeys(one.kind for one in found))
+    for kind, is_fitted in dict.fromkeys((one.kind, one.is_fitted) for one in found):
+        own = [one for one in found if (one.kind, one.is_fitted) == (kind, is_fitted)]
+        x = factor * np.concatenate([one.y for one in own])
+        values, std = (
+            scale * np.concatenate([each[name] for each in column])
+            for column in ([one.values for one in own], [one.std for one in own])
+        )
+        colour, known = INK if is_fitted else SKY, np.isfinite(std)
+        look = {"ls": "", "color": colour, "mfc": "none", "mew": 0.9, "clip_on": False}
+        marker = MARKERS[kinds.index(kind) % len(MARKERS)]
+        label = plain(kind) + ("" if is_fitted else ", not fitted")
+        ax.plot(x, values, marker, ms=5 if len(x) == len(own) else 3.5, label=label, **look)
+        if known.any():
+            low, high = (values - std)[known], (values + std)[known]
+            ax.vlines(x[known], low, high, color=colour, lw=0.8, label="_scatter")
