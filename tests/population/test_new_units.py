@@ -4,12 +4,15 @@ import json
 
 import numpy as np
 import pytest
+from scipy.signal import lsim
 from test_fleet import MEANS, UNITS, a_run
 
 import jbw
 from jbw import rig
 from jbw.cli import run
 from jbw.errors import DataError
+from jbw.measurement.files.hdf5 import write_hdf5
+from jbw.measurement.records import Record
 from jbw.population.basis import new_unit
 from jbw.population.coordinates import pooled
 from jbw.population.fleet import fleet_of
@@ -162,18 +165,64 @@ def test_noise_and_run_scatter_of_the_units_go_with_a_new_one(tmp_path):
     assert found.attrs["noise"] == "mean of the fitted tests of its kind"
 
 
-def test_the_folder_of_a_population_predicts_at_its_torque(tmp_path, capsys, monkeypatch):
+CAMPAIGN = """
+[campaign]
+name = "the next one"
+[[test]]
+name = "weak"
+kind = "sweep"
+files = "weak.h5"
+level = 1e-4
+channels = { input = "input", velocity = "velocity" }
+units = { input = "V", velocity = "m/s" }
+"""
+
+
+def campaign_of(path):
+    """A burst so weak that the joint sticks: a linear oscillator of gain 15, by SciPy."""
+    t = np.arange(32 * 256) / (32 * 128.0)
+    u = 1e-4 * np.sin(2 * np.pi * 18.0 * t) * np.sin(np.pi * t / 2.0) ** 4
+    omega_n, zeta = MEANS["omega_n"], MEANS["zeta"]
+    v = lsim(([15.0, 0.0], [1.0, 2 * zeta * omega_n, omega_n**2]), u, t)[1]
+    samples, units = {"input": u[::32], "velocity": v[::32]}, {"input": "V", "velocity": "m/s"}
+    path.mkdir()
+    write_hdf5(path / "weak.h5", Record(128.0, samples, units))
+    (path / "campaign.toml").write_text(CAMPAIGN)
+    return path / "campaign.toml"
+
+
+def test_the_tests_of_a_campaign_are_predicted_from_the_folder_of_a_population(tmp_path, capsys):
+    """Typed as a user does: collected units, their population's folder, the next one's campaign."""
+    fleet = fleet_of(driven(tmp_path))
+    folder = tmp_path / "population"
+    folder.mkdir()
+    new_unit(population(fleet, 0.01), fleet).to_netcdf(folder / "population.nc", engine="h5netcdf")
+    (folder / "population.json").write_text(json.dumps({"new_unit": {"torque": 8.0}}))
+    file = campaign_of(tmp_path / "new")
+    asked = ["predict", str(folder), "--draws", "20", "--json", "--campaign", str(file)]
+    assert run(asked) == 0
+    (row,) = json.loads(capsys.readouterr().out)["predictions"]
+    # Units scatter by a part in a hundred about the one that was measured, bands are of that.
+    assert row["test"] == "weak"
+    assert row["coverage"] > 0.9
+    assert row["half_width"] > 0.02
+    made = {one.name for one in (folder / "predictions").iterdir()}
+    assert made == {"predictions.nc", "predictions.json", "figures"}
+    assert row["y_peak"]["0.005"] < row["y_peak"]["0.995"]
+    # Another torque than that of the population is refused, whatever the tests.
+    file.write_text(CAMPAIGN + "[assembly]\ntorque = 12\n")
+    assert run([*asked, "--out", str(tmp_path / "again")]) == 3
+    assert "tightened to 12 N m" in " ".join("".join(capsys.readouterr()).split())
+
+
+def test_what_the_folder_of_a_population_cannot_predict_is_said(tmp_path, capsys):
     fleet = fleet_of(driven(tmp_path))
     folder = tmp_path / "population"
     folder.mkdir()
     tree = new_unit(population(fleet, 0.01), fleet)
     tree.to_netcdf(folder / "population.nc", engine="h5netcdf")
     (folder / "population.json").write_text(json.dumps({"new_unit": {"torque": 8.0}}))
-    asked = ["predict", str(folder), "--tone", "18", "--level", "0.05", "--draws", "20", "--json"]
-    assert run(asked) == 0
-    (row,) = json.loads(capsys.readouterr().out)["predictions"]
-    assert row["y_peak"]["0.005"] < row["y_peak"]["0.995"]
-    assert (folder / "predictions" / "predictions.nc").exists()
+    asked = ["predict", str(folder), "--tone", "18", "--level", "0.05", "--json"]
     assert run(["predict", str(folder)]) == 2
     assert "that of the unit to predict" in " ".join(capsys.readouterr().err.split())
     assert require_same_torque(folder, 8.0) == 8.0
