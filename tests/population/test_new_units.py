@@ -5,6 +5,8 @@ import json
 import numpy as np
 import pytest
 from scipy.signal import lsim
+from scipy.stats import kstest
+from scipy.stats import t as student
 from test_fleet import MEANS, UNITS, a_run
 
 import jbw
@@ -19,11 +21,12 @@ from jbw.population.fleet import fleet_of
 from jbw.population.population import Population
 from jbw.population.prediction import new_backbone, new_units
 from jbw.population.prior import design_of, prior_of
+from jbw.population.terms import new_terms, terms_of
 from jbw.report.result import read_result
 from jbw.rig.tightening import SCATTERING, Tightening, tightened
 from jbw.study.stack import require_same_torque
 from jbw.verification.planned import planned_tones
-from jbw.verification.predict import Request, predict
+from jbw.verification.predict import Request, predict, warnings_of
 from jbw.verification.predictive_basis import basis_of
 
 QUIET = {"scatter": dict.fromkeys(SCATTERING, 0.0)}
@@ -104,11 +107,11 @@ def test_a_share_that_no_unit_knows_is_common_to_all_torques(tmp_path):
     assert np.median(share) == pytest.approx(np.median(own), abs=0.05)
 
 
-def driven(path, gains=(15.0, 15.0), **facts):
-    """Two units that are known exactly, and driven by sources of some gain."""
+def driven(path, gains=(15.0, 15.0), terms=({}, {}), **facts):
+    """Units that are known exactly, and driven by sources of some gain, with residual terms."""
     folders = []
-    for name, gain in zip("AB", gains, strict=True):
-        draws = {n: np.full((2, 50), m) for n, m in {**MEANS, "gain": gain}.items()}
+    for name, gain, own in zip("ABCDE", gains, terms, strict=False):
+        draws = {n: np.full((2, 50), m) for n, m in {**MEANS, "gain": gain, **own}.items()}
         seen = {"tests": json.dumps(TESTS), "y_peak": 5e-3, "substeps": 2, **facts}
         folders.append(a_run(path / name, draws=draws, attrs=seen, inputs={"a": name}, box=False,
                              units={**UNITS, "gain": "N/(kg V)"})[0])  # fmt: skip
@@ -116,7 +119,7 @@ def driven(path, gains=(15.0, 15.0), **facts):
 
 
 def test_units_that_do_not_scatter_predict_as_the_one_that_was_measured(tmp_path):
-    folders = driven(tmp_path)
+    folders = driven(tmp_path, terms=({"residual_upper": -2e-4},) * 2)
     fleet = fleet_of(folders)
     own = basis_of(read_result(folders[0])[1])
     test = planned_tones(own, (17.0, 18.5), 0.3)
@@ -163,6 +166,33 @@ def test_noise_and_run_scatter_of_the_units_go_with_a_new_one(tmp_path):
     # The mean of both units' tests alike, 1 and 2 mm/s; none of them is this one.
     assert found.attrs["noise_std"] == pytest.approx(1.5e-3, rel=1e-12)
     assert found.attrs["noise"] == "mean of the fitted tests of its kind"
+
+
+def test_residual_constants_scatter_as_student_s_t_says(tmp_path):
+    """Of five units known exactly: mean + s sqrt(1 + 1/5) t_4, both terms along one line."""
+    upper = np.array([-1.0, 0.5, 2.0, 0.0, 1.0]) * 1e-5
+    terms = [{"residual_upper": u, "residual_lower": 1.0 - 2e4 * u} for u in upper]
+    fleet = fleet_of(driven(tmp_path, gains=(15.0,) * 5, terms=terms))
+    drawn = new_terms(fleet, np.random.default_rng(0), 4000)
+    wanted = student(4, upper.mean(), upper.std(ddof=1) * np.sqrt(1.2))
+    assert kstest(drawn["residual_upper"], wanted.cdf).pvalue > 1e-3
+    np.testing.assert_allclose(drawn["residual_lower"], 1.0 - 2e4 * drawn["residual_upper"])
+
+
+def test_terms_that_not_every_unit_has_are_left_out_and_said(tmp_path):
+    mode = {"neighbour_1_omega": 140.0, "neighbour_1_zeta": 0.01, "neighbour_1_share": 0.1}
+    terms = (
+        {"residual_upper": 1e-5, "residual_lower": 0.5, **mode},
+        {"residual_upper": 2e-5, **mode},
+    )
+    fleet = fleet_of(driven(tmp_path, terms=terms))
+    assert terms_of(fleet) == (["residual_upper"], ["residual_lower", *mode])
+    basis = basis_of(new_unit(population(fleet, 1e-3), fleet))
+    assert "residual_upper" in basis.posterior
+    assert not {*mode, "residual_lower"} & set(basis.posterior)
+    found = predict(basis, planned_tones(basis, (17.0, 18.5), 0.3), Request(20))
+    assert found.attrs["lacking"] == ", ".join(["residual_lower", *mode])
+    assert "is predicted without residual_lower" in " ".join(warnings_of(found))
 
 
 CAMPAIGN = """
