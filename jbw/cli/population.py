@@ -40,7 +40,7 @@ def population(
         from jbw.inference.posterior.summary import QUANTILES
         from jbw.population.basis import new_unit, torque_of
         from jbw.population.fleet import read_fleet
-        from jbw.population.population import population_of, require_torque
+        from jbw.population.population import covariates_in, population_of, require_torque
         from jbw.population.prediction import new_backbone, new_coordinates
         from jbw.report.population import population_figure, population_sheet, population_table
         from jbw.report.sheet import render_sheet
@@ -51,11 +51,11 @@ def population(
             None if given is None else [one.strip() for one in given.split(",")]
             for given in (parameters, saturating)
         )
+        require_torque(covariates_in(units), torque)
         found = population_of(
             units, parameters=chosen, saturating=bent or (), all_verdicts=all_verdicts, seed=seed,
             report=say,
         )  # fmt: skip
-        require_torque(found, torque)
 
         def new(at: float | None) -> np.ndarray:
             rng = np.random.default_rng(seed)

@@ -10,9 +10,13 @@ from jbw.measurement.records import Test
 from jbw.population.coordinates import laws_of, unit_names
 from jbw.population.population import Population
 from jbw.population.prediction import NUM_UNITS, new_units, y_peak_of
+from jbw.population.terms import new_terms, terms_of
 from jbw.population.unit import NOISE
+from jbw.quantities import BY_NAME
 from jbw.verification.predict import Request, predict
 from jbw.verification.predictive_basis import NUM_DRAWS, basis_of
+
+TERMS_KEY = 3  # of the seed: no other numbers move by these
 
 
 def new_unit(
@@ -26,7 +30,8 @@ def new_unit(
     """Further units as the posterior of one run, which `basis_of` reads as any other's.
 
     Runs scatter as they do within the units, and the noise is the mean of the units' tests alike.
-    What counts as fitted ends where the unit that was driven least does.
+    What counts as fitted ends where the unit that was driven least does. Constant residual terms
+    that every unit has go with it; others are left out, and its predictions say so.
     """
     draws = new_units(found, fleet, torque, seed=seed, num=num)
     units = json.loads(fleet.attrs["units"])
@@ -34,6 +39,8 @@ def new_unit(
         name: (("chain", "draw"), values[None], {"units": units.get(name, "1")})
         for name, values in draws.items()
     }
+    for name, values in new_terms(fleet, np.random.default_rng([seed, TERMS_KEY]), num).items():
+        variables[name] = (("chain", "draw"), values[None], {"units": BY_NAME[name].unit})
     labels, noise = _noise(fleet)
     if labels:
         each = np.broadcast_to(noise, (1, num, len(noise)))
@@ -95,6 +102,7 @@ def _facts(found: Population, fleet: xr.DataTree, torque: float | None) -> dict[
         "y_peak": y_peak if np.isfinite(y_peak) else 0.0,
         **({"scatter": np.sqrt(np.mean(np.square(scatter), axis=0))} if scatter else {}),
         **({} if at is None else {"torque": at}),
+        "lacking": json.dumps(terms_of(fleet)[1]),
     }
 
 

@@ -47,6 +47,7 @@ A group for each unit, `fleet[unit]`, with
     draws  (draw, parameter)  natural logarithms, chains one after the other; as many as the run has
     gain   (draw)  of the source, itself, as inferred or held; not there where the run knows none
     noise  (label)  noise of every group of data, in the unit of what was compared
+    residual_upper and others  (draw)  residual terms, themselves, those that the run has
     attributes  campaign (its name), folder (of the run), source (the campaign file), y_peak (the
                 largest displacement that was fitted, m; NaN where the run does not say); tests,
                 substeps and scatter as the run has them, with which it predicts
@@ -195,6 +196,7 @@ def _group(unit: Unit, logs: Any) -> xr.Dataset:
     coords: dict[str, Any] = {}
     if unit.gain is not None:
         variables[GAIN] = ("draw", unit.gain)
+    variables |= {name: ("draw", values) for name, values in unit.terms.items()}
     if unit.noise:
         variables[NOISE] = ("label", list(unit.noise.values()))
         coords = {"label": _words(unit.noise)}

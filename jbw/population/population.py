@@ -85,7 +85,7 @@ def population_of(
             remedy="Mend them first (jbw explain), or pool them all the same with --all-verdicts.",
         )
     found = pooled(fleet, parameters)
-    design = design_of(root["torque"].values.tolist(), root["sequence"].values.tolist())
+    design = covariates_in(fleet)
     design = design._replace(saturates=mask_of(saturating, found.names, design.columns))
     laws = laws_named(laws_of(fleet))
     products = {one.name: one.quantity.unit for law in laws for one in law.products}
@@ -103,13 +103,19 @@ def population_of(
     return Population(found, design, prior, draws, record)
 
 
-def require_torque(found: Population, torque: float | None) -> None:
+def covariates_in(fleet: xr.DataTree) -> Design:
+    """Covariates that vary between the units of a fleet."""
+    root = fleet.to_dataset()
+    return design_of(root["torque"].values.tolist(), root["sequence"].values.tolist())
+
+
+def require_torque(design: Design, torque: float | None) -> None:
     """Refuse a torque that no trend is known for."""
     if torque is None:
         return
     if not torque > 0.0:
         raise ConfigError(f"A torque must be above zero, but is {torque:g} N m.")
-    if TORQUE not in found.design.columns:
+    if TORQUE not in design.columns:
         raise DataError(
             "All units of the fleet have one torque, or state none: no trend with it is known.",
             remedy="Collect units of several torques, or leave --torque out.",

@@ -21,7 +21,7 @@ def new_coordinates(
     found: Population, torque: float | None, rng: np.random.Generator, num: int = NUM_UNITS
 ) -> Float[np.ndarray, "unit d"]:
     r"""Logarithms of the pooled coordinates of further units, $\varphi = B x + L_T \epsilon$."""
-    require_torque(found, torque)
+    require_torque(found.design, torque)
     flat = {n: v.reshape(-1, *v.shape[2:]) for n, v in found.draws.items() if n != "diverging"}
     some = rng.integers(len(flat["tau"]), size=num)
     bent = flat["u"][some] if "u" in flat else None

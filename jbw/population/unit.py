@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from jbw.errors import DataError
 from jbw.observables.observable import OFFSETS
 from jbw.oscillator.laws import laws_named, quantities_of
-from jbw.quantities import OSCILLATOR, Quantity
+from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS, Quantity
 from jbw.report.result import laws_of, read_result, unit_of
 from jbw.study.study import Study
 from jbw.verification.predicted import noise_by_label
@@ -44,6 +44,7 @@ class Unit(NamedTuple):
     origin: Mapping[str, Any]
     gain: NDArray[np.float64] | None  # draws of the source's, or as held; None: not known
     noise: Mapping[str, float]  # of every group of data, by its label
+    terms: Mapping[str, NDArray[np.float64]]  # draws of what other modes add, residual terms
 
     @property
     def versions(self) -> dict[str, str]:
@@ -133,6 +134,8 @@ def _unit(name: str, folder: Path | None, record: Mapping[str, Any], tree: xr.Da
     return Unit(
         name, laws, draws, quantities, bounds, scatter, record, origin,
         _gain(draws, json.loads(str(tree.attrs.get("held", "{}")))), noise_by_label(posterior),
+        {one.name: np.ravel(posterior[one.name].values) for one in RESIDUAL_TERMS
+         if one.name in posterior},
     )  # fmt: skip
 
 

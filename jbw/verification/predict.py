@@ -12,6 +12,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.inference.thresholds import BEYOND
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.drives import of_drive
+from jbw.observables.residual_terms import TAKEN
 from jbw.quantities import MODES
 from jbw.verification.bands import QUANTILES, band
 from jbw.verification.curves import predict_curve
@@ -64,6 +65,9 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     facts = {"test": test.name, "kind": test.kind, "num_draws": source.num_draws}
     facts["scatter"] = int(basis.scatters(test) and not test.traits.is_free)
     facts["noise"] = noise.says if asked.noise else LEFT_OUT
+    lacking = [name for name in basis.lacking if name in TAKEN[test.residuals]]
+    if lacking and test.traits.is_driven:
+        facts["lacking"] = ", ".join(lacking)
     if np.isfinite(test.level):
         unit = str(dataset.attrs.get("level_unit", seen_of(test).source))
         facts |= {"level": test.level, "level_unit": unit}
@@ -160,6 +164,12 @@ def warnings_of(dataset: xr.Dataset) -> list[str]:
             f"Test `{attrs['test']}` has {attrs['input_near_mode']:.2g} of its input's power "
             "within 25 % of the natural frequency, so it hardly moves the mode that was "
             "identified: other modes may rule its response; choose a test around the mode."
+        )
+    if attrs.get("lacking"):
+        found.append(
+            f"Test `{attrs['test']}` is predicted without {attrs['lacking']}, which some units of "
+            "the population have and others do not, or in places of their own: what other modes "
+            "add to the response is left out of its bands."
         )
     return found
 

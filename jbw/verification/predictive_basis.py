@@ -62,6 +62,8 @@ class Basis:
     # Other laws that predict beside this one, each by its share of the draws; what else is known of
     # the tests and their noise is this one's.
     beside: tuple[tuple[float, "Basis"], ...] = ()
+    # Residual terms that units of a population have, but not all of them: left out of further ones.
+    lacking: tuple[str, ...] = ()
 
     def shared(self, num_draws: int) -> tuple[tuple[int, "Basis"], ...]:
         """Number of draws of each law, this one's first; a law of less than two has none."""
@@ -216,6 +218,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
         json.loads(str(attrs.get("decay", "{}"))),
         laws,
         tree["runs"].to_dataset() if "runs" in tree.children else None,
+        lacking=tuple(json.loads(str(attrs.get("lacking", "[]")))),
     )
 
 

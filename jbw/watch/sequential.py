@@ -4,9 +4,11 @@ Draws of a finished run are moved by the likelihood of each new record, where a 
 and draw everything again. That holds while the joint has not changed: `jbw watch` says that.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import json
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
@@ -23,7 +25,7 @@ from jbw.inference.space.box import require_float64
 from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
-from jbw.observables.decay import Decays, matched
+from jbw.observables.decay import Decays
 from jbw.study.study import Study
 from jbw.watch.particles import LogDensity, Taken, evenly, particles_of, take_in
 
@@ -69,13 +71,12 @@ def updated(
         )
     posterior = study.posterior["posterior"].to_dataset()
     sampled = {str(n): v for n, v in posterior.data_vars.items() if "lower" in v.attrs}
-    data, part, test = _fitted(study.campaign, sampled)
+    data, part, test = _fitted(study, study.campaign)
     rows = evenly_spaced(posterior, num_particles)
     draws = np.stack([v.values.ravel()[rows] for v in sampled.values()], axis=-1)
     bounds = np.array([[v.attrs["lower"], v.attrs["upper"]] for v in sampled.values()])
     names = tuple(sampled)
-    terms = np.asarray(study.posterior["log_likelihood"].to_dataset()["terms"].values)
-    own = terms.reshape(-1, terms.shape[-1])[rows].sum(axis=1)
+    own = np.ravel(study.posterior["sample_stats"].to_dataset()["lp"].values)[rows]
     now = particles_of(draws, _density_of(data, names, bounds))
     _require_same(now.log_density - own)
     rng, taken = np.random.default_rng(seed), []
@@ -88,9 +89,7 @@ def updated(
     return _tree(dict(zip(names, evenly(rng, now).x.T, strict=True)), sampled, data, taken, records)
 
 
-def _fitted(
-    campaign: Campaign, sampled: Mapping[str, xr.DataArray]
-) -> tuple[Dataset, Decays, Test]:
+def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
     """What a run was fitted to, its only part, weighed as it was, and the test of its records."""
     gain = force_per_unit(campaign)
     tests, _ = usable(campaign.tests, campaign.settings, gain)
@@ -102,14 +101,11 @@ def _fitted(
             why="Their part of the posterior is not carried from record to record.",
             remedy="Identify the joint anew with the further records in its campaign.",
         )
-    test = seen.decays.fitted
-    part = Decays.of(test, laws=data.laws, substeps=campaign.settings.substeps)
-    if campaign.settings.model_error != "none":
-        middle = {name: float(np.median(values)) for name, values in sampled.items()}
-        left = np.asarray(matched(dataset.as_arrays(middle, data), part).residual)
-        rows = dict(zip(part.labels, left, strict=True))
-        fractions = part.effective_fractions(rows, [], np.zeros((0, 0)))
-        part = part.with_effective_values(fractions)
+    test, facts = seen.decays.fitted, json.loads(str(study.tree.attrs.get("decay", "{}")))
+    # The run may have refined its solver, and counts as many values as it found independent.
+    substeps = int(facts.get("substeps", 0)) or campaign.settings.substeps
+    part = Decays.of(test, laws=data.laws, substeps=substeps)
+    part = replace(part, fraction=jnp.asarray(float(facts.get("worth", 1.0))))
     return replace(data, parts=(part,)), part, test
 
 

@@ -52,7 +52,7 @@ def trend_of(
         )
     _require_known(fleet, amplitudes, test)
     found = population_of(fleet, report=report)
-    require_torque(found, torque)
+    require_torque(found.design, torque)
     if found.record["status"] != "ok":
         raise DataError(
             f"The status of the population is {found.record['status']}.",

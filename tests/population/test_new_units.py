@@ -4,23 +4,29 @@ import json
 
 import numpy as np
 import pytest
+from scipy.signal import lsim
+from scipy.stats import kstest
+from scipy.stats import t as student
 from test_fleet import MEANS, UNITS, a_run
 
 import jbw
 from jbw import rig
 from jbw.cli import run
 from jbw.errors import DataError
+from jbw.measurement.files.hdf5 import write_hdf5
+from jbw.measurement.records import Record
 from jbw.population.basis import new_unit
 from jbw.population.coordinates import pooled
 from jbw.population.fleet import fleet_of
 from jbw.population.population import Population
 from jbw.population.prediction import new_backbone, new_units
 from jbw.population.prior import design_of, prior_of
+from jbw.population.terms import new_terms, terms_of
 from jbw.report.result import read_result
 from jbw.rig.tightening import SCATTERING, Tightening, tightened
 from jbw.study.stack import require_same_torque
 from jbw.verification.planned import planned_tones
-from jbw.verification.predict import Request, predict
+from jbw.verification.predict import Request, predict, warnings_of
 from jbw.verification.predictive_basis import basis_of
 
 QUIET = {"scatter": dict.fromkeys(SCATTERING, 0.0)}
@@ -101,11 +107,11 @@ def test_a_share_that_no_unit_knows_is_common_to_all_torques(tmp_path):
     assert np.median(share) == pytest.approx(np.median(own), abs=0.05)
 
 
-def driven(path, gains=(15.0, 15.0), **facts):
-    """Two units that are known exactly, and driven by sources of some gain."""
+def driven(path, gains=(15.0, 15.0), terms=({}, {}), **facts):
+    """Units that are known exactly, and driven by sources of some gain, with residual terms."""
     folders = []
-    for name, gain in zip("AB", gains, strict=True):
-        draws = {n: np.full((2, 50), m) for n, m in {**MEANS, "gain": gain}.items()}
+    for name, gain, own in zip("ABCDE", gains, terms, strict=False):
+        draws = {n: np.full((2, 50), m) for n, m in {**MEANS, "gain": gain, **own}.items()}
         seen = {"tests": json.dumps(TESTS), "y_peak": 5e-3, "substeps": 2, **facts}
         folders.append(a_run(path / name, draws=draws, attrs=seen, inputs={"a": name}, box=False,
                              units={**UNITS, "gain": "N/(kg V)"})[0])  # fmt: skip
@@ -113,7 +119,7 @@ def driven(path, gains=(15.0, 15.0), **facts):
 
 
 def test_units_that_do_not_scatter_predict_as_the_one_that_was_measured(tmp_path):
-    folders = driven(tmp_path)
+    folders = driven(tmp_path, terms=({"residual_upper": -2e-4},) * 2)
     fleet = fleet_of(folders)
     own = basis_of(read_result(folders[0])[1])
     test = planned_tones(own, (17.0, 18.5), 0.3)
@@ -162,18 +168,91 @@ def test_noise_and_run_scatter_of_the_units_go_with_a_new_one(tmp_path):
     assert found.attrs["noise"] == "mean of the fitted tests of its kind"
 
 
-def test_the_folder_of_a_population_predicts_at_its_torque(tmp_path, capsys, monkeypatch):
+def test_residual_constants_scatter_as_student_s_t_says(tmp_path):
+    """Of five units known exactly: mean + s sqrt(1 + 1/5) t_4, both terms along one line."""
+    upper = np.array([-1.0, 0.5, 2.0, 0.0, 1.0]) * 1e-5
+    terms = [{"residual_upper": u, "residual_lower": 1.0 - 2e4 * u} for u in upper]
+    fleet = fleet_of(driven(tmp_path, gains=(15.0,) * 5, terms=terms))
+    drawn = new_terms(fleet, np.random.default_rng(0), 4000)
+    wanted = student(4, upper.mean(), upper.std(ddof=1) * np.sqrt(1.2))
+    assert kstest(drawn["residual_upper"], wanted.cdf).pvalue > 1e-3
+    np.testing.assert_allclose(drawn["residual_lower"], 1.0 - 2e4 * drawn["residual_upper"])
+
+
+def test_terms_that_not_every_unit_has_are_left_out_and_said(tmp_path):
+    mode = {"neighbour_1_omega": 140.0, "neighbour_1_zeta": 0.01, "neighbour_1_share": 0.1}
+    terms = (
+        {"residual_upper": 1e-5, "residual_lower": 0.5, **mode},
+        {"residual_upper": 2e-5, **mode},
+    )
+    fleet = fleet_of(driven(tmp_path, terms=terms))
+    assert terms_of(fleet) == (["residual_upper"], ["residual_lower", *mode])
+    basis = basis_of(new_unit(population(fleet, 1e-3), fleet))
+    assert "residual_upper" in basis.posterior
+    assert not {*mode, "residual_lower"} & set(basis.posterior)
+    found = predict(basis, planned_tones(basis, (17.0, 18.5), 0.3), Request(20))
+    assert found.attrs["lacking"] == ", ".join(["residual_lower", *mode])
+    assert "is predicted without residual_lower" in " ".join(warnings_of(found))
+
+
+CAMPAIGN = """
+[campaign]
+name = "the next one"
+[[test]]
+name = "weak"
+kind = "sweep"
+files = "weak.h5"
+level = 1e-4
+channels = { input = "input", velocity = "velocity" }
+units = { input = "V", velocity = "m/s" }
+"""
+
+
+def campaign_of(path):
+    """A burst so weak that the joint sticks: a linear oscillator of gain 15, by SciPy."""
+    t = np.arange(32 * 256) / (32 * 128.0)
+    u = 1e-4 * np.sin(2 * np.pi * 18.0 * t) * np.sin(np.pi * t / 2.0) ** 4
+    omega_n, zeta = MEANS["omega_n"], MEANS["zeta"]
+    v = lsim(([15.0, 0.0], [1.0, 2 * zeta * omega_n, omega_n**2]), u, t)[1]
+    samples, units = {"input": u[::32], "velocity": v[::32]}, {"input": "V", "velocity": "m/s"}
+    path.mkdir()
+    write_hdf5(path / "weak.h5", Record(128.0, samples, units))
+    (path / "campaign.toml").write_text(CAMPAIGN)
+    return path / "campaign.toml"
+
+
+def test_the_tests_of_a_campaign_are_predicted_from_the_folder_of_a_population(tmp_path, capsys):
+    """Typed as a user does: collected units, their population's folder, the next one's campaign."""
+    fleet = fleet_of(driven(tmp_path))
+    folder = tmp_path / "population"
+    folder.mkdir()
+    new_unit(population(fleet, 0.01), fleet).to_netcdf(folder / "population.nc", engine="h5netcdf")
+    (folder / "population.json").write_text(json.dumps({"new_unit": {"torque": 8.0}}))
+    file = campaign_of(tmp_path / "new")
+    asked = ["predict", str(folder), "--draws", "20", "--json", "--campaign", str(file)]
+    assert run(asked) == 0
+    (row,) = json.loads(capsys.readouterr().out)["predictions"]
+    # Units scatter by a part in a hundred about the one that was measured, bands are of that.
+    assert row["test"] == "weak"
+    assert row["coverage"] > 0.9
+    assert row["half_width"] > 0.02
+    made = {one.name for one in (folder / "predictions").iterdir()}
+    assert made == {"predictions.nc", "predictions.json", "figures"}
+    assert row["y_peak"]["0.005"] < row["y_peak"]["0.995"]
+    # Another torque than that of the population is refused, whatever the tests.
+    file.write_text(CAMPAIGN + "[assembly]\ntorque = 12\n")
+    assert run([*asked, "--out", str(tmp_path / "again")]) == 3
+    assert "tightened to 12 N m" in " ".join("".join(capsys.readouterr()).split())
+
+
+def test_what_the_folder_of_a_population_cannot_predict_is_said(tmp_path, capsys):
     fleet = fleet_of(driven(tmp_path))
     folder = tmp_path / "population"
     folder.mkdir()
     tree = new_unit(population(fleet, 0.01), fleet)
     tree.to_netcdf(folder / "population.nc", engine="h5netcdf")
     (folder / "population.json").write_text(json.dumps({"new_unit": {"torque": 8.0}}))
-    asked = ["predict", str(folder), "--tone", "18", "--level", "0.05", "--draws", "20", "--json"]
-    assert run(asked) == 0
-    (row,) = json.loads(capsys.readouterr().out)["predictions"]
-    assert row["y_peak"]["0.005"] < row["y_peak"]["0.995"]
-    assert (folder / "predictions" / "predictions.nc").exists()
+    asked = ["predict", str(folder), "--tone", "18", "--level", "0.05", "--json"]
     assert run(["predict", str(folder)]) == 2
     assert "that of the unit to predict" in " ".join(capsys.readouterr().err.split())
     assert require_same_torque(folder, 8.0) == 8.0

@@ -48,12 +48,12 @@ def quick(units, design, prior, lengths):
 
     def drawn(key, kept):
         rng, (d, p) = np.random.default_rng(0), prior.sd.shape
-        tau = prior.tau * rng.uniform(0.2, 0.4, (1, 200, 1))
+        tau = prior.tau * rng.uniform(0.2, 0.4, (1, 1000, 1))
         return {
-            "line": prior.mean + 0.02 * rng.standard_normal((1, 200, d, p)),
+            "line": prior.mean + 0.02 * rng.standard_normal((1, 1000, d, p)),
             "tau": tau,
             "scatter": tau[..., None] ** 2 * np.eye(d),
-            "diverging": np.zeros((1, 200), bool),
+            "diverging": np.zeros((1, 1000), bool),
         }
 
     return drawn
@@ -71,6 +71,17 @@ def found(tmp_path_factory):
     return fleet, jbw.population_of(fleet, summaries=True)  # weighed ones are slow
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """The same fleet without NUTS: about the mean of its units, and the priors' slopes."""
+    fleet = made(tmp_path_factory.mktemp("quick"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("jbw.population.population.sampler", quick)
+        patch.setattr("jbw.population.belonging.sampler", quick)
+        return fleet, jbw.population_of(fleet, summaries=True)
+
+
+@pytest.mark.slow  # samples a population of five coordinates
 def test_slopes_and_scatters_hold_the_truth(found):
     _, pooled = found
     record = pooled.record
@@ -105,8 +116,8 @@ def test_one_coordinate_alone_is_that_of_the_quadrature(found):
     assert abs(slope.mean() - expected) < 5 * slope.std() / np.sqrt(300)
 
 
-def test_new_units_have_the_pooled_coordinates_and_frequencies_of_their_torque(found):
-    fleet, pooled = found
+def test_new_units_have_the_pooled_coordinates_and_frequencies_of_their_torque(plain):
+    fleet, pooled = plain
     weak, strong = (new_units(pooled, fleet, torque, num=2000) for torque in (2.0, 12.0))
     ratio = np.median(strong["alpha"] * strong["delta"]) / np.median(weak["alpha"] * weak["delta"])
     slope = pooled.record["parameters"]["alpha_delta"]["slope_torque"]["median"]
@@ -119,8 +130,8 @@ def test_new_units_have_the_pooled_coordinates_and_frequencies_of_their_torque(f
     np.testing.assert_allclose(frequency[1, 0], MEANS["omega_n"] / (2 * np.pi), rtol=5e-3)
 
 
-def test_the_command_writes_table_figure_and_prediction(found, tmp_path, capsys, monkeypatch):
-    fleet, pooled = found
+def test_the_command_writes_table_figure_and_prediction(plain, tmp_path, capsys, monkeypatch):
+    fleet, pooled = plain
     monkeypatch.setattr("jbw.population.population.population_of", lambda *_, **__: pooled)
     path = tmp_path / "fleet.nc"
     write_fleet(path, fleet)
@@ -286,8 +297,8 @@ def test_two_units_are_not_assessed(tmp_path, without_nuts):
     assert "too little" in record["statements"][0]
 
 
-def test_what_cannot_be_pooled_is_named(tmp_path, found, without_nuts):
-    fleet, pooled = found
+def test_what_cannot_be_pooled_is_named(tmp_path, plain, without_nuts):
+    fleet, pooled = plain
     with pytest.raises(ConfigError, match="holds no softenin"):
         jbw.population_of(fleet, parameters=["softenin"])
     with pytest.raises(ConfigError, match="Nothing called omega is pooled that could saturate"):
@@ -309,9 +320,30 @@ def test_what_cannot_be_pooled_is_named(tmp_path, found, without_nuts):
     with pytest.raises(DataError, match="3 of 3 runs failed") as caught:
         jbw.population_of(failed)
     assert "--all-verdicts" in caught.value.remedy
+    all_the_same = jbw.population_of(failed, all_verdicts=True).record
+    assert all_the_same["failed"] == ["unit_0", "unit_1", "unit_2"]
     cut = fleet.copy(deep=True)
     beyond = fleet.to_dataset()["beyond"].copy(deep=True)
     beyond.loc[{"unit": "unit_1", "parameter": "zeta"}] = 0.05
     cut.dataset = fleet.to_dataset().assign(beyond=beyond)
     with pytest.raises(DataError, match="cuts the posterior of zeta in unit_1"):
         jbw.population_of(cut)
+
+
+def test_covariates_and_units_that_are_too_few_are_refused(plain, tmp_path, capsys, without_nuts):
+    """One unit in a file, a number of the tightening for some, a slope asked at one torque."""
+    fleet, _ = plain
+    alone = fleet.copy(deep=True)
+    alone.dataset = fleet.to_dataset().isel(unit=[0])
+    with pytest.raises(DataError, match="One unit makes no population"):
+        jbw.population_of(alone)
+    some = fleet.copy(deep=True)
+    sequence = ("unit", [1.0, 2.0, np.nan, 1.0, 2.0, 3.0])
+    some.dataset = fleet.to_dataset().assign(sequence=sequence)
+    with pytest.raises(DataError, match="Every unit must state a positive sequence"):
+        jbw.population_of(some)
+    path = tmp_path / "same.nc"
+    write_fleet(path, made(tmp_path / "same", torques=(5.0, 5.0, 5.0)))
+    assert run(["population", str(path), "--torque", "8"]) == 3
+    assert "no trend with it is known" in " ".join("".join(capsys.readouterr()).split())
+    assert not (tmp_path / "same-population").exists()
