@@ -1,5 +1,7 @@
 """Several modes that meet in one joint: what records say of them, and what is known before."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -161,3 +163,33 @@ def test_bounds_within_which_modes_change_places_are_refused(campaign):
     settings = Identify.of({"prior": {"omega_n": (100.0, 400.0)}})
     with pytest.raises(ConfigError, match="`omega_n` must end below `omega_2`"):
         modes_of(STATED, campaign.tests, settings)
+
+
+@pytest.mark.parametrize(
+    ("stated", "name"),
+    [({"driving_point": True}, "coupling_2"), ({"joint_shape": (1, 2)}, "shape_2")],
+)
+def test_bounds_of_what_is_known_are_refused(campaign, stated, name):
+    structure = Structured(modes=(18.8, 57.2), **stated)
+    settings = Identify.of({"prior": {name: (0.1, 1.0)}})
+    with pytest.raises(ConfigError, match=f"`{name}` must be unknown, but `{next(iter(stated))}`"):
+        modes_of(structure, campaign.tests, settings)
+
+
+def test_a_drive_point_has_gains_of_one_sign(campaign):
+    """A response turned round within one mode's tests: no square of a shape is negative."""
+    low, high = campaign.tests
+    turned = tuple(
+        replace(one, channels={**one.channels, "velocity": -one.channels["velocity"]})
+        for one in high.records
+    )
+    tests = low, replace(high, records=turned)
+    structure = Structured(modes=(18.8, 57.2), driving_point=True)
+    with pytest.raises(DataError, match=r"57.2 Hz must have a gain of the first mode's sign"):
+        assemble(measured(tests, SETTINGS, structure=structure, report=lambda _: None))
+
+
+def test_tests_of_two_drives_are_refused(campaign):
+    low, high = campaign.tests
+    with pytest.raises(ConfigError, match="driven by force and voltage"):
+        modes_of(STATED, (low, replace(high, drive="voltage")), SETTINGS)
