@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import stats
-from two_modes import SHAPES, STATED, swept, truth
+from two_modes import FS, JOINT, SHAPES, STATED, swept, truth
 
 from jbw.campaign.settings import Identify, Structured
 from jbw.errors import ConfigError, DataError
@@ -15,11 +15,13 @@ from jbw.identification.assemble import assemble, measured
 from jbw.identification.coordinates import box_of
 from jbw.identification.stated_modes import modes_of
 from jbw.inference.space.box import bounds_by_name
+from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import log_likelihood
 from jbw.observables.drives import told_by
 from jbw.observables.modes import LABEL, Modes, ModesAtJoint
 from jbw.oscillator.modes.parameters import structure_of
-from jbw.rig.structure import modal_truth
+from jbw.rig.integrator import GRID, specimen_of
+from jbw.rig.structure import Assembled, modal_truth, move
 
 SETTINGS = Identify.of({"offsets": "none", "fit_repeats": 2, "substeps": 4})
 
@@ -193,3 +195,28 @@ def test_tests_of_two_drives_are_refused(campaign):
     low, high = campaign.tests
     with pytest.raises(ConfigError, match="driven by force and voltage"):
         modes_of(STATED, (low, replace(high, drive="voltage")), SETTINGS)
+
+
+@pytest.mark.slow
+def test_a_multisine_is_predicted_as_steady_motion():
+    """Of both bands at once, from rest until 12 periods of 2 s have gone: e^-17 is left."""
+    num, rng = 512, np.random.default_rng(0)
+    freq = np.arange(1, num // 2) * FS / num
+    freq = freq[((freq > 15) & (freq < 23)) | ((freq > 52) & (freq < 62))]
+    phase = rng.uniform(0, 2 * np.pi, freq.size)
+
+    def source(points):
+        t = points[:, None] / (GRID * FS)
+        return 0.05 * np.sum(np.cos(2 * np.pi * freq * t + phase), axis=1)
+
+    assembled = Assembled(SHAPES, specimen_of(JOINT).forces)
+    motion = move(assembled, lambda i, j: source(np.arange(i, j)), 14 * num, FS)
+    force = source(GRID * np.arange(12 * num, 14 * num))
+    velocity = motion.velocity[12 * num :]
+    velocity += 1e-3 * np.std(velocity) * rng.standard_normal(2 * num)
+    record = Record(FS, {"force": force, "velocity": velocity}, {"force": "N", "velocity": "m/s"})
+    test = Test("multisine", (record,), name="multisine", periods=2)
+    part = assemble(measured((test,), SETTINGS, structure=STATED, report=lambda _: None)).parts[0]
+    left = np.linalg.norm(part.mean - part.predict(point())) / np.linalg.norm(part.mean)
+    # Of the mean of two periods of 512 samples.
+    assert left == pytest.approx(1e-3 / np.sqrt(2), rel=0.15)
