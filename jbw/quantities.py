@@ -98,7 +98,8 @@ NEIGHBOURS = tuple(
 )
 RESIDUAL_TERMS = (*CONSTANT_TERMS, *(each for mode in NEIGHBOURS for each in mode))
 
-# Of modes that meet in the joint beside the first, in units of what that one does to it.
+# Of modes that meet in the joint beside the first, in units of what that one does to it; the sign
+# is held.
 MODES = tuple(
     (
         Quantity(f"omega_{k}", f"ω{n}", "rad/s", f"natural frequency, mode {k}", 0.0, is_open=True),
@@ -108,11 +109,11 @@ MODES = tuple(
             f"shape_{k}", f"|h{n}|", "1", f"motion of the joint over the first mode's, mode {k}",
             0.0, is_open=True,
         ),
-        Quantity(f"sign_{k}", f"sgn h{n}", "1", f"sign of that motion, mode {k}"),
         Quantity(
             f"coupling_{k}", f"κ{n}", "1", f"what the joint does to it over the first, mode {k}",
             0.0, is_open=True,
         ),
+        Quantity(f"sign_{k}", f"sgn h{n}", "1", f"sign of that motion, mode {k}"),
     )
     for k, n in enumerate("₂₃₄₅", 2)
 )  # fmt: skip

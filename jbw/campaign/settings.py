@@ -203,7 +203,7 @@ def law_errors(laws: Sequence[str], prior: Prior, num_modes: int = 1) -> list[st
     The register of laws loads JAX, so it is asked only where [joint] or a prior needs it.
     """
     known = {quantity.name: quantity for quantity in (*LINEAR, *RESIDUAL_TERMS)}
-    known |= {quantity.name: quantity for mode in MODES[: num_modes - 1] for quantity in mode}
+    known |= {quantity.name: quantity for mode in MODES[: num_modes - 1] for quantity in mode[:-1]}
     if tuple(laws) != DEFAULT_LAWS or set(prior) - set(known):
         from jbw.oscillator.laws import quantities_of
 

@@ -97,7 +97,8 @@ def candidates(
             break
         report(f"Fitting all as {name_of(best.laws)} weighs the data, which leaves least")
         own = best.fitted
-        ready = reweight(key, under(best.laws, data), own.box, own.fit, settings)
+        unweighed = replace(under(best.laws, data), held=own.data.held)  # with the signs of modes
+        ready = reweight(key, unweighed, own.box, own.fit, settings)
         weighing = replace(best, fitted=ready)
         keys = jax.random.split(key, len(found))
         found = [again(k, one, ready) for k, one in zip(keys, found, strict=True)]

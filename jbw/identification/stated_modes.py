@@ -54,13 +54,26 @@ def modes_of(
                 f"every test, but test `{test.name}` is sampled at {fs:g} Hz.",
                 remedy="Leave the mode out, or sample faster.",
             )
+    _require_unknown(modes, settings.prior)
     _require_apart(modes, settings.prior)
     return modes
 
 
+def _require_unknown(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> None:
+    """Refuse stated bounds of what the [structure] table says is known."""
+    known = {names.shape: "joint_shape" for names in modes.names if modes.joint_shape}
+    known |= {names.coupling: "driving_point" for names in modes.names if modes.driving_point}
+    for name in prior:
+        if name in known:
+            raise ConfigError(
+                f"[identify.prior] `{name}` must be unknown, but `{known[name]}` tells it.",
+                remedy=f"Leave it out, or `{known[name]}` in [structure].",
+            )
+
+
 def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> None:
     """Refuse stated bounds within which frequencies could change places."""
-    names = ("omega_n", *(own[0] for own in modes.names))
+    names = ("omega_n", *(own.omega for own in modes.names))
     wide = {
         n: (2 * np.pi * low, 2 * np.pi * high)
         for n, (low, high) in zip(names, modes.windows_hz, strict=True)
@@ -79,14 +92,14 @@ def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> No
 def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
     """Refuse modes of which no test tells a frequency, damping and gain to begin with."""
     told = told_by(parts)
-    for hz, names in zip(modes.hz, (("omega_n",), *modes.names), strict=True):
-        if names[0] not in told:
+    for hz, names in zip(modes.hz, (None, *modes.names), strict=True):
+        if (names.omega if names else "omega_n") not in told:
             raise DataError(
                 f"[structure] modes: a test must drive the mode at {hz:g} Hz within 7 %, but none "
                 "that is fitted does.",
                 remedy="Sweep through it, or leave it out of `modes`.",
             )
-        ratio = told[names[2]] if len(names) > 2 else 1.0
+        ratio = told[names.ratio] if names else 1.0
         if modes.driving_point and ratio < 0:
             raise DataError(
                 f"[structure] driving_point: the mode at {hz:g} Hz must have a gain of the first "
@@ -99,7 +112,7 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
 def unknown_signs(prior: Box, data: Dataset) -> list[str]:
     """Names of the signs of modes whose shapes are free."""
     return [] if data.modes is None else [
-        names[4] for names in data.modes.names if names[3] in prior.names
+        names.sign for names in data.modes.names if names.shape in prior.names
     ]  # fmt: skip
 
 
@@ -147,11 +160,11 @@ def participation_sentences(posterior: xr.Dataset, modes: Modes | None) -> list[
     """Modes whose gain may be zero by the posterior, a sentence each."""
     said = []
     for hz, names in zip(modes.hz[1:] if modes else (), modes.names if modes else (), strict=True):
-        low, _, high = np.quantile(posterior[names[2]].values, QUANTILES)
+        low, _, high = np.quantile(posterior[names.ratio].values, QUANTILES)
         if low <= 0.0 <= high:
             said.append(
-                f"The mode at {hz:g} Hz does not take part: {names[2]} lies within {low:.2g} and "
-                f"{high:.2g}. The source or the sensor stands in its node; leave it out of "
+                f"The mode at {hz:g} Hz does not take part: {names.ratio} lies within {low:.2g} "
+                f"and {high:.2g}. The source or the sensor stands in its node; leave it out of "
                 "`modes`, or measure elsewhere."
             )
     return said

@@ -1,6 +1,7 @@
 """What laws would be if the runs had no offsets: these trade with softening, and both are shown."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -21,7 +22,8 @@ def without_offsets(
     """
     settings = alike(seen.settings).model_copy(update={"offsets": "none"})
     own = best.fitted
-    ready = reweight(key, under(best.laws, assemble(seen)), own.box, own.fit, settings)
+    data = replace(under(best.laws, assemble(seen)), held=own.data.held)  # with the signs of modes
+    ready = reweight(key, data, own.box, own.fit, settings)
     keys = jax.random.split(key, len(found))
     return [again(k, one, ready) for k, one in zip(keys, found, strict=True)]
 

@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 from jbw.inference.groups.offsets import Estimate, known_estimate
 from jbw.observables.line_fit import oscillator_through
 from jbw.observables.observable import OFFSETS, Laws, Observable, Theta, Weighted
-from jbw.oscillator.modes.parameters import NAMES, structure_of
-from jbw.quantities import DEFAULT_LAWS
+from jbw.oscillator.modes.parameters import NAMES, Names, structure_of
+from jbw.quantities import DEFAULT_LAWS, OSCILLATOR
 
+FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 LABEL = "modes at the joint"
 SHAPE_STD, COUPLING_STD = 1.5, 2.0  # of logarithms
 REACH = 3.0  # of these: where boxes end
@@ -43,24 +44,25 @@ class Modes(NamedTuple):
     joint_shape: tuple[float, ...] = ()  # h_i / h_1 of every mode, where they were measured
 
     @property
-    def names(self) -> tuple[tuple[str, ...], ...]:
+    def names(self) -> tuple[Names, ...]:
         """Names of the parameters of every mode but the first, as `NAMES`."""
         return NAMES[: len(self.hz) - 1]
 
     @property
     def free(self) -> tuple[str, ...]:
         """Names of what is unknown of the modes at the joint: shapes, couplings, or neither."""
-        shapes = () if self.joint_shape else tuple(names[3] for names in self.names)
-        return shapes + (() if self.driving_point else tuple(names[5] for names in self.names))
+        shapes = () if self.joint_shape else tuple(names.shape for names in self.names)
+        couplings = () if self.driving_point else tuple(names.coupling for names in self.names)
+        return shapes + couplings
 
     @property
     def held(self) -> dict[str, float]:
         """What is held: signs, which begin as positive, and shapes that were measured."""
-        signs = {names[4]: 1.0 for names in self.names}
+        signs = {names.sign: 1.0 for names in self.names}
         over_first = (h / self.joint_shape[0] for h in self.joint_shape[1:])
         known = dict(zip(self.names, over_first, strict=False))
-        signs |= {names[4]: float(np.sign(h)) for names, h in known.items()}
-        return signs | {names[3]: abs(h) for names, h in known.items()}
+        signs |= {names.sign: float(np.sign(h)) for names, h in known.items()}
+        return signs | {names.shape: abs(h) for names, h in known.items()}
 
     @property
     def windows_hz(self) -> list[tuple[float, float]]:
@@ -88,9 +90,8 @@ def read_modes(
     rising = np.argsort(np.mean(x**2, axis=1))
     u, y = (np.fft.rfft(rows[rising])[:, 1:] for rows in (source, x))
     y = y / (1j * omega) ** order
-    first: tuple[str, ...] = ("omega_n", "zeta", "gain")
     found: dict[str, float] = {}
-    for names, (low, high) in zip((first, *modes.names), modes.windows_hz, strict=True):
+    for names, (low, high) in zip((FIRST, *modes.names), modes.windows_hz, strict=True):
         near = (omega >= 2 * np.pi * low) & (omega <= 2 * np.pi * high)
         for force, response in zip(u, y, strict=True):
             loud = near & (np.abs(force) > DRIVEN * np.abs(force).max())
@@ -117,7 +118,7 @@ def with_ratios(found: Mapping[str, float]) -> dict[str, float]:
     """First values with every further mode's gain over that of the first."""
     if not found.get("gain"):
         return dict(found)
-    ratios = {names[2]: found[names[2]] / found["gain"] for names in NAMES if names[2] in found}
+    ratios = {n.ratio: found[n.ratio] / found["gain"] for n in NAMES if n.ratio in found}
     return {**found, **ratios}
 
 
@@ -125,13 +126,13 @@ def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> 
     """Bounds of the modes' parameters about first values; at the joint only where it has a law."""
     found: Bounds = {}
     for names, (low, high) in zip(modes.names, modes.windows_hz[1:], strict=True):
-        omega, zeta, ratio, *_ = names
-        reach = 2 * max(abs(known[ratio]), 0.05)
-        found[omega] = 2 * np.pi * low, 2 * np.pi * high
-        found[zeta] = 0.005 * known[zeta], 3.0 * known[zeta]
+        ratio = known[names.ratio]
+        reach = 2 * max(abs(ratio), 0.05)
+        found[names.omega] = 2 * np.pi * low, 2 * np.pi * high
+        found[names.zeta] = 0.005 * known[names.zeta], 3.0 * known[names.zeta]
         # Where the output is the drive point, gains are squares of shapes.
-        least = 1e-3 * known[ratio] if modes.driving_point else known[ratio] - reach
-        found[ratio] = least, known[ratio] + reach
+        least = 1e-3 * ratio if modes.driving_point else ratio - reach
+        found[names.ratio] = least, ratio + reach
     for name in modes.free if with_joint else ():
         end = float(np.exp(REACH * _std(name)))
         found[name] = 1 / end, end
@@ -139,7 +140,7 @@ def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> 
 
 
 def _std(name: str) -> float:
-    return SHAPE_STD if name in {names[3] for names in NAMES} else COUPLING_STD
+    return SHAPE_STD if name in {names.shape for names in NAMES} else COUPLING_STD
 
 
 class ModesAtJoint(Observable):

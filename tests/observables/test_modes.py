@@ -1,11 +1,13 @@
 """Several modes that meet in one joint: what records say of them, and what is known before."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import stats
-from two_modes import SHAPES, STATED, swept, truth
+from two_modes import FS, JOINT, SHAPES, STATED, swept, truth
 
 from jbw.campaign.settings import Identify, Structured
 from jbw.errors import ConfigError, DataError
@@ -13,11 +15,13 @@ from jbw.identification.assemble import assemble, measured
 from jbw.identification.coordinates import box_of
 from jbw.identification.stated_modes import modes_of
 from jbw.inference.space.box import bounds_by_name
+from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import log_likelihood
 from jbw.observables.drives import told_by
 from jbw.observables.modes import LABEL, Modes, ModesAtJoint
 from jbw.oscillator.modes.parameters import structure_of
-from jbw.rig.structure import modal_truth
+from jbw.rig.integrator import GRID, specimen_of
+from jbw.rig.structure import Assembled, modal_truth, move
 
 SETTINGS = Identify.of({"offsets": "none", "fit_repeats": 2, "substeps": 4})
 
@@ -161,3 +165,58 @@ def test_bounds_within_which_modes_change_places_are_refused(campaign):
     settings = Identify.of({"prior": {"omega_n": (100.0, 400.0)}})
     with pytest.raises(ConfigError, match="`omega_n` must end below `omega_2`"):
         modes_of(STATED, campaign.tests, settings)
+
+
+@pytest.mark.parametrize(
+    ("stated", "name"),
+    [({"driving_point": True}, "coupling_2"), ({"joint_shape": (1, 2)}, "shape_2")],
+)
+def test_bounds_of_what_is_known_are_refused(campaign, stated, name):
+    structure = Structured(modes=(18.8, 57.2), **stated)
+    settings = Identify.of({"prior": {name: (0.1, 1.0)}})
+    with pytest.raises(ConfigError, match=f"`{name}` must be unknown, but `{next(iter(stated))}`"):
+        modes_of(structure, campaign.tests, settings)
+
+
+def test_a_drive_point_has_gains_of_one_sign(campaign):
+    """A response turned round within one mode's tests: no square of a shape is negative."""
+    low, high = campaign.tests
+    turned = tuple(
+        replace(one, channels={**one.channels, "velocity": -one.channels["velocity"]})
+        for one in high.records
+    )
+    tests = low, replace(high, records=turned)
+    structure = Structured(modes=(18.8, 57.2), driving_point=True)
+    with pytest.raises(DataError, match=r"57.2 Hz must have a gain of the first mode's sign"):
+        assemble(measured(tests, SETTINGS, structure=structure, report=lambda _: None))
+
+
+def test_tests_of_two_drives_are_refused(campaign):
+    low, high = campaign.tests
+    with pytest.raises(ConfigError, match="driven by force and voltage"):
+        modes_of(STATED, (low, replace(high, drive="voltage")), SETTINGS)
+
+
+@pytest.mark.slow
+def test_a_multisine_is_predicted_as_steady_motion():
+    """Of both bands at once, from rest until 12 periods of 2 s have gone: e^-17 is left."""
+    num, rng = 512, np.random.default_rng(0)
+    freq = np.arange(1, num // 2) * FS / num
+    freq = freq[((freq > 15) & (freq < 23)) | ((freq > 52) & (freq < 62))]
+    phase = rng.uniform(0, 2 * np.pi, freq.size)
+
+    def source(points):
+        t = points[:, None] / (GRID * FS)
+        return 0.05 * np.sum(np.cos(2 * np.pi * freq * t + phase), axis=1)
+
+    assembled = Assembled(SHAPES, specimen_of(JOINT).forces)
+    motion = move(assembled, lambda i, j: source(np.arange(i, j)), 14 * num, FS)
+    force = source(GRID * np.arange(12 * num, 14 * num))
+    velocity = motion.velocity[12 * num :]
+    velocity += 1e-3 * np.std(velocity) * rng.standard_normal(2 * num)
+    record = Record(FS, {"force": force, "velocity": velocity}, {"force": "N", "velocity": "m/s"})
+    test = Test("multisine", (record,), name="multisine", periods=2)
+    part = assemble(measured((test,), SETTINGS, structure=STATED, report=lambda _: None)).parts[0]
+    left = np.linalg.norm(part.mean - part.predict(point())) / np.linalg.norm(part.mean)
+    # Of the mean of two periods of 512 samples.
+    assert left == pytest.approx(1e-3 / np.sqrt(2), rel=0.15)

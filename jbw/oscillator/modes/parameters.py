@@ -12,7 +12,7 @@ b_i/b_1$; without a shape the mode is a linear one, which the joint does not fee
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
@@ -21,30 +21,42 @@ from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.quantities import MODES
 
-NAMES = tuple(tuple(quantity.name for quantity in mode) for mode in MODES)
+
+class Names(NamedTuple):
+    """Names of the parameters of a mode beside the first."""
+
+    omega: str
+    zeta: str
+    ratio: str
+    shape: str
+    coupling: str
+    sign: str
+
+
+NAMES = tuple(Names(*(quantity.name for quantity in mode)) for mode in MODES)
 
 
 def model_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Oscillator | Structure:
     """The oscillator of a dictionary of parameters, or the structure where it has further modes."""
-    return structure_of(theta, laws) if NAMES[0][0] in theta else oscillator_of(theta, laws)
+    return structure_of(theta, laws) if NAMES[0].omega in theta else oscillator_of(theta, laws)
 
 
 def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
     """The structure of a dictionary of parameters; b is over the first mode's gain, c is one."""
     first = (theta["omega_n"], theta["zeta"], 1.0, 1.0, 1.0)
-    others = (_mode(theta, names) for names in NAMES if names[0] in theta)
+    others = (_mode(theta, names) for names in NAMES if names.omega in theta)
     fields = (jnp.stack(jnp.broadcast_arrays(*field)) for field in zip(first, *others, strict=True))
     omega_n, zeta, h, p, b = fields
     forces = tuple(law.of(theta) for law in laws_named(laws))
     return Structure(omega_n, zeta, h, p, b, jnp.ones_like(b), forces)
 
 
-def _mode(theta: Mapping[str, Any], names: tuple[str, ...]) -> tuple[Any, ...]:
+def _mode(theta: Mapping[str, Any], names: Names) -> tuple[Any, ...]:
     """omega, zeta, h, p and b of a further mode."""
-    omega, zeta, ratio, shape, sign, coupling = names
-    b = theta[ratio]
-    if shape not in theta:
-        return theta[omega], theta[zeta], 0.0, 0.0, b
-    h = theta[sign] * theta[shape]
-    p = theta[sign] * theta[coupling] / h**2 if coupling in theta else h * b
-    return theta[omega], theta[zeta], h, p, b
+    linear, b = (theta[names.omega], theta[names.zeta]), theta[names.ratio]
+    if names.shape not in theta:
+        return *linear, 0.0, 0.0, b
+    h = theta[names.sign] * theta[names.shape]
+    known = names.coupling in theta
+    p = theta[names.sign] * theta[names.coupling] / h**2 if known else h * b
+    return *linear, h, p, b
