@@ -35,7 +35,7 @@ def coordinates(names, campaign):
     return np.log([truth[name] for name in names])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_fleet_is_measured_identified_pooled_and_the_next_torque_predicted(tmp_path, monkeypatch):
     monkeypatch.setattr(store, "save_figures", lambda tree, folder: None)
     monkeypatch.setattr(store, "write_page", lambda summary, tree, path: path.write_text("page"))
