@@ -139,7 +139,7 @@ def one_joint_sentences(best: Fit, prior: Box, data: Dataset) -> list[str]:
 
     of k sizes at the joint; nothing where these are not fitted.
     """
-    if not unknown_signs(prior, data):
+    if data.modes is None or not unknown_signs(prior, data):
         return []
     bounds = bounds_by_name(prior)
     linear = {n: pair for n, pair in bounds.items() if n not in data.modes.free}
