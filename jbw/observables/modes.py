@@ -30,7 +30,7 @@ SHAPE_STD, COUPLING_STD = 1.5, 2.0  # of logarithms
 REACH = 3.0  # of these: where boxes end
 WITHIN = 0.07  # of a stated frequency: where a mode is looked for, and stays
 DRIVEN, NEAR_PEAK = 0.1, 0.3  # of the largest: lines that first values are read from
-FEWEST = 4  # of them
+FEWEST = 6  # of them: a peak may be narrower
 CLEAR = 9.0  # of chi-square: by less the other sign is not ruled out
 Bounds = dict[str, tuple[float, float]]
 Reals = NDArray[np.float64]
@@ -94,10 +94,11 @@ def read_modes(
     for names, (low, high) in zip((FIRST, *modes.names), modes.windows_hz, strict=True):
         near = (omega >= 2 * np.pi * low) & (omega <= 2 * np.pi * high)
         for force, response in zip(u, y, strict=True):
-            loud = near & (np.abs(force) > DRIVEN * np.abs(force).max())
-            peak = np.abs(response[loud]).max(initial=0.0)
-            lines = loud & (np.abs(response) > NEAR_PEAK * peak)
-            if np.count_nonzero(loud) >= FEWEST <= np.count_nonzero(lines):
+            loud = np.flatnonzero(near & (np.abs(force) > DRIVEN * np.abs(force).max()))
+            size = np.abs(response[loud])
+            if loud.size >= FEWEST:
+                count = np.count_nonzero(size > NEAR_PEAK * size.max())
+                lines = loud[np.argsort(-size)[: max(count, FEWEST)]]
                 told = oscillator_through(omega[lines], force[lines], response[lines])
                 found |= dict(zip(names, told.values(), strict=False))
                 break
