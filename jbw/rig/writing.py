@@ -99,8 +99,8 @@ def _write_text(path: Path, text: str) -> None:
 
 def _campaign_text(campaign: RigCampaign) -> str:
     blocks = [_HEAD.format(name=toml(campaign.name))]
-    if campaign.assembly.keys():
-        blocks.append(_table("[assembly]", dict(campaign.assembly)))
+    if stated := dict(campaign.assembly):
+        blocks.append(_table("[assembly]", stated))
     if campaign.laws != DEFAULT_LAWS:
         blocks.append(_table("[joint]", {"laws": campaign.laws}))
     if campaign.structure is not None:

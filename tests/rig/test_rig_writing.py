@@ -56,6 +56,10 @@ def test_campaign_file_states_the_tests(campaign, folder):
     assert table["test"][3]["tones"] == [18.5]
 
 
+def test_no_empty_table_is_written(campaign, folder):
+    assert "[assembly]" not in (folder / "campaign.toml").read_text(encoding="utf-8")
+
+
 def test_every_planned_test_has_its_own_file_pattern():
     """No pattern takes the files of another test."""
     names = [plan.name for plan in LABORATORY.plans]
