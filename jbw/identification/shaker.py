@@ -15,6 +15,7 @@ from jbw.oscillator.attachment import Attachment, attached
 
 ROLES = ("input", "force", "drive_point")
 WIDER = 1.5  # of the band's width to either side: apart lie mass and stiffness, delay and damping
+OCTAVE = 2.0
 DRIVEN = 0.05  # of the voltage's largest line: what lies below was not driven
 
 
@@ -37,7 +38,7 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
     """The attachment from a test's first record, and the `modes` of its band with it.
 
     The test's band is that of the modes; the attachment takes three halves of it more to either
-    side, where the voltage drives it. A record counts from `settle` on.
+    side, an octave at most, where the voltage drives it. A record counts from `settle` on.
 
     Raises:
         DataError: No band, a `settle` that leaves no record, or modes at which the drive point does
@@ -51,6 +52,8 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
     periodic = steady(test)
     record = _after(test.records[0], test.settle) if periodic is None else periodic[0].records[0]
     voltage, force, moved = (record.channels[role] for role in ROLES)
+    if test.traits.is_broadband and periodic is None:
+        voltage, force, moved = map(_faded, (voltage, force, moved))
     wide = _driven(voltage, record.fs, test.band_hz)
     shaker = fit_attachment(voltage, force, moved, record.fs, wide)
     size = None if periodic is None else periodic[1]
@@ -78,6 +81,15 @@ def _after(record: Record, settle: float) -> Record:
     return replace(record, channels={role: x[start:] for role, x in record.channels.items()})
 
 
+def _faded(motion: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+    """A record that begins and ends in motion, by Hann's window.
+
+    What ties voltage, force and motion to each other changes little within a line of the spectrum,
+    so that the window changes all of them alike; cut off, each would leak by itself.
+    """
+    return np.hanning(len(motion)) * (motion - motion.mean())
+
+
 def _modes(
     test: Test, record: Record, size: int | None, band: tuple[float, float], modes: int
 ) -> ModalFit:
@@ -94,14 +106,18 @@ def _modes(
 def _driven(
     voltage: Float[np.ndarray, " time"], fs: float, band: tuple[float, float]
 ) -> tuple[float, float]:
-    """The band and three halves of its width to either side, as far as the voltage drives it."""
+    """The band and three halves of its width to either side, as far as the voltage drives it.
+
+    No more than an octave: a sensor's noise below is a large displacement.
+    """
     reach = WIDER * (band[1] - band[0])
     freq = np.fft.rfftfreq(len(voltage), 1 / fs)
     size = np.abs(np.fft.rfft(voltage - voltage.mean()))  # an amplifier's offset drives nothing
     driven = freq[size > DRIVEN * size.max()]
     if not len(driven):  # a dead channel, which the fit will name
         return band
-    low, high = max(band[0] - reach, driven[0]), min(band[1] + reach, driven[-1])
+    low = max(band[0] - reach, band[0] / OCTAVE, driven[0])
+    high = min(band[1] + reach, band[1] * OCTAVE, driven[-1])
     return float(min(low, band[0])), float(max(high, band[1]))
 
 

@@ -220,7 +220,7 @@ class Points(Repeated):
 def _held(
     omega: Float[np.ndarray, " point"],
     load: Complex[np.ndarray, " point"],
-    motion: Complex[np.ndarray, " point"],
+    motion: Inexact[np.ndarray, " point"],
 ) -> tuple[float, float, float]:
     """Amplitude, frequency and damping of a held response, at which the joint is one oscillator."""
     read = oscillator_through(omega, load, motion)

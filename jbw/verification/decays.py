@@ -91,7 +91,10 @@ def _compared(
         size = max(8, round(SEEN / data.step_s)) if held_out else data.envelope.shape[1]
         seen_s = float(size * data.step_s) if held_out else 0.0
         seen = replace(
-            data, envelope=data.envelope[i : i + 1, :size], noise_std=jnp.asarray([noise])
+            data,
+            envelope=data.envelope[i : i + 1, :size],
+            noise_std=jnp.asarray([noise]),
+            counted=jnp.ones(1),
         )
         steps, time = jnp.arange(len(whole)) / chosen.step, np.arange(len(whole)) / chosen.fs
         key_entry, key_noise = jax.random.split(jax.random.fold_in(key, i))

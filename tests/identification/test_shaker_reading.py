@@ -53,6 +53,15 @@ def test_the_modes_with_their_shaker_are_predicted():
     assert f"18.78 Hz (1.00%) to {found.omega[0] / (2 * np.pi):.4g} Hz" in said
 
 
+def test_noise_that_begins_and_ends_in_motion_is_faded():
+    """A part of the periods that is no whole number of them."""
+    cut = {role: x[1000 : 1000 + 23_000] for role, x in channels().items()}
+    found = read_shaker(replace(made_test(**cut), kind="noise", periods=1), modes=2).shaker
+    read = [found.gain, found.mass, found.damping, found.stiffness]
+    # Hann's window over 2,600 lines: the shaker changes by a thousandth from line to line.
+    np.testing.assert_allclose(read, [GAIN, MASS, DAMPING, STIFFNESS], rtol=5e-3)
+
+
 def test_what_cannot_be_read_is_named():
     with pytest.raises(DataError, match="moves against it"):
         read_shaker(made_test(force=-channels()["force"]))
