@@ -233,7 +233,7 @@ def amplitude_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     """
     needed = ("measured_frequency", "measured_damping", "model_frequency", "model_damping")
     found = branch(tree, "verification/amplitude", "measured_amplitude", *needed)
-    axes = panels(ax, 1, 2, height=3.2)
+    axes = panels(ax, 1, 2, height=2.9)
     for each, name, factor in ((axes[0, 0], "frequency", 1.0), (axes[0, 1], "damping", PERCENT)):
         draw_model(each, found["amplitude"], factor * quantiles(found, f"model_{name}"), "_median")
         for i in range(found.sizes["record"]):
