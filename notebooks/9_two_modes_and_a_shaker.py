@@ -22,7 +22,6 @@
 # %matplotlib inline
 from dataclasses import replace
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 import jbw
@@ -134,7 +133,7 @@ names = [name for name in posterior if name in truth or name in ("gain", "gain_r
 theta = {name: float(posterior[name].mean()) for name in names} | {"sign_2": -1.0}
 structure = structure_of(theta, campaign.laws)
 axes = jbw.draw_backbones(structure, np.linspace(0.0, 3e-3, 13))
-plt.show()
+axes.flat[0].figure
 
 # %% [markdown]
 # A title says where one mode meets an odd multiple of another: there the curve is one of both, and
