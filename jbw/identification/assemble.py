@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jbw.campaign.gains import Gain, gain_of
+from jbw.campaign.gains import Gain, force_per_unit, gain_of
+from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify, Structured, laws_of
 from jbw.errors import DataError, JbwError
 from jbw.identification import selection
@@ -89,6 +90,16 @@ def measured(
     decays = selection.decay_tests(tests, settings, chosen)
     facts = (settings, laws, gain, linear, sweeps, decays, modes)
     return Measured(tuple(tests), tuple(chosen), *facts)
+
+
+def measured_in(
+    campaign: Campaign, report: Report, tests: Sequence[Test] | None = None
+) -> Measured:
+    """The same of a campaign with all that it states; of some of its tests where they are given."""
+    return measured(
+        campaign.tests if tests is None else tests, campaign.settings, laws=campaign.laws,
+        structure=campaign.structure, gain=force_per_unit(campaign), report=report,
+    )  # fmt: skip
 
 
 def assemble(seen: Measured) -> Dataset:

@@ -15,7 +15,7 @@ from jbw import rig
 from jbw.campaign.gains import force_per_unit, gain_of
 from jbw.campaign.load import Campaign
 from jbw.errors import DataError
-from jbw.identification.assemble import measured
+from jbw.identification.assemble import measured_in
 from jbw.identification.linear_step import LinearStep, linear_step
 from jbw.identification.paper import step3, step4
 from jbw.identification.paper.kernel import KernelData
@@ -145,15 +145,7 @@ def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
 
 def joint_of(campaign: Campaign, report: Report) -> Design[Records]:
     """Sweeps, noise and prior of the joint posterior; what else it is made from is left out."""
-    gain = force_per_unit(campaign)
-    seen = measured(
-        campaign.tests,
-        campaign.settings,
-        laws=campaign.laws,
-        structure=campaign.structure,
-        gain=gain,
-        report=report,
-    )
+    seen = measured_in(campaign, report)
     posterior = posterior_of("joint", seen, report=report)
     data = posterior.data
     parts = [p for p in data.parts if isinstance(p, Records)] if isinstance(data, Dataset) else []

@@ -12,10 +12,9 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Key
 
-from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError, JbwError
-from jbw.identification.assemble import measured
+from jbw.identification.assemble import measured_in
 from jbw.identification.procedure import Known, Posterior, Report, posterior_of
 from jbw.identification.step import attrs
 from jbw.inference.posterior.compare import (
@@ -104,16 +103,8 @@ def compare(
     if isinstance(campaign, Posterior):
         posterior, seed = campaign, seed or 0
     else:
-        settings, gain = campaign.settings, force_per_unit(campaign)
-        seed = settings.seed if seed is None else seed
-        seen = measured(
-            campaign.tests,
-            settings,
-            laws=campaign.laws,
-            structure=campaign.structure,
-            gain=gain,
-            report=report,
-        )
+        seed = campaign.settings.seed if seed is None else seed
+        seen = measured_in(campaign, report)
         posterior = posterior_of(step, seen, seed=seed, known=known, report=report)
         record["campaign"] = campaign.name
     key = jax.random.fold_in(jax.random.key(seed), len(SAMPLERS))

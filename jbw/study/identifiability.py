@@ -10,10 +10,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify
-from jbw.identification.assemble import measured
+from jbw.identification.assemble import measured_in
 from jbw.identification.coordinates import combinations
 from jbw.identification.prepare import Fitted, fit_joint
 from jbw.identification.procedure import Identification, Report
@@ -117,15 +116,7 @@ def identifiability(
         DataError: Tests that the joint cannot be fitted to.
     """
     require_float64()
-    gain = force_per_unit(campaign)
-    seen = measured(
-        campaign.tests,
-        campaign.settings,
-        laws=campaign.laws,
-        structure=campaign.structure,
-        gain=gain,
-        report=report,
-    )
+    seen = measured_in(campaign, report)
     # In the paper's parameters.
     seen = replace(seen, settings=seen.settings.model_copy(update={"coordinates": "paper"}))
     key = jax.random.key(campaign.settings.seed if seed is None else seed)

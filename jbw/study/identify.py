@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
-from jbw.identification.assemble import entered, measured
+from jbw.identification.assemble import entered, measured_in
 from jbw.identification.linear_step import NAMES, LinearStep, units_of
 from jbw.identification.modal import ModalFit
 from jbw.identification.paper.sequential_vs_joint import compare_routes
@@ -83,14 +83,7 @@ def identify(
     # Before anything is sampled: what is wrong with a record then costs no result.
     report("Reading the records without a model")
     looked = _looked(replace(campaign, tests=tests))
-    seen = measured(
-        tests,
-        campaign.settings,
-        laws=campaign.laws,
-        structure=campaign.structure,
-        gain=gain,
-        report=report,
-    )
+    seen = measured_in(campaign, report, tests)
     found = run_procedure(seen, seed=seed, report=report, keep=keep)
     source = _name_gain_unit(tests, found)
     known = look_again(found, campaign.settings, report)

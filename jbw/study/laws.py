@@ -10,10 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
 from jbw.identification import evidence
-from jbw.identification.assemble import Report, measured
+from jbw.identification.assemble import Report, measured_in
 from jbw.identification.diagnosis import diagnose, diagnosis_sentences, readings_of
 from jbw.identification.evidence import Candidate, name_of
 from jbw.identification.floors import own_lines, rms, scatter_of_means
@@ -83,14 +82,7 @@ def compare_laws(
     require_float64()
     sets = _usual(campaign) if laws is None else _chosen(laws)
     settings = campaign.settings
-    seen = measured(
-        campaign.tests,
-        settings,
-        laws=campaign.laws,
-        structure=campaign.structure,
-        gain=force_per_unit(campaign),
-        report=report,
-    )
+    seen = measured_in(campaign, report)
     keys = jax.random.split(jax.random.key(settings.seed if seed is None else seed), 3)
     found, refused = evidence.candidates(keys[0], seen, sets, report)
     weighed, unweighed = weigh(keys[1:], found, report)
