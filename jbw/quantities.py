@@ -117,8 +117,20 @@ MODES = tuple(
     )
     for k, n in enumerate("₂₃₄₅", 2)
 )  # fmt: skip
-MODAL = tuple(each for mode in MODES for each in mode)
-STUCK = (*LINEAR, *(each for mode in MODES for each in mode[:3]))  # while the joint sticks
+# What further points see of every mode, over what the first point sees.
+POINTS = tuple(
+    tuple(
+        Quantity(
+            f"point_{k}_{i}", f"c{n}{m}", "1", f"response of mode {i} at point {k} over the first"
+        )
+        for i, m in enumerate("₁₂₃₄₅", 1)
+    )
+    for k, n in enumerate("₂₃₄₅", 2)
+)  # fmt: skip
+_SEEN = tuple(each for point in POINTS for each in point)
+MODAL = (*(each for mode in MODES for each in mode), *_SEEN)
+# Known while the joint sticks.
+STUCK = (*LINEAR, *(each for mode in MODES for each in mode[:3]), *_SEEN)
 
 # Responses in the order of the derivative of the displacement.
 MOTION = (

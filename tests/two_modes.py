@@ -18,6 +18,7 @@ SHAPES = Shapes(
     omega=2 * np.pi * np.array([18.8, 57.2]), zeta=np.array([0.006, 0.008]),
     drive=np.array([0.7, 0.9]), joint=np.array([1.0, -0.8]), output=np.array([1.0, 0.7]),
 )  # fmt: skip
+WING = np.array([0.4, -1.1])  # shapes at a further point
 JOINT = jbw.BoucWen(omega_n=float(SHAPES.omega[0]), zeta=0.006, alpha=3e3, delta=340.0, gamma=90.0)
 FS, STATED = 256.0, Structured(modes=(18.8, 57.2))
 # delta times the joint's motion reaches 0.3 to 1 in either mode's sweeps.
@@ -36,7 +37,12 @@ def truth():
     return {name: float(value) for name, value in (found | law).items()}
 
 
-def swept(names, *, duration=4.0, seed=1, noise_ratio=0.01):
+def truth_at_wing():
+    """What the further point sees of either mode over the first point, by the shapes alone."""
+    return {f"point_2_{i + 1}": float(x) for i, x in enumerate(WING / SHAPES.output)}
+
+
+def swept(names, *, duration=4.0, seed=1, noise_ratio=0.01, shapes=SHAPES):
     """Campaign of some of the sweeps, `low_0` to `high_2`, two repeats each."""
     plans = tuple(
         Plan(f"{band}_{i}", "sweep", Sweep(*ends, level, burst=0.75 * duration, fade=0.2,
@@ -46,8 +52,25 @@ def swept(names, *, duration=4.0, seed=1, noise_ratio=0.01):
     )  # fmt: skip
     preset = Preset(
         name="two modes", gain=1.0, input_range=64.0, velocity_range=8.0, plans=plans,
-        source="force", noise_ratio=noise_ratio, shapes=SHAPES, armature=Armature(),
+        source="force", noise_ratio=noise_ratio, shapes=shapes, armature=Armature(),
     )  # fmt: skip
     taken = rig.measure(preset, joint=JOINT, tests=names, fs=FS, seed=seed)
     settings = Identify.of({"fit_repeats": 2, "offsets": "none"})
     return replace(taken, structure=STATED, settings=settings)
+
+
+def at_two_points(names, *, seed=1, duration=4.0):
+    """The same sweeps, the velocity measured at a further point too, by another laser."""
+    first = swept(names, duration=duration, seed=seed)
+    there = SHAPES._replace(output=WING)
+    other = swept(names, duration=duration, seed=seed + 1000, shapes=there)
+    tests = []
+    for test, seen in zip(first.tests, other.tests, strict=True):
+        records = tuple(
+            replace(one, channels={**one.channels, "velocity": same.channels["velocity"]})
+            for one, same in zip(test.records, seen.records, strict=True)
+        )
+        test = replace(test, run=test.name)
+        tests += [test, replace(test, records=records, name=f"{test.name} at wing", point="wing")]
+    structure = STATED.model_copy(update={"points": ("wing",)})
+    return replace(first, tests=tuple(tests), structure=structure)

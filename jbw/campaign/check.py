@@ -12,7 +12,8 @@ import numpy as np
 
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import force_per_unit, gain_of
-from jbw.campaign.schema import CampaignSpec, TestSpec, read_spec
+from jbw.campaign.schema import CampaignSpec, read_spec
+from jbw.campaign.tables import TestSpec
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement import response_checks

@@ -9,8 +9,8 @@ from itertools import groupby
 from pathlib import Path
 
 from jbw.campaign.document import commented, toml
-from jbw.campaign.schema import Head, TestSpec
 from jbw.campaign.settings import Identify
+from jbw.campaign.tables import Head, TestSpec
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.measurement.files.assemble import Wanted
 from jbw.measurement.files.read import READERS, channels_of, records

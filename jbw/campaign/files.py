@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
-from jbw.campaign.schema import TestSpec
+from jbw.campaign.tables import TestSpec
 from jbw.errors import ConfigError, DataError, JbwError, did_you_mean
 from jbw.measurement.files.assemble import joined
 from jbw.measurement.files.read import records

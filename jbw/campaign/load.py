@@ -10,8 +10,9 @@ from textwrap import shorten
 from jbw.campaign.check import findings, unread
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import Gain, force_per_unit, gain_of
-from jbw.campaign.schema import Assembly, TestSpec, read_spec
+from jbw.campaign.schema import read_spec
 from jbw.campaign.settings import Identify, Structured, laws_of
+from jbw.campaign.tables import Assembly, TestSpec
 from jbw.errors import JbwError
 from jbw.measurement.checks import Fault, gathered
 from jbw.measurement.files.read import report
@@ -19,7 +20,18 @@ from jbw.measurement.records import Record, Test
 from jbw.quantities import DEFAULT_LAWS
 
 # Keys of a test's table that its record takes as they are.
-SAME = ("name", "level", "dwell", "settle", "delay", "assembly", "run", "periods", "residuals")
+SAME = (
+    "name",
+    "level",
+    "dwell",
+    "settle",
+    "delay",
+    "assembly",
+    "run",
+    "periods",
+    "residuals",
+    "point",
+)
 
 
 SHOWN, LINE = 10, 100  # tests and characters of a campaign in a cell

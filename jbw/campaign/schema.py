@@ -1,127 +1,17 @@
 """The campaign file as typed tables; what is wrong is told all at once."""
 
-from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated
 
-import numpy as np
-from pydantic import ConfigDict, Field, StrictBool, model_validator
+from pydantic import ConfigDict, Field
 
-from jbw.campaign import values
 from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
 from jbw.campaign.gains import differ
 from jbw.campaign.settings import Identify, Joint, Structured, law_errors, laws_of, structure_errors
-from jbw.measurement.kinds import KINDS
-from jbw.measurement.kinds import Kind as Traits
-from jbw.measurement.records import BY_UNIT, INPUTS, RESPONSES, si_of
-from jbw.quantities import DEFAULT_LAWS, FED
-
-NAN = float("nan")  # where nothing is stated of a number
-
-
-class Head(Table):
-    """The [campaign] table."""
-
-    name: values.Text = key("campaign", "a short name", "beam")
-    gain: values.Positive | None = key(None, "force per modal mass for one volt [N/kg/V]", 15.0)
-    modal_mass: values.Positive | None = key(
-        None, "[kg], for a measured force; beside gain where some tests have either source", 1.93
-    )
-
-
-class Assembly(Table):
-    """The [assembly] table: what a fleet of campaigns needs of each beside its records."""
-
-    name: values.Text = key("", "which specimen or assembly of the joint", "beam 3")
-    torque: values.Positive | None = key(None, "tightening torque [N m]", 8.0)
-    sequence: values.Index | None = key(
-        None, "number of this tightening, counted over the life of the assembly", 2
-    )
-    temperature: values.Number | None = key(None, "while it was measured [degC]", 21.5)
-
-
-class TestSpec(Table):
-    """One [[test]] table."""
-
-    __test__: ClassVar[bool] = False  # not a pytest class
-
-    kind: values.Kind = key(..., f"one of {', '.join(KINDS)}")
-    files: values.Files = key(
-        ...,
-        "file or pattern, or a list of them; or a table role = file, where each role has its own",
-    )
-    channels: values.Channels = key(
-        ...,
-        "role = channel's name or path in the file: [3] counts from zero, (4) and {4} from one as "
-        "in MATLAB, [:] takes all, and 'a - b' is a difference",
-    )
-    units: values.Units = key(dict, "role = unit")
-    scale: values.Factors = key(dict, "role = calibration factor, before the unit")
-    name: values.Text = key("", "a short name, unique")
-    level: values.NonNegative = key(
-        NAN, "nominal level, in the unit of what the rig held constant", 0.20
-    )
-    amplitudes: Literal["peak", "rms"] = key("peak", "what the amplitudes of kind frf are", "peak")
-    periods: values.Count = key(1, "whole periods of the excitation in a record", 4)
-    fs: values.Sampling | None = key(
-        None, "sampling frequency [Hz], or the path of a scalar in the file"
-    )
-    band: values.Span | None = key(None, "lowest and highest frequency to use [Hz]", [5.0, 40.0])
-    residuals: Literal["auto", "none", "upper", "both", "own"] = key(
-        "auto",
-        "constant terms for modes outside the band, which all tests share: of those above, or of "
-        "those below too; own: both, of this test alone; auto: where the fit shows them",
-        "upper",
-    )
-    drive: Literal["voltage", "current", "force", "none"] | None = key(
-        None,
-        "what drives it, or hangs on it in a free decay: by voltage or current the shaker moves "
-        "along; by default what the unit of the input says, force where that is the source, "
-        "none of a decay",
-        "voltage",
-    )
-    tones: values.Numbers = key((), "frequencies present at once, or in turn if stepped [Hz]")
-    dwell: values.Positive = key(NAN, "duration of each step of a stepped test [s]")
-    settle: values.NonNegative = key(0.0, "time at the start that is not compared [s]")
-    delay: values.Number = key(0.0, "lag of the response channel behind the input [s]", 0.0)
-    assembly: values.Text = key("", "which assembly of the joint", "first")
-    run: values.Text = key("", "which day or run", "monday")
-    repeats: Literal["files", "rows"] = key("files", "one repeat a file, or one a row")
-    exclude: values.Excluded = key(
-        (), "repeats to drop: numbers counted from zero, or file names", [2, "bad_*.h5"]
-    )
-    remove_mean: StrictBool = key(
-        False, "take the mean out of input and response, for offsets", True
-    )
-    gaps: Literal["refuse", "mask"] = key(
-        "refuse",
-        "what to do with samples that are NaN; mask leaves out these lines of kind frf",
-        "refuse",
-    )
-    span: values.Span | None = key(None, "first and last second to read", [0.0, 8.0])
-
-    @property
-    def traits(self) -> Traits:
-        """What its kind is."""
-        return KINDS[self.kind]
-
-    @property
-    def driven_by(self) -> str:
-        """What drives it, as far as the campaign file alone says it; as `drive_of` of its test."""
-        if self.drive or self.traits.is_prescribed:
-            return self.drive or ""
-        if self.traits.is_free:
-            return "none"
-        if "input" in self.channels:
-            return BY_UNIT.get(si_of("input", self.units.get("input", "V"))[1], "voltage")
-        return "force"
-
-    @model_validator(mode="after")
-    def _belongs_together(self) -> Self:
-        if errors := [*_needs(self), *_contradictions(self)]:
-            raise ValueError("\n".join(errors))
-        return self
+from jbw.campaign.tables import Assembly, Head, TestSpec
+from jbw.campaign.together import among, at_every_point, named, of_others
+from jbw.quantities import DEFAULT_LAWS
 
 
 class CampaignFile(Table):
@@ -153,17 +43,6 @@ class CampaignSpec:
     structure: Structured | None = None
 
 
-def _named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
-    """Tests under their names: as given, else kind and level, numbered where not unique."""
-    taken = {test.name for test in tests}
-    for test in tests:
-        base = test.kind if np.isnan(test.level) else f"{test.kind} {test.level:g}"
-        candidates = (base if n == 1 else f"{base} ({n})" for n in range(1, len(tests) + 2))
-        name = test.name or next(name for name in candidates if name not in taken)
-        taken.add(name)
-        yield test.model_copy(update={"name": name})
-
-
 def read_spec(path: Path) -> CampaignSpec:
     """Read and check a campaign file; a ConfigError of all that is wrong with it."""
     return parse(text_of(path, "Campaign file", "Write one with: jbw init FOLDER"), path.name)
@@ -192,108 +71,15 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     if both and not differ({test.driven_by for test in tests}):
         errors.append("[campaign]: give gain or modal_mass, not both; they say the same.")
     if len(tests) == len(tables):
-        errors += [*_among(tests, settings), *_of_others(tests, assembly)]
-        errors += [] if structure is None else structure_errors(structure, tests)
+        errors += [*among(tests, settings), *of_others(tests, assembly)]
+        errors += structure_errors(structure, tests)
     # Laws that are stated are all there are, so that a prior on any other is refused.
     stated = "laws" in joint.model_fields_set
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
     errors += law_errors(laws, settings.prior, 1 if structure is None else len(structure.modes))
     refuse(file, errors)
+    tests = [*named(tests)]
+    held = (f"{t.name} at {p}" for t in tests if t.name in settings.hold_out for p in t.points)
+    settings = settings.model_copy(update={"hold_out": (*settings.hold_out, *held)})
     facts = (head.gain, head.modal_mass, settings, laws, assembly, structure)
-    return CampaignSpec(head.name, tuple(_named(tests)), *facts)
-
-
-def _needs(test: TestSpec) -> Iterator[str]:
-    """What a test's kind needs and its table lacks."""
-    roles, traits = set(test.channels), test.traits
-    for table, names in (("units", test.units), ("scale", test.scale)):
-        for role in names:
-            if role not in roles:
-                yield f"{table}: names role `{role}`, which channels does not."
-    if roles.isdisjoint(RESPONSES):
-        yield f"channels: needs a response, one of {', '.join(sorted(RESPONSES))}."
-    ratios = [role for role, unit in test.units.items() if si_of(role, unit)[2]]
-    if ratios and not traits.is_curve:
-        unit = test.units[ratios[0]]
-        yield f"units: `{unit}` of `{ratios[0]}` is for kind {_curves()} only."
-    if traits.is_driven and roles.isdisjoint(INPUTS) and not ratios:
-        yield f"channels: kind `{test.kind}` needs `input` or `force`."
-    if test.drive in FED and traits.is_driven and "input" not in roles:
-        yield f"drive: `{test.drive}` needs the channel `input`, what the shaker was fed."
-    if test.drive == "none" and traits.is_driven:
-        yield f"drive: `none` is for free decays, but kind `{test.kind}` is driven."
-    if lacking := [f"`{role}`" for role in traits.channels if role not in roles]:
-        yield f"channels: kind `{test.kind}` needs {' and '.join(lacking)}."
-    if "drive_point" in roles and not set(INPUTS) <= roles:
-        lacking = " and ".join(f"`{role}`" for role in INPUTS if role not in roles)
-        yield f"channels: `drive_point` tells of the shaker beside {lacking} alone, which lacks."
-    forced = "displacement" in roles and roles & {"restoring_force", "force"}
-    if traits.is_prescribed and not forced:
-        yield f"channels: kind `{test.kind}` needs `displacement` and `restoring_force`."
-    if traits.is_curve and "frequency" not in roles:
-        needed = "`frequency`, and `phase` beside real amplitudes"
-        yield f"channels: kind `{test.kind}` needs {needed}."
-    if traits.is_steady and not test.tones:
-        yield f"tones: missing; kind `{test.kind}` needs the frequencies [Hz]."
-    if traits.is_stepped and not test.dwell > 0:
-        yield "dwell: missing; kind `stepped` needs the duration of each step [s]."
-    if test.settle >= test.dwell:  # never when dwell is not given: it is NaN then
-        yield f"settle: must be shorter than dwell ({test.dwell:g} s), but is {test.settle:g}."
-
-
-def _contradictions(test: TestSpec) -> Iterator[str]:
-    """Keys that are given, but not meant for the test's kind or channels."""
-    curves, is_curve, roles = _curves(), test.traits.is_curve, set(test.channels)
-    if not is_curve and (roles - set(test.traits.channels)) & {"frequency", "phase"}:
-        yield f"channels: `frequency` and `phase` belong to kind {curves}."
-    if not is_curve and test.amplitudes != "peak":
-        yield f"amplitudes: for kind {curves} only; the samples of a record are what they are."
-    if is_curve and test.remove_mean:
-        yield f"remove_mean: for records in time, not for kind {curves}."
-    # A transform spreads one bad sample over all frequencies, a simulation needs all of its input:
-    # only a curve can leave lines out.
-    if not is_curve and test.gaps == "mask":
-        yield (
-            f"gaps: kind `{test.kind}` needs every sample, only {curves} can mask; "
-            "keep a clean part with span, or drop the repeat with exclude."
-        )
-    if isinstance(test.files, Mapping) and set(test.files) != roles:
-        yield (
-            f"files: as a table it must name a file for each role ({', '.join(sorted(roles))}), "
-            f"but names {', '.join(sorted(test.files))}."
-        )
-
-
-def _curves() -> str:
-    """The kinds that are curves, as messages name them."""
-    return ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)
-
-
-def _of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
-    """Tests of other assemblies than the one whose torque the campaign states."""
-    names = {test.assembly for test in tests if test.assembly} | {assembly.name or None} - {None}
-    if len(names) > 1 and list(assembly.keys()):
-        yield (
-            f"[assembly]: speaks of one assembly, but the campaign has {len(names)}: "
-            f"{', '.join(sorted(map(str, names)))}; write a campaign file for each."
-        )
-
-
-def _among(tests: Sequence[TestSpec], settings: Identify) -> Iterator[str]:
-    """Names that several tests have, and levels to fit that none has."""
-    given = [test.name for test in tests if test.name]
-    for name in sorted({name for name in given if given.count(name) > 1}):
-        yield f"[[test]] name: {name!r} is given to {given.count(name)} tests."
-    bands = [test.band for test in tests if test.traits.is_driven and test.band]
-    for freq in settings.modes if isinstance(settings.modes, tuple) and bands else ():
-        if not any(low <= freq <= high for low, high in bands):
-            yield (
-                f"[identify] modes: {freq:g} Hz must lie in the band of a test with a source, "
-                f"{', '.join(f'{low:g} to {high:g} Hz' for low, high in bands)}; widen `band`, or "
-                "leave it to `residuals`."
-            )
-    levels = sorted({test.level for test in tests if test.level == test.level})
-    listed = ", ".join(f"{known:g}" for known in levels) or "none"
-    for level in settings.fit_levels or ():
-        if level not in levels:
-            yield f"[identify] fit_levels: no test has level {level:g}; levels: {listed}."
+    return CampaignSpec(head.name, tuple(at_every_point(tests)), *facts)

@@ -12,9 +12,10 @@ from jbw.campaign.document import Table, checked, key, refuse, unlike
 from jbw.errors import ConfigError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.kinds import KINDS
-from jbw.quantities import DEFAULT_LAWS, LINEAR, MODES, RESIDUAL_TERMS, Quantity, must_be
+from jbw.quantities import DEFAULT_LAWS, LINEAR, MODES, POINTS, RESIDUAL_TERMS, Quantity, must_be
 
 MOST_MODES = 1 + len(MODES)  # of a structure
+MOST_POINTS = len(POINTS)  # beside the first
 SPRING = "cubic"  # a prior on its parameter brings the law of this name, unless laws are stated
 
 Prior = Mapping[str, tuple[float, float]]
@@ -157,9 +158,25 @@ class Structured(Table):
         [1.0, -0.8],
     )
 
+    points: values.Strings = key(
+        (),
+        "names of further points where responses are measured; the first, whose modes have unit "
+        "size, needs none",
+        ["wing", "tip"],
+    )
+
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
         shape, num = self.joint_shape, len(self.modes)
+        if len(self.points) > MOST_POINTS or len(set(self.points)) < len(self.points):
+            raise ValueError(
+                f"points: must be {MOST_POINTS} different names at most, but are {self.points}."
+            )
+        if self.points and num == 1:
+            raise ValueError(
+                "points: need two modes or more, but `modes` has one; one mode moves alike at "
+                "every point, so that the first tells all."
+            )
         if shape and len(shape) != num:
             raise ValueError(
                 f"joint_shape: must hold a number a mode, {num}, but holds {len(shape)}."
@@ -169,8 +186,19 @@ class Structured(Table):
         return self
 
 
-def structure_errors(structure: Structured, tests: Iterable[Any]) -> Iterator[str]:
-    """Tests of kinds that know one mode alone, a sentence each."""
+def structure_errors(structure: Structured | None, tests: Iterable[Any]) -> Iterator[str]:
+    """Tests of kinds that know one mode alone, or at unknown points; a sentence each."""
+    points = () if structure is None else structure.points
+    for test in tests:
+        own = (test.point, *getattr(test, "points", ()))
+        for point in (point for point in own if point and point not in points):
+            listed = ", ".join(points) or "of which there are none"
+            yield (
+                f"[structure] points: must name `{point}`, where test `{test.name}` has a "
+                f"response, but names {listed}; add it there."
+            )
+    if structure is None:
+        return
     several = [kind.name for kind in KINDS.values() if kind.is_transient or kind.is_periodic]
     for test in tests if len(structure.modes) > 1 else ():
         if test.kind not in several:
@@ -204,6 +232,7 @@ def law_errors(laws: Sequence[str], prior: Prior, num_modes: int = 1) -> list[st
     """
     known = {quantity.name: quantity for quantity in (*LINEAR, *RESIDUAL_TERMS)}
     known |= {quantity.name: quantity for mode in MODES[: num_modes - 1] for quantity in mode[:-1]}
+    known |= {quantity.name: quantity for point in POINTS for quantity in point[:num_modes]}
     if tuple(laws) != DEFAULT_LAWS or set(prior) - set(known):
         from jbw.oscillator.laws import quantities_of
 

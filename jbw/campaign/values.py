@@ -157,6 +157,16 @@ def _by_role(check: Callable[[str, Any], Any]) -> Callable[[Any], dict[str, Any]
     return check_all
 
 
+def named(value: Any) -> dict[str, str]:
+    """A table of channels by any names."""
+    if not isinstance(value, Mapping) or not value:
+        raise ValueError(f"must be a table such as {{ wing = ... }}, but is {value!r}.")
+    for name, item in value.items():
+        if not isinstance(item, str) or not item:
+            raise ValueError(f"`{name}` needs a channel's name or path, but has {item!r}.")
+    return {text(name): item for name, item in value.items()}
+
+
 def _path(role: str, item: Any) -> str:
     if not isinstance(item, str) or not item:
         raise ValueError(f"role `{role}` needs a channel's name or path, but has {item!r}.")
@@ -221,6 +231,7 @@ Excluded = Annotated[
 Channels = Annotated[
     dict[str, str], BeforeValidator(_by_role(_path), json_schema_input_type=dict[Role, str])
 ]
+Named = Annotated[dict[str, str], BeforeValidator(named)]
 Units = Annotated[
     dict[str, str], BeforeValidator(_by_role(_unit), json_schema_input_type=dict[Role, str])
 ]

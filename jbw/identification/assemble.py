@@ -15,7 +15,7 @@ from jbw.identification import selection
 from jbw.identification.attachments import foretold, require_one_unit
 from jbw.identification.linear_step import LinearStep, linear_step
 from jbw.identification.selection import DecaySplit, Sweeps
-from jbw.identification.stated_modes import modes_of, require_driven
+from jbw.identification.stated_modes import modes_of, require_driven, with_own_constants
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import attached, named, parts_of
@@ -79,9 +79,10 @@ def measured(
             drive have sources in different units.
     """
     laws = laws_of(DEFAULT_LAWS, settings.prior) if laws is None else laws
+    modes = modes_of(structure, tests, settings)
+    tests = with_own_constants(modes, tests)
     chosen = selection.fitted(tests, settings)
     require_one_unit(chosen)
-    modes = modes_of(structure, tests, settings)
     noise, linear = selection.linear_test(tests), None
     if noise is not None and modes is None:  # several modes are fitted in time, from first values
         report(f"Step 2: line fit of {noise.name}")

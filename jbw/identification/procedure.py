@@ -27,7 +27,8 @@ from jbw.inference.space.problem import LogLikelihood
 from jbw.measurement.records import drive_of
 from jbw.observables.dataset import Dataset, log_likelihood
 from jbw.observables.decay import Decays
-from jbw.observables.records import Records, by_form
+from jbw.observables.forms import by_form
+from jbw.observables.records import Records
 from jbw.quantities import DEFAULT_LAWS
 
 logger = logging.getLogger("jbw")

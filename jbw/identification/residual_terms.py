@@ -79,7 +79,8 @@ def shown_terms(
     best: Fit, prior: Box, data: Dataset, settings: Identify, refit: Refit
 ) -> Taken | None:
     """The box with the terms that a fit shows, the fit with them and sentences; None of none."""
-    if "omega_n" not in data.held | best.theta:
+    several = data.modes is not None and data.modes.points  # to which no term belongs
+    if several or "omega_n" not in data.held | best.theta:
         return None
     now = Taken(prior, best)
     for hz in settings.modes[1:] if isinstance(settings.modes, tuple) else ():

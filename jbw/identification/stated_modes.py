@@ -33,11 +33,13 @@ def modes_of(
     Raises:
         ConfigError: Tests or priors that do not go with several modes.
     """
-    if structure is None or len(structure.modes) < 2:
-        return None
     if errors := [*structure_errors(structure, tests)]:
         raise ConfigError(errors[0])
-    modes = Modes(structure.modes, structure.driving_point, structure.joint_shape)
+    if structure is None or len(structure.modes) < 2:
+        return None
+    known = structure.driving_point, structure.joint_shape, structure.points
+    modes = Modes(structure.modes, *known)
+    _require_own_constants(modes, tests)
     drives = sorted({drive_of(test) for test in tests})
     if len(drives) > 1:
         raise ConfigError(
@@ -57,6 +59,26 @@ def modes_of(
     _require_unknown(modes, settings.prior)
     _require_apart(modes, settings.prior)
     return modes
+
+
+def _require_own_constants(modes: Modes, tests: Collection[Test]) -> None:
+    """Refuse residual terms that all tests share where responses are measured at several points."""
+    shared = [test for test in tests if test.residuals in ("upper", "both")]
+    if modes.points and shared:
+        raise ConfigError(
+            f"[[test]] {shared[0].name}: `residuals` must be own, none or auto where [structure] "
+            f"has several points, but is {shared[0].residuals}.",
+            why="What other modes add to a response differs from point to point.",
+            remedy='State residuals = "own", or leave it out.',
+        )
+
+
+def with_own_constants(modes: Modes | None, tests: Collection[Test]) -> tuple[Test, ...]:
+    """Tests whose residual terms are their own where responses are measured at several points."""
+    if modes is None or not modes.points:
+        return tuple(tests)
+    own = {"auto": "own"}
+    return tuple(replace(test, residuals=own.get(test.residuals, test.residuals)) for test in tests)
 
 
 def _require_unknown(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> None:
@@ -99,6 +121,13 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
                 "that is fitted does.",
                 remedy="Sweep through it, or leave it out of `modes`.",
             )
+        for point, seen in modes.seen.items():
+            if seen[0 if names is None else modes.names.index(names) + 1] not in told:
+                raise DataError(
+                    f"[structure] points: a test that is fitted must drive the mode at {hz:g} Hz "
+                    f"within 7 % and be measured at `{point}` too, but none is.",
+                    remedy="Measure it there, or leave the point out.",
+                )
         ratio = told[names.ratio] if names else 1.0
         if modes.driving_point and ratio < 0:
             raise DataError(

@@ -102,6 +102,8 @@ class Test:
         periods: Whole periods of the excitation in each record; 1 when none were said.
         residuals: Terms of modes outside the band: auto, none, upper, both or own.
         drive: What drives it, one of `DRIVES`; empty where that follows from its source.
+        point: Where its response is measured, of a structure with several points; empty of the
+            first.
     """
 
     __test__ = False  # not a pytest class
@@ -120,6 +122,7 @@ class Test:
     periods: int = 1
     residuals: Literal["auto", "none", "upper", "both", "own"] = "auto"
     drive: str = ""
+    point: str = ""
 
     def __post_init__(self) -> None:
         if any(record.drive != self.drive for record in self.records):

@@ -19,9 +19,8 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.inference.groups.offsets import Estimate, known_estimate
-from jbw.observables.line_fit import oscillator_through
 from jbw.observables.observable import OFFSETS, Laws, Observable, Theta, Weighted
-from jbw.oscillator.modes.parameters import NAMES, Names, structure_of
+from jbw.oscillator.modes.parameters import NAMES, SEEN, Names, structure_of
 from jbw.quantities import DEFAULT_LAWS, OSCILLATOR
 
 FIRST = tuple(quantity.name for quantity in OSCILLATOR)
@@ -29,8 +28,6 @@ LABEL = "modes at the joint"
 SHAPE_STD, COUPLING_STD = 1.5, 2.0  # of logarithms
 REACH = 3.0  # of these: where boxes end
 WITHIN = 0.07  # of a stated frequency: where a mode is looked for, and stays
-DRIVEN, NEAR_PEAK = 0.1, 0.3  # of the largest: lines that first values are read from
-FEWEST = 6  # of them: a peak may be narrower
 CLEAR = 9.0  # of chi-square: by less the other sign is not ruled out
 Bounds = dict[str, tuple[float, float]]
 Reals = NDArray[np.float64]
@@ -42,11 +39,18 @@ class Modes(NamedTuple):
     hz: tuple[float, ...]
     driving_point: bool = False  # whether the output is where the source pushes
     joint_shape: tuple[float, ...] = ()  # h_i / h_1 of every mode, where they were measured
+    points: tuple[str, ...] = ()  # names of those where responses are measured beside the first
 
     @property
     def names(self) -> tuple[Names, ...]:
         """Names of the parameters of every mode but the first, as `NAMES`."""
         return NAMES[: len(self.hz) - 1]
+
+    @property
+    def seen(self) -> dict[str, tuple[str, ...]]:
+        """By every further point, names of what it sees of each mode over the first point."""
+        rows = (names[: len(self.hz)] for names in SEEN)
+        return dict(zip(self.points, rows, strict=False))
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -75,52 +79,15 @@ class Modes(NamedTuple):
         return found
 
 
-def read_modes(
-    modes: Modes,
-    source: Float[np.ndarray, "level time"],
-    x: Float[np.ndarray, "level time"],
-    fs: float,
-    order: int,
-) -> dict[str, float]:
-    """First values of every mode that is driven, at the lowest level that drives it.
-
-    Gains are those of each mode, not ratios; x are responses of this order.
-    """
-    omega = 2 * np.pi * np.fft.rfftfreq(x.shape[1], 1 / fs)[1:]
-    rising = np.argsort(np.mean(x**2, axis=1))
-    u, y = (np.fft.rfft(rows[rising])[:, 1:] for rows in (source, x))
-    y = y / (1j * omega) ** order
-    found: dict[str, float] = {}
-    for names, (low, high) in zip((FIRST, *modes.names), modes.windows_hz, strict=True):
-        near = (omega >= 2 * np.pi * low) & (omega <= 2 * np.pi * high)
-        for force, response in zip(u, y, strict=True):
-            loud = np.flatnonzero(near & (np.abs(force) > DRIVEN * np.abs(force).max()))
-            size = np.abs(response[loud])
-            if loud.size >= FEWEST:
-                count = np.count_nonzero(size > NEAR_PEAK * size.max())
-                lines = loud[np.argsort(-size)[: max(count, FEWEST)]]
-                told = oscillator_through(omega[lines], force[lines], response[lines])
-                found |= dict(zip(names, told.values(), strict=False))
-                break
-    return found
-
-
-def displacement_peak(
-    modes: Modes, x: Float[np.ndarray, "level time"], fs: float, order: int
-) -> float:
-    """Largest displacement [m] of responses of this order, integrated from half the lowest mode."""
-    omega = 2 * np.pi * np.fft.rfftfreq(x.shape[1], 1 / fs)
-    kept = omega > np.pi * min(modes.hz)
-    factor = np.where(kept, (1j * np.where(kept, omega, 1.0)) ** -order, 0.0)
-    return float(np.max(np.abs(np.fft.irfft(factor * np.fft.rfft(x), x.shape[1]))))
-
-
 def with_ratios(found: Mapping[str, float]) -> dict[str, float]:
-    """First values with every further mode's gain over that of the first."""
+    """First values with gains of further modes over the first's, of further points likewise."""
     if not found.get("gain"):
         return dict(found)
     ratios = {n.ratio: found[n.ratio] / found["gain"] for n in NAMES if n.ratio in found}
-    return {**found, **ratios}
+    gains = [found.get(name, 0.0) for name in ("gain", *(n.ratio for n in NAMES))]
+    seen = {name: found[name] / gain for names in SEEN
+            for name, gain in zip(names, gains, strict=True) if name in found and gain}  # fmt: skip
+    return {**found, **ratios, **seen}
 
 
 def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> Bounds:
@@ -134,6 +101,9 @@ def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> 
         # Where the output is the drive point, gains are squares of shapes.
         least = 1e-3 * ratio if modes.driving_point else ratio - reach
         found[names.ratio] = least, ratio + reach
+    for name in (name for names in modes.seen.values() for name in names):
+        reach = 2 * max(abs(known[name]), 0.05)
+        found[name] = known[name] - reach, known[name] + reach
     for name in modes.free if with_joint else ():
         end = float(np.exp(REACH * _std(name)))
         found[name] = 1 / end, end

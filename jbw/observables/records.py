@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import groupby
 from typing import Any, ClassVar, Self
 
 import equinox as eqx
@@ -11,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jbw.errors import DataError
 from jbw.measurement.records import Record, Test, periods
 from jbw.observables import remembered
+from jbw.observables.forms import by_form, common_form, first_alike
 from jbw.observables.line_fit import oscillator_through
-from jbw.observables.modes import displacement_peak, read_modes
+from jbw.observables.modal_readings import displacement_peak, lines_of_motions, read_modes
 from jbw.observables.observable import OFFSETS, Laws, Rows, Theta, run_of
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, repeats
@@ -56,6 +55,9 @@ class Records(Repeated):
         lines: First and end of the spectrum's lines that are compared; None compares the samples.
         skipped: Samples at the start that are followed from rest but not compared, `settle`.
         depth: Reversals that laws of Masing's kind remember.
+        points: Where each level's response is measured: names of further points of `modes`, empty
+            of the first one.
+        moved: Of each level, the first one of the same input: one motion, seen at several points.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("sweep", "multisine")
@@ -73,6 +75,8 @@ class Records(Repeated):
     lines: Lines | None = eqx.field(static=True, default=None)
     skipped: int = eqx.field(static=True, default=0)
     depth: int = eqx.field(static=True, default=SIZE)
+    points: tuple[str, ...] = eqx.field(static=True, default=())
+    moved: tuple[int, ...] = eqx.field(static=True, default=())
 
     @classmethod
     def reduce(
@@ -98,14 +102,7 @@ class Records(Repeated):
         periodic: bool = False,
     ) -> Self:
         """Sufficient statistics of the repeats of tests of one form: of a band, its lines alone."""
-        forms = {form_of(test) for test in tests}
-        if len(forms) != 1:
-            raise DataError(
-                "Tests reduced together must share sampling frequency, response, length, samples "
-                f"skipped, `residuals` and band, but found {sorted(forms)}.",
-                remedy="Reduce them apart, or cut the records to one length.",
-            )
-        fs, response, length, skipped, residuals, *band_hz = forms.pop()
+        fs, response, length, skipped, residuals, *band_hz = common_form(tests)
         lines = lines_of(band_hz, length - skipped, fs)
         inputs = np.stack([np.mean([r.channels[r.source] for r in t.records], 0) for t in tests])
         responses = [
@@ -138,6 +135,8 @@ class Records(Repeated):
             lines=lines,
             skipped=skipped,
             residuals=residuals,
+            points=tuple(test.point for test in tests),
+            moved=tuple(first_alike(inputs)),
         )
 
     @classmethod
@@ -176,8 +175,9 @@ class Records(Repeated):
 
     def predict(self, theta: Theta) -> Float[Array, "level compared"]:
         """Response of every level to its mean input, at its own origin where it has one."""
+        several = any(self.points)
 
-        def one(level: tuple[Array, Array]) -> Float[Array, " compared"]:
+        def one(level: tuple[Array, Array]) -> Float[Array, "*point compared"]:
             source, origin = level
             own = dict(zip(OFFSETS, origin, strict=False))  # none where runs have no offsets
             motion = response_to(
@@ -186,12 +186,19 @@ class Records(Repeated):
                 self.fs,
                 response=self.response,
                 residuals=self.residuals,
+                every_point=several,
                 **self.solving,
             )
-            return motion[self.skipped :]
+            return motion[..., self.skipped :]
 
         # One level after another, not batched: alone, the solver skips the work of rare events.
-        return jax.lax.map(one, (self.source, self.origin))
+        if not several:
+            return jax.lax.map(one, (self.source, self.origin))
+        motions = sorted(set(self.moved))
+        rows = jax.lax.map(one, tuple(x[np.array(motions)] for x in (self.source, self.origin)))
+        points = ("", *self.modes.points)
+        where = [motions.index(m) for m in self.moved], [points.index(p) for p in self.points]
+        return rows[tuple(map(np.array, where))]
 
     def misfit(self, theta: Theta) -> Float[Array, "level value"]:
         r"""Mean response less its prediction, $d - m(o) - J^T (\theta - o)$ about an origin."""
@@ -237,7 +244,9 @@ class Records(Repeated):
         """Linear least squares over the lines near the peak of the lowest level's spectrum."""
         mean, source = np.asarray(self.mean), np.asarray(self.source[:, self.skipped :])
         if self.modes is not None:
-            return read_modes(self.modes, source, mean, self.fs, derivative_order(self.response))
+            motions = zip(self.moved, self.points, source, mean, strict=True)
+            order = derivative_order(self.response)
+            return read_modes(self.modes, lines_of_motions(motions, self.fs, order))
         level = int(np.argmin(np.mean(mean**2, axis=1)))
         omega = 2 * np.pi * np.fft.rfftfreq(mean.shape[1], 1 / self.fs)[1:]
         x, u = (np.fft.rfft(row[level])[1:] for row in (mean, source))
@@ -254,7 +263,9 @@ class Records(Repeated):
         """Largest displacement [m]."""
         power = derivative_order(self.response)
         if self.modes is not None:
-            return displacement_peak(self.modes, np.asarray(self.mean), self.fs, power)
+            first = np.array([not point for point in self.points])
+            own = np.asarray(self.mean)[first]
+            return displacement_peak(self.modes, own, self.fs, power) if first.any() else 0.0
         return float(jnp.max(jnp.abs(self.mean))) / omega_n**power
 
     def halved(self) -> Self:
@@ -285,16 +296,3 @@ def _slope_at_origin(theta: Theta, data: Records) -> Float[Array, "level value o
         return values_of(replace(data, origin=data.origin + offset).predict(theta), data.lines)
 
     return jax.jacfwd(moved)(jnp.zeros(len(OFFSETS)))
-
-
-def form_of(test: Test) -> tuple[float, str, int, int, str, *tuple[float, ...]]:
-    """Of tests put together: fs, response, length, samples skipped, residual terms and band."""
-    record = test.records[0]
-    skipped = round(test.settle * record.fs)
-    band = test.band_hz or ()
-    return record.fs, record.response, record.num_samples, skipped, test.residuals, *band
-
-
-def by_form(tests: Sequence[Test]) -> list[list[Test]]:
-    """Tests in groups of one form, which are reduced together."""
-    return [list(same) for _, same in groupby(sorted(tests, key=form_of), key=form_of)]

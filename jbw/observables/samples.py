@@ -10,7 +10,8 @@ from jaxtyping import Array, Float
 from jbw.errors import DataError
 from jbw.observables.residual_terms import added_response, taken
 from jbw.oscillator.deepening import with_depth
-from jbw.oscillator.modes.parameters import model_of
+from jbw.oscillator.modes.parameters import at_points, model_of
+from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.response import simulate
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF
 
@@ -88,17 +89,20 @@ def motion_under(
     substeps: int = 2,
     periodic: bool = False,
     depth: int | None = None,
+    every_point: bool = False,
 ) -> Any:
     """Motion of the joint by eqs. (1), (2) under a measured input, from rest or steady.
 
-    Of a structure's output where theta has further modes (`jbw.oscillator.modes.parameters`).
+    Of a structure's output where theta has further modes (`jbw.oscillator.modes.parameters`), or
+    of its outputs at every point, along a first axis.
 
     The input between its samples is the band-limited one that the sampling saw; theta has the
     `gain` [N/kg per unit of the input] besides. `substeps` are those of the solver between samples,
     `depth` the reversals that laws of Masing's kind remember.
     """
+    model = with_depth(model_of(theta, laws), depth)
     return simulate(
-        with_depth(model_of(theta, laws), depth),
+        at_points(theta, model) if every_point and isinstance(model, Structure) else model,
         theta["gain"] * source,
         fs,
         hold="band_limited",
@@ -116,10 +120,11 @@ def response_to(
     residuals: str = "none",
     periodic: bool = False,
     **options: Any,
-) -> Float[Array, " time"]:
+) -> Float[Array, "*point time"]:
     """Displacement [m], velocity [m/s] or acceleration [m/s^2] of `motion_under`.
 
-    With what the modes outside the band add to it, as far as theta has that and `residuals` say.
+    With what the modes outside the band add to it, as far as theta has that and `residuals` say:
+    theta has none where there are further points, to which a term of the first does not belong.
     """
     motion = motion_under(theta, source, fs, periodic=periodic, **options)
     own = getattr(motion, LETTER_OF[response])

@@ -25,7 +25,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from jbw.campaign.schema import Assembly
+from jbw.campaign.tables import Assembly
 from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.laws import law_named
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator

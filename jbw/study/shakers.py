@@ -1,6 +1,6 @@
 """What a test's record says of its shaker, in a sentence, for `jbw check`."""
 
-from jbw.campaign.schema import TestSpec
+from jbw.campaign.tables import TestSpec
 from jbw.errors import JbwError
 from jbw.identification.shaker import read_shaker, shaker_sentence
 from jbw.measurement.records import Record, Test

@@ -51,14 +51,22 @@ class Motion(NamedTuple):
 
 
 def predict_motion(
-    draws: Draws, record: Record, laws: Laws, *, substeps: int = 2, residuals: str = "auto"
+    draws: Draws,
+    record: Record,
+    laws: Laws,
+    *,
+    substeps: int = 2,
+    residuals: str = "auto",
+    point: int = 0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Response (draw, time) to the measured input of a record, from rest; peak displacement [m].
 
-    The peak is of the joint's own mode, without what residual terms add to the response.
+    The peak is of the joint's own mode, without what residual terms add to the response, at the
+    first point of several, also where the response is at a further one.
     """
     source = jnp.asarray(record.channels[record.source])
-    return carry(_response, draws, source, record.fs, record.response, substeps, laws, residuals)
+    facts = source, record.fs, record.response, substeps, laws, residuals, point
+    return carry(_response, draws, *facts)
 
 
 def _response(
@@ -69,8 +77,11 @@ def _response(
     substeps: int,
     laws: Laws,
     residuals: str,
+    point: int,
 ) -> tuple[Float[Array, " time"], Float[Array, ""]]:
-    motion = motion_under(theta, source, fs, laws=laws, substeps=substeps)
+    motion = motion_under(theta, source, fs, laws=laws, substeps=substeps, every_point=point > 0)
+    if point:
+        return getattr(motion, LETTER_OF[response])[point], jnp.max(jnp.abs(motion.y[0]))
     own, peak = getattr(motion, LETTER_OF[response]), jnp.max(jnp.abs(motion.y))
     if terms := taken(theta, residuals):
         own += added_response(terms, theta["gain"] * source, fs, response=response, periodic=False)
@@ -87,7 +98,12 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
     record, steps = test.records[0], substeps or source.basis.substeps
     (model, peak), others = source.carried(
         lambda draws, laws: predict_motion(
-            draws, record, laws, substeps=steps, residuals=test.residuals
+            draws,
+            record,
+            laws,
+            substeps=steps,
+            residuals=test.residuals,
+            point=("", *source.basis.points).index(test.point),
         )
     )
     alone = {name: response for name, (response, _) in others.items()}

@@ -60,6 +60,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     """
     asked = request or Request()
     _require_modes_known(basis, test)
+    _require_point_known(basis, test)
     source = _source(basis, test, asked)
     dataset, peak, noise = found = route_of(test)(source, test)
     facts = {"test": test.name, "kind": test.kind, "num_draws": source.num_draws}
@@ -114,6 +115,16 @@ def _require_modes_known(basis: Basis, test: Test) -> None:
             f"Test `{test.name}` of kind `{test.kind}` is predicted for one mode alone, but the "
             "run has several.",
             remedy="Predict sweeps or multisines, or take the draws into a `jbw.Structure`.",
+        )
+
+
+def _require_point_known(basis: Basis, test: Test) -> None:
+    """Refuse responses at points of which the run knows nothing."""
+    if test.point and test.point not in basis.points:
+        raise DataError(
+            f"Test `{test.name}` is measured at `{test.point}`, but the run knows "
+            f"{', '.join(basis.points) or 'one point alone'}.",
+            remedy="Name the points as the run's campaign does, or identify from tests there.",
         )
 
 

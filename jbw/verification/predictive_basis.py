@@ -64,6 +64,7 @@ class Basis:
     beside: tuple[tuple[float, "Basis"], ...] = ()
     # Residual terms that units of a population have, but not all of them: left out of further ones.
     lacking: tuple[str, ...] = ()
+    points: tuple[str, ...] = ()  # names of those where responses are measured beside the first
 
     def shared(self, num_draws: int) -> tuple[tuple[int, "Basis"], ...]:
         """Number of draws of each law, this one's first; a law of less than two has none."""
@@ -191,6 +192,8 @@ def basis_attrs(
         "y_peak": largest_displacement(data, omega_n),
         "laws": json.dumps(data.laws),
     }
+    if data.modes is not None and data.modes.points:
+        attrs["points"] = json.dumps(data.modes.points)
     scatter = np.asarray(data.scatter)
     return attrs | ({"scatter": scatter} if scatter.size else {})
 
@@ -219,6 +222,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
         laws,
         tree["runs"].to_dataset() if "runs" in tree.children else None,
         lacking=tuple(json.loads(str(attrs.get("lacking", "[]")))),
+        points=tuple(json.loads(str(attrs.get("points", "[]")))),
     )
 
 

@@ -1,6 +1,7 @@
 """Steady motion in time beside the model's: forced loops, periods of multisines, loops of tones."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.integrate import trapezoid
 from jbw.measurement.loops import differentiate, enclosed_area, integrate, mean_cycles
 from jbw.measurement.records import Record, Test, periods
 from jbw.observables.loops import Loops
+from jbw.observables.modes import Modes
 from jbw.observables.records import Records
 from jbw.observables.samples import advance, in_band, motion_under, noise_share
 from jbw.quantities import UNIT_OF, derivative_order
@@ -55,6 +57,7 @@ def predict_periods(source: Source, test: Test) -> Predicted:
     """Steady response over a period of a multisine, and amplitude spectra in the test's band."""
     cut, basis = periods(test) or test, source.basis
     data = Records.of([cut], laws=basis.laws, substeps=basis.substeps, periodic=True)
+    data = replace(data, modes=Modes((), points=basis.points))
     responses, others = source.observed(data)
     noise = noise_of(basis, test, of_repeats(data.repeats))
     noise_std = source.std(noise, len(cut.records))
@@ -90,7 +93,9 @@ def predict_periods(source: Source, test: Test) -> Predicted:
     omega = 2 * np.pi * freq[1:]
     lines = np.fft.rfft(responses[:, 0])[:, 1:] / (1j * omega) ** derivative_order(data.response)
     y = np.fft.irfft(np.pad(lines, ((0, 0), (1, 0))), size)
-    return Predicted(xr.Dataset(variables, coords, attrs), np.abs(y).max(axis=-1), noise)
+    # What was fitted is known at the first point, and so is how far a motion reaches beyond it.
+    peak = None if test.point else np.abs(y).max(axis=-1)
+    return Predicted(xr.Dataset(variables, coords, attrs), peak, noise)
 
 
 def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:

@@ -9,7 +9,8 @@ import numpy as np
 
 from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import load_test
-from jbw.campaign.schema import CampaignSpec, TestSpec, read_spec
+from jbw.campaign.schema import CampaignSpec, read_spec
+from jbw.campaign.tables import TestSpec
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import Record, Test

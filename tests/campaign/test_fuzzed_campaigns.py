@@ -7,8 +7,9 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from jbw.campaign.schema import Head, TestSpec, parse, read_spec
+from jbw.campaign.schema import parse, read_spec
 from jbw.campaign.settings import Identify
+from jbw.campaign.tables import Head, TestSpec
 from jbw.errors import ConfigError
 from jbw.measurement.kinds import KINDS
 from jbw.planning import EXAMPLE

@@ -68,3 +68,35 @@ def test_priors_know_the_modes_parameters():
         parse(text + "[identify.prior]\nzeta_2 = [-0.1, 0.1]\n")
     with pytest.raises(ConfigError, match="shape_3: unknown parameter"):
         parse(text + "[identify.prior]\nshape_3 = [0.5, 2.0]\n")
+
+
+TWO = 'modes = [18.8, 57.2]\npoints = ["wing", "tip"]'
+SEEN = 'points = { wing = "w", tip = "t" }\n'
+
+
+def test_a_test_of_several_points_is_one_of_each():
+    """The same records, another channel of the response, one run, and held out together."""
+    text = TEXT.format(TWO, "sweep") + SEEN + '[identify]\nhold_out = ["one"]'
+    tests = parse(text).tests
+    assert [(test.name, test.point, test.run) for test in tests] == [
+        ("one", "", "one"), ("one at wing", "wing", "one"), ("one at tip", "tip", "one"),
+    ]  # fmt: skip
+    assert [test.channels["velocity"] for test in tests] == ["v", "w", "t"]
+    assert parse(text).settings.hold_out == ("one", "one at wing", "one at tip")
+
+
+@pytest.mark.parametrize(
+    ("stated", "added", "said"),
+    [
+        ("modes = [18.8, 57.2]", SEEN, "must name `wing`, where test `one` has a response, but"),
+        (TWO, 'point = "nose"', "must name `nose`, .* but names wing, tip"),
+        (TWO, 'point = "tip"\n' + SEEN, "points: must be others than `tip`"),
+        (TWO, "points = {}", "must be a table such as"),
+        (TWO, "points = { wing = 3 }", "`wing` needs a channel's name or path, but has 3"),
+        ('modes = [18.8]\npoints = ["wing"]', "", "points: need two modes or more"),
+        ('modes = [18.8, 57.2]\npoints = ["a", "a"]', "", "points: must be 4 different names"),
+    ],
+)
+def test_points_that_cannot_be_meant_are_refused(stated, added, said):
+    with pytest.raises(ConfigError, match=said):
+        parse(TEXT.format(stated, "sweep") + added)

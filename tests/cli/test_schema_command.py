@@ -8,8 +8,9 @@ import jsonschema
 import pytest
 
 import jbw
-from jbw.campaign.schema import TestSpec, read_spec
+from jbw.campaign.schema import read_spec
 from jbw.campaign.settings import Identify
+from jbw.campaign.tables import TestSpec
 from jbw.cli import run
 from jbw.measurement.kinds import KINDS
 from jbw.planning import EXAMPLE

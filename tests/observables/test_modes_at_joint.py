@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import stats
-from two_modes import FS, JOINT, SHAPES, STATED, swept, truth
+from two_modes import FS, JOINT, SHAPES, STATED, at_two_points, swept, truth, truth_at_wing
 
 from jbw.campaign.settings import Identify, Structured
 from jbw.errors import ConfigError, DataError
@@ -18,6 +18,7 @@ from jbw.inference.space.box import bounds_by_name
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import log_likelihood
 from jbw.observables.drives import told_by
+from jbw.observables.modal_readings import Lines, read_modes
 from jbw.observables.modes import LABEL, Modes, ModesAtJoint
 from jbw.oscillator.modes.parameters import structure_of
 from jbw.rig.integrator import GRID, specimen_of
@@ -220,3 +221,58 @@ def test_a_multisine_is_predicted_as_steady_motion():
     left = np.linalg.norm(part.mean - part.predict(point())) / np.linalg.norm(part.mean)
     # Of the mean of two periods of 512 samples.
     assert left == pytest.approx(1e-3 / np.sqrt(2), rel=0.15)
+
+
+@pytest.fixture(scope="module")
+def two_points():
+    """The same sweeps as seen at two points."""
+    return at_two_points(["low_2", "high_2"], duration=2.0)
+
+
+def test_a_motion_is_seen_at_every_point(two_points):
+    structure = two_points.structure
+    data = assemble(
+        measured(two_points.tests, SETTINGS, structure=structure, report=lambda _: None)
+    )
+    records, _ = data.parts
+    assert records.points == ("", "wing", "", "wing")
+    assert records.moved == (0, 0, 2, 2)  # two motions are solved, and no more
+    left = np.asarray(records.mean - records.predict(point(**truth_at_wing())))
+    size = np.linalg.norm(np.asarray(records.mean), axis=1)
+    # As at one point: of the mean of two repeats of 1 %.
+    np.testing.assert_allclose(np.linalg.norm(left, axis=1) / size, 0.01 / np.sqrt(2), rtol=0.1)
+    told = told_by(data.parts)
+    for name, true in truth_at_wing().items():  # ratios of gains of one motion: noise alone
+        assert told[name] == pytest.approx(true, rel=0.05)
+    assert set(truth_at_wing()) < set(bounds_by_name(box_of(SETTINGS, data, told)))
+    # What modes outside of the band add at a point is that point's own.
+    assert records.residuals == "own"
+
+
+def test_modes_that_overlap_are_read_together():
+    """Two modes half a per cent apart in frequency times ten: each alone would read both."""
+    omega, zeta, gains = 2 * np.pi * np.array([7.3, 6.9]), [0.004, 0.008], [[2.0, 0.5], [1.0, -1.5]]
+    line = 2 * np.pi * np.arange(5.5, 9.0, 0.01)
+    modal = [1 / (w**2 - line**2 + 2j * z * w * line) for w, z in zip(omega, zeta, strict=True)]
+    seen = {name: g @ np.array(modal) + 1e-4 for name, g in zip(("", "a"), gains, strict=True)}
+    modes = Modes((7.2, 6.95), points=("a",))
+    found = read_modes(modes, [Lines(line, np.ones(len(line), complex), seen)])
+    # Closed form: to the optimiser's tolerance, 1e-8 of the misfit, by the condition of the fit.
+    assert found["omega_n"] == pytest.approx(omega[0], rel=1e-6)
+    assert found["zeta_2"] == pytest.approx(zeta[1], rel=1e-4)
+    assert [found["gain"], found["gain_ratio_2"]] == pytest.approx(gains[0], rel=1e-4)
+    assert [found["point_2_1"], found["point_2_2"]] == pytest.approx(gains[1], rel=1e-4)
+
+
+def test_points_that_cannot_be_meant_are_refused(two_points):
+    def seen(tests=two_points.tests, **stated):
+        structure = two_points.structure.model_copy(update=stated)
+        return assemble(measured(tests, SETTINGS, structure=structure, report=lambda _: None))
+
+    with pytest.raises(ConfigError, match="must name `wing`, where test `low_2 at wing`"):
+        seen(points=())
+    shared = [replace(test, residuals="upper") for test in two_points.tests]
+    with pytest.raises(ConfigError, match="`residuals` must be own, none or auto"):
+        seen(shared)
+    with pytest.raises(DataError, match=r"must drive the mode at 57.2 Hz .* measured at `wing`"):
+        seen([test for test in two_points.tests if test.name != "high_2 at wing"])

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from two_modes import swept, truth
+from two_modes import at_two_points, swept, truth, truth_at_wing
 
 import jbw
 from jbw import rig
+from jbw.errors import DataError
 
 # Importance sampling compiles least; the middle level of either mode is predicted.
 SETTINGS = {
@@ -51,3 +52,21 @@ def test_a_level_that_no_fit_saw_is_predicted_to_its_noise(study):
         assert attrs["nrmse"] == pytest.approx(0.01 / np.sqrt(2), rel=0.15)
         assert attrs["coverage"] > 0.97
         assert attrs["nrmse"] < 0.5 * attrs["nrmse_linear"]
+
+
+@pytest.mark.slow
+def test_two_points_tell_the_shapes_there_and_of_a_test_that_was_held_out():
+    taken = at_two_points(["low_0", "low_2", "high_0", "high_2"])
+    own = {**SETTINGS, "hold_out": ("low_0 at wing", "high_0")}
+    campaign = replace(taken, settings=taken.settings.model_copy(update=own))
+    study = jbw.identify(campaign, seed=1, report=lambda _: None)
+    posterior, true = study.tree["posterior"].to_dataset(), truth() | truth_at_wing()
+    for name in ("omega_2", "shape_2", "coupling_2", "delta", "point_2_1", "point_2_2"):
+        low, high = np.quantile(posterior[name], [0.005, 0.995])
+        assert low < true[name] < high, f"{name}: {low:.6g} {true[name]:.6g} {high:.6g}"
+        assert posterior[name].std() < 0.03 * abs(true[name])
+    for test in own["hold_out"]:
+        attrs = study.tree[f"verification/sweep/{test}"].attrs
+        assert attrs["nrmse"] == pytest.approx(0.01 / np.sqrt(2), rel=0.15)
+    with pytest.raises(DataError, match="is measured at `nose`, but the run knows wing"):
+        study.predict(replace(taken.tests[0], point="nose"))

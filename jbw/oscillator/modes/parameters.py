@@ -8,10 +8,12 @@ $$h_i = s_i |h_i|, \qquad \kappa_i = |p_i| h_i^2, \qquad s_i = \pm 1$$
 `shape_i` is $|h_i|$, `sign_i` is $s_i$ and `coupling_i` is $\kappa_i$, by which that mode alone
 softens: $\alpha_i\delta_i = \kappa_i\,\alpha\delta$. By reciprocity $h_i p_i > 0$. Names that are
 absent say something too: without a coupling the output is where the source pushes, $p_i = h_i
-b_i/b_1$; without a shape the mode is a linear one, which the joint does not feel.
+b_i/b_1$; without a shape the mode is a linear one, which the joint does not feel. Further points
+where the response is measured see $y_o = \sum_i c_{oi} q_i$, `point_o_i` is $c_{oi}$.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -19,7 +21,7 @@ import jax.numpy as jnp
 from jbw.oscillator.laws import laws_named
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
-from jbw.quantities import MODES
+from jbw.quantities import MODES, POINTS
 
 
 class Names(NamedTuple):
@@ -34,6 +36,7 @@ class Names(NamedTuple):
 
 
 NAMES = tuple(Names(*(quantity.name for quantity in mode)) for mode in MODES)
+SEEN = tuple(tuple(quantity.name for quantity in point) for point in POINTS)
 
 
 def model_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Oscillator | Structure:
@@ -49,6 +52,14 @@ def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
     omega_n, zeta, h, p, b = fields
     forces = tuple(law.of(theta) for law in laws_named(laws))
     return Structure(omega_n, zeta, h, p, b, jnp.ones_like(b), forces)
+
+
+def at_points(theta: Mapping[str, Any], structure: Structure) -> Structure:
+    """The structure with an output for every point: the first, then the further ones in order."""
+    first = structure.c
+    others = (point[: first.shape[-1]] for point in SEEN if point[0] in theta)
+    rows = [first, *(jnp.stack([theta[name] for name in names]) for names in others)]
+    return replace(structure, c=jnp.stack(jnp.broadcast_arrays(*rows)))
 
 
 def _mode(theta: Mapping[str, Any], names: Names) -> tuple[Any, ...]:

@@ -1,0 +1,196 @@
+"""The tables of a campaign file that say what was measured, each checked by itself."""
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar, Literal, Self
+
+from pydantic import StrictBool, model_validator
+
+from jbw.campaign import values
+from jbw.campaign.document import Table, key
+from jbw.measurement.kinds import KINDS
+from jbw.measurement.kinds import Kind as Traits
+from jbw.measurement.records import BY_UNIT, INPUTS, RESPONSES, si_of
+from jbw.quantities import FED
+
+NAN = float("nan")  # where nothing is stated of a number
+
+
+class Head(Table):
+    """The [campaign] table."""
+
+    name: values.Text = key("campaign", "a short name", "beam")
+    gain: values.Positive | None = key(None, "force per modal mass for one volt [N/kg/V]", 15.0)
+    modal_mass: values.Positive | None = key(
+        None, "[kg], for a measured force; beside gain where some tests have either source", 1.93
+    )
+
+
+class Assembly(Table):
+    """The [assembly] table: what a fleet of campaigns needs of each beside its records."""
+
+    name: values.Text = key("", "which specimen or assembly of the joint", "beam 3")
+    torque: values.Positive | None = key(None, "tightening torque [N m]", 8.0)
+    sequence: values.Index | None = key(
+        None, "number of this tightening, counted over the life of the assembly", 2
+    )
+    temperature: values.Number | None = key(None, "while it was measured [degC]", 21.5)
+
+
+class TestSpec(Table):
+    """One [[test]] table."""
+
+    __test__: ClassVar[bool] = False  # not a pytest class
+
+    kind: values.Kind = key(..., f"one of {', '.join(KINDS)}")
+    files: values.Files = key(
+        ...,
+        "file or pattern, or a list of them; or a table role = file, where each role has its own",
+    )
+    channels: values.Channels = key(
+        ...,
+        "role = channel's name or path in the file: [3] counts from zero, (4) and {4} from one as "
+        "in MATLAB, [:] takes all, and 'a - b' is a difference",
+    )
+    units: values.Units = key(dict, "role = unit")
+    scale: values.Factors = key(dict, "role = calibration factor, before the unit")
+    name: values.Text = key("", "a short name, unique")
+    level: values.NonNegative = key(
+        NAN, "nominal level, in the unit of what the rig held constant", 0.20
+    )
+    amplitudes: Literal["peak", "rms"] = key("peak", "what the amplitudes of kind frf are", "peak")
+    periods: values.Count = key(1, "whole periods of the excitation in a record", 4)
+    fs: values.Sampling | None = key(
+        None, "sampling frequency [Hz], or the path of a scalar in the file"
+    )
+    band: values.Span | None = key(None, "lowest and highest frequency to use [Hz]", [5.0, 40.0])
+    residuals: Literal["auto", "none", "upper", "both", "own"] = key(
+        "auto",
+        "constant terms for modes outside the band, which all tests share: of those above, or of "
+        "those below too; own: both, of this test alone; auto: where the fit shows them",
+        "upper",
+    )
+    drive: Literal["voltage", "current", "force", "none"] | None = key(
+        None,
+        "what drives it, or hangs on it in a free decay: by voltage or current the shaker moves "
+        "along; by default what the unit of the input says, force where that is the source, "
+        "none of a decay",
+        "voltage",
+    )
+    tones: values.Numbers = key((), "frequencies present at once, or in turn if stepped [Hz]")
+    dwell: values.Positive = key(NAN, "duration of each step of a stepped test [s]")
+    settle: values.NonNegative = key(0.0, "time at the start that is not compared [s]")
+    delay: values.Number = key(0.0, "lag of the response channel behind the input [s]", 0.0)
+    assembly: values.Text = key("", "which assembly of the joint", "first")
+    run: values.Text = key("", "which day or run", "monday")
+    repeats: Literal["files", "rows"] = key("files", "one repeat a file, or one a row")
+    exclude: values.Excluded = key(
+        (), "repeats to drop: numbers counted from zero, or file names", [2, "bad_*.h5"]
+    )
+    remove_mean: StrictBool = key(
+        False, "take the mean out of input and response, for offsets", True
+    )
+    gaps: Literal["refuse", "mask"] = key(
+        "refuse",
+        "what to do with samples that are NaN; mask leaves out these lines of kind frf",
+        "refuse",
+    )
+    span: values.Span | None = key(None, "first and last second to read", [0.0, 8.0])
+    point: values.Text = key(
+        "", "where its response is measured, of [structure] points; by default at the first", "wing"
+    )
+    points: values.Named = key(
+        dict,
+        "further channels of the response, in its unit, by the points of [structure] where they "
+        "are measured",
+        {"wing": "wing.acceleration"},
+    )
+
+    @property
+    def traits(self) -> Traits:
+        """What its kind is."""
+        return KINDS[self.kind]
+
+    @property
+    def driven_by(self) -> str:
+        """What drives it, as far as the campaign file alone says it; as `drive_of` of its test."""
+        if self.drive or self.traits.is_prescribed:
+            return self.drive or ""
+        if self.traits.is_free:
+            return "none"
+        if "input" in self.channels:
+            return BY_UNIT.get(si_of("input", self.units.get("input", "V"))[1], "voltage")
+        return "force"
+
+    @model_validator(mode="after")
+    def _belongs_together(self) -> Self:
+        if errors := [*_needs(self), *_contradictions(self)]:
+            raise ValueError("\n".join(errors))
+        return self
+
+
+def _needs(test: TestSpec) -> Iterator[str]:
+    """What a test's kind needs and its table lacks."""
+    roles, traits = set(test.channels), test.traits
+    for table, names in (("units", test.units), ("scale", test.scale)):
+        for role in names:
+            if role not in roles:
+                yield f"{table}: names role `{role}`, which channels does not."
+    if roles.isdisjoint(RESPONSES):
+        yield f"channels: needs a response, one of {', '.join(sorted(RESPONSES))}."
+    ratios = [role for role, unit in test.units.items() if si_of(role, unit)[2]]
+    if ratios and not traits.is_curve:
+        unit = test.units[ratios[0]]
+        yield f"units: `{unit}` of `{ratios[0]}` is for kind {_curves()} only."
+    if traits.is_driven and roles.isdisjoint(INPUTS) and not ratios:
+        yield f"channels: kind `{test.kind}` needs `input` or `force`."
+    if test.drive in FED and traits.is_driven and "input" not in roles:
+        yield f"drive: `{test.drive}` needs the channel `input`, what the shaker was fed."
+    if test.drive == "none" and traits.is_driven:
+        yield f"drive: `none` is for free decays, but kind `{test.kind}` is driven."
+    if lacking := [f"`{role}`" for role in traits.channels if role not in roles]:
+        yield f"channels: kind `{test.kind}` needs {' and '.join(lacking)}."
+    if "drive_point" in roles and not set(INPUTS) <= roles:
+        lacking = " and ".join(f"`{role}`" for role in INPUTS if role not in roles)
+        yield f"channels: `drive_point` tells of the shaker beside {lacking} alone, which lacks."
+    forced = "displacement" in roles and roles & {"restoring_force", "force"}
+    if traits.is_prescribed and not forced:
+        yield f"channels: kind `{test.kind}` needs `displacement` and `restoring_force`."
+    if traits.is_curve and "frequency" not in roles:
+        needed = "`frequency`, and `phase` beside real amplitudes"
+        yield f"channels: kind `{test.kind}` needs {needed}."
+    if traits.is_steady and not test.tones:
+        yield f"tones: missing; kind `{test.kind}` needs the frequencies [Hz]."
+    if traits.is_stepped and not test.dwell > 0:
+        yield "dwell: missing; kind `stepped` needs the duration of each step [s]."
+    if test.settle >= test.dwell:  # never when dwell is not given: it is NaN then
+        yield f"settle: must be shorter than dwell ({test.dwell:g} s), but is {test.settle:g}."
+
+
+def _contradictions(test: TestSpec) -> Iterator[str]:
+    """Keys that are given, but not meant for the test's kind or channels."""
+    curves, is_curve, roles = _curves(), test.traits.is_curve, set(test.channels)
+    if not is_curve and (roles - set(test.traits.channels)) & {"frequency", "phase"}:
+        yield f"channels: `frequency` and `phase` belong to kind {curves}."
+    if not is_curve and test.amplitudes != "peak":
+        yield f"amplitudes: for kind {curves} only; the samples of a record are what they are."
+    if is_curve and test.remove_mean:
+        yield f"remove_mean: for records in time, not for kind {curves}."
+    # A transform spreads one bad sample over all frequencies, a simulation needs all of its input:
+    # only a curve can leave lines out.
+    if not is_curve and test.gaps == "mask":
+        yield (
+            f"gaps: kind `{test.kind}` needs every sample, only {curves} can mask; "
+            "keep a clean part with span, or drop the repeat with exclude."
+        )
+    if test.point in test.points:
+        yield f"points: must be others than `{test.point}`, which is the test's own `point`."
+    if isinstance(test.files, Mapping) and set(test.files) != roles:
+        yield (
+            f"files: as a table it must name a file for each role ({', '.join(sorted(roles))}), "
+            f"but names {', '.join(sorted(test.files))}."
+        )
+
+
+def _curves() -> str:
+    """The kinds that are curves, as messages name them."""
+    return ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)

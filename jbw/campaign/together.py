@@ -1,0 +1,65 @@
+"""The tests of a campaign file together: names, points of one motion, and what contradicts."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from jbw.campaign.settings import Identify
+from jbw.campaign.tables import Assembly, TestSpec
+from jbw.measurement.records import RESPONSES
+
+
+def named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
+    """Tests under their names: as given, else kind and level, numbered where not unique."""
+    taken = {test.name for test in tests}
+    for test in tests:
+        base = test.kind if np.isnan(test.level) else f"{test.kind} {test.level:g}"
+        candidates = (base if n == 1 else f"{base} ({n})" for n in range(1, len(tests) + 2))
+        name = test.name or next(name for name in candidates if name not in taken)
+        taken.add(name)
+        yield test.model_copy(update={"name": name})
+
+
+def at_every_point(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
+    """Tests, each followed by itself as further points saw it, in the same run."""
+    for test in tests:
+        if not test.points:
+            yield test
+            continue
+        run = test.run or test.name
+        yield test.model_copy(update={"points": {}, "run": run})
+        (response, *_) = (role for role in RESPONSES if role in test.channels)
+        for point, channel in test.points.items():
+            name, channels = f"{test.name} at {point}", {**test.channels, response: channel}
+            own = {"name": name, "point": point, "channels": channels, "points": {}, "run": run}
+            yield test.model_copy(update=own)
+
+
+def of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
+    """Tests of other assemblies than the one whose torque the campaign states."""
+    names = {test.assembly for test in tests if test.assembly} | {assembly.name or None} - {None}
+    if len(names) > 1 and list(assembly.keys()):
+        yield (
+            f"[assembly]: speaks of one assembly, but the campaign has {len(names)}: "
+            f"{', '.join(sorted(map(str, names)))}; write a campaign file for each."
+        )
+
+
+def among(tests: Sequence[TestSpec], settings: Identify) -> Iterator[str]:
+    """Names that several tests have, and levels to fit that none has."""
+    given = [test.name for test in tests if test.name]
+    for name in sorted({name for name in given if given.count(name) > 1}):
+        yield f"[[test]] name: {name!r} is given to {given.count(name)} tests."
+    bands = [test.band for test in tests if test.traits.is_driven and test.band]
+    for freq in settings.modes if isinstance(settings.modes, tuple) and bands else ():
+        if not any(low <= freq <= high for low, high in bands):
+            yield (
+                f"[identify] modes: {freq:g} Hz must lie in the band of a test with a source, "
+                f"{', '.join(f'{low:g} to {high:g} Hz' for low, high in bands)}; widen `band`, or "
+                "leave it to `residuals`."
+            )
+    levels = sorted({test.level for test in tests if test.level == test.level})
+    listed = ", ".join(f"{known:g}" for known in levels) or "none"
+    for level in settings.fit_levels or ():
+        if level not in levels:
+            yield f"[identify] fit_levels: no test has level {level:g}; levels: {listed}."

@@ -1,0 +1,44 @@
+"""Forms of tests: what those must share that are reduced together, and which share a motion."""
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+
+import numpy as np
+from jaxtyping import Float
+
+from jbw.errors import DataError
+from jbw.measurement.records import Test
+
+Form = tuple[float, str, int, int, str, *tuple[float, ...]]
+
+
+def first_alike(sources: Float[np.ndarray, "level time"]) -> Iterator[int]:
+    """Of each row the number of the first one that is equal."""
+    seen: dict[bytes, int] = {}
+    for i, source in enumerate(sources):
+        yield seen.setdefault(source.tobytes(), i)
+
+
+def form_of(test: Test) -> Form:
+    """Of tests put together: fs, response, length, samples skipped, residual terms and band."""
+    record = test.records[0]
+    skipped = round(test.settle * record.fs)
+    band = test.band_hz or ()
+    return record.fs, record.response, record.num_samples, skipped, test.residuals, *band
+
+
+def common_form(tests: Sequence[Test]) -> Form:
+    """The form that tests to be reduced together share; a DataError where they do not."""
+    forms = {form_of(test) for test in tests}
+    if len(forms) != 1:
+        raise DataError(
+            "Tests reduced together must share sampling frequency, response, length, samples "
+            f"skipped, `residuals` and band, but found {sorted(forms)}.",
+            remedy="Reduce them apart, or cut the records to one length.",
+        )
+    return forms.pop()
+
+
+def by_form(tests: Sequence[Test]) -> list[list[Test]]:
+    """Tests in groups of one form, which are reduced together."""
+    return [list(same) for _, same in groupby(sorted(tests, key=form_of), key=form_of)]

@@ -1,0 +1,118 @@
+"""What spectra of driven records say of several modes before any fit, at every point measured."""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.optimize import least_squares
+
+from jbw.observables.modes import FIRST, Modes, Reals
+
+DRIVEN = 0.1  # of the largest: lines that first values are read from
+FEWEST = 6  # of them
+LEAST_ZETA, USUAL_ZETA, MOST_ZETA = 1e-4, 5e-3, 0.2  # of first values: bounds, and where to begin
+
+
+class Lines(NamedTuple):
+    """Lines of one motion's spectra: of its source, and of displacements by their points."""
+
+    omega: Float[np.ndarray, " line"]  # [rad/s]
+    source: Complex[np.ndarray, " line"]
+    seen: dict[str, Complex[np.ndarray, " line"]]
+
+
+def read_modes(modes: Modes, motions: Sequence[Lines]) -> dict[str, float]:
+    """First values of every mode that is driven, by the first motion that drives it.
+
+    What is seen of it is a gain at every point, no ratio yet. Modes that one motion drives are
+    fitted together, for the flank of one is under the peak of its neighbour.
+    """
+    found: dict[str, float] = {}
+    every = (FIRST, *(names[:3] for names in modes.names))
+    for omega, source, seen in motions:
+        loud = np.abs(source) > DRIVEN * np.abs(source).max()
+        near = [loud & (omega >= 2 * np.pi * low) & (omega <= 2 * np.pi * high)
+                for low, high in modes.windows_hz]  # fmt: skip
+        driven = [i for i, own in enumerate(near) if np.count_nonzero(own) >= FEWEST]
+        if not driven:
+            continue
+        kept = np.any([near[i] for i in driven], axis=0)
+        lines = Lines(omega[kept], source[kept], {p: y[kept] for p, y in seen.items()})
+        poles, gains = _poles_and_gains(lines, [modes.windows_hz[i] for i in driven])
+        for i, pole, row in zip(driven, poles, gains.T, strict=True):
+            if every[i][0] not in found:
+                found |= dict(zip(every[i], pole, strict=False))
+            for point, gain in zip(seen, row, strict=True):
+                found.setdefault(modes.seen[point][i] if point else every[i][2], float(gain))
+    return found
+
+
+def _poles_and_gains(
+    lines: Lines, windows_hz: Sequence[tuple[float, float]]
+) -> tuple[Float[np.ndarray, "mode two"], Float[np.ndarray, "point mode"]]:
+    r"""Poles by least squares, gains and what other modes add at their best for each trial.
+
+    $$Y_o = \Big(\sum_i \frac{R_{oi}}{\omega_i^2 - \omega^2 + 2j\zeta_i\omega_i\omega} + U_o
+      + \frac{L_o}{\omega^2}\Big) U$$
+    """
+    omega, source = lines.omega, lines.source
+    seen = np.array(list(lines.seen.values()))
+    norms = np.linalg.norm(seen, axis=1)
+    target = _parts(seen / norms[:, None])
+    low, high = 2 * np.pi * np.array(windows_hz).T
+
+    def poles_of(x: Reals) -> Reals:
+        place, log_zeta = x.reshape(2, -1)
+        return np.stack([low + place * (high - low), np.exp(log_zeta)], axis=1)
+
+    def best(x: Reals) -> tuple[Reals, Reals]:
+        """Gains and terms, a row each for the columns of a point, and what they leave."""
+        natural, zeta = poles_of(x).T[..., None]
+        modal = 1 / (natural**2 - omega**2 + 2j * zeta * natural * omega)
+        columns = _parts(np.array([*modal, np.ones_like(omega), 1 / omega**2]) * source)
+        size = np.linalg.norm(columns, axis=1)[:, None]
+        found = np.linalg.lstsq((columns / size).T, target.T)[0]
+        return found / size, (target - found.T @ (columns / size)).ravel()
+
+    count = len(windows_hz)
+    start = np.repeat([0.5, np.log(USUAL_ZETA)], count)
+    ends = np.repeat([0.0, np.log(LEAST_ZETA)], count), np.repeat([1.0, np.log(MOST_ZETA)], count)
+    scale = np.repeat([0.03, 1.0], count)
+    x = least_squares(lambda x: best(x)[1], start, bounds=ends, x_scale=scale).x
+    return poles_of(x), best(x)[0][:count].T * norms[:, None]
+
+
+def _parts(rows: Complex[np.ndarray, "row line"]) -> Float[np.ndarray, "row parts"]:
+    return np.concatenate([np.real(rows), np.imag(rows)], axis=1)
+
+
+def displacement_peak(
+    modes: Modes, x: Float[np.ndarray, "level time"], fs: float, order: int
+) -> float:
+    """Largest displacement [m] of responses of this order, integrated from half the lowest mode."""
+    omega = 2 * np.pi * np.fft.rfftfreq(x.shape[1], 1 / fs)
+    kept = omega > np.pi * min(modes.hz)
+    factor = np.where(kept, (1j * np.where(kept, omega, 1.0)) ** -order, 0.0)
+    return float(np.max(np.abs(np.fft.irfft(factor * np.fft.rfft(x), x.shape[1]))))
+
+
+def lines_of_motions(
+    levels: Iterable[tuple[int, str, Float[np.ndarray, " time"], Float[np.ndarray, " time"]]],
+    fs: float,
+    order: int,
+) -> list[Lines]:
+    """Lines of every motion, the weakest first: of levels its number, point, source and response.
+
+    Responses are of this order; a motion that is seen at several points is several levels.
+    """
+    motions: dict[int, tuple[Reals, dict[str, Reals]]] = {}
+    for number, point, source, x in sorted(levels, key=lambda level: np.mean(level[3] ** 2)):
+        motions.setdefault(number, (source, {}))[1].setdefault(point, x)
+    found = []
+    for source, seen in motions.values():
+        omega = 2 * np.pi * np.fft.rfftfreq(len(source), 1 / fs)[1:]
+        factor = (1j * omega) ** order
+        rows = {point: np.fft.rfft(x)[1:] / factor for point, x in seen.items()}
+        found.append(Lines(omega, np.fft.rfft(source)[1:], rows))
+    return found
