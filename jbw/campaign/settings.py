@@ -158,6 +158,9 @@ class Structured(Table):
         [1.0, -0.8],
     )
 
+    modal: StrictBool = key(
+        False, "each mode has laws of its own, and none feels what the joint does to others", True
+    )
     points: values.Strings = key(
         (),
         "names of further points where responses are measured; the first, whose modes have unit "
@@ -171,6 +174,12 @@ class Structured(Table):
         if len(self.points) > MOST_POINTS or len(set(self.points)) < len(self.points):
             raise ValueError(
                 f"points: must be {MOST_POINTS} different names at most, but are {self.points}."
+            )
+        if self.modal and (self.driving_point or shape):
+            known = "driving_point" if self.driving_point else "joint_shape"
+            raise ValueError(
+                f"modal: modes with laws of their own meet in no joint, of which `{known}` speaks; "
+                "leave out either."
             )
         if self.points and num == 1:
             raise ValueError(
@@ -235,9 +244,11 @@ def law_errors(laws: Sequence[str], prior: Prior, num_modes: int = 1) -> list[st
     known |= {quantity.name: quantity for point in POINTS for quantity in point[:num_modes]}
     if tuple(laws) != DEFAULT_LAWS or set(prior) - set(known):
         from jbw.oscillator.laws import quantities_of
+        from jbw.oscillator.modes.parameters import own_quantities
 
         try:
             known |= {quantity.name: quantity for quantity in quantities_of(laws)}
+            known |= {one.name: one for one in own_quantities(tuple(laws), num_modes)}
         except ConfigError as error:
             return [f"[joint] laws: {' '.join(filter(None, (error.what, error.remedy)))}"]
     errors = [*_out_of_bounds(prior, known)] or [*_too_stiff(prior, known)]

@@ -15,9 +15,10 @@ from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box, Product, bounds_by_name, box
 from jbw.observables.dataset import Dataset, largest_displacement
 from jbw.observables.drives import attached, named, parts_of, plain
-from jbw.observables.modes import bounds_of
+from jbw.observables.modes import Modes, bounds_of
 from jbw.oscillator.law import Bounds, Coordinates, Law, Scales
 from jbw.oscillator.laws import laws_named, same_by_construction
+from jbw.oscillator.modes.parameters import own_name
 from jbw.oscillator.oscillator import prior_of
 from jbw.quantities import DEFAULT_LAWS
 
@@ -66,7 +67,20 @@ def _bounds_beside(settings: Identify, data: Dataset, known: Mapping[str, float]
     if data.modes is None:
         return {}
     wide = bounds_of(data.modes, known, with_joint=bool(data.laws))
+    if data.modes.meet == "apart":
+        wide |= _bounds_of_own_laws(data.modes, data, known)
     return {name: settings.prior.get(name, pair) for name, pair in wide.items()}
+
+
+def _bounds_of_own_laws(modes: Modes, data: Dataset, known: Mapping[str, float]) -> Bounds:
+    """Bounds of the laws of every mode but the first, as those of an oscillator of its own."""
+    peaks = np.max([one for p in data.parts if (one := p.peaks_of_modes())], axis=0)
+    bounds: Bounds = {}
+    for mode, (names, peak) in enumerate(zip(modes.names, peaks[1:], strict=True), 2):
+        scales = Scales(known[names.omega], known[names.zeta], float(peak))
+        own = prior_of(data.laws, scales)
+        bounds |= {own_name(name, mode): pair for name, pair in own.items()}
+    return bounds
 
 
 def _require_drives(prior: Collection[str], data: Dataset) -> None:

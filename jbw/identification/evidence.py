@@ -39,6 +39,7 @@ from jbw.inference.space.reparametrisation import Reparametrisation, along_logar
 from jbw.inference.space.ridge import along_ridge
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
+from jbw.oscillator.modes.parameters import NAMES
 
 Laws = tuple[str, ...]
 
@@ -46,6 +47,9 @@ NUM_SAMPLES = 250  # a group of four
 MOST_ROUNDS = 24  # of points for the evidence: a law that leads the data nowhere is not waited for
 AT_BOUND = 1e-3  # of the box's width
 RUN_SCATTER = 5e-4  # of omega_n over runs, relative: what a structure shifts by from day to day
+# How several modes may be that do not meet in one joint, and how that is said.
+MEET = {"apart": " of each mode", "first": " in the first mode"}
+OF_JOINT = frozenset(name for names in NAMES for name in (names.sign, names.shape, names.coupling))
 MOST_TURNS = 2  # of weights by the law that leaves least, and fits of all
 
 
@@ -55,6 +59,12 @@ class Candidate:
 
     laws: Laws
     fitted: Fitted
+    meet: str = ""  # how several modes meet, where that is not as the campaign states
+
+    @property
+    def name(self) -> str:
+        """Its laws, and how modes meet, in a word."""
+        return name_of(self.laws, self.meet)
 
     @property
     def error(self) -> float:
@@ -70,34 +80,36 @@ class Candidate:
 
 def candidates(
     key: Key[Array, ""], seen: Measured, sets: Sequence[Laws], report: Report
-) -> tuple[list[Candidate], dict[Laws, str]]:
+) -> tuple[list[Candidate], dict[str, str]]:
     """Fit every law, then all again to the data as the best of them weighs these.
 
     Their priors are fixed before any is fitted, by omega_n, zeta and the largest displacement
-    alone. Laws that cannot be fitted are returned with the reason.
+    alone. Of several modes the campaign's own laws are tried in one joint, in each mode by
+    itself, and in the first mode alone. What cannot be fitted is returned by name with the reason.
     """
     data, settings = assemble(seen), alike(seen.settings)
     found: list[Candidate] = []
-    refused: dict[Laws, str] = {}
-    for laws in sets:
-        report(f"Fitting {name_of(laws)}")
+    refused: dict[str, str] = {}
+    for laws, meet in trials(sets, seen):
+        report(f"Fitting {name_of(laws, meet)}")
         forget_when_many()
         try:
-            prior, first, own = first_fit(key, under(laws, data), settings)
+            prior, first, own = first_fit(key, under(laws, data, meet), settings)
         except JbwError as error:
-            refused[laws] = str(error)
+            refused[name_of(laws, meet)] = str(error)
         else:
-            found.append(Candidate(laws, Fitted(first, prior, own)))
+            found.append(Candidate(laws, Fitted(first, prior, own), meet))
     if not found:
         raise ConfigError(f"None of the laws can be fitted: {next(iter(refused.values()))}")
     weighing: Candidate | None = None
     for _ in range(MOST_TURNS):
         best = min(found, key=lambda one: one.error)
-        if weighing is not None and best.laws == weighing.laws:
+        if weighing is not None and best.name == weighing.name:
             break
-        report(f"Fitting all as {name_of(best.laws)} weighs the data, which leaves least")
+        report(f"Fitting all as {best.name} weighs the data, which leaves least")
         own = best.fitted
-        unweighed = replace(under(best.laws, data), held=own.data.held)  # with the signs of modes
+        # With the signs of modes.
+        unweighed = replace(under(best.laws, data, best.meet), held=own.data.held)
         ready = reweight(key, unweighed, own.box, own.fit, settings)
         weighing = replace(best, fitted=ready)
         keys = jax.random.split(key, len(found))
@@ -122,7 +134,7 @@ def again(key: Key[Array, ""], one: Candidate, common: Fitted) -> Candidate:
     forget_when_many()
     terms = terms_of(common.box)
     prior, best = with_terms(one.fitted.box, terms), one.fitted.fit
-    data = under(one.laws, common.data)
+    data = with_modes_of(one, under(one.laws, common.data, one.meet))
     begun = {name: common.fit.theta[name] for name in terms} | dict(best.theta)
     best = refit(best, prior, data, theta=begun)
     if data.has_offsets:
@@ -134,14 +146,34 @@ def again(key: Key[Array, ""], one: Candidate, common: Fitted) -> Candidate:
     return replace(one, fitted=Fitted(best, prior, data, one.fitted.statements))
 
 
-def under(laws: Laws, data: Dataset) -> Dataset:
-    """The same data, of other laws."""
-    return replace(data, parts=tuple(replace(part, laws=laws) for part in data.parts))
+def trials(sets: Sequence[Laws], seen: Measured) -> list[tuple[Laws, str]]:
+    """Laws, and how several modes meet: as stated, and for the campaign's own laws otherwise."""
+    plain = [(laws, "") for laws in sets]
+    if seen.modes is None or seen.modes.meet != "common" or not seen.laws:
+        return plain
+    return [*plain, *((seen.laws, meet) for meet in MEET)]
 
 
-def name_of(laws: Laws) -> str:
-    """Laws in a word."""
-    return " + ".join(laws) or "linear"
+def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
+    """The same data, of other laws, whose modes meet otherwise where that is said."""
+    modes, held = data.modes, data.held
+    if modes is not None and meet:
+        modes = modes._replace(meet=meet)
+        held = {name: value for name, value in held.items() if name not in OF_JOINT}
+    parts = tuple(replace(part, laws=laws, modes=modes) for part in data.parts)
+    return replace(data, parts=parts, held=held)
+
+
+def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
+    """The data with what a candidate holds of modes at the joint: signs, and shapes if measured."""
+    apart = {n: x for n, x in data.held.items() if n not in OF_JOINT}
+    own = {n: x for n, x in one.fitted.data.held.items() if n in OF_JOINT}
+    return replace(data, held=apart | own)
+
+
+def name_of(laws: Laws, meet: str = "") -> str:
+    """Laws in a word, and how several modes meet in them where that is not as stated."""
+    return (" + ".join(laws) or "linear") + MEET.get(meet, "")
 
 
 def errors_of(best: Fit, data: Dataset) -> dict[str, float]:

@@ -30,7 +30,11 @@ from jbw.identification.no_joint import joint_finding, may_be_absent, without_jo
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.reached import threshold_sentences
 from jbw.identification.run_effects import runs_dataset, runs_sentence
-from jbw.identification.stated_modes import one_joint_sentences, participation_sentences
+from jbw.identification.stated_modes import (
+    one_joint_sentences,
+    participation_sentences,
+    same_joint_sentences,
+)
 from jbw.identification.step import Step, attrs, finished, means_of
 from jbw.identification.widening import ending, widened
 from jbw.inference.fit.valley import about_valley
@@ -280,6 +284,7 @@ def posterior_checks(
     words += drive_sentences(theta, data)
     words += participation_sentences(posterior, data.modes)
     words += one_joint_sentences(best, prior, data)
+    words += same_joint_sentences(posterior, data)
     if (added := effects(posterior, data.held, y_peak, data.laws)) is not None:
         words.append(effects_sentence(added, y_peak))
         if may_be_absent(added):

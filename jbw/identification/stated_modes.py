@@ -1,12 +1,13 @@
 """Modes that a campaign states to meet in the joint: what is refused, and which sign each has."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 from scipy import stats
 
 from jbw.campaign.settings import Identify, Structured, structure_errors
@@ -20,6 +21,8 @@ from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.drives import told_by
 from jbw.observables.modes import Modes, ModesAtJoint
 from jbw.observables.observable import Observable
+from jbw.oscillator.laws import quantities_of
+from jbw.oscillator.modes.parameters import own_name
 
 BY_CHANCE = 0.01  # probability of as much better a fit, of modes that do not move the joint
 ROUGH = 1e-6  # of the cost and of the step: the other sign, which a further fit follows
@@ -38,7 +41,7 @@ def modes_of(
     if structure is None or len(structure.modes) < 2:
         return None
     known = structure.driving_point, structure.joint_shape, structure.points
-    modes = Modes(structure.modes, *known)
+    modes = Modes(structure.modes, *known, meet="apart" if structure.modal else "common")
     _require_own_constants(modes, tests)
     drives = sorted({drive_of(test) for test in tests})
     if len(drives) > 1:
@@ -183,6 +186,56 @@ def one_joint_sentences(best: Fit, prior: Box, data: Dataset) -> list[str]:
         f"Nothing shows that modes beside the first move the joint: {said}; drive harder, or leave "
         "them out of `modes`."
     ]
+
+
+def same_joint_sentences(posterior: xr.Dataset, data: Dataset) -> list[str]:
+    r"""Whether modes with laws of their own may have one joint, a sentence each.
+
+    In one joint a law is the same in every mode but for its units of length and of force: numbers
+    and ratios of parameters of one unit, as $\delta/\gamma$, agree. Their logarithms' difference
+    between two modes has zero within its 99 % interval, or one joint is rejected.
+    """
+    if data.modes is None or data.modes.meet != "apart":
+        return []
+    said = []
+    for name, pair in _invariants(data.laws).items():
+        first = _log_of(posterior, pair, lambda one: one)
+        for mode, hz in enumerate(data.modes.hz[1:], 2):
+            other = _log_of(posterior, pair, lambda one, mode=mode: own_name(one, mode))
+            if first is None or other is None:
+                continue
+            low, _, high = np.quantile(other - first, QUANTILES)
+            mean = np.exp([np.median(first), np.median(other)])
+            told = (
+                "one common joint is rejected, as far as the modes' own laws follow the data"
+                if low > 0 or high < 0 else "they may meet in one joint"
+            )  # fmt: skip
+            said.append(
+                f"{name} is {mean[0]:.3g} in the first mode and {mean[1]:.3g} in that at {hz:g} "
+                f"Hz, their ratio {np.exp(low):.3g} to {np.exp(high):.3g}: {told}."
+            )
+    return said
+
+
+def _invariants(laws: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """What units of length and force do not change: a parameter, or two whose ratio it is."""
+    found: dict[str, tuple[str, ...]] = {}
+    by_unit: dict[str, str] = {}
+    for one in quantities_of(laws):
+        if one.unit == "1":
+            found[one.name] = (one.name,)
+        elif (other := by_unit.setdefault(one.unit, one.name)) != one.name:
+            found[f"{other}/{one.name}"] = (other, one.name)
+    return found
+
+
+def _log_of(
+    posterior: xr.Dataset, pair: Sequence[str], name_of: Callable[[str], str]
+) -> NDArray[np.float64] | None:
+    """Logarithms of the draws of a parameter or a ratio; None where it is not positive in all."""
+    draws = [posterior[name_of(one)].values.ravel() for one in pair if name_of(one) in posterior]
+    ratio = draws[0] if len(draws) == 1 else draws[0] / draws[1] if draws else np.zeros(1)
+    return np.log(ratio) if len(draws) == len(pair) and np.all(ratio > 0) else None
 
 
 def participation_sentences(posterior: xr.Dataset, modes: Modes | None) -> list[str]:

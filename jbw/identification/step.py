@@ -11,13 +11,21 @@ from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.verdict import Finding, Verdict, judge, verdict
 from jbw.inference.space.box import Box
 from jbw.oscillator.laws import quantities_of, vocabulary
+from jbw.oscillator.modes.parameters import own_quantities
 from jbw.quantities import LINEAR, MODAL, RESIDUAL_TERMS, attrs_of
 
 
 def attrs(laws: tuple[str, ...] = ()) -> dict[str, dict[str, str]]:
     """Attributes of the variables of a posterior, by name: units, symbol and meaning."""
     return attrs_of(
-        [*LINEAR, *RESIDUAL_TERMS, *MODAL, *vocabulary().values(), *quantities_of(laws)]
+        [
+            *LINEAR,
+            *RESIDUAL_TERMS,
+            *MODAL,
+            *vocabulary().values(),
+            *quantities_of(laws),
+            *own_quantities(laws),
+        ]
     )
 
 

@@ -12,6 +12,7 @@ from jbw.inference.posterior.verdict import leaning
 from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.observables.residual_terms import MODES
 from jbw.oscillator.laws import quantities_of, vocabulary
+from jbw.oscillator.modes.parameters import own_quantities
 from jbw.quantities import LINEAR, MODAL, RESIDUAL_TERMS, Quantity
 from jbw.quantities import MODES as BESIDE
 
@@ -34,7 +35,7 @@ def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
 
 def _known(laws: Laws) -> dict[str, Quantity]:
     """Quantities by name: the register's, those of laws that carry numbers in their name too."""
-    table = (*LINEAR, *RESIDUAL_TERMS, *MODAL, *quantities_of(laws))
+    table = (*LINEAR, *RESIDUAL_TERMS, *MODAL, *quantities_of(laws), *own_quantities(laws))
     return vocabulary() | {one.name: one for one in table}
 
 

@@ -22,7 +22,8 @@ def without_offsets(
     """
     settings = alike(seen.settings).model_copy(update={"offsets": "none"})
     own = best.fitted
-    data = replace(under(best.laws, assemble(seen)), held=own.data.held)  # with the signs of modes
+    data = under(best.laws, assemble(seen), best.meet)
+    data = replace(data, held=own.data.held)  # with the signs of modes
     ready = reweight(key, data, own.box, own.fit, settings)
     keys = jax.random.split(key, len(found))
     return [again(k, one, ready) for k, one in zip(keys, found, strict=True)]

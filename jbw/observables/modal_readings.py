@@ -87,13 +87,13 @@ def _parts(rows: Complex[np.ndarray, "row line"]) -> Float[np.ndarray, "row part
     return np.concatenate([np.real(rows), np.imag(rows)], axis=1)
 
 
-def displacement_peak(
-    modes: Modes, x: Float[np.ndarray, "level time"], fs: float, order: int
+def band_peak(
+    x: Float[np.ndarray, "level time"], fs: float, order: int, band_hz: tuple[float, float]
 ) -> float:
-    """Largest displacement [m] of responses of this order, integrated from half the lowest mode."""
-    omega = 2 * np.pi * np.fft.rfftfreq(x.shape[1], 1 / fs)
-    kept = omega > np.pi * min(modes.hz)
-    factor = np.where(kept, (1j * np.where(kept, omega, 1.0)) ** -order, 0.0)
+    """Largest displacement [m] in a band of responses of this order."""
+    freq = np.fft.rfftfreq(x.shape[1], 1 / fs)
+    kept = (freq > band_hz[0]) & (freq < band_hz[1])
+    factor = np.where(kept, (2j * np.pi * np.where(kept, freq, 1.0)) ** -order, 0.0)
     return float(np.max(np.abs(np.fft.irfft(factor * np.fft.rfft(x), x.shape[1]))))
 
 

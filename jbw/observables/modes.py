@@ -40,6 +40,7 @@ class Modes(NamedTuple):
     driving_point: bool = False  # whether the output is where the source pushes
     joint_shape: tuple[float, ...] = ()  # h_i / h_1 of every mode, where they were measured
     points: tuple[str, ...] = ()  # names of those where responses are measured beside the first
+    meet: str = "common"  # in a common joint; "apart" with laws of their own; "first": it alone
 
     @property
     def names(self) -> tuple[Names, ...]:
@@ -55,6 +56,8 @@ class Modes(NamedTuple):
     @property
     def free(self) -> tuple[str, ...]:
         """Names of what is unknown of the modes at the joint: shapes, couplings, or neither."""
+        if self.meet != "common":
+            return ()
         shapes = () if self.joint_shape else tuple(names.shape for names in self.names)
         couplings = () if self.driving_point else tuple(names.coupling for names in self.names)
         return shapes + couplings
@@ -62,6 +65,8 @@ class Modes(NamedTuple):
     @property
     def held(self) -> dict[str, float]:
         """What is held: signs, which begin as positive, and shapes that were measured."""
+        if self.meet != "common":
+            return {}
         signs = {names.sign: 1.0 for names in self.names}
         over_first = (h / self.joint_shape[0] for h in self.joint_shape[1:])
         known = dict(zip(self.names, over_first, strict=False))
@@ -186,7 +191,7 @@ class ModesAtJoint(Observable):
 
     def statements(self, theta: Theta) -> list[str]:
         """Every further mode at the optimum, and what tells the sign of its motion of the joint."""
-        if self.modes is None or not self.laws:
+        if self.modes is None or self.modes.meet != "common" or not self.laws:
             return []
         found = structure_of(theta, self.laws)
         h, p = (np.asarray(x)[1:] for x in (found.h, found.p))

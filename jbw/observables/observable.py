@@ -225,6 +225,10 @@ class Observable(eqx.Module):
         """Largest displacement [m], of noise its rms, by omega_n [rad/s] where not measured."""
         return 0.0
 
+    def peaks_of_modes(self) -> tuple[float, ...]:
+        """Largest displacement [m] about each of several modes; nothing where not measured."""
+        return ()
+
     def stiffness(self, gain: float) -> float | None:
         """Force over displacement, per unit mass [1/s^2], where a displacement was prescribed."""
         return None

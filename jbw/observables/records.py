@@ -14,7 +14,7 @@ from jbw.measurement.records import Record, Test, periods
 from jbw.observables import remembered
 from jbw.observables.forms import by_form, common_form, first_alike
 from jbw.observables.line_fit import oscillator_through
-from jbw.observables.modal_readings import displacement_peak, lines_of_motions, read_modes
+from jbw.observables.modal_readings import band_peak, lines_of_motions, read_modes
 from jbw.observables.observable import OFFSETS, Laws, Rows, Theta, run_of
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, repeats
@@ -263,10 +263,18 @@ class Records(Repeated):
         """Largest displacement [m]."""
         power = derivative_order(self.response)
         if self.modes is not None:
-            first = np.array([not point for point in self.points])
-            own = np.asarray(self.mean)[first]
-            return displacement_peak(self.modes, own, self.fs, power) if first.any() else 0.0
+            own = np.asarray(self.mean)[[not point for point in self.points]]
+            above = 0.5 * min(self.modes.hz), np.inf
+            return band_peak(own, self.fs, power, above) if len(own) else 0.0
         return float(jnp.max(jnp.abs(self.mean))) / omega_n**power
+
+    def peaks_of_modes(self) -> tuple[float, ...]:
+        """Of responses at the first point, in each mode's window."""
+        own = np.asarray(self.mean)[[not point for point in self.points]]
+        if self.modes is None or not len(own):
+            return ()
+        order = derivative_order(self.response)
+        return tuple(band_peak(own, self.fs, order, edges) for edges in self.modes.windows_hz)
 
     def halved(self) -> Self:
         """The records with twice as many steps of the solver."""

@@ -10,7 +10,14 @@ from jaxtyping import Array, Float
 from jbw.errors import DataError
 from jbw.observables.residual_terms import added_response, taken
 from jbw.oscillator.deepening import with_depth
-from jbw.oscillator.modes.parameters import at_points, model_of
+from jbw.oscillator.modes.apart import simulate_apart
+from jbw.oscillator.modes.parameters import (
+    at_points,
+    gain_ratios,
+    model_of,
+    modes_apart,
+    seen_by_points,
+)
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.response import simulate
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF
@@ -100,15 +107,19 @@ def motion_under(
     `gain` [N/kg per unit of the input] besides. `substeps` are those of the solver between samples,
     `depth` the reversals that laws of Masing's kind remember.
     """
+    force = theta["gain"] * source
+    solving: dict[str, Any] = {
+        "hold": "band_limited", "substeps": substeps, "periodic": periodic
+    }  # fmt: skip
+    if (apart := modes_apart(theta, laws)) is not None:
+        deep = [with_depth(one, depth) for one in apart]
+        seen = seen_by_points(theta, len(deep))
+        c = seen if every_point else seen[0]
+        return simulate_apart(deep, gain_ratios(theta), c, force, fs, **solving)
     model = with_depth(model_of(theta, laws), depth)
-    return simulate(
-        at_points(theta, model) if every_point and isinstance(model, Structure) else model,
-        theta["gain"] * source,
-        fs,
-        hold="band_limited",
-        substeps=substeps,
-        periodic=periodic,
-    )
+    if every_point and isinstance(model, Structure):
+        model = at_points(theta, model)
+    return simulate(model, force, fs, **solving)
 
 
 def response_to(

@@ -10,7 +10,7 @@ from jaxtyping import Array, Key
 from jbw.errors import DataError, JbwError
 from jbw.identification import evidence
 from jbw.identification.assemble import Report
-from jbw.identification.evidence import Candidate, name_of
+from jbw.identification.evidence import Candidate
 from jbw.identification.floors import rms
 from jbw.identification.joint import every_parameter
 from jbw.identification.prior_widths import log_evidence_wide
@@ -30,21 +30,21 @@ class Weighed(NamedTuple):
 
 def weigh(
     keys: Key[Array, " two"], found: Sequence[Candidate], report: Report
-) -> tuple[dict[str, Weighed], dict[tuple[str, ...], str]]:
+) -> tuple[dict[str, Weighed], dict[str, str]]:
     """Posterior of each law, and what it makes of each run unseen; laws that have none, and why."""
     weighed: dict[str, Weighed] = {}
-    refused: dict[tuple[str, ...], str] = {}
+    refused: dict[str, str] = {}
     runs = runs_of(found[0].fitted.data)
     for i, one in enumerate(found):
         forget_when_many()
-        name, (own, other) = name_of(one.laws), (jax.random.fold_in(key, i) for key in keys)
+        name, (own, other) = one.name, (jax.random.fold_in(key, i) for key in keys)
         report(f"{name}: {len(runs)} runs predicted from each other's rest; evidence")
         try:
             drawn = evidence.posterior(own, one)
             known = left_out(other, one, drawn) if len(runs) > 1 else None
             wide = log_evidence_wide(own, one, drawn.attrs.get("log_evidence"))
         except JbwError as error:
-            refused[one.laws] = str(error)
+            refused[name] = str(error)
         else:
             weighed[name] = Weighed(one, drawn, known, wide)
     if not weighed:
@@ -59,6 +59,7 @@ def row_of(weighed: Weighed) -> dict[str, Any]:
     every = every_parameter(posterior, one.fitted.data)
     return {
         "laws": list(one.laws),
+        "meet": one.meet,
         "num_parameters": len(names),
         "error": one.error,
         "error_left_out": None if left is None else rms(list(left.error.values())),

@@ -14,7 +14,7 @@ from jbw.campaign.load import Campaign
 from jbw.identification import evidence
 from jbw.identification.assemble import Report, measured_in
 from jbw.identification.diagnosis import diagnose, diagnosis_sentences, readings_of
-from jbw.identification.evidence import Candidate, name_of
+from jbw.identification.evidence import Candidate
 from jbw.identification.floors import own_lines, rms, scatter_of_means
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.unseen_runs import LeftOut, runs_of
@@ -111,7 +111,7 @@ def compare_laws(
         "line": rms(list(lines.values())) if lines else None,
         "lines": lines,
         "laws": rows,
-        "refused": {name_of(laws): reason for laws, reason in refused.items()},
+        "refused": refused,
     }
     told = [] if diagnosis is None else diagnosis_sentences(diagnosis)
     (best,) = (name for name, row in rows.items() if row["answer"] == "best")
@@ -234,7 +234,7 @@ def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
 def _shared_runs(best: Candidate, shared: Mapping[str, Candidate]) -> dict[str, Any]:
     """What laws would be without offsets of the runs: the best one's parameters, all errors."""
     errors = {name: one.error for name, one in shared.items()}
-    return {**compared(best, shared[name_of(best.laws)]), "errors": errors}
+    return {**compared(best, shared[best.name]), "errors": errors}
 
 
 def _held(data: Dataset) -> dict[str, float]:

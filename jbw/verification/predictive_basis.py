@@ -21,6 +21,7 @@ from jbw.observables.drives import of_drive, plain
 from jbw.observables.harmonic_groups import family_of, response_held
 from jbw.observables.observable import OFFSETS, run_of
 from jbw.oscillator.laws import quantities_of
+from jbw.oscillator.modes.parameters import own_quantities
 from jbw.quantities import ATTACHED, DEFAULT_LAWS, MODAL, RESIDUAL_TERMS
 
 NUM_DRAWS = 100  # outer quantiles of 99 % bands need about as many
@@ -150,7 +151,7 @@ def thin(
     """At most `num_draws` evenly spaced draws of all that a response depends on, by name."""
     keep = evenly_spaced(posterior, num_draws)
     fixed = {name: np.full(len(keep), float(value)) for name, value in (held or {}).items()}
-    terms = (quantity.name for quantity in (*RESIDUAL_TERMS, *MODAL))
+    terms = (one.name for one in (*RESIDUAL_TERMS, *MODAL, *own_quantities(laws)))
     others = (quantity.name for quantity in ATTACHED)
     names = [name for name in (*parameter_names(laws), *terms, *others) if name in posterior]
     return {**fixed, **{name: posterior[name].values.ravel()[keep] for name in names}}

@@ -10,6 +10,12 @@ softens: $\alpha_i\delta_i = \kappa_i\,\alpha\delta$. By reciprocity $h_i p_i > 
 absent say something too: without a coupling the output is where the source pushes, $p_i = h_i
 b_i/b_1$; without a shape the mode is a linear one, which the joint does not feel. Further points
 where the response is measured see $y_o = \sum_i c_{oi} q_i$, `point_o_i` is $c_{oi}$.
+
+Modes that do not meet have laws of their own (modal models): `alpha_mode_2` is what `alpha` is of
+an oscillator with the second mode's frequency.
+
+Reference:
+    Segalman (2010), SAND2010-4763, for modes with laws of their own.
 """
 
 from collections.abc import Mapping
@@ -17,11 +23,12 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from jbw.oscillator.laws import laws_named
+from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
-from jbw.quantities import MODES, POINTS
+from jbw.quantities import MODES, POINTS, Quantity
 
 
 class Names(NamedTuple):
@@ -54,12 +61,52 @@ def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
     return Structure(omega_n, zeta, h, p, b, jnp.ones_like(b), forces)
 
 
+def own_name(name: str, mode: int) -> str:
+    """What a parameter of a law is called that is a further mode's own, the second one's by 2."""
+    return f"{name}_mode_{mode}"
+
+
+def own_quantities(laws: tuple[str, ...], num_modes: int = 1 + len(MODES)) -> list[Quantity]:
+    """Parameters of the laws that further modes have where they do not meet."""
+    return [
+        one._replace(
+            name=own_name(one.name, mode), symbol=f"{one.symbol}({mode})",
+            meaning=f"{one.meaning}, mode {mode}",
+        )
+        for mode in range(2, num_modes + 1)
+        for one in quantities_of(laws)
+    ]  # fmt: skip
+
+
+def modes_apart(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Oscillator, ...] | None:
+    """An oscillator a mode, each with laws of its own; None where theta has none such."""
+    own = [quantity.name for quantity in quantities_of(laws)]
+    if not own or own_name(own[0], 2) not in theta:
+        return None
+    found = [oscillator_of(theta, laws)]
+    for mode, names in enumerate(NAMES, 2):
+        if names.omega in theta:
+            linear = {"omega_n": theta[names.omega], "zeta": theta[names.zeta]}
+            law = {name: theta[own_name(name, mode)] for name in own}
+            found.append(oscillator_of(linear | law, laws))
+    return tuple(found)
+
+
+def gain_ratios(theta: Mapping[str, Any]) -> list[Any]:
+    """Gain of every mode over that of the first."""
+    return [1.0, *(theta[names.ratio] for names in NAMES if names.omega in theta)]
+
+
+def seen_by_points(theta: Mapping[str, Any], num_modes: int) -> Float[Array, "point mode"]:
+    """What every point sees of the modes: the first point, then the further ones in order."""
+    others = (point[:num_modes] for point in SEEN if point[0] in theta)
+    rows = (jnp.stack([theta[name] for name in names]) for names in others)
+    return jnp.stack(jnp.broadcast_arrays(jnp.ones(num_modes), *rows))
+
+
 def at_points(theta: Mapping[str, Any], structure: Structure) -> Structure:
-    """The structure with an output for every point: the first, then the further ones in order."""
-    first = structure.c
-    others = (point[: first.shape[-1]] for point in SEEN if point[0] in theta)
-    rows = [first, *(jnp.stack([theta[name] for name in names]) for names in others)]
-    return replace(structure, c=jnp.stack(jnp.broadcast_arrays(*rows)))
+    """The structure with an output for every point."""
+    return replace(structure, c=seen_by_points(theta, jnp.size(structure.omega_n)))
 
 
 def _mode(theta: Mapping[str, Any], names: Names) -> tuple[Any, ...]:

@@ -1,0 +1,36 @@
+r"""Modes that do not meet: each an oscillator by itself, of which the outputs are sums.
+
+$$y_o = \sum_i c_{oi}\, q_i, \qquad q_i \ \text{of oscillator}\ i\ \text{under}\ b_i u$$
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jbw.oscillator.oscillator import Oscillator
+from jbw.oscillator.response import simulate
+
+
+class MotionApart(NamedTuple):
+    """Motion of the outputs, as `jbw.simulate` has it of one oscillator."""
+
+    y: Float[Array, "*point time"]
+    v: Float[Array, "*point time"]
+    a: Float[Array, "*point time"]
+    guesses: Float[Array, ""]
+
+
+def simulate_apart(
+    oscillators: Sequence[Oscillator],
+    b: Sequence[Any],
+    c: Float[Array, "*point mode"],
+    u: Float[Array, " time"],
+    fs: float,
+    **options: Any,
+) -> MotionApart:
+    """Outputs c of modes that the input u moves by b each; options as `jbw.simulate` has them."""
+    each = [simulate(one, b_i * u, fs, **options) for one, b_i in zip(oscillators, b, strict=True)]
+    y, v, a = (c @ jnp.stack(rows) for rows in zip(*((q.y, q.v, q.a) for q in each), strict=True))
+    return MotionApart(y, v, a, jnp.sum(jnp.stack([q.guesses for q in each])))
