@@ -1,5 +1,6 @@
 """Modes that a campaign states to meet in the joint: what is refused, and which sign each has."""
 
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -88,7 +89,15 @@ def _require_unknown(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> 
     """Refuse stated bounds of what the [structure] table says is known."""
     known = {names.shape: "joint_shape" for names in modes.names if modes.joint_shape}
     known |= {names.coupling: "driving_point" for names in modes.names if modes.driving_point}
+    own = {name for names in modes.names for name in (names.shape, names.coupling)}
     for name in prior:
+        told = re.search(r"_mode_\d$", name)
+        if (told and modes.meet != "apart") or (name in own and modes.meet == "apart"):
+            raise ConfigError(
+                f"[identify.prior] `{name}` must be a parameter of modes that "
+                f"{'have laws of their own' if told else 'meet in one joint'}, but these do not.",
+                remedy="Leave it out, or say otherwise by `modal` in [structure].",
+            )
         if name in known:
             raise ConfigError(
                 f"[identify.prior] `{name}` must be unknown, but `{known[name]}` tells it.",
