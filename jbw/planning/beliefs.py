@@ -6,6 +6,7 @@ at several joints, and judged by the worst of ten.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +17,8 @@ from scipy.stats import qmc
 from jbw.errors import ConfigError, DataError
 from jbw.inference.space.box import Box, bounds_about, box
 from jbw.oscillator.laws import laws_named, quantities_of
-from jbw.quantities import DEFAULT_LAWS
+from jbw.oscillator.modes.parameters import NAMES, own_quantities
+from jbw.quantities import DEFAULT_LAWS, MODAL
 from jbw.verification.predictive_basis import Draws, laws_of_run, parameter_names, thin
 
 # A single value is known to a factor of two; the natural frequency, which a tap shows, far better.
@@ -24,6 +26,13 @@ REACH = {"omega_n": 1.1}
 FACTOR = 2.0
 Range = tuple[float, float]
 UNBOUNDED = 10.0  # factor to either side, where a posterior tells nothing of its prior's box
+
+
+class Mode(NamedTuple):
+    """A mode at every joint that is held possible."""
+
+    omega: Float[np.ndarray, " joint"]  # natural frequency [rad/s]
+    h: Float[np.ndarray, " joint"]  # motion of the joint over that of the response; 1 of the first
 
 
 @dataclass(frozen=True)
@@ -46,6 +55,17 @@ class Beliefs:
         """Every joint's parameters by name."""
         for i in range(self.num_joints):
             yield {name: jnp.asarray(values[i]) for name, values in self.joints.items()}
+
+
+def modes_of(joints: Mapping[str, np.ndarray]) -> list[Mode]:
+    """Natural frequency and motion of the joint, over the first mode's, of every mode."""
+    own = np.asarray(joints["omega_n"])
+    found = [Mode(own, np.ones_like(own))]
+    for names in NAMES:
+        if names.omega in joints:
+            h = np.abs(joints.get(names.shape, np.ones_like(own)))
+            found.append(Mode(np.asarray(joints[names.omega]), h))
+    return found
 
 
 def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
@@ -161,7 +181,8 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
             why="Loops under prescribed displacement do not tell how the joint moves by itself.",
             remedy="Plan from ranges: jbw plan PLAN.toml.",
         )
-    names = tuple(name for name in names if name in posterior)
+    modal = (quantity.name for quantity in (*MODAL, *own_quantities(laws)))
+    names = tuple(name for name in (*names, *modal) if name in posterior)
     every = {name: posterior[name].values.ravel() for name in names}
     means = {name: float(values.mean()) for name, values in every.items()}
     positive = {name: bool((values > 0).all()) for name, values in every.items()}

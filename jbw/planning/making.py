@@ -10,11 +10,12 @@ import xarray as xr
 
 from jbw.errors import ConfigError
 from jbw.oscillator.laws import quantities_of
-from jbw.planning.beliefs import Beliefs, after, before
+from jbw.oscillator.modes.parameters import NAMES
+from jbw.planning.beliefs import Beliefs, after, before, modes_of
 from jbw.planning.description import Description, read_description
 from jbw.planning.judge import combine, covariance, expected, ordered, row
 from jbw.planning.plan import Noise, Plan, Wish
-from jbw.planning.proposals import GRIDS, Reach, displacement_for, propose, sampling_for
+from jbw.planning.proposals import Reach, default_grids, displacement_for, propose, sampling_for
 from jbw.planning.prospects import prospects
 from jbw.quantities import UNIT_OF, in_dialect
 
@@ -73,9 +74,9 @@ def plan_tests(
     if aim is None:
         aim = displacement_for(beliefs)
         notes += [] if tree is None else [UNKNOWN_REACH.format(aim)]
-    natural_hz = float(np.median(beliefs.joints["omega_n"])) / (2 * np.pi)
+    natural_hz = max(float(np.median(one.omega)) for one in modes_of(beliefs.joints)) / (2 * np.pi)
     reach = Reach(settings.fs or rig.fs or sampling_for(natural_hz), aim, wish.max_input)
-    grids = description.grids or {kind: table() for kind, table in GRIDS.items()}
+    grids = description.grids or default_grids(beliefs)
     found = prospects(propose(grids, beliefs, reach), beliefs, noise, report)
     rows = [row(one, beliefs, wish) for one in found]
     admitted = [one for one, judged in zip(found, rows, strict=True) if judged.status in ADMITTED]
@@ -134,7 +135,9 @@ def _after(
 
 def _wish(description: Description, beliefs: Beliefs, input_unit: str) -> Wish:
     settings, names = description.settings, beliefs.names
-    asked = settings.wanted or [quantity.name for quantity in quantities_of(beliefs.laws)]
+    sizes = {name for own in NAMES for name in (own.shape, own.coupling)}
+    usual = [quantity.name for quantity in quantities_of(beliefs.laws)]
+    asked = settings.wanted or [*usual, *(name for name in names if name in sizes)]
     if not set(asked) & set(names):
         raise ConfigError(
             f"Key `wanted` must name parameters that are inferred, but has {', '.join(asked)}.",

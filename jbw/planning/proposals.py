@@ -14,7 +14,7 @@ from jbw.errors import ConfigError
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import Backbone, backbone
-from jbw.planning.beliefs import Beliefs
+from jbw.planning.beliefs import Beliefs, modes_of
 from jbw.planning.plan import Candidate, Stepped, Sweep, Tones
 from jbw.planning.prospects import peak_displacements
 
@@ -102,6 +102,7 @@ def displacement_for(beliefs: Beliefs) -> float:
 def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[Candidate]:
     """Candidates of every kind, by default aimed at parts of the largest displacement."""
     makers = {"sweep": _sweeps, "tones": _tones, "stepped": _steps}
+    _require_one_mode(grids, beliefs)
     found = [one for kind, grid in grids.items() for one in makers[kind](grid, beliefs, reach)]
     for one in found:
         if isinstance(one, Sweep):
@@ -116,20 +117,49 @@ def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[C
     return found
 
 
+def default_grids(beliefs: Beliefs) -> dict[str, Grid]:
+    """Kinds of candidates where none are stated: of several modes those alone that know them."""
+    kinds = ("sweep",) if len(modes_of(beliefs.joints)) > 1 else tuple(GRIDS)
+    return {kind: GRIDS[kind]() for kind in kinds}
+
+
+def _require_one_mode(grids: Mapping[str, Grid], beliefs: Beliefs) -> None:
+    """Refuse steady tones where several modes meet in the joint."""
+    others = [kind for kind in grids if kind != "sweep"]
+    if others and len(modes_of(beliefs.joints)) > 1:
+        raise ConfigError(
+            f"[{others[0]}]: tests of steady tones know one mode alone, but the run has several.",
+            remedy="Plan sweeps about every mode.",
+        )
+
+
 def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[Sweep]:
-    natural = _natural(beliefs)
-    low, high = grid.span or tuple(_rounded(share * natural) for share in SPAN)
-    rates = grid.rates or tuple(_rounded(natural * (high - low) / n) for n in PERIODS)
+    """Sweeps about every mode, at levels that move the joint alike."""
+    modes = modes_of(beliefs.joints)
+    centres = [float(np.median(mode.omega) / (2 * np.pi)) for mode in modes]
+    spans = [grid.span] if grid.span else [_span_about(own, centres) for own in centres]
     rest = _decay(beliefs) if grid.rest is None else grid.rest
-    shapes = [Sweep(1.0, low, high, rate, rest, reach.fs) for rate in rates]
-    if grid.levels is not None:
-        return [replace(shape, level=level) for shape in shapes for level in grid.levels]
-    goals = list(zip(_steady_levels(beliefs, reach), reach.goals, strict=True))
-    return [
-        replace(shape, level=level)
-        for shape in shapes
-        for level in _within([_aimed(shape, start, y, beliefs) for start, y in goals], reach)
-    ]
+    found: list[Sweep] = []
+    for mode, natural, (low, high) in zip(modes, centres, spans, strict=False):
+        rates = grid.rates or tuple(_rounded(natural * (high - low) / n) for n in PERIODS)
+        shapes = [Sweep(1.0, low, high, rate, rest, reach.fs) for rate in rates]
+        goals = [y / float(np.median(mode.h)) for y in reach.goals]
+        starts = list(zip(_steady_levels(beliefs, reach), goals, strict=True))
+        found += [
+            replace(shape, level=level)
+            for shape in shapes
+            for level in grid.levels
+            or _within([_aimed(shape, start, y, beliefs) for start, y in starts], reach)
+        ]
+    return found
+
+
+def _span_about(natural: float, every: Sequence[float]) -> tuple[float, float]:
+    """First and last frequency of a sweep about one mode, not halfway to another [Hz]."""
+    low, high = (share * natural for share in SPAN)
+    middles = [0.5 * (natural + other) for other in every if other != natural]
+    low = max([low, *(x for x in middles if x < natural)])
+    return _rounded(low), _rounded(min([high, *(x for x in middles if x > natural)]))
 
 
 def _aimed(shape: Sweep, level: float, y: float, beliefs: Beliefs) -> float:
