@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from jbw.errors import ConfigError, DataError, printable
 from jbw.oscillator.law import Conversion
 from jbw.oscillator.laws import quantities_of
+from jbw.oscillator.modes.parameters import has_further_modes
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Material
-from jbw.quantities import MODES, OSCILLATOR, Quantity
+from jbw.quantities import OSCILLATOR, Quantity
 from jbw.study.exported_draw import (
     backbone_within,
     best_draw,
@@ -89,7 +90,7 @@ def export(
     laws, posterior = basis.laws, basis.posterior
     draws = basis.thinned(max(2, posterior.sizes["chain"] * posterior.sizes["draw"]))
     draws.pop("gain", None)
-    if any(omega.name in posterior for omega, *_ in MODES):
+    if has_further_modes(posterior):
         warnings.warn(
             "The run has several modes; exported are the joint and the first of them, in whose "
             "units it is. The others are in `posterior.nc`.",

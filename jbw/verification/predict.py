@@ -13,7 +13,7 @@ from jbw.inference.thresholds import BEYOND
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.drives import of_drive
 from jbw.observables.residual_terms import TAKEN
-from jbw.quantities import MODES
+from jbw.oscillator.modes.parameters import has_further_modes
 from jbw.verification.bands import QUANTILES, band
 from jbw.verification.curves import predict_curve
 from jbw.verification.decays import predict_decay
@@ -109,8 +109,10 @@ def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
 
 def _require_modes_known(basis: Basis, test: Test) -> None:
     """Refuse motions of several modes that are predicted for one alone."""
-    several = any(omega.name in basis.posterior for omega, *_ in MODES)
-    if several and route_of(test) not in (predict_records, predict_periods):
+    if has_further_modes(basis.posterior) and route_of(test) not in (
+        predict_records,
+        predict_periods,
+    ):
         raise DataError(
             f"Test `{test.name}` of kind `{test.kind}` is predicted for one mode alone, but the "
             "run has several.",

@@ -18,7 +18,7 @@ Reference:
     Segalman (2010), SAND2010-4763, for modes with laws of their own.
 """
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -48,7 +48,12 @@ SEEN = tuple(tuple(quantity.name for quantity in point) for point in POINTS)
 
 def model_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Oscillator | Structure:
     """The oscillator of a dictionary of parameters, or the structure where it has further modes."""
-    return structure_of(theta, laws) if NAMES[0].omega in theta else oscillator_of(theta, laws)
+    return structure_of(theta, laws) if has_further_modes(theta) else oscillator_of(theta, laws)
+
+
+def has_further_modes(names: Container[str]) -> bool:
+    """Whether there are modes beside the first among names of parameters."""
+    return NAMES[0].omega in names
 
 
 def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
