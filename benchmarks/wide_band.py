@@ -1,0 +1,139 @@
+"""How much of an F-16's sweeps over four modes and three points does one joint explain?
+
+Sine sweeps of four levels between 4.9 and 10.5 Hz, three accelerations, as a campaign with
+[structure] states them. The modes are linear; the joint acts on the first mode alone; or one joint
+acts on all. Where it meets all, the shapes at the joint begin as those of the relative motion
+between wing and payload, by what the points see of the linear modes, and are free then. Least
+squares with every lines' constants integrated out; the error of each point over its response,
+mean over levels. Half an hour to an hour.
+
+    JBW_DATA=FOLDER python benchmarks/wide_band.py [--law bouc_wen --law cubic] [--json FILE]
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+
+import jax
+import numpy as np
+from timing import Table, options, show
+
+import jbw
+from jbw.campaign.load import Campaign
+from jbw.identification import prepare
+from jbw.identification.assemble import assemble, measured_in
+from jbw.identification.coordinates import box_of
+from jbw.identification.evidence import under
+from jbw.inference.fit.fitting import Fit
+from jbw.observables import dataset
+from jbw.observables.dataset import Dataset
+from jbw.observables.drives import told_by
+
+LEVELS = {1: 4.8, 3: 28.8, 5: 67.0, 7: 95.6}  # nominal force [N]
+POINTS = ("wing", "payload", "shaker")
+TOLERANCE = 1e-4  # of the cost and of the step: beyond, errors move by less than a thousandth
+NUM_SCREENED = 24  # points of the law's parameters that are looked at
+COLUMNS = {"model": "", "mean, %": ".1f", **{f"{point}, %": ".1f" for point in POINTS}}
+COLUMNS |= {"worst level, %": ".1f", "parameters": "d", "time, s": ".0f"}
+HEAD = """
+[structure]
+modes = [7.3, 5.2, 6.66, 9.2]
+points = ["payload", "shaker"]
+[identify]
+offsets = "none"
+"""
+TEST = """
+[[test]]
+kind = "sweep"
+name = "level {level}"
+level = {force}
+files = "$JBW_DATA/f16_gvt_sinesweep/F16Data_SineSw_Level{level}.npz"
+channels = {{ force = "Force", acceleration = "Acceleration[1]" }}
+points = {{ payload = "Acceleration[2]", shaker = "Acceleration[0]" }}
+units = {{ force = "N", acceleration = "m/s^2" }}
+fs = 400.0
+band = [4.9, 10.5]
+span = [55.0, 215.0]
+settle = 35.0
+"""
+
+
+def campaign(laws: Sequence[str]) -> Campaign:
+    """The sweeps, from the part in which they pass the band."""
+    text = HEAD + "".join(TEST.format(level=n, force=force) for n, force in LEVELS.items())
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "campaign.toml"
+        path.write_text(text)
+        loaded = jbw.load_campaign(path, allow_outside=True)
+    return replace(loaded, laws=tuple(laws))
+
+
+def fitted(data: Dataset, taken: Campaign, start: Mapping[str, float]) -> Fit:
+    """Least squares from a start; where that has no law, from the likeliest of some points."""
+    known = {**told_by(data.parts), **start}
+    prior = box_of(taken.settings, data, known)
+    middle = prepare.from_unit(np.full(len(prior.names), 0.5), prior)
+    begun = {name: known.get(name, float(middle[name])) for name in prior.names}
+    points = {name: np.full(NUM_SCREENED, value) for name, value in begun.items()}
+    if unknown := [name for name in prior.names if name not in known]:
+        drawn = prepare.screened(jax.random.key(0), prior, begun, begun)
+        points |= {name: drawn[name][:NUM_SCREENED] for name in unknown}
+        found = prepare.at_points(dataset.log_likelihood, prepare.inside(points, prior), data)
+        best = int(np.argmax(np.nan_to_num(found.sum(axis=1), nan=-np.inf)))
+        begun = {name: float(values[best]) for name, values in points.items()}
+    starts = prepare.inside(begun, prior)
+    return prepare.costly_fit(dataset.stacked, prior, data, starts=starts, tolerance=TOLERANCE)
+
+
+def relative_motion(best: Mapping[str, float]) -> tuple[float, ...]:
+    """Payload's motion less the wing's in every mode, over the wing's."""
+    return tuple(best[f"point_2_{mode}"] - 1.0 for mode in (1, 2, 3, 4))
+
+
+def row(name: str, best: Fit, data: Dataset, seconds: float) -> tuple[object, ...]:
+    """Errors of a fit by point, over levels."""
+    left = dataset.left_by_label(best.residual, data)
+    every = dataset.error_by_label(left, data)
+    names = [f"level {n}" for n in LEVELS]
+    of = [[100 * every[n if p == "wing" else f"{n} at {p}"] for n in names] for p in POINTS]
+    levels = np.mean(of, axis=0)
+    return (
+        name, float(np.mean(of)), *np.mean(of, axis=1).tolist(), float(levels.max()),
+        len(best.theta), seconds,
+    )  # fmt: skip
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = options(__doc__)
+    parser.add_argument("--law", action="append", help="of the joint; bouc_wen when left out")
+    chosen = parser.parse_args(arguments)
+    jbw.enable_x64()
+    laws, rows = tuple(chosen.law or ["bouc_wen"]), []
+
+    def done(name: str, data: Dataset, taken: Campaign, start: Mapping[str, float]) -> Fit:
+        began = perf_counter()
+        best = fitted(data, taken, start)
+        rows.append(row(name, best, data, perf_counter() - began))
+        return best
+
+    taken = campaign(laws)
+    data = assemble(measured_in(taken, print))
+    done("linear", under((), data), taken, {})
+    first = done("joint on the first mode", under(laws, data, "first"), taken, {})
+    assert taken.structure is not None
+    shape = relative_motion(told_by(data.parts))
+    held = taken.structure.model_copy(update={"joint_shape": shape})
+    known = replace(taken, structure=held)
+    own = assemble(measured_in(known, print))
+    common = done("one joint, shapes measured", own, known, first.theta)
+    signs = {n: float(x) for n, x in own.held.items() if n.startswith("sign_")}
+    free = replace(data, held={**data.held, **{n: np.asarray(x) for n, x in signs.items()}})
+    shapes = {n: float(x) for n, x in own.held.items() if n.startswith("shape_")}
+    done("one joint, shapes free", free, taken, {**common.theta, **shapes})
+    show([Table("F-16, 4.9 to 10.5 Hz", COLUMNS, rows)], file=chosen.json)
+
+
+if __name__ == "__main__":
+    main()
