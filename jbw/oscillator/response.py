@@ -245,7 +245,9 @@ def _simulate(
     if options.periodic:
         own = tuple(law.memory_unit(joint.omega_n) for law in joint.laws)
         unit = joint.omega_n, jnp.ones_like(joint.omega_n), own
-        (y, v, memory), residual = steady_period(trajectory_from, initial, unit)
+        (y, v, memory), residual = steady_period(
+            trajectory_from, initial, unit, alone=any(law.stacks for law in joint.laws)
+        )
     else:
         (y, v, memory), residual = trajectory_from(initial), jnp.zeros(())
     z, beside, guesses = jnp.zeros_like(y), jnp.zeros_like(y), jnp.zeros(())
