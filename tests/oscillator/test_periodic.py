@@ -1,4 +1,4 @@
-"""The steady state of a periodic record: how many periods are solved, and what need not come back."""
+"""Steady state of a periodic record: how many periods are solved, and what need not come back."""
 
 import jax
 import jax.numpy as jnp
