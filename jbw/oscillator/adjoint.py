@@ -1,10 +1,10 @@
 r"""Derivatives of the hysteresis-exact solve: one function for forward and reverse mode.
 
-The primal is the diffrax solve, its states saved at the samples; where derivatives are asked for, at
-every substep. The tangent needs no second solve: the derivatives of all steps at the saved states
-are independent of each other and are taken for many steps at once; only the recurrence
-$\dot x_{n+1} = J_n \dot x_n + b_n$ with its small matrices (3 x 3 with one memory) is sequential.
-It is linear in the tangents, so JAX transposes it for `jax.grad`.
+The primal is the diffrax solve, its states saved at the samples, or at every substep where
+derivatives are asked for. The tangent needs no second solve: the derivatives of all steps at the
+saved states are independent of each other and are taken for many steps at once; only the
+recurrence $\dot x_{n+1} = J_n \dot x_n + b_n$ with its small matrices (3 x 3 with one memory) is
+sequential. It is linear in the tangents, so JAX transposes it for `jax.grad`.
 """
 
 from collections.abc import Callable
