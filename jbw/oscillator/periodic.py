@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 MAX_ITERATIONS = 400
+_PATIENCE, _PROGRESS = 20, 0.9  # rounds in which the gap falls by a tenth, or no end is in sight
 _DIFFERENCE = 1e-7  # of the state, for its slope; less than this the slope does not know
 _SLOW = 1e-2  # m/s, of which the difference is the part at rest
 _NOTHING = 1e-14  # of the largest of the state
@@ -77,27 +78,31 @@ def _settle(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
 
     Each period marched multiplies the gap by some $\rho$, and costs 1; a Newton step of n numbers
     costs n + 1, and four of them do: marching costs less where $\rho^{4(n + 1)}$ is the tolerance.
-    The map stands in the loop once: a solver in time is long to compile.
+    The map stands in the loop once: a solver in time is long to compile. A motion that comes to no
+    period, as laws have that feed it, is given up.
     """
     pays = _TOLERANCE ** (1.0 / (_NEWTON_STEPS * (x.size + 1)))
 
     def unsettled(carry):
-        x, rest, *_, count = carry
+        x, rest, *_, idle, count = carry
         done = (_norm(rest) <= _TOLERANCE * _norm(x)) | jnp.isnan(_norm(rest))
-        return (count < MAX_ITERATIONS) & ~done
+        return (count < MAX_ITERATIONS) & (idle < _PATIENCE) & ~done
 
     def improve(carry):
-        x, rest, tried, sloped, is_newton, count = carry
+        x, rest, tried, sloped, is_newton, least, idle, count = carry
         left, slope = _value_and_slope(gap, tried, sloped)
         taken = ~is_newton | (_norm(left) < _norm(rest))
         marching = ~sloped & (_norm(left) <= pays * _norm(rest))
         x, rest = jnp.where(taken, tried, x), jnp.where(taken, left, rest)
         is_newton = taken & sloped
         step = jax.lax.cond(is_newton, lambda: -_solved(slope, left), lambda: rest)
-        return x, rest, x + step, ~marching, is_newton, count + 1
+        nearer = _norm(rest) < _PROGRESS * least
+        least, idle = jnp.where(nearer, _norm(rest), least), jnp.where(nearer, 0, idle + 1)
+        return x, rest, x + step, ~marching, is_newton, least, idle, count + 1
 
     nowhere, no = jnp.full_like(x, jnp.inf), jnp.asarray(False)
-    return jax.lax.while_loop(unsettled, improve, (x, nowhere, x, no, no, 0))[0]
+    begun = x, nowhere, x, no, no, jnp.inf, 0, 0
+    return jax.lax.while_loop(unsettled, improve, begun)[0]
 
 
 def _value_and_slope(

@@ -54,6 +54,13 @@ def test_a_period_that_is_not_a_number_is_given_up():
     assert count < 5
 
 
+def test_a_motion_without_a_period_is_given_up():
+    # x <- x + 1 comes back nowhere; twenty rounds of a slope, at 13 periods each, show it.
+    (_, residual), count = count_of(settled, 1.0)
+    assert residual > 0.01
+    assert count < 23 * 13
+
+
 @pytest.mark.parametrize("alone", [True, False])
 def test_lanes_agree_and_wait_for_none_where_they_settle_alone(alone):
     kept = np.append(np.zeros(7), 0.5)
