@@ -1,10 +1,10 @@
 r"""Derivatives of the hysteresis-exact solve: one function for forward and reverse mode.
 
-The primal is the diffrax solve, its states saved at every substep. The tangent needs no second
-solve: the derivatives of all steps at the saved states are independent of each other and are
-taken for many steps at once; only the recurrence $\dot x_{n+1} = J_n \dot x_n + b_n$ with its
-small matrices (3 x 3 with one memory) is sequential. It is linear in the tangents, so JAX
-transposes it for `jax.grad`.
+The primal is the diffrax solve, its states saved at the samples, or at every substep where
+derivatives are asked for. The tangent needs no second solve: the derivatives of all steps at the
+saved states are independent of each other and are taken for many steps at once; only the
+recurrence $\dot x_{n+1} = J_n \dot x_n + b_n$ with its small matrices (3 x 3 with one memory) is
+sequential. It is linear in the tangents, so JAX transposes it for `jax.grad`.
 """
 
 from collections.abc import Callable
@@ -31,10 +31,15 @@ _CHUNK = 128
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
-    """States after every substep, differentiable in the stepping and the initial state."""
+    """States at the samples, differentiable in the stepping and the initial state."""
+    return _states(substeps, substeps, stepping, initial)
+
+
+def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Trajectory:
+    """States after every so many of the substeps."""
+    march = partial(_march, substeps, every)
     stacks = any(law.stacks for law in stepping.step.laws)
-    march = _one_after_another(partial(_march, substeps)) if stacks else partial(_march, substeps)
-    return march(stepping, initial)
+    return (_one_after_another(march) if stacks else march)(stepping, initial)
 
 
 def _one_after_another(march: Callable[..., Trajectory]) -> Callable[..., Trajectory]:
@@ -45,8 +50,8 @@ def _one_after_another(march: Callable[..., Trajectory]) -> Callable[..., Trajec
     return jax.custom_batching.sequential_vmap(march)
 
 
-def _march(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
-    """States after every substep."""
+def _march(substeps: int, every: int, stepping: Stepping, initial: State) -> Trajectory:
+    """States after every so many of the substeps."""
     num_steps = stepping.push[0].shape[0]
     laws, (y, v, memory) = stepping.step.laws, initial
     packed = tuple(law.packed(own) for law, own in zip(laws, memory, strict=True))
@@ -59,12 +64,12 @@ def _march(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
         dt0=1.0 / substeps,
         y0=tuple(jax.tree.leaves(carried)),
         args=stepping,
-        saveat=diffrax.SaveAt(t0=True, steps=True),
+        saveat=diffrax.SaveAt(t0=True, steps=every),
         adjoint=diffrax.ForwardMode(),
         max_steps=num_steps,
         throw=False,
     )
-    leaves = [x[: num_steps + 1] for x in solution.ys]  # pyright: ignore
+    leaves = [x[: num_steps // every + 1] for x in solution.ys]  # pyright: ignore
     y, v, packed = jax.tree.unflatten(jax.tree.structure(carried), leaves)
     return y, v, tuple(law.unpacked(own) for law, own in zip(laws, packed, strict=True))
 
@@ -77,10 +82,11 @@ def _unused_field(tau, state, stepping):
 @solve.defjvp
 def _solve_jvp(substeps, primals, tangents):
     stepping, initial = primals
-    trajectory = solve(substeps, stepping, initial)
+    trajectory = _states(substeps, 1, stepping, initial)
     stacks = any(law.stacks for law in stepping.step.laws)
     along = adjoint_stack.tangent if stacks else _tangent
-    return trajectory, along(stepping, trajectory, *tangents)
+    both = trajectory, along(stepping, trajectory, *tangents)
+    return jax.tree.map(lambda x: x[::substeps], both)
 
 
 def _tangent(

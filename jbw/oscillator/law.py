@@ -250,7 +250,7 @@ class Law(eqx.Module):
         return generic.no_force(self)
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Factors that make the memory comparable with a velocity; those of a force."""
+        """Factors to a velocity, those of a force at first; zero of what counts for ever."""
         return jax.tree.map(lambda _: 1.0 / omega_n, self.at_rest())
 
     @property

@@ -36,7 +36,7 @@ from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.periodic import steady_period
-from jbw.oscillator.solver import Stepping, sampled_input, solve_stock, stepping
+from jbw.oscillator.solver import sampled_input, solve_stock, stepping
 from jbw.oscillator.step import State
 
 Input = Float[Array | np.ndarray, "... time"] | Callable[[Array], ArrayLike]
@@ -238,14 +238,16 @@ def _simulate(
         polynomials = input_polynomials(u, options.hold, periodic=options.periodic)
         if options.solver is None and _is_stepped(joint):
             steps = stepping(joint, polynomials, fs, options.substeps)
-            trajectory_from = partial(_exact, options.substeps, steps)
+            trajectory_from = partial(solve, options.substeps, steps)
         else:
             held = partial(sampled_input, polynomials)
             trajectory_from = partial(_stock, options, joint, held, fs)
     if options.periodic:
         own = tuple(law.memory_unit(joint.omega_n) for law in joint.laws)
         unit = joint.omega_n, jnp.ones_like(joint.omega_n), own
-        (y, v, memory), residual = steady_period(trajectory_from, initial, unit)
+        (y, v, memory), residual = steady_period(
+            trajectory_from, initial, unit, alone=any(law.stacks for law in joint.laws)
+        )
     else:
         (y, v, memory), residual = trajectory_from(initial), jnp.zeros(())
     z, beside, guesses = jnp.zeros_like(y), jnp.zeros_like(y), jnp.zeros(())
@@ -256,12 +258,6 @@ def _simulate(
         guesses = guesses + counts[-1] - counts[0]
     a = u_sampled - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - z - beside
     return Response(t, y, v, z, a, residual, guesses)
-
-
-def _exact(substeps: int, steps: Stepping, initial: State) -> Trajectory:
-    """Trajectory by our own step, at the samples."""
-    y, v, memory = solve(substeps, steps, initial)
-    return jax.tree.map(lambda x: x[::substeps], (y, v, memory))
 
 
 def _stock(

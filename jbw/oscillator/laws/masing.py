@@ -129,7 +129,8 @@ class Masing(Law):
         """A force over omega_n and a displacement times omega_n are velocities."""
         # What only counts, or follows from the rest, weighs little; a power of two rounds nothing.
         small = 2.0**-10 + 0.0 * omega_n
-        stack = Stack(small, small, small, (omega_n,) * self.depth, (1.0 / omega_n,) * self.depth)
+        none = 0.0 * omega_n  # `missed` counts on
+        stack = Stack(small, small, none, (omega_n,) * self.depth, (1.0 / omega_n,) * self.depth)
         return Branch(small, small, small, small, small, 1.0 / omega_n, small, stack.row())
 
     def packed(self, memory: Branch) -> Branch:
