@@ -171,7 +171,7 @@ class Structured(Table):
 
 def structure_errors(structure: Structured, tests: Iterable[Any]) -> Iterator[str]:
     """Tests of kinds that know one mode alone, a sentence each."""
-    several = [kind.name for kind in KINDS.values() if kind.is_transient or kind.is_periodic]
+    several = [k.name for k in KINDS.values() if k.is_transient or k.is_periodic or k.is_free]
     for test in tests if len(structure.modes) > 1 else ():
         if test.kind not in several:
             named = f"test `{test.name}`" if test.name else "a test"

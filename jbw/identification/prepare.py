@@ -46,7 +46,7 @@ from jbw.observables.drives import of_part, plain, told_by
 from jbw.observables.observable import AmplitudeCurve
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
-from jbw.quantities import STUCK
+from jbw.quantities import MODAL, STUCK
 
 MOST_SUBSTEPS = 64
 AMPLE = 0.5  # of what the verdict allows the solver: draws about a fit are not the posterior
@@ -144,7 +144,8 @@ def from_amplitude_curve(
         return jnp.concatenate([frequency, damping])
 
     own = of_part(bounds_by_name(prior), part)
-    bounds = {name: pair for name, pair in own.items() if name != "gain" and name == plain(name)}
+    others = {"gain", *(each.name for each in MODAL)}  # the curve is of the first mode
+    bounds = {n: pair for n, pair in own.items() if n not in others and n == plain(n)}
     best = fit(left, box(bounds), thin, starts=CURVE_STARTS, key=key)
     return {name: value for name, value in best.theta.items() if name not in known}
 

@@ -1,0 +1,341 @@
+r"""Free decays of several modes that meet in one joint, each with its own start integrated out.
+
+Two modes that ring at once do not run along one decay, as one does: how strongly either slips
+depends on both. So every record is simulated from a start of its own, a displacement and a velocity
+of every mode, $q_i(0)$ and $\dot q_i(0)$, and compared in a band that holds all modes, as the
+complex envelope about its centre: the filter takes out what else rings, and leaves as few values as
+the band has degrees of freedom. The start has flat priors, and so has a small shift of the natural
+frequencies, all alike in proportion: structures are never twice the same. Shifts share one scatter.
+
+For any parameters the best start is found by Gauss and Newton, from the one that the modes' own
+envelopes show. Parameters move the rest of the residual, with Q a basis of the changes by the start
+
+$$r = (1 - Q Q^T)\,(X - \hat X(\theta, s)), \qquad J = \hat X_s = Q R$$
+
+which at the best s is the residual of least squares with the right derivative of its size; the
+change of Q itself is left out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Any, ClassVar, NamedTuple, Self
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from jbw.errors import ConfigError, DataError
+from jbw.measurement.records import Test
+from jbw.observables.decay import Decays, at_rest, matched
+from jbw.observables.decay_envelopes import envelopes, filter_of, readings
+from jbw.observables.modes import Modes
+from jbw.observables.observable import AmplitudeCurve, Laws, Rows, Theta
+from jbw.oscillator.law import Memory
+from jbw.oscillator.modes.parameters import structure_of
+from jbw.oscillator.modes.structure import Structure
+from jbw.oscillator.response import simulate
+from jbw.quantities import DEFAULT_LAWS, LETTER_OF, OSCILLATOR, derivative_order
+
+STEPS_A_PERIOD = 20.0  # of the highest mode, until a fit shows what the data take
+STEP = 1e-6  # of a mode's amplitude: differences by the start, beside rounding of 1e-10
+NUM_EVALUATIONS = 5  # of the model to the best start; each step follows one of them
+DAMPING, EASED, RAISED = 1e-3, 0.1, 30.0  # of the steps, after a better and after a worse start
+LEAST = 4  # independent values that a mode's start is read from
+FIRST = tuple(quantity.name for quantity in OSCILLATOR)
+
+
+class Start(NamedTuple):
+    """A record's own unknowns: q_i, then q_i' over the stated frequencies [m]; a shift [rad/s]."""
+
+    state: Float[Array, "*record coordinate"]
+    shift: Float[Array, "*record"]
+
+
+class Matched(NamedTuple):
+    """A record matched by least squares; misfit is the sum of squared moduli of the residual.
+
+    The normal matrix is of the state and the shift, for noise of unit variance.
+    """
+
+    entry: Start
+    misfit: Float[Array, "*record"]
+    residual: Complex[Array, "*record step"]
+    precision: Float[Array, "*record own own"]
+
+
+class ModalDecays(Decays):
+    """Free decays of several modes with what a likelihood asks of them.
+
+    Attributes:
+        begun: Own unknowns of each record from which its best ones are looked for, as `Start`.
+        amplitude: Of each record's modes where it begins, as displacements [m].
+        curves: Of each mode, as `AmplitudeCurve`: read off all records, the others filtered out.
+    """
+
+    several: ClassVar[bool | None] = True
+
+    begun: Float[Array, "record own"]
+    amplitude: Float[Array, "record mode"]
+    curves: tuple[Float[Array, "3 _point"], ...]
+
+    @classmethod
+    def reduce(
+        cls,
+        tests: Sequence[Test],
+        *,
+        laws: Laws = DEFAULT_LAWS,
+        substeps: int | None = None,
+        modes: Modes | None = None,
+    ) -> tuple[Self, ...]:
+        """Envelopes of the decays of each test, in a band with all modes of the structure."""
+        return tuple(cls.of(test, laws=laws, substeps=substeps, modes=modes) for test in tests)
+
+    @classmethod
+    def of(
+        cls,
+        test: Test,
+        *,
+        laws: Laws = DEFAULT_LAWS,
+        substeps: int | None = None,
+        modes: Modes | None = None,
+    ) -> Self:
+        """Envelopes of a test's decays after `settle`, cut to the shortest; noise is guessed."""
+        if modes is None:
+            raise ConfigError("Argument `modes` must name the modes of the structure, but is None.")
+        each = [replace(test, band_hz=band) for band in bands_of(modes, test)]
+        starts = np.stack([_starts(one) for one in each], axis=1)
+        state = np.concatenate([starts.real, starts.imag, np.zeros((len(starts), 1))], axis=1)
+        alike = Decays.of(test, laws=laws, substeps=1)
+        known = {one.name: getattr(alike, one.name) for one in fields(alike)}
+        highest = max(modes.hz)
+        known |= {
+            "y_start": jnp.asarray(np.abs(starts).sum(axis=1).max()),
+            "num_samples": (alike.envelope.shape[1] - 1) * alike.stride + len(alike.taps),
+            "substeps": substeps or int(np.ceil(STEPS_A_PERIOD * highest / alike.fs)),
+            "modes": modes,
+        }
+        return cls(
+            **known,
+            begun=jnp.asarray(state),
+            amplitude=jnp.asarray(np.abs(starts)),
+            curves=tuple(jnp.asarray(np.stack(_curve(one))) for one in each),
+        )
+
+    @property
+    def num_own(self) -> int:
+        """Unknowns of a record besides its noise: two a mode, and the shift."""
+        return self.begun.shape[1]
+
+    def matches(self, theta: Theta) -> Any:
+        """Every record at its best start, one after another; a leading axis of records."""
+        structure = structure_of(theta, self.laws)
+        records = Seen(self.envelope, self.begun, self.amplitude)
+        return jax.lax.map(lambda seen: match(structure, seen, self), records)
+
+    def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
+        """The decays with the noise of every record, looked for from their best starts on."""
+        found = matched(theta, self).entry
+        begun = jnp.concatenate([found.state, found.shift[:, None]], axis=1)
+        return replace(super().with_fitted_noise(theta, left), begun=begun)
+
+    def first_values(self) -> dict[str, float]:
+        """Straight lines through frequency and damping of every mode against amplitude, at none."""
+        found: dict[str, float] = {}
+        others = self.modes.names if self.modes is not None else ()
+        for curve, (omega, zeta, *_) in zip(self.curves, (FIRST, *others), strict=True):
+            found |= dict(zip((omega, zeta), at_rest(AmplitudeCurve(*np.asarray(curve))), strict=True))
+        return found
+
+    def amplitude_curve(self) -> AmplitudeCurve:
+        """Frequency and damping of the first mode along every record."""
+        return AmplitudeCurve(*np.asarray(self.curves[0]))
+
+    def statements(self, theta: Theta) -> list[str]:
+        """What is left of the motion about every mode, and what one mode's decays say."""
+        left = np.asarray(matched(theta, self).residual)
+        said = " and ".join(
+            f"{error:.2g} about {hz:.4g} Hz"
+            for hz, error in zip(self.modes.hz, errors_by_mode(left, self), strict=True)
+        )
+        return [
+            f"Of the motion in the free decays {said} is left at the optimum, over its rms.",
+            *super().statements(theta),
+        ]
+
+
+class Seen(NamedTuple):
+    """What a record is matched by."""
+
+    envelope: Complex[Array, "*record step"]
+    begun: Float[Array, "*record own"]
+    amplitude: Float[Array, "*record mode"]
+
+
+def bands_of(modes: Modes, test: Test) -> list[tuple[float, float]]:
+    """A band about every mode that no other reaches through its filter [Hz].
+
+    Raises:
+        DataError: A mode does not lie in the band of the test, which must state one.
+    """
+    low, high = filter_of(test).band_hz
+    found = []
+    for own in modes.hz:
+        if not low < own < high:
+            raise DataError(
+                f"Test `{test.name}` must have all modes of [structure] in its `band`, {low:g} to "
+                f"{high:g} Hz, but {own:g} Hz is outside.",
+                why="The modes of a free decay ring at once, and all move the joint.",
+                remedy="Widen `band`, or leave the mode out of `modes`.",
+            )
+        room = [abs(own - other) / 2 for other in modes.hz if other != own]
+        half = min(*room, own - low, high - own)
+        found.append((own - half, own + half))
+    return found
+
+
+def _starts(test: Test) -> Complex[np.ndarray, " record"]:
+    r"""What one mode begins every record with, $q(0) + j\,\dot q(0)/\omega$, by its envelope [m].
+
+    Its logarithm is continued by a straight line to the first sample, which the filter does not
+    reach.
+    """
+    chosen, found = filter_of(test), []
+    order, nominal = derivative_order(test.records[0].response), np.pi * sum(test.band_hz or ())
+    for row in envelopes(test):
+        few = row[: LEAST * chosen.step]
+        log = np.log(np.abs(few)) + 1j * np.unwrap(np.angle(few))
+        t = (chosen.half + np.arange(len(few))) / chosen.fs
+        slope, level = np.polyfit(t, log, 1)
+        rate = slope + 2j * np.pi * chosen.centre_hz
+        q = np.exp(level) / rate**order
+        found.append(q.real + 1j * (rate * q).real / nominal)
+    return np.array(found)
+
+
+def _curve(test: Test) -> AmplitudeCurve:
+    """Frequency and damping of one mode against amplitude, along all records."""
+    found = readings(test)
+    omega = 2 * np.pi * np.concatenate([one.frequency_hz for one in found])
+    size = np.concatenate([one.amplitude for one in found])
+    y = size / omega ** derivative_order(test.records[0].response)
+    return AmplitudeCurve(y, omega, np.concatenate([one.damping for one in found]))
+
+
+def memory_at(structure: Structure, q: Array, v: Array) -> tuple[Memory, ...]:
+    r"""Memories of the laws on the steady loop of the present amplitude of the joint's motion.
+
+    $$X = \sum_i |h_i| \sqrt{q_i^2 + (\dot q_i/\omega_i)^2}, \qquad x = \sum_i h_i q_i$$
+
+    on the way down from X or up from -X, as x moves.
+    """
+    h, x, moves = structure.h, structure.h @ q, structure.h @ v
+    size = jnp.sum(jnp.abs(h) * jnp.hypot(q, v / structure.omega_n))
+
+    def of_law(law: Any) -> Memory:
+        tip = law.at_tip(size)
+        falling = law.move(size, tip, x - size)
+        rising = law.move(-size, law.move(size, tip, -2.0 * size), x + size)
+        return jax.tree.map(lambda up, down: jnp.where(moves > 0, up, down), rising, falling)
+
+    return tuple(of_law(law) for law in structure.laws)
+
+
+def modal_envelopes(
+    structure: Structure, state: Float[Array, " coordinate"], data: ModalDecays
+) -> Complex[Array, "mode step"]:
+    """What every mode adds to a record's envelope, from a state as `Start` has it on."""
+    q, over = jnp.split(state, 2)
+    v = 2 * np.pi * jnp.asarray(data.modes.hz) * over
+    start = (q, v, memory_at(structure, q, v))
+    each = replace(structure, c=jnp.eye(len(data.modes.hz)))
+    silence = jnp.zeros(data.num_samples)
+    free = simulate(each, silence, data.fs, hold="zero", initial=start, substeps=data.substeps)
+    kernel = jnp.stack([data.taps.real, data.taps.imag])[:, None, :]
+    x = getattr(free, LETTER_OF[data.response])[:, None, :]
+    parts = jax.lax.conv_general_dilated(x, kernel, (data.stride,), "VALID")
+    turn = data.rotation ** jnp.arange(parts.shape[-1])
+    return jax.lax.complex(parts[:, 0], parts[:, 1]) * turn
+
+
+class _Tried(NamedTuple):
+    """A record beside the model from one start; changes are by `scale` of every unknown."""
+
+    own: Float[Array, " own"]
+    misfit: Float[Array, ""]
+    changes: Complex[Array, "own step"]
+    normal: Float[Array, "own own"]
+    gradient: Float[Array, " own"]
+
+
+def match(structure: Structure, seen: Seen, data: ModalDecays) -> Matched:
+    """A record at its best start, by Gauss and Newton; eq. (37) is quadratic about it."""
+    still = jax.tree.map(jax.lax.stop_gradient, structure)
+    length = seen.envelope.shape[0]
+    time = data.step_s * jnp.arange(length)
+    scale = jnp.concatenate([seen.amplitude, seen.amplitude, 1 / time[-1:]])
+    turns = jnp.asarray(data.modes.hz)[:, None] / data.modes.hz[0] * time  # by the shift
+
+    def turned(shift: Array, each: Complex[Array, "*lane mode step"]) -> Array:
+        return each * jnp.exp(1j * shift * turns)
+
+    def tried(own: Float[Array, " own"]) -> _Tried:
+        ahead = STEP * jnp.diag(scale)[: len(own) - 1, : len(own) - 1]
+        states = own[:-1] + jnp.concatenate([jnp.zeros((1, len(own) - 1)), ahead])
+        each = jax.vmap(lambda state: modal_envelopes(still, state, data))(states)
+        each = turned(own[-1], each)
+        here, *there = each.sum(axis=1)
+        by_state = (jnp.stack(there) - here) / STEP
+        by_shift = scale[-1] * jnp.sum(1j * turns * each[0], axis=0)
+        changes = jnp.concatenate([by_state, by_shift[None]])
+        left = seen.envelope - here
+        return _Tried(own, _square(left), changes, *_normal(changes, left))
+
+    def onward(carry: tuple[_Tried, Array, Array], _: None) -> tuple[Any, None]:
+        best, damping, own = carry
+        new = tried(own)
+        better = new.misfit < best.misfit  # not where it is no number
+        best = jax.tree.map(lambda a, b: jnp.where(better, a, b), new, best)
+        damping = damping * jnp.where(better, EASED, RAISED)
+        held = best.normal + damping * jnp.diag(jnp.diag(best.normal))
+        own = best.own + scale * jnp.linalg.solve(held, best.gradient)
+        return (best, damping, own), None
+
+    num = len(scale)
+    none = jnp.zeros((num, length), complex)
+    nowhere = _Tried(seen.begun, jnp.asarray(jnp.inf), none, jnp.eye(num), jnp.zeros(num))
+    first = (nowhere, jnp.asarray(DAMPING), seen.begun)
+    (best, *_), _ = jax.lax.scan(onward, first, None, length=NUM_EVALUATIONS)
+    best = jax.lax.stop_gradient(best)
+    here = turned(best.own[-1], modal_envelopes(structure, best.own[:-1], data)).sum(axis=0)
+    left = seen.envelope - here
+    _, gradient = _normal(best.changes, left)
+    last = jnp.linalg.solve(best.normal, gradient)
+    residual = left - last @ best.changes
+    own = best.own + scale * last
+    precision = best.normal / jnp.outer(scale, scale)
+    return Matched(Start(own[:-1], own[-1]), _square(residual), residual, precision)
+
+
+def _normal(
+    changes: Complex[Array, "own step"], left: Complex[Array, " step"]
+) -> tuple[Float[Array, "own own"], Float[Array, " own"]]:
+    """Normal matrix and gradient of complex least squares with real unknowns."""
+    return (jnp.conj(changes) @ changes.T).real, (jnp.conj(changes) @ left).real
+
+
+def _square(left: Complex[Array, " step"]) -> Float[Array, ""]:
+    return jnp.sum(jnp.square(left.real) + jnp.square(left.imag))
+
+
+def errors_by_mode(
+    left: Complex[np.ndarray, "record step"], data: ModalDecays
+) -> list[float]:
+    """What is left over what was measured, by the lines of the envelopes' spectra about each mode."""
+    hz = data.centre_hz + np.fft.fftfreq(left.shape[1], data.step_s)
+    lines, whole = (np.fft.fft(np.asarray(rows)) for rows in (left, data.envelope))
+    nearest = np.argmin(np.abs(hz[:, None] - np.asarray(data.modes.hz)), axis=1)
+    return [
+        float(np.linalg.norm(lines[:, nearest == i]) / np.linalg.norm(whole[:, nearest == i]))
+        for i in range(len(data.modes.hz))
+    ]
