@@ -37,10 +37,10 @@ from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.response import simulate
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF, OSCILLATOR, derivative_order
 
-STEPS_A_PERIOD = 20.0  # of the highest mode, until a fit shows what the data take
+STEPS_A_PERIOD = 10.0  # of the highest mode, until a fit shows what the data take
 STEP = 1e-6  # of a mode's amplitude: differences by the start, beside rounding of 1e-10
-NUM_EVALUATIONS = 5  # of the model to the best start; each step follows one of them
-DAMPING, EASED, RAISED = 1e-3, 0.1, 30.0  # of the steps, after a better and after a worse start
+NUM_STEPS = 2  # to the best start that are looked at, each by one solve; a last one is taken
+SHORTER = 0.25  # of a step: what is tried where the whole of it leaves more
 LEAST = 4  # independent values that a mode's start is read from
 FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 
@@ -258,70 +258,52 @@ def modal_envelopes(
     return jax.lax.complex(parts[:, 0], parts[:, 1]) * turn
 
 
-class _Tried(NamedTuple):
-    """A record beside the model from one start; changes are by `scale` of every unknown."""
-
-    own: Float[Array, " own"]
-    misfit: Float[Array, ""]
-    changes: Complex[Array, "own step"]
-    normal: Float[Array, "own own"]
-    gradient: Float[Array, " own"]
-
-
 def match(structure: Structure, seen: Seen, data: ModalDecays) -> Matched:
-    """A record at its best start, by Gauss and Newton; eq. (37) is quadratic about it."""
+    """A record at its best start: Gauss and Newton, with the changes about where they begin."""
     still = jax.tree.map(jax.lax.stop_gradient, structure)
-    length = seen.envelope.shape[0]
-    time = data.step_s * jnp.arange(length)
-    scale = jnp.concatenate([seen.amplitude, seen.amplitude, 1 / time[-1:]])
-    turns = jnp.asarray(data.modes.hz)[:, None] / data.modes.hz[0] * time  # by the shift
+    hz, scale = jnp.asarray(data.modes.hz), _units(seen, data)
+    turns = hz[:, None] / hz[0] * data.step_s * jnp.arange(len(seen.envelope))  # by the shift
 
-    def turned(shift: Array, each: Complex[Array, "*lane mode step"]) -> Array:
-        return each * jnp.exp(1j * shift * turns)
-
-    def tried(own: Float[Array, " own"]) -> _Tried:
-        ahead = STEP * jnp.diag(scale)[: len(own) - 1, : len(own) - 1]
-        states = own[:-1] + jnp.concatenate([jnp.zeros((1, len(own) - 1)), ahead])
-        each = jax.vmap(lambda state: modal_envelopes(still, state, data))(states)
-        each = turned(own[-1], each)
-        here, *there = each.sum(axis=1)
-        by_state = (jnp.stack(there) - here) / STEP
-        by_shift = scale[-1] * jnp.sum(1j * turns * each[0], axis=0)
-        changes = jnp.concatenate([by_state, by_shift[None]])
-        left = seen.envelope - here
-        return _Tried(own, _square(left), changes, *_normal(changes, left))
-
-    def onward(carry: tuple[_Tried, Array, Array], _: None) -> tuple[Any, None]:
-        best, damping, own = carry
-        new = tried(own)
-        better = new.misfit < best.misfit  # not where it is no number
-        best = jax.tree.map(lambda a, b: jnp.where(better, a, b), new, best)
-        damping = damping * jnp.where(better, EASED, RAISED)
-        held = best.normal + damping * jnp.diag(jnp.diag(best.normal))
-        own = best.own + scale * jnp.linalg.solve(held, best.gradient)
-        return (best, damping, own), None
+    def modeled(joint: Structure, own: Float[Array, " own"]) -> Complex[Array, "mode step"]:
+        each = modal_envelopes(joint, own[:-1], data)
+        return each * jnp.exp(1j * own[-1] * turns)
 
     num = len(scale)
-    none = jnp.zeros((num, length), complex)
-    nowhere = _Tried(seen.begun, jnp.asarray(jnp.inf), none, jnp.eye(num), jnp.zeros(num))
-    first = (nowhere, jnp.asarray(DAMPING), seen.begun)
-    (best, *_), _ = jax.lax.scan(onward, first, None, length=NUM_EVALUATIONS)
-    best = jax.lax.stop_gradient(best)
-    here = turned(best.own[-1], modal_envelopes(structure, best.own[:-1], data)).sum(axis=0)
+    ahead = jnp.concatenate([jnp.zeros((1, num)), STEP * jnp.diag(scale)[:-1]])
+    each = jax.vmap(lambda own: modeled(still, own))(seen.begun + ahead)
+    here, *there = each.sum(axis=1)
+    by_shift = scale[-1] * jnp.sum(1j * turns * each[0], axis=0)
+    changes = jnp.concatenate([(jnp.stack(there) - here) / STEP, by_shift[None]])
+    normal = (jnp.conj(changes) @ changes.T).real
+
+    def step(left: Complex[Array, " step"]) -> Float[Array, " own"]:
+        return jnp.linalg.solve(normal, (jnp.conj(changes) @ left).real)
+
+    def onward(carry: tuple[Array, Array, Array], _: None) -> tuple[Any, None]:
+        own, least, move = carry
+        left = seen.envelope - modeled(still, own + scale * move).sum(axis=0)
+        better = _square(left) < least  # not where it is no number
+        own = jnp.where(better, own + scale * move, own)
+        move = jnp.where(better, step(left), SHORTER * move)
+        return (own, jnp.where(better, _square(left), least), move), None
+
     left = seen.envelope - here
-    _, gradient = _normal(best.changes, left)
-    last = jnp.linalg.solve(best.normal, gradient)
-    residual = left - last @ best.changes
-    own = best.own + scale * last
-    precision = best.normal / jnp.outer(scale, scale)
+    begun = (seen.begun, _square(left), step(left))
+    (own, _, move), _ = jax.lax.scan(onward, begun, None, length=NUM_STEPS)
+    own = jax.lax.stop_gradient(own + scale * move)
+    changes, normal = jax.lax.stop_gradient((changes, normal))
+    left = seen.envelope - modeled(structure, own).sum(axis=0)
+    last = step(left)
+    residual = left - last @ changes
+    own = own + scale * last
+    precision = normal / jnp.outer(scale, scale)
     return Matched(Start(own[:-1], own[-1]), _square(residual), residual, precision)
 
 
-def _normal(
-    changes: Complex[Array, "own step"], left: Complex[Array, " step"]
-) -> tuple[Float[Array, "own own"], Float[Array, " own"]]:
-    """Normal matrix and gradient of complex least squares with real unknowns."""
-    return (jnp.conj(changes) @ changes.T).real, (jnp.conj(changes) @ left).real
+def _units(seen: Seen, data: ModalDecays) -> Float[Array, " own"]:
+    """Of a record's own unknowns: its modes' amplitudes, and a radian over its length."""
+    radian = 1 / (data.step_s * jnp.full(1, len(seen.envelope)))
+    return jnp.concatenate([seen.amplitude, seen.amplitude, radian])
 
 
 def _square(left: Complex[Array, " step"]) -> Float[Array, ""]:
