@@ -8,12 +8,12 @@ from scipy.integrate import solve_ivp
 from jbw.campaign.settings import Structured
 from jbw.measurement.records import Record, Test
 
-FS, BAND, DURATION = 512.0, (12.0, 75.0), 6.0
+FS, BAND, DURATION = 384.0, (12.0, 75.0), 4.0
 HZ = (20.3, 53.7)
 STATED = Structured(modes=HZ)
 OMEGA, ZETA = 2 * np.pi * np.array(HZ), np.array([2.5e-3, 3.0e-3])
 H, P = np.array([1.0, -0.8]), np.array([1.0, -1.3])
-ALPHA, DELTA, GAMMA = 0.2 * OMEGA[0] ** 2, 90.0, 30.0
+ALPHA, DELTA, GAMMA = 0.2 * OMEGA[0] ** 2, 340.0, 90.0
 # Parameters by the names that a campaign has for them.
 TRUTH = {
     "omega_n": OMEGA[0], "zeta": ZETA[0], "alpha": ALPHA, "delta": DELTA, "gamma": GAMMA,

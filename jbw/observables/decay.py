@@ -206,6 +206,17 @@ class Decays(Envelopes):
         """Displacement that the simulated decay begins from [m]."""
         return float(self.y_start)
 
+    def only(self, record: int, size: int) -> Self:
+        """One record, the first values of it alone, with its own noise."""
+        kept = slice(record, record + 1)
+        return replace(
+            self,
+            envelope=self.envelope[kept, :size],
+            noise_std=self.noise_std[kept],
+            counted=self.counted[kept],
+            names=self.names[kept],
+        )
+
     def halved(self) -> Self:
         """The decays with twice as many steps of the solver."""
         return replace(self, substeps=2 * self.substeps)

@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -70,6 +71,8 @@ class ModalDecays(Decays):
     Attributes:
         begun: Own unknowns of each record from which its best ones are looked for, as `Start`.
         amplitude: Of each record's modes where it begins, as displacements [m].
+        alone: Decays of each mode as of one, the others filtered out.
+        bands_hz: The bands of these.
         curves: Of each mode, as `AmplitudeCurve`: read off all records, the others filtered out.
     """
 
@@ -78,6 +81,8 @@ class ModalDecays(Decays):
     begun: Float[Array, "record own"]
     amplitude: Float[Array, "record mode"]
     curves: tuple[Float[Array, "3 _point"], ...]
+    alone: tuple[Decays, ...]
+    bands_hz: tuple[tuple[float, float], ...] = eqx.field(static=True)
 
     @classmethod
     def reduce(
@@ -120,6 +125,8 @@ class ModalDecays(Decays):
             begun=jnp.asarray(state),
             amplitude=jnp.asarray(np.abs(starts)),
             curves=tuple(jnp.asarray(np.stack(_curve(one))) for one in each),
+            alone=tuple(Decays.of(one, laws=laws) for one in each),
+            bands_hz=tuple(bands_of(modes, test)),
         )
 
     @property
@@ -133,6 +140,13 @@ class ModalDecays(Decays):
         records = Seen(self.envelope, self.begun, self.amplitude)
         return jax.lax.map(lambda seen: match(structure, seen, self), records)
 
+    def only(self, record: int, size: int) -> Self:
+        """One record, the first values of it alone, and no longer a simulation than these take."""
+        kept, alike = slice(record, record + 1), super().only(record, size)
+        num_samples = (alike.envelope.shape[1] - 1) * self.stride + len(self.taps)
+        own = {"begun": self.begun[kept], "amplitude": self.amplitude[kept]}
+        return replace(alike, num_samples=num_samples, **own)
+
     def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
         """The decays with the noise of every record, looked for from their best starts on."""
         found = matched(theta, self).entry
@@ -144,7 +158,8 @@ class ModalDecays(Decays):
         found: dict[str, float] = {}
         others = self.modes.names if self.modes is not None else ()
         for curve, (omega, zeta, *_) in zip(self.curves, (FIRST, *others), strict=True):
-            found |= dict(zip((omega, zeta), at_rest(AmplitudeCurve(*np.asarray(curve))), strict=True))
+            values = at_rest(AmplitudeCurve(*np.asarray(curve)))
+            found |= dict(zip((omega, zeta), values, strict=True))
         return found
 
     def amplitude_curve(self) -> AmplitudeCurve:
@@ -242,10 +257,10 @@ def memory_at(structure: Structure, q: Array, v: Array) -> tuple[Memory, ...]:
 
 
 def modal_envelopes(
-    structure: Structure, state: Float[Array, " coordinate"], data: ModalDecays
+    structure: Structure, own: Float[Array, " own"], data: ModalDecays
 ) -> Complex[Array, "mode step"]:
-    """What every mode adds to a record's envelope, from a state as `Start` has it on."""
-    q, over = jnp.split(state, 2)
+    """What every mode adds to a record's envelope, from its own unknowns, as `Start`, on."""
+    q, over = jnp.split(own[:-1], 2)
     v = 2 * np.pi * jnp.asarray(data.modes.hz) * over
     start = (q, v, memory_at(structure, q, v))
     each = replace(structure, c=jnp.eye(len(data.modes.hz)))
@@ -254,25 +269,25 @@ def modal_envelopes(
     kernel = jnp.stack([data.taps.real, data.taps.imag])[:, None, :]
     x = getattr(free, LETTER_OF[data.response])[:, None, :]
     parts = jax.lax.conv_general_dilated(x, kernel, (data.stride,), "VALID")
-    turn = data.rotation ** jnp.arange(parts.shape[-1])
-    return jax.lax.complex(parts[:, 0], parts[:, 1]) * turn
+    length = parts.shape[-1]
+    turned = data.rotation ** jnp.arange(length) * jnp.exp(1j * own[-1] * _turns(length, data))
+    return jax.lax.complex(parts[:, 0], parts[:, 1]) * turned
+
+
+def _turns(length: int, data: ModalDecays) -> Float[Array, "mode step"]:
+    """Angle of every mode by a unit of the shift, which is the first mode's [s]."""
+    hz = jnp.asarray(data.modes.hz)
+    return hz[:, None] / hz[0] * data.step_s * jnp.arange(length)
 
 
 def match(structure: Structure, seen: Seen, data: ModalDecays) -> Matched:
     """A record at its best start: Gauss and Newton, with the changes about where they begin."""
-    still = jax.tree.map(jax.lax.stop_gradient, structure)
-    hz, scale = jnp.asarray(data.modes.hz), _units(seen, data)
-    turns = hz[:, None] / hz[0] * data.step_s * jnp.arange(len(seen.envelope))  # by the shift
-
-    def modeled(joint: Structure, own: Float[Array, " own"]) -> Complex[Array, "mode step"]:
-        each = modal_envelopes(joint, own[:-1], data)
-        return each * jnp.exp(1j * own[-1] * turns)
-
-    num = len(scale)
+    still, scale = jax.tree.map(jax.lax.stop_gradient, structure), _units(seen, data)
+    num, length = len(scale), len(seen.envelope)
     ahead = jnp.concatenate([jnp.zeros((1, num)), STEP * jnp.diag(scale)[:-1]])
-    each = jax.vmap(lambda own: modeled(still, own))(seen.begun + ahead)
+    each = jax.vmap(lambda own: modal_envelopes(still, own, data))(seen.begun + ahead)
     here, *there = each.sum(axis=1)
-    by_shift = scale[-1] * jnp.sum(1j * turns * each[0], axis=0)
+    by_shift = scale[-1] * jnp.sum(1j * _turns(length, data) * each[0], axis=0)
     changes = jnp.concatenate([(jnp.stack(there) - here) / STEP, by_shift[None]])
     normal = (jnp.conj(changes) @ changes.T).real
 
@@ -281,7 +296,7 @@ def match(structure: Structure, seen: Seen, data: ModalDecays) -> Matched:
 
     def onward(carry: tuple[Array, Array, Array], _: None) -> tuple[Any, None]:
         own, least, move = carry
-        left = seen.envelope - modeled(still, own + scale * move).sum(axis=0)
+        left = seen.envelope - modal_envelopes(still, own + scale * move, data).sum(axis=0)
         better = _square(left) < least  # not where it is no number
         own = jnp.where(better, own + scale * move, own)
         move = jnp.where(better, step(left), SHORTER * move)
@@ -292,7 +307,7 @@ def match(structure: Structure, seen: Seen, data: ModalDecays) -> Matched:
     (own, _, move), _ = jax.lax.scan(onward, begun, None, length=NUM_STEPS)
     own = jax.lax.stop_gradient(own + scale * move)
     changes, normal = jax.lax.stop_gradient((changes, normal))
-    left = seen.envelope - modeled(structure, own).sum(axis=0)
+    left = seen.envelope - modal_envelopes(structure, own, data).sum(axis=0)
     last = step(left)
     residual = left - last @ changes
     own = own + scale * last
@@ -310,14 +325,9 @@ def _square(left: Complex[Array, " step"]) -> Float[Array, ""]:
     return jnp.sum(jnp.square(left.real) + jnp.square(left.imag))
 
 
-def errors_by_mode(
-    left: Complex[np.ndarray, "record step"], data: ModalDecays
-) -> list[float]:
-    """What is left over what was measured, by the lines of the envelopes' spectra about each mode."""
+def errors_by_mode(left: Complex[np.ndarray, "record step"], data: ModalDecays) -> list[float]:
+    """What is left over what was measured, in the band of each mode, by lines of the envelopes."""
     hz = data.centre_hz + np.fft.fftfreq(left.shape[1], data.step_s)
     lines, whole = (np.fft.fft(np.asarray(rows)) for rows in (left, data.envelope))
-    nearest = np.argmin(np.abs(hz[:, None] - np.asarray(data.modes.hz)), axis=1)
-    return [
-        float(np.linalg.norm(lines[:, nearest == i]) / np.linalg.norm(whole[:, nearest == i]))
-        for i in range(len(data.modes.hz))
-    ]
+    about = [(hz >= low) & (hz <= high) for low, high in data.bands_hz]
+    return [float(np.linalg.norm(lines[:, k]) / np.linalg.norm(whole[:, k])) for k in about]
