@@ -38,7 +38,7 @@ from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.response import simulate
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF, OSCILLATOR, derivative_order
 
-STEPS_A_PERIOD = 10.0  # of the highest mode, until a fit shows what the data take
+STEPS_A_PERIOD = 20.0  # of the highest mode; of fewer, turns come and go within a step
 STEP = 1e-6  # of a mode's amplitude: differences by the start, beside rounding of 1e-10
 NUM_STEPS = 2  # to the best start that are looked at, each by one solve; a last one is taken
 SHORTER = 0.25  # of a step: what is tried where the whole of it leaves more
