@@ -25,7 +25,7 @@ ROUGH = 1e-6  # of the cost and of the step: an error of two digits
 
 def own_joint_sentences(key: Key[Array, ""], best: Fit, data: Dataset) -> list[str]:
     """Whether free decays reject one joint for all modes, a sentence for each part of the data."""
-    parts = [part for part in data.parts if isinstance(part, ModalDecays)]
+    parts = [part for part in data.parts if part.several]
     return [_sentence(key, best, part, data) for part in parts if data.laws]
 
 

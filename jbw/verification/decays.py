@@ -93,7 +93,7 @@ def _compared(
 ) -> list[xr.Dataset]:
     """Filtered motion of every record beside the model's, entered at the record's initial state."""
     chosen, key, found = filter_of(test), jax.random.key(source.seed), []
-    several = isinstance(data, ModalDecays)
+    several = bool(data.several)
     entered, stride = (followed(source), chosen.stride) if several else (_along(source, data), 1)
     unit, dims = {"units": UNIT_OF[data.response]}, ("quantile", "time")
     for i, (every, noise) in enumerate(zip(envelopes(test), noise_std, strict=True)):
