@@ -26,23 +26,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jbw.errors import ConfigError, DataError
+from jbw.errors import ConfigError
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, at_rest, matched
-from jbw.observables.decay_envelopes import envelopes, filter_of, readings
+from jbw.observables.modal_starts import bands_of, curve_of, starts_of
 from jbw.observables.modes import Modes
 from jbw.observables.observable import AmplitudeCurve, Laws, Rows, Theta
 from jbw.oscillator.law import Memory
 from jbw.oscillator.modes.parameters import structure_of
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.response import simulate
-from jbw.quantities import DEFAULT_LAWS, LETTER_OF, OSCILLATOR, derivative_order
+from jbw.quantities import DEFAULT_LAWS, LETTER_OF, OSCILLATOR
 
 STEPS_A_PERIOD = 20.0  # of the highest mode; of fewer, turns come and go within a step
 STEP = 1e-6  # of a mode's amplitude: differences by the start, beside rounding of 1e-10
 NUM_STEPS = 2  # to the best start that are looked at, each by one solve; a last one is taken
 SHORTER = 0.25  # of a step: what is tried where the whole of it leaves more
-LEAST = 4  # independent values that a mode's start is read from
 FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 
 
@@ -109,7 +108,7 @@ class ModalDecays(Decays):
         if modes is None:
             raise ConfigError("Argument `modes` must name the modes of the structure, but is None.")
         each = [replace(test, band_hz=band) for band in bands_of(modes, test)]
-        starts = np.stack([_starts(one) for one in each], axis=1)
+        starts = np.stack([starts_of(one) for one in each], axis=1)
         state = np.concatenate([starts.real, starts.imag, np.zeros((len(starts), 1))], axis=1)
         alike = Decays.of(test, laws=laws, substeps=1)
         known = {one.name: getattr(alike, one.name) for one in fields(alike)}
@@ -124,7 +123,7 @@ class ModalDecays(Decays):
             **known,
             begun=jnp.asarray(state),
             amplitude=jnp.asarray(np.abs(starts)),
-            curves=tuple(jnp.asarray(np.stack(_curve(one))) for one in each),
+            curves=tuple(jnp.asarray(np.stack(curve_of(one))) for one in each),
             alone=tuple(Decays.of(one, laws=laws) for one in each),
             bands_hz=tuple(bands_of(modes, test)),
         )
@@ -185,56 +184,6 @@ class Seen(NamedTuple):
     envelope: Complex[Array, "*record step"]
     begun: Float[Array, "*record own"]
     amplitude: Float[Array, "*record mode"]
-
-
-def bands_of(modes: Modes, test: Test) -> list[tuple[float, float]]:
-    """A band about every mode that no other reaches through its filter [Hz].
-
-    Raises:
-        DataError: A mode does not lie in the band of the test, which must state one.
-    """
-    low, high = filter_of(test).band_hz
-    found = []
-    for own in modes.hz:
-        if not low < own < high:
-            raise DataError(
-                f"Test `{test.name}` must have all modes of [structure] in its `band`, {low:g} to "
-                f"{high:g} Hz, but {own:g} Hz is outside.",
-                why="The modes of a free decay ring at once, and all move the joint.",
-                remedy="Widen `band`, or leave the mode out of `modes`.",
-            )
-        room = [abs(own - other) / 2 for other in modes.hz if other != own]
-        half = min(*room, own - low, high - own)
-        found.append((own - half, own + half))
-    return found
-
-
-def _starts(test: Test) -> Complex[np.ndarray, " record"]:
-    r"""What one mode begins every record with, $q(0) + j\,\dot q(0)/\omega$, by its envelope [m].
-
-    Its logarithm is continued by a straight line to the first sample, which the filter does not
-    reach.
-    """
-    chosen, found = filter_of(test), []
-    order, nominal = derivative_order(test.records[0].response), np.pi * sum(test.band_hz or ())
-    for row in envelopes(test):
-        few = row[: LEAST * chosen.step]
-        log = np.log(np.abs(few)) + 1j * np.unwrap(np.angle(few))
-        t = (chosen.half + np.arange(len(few))) / chosen.fs
-        slope, level = np.polyfit(t, log, 1)
-        rate = slope + 2j * np.pi * chosen.centre_hz
-        q = np.exp(level) / rate**order
-        found.append(q.real + 1j * (rate * q).real / nominal)
-    return np.array(found)
-
-
-def _curve(test: Test) -> AmplitudeCurve:
-    """Frequency and damping of one mode against amplitude, along all records."""
-    found = readings(test)
-    omega = 2 * np.pi * np.concatenate([one.frequency_hz for one in found])
-    size = np.concatenate([one.amplitude for one in found])
-    y = size / omega ** derivative_order(test.records[0].response)
-    return AmplitudeCurve(y, omega, np.concatenate([one.damping for one in found]))
 
 
 def memory_at(structure: Structure, q: Array, v: Array) -> tuple[Memory, ...]:

@@ -27,7 +27,7 @@ from jbw.measurement.resonances import (
 )
 from jbw.observables.decay_envelopes import readings
 from jbw.observables.harmonic_groups import groups_of
-from jbw.observables.modal_decays import bands_of
+from jbw.observables.modal_starts import bands_of
 from jbw.observables.modes import Modes
 from jbw.quantities import UNIT_OF, derivative_order, per
 from jbw.study.look_words import statements

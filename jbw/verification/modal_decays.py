@@ -10,7 +10,8 @@ from jaxtyping import Array, Complex, Float, Key
 
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays
-from jbw.observables.modal_decays import ModalDecays, Seen, bands_of, match, modal_envelopes
+from jbw.observables.modal_decays import ModalDecays, Seen, match, modal_envelopes
+from jbw.observables.modal_starts import bands_of
 from jbw.observables.modes import Modes
 from jbw.oscillator.modes.parameters import structure_of
 from jbw.quantities import MODES

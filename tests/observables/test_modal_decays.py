@@ -29,7 +29,8 @@ from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, log_likelihood
 from jbw.observables.decay import matched
 from jbw.observables.drives import told_by
-from jbw.observables.modal_decays import ModalDecays, bands_of
+from jbw.observables.modal_decays import ModalDecays
+from jbw.observables.modal_starts import bands_of
 from jbw.observables.modes import Modes
 
 MODES = Modes(HZ)
