@@ -34,6 +34,7 @@ from jbw.observables.drives import told_by
 LEVELS = {1: 4.8, 3: 28.8, 5: 67.0, 7: 95.6}  # nominal force [N]
 POINTS = ("wing", "payload", "shaker")
 TOLERANCE = 1e-4  # of the cost and of the step: beyond, errors move by less than a thousandth
+LEAST_COUPLING = 0.05  # of a start
 NUM_SCREENED = 24  # points of the law's parameters that are looked at
 COLUMNS = {"model": "", "mean, %": ".1f", **{f"{point}, %": ".1f" for point in POINTS}}
 COLUMNS |= {"worst level, %": ".1f", "parameters": "d", "time, s": ".0f"}
@@ -131,7 +132,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     signs = {n: float(x) for n, x in own.held.items() if n.startswith("sign_")}
     free = replace(data, held={**data.held, **{n: np.asarray(x) for n, x in signs.items()}})
     shapes = {n: float(x) for n, x in own.held.items() if n.startswith("shape_")}
-    done("one joint, shapes free", free, taken, {**common.theta, **shapes})
+    begun = {**common.theta, **shapes}
+    # A coupling that ended at its bound, where it tells no slope, begins within.
+    begun |= {n: max(x, LEAST_COUPLING) for n, x in begun.items() if n.startswith("coupling_")}
+    done("one joint, shapes free", free, taken, begun)
     show([Table("F-16, 4.9 to 10.5 Hz", COLUMNS, rows)], file=chosen.json)
 
 

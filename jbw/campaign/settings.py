@@ -208,8 +208,14 @@ def structure_errors(structure: Structured | None, tests: Iterable[Any]) -> Iter
             )
     if structure is None:
         return
-    several = [kind.name for kind in KINDS.values() if kind.is_transient or kind.is_periodic]
+    several = [k.name for k in KINDS.values() if k.is_transient or k.is_periodic or k.is_free]
     for test in tests if len(structure.modes) > 1 else ():
+        if KINDS[test.kind].is_free and (structure.modal or test.point):
+            what = "modal" if structure.modal else "points"
+            yield (
+                f"[structure] {what}: free decays of several modes know one joint and one point "
+                f"alone, but test `{test.name}` is one; identify every mode in a band of its own."
+            )
         if test.kind not in several:
             named = f"test `{test.name}`" if test.name else "a test"
             yield (

@@ -4,6 +4,7 @@ import logging
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from jbw.observables.drives import attached, named, parts_of
 from jbw.observables.line_fit import LineReading
 from jbw.observables.modes import Modes, ModesAtJoint
 from jbw.observables.observable import Observable, run_of
-from jbw.observables.register import OBSERVABLES
+from jbw.observables.register import OBSERVABLES, taking
 from jbw.quantities import DEFAULT_LAWS, FED
 
 logger = logging.getLogger("jbw")
@@ -132,6 +133,8 @@ def assemble(seen: Measured) -> Dataset:
     held = _held(parts, gain, seen.chosen)
     if seen.modes is not None:
         require_driven(seen.modes, parts)
+        if all("gain" not in part.informs for part in parts):  # a free decay involves no gain
+            held |= dict.fromkeys(seen.modes.ratios, 1.0)
         held |= seen.modes.held
         if seen.modes.free:
             stated, run = tuple(seen.settings.prior), parts[0].runs[0]
@@ -204,11 +207,14 @@ def single_records(seen: Measured) -> list[list[Observable]]:
 def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
     """Tests by the register of kinds, and by what drives them."""
     parts: list[Observable] = []
-    for observable in OBSERVABLES:
+    for observable in taking(several=seen.modes is not None):
         own = [test for test in tests if test.kind in observable.kinds]
+        stated: dict[str, Any] = {"laws": seen.laws, "substeps": seen.settings.substeps}
+        if observable.several:
+            stated["modes"] = seen.modes
         for drive in dict.fromkeys(drive_of(test) for test in own):
             alike = [test for test in own if drive_of(test) == drive]
-            found = observable.reduce(alike, laws=seen.laws, substeps=seen.settings.substeps)
+            found = observable.reduce(alike, **stated)
             parts += [replace(part, drive=drive, modes=seen.modes) for part in found]
     return parts
 

@@ -151,7 +151,9 @@ def trials(sets: Sequence[Laws], seen: Measured) -> list[tuple[Laws, str]]:
     plain = [(laws, "") for laws in sets]
     if seen.modes is None or seen.modes.meet != "common" or not seen.laws:
         return plain
-    return [*plain, *((seen.laws, meet) for meet in MEET)]
+    # Free decays know one joint alone: modes apart are identified each in a band of its own.
+    ways = ("first",) if any(test.traits.is_free for test in seen.chosen) else tuple(MEET)
+    return [*plain, *((seen.laws, meet) for meet in ways)]
 
 
 def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:

@@ -27,6 +27,7 @@ from jbw.identification.equivalent import (
 )
 from jbw.identification.leaving_out import consistency_finding, leave_one_out, left_out_sentence
 from jbw.identification.no_joint import joint_finding, may_be_absent, without_joint
+from jbw.identification.own_joints import own_joint_sentences
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.reached import threshold_sentences
 from jbw.identification.run_effects import runs_dataset, runs_sentence
@@ -285,6 +286,7 @@ def posterior_checks(
     words += participation_sentences(posterior, data.modes)
     words += one_joint_sentences(best, prior, data)
     words += same_joint_sentences(posterior, data)
+    words += own_joint_sentences(key, best, data)
     if (added := effects(posterior, data.held, y_peak, data.laws)) is not None:
         words.append(effects_sentence(added, y_peak))
         if may_be_absent(added):

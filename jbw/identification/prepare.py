@@ -46,7 +46,7 @@ from jbw.observables.drives import of_part, plain, told_by
 from jbw.observables.observable import AmplitudeCurve
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
-from jbw.quantities import STUCK
+from jbw.quantities import MODAL, STUCK
 
 MOST_SUBSTEPS = 64
 AMPLE = 0.5  # of what the verdict allows the solver: draws about a fit are not the posterior
@@ -58,8 +58,8 @@ MOST_STARTS = 12  # of them fitted
 AGREED, ALIKE = 6, 1.01  # fits that end at one cost, times the least: then there is no better
 EXPLAINED = 5.0  # chi-square a degree of freedom below which a fit explains the data
 # Of the fit to frequency and damping against amplitude, which costs nothing.
-CURVE_STARTS, MOST_CURVE_POINTS = 8, 200
-FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03  # relative: weights of such a curve
+BESIDE_CURVE = {"gain", *(each.name for each in MODAL)}  # it is of the first mode, driven or not
+CURVE_STARTS, MOST_CURVE_POINTS, FREQUENCY_STD, DAMPING_STD = 8, 200, 1e-4, 0.03  # std: relative
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def from_amplitude_curve(
         return jnp.concatenate([frequency, damping])
 
     own = of_part(bounds_by_name(prior), part)
-    bounds = {name: pair for name, pair in own.items() if name != "gain" and name == plain(name)}
+    bounds = {n: x for n, x in own.items() if n not in BESIDE_CURVE and n == plain(n)}
     best = fit(left, box(bounds), thin, starts=CURVE_STARTS, key=key)
     return {name: value for name, value in best.theta.items() if name not in known}
 

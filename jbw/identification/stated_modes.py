@@ -26,6 +26,7 @@ from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import own_name
 
 BY_CHANCE = 0.01  # probability of as much better a fit, of modes that do not move the joint
+BARE = ("", "none", "force")  # what moves a structure without its shaker
 ROUGH = 1e-6  # of the cost and of the step: the other sign, which a further fit follows
 
 
@@ -44,7 +45,8 @@ def modes_of(
     known = structure.driving_point, structure.joint_shape, structure.points
     modes = Modes(structure.modes, *known, meet="apart" if structure.modal else "common")
     _require_own_constants(modes, tests)
-    drives = sorted({drive_of(test) for test in tests})
+    # A measured force moves the structure alone, as it moves where nothing drives it.
+    drives = sorted({"force" if drive_of(t) in BARE else drive_of(t) for t in tests})
     if len(drives) > 1:
         raise ConfigError(
             f"[structure] needs tests of one drive, but they are driven by {' and '.join(drives)}.",
@@ -140,8 +142,15 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
                     f"within 7 % and be measured at `{point}` too, but none is.",
                     remedy="Measure it there, or leave the point out.",
                 )
-        ratio = told[names.ratio] if names else 1.0
-        if modes.driving_point and ratio < 0:
+        ratio = told.get(names.ratio) if names else 1.0
+        if modes.driving_point and ratio is None:
+            raise DataError(
+                "[structure] driving_point needs tests that something drives, but free decays "
+                "alone are fitted.",
+                why="What the joint does to a mode is known there by the mode's gain.",
+                remedy="Leave it out, or add a sweep or a multisine.",
+            )
+        if modes.driving_point and ratio is not None and ratio < 0:
             raise DataError(
                 f"[structure] driving_point: the mode at {hz:g} Hz must have a gain of the first "
                 f"mode's sign, but its gain is {ratio:.2g} times that.",
@@ -251,6 +260,8 @@ def participation_sentences(posterior: xr.Dataset, modes: Modes | None) -> list[
     """Modes whose gain may be zero by the posterior, a sentence each."""
     said = []
     for hz, names in zip(modes.hz[1:] if modes else (), modes.names if modes else (), strict=True):
+        if names.ratio not in posterior:  # free decays tell none
+            continue
         low, _, high = np.quantile(posterior[names.ratio].values, QUANTILES)
         if low <= 0.0 <= high:
             said.append(

@@ -10,7 +10,7 @@ from jbw.errors import DataError
 from jbw.identification.linear_step import linear_step
 from jbw.identification.selection import decay_tests, linear_test
 from jbw.measurement.records import Test, drive_of
-from jbw.observables.register import OBSERVABLES
+from jbw.observables.register import taking
 
 
 def usable(
@@ -51,7 +51,8 @@ def _refusal(test: Test, settings: Identify) -> str:
             split = decay_tests([test], settings)
             test = test if split is None else split.together
         with _tried():
-            for observable in OBSERVABLES:
+            # What decays of several modes ask besides is of the [structure] table: an error there.
+            for observable in taking(several=False):
                 if test.kind in observable.kinds:
                     observable.reduce([test], substeps=settings.substeps)
     except DataError as error:

@@ -45,6 +45,7 @@ class Decays(Envelopes):
     stepped: ClassVar[bool] = True
     own_shifts: ClassVar[bool] = True
     most_misfit: ClassVar[float | None] = 0.05  # more is another motion than the model's
+    several: ClassVar[bool | None] = False
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -55,6 +56,11 @@ class Decays(Envelopes):
     def runs(self) -> tuple[str, ...]:
         """A run each."""
         return self.names
+
+    @property
+    def num_own(self) -> int:
+        """Unknowns of a record besides its noise, the last of them its shift."""
+        return NUM_OWN
 
     @property
     def width(self) -> int:
@@ -106,7 +112,7 @@ class Decays(Envelopes):
         found = self.matches(theta)
         _, log_det = jnp.linalg.slogdet(found.precision)
         error = self.shift_errors(found)
-        degrees = self._num_values - NUM_OWN
+        degrees = self._num_values - self.num_own
         log_density = -degrees / 2 * jnp.log(found.misfit) - 0.5 * log_det - jnp.log(error)
         first = jnp.eye(max(num_offsets, 1))[0]
         precision = jnp.outer(first, first) * (self.counted / error**2)[:, None, None]
@@ -124,8 +130,8 @@ class Decays(Envelopes):
 
     def shift_errors(self, found: Match) -> Float[Array, " record"]:
         """Standard error of every record's shift of natural frequency [rad/s]."""
-        variance = found.misfit / (self._num_values - NUM_OWN)
-        return jnp.sqrt(variance * jnp.linalg.inv(found.precision)[:, 2, 2])
+        variance = found.misfit / (self._num_values - self.num_own)
+        return jnp.sqrt(variance * jnp.linalg.inv(found.precision)[:, -1, -1])
 
     def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
         """What is left of every envelope."""
@@ -144,7 +150,7 @@ class Decays(Envelopes):
     def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
         """The decays with the noise of every record, and the scatter of their frequencies."""
         found = matched(theta, self)
-        noise = jnp.sqrt(found.misfit / (2 * self.envelope.shape[1] - NUM_OWN))
+        noise = jnp.sqrt(found.misfit / (2 * self.envelope.shape[1] - self.num_own))
         errors = float(jnp.sqrt(jnp.mean(self.shift_errors(found) ** 2)))
         scatter = max(float(jnp.sqrt(jnp.mean(found.entry.shift**2))), errors)
         return replace(self, noise_std=noise, shift_std=jnp.asarray(scatter))
@@ -185,12 +191,7 @@ class Decays(Envelopes):
 
     def first_values(self) -> dict[str, float]:
         """Straight lines through frequency and damping against amplitude, at none."""
-        y, omega, zeta = self.amplitude_curve()
-        most = float(np.abs(zeta.max()))
-        return {
-            "omega_n": float(np.polyfit(y, omega, 1)[1]),
-            "zeta": float(np.clip(np.polyfit(y, zeta, 1)[1], 0.1 * most, most)),
-        }
+        return dict(zip(("omega_n", "zeta"), at_rest(self.amplitude_curve()), strict=True))
 
     def amplitude_curve(self) -> AmplitudeCurve:
         """Frequency and damping along every record."""
@@ -204,6 +205,17 @@ class Decays(Envelopes):
     def y_peak(self, omega_n: float) -> float:
         """Displacement that the simulated decay begins from [m]."""
         return float(self.y_start)
+
+    def only(self, record: int, size: int) -> Self:
+        """One record, the first values of it alone, with its own noise."""
+        kept = slice(record, record + 1)
+        return replace(
+            self,
+            envelope=self.envelope[kept, :size],
+            noise_std=self.noise_std[kept],
+            counted=self.counted[kept],
+            names=self.names[kept],
+        )
 
     def halved(self) -> Self:
         """The decays with twice as many steps of the solver."""
@@ -219,6 +231,14 @@ class Decays(Envelopes):
             f"Residuals are correlated: {float(self.fraction):.0%} of the "
             f"{self.envelope.shape[1]} values of a record are counted as independent.",
         ]
+
+
+def at_rest(curve: AmplitudeCurve) -> tuple[float, float]:
+    """Frequency [rad/s] and damping at no amplitude, by straight lines."""
+    y, omega, zeta = curve
+    most = float(np.abs(zeta.max()))
+    least = np.clip(np.polyfit(y, zeta, 1)[1], 0.1 * most, most)
+    return float(np.polyfit(y, omega, 1)[1]), float(least)
 
 
 def _parts(values: Complex[Array, "record step"]) -> Float[Array, "record value"]:
@@ -255,7 +275,7 @@ def _drawn_noise(keys: Array, theta: Theta, data: Decays) -> Float[Array, "draw 
     def one(pair: tuple[Array, dict[str, Array]]) -> Float[Array, " record"]:
         key, some = pair
         misfit = data.matches(some).misfit
-        chi_square = jax.random.chisquare(key, data._num_values - NUM_OWN, misfit.shape)
+        chi_square = jax.random.chisquare(key, data._num_values - data.num_own, misfit.shape)
         return jnp.sqrt(data.fraction * misfit / chi_square)
 
     return jax.lax.map(one, (keys, dict(theta)), batch_size=8)

@@ -74,6 +74,11 @@ class Modes(NamedTuple):
         return signs | {names.shape: abs(h) for names, h in known.items()}
 
     @property
+    def ratios(self) -> tuple[str, ...]:
+        """Names of the further modes' gains over that of the first."""
+        return tuple(names.ratio for names in self.names)
+
+    @property
     def windows_hz(self) -> list[tuple[float, float]]:
         """Where each mode is looked for: about its frequency, and nearer to it than to others."""
         found = []
@@ -99,10 +104,12 @@ def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> 
     """Bounds of the modes' parameters about first values; at the joint only where it has a law."""
     found: Bounds = {}
     for names, (low, high) in zip(modes.names, modes.windows_hz[1:], strict=True):
-        ratio = known[names.ratio]
-        reach = 2 * max(abs(ratio), 0.05)
         found[names.omega] = 2 * np.pi * low, 2 * np.pi * high
         found[names.zeta] = 0.005 * known[names.zeta], 3.0 * known[names.zeta]
+        if names.ratio not in known:  # nothing drives the motion
+            continue
+        ratio = known[names.ratio]
+        reach = 2 * max(abs(ratio), 0.05)
         # Where the output is the drive point, gains are squares of shapes.
         least = 1e-3 * ratio if modes.driving_point else ratio - reach
         found[names.ratio] = least, ratio + reach

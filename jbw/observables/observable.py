@@ -57,6 +57,7 @@ class Observable(eqx.Module):
         is_linear: Whether its first values were read where the joint hardly slips.
         own_shifts: Whether its records shift on their own account, integrated out here, so that
             they take no part in the offsets of runs.
+        several: Whether it takes tests of several modes (True), of one (False) or of either (None).
         most_misfit: What a fit may leave of a group, over the group; None for anything.
         laws: Names of the laws of the joint; static.
         residuals: Which residual terms its prediction takes, of those that theta has: none, upper,
@@ -73,6 +74,7 @@ class Observable(eqx.Module):
     stepped: ClassVar[bool] = False
     is_linear: ClassVar[bool] = False
     own_shifts: ClassVar[bool] = False
+    several: ClassVar[bool | None] = None
     most_misfit: ClassVar[float | None] = None
 
     laws: Laws = eqx.field(static=True, kw_only=True, default=DEFAULT_LAWS)

@@ -6,12 +6,13 @@ every identification whose campaign has such tests.
 
 from jbw.observables.decay import Decays
 from jbw.observables.loops import Loops
+from jbw.observables.modal_decays import ModalDecays
 from jbw.observables.observable import Observable
 from jbw.observables.records import Records
 from jbw.observables.steady import Points
 
 # In the order of the parts of a dataset. What a line fit reads of noise is Step 2's to add.
-OBSERVABLES: list[type[Observable]] = [Records, Points, Loops, Decays]
+OBSERVABLES: list[type[Observable]] = [Records, Points, Loops, Decays, ModalDecays]
 
 
 def register(observable: type[Observable]) -> type[Observable]:
@@ -19,3 +20,8 @@ def register(observable: type[Observable]) -> type[Observable]:
     if observable not in OBSERVABLES:
         OBSERVABLES.append(observable)
     return observable
+
+
+def taking(*, several: bool) -> list[type[Observable]]:
+    """Those of the register that take tests of a structure of several modes, or of one."""
+    return [one for one in OBSERVABLES if one.several in (None, several)]

@@ -27,6 +27,8 @@ from jbw.measurement.resonances import (
 )
 from jbw.observables.decay_envelopes import readings
 from jbw.observables.harmonic_groups import groups_of
+from jbw.observables.modal_starts import bands_of
+from jbw.observables.modes import Modes
 from jbw.quantities import UNIT_OF, derivative_order, per
 from jbw.study.look_words import statements
 from jbw.verification.places import place
@@ -67,6 +69,7 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
     found: dict[str, list[Reading]] = {}
     responses: dict[str, Response] = {}
     rows, unread = [], {}
+    campaign = replace(campaign, tests=tuple(_of_first_mode(campaign)))
     for name, tests in _curves(campaign.tests).items():
         report(f"Reading {name}")
         try:
@@ -93,6 +96,17 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         "seen": [one for test in campaign.tests for one in seen_in(test, test.records)],
     }
     return Look(record | {"statements": statements(record, found)}, found, responses)
+
+
+def _of_first_mode(campaign: Campaign) -> Iterator[Test]:
+    """Tests of a campaign; decays of several modes in a band of the first alone."""
+    structure = campaign.structure
+    modes = None if structure is None or len(structure.modes) < 2 else Modes(structure.modes)
+    for test in campaign.tests:
+        if modes is None or not test.traits.is_free or test.band_hz is None:
+            yield test
+        else:
+            yield replace(test, band_hz=bands_of(modes, test)[0])
 
 
 def look_groups(found: Look, fitted: Mapping[str, bool] | None = None) -> dict[str, xr.Dataset]:

@@ -12,8 +12,16 @@ from jaxtyping import Array, Complex, Float, Key
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, decay_of
 from jbw.observables.decay_envelopes import Entry, envelopes, filter_of, follow, match
+from jbw.observables.modal_decays import ModalDecays
 from jbw.quantities import UNIT_OF, derivative_order, in_dialect
 from jbw.verification.bands import QUANTILE_AXIS, band, error, half_width, within
+from jbw.verification.modal_decays import (
+    Entered,
+    Envelope,
+    Envelopes,
+    followed,
+    modes_of_draws,
+)
 from jbw.verification.places import repeats_named
 from jbw.verification.predicted import ALIKE, NOT_KNOWN, Noise, Predicted, Source
 
@@ -67,8 +75,10 @@ def _reduced(source: Source, test: Test) -> Decays:
     """Decays with the fraction of values that count and the scatter that the fitted ones had."""
     facts = source.basis.decay_facts
     no_shift = NO_SHIFT * float(np.mean(source.draws["omega_n"]))
+    stated = {"laws": source.basis.laws, "substeps": int(facts.get("substeps", 0)) or None}
+    modes = modes_of_draws(source.draws)
     return replace(
-        Decays.of(test, laws=source.basis.laws, substeps=int(facts.get("substeps", 1))),
+        Decays.of(test, **stated) if modes is None else ModalDecays.of(test, **stated, modes=modes),
         fraction=jnp.asarray(facts.get("worth", 1.0)),
         shift_std=jnp.asarray(facts.get("shift_std", no_shift)),
     )
@@ -82,26 +92,21 @@ def _compared(
     num_fitted: int = 0,
 ) -> list[xr.Dataset]:
     """Filtered motion of every record beside the model's, entered at the record's initial state."""
-    decays, others = source.observed(data, decay_of)
-    models = [decays, *(one[None] for one in others.values())]
     chosen, key, found = filter_of(test), jax.random.key(source.seed), []
+    several = bool(data.several)
+    entered, stride = (followed(source), chosen.stride) if several else (_along(source, data), 1)
     unit, dims = {"units": UNIT_OF[data.response]}, ("quantile", "time")
-    for i, (whole, noise) in enumerate(zip(envelopes(test), noise_std, strict=True)):
+    for i, (every, noise) in enumerate(zip(envelopes(test), noise_std, strict=True)):
+        whole = every[::stride]
         held_out = i >= num_fitted
         size = max(8, round(SEEN / data.step_s)) if held_out else data.envelope.shape[1]
         seen_s = float(size * data.step_s) if held_out else 0.0
-        seen = replace(
-            data,
-            envelope=data.envelope[i : i + 1, :size],
-            noise_std=jnp.asarray([noise]),
-            counted=jnp.ones(1),
-        )
-        steps, time = jnp.arange(len(whole)) / chosen.step, np.arange(len(whole)) / chosen.fs
+        seen = replace(data.only(i, size), noise_std=jnp.asarray([noise]), counted=jnp.ones(1))
+        time = np.arange(len(whole)) * stride / chosen.fs
         key_entry, key_noise = jax.random.split(jax.random.fold_in(key, i))
         carrier = np.exp(2j * np.pi * chosen.centre_hz * time)
-        model, *alone = (
-            np.real(np.asarray(_entered(key_entry, one, seen, steps)) * carrier) for one in models
-        )
+        envelope, others = entered(key_entry, seen, time)
+        model = np.real(envelope * carrier)
         measured, later = np.real(whole * carrier), time >= seen_s
         model_band = band(model)
         predictive = band(model + noise * np.asarray(jax.random.normal(key_noise, model.shape)))
@@ -124,10 +129,22 @@ def _compared(
             "nrmse": error(measured[later], model_band[1][later]),
             "half_width": half_width(edges, measured[later]),
         }
-        for name, other in zip(others, alone, strict=True):
-            attrs[f"nrmse_{name}"] = error(measured[later], other[0][later])
+        for name, other in others.items():
+            attrs[f"nrmse_{name}"] = error(measured[later], np.real(other * carrier)[later])
         found.append(xr.Dataset(variables, coords, attrs))
     return found
+
+
+def _along(source: Source, data: Decays) -> Entered:
+    """Records of one mode, all on the decays of the draws and of what they are compared with."""
+    decays, others = source.observed(data, decay_of)
+
+    def entered(key: Key[Array, ""], seen: Decays, time: np.ndarray) -> tuple[Envelope, Envelopes]:
+        steps = jnp.asarray(time / seen.step_s)
+        alone = {n: np.asarray(_entered(key, x[None], seen, steps))[0] for n, x in others.items()}
+        return np.asarray(_entered(key, decays, seen, steps)), alone
+
+    return entered
 
 
 @eqx.filter_jit

@@ -109,14 +109,13 @@ def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
 
 def _require_modes_known(basis: Basis, test: Test) -> None:
     """Refuse motions of several modes that are predicted for one alone."""
-    if has_further_modes(basis.posterior) and route_of(test) not in (
-        predict_records,
-        predict_periods,
-    ):
+    in_time = route_of(test) in (predict_records, predict_periods, predict_decay)
+    if has_further_modes(basis.posterior) and not in_time:
         raise DataError(
             f"Test `{test.name}` of kind `{test.kind}` is predicted for one mode alone, but the "
             "run has several.",
-            remedy="Predict sweeps or multisines, or take the draws into a `jbw.Structure`.",
+            remedy="Predict sweeps, multisines or decays, or take the draws into a "
+            "`jbw.Structure`.",
         )
 
 

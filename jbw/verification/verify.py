@@ -20,8 +20,9 @@ from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.posterior.remedies import put
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
+from jbw.observables.decay import Decays
 from jbw.observables.drives import of_drive
-from jbw.quantities import derivative_order
+from jbw.quantities import MODES, derivative_order
 from jbw.verification.backbone import amplitude_verification
 from jbw.verification.curves import curves_of, predict_curves
 from jbw.verification.decays import verify_decays
@@ -35,6 +36,7 @@ from jbw.verification.in_time import (
     most_driven,
     motion_of,
 )
+from jbw.verification.modal_decays import first_mode_alone, modes_of_draws
 from jbw.verification.places import place
 from jbw.verification.predict import route_of
 from jbw.verification.predicted import ALIKE, Predicted, Source
@@ -75,7 +77,7 @@ def verify(
         report("Verification: free decays, frequency and damping against amplitude")
         drive = drive_of(found.decays.together)
         draws = dict(of_drive(basis.thinned(NUM_DRAWS, basis.decay), drive))
-        others = simpler(draws, Dataset.of([found.decay_data]), "omega_n", "zeta")
+        others = simpler(draws, *_freely(draws, found.decay_data))
         free = Source(basis, draws, of_run(others, None), seed=seed)
         together, num_fitted = found.decays.together, len(found.decays.fitted.records)
         order = derivative_order(together.records[0].response)
@@ -85,9 +87,17 @@ def verify(
             if not one.attrs["fitted"] and unit > 0:
                 one.attrs["extrapolation"] = one.attrs["level"] / unit
             groups[place("verification/decay", name)] = one
-        curves = amplitude_verification(together, num_fitted, draws, basis.laws)
+        alone = first_mode_alone(together, modes_of_draws(draws))
+        curves = amplitude_verification(alone, num_fitted, draws, basis.laws)
         groups["/verification/amplitude"] = curves
     return groups
+
+
+def _freely(draws: Draws, decays: Decays) -> tuple[Any, ...]:
+    """Decays as a dataset, and the names of what moves freely in them, of every mode."""
+    held = {ratio.name: 1.0 for _, _, ratio, *_ in MODES if ratio.name in draws}
+    names = [each.name for mode in MODES for each in mode[:2] if each.name in draws]
+    return Dataset.of([decays], held), "omega_n", "zeta", *names
 
 
 def _verify_forced(

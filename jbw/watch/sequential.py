@@ -95,6 +95,11 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
     tests, _ = usable(campaign.tests, campaign.settings, gain)
     seen = measured(tests, campaign.settings, laws=campaign.laws, gain=gain)
     data = assemble(seen)
+    if campaign.structure is not None and len(campaign.structure.modes) > 1:
+        raise DataError(
+            "The run has several modes, whose decays are not carried from record to record.",
+            remedy="Identify the joint anew with the further records in its campaign.",
+        )
     if seen.decays is None or [part.kinds for part in data.parts] != [Decays.kinds]:
         raise DataError(
             "The run was fitted to other tests than free decays.",

@@ -52,12 +52,12 @@ def test_what_cannot_be_meant_is_refused(stated, said):
         parsed(stated)
 
 
-@pytest.mark.parametrize("kind", ["noise", "decay"])
-def test_kinds_that_know_one_mode_are_refused_by_name(kind):
-    with pytest.raises(ConfigError, match=f"test `one` is of kind `{kind}`, .* leave it out"):
-        parsed("modes = [18.8, 57.2]", kind)
-    assert parsed("modes = [18.8]", kind).structure is not None
-    assert parsed("modes = [18.8, 57.2]", "multisine").structure is not None
+def test_kinds_that_know_one_mode_are_refused_by_name():
+    with pytest.raises(ConfigError, match=r"test `one` is of kind `noise`, .* leave it out"):
+        parsed("modes = [18.8, 57.2]", "noise")
+    assert parsed("modes = [18.8]", "noise").structure is not None
+    for kind in ("multisine", "decay"):
+        assert parsed("modes = [18.8, 57.2]", kind).structure is not None
 
 
 def test_priors_know_the_modes_parameters():

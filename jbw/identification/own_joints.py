@@ -1,0 +1,63 @@
+"""Does one joint serve all modes? What it leaves of each, beside a joint of that mode's own.
+
+One scalar joint has one softening and one loss for all modes, up to a factor a mode. A mode that a
+joint of its own follows clearly better, alone and with the others filtered out, does not obey it.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Key
+
+from jbw.campaign.settings import Identify
+from jbw.identification.coordinates import box_of
+from jbw.identification.prepare import from_amplitude_curve, inside
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.space.box import from_unit
+from jbw.observables.dataset import Dataset, as_arrays, stacked
+from jbw.observables.decay import Decays, matched
+from jbw.observables.drives import of_part
+from jbw.observables.modal_decays import ModalDecays, errors_by_mode
+
+CLEARLY = 1.25  # times what its own joint leaves of a mode
+ROUGH = 1e-6  # of the cost and of the step: an error of two digits
+
+
+def own_joint_sentences(key: Key[Array, ""], best: Fit, data: Dataset) -> list[str]:
+    """Whether free decays reject one joint for all modes, a sentence for each part of the data."""
+    parts = [part for part in data.parts if part.several]
+    return [_sentence(key, best, part, data) for part in parts if data.laws]
+
+
+def _sentence(key: Key[Array, ""], best: Fit, part: ModalDecays, data: Dataset) -> str:
+    theta = of_part(as_arrays(best.theta, data), part)
+    common = errors_by_mode(np.asarray(matched(theta, part).residual), part)
+    own = [error_alone(key, one) for one in part.alone]
+    rows = zip(part.modes.hz, common, own, strict=True)
+    rejected = [(hz, one, other) for hz, one, other in rows if one > CLEARLY * other]
+    if not rejected:
+        return (
+            "One joint serves all modes in the free decays: of none it leaves "
+            f"{CLEARLY:g} times as much as a joint of that mode's own."
+        )
+    said = "; ".join(
+        f"about {hz:.4g} Hz it leaves {one:.2g} of the motion, a joint of that mode's own "
+        f"{other:.2g}"
+        for hz, one, other in rejected
+    )
+    return (
+        f"One joint across the modes is rejected by the free decays: {said}. Identify the modes "
+        "one by one, each in a band of its own, or state other laws."
+    )
+
+
+def error_alone(key: Key[Array, ""], decays: Decays) -> float:
+    """What a joint of its own leaves of one mode's decays, over their size."""
+    data, known = Dataset.of([decays], {"gain": 1.0}), decays.first_values()
+    prior = box_of(Identify(), data, known)
+    middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
+    known = {**known, **from_amplitude_curve(key, data, prior, {})}
+    start = inside({name: known.get(name, float(middle[name])) for name in prior.names}, prior)
+    best = costly_fit(stacked, prior, data, starts=start, tolerance=ROUGH)
+    left = np.asarray(matched(as_arrays(best.theta, data), decays).residual)
+    return float(np.linalg.norm(left) / np.linalg.norm(np.asarray(decays.envelope)))

@@ -1,0 +1,284 @@
+r"""Free decays of several modes that meet in one joint, each with its own start integrated out.
+
+Two modes that ring at once do not run along one decay, as one does: how strongly either slips
+depends on both. So every record is simulated from a start of its own, a displacement and a velocity
+of every mode, $q_i(0)$ and $\dot q_i(0)$, and compared in a band that holds all modes, as the
+complex envelope about its centre: the filter takes out what else rings, and leaves as few values as
+the band has degrees of freedom. The start has flat priors, and so has a small shift of the natural
+frequencies, all alike in proportion: structures are never twice the same. Shifts share one scatter.
+
+For any parameters the best start is found by Gauss and Newton, from the one that the modes' own
+envelopes show. Parameters move the rest of the residual, with Q a basis of the changes by the start
+
+$$r = (1 - Q Q^T)\,(X - \hat X(\theta, s)), \qquad J = \hat X_s = Q R$$
+
+which at the best s is the residual of least squares with the right derivative of its size; the
+change of Q itself is left out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Any, ClassVar, NamedTuple, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from jbw.errors import ConfigError
+from jbw.measurement.records import Test
+from jbw.observables.decay import Decays, at_rest, matched
+from jbw.observables.modal_starts import bands_of, curve_of, starts_of
+from jbw.observables.modes import Modes
+from jbw.observables.observable import AmplitudeCurve, Laws, Rows, Theta
+from jbw.oscillator.law import Memory
+from jbw.oscillator.modes.parameters import structure_of
+from jbw.oscillator.modes.structure import Structure
+from jbw.oscillator.response import simulate
+from jbw.quantities import DEFAULT_LAWS, LETTER_OF, OSCILLATOR
+
+STEPS_A_PERIOD = 20.0  # of the highest mode; of fewer, turns come and go within a step
+STEP = 1e-6  # of a mode's amplitude: differences by the start, beside rounding of 1e-10
+NUM_STEPS = 2  # to the best start that are looked at, each by one solve; a last one is taken
+SHORTER = 0.25  # of a step: what is tried where the whole of it leaves more
+FIRST = tuple(quantity.name for quantity in OSCILLATOR)
+
+
+class Start(NamedTuple):
+    """A record's own unknowns: q_i, then q_i' over the stated frequencies [m]; a shift [rad/s]."""
+
+    state: Float[Array, "*record coordinate"]
+    shift: Float[Array, "*record"]
+
+
+class Matched(NamedTuple):
+    """A record matched by least squares; misfit is the sum of squared moduli of the residual.
+
+    The normal matrix is of the state and the shift, for noise of unit variance.
+    """
+
+    entry: Start
+    misfit: Float[Array, "*record"]
+    residual: Complex[Array, "*record step"]
+    precision: Float[Array, "*record own own"]
+
+
+class ModalDecays(Decays):
+    """Free decays of several modes with what a likelihood asks of them.
+
+    Attributes:
+        begun: Own unknowns of each record from which its best ones are looked for, as `Start`.
+        amplitude: Of each record's modes where it begins, as displacements [m].
+        alone: Decays of each mode as of one, the others filtered out.
+        bands_hz: The bands of these.
+        curves: Of each mode, as `AmplitudeCurve`: read off all records, the others filtered out.
+    """
+
+    several: ClassVar[bool | None] = True
+
+    begun: Float[Array, "record own"]
+    amplitude: Float[Array, "record mode"]
+    curves: tuple[Float[Array, "3 _point"], ...]
+    alone: tuple[Decays, ...]
+    bands_hz: tuple[tuple[float, float], ...] = eqx.field(static=True)
+
+    @classmethod
+    def reduce(
+        cls,
+        tests: Sequence[Test],
+        *,
+        laws: Laws = DEFAULT_LAWS,
+        substeps: int | None = None,
+        modes: Modes | None = None,
+    ) -> tuple[Self, ...]:
+        """Envelopes of the decays of each test, in a band with all modes of the structure."""
+        return tuple(cls.of(test, laws=laws, substeps=substeps, modes=modes) for test in tests)
+
+    @classmethod
+    def of(
+        cls,
+        test: Test,
+        *,
+        laws: Laws = DEFAULT_LAWS,
+        substeps: int | None = None,
+        modes: Modes | None = None,
+    ) -> Self:
+        """Envelopes of a test's decays after `settle`, cut to the shortest; noise is guessed."""
+        if modes is None:
+            raise ConfigError("Argument `modes` must name the modes of the structure, but is None.")
+        each = [replace(test, band_hz=band) for band in bands_of(modes, test)]
+        starts = np.stack([starts_of(one) for one in each], axis=1)
+        state = np.concatenate(
+            [np.real(starts), np.imag(starts), np.zeros((len(starts), 1))], axis=1
+        )
+        alike = Decays.of(test, laws=laws, substeps=1)
+        known = {one.name: getattr(alike, one.name) for one in fields(alike)}
+        highest = max(modes.hz)
+        known |= {
+            "y_start": jnp.asarray(np.abs(starts).sum(axis=1).max()),
+            "num_samples": (alike.envelope.shape[1] - 1) * alike.stride + len(alike.taps),
+            "substeps": substeps or int(np.ceil(STEPS_A_PERIOD * highest / alike.fs)),
+            "modes": modes,
+        }
+        return cls(
+            **known,
+            begun=jnp.asarray(state),
+            amplitude=jnp.asarray(np.abs(starts)),
+            curves=tuple(jnp.asarray(np.stack(curve_of(one))) for one in each),
+            alone=tuple(Decays.of(one, laws=laws) for one in each),
+            bands_hz=tuple(bands_of(modes, test)),
+        )
+
+    @property
+    def num_own(self) -> int:
+        """Unknowns of a record besides its noise: two a mode, and the shift."""
+        return self.begun.shape[1]
+
+    def matches(self, theta: Theta) -> Any:
+        """Every record at its best start, one after another; a leading axis of records."""
+        structure = structure_of(theta, self.laws)
+        records = Seen(self.envelope, self.begun, self.amplitude)
+        return jax.lax.map(lambda seen: match(structure, seen, self), records)
+
+    def only(self, record: int, size: int) -> Self:
+        """One record, the first values of it alone, and no longer a simulation than these take."""
+        kept, alike = slice(record, record + 1), super().only(record, size)
+        num_samples = (alike.envelope.shape[1] - 1) * self.stride + len(self.taps)
+        own = {"begun": self.begun[kept], "amplitude": self.amplitude[kept]}
+        return replace(alike, num_samples=num_samples, **own)
+
+    def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
+        """The decays with the noise of every record, looked for from their best starts on."""
+        found: Start = matched(theta, self).entry  # pyright: ignore[reportAssignmentType]
+        begun = jnp.concatenate([found.state, found.shift[:, None]], axis=1)
+        return replace(super().with_fitted_noise(theta, left), begun=begun)
+
+    def first_values(self) -> dict[str, float]:
+        """Straight lines through frequency and damping of every mode against amplitude, at none."""
+        found: dict[str, float] = {}
+        others = self.modes.names if self.modes is not None else ()
+        for curve, (omega, zeta, *_) in zip(self.curves, (FIRST, *others), strict=True):
+            values = at_rest(AmplitudeCurve(*np.asarray(curve)))
+            found |= dict(zip((omega, zeta), values, strict=True))
+        return found
+
+    def amplitude_curve(self) -> AmplitudeCurve:
+        """Frequency and damping of the first mode along every record."""
+        return AmplitudeCurve(*np.asarray(self.curves[0]))
+
+    def statements(self, theta: Theta) -> list[str]:
+        """What is left of the motion about every mode, and what one mode's decays say."""
+        left = np.asarray(matched(theta, self).residual)
+        said = " and ".join(
+            f"{error:.2g} about {hz:.4g} Hz"
+            for hz, error in zip(self.modes.hz, errors_by_mode(left, self), strict=True)
+        )
+        return [
+            f"Of the motion in the free decays {said} is left at the optimum, over its rms.",
+            *super().statements(theta),
+        ]
+
+
+class Seen(NamedTuple):
+    """What a record is matched by."""
+
+    envelope: Complex[Array, "*record step"]
+    begun: Float[Array, "*record own"]
+    amplitude: Float[Array, "*record mode"]
+
+
+def memory_at(structure: Structure, q: Array, v: Array) -> tuple[Memory, ...]:
+    r"""Memories of the laws on the steady loop of the present amplitude of the joint's motion.
+
+    $$X = \sum_i |h_i| \sqrt{q_i^2 + (\dot q_i/\omega_i)^2}, \qquad x = \sum_i h_i q_i$$
+
+    on the way down from X or up from -X, as x moves.
+    """
+    h, x, moves = structure.h, structure.h @ q, structure.h @ v
+    size = jnp.sum(jnp.abs(h) * jnp.hypot(q, v / structure.omega_n))
+
+    def of_law(law: Any) -> Memory:
+        tip = law.at_tip(size)
+        falling = law.move(size, tip, x - size)
+        rising = law.move(-size, law.move(size, tip, -2.0 * size), x + size)
+        return jax.tree.map(lambda up, down: jnp.where(moves > 0, up, down), rising, falling)
+
+    return tuple(of_law(law) for law in structure.laws)
+
+
+def modal_envelopes(
+    structure: Structure, own: Float[Array, " own"], data: ModalDecays
+) -> Complex[Array, "mode step"]:
+    """What every mode adds to a record's envelope, from its own unknowns, as `Start`, on."""
+    q, over = jnp.split(own[:-1], 2)
+    v = 2 * np.pi * jnp.asarray(data.modes.hz) * over
+    start = (q, v, memory_at(structure, q, v))
+    each = replace(structure, c=jnp.eye(len(data.modes.hz)))
+    silence = jnp.zeros(data.num_samples)
+    free = simulate(each, silence, data.fs, hold="zero", initial=start, substeps=data.substeps)
+    kernel = jnp.stack([data.taps.real, data.taps.imag])[:, None, :]
+    x = getattr(free, LETTER_OF[data.response])[:, None, :]
+    parts = jax.lax.conv_general_dilated(x, kernel, (data.stride,), "VALID")
+    length = parts.shape[-1]
+    turned = data.rotation ** jnp.arange(length) * jnp.exp(1j * own[-1] * _turns(length, data))
+    return jax.lax.complex(parts[:, 0], parts[:, 1]) * turned
+
+
+def _turns(length: int, data: ModalDecays) -> Float[Array, "mode step"]:
+    """Angle of every mode by a unit of the shift, which is the first mode's [s]."""
+    hz = jnp.asarray(data.modes.hz)
+    return hz[:, None] / hz[0] * data.step_s * jnp.arange(length)
+
+
+def match(structure: Structure, seen: Seen, data: ModalDecays) -> Matched:
+    """A record at its best start: Gauss and Newton, with the changes about where they begin."""
+    still, scale = jax.tree.map(jax.lax.stop_gradient, structure), _units(seen, data)
+    num, length = len(scale), len(seen.envelope)
+    ahead = jnp.concatenate([jnp.zeros((1, num)), STEP * jnp.diag(scale)[:-1]])
+    each = jax.vmap(lambda own: modal_envelopes(still, own, data))(seen.begun + ahead)
+    here, *there = each.sum(axis=1)
+    by_shift = scale[-1] * jnp.sum(1j * _turns(length, data) * each[0], axis=0)
+    changes = jnp.concatenate([(jnp.stack(there) - here) / STEP, by_shift[None]])
+    normal = (jnp.conj(changes) @ changes.T).real
+
+    def step(left: Complex[Array, " step"]) -> Float[Array, " own"]:
+        return jnp.linalg.solve(normal, (jnp.conj(changes) @ left).real)
+
+    def onward(carry: tuple[Array, Array, Array], _: None) -> tuple[Any, None]:
+        own, least, move = carry
+        left = seen.envelope - modal_envelopes(still, own + scale * move, data).sum(axis=0)
+        better = _square(left) < least  # not where it is no number
+        own = jnp.where(better, own + scale * move, own)
+        move = jnp.where(better, step(left), SHORTER * move)
+        return (own, jnp.where(better, _square(left), least), move), None
+
+    left = seen.envelope - here
+    begun = (seen.begun, _square(left), step(left))
+    (own, _, move), _ = jax.lax.scan(onward, begun, None, length=NUM_STEPS)
+    own = jax.lax.stop_gradient(own + scale * move)
+    changes, normal = jax.lax.stop_gradient((changes, normal))
+    left = seen.envelope - modal_envelopes(structure, own, data).sum(axis=0)
+    last = step(left)
+    residual = left - last @ changes
+    own = own + scale * last
+    precision = normal / jnp.outer(scale, scale)
+    return Matched(Start(own[:-1], own[-1]), _square(residual), residual, precision)
+
+
+def _units(seen: Seen, data: ModalDecays) -> Float[Array, " own"]:
+    """Of a record's own unknowns: its modes' amplitudes, and a radian over its length."""
+    radian = 1 / (data.step_s * jnp.full(1, len(seen.envelope)))
+    return jnp.concatenate([seen.amplitude, seen.amplitude, radian])
+
+
+def _square(left: Complex[Array, " step"]) -> Float[Array, ""]:
+    return jnp.sum(jnp.square(left.real) + jnp.square(left.imag))
+
+
+def errors_by_mode(left: Complex[np.ndarray, "record step"], data: ModalDecays) -> list[float]:
+    """What is left over what was measured, in the band of each mode, by lines of the envelopes."""
+    hz = data.centre_hz + np.fft.fftfreq(left.shape[1], data.step_s)
+    lines, whole = (np.fft.fft(np.asarray(rows)) for rows in (left, data.envelope))
+    about = [(hz >= low) & (hz <= high) for low, high in data.bands_hz]
+    return [float(np.linalg.norm(lines[:, k]) / np.linalg.norm(whole[:, k])) for k in about]

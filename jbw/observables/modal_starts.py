@@ -1,0 +1,63 @@
+"""Modes that ring at once, read one by one: in which band, from what start, along what curve."""
+
+import numpy as np
+from jaxtyping import Complex
+
+from jbw.errors import DataError
+from jbw.measurement.records import Test
+from jbw.observables.decay_envelopes import envelopes, filter_of, readings
+from jbw.observables.modes import Modes
+from jbw.observables.observable import AmplitudeCurve
+from jbw.quantities import derivative_order
+
+LEAST = 4  # independent values that a mode's start is read from
+
+
+def bands_of(modes: Modes, test: Test) -> list[tuple[float, float]]:
+    """A band about every mode that no other reaches through its filter [Hz].
+
+    Raises:
+        DataError: A mode does not lie in the band of the test, which must state one.
+    """
+    low, high = filter_of(test).band_hz
+    found = []
+    for own in modes.hz:
+        if not low < own < high:
+            raise DataError(
+                f"Test `{test.name}` must have all modes of [structure] in its `band`, {low:g} to "
+                f"{high:g} Hz, but {own:g} Hz is outside.",
+                why="The modes of a free decay ring at once, and all move the joint.",
+                remedy="Widen `band`, or leave the mode out of `modes`.",
+            )
+        room = [abs(own - other) / 2 for other in modes.hz if other != own]
+        half = min(*room, own - low, high - own)
+        found.append((own - half, own + half))
+    return found
+
+
+def starts_of(test: Test) -> Complex[np.ndarray, " record"]:
+    r"""What one mode begins every record with, $q(0) + j\,\dot q(0)/\omega$, by its envelope [m].
+
+    Its logarithm is continued by a straight line to the first sample, which the filter does not
+    reach.
+    """
+    chosen, found = filter_of(test), []
+    order, nominal = derivative_order(test.records[0].response), np.pi * sum(test.band_hz or ())
+    for row in envelopes(test):
+        few = row[: LEAST * chosen.step]
+        log = np.log(np.abs(few)) + 1j * np.unwrap(np.angle(few))
+        t = (chosen.half + np.arange(len(few))) / chosen.fs
+        slope, level = np.polyfit(t, log, 1)
+        rate = slope + 2j * np.pi * chosen.centre_hz
+        q = np.exp(level) / rate**order
+        found.append(q.real + 1j * (rate * q).real / nominal)
+    return np.array(found)
+
+
+def curve_of(test: Test) -> AmplitudeCurve:
+    """Frequency and damping of one mode against amplitude, along all records."""
+    found = readings(test)
+    omega = 2 * np.pi * np.concatenate([one.frequency_hz for one in found])
+    size = np.concatenate([one.amplitude for one in found])
+    y = size / omega ** derivative_order(test.records[0].response)
+    return AmplitudeCurve(y, omega, np.concatenate([one.damping for one in found]))

@@ -1,0 +1,77 @@
+"""Free decays of several modes beside the model's, every record from its own start on."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float, Key
+
+from jbw.measurement.records import Test
+from jbw.observables.decay import Decays
+from jbw.observables.modal_decays import ModalDecays, Seen, match, modal_envelopes
+from jbw.observables.modal_starts import bands_of
+from jbw.observables.modes import Modes
+from jbw.oscillator.modes.parameters import structure_of
+from jbw.quantities import MODES
+from jbw.verification.predicted import Source, carry
+from jbw.verification.predictive_basis import Draws, Laws, count_of
+
+Envelope = Complex[np.ndarray, "*draw time"]
+Envelopes = dict[str, Envelope]
+# By a key, a record as far as it is seen, and times: of every draw, and of what it stands beside.
+Entered = Callable[[Key[Array, ""], Decays, Float[np.ndarray, " time"]], tuple[Envelope, Envelopes]]
+OWN = "own_{}"  # of a draw: what its start lies off the best one by, standard normal
+
+
+def modes_of_draws(draws: Draws) -> Modes | None:
+    """The modes that draws have, at their mean frequencies; None of one."""
+    names = ("omega_n", *(omega.name for omega, *_ in MODES))
+    hz = tuple(float(np.mean(draws[name])) / (2 * np.pi) for name in names if name in draws)
+    return Modes(hz) if len(hz) > 1 else None
+
+
+def first_mode_alone(test: Test, modes: Modes | None) -> Test:
+    """Decays in a band of the first of several modes."""
+    return test if modes is None else replace(test, band_hz=bands_of(modes, test)[0])
+
+
+def followed(source: Source) -> Entered:
+    """Records of several modes, each from a draw of its start for every draw of the parameters."""
+
+    def entered(
+        key: Key[Array, ""], seen: Decays, time: Float[np.ndarray, " time"]
+    ) -> tuple[Envelope, Envelopes]:
+        def along(draws: Draws, laws: Laws) -> Envelope:
+            size = (count_of(draws), seen.num_own)
+            off = np.asarray(jax.random.normal(key, size)) * (size[0] > 1)
+            own = {OWN.format(i): column for i, column in enumerate(off.T)}
+            return carry(_follow, {**draws, **own}, replace(seen, laws=laws), len(time))
+
+        return source.carried(along)
+
+    return entered
+
+
+def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Complex[Array, " time"]:
+    """Envelope of one record at the samples of the model, from a draw of its start and shift."""
+    structure = structure_of(theta, seen.laws)
+    record = Seen(seen.envelope[0], seen.begun[0], seen.amplitude[0])
+    found = match(structure, record, seen)
+    own = jnp.append(found.entry.state, found.entry.shift)
+    # As of one mode: the noise of fitted records stands for that of a short beginning, and the
+    # shift's own prior holds it.
+    precision = found.precision * seen.fraction / seen.noise_std[0] ** 2
+    both = jnp.linalg.inv(precision.at[-1, -1].add(1 / seen.shift_std**2))
+    centre = -both[:, -1] * found.entry.shift / seen.shift_std**2
+    off = jnp.stack([theta[OWN.format(i)] for i in range(seen.num_own)])
+    own = own + centre + jnp.linalg.cholesky(both) @ off
+    every = replace(
+        seen,
+        stride=1,
+        step_s=1 / seen.fs,
+        rotation=jnp.exp(-2j * jnp.pi * seen.centre_hz / seen.fs),
+        num_samples=length + len(seen.taps) - 1,
+    )
+    return modal_envelopes(structure, own, every).sum(axis=0)
