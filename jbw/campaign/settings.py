@@ -11,7 +11,7 @@ from jbw.campaign import values
 from jbw.campaign.document import Table, checked, key, refuse, unlike
 from jbw.errors import ConfigError
 from jbw.inference.samplers.register import SAMPLERS
-from jbw.measurement.kinds import KINDS
+from jbw.measurement.kinds import KINDS, Kind
 from jbw.quantities import DEFAULT_LAWS, LINEAR, MODES, POINTS, RESIDUAL_TERMS, Quantity, must_be
 
 MOST_MODES = 1 + len(MODES)  # of a structure
@@ -208,20 +208,25 @@ def structure_errors(structure: Structured | None, tests: Iterable[Any]) -> Iter
             )
     if structure is None:
         return
-    several = [k.name for k in KINDS.values() if k.is_transient or k.is_periodic or k.is_free]
+    several = [kind.name for kind in KINDS.values() if _knows_several(kind)]
     for test in tests if len(structure.modes) > 1 else ():
-        if KINDS[test.kind].is_free and (structure.modal or test.point):
+        if test.traits.is_free and (structure.modal or test.point):
             what = "modal" if structure.modal else "points"
             yield (
                 f"[structure] {what}: free decays of several modes know one joint and one point "
                 f"alone, but test `{test.name}` is one; identify every mode in a band of its own."
             )
-        if test.kind not in several:
+        if not _knows_several(test.traits):
             named = f"test `{test.name}`" if test.name else "a test"
             yield (
                 f"[structure]: {named} is of kind `{test.kind}`, which knows one mode alone; leave "
                 f"it out of the file, or all modes but the first (several: {', '.join(several)})."
             )
+
+
+def _knows_several(kind: Kind) -> bool:
+    """Whether tests of a kind are followed in time, of several modes as of one."""
+    return kind.is_transient or kind.is_periodic or kind.is_free
 
 
 class Joint(Table):

@@ -4,6 +4,8 @@ One scalar joint has one softening and one loss for all modes, up to a factor a 
 joint of its own follows clearly better, alone and with the others filtered out, does not obey it.
 """
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Key
@@ -17,7 +19,7 @@ from jbw.inference.space.box import from_unit
 from jbw.observables.dataset import Dataset, as_arrays, stacked
 from jbw.observables.decay import Decays, matched
 from jbw.observables.drives import of_part
-from jbw.observables.modal_decays import ModalDecays, errors_by_mode
+from jbw.observables.modal_decays import errors_by_mode
 
 CLEARLY = 1.25  # times what its own joint leaves of a mode
 ROUGH = 1e-6  # of the cost and of the step: an error of two digits
@@ -29,7 +31,7 @@ def own_joint_sentences(key: Key[Array, ""], best: Fit, data: Dataset) -> list[s
     return [_sentence(key, best, part, data) for part in parts if data.laws]
 
 
-def _sentence(key: Key[Array, ""], best: Fit, part: ModalDecays, data: Dataset) -> str:
+def _sentence(key: Key[Array, ""], best: Fit, part: Any, data: Dataset) -> str:
     theta = of_part(as_arrays(best.theta, data), part)
     common = errors_by_mode(np.asarray(matched(theta, part).residual), part)
     own = [error_alone(key, one) for one in part.alone]

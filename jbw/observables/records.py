@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jbw.measurement.records import Record, Test, periods
+from jbw.measurement.records import Test, periods
 from jbw.observables import remembered
 from jbw.observables.forms import by_form, common_form, first_alike
 from jbw.observables.line_fit import oscillator_through
@@ -138,24 +138,6 @@ class Records(Repeated):
             points=tuple(test.point for test in tests),
             moved=tuple(first_alike(inputs)),
         )
-
-    @classmethod
-    def design(
-        cls,
-        source: Float[np.ndarray, " time"],
-        fs: float,
-        *,
-        response: str,
-        noise_std: float,
-        laws: Laws = DEFAULT_LAWS,
-        substeps: int = 1,
-    ) -> Self:
-        """A planned record of noise [m, m/s or m/s^2] a sample; what it reads does not matter."""
-        channels = {"input": source, response: np.zeros_like(source)}
-        units = {"input": "V", response: UNIT_OF[response]}
-        test = Test("sweep", (Record(fs, channels, units),), name="planned")
-        data = cls.of([test], laws=laws, substeps=substeps)
-        return data.with_repeats(noise_std=jnp.full(1, noise_std))
 
     @property
     def is_complex(self) -> bool:

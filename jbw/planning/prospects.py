@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.harmonic_groups import NUM_HARMONICS
 from jbw.observables.records import Records
@@ -22,6 +23,7 @@ from jbw.oscillator.steady.cycle import steady_state
 from jbw.oscillator.steady.waveform import synthesis
 from jbw.planning.beliefs import Beliefs
 from jbw.planning.plan import Candidate, Noise, Sweep, Tones
+from jbw.quantities import UNIT_OF
 
 # A test as the identification would reduce it, and 1 for each of its values that is measured.
 Design = tuple[Dataset, Float[Array, " value"]]
@@ -122,10 +124,11 @@ def peak_displacements(
 def _sweep_design(candidate: Sweep, laws: tuple[str, ...], noise: Noise, longest: int) -> Design:
     """A sweep's record; its information does not depend on the response, which is left at zero."""
     source = _source(candidate, longest)
-    planned = Records.design(
-        source, candidate.fs, response=noise.response, noise_std=noise.std, substeps=SUBSTEPS,
-        laws=laws,
-    )  # fmt: skip
+    channels = {"input": source, noise.response: np.zeros_like(source)}
+    units = {"input": "V", noise.response: UNIT_OF[noise.response]}
+    test = Test("sweep", (Record(candidate.fs, channels, units),), name="planned")
+    planned = Records.of([test], laws=laws, substeps=SUBSTEPS)
+    planned = planned.with_repeats(noise_std=jnp.full(1, noise.std))
     kept = np.arange(len(source)) < candidate.num_samples
     return Dataset.of([planned]), jnp.asarray(kept, float)
 
