@@ -35,6 +35,7 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the first values are read from
+ABSURD = 1e6  # times the largest of what was measured: no prediction of it
 SUBSTEPS = 2  # of the solver between samples at least, unless stated
 
 
@@ -184,7 +185,11 @@ class Records(Repeated):
 
     def misfit(self, theta: Theta) -> Float[Array, "level value"]:
         r"""Mean response less its prediction, $d - m(o) - J^T (\theta - o)$ about an origin."""
-        left = values_of(self.mean - self.predict(theta), self.lines)
+        predicted = self.predict(theta)
+        # Beside a motion that large rounding hides the data, and a band may not see it.
+        largest = jnp.max(jnp.abs(predicted), axis=1) / jnp.max(jnp.abs(self.mean), axis=1)
+        left = values_of(self.mean - predicted, self.lines)
+        left = jnp.where((largest < ABSURD)[:, None], left, jnp.nan)
         if not self.origin.shape[1]:
             return left
         away = jnp.stack([theta[name] for name in OFFSETS]) - self.origin

@@ -193,3 +193,16 @@ def test_loops_deeper_than_a_law_remembers_are_told():
     (data,) = Records.reduce([under(dying())])
     assert data.statements(theta()) == []
     assert data.remembering(theta()) is data
+
+
+def test_a_motion_that_hides_the_data_by_rounding_is_no_prediction(monkeypatch):
+    """A constant of 1e20 m has no line in a band, and a residual of zero: it is none."""
+    t = np.arange(512) / 256.0
+    source = np.sin(2 * np.pi * 20 * t)
+    record = Record(256.0, {"input": source, "displacement": 1e-3 * source},
+                    {"input": "V", "displacement": "m"})  # fmt: skip
+    data = Records.of([Test("sweep", (record,), name="one", band_hz=(10.0, 30.0))])
+    for size, bounded in ((1e-2, True), (1e20, False)):
+        far = np.full((1, 512), size)
+        monkeypatch.setattr(Records, "predict", lambda self, theta, far=far: far)
+        assert np.all(np.isfinite(data.misfit({}))) == bounded
