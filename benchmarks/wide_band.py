@@ -122,13 +122,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     taken = campaign(laws)
     data = assemble(measured_in(taken, print))
     done("linear", under((), data), taken, {})
-    first = done("joint on the first mode", under(laws, data, "first"), taken, {})
+    done("joint on the first mode", under(laws, data, "first"), taken, {})
     assert taken.structure is not None
     shape = relative_motion(told_by(data.parts))
     held = taken.structure.model_copy(update={"joint_shape": shape})
     known = replace(taken, structure=held)
     own = assemble(measured_in(known, print))
-    common = done("one joint, shapes measured", own, known, first.theta)
+    common = done("one joint, shapes measured", own, known, {})
     signs = {n: float(x) for n, x in own.held.items() if n.startswith("sign_")}
     free = replace(data, held={**data.held, **{n: np.asarray(x) for n, x in signs.items()}})
     shapes = {n: float(x) for n, x in own.held.items() if n.startswith("shape_")}
