@@ -95,6 +95,25 @@ def structure():
                 file["laser"] = v + 0.01 * np.std(v) * noise(len(v), i)
 
 
+def points():
+    fs, hz = 512.0, (18.8, 57.2)
+    t = np.arange(32 * 512) / fs
+    u = np.sin(2 * np.pi * (10 + 0.9 * t) * t) * np.sin(np.pi * t / 32) ** 2
+    each = np.array([np.gradient(velocity(u, fs, one), 1 / fs) for one in hz])
+    for i in range(2):
+        with h5py.File(f"wide_{i}.h5", "w") as file:
+            file["cell"] = u
+            for name, seen in (("acc1", (1, 1)), ("acc2", (0.4, -0.8)), ("acc3", (1.3, -0.2))):
+                a = np.array(seen) @ each
+                file[name] = a + 0.01 * np.std(a) * noise(len(a), i)
+
+
+def impacts():
+    t = np.arange(2 * 5120) / 5120.0
+    rings = [np.exp(-ZETA * w * t) * np.cos(w * t) for w in (2 * np.pi * 122.2, 2 * np.pi * 243.0)]
+    savemat("impacts.mat", {"v": rings[0] + 0.3 * rings[1] + 1e-4 * noise(len(t))})
+
+
 RECORDS = {
     "decays": (decays,),
     "stepped": (stepped, curves),
@@ -102,7 +121,7 @@ RECORDS = {
     "loops": (loops,),
     "days": (lambda: hdf5("monday", "tuesday", "wednesday"),),
     "laws": (lambda: hdf5("sweep"),),
-    "structures": (structure,),
+    "structures": (structure, points, impacts),
 }
 CASES = [(page, i) for page, made in RECORDS.items() for i in range(len(made))]
 

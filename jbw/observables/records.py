@@ -187,9 +187,10 @@ class Records(Repeated):
         r"""Mean response less its prediction, $d - m(o) - J^T (\theta - o)$ about an origin."""
         predicted = self.predict(theta)
         # Beside a motion that large rounding hides the data, and a band may not see it.
-        largest = jnp.max(jnp.abs(predicted), axis=1) / jnp.max(jnp.abs(self.mean), axis=1)
+        size = jnp.max(jnp.abs(self.mean), axis=1)  # zero of what is planned alone
+        hidden = (size > 0) & (jnp.max(jnp.abs(predicted), axis=1) > ABSURD * size)
         left = values_of(self.mean - predicted, self.lines)
-        left = jnp.where((largest < ABSURD)[:, None], left, jnp.nan)
+        left = jnp.where(hidden[:, None], jnp.nan, left)
         if not self.origin.shape[1]:
             return left
         away = jnp.stack([theta[name] for name in OFFSETS]) - self.origin

@@ -202,7 +202,7 @@ def test_a_saved_study_is_loaded_and_predicts_the_same(tmp_path):
 
 def test_a_run_writes_what_predictions_read_back(tmp_path):
     test, tree = a_test(0.01), a_tree(same(SILENT))
-    data = SimpleNamespace(parts=(), scatter=(0.3, 1e-3), laws=("bouc_wen",))
+    data = SimpleNamespace(parts=(), scatter=(0.3, 1e-3), laws=("bouc_wen",), modes=None)
     decays = SimpleNamespace(fraction=0.7, shift_std=0.02, substeps=3)
     joint = SimpleNamespace(posterior=tree, held={"gain": 0.5})
     found = Identification(data=data, decay_data=decays, steps={"joint": joint})  # pyright: ignore
