@@ -6,7 +6,7 @@ measured. Shapes and the joint's parameters are drawn anew for each campaign. Th
 the draws is a uniform number where the posterior is right, its z-score standard normal. Results are
 appended to a file, a line a campaign; what is there stays.
 
-    python benchmarks/structure_recovery.py --out FILE [--campaigns 50] [--json FILE]
+    python benchmarks/structure_recovery.py --out FILE [--campaigns 50] [--first SEED] [--json FILE]
 """
 
 import json
@@ -113,12 +113,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = options(__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--campaigns", type=int, default=50)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first")
     chosen = parser.parse_args(arguments)
     jbw.enable_x64()
     chosen.out.touch()
     lines = [json.loads(line) for line in chosen.out.read_text().splitlines()]
     done = {one["seed"] for one in lines}
-    for seed in range(chosen.campaigns):
+    for seed in range(chosen.first, chosen.first + chosen.campaigns):
         if seed not in done:
             lines.append(tried(seed))
             with chosen.out.open("a") as file:
