@@ -16,7 +16,7 @@ from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import frf
 from jbw.observables.residual_terms import added_response, taken
 from jbw.observables.samples import advance, in_band, lines_of, motion_under, noise_share
-from jbw.quantities import LETTER_OF, MODES, derivative_order, per
+from jbw.quantities import LETTER_OF, derivative_order, per
 from jbw.verification.bands import QUANTILE_AXIS, band, beside, error, errors, polar
 from jbw.verification.places import repeats_named
 from jbw.verification.predicted import (
@@ -28,7 +28,7 @@ from jbw.verification.predicted import (
     noise_of,
     of_scatter,
 )
-from jbw.verification.predictive_basis import Draws, Laws
+from jbw.verification.predictive_basis import Draws, Laws, natural_hz
 
 SETTLING = 8.0  # s of a noise record during which the unknown start of the motion dies out
 NEAR = (0.75, 1.25)  # of the natural frequency: the band around the mode
@@ -225,9 +225,7 @@ def _frf(
 
 def bands_of_modes(draws: Draws) -> list[tuple[float, float]]:
     """The band around every mode that the draws have [Hz]."""
-    names = ("omega_n", *(omega.name for omega, *_ in MODES))
-    natural = (float(np.mean(draws[name])) / (2 * np.pi) for name in names if name in draws)
-    return [(NEAR[0] * hz, NEAR[1] * hz) for hz in natural]
+    return [(NEAR[0] * hz, NEAR[1] * hz) for hz in natural_hz(draws)]
 
 
 def most_driven(record: Record, bands: Sequence[tuple[float, float]]) -> tuple[float, float]:

@@ -14,9 +14,8 @@ from jbw.observables.modal_decays import ModalDecays, Seen, match, modal_envelop
 from jbw.observables.modal_starts import bands_of
 from jbw.observables.modes import Modes
 from jbw.oscillator.modes.parameters import structure_of
-from jbw.quantities import MODES
 from jbw.verification.predicted import Source, carry
-from jbw.verification.predictive_basis import Draws, Laws, count_of
+from jbw.verification.predictive_basis import Draws, Laws, count_of, natural_hz
 
 Envelope = Complex[np.ndarray, "*draw time"]
 Envelopes = dict[str, Envelope]
@@ -27,8 +26,7 @@ OWN = "own_{}"  # of a draw: what its start lies off the best one by, standard n
 
 def modes_of_draws(draws: Draws) -> Modes | None:
     """The modes that draws have, at their mean frequencies; None of one."""
-    names = ("omega_n", *(omega.name for omega, *_ in MODES))
-    hz = tuple(float(np.mean(draws[name])) / (2 * np.pi) for name in names if name in draws)
+    hz = tuple(natural_hz(draws))
     return Modes(hz) if len(hz) > 1 else None
 
 

@@ -22,7 +22,7 @@ from jbw.observables.harmonic_groups import family_of, response_held
 from jbw.observables.observable import OFFSETS, run_of
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import own_quantities
-from jbw.quantities import ATTACHED, DEFAULT_LAWS, MODAL, RESIDUAL_TERMS
+from jbw.quantities import ATTACHED, DEFAULT_LAWS, MODAL, MODES, RESIDUAL_TERMS
 
 NUM_DRAWS = 100  # outer quantiles of 99 % bands need about as many
 SUBSTEPS = 2  # of the solver a sample, for a run that does not say how many its data took
@@ -133,6 +133,12 @@ class Basis:
                 else "Identify from tests that move the mass, such as noise, sweeps or tones.",
             )
         return known
+
+
+def natural_hz(draws: Draws) -> list[float]:
+    """Mean natural frequency of every mode that draws have [Hz]."""
+    names = ("omega_n", *(omega.name for omega, *_ in MODES))
+    return [float(np.mean(draws[name])) / (2 * np.pi) for name in names if name in draws]
 
 
 def count_of(draws: Mapping[str, Any]) -> int:
