@@ -34,7 +34,9 @@ from jbw.identification.residual_terms import terms_of, with_terms
 from jbw.identification.step import attrs
 from jbw.inference.compiled import forget_when_many
 from jbw.inference.fit.fitting import Fit
+from jbw.inference.lanes import at_points
 from jbw.inference.samplers.sampling import sample
+from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation, along_logarithms, never_zero
 from jbw.inference.space.ridge import along_ridge
 from jbw.observables import dataset
@@ -51,6 +53,9 @@ RUN_SCATTER = 5e-4  # of omega_n over runs, relative: what a structure shifts by
 MEET = {"apart": " of each mode", "first": " in the first mode"}
 OF_JOINT = frozenset(name for names in NAMES for name in (names.sign, names.shape, names.coupling))
 MOST_TURNS = 2  # of weights by the law that leaves least, and fits of all
+# From which a law is hopeless: nats that its largest likelihood lies below, and times the error.
+FAR_BELOW, FAR_OFF = 100.0, 2.0
+FEW_DRAWS = 50  # a group of four, of a law whose fit alone is judged
 
 
 @dataclass(frozen=True)
@@ -192,6 +197,52 @@ def posterior(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
         options={"most_rounds": MOST_ROUNDS}, attrs=attrs(one.laws),
     )  # fmt: skip
     return with_derived(jax.random.fold_in(key, 1), found, one.fitted.data)
+
+
+def largest_likelihood(one: Candidate) -> float:
+    """Log likelihood at a candidate's fit [nats]: in its box no evidence is larger."""
+    theta = {name: np.array([value]) for name, value in one.fitted.fit.theta.items()}
+    return float(np.sum(at_points(dataset.log_likelihood, theta, one.fitted.data)))
+
+
+def hopeless(found: Sequence[Candidate], likelihoods: Mapping[str, float]) -> set[str]:
+    r"""Names of candidates that no posterior could bring back.
+
+    $$\log Z = \log \int L\,\pi \le \log L_{max}$$
+
+    Where that lies far below the likelihood of the law that leaves least, and the error is several
+    times as large, points about the fit say no more: they are rough where a law misses the data
+    most, and take longest there.
+    """
+    least = min(found, key=lambda one: one.error)
+    below, off = likelihoods[least.name] - FAR_BELOW, FAR_OFF * least.error
+    return {one.name for one in found if likelihoods[one.name] < below and one.error > off}
+
+
+def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
+    """Draws of the Gaussian about a candidate's fit, for its curves: of no posterior.
+
+    One at which a solve fails is moved to the fit.
+    """
+    prior, data = one.fitted.box, one.fitted.data
+    problem = problem_of(dataset.log_likelihood, prior, data, place_of(one.fitted.fit, one))
+    shape = 4, FEW_DRAWS
+    w = jax.random.normal(key, (shape[0] * shape[1], len(prior.names)))
+    theta = jax.tree.map(np.asarray, jax.vmap(problem.theta)(w))
+    terms = at_points(dataset.log_likelihood, theta, data)
+    failed = ~np.isfinite(terms.sum(axis=1))
+    fit = {name: np.array([value]) for name, value in one.fitted.fit.theta.items()}
+    theta = {name: np.where(failed, fit[name], values) for name, values in theta.items()}
+    if np.any(failed):
+        terms[failed] = at_points(dataset.log_likelihood, fit, data)
+    dims, units = ("chain", "draw"), attrs(one.laws)
+    posterior = xr.Dataset(
+        {n: (dims, x.reshape(shape), units.get(n, {})) for n, x in theta.items()},
+        {dim: np.arange(size) for dim, size in zip(dims, shape, strict=True)},
+    )
+    likelihood = xr.Dataset({"terms": ((*dims, "term"), terms.reshape(*shape, -1))})
+    tree = xr.DataTree.from_dict({"posterior": posterior, "log_likelihood": likelihood})
+    return with_derived(jax.random.fold_in(key, 1), tree, data)
 
 
 def place_of(best: Fit, one: Candidate) -> Reparametrisation:

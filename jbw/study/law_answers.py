@@ -44,6 +44,7 @@ def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs:
         known = {name: own for name, own in found.items() if own is not None}
     if not known:
         return min(rows, key=lambda name: rows[name]["error"])
+    known = {name: own for name, own in known.items() if not rows[name]["hopeless"]}
     sure = [name for name in known if not _is_rough(rows[name], by_runs=by_runs)]
     return max(sure or known, key=lambda name: known[name])
 
@@ -57,8 +58,10 @@ def _is_rough(row: Row, *, by_runs: bool) -> bool:
 def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
     """Whether a law is told apart from the best; by evidence under both widths of the priors.
 
-    By a score that is rough none is judged.
+    By a score that is rough none is judged, but a hopeless law, which is worse whatever its score.
     """
+    if row["hopeless"]:
+        return "worse"
     if _is_rough(row, by_runs=by_runs) or _is_rough(best, by_runs=by_runs):
         return "not judged"
     if by_runs:
@@ -86,6 +89,13 @@ def statements(record: Row) -> list[str]:
         said.append(f"Not told apart from it: {', '.join(near)}.")
     if worse := _names(rows, "worse"):
         said.append(f"Told apart, and worse: {', '.join(worse)}.")
+    said += [
+        f"{name} is judged by its fit alone: it leaves {100 * row['error']:.2g} % where {best} "
+        f"leaves {100 * rows[best]['error']:.2g} %, and its largest likelihood is "
+        f"{rows[best]['log_likelihood'] - row['log_likelihood']:.0f} nats less."
+        for name, row in rows.items()
+        if row["hopeless"]
+    ]
     if rough := _names(rows, "not judged"):
         said.append(
             f"Not judged: {', '.join(rough)}, whose score or that of {best} is rough (k-hat above "

@@ -93,6 +93,35 @@ def test_scores_of_left_out_runs_are_those_of_a_grid(linear, way, monkeypatch):
     assert way == "points" or any(one is not None for one in counted)
 
 
+def test_scores_of_fits_alone_are_those_of_a_posterior_to_a_few_nats(linear):
+    draws = evidence.posterior(jax.random.key(2), linear)
+    weighed = unseen_runs.left_out(jax.random.key(1), linear, draws)
+    fits = unseen_runs.left_out_of_fits(linear)
+    assert fits.error == weighed.error
+    assert fits.khat is None
+    for run, score in weighed.elpd.items():
+        # Two parameters, known from the other runs: each moves a score by half a nat or so.
+        assert abs(fits.elpd[run] - score) < 2.0
+
+
+def test_draws_about_a_fit_have_its_covariance(linear):
+    fit, tree = linear.fitted.fit, evidence.about_fit(jax.random.key(0), linear)
+    posterior = tree["posterior"].to_dataset()
+    drawn = np.stack([posterior[name].values.ravel() for name in linear.fitted.box.names])
+    std = np.sqrt(np.diag(fit.covariance))
+    # 200 draws: a mean to 0.07 of a deviation, a deviation to 5 %; four times that.
+    z = (drawn - np.array(list(fit.theta.values()))[:, None]) / std[:, None]
+    np.testing.assert_allclose(z.mean(axis=1), 0.0, atol=0.28)
+    np.testing.assert_allclose(z.std(axis=1), 1.0, atol=0.2)
+    assert all(np.all(np.isfinite(posterior[name].values)) for name in posterior)
+    assert any(name.startswith("noise_std") for name in posterior)
+
+
+def test_the_likelihood_at_a_fit_bounds_the_evidence(linear):
+    draws = evidence.posterior(jax.random.key(2), linear)
+    assert draws.attrs["log_evidence"] < evidence.largest_likelihood(linear)
+
+
 def test_a_run_that_is_silenced_counts_for_nothing(linear):
     data = linear.fitted.data
     theta = {name: jnp.asarray(value) for name, value in linear.fitted.fit.theta.items()}
@@ -165,9 +194,10 @@ def test_differences_and_stacking_are_closed_forms():
     np.testing.assert_allclose([weights[name] for name in far], [0.5, 0.5, 0.0], atol=1e-3)
 
 
-def row(evidence_of, error=0.1, count=1):
+def row(evidence_of, error=0.1, count=1, hopeless=False):
     wide = None if evidence_of is None else evidence_of - count * np.log(2.0)
-    return {"error": error, "log_evidence": evidence_of, "log_evidence_wide": wide, "khat": 0.1,
+    return {"error": error, "hopeless": hopeless, "log_likelihood": 20.0 - error * 1e3,
+            "log_evidence": evidence_of, "log_evidence_wide": wide, "khat": 0.1,
             "khat_evidence": 0.1, "at_bound": [], "reached": [], "laws": []}  # fmt: skip
 
 
@@ -212,6 +242,29 @@ def test_a_rough_score_calls_no_law_worse_and_none_the_best():
     rows = {"a": row(0.0), "b": row(-80.0) | {"khat_evidence": np.inf}, "c": row(-80.0)}
     compare_rows(rows, {})
     assert [one["answer"] for one in rows.values()] == ["best", "not judged", "worse"]
+
+
+def test_a_hopeless_law_is_worse_whatever_its_score_and_the_words_say_by_what():
+    rng = np.random.default_rng(0)
+    base = rng.normal(size=6)
+    # Far behind on one run alone, which no standard error over runs would call apart.
+    scores = {"a": base, "b": base - np.array([0, 0, 0, 0, 0, 9e3])}
+    rows = {"a": row(0.0), "b": row(None, error=0.4, hopeless=True) | {"khat": None}}
+    compare_rows(rows, scores)
+    assert -rows["b"]["elpd_difference"] < 2 * rows["b"]["elpd_difference_se"]
+    assert [one["answer"] for one in rows.values()] == ["best", "worse"]
+    np.testing.assert_allclose([one["weight"] for one in rows.values()], [1.0, 0.0], atol=1e-3)
+    said = statements(
+        {"laws": rows, "runs": list("uvwxyz"), "floor": None, "lines": {}, "shared_runs": None}
+    )
+    assert (
+        "b is judged by its fit alone: it leaves 40 % where a leaves 10 %, and its largest "
+        "likelihood is 300 nats less." in said
+    )
+    # Alone with a rough law it is still not the best one.
+    rows["a"]["khat"] = 0.9
+    compare_rows(rows, scores)
+    assert [one["answer"] for one in rows.values()] == ["best", "worse"]
 
 
 def test_evidence_that_hangs_on_the_priors_tells_nothing_apart():
@@ -343,6 +396,8 @@ def test_the_law_that_made_the_data_is_best_and_wrong_ones_are_told_apart(soften
     assert rows["cubic"]["answer"] == "best"
     assert rows["linear"]["answer"] == rows["quadratic"]["answer"] == "worse"
     assert rows["cubic"]["weight"] > 0.5
+    assert rows["linear"]["hopeless"]
+    assert not rows["cubic"]["hopeless"]
     mean, sd = (rows["cubic"]["parameters"]["cubic"][key] for key in ("mean", "sd"))
     assert abs(mean - CUBIC) < 4 * sd
     assert found.record["highest"] == "held at 80"
