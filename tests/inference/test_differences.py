@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jbw.inference.fit.costly_fit import evaluator, from_search
+from jbw.inference.fit.costly_fit import costly_fit, evaluator, from_search
 from jbw.inference.fit.fitting import linearise
 from jbw.inference.space.box import box
 from jbw.measurement.records import Record, Test
@@ -56,6 +56,40 @@ def test_the_residual_is_not_solved_again_for_its_jacobian():
     assert part(s, 1).shape == (40, 4)
     assert part(s, 0) is first
     assert part(s + 0.1, 0) is not first
+
+
+TIME = np.linspace(0.0, 1.0, 200)
+NOISE, JUMP, BETWEEN = 0.01, 3e-4, 3e-5  # of values; of the model, and parameters between two
+
+
+def jumping(theta, data):
+    """A line whose values jump as a parameter moves, by far less than the noise."""
+    line = theta["offset"] + theta["slope"] * TIME
+    phase = jnp.floor(theta["slope"] / BETWEEN + 7.0 * TIME)
+    return (line + JUMP * (phase % 2) - data) / NOISE
+
+
+def smooth(theta, data):
+    return (theta["offset"] + theta["slope"] * TIME - data) / NOISE
+
+
+def test_a_residual_that_jumps_leaves_the_errors_of_a_line():
+    bounds = box({"offset": (-2.0, 2.0), "slope": (-2.0, 2.0)})
+    rng = np.random.default_rng(0)
+    data = jnp.asarray(0.3 + 0.7 * TIME + NOISE * rng.standard_normal(len(TIME)))
+    design = np.stack([np.ones_like(TIME), TIME], axis=1)
+    covariance = NOISE**2 * np.linalg.inv(design.T @ design)
+    start = {"offset": 0.0, "slope": 0.5}
+    found = costly_fit(jumping, bounds, data, starts=start)
+    # Jumps are 0.3 of a deviation over a difference that crosses two: to a sixth of a slope.
+    np.testing.assert_allclose(np.diag(found.covariance), np.diag(covariance), rtol=0.3)
+    # Over short differences the jumps are steep, and the slope looks far better known.
+    jumps = evaluator(jumping, bounds, data)(np.array([0.575, 0.675]), 1)
+    true = 4.0 * design[:, 1] / NOISE  # the box is four wide
+    assert np.linalg.norm(jumps[:, 1]) > 1.5 * np.linalg.norm(true)
+    # Where nothing jumps the short differences stand.
+    same = costly_fit(smooth, bounds, data, starts=start)
+    np.testing.assert_allclose(np.diag(same.covariance), np.diag(covariance), rtol=1e-6)
 
 
 FS = 256.0

@@ -1,7 +1,7 @@
 """Least squares for residuals that cost a simulation: few evaluations, all derivatives at once."""
 
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import equinox as eqx
@@ -28,6 +28,10 @@ from jbw.inference.space.coordinates import Composed, Logarithms, Sinh, Vector, 
 Part = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 TOLERANCE = 1e-10  # of the cost and of the step, relative
 STEP = 1e-5  # of the search coordinate, 0 to 1: an error of its square, and of 1e-11 of rounding
+# At an optimum, of the search: no difference crosses more, since further on a residual is bent.
+WIDEST = 0.02
+SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12  # ratios of standard errors
+UNIFORM = 12.0  # precision of a uniform prior over the unit cube
 LANES = 8
 NEAR_ZERO = 0.01  # of the upper bound: where a parameter that may be zero is told from zero
 LOPSIDED = 0.5  # of the upper bound, which the lower one stays within
@@ -71,7 +75,47 @@ def costly_fit(
             "the bounds for parameters that cannot be solved.",
         )
     x, slope = (np.asarray(each) for each in from_search(jnp.asarray(best.x), box))
-    return describe_optimum(x, part(best.x, 0), part(best.x, 1) / slope, box, costs)
+    jacobian = part(best.x, 1)
+    if tolerance <= TOLERANCE:
+        at_optimum = partial(_with_differences, residual, box, data, best.x)
+        jacobian = wide_enough(jacobian, lambda steps: at_optimum(steps)[1], best.x)
+    return describe_optimum(x, part(best.x, 0), jacobian / slope, box, costs)
+
+
+def wide_enough(
+    jacobian: Float[np.ndarray, "residual parameter"],
+    differences: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    s: NDArray[np.float64],
+) -> Float[np.ndarray, "residual parameter"]:
+    r"""The Jacobian over differences that cross a standard deviation, where it is another there.
+
+    $$h_i = 1 / \lVert J_i \rVert$$
+
+    A motion's turning points come and go within a step of the solver, and its residual jumps: by
+    little, but over a difference of 1e-5 that looks like a steep slope, and an error that small.
+    """
+    before, h = jacobian, np.full(len(s), STEP)
+    most = np.maximum(np.minimum(np.minimum(s, 1 - s), WIDEST), STEP)
+    for _ in range(MOST_WIDENINGS):
+        size = np.maximum(np.linalg.norm(before, axis=0), np.finfo(float).tiny)
+        h = np.clip(1 / size, h, most)
+        now = differences(h)
+        if not np.all(np.isfinite(now)):
+            break
+        ratio = _errors(now) / _errors(before)
+        off = np.maximum(ratio, 1 / ratio)
+        if before is jacobian and np.all(off < SAME):
+            break
+        before = now
+        if np.all(off < SETTLED):
+            break
+    return before
+
+
+def _errors(jacobian: Float[np.ndarray, "residual parameter"]) -> Float[np.ndarray, " parameter"]:
+    """Standard errors in the unit cube, of the data and of a uniform prior."""
+    precision = jacobian.T @ jacobian + UNIFORM * np.eye(jacobian.shape[1])
+    return np.sqrt(np.diag(np.linalg.inv(precision)))
 
 
 def trust_region(
@@ -109,10 +153,7 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
 
     @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
     def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        step = STEP * np.eye(len(s))
-        points = s + np.concatenate([np.zeros((1, len(s))), step, -step])
-        rows = at_points(_real_of, _parameters(points, box), (residual, data), lanes=LANES)
-        return rows[0], _slope(rows[0], *np.split(rows[1:], 2))
+        return _with_differences(residual, box, data, np.array(s), np.full(len(s), STEP))
 
     def part(s: NDArray[np.float64], which: int) -> NDArray[np.float64]:
         return at(tuple(s.tolist()))[which]
@@ -120,17 +161,33 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
     return part
 
 
+def _with_differences(
+    residual: Residual,
+    box: Box,
+    data: PyTree,
+    s: NDArray[np.float64],
+    steps: Float[np.ndarray, " parameter"],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Residual and Jacobian, over steps of each parameter."""
+    apart = np.diag(steps)
+    points = s + np.concatenate([np.zeros((1, len(s))), apart, -apart])
+    rows = at_points(_real_of, _parameters(points, box), (residual, data), lanes=LANES)
+    ahead, behind = np.split(rows[1:], 2)
+    return rows[0], _slope(rows[0], ahead, behind, steps[:, None])
+
+
 def _slope(
     here: Float[np.ndarray, " residual"],
     ahead: Float[np.ndarray, "parameter residual"],
     behind: Float[np.ndarray, "parameter residual"],
+    steps: Float[np.ndarray, "parameter 1"],
 ) -> Float[np.ndarray, "residual parameter"]:
     """Differences of both sides; where the model cannot be solved on one, of the other alone."""
     sides = [np.all(np.isfinite(side), axis=1, keepdims=True) for side in (ahead, behind)]
     ahead, behind = (
         np.where(ok, side, here) for ok, side in zip(sides, (ahead, behind), strict=True)
     )
-    steps = STEP * np.maximum(np.sum(sides, axis=0), 1)
+    steps = steps * np.maximum(np.sum(sides, axis=0), 1)
     with np.errstate(invalid="ignore", over="ignore"):  # of a point that is not stepped to
         return ((ahead - behind) / steps).T
 
