@@ -4,13 +4,14 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 from scipy.optimize import least_squares
 
 from jbw.observables.modes import FIRST, Modes, Reals
 
 DRIVEN = 0.1  # of the largest: lines that first values are read from
 FEWEST = 6  # of them
+SPANNED = 0.5  # of a mode's window: a harmonic that a shaker's force has passes through less of it
 LEAST_ZETA, USUAL_ZETA, MOST_ZETA = 1e-4, 5e-3, 0.2  # of first values: bounds, and where to begin
 
 
@@ -25,26 +26,44 @@ class Lines(NamedTuple):
 def read_modes(modes: Modes, motions: Sequence[Lines]) -> dict[str, float]:
     """First values of every mode that is driven, by the first motion that drives it.
 
-    What is seen of it is a gain at every point, no ratio yet. Modes that one motion drives are
-    fitted together, for the flank of one is under the peak of its neighbour.
+    By one that passes through it, where there is one. What is seen of it is a gain at every point,
+    no ratio yet. Modes that one motion drives are fitted together, for the flank of one is under
+    the peak of its neighbour.
     """
     found: dict[str, float] = {}
     every = (FIRST, *(names[:3] for names in modes.names))
-    for omega, source, seen in motions:
-        loud = np.abs(source) > DRIVEN * np.abs(source).max()
-        near = [loud & (omega >= 2 * np.pi * low) & (omega <= 2 * np.pi * high)
-                for low, high in modes.windows_hz]  # fmt: skip
-        driven = [i for i, own in enumerate(near) if np.count_nonzero(own) >= FEWEST]
-        if not driven:
-            continue
-        kept = np.any([near[i] for i in driven], axis=0)
-        lines = Lines(omega[kept], source[kept], {p: y[kept] for p, y in seen.items()})
-        poles, gains = _poles_and_gains(lines, [modes.windows_hz[i] for i in driven])
-        for i, pole, row in zip(driven, poles, gains.T, strict=True):
-            if every[i][0] not in found:
-                found |= dict(zip(every[i], pole, strict=False))
-            for point, gain in zip(seen, row, strict=True):
-                found.setdefault(modes.seen[point][i] if point else every[i][2], float(gain))
+    for spanned in (SPANNED, 0.0):
+        for motion in motions:
+            near = _near(motion, modes.windows_hz, spanned)
+            named = {
+                (i, point): modes.seen[point][i] if point else every[i][2]
+                for i in near
+                for point in motion.seen
+            }
+            if all(name in found for name in named.values()):
+                continue
+            kept = np.any(list(near.values()), axis=0)
+            seen = {point: y[kept] for point, y in motion.seen.items()}
+            lines = Lines(motion.omega[kept], motion.source[kept], seen)
+            poles, gains = _poles_and_gains(lines, [modes.windows_hz[i] for i in near])
+            for i, pole, row in zip(near, poles, gains.T, strict=True):
+                if every[i][0] not in found:
+                    found |= dict(zip(every[i], pole, strict=False))
+                for point, gain in zip(seen, row, strict=True):
+                    found.setdefault(named[i, point], float(gain))
+    return found
+
+
+def _near(
+    motion: Lines, windows_hz: Sequence[tuple[float, float]], spanned: float
+) -> dict[int, Bool[np.ndarray, " line"]]:
+    """Lines that drive a mode, by its number, where they span such a part of its window."""
+    loud, found = np.abs(motion.source) > DRIVEN * np.abs(motion.source).max(), {}
+    for i, window in enumerate(windows_hz):
+        low, high = 2 * np.pi * np.array(window)
+        own = loud & (motion.omega >= low) & (motion.omega <= high)
+        if np.sum(own) >= FEWEST and np.ptp(motion.omega[own]) >= spanned * (high - low):
+            found[i] = own
     return found
 
 

@@ -264,6 +264,27 @@ def test_modes_that_overlap_are_read_together():
     assert [found["point_2_1"], found["point_2_2"]] == pytest.approx(gains[1], rel=1e-4)
 
 
+def test_a_mode_is_read_off_what_passes_through_it_and_no_harmonic():
+    """A shaker's force has harmonics: the third of a first mode's sweep reaches into a window."""
+    omega, zeta, gains = 2 * np.pi * np.array([18.8, 57.2]), [0.006, 0.01], [0.7, 0.9]
+    line = 2 * np.pi * np.arange(14.0, 64.0, 0.25)
+    modal = [
+        g / (w**2 - line**2 + 2j * z * w * line) for g, w, z in zip(gains, omega, zeta, strict=True)
+    ]
+    low = np.where(line < 2 * np.pi * 24, 1.0, np.where(line < 2 * np.pi * 55.8, 0.2, 0.0)) + 0j
+    # Its response to the harmonic is that of a joint that slips, and no linear one.
+    weak = np.where(line < 2 * np.pi * 24, low * sum(modal), 1e-6 * np.sin(line))
+    high = np.where(line > 2 * np.pi * 50, 1.0, 0.0) + 0j
+    motions = [Lines(line, low, {"": weak}), Lines(line, high, {"": high * sum(modal)})]
+    found = read_modes(Modes((18.8, 57.2)), motions)
+    # What the other mode adds is a constant and 1/omega^2 but for a part in ten thousand.
+    assert found["omega_2"] == pytest.approx(omega[1], rel=1e-4)
+    assert found["zeta_2"] == pytest.approx(zeta[1], rel=1e-3)
+    assert found["omega_n"] == pytest.approx(omega[0], rel=1e-4)
+    # Where nothing else drives it, the harmonic is better than nothing.
+    assert "omega_2" in read_modes(Modes((18.8, 57.2)), motions[:1])
+
+
 def test_points_that_cannot_be_meant_are_refused(two_points):
     def seen(tests=two_points.tests, **stated):
         structure = two_points.structure.model_copy(update=stated)
