@@ -1,0 +1,171 @@
+r"""Iwan's array whose sliders slide at less than they stick: its loops, and paths that are given.
+
+A slider that sticks up to its limit and slides below it drops as it lets go, and climbs to the
+limit again before it slides the next time. So a loop within a loop is not forgotten as it closes,
+and no stack of reversals follows the array. Not in the register: along a path its sliders are
+followed one by one, and nothing steps or fits them.
+
+Reference:
+    Mignolet, Song and Wang (2015), Journal of Sound and Vibration 349, 289; the densities of
+    Segalman (2005). The five parameters of Segalman and Starr (2004), which round off macroslip,
+    are another law: any concave virgin curve, see `given_backbone`.
+"""
+
+from typing import ClassVar, NamedTuple, NoReturn
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jbw.errors import ModelError
+from jbw.oscillator.law import Law, Loop
+from jbw.oscillator.laws.iwan import Iwan4, power
+from jbw.oscillator.parameters import Scalar
+from jbw.quantities import Quantity
+
+COUNT = 1000
+GRADING = 2  # edges of the sliders' limits are this power of even ones
+_POINTS = 512  # of half a loop
+
+
+class Sliders(NamedTuple):
+    """Every slider's stretch [m], and whether it slides: the direction, or 0 where it sticks."""
+
+    stretch: Float[Array, " slider"]
+    slides: Float[Array, " slider"]
+
+
+class Iwan5(Law):
+    r"""Sliders that stick up to phi and slide at theta phi, with the densities of `Iwan4`.
+
+    $$\rho(\varphi) = R\varphi^\chi + S\,\delta(\varphi - \varphi_{max}), \qquad
+      F_b(u) = \vartheta \int_0^u \varphi\,\rho\,d\varphi + u \int_u^\infty \rho\,d\varphi$$
+
+    With theta = 1 it is `Iwan4`. The density is met by so many sliders, each with the stiffness and
+    the moment of its bin: virgin curves and loops are good to the inverse square of their number,
+    and to its inverse where a bin is about to let go.
+
+    Attributes:
+        iwan_stiffness: Stiffness at rest, K_T [1/s^2].
+        iwan_loss: Secant stiffness that `Iwan4` of the same limits loses at 1 mm [1/s^2].
+        iwan_chi: Exponent chi > -1 of the sliders' density [-].
+        iwan_beta: Stiffness of the sliders that slip last over that of the others [-].
+        iwan_theta: Force of sliding over that of sticking, above 0, at most 1 [-].
+        count: Number of sliders.
+    """
+
+    name: ClassVar[str] = "iwan5"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        *Iwan4.table,
+        Quantity("iwan_theta", "ϑ", "1", "force of sliding over that of sticking", 0.0),
+    )
+
+    iwan_stiffness: Scalar
+    iwan_loss: Scalar
+    iwan_chi: Scalar
+    iwan_beta: Scalar
+    iwan_theta: Scalar
+    count: int = eqx.field(default=COUNT, static=True)
+
+    @property
+    def sticking(self) -> Iwan4:
+        """The law of the sliders' limits, of theta = 1."""
+        return Iwan4(self.iwan_stiffness, self.iwan_loss, self.iwan_chi, self.iwan_beta)
+
+    def array(self) -> tuple[Float[Array, " slider"], Float[Array, " slider"]]:
+        """Stiffness [1/s^2] and limit [m] of every slider; the last are those that slip last."""
+        edge = self.sticking.phi_max * jnp.linspace(0.0, 1.0, self.count) ** GRADING
+        stiffness, moment = jnp.diff(self._zeroth(edge)), jnp.diff(self._first(edge))
+        limit = jnp.append(moment / stiffness, self.sticking.phi_max)
+        return jnp.append(stiffness, self._lump), limit
+
+    def stiffness(self) -> Scalar:
+        """K_T [1/s^2]."""
+        return self.iwan_stiffness
+
+    def at_rest(self) -> Sliders:
+        """No slider stretched."""
+        return Sliders(jnp.zeros(self.count), jnp.zeros(self.count))
+
+    def force(self, y: Scalar, v: Scalar, memory: Sliders) -> Scalar:
+        """Sum of the sliders' forces [N/kg]."""
+        return jnp.sum(self.array()[0] * memory.stretch)
+
+    def move(self, y: Scalar, memory: Sliders, dy: Scalar) -> Sliders:
+        """Sliders after a monotone move, exact for each."""
+        limit = self.array()[1]
+        way = jnp.sign(jnp.asarray(dy, float))
+        reached = memory.stretch + dy
+        goes_on = (memory.slides == way) & (way != 0.0)
+        slides = goes_on | (way * reached >= limit)
+        stretch = jnp.where(slides, way * self.iwan_theta * limit, reached)
+        direction = jnp.where(way == 0.0, memory.slides, jnp.where(slides, way, 0.0))
+        return Sliders(stretch, direction)
+
+    def virgin(self, x: Scalar) -> Scalar:
+        """Force of the first loading to a displacement x >= 0 [N/kg], in closed form."""
+        most, theta = self.sticking.phi_max, self.iwan_theta
+        below = jnp.minimum(x, most)
+        last = self._lump * jnp.where(x < most, x, theta * most)
+        return theta * self._first(below) + x * (self._spread - self._zeroth(below)) + last
+
+    def unloading(self, y_peak: Scalar, by: Scalar) -> Scalar:
+        r"""Force of the steady loop, after a way D back from its tip Y [N/kg], in closed form.
+
+        $$F = -\vartheta M_1(p) + \vartheta (M_1(q) - M_1(p)) - D (M_0(q) - M_0(p))
+          + (Y - D)(M_0(\infty) - M_0(q)), \qquad M_n(x) = \int_0^x \varphi^n \rho\,d\varphi$$
+
+        with p = D/(1 + theta) and q = Y, no more than Y and phi_max; the last sliders likewise.
+        """
+        most, theta = self.sticking.phi_max, self.iwan_theta
+        q = jnp.minimum(y_peak, most)
+        p = jnp.minimum(by / (1.0 + theta), q)
+        gone = theta * (self._first(q) - 2.0 * self._first(p))
+        stuck = by * (self._zeroth(q) - self._zeroth(p))
+        never = (y_peak - by) * (self._spread - self._zeroth(q))
+        slid = jnp.where(by < (1.0 + theta) * most, theta * most - by, -theta * most)
+        return gone - stuck + never + self._lump * jnp.where(y_peak < most, y_peak - by, slid)
+
+    def loop(self, y_peak: Scalar) -> Loop:
+        """Equivalent stiffness and damping of the steady loop, by the trapezium on half of it."""
+        y_peak = jnp.asarray(y_peak, float)
+        at_zero = y_peak == 0.0
+        peak = jnp.where(at_zero, 1.0, y_peak)
+        angle = jnp.linspace(0.0, jnp.pi, _POINTS + 1)
+        weight = jnp.ones(_POINTS + 1).at[jnp.array([0, -1])].set(0.5) * 2.0 / _POINTS
+
+        def part(angle: Scalar, weight: Scalar) -> tuple[Scalar, Scalar]:
+            left = self.unloading(peak, peak * (1.0 - jnp.cos(angle))) / peak
+            left = weight * (left - self.iwan_stiffness * jnp.cos(angle))
+            return left * jnp.cos(angle), -left * jnp.sin(angle)
+
+        sums = (jnp.sum(each, axis=0) for each in jax.vmap(part)(angle, weight))
+        real, imaginary = (jnp.where(at_zero, 0.0, one) for one in sums)
+        return Loop(jnp.asarray(self.iwan_stiffness + real), imaginary)
+
+    def branch(self, v: Scalar, memory: Sliders) -> NoReturn:
+        """None: so many sliders are not stepped."""
+        raise ModelError(
+            "The law `iwan5` follows its sliders along a given motion and is not stepped in time.",
+            remedy="Simulate `Iwan4`, or Jenkins sliders.",
+        )
+
+    # -- of the density ----------------------------------------------------------------------------
+    @property
+    def _spread(self) -> Scalar:
+        """Stiffness of all sliders but the last [1/s^2]."""
+        return self.iwan_stiffness / (1.0 + self.iwan_beta)
+
+    @property
+    def _lump(self) -> Scalar:
+        """Stiffness of the last ones [1/s^2]."""
+        return self.sticking.s
+
+    def _zeroth(self, x: Scalar) -> Scalar:
+        """M_0 up to x <= phi_max [1/s^2]."""
+        return self._spread * power(x / self.sticking.phi_max, self.iwan_chi + 1.0)
+
+    def _first(self, x: Scalar) -> Scalar:
+        """M_1 up to x <= phi_max [N/kg]."""
+        return (self.iwan_chi + 1.0) / (self.iwan_chi + 2.0) * x * self._zeroth(x)
