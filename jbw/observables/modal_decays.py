@@ -28,8 +28,8 @@ from jaxtyping import Array, Complex, Float
 
 from jbw.errors import ConfigError
 from jbw.measurement.records import Test
-from jbw.observables.decay import Decays, at_rest, matched
-from jbw.observables.modal_starts import bands_of, curve_of, starts_of
+from jbw.observables.decay import Decays, matched
+from jbw.observables.modal_starts import bands_of, starts_of
 from jbw.observables.modes import Modes
 from jbw.observables.observable import AmplitudeCurve, Laws, Rows, Theta
 from jbw.oscillator.law import Memory
@@ -72,14 +72,12 @@ class ModalDecays(Decays):
         amplitude: Of each record's modes where it begins, as displacements [m].
         alone: Decays of each mode as of one, the others filtered out.
         bands_hz: The bands of these.
-        curves: Of each mode, as `AmplitudeCurve`: read off all records, the others filtered out.
     """
 
     several: ClassVar[bool | None] = True
 
     begun: Float[Array, "record own"]
     amplitude: Float[Array, "record mode"]
-    curves: tuple[Float[Array, "3 _point"], ...]
     alone: tuple[Decays, ...]
     bands_hz: tuple[tuple[float, float], ...] = eqx.field(static=True)
 
@@ -125,7 +123,6 @@ class ModalDecays(Decays):
             **known,
             begun=jnp.asarray(state),
             amplitude=jnp.asarray(np.abs(starts)),
-            curves=tuple(jnp.asarray(np.stack(curve_of(one))) for one in each),
             alone=tuple(Decays.of(one, laws=laws) for one in each),
             bands_hz=tuple(bands_of(modes, test)),
         )
@@ -158,14 +155,13 @@ class ModalDecays(Decays):
         """Straight lines through frequency and damping of every mode against amplitude, at none."""
         found: dict[str, float] = {}
         others = self.modes.names if self.modes is not None else ()
-        for curve, (omega, zeta, *_) in zip(self.curves, (FIRST, *others), strict=True):
-            values = at_rest(AmplitudeCurve(*np.asarray(curve)))
-            found |= dict(zip((omega, zeta), values, strict=True))
+        for alone, (omega, zeta, *_) in zip(self.alone, (FIRST, *others), strict=True):
+            found |= dict(zip((omega, zeta), alone.first_values().values(), strict=True))
         return found
 
     def amplitude_curve(self) -> AmplitudeCurve:
         """Frequency and damping of the first mode along every record."""
-        return AmplitudeCurve(*np.asarray(self.curves[0]))
+        return self.alone[0].amplitude_curve()
 
     def statements(self, theta: Theta) -> list[str]:
         """What is left of the motion about every mode, and what one mode's decays say."""

@@ -1,13 +1,12 @@
-"""Modes that ring at once, read one by one: in which band, from what start, along what curve."""
+"""Modes that ring at once, read one by one: in which band, and from what start."""
 
 import numpy as np
 from jaxtyping import Complex
 
 from jbw.errors import DataError
 from jbw.measurement.records import Test
-from jbw.observables.decay_envelopes import envelopes, filter_of, readings
+from jbw.observables.decay_envelopes import envelopes, filter_of
 from jbw.observables.modes import Modes
-from jbw.observables.observable import AmplitudeCurve
 from jbw.quantities import derivative_order
 
 LEAST = 4  # independent values that a mode's start is read from
@@ -52,12 +51,3 @@ def starts_of(test: Test) -> Complex[np.ndarray, " record"]:
         q = np.exp(level) / rate**order
         found.append(q.real + 1j * (rate * q).real / nominal)
     return np.array(found)
-
-
-def curve_of(test: Test) -> AmplitudeCurve:
-    """Frequency and damping of one mode against amplitude, along all records."""
-    found = readings(test)
-    omega = 2 * np.pi * np.concatenate([one.frequency_hz for one in found])
-    size = np.concatenate([one.amplitude for one in found])
-    y = size / omega ** derivative_order(test.records[0].response)
-    return AmplitudeCurve(y, omega, np.concatenate([one.damping for one in found]))
