@@ -80,8 +80,12 @@ def _require_own_constants(modes: Modes, tests: Collection[Test]) -> None:
 
 
 def with_own_constants(modes: Modes | None, tests: Collection[Test]) -> tuple[Test, ...]:
-    """Tests whose residual terms are their own where responses are measured at several points."""
-    if modes is None or not modes.points:
+    """Tests whose residual terms are their own where several modes are fitted, each in a band.
+
+    What a mode above adds differs from band to band and from point to point. One constant for all
+    would be a compromise that gains and shapes make up for, and no residual shows it.
+    """
+    if modes is None:
         return tuple(tests)
     own = {"auto": "own"}
     return tuple(replace(test, residuals=own.get(test.residuals, test.residuals)) for test in tests)

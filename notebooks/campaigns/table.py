@@ -34,6 +34,7 @@ SHOWN = {
     "brake_reuss_all": {"omega_n": (1, "rad/s"), "alpha_gamma": (1e-6, "e6 1/(m s^2)")},
     "f16_multisine": {"alpha_delta": (1e-5, "e5 1/(m s^2)"), "alpha_gamma": (1e-5, "e5 1/(m s^2)")},
     "f16_sweep": {"alpha_delta": (1e-5, "e5 1/(m s^2)"), "alpha_gamma": (1e-5, "e5 1/(m s^2)")},
+    "f16_torsion": {"omega_n": (1, "rad/s"), "iwan_chi": (1, "")},
     "hysteretic_benchmark": {"alpha": (1, "1/s^2"), "delta": (1, "1/m"), "gamma": (1, "1/m")},
     "silverbox": {"cubic": (1e-5, "e5 1/(V^2 s^2)")},
     "silverbox_without_cubic": {"alpha_delta": (1e-4, "e4 1/(V s^2)")},

@@ -22,6 +22,7 @@ FOLDERS = {
     "brake_reuss_beam": "brake_reuss_beam",
     "f16_multisine": "f16_gvt_multisine",
     "f16_sweep": "f16_gvt_sinesweep",
+    "f16_torsion": "f16_gvt_sinesweep",
     "friction_damper": "friction_damper_brfd",
     "hysteretic_benchmark": "boucwen_benchmark_synthetic",
     "silverbox": "silverbox",
