@@ -31,12 +31,13 @@ SHOWN = {
         "alpha_gamma": (1e-6, "e6 1/(m s^2)"),
     },
     "brake_reuss_beam": {"omega_n": (1, "rad/s"), "alpha_gamma": (1e-6, "e6 1/(m s^2)")},
-    "brake_reuss_all": {"omega_n": (1, "rad/s"), "alpha_gamma": (1e-6, "e6 1/(m s^2)")},
+    "brake_reuss_all": {"omega_n": (1, "rad/s"), "nu": (1, "")},
     "f16_multisine": {"alpha_delta": (1e-5, "e5 1/(m s^2)"), "alpha_gamma": (1e-5, "e5 1/(m s^2)")},
     "f16_sweep": {"alpha_delta": (1e-5, "e5 1/(m s^2)"), "alpha_gamma": (1e-5, "e5 1/(m s^2)")},
     "f16_torsion": {"omega_n": (1, "rad/s"), "iwan_chi": (1, "")},
     "hysteretic_benchmark": {"alpha": (1, "1/s^2"), "delta": (1, "1/m"), "gamma": (1, "1/m")},
     "silverbox": {"cubic": (1e-5, "e5 1/(V^2 s^2)")},
+    "silverbox_smooth": {"cubic": (1e-5, "e5 1/(V^2 s^2)")},
     "silverbox_without_cubic": {"alpha_delta": (1e-4, "e4 1/(V s^2)")},
     "friction_damper": {"alpha": (1e-6, "e6 1/s^2"), "delta": (1, "1/m"), "gamma": (1, "1/m")},
 }
@@ -67,7 +68,7 @@ def identified(parameters: dict[str, Any], shown: dict[str, tuple[float, str]]) 
         mean, low, high = (factor * parameters[name][key] for key in ("mean", "q005", "q995"))
         # Two digits of the interval's width.
         digits = max(3, math.ceil(math.log10(max(abs(mean), abs(high)) / (high - low))) + 2)
-        told.append(f"{name} {mean:.{digits}g} [{low:.{digits}g}, {high:.{digits}g}] {unit}")
+        told.append(f"{name} {mean:.{digits}g} [{low:.{digits}g}, {high:.{digits}g}] {unit}".rstrip())
     return "; ".join(told)
 
 

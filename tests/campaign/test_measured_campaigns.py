@@ -27,6 +27,7 @@ FOLDERS = {
     "hysteretic_benchmark": "boucwen_benchmark_synthetic",
     "silverbox": "silverbox",
     "silverbox_official": "silverbox",
+    "silverbox_smooth": "silverbox",
     "silverbox_without_cubic": "silverbox",
 }
 
