@@ -1,5 +1,6 @@
 """Steady verification against answers in closed form, and the two routes side by side."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import jax
@@ -22,6 +23,7 @@ from jbw.observables.steady import Points
 from jbw.verification.backbone import amplitude_verification
 from jbw.verification.bands import errors
 from jbw.verification.curves import curves_of, predict_curves
+from jbw.verification.own_constants import has_own_constants, with_own_constants
 from jbw.verification.predicted import Source
 from jbw.verification.predictive_basis import basis_of, scattered
 from jbw.verification.reference_oscillators import of_run, references
@@ -189,6 +191,38 @@ def test_a_period_of_a_multisine_is_met_by_its_transfer_function():
     top = np.argmax(np.abs(lines * receptance(omega)))
     expected = 2 * np.abs(lines[top] * receptance(omega[top])) / size
     assert float(found["measured_spectrum"].max()) == pytest.approx(expected, rel=1e-2)
+
+
+@pytest.mark.parametrize("start", [0, 64])
+def test_own_constants_are_those_that_another_mode_adds(start):
+    """A spring and a free mass: y = (U + L/omega^2) u, an acceleration that no model has."""
+    fs, size, upper, lower = 512.0, 2048, 3e-6, 0.02
+    rng = np.random.default_rng(3)
+    omega = 2 * np.pi * np.fft.rfftfreq(size, 1 / fs)
+    lines = np.where((omega > 60) & (omega < 300), np.exp(2j * np.pi * rng.random(1025)), 0)
+    u, squared = np.fft.irfft(lines, size), np.where(omega > 0, omega, np.inf) ** 2
+    moved = np.fft.irfft(-(omega**2) * lines * (upper + lower / squared), size)
+    other = rng.standard_normal(size)  # what the model says of the rest
+    units = {"force": "N", "acceleration": "m/s^2"}
+    record = Record(fs, {"force": u, "acceleration": moved + other}, units)
+    test = Test("sweep", (record,), "wide", level=1.0, band_hz=(10.0, 45.0), residuals="own")
+    model = other + np.array([[-1.0], [0.0], [1.0]])
+    found = with_own_constants(model, moved + other, test, start)
+    error = (found[1] - moved - other)[start:]
+    # From a later sample on, what is driven leaks beyond its lines.
+    assert np.linalg.norm(error) < (1e-6 if start == 0 else 0.05) * np.linalg.norm(moved)
+    np.testing.assert_allclose(np.diff(found, axis=0), 1.0)  # all draws by the same
+    np.testing.assert_array_equal(found[:, :start], model[:, :start])
+
+
+def test_constants_are_a_tests_own_where_it_says_so_or_modes_are_several():
+    test = held_curve(1.0)
+    one = source(DRAWS).basis
+    two = replace(one, posterior=one.posterior.assign(omega_2=one.posterior["omega_n"] * 3))
+    assert [has_own_constants(basis, test) for basis in (one, two)] == [False, True]
+    for residuals, own in (("own", True), ("none", False), ("upper", False)):
+        stated = replace(test, residuals=residuals)
+        assert [has_own_constants(basis, stated) for basis in (one, two)] == [own, own]
 
 
 def test_coverage_is_that_of_a_gaussian():

@@ -114,6 +114,7 @@ class Records(Repeated):
         # In a band, the scatter over time is that over its lines.
         within = [np.sum((r - m) ** 2) for r, m in zip(responses, means, strict=True)]
         size = means.shape[1] if lines is None else 2 * (lines[1] - lines[0])
+        own = residuals == "own"
         return cls(
             laws=laws,
             source=jnp.asarray(inputs),
@@ -126,7 +127,7 @@ class Records(Repeated):
                 labels=[test.name for test in tests],
                 runs=[run_of(test) for test in tests],
                 scale=np.sqrt(np.sum(means**2, axis=1) / size),
-                spanned=own_columns(residuals, inputs[:, skipped:], fs, response, lines),
+                spanned=own_columns(inputs[:, skipped:], fs, response, lines) if own else None,
             ),
             origin=jnp.zeros((len(tests), 0)),
             fs=fs,

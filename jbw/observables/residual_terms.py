@@ -76,19 +76,12 @@ def added_response(
 
 
 def own_columns(
-    residuals: str,
-    force: Float[np.ndarray, "level time"],
-    fs: float,
-    response: str,
-    lines: tuple[int, int] | None,
-) -> Float[np.ndarray, "level 2 value"] | None:
+    force: Float[np.ndarray, "level time"], fs: float, response: str, lines: tuple[int, int] | None
+) -> Float[np.ndarray, "level 2 value"]:
     r"""What tests' own U and L add to their lines: $F_k (j\omega_k)^o$ and $1/\omega_k^2$ of it.
 
     Of lines the real parts, then the imaginary parts; of samples what the driven lines come to.
-    None of tests that have none of their own.
     """
-    if residuals != "own":
-        return None
     length = force.shape[1]
     omega = 2 * np.pi * np.fft.rfftfreq(length, 1 / fs)
     spectrum = np.fft.rfft(force - force.mean(axis=1, keepdims=True))
