@@ -35,11 +35,8 @@ def read_modes(modes: Modes, motions: Sequence[Lines]) -> dict[str, float]:
     for spanned in (SPANNED, 0.0):
         for motion in motions:
             near = _near(motion, modes.windows_hz, spanned)
-            named = {
-                (i, point): modes.seen[point][i] if point else every[i][2]
-                for i in near
-                for point in motion.seen
-            }
+            pairs = [(i, point) for i in near for point in motion.seen]
+            named = {(i, p): modes.seen[p][i] if p else every[i][2] for i, p in pairs}
             if all(name in found for name in named.values()):
                 continue
             kept = np.any(list(near.values()), axis=0)

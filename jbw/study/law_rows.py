@@ -15,12 +15,7 @@ from jbw.identification.floors import rms
 from jbw.identification.joint import every_parameter
 from jbw.identification.prior_widths import log_evidence_wide
 from jbw.identification.reached import threshold_sentences
-from jbw.identification.unseen_runs import (
-    LeftOut,
-    left_out,
-    left_out_of_fits,
-    runs_of,
-)  # fmt: skip
+from jbw.identification.unseen_runs import LeftOut, left_out, left_out_of_fits, runs_of
 from jbw.inference.compiled import forget_when_many
 
 

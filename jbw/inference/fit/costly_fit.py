@@ -102,8 +102,8 @@ def wide_enough(
         now = differences(h)
         if not np.all(np.isfinite(now)):
             break
-        ratio = _errors(now) / _errors(before)
-        off = np.maximum(ratio, 1 / ratio)
+        new, old = (np.diag(np.linalg.inv(precision(one))) for one in (now, before))
+        off = np.sqrt(np.maximum(new / old, old / new))
         if before is jacobian and np.all(off < SAME):
             break
         before = now
@@ -112,10 +112,11 @@ def wide_enough(
     return before
 
 
-def _errors(jacobian: Float[np.ndarray, "residual parameter"]) -> Float[np.ndarray, " parameter"]:
-    """Standard errors in the unit cube, of the data and of a uniform prior."""
-    precision = jacobian.T @ jacobian + UNIFORM * np.eye(jacobian.shape[1])
-    return np.sqrt(np.diag(np.linalg.inv(precision)))
+def precision(
+    jacobian: Float[np.ndarray, "residual parameter"],
+) -> Float[np.ndarray, "parameter parameter"]:
+    """Precision of parameters in the unit cube, of the data and of a uniform prior."""
+    return jacobian.T @ jacobian + UNIFORM * np.eye(jacobian.shape[1])
 
 
 def trust_region(

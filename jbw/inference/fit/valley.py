@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, PyTree
 
-from jbw.inference.fit.costly_fit import Part, evaluator, search_coordinate, to_search
+from jbw.inference.fit.costly_fit import Part, evaluator, precision, search_coordinate, to_search
 from jbw.inference.fit.fitting import Fit, Residual
 from jbw.inference.fit.profiles import constrained, walk
 from jbw.inference.space.box import Box
@@ -14,7 +14,6 @@ from jbw.inference.space.coordinates import IDENTITY
 from jbw.inference.space.reparametrisation import Reparametrisation
 from jbw.inference.space.valley import Floor, along_valley
 
-UNIFORM = 12.0  # precision of a uniform prior over the unit cube
 APART = 1e-9  # of the unit cube: knots that are nearer are one
 OFF = 1.0  # of chi-square: what the floor may miss the optimum by between two knots
 STEEP = 10.0  # of the floor, in units of the box: it turns back there
@@ -42,16 +41,9 @@ def about_valley(residual: Residual, box: Box, data: PyTree, best: Fit) -> Repar
 
 def _least_known(jacobian: Float[np.ndarray, "residual parameter"]) -> list[int]:
     """The parameters of a part in the direction that is known least, the largest first."""
-    weakest: Any = np.abs(np.linalg.eigh(_precision(jacobian))[1][:, 0])
+    weakest: Any = np.abs(np.linalg.eigh(precision(jacobian))[1][:, 0])
     order = np.argsort(-weakest)
     return order[weakest[order] > PART * weakest.max()].tolist()
-
-
-def _precision(
-    jacobian: Float[np.ndarray, "residual parameter"],
-) -> Float[np.ndarray, "parameter parameter"]:
-    """Precision of parameters in the unit cube, of the data and of a uniform prior."""
-    return jacobian.T @ jacobian + UNIFORM * np.eye(jacobian.shape[1])
 
 
 def _floor(
@@ -66,7 +58,7 @@ def _floor(
         # Where the model cannot be solved beside the point, the box alone bounds the others.
         jacobian = np.nan_to_num(part(point, 1), posinf=0.0, neginf=0.0)
         others, own = np.delete(jacobian, held, axis=1), jacobian[:, held]
-        covariance = np.linalg.inv(_precision(others))
+        covariance = np.linalg.inv(precision(others))
         slopes.append(-covariance @ (others.T @ own))
         roots.append(np.linalg.cholesky(covariance))
     return Floor(held, points, np.stack(slopes), chi_square, np.stack(roots))

@@ -106,9 +106,8 @@ class Iwan5(Law):
     def virgin(self, x: Scalar) -> Scalar:
         """Force of the first loading to a displacement x >= 0 [N/kg], in closed form."""
         most, theta = self.sticking.phi_max, self.iwan_theta
-        below = jnp.minimum(x, most)
-        last = self._lump * jnp.where(x < most, x, theta * most)
-        return theta * self._first(below) + x * (self._spread - self._zeroth(below)) + last
+        q, last = jnp.minimum(x, most), self._lump * jnp.where(x < most, x, theta * most)
+        return theta * self._first(q) + x * (self._spread - self._zeroth(q)) + last
 
     def unloading(self, y_peak: Scalar, by: Scalar) -> Scalar:
         r"""Force of the steady loop, after a way D back from its tip Y [N/kg], in closed form.
