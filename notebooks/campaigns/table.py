@@ -68,7 +68,8 @@ def identified(parameters: dict[str, Any], shown: dict[str, tuple[float, str]]) 
         mean, low, high = (factor * parameters[name][key] for key in ("mean", "q005", "q995"))
         # Two digits of the interval's width.
         digits = max(3, math.ceil(math.log10(max(abs(mean), abs(high)) / (high - low))) + 2)
-        told.append(f"{name} {mean:.{digits}g} [{low:.{digits}g}, {high:.{digits}g}] {unit}".rstrip())
+        values = f"{mean:.{digits}g} [{low:.{digits}g}, {high:.{digits}g}]"
+        told.append(f"{name} {values} {unit}".rstrip())
     return "; ".join(told)
 
 
