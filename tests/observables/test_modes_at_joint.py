@@ -249,6 +249,16 @@ def test_a_motion_is_seen_at_every_point(two_points):
     assert records.residuals == "own"
 
 
+def test_tests_of_several_modes_have_constants_of_their_own(two_points):
+    """At one point too: what a mode above adds differs from band to band."""
+    one = replace(two_points, tests=tuple(t for t in two_points.tests if not t.point))
+    structure = one.structure.model_copy(update={"points": ()})
+    chosen = measured(one.tests, SETTINGS, structure=structure, report=lambda _: None).chosen
+    assert {test.residuals for test in chosen} == {"own"}
+    alone = measured(one.tests, SETTINGS, laws=(), report=lambda _: None).chosen
+    assert {test.residuals for test in alone} == {"auto"}
+
+
 def test_modes_that_overlap_are_read_together():
     """Two modes half a per cent apart in frequency times ten: each alone would read both."""
     omega, zeta, gains = 2 * np.pi * np.array([7.3, 6.9]), [0.004, 0.008], [[2.0, 0.5], [1.0, -1.5]]
