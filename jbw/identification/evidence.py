@@ -199,10 +199,10 @@ def posterior(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
     return with_derived(jax.random.fold_in(key, 1), found, one.fitted.data)
 
 
-def largest_likelihood(one: Candidate) -> float:
-    """Log likelihood at a candidate's fit [nats]: in its box no evidence is larger."""
-    theta = {name: np.array([value]) for name, value in one.fitted.fit.theta.items()}
-    return float(np.sum(at_points(dataset.log_likelihood, theta, one.fitted.data)))
+def likelihood_at(best: Fit, data: Dataset) -> float:
+    """Log likelihood at a fit [nats]: where it is the largest in the box, no evidence is larger."""
+    theta = {name: np.array([value]) for name, value in best.theta.items()}
+    return float(np.sum(at_points(dataset.log_likelihood, theta, data)))
 
 
 def hopeless(found: Sequence[Candidate], likelihoods: Mapping[str, float]) -> set[str]:
@@ -224,23 +224,18 @@ def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
 
     One at which a solve fails is moved to the fit.
     """
-    prior, data = one.fitted.box, one.fitted.data
-    problem = problem_of(dataset.log_likelihood, prior, data, place_of(one.fitted.fit, one))
-    shape = 4, FEW_DRAWS
-    w = jax.random.normal(key, (shape[0] * shape[1], len(prior.names)))
-    theta = jax.tree.map(np.asarray, jax.vmap(problem.theta)(w))
+    best, prior, data = one.fitted.fit, one.fitted.box, one.fitted.data
+    problem = problem_of(dataset.log_likelihood, prior, data, place_of(best, one))
+    dims, shape, units = ("chain", "draw"), (4, FEW_DRAWS), attrs(one.laws)
+    w = jax.random.normal(key, (4 * FEW_DRAWS, len(prior.names)))
+    theta = {n: np.append(x, best.theta[n]) for n, x in jax.vmap(problem.theta)(w).items()}
     terms = at_points(dataset.log_likelihood, theta, data)
-    failed = ~np.isfinite(terms.sum(axis=1))
-    fit = {name: np.array([value]) for name, value in one.fitted.fit.theta.items()}
-    theta = {name: np.where(failed, fit[name], values) for name, values in theta.items()}
-    if np.any(failed):
-        terms[failed] = at_points(dataset.log_likelihood, fit, data)
-    dims, units = ("chain", "draw"), attrs(one.laws)
+    chosen = np.where(np.isfinite(terms[:-1].sum(axis=1)), np.arange(len(w)), -1).reshape(shape)
     posterior = xr.Dataset(
-        {n: (dims, x.reshape(shape), units.get(n, {})) for n, x in theta.items()},
+        {n: (dims, x[chosen], units.get(n, {})) for n, x in theta.items()},
         {dim: np.arange(size) for dim, size in zip(dims, shape, strict=True)},
     )
-    likelihood = xr.Dataset({"terms": ((*dims, "term"), terms.reshape(*shape, -1))})
+    likelihood = xr.Dataset({"terms": ((*dims, "term"), terms[chosen])})
     tree = xr.DataTree.from_dict({"posterior": posterior, "log_likelihood": likelihood})
     return with_derived(jax.random.fold_in(key, 1), tree, data)
 

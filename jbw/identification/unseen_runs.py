@@ -15,7 +15,7 @@ import xarray as xr
 from jaxtyping import Array, Float, Key
 from scipy.special import logsumexp
 
-from jbw.identification.evidence import Candidate, place_of
+from jbw.identification.evidence import Candidate, likelihood_at, place_of
 from jbw.identification.floors import rms
 from jbw.identification.prepare import refit
 from jbw.inference.fit.costly_fit import residual_at
@@ -83,10 +83,8 @@ def left_out_of_fits(one: Candidate) -> LeftOut:
     for run in runs_of(data):
         rest = dataset.silenced(run, data)
         best = refit(one.fitted.fit, prior, rest)
-        theta = {name: np.array([value]) for name, value in best.theta.items()}
-        both = (at_points(dataset.log_likelihood, theta, each) for each in (data, rest))
-        whole, without = (float(np.sum(terms)) for terms in both)
-        elpd[run], error[run] = whole - without, _error_of(run, best, one)
+        elpd[run] = likelihood_at(best, data) - likelihood_at(best, rest)
+        error[run] = _error_of(run, best, one)
     return LeftOut(elpd, error, None)
 
 

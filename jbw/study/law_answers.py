@@ -42,9 +42,9 @@ def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs:
     else:
         found = {name: row["log_evidence"] for name, row in rows.items()}
         known = {name: own for name, own in found.items() if own is not None}
+    known = {name: own for name, own in known.items() if not rows[name]["hopeless"]}
     if not known:
         return min(rows, key=lambda name: rows[name]["error"])
-    known = {name: own for name, own in known.items() if not rows[name]["hopeless"]}
     sure = [name for name in known if not _is_rough(rows[name], by_runs=by_runs)]
     return max(sure or known, key=lambda name: known[name])
 
@@ -94,7 +94,7 @@ def statements(record: Row) -> list[str]:
         f"leaves {100 * rows[best]['error']:.2g} %, and its largest likelihood is "
         f"{rows[best]['log_likelihood'] - row['log_likelihood']:.0f} nats less."
         for name, row in rows.items()
-        if row["hopeless"]
+        if row["hopeless"] and name != best
     ]
     if rough := _names(rows, "not judged"):
         said.append(

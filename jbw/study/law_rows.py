@@ -10,13 +10,15 @@ from jaxtyping import Array, Key
 from jbw.errors import DataError, JbwError
 from jbw.identification import evidence
 from jbw.identification.assemble import Report
-from jbw.identification.evidence import Candidate
+from jbw.identification.evidence import Candidate, likelihood_at
 from jbw.identification.floors import rms
 from jbw.identification.joint import every_parameter
 from jbw.identification.prior_widths import log_evidence_wide
 from jbw.identification.reached import threshold_sentences
 from jbw.identification.unseen_runs import LeftOut, left_out, left_out_of_fits, runs_of
 from jbw.inference.compiled import forget_when_many
+
+Keys = Sequence[Key[Array, ""]]  # of the posterior, and of what it makes of runs unseen
 
 
 class Weighed(NamedTuple):
@@ -40,29 +42,34 @@ def weigh(
     weighed: dict[str, Weighed] = {}
     refused: dict[str, str] = {}
     runs = runs_of(found[0].fitted.data)
-    likelihoods = {one.name: evidence.largest_likelihood(one) for one in found}
+    likelihoods = {one.name: likelihood_at(one.fitted.fit, one.fitted.data) for one in found}
     hopeless = evidence.hopeless(found, likelihoods)
     for i, one in enumerate(found):
         forget_when_many()
-        name, (own, other) = one.name, (jax.random.fold_in(key, i) for key in keys)
-        unseen = f"{len(runs)} runs predicted from each other's rest"
-        report(f"{name}: {unseen}{' by fits alone' if name in hopeless else '; evidence'}")
-        most = likelihoods[name]
+        name, own = one.name, [jax.random.fold_in(key, i) for key in keys]
+        judged, by = (_by_fit, " by fits alone") if name in hopeless else (_by_draws, "; evidence")
+        report(f"{name}: {len(runs)} runs predicted from each other's rest{by}")
         try:
-            if name in hopeless:
-                known = left_out_of_fits(one) if len(runs) > 1 else None
-                weighed[name] = Weighed(one, evidence.about_fit(own, one), known, None, most, True)
-                continue
-            drawn = evidence.posterior(own, one)
-            known = left_out(other, one, drawn) if len(runs) > 1 else None
-            wide = log_evidence_wide(own, one, drawn.attrs.get("log_evidence"))
+            weighed[name] = judged(own, one, likelihoods[name], several=len(runs) > 1)
         except JbwError as error:
             refused[name] = str(error)
-        else:
-            weighed[name] = Weighed(one, drawn, known, wide, most)
     if not weighed:
         raise DataError(f"No law can be weighed by these data: {next(iter(refused.values()))}")
     return weighed, refused
+
+
+def _by_draws(keys: Keys, one: Candidate, most: float, *, several: bool) -> Weighed:
+    """A law by its posterior, its runs left out where there are several."""
+    drawn = evidence.posterior(keys[0], one)
+    known = left_out(keys[1], one, drawn) if several else None
+    wide = log_evidence_wide(keys[0], one, drawn.attrs.get("log_evidence"))
+    return Weighed(one, drawn, known, wide, most)
+
+
+def _by_fit(keys: Keys, one: Candidate, most: float, *, several: bool) -> Weighed:
+    """A hopeless law by its fits alone."""
+    known = left_out_of_fits(one) if several else None
+    return Weighed(one, evidence.about_fit(keys[0], one), known, None, most, hopeless=True)
 
 
 def row_of(weighed: Weighed) -> dict[str, Any]:

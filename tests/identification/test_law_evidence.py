@@ -119,7 +119,9 @@ def test_draws_about_a_fit_have_its_covariance(linear):
 
 def test_the_likelihood_at_a_fit_bounds_the_evidence(linear):
     draws = evidence.posterior(jax.random.key(2), linear)
-    assert draws.attrs["log_evidence"] < evidence.largest_likelihood(linear)
+    assert draws.attrs["log_evidence"] < evidence.likelihood_at(
+        linear.fitted.fit, linear.fitted.data
+    )
 
 
 def test_a_run_that_is_silenced_counts_for_nothing(linear):
@@ -261,6 +263,10 @@ def test_a_hopeless_law_is_worse_whatever_its_score_and_the_words_say_by_what():
         "b is judged by its fit alone: it leaves 40 % where a leaves 10 %, and its largest "
         "likelihood is 300 nats less." in said
     )
+    # Where the law that leaves least could not be weighed, the others are compared all the same.
+    alone = {"b": row(None, error=0.4, hopeless=True), "c": row(None, error=0.5, hopeless=True)}
+    compare_rows(alone, {"b": base, "c": base + 1.0})
+    assert [one["answer"] for one in alone.values()] == ["best", "worse"]
     # Alone with a rough law it is still not the best one.
     rows["a"]["khat"] = 0.9
     compare_rows(rows, scores)
