@@ -19,11 +19,12 @@ from jbw.measurement.records import Record, Test
 from jbw.observables import harmonic_groups as steady
 from jbw.observables.dataset import Dataset
 from jbw.observables.loops import Loops
+from jbw.observables.residual_terms import has_own
 from jbw.observables.steady import Points
 from jbw.verification.backbone import amplitude_verification
 from jbw.verification.bands import errors
 from jbw.verification.curves import curves_of, predict_curves
-from jbw.verification.own_constants import has_own_constants, with_own_constants
+from jbw.verification.own_constants import completed
 from jbw.verification.predicted import Source
 from jbw.verification.predictive_basis import basis_of, scattered
 from jbw.verification.reference_oscillators import of_run, references
@@ -207,22 +208,31 @@ def test_own_constants_are_those_that_another_mode_adds(start):
     record = Record(fs, {"force": u, "acceleration": moved + other}, units)
     test = Test("sweep", (record,), "wide", level=1.0, band_hz=(10.0, 45.0), residuals="own")
     model = other + np.array([[-1.0], [0.0], [1.0]])
-    found = with_own_constants(model, moved + other, test, start)
+    basis, alone = source(DRAWS).basis, {"linear": other - 2.0}
+    found, others = completed(basis, test, moved + other, model, alone, start)
     error = (found[1] - moved - other)[start:]
     # From a later sample on, what is driven leaks beyond its lines.
     assert np.linalg.norm(error) < (1e-6 if start == 0 else 0.05) * np.linalg.norm(moved)
     np.testing.assert_allclose(np.diff(found, axis=0), 1.0)  # all draws by the same
     np.testing.assert_array_equal(found[:, :start], model[:, :start])
+    np.testing.assert_allclose(others["linear"], found[1] - 2.0, atol=1e-9)  # 0 Hz is no line
+    for none in ("auto", "none", "upper"):
+        same = completed(basis, replace(test, residuals=none), moved + other, model, alone, start)
+        assert same[0] is model
+        assert same[1] is alone
+    two = replace(basis, posterior=basis.posterior.assign(omega_2=3 * basis.posterior["omega_n"]))
+    for residuals, own in (("auto", True), ("own", True), ("none", False), ("upper", False)):
+        stated = replace(test, residuals=residuals)
+        several, _ = completed(two, stated, moved + other, model, alone, start)
+        np.testing.assert_array_equal(several, found if own else model)
 
 
 def test_constants_are_a_tests_own_where_it_says_so_or_modes_are_several():
-    test = held_curve(1.0)
-    one = source(DRAWS).basis
-    two = replace(one, posterior=one.posterior.assign(omega_2=one.posterior["omega_n"] * 3))
-    assert [has_own_constants(basis, test) for basis in (one, two)] == [False, True]
-    for residuals, own in (("own", True), ("none", False), ("upper", False)):
-        stated = replace(test, residuals=residuals)
-        assert [has_own_constants(basis, stated) for basis in (one, two)] == [own, own]
+    for residuals, alone, of_several in (
+        ("auto", False, True), ("own", True, True), ("none", False, False), ("upper", False, False)
+    ):  # fmt: skip
+        assert has_own(residuals, several_modes=False) == alone
+        assert has_own(residuals, several_modes=True) == of_several
 
 
 def test_coverage_is_that_of_a_gaussian():

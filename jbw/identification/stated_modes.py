@@ -22,6 +22,7 @@ from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.drives import told_by
 from jbw.observables.modes import Modes, ModesAtJoint
 from jbw.observables.observable import Observable
+from jbw.observables.residual_terms import has_own
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import own_name
 
@@ -80,15 +81,13 @@ def _require_own_constants(modes: Modes, tests: Collection[Test]) -> None:
 
 
 def with_own_constants(modes: Modes | None, tests: Collection[Test]) -> tuple[Test, ...]:
-    """Tests whose residual terms are their own where several modes are fitted, each in a band.
-
-    What a mode above adds differs from band to band and from point to point. One constant for all
-    would be a compromise that gains and shapes make up for, and no residual shows it.
-    """
-    if modes is None:
-        return tuple(tests)
-    own = {"auto": "own"}
-    return tuple(replace(test, residuals=own.get(test.residuals, test.residuals)) for test in tests)
+    """Tests that say so where their residual constants are their own."""
+    return tuple(
+        replace(test, residuals="own")
+        if has_own(test.residuals, several_modes=modes is not None)
+        else test
+        for test in tests
+    )
 
 
 def _require_unknown(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> None:

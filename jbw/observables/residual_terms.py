@@ -37,6 +37,15 @@ NEAR = 0.07  # of a neighbour's frequency, which a free one would leave to mend 
 DAMPED = (1e-4, 0.2)  # damping ratio of a neighbour
 
 
+def has_own(residuals: str, *, several_modes: bool) -> bool:
+    """Whether a test's constants are its own: as it states, or as all are of several modes.
+
+    What a mode above adds differs from band to band and from point to point. One constant for all
+    would be a compromise that gains and shapes make up for, and no residual shows it.
+    """
+    return residuals == "own" or (residuals == "auto" and several_modes)
+
+
 def taken(theta: Mapping[str, Array], residuals: str) -> dict[str, Array]:
     """The terms that theta has and a test takes, by name."""
     return {name: theta[name] for name in TAKEN[residuals] if name in theta}

@@ -18,7 +18,7 @@ from jbw.observables.residual_terms import added_response, taken
 from jbw.observables.samples import advance, in_band, lines_of, motion_under, noise_share
 from jbw.quantities import LETTER_OF, derivative_order, per
 from jbw.verification.bands import QUANTILE_AXIS, band, beside, error, errors, polar
-from jbw.verification.own_constants import has_own_constants, with_own_constants
+from jbw.verification.own_constants import completed
 from jbw.verification.places import repeats_named
 from jbw.verification.predicted import (
     Noise,
@@ -125,12 +125,7 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
     start = round(_settling(test, source.draws) * record.fs)
     lines = lines_of(test.band_hz or (), measured.shape[1], record.fs)
     size = measured.shape[1] if lines is None else 2 * (lines[1] - lines[0])
-    if has_own_constants(source.basis, test):
-        completed = partial(
-            with_own_constants, measured=measured.mean(axis=0), test=test, start=start
-        )
-        model = completed(model)
-        alone = {name: completed(one[None])[0] for name, one in alone.items()}
+    model, alone = completed(source.basis, test, measured.mean(axis=0), model, alone, start)
     compared = in_band(measured, lines)
     within = float(np.sum((compared - compared.mean(axis=0)) ** 2))
     noise = noise_of(source.basis, test, of_scatter(within, size, len(measured)))

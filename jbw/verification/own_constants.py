@@ -10,35 +10,37 @@ import numpy as np
 from jaxtyping import Float
 
 from jbw.measurement.records import Test
-from jbw.observables.residual_terms import own_columns
+from jbw.observables.residual_terms import has_own, own_columns
 from jbw.observables.samples import in_band, lines_of
 from jbw.oscillator.modes.parameters import has_further_modes
 from jbw.verification.predictive_basis import Basis
 
-
-def has_own_constants(basis: Basis, test: Test) -> bool:
-    """Whether a test's constants are its own: as it states, or as all are of several modes."""
-    of_modes = test.residuals == "auto" and has_further_modes(basis.posterior)
-    return test.residuals == "own" or of_modes
+Time = Float[np.ndarray, " time"]
+Draws = Float[np.ndarray, "draw time"]
+Others = dict[str, Time]
 
 
-def with_own_constants(
-    model: Float[np.ndarray, "draw time"],
-    measured: Float[np.ndarray, " time"],
-    test: Test,
-    start: int = 0,
-) -> Float[np.ndarray, "draw time"]:
-    """Responses with the U and L by which their median comes nearest to what was measured.
+def completed(
+    basis: Basis, test: Test, measured: Time, model: Draws, others: Others, start: int = 0
+) -> tuple[Draws, Others]:
+    """Responses of a model and of oscillators beside it, with a test's own constants if it has any.
 
     From a first sample on, in the test's band, under the input of its first record.
     """
+    if not has_own(test.residuals, several_modes=has_further_modes(basis.posterior)):
+        return model, others
     record = test.records[0]
     force = record.channels[record.source][start : len(measured)]
     lines = lines_of(test.band_hz or (), len(force), record.fs)
     (columns,) = own_columns(force[None], record.fs, record.response, None)
-    left = (measured - np.median(model, axis=0))[start:]
     kept = in_band(columns, lines)
     size = np.linalg.norm(kept, axis=1)[:, None]
-    found = np.linalg.lstsq((kept / size).T, in_band(left, lines))[0]
-    added = np.pad(found @ (columns / size), (start, 0))
-    return model + added
+
+    def added(response: Time) -> Time:
+        """By the U and L that bring a response nearest to what was measured."""
+        left = in_band((measured - response)[start:], lines)
+        found = np.linalg.lstsq((kept / size).T, left)[0]
+        return np.pad(found @ (columns / size), (start, 0))
+
+    model = model + added(np.median(model, axis=0))
+    return model, {name: one + added(one) for name, one in others.items()}

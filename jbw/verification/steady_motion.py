@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +19,7 @@ from jbw.observables.samples import advance, in_band, motion_under, noise_share
 from jbw.quantities import UNIT_OF, derivative_order
 from jbw.verification.bands import QUANTILE_AXIS, band, beside, errors, gaussian_band
 from jbw.verification.groups import groups_of
-from jbw.verification.own_constants import has_own_constants, with_own_constants
+from jbw.verification.own_constants import completed
 from jbw.verification.predicted import Predicted, Source, carry, is_measured, noise_of, of_repeats
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
@@ -65,10 +64,8 @@ def predict_periods(source: Source, test: Test) -> Predicted:
     noise_std = source.std(noise, len(cut.records))
     measured, model = np.asarray(data.mean[0]), in_band(responses[:, 0], data.lines)
     others = {name: in_band(one[0], data.lines) for name, one in others.items()}
-    if has_own_constants(basis, test) and is_measured(test):
-        completed = partial(with_own_constants, measured=measured, test=cut)
-        model = completed(model)
-        others = {name: completed(one[None])[0] for name, one in others.items()}
+    if is_measured(test):
+        model, others = completed(basis, cut, measured, model, others)
     size, record = len(measured), cut.records[0]
     if noise_std is not None:
         noise_std *= noise_share(data.lines, size)
