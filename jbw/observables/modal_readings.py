@@ -1,6 +1,7 @@
 """What spectra of driven records say of several modes before any fit, at every point measured."""
 
 from collections.abc import Iterable, Sequence
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -32,22 +33,21 @@ def read_modes(modes: Modes, motions: Sequence[Lines]) -> dict[str, float]:
     """
     found: dict[str, float] = {}
     every = (FIRST, *(names[:3] for names in modes.names))
-    for spanned in (SPANNED, 0.0):
-        for motion in motions:
-            near = _near(motion, modes.windows_hz, spanned)
-            pairs = [(i, point) for i in near for point in motion.seen]
-            named = {(i, p): modes.seen[p][i] if p else every[i][2] for i, p in pairs}
-            if all(name in found for name in named.values()):
-                continue
-            kept = np.any(list(near.values()), axis=0)
-            seen = {point: y[kept] for point, y in motion.seen.items()}
-            lines = Lines(motion.omega[kept], motion.source[kept], seen)
-            poles, gains = _poles_and_gains(lines, [modes.windows_hz[i] for i in near])
-            for i, pole, row in zip(near, poles, gains.T, strict=True):
-                if every[i][0] not in found:
-                    found |= dict(zip(every[i], pole, strict=False))
-                for point, gain in zip(seen, row, strict=True):
-                    found.setdefault(named[i, point], float(gain))
+    for spanned, motion in product((SPANNED, 0.0), motions):
+        near = _near(motion, modes.windows_hz, spanned)
+        pairs = [(i, point) for i in near for point in motion.seen]
+        named = {(i, p): modes.seen[p][i] if p else every[i][2] for i, p in pairs}
+        if all(name in found for name in named.values()):
+            continue
+        kept = np.any(list(near.values()), axis=0)
+        seen = {point: y[kept] for point, y in motion.seen.items()}
+        lines = Lines(motion.omega[kept], motion.source[kept], seen)
+        poles, gains = _poles_and_gains(lines, [modes.windows_hz[i] for i in near])
+        for i, pole, row in zip(near, poles, gains.T, strict=True):
+            if every[i][0] not in found:
+                found |= dict(zip(every[i], pole, strict=False))
+            for point, gain in zip(seen, row, strict=True):
+                found.setdefault(named[i, point], float(gain))
     return found
 
 

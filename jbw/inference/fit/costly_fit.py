@@ -1,7 +1,7 @@
 """Least squares for residuals that cost a simulation: few evaluations, all derivatives at once."""
 
 from collections.abc import Callable, Mapping
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import equinox as eqx
@@ -77,8 +77,10 @@ def costly_fit(
     x, slope = (np.asarray(each) for each in from_search(jnp.asarray(best.x), box))
     jacobian = part(best.x, 1)
     if tolerance <= TOLERANCE:
-        at_optimum = partial(_with_differences, residual, box, data, best.x)
-        jacobian = wide_enough(jacobian, lambda steps: at_optimum(steps)[1], best.x)
+        s = best.x
+        jacobian = wide_enough(
+            jacobian, lambda steps: _with_differences(residual, box, data, s, steps)[1], s
+        )
     return describe_optimum(x, part(best.x, 0), jacobian / slope, box, costs)
 
 
