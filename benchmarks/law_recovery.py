@@ -25,6 +25,7 @@ from jbw import rig
 from jbw.inference.posterior.summary import scalars
 from jbw.oscillator.laws import laws_named
 from jbw.rig.generator import Sweep
+from jbw.rig.presets import Preset
 from jbw.study.laws import LawComparison
 
 FS, OMEGA_N, ZETA, GAIN = 256.0, 2 * np.pi * 18.8, 0.00444, 15.0
@@ -88,12 +89,15 @@ def made(truth: Truth, seed: int) -> tuple[Any, dict[str, float]]:
     plans = tuple(
         rig.Plan(
             f"sweep_{1e3 * level:.1f}mV", "sweep",
-            Sweep(12.0, 26.0, level, burst=6.0, fade=0.3, duration=8.0), repeats=REPEATS,
+            Sweep(12.0, 26.0, level, burst=3.0, fade=0.2, duration=4.0), repeats=REPEATS,
         )
         for level in levels
     )  # fmt: skip
-    preset = replace(rig.MIXED, name="law recovery", gain=GAIN, source="input", plans=plans)
-    campaign = rig.measure(preset, joint=joint, seed=seed, fs=FS, noise_ratio=NOISE)
+    preset = Preset(
+        name="law recovery", gain=GAIN, input_range=1.0, velocity_range=2.0, plans=plans,
+        noise_ratio=NOISE,
+    )  # fmt: skip
+    campaign = rig.measure(preset, joint=joint, seed=seed, fs=FS)
     every = {"fit_levels": [test.level for test in campaign.tests], "fit_repeats": REPEATS}
     settings = campaign.settings.model_copy(update={"prior": {}, "fit": None, **every})
     return replace(campaign, settings=settings), {"omega_n": OMEGA_N, "zeta": ZETA, **theta}

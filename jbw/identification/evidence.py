@@ -27,9 +27,10 @@ from jaxtyping import Array, Float, Key
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, JbwError
 from jbw.identification.assemble import Measured, Report, assemble
+from jbw.identification.first_fit import first_fit
 from jbw.identification.floors import rms
 from jbw.identification.joint import with_derived
-from jbw.identification.prepare import Fitted, first_fit, refined, refit, reweight
+from jbw.identification.prepare import Fitted, refined, refit, reweight
 from jbw.identification.residual_terms import terms_of, with_terms
 from jbw.identification.step import attrs
 from jbw.inference.compiled import forget_when_many

@@ -12,7 +12,7 @@ from jaxtyping import Array, Key
 
 from jbw.campaign.settings import Identify
 from jbw.identification.coordinates import box_of
-from jbw.identification.prepare import from_amplitude_curve, inside
+from jbw.identification.first_fit import from_amplitude_curve, inside
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import from_unit

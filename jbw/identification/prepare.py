@@ -9,22 +9,20 @@ misfit of each would let a record that a poor fit misses lose its voice, and be 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Key
 
 from jbw.campaign.settings import Identify
 from jbw.identification.accuracy import NUM_DRAWS, SHIFT, explained, solver_change
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.coordinates import (
-    box_of,
     chosen_coordinates,
     coordinate_box,
     coordinates_sentence,
 )
+from jbw.identification.first_fit import ROUGH, first_fit, inside
 from jbw.identification.level_trend import trend_finding
 from jbw.identification.residual_terms import shown_terms
 from jbw.identification.run_effects import (
@@ -34,32 +32,17 @@ from jbw.identification.run_effects import (
     with_offsets,
     with_scatter,
 )
-from jbw.identification.stated_modes import unknown_signs, with_signs
-from jbw.inference.fit.costly_fit import TOLERANCE, costly_fit, from_search
-from jbw.inference.fit.fitting import Fit, fit
-from jbw.inference.lanes import at_points
+from jbw.inference.fit.costly_fit import TOLERANCE, costly_fit
+from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
-from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
+from jbw.inference.space.box import Box
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
-from jbw.observables.drives import of_part, plain, told_by
-from jbw.observables.observable import AmplitudeCurve
-from jbw.oscillator.oscillator import oscillator_of
-from jbw.oscillator.steady.backbone import backbone
-from jbw.quantities import MODAL, STUCK
 
 MOST_SUBSTEPS = 64
 AMPLE = 0.5  # of what the verdict allows the solver: draws about a fit are not the posterior
-ROUGH = 1e-6  # of the cost and of the step: fits that others follow
 MOST_ROUNDS = 8  # of fits and weights in turns
 SETTLED = 0.1  # standard deviations: what a further round may move the fit by
-NUM_SCREENED = 255  # points of the box that are looked at beside the start
-MOST_STARTS = 12  # of them fitted
-AGREED, ALIKE = 6, 1.01  # fits that end at one cost, times the least: then there is no better
-EXPLAINED = 5.0  # chi-square a degree of freedom below which a fit explains the data
-# Of the fit to frequency and damping against amplitude, which costs nothing.
-BESIDE_CURVE = {"gain", *(each.name for each in MODAL)}  # it is of the first mode, driven or not
-CURVE_STARTS, MOST_CURVE_POINTS, FREQUENCY_STD, DAMPING_STD = 8, 200, 1e-4, 0.03  # std: relative
 
 
 @dataclass(frozen=True)
@@ -99,112 +82,6 @@ def prepare(
     ready = reweight(keys[1], data, prior, first, settings)
     best = replace(ready.fit, waterfall=first.waterfall)  # the later fits have one start
     return replace(ready, fit=best, chi_square=explained(first, data))
-
-
-def first_fit(
-    key: Key[Array, ""],
-    data: Dataset,
-    settings: Identify,
-    known: Mapping[str, float] | None = None,
-) -> tuple[Box, Fit, Dataset]:
-    """The box, the fit to data as they are, from first values and from `known` ones, and the data.
-
-    These hold the signs of modes at the joint, chosen by a rough fit and again by the final one.
-    """
-    values = {**told_by(data.parts), **(known or {})}
-    prior = box_of(settings, data, values)
-    values = {**from_amplitude_curve(key, data, prior, values), **values}
-    if unknown_signs(prior, data):
-        begun, data = with_signs(fit_from(key, data, prior, values, most=1), prior, data)
-        values |= begun.theta
-    return prior, *with_signs(fit_from(key, data, prior, values), prior, data)
-
-
-def from_amplitude_curve(
-    key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str, float]
-) -> dict[str, float]:
-    r"""The laws' parameters from frequency and damping against amplitude, where data show them.
-
-    $$\omega(Y)^2 = k + \sum_l K_l(Y), \qquad
-      2\,\zeta(Y)\,\omega(Y)^2 = 2\zeta\omega_n\omega(Y) + \sum_l C_l(Y)$$
-
-    with K and C of the steady loops: no solve in time, so that many starts cost nothing.
-    """
-    curves = ((part, part.amplitude_curve()) for part in data.parts)
-    part, curve = next(((p, c) for p, c in curves if c is not None), (None, None))
-    if part is None or curve is None or "zeta" not in prior.names:
-        return {}
-    some = np.unique(np.linspace(0, len(curve.y) - 1, MOST_CURVE_POINTS).astype(int))
-    thin = AmplitudeCurve(*(values[some] for values in curve))
-
-    def left(theta: Mapping[str, Array], seen: AmplitudeCurve) -> Float[Array, " value"]:
-        model = backbone(oscillator_of(theta, data.laws), seen.y)
-        frequency = (model.omega / seen.omega - 1) / FREQUENCY_STD
-        damping = (model.zeta - seen.zeta) / (DAMPING_STD * jnp.max(seen.zeta))
-        return jnp.concatenate([frequency, damping])
-
-    own = of_part(bounds_by_name(prior), part)
-    bounds = {n: x for n, x in own.items() if n not in BESIDE_CURVE and n == plain(n)}
-    best = fit(left, box(bounds), thin, starts=CURVE_STARTS, key=key)
-    return {name: value for name, value in best.theta.items() if name not in known}
-
-
-def fit_from(
-    key: Key[Array, ""],
-    data: Dataset,
-    prior: Box,
-    known: Mapping[str, float],
-    *,
-    most: int = MOST_STARTS,
-) -> Fit:
-    """Least squares over all parameters, from what is known of them and from where data point.
-
-    Where all are known, as by the paper's steps, from there. Otherwise the likelihood of many
-    points is looked at, which costs less than one fit, and the best of them is where a fit starts;
-    others where that does not explain the data, until six have ended at the same optimum.
-    """
-    ends: list[Fit] = []
-    if set(prior.names) <= known.keys():
-        ends.append(costly_fit(dataset.stacked, prior, data, starts=inside(known, prior)))
-        chi_square, dof = ends[0].chi_square
-        if chi_square < EXPLAINED * dof:
-            return ends[0]
-    middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
-    start = {name: known.get(name, float(middle[name])) for name in prior.names}
-    sure = {one.name: known[one.name] for one in STUCK if one.name in known}
-    points = screened(key, prior, start, sure)
-    likelihood = at_points(dataset.log_likelihood, points, data).sum(axis=1)
-    found = np.nan_to_num(likelihood, nan=-np.inf)
-    order = np.argsort(-found)
-    for number in order[:most]:
-        begun = inside({name: values[number] for name, values in points.items()}, prior)
-        ends.append(costly_fit(dataset.stacked, prior, data, starts=begun, tolerance=ROUGH))
-        best = min(ends, key=lambda one: one.cost)
-        chi_square, dof = best.chi_square
-        alike = sum(end.cost < ALIKE * best.cost for end in ends)
-        if chi_square < EXPLAINED * dof or alike >= AGREED:
-            break
-    best = min(ends, key=lambda one: one.cost)
-    return replace(best, waterfall=np.sort(np.concatenate([one.waterfall for one in ends])))
-
-
-def screened(
-    key: Key[Array, ""], prior: Box, start: Mapping[str, float], known: Mapping[str, float]
-) -> dict[str, np.ndarray]:
-    """Points to look at: a start, and others evenly over the search, where it is not known."""
-    s = jax.random.uniform(key, (NUM_SCREENED, len(prior.names)))
-    x = jax.vmap(lambda one: from_search(one, prior)[0])(s)
-    points = {name: np.asarray(values) for name, values in from_unit(x, prior).items()}
-    points |= {n: np.full(NUM_SCREENED, known[n]) for n in points.keys() & known.keys()}
-    return inside({name: np.append(start[name], points[name]) for name in prior.names}, prior)
-
-
-def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
-    """Starts moved into the box."""
-    return {
-        name: np.clip(starts[name], prior.lower[i], prior.upper[i])
-        for i, name in enumerate(prior.names)
-    }
 
 
 def reweight(

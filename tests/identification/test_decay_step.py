@@ -12,8 +12,9 @@ import jbw
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.identification.coordinates import box_of
+from jbw.identification.first_fit import from_amplitude_curve
 from jbw.identification.joint import joint_step
-from jbw.identification.prepare import from_amplitude_curve, prepare
+from jbw.identification.prepare import prepare
 from jbw.identification.selection import decay_tests
 from jbw.inference.posterior.summary import summarise
 from jbw.measurement.records import Record, Test

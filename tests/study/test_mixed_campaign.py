@@ -8,7 +8,8 @@ from jbw import rig
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.coordinates import box_of
-from jbw.identification.prepare import fit_from, reweight
+from jbw.identification.first_fit import fit_from
+from jbw.identification.prepare import reweight
 from jbw.inference.samplers.sampling import sample
 from jbw.observables.dataset import log_likelihood
 from jbw.observables.drives import told_by

@@ -1,0 +1,166 @@
+"""The first fit of the joint to a dataset: where it starts, and which of its ends is the best."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Key
+
+from jbw.campaign.settings import Identify
+from jbw.identification.beyond_reach import likelier
+from jbw.identification.coordinates import box_of
+from jbw.identification.stated_modes import unknown_signs, with_signs
+from jbw.inference.fit.costly_fit import costly_fit, from_search
+from jbw.inference.fit.fitting import Fit, fit
+from jbw.inference.lanes import at_points
+from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
+from jbw.observables import dataset
+from jbw.observables.dataset import Dataset
+from jbw.observables.drives import of_part, plain, told_by
+from jbw.observables.observable import AmplitudeCurve
+from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.steady.backbone import backbone
+from jbw.quantities import MODAL, STUCK
+
+ROUGH = 1e-6  # of the cost and of the step: fits that others follow
+NUM_SCREENED = 255  # points of the box that are looked at beside the start
+# Where the best of them does not explain the data: how many others begin, and how many evaluations
+# each has. The best of a round go on to the next.
+ROUNDS = ((11, 8), (4, 12), (2, 60))
+EXPLAINED = 5.0  # chi-square a degree of freedom below which a fit explains the data
+# Of the fit to frequency and damping against amplitude, which costs nothing.
+BESIDE_CURVE = {"gain", *(each.name for each in MODAL)}  # it is of the first mode, driven or not
+CURVE_STARTS, MOST_CURVE_POINTS, FREQUENCY_STD, DAMPING_STD = 8, 200, 1e-4, 0.03  # std: relative
+
+
+def first_fit(
+    key: Key[Array, ""],
+    data: Dataset,
+    settings: Identify,
+    known: Mapping[str, float] | None = None,
+) -> tuple[Box, Fit, Dataset]:
+    """The box, the fit to data as they are, from first values and from `known` ones, and the data.
+
+    These hold the signs of modes at the joint, chosen by a rough fit and again by the final one.
+    """
+    values = {**told_by(data.parts), **(known or {})}
+    prior = box_of(settings, data, values)
+    values = {**from_amplitude_curve(key, data, prior, values), **values}
+    if unknown_signs(prior, data):
+        begun, data = with_signs(fit_from(key, data, prior, values, alone=True), prior, data)
+        values |= begun.theta
+    best, data = with_signs(fit_from(key, data, prior, values), prior, data)
+    return prior, likelier(best, prior, data), data
+
+
+def from_amplitude_curve(
+    key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str, float]
+) -> dict[str, float]:
+    r"""The laws' parameters from frequency and damping against amplitude, where data show them.
+
+    $$\omega(Y)^2 = k + \sum_l K_l(Y), \qquad
+      2\,\zeta(Y)\,\omega(Y)^2 = 2\zeta\omega_n\omega(Y) + \sum_l C_l(Y)$$
+
+    with K and C of the steady loops: no solve in time, so that many starts cost nothing.
+    """
+    curves = ((part, part.amplitude_curve()) for part in data.parts)
+    part, curve = next(((p, c) for p, c in curves if c is not None), (None, None))
+    if part is None or curve is None or "zeta" not in prior.names:
+        return {}
+    some = np.unique(np.linspace(0, len(curve.y) - 1, MOST_CURVE_POINTS).astype(int))
+    thin = AmplitudeCurve(*(values[some] for values in curve))
+
+    def left(theta: Mapping[str, Array], seen: AmplitudeCurve) -> Float[Array, " value"]:
+        model = backbone(oscillator_of(theta, data.laws), seen.y)
+        frequency = (model.omega / seen.omega - 1) / FREQUENCY_STD
+        damping = (model.zeta - seen.zeta) / (DAMPING_STD * jnp.max(seen.zeta))
+        return jnp.concatenate([frequency, damping])
+
+    own = of_part(bounds_by_name(prior), part)
+    bounds = {n: x for n, x in own.items() if n not in BESIDE_CURVE and n == plain(n)}
+    best = fit(left, box(bounds), thin, starts=CURVE_STARTS, key=key)
+    return {name: value for name, value in best.theta.items() if name not in known}
+
+
+def fit_from(
+    key: Key[Array, ""],
+    data: Dataset,
+    prior: Box,
+    known: Mapping[str, float],
+    *,
+    alone: bool = False,
+) -> Fit:
+    """Least squares over all parameters, from what is known of them and from where data point.
+
+    Where all are known, as by the paper's steps, from there. Otherwise the likelihood of many
+    points is looked at, which costs less than one fit, and the best of them is where a fit starts.
+    Where that does not explain the data others begin too unless it is to be `alone`, and those
+    that fall furthest are gone on with.
+    """
+    ends: list[Fit] = []
+    if set(prior.names) <= known.keys():
+        ends.append(costly_fit(dataset.stacked, prior, data, starts=inside(known, prior)))
+        if explains(ends[0]):
+            return ends[0]
+    middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
+    start = {name: known.get(name, float(middle[name])) for name in prior.names}
+    sure = {one.name: known[one.name] for one in STUCK if one.name in known}
+    points = screened(key, prior, start, sure)
+    likelihood = at_points(dataset.log_likelihood, points, data).sum(axis=1)
+    order = np.argsort(-np.nan_to_num(likelihood, nan=-np.inf))
+    begun = [{name: float(x[row]) for name, x in points.items()} for row in order]
+    ends.append(rough(begun[0], prior, data))
+    if not (alone or explains(ends[-1])):
+        ends += by_rounds(begun[1:], prior, data)
+    best = min(ends, key=lambda one: one.cost)
+    return replace(best, waterfall=np.sort(np.concatenate([one.waterfall for one in ends])))
+
+
+def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -> list[Fit]:
+    """Fits from several starts, best first: all begin, and the better ones are gone on with."""
+    going, ends = [dict(theta) for theta in begun], []
+    for number, evaluations in ROUNDS:
+        fits = [rough(theta, prior, data, evaluations) for theta in going[:number]]
+        ends = sorted([*fits, *ends[number:]], key=lambda one: one.cost)
+        going = [one.theta for one in ends]
+        if explains(ends[0]):
+            return [rough(going[0], prior, data), *ends[1:]]
+    return ends
+
+
+def rough(
+    theta: Mapping[str, Any], prior: Box, data: Dataset, evaluations: int = ROUNDS[-1][1]
+) -> Fit:
+    """A fit that others follow, from one start."""
+    start = inside(theta, prior)
+    return costly_fit(
+        dataset.stacked, prior, data, starts=start, max_evaluations=evaluations, tolerance=ROUGH
+    )
+
+
+def explains(found: Fit) -> bool:
+    """Whether a fit leaves little more than the noise of the data."""
+    chi_square, dof = found.chi_square
+    return chi_square < EXPLAINED * dof
+
+
+def screened(
+    key: Key[Array, ""], prior: Box, start: Mapping[str, float], known: Mapping[str, float]
+) -> dict[str, np.ndarray]:
+    """Points to look at: a start, and others evenly over the search, where it is not known."""
+    s = jax.random.uniform(key, (NUM_SCREENED, len(prior.names)))
+    x = jax.vmap(lambda one: from_search(one, prior)[0])(s)
+    points = {name: np.asarray(values) for name, values in from_unit(x, prior).items()}
+    points |= {n: np.full(NUM_SCREENED, known[n]) for n in points.keys() & known.keys()}
+    return inside({name: np.append(start[name], points[name]) for name in prior.names}, prior)
+
+
+def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
+    """Starts moved into the box."""
+    return {
+        name: np.clip(starts[name], prior.lower[i], prior.upper[i])
+        for i, name in enumerate(prior.names)
+    }
