@@ -38,6 +38,8 @@ def laws_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 def _against_amplitude(axes: Any, curves: xr.Dataset, looks: Looks) -> None:
     amplitude = 1e3 * curves["amplitude"].values
+    # A comparison of an earlier version does not say.
+    hopeless = curves.get("hopeless", xr.zeros_like(curves["law"], bool))
     for each, name, unit, scale in (
         (axes[0], "frequency", "Hz", 1.0),
         (axes[1], "damping", "%", 100.0),
@@ -45,7 +47,8 @@ def _against_amplitude(axes: Any, curves: xr.Dataset, looks: Looks) -> None:
         for law, (colour, dashes) in looks.items():
             low, middle, high = scale * curves[name].sel(law=law).values
             shade(each, amplitude, low, high, colour, "_", alpha=0.2)
-            each.plot(amplitude, middle, color=colour, ls=dashes, lw=1.2, label=plain(law))
+            label = plain(law) + (", its fit alone" if hopeless.sel(law=law) else "")
+            each.plot(amplitude, middle, color=colour, ls=dashes, lw=1.2, label=label)
         each.axvline(1e3 * curves.attrs["y_fitted"], color="0.6", lw=0.8, ls=":")
         each.set_ylabel(f"{name} [{unit}]")
         each.set_xlabel("amplitude of the displacement [mm]")

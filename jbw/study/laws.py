@@ -133,7 +133,7 @@ def compare_laws(
     tree = xr.DataTree.from_dict(
         {
             "/scores": _scores(left, runs, lines),
-            "/curves": _curves(named, draws, y_peak),
+            "/curves": _curves(named, draws, y_peak).assign(hopeless=_hopeless(rows)),
             "/loops": loops(named, y_peak),
             "/residuals": residuals(named, highest),
             **({} if offsets is None else {"/offsets": offsets}),
@@ -220,6 +220,12 @@ def _curves(
             "amplitude", amplitude, {"units": "m"})},
         {"y_fitted": float(y_peak)},
     )  # fmt: skip
+
+
+def _hopeless(rows: Mapping[str, Mapping[str, Any]]) -> tuple[str, list[bool], dict[str, str]]:
+    """Which laws are judged by their fits: the bands about these are of no posterior."""
+    told = {"long_name": "judged by its fit, the band is the fit's"}
+    return "law", [row["hopeless"] for row in rows.values()], told
 
 
 def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:

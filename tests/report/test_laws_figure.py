@@ -54,12 +54,17 @@ def test_every_part_of_a_comparison_has_a_panel():
         {"law": laws, "amplitude": np.linspace(1e-4, 1e-3, 5)},
         {"y_fitted": 8e-4},
     )
+    curves["hopeless"] = "law", [True, False]
     scores = xr.Dataset(
         {"error": (("law", "run"), [[0.1, 0.2], [0.01, 0.02]]), "line": ("run", [0.03, np.nan])},
         {"law": laws, "run": runs},
     )
     left = xr.Dataset({"left": (("law", "part"), np.ones((2, 9)))}, {"law": laws}, {"group": "b"})
     parts = {"/curves": curves, "/scores": scores, "/loops": loops(NAMED, Y), "/residuals": left}
-    assert laws_figure(xr.DataTree.from_dict(parts)).size == 5
-    del parts["/residuals"], parts["/loops"]  # as comparisons of earlier versions
+    drawn = laws_figure(xr.DataTree.from_dict(parts))
+    assert drawn.size == 5
+    labels = drawn[0, 0].get_legend_handles_labels()[1]
+    assert labels == ["linear, its fit alone", "masing_power + cubic"]
+    # As comparisons of earlier versions.
+    del parts["/residuals"], parts["/loops"], curves["hopeless"]
     assert laws_figure(xr.DataTree.from_dict(parts)).size == 3

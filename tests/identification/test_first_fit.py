@@ -1,0 +1,98 @@
+"""Which start of a fit is gone on with, and on which side of a threshold a fit is left."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from jbw.campaign.settings import Identify
+from jbw.identification import first_fit
+from jbw.identification.assemble import assemble, measured
+from jbw.identification.beyond_reach import likelier
+from jbw.identification.coordinates import box_of
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.measurement.records import Record, Test
+from jbw.observables import dataset
+from jbw.observables.drives import told_by
+from jbw.oscillator.laws.iwan import Iwan4
+
+OMEGA_N, ZETA, STIFFNESS, LOSS, CHI = 500.0, 0.003, 4e4, 2e3, -0.3
+LEVELS = (5.0, 20.0, 40.0, 60.0, 80.0, 100.0)
+Y_PEAK = 100.0 / OMEGA_N**2
+
+
+def through(best, prior, data):
+    """The fit of one evaluation, which stays where it begins."""
+    return costly_fit(dataset.stacked, prior, data, starts=best, max_evaluations=1)
+
+
+def of(phi_max):
+    """Iwan's array whose weak motion is one and the same, with macroslip at phi_max [m]."""
+    stiffness = LOSS * (1.0 + 0.5) * (2.0 + CHI) * (phi_max / 1e-3) ** (1.0 + CHI)
+    return {"iwan_stiffness": stiffness, "iwan_loss": LOSS, "iwan_chi": CHI, "iwan_beta": 0.5}
+
+
+def held(level, theta, seed=0):
+    """Force [N per kg] that holds an acceleration, by the law's loop."""
+    rng = np.random.default_rng([seed, int(level)])
+    freq = np.linspace(78.0, 81.0, 30)
+    omega = 2 * np.pi * freq
+    y = level / omega**2
+    loop = Iwan4(**theta).loop(y)
+    stuck = OMEGA_N**2 - theta["iwan_stiffness"]
+    stuck = stuck + np.asarray(loop.stiffness) + 1j * np.asarray(loop.damping)
+    force = y * (stuck - omega**2 + 2j * ZETA * OMEGA_N * omega)
+    records = []
+    for _ in range(3):
+        seen = force + 0.005 * (rng.normal(size=30) + 1j * rng.normal(size=30))
+        channels = {
+            "frequency": freq,
+            "force": np.abs(seen),
+            "acceleration": np.full(30, level),
+            "phase": np.pi - np.angle(seen),
+        }
+        units = {"frequency": "Hz", "force": "N", "acceleration": "m/s^2", "phase": "rad"}
+        records.append(Record(float("nan"), channels, units))
+    return Test("frf", tuple(records), f"held at {level:g}", float(level))
+
+
+def campaign(theta):
+    tests = [held(level, theta) for level in LEVELS]
+    data = assemble(measured(tests, Identify(), laws=("iwan4",), gain=1.0))
+    return box_of(Identify(), data, told_by(data.parts)), data
+
+
+@pytest.mark.parametrize(("true", "begun"), [(4.0, 0.9), (0.7, 0.7)])
+def test_a_fit_is_moved_beyond_a_threshold_that_the_data_do_not_ask_for(true, begun):
+    prior, data = campaign(of(true * Y_PEAK))
+    start = {"omega_n": OMEGA_N, "zeta": ZETA, "gain": 1.0, **of(begun * Y_PEAK)}
+    best = through({name: start[name] for name in prior.names}, prior, data)
+    chosen = likelier(best, prior, data)
+    law = Iwan4(**{name: chosen.theta[name] for name in of(1.0)})
+    if true > 1.0:
+        assert law.phi_max > Y_PEAK
+        assert chosen.cost < best.cost
+        std = dict(zip(prior.names, np.sqrt(np.diag(chosen.covariance)), strict=True))
+        for name, value in (("omega_n", OMEGA_N), ("iwan_loss", LOSS), ("iwan_chi", CHI)):
+            assert abs(chosen.theta[name] - value) < 3 * std[name]  # one noise, drawn once
+    else:
+        assert chosen is best
+
+
+def test_the_starts_that_fall_furthest_are_gone_on_with(monkeypatch):
+    """Costs that fall towards floors of their own, by so much an evaluation."""
+    floors, spent = [100.0, 90.0, 20.0, 80.0, 70.0, 60.0], []
+
+    def rough(theta, prior, data, evaluations=60):
+        number, done = int(theta["number"]), theta["done"] + evaluations
+        spent.append((number, evaluations))
+        cost = floors[number] + 100.0 / done
+        return SimpleNamespace(
+            cost=cost, chi_square=(2 * cost, 1), theta={"number": number, "done": done}
+        )
+
+    monkeypatch.setattr(first_fit, "rough", rough)
+    ends = first_fit.by_rounds([{"number": i, "done": 0} for i in range(6)], None, None)
+    assert [end.theta["number"] for end in ends] == [2, 5, 4, 3, 1, 0]
+    assert [number for number, evaluations in spent if evaluations == 60] == [2, 5]
+    assert sum(evaluations for _, evaluations in spent) == 6 * 8 + 4 * 12 + 2 * 60
