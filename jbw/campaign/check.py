@@ -19,6 +19,7 @@ from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement import response_checks
 from jbw.measurement.checks import Fault, doubt, gathered, inspect, refusal, worst
 from jbw.measurement.curves import forced_loop, response_curve
+from jbw.measurement.drive_noise import noisy_drive
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.plausibility import doubts, swapped
@@ -187,6 +188,8 @@ def findings(
         found += _of_two_sources(record, test)
     if worst(found) != "error":
         found += _believable(record, test, per_unit)
+        if first and test.traits.is_transient and test.traits.is_driven:
+            found += noisy_drive(first[0], record)
     return tuple(found)
 
 

@@ -1,0 +1,62 @@
+"""The noise of a measured drive at a resonance: against the filter's own gain."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from jbw.measurement.drive_noise import noisy_drive, passed_on
+from jbw.measurement.records import Record
+
+FS, N, F_N, ZETA = 256.0, 4096, 18.8, 0.005
+OMEGA = 2 * np.pi * F_N
+SYSTEM = signal.cont2discrete(([1.0, 0.0], [1.0, 2 * ZETA * OMEGA, OMEGA**2]), 1 / FS, "foh")
+
+
+def repeats(std_u, std_y, felt=0.0, seed=0):
+    """A sweep through a resonance twice; what is `felt` moves the structure and is measured."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(N) / FS
+    sweep = signal.chirp(t, 12.0, 14.0, 26.0) * np.clip(14.0 - t, 0.0, 0.3) / 0.3
+    u, y = [], []
+    for _ in range(2):
+        force = sweep + felt * rng.standard_normal(N)
+        u.append(force + std_u * rng.standard_normal(N))
+        moved = signal.lfilter(SYSTEM[0].ravel(), SYSTEM[1], force)
+        y.append(moved + std_y * rng.standard_normal(N))
+    return np.stack(u), np.stack(y)
+
+
+@pytest.mark.parametrize(("std_u", "std_y"), [(0.01, 1e-3), (0.01, 1e-2), (1e-3, 1e-3)])
+def test_the_ratio_is_that_of_the_filter(std_u, std_y):
+    h = signal.freqz(SYSTEM[0].ravel(), SYSTEM[1], 2 * np.pi * F_N / FS)[1]
+    exact = np.abs(h[0]) ** 2 * (std_u / std_y) ** 2
+    # The lines of the resonance lie above half of its power: their mean is two thirds of it or so.
+    assert 0.5 * exact < passed_on(*repeats(std_u, std_y)) < 1.1 * exact
+
+
+def test_what_the_structure_felt_is_no_noise_of_the_drive():
+    assert passed_on(*repeats(0.01, 1e-4)) > 10.0
+    assert passed_on(*repeats(0.0, 1e-4, felt=0.01)) == 0.0
+
+
+def test_random_drives_say_nothing_alike_or_not():
+    u = np.random.default_rng(0).standard_normal((2, 8 * N))
+    y = signal.lfilter(SYSTEM[0].ravel(), SYSTEM[1], u)
+    assert passed_on(u, y) == 0.0
+    assert passed_on(u[[0, 0]], y[[0, 0]]) == 0.0
+
+
+def test_the_doubt_names_the_channel_and_what_to_do():
+    u, y = repeats(0.01, 1e-4)
+    records = [
+        Record(FS, {"force": u[i], "velocity": y[i]}, {"force": "N", "velocity": "m/s"})
+        for i in range(2)
+    ]
+    (found,) = noisy_drive(*records)
+    assert found.severity == "warning"
+    assert found.channel == "force"
+    assert "noise of `force`" in found.what
+    assert not list(noisy_drive(*[Record(FS, {"velocity": row}, {}) for row in y]))
+    u, y = repeats(1e-5, 1e-3)
+    quiet = [Record(FS, {"force": u[i], "velocity": y[i]}, {}) for i in range(2)]
+    assert not list(noisy_drive(*quiet))
