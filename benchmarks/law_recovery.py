@@ -71,7 +71,7 @@ TRUTHS = {
             "stiffness_1": 300.0, "slip_1": 5e-4, "stiffness_2": 250.0, "slip_ratio_2": 3.0,
             "stiffness_3": 200.0, "slip_ratio_3": 8 / 3,
         },
-        (0.01, 0.08), ("slip_ratio_2", "slip_ratio_3"),
+        (0.03, 0.3), ("slip_ratio_2", "slip_ratio_3"),
     ),
 }  # fmt: skip
 

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Array, Float, Key
 
 from jbw.campaign.settings import Identify
-from jbw.identification.beyond_reach import likelier
 from jbw.identification.coordinates import box_of
 from jbw.identification.stated_modes import unknown_signs, with_signs
+from jbw.identification.thresholds_crossed import log_evidence, other_sides
 from jbw.inference.fit.costly_fit import costly_fit, from_search
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.lanes import at_points
@@ -30,7 +30,7 @@ NUM_SCREENED = 255  # points of the box that are looked at beside the start
 # Where the best of them does not explain the data: how many others begin, and how many evaluations
 # each has. The best of a round go on to the next.
 ROUNDS = ((11, 8), (4, 12), (2, 60))
-EXPLAINED = 5.0  # chi-square a degree of freedom below which a fit explains the data
+EXPLAINED = 1.2  # chi-square a degree of freedom below which a fit leaves the noise alone
 # Of the fit to frequency and damping against amplitude, which costs nothing.
 BESIDE_CURVE = {"gain", *(each.name for each in MODAL)}  # it is of the first mode, driven or not
 CURVE_STARTS, MOST_CURVE_POINTS, FREQUENCY_STD, DAMPING_STD = 8, 200, 1e-4, 0.03  # std: relative
@@ -53,7 +53,7 @@ def first_fit(
         begun, data = with_signs(fit_from(key, data, prior, values, alone=True), prior, data)
         values |= begun.theta
     best, data = with_signs(fit_from(key, data, prior, values), prior, data)
-    return prior, likelier(best, prior, data), data
+    return prior, across_thresholds(best, prior, data), data
 
 
 def from_amplitude_curve(
@@ -119,9 +119,17 @@ def fit_from(
     return replace(best, waterfall=np.sort(np.concatenate([one.waterfall for one in ends])))
 
 
+def across_thresholds(best: Fit, prior: Box, data: Dataset) -> Fit:
+    """The fit, or one on another side of the laws' thresholds where more of the posterior lies."""
+    ends = by_rounds(other_sides(best, prior, data), prior, data)
+    return max([best, *ends], key=log_evidence)
+
+
 def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -> list[Fit]:
     """Fits from several starts, best first: all begin, and the better ones are gone on with."""
     going, ends = [dict(theta) for theta in begun], []
+    if not going:
+        return []
     for number, evaluations in ROUNDS:
         fits = [rough(theta, prior, data, evaluations) for theta in going[:number]]
         ends = sorted([*fits, *ends[number:]], key=lambda one: one.cost)

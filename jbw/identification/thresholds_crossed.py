@@ -1,0 +1,72 @@
+r"""Where a fit may lie on the other side of what a law keeps for larger motions.
+
+Whether the largest motion reached a macroslip, a stop or a slip parts the parameters: a fit that
+begins on one side of a threshold seldom crosses it, though the data may ask for the other. One that
+just reaches it can follow the noise of a few cycles there: a narrow optimum beside the wide plain
+of all the larger thresholds, which fit nearly as well. By Laplace's method,
+
+$$\log \int e^{-\chi^2/2} \approx -\tfrac12 \hat\chi^2 + \tfrac12 \log\det\Sigma + const,$$
+
+the covariance nowhere wider than the box, more of the posterior lies on the plain then.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool
+
+from jbw.inference.fit.costly_fit import from_search, to_search
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.lanes import at_points
+from jbw.inference.space.box import Box, from_unit
+from jbw.observables import dataset
+from jbw.observables.dataset import Dataset
+from jbw.oscillator.laws import laws_named
+
+SHARES = np.linspace(0.125, 1.0, 8)  # of the way from a fit to a bound, in the search
+
+
+def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
+    """The likeliest point with each other set of thresholds reached, where one parameter moved."""
+    here = reached(best.theta, best.theta, data)
+    if not here.size:
+        return []
+    points = _towards_bounds(best, prior, data)
+    likelihood = at_points(dataset.log_likelihood, points, data).sum(axis=1)
+    likelihood = np.nan_to_num(likelihood, nan=-np.inf)
+    sides = reached(points, best.theta, data)
+    found: dict[tuple[bool, ...], int] = {}
+    for row in np.argsort(-likelihood):
+        found.setdefault(tuple(sides[:, row].tolist()), int(row))
+    found.pop(tuple(here[:, 0].tolist()), None)
+    return [{name: float(x[row]) for name, x in points.items()} for row in found.values()]
+
+
+def reached(
+    theta: Mapping[str, Any], fitted: Mapping[str, float], data: Dataset
+) -> Bool[np.ndarray, "threshold point"]:
+    """Whether the largest motion, of a fit, reaches the thresholds of the laws at points."""
+    omega_n = float({**data.held, **fitted}.get("omega_n", 1.0))
+    y_peak, known = dataset.largest_displacement(data, omega_n), {**data.held, **theta}
+    laws = [law.of(known) for law in laws_named(data.laws)]
+    y = [np.atleast_1d(one.y) for law in laws for one in law.thresholds()]
+    return np.stack(np.broadcast_arrays(*y)) < y_peak if y else np.zeros((0, 1), bool)
+
+
+def log_evidence(found: Fit) -> float:
+    """Laplace's, but for what two fits to the same data in the same box share."""
+    return float(0.5 * np.linalg.slogdet(found.covariance)[1] - found.cost)
+
+
+def _towards_bounds(best: Fit, prior: Box, data: Dataset) -> dict[str, np.ndarray]:
+    """Points where one parameter of a law lies on its way from the fit to a bound of its prior."""
+    own = {each.name for law in laws_named(data.laws) for each in law.table}
+    s = np.asarray(to_search(jnp.asarray(best.x), prior))
+    moved = [np.eye(len(s))[i] * (end - s[i]) for i, n in enumerate(prior.names) if n in own
+             for end in (0.0, 1.0)]  # fmt: skip
+    points = (s + SHARES[:, None, None] * np.array(moved)).reshape(-1, len(s))
+    x = jax.vmap(lambda one: from_search(one, prior)[0])(jnp.asarray(points))
+    return {name: np.asarray(values) for name, values in from_unit(x, prior).items()}
