@@ -30,7 +30,7 @@ NUM_SCREENED = 255  # points of the box that are looked at beside the start
 # Where the best of them does not explain the data: how many others begin, and how many evaluations
 # each has. The best of a round go on to the next.
 ROUNDS = ((11, 8), (4, 12), (2, 60))
-EXPLAINED = 1.2  # chi-square a degree of freedom below which a fit leaves the noise alone
+EXPLAINED = 1.2  # chi-square a degree of freedom: a fit below leaves little but noise
 # Of the fit to frequency and damping against amplitude, which costs nothing.
 BESIDE_CURVE = {"gain", *(each.name for each in MODAL)}  # it is of the first mode, driven or not
 CURVE_STARTS, MOST_CURVE_POINTS, FREQUENCY_STD, DAMPING_STD = 8, 200, 1e-4, 0.03  # std: relative
@@ -115,14 +115,18 @@ def fit_from(
     ends.append(rough(begun[0], prior, data))
     if not (alone or explains(ends[-1])):
         ends += by_rounds(begun[1:], prior, data)
-    best = min(ends, key=lambda one: one.cost)
-    return replace(best, waterfall=np.sort(np.concatenate([one.waterfall for one in ends])))
+    return with_waterfall(min(ends, key=lambda one: one.cost), ends)
 
 
 def across_thresholds(best: Fit, prior: Box, data: Dataset) -> Fit:
     """The fit, or one on another side of the laws' thresholds where more of the posterior lies."""
     ends = by_rounds(other_sides(best, prior, data), prior, data)
-    return max([best, *ends], key=log_evidence)
+    return with_waterfall(max([best, *ends], key=log_evidence), [best, *ends])
+
+
+def with_waterfall(chosen: Fit, ends: Sequence[Fit]) -> Fit:
+    """The chosen one of several ends, with the costs of all."""
+    return replace(chosen, waterfall=np.sort(np.concatenate([one.waterfall for one in ends])))
 
 
 def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -> list[Fit]:

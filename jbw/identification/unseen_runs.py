@@ -3,7 +3,8 @@ r"""What a law makes of each run that it has not seen: the log predictive densit
 $$\mathrm{elpd}_r = \log \int p(D_r | \theta, D_{-r})\, p(\theta | D_{-r})\, d\theta$$
 
 by the draws of the whole posterior weighed anew where they suffice, else by points about a fit
-without the run.
+without the run. Where the weights of those are poor too, the fit alone tells by how much at most
+the score may be off: what the width of a posterior adds is some nats a parameter.
 """
 
 from collections.abc import Sequence
@@ -40,11 +41,13 @@ class LeftOut:
         elpd: Log predictive density [nats].
         error: Error of the prediction over the response.
         khat: Of the weights by which it was found; good below 0.7. None where fits alone tell.
+        doubt: What the sum of rough scores is off from that of fits alone [nats]; 0 where good.
     """
 
     elpd: dict[str, float]
     error: dict[str, float]
     khat: float | None
+    doubt: float = 0.0
 
 
 def runs_of(data: Dataset) -> tuple[str, ...]:
@@ -60,7 +63,7 @@ def left_out(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -> LeftOut
     Where a run moves the posterior far, its draws weighed without it say little, as k-hat shows.
     """
     prior, data = one.fitted.box, one.fitted.data
-    elpd, error, worst = {}, {}, -np.inf
+    elpd, error, worst, doubt = {}, {}, -np.inf, 0.0
     for i, run in enumerate(runs_of(data)):
         rest = dataset.silenced(run, data)
         best = refit(one.fitted.fit, prior, rest)
@@ -70,7 +73,9 @@ def left_out(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -> LeftOut
         elpd[run], khat = found
         error[run] = _error_of(run, best, one)
         worst = max(worst, khat)
-    return LeftOut(elpd, error, float(worst))
+        if not khat < GOOD_KHAT:
+            doubt += abs(elpd[run] - _score_of_fit(best, data, rest))
+    return LeftOut(elpd, error, float(worst), doubt)
 
 
 def left_out_of_fits(one: Candidate) -> LeftOut:
@@ -83,9 +88,14 @@ def left_out_of_fits(one: Candidate) -> LeftOut:
     for run in runs_of(data):
         rest = dataset.silenced(run, data)
         best = refit(one.fitted.fit, prior, rest)
-        elpd[run] = likelihood_at(best, data) - likelihood_at(best, rest)
+        elpd[run] = _score_of_fit(best, data, rest)
         error[run] = _error_of(run, best, one)
     return LeftOut(elpd, error, None)
+
+
+def _score_of_fit(best: Fit, data: Dataset, rest: Dataset) -> float:
+    """Log density of what `rest` lacks at a fit to the rest [nats]."""
+    return likelihood_at(best, data) - likelihood_at(best, rest)
 
 
 def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] | None:

@@ -10,6 +10,7 @@ from jbw.inference.posterior.verdict import GOOD_KHAT
 
 FEWEST_RUNS = 5  # from which differences have a standard error that can be believed
 APART = 2.0  # standard errors of a difference from which laws are told apart
+OFF = 3.0  # times what the scores of points and of fits differ by: a rough score may be off by that
 NATS = 5.0  # of evidence from which a law is told apart where runs are too few
 NEAR_FLOOR = 1.2  # times the scatter of the mean of repeats
 
@@ -35,10 +36,11 @@ def compare_rows(rows: dict[str, dict[str, Any]], scores: Mapping[str, np.ndarra
 def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs: bool) -> str:
     """The law of the highest score, of the most evidence, or of the smallest error.
 
-    One whose weights can be trusted, where there is one.
+    One whose weights can be trusted, where there is one, unless the score of another is above it
+    by more than that may be off by.
     """
     if by_runs:
-        known = {name: float(np.sum(own)) for name, own in scores.items()}
+        known = {name: float(np.sum(own)) - _may_be_off(rows[name]) for name, own in scores.items()}
     else:
         found = {name: row["log_evidence"] for name, row in rows.items()}
         known = {name: own for name, own in found.items() if own is not None}
@@ -46,7 +48,12 @@ def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs:
     if not known:
         return min(rows, key=lambda name: rows[name]["error"])
     sure = [name for name in known if not _is_rough(rows[name], by_runs=by_runs)]
-    return max(sure or known, key=lambda name: known[name])
+    return max(known if by_runs else sure or known, key=lambda name: known[name])
+
+
+def _may_be_off(row: Row) -> float:
+    """What a score of runs left out may be off by where its weights are poor [nats]."""
+    return OFF * row["elpd_doubt"] if _is_rough(row, by_runs=True) else 0.0
 
 
 def _is_rough(row: Row, *, by_runs: bool) -> bool:
@@ -58,19 +65,28 @@ def _is_rough(row: Row, *, by_runs: bool) -> bool:
 def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
     """Whether a law is told apart from the best; by evidence under both widths of the priors.
 
-    By a score that is rough none is judged, but a hopeless law, which is worse whatever its score.
+    By a score that is rough none is judged, but a law that lies farther behind than that may be
+    off, and a hopeless one, which is worse whatever its score.
     """
-    if row["hopeless"]:
+    behind = _behind_by_runs if by_runs else _behind_by_evidence
+    if row["hopeless"] or behind(row, best):
         return "worse"
-    if _is_rough(row, by_runs=by_runs) or _is_rough(best, by_runs=by_runs):
-        return "not judged"
-    if by_runs:
-        apart = -row["elpd_difference"] > APART * (row["elpd_difference_se"] or 0.0)
-    else:
-        widths = ("log_evidence", "log_evidence_wide")
-        pairs = [(row[key], best[key]) for key in widths]
-        apart = all(None not in pair and pair[0] < pair[1] - NATS for pair in pairs)
-    return "worse" if apart else "not told apart"
+    rough = any(_is_rough(one, by_runs=by_runs) for one in (row, best))
+    return "not judged" if rough else "not told apart"
+
+
+def _behind_by_runs(row: Row, best: Row) -> bool:
+    """Whether a score lies behind by more than it scatters over runs, and than it may be off."""
+    off = _may_be_off(row) + _may_be_off(best)
+    return -row["elpd_difference"] - off > APART * (row["elpd_difference_se"] or 0.0)
+
+
+def _behind_by_evidence(row: Row, best: Row) -> bool:
+    """Whether the evidence lies behind, whichever width the priors have."""
+    if any(_is_rough(one, by_runs=False) for one in (row, best)):
+        return False
+    pairs = [(row[key], best[key]) for key in ("log_evidence", "log_evidence_wide")]
+    return all(None not in pair and pair[0] < pair[1] - NATS for pair in pairs)
 
 
 def statements(record: Row) -> list[str]:

@@ -86,6 +86,7 @@ def row_of(weighed: Weighed) -> dict[str, Any]:
         "error_highest": None,
         "elpd": None if left is None else float(sum(left.elpd.values())),
         "khat": None if left is None else left.khat,
+        "elpd_doubt": None if left is None else left.doubt,
         "log_likelihood": weighed.log_likelihood,
         "hopeless": weighed.hopeless,
         "log_evidence": tree.attrs.get("log_evidence"),

@@ -200,7 +200,8 @@ def row(evidence_of, error=0.1, count=1, hopeless=False):
     wide = None if evidence_of is None else evidence_of - count * np.log(2.0)
     return {"error": error, "hopeless": hopeless, "log_likelihood": 20.0 - error * 1e3,
             "log_evidence": evidence_of, "log_evidence_wide": wide, "khat": 0.1,
-            "khat_evidence": 0.1, "at_bound": [], "reached": [], "laws": []}  # fmt: skip
+            "elpd_doubt": 0.0, "khat_evidence": 0.1, "at_bound": [], "reached": [],
+            "laws": []}  # fmt: skip
 
 
 def test_few_runs_are_no_comparison_of_predictions():
@@ -231,7 +232,9 @@ def test_a_rough_score_calls_no_law_worse_and_none_the_best():
     base = rng.normal(size=6)
     scores = {"a": base, "b": base - 50.0, "c": base - 60.0, "d": base + 40.0}
     rows = {name: row(0.0) for name in scores}
-    rows["b"]["khat"] = rows["d"]["khat"] = 0.9
+    rough = {"khat": 0.9, "elpd_doubt": 120.0}
+    rows["b"] |= rough
+    rows["d"] |= rough
     compare_rows(rows, scores)
     answers = {name: one["answer"] for name, one in rows.items()}
     assert answers == {"a": "best", "b": "not judged", "c": "worse", "d": "not judged"}
@@ -241,6 +244,11 @@ def test_a_rough_score_calls_no_law_worse_and_none_the_best():
         )
     )
     assert "Not judged: b, d, whose score or that of a is rough (k-hat above 0.7)" in said
+    # What it may be off by does not reach so far.
+    rows["b"]["elpd_doubt"] = rows["d"]["elpd_doubt"] = 30.0
+    compare_rows(rows, scores)
+    answers = {name: one["answer"] for name, one in rows.items()}
+    assert answers == {"a": "worse", "b": "worse", "c": "worse", "d": "best"}
     rows = {"a": row(0.0), "b": row(-80.0) | {"khat_evidence": np.inf}, "c": row(-80.0)}
     compare_rows(rows, {})
     assert [one["answer"] for one in rows.values()] == ["best", "not judged", "worse"]
