@@ -10,7 +10,7 @@ $$\log \int e^{-\chi^2/2} \approx -\tfrac12 \hat\chi^2 + \tfrac12 \log\det\Sigma
 the covariance nowhere wider than the box, more of the posterior lies on the plain then.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from typing import Any
 
 import jax
@@ -32,9 +32,10 @@ SHARES = np.linspace(0.125, 1.0, 8)  # of the way from a fit to a bound, in the 
 def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
     """The likeliest point with each other set of thresholds reached, where one parameter moved."""
     here = reached(best.theta, best.theta, data)
-    if not here.size:
+    own = {each.name for law in laws_named(data.laws) for each in law.table} & set(prior.names)
+    if not (here.size and own):
         return []
-    points = _towards_bounds(best, prior, data)
+    points = _towards_bounds(own, best, prior)
     likelihood = at_points(dataset.log_likelihood, points, data).sum(axis=1)
     likelihood = np.nan_to_num(likelihood, nan=-np.inf)
     sides = reached(points, best.theta, data)
@@ -61,9 +62,8 @@ def log_evidence(found: Fit) -> float:
     return float(0.5 * np.linalg.slogdet(found.covariance)[1] - found.cost)
 
 
-def _towards_bounds(best: Fit, prior: Box, data: Dataset) -> dict[str, np.ndarray]:
-    """Points where one parameter of a law lies on its way from the fit to a bound of its prior."""
-    own = {each.name for law in laws_named(data.laws) for each in law.table}
+def _towards_bounds(own: Set[str], best: Fit, prior: Box) -> dict[str, np.ndarray]:
+    """Points where one of a law's own lies on its way from the fit to a bound of its prior."""
     s = np.asarray(to_search(jnp.asarray(best.x), prior))
     moved = [np.eye(len(s))[i] * (end - s[i]) for i, n in enumerate(prior.names) if n in own
              for end in (0.0, 1.0)]  # fmt: skip
