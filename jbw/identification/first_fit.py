@@ -105,8 +105,7 @@ def fit_from(
         ends.append(costly_fit(dataset.stacked, prior, data, starts=inside(known, prior)))
         if explains(ends[0]):
             return ends[0]
-    middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
-    start = {name: known.get(name, float(middle[name])) for name in prior.names}
+    start = middle_but(known, prior)
     sure = {one.name: known[one.name] for one in STUCK if one.name in known}
     points = screened(key, prior, start, sure)
     likelihood = at_points(dataset.log_likelihood, points, data).sum(axis=1)
@@ -168,6 +167,12 @@ def screened(
     points = {name: np.asarray(values) for name, values in from_unit(x, prior).items()}
     points |= {n: np.full(NUM_SCREENED, known[n]) for n in points.keys() & known.keys()}
     return inside({name: np.append(start[name], points[name]) for name in prior.names}, prior)
+
+
+def middle_but(known: Mapping[str, float], prior: Box) -> dict[str, float]:
+    """The middle of the box, but for what is known."""
+    middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
+    return {name: known.get(name, float(middle[name])) for name in prior.names}
 
 
 def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:

@@ -6,23 +6,19 @@ joint of its own follows clearly better, alone and with the others filtered out,
 
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Key
 
 from jbw.campaign.settings import Identify
 from jbw.identification.coordinates import box_of
-from jbw.identification.first_fit import from_amplitude_curve, inside
-from jbw.inference.fit.costly_fit import costly_fit
+from jbw.identification.first_fit import from_amplitude_curve, middle_but, rough
 from jbw.inference.fit.fitting import Fit
-from jbw.inference.space.box import from_unit
-from jbw.observables.dataset import Dataset, as_arrays, stacked
+from jbw.observables.dataset import Dataset, as_arrays
 from jbw.observables.decay import Decays, matched
 from jbw.observables.drives import of_part
 from jbw.observables.modal_decays import errors_by_mode
 
 CLEARLY = 1.25  # times what its own joint leaves of a mode
-ROUGH = 1e-6  # of the cost and of the step: an error of two digits
 
 
 def own_joint_sentences(key: Key[Array, ""], best: Fit, data: Dataset) -> list[str]:
@@ -57,9 +53,7 @@ def error_alone(key: Key[Array, ""], decays: Decays) -> float:
     """What a joint of its own leaves of one mode's decays, over their size."""
     data, known = Dataset.of([decays], {"gain": 1.0}), decays.first_values()
     prior = box_of(Identify(), data, known)
-    middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
     known = {**known, **from_amplitude_curve(key, data, prior, {})}
-    start = inside({name: known.get(name, float(middle[name])) for name in prior.names}, prior)
-    best = costly_fit(stacked, prior, data, starts=start, tolerance=ROUGH)
+    best = rough(middle_but(known, prior), prior, data)
     left = np.asarray(matched(as_arrays(best.theta, data), decays).residual)
     return float(np.linalg.norm(left) / np.linalg.norm(np.asarray(decays.envelope)))

@@ -32,6 +32,7 @@ from jbw.identification.run_effects import (
     with_offsets,
     with_scatter,
 )
+from jbw.identification.thresholds_crossed import fitted_displacement
 from jbw.inference.fit.costly_fit import TOLERANCE, costly_fit
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
@@ -60,8 +61,7 @@ class Fitted:
     @property
     def y_peak(self) -> float:
         """The largest displacement fitted [m]."""
-        known = {**self.data.held, **self.fit.theta}
-        return dataset.largest_displacement(self.data, float(known.get("omega_n", 1.0)))
+        return fitted_displacement(self.fit.theta, self.data)
 
 
 def fit_joint(key: Key[Array, ""], seen: Measured, report: Report) -> Fitted:

@@ -13,15 +13,14 @@ the covariance nowhere wider than the box, more of the posterior lies on the pla
 from collections.abc import Mapping, Set
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool
 
-from jbw.inference.fit.costly_fit import from_search, to_search
+from jbw.inference.fit.costly_fit import parameters_at, to_search
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.lanes import at_points
-from jbw.inference.space.box import Box, from_unit
+from jbw.inference.space.box import Box
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import laws_named
@@ -50,11 +49,16 @@ def reached(
     theta: Mapping[str, Any], fitted: Mapping[str, float], data: Dataset
 ) -> Bool[np.ndarray, "threshold point"]:
     """Whether the largest motion, of a fit, reaches the thresholds of the laws at points."""
-    omega_n = float({**data.held, **fitted}.get("omega_n", 1.0))
-    y_peak, known = dataset.largest_displacement(data, omega_n), {**data.held, **theta}
+    y_peak, known = fitted_displacement(fitted, data), {**data.held, **theta}
     laws = [law.of(known) for law in laws_named(data.laws)]
     y = [np.atleast_1d(one.y) for law in laws for one in law.thresholds()]
     return np.stack(np.broadcast_arrays(*y)) < y_peak if y else np.zeros((0, 1), bool)
+
+
+def fitted_displacement(theta: Mapping[str, float], data: Dataset) -> float:
+    """Largest displacement that was measured, of a fit [m]."""
+    omega_n = float({**data.held, **theta}.get("omega_n", 1.0))
+    return dataset.largest_displacement(data, omega_n)
 
 
 def log_evidence(found: Fit) -> float:
@@ -67,6 +71,4 @@ def _towards_bounds(own: Set[str], best: Fit, prior: Box) -> dict[str, np.ndarra
     s = np.asarray(to_search(jnp.asarray(best.x), prior))
     moved = [np.eye(len(s))[i] * (end - s[i]) for i, n in enumerate(prior.names) if n in own
              for end in (0.0, 1.0)]  # fmt: skip
-    points = (s + SHARES[:, None, None] * np.array(moved)).reshape(-1, len(s))
-    x = jax.vmap(lambda one: from_search(one, prior)[0])(jnp.asarray(points))
-    return {name: np.asarray(values) for name, values in from_unit(x, prior).items()}
+    return parameters_at((s + SHARES[:, None, None] * np.array(moved)).reshape(-1, len(s)), prior)

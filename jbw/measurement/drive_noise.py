@@ -27,9 +27,10 @@ MORE = 1.0  # r from which the noise is named
 
 def noisy_drive(first: Record, second: Record) -> Iterator[Fault]:
     """The doubt that the drive of two repeats was measured too roughly."""
-    role = next((role for role in INPUTS if role in first.channels), None)
-    y = first.response
-    if role is None or not {role, y} <= second.channels.keys() or first.fs != second.fs:
+    if not set(INPUTS) & first.channels.keys():
+        return
+    role, y = first.source, first.response
+    if not {role, y} <= second.channels.keys() or first.fs != second.fs:
         return
     u, x = ([one.channels[name] for one in (first, second)] for name in (role, y))
     if len(u[0]) != len(u[1]) or not all(np.all(np.isfinite(one)) for one in (*u, *x)):

@@ -174,7 +174,7 @@ def _with_differences(
     """Residual and Jacobian, over steps of each parameter."""
     apart = np.diag(steps)
     points = s + np.concatenate([np.zeros((1, len(s))), apart, -apart])
-    rows = at_points(_real_of, _parameters(points, box), (residual, data), lanes=LANES)
+    rows = at_points(_real_of, parameters_at(points, box), (residual, data), lanes=LANES)
     ahead, behind = np.split(rows[1:], 2)
     return rows[0], _slope(rows[0], ahead, behind, steps[:, None])
 
@@ -200,7 +200,7 @@ def _real_of(theta: Mapping[str, Array], residual_and_data: Any) -> Float[Array,
     return real(residual(theta, data))
 
 
-def _parameters(s: Float[np.ndarray, "point parameter"], box: Box) -> dict[str, np.ndarray]:
+def parameters_at(s: Float[np.ndarray, "point parameter"], box: Box) -> dict[str, np.ndarray]:
     """Parameters by name at points of the search."""
     theta = _forward(search_coordinate(box), jnp.asarray(s))
     return {name: np.asarray(values) for name, values in named(theta, box).items()}
