@@ -32,11 +32,11 @@ _CHUNK = 128
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
     """States at the samples, differentiable in the stepping and the initial state."""
-    return _states(substeps, substeps, stepping, initial)
+    return _unpacked(stepping, _states(substeps, substeps, stepping, initial))
 
 
 def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Trajectory:
-    """States after every so many of the substeps."""
+    """States after every so many of the substeps, as the time loop carries them."""
     march = partial(_march, substeps, every)
     stacks = any(law.stacks for law in stepping.step.laws)
     return (_one_after_another(march) if stacks else march)(stepping, initial)
@@ -51,11 +51,9 @@ def _one_after_another(march: Callable[..., Trajectory]) -> Callable[..., Trajec
 
 
 def _march(substeps: int, every: int, stepping: Stepping, initial: State) -> Trajectory:
-    """States after every so many of the substeps."""
+    """States after every so many of the substeps, as the time loop carries them."""
     num_steps = stepping.push[0].shape[0]
-    laws, (y, v, memory) = stepping.step.laws, initial
-    packed = tuple(law.packed(own) for law, own in zip(laws, memory, strict=True))
-    carried = y, v, packed
+    carried = _packed(stepping, initial)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(_unused_field),
         HysteresisExact(),
@@ -70,8 +68,21 @@ def _march(substeps: int, every: int, stepping: Stepping, initial: State) -> Tra
         throw=False,
     )
     leaves = [x[: num_steps // every + 1] for x in solution.ys]  # pyright: ignore
-    y, v, packed = jax.tree.unflatten(jax.tree.structure(carried), leaves)
-    return y, v, tuple(law.unpacked(own) for law, own in zip(laws, packed, strict=True))
+    return jax.tree.unflatten(jax.tree.structure(carried), leaves)
+
+
+def _packed(stepping: Stepping, state: State) -> State:
+    """A state as the time loop carries it."""
+    y, v, memory = state
+    laws = stepping.step.laws
+    return y, v, tuple(law.packed(own) for law, own in zip(laws, memory, strict=True))
+
+
+def _unpacked(stepping: Stepping, trajectory: Trajectory) -> Trajectory:
+    """States of scalars from those of the time loop."""
+    y, v, memory = trajectory
+    laws = stepping.step.laws
+    return y, v, tuple(law.unpacked(own) for law, own in zip(laws, memory, strict=True))
 
 
 def _unused_field(tau, state, stepping):
@@ -85,8 +96,10 @@ def _solve_jvp(substeps, primals, tangents):
     trajectory = _states(substeps, 1, stepping, initial)
     stacks = any(law.stacks for law in stepping.step.laws)
     along = adjoint_stack.tangent if stacks else _tangent
-    both = trajectory, along(stepping, trajectory, *tangents)
-    return jax.tree.map(lambda x: x[::substeps], both)
+    stepping_dot, initial_dot = tangents
+    found = along(stepping, trajectory, stepping_dot, initial_dot)
+    sampled = jax.tree.map(lambda x: x[::substeps], (trajectory, found))
+    return _unpacked(stepping, sampled[0]), _unpacked(stepping, sampled[1])
 
 
 def _tangent(
@@ -126,7 +139,7 @@ def _linearised(
 
     def stepped(step, leaves, push):
         start = jax.tree.unflatten(tree, leaves)
-        return tuple(jax.tree.leaves(advance(step, start, push, branch=False)))
+        return tuple(jax.tree.leaves(advance(step, start, push, kinks="always")))
 
     none, unit = jnp.zeros_like(leaves[0]), jnp.ones_like(leaves[0])
     _, by_state = jax.linearize(lambda leaves: stepped(step, leaves, push), leaves)

@@ -1,98 +1,221 @@
 r"""Derivatives of the solve where a law remembers a stack of its past, as Masing's laws do.
 
-A step makes at most one new entry of a stack and only moves the old ones. So of its Jacobian four
-rows are found, for y, v and the two numbers of the newest entry; all others are a shuffle.
-The rows are found by reverse mode, for many steps at once; the recurrence that multiplies them is
-linear in the tangents, so that JAX transposes it for `jax.grad`.
+Derivatives travel by y, v, the memories of other laws and the reversals; all else of a branch
+follows from these. The tangents of all states solve a linear system,
+
+$$\dot x_0 = \dot x(0), \qquad
+  \dot x_{n+1} = J_n \dot x_n + K_n \dot\theta + P_n \dot p_n,$$
+
+forward in time for `jax.jvp`, its transpose backward for `jax.grad`: the derivative of one step
+after the other, each at the state that the solve has saved. A step without a kink leaves the
+reversals as they are, so that its derivative is short; the long one is taken where there is a kink.
 """
 
+from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from jbw.oscillator.kinks import kept
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.solver import Stepping
-from jbw.oscillator.step import ExactStep, Push, State, advance
+from jbw.oscillator.step import ExactStep, Kinks, Push, State, advance, meets_kink
 
 Laws = tuple[Any, ...]  # those that stack say more than a `Law`
 Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Any]
-# y, v, other laws' memories, and the columns of the laws' stacks, an array each.
-Heads = tuple[Scalar, ...]
-Columns = tuple[Float[Array, " place"], ...]
-_CHUNK = 128
+
+
+class Carriers(NamedTuple):
+    """What derivatives travel by.
+
+    Attributes:
+        heads: y, v and the memories of laws without a stack.
+        columns: Displacements and forces of the reversals, an array each.
+    """
+
+    heads: tuple[Scalar, ...]
+    columns: tuple[Float[Array, " place"], ...]
+
+
+class _Steps(NamedTuple):
+    """Where the derivatives of all steps are taken: at these states, pushes and kinks."""
+
+    starts: State
+    push: Push
+    kinked: Bool[Array, " step"]
+
+
+class _Tangents(NamedTuple):
+    """Unknowns of the linear system, and its right-hand side."""
+
+    x: Carriers  # at every state
+    step: ExactStep
+    push: Push
 
 
 def tangent(
     stepping: Stepping, trajectory: Trajectory, stepping_dot: Stepping, initial_dot: State
 ) -> Trajectory:
-    """Tangent of the trajectory: chunks of steps one after another."""
+    """Tangent of the trajectory."""
     laws: Laws = stepping.step.laws
-    num_steps = trajectory[0].shape[0] - 1
-    size = min(_CHUNK, num_steps)
-
-    def chunks(x):
-        return jnp.pad(x, (0, -num_steps % size)).reshape(-1, size)
-
-    before, after = (
-        jax.tree.map(lambda x, part=part: x[part], trajectory[2])
-        for part in (slice(None, -1), slice(1, None))
+    before, after = _but_last(trajectory), _but_first(trajectory)
+    kinked = jax.vmap(partial(_kinked, stepping.step))(before, after, stepping.push)
+    steps = _Steps(before, stepping.push, kinked)
+    given = _right_hand_side(
+        _split(laws, initial_dot), stepping_dot, num_states=trajectory[0].shape[0]
     )
-    moves = tuple(
-        law.stack_move(a, b) for law, a, b in zip(laws, before, after, strict=True) if law.stacks
+    x_dot = jax.lax.custom_linear_solve(
+        partial(_system, stepping.step, steps),
+        given,
+        lambda _, b: _lanes_apart(_forward)((stepping.step, steps), b),
+        lambda _, c: _lanes_apart(_backward)((stepping.step, steps), c),
+    ).x
+
+    def whole(state, x, x_dot):
+        primals, tangents = (laws, x), (stepping_dot.step.laws, x_dot)
+        return jax.jvp(lambda laws, x: _joined(laws, state, x), primals, tangents)[1]
+
+    return jax.vmap(whole)(trajectory, jax.vmap(partial(_split, laws))(trajectory), x_dot)
+
+
+def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Array, ""]:
+    """Whether the solve has taken a step through a kink."""
+    kinked = meets_kink(step, before, push)
+    laws: Laws = step.laws
+    for law, a, b in zip(laws, before[2], after[2], strict=True):
+        if law.stacks:  # to rounding `meets_kink` may see another side of a kink
+            kinked = kinked | law.turned_or_closed(a, b)
+    return kinked
+
+
+# -- the linear system -----------------------------------------------------------------------------
+def _right_hand_side(first: Carriers, stepping_dot: Stepping, num_states: int) -> _Tangents:
+    """Tangents of the start, of the step's constants and of the pushes."""
+    step, push = stepping_dot.step, stepping_dot.push
+    # JAX transposes a linear solve where all of its right-hand side depends on what is transposed.
+    leaves = jax.tree.leaves((first, step, tuple(p[0] for p in push)))
+    none = 0.0 * sum(jnp.sum(x) for x in leaves)
+    return _Tangents(
+        jax.tree.map(lambda x: jnp.zeros((num_states, *x.shape)).at[0].set(x + none), first),
+        jax.tree.map(lambda x: x + none, step),
+        tuple(p.at[0].add(none) for p in push),
     )
-    starts = jax.tree.map(lambda x: chunks(x[:-1]), trajectory)
-    push, push_dot = (tuple(chunks(p) for p in s.push) for s in (stepping, stepping_dot))
-    step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), stepping_dot.step)
 
-    @jax.checkpoint
-    def chunk(x_dot, inputs):
-        starts, push, push_dot, moves = inputs
-        linearised = jax.vmap(partial(_linearised, stepping.step))
-        rows, offset = linearised(starts, push, step_dot, push_dot)
-        return jax.lax.scan(_recurrence, x_dot, (rows, offset, moves))
 
-    first = _split(laws, initial_dot)
-    _, following = jax.lax.scan(chunk, first, (starts, push, push_dot, jax.tree.map(chunks, moves)))
-    x_dot = jax.tree.map(
-        lambda a, b: jnp.concatenate([a[None], b.reshape(-1, *a.shape)[:num_steps]]),
-        first,
-        following,
+def _system(step: ExactStep, steps: _Steps, unknown: _Tangents) -> _Tangents:
+    """The system's left-hand side."""
+    made = jax.vmap(partial(_after, step), (0, 0, None, 0))(
+        steps, _but_last(unknown.x), unknown.step, unknown.push
     )
-
-    def whole(laws, state, x):
-        return _joined(laws, state, x)
-
-    laws_dot = stepping_dot.step.laws
-    return jax.vmap(
-        lambda state, x, x_dot: jax.jvp(
-            lambda laws, x: whole(laws, state, x), (laws, x), (laws_dot, x_dot)
-        )[1]
-    )(trajectory, jax.vmap(partial(_split, laws))(trajectory), x_dot)
+    return unknown._replace(x=jax.tree.map(lambda x, y: x.at[1:].add(-y), unknown.x, made))
 
 
-def _split(laws: Laws, state: State) -> tuple[Heads, Columns]:
-    """What derivatives travel by: scalars, and the stacks' columns."""
+def _forward(at: tuple[ExactStep, _Steps], b: _Tangents) -> _Tangents:
+    """Its solution, forward in time."""
+    step, steps = at
+
+    def onward(x, inputs):
+        one, push_dot, more = inputs
+        x = _sum(_after(step, one, x, b.step, push_dot), more)
+        return x, x
+
+    first = jax.tree.map(lambda x: x[0], b.x)
+    _, following = jax.lax.scan(onward, first, (steps, b.push, _but_first(b.x)))
+    return b._replace(x=jax.tree.map(lambda a, x: jnp.concatenate([a[None], x]), first, following))
+
+
+def _backward(at: tuple[ExactStep, _Steps], c: _Tangents) -> _Tangents:
+    """Solution of the transposed system, backward in time."""
+    step, steps = at
+
+    def back(carried, inputs):
+        x, step_bar = carried
+        one, push_bar, more = inputs
+        x, by_step, by_push = _before(step, one, x)
+        x = _sum(x, more)
+        return (x, _sum(step_bar, by_step)), (x, _sum(push_bar, by_push))
+
+    last = jax.tree.map(lambda x: x[-1], c.x)
+    (_, step_bar), (earlier, push_bar) = jax.lax.scan(
+        back, (last, c.step), (steps, c.push, _but_last(c.x)), reverse=True
+    )
+    x = jax.tree.map(lambda a, x: jnp.concatenate([x, a[None]]), last, earlier)
+    return _Tangents(x, step_bar, push_bar)
+
+
+def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """The same, under vmap one lane after another, but many right-hand sides at once.
+
+    Lanes side by side take the long derivative of a kink always.
+    """
+    alone = jax.custom_batching.custom_vmap(solve)
+
+    @alone.def_vmap
+    def _(size, batched, at, b):
+        if not any(jax.tree.leaves(batched[0])):
+            axes = jax.tree.map(lambda is_batched: 0 if is_batched else None, batched[1])
+            solved = _lanes_apart(jax.vmap(solve, (None, axes)))(at, b)
+        else:
+            spread = jax.tree.map(
+                lambda x, is_batched: x if is_batched else jnp.broadcast_to(x, (size, *x.shape)),
+                (at, b), tuple(batched),
+            )  # fmt: skip
+            solved = jax.lax.map(lambda one: _lanes_apart(solve)(*one), spread)
+        return solved, jax.tree.map(lambda _: True, solved)
+
+    return alone
+
+
+# -- one step --------------------------------------------------------------------------------------
+def _after(
+    step: ExactStep, at: Any, x_dot: Carriers, step_dot: ExactStep, push_dot: Push
+) -> Carriers:
+    """Tangent of the state after a step."""
+    primals, tangents = (step, _split(step.laws, at.starts), at.push), (step_dot, x_dot, push_dot)
+
+    def by(kinks: Kinks):
+        return jax.jvp(partial(_stepped, kinks, at.starts), primals, tangents)[1]
+
+    return jax.lax.cond(at.kinked, lambda: by("always"), lambda: by("never"))
+
+
+def _before(step: ExactStep, at: Any, x_bar: Carriers) -> tuple[Carriers, ExactStep, Push]:
+    """Cotangents of the state before a step, of its constants and of its push."""
+    primals = step, _split(step.laws, at.starts), at.push
+
+    def by(kinks: Kinks):
+        by_step, by_x, by_push = jax.vjp(partial(_stepped, kinks, at.starts), *primals)[1](x_bar)
+        return by_x, by_step, by_push
+
+    return jax.lax.cond(at.kinked, lambda: by("always"), lambda: by("never"))
+
+
+def _stepped(kinks: Kinks, start: State, step: ExactStep, x: Carriers, push: Push) -> Carriers:
+    """The carriers after a step."""
+    return _split(step.laws, advance(step, _joined(step.laws, start, x), push, kinks=kinks))
+
+
+def _split(laws: Laws, state: State) -> Carriers:
+    """The carriers of a state."""
     y, v, memory = state
     heads, columns = [jnp.asarray(y), jnp.asarray(v)], []
     for law, own in zip(laws, memory, strict=True):
         if law.stacks:
-            columns.extend(jnp.stack(column) for column in law.stack_columns(own))
+            columns.extend(jnp.asarray(column) for column in law.stack_columns(own))
         else:
             heads.extend(jax.tree.leaves(own))
-    return tuple(heads), tuple(columns)
+    return Carriers(tuple(heads), tuple(columns))
 
 
-def _joined(laws: Laws, state: State, x: tuple[Heads, Columns]) -> State:
-    """A state with these derivatives' carriers, all else found from them."""
-    (y, v, *heads), columns = x[0], list(x[1])
+def _joined(laws: Laws, state: State, x: Carriers) -> State:
+    """A state with these carriers, all else found from them."""
+    (y, v, *heads), columns = x.heads, list(x.columns)
     memory = []
     for law, own in zip(laws, state[2], strict=True):
         if law.stacks:
-            pair = tuple(tuple(columns.pop(0)) for _ in law.stack_columns(own))
+            pair = tuple(columns.pop(0) for _ in law.stack_columns(own))
             memory.append(law.with_columns(y, own, pair))
         else:
             leaves, tree = jax.tree.flatten(own)
@@ -100,69 +223,13 @@ def _joined(laws: Laws, state: State, x: tuple[Heads, Columns]) -> State:
     return y, v, tuple(memory)
 
 
-def _linearised(
-    step: ExactStep, start: State, push: Push, step_dot: ExactStep, push_dot: Push
-) -> tuple[Any, Any]:
-    """Rows of the Jacobian of what a step makes anew, and their offsets."""
-    carriers = _split(step.laws, start)
-
-    def stepped(step, x, push):
-        state = advance(step, _joined(step.laws, start, x), push, branch=False)
-        heads, columns = _split(step.laws, state)
-        return heads, tuple(column[0] for column in columns)
-
-    found, pull = jax.vjp(lambda x: stepped(step, x, push), carriers)
-    made, tree = jax.tree.flatten(found)
-    none = [jnp.zeros_like(x) for x in made]
-    rows = [
-        kept(pull(jax.tree.unflatten(tree, [*none[:i], jnp.ones_like(x), *none[i + 1 :]]))[0])
-        for i, x in enumerate(made)
-    ]
-    _, offset = jax.jvp(
-        lambda step, push: stepped(step, carriers, push), (step, push), (step_dot, push_dot)
-    )
-    return jax.tree.unflatten(tree, rows), offset
+def _but_last(states: Any) -> Any:
+    return jax.tree.map(lambda x: x[:-1], states)
 
 
-def _recurrence(x_dot: tuple[Heads, Columns], inputs: Any) -> tuple[Any, Any]:
-    """One step of the tangents: the rows' products, and the stacks' entries moved."""
-    (head_rows, top_rows), (head_offsets, top_offsets), moves = inputs
-    heads, columns = x_dot
-
-    def product(row, offset):
-        ahead = sum(a * x for a, x in zip(row[0], heads, strict=True))
-        return offset + ahead + sum(jnp.dot(a, x) for a, x in zip(row[1], columns, strict=True))
-
-    after = tuple(product(*pair) for pair in zip(head_rows, head_offsets, strict=True))
-    tops = [product(*pair) for pair in zip(top_rows, top_offsets, strict=True)]
-    shuffled = tuple(
-        _shuffled(column, top, *moves[i // 2])
-        for i, (column, top) in enumerate(zip(columns, tops, strict=True))
-    )
-    x_dot = after, shuffled
-    return x_dot, x_dot
+def _but_first(states: Any) -> Any:
+    return jax.tree.map(lambda x: x[1:], states)
 
 
-def _shuffled(
-    column: Float[Array, " place"], top: Scalar, places: Scalar, full: Scalar
-) -> Float[Array, " place"]:
-    """Entries moved to the front by a number of places, which may be -1, below the newest one."""
-    size = column.shape[0]
-
-    def moved():
-        entries = jnp.concatenate([jnp.zeros(1), column])
-        left = places + 1.0
-        step = 2 ** size.bit_length()
-        while step:
-            if step < size + 1:
-                far = left > step - 0.5
-                ahead = jnp.concatenate([entries[step:], jnp.zeros(step)])
-                entries = jnp.where(far, ahead, entries)
-                left = left - jnp.where(far, float(step), 0.0)
-            step //= 2
-        none = jnp.zeros(1)
-        short = jnp.concatenate([none, column[: size - 4], column[size - 2 :], none])
-        return jnp.where(full > 0.5, short, entries[:size])
-
-    rest = jax.lax.cond(places != 0.0, moved, lambda: column)
-    return jnp.concatenate([jnp.asarray(top)[None], rest[1:]])
+def _sum(a: Any, b: Any) -> Any:
+    return jax.tree.map(jnp.add, a, b)

@@ -205,7 +205,7 @@ class Law(eqx.Module):
 
     @property
     def stacks(self) -> bool:
-        """Whether a step makes one entry of the memory anew and moves the others; see `Masing`."""
+        """Whether the memory holds reversals, which few steps change; see `Masing`."""
         return False
 
     # -- along a periodic motion -----------------------------------------------------------------

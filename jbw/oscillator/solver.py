@@ -107,7 +107,7 @@ class HysteresisExact(diffrax.AbstractSolver):
         # As a flat tuple: empty memories, of springs, have no place in the loop's buffers.
         memory = tuple(law.packed(law.at_rest()) for law in args.step.laws)
         state = jax.tree.unflatten(jax.tree.structure((0.0, 0.0, memory)), y0)
-        y1 = tuple(jax.tree.leaves(advance(args.step, state, push, branch=True)))
+        y1 = tuple(jax.tree.leaves(advance(args.step, state, push, kinks="met")))
         dense_info = dict(y0=y0, y1=y1)
         return y1, None, dense_info, solver_state + 1, diffrax.RESULTS.successful
 

@@ -10,12 +10,12 @@ through the kinks at v = 0 and z = 0.
 
 from functools import reduce
 from operator import add
-from typing import Any
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Bool
 
 from jbw.oscillator.damper import Damper
 from jbw.oscillator.kinks import kept
@@ -28,6 +28,8 @@ NUM_MOMENTS = 6
 State = tuple[Scalar, Scalar, tuple[Memory, ...]]
 # What the input adds to y and v, and the input at the start; with a damper also that at the end.
 Push = tuple[Scalar, ...]
+# Whether a step goes through kinks: where it meets one, always (for many steps at once), or never.
+Kinks = Literal["met", "always", "never"]
 
 
 class ExactStep(eqx.Module):
@@ -78,7 +80,7 @@ def exact_step(oscillator: Oscillator, dt: Scalar) -> tuple[ExactStep, Array, Ar
     return jax.tree.map(jnp.asarray, step), m.y, m.v
 
 
-def advance(step: ExactStep, state: State, push: Push, *, branch: bool) -> State:
+def advance(step: ExactStep, state: State, push: Push, *, kinks: Kinks) -> State:
     r"""One step.
 
     $$q_1 = E q + p - W_0 r - W_1 h\dot r, \quad m_1 = M(m, y_1 - y), \quad
@@ -86,46 +88,71 @@ def advance(step: ExactStep, state: State, push: Push, *, branch: bool) -> State
 
     with $c_2 = 3d - h(2\dot r + \dot r_1)$, $c_3 = -2d + h(\dot r + \dot r_1)$, $d = r_1 - r$.
     """
-    y, v, memory = state
     laws = step.laws
-    branches = tuple(law.branch(v, own) for law, own in zip(laws, memory, strict=True))
-    r, rate = _remainder(step, y, v, memory, branches, push[2])
-    y_1 = y + (step.f_11 * y + step.f_12 * v + push[0] - step.r_y * r - step.s_y * rate)
-    v_1 = v + (step.f_21 * y + step.f_22 * v + push[1] - step.r_v * r - step.s_v * rate)
+    branches, r, rate, y_1, v_1 = _predicted(step, state, push)
+    none = jnp.zeros_like(v_1)
     if not any(law.kinked for law in laws):
-        memory_1, branches_1, impulse_v, impulse_y = memory, branches, 0.0, 0.0
-    elif branch:
-        dy = y_1 - y
-        glided = [
-            law.glide(y, own, dy, at) for law, own, at in zip(laws, memory, branches, strict=True)
-        ]
-        kinked = reduce(jnp.logical_or, (met for _, met in glided), v * v_1 <= 0.0)
-        none = jnp.zeros_like(v_1)
-        y_1, v_1, memory_1, branches_1, impulse_v, impulse_y = jax.lax.cond(
-            kinked,
-            lambda: _through_kinks(step, state, branches, push[2], y_1, v_1),
-            lambda: (y_1, v_1, tuple(own for own, _ in glided), branches, none, none),
-        )
-    else:
+        memory_1, branches_1, impulse_v, impulse_y = state[2], branches, none, none
+    elif kinks == "always":
         y_1, v_1, r, rate = kept((y_1, v_1, r, rate))
         y_1, v_1, memory_1, branches_1, impulse_v, impulse_y = kept(
             _through_kinks(step, state, branches, push[2], y_1, v_1)
+        )
+    else:
+        glided, kinked = _glided(laws, state, branches, y_1, v_1)
+        unkinked = y_1, v_1, glided, branches, none, none
+        y_1, v_1, memory_1, branches_1, impulse_v, impulse_y = (
+            unkinked
+            if kinks == "never"
+            else jax.lax.cond(
+                kinked,
+                lambda: _through_kinks(step, state, branches, push[2], y_1, v_1),
+                lambda: unkinked,
+            )
         )
     dv = 0.0
     # A damper's force follows v, whose prediction is an order worse than that of y: once more.
     for _ in range(1 + any(isinstance(law, Damper) for law in laws)):
         r_1, rate_1 = _remainder(step, y_1, v_1 + dv, memory_1, branches_1, push[-1])
         change = r_1 - r
-        if not branch:
+        if kinks == "always":
             change, rate_1 = kept((change, rate_1))
         dy = impulse_y - (step.d_y * change + step.a_y * rate + step.b_y * rate_1)
-        if not branch:
+        if kinks == "always":
             dy = kept(dy)
         dv = impulse_v - (step.d_v * change + step.a_v * rate + step.b_v * rate_1)
     memory_2 = tuple(
         law.shift(y_1, own, dy, at) for law, own, at in zip(laws, memory_1, branches_1, strict=True)
     )
     return y_1 + dy, v_1 + dv, memory_2
+
+
+def meets_kink(step: ExactStep, state: State, push: Push) -> Bool[Array, "..."]:
+    """Whether a step turns or meets a kink of a law, so that it is a rare one."""
+    branches, _, _, y_1, v_1 = _predicted(step, state, push)
+    return _glided(step.laws, state, branches, y_1, v_1)[1]
+
+
+def _predicted(step: ExactStep, state: State, push: Push) -> tuple[Any, ...]:
+    """The laws' branches, their remainder and its rate, and the predictor's y and v."""
+    y, v, memory = state
+    branches = tuple(law.branch(v, own) for law, own in zip(step.laws, memory, strict=True))
+    r, rate = _remainder(step, y, v, memory, branches, push[2])
+    y_1 = y + (step.f_11 * y + step.f_12 * v + push[0] - step.r_y * r - step.s_y * rate)
+    v_1 = v + (step.f_21 * y + step.f_22 * v + push[1] - step.r_v * r - step.s_v * rate)
+    return branches, r, rate, y_1, v_1
+
+
+def _glided(
+    laws: tuple[Law, ...], state: State, branches: tuple[Any, ...], y_1: Scalar, v_1: Scalar
+) -> tuple[tuple[Memory, ...], Bool[Array, "..."]]:
+    """Memories after a step to (y_1, v_1) without a kink, and whether it met one."""
+    y, v, memory = state
+    glided = [
+        law.glide(y, own, y_1 - y, at) for law, own, at in zip(laws, memory, branches, strict=True)
+    ]
+    kinked = reduce(jnp.logical_or, (met for _, met in glided), jnp.asarray(v * v_1 <= 0.0))
+    return tuple(own for own, _ in glided), kinked
 
 
 def _remainder(

@@ -24,13 +24,13 @@ from jbw.oscillator.laws.masing_loop import steady_force, steady_harmonics, stea
 from jbw.oscillator.laws.reversals import (
     SIZE,
     Branch,
+    Entries,
     Stack,
     branch_of,
     closed,
     closes,
     headed,
     nothing_remembered,
-    places_moved,
 )
 from jbw.oscillator.parameters import Scalar, batched
 
@@ -155,7 +155,7 @@ class Masing(Law):
         """Yes."""
         return True
 
-    def stack_columns(self, memory: Branch) -> tuple[tuple[Scalar, ...], ...]:
+    def stack_columns(self, memory: Branch) -> tuple[Entries, Entries]:
         """Displacements and forces of the reversals."""
         stack = Stack.of(memory.stack)
         return stack.y, stack.f
@@ -165,9 +165,10 @@ class Masing(Law):
         stack = Stack.of(memory.stack)._replace(y=columns[0], f=columns[1])
         return self.refreshed(y, memory._replace(stack=stack.row()))
 
-    def stack_move(self, before: Branch, after: Branch) -> tuple[Scalar, Scalar]:
-        """How a step has moved the reversals."""
-        return places_moved(Stack.of(before.stack), Stack.of(after.stack))
+    def turned_or_closed(self, before: Branch, after: Branch) -> Bool[Array, "..."]:
+        """Whether a step has turned or closed a branch."""
+        counts = (Stack.of(memory.stack).count for memory in (before, after))
+        return jnp.asarray((before.sense != after.sense) | (next(counts) != next(counts)))
 
     def _on_branch(self, memory: Branch, y: Scalar) -> tuple[Scalar, Scalar]:
         """Force at y on the present branch, and its slope less that of rest."""

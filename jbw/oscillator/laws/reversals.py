@@ -195,13 +195,3 @@ def forward(entries: Entries, places: Scalar) -> Entries:
         moved = (*entries[step:], *(0.0 * x for x in entries[:step]))
         entries = tuple(jnp.where(far, a, b) for a, b in zip(moved, entries, strict=True))
     return entries
-
-
-def places_moved(before: Stack, after: Stack) -> tuple[Scalar, Scalar]:
-    """By how many places a step has moved the old entries to the front, and whether it gave up two.
-
-    Behind the first place, which may hold a new entry, y_i after is y_(i + places) before.
-    """
-    most = before.size - 0.5
-    full = (before.count > most) & (after.y[1] == before.y[0]) & (after.count < most)
-    return jnp.where(full, -1.0, before.count - after.count), jnp.where(full, 1.0, 0.0)
