@@ -35,7 +35,9 @@ from jbw.identification.residual_terms import terms_of, with_terms
 from jbw.identification.step import attrs
 from jbw.inference.compiled import forget_when_many
 from jbw.inference.fit.fitting import Fit
+from jbw.inference.fit.valley import about_valley
 from jbw.inference.lanes import at_points
+from jbw.inference.samplers.ladder import choose
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation, along_logarithms, never_zero
@@ -192,11 +194,19 @@ def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
 
 def posterior(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
     """Draws of a candidate's posterior with the log evidence, by so many points at most."""
-    found = sample(
-        key, dataset.log_likelihood, one.fitted.box, one.fitted.data, sampler="amis",
-        coordinates=place_of(one.fitted.fit, one), num_samples=NUM_SAMPLES, num_chains=4,
-        options={"most_rounds": MOST_ROUNDS}, attrs=attrs(one.laws),
+    best, prior, data = one.fitted.fit, one.fitted.box, one.fitted.data
+    name, place, looked_at = choose(
+        jax.random.fold_in(key, 2), dataset.log_likelihood, prior, data,
+        places={"straight": lambda: place_of(best, one)},
+        further={"valley": lambda: about_valley(dataset.stacked, prior, data, best)},
     )  # fmt: skip
+    found = sample(
+        key, dataset.log_likelihood, prior, data, sampler="amis", coordinates=place,
+        num_samples=NUM_SAMPLES, num_chains=4, options={"most_rounds": MOST_ROUNDS},
+        attrs=attrs(one.laws),
+    )  # fmt: skip
+    found.attrs["coordinates"] = name
+    found.attrs["num_evaluations"] += looked_at
     return with_derived(jax.random.fold_in(key, 1), found, one.fitted.data)
 
 

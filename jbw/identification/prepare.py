@@ -35,12 +35,14 @@ from jbw.identification.run_effects import (
 from jbw.identification.thresholds_crossed import fitted_displacement
 from jbw.inference.fit.costly_fit import TOLERANCE, costly_fit
 from jbw.inference.fit.fitting import Fit
+from jbw.inference.lanes import at_points
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.space.box import Box
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 
 MOST_SUBSTEPS = 64
+NEAR = 1e-3  # of a fit's standard deviations: where even a bent posterior is straight
 AMPLE = 0.5  # of what the verdict allows the solver: draws about a fit are not the posterior
 MOST_ROUNDS = 8  # of fits and weights in turns
 SETTLED = 0.1  # standard deviations: what a further round may move the fit by
@@ -166,12 +168,33 @@ def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Datase
     And with as much memory of loops within loops as the motion of the fit asks for.
     """
     data = dataset.remembering(best.theta, data)
-    white = np.asarray(jax.random.normal(key, (NUM_DRAWS, len(best.theta))))
-    draws = list(best.theta.values()) + white @ np.linalg.cholesky(best.covariance).T
-    theta = inside(dict(zip(best.theta, draws.T, strict=True)), prior)
+    if not data.stepped:
+        return data
+    theta, near = _about(key, data, prior, best)
     for _ in range(int(np.log2(MOST_SUBSTEPS)) - 1):
         change = solver_change(theta, data)
-        if change is None or np.std(change) < AMPLE * SHIFT:
+        if change is None or np.std(change) < near * AMPLE * SHIFT:
             break
         data = dataset.halved(data) or data
     return data
+
+
+def _about(
+    key: Key[Array, ""], data: Dataset, prior: Box, best: Fit
+) -> tuple[dict[str, np.ndarray], float]:
+    r"""Draws by a fit's covariance, and by what factor they are nearer than these.
+
+    Where the posterior bends they have left it: their log likelihood lies farther below the fit's
+    than twice the half that a Gaussian's does a parameter. Close to the fit all is straight.
+    """
+    white = np.asarray(jax.random.normal(key, (NUM_DRAWS, len(best.theta))))
+    apart = white @ np.linalg.cholesky(best.covariance).T
+    apart[0] = 0.0  # the fit itself
+
+    def drawn(near: float) -> dict[str, np.ndarray]:
+        columns = (list(best.theta.values()) + near * apart).T
+        return inside(dict(zip(best.theta, columns, strict=True)), prior)
+
+    values = at_points(dataset.log_likelihood, drawn(1.0), data).sum(axis=1)
+    near = 1.0 if values[0] - np.median(values) <= len(best.theta) else NEAR
+    return drawn(near), near

@@ -9,8 +9,10 @@ from scipy.stats import kstest, norm
 
 from jbw.inference.fit.fitting import fit
 from jbw.inference.posterior.summary import summarise
+from jbw.inference.samplers import amis
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import box
+from jbw.inference.space.problem import problem_of
 from jbw.inference.space.ridge import along_ridge, walls
 
 PRIOR = box({"a": (1.0, 20.0), "b": (1.0, 30.0), "c": (-1.0, 1.0)})
@@ -62,6 +64,21 @@ def test_the_ridge_of_a_product_mixes_and_has_its_moments(best, seed):
     assert rows["a"]["sd"] == pytest.approx(np.sqrt(square - mean**2), rel=0.1)
     product = np.log(tree["posterior"]["a"] * tree["posterior"]["b"])
     assert float(product.std()) == pytest.approx(STD, rel=0.1)
+
+
+def test_a_factor_that_may_be_zero_by_its_prior_alone_follows_the_product_too():
+    # b = 0 is out of the question by the data: along the logarithms the ridge is straight.
+    prior = box({"a": (1.0, 20.0), "b": (-3.0, 30.0), "c": (-1.0, 1.0)})
+
+    def residual(theta, data):
+        product = (theta["a"] * theta["b"] / data - 1.0) / 1e-3
+        return jnp.stack([product, theta["c"] / STD])
+
+    best = fit(residual, prior, 60.0, starts=8, key=jax.random.key(0))
+    place = along_ridge(best.theta, best.covariance, prior)
+    problem = problem_of(lambda theta, data: -0.5 * residual(theta, data) ** 2, prior, 60.0, place)
+    # A uniform r from a Gaussian: half of the points. By b itself the hyperbola leaves 5 of 512.
+    assert amis.look(jax.random.key(0), problem, 512) > 128
 
 
 @pytest.mark.parametrize("seed", SEEDS)

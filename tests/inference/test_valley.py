@@ -14,6 +14,7 @@ from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.valley import about_valley
 from jbw.inference.posterior.summary import summarise
 from jbw.inference.samplers import amis
+from jbw.inference.samplers.ladder import LOOKED_AT, choose
 from jbw.inference.space.box import box
 from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import in_box
@@ -70,6 +71,29 @@ def test_points_about_the_floor_are_worth_more_than_about_the_fit(fit):
         # About the fit they know one bend of the valley, and no more.
         box_, valley = (amis.look(jax.random.key(seed), one, 512) for one in problems)
         assert valley > 150 > 100 > box_
+
+
+def test_the_valley_is_looked_at_where_few_points_count(fit):
+    # By weights alone a part of a valley may look like all of it.
+    places = {"box": lambda: straight(fit)}
+    name, _, looked_at = choose(
+        jax.random.key(0), winding, BOX, MIDDLE, places, {"valley": lambda: curved(fit)}
+    )
+    assert (name, looked_at) == ("valley", 2 * LOOKED_AT)
+
+
+def test_a_straight_posterior_costs_no_walk_along_its_floor():
+    def normal(theta, data):
+        return -0.5 * jnp.stack([theta[name] / data for name in ("b", "c")]) ** 2
+
+    def never():
+        raise AssertionError("the valley was made")
+
+    about = in_box(BOX, {"a": 30.0, "b": 0.0, "c": 0.0}, np.diag([200.0, 1e-4, 1e-4]), 4)
+    name, _, looked_at = choose(
+        jax.random.key(0), normal, BOX, 0.01, {"box": lambda: about}, {"valley": never}
+    )
+    assert (name, looked_at) == ("box", LOOKED_AT)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

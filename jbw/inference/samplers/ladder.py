@@ -28,6 +28,8 @@ Places = Mapping[str, Callable[[], Reparametrisation]]
 Further = Mapping[str, Callable[[], Reparametrisation | None]]  # None where there are none
 
 LOOKED_AT = 256  # points that coordinates are chosen by
+# Parts of these: worth so much, no others are looked at; not worth so much, those that cost are.
+PLENTY, FEW = 1 / 2, 1 / 4
 TRIAL = 12  # rounds after which weights worth less than the draws asked for are given up
 ROUNDS = 3  # times that slices are drawn again, where their chains disagree
 WORTH = 20.0  # effective points a dimension, from which their moments are worth going on from
@@ -58,7 +60,7 @@ def climb(
         box: Prior bounds.
         data: What the likelihood takes.
         places: Coordinates to choose from, each about a fit, by name; made when looked at.
-        further: Those that cost evaluations to make, tried where none of the others do.
+        further: Those that cost evaluations to make, looked at or tried where the others do not do.
         is_costly: Whether an evaluation steps through time.
         num_chains: Chains, and groups of weighed points.
         num_samples: Draws kept of each; the sampler's own when None.
@@ -71,10 +73,11 @@ def climb(
     Returns:
         The tree of `sample`; its attributes name the `coordinates`, and count all evaluations.
     """
-    name, place, evaluations = _chosen(key, log_likelihood, box, data, places)
+    further = further or {}
+    name, place, evaluations = choose(key, log_likelihood, box, data, places, further)
     budget, spent = np.inf if enough is None else budget_s, 0.0
     shared = {"num_chains": num_chains, "attrs": attrs}
-    rungs: Further = {name: places[name], **(further or {})}
+    rungs: Further = {name: lambda: place, **{n: make for n, make in further.items() if n != name}}
     tried: list[tuple[xr.DataTree, Reparametrisation]] = []
     for other, make in rungs.items():
         is_last = len(tried) == len(rungs) - 1
@@ -124,20 +127,29 @@ def is_good(tree: xr.DataTree, enough: Enough | None) -> bool:
     return enough is None or enough(scalars(tree))
 
 
-def _chosen(
-    key: Key[Array, ""], log_likelihood: LogLikelihood, box: Box, data: Any, places: Places
+def choose(
+    key: Key[Array, ""],
+    log_likelihood: LogLikelihood,
+    box: Box,
+    data: Any,
+    places: Places,
+    further: Further | None = None,
 ) -> tuple[str, Reparametrisation, int]:
     """The coordinates in which points about the fit are worth most, and how many were looked at.
 
-    Where half of the points are worth a draw, no others are looked at.
+    Where a plenty of the points count, no others are looked at; where few do in any of the places,
+    those that cost evaluations are too: about a bent valley weights may look good that know only
+    a part of it.
     """
     worth: dict[str, float] = {}
     made: dict[str, Reparametrisation] = {}
-    for i, (name, make) in enumerate(places.items()):
-        made[name] = make()
-        problem = problem_of(log_likelihood, box, data, made[name])
-        worth[name] = amis.look(jax.random.fold_in(key, i), problem, LOOKED_AT)
-        if worth[name] > LOOKED_AT / 2:
+    for i, (name, make) in enumerate((*places.items(), *(further or {}).items())):
+        best = max(worth.values(), default=0.0)
+        if best > PLENTY * LOOKED_AT or (name not in places and best > FEW * LOOKED_AT):
             break
+        if (place := make()) is not None:
+            problem = problem_of(log_likelihood, box, data, place)
+            made[name] = place
+            worth[name] = amis.look(jax.random.fold_in(key, i), problem, LOOKED_AT)
     best = max(worth, key=lambda name: worth[name])
     return best, made[best], LOOKED_AT * len(worth)

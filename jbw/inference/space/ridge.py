@@ -23,7 +23,13 @@ from numpy.typing import NDArray
 
 from jbw.inference.space.box import Box
 from jbw.inference.space.coordinates import Composed, Coordinate, Vector
-from jbw.inference.space.reparametrisation import Covariance, Reparametrisation, in_logarithms
+from jbw.inference.space.reparametrisation import (
+    WIDER,
+    Covariance,
+    Reparametrisation,
+    in_logarithms,
+    never_zero,
+)
 
 PART = 0.3  # a parameter is of the ridge from this share of its largest component on
 NARROW = 1e-9  # component of the direction below which a wall is parallel to it
@@ -91,26 +97,35 @@ def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, "
 
 def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) -> Reparametrisation:
     """The coordinates about the optimum of a fit; its least known direction is the ridge."""
-    positive = tuple(n for n, low in zip(box.names, box.lower, strict=True) if low > 0)
-    about = in_logarithms(theta, covariance, box, positive)
-    ridge = _ridge_of(about)
+    logarithms = never_zero(theta, covariance, box)
+    about = in_logarithms(theta, covariance, box, logarithms)
+    ridge = _ridge_of(about, np.isin(box.names, logarithms))
     # The corners of the box as seen across the ridge: beyond them no line meets the box.
     corners = np.array(list(product((0.0, 1.0), repeat=len(ridge.members))))
     ends = (corners - np.asarray(ridge.origin)) @ np.asarray(ridge.across)
     others = np.array(ridge.others, dtype=int)
+    # Their logarithms as `along_logarithms` bounds them.
+    reach = np.isin(box.names, logarithms)[others] * WIDER * (about.upper - about.lower)[others]
     return Reparametrisation(
         Composed((ridge, about.outer)),
-        jnp.concatenate([about.lower[others], jnp.asarray(ends.min(axis=0)), jnp.zeros(1)]),
-        jnp.concatenate([about.upper[others], jnp.asarray(ends.max(axis=0)), jnp.ones(1)]),
+        jnp.concatenate([about.lower[others] - reach, jnp.asarray(ends.min(axis=0)), jnp.zeros(1)]),
+        jnp.concatenate([about.upper[others] + reach, jnp.asarray(ends.max(axis=0)), jnp.ones(1)]),
         *_laplace_along(about, ridge),
     )
 
 
-def _ridge_of(about: Reparametrisation) -> Ridge:
-    """The ridge along the weakest direction, in units of the box."""
+def _ridge_of(about: Reparametrisation, is_logarithm: NDArray[np.bool_]) -> Ridge:
+    """The ridge along the weakest direction, in units of the box.
+
+    Its members are those with a part in the weakest direction in which logarithms count as they
+    are: a lower bound far down, of what may be zero by the prior alone, makes none of them small.
+    """
     lower, width = np.asarray(about.lower), np.asarray(about.upper - about.lower)
-    unit = np.asarray(about.covariance) / np.outer(width, width)
-    weakest = np.abs(np.linalg.eigh(unit)[1][:, -1])
+    covariance = np.asarray(about.covariance)
+    unit, own = (
+        covariance / np.outer(by, by) for by in (width, np.where(is_logarithm, 1.0, width))
+    )
+    weakest = np.abs(np.linalg.eigh(own)[1][:, -1])
     is_member = weakest > PART * weakest.max()
     members, others = np.flatnonzero(is_member), np.flatnonzero(~is_member)
     directions = np.linalg.eigh(unit[np.ix_(members, members)])[1]
@@ -144,6 +159,7 @@ def _laplace_along(
     turn[np.ix_(range(len(others), size), members)] = directions
     turn[-1] /= length
     covariance = turn @ np.asarray(about.covariance) @ turn.T
-    shrink = np.ones(size)
-    shrink[-1] = min(1.0, 1 / np.sqrt(12 * covariance[-1, -1]))
-    return np.array(start), covariance * np.outer(shrink, shrink)
+    # No more than a uniform r's; the others follow r as they did.
+    with_r, excess = covariance[:, -1], max(covariance[-1, -1] - 1 / 12, 0.0)
+    known = covariance - excess * np.outer(with_r, with_r) / covariance[-1, -1] ** 2
+    return np.array(start), known
