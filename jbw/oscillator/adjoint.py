@@ -95,33 +95,48 @@ def _solve_jvp(substeps, primals, tangents):
     stepping, initial = primals
     trajectory = _states(substeps, 1, stepping, initial)
     stacks = any(law.stacks for law in stepping.step.laws)
-    along = adjoint_stack.tangent if stacks else _tangent
+    along = adjoint_stack.tangent if stacks else partial(in_chunks, _linearised, _recurrence)
     stepping_dot, initial_dot = tangents
     found = along(stepping, trajectory, stepping_dot, initial_dot)
     sampled = jax.tree.map(lambda x: x[::substeps], (trajectory, found))
     return _unpacked(stepping, sampled[0]), _unpacked(stepping, sampled[1])
 
 
-def _tangent(
-    stepping: Stepping, trajectory: Trajectory, stepping_dot: Stepping, initial_dot: State
-) -> Trajectory:
-    """Tangent of the trajectory: chunks of steps one after another."""
-    num_steps = trajectory[0].shape[0] - 1
+def in_chunks(
+    linearised: Callable[..., Any],
+    recurrence: Callable[..., Any],
+    stepping: Any,
+    trajectory: Any,
+    stepping_dot: Any,
+    initial_dot: Any,
+) -> Any:
+    """Tangent of a trajectory: chunks of steps one after another.
+
+    Args:
+        linearised: The derivative of a step at its constants, start and push, and the tangents of
+            constants and push.
+        recurrence: The scan of tangents of states over it.
+        stepping: Constants `step` and pushes `push` of all steps.
+        trajectory: States before and after them.
+        stepping_dot: Tangents of the stepping.
+        initial_dot: That of the first state.
+    """
+    num_steps = jax.tree.leaves(stepping.push)[0].shape[0]
     size = min(_CHUNK, num_steps)
 
     def chunks(x):
         return jnp.pad(x, (0, -num_steps % size)).reshape(-1, size)
 
     starts = jax.tree.map(lambda x: chunks(x[:-1]), trajectory)
-    push, push_dot = (tuple(chunks(p) for p in s.push) for s in (stepping, stepping_dot))
+    push, push_dot = (jax.tree.map(chunks, s.push) for s in (stepping, stepping_dot))
     # One copy a lane: transposed, the lanes are summed once and not in every chunk.
     step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), stepping_dot.step)
 
     @jax.checkpoint
     def chunk(x_dot, inputs):
         starts, push, push_dot = inputs
-        linearised = jax.vmap(partial(_linearised, stepping.step))
-        return jax.lax.scan(_recurrence, x_dot, linearised(starts, push, step_dot, push_dot))
+        parts = jax.vmap(partial(linearised, stepping.step))(starts, push, step_dot, push_dot)
+        return jax.lax.scan(recurrence, x_dot, parts)
 
     _, ys = jax.lax.scan(chunk, initial_dot, (starts, push, push_dot))
 

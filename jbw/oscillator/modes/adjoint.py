@@ -11,6 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jbw.oscillator.adjoint import in_chunks
 from jbw.oscillator.modes.step import (
     Given,
     ModalState,
@@ -26,8 +27,6 @@ from jbw.oscillator.modes.step import (
 
 # A `ModalState` with time as the axis of every leaf.
 Trajectory = Any
-# Steps that are differentiated at once, as for one mode.
-_CHUNK = 128
 
 
 def modal_solve(stepping: ModalStepping, initial: ModalState) -> Trajectory:
@@ -69,34 +68,8 @@ def _joined(first: Any, following: Any) -> Any:
 def _solve_jvp(primals, tangents):
     stepping, initial = primals
     trajectory = _solve(stepping, initial)
-    return trajectory, _tangent(stepping, trajectory, *tangents)
-
-
-def _tangent(stepping, trajectory, stepping_dot, initial_dot) -> Trajectory:
-    """Tangent of the trajectory: chunks of steps one after another."""
-    num_steps = stepping.push[2].shape[0]
-    size = min(_CHUNK, num_steps)
-
-    def chunks(x):
-        return jnp.pad(x, (0, -num_steps % size)).reshape(-1, size)
-
-    starts = jax.tree.map(lambda x: chunks(x[:-1]), trajectory)
-    push, push_dot = (jax.tree.map(chunks, s.push) for s in (stepping, stepping_dot))
-    # One copy a lane: transposed, the lanes are summed once and not in every chunk.
-    step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), stepping_dot.step)
-
-    @jax.checkpoint
-    def chunk(x_dot, inputs):
-        starts, push, push_dot = inputs
-        parts = jax.vmap(partial(_linearised, stepping.step))(starts, push, step_dot, push_dot)
-        return jax.lax.scan(partial(_recurrence, stepping.step), x_dot, parts)
-
-    _, ys = jax.lax.scan(chunk, initial_dot, (starts, push, push_dot))
-
-    def joined(first, following):
-        return jnp.concatenate([jnp.asarray(first)[None], following.reshape(-1)[:num_steps]])
-
-    return jax.tree.map(joined, initial_dot, ys)
+    recurrence = partial(_recurrence, stepping.step)
+    return trajectory, in_chunks(_linearised, recurrence, stepping, trajectory, *tangents)
 
 
 def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, Any, Any, Any]:
