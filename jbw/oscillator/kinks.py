@@ -200,3 +200,21 @@ def slope_jump_impulse(
     v = impulse.v - jump_1 * (0.5 * x * (x - 1.0) + 1.0 / 12.0)
     y = impulse.y - jump_1 * (x * (x**2 / 6.0 - 0.15) + 1.0 / 30.0)
     return v, y
+
+
+def cusp_impulse(start: tuple[Scalar, ...], end: tuple[Scalar, ...]) -> tuple[Scalar, Scalar]:
+    r"""Impulses of a remainder whose rate breaks in a power, from that rate's integrals F_k.
+
+    r' = F_0 and its first three integrals from where it breaks, at both ends of the step, all over
+    steps of length one; on v over h and on y over h^2 [m/s^2]:
+
+    $$\int_0^1 (r - H)\,ds = [F_2] - \tfrac12 (F_1 + F_1') + \tfrac1{12} [F_0]$$
+    $$\int_0^1 (1 - s)(r - H)\,ds = [F_3] - F_2 - \tfrac7{20} F_1 - \tfrac3{20} F_1'
+      - \tfrac1{20} F_0 + \tfrac1{30} F_0'$$
+
+    with primes at the end and brackets for the change; the response is minus these.
+    """
+    (a_0, a_1, a_2, a_3), (b_0, b_1, b_2, b_3) = start, end
+    v = (a_2 - b_2) + 0.5 * (a_1 + b_1) + (a_0 - b_0) / 12.0
+    y = (a_3 - b_3) + a_2 + 0.35 * a_1 + 0.15 * b_1 + 0.05 * a_0 - b_0 / 30.0
+    return v, y

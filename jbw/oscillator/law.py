@@ -183,10 +183,7 @@ class Law(eqx.Module):
     def turn(
         self, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        r"""Memory after a step that may turn, and what the kink there gives to the motion.
-
-        At a turning point the slope of the force jumps, so the second derivative of r does by
-        $J_2 = (F'_+ - F'_-)\,\ddot y$.
+        """Memory after a step that may turn, and what the kink there gives to the motion.
 
         Args:
             y: Displacement at the start [m].
@@ -202,6 +199,10 @@ class Law(eqx.Module):
     def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch) -> Memory:
         """Memory after the corrector's small change of y, on the branch at the end."""
         return self.move(y, memory, dy)
+
+    def missed(self, h: Scalar, start: Any, end: Any) -> tuple[Scalar, Scalar] | None:
+        """Impulses, as those of `turn`, of a rate with a cusp between v and memory at both ends."""
+        return None
 
     @property
     def stacks(self) -> bool:

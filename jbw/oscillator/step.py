@@ -110,6 +110,10 @@ def advance(step: ExactStep, state: State, push: Push, *, kinks: Kinks) -> State
                 lambda: unkinked,
             )
         )
+    for law, own, end in zip(laws, state[2], memory_1, strict=True):
+        if (cusp := law.missed(step.dt, (state[1], own), (v_1, end))) is not None:
+            impulse_v = impulse_v + step.dt * cusp[0]
+            impulse_y = impulse_y + step.dt**2 * cusp[1]
     dv = 0.0
     # A damper's force follows v, whose prediction is an order worse than that of y: once more.
     for _ in range(1 + any(isinstance(law, Damper) for law in laws)):

@@ -3,9 +3,9 @@ r"""Bouc-Wen's law with its exponent free, by the stretch w = Z / alpha of the j
 $$\frac{dw}{dy} = 1 - c\,|w / \mathrm{1\,mm}|^\nu, \qquad
   c = d + g\,\mathrm{sgn}(\dot y)\,\mathrm{sgn}(w)$$
 
-With exponents other than 1 the law has no closed map. One step takes the mean of c |w|^nu along the
-stretch, of which the integral is known on both sides of w = 0, so that neither the zero nor its
-broken power is a kink to it.
+With exponents other than 1 the law has no closed map. One step takes means of powers of c |w|^nu
+along the stretch, whose integrals are known on both sides of w = 0. So neither the zero nor its
+broken power is a kink to it; what the time step's cubics miss of that power is known too.
 
 Reference:
     Wen (1976); Ismail, Ikhouane and Rodellar (2009), Archives of Computational Methods in
@@ -20,7 +20,7 @@ from jax.scipy.special import gammaln
 from jaxtyping import Array, Bool, Complex, Float
 
 import jbw.oscillator.laws.stretch_path as stretch_path
-from jbw.oscillator.kinks import Ends, StepPath, kink_impulse, signed
+from jbw.oscillator.kinks import Ends, StepPath, cusp_impulse, kink_impulse, signed
 from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales
 from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
 from jbw.oscillator.laws.conversions import bouc_wen
@@ -30,7 +30,9 @@ from jbw.oscillator.steady.waveform import synthesis
 from jbw.quantities import Quantity
 
 NU = (0.1, 3.0)
-_ROUNDS = 3  # of the mean's fixed point
+_ROUNDS = 2  # of Newton's steps to the end of a short move
+_NEAR = 0.03  # of the stretch, what a step adds to it: there its power is no straight line
+_TINY = 1e-9  # of the slope, where all of it is lost
 _PARTS = 8  # of a move along a record
 _PERIODS = 4  # Newton's steps to the steady stretch
 
@@ -168,21 +170,34 @@ class BoucWenNu(Law):
         """Part of the slope that is lost, c |w|^nu."""
         return self._factor(v, w) * power(jnp.abs(w) / REFERENCE, self.nu)
 
-    def _stretched(self, w: Scalar, dy: Scalar) -> Scalar:
-        r"""The stretch after a short monotone move, with the mean of $f = c|w|^\nu$ along it.
+    def _powers(self, v: Scalar, w: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+        """Part f of the slope that is lost, and the integrals of f and f^2 from 0 to w."""
+        lost = self._lost(v, w)
+        return lost, lost * w / (self.nu + 1.0), lost**2 * w / (2.0 * self.nu + 1.0)
 
-        $$\bar f = \frac{G(w_1) - G(w)}{w_1 - w} + \frac{\Delta y\,(f_1 - f)^2}{12 (w_1 - w)},
-          \qquad G = \frac{c\,w|w|^\nu}{\nu + 1}$$
+    def _stretched(self, w: Scalar, dy: Scalar) -> Scalar:
+        r"""The stretch after a short monotone move, by the mean m and variance of $f = c|w|^\nu$.
+
+        $$w_1 = w + \frac{\Delta y}{\langle 1/(1 - f)\rangle}, \qquad
+          \Bigl\langle\frac{1}{1 - f}\Bigr\rangle = \frac{1}{1 - m}
+          \Bigl(1 + \frac{\mu}{(1 - m)^2} + \dots\Bigr)$$
+
+        over the stretch, by Newton's steps. Away from w = 0, where f is close to a straight line,
+        $\mu = (f_1 - f)^2 / 12$, of which rounding is small.
         """
-        lost = self._lost(dy, w)
-        integral = lost * w / (self.nu + 1.0)
+        lost, mean, square = self._powers(dy, w)
         end = w + dy * (1.0 - lost)
         for _ in range(_ROUNDS):
-            lost_1, rise = self._lost(dy, end), end - w
-            moves = jnp.abs(rise) > 1e-12 * (jnp.abs(w) + jnp.abs(end))
-            rise = jnp.where(moves, rise, 1.0)
-            change = lost_1 * end / (self.nu + 1.0) - integral + dy * (lost_1 - lost) ** 2 / 12.0
-            end = w + dy * (1.0 - jnp.where(moves, change / rise, lost))
+            lost_1, mean_1, square_1 = self._powers(dy, end)
+            size, rise = jnp.abs(w) + jnp.abs(end), end - w
+            moves, near = jnp.abs(rise) > 1e-12 * size, jnp.abs(rise) > _NEAR * size
+            over = 1.0 / jnp.where(moves, rise, 1.0)
+            m = jnp.where(moves, (mean_1 - mean) * over, lost)
+            spread = jnp.where(near, (square_1 - square) * over - m**2, (lost_1 - lost) ** 2 / 12.0)
+            rest = jnp.where(m == 1.0, _TINY, 1.0 - m)
+            found = w + dy * rest / (1.0 + spread / rest**2)
+            # What f at the end does to m is most of the slope.
+            end = end + (found - end) / (1.0 + jnp.maximum((lost_1 - m) / rest, -0.5))
         return end
 
     # -- through a time step -----------------------------------------------------------------------
@@ -222,6 +237,27 @@ class BoucWenNu(Law):
     def shift(self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar) -> Scalar:
         """The stretch along its tangent."""
         return memory + (1.0 - self._lost(branch, memory)) * dy
+
+    def missed(
+        self, h: Scalar, start: tuple[Scalar, Scalar], end: tuple[Scalar, Scalar]
+    ) -> tuple[Scalar, Scalar]:
+        r"""Of $r' = -\alpha h v f$ along a stretch that is straight in time, near w = 0 alone.
+
+        Far from there it vanishes, and would be rounding.
+        """
+        (v, w), (v_1, w_1) = start, end
+        rise = w_1 - w
+        near = (jnp.abs(rise) > _NEAR * (jnp.abs(w) + jnp.abs(w_1))) & (v * v_1 > 0.0)
+        over = 1.0 / jnp.where(near, rise, 1.0)
+        rate = jnp.where(near, -0.5 * self.nu_stiffness * h * (v + v_1), 0.0)
+
+        def integrals(w: Scalar) -> tuple[Scalar, ...]:
+            found = [rate * self._lost(v, w)]
+            for k in (1, 2, 3):
+                found.append(found[-1] * (w * over) / (self.nu + k))
+            return tuple(found)
+
+        return cusp_impulse(integrals(w), integrals(w_1))
 
     # -- along a periodic motion -------------------------------------------------------------------
     def at_tip(self, y_peak: Scalar) -> Scalar:

@@ -227,6 +227,10 @@ def kernel(
         else:
             x_1, v_1, r, rate = kept((x_1, v_1, r, rate))
             kinks = kept(_through_kinks(joint, (seen, memory, branches, r), x_1, v_1))
+    for law, own, end in zip(laws, memory, kinks.memory, strict=True):
+        if (cusp := law.missed(joint.dt, (v, own), (kinks.v, end))) is not None:
+            kick_v, kick_y = kinks.kick_v + joint.dt * cusp[0], kinks.kick_y + joint.dt**2 * cusp[1]
+            kinks = kinks._replace(kick_v=kick_v, kick_y=kick_y)
     r_1, rate_1 = _remainder(joint, kinks.x, kinks.v, kinks.memory, kinks.branches)
     change = r_1 - r
     if not branch:
