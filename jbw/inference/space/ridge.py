@@ -99,13 +99,15 @@ def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) ->
     """The coordinates about the optimum of a fit; its least known direction is the ridge."""
     logarithms = never_zero(theta, covariance, box)
     about = in_logarithms(theta, covariance, box, logarithms)
-    ridge = _ridge_of(about, np.isin(box.names, logarithms))
+    # Logarithms down to a floor where the prior has none: far, and of no account.
+    floored = np.isin(box.names, logarithms) & ~(np.asarray(box.lower) > 0)
+    ridge = _ridge_of(about, floored)
     # The corners of the box as seen across the ridge: beyond them no line meets the box.
     corners = np.array(list(product((0.0, 1.0), repeat=len(ridge.members))))
     ends = (corners - np.asarray(ridge.origin)) @ np.asarray(ridge.across)
     others = np.array(ridge.others, dtype=int)
     # Their logarithms as `along_logarithms` bounds them.
-    reach = np.isin(box.names, logarithms)[others] * WIDER * (about.upper - about.lower)[others]
+    reach = floored[others] * WIDER * (about.upper - about.lower)[others]
     return Reparametrisation(
         Composed((ridge, about.outer)),
         jnp.concatenate([about.lower[others] - reach, jnp.asarray(ends.min(axis=0)), jnp.zeros(1)]),
@@ -114,17 +116,15 @@ def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) ->
     )
 
 
-def _ridge_of(about: Reparametrisation, is_logarithm: NDArray[np.bool_]) -> Ridge:
+def _ridge_of(about: Reparametrisation, floored: NDArray[np.bool_]) -> Ridge:
     """The ridge along the weakest direction, in units of the box.
 
-    Its members are those with a part in the weakest direction in which logarithms count as they
-    are: a lower bound far down, of what may be zero by the prior alone, makes none of them small.
+    Its members have a part in that direction, in which logarithms down to a floor count as they
+    are: that this lies far down makes none of them small.
     """
     lower, width = np.asarray(about.lower), np.asarray(about.upper - about.lower)
     covariance = np.asarray(about.covariance)
-    unit, own = (
-        covariance / np.outer(by, by) for by in (width, np.where(is_logarithm, 1.0, width))
-    )
+    unit, own = (covariance / np.outer(by, by) for by in (width, np.where(floored, 1.0, width)))
     weakest = np.abs(np.linalg.eigh(own)[1][:, -1])
     is_member = weakest > PART * weakest.max()
     members, others = np.flatnonzero(is_member), np.flatnonzero(~is_member)
