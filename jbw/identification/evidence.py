@@ -207,7 +207,7 @@ def posterior(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
     )  # fmt: skip
     found.attrs["coordinates"] = name
     found.attrs["num_evaluations"] += looked_at
-    return with_derived(jax.random.fold_in(key, 1), found, one.fitted.data)
+    return with_derived(jax.random.fold_in(key, 1), found, data)
 
 
 def likelihood_at(best: Fit, data: Dataset) -> float:

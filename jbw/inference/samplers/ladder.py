@@ -144,8 +144,8 @@ def choose(
     worth: dict[str, float] = {}
     made: dict[str, Reparametrisation] = {}
     for i, (name, make) in enumerate((*places.items(), *(further or {}).items())):
-        best = max(worth.values(), default=0.0)
-        if best > PLENTY * LOOKED_AT or (name not in places and best > FEW * LOOKED_AT):
+        enough = PLENTY if name in places else FEW
+        if max(worth.values(), default=0.0) > enough * LOOKED_AT:
             break
         if (place := make()) is not None:
             problem = problem_of(log_likelihood, box, data, place)

@@ -100,7 +100,7 @@ def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) ->
     logarithms = never_zero(theta, covariance, box)
     about = in_logarithms(theta, covariance, box, logarithms)
     # Logarithms down to a floor where the prior has none: far, and of no account.
-    floored = np.isin(box.names, logarithms) & ~(np.asarray(box.lower) > 0)
+    floored = np.isin(box.names, logarithms) & (np.asarray(box.lower) <= 0)
     ridge = _ridge_of(about, floored)
     # The corners of the box as seen across the ridge: beyond them no line meets the box.
     corners = np.array(list(product((0.0, 1.0), repeat=len(ridge.members))))
