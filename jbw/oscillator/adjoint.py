@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jbw.errors import ModelError
 from jbw.oscillator import adjoint_stack
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.solver import HysteresisExact, Stepping
@@ -94,6 +95,12 @@ def _unused_field(tau, state, stepping):
 def _solve_jvp(substeps, primals, tangents):
     stepping, initial = primals
     trajectory = _states(substeps, 1, stepping, initial)
+    if any(jnp.ndim(x) > 1 for x in jax.tree.leaves(trajectory)):
+        raise ModelError(
+            "A law whose memory is an array, as that of `iwan5`, has no derivatives in time.",
+            why="Its elements drop one by one, and each drop's time moves with the parameters.",
+            remedy="Take differences, or a law without drops such as `iwan4`.",
+        )
     stacks = any(law.stacks for law in stepping.step.laws)
     along = adjoint_stack.tangent if stacks else partial(in_chunks, _linearised, _recurrence)
     stepping_dot, initial_dot = tangents

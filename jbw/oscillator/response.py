@@ -200,7 +200,10 @@ def _simulate_batch(
 ) -> Response:
     """Response over the common batch shape of the joint, the input and the initial state."""
     lead = () if callable(u) else u.shape[:-1]
-    shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves((joint, initial))]
+    starts, tree = jax.tree.flatten(initial)
+    own = [jnp.shape(leaf) for leaf in jax.tree.leaves((0.0, 0.0, joint.at_rest()))]
+    shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(joint)]
+    shapes += [x.shape[: x.ndim - len(rest)] for x, rest in zip(starts, own, strict=True)]
     batch = jnp.broadcast_shapes(*shapes, lead)
     if not batch:
         return _simulate(options, joint, u, fs, initial)
@@ -214,7 +217,9 @@ def _simulate_batch(
     def one(joint, initial, own):
         return _simulate(options, joint, own if lead else u, fs, initial)
 
-    joint, initial = jax.tree.map(lanes, (joint, initial))
+    joint = jax.tree.map(lanes, joint)
+    starts = [lanes(x, *rest) for x, rest in zip(starts, own, strict=True)]
+    initial = jax.tree.unflatten(tree, starts)
     response = jax.vmap(one)(joint, initial, u if lead else joint.omega_n)
     unflat = jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), response)
     return eqx.tree_at(lambda r: r.t, unflat, response.t[0])

@@ -1,6 +1,7 @@
 """Iwan's array whose sliders slide at less than they stick: golden paths and loops, and Iwan-4."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -17,7 +18,11 @@ GOLDEN = json.loads((Path(__file__).parents[1] / "golden_laws.json").read_text()
 ROW, ABOUT = GOLDEN["iwan5_static_kinetic"], GOLDEN["conventions"]
 STICKING = Iwan4.of_segalman(ROW["KT"], ROW["FS_static"], ROW["chi"], ROW["beta"])
 COUNT = 8000
-OMEGA_N, ZETA = ABOUT["omega_n"], ABOUT["zeta"]
+FS, OMEGA_N, ZETA = ABOUT["fs"], ABOUT["omega_n"], ABOUT["zeta"]
+TIME = np.arange(ABOUT["N"]) / FS
+INPUT = 12.0 * np.sin(2 * np.pi * 1.9 * TIME) * (
+    np.sin(2 * np.pi * 17 * TIME) + 0.6 * np.sin(2 * np.pi * 41 * TIME + 0.7)
+)  # fmt: skip
 
 
 def law_of(theta=ROW["theta"], count=COUNT):
@@ -84,7 +89,7 @@ def test_a_loop_within_a_loop_is_not_forgotten(theta, forgets):
         assert float(behind) > 1.01 * float(straight)
 
 
-def test_it_has_a_backbone_and_is_not_stepped():
+def test_it_has_the_backbone_of_iwan_4_at_equal_friction():
     amplitude = jnp.array([0.0, 1e-4, 1e-3, 5e-3])
     same, other = (
         jbw.backbone(jbw.Oscillator(OMEGA_N, ZETA, (law,)), amplitude)
@@ -92,6 +97,81 @@ def test_it_has_a_backbone_and_is_not_stepped():
     )
     np.testing.assert_allclose(same.omega, other.omega, rtol=1e-6)
     np.testing.assert_allclose(same.zeta, other.zeta, rtol=1e-4)
-    joint = jbw.Oscillator(OMEGA_N, ZETA, (law_of(),))
-    with pytest.raises(ModelError, match="not stepped in time"):
-        jbw.simulate(joint, np.zeros(8), 1024.0)
+
+
+# Twice to three times what was found; sliders of one stack say 1e-5, 2e-6 of y.
+@pytest.mark.parametrize(("substeps", "most"), [(1, 8e-5), (4, 6e-6)])
+def test_at_equal_friction_it_moves_as_the_golden_iwan_4(substeps, most):
+    row = GOLDEN["iwan4_a"]
+    sticking = Iwan4.of_segalman(row["KT"], row["FS"], row["chi"], row["beta"])
+    law = Iwan5(**sticking.parameters(), iwan_theta=1.0, count=1000)
+    found = jbw.simulate(jbw.Oscillator(OMEGA_N, ZETA, (law,)), INPUT, FS, substeps=substeps)
+    for name, motion in (("y", found.y), ("v", found.v), ("F", found.z)):
+        golden = np.array(row["transient"][name])
+        error = np.max(np.abs(np.asarray(motion)[ABOUT["indices"]] - golden))
+        assert error < most * np.max(np.abs(golden)), name
+
+
+def leapfrog(law, u, parts=32):
+    """Motion by half a move, the force, and half a move, so many times a sample; from rest."""
+    stiffness, limit = (np.asarray(x) for x in law.array())
+    beside, damping = OMEGA_N**2 - ROW["KT"], 2 * ZETA * OMEGA_N
+    h = 1.0 / (FS * parts)
+    stretch, direction = np.zeros_like(limit), np.zeros_like(limit)
+    y = v = 0.0
+    motion = [0.0]
+    held = (
+        np.linspace(u[:-1], u[1:], parts, endpoint=False, axis=1) + np.diff(u)[:, None] / parts / 2
+    )
+    for now in held:
+        for force in now:
+            for half in (0, 1):
+                dy = 0.5 * h * v
+                way = np.sign(dy)
+                stretched = stretch + dy
+                slides = (way != 0) & ((direction == way) | (way * stretched >= limit))
+                stretch = np.where(slides, way * law.iwan_theta * limit, stretched)
+                direction = np.where(slides, way, 0.0 if way else direction)
+                y += dy
+                if not half:
+                    pull = force - beside * y - stiffness @ stretch
+                    v = ((1 - damping * h / 2) * v + h * pull) / (1 + damping * h / 2)
+        motion.append(y)
+    return np.array(motion)
+
+
+def test_it_moves_as_by_a_leapfrog():
+    law, u = law_of(count=300), INPUT[:256]
+    exact = leapfrog(law, u)
+    joint = jbw.Oscillator(OMEGA_N, ZETA, (law,))
+    for substeps, most in ((1, 1e-3), (8, 1e-4)):
+        found = jbw.simulate(joint, u, FS, substeps=substeps).y
+        assert np.max(np.abs(found - exact)) < most * np.max(np.abs(exact))
+
+
+def test_a_batch_is_its_members_and_goes_on_from_a_memory():
+    u = INPUT[:64]
+    one, other = (jbw.Oscillator(OMEGA_N, ZETA, (law_of(theta, 50),)) for theta in (0.8, 0.5))
+    both = jax.tree.map(lambda *x: jnp.array(x, float), one, other)
+    found = jbw.simulate(both, u, FS)
+    for lane, joint in zip(found.y, (one, other), strict=True):
+        np.testing.assert_allclose(lane, jbw.simulate(joint, u, FS).y, rtol=1e-12, atol=1e-18)
+    law = law_of(count=50)
+    memory = law.move(0.0, law.at_rest(), 1e-3)
+    start = jbw.simulate(one, u, FS, initial=(1e-3, 0.0, (memory,)))
+    # Of fifty sliders one is a hundredth.
+    assert float(start.z[0]) == pytest.approx(float(law.virgin(1e-3)), rel=1e-2)
+
+
+def test_doors_refuse_what_is_not_solved_for():
+    joint = jbw.Oscillator(OMEGA_N, ZETA, (law_of(count=50),))
+
+    def moved(zeta):
+        return jbw.simulate(replace(joint, zeta=zeta), INPUT[:16], FS).y[-1]
+
+    with pytest.raises(ModelError, match="no derivatives in time"):
+        jax.grad(moved)(ZETA)
+    with pytest.raises(ModelError, match="periodic motion of the law `iwan5`"):
+        jbw.simulate(joint, INPUT[:16], FS, periodic=True)
+    with pytest.raises(ModelError, match="periodic motion of the law `iwan5`"):
+        jbw.steady_state(joint, 1.0, OMEGA_N)

@@ -2,8 +2,8 @@ r"""Iwan's array whose sliders slide at less than they stick: its loops, and pat
 
 A slider that sticks up to its limit and slides below it drops as it lets go, and climbs to the
 limit again before it slides the next time. So a loop within a loop is not forgotten as it closes,
-and no stack of reversals follows the array. Not in the register: along a path its sliders are
-followed one by one, and nothing steps or fits them.
+and no stack of reversals follows the array. Its sliders are followed one by one, in time and along
+paths. Not in the register: nothing fits it.
 
 Reference:
     Mignolet, Song and Wang (2015), Journal of Sound and Vibration 349, 289; the densities of
@@ -19,7 +19,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jbw.errors import ModelError
-from jbw.oscillator.law import Law, Loop
+from jbw.oscillator.kinks import Ends, StepPath, kink_impulse
+from jbw.oscillator.law import Branch, Law, Loop
 from jbw.oscillator.laws.iwan import Iwan4, power
 from jbw.oscillator.parameters import Scalar
 from jbw.quantities import Quantity
@@ -44,7 +45,9 @@ class Iwan5(Law):
 
     With theta = 1 it is `Iwan4`. The density is met by so many sliders, each with the stiffness and
     the moment of its bin: virgin curves and loops are good to the inverse square of their number,
-    and to its inverse where a bin is about to let go.
+    and to its inverse where a bin is about to let go. Stepped in time they let go one by one, each
+    within its step: good to 6e-4, 2e-4 and 1e-4 of the largest motion by one, two and four steps a
+    sample where theta is 0.8 and a period has 40 samples.
 
     Attributes:
         iwan_stiffness: Stiffness at rest, K_T [1/s^2].
@@ -90,7 +93,7 @@ class Iwan5(Law):
 
     def force(self, y: Scalar, v: Scalar, memory: Sliders) -> Scalar:
         """Sum of the sliders' forces [N/kg]."""
-        return jnp.sum(self.array()[0] * memory.stretch)
+        return memory.stretch @ self.array()[0]
 
     def move(self, y: Scalar, memory: Sliders, dy: Scalar) -> Sliders:
         """Sliders after a monotone move, exact for each."""
@@ -143,12 +146,38 @@ class Iwan5(Law):
         real, imaginary = (jnp.where(at_zero, 0.0, one) for one in sums)
         return Loop(jnp.asarray(self.iwan_stiffness + real), imaginary)
 
-    def branch(self, v: Scalar, memory: Sliders) -> NoReturn:
-        """None: so many sliders are not stepped."""
-        raise ModelError(
-            "The law `iwan5` follows its sliders along a given motion and is not stepped in time.",
-            remedy="Simulate `Iwan4`, or Jenkins sliders.",
+    def rate(self, y: Scalar, v: Scalar, memory: Sliders) -> Sliders:
+        """Rate of the sliders that stick [m/s]; their drops, one by one, are left to `move`."""
+        stays = memory.slides * v > 0.0
+        return Sliders(jnp.where(stays, 0.0, v), jnp.zeros_like(memory.slides))
+
+    def turn(
+        self, y: Scalar, memory: Sliders, ends: Ends, quartic: Scalar
+    ) -> tuple[Sliders, Scalar, Scalar]:
+        """Every slider that slides sticks at the turning point."""
+        path = StepPath.through(ends, quartic)
+        there = self.move(y, memory, path.before)
+        regained = jnp.sum(self.array()[0] * jnp.abs(there.slides))
+        found = kink_impulse(
+            1.0 - path.fraction, jnp.where(path.turns, regained * path.bend, 0.0), 0.0
         )
+        return self.move(y + path.before, there, path.after), found.v, found.y
+
+    def shift(self, y: Scalar, memory: Sliders, dy: Scalar, branch: Branch) -> Sliders:
+        """None that slides sticks or climbs anew by the corrector's small way back."""
+        stretch = memory.stretch + jnp.where(memory.slides == 0.0, dy, 0.0)
+        return Sliders(stretch, memory.slides)
+
+    def memory_unit(self, omega_n: Scalar) -> NoReturn:
+        """None: a period's start is not solved for in so many stretches."""
+        raise ModelError(
+            "The periodic motion of the law `iwan5` is not solved for: each slider has its own.",
+            remedy="Take its `backbone`, or simulate until the motion repeats.",
+        )
+
+    def scaled(self, length: Scalar, stiffness: Scalar) -> NoReturn:
+        """None, as no harmonics are balanced."""
+        self.memory_unit(length)
 
     # -- of the density ----------------------------------------------------------------------------
     @property
