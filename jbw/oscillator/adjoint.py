@@ -95,7 +95,7 @@ def _unused_field(tau, state, stepping):
 def _solve_jvp(substeps, primals, tangents):
     stepping, initial = primals
     trajectory = _states(substeps, 1, stepping, initial)
-    if any(jnp.ndim(x) > 1 for x in jax.tree.leaves(trajectory)):
+    if any(jnp.ndim(x) for x in jax.tree.leaves(initial)):
         raise ModelError(
             "A law whose memory is an array, as that of `iwan5`, has no derivatives in time.",
             why="Its elements drop one by one, and each drop's time moves with the parameters.",
