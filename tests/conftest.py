@@ -21,6 +21,8 @@ from jbw.inference.compiled import forget_when_many  # noqa: E402
 from jbw.run.session import keep_compiled  # noqa: E402
 
 KEPT = keep_compiled(f"tests of {platform.node()}")
+# Each test file compiles hundreds of small things anew, together as long as the few large ones.
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 # Tests of more than two seconds alone on an idle core, which the slow tier runs: of those that
 # `pytest --durations=0` shows at that, all but the quickest case of each function.

@@ -25,10 +25,10 @@ def prepare_jax() -> None:
 
 
 def keep_compiled(name: str) -> Path | None:
-    """Keep compiled code in a folder of the user's cache; None where the environment names one."""
+    """Keep compiled code in a folder of the user's cache; None where one is named already."""
     import jax
 
-    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+    if jax.config.jax_compilation_cache_dir is not None:  # the environment's, or a program's
         return None
     kept = platformdirs.user_cache_path("jbw") / name
     jax.config.update("jax_compilation_cache_dir", str(kept))
