@@ -8,9 +8,10 @@ the step is paid back as an impulse on v and y. With Bouc-Wen's exact map (nu = 
 through the kinks at v = 0 and z = 0.
 """
 
+from collections.abc import Iterable
 from functools import reduce
 from operator import add
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -30,6 +31,17 @@ State = tuple[Scalar, Scalar, tuple[Memory, ...]]
 Push = tuple[Scalar, ...]
 # Whether a step goes through kinks: where it meets one, always (for many steps at once), or never.
 Kinks = Literal["met", "always", "never"]
+
+
+class End(NamedTuple):
+    """End of a step before it is corrected, and what its kinks give to v [m/s] and y [m]."""
+
+    y: Scalar
+    v: Scalar
+    memory: tuple[Memory, ...]
+    branches: tuple[Any, ...]
+    kick_v: Scalar
+    kick_y: Scalar
 
 
 class ExactStep(eqx.Module):
@@ -91,94 +103,61 @@ def advance(step: ExactStep, state: State, push: Push, *, kinks: Kinks) -> State
     laws = step.laws
     branches, r, rate, y_1, v_1 = _predicted(step, state, push)
     none = jnp.zeros_like(v_1)
-    if not any(law.kinked for law in laws):
-        memory_1, branches_1, impulse_v, impulse_y = state[2], branches, none, none
-    elif kinks == "always":
-        y_1, v_1, r, rate = kept((y_1, v_1, r, rate))
-        y_1, v_1, memory_1, branches_1, impulse_v, impulse_y = kept(
-            _through_kinks(step, state, branches, push[2], y_1, v_1)
-        )
-    else:
-        glided, kinked = _glided(laws, state, branches, y_1, v_1)
-        unkinked = y_1, v_1, glided, branches, none, none
-        y_1, v_1, memory_1, branches_1, impulse_v, impulse_y = (
-            unkinked
-            if kinks == "never"
-            else jax.lax.cond(
-                kinked,
-                lambda: _through_kinks(step, state, branches, push[2], y_1, v_1),
-                lambda: unkinked,
-            )
-        )
-    for law, own, end in zip(laws, state[2], memory_1, strict=True):
-        if (cusp := law.missed(step.dt, (state[1], own), (v_1, end))) is not None:
-            impulse_v = impulse_v + step.dt * cusp[0]
-            impulse_y = impulse_y + step.dt**2 * cusp[1]
+    end = End(y_1, v_1, state[2], branches, none, none)
+    if any(law.kinked for law in laws):
+        if kinks == "always":
+            y_1, v_1, r, rate = kept((y_1, v_1, r, rate))
+            end = kept(_through_kinks(step, state, branches, push[2], y_1, v_1))
+        else:
+            memory_1, kinked = glided(laws, state, branches, y_1, v_1)
+            smooth = end = end._replace(memory=memory_1)
+            if kinks == "met":
+                end = jax.lax.cond(
+                    kinked,
+                    lambda: _through_kinks(step, state, branches, push[2], y_1, v_1),
+                    lambda: smooth,
+                )
+    end = past_cusps(laws, step.dt, state, end)
     dv = 0.0
     # A damper's force follows v, whose prediction is an order worse than that of y: once more.
     for _ in range(1 + any(isinstance(law, Damper) for law in laws)):
-        r_1, rate_1 = _remainder(step, y_1, v_1 + dv, memory_1, branches_1, push[-1])
+        corrected = end.y, end.v + dv, end.memory
+        r_1, rate_1 = _remainder(step, corrected, end.branches, push[-1])
         change = r_1 - r
         if kinks == "always":
             change, rate_1 = kept((change, rate_1))
-        dy = impulse_y - (step.d_y * change + step.a_y * rate + step.b_y * rate_1)
+        dy = end.kick_y - (step.d_y * change + step.a_y * rate + step.b_y * rate_1)
         if kinks == "always":
             dy = kept(dy)
-        dv = impulse_v - (step.d_v * change + step.a_v * rate + step.b_v * rate_1)
-    memory_2 = tuple(
-        law.shift(y_1, own, dy, at) for law, own, at in zip(laws, memory_1, branches_1, strict=True)
-    )
-    return y_1 + dy, v_1 + dv, memory_2
+        dv = end.kick_v - (step.d_v * change + step.a_v * rate + step.b_v * rate_1)
+    return end.y + dy, end.v + dv, shifted(laws, end, dy)
 
 
 def meets_kink(step: ExactStep, state: State, push: Push) -> Bool[Array, "..."]:
     """Whether a step turns or meets a kink of a law, so that it is a rare one."""
     branches, _, _, y_1, v_1 = _predicted(step, state, push)
-    return _glided(step.laws, state, branches, y_1, v_1)[1]
+    return glided(step.laws, state, branches, y_1, v_1)[1]
 
 
 def _predicted(step: ExactStep, state: State, push: Push) -> tuple[Any, ...]:
     """The laws' branches, their remainder and its rate, and the predictor's y and v."""
     y, v, memory = state
     branches = tuple(law.branch(v, own) for law, own in zip(step.laws, memory, strict=True))
-    r, rate = _remainder(step, y, v, memory, branches, push[2])
+    r, rate = _remainder(step, state, branches, push[2])
     y_1 = y + (step.f_11 * y + step.f_12 * v + push[0] - step.r_y * r - step.s_y * rate)
     v_1 = v + (step.f_21 * y + step.f_22 * v + push[1] - step.r_v * r - step.s_v * rate)
     return branches, r, rate, y_1, v_1
 
 
-def _glided(
-    laws: tuple[Law, ...], state: State, branches: tuple[Any, ...], y_1: Scalar, v_1: Scalar
-) -> tuple[tuple[Memory, ...], Bool[Array, "..."]]:
-    """Memories after a step to (y_1, v_1) without a kink, and whether it met one."""
-    y, v, memory = state
-    glided = [
-        law.glide(y, own, y_1 - y, at) for law, own, at in zip(laws, memory, branches, strict=True)
-    ]
-    kinked = reduce(jnp.logical_or, (met for _, met in glided), jnp.asarray(v * v_1 <= 0.0))
-    return tuple(own for own, _ in glided), kinked
-
-
 def _remainder(
-    step: ExactStep,
-    y: Scalar,
-    v: Scalar,
-    memory: tuple[Memory, ...],
-    branches: tuple[Any, ...],
-    u: Scalar,
+    step: ExactStep, state: State, branches: tuple[Any, ...], u: Scalar
 ) -> tuple[Scalar, Scalar]:
     """The laws' remainders r and h times their rates, summed.
 
     Only the rate of a damper, which is dg/dv times the acceleration, needs the input u.
     """
-    parts = [
-        law.remainder(step.dt, y, v, own, at)
-        for law, own, at in zip(step.laws, memory, branches, strict=True)
-    ]
-    if not parts:
-        return jnp.zeros_like(y), jnp.zeros_like(y)
-    r: Any = reduce(add, (r for r, _ in parts))  # pyright: ignore[reportArgumentType]
-    rate: Any = reduce(add, (rate for _, rate in parts))  # pyright: ignore[reportArgumentType]
+    y, v, _ = state
+    r, rate = remainders(step.laws, step.dt, state, branches)
     for law in step.laws:
         if isinstance(law, Damper):
             rate = rate + step.dt * law.drag(v) * _acceleration(step, y, v, r, u)
@@ -197,54 +176,111 @@ def _through_kinks(
     u: Scalar,
     y_1: Scalar,
     v_1: Scalar,
-) -> tuple[Any, ...]:
-    """End of a step that may hold a turning point, a kink of a law, or both.
+) -> End:
+    """End of a step that may hold kinks, whose kicks are less what the predictor holds of them."""
+    y, v, _ = state
+    r, _ = _remainder(step, state, branches, u)
+    a = kept(_acceleration(step, y, v, r, u))
+    # W_2 = b - a of the corrector's constants.
+    weights = step.a_y - step.b_y, step.a_v - step.b_v
+    end, (shift_y, shift_v) = through_kinks(
+        step.laws, step.dt, (state, branches, a), weights, (y_1, v_1)
+    )
+    return end._replace(kick_y=end.kick_y - shift_y, kick_v=end.kick_v - shift_v)
 
-    Last come the impulses on v and y, less what the predictor already holds of them.
-    """
+
+# -- of the laws alone, whether one mode moves them or several ------------------------------------
+def remainders(
+    laws: tuple[Law, ...], h: Scalar, state: State, branches: tuple[Any, ...]
+) -> tuple[Scalar, Scalar]:
+    """Remainders r and h times their rates, summed."""
     y, v, memory = state
-    h, laws = step.dt, step.laws
-    shift_y, shift_v, a = _second_order(step, state, branches, u)
-    turns = (v * v_1 < 0.0) & (v * (v_1 + shift_v) < 0.0)
-    shift_y, shift_v = (jnp.where(turns, x, 0.0) for x in (shift_y, shift_v))
+    parts = [
+        law.remainder(h, y, v, own, at) for law, own, at in zip(laws, memory, branches, strict=True)
+    ]
+    if not parts:
+        return jnp.zeros_like(y), jnp.zeros_like(y)
+    return added(r for r, _ in parts), added(rate for _, rate in parts)
+
+
+def glided(
+    laws: tuple[Law, ...], state: State, branches: tuple[Any, ...], y_1: Scalar, v_1: Scalar
+) -> tuple[tuple[Memory, ...], Bool[Array, "..."]]:
+    """Memories after a step to (y_1, v_1) without a kink, and whether it met one."""
+    y, v, memory = state
+    moves = [
+        law.glide(y, own, y_1 - y, at) for law, own, at in zip(laws, memory, branches, strict=True)
+    ]
+    kinked = reduce(jnp.logical_or, (met for _, met in moves), jnp.asarray(v * v_1 <= 0.0))
+    return tuple(own for own, _ in moves), kinked
+
+
+def through_kinks(
+    laws: tuple[Law, ...],
+    h: Scalar,
+    start: tuple[State, tuple[Any, ...], Scalar],
+    weights: tuple[Scalar, Scalar],
+    predicted: tuple[Scalar, Scalar],
+) -> tuple[End, tuple[Scalar, Scalar]]:
+    r"""End of a step that may hold a turning point, a kink of a law, or both.
+
+    A turning point is of the motion before it, so that $\ddot r$ on the branch of the start, by
+    its weights on y and v, is added to what was predicted.
+
+    Args:
+        laws: The laws.
+        h: Length of the step [s].
+        start: State, branches and acceleration [m/s^2] at the start.
+        weights: What half of $h^2 \ddot r$ there does to y and to v.
+        predicted: y and v at the end by r and its rate alone.
+
+    Returns:
+        The end, and what its y and v already hold of the kicks.
+    """
+    (y, v, memory), branches, a = start
+    y_1, v_1 = predicted
+    half = added(
+        law.bend(h, y, v, a, own, at) for law, own, at in zip(laws, memory, branches, strict=True)
+    )
+    shifts = kept(tuple(weight * half for weight in weights))
+    turns = (v * v_1 < 0.0) & (v * (v_1 + shifts[1]) < 0.0)
+    shift_y, shift_v = (jnp.where(turns, x, 0.0) for x in shifts)
     y_1, v_1 = kept((y_1 + shift_y, v_1 + shift_v))
-    start, end, rise = h * v, h * v_1, y_1 - y
-    quartic = kept(jnp.where(turns, 0.5 * h**2 * a - (3.0 * rise - 2.0 * start - end), 0.0))
+    ends = h * v, h * v_1, y_1 - y
+    quartic = kept(
+        jnp.where(turns, 0.5 * h**2 * a - (3.0 * ends[2] - 2.0 * ends[0] - ends[1]), 0.0)
+    )
     moved = [
-        law.turn(y, own, (start, end, rise), quartic)
-        for law, own in zip(laws, memory, strict=True)
-        if law.kinked
+        law.turn(y, own, ends, quartic) for law, own in zip(laws, memory, strict=True) if law.kinked
     ]
     impulses = [(on_v, on_y) for _, on_v, on_y in moved]
-    impulses += [
-        law.reversal(h, (start, end, rise), quartic) for law in laws if isinstance(law, Damper)
-    ]
-    impulse_v = reduce(add, (on_v for on_v, _ in impulses))  # pyright: ignore[reportArgumentType]
-    impulse_y = reduce(add, (on_y for _, on_y in impulses))  # pyright: ignore[reportArgumentType]
-    ends = iter(own for own, _, _ in moved)
+    impulses += [law.reversal(h, ends, quartic) for law in laws if isinstance(law, Damper)]
+    kick_v, kick_y = added(on_v for on_v, _ in impulses), added(on_y for _, on_y in impulses)
+    after = iter(own for own, _, _ in moved)
     memory_1 = tuple(
-        next(ends) if law.kinked else own for law, own in zip(laws, memory, strict=True)
+        next(after) if law.kinked else own for law, own in zip(laws, memory, strict=True)
     )
     branches_1 = tuple(law.branch(v_1, own) for law, own in zip(laws, memory_1, strict=True))
-    return y_1, v_1, memory_1, branches_1, h * impulse_v - shift_v, h**2 * impulse_y - shift_y
+    return End(y_1, v_1, memory_1, branches_1, h * kick_v, h**2 * kick_y), (shift_y, shift_v)
 
 
-def _second_order(
-    step: ExactStep, state: State, branches: tuple[Any, ...], u: Scalar
-) -> tuple[Scalar, Scalar, Scalar]:
-    r"""What $\ddot r$ on the branch of the start adds to y and v, and the acceleration there.
+def past_cusps(laws: tuple[Law, ...], h: Scalar, state: State, end: End) -> End:
+    """The same with what the corrector's cubic misses of cusps of the laws' rates."""
+    _, v, memory = state
+    for law, own, last in zip(laws, memory, end.memory, strict=True):
+        if (cusp := law.missed(h, (v, own), (end.v, last))) is not None:
+            end = end._replace(kick_v=end.kick_v + h * cusp[0], kick_y=end.kick_y + h**2 * cusp[1])
+    return end
 
-    A turning point is of the motion before it, so that this predicts it.
-    """
-    y, v, memory = state
-    r, _ = _remainder(step, y, v, memory, branches, u)
-    a = _acceleration(step, y, v, r, u)
-    half = reduce(
-        add,  # pyright: ignore[reportArgumentType]
-        (
-            law.bend(step.dt, y, v, a, own, at)
-            for law, own, at in zip(step.laws, memory, branches, strict=True)
-        ),
+
+def shifted(laws: tuple[Law, ...], end: End, dy: Scalar) -> tuple[Memory, ...]:
+    """Memories at the end after the corrector's change of y."""
+    return tuple(
+        law.shift(end.y, own, dy, at)
+        for law, own, at in zip(laws, end.memory, end.branches, strict=True)
     )
-    # W_2 = b - a of the corrector's constants.
-    return kept(((step.a_y - step.b_y) * half, (step.a_v - step.b_v) * half, a))
+
+
+def added(parts: Iterable[Any]) -> Any:
+    """Sum without a zero to begin with, of which XLA would make an addition."""
+    return reduce(add, parts)

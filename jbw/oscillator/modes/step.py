@@ -6,8 +6,6 @@ the start, the acceleration there and what x and v change by freely; it moves th
 which every mode takes by constants of its own.
 """
 
-from functools import reduce
-from operator import add
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -21,7 +19,16 @@ from jbw.oscillator.law import Law, Memory
 from jbw.oscillator.linear import impulse_moments
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.parameters import Scalar
-from jbw.oscillator.step import NUM_MOMENTS
+from jbw.oscillator.step import (
+    NUM_MOMENTS,
+    End,
+    added,
+    glided,
+    past_cusps,
+    remainders,
+    shifted,
+    through_kinks,
+)
 
 Coordinates = tuple[Scalar, ...]
 # (q_i, ...), (q_i', ...), memories
@@ -140,8 +147,8 @@ def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array]
         sums.append([h * p * w for w in weights])
         moments_y.append(m.y)
         moments_v.append(m.v)
-    joint = JointStep(structure.laws, dt, *(_sum(column) for column in zip(*sums, strict=True)))
-    gain = _sum(h * b for h, b in zip(structure.h, structure.b, strict=True))  # pyright: ignore[reportArgumentType]
+    joint = JointStep(structure.laws, dt, *(added(column) for column in zip(*sums, strict=True)))
+    gain = added(h * b for h, b in zip(structure.h, structure.b, strict=True))  # pyright: ignore[reportArgumentType]
     step = ModalStep(joint, tuple(modes), gain)
     return jax.tree.map(jnp.asarray, step), moments_y, moments_v
 
@@ -170,11 +177,11 @@ def freely(
 def seen_by_joint(step: ModalStep, q, v, rise, gain, u: Scalar) -> Seen:
     """The five scalars of the modes that the joint sees."""
     modes = step.modes
-    pull = _sum(
+    pull = added(
         m.h * (m.damping * dy + m.stiffness * y) for m, y, dy in zip(modes, q, v, strict=True)
     )
     x, dx, up, faster = (
-        _sum(m.h * part for m, part in zip(modes, parts, strict=True))
+        added(m.h * part for m, part in zip(modes, parts, strict=True))
         for parts in (q, v, rise, gain)
     )
     return Seen(x, dx, step.input_gain * u - pull, up, faster)
@@ -185,7 +192,9 @@ def driven(step: ModalStep, q, v, rise, gain, given: Given) -> tuple[Coordinates
     forces = given[:4]
 
     def after(start, free, kick, weights, p):
-        return start + (free + p * kick + _sum(w * f for w, f in zip(weights, forces, strict=True)))
+        return start + (
+            free + p * kick + added(w * f for w, f in zip(weights, forces, strict=True))
+        )
 
     modes = step.modes
     return (
@@ -209,91 +218,39 @@ def kernel(
     none = jnp.zeros_like(v)
     if not laws:
         return Given(none, none, none, none, none, none), memory
+    state = x, v, memory
     branches = tuple(law.branch(v, own) for law, own in zip(laws, memory, strict=True))
-    r, rate = _remainder(joint, x, v, memory, branches)
+    r, rate = remainders(laws, joint.dt, state, branches)
     x_1 = x + (seen.rise - joint.r_y * r - joint.s_y * rate)
     v_1 = v + (seen.gain - joint.r_v * r - joint.s_v * rate)
-    kinks = _Kinks(x_1, v_1, memory, branches, none, none, none)
+    end, shift = End(x_1, v_1, memory, branches, none, none), none
     if any(law.kinked for law in laws):
-        start = (seen, memory, branches, r)
+        a = seen.a - joint.mobility * r
         if branch:
-            moves = zip(laws, memory, branches, strict=True)
-            glided = [law.glide(x, own, x_1 - x, at) for law, own, at in moves]
-            kinked = reduce(jnp.logical_or, (met for _, met in glided), v * v_1 <= 0.0)
-            smooth = kinks._replace(memory=tuple(own for own, _ in glided))
-            kinks = jax.lax.cond(
-                kinked, lambda: _through_kinks(joint, start, x_1, v_1), lambda: smooth
+            memory_1, kinked = glided(laws, state, branches, x_1, v_1)
+            smooth = end._replace(memory=memory_1), none
+            end, shift = jax.lax.cond(
+                kinked,
+                lambda: _through_kinks(joint, (state, branches, a), (x_1, v_1)),
+                lambda: smooth,
             )
         else:
             x_1, v_1, r, rate = kept((x_1, v_1, r, rate))
-            kinks = kept(_through_kinks(joint, (seen, memory, branches, r), x_1, v_1))
-    for law, own, end in zip(laws, memory, kinks.memory, strict=True):
-        if (cusp := law.missed(joint.dt, (v, own), (kinks.v, end))) is not None:
-            kick_v, kick_y = kinks.kick_v + joint.dt * cusp[0], kinks.kick_y + joint.dt**2 * cusp[1]
-            kinks = kinks._replace(kick_v=kick_v, kick_y=kick_y)
-    r_1, rate_1 = _remainder(joint, kinks.x, kinks.v, kinks.memory, kinks.branches)
+            end, shift = kept(_through_kinks(joint, (state, branches, a), (x_1, v_1)))
+    end = past_cusps(laws, joint.dt, state, end)
+    r_1, rate_1 = remainders(laws, joint.dt, (end.y, end.v, end.memory), end.branches)
     change = r_1 - r
     if not branch:
         change, rate_1 = kept((change, rate_1))
     weighted = joint.d_y * change + joint.a_y * rate + joint.b_y * rate_1
-    dx = (joint.mobility * kinks.kick_y - kinks.shift) - weighted
-    memory = tuple(
-        law.shift(kinks.x, own, dx, at)
-        for law, own, at in zip(laws, kinks.memory, kinks.branches, strict=True)
-    )
-    return Given(r, rate, change, rate_1, kinks.kick_y, kinks.kick_v), memory
+    dx = (joint.mobility * end.kick_y - shift) - weighted
+    given = Given(r, rate, change, rate_1, end.kick_y, end.kick_v)
+    return given, shifted(laws, end, dx)
 
 
-class _Kinks(NamedTuple):
-    """End of a step before it is corrected; `shift` is what x already holds of the kicks."""
-
-    x: Scalar
-    v: Scalar
-    memory: tuple[Memory, ...]
-    branches: tuple[Any, ...]
-    kick_y: Scalar
-    kick_v: Scalar
-    shift: Scalar
-
-
-def _remainder(joint: JointStep, x, v, memory, branches) -> tuple[Scalar, Scalar]:
-    """The laws' remainders r and h times their rates, summed."""
-    parts = [
-        law.remainder(joint.dt, x, v, own, at)
-        for law, own, at in zip(joint.laws, memory, branches, strict=True)
-    ]
-    return _sum(r for r, _ in parts), _sum(rate for _, rate in parts)
-
-
-def _through_kinks(joint: JointStep, start: tuple, x_1: Scalar, v_1: Scalar) -> _Kinks:
-    """End of a step that may hold a turning point of x, a kink of a law, or both."""
-    (x, v, free, *_), memory, branches, r = start
-    h, laws = joint.dt, joint.laws
-    a = free - joint.mobility * r
-    half = _sum(
-        law.bend(h, x, v, a, own, at) for law, own, at in zip(laws, memory, branches, strict=True)
-    )
+def _through_kinks(joint: JointStep, start: tuple, predicted: tuple) -> tuple[End, Scalar]:
+    """End of a step that may hold kinks, and what x already holds of the kicks."""
     # W_2 = b - a of the corrector's constants.
-    shifts = kept(((joint.a_y - joint.b_y) * half, (joint.a_v - joint.b_v) * half))
-    turns = (v * v_1 < 0.0) & (v * (v_1 + shifts[1]) < 0.0)
-    shift, faster = (jnp.where(turns, part, 0.0) for part in shifts)
-    x_1, v_1 = kept((x_1 + shift, v_1 + faster))
-    first, last, rise = h * v, h * v_1, x_1 - x
-    quartic = kept(jnp.where(turns, 0.5 * h**2 * a - (3.0 * rise - 2.0 * first - last), 0.0))
-    moved = [
-        law.turn(x, own, (first, last, rise), quartic)
-        for law, own in zip(laws, memory, strict=True)
-        if law.kinked
-    ]
-    ends = iter(own for own, _, _ in moved)
-    memory_1 = tuple(
-        next(ends) if law.kinked else own for law, own in zip(laws, memory, strict=True)
-    )
-    branches_1 = tuple(law.branch(v_1, own) for law, own in zip(laws, memory_1, strict=True))
-    kick_v, kick_y = _sum(on_v for _, on_v, _ in moved), _sum(on_y for _, _, on_y in moved)
-    return _Kinks(x_1, v_1, memory_1, branches_1, h**2 * kick_y, h * kick_v, shift)
-
-
-def _sum(parts) -> Any:
-    """Sum without a zero to begin with, of which XLA would make an addition."""
-    return reduce(add, parts)
+    weights = joint.a_y - joint.b_y, joint.a_v - joint.b_v
+    end, shifts = through_kinks(joint.laws, joint.dt, start, weights, predicted)
+    return end, shifts[0]
