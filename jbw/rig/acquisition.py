@@ -130,7 +130,10 @@ def measure(
 def _settings(
     rig: Preset, plans: Sequence[Plan], conditions: Conditions, truth: Mapping[str, float]
 ) -> Identify:
-    """Held out before any fit: the middle sweep level, and half of many repeats. The prior."""
+    """Held out before any fit: the middle sweep level, and half of many repeats. The prior.
+
+    Of the paper's bounds those that the specimen lies within: another one has others.
+    """
     sweeps = [plan for plan in plans if kind_named(plan.kind).is_transient]
     fitted = [kind for kind in rig.fit if kind in {plan.kind for plan in plans}]
     settings: dict[str, Any] = {"fit": fitted} if fitted else {}
@@ -140,5 +143,9 @@ def _settings(
     fewest = min((plan.repeats for plan in sweeps), default=0)
     if fewest >= 8 and not conditions.varies:
         settings["fit_repeats"] = fewest // 2
-    known = {name: bounds for name, bounds in PRIOR.items() if name in truth}
+    known = {
+        name: (low, high)
+        for name, (low, high) in PRIOR.items()
+        if name in truth and low < truth[name] < high
+    }
     return Identify(**settings, prior=known)

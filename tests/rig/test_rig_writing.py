@@ -3,6 +3,7 @@
 import hashlib
 import json
 import tomllib
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -126,6 +127,8 @@ def test_a_campaign_of_another_law_names_it(tmp_path):
     assert campaign.truth["joint"]["slip_ratio_2"] == pytest.approx(4.0)
     assert campaign.truth["days"][0]["omega_n"] != SLIDERS.omega_n
     assert set(campaign.settings.prior) == {"zeta"}  # the paper's boxes are of another law
+    light = replace(SLIDERS, zeta=0.002)  # and of another damping
+    assert not measure("mixed", joint=light, tests="pull_4p00mm", repeats=1).settings.prior
     assert load_campaign(write(campaign, tmp_path / "sliders")).laws == ("jenkins_3",)
     assert (
         "[joint]"
