@@ -1,7 +1,8 @@
 """Which of the rig's own forces stand for a law of the identification: one line a law.
 
-Laws of Masing's kind are sliders side by side, three hundred in bins of equal ratio, each of which
-has the integrals of its bin.
+Laws of Masing's kind are sliders side by side, three hundred in bins that grow with the square of
+the slip's cube root, each of which has the integrals of its bin. With a density near the inverse
+of the slip they miss nearly the same force at every amplitude.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -27,8 +28,8 @@ from jbw.rig.forces import (
     StopForce,
 )
 
-BINS = 300  # of a continuous density of sliders, in the ratio of 1.055 of their slips
-DECADES = 7  # of displacement that they span
+BINS = 300  # of a continuous density of sliders; the last is a hundredth of the largest slip wide
+GRADING = 3  # edges are this power of even ones
 FARTHEST = 0.1  # slip of the last slider of a density that has none [m]
 
 
@@ -45,7 +46,7 @@ def _row(numbers: Iterable[Scalar]) -> Array:
 
 def _slips(last: Scalar) -> Array:
     """Slips that part a density of sliders into bins, from zero to the last one."""
-    return last * jnp.append(0.0, jnp.logspace(-DECADES, 0.0, BINS))
+    return last * jnp.linspace(0.0, 1.0, BINS + 1) ** GRADING
 
 
 def _binned(weight: Array, moment: Array) -> Sliders:
