@@ -128,3 +128,17 @@ def test_a_fit_at_a_wall_has_a_valley_on_one_side(fit):
     assert at_wall.at_bound == {"a": "upper"}
     problem = problem_of(winding, bounds, beyond, about_valley(left_of, bounds, beyond, at_wall))
     assert amis.look(jax.random.key(0), problem, 512) > 20
+
+
+def test_what_a_floor_does_where_the_data_rule_it_out_does_not_matter():
+    def walled(theta, data):
+        """Below log a = 1 chi-square rises to 100 at 0.9, from where the floor is 20 steep."""
+        past, further = (jnp.maximum(end - jnp.log(theta["a"]), 0.0) for end in (1.0, 0.9))
+        return left_of(theta, data) - jnp.stack([100.0 * past, 20.0 * further / STD_B, 0.0])
+
+    best = costly_fit(walled, BOX, MIDDLE, starts={"a": 7.0, "b": -0.2, "c": 0.0})
+    place = about_valley(walled, BOX, MIDDLE, best)
+    assert place is not None
+    assert place.outer.parts[0].held == 0
+    problem = problem_of(lambda t, d: -0.5 * walled(t, d) ** 2, BOX, MIDDLE, place)
+    assert amis.look(jax.random.key(0), problem, 512) > 100

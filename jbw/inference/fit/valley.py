@@ -16,6 +16,7 @@ from jbw.inference.space.valley import Floor, along_valley
 
 APART = 1e-9  # of the unit cube: knots that are nearer are one
 OFF = 1.0  # of chi-square: what the floor may miss the optimum by between two knots
+FAR = 100.0  # of chi-square above its least, where nothing of the posterior is left
 STEEP = 10.0  # of the floor, in units of the box: it turns back there
 PART = 0.3  # of the largest part in the least known direction, which another may have instead
 
@@ -24,6 +25,7 @@ def about_valley(residual: Residual, box: Box, data: PyTree, best: Fit) -> Repar
     """Coordinates along the profile of a parameter that a fit hardly knows, in units of its box.
 
     None where all such profiles turn back inside the box: what follows them is seen in part alone.
+    What they do where the data rule them out does not matter.
     The residual, box, data and compiled differences are those of the `costly_fit` that found it.
     """
     part = evaluator(residual, box, data)
@@ -31,9 +33,10 @@ def about_valley(residual: Residual, box: Box, data: PyTree, best: Fit) -> Repar
     unit = jnp.zeros(len(start)), jnp.ones(len(start))
     for held in _least_known(part(start, 1)):
         points, chi_square = walk(part, start, held)
-        kept = np.append(True, np.diff(points[:, held]) > APART)
+        near = chi_square < chi_square.min() + FAR
+        kept = near & np.append(True, np.diff(points[:, held]) > APART)
         floor = _floor(part, held, points[kept], chi_square[kept])
-        if not np.any(np.abs(floor.slopes) > STEEP):
+        if len(floor.points) > 1 and not np.any(np.abs(floor.slopes) > STEEP):
             floor = _finer(part, floor, unit) or floor
             return along_valley(floor, search_coordinate(box), unit)
     return None
