@@ -94,13 +94,13 @@ def _unused_field(tau, state, stepping):
 @solve.defjvp
 def _solve_jvp(substeps, primals, tangents):
     stepping, initial = primals
-    trajectory = _states(substeps, 1, stepping, initial)
     if any(jnp.ndim(x) for x in jax.tree.leaves(initial)):
         raise ModelError(
             "A law whose memory is an array, as that of `iwan5`, has no derivatives in time.",
             why="Its elements drop one by one, and each drop's time moves with the parameters.",
             remedy="Take differences, or a law without drops such as `iwan4`.",
         )
+    trajectory = _states(substeps, 1, stepping, initial)
     stacks = any(law.stacks for law in stepping.step.laws)
     along = adjoint_stack.tangent if stacks else partial(in_chunks, _linearised, _recurrence)
     stepping_dot, initial_dot = tangents

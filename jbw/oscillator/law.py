@@ -30,7 +30,7 @@ from jbw.oscillator.parameters import Threshold as Threshold
 from jbw.quantities import Quantity
 
 Branch = Any  # a pytree, what holds between two kinks
-Memory = Any  # a pytree of scalars: z of Bouc-Wen, () of a spring; arrays cost derivatives
+Memory = Any  # a pytree of scalars: z of Bouc-Wen, the sliders' forces, () of a spring
 
 
 class Law(eqx.Module):

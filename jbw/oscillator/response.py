@@ -200,6 +200,7 @@ def _simulate_batch(
 ) -> Response:
     """Response over the common batch shape of the joint, the input and the initial state."""
     lead = () if callable(u) else u.shape[:-1]
+    # A memory may be an array, of `iwan5` one of sliders: its own axes are no batch.
     starts, tree = jax.tree.flatten(initial)
     own = [jnp.shape(leaf) for leaf in jax.tree.leaves((0.0, 0.0, joint.at_rest()))]
     shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(joint)]

@@ -1,4 +1,4 @@
-r"""Iwan's array whose sliders slide at less than they stick: its loops, and paths that are given.
+r"""Iwan's array whose sliders slide at less than they stick: loops, paths, and motion in time.
 
 A slider that sticks up to its limit and slides below it drops as it lets go, and climbs to the
 limit again before it slides the next time. So a loop within a loop is not forgotten as it closes,
