@@ -128,6 +128,7 @@ def tried(name: str, seed: int, rivals: Sequence[str]) -> dict[str, Any]:
     return {
         "case": name, "seed": seed, "wall": wall,
         "ranks": ranks(compared, truth.law, theta),
+        "khat": rows[truth.law]["khat_evidence"],
         "weight": rows[truth.law]["weight"],
         "answers": {law: row["answer"] for law, row in rows.items()},
         "error": {law: row["error_left_out"] for law, row in rows.items()},

@@ -28,8 +28,7 @@ Places = Mapping[str, Callable[[], Reparametrisation]]
 Further = Mapping[str, Callable[[], Reparametrisation | None]]  # None where there are none
 
 LOOKED_AT = 256  # points that coordinates are chosen by
-# Parts of these: worth so much, no others are looked at; not worth so much, those that cost are.
-PLENTY, FEW = 1 / 2, 1 / 4
+PLENTY = 1 / 2  # of these, from which no other coordinates are looked at
 TRIAL = 12  # rounds after which weights worth less than the draws asked for are given up
 ROUNDS = 3  # times that slices are drawn again, where their chains disagree
 WORTH = 20.0  # effective points a dimension, from which their moments are worth going on from
@@ -137,15 +136,13 @@ def choose(
 ) -> tuple[str, Reparametrisation, int]:
     """The coordinates in which points about the fit are worth most, and how many were looked at.
 
-    Where a plenty of the points count, no others are looked at; where few do in any of the places,
-    those that cost evaluations are too: about a bent valley weights may look good that know only
-    a part of it.
+    Where a plenty of the points count, no others are looked at, those that cost evaluations last:
+    about a bent valley weights may look good that know only a part of it.
     """
     worth: dict[str, float] = {}
     made: dict[str, Reparametrisation] = {}
     for i, (name, make) in enumerate((*places.items(), *(further or {}).items())):
-        enough = PLENTY if name in places else FEW
-        if max(worth.values(), default=0.0) > enough * LOOKED_AT:
+        if max(worth.values(), default=0.0) > PLENTY * LOOKED_AT:
             break
         if (place := make()) is not None:
             problem = problem_of(log_likelihood, box, data, place)
