@@ -50,7 +50,7 @@ class Identify(Table):
     fit_repeats: values.Count | None = key(
         None, "so many repeats are fitted; the rest held out", 32
     )
-    fit: values.Kinds | None = key(None, f"kinds to fit, among {', '.join(KINDS)}; all by default")
+    fit: values.ToFit | None = key(None, f"kinds to fit, among {', '.join(KINDS)}; all by default")
     hold_out: values.Strings = key((), "names of tests that no fit sees")
     strict: StrictBool = key(
         False, "refuse a campaign of which a test cannot be used; by default it is left out", True

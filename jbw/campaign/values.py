@@ -25,11 +25,12 @@ class OneOf:
     """One of the names in a register, as it stands when a file is read."""
 
     known: Callable[[], Iterable[str]]  # called anew each time, for more may be registered
+    otherwise: str = ""  # a sentence on what else may have been meant
 
     def check(self, value: Any) -> str:
         """The name, if it is known."""
         if text(value) not in (names := list(self.known())):
-            raise ValueError(f"{value!r} is unknown{unlike(value, names)}.")
+            raise ValueError(f"{value!r} is unknown{unlike(value, names)}.{self.otherwise}")
         return value
 
     def __get_pydantic_core_schema__(self, _: Any, __: GetCoreSchemaHandler) -> CoreSchema:
@@ -210,8 +211,11 @@ Laws = Annotated[
         json_schema_input_type=str | list[str],
     ),
 ]
-Kinds = Annotated[
-    tuple[Kind, ...], BeforeValidator(strings, json_schema_input_type=Kind | list[Kind])
+KindToFit = Annotated[
+    str, OneOf(lambda: KINDS, " Tests are told by name in hold_out, those that no fit may see.")
+]
+ToFit = Annotated[
+    tuple[KindToFit, ...], BeforeValidator(strings, json_schema_input_type=Kind | list[Kind])
 ]
 Numbers = Annotated[tuple[Positive, ...], BeforeValidator(numbers)]
 Levels = Annotated[tuple[NonNegative, ...], BeforeValidator(numbers)]
