@@ -3,26 +3,20 @@ r"""Which law do the data ask for? Laws side by side on one dataset, by what eac
 All see the same values with the same weights: the noise, the misfit and the number of independent
 values that the law which leaves least shows, and the offsets of the runs where it shows any.
 A white likelihood would take every sample of a law's own error for news. The unit of evidence is
-the run: each is left out in turn, and predicted by what the others know,
-
-$$\mathrm{elpd}_r = \log \int p(D_r | \theta, D_{-r})\, p(\theta | D_{-r})\, d\theta, \qquad
-  \Delta = \sum_r (\mathrm{elpd}_r - \mathrm{elpd}^{\,0}_r), \qquad
-  \mathrm{se} = \sqrt{n}\ \mathrm{sd}_r(\mathrm{elpd}_r - \mathrm{elpd}^{\,0}_r)$$
+the run: each is left out in turn, and predicted by what the others know (`unseen_runs`).
 
 Reference:
-    Vehtari, Gelman and Gabry (2017), Statistics and Computing 27, 1413; Yao, Vehtari, Simpson and
-    Gelman (2018), Bayesian Analysis 13, 917; for the weights of misfit, Grunwald and van Ommen
-    (2017), Bayesian Analysis 12, 1069.
+    For the weights of misfit, Grunwald and van Ommen (2017), Bayesian Analysis 12, 1069.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cache
 
 import jax
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Key
 
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, JbwError
@@ -37,7 +31,8 @@ from jbw.inference.compiled import forget_when_many
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.fit.valley import about_valley
 from jbw.inference.lanes import at_points
-from jbw.inference.samplers.ladder import choose
+from jbw.inference.posterior.verdict import GOOD_KHAT
+from jbw.inference.samplers.ladder import about_draws, choose
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation, along_logarithms, never_zero
@@ -192,22 +187,36 @@ def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
     return {n: e for n, e in dataset.error_by_label(left, data).items() if np.isfinite(e)}
 
 
-def posterior(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
-    """Draws of a candidate's posterior with the log evidence, by so many points at most."""
+def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparametrisation]:
+    """Draws of a candidate's posterior with the log evidence, and coordinates about them.
+
+    By so many points at most; where their weights cannot be trusted, in the other coordinates too.
+    """
     best, prior, data = one.fitted.fit, one.fitted.box, one.fitted.data
-    name, place, looked_at = choose(
-        jax.random.fold_in(key, 2), dataset.log_likelihood, prior, data,
-        places={"straight": lambda: place_of(best, one)},
-        further={"valley": lambda: about_valley(dataset.stacked, prior, data, best)},
-    )  # fmt: skip
-    found = sample(
-        key, dataset.log_likelihood, prior, data, sampler="amis", coordinates=place,
-        num_samples=NUM_SAMPLES, num_chains=4, options={"most_rounds": MOST_ROUNDS},
-        attrs=attrs(one.laws),
-    )  # fmt: skip
-    found.attrs["coordinates"] = name
-    found.attrs["num_evaluations"] += looked_at
-    return with_derived(jax.random.fold_in(key, 1), found, data)
+    places = {
+        "straight": lambda: place_of(best, one),
+        "valley": cache(lambda: about_valley(dataset.stacked, prior, data, best)),
+    }
+    own, log_likelihood = jax.random.fold_in(key, 2), dataset.log_likelihood
+    chosen, _, evaluations = choose(own, log_likelihood, prior, data, places)
+    tried: dict[str, xr.DataTree] = {}
+    made: dict[str, Reparametrisation] = {}
+    for name in sorted(places, key=lambda name: name != chosen):
+        if (place := places[name]()) is None:
+            continue
+        made[name] = place
+        tried[name] = sample(
+            key, log_likelihood, prior, data, sampler="amis", coordinates=place,
+            num_samples=NUM_SAMPLES, num_chains=4, options={"most_rounds": MOST_ROUNDS},
+            attrs=attrs(one.laws),
+        )  # fmt: skip
+        evaluations += tried[name].attrs["num_evaluations"]
+        if tried[name].attrs["khat"] < GOOD_KHAT:
+            break
+    name = min(tried, key=lambda name: tried[name].attrs["khat"])
+    tried[name].attrs |= {"coordinates": name, "num_evaluations": evaluations}
+    about = about_draws(tried[name], prior, made[name])
+    return with_derived(jax.random.fold_in(key, 1), tried[name], data), about
 
 
 def likelihood_at(best: Fit, data: Dataset) -> float:
@@ -257,38 +266,3 @@ def place_of(best: Fit, one: Candidate) -> Reparametrisation:
     if best.weak is not None or best.at_bound:
         return along_ridge(*about, prior)
     return along_logarithms(*about, prior, never_zero(*about, prior))
-
-
-def differences(scores: Mapping[str, Float[np.ndarray, " run"]], reference: str) -> dict[str, Any]:
-    """Sum of the differences of every law's scores to the reference's, and its standard error."""
-    found = {}
-    for name, own in scores.items():
-        apart = own - scores[reference]
-        error = np.sqrt(len(apart)) * np.std(apart, ddof=1) if len(apart) > 1 else np.nan
-        found[name] = (float(np.sum(apart)), float(error))
-    return found
-
-
-def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float]:
-    """Weights of the laws whose mixture would have predicted the left-out runs best.
-
-    They are for prediction, and no probabilities of truth: laws that predict alike share theirs.
-    """
-    from arviz_stats.loo.compare import compare
-    from arviz_stats.utils import ELPDData
-
-    if len(scores) == 1:
-        return dict.fromkeys(scores, 1.0)
-    # Each run over its best law: the weights are the same, and no exponential overflows.
-    best = np.max(list(scores.values()), axis=0)
-    scores = {name: own - best for name, own in scores.items()}
-    each = {
-        name: ELPDData(
-            elpd=float(np.sum(own)), se=0.0, p=0.0, n_samples=1, n_data_points=len(own),
-            scale="log", warning=False, good_k=0.7,
-            elpd_i=xr.DataArray(own, dims="run"), pareto_k=xr.DataArray(0.0 * own, dims="run"),
-        )
-        for name, own in scores.items()
-    }  # fmt: skip
-    found = compare(each, method="stacking")
-    return {str(name): float(weight) for name, weight in found["weight"].items()}

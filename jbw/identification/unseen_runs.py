@@ -24,8 +24,10 @@ from jbw.inference.fit.fitting import Fit
 from jbw.inference.lanes import at_points
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers import amis
+from jbw.inference.samplers.ladder import choose
 from jbw.inference.samplers.weighed_points import weights_of
 from jbw.inference.space.problem import problem_of
+from jbw.inference.space.reparametrisation import Reparametrisation
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 
@@ -57,10 +59,13 @@ def runs_of(data: Dataset) -> tuple[str, ...]:
     return tuple(dict.fromkeys(run for label, run in pairs if label in counted))
 
 
-def left_out(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -> LeftOut:
+def left_out(
+    key: Key[Array, ""], one: Candidate, draws: xr.DataTree, about: Reparametrisation
+) -> LeftOut:
     """Predict each run by what the others know: by draws weighed anew, or fitted again without it.
 
     Where a run moves the posterior far, its draws weighed without it say little, as k-hat shows.
+    Coordinates `about` the draws may yet suit a posterior without it better than those about a fit.
     """
     prior, data = one.fitted.box, one.fitted.data
     elpd, error, worst, doubt = {}, {}, -np.inf, 0.0
@@ -69,7 +74,7 @@ def left_out(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -> LeftOut
         best = refit(one.fitted.fit, prior, rest)
         found = _by_draws(draws, prior.names, data, rest)
         if found is None:
-            found = _by_points(jax.random.fold_in(key, i), best, one, rest)
+            found = _by_points(jax.random.fold_in(key, i), best, one, rest, about)
         elpd[run], khat = found
         error[run] = _error_of(run, best, one)
         worst = max(worst, khat)
@@ -131,10 +136,13 @@ def _by_draws(
 
 
 def _by_points(
-    key: Key[Array, ""], best: Fit, one: Candidate, rest: Dataset
+    key: Key[Array, ""], best: Fit, one: Candidate, rest: Dataset, about: Reparametrisation
 ) -> tuple[float, float]:
-    """The same by points about the fit without it."""
-    problem = problem_of(dataset.log_likelihood, one.fitted.box, rest, place_of(best, one))
+    """The same by points about the fit without it, or about all draws if worth more."""
+    log_likelihood, prior = dataset.log_likelihood, one.fitted.box
+    places = {"fit": lambda: place_of(best, one), "draws": lambda: about}
+    _, place, _ = choose(jax.random.fold_in(key, 1), log_likelihood, prior, rest, places)
+    problem = problem_of(log_likelihood, prior, rest, place)
     points = amis.points(key, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS[rest.stepped])
     times = _told_by_terms(one.fitted.data, rest)
     if times is None:

@@ -1,11 +1,20 @@
-"""What a comparison of laws answers: which is best, which are told apart from it, in words."""
+r"""What a comparison of laws answers: which is best, which are told apart from it, in words.
+
+$$\Delta = \sum_r (\mathrm{elpd}_r - \mathrm{elpd}^{\,0}_r), \qquad
+  \mathrm{se} = \sqrt{n}\ \mathrm{sd}_r(\mathrm{elpd}_r - \mathrm{elpd}^{\,0}_r)$$
+
+Reference:
+    Vehtari, Gelman and Gabry (2017), Statistics and Computing 27, 1413; for the weights, Yao,
+    Vehtari, Simpson and Gelman (2018), Bayesian Analysis 13, 917.
+"""
 
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import xarray as xr
+from jaxtyping import Float
 
-from jbw.identification.evidence import differences, stacking
 from jbw.inference.posterior.verdict import GOOD_KHAT
 
 FEWEST_RUNS = 5  # from which differences have a standard error that can be believed
@@ -87,6 +96,41 @@ def _behind_by_evidence(row: Row, best: Row) -> bool:
         return False
     pairs = [(row[key], best[key]) for key in ("log_evidence", "log_evidence_wide")]
     return all(None not in pair and pair[0] < pair[1] - NATS for pair in pairs)
+
+
+def differences(scores: Mapping[str, Float[np.ndarray, " run"]], reference: str) -> dict[str, Any]:
+    """Sum of the differences of every law's scores to the reference's, and its standard error."""
+    found = {}
+    for name, own in scores.items():
+        apart = own - scores[reference]
+        error = np.sqrt(len(apart)) * np.std(apart, ddof=1) if len(apart) > 1 else np.nan
+        found[name] = (float(np.sum(apart)), float(error))
+    return found
+
+
+def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float]:
+    """Weights of the laws whose mixture would have predicted the left-out runs best.
+
+    They are for prediction, and no probabilities of truth: laws that predict alike share theirs.
+    """
+    from arviz_stats.loo.compare import compare
+    from arviz_stats.utils import ELPDData
+
+    if len(scores) == 1:
+        return dict.fromkeys(scores, 1.0)
+    # Each run over its best law: the weights are the same, and no exponential overflows.
+    best = np.max(list(scores.values()), axis=0)
+    scores = {name: own - best for name, own in scores.items()}
+    each = {
+        name: ELPDData(
+            elpd=float(np.sum(own)), se=0.0, p=0.0, n_samples=1, n_data_points=len(own),
+            scale="log", warning=False, good_k=0.7,
+            elpd_i=xr.DataArray(own, dims="run"), pareto_k=xr.DataArray(0.0 * own, dims="run"),
+        )
+        for name, own in scores.items()
+    }  # fmt: skip
+    found = compare(each, method="stacking")
+    return {str(name): float(weight) for name, weight in found["weight"].items()}
 
 
 def statements(record: Row) -> list[str]:

@@ -60,8 +60,8 @@ def weigh(
 
 def _by_draws(keys: Keys, one: Candidate, most: float, *, several: bool) -> Weighed:
     """A law by its posterior, its runs left out where there are several."""
-    drawn = evidence.posterior(keys[0], one)
-    known = left_out(keys[1], one, drawn) if several else None
+    drawn, about = evidence.posterior(keys[0], one)
+    known = left_out(keys[1], one, drawn, about) if several else None
     wide = log_evidence_wide(keys[0], one, drawn.attrs.get("log_evidence"))
     return Weighed(one, drawn, known, wide, most)
 

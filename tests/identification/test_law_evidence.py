@@ -27,7 +27,14 @@ from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.dataset import log_likelihood
 from jbw.study import laws
-from jbw.study.law_answers import _of_offsets, _of_unseen, compare_rows, statements
+from jbw.study.law_answers import (
+    _of_offsets,
+    _of_unseen,
+    compare_rows,
+    differences,
+    stacking,
+    statements,
+)
 from jbw.study.law_held_out import errors_apart, unseen
 from jbw.study.laws import compare_laws
 
@@ -73,8 +80,8 @@ def test_scores_of_left_out_runs_are_those_of_a_grid(linear, way, monkeypatch):
         monkeypatch.setattr(
             unseen_runs, "_by_draws", lambda *of: counted.append(own(*of)) or counted[-1]
         )
-    draws = evidence.posterior(jax.random.key(2), linear)
-    found = unseen_runs.left_out(jax.random.key(1), linear, draws)
+    drawn = evidence.posterior(jax.random.key(2), linear)
+    found = unseen_runs.left_out(jax.random.key(1), linear, *drawn)
     prior, data, best = linear.fitted.box, linear.fitted.data, linear.fitted.fit
     assert list(found.elpd) == [f"held at {level:g}" for level in LEVELS[:4]]
     std = np.sqrt(np.diag(best.covariance)) / np.asarray(prior.upper - prior.lower)
@@ -94,8 +101,8 @@ def test_scores_of_left_out_runs_are_those_of_a_grid(linear, way, monkeypatch):
 
 
 def test_scores_of_fits_alone_are_those_of_a_posterior_to_a_few_nats(linear):
-    draws = evidence.posterior(jax.random.key(2), linear)
-    weighed = unseen_runs.left_out(jax.random.key(1), linear, draws)
+    drawn = evidence.posterior(jax.random.key(2), linear)
+    weighed = unseen_runs.left_out(jax.random.key(1), linear, *drawn)
     fits = unseen_runs.left_out_of_fits(linear)
     assert fits.error == weighed.error
     assert fits.khat is None
@@ -118,7 +125,7 @@ def test_draws_about_a_fit_have_its_covariance(linear):
 
 
 def test_the_likelihood_at_a_fit_bounds_the_evidence(linear):
-    draws = evidence.posterior(jax.random.key(2), linear)
+    draws, _ = evidence.posterior(jax.random.key(2), linear)
     assert draws.attrs["log_evidence"] < evidence.likelihood_at(
         linear.fitted.fit, linear.fitted.data
     )
@@ -179,20 +186,20 @@ def test_differences_and_stacking_are_closed_forms():
     rng = np.random.default_rng(0)
     base = rng.normal(size=8)
     scores = {"a": base, "b": base - 1.0 + 0.5 * np.arange(8) / 7, "c": base - 30.0}
-    apart = evidence.differences(scores, "a")
+    apart = differences(scores, "a")
     own = scores["b"] - base
     np.testing.assert_allclose(apart["b"], (own.sum(), np.sqrt(8) * own.std(ddof=1)))
     assert apart["a"] == (0.0, 0.0)
-    weights = evidence.stacking(scores)
+    weights = stacking(scores)
     # `a` predicts every run better than the others: all weight.
     np.testing.assert_allclose([weights[name] for name in "abc"], [1.0, 0.0, 0.0], atol=1e-3)
     # Each best on half of the runs by the same amount: half of the weight.
     halves = np.where(np.arange(8) % 2, 5.0, 0.0)
-    weights = evidence.stacking({"odd": base + halves, "even": base + 5.0 - halves})
+    weights = stacking({"odd": base + halves, "even": base + 5.0 - halves})
     np.testing.assert_allclose(weights["odd"], 0.5, atol=1e-3)
     # Hundreds of nats a run are no matter; nor is a law that is far behind on one run only.
     far = {"odd": 800.0 + base + halves, "even": 800.0 + base + 5.0 - halves, "off": base - 2000.0}
-    weights = evidence.stacking(far)
+    weights = stacking(far)
     np.testing.assert_allclose([weights[name] for name in far], [0.5, 0.5, 0.0], atol=1e-3)
 
 
@@ -422,7 +429,7 @@ def test_the_law_that_made_the_data_is_best_and_wrong_ones_are_told_apart(soften
     assert rows["cubic"]["error_beyond"] < 0.2 * rows["linear"]["error_beyond"]
     assert rows["cubic"]["error_held_out"] is None
     assert set(found.tree["scores"]["law"].values) == set(rows)
-    assert evidence.stacking({"cubic": np.zeros(5)}) == {"cubic": 1.0}
+    assert stacking({"cubic": np.zeros(5)}) == {"cubic": 1.0}
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ draws so far where an evaluation is costly, and otherwise NUTS along the model's
 """
 
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any
 
 import jax
@@ -72,8 +73,8 @@ def climb(
     Returns:
         The tree of `sample`; its attributes name the `coordinates`, and count all evaluations.
     """
-    further = further or {}
-    name, place, evaluations = choose(key, log_likelihood, box, data, places, further)
+    further = {name: cache(make) for name, make in (further or {}).items()}
+    name, place, evaluations = choose(key, log_likelihood, box, data, {**places, **further})
     budget, spent = np.inf if enough is None else budget_s, 0.0
     shared = {"num_chains": num_chains, "attrs": attrs}
     rungs: Further = {name: lambda: place, **{n: make for n, make in further.items() if n != name}}
@@ -99,9 +100,8 @@ def climb(
         if spent >= budget:
             tree.attrs["budget_spent_s"] = spent
             return tree
-    best, about = max(tried, key=lambda each: each[0].attrs["ess_weights"])
-    if best.attrs["ess_weights"] >= WORTH * len(box.names):
-        about = by_moments(scalars(best), box, about)
+    best, place = max(tried, key=lambda each: each[0].attrs["ess_weights"])
+    about = about_draws(best, box, place)
     sampler = sampler_named("elliptical_slice" if is_costly else "nuts")
     own = sampler.draws if is_costly else sampler.cheap_draws
     found = sample_until(
@@ -126,22 +126,27 @@ def is_good(tree: xr.DataTree, enough: Enough | None) -> bool:
     return enough is None or enough(scalars(tree))
 
 
+def about_draws(tree: xr.DataTree, box: Box, place: Reparametrisation) -> Reparametrisation:
+    """Coordinates about the moments of weighed draws; as they were where these are worth little."""
+    enough = tree.attrs["ess_weights"] >= WORTH * len(box.names)
+    return by_moments(scalars(tree), box, place) if enough else place
+
+
 def choose(
     key: Key[Array, ""],
     log_likelihood: LogLikelihood,
     box: Box,
     data: Any,
-    places: Places,
-    further: Further | None = None,
+    places: Further,
 ) -> tuple[str, Reparametrisation, int]:
     """The coordinates in which points about the fit are worth most, and how many were looked at.
 
-    Where a plenty of the points count, no others are looked at, those that cost evaluations last:
-    about a bent valley weights may look good that know only a part of it.
+    Where a plenty of the points count, no others are looked at. Those that cost evaluations to make
+    stand last: about a bent valley weights may look good that know only a part of it.
     """
     worth: dict[str, float] = {}
     made: dict[str, Reparametrisation] = {}
-    for i, (name, make) in enumerate((*places.items(), *(further or {}).items())):
+    for i, (name, make) in enumerate(places.items()):
         if max(worth.values(), default=0.0) > PLENTY * LOOKED_AT:
             break
         if (place := make()) is not None:
