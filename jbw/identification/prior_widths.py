@@ -7,12 +7,14 @@ that they push against its bound gains; so the evidence is integrated again and 
 from dataclasses import replace
 
 import jax
+import xarray as xr
 from jaxtyping import Array, Key
 
 from jbw.identification.evidence import Candidate, place_of
 from jbw.identification.unseen_runs import ROUNDS, SIZE, WORTH
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers import amis
+from jbw.inference.samplers.ladder import about_draws, choose
 from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.inference.space.problem import problem_of
 from jbw.observables import dataset
@@ -34,16 +36,20 @@ def twice_as_wide(prior: Box, laws: tuple[str, ...]) -> Box:
     return box(bounds)
 
 
-def log_evidence_wide(
-    key: Key[Array, ""], one: Candidate, log_evidence: float | None
-) -> float | None:
-    """Log evidence in the wider box [nats]; None where its weights cannot be trusted."""
-    wide = twice_as_wide(one.fitted.box, one.laws)
-    if log_evidence is None or bounds_by_name(wide) == bounds_by_name(one.fitted.box):
+def log_evidence_wide(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -> float | None:
+    """Log evidence in the wider box [nats]; None where its weights cannot be trusted.
+
+    By points about the fit, or about the moments of the posterior's draws where these are worth
+    more.
+    """
+    data, best, prior = one.fitted.data, one.fitted.fit, one.fitted.box
+    wide, log_evidence = twice_as_wide(prior, one.laws), draws.attrs.get("log_evidence")
+    if log_evidence is None or bounds_by_name(wide) == bounds_by_name(prior):
         return log_evidence
-    wider = replace(one, fitted=replace(one.fitted, box=wide))
-    data, best = one.fitted.data, one.fitted.fit
-    problem = problem_of(dataset.log_likelihood, wide, data, place_of(best, wider))
-    key = jax.random.fold_in(key, 2)
-    found = amis.points(key, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS[data.stepped])
+    about = place_of(best, replace(one, fitted=replace(one.fitted, box=wide)))
+    places = {"fit": lambda: about, "draws": lambda: about_draws(draws, wide, about)}
+    own, log_likelihood = jax.random.split(jax.random.fold_in(key, 2)), dataset.log_likelihood
+    _, place, _ = choose(own[0], log_likelihood, wide, data, places)
+    problem = problem_of(log_likelihood, wide, data, place)
+    found = amis.points(own[1], problem, size=SIZE, least=WORTH, most_rounds=ROUNDS[data.stepped])
     return found.log_evidence if found.khat < GOOD_KHAT else None

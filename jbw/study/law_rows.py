@@ -62,7 +62,7 @@ def _by_draws(keys: Keys, one: Candidate, most: float, *, several: bool) -> Weig
     """A law by its posterior, its runs left out where there are several."""
     drawn, about = evidence.posterior(keys[0], one)
     known = left_out(keys[1], one, drawn, about) if several else None
-    wide = log_evidence_wide(keys[0], one, drawn.attrs.get("log_evidence"))
+    wide = log_evidence_wide(keys[0], one, drawn)
     return Weighed(one, drawn, known, wide, most)
 
 
