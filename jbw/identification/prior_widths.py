@@ -11,13 +11,10 @@ import xarray as xr
 from jaxtyping import Array, Key
 
 from jbw.identification.evidence import Candidate, place_of
-from jbw.identification.unseen_runs import ROUNDS, SIZE, WORTH
+from jbw.identification.unseen_runs import weighed_in
 from jbw.inference.posterior.verdict import GOOD_KHAT
-from jbw.inference.samplers import amis
-from jbw.inference.samplers.ladder import about_draws, choose
+from jbw.inference.samplers.ladder import about_draws
 from jbw.inference.space.box import Box, bounds_by_name, box
-from jbw.inference.space.problem import problem_of
-from jbw.observables import dataset
 from jbw.oscillator.laws import quantities_of
 
 
@@ -48,8 +45,5 @@ def log_evidence_wide(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -
         return log_evidence
     about = place_of(best, replace(one, fitted=replace(one.fitted, box=wide)))
     places = {"fit": lambda: about, "draws": lambda: about_draws(draws, wide, about)}
-    own, log_likelihood = jax.random.split(jax.random.fold_in(key, 2)), dataset.log_likelihood
-    _, place, _ = choose(own[0], log_likelihood, wide, data, places)
-    problem = problem_of(log_likelihood, wide, data, place)
-    found = amis.points(own[1], problem, size=SIZE, least=WORTH, most_rounds=ROUNDS[data.stepped])
+    found = weighed_in(jax.random.fold_in(key, 2), wide, data, places)
     return found.log_evidence if found.khat < GOOD_KHAT else None

@@ -24,8 +24,10 @@ from jbw.inference.fit.fitting import Fit
 from jbw.inference.lanes import at_points
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers import amis
-from jbw.inference.samplers.ladder import choose
+from jbw.inference.samplers.amis import WeighedPoints
+from jbw.inference.samplers.ladder import Further, choose
 from jbw.inference.samplers.weighed_points import weights_of
+from jbw.inference.space.box import Box
 from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation
 from jbw.observables import dataset
@@ -139,11 +141,8 @@ def _by_points(
     key: Key[Array, ""], best: Fit, one: Candidate, rest: Dataset, about: Reparametrisation
 ) -> tuple[float, float]:
     """The same by points about the fit without it, or about all draws if worth more."""
-    log_likelihood, prior = dataset.log_likelihood, one.fitted.box
     places = {"fit": lambda: place_of(best, one), "draws": lambda: about}
-    _, place, _ = choose(jax.random.fold_in(key, 1), log_likelihood, prior, rest, places)
-    problem = problem_of(log_likelihood, prior, rest, place)
-    points = amis.points(key, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS[rest.stepped])
+    points = weighed_in(key, one.fitted.box, rest, places)
     times = _told_by_terms(one.fitted.data, rest)
     if times is None:
         whole = at_points(dataset.log_likelihood, points.theta, one.fitted.data)
@@ -153,6 +152,14 @@ def _by_points(
     with np.errstate(divide="ignore"):
         score = logsumexp(np.where(np.isfinite(gained), gained, -np.inf), b=points.weights)
     return float(np.asarray(score)), points.khat
+
+
+def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Further) -> WeighedPoints:
+    """Points of a posterior, from those of the coordinates in which they are worth most."""
+    looking, drawing = jax.random.split(key)
+    _, place, _ = choose(looking, dataset.log_likelihood, prior, data, places)
+    problem = problem_of(dataset.log_likelihood, prior, data, place)
+    return amis.points(drawing, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS[data.stepped])
 
 
 def _error_of(run: str, best: Fit, one: Candidate) -> float:
