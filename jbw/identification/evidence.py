@@ -199,24 +199,24 @@ def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparam
     }
     own, log_likelihood = jax.random.fold_in(key, 2), dataset.log_likelihood
     chosen, _, evaluations = choose(own, log_likelihood, prior, data, places)
-    tried: dict[str, xr.DataTree] = {}
-    made: dict[str, Reparametrisation] = {}
+    tried: list[tuple[xr.DataTree, Reparametrisation]] = []
     for name in sorted(places, key=lambda name: name != chosen):
         if (place := places[name]()) is None:
             continue
-        made[name] = place
-        tried[name] = sample(
+        tree = sample(
             key, log_likelihood, prior, data, sampler="amis", coordinates=place,
             num_samples=NUM_SAMPLES, num_chains=4, options={"most_rounds": MOST_ROUNDS},
             attrs=attrs(one.laws),
         )  # fmt: skip
-        evaluations += tried[name].attrs["num_evaluations"]
-        if tried[name].attrs["khat"] < GOOD_KHAT:
+        evaluations += tree.attrs["num_evaluations"]
+        tree.attrs["coordinates"] = name
+        tried.append((tree, place))
+        if tree.attrs["khat"] < GOOD_KHAT:
             break
-    name = min(tried, key=lambda name: tried[name].attrs["khat"])
-    tried[name].attrs |= {"coordinates": name, "num_evaluations": evaluations}
-    about = about_draws(tried[name], prior, made[name])
-    return with_derived(jax.random.fold_in(key, 1), tried[name], data), about
+    found, place = min(tried, key=lambda each: each[0].attrs["khat"])
+    found.attrs["num_evaluations"] = evaluations
+    about = about_draws(found, prior, place)
+    return with_derived(jax.random.fold_in(key, 1), found, data), about
 
 
 def likelihood_at(best: Fit, data: Dataset) -> float:

@@ -42,7 +42,7 @@ from jbw.inference.fit.valley import about_valley
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.verdict import Verdict, enough
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
-from jbw.inference.samplers.ladder import ROUNDS, Further, Places, climb
+from jbw.inference.samplers.ladder import ROUNDS, Places, climb
 from jbw.inference.samplers.register import sampler_named
 from jbw.inference.samplers.rewhitening import sample_until
 from jbw.inference.space.reparametrisation import along_logarithms, in_box, never_zero
@@ -130,7 +130,7 @@ def sample_joint(
         "box": lambda: in_box(prior, *about, settings.num_chains),
         "ridge": lambda: along_ridge(*about, prior),
     }
-    further: Further = {"valley": lambda: about_valley(dataset.stacked, prior, data, best)}
+    further: Places = {"valley": lambda: about_valley(dataset.stacked, prior, data, best)}
     enough = partial(are_enough, data=data, y_peak=ready.y_peak)
     shared: dict[str, Any] = {
         "num_chains": settings.num_chains, "attrs": attrs(data.laws), "budget_s": settings.budget_s

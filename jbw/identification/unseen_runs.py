@@ -25,7 +25,7 @@ from jbw.inference.lanes import at_points
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers import amis
 from jbw.inference.samplers.amis import WeighedPoints
-from jbw.inference.samplers.ladder import Further, choose
+from jbw.inference.samplers.ladder import Places, choose
 from jbw.inference.samplers.weighed_points import weights_of
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import problem_of
@@ -154,7 +154,7 @@ def _by_points(
     return float(np.asarray(score)), points.khat
 
 
-def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Further) -> WeighedPoints:
+def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Places) -> WeighedPoints:
     """Points of a posterior, from those of the coordinates in which they are worth most."""
     looking, drawing = jax.random.split(key)
     _, place, _ = choose(looking, dataset.log_likelihood, prior, data, places)

@@ -25,8 +25,8 @@ from jbw.inference.space.box import Box
 from jbw.inference.space.problem import LogLikelihood, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation
 
-Places = Mapping[str, Callable[[], Reparametrisation]]
-Further = Mapping[str, Callable[[], Reparametrisation | None]]  # None where there are none
+# Makers of coordinates by name, which give None where there are none; the first always has some.
+Places = Mapping[str, Callable[[], Reparametrisation | None]]
 
 LOOKED_AT = 256  # points that coordinates are chosen by
 PLENTY = 1 / 2  # of these, from which no other coordinates are looked at
@@ -42,7 +42,7 @@ def climb(
     data: Any,
     *,
     places: Places,
-    further: Further | None = None,
+    further: Places | None = None,
     is_costly: bool,
     num_chains: int,
     num_samples: int | None,
@@ -77,7 +77,7 @@ def climb(
     name, place, evaluations = choose(key, log_likelihood, box, data, {**places, **further})
     budget, spent = np.inf if enough is None else budget_s, 0.0
     shared = {"num_chains": num_chains, "attrs": attrs}
-    rungs: Further = {name: lambda: place, **{n: make for n, make in further.items() if n != name}}
+    rungs: Places = {name: lambda: place, **{n: make for n, make in further.items() if n != name}}
     tried: list[tuple[xr.DataTree, Reparametrisation]] = []
     for other, make in rungs.items():
         is_last = len(tried) == len(rungs) - 1
@@ -137,7 +137,7 @@ def choose(
     log_likelihood: LogLikelihood,
     box: Box,
     data: Any,
-    places: Further,
+    places: Places,
 ) -> tuple[str, Reparametrisation, int]:
     """The coordinates in which points about the fit are worth most, and how many were looked at.
 
