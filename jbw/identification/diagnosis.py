@@ -21,7 +21,7 @@ from jbw.inference.posterior.summary import QUANTILES
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import parts_of
 from jbw.observables.observable import AmplitudeCurve
-from jbw.oscillator.laws.iwan import power_loop
+from jbw.oscillator.laws.powers import power_loop
 
 FEWEST = 5  # readings that an exponent is read off
 EXPONENTS = (0.1, 4.0)

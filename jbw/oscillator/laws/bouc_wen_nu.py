@@ -24,7 +24,7 @@ from jbw.oscillator.kinks import Ends, StepPath, cusp_impulse, kink_impulse, sig
 from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales
 from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
 from jbw.oscillator.laws.conversions import bouc_wen
-from jbw.oscillator.laws.iwan import REFERENCE, power, power_loop
+from jbw.oscillator.laws.powers import REFERENCE, power, power_loop
 from jbw.oscillator.parameters import Conversion, Scalar, batched, of_opensees
 from jbw.oscillator.steady.waveform import synthesis
 from jbw.quantities import Quantity

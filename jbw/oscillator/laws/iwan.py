@@ -3,40 +3,19 @@ r"""Masing's laws by their virgin curves: a power, Segalman's four parameters, a
 from typing import ClassVar
 
 import jax.numpy as jnp
-from jax.scipy.special import gammaln
-from jaxtyping import Array, Float
 
 from jbw.oscillator.law import Bounds, Conversion, Loop, Monomial, Scales, Threshold
 from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
 from jbw.oscillator.laws.masing import Kink, Masing
+from jbw.oscillator.laws.powers import PER_REFERENCE, REFERENCE, power, power_loop
 from jbw.oscillator.laws.relaxation import exponential_remainder
 from jbw.oscillator.parameters import Scalar
 from jbw.quantities import Quantity
 
-# Displacement at which the power law's loss of stiffness is stated: the law is the same for any.
-REFERENCE = 1e-3
 LOSS = (1e-4, 0.3)  # of the stiffness, lost at the largest displacement of a loop whose q is usual
 _USUAL_EXPONENT = 0.7
 SEGALMAN_UNITS = {"K_T": "N/m", "F_S": "N", "chi": "1", "beta": "1", "phi_max": "m"}
 EXPONENT = (0.05, 3.0)
-
-
-def power(x: Scalar, exponent: Scalar) -> Float[Array, "..."]:
-    """Power of x >= 0, its exponent above zero, with derivatives at x = 0, where both are 0."""
-    acts = jnp.asarray(x) > 0.0
-    return jnp.where(acts, jnp.exp(exponent * jnp.log(jnp.where(acts, x, 1.0))), 0.0)
-
-
-def power_loop(exponent: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    r"""Losses of stiffness and damping of the lag $c\,x^{1+q}$, over $c\,Y^q$; exact.
-
-    $$C_s = \frac{8}{\pi} I(2q+2) \frac{1+q}{2+q}, \qquad C_d = \frac{4q}{\pi (2+q)}, \qquad
-      I(n) = \int_0^{\pi/2} \sin^n = \frac{\sqrt\pi}{2}
-      \frac{\Gamma((n+1)/2)}{\Gamma(n/2+1)}$$
-    """
-    q = jnp.asarray(exponent, float)
-    integral = 0.5 * jnp.sqrt(jnp.pi) * jnp.exp(gammaln(q + 1.5) - gammaln(q + 2.0))
-    return 8.0 / jnp.pi * integral * (1.0 + q) / (2.0 + q), 4.0 / jnp.pi * q / (2.0 + q)
 
 
 class MasingPower(Masing):
@@ -76,7 +55,7 @@ class MasingPower(Masing):
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
         """Lag by the power, and its slope."""
-        secant = self.power_loss * power(x / REFERENCE, self.power_exponent)
+        secant = self.power_loss * power(x * PER_REFERENCE, self.power_exponent)
         return secant * x, (1.0 + self.power_exponent) * secant
 
     def lag_integral(self, x: Scalar) -> Scalar:
@@ -214,9 +193,9 @@ class Iwan4(Masing):
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
         """Lag by the power below macroslip, K_T x - F_S beyond; and its slope."""
-        phi_max = self.phi_max
-        sticks = x < phi_max
-        secant = self._secant * power(jnp.where(sticks, x / phi_max, 1.0), 1.0 + self.iwan_chi)
+        sticks = x < self.phi_max
+        below = jnp.minimum(x, self.phi_max)
+        secant = self.iwan_loss * power(below * PER_REFERENCE, 1.0 + self.iwan_chi)
         lag = jnp.where(sticks, secant * x, self.iwan_stiffness * x - self.f_s)
         return lag, jnp.where(sticks, (2.0 + self.iwan_chi) * secant, self.iwan_stiffness)
 

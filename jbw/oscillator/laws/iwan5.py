@@ -21,7 +21,8 @@ from jaxtyping import Array, Float
 from jbw.errors import ModelError
 from jbw.oscillator.kinks import Ends, StepPath, kink_impulse
 from jbw.oscillator.law import Branch, Law, Loop
-from jbw.oscillator.laws.iwan import Iwan4, power
+from jbw.oscillator.laws.iwan import Iwan4
+from jbw.oscillator.laws.powers import power
 from jbw.oscillator.parameters import Scalar
 from jbw.quantities import Quantity
 

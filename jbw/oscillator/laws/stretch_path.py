@@ -16,7 +16,7 @@ from jax.lax import stop_gradient
 from jaxtyping import Array
 
 from jbw.oscillator.kinks import signed
-from jbw.oscillator.laws.iwan import REFERENCE, power
+from jbw.oscillator.laws.powers import REFERENCE, power
 from jbw.oscillator.parameters import Scalar
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)

@@ -1,0 +1,41 @@
+"""A power of the displacement, by which laws of microslip lose stiffness."""
+
+import jax
+import jax.numpy as jnp
+from jax.scipy.special import gammaln
+from jaxtyping import Array, Float
+
+from jbw.oscillator.parameters import Scalar
+
+# Displacement at which the power law's loss of stiffness is stated: the law is the same for any.
+REFERENCE = 1e-3
+PER_REFERENCE = 1.0 / REFERENCE  # a product in every time step, where a quotient takes long
+
+
+@jax.custom_jvp
+def power(x: Scalar, exponent: Scalar) -> Float[Array, "..."]:
+    """Power of x >= 0, its exponent above zero, with derivatives at x = 0, where both are 0."""
+    # One call: a logarithm and an exponential wait for each other in every step.
+    return jnp.power(jnp.maximum(jnp.asarray(x, float), 0.0), exponent)
+
+
+@power.defjvp
+def _power_jvp(primals, tangents):
+    (x, exponent), (x_dot, exponent_dot) = primals, tangents
+    found = power(x, exponent)
+    acts = jnp.asarray(x) > 0.0
+    safe = jnp.where(acts, x, 1.0)
+    by_x = jnp.where(acts, exponent * found / safe, 0.0)
+    return found, by_x * x_dot + found * jnp.log(safe) * exponent_dot
+
+
+def power_loop(exponent: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    r"""Losses of stiffness and damping of the lag $c\,x^{1+q}$, over $c\,Y^q$; exact.
+
+    $$C_s = \frac{8}{\pi} I(2q+2) \frac{1+q}{2+q}, \qquad C_d = \frac{4q}{\pi (2+q)}, \qquad
+      I(n) = \int_0^{\pi/2} \sin^n = \frac{\sqrt\pi}{2}
+      \frac{\Gamma((n+1)/2)}{\Gamma(n/2+1)}$$
+    """
+    q = jnp.asarray(exponent, float)
+    integral = 0.5 * jnp.sqrt(jnp.pi) * jnp.exp(gammaln(q + 1.5) - gammaln(q + 2.0))
+    return 8.0 / jnp.pi * integral * (1.0 + q) / (2.0 + q), 4.0 / jnp.pi * q / (2.0 + q)
