@@ -211,7 +211,7 @@ def test_nested_loops_are_those_of_a_stack_without_bounds(law):
         turns = random_turns(seed)
         found, memory = forces(law, turns)
         expected = stacked(backbone, turns)
-        assert reversals.Stack.of(memory.stack).missed == 0.0
+        assert memory.stack.missed == 0.0
         np.testing.assert_allclose(found[1::2], expected, atol=1e-12 * np.max(np.abs(expected)))
         # Odd, and without memory of how far it is divided.
         np.testing.assert_allclose(forces(law, -turns)[0], -found, rtol=1e-12, atol=1e-14)
@@ -260,16 +260,16 @@ def test_what_is_given_up_is_counted_and_the_virgin_curve_is_found_again():
     # A decay needs no more than its last reversal.
     expected = stacked(lambda x: float(law.backbone(x)), turns)
     np.testing.assert_allclose(force[1::2], expected, rtol=1e-12)
-    stack = reversals.Stack.of(memory.stack)
+    stack = memory.stack
     assert stack.lost == 1.0
     assert stack.missed == 0.0
     far = law.move(turns[-1], memory, 3e-3 - turns[-1])
     np.testing.assert_allclose(far.force, law.backbone(3e-3), rtol=1e-12)
-    stack = reversals.Stack.of(far.stack)
+    stack = far.stack
     assert stack.lost == 0.0
     assert stack.missed == 1.0
     inside = law.move(turns[-1], memory, 1.7e-3 - turns[-1])
-    stack = reversals.Stack.of(inside.stack)
+    stack = inside.stack
     assert stack.lost == 1.0
     assert stack.missed == 1.0
     far = law.move(1.7e-3, inside, 1.3e-3)
@@ -285,8 +285,8 @@ def test_loops_too_deep_are_told():
     turns = np.append(0.0, 1e-3 * side * 0.9 ** np.arange(count))
     for before, after in itertools.pairwise(turns):
         deep = law.move(before, deep, after - before)
-    assert reversals.Stack.of(deep.stack).lost == 0.0
-    assert reversals.Stack.of(deep.stack).count == count
+    assert deep.stack.lost == 0.0
+    assert deep.stack.count == count
     # One turn more gives up a loop, and the way out passes it.
     deep = law.move(turns[-1], deep, -0.8 * turns[-1])
     start = 0.2 * turns[-1], 0.0, (deep,)

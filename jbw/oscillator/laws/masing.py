@@ -11,6 +11,7 @@ Reference:
     Masing (1926); Iwan (1966); Mayergoyz (1991) for the closures.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -112,10 +113,9 @@ class Masing(Law):
 
     def refreshed(self, y: Scalar, memory: Branch) -> Branch:
         """The branch and the force at y found anew from the reversals."""
-        stack = Stack.of(memory.stack)
-        found = branch_of(memory.sense, stack)
+        found = branch_of(memory.sense, memory.stack)
         force, slope = self._on_branch(found, y)
-        moved = stack.count > 0.5
+        moved = memory.stack.count > 0.5
         return found._replace(
             force=jnp.where(moved, force, memory.force), slope=jnp.where(moved, slope, 0.0)
         )
@@ -131,23 +131,24 @@ class Masing(Law):
         small = 2.0**-10 + 0.0 * omega_n
         none = 0.0 * omega_n  # `missed` counts on
         stack = Stack(small, small, none, (omega_n,) * self.depth, (1.0 / omega_n,) * self.depth)
-        return Branch(small, small, small, small, small, 1.0 / omega_n, small, stack.row())
+        return Branch(small, small, small, small, small, 1.0 / omega_n, small, stack)
 
     def packed(self, memory: Branch) -> Branch:
-        """With the reversals in one array; whole counts, also from a search for a steady state."""
-        stack = Stack.of(memory.stack)
-        stack = stack._replace(count=jnp.clip(jnp.round(stack.count), 0.0, float(stack.size)))
+        """With the reversals in arrays; whole counts, also from a search for a steady state."""
+        stack, size = memory.stack, float(self.depth)
+        stack = stack._replace(count=jnp.clip(jnp.round(stack.count), 0.0, size))
         branch = branch_of(jnp.sign(jnp.round(memory.sense)), stack)
-        branch = branch._replace(force=memory.force, slope=memory.slope)
-        return branch._replace(stack=jnp.stack(branch.stack))
+        stack = stack._replace(y=jnp.stack(stack.y), f=jnp.stack(stack.f))
+        return branch._replace(force=memory.force, slope=memory.slope, stack=stack)
 
     def unpacked(self, memory: Branch) -> Branch:
         """With each of the reversals for itself."""
-        return memory._replace(stack=tuple(jnp.moveaxis(memory.stack, -1, 0)))
+        y, f = (tuple(jnp.moveaxis(x, -1, 0)) for x in (memory.stack.y, memory.stack.f))
+        return memory._replace(stack=memory.stack._replace(y=y, f=f))
 
     def guesses(self, memory: Branch) -> Scalar:
         """How often the motion came back to reversals that had been given up."""
-        return Stack.of(memory.stack).missed
+        return memory.stack.missed
 
     # -- for derivatives ---------------------------------------------------------------------------
     @property
@@ -157,30 +158,28 @@ class Masing(Law):
 
     def stack_columns(self, memory: Branch) -> tuple[Entries, Entries]:
         """Displacements and forces of the reversals."""
-        stack = Stack.of(memory.stack)
-        return stack.y, stack.f
+        return memory.stack.y, memory.stack.f
 
     def with_columns(self, y: Scalar, memory: Branch, columns: tuple) -> Branch:
         """The branch at y that other reversals leave."""
-        stack = Stack.of(memory.stack)._replace(y=columns[0], f=columns[1])
-        return self.refreshed(y, memory._replace(stack=stack.row()))
+        stack = memory.stack._replace(y=columns[0], f=columns[1])
+        return self.refreshed(y, memory._replace(stack=stack))
 
     def turned_or_closed(self, before: Branch, after: Branch) -> Bool[Array, "..."]:
         """Whether a step has turned or closed a branch."""
-        counts = (Stack.of(memory.stack).count for memory in (before, after))
-        return jnp.asarray((before.sense != after.sense) | (next(counts) != next(counts)))
+        closed = before.stack.count != after.stack.count
+        return jnp.asarray((before.sense != after.sense) | closed)
 
     def _on_branch(self, memory: Branch, y: Scalar) -> tuple[Scalar, Scalar]:
         """Force at y on the present branch, and its slope less that of rest."""
-        distance = memory.sense * (y - memory.y)
-        stretch = jnp.maximum(memory.stretch, 1.0)
-        lag, slope = self.lag(jnp.maximum(distance, 0.0) / stretch)
-        own = self.stiffness()
-        return memory.f + memory.sense * (own * distance - stretch * lag), -slope
+        distance, stretched = memory.sense * (y - memory.y), memory.stretch > 1.5
+        lag, slope = self.lag(jnp.maximum(distance, 0.0) * jnp.where(stretched, 0.5, 1.0))
+        rest = self.stiffness() * distance - jnp.where(stretched, 2.0, 1.0) * lag
+        return memory.f + memory.sense * rest, -slope
 
     def _moved(self, y: Scalar, memory: Branch, dy: Scalar) -> _Move:
         """A monotone move."""
-        sense, stack = headed(memory.sense, Stack.of(memory.stack), y, memory.force, dy)
+        sense, stack = headed(memory.sense, memory.stack, y, memory.force, dy)
         begin = branch_of(sense, stack)._replace(force=memory.force)
         begin, stack = kept((begin, stack))
         stack, popped, closure = closed(sense, stack, y + dy)
@@ -236,19 +235,25 @@ class Masing(Law):
 
     def _kinks(self, y: Scalar, path: StepPath, first: _Move):
         """Impulses of a closure and of the virgin curve's kink before the turning point."""
-        after = first.end
-        closing = first.popped > 0.5
-        inner = kept(self._on_branch(first.begin, first.closure)[1])
-        outer = kept(self._on_branch(after, first.closure)[1])
-        yield _slope_jump(path, closing, first.closure - y, outer - inner)  # pyright: ignore[reportArgumentType]
+        after, closing = first.end, jnp.asarray(first.popped > 0.5)
+
+        def closure():
+            inner, outer = (self._on_branch(b, first.closure)[1] for b in (first.begin, after))
+            return _slope_jump(path, first.closure - y, outer - inner)
+
+        yield _where_met(closing, closure)
         if (kink := self.kink()) is None:
             return
         place = after.y + after.sense * after.stretch * kink.x
         begun = jnp.where(closing, first.closure, y)
         ahead, passed = place - begun, y + path.before - place
         met = jnp.asarray((after.sense * ahead > 0.0) & (after.sense * passed >= 0.0))
-        curvature = after.sense * kink.curvature / jnp.maximum(after.stretch, 1.0)
-        yield _slope_jump(path, met, place - y, kink.slope, curvature)
+
+        def macroslip():
+            curvature = after.sense * kink.curvature / jnp.maximum(after.stretch, 1.0)
+            return _slope_jump(path, place - y, kink.slope, curvature)
+
+        yield _where_met(met, macroslip)
 
     # -- along a periodic motion -------------------------------------------------------------------
     def loop(self, y_peak: Scalar) -> Loop:
@@ -276,17 +281,19 @@ class Masing(Law):
         return steady_force(self, q, theta)
 
 
+def _where_met(
+    met: Bool[Array, "..."], impulses: Callable[[], tuple[Scalar, Scalar]]
+) -> tuple[Scalar, Scalar]:
+    """Impulses where a kink is met, which few steps are long enough for."""
+    nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(impulses))
+    return jax.lax.cond(met, impulses, lambda: nothing)
+
+
 def _slope_jump(
-    path: StepPath,
-    met: Bool[Array, "..."] | bool,
-    target: Scalar,
-    slope: Scalar,
-    curvature: Scalar = 0.0,
+    path: StepPath, target: Scalar, slope: Scalar, curvature: Scalar = 0.0
 ) -> tuple[Scalar, Scalar]:
     """Impulses where the slope of the force jumps on the way to the turning point."""
-    target = jnp.where(met, target, path.before)
-    s = kept(jnp.where(met, path.passage(target, first=True), 1.0))
-    slope, curvature = jnp.where(met, slope, 0.0), jnp.where(met, curvature, 0.0)
+    s = kept(path.passage(target, first=True))
     speed = path.cubic.slope(s)
     return slope_jump_impulse(
         1.0 - s, slope * speed, slope * path.cubic.bend(s) + curvature * speed**2

@@ -1,16 +1,18 @@
-r"""The reversals that a Masing law remembers: a shift register, the latest one first.
+r"""The reversals that a Masing law remembers, the oldest first.
 
-A branch begins at a reversal $(y_0, F_0)$. The oldest entry is where the virgin curve begins, the
-one before it where that curve was left for the first time. A branch closes, so that it is forgotten
-and the one it interrupted goes on, at the reversal $y_1$ before its own; the first branch after the
-virgin curve at the mirror image of its own reversal. Closures are nested: a monotone move passes
-them in order, any number of them.
+A branch begins at a reversal $(y_n, F_n)$, the last of them. The first is where the virgin curve
+begins, the second where that curve was left for the first time. A branch closes, so that it is
+forgotten and the one it interrupted goes on, at the reversal before its own; the first branch after
+the virgin curve at the mirror image of its own reversal. Closures are nested: a monotone move
+passes them in order, any number of them. Those that are left keep their places.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jax.lax import dynamic_slice, stop_gradient
+from jax.lax import stop_gradient
 from jaxtyping import Array, Bool
 
 from jbw.oscillator.kinks import kept
@@ -20,7 +22,7 @@ SIZE = 10  # unless a law says more
 # A closure met to rounding is met: of the displacements that it is found from.
 _ROUNDING = 1e-14
 
-# A tuple of scalars, or one array in a time loop, where a shuffle must cost little.
+# A tuple of scalars, or one array in a time loop, which must copy little.
 Entries = Any
 
 
@@ -41,24 +43,6 @@ class Stack(NamedTuple):
     y: Entries
     f: Entries
 
-    @classmethod
-    def of(cls, places: Any) -> "Stack":
-        """From all numbers in a row, a tuple or an array."""
-        size = (len(places) - 3) // 2
-        return cls(places[0], places[1], places[2], places[3 : 3 + size], places[3 + size :])
-
-    @property
-    def size(self) -> int:
-        """Reversals that there is room for."""
-        return len(self.y)
-
-    def row(self) -> Any:
-        """All numbers in a row."""
-        counts = self.count, self.lost, self.missed
-        if isinstance(self.y, tuple):
-            return (*counts, *self.y, *self.f)
-        return jnp.concatenate([jnp.stack(counts), self.y, self.f])
-
 
 class Branch(NamedTuple):
     """Memory of a Masing law: the present branch and the force on it, and the reversals behind it.
@@ -71,7 +55,7 @@ class Branch(NamedTuple):
         closure: Displacement at which it closes; out of reach for the virgin curve [m].
         force: Force now [N/kg].
         slope: Slope of the force now, less that of rest [1/s^2].
-        stack: The reversals in a row, `Stack.row`; in a time loop one array, as it seldom changes.
+        stack: The reversals; in a time loop in arrays, as they seldom change.
     """
 
     sense: Scalar
@@ -81,7 +65,7 @@ class Branch(NamedTuple):
     closure: Scalar
     force: Scalar
     slope: Scalar
-    stack: Any
+    stack: Stack
 
 
 _OUT_OF_REACH = 1e3  # m
@@ -89,30 +73,27 @@ _OUT_OF_REACH = 1e3  # m
 
 def nothing_remembered(size: int = SIZE) -> Branch:
     """Nothing remembered, with room for so many reversals."""
-    return Branch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0,) * (3 + 2 * size))
+    none = (0.0,) * size
+    return Branch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, Stack(0.0, 0.0, 0.0, none, none))
 
 
 def with_room(memory: Branch, size: int) -> Branch:
     """A memory with room for more reversals; those that were given up are not found again."""
-    stack = Stack.of(memory.stack)
-    more = tuple(0.0 * stack.count for _ in range(size - stack.size))
-    wider = stack._replace(y=(*stack.y, *more), f=(*stack.f, *more))
-    return memory._replace(stack=wider.row())
+    stack = memory.stack
+    more = tuple(0.0 * stack.count for _ in range(size - len(stack.y)))
+    return memory._replace(stack=stack._replace(y=(*stack.y, *more), f=(*stack.f, *more)))
 
 
 def branch_of(sense: Scalar, stack: Stack) -> Branch:
     """The branch that the reversals leave, before its force is known."""
-    none = 0.0 * stack.count
-    place = jnp.where(stack.count > 1.5, _closing_place(stack, 0), sense * _OUT_OF_REACH)
+    none, last = 0.0 * stack.count, stack.count - 1.0
+    before = jnp.where(stack.count > 2.5, _at(stack.y, last - 1.0), _mirrored(stack.y))
+    closure = jnp.where(stack.count > 1.5, before, sense * _OUT_OF_REACH)
     virgin = stack.count < 1.5
     stretch = stop_gradient(jnp.where(virgin, jnp.minimum(stack.count, 1.0), 2.0))
-    return Branch(sense, stretch, stack.y[0], stack.f[0], place, none, none, stack.row())
-
-
-def _closing_place(stack: Stack, first: int) -> Scalar:
-    """Displacement at which the branch from an entry closes, where one lies behind it [m]."""
-    mirrored = 2.0 * stack.y[first + 1] - stack.y[first]
-    return jnp.where(stack.count - first > 2.5, stack.y[first + 1], mirrored)
+    return Branch(
+        sense, stretch, _at(stack.y, last), _at(stack.f, last), closure, none, none, stack
+    )
 
 
 def closes(sense: Scalar, y: Scalar, begin: Scalar, closure: Scalar) -> Bool[Array, "..."]:
@@ -124,74 +105,80 @@ def closes(sense: Scalar, y: Scalar, begin: Scalar, closure: Scalar) -> Bool[Arr
 def headed(sense: Scalar, stack: Stack, y: Scalar, f: Scalar, dy: Scalar) -> tuple[Scalar, Stack]:
     """Sense and reversals at (y, f) after turning into the next move, if that is the other way."""
     turned = jnp.asarray((sense * dy < 0.0) | ((sense == 0.0) & (dy != 0.0)))
-    full = turned & jnp.asarray(stack.count > stack.size - 0.5)
-    count = stack.count + jnp.where(full, -1.0, jnp.where(turned, 1.0, 0.0))
+    full = turned & jnp.asarray(stack.count > len(stack.y) - 0.5)
+    place = jnp.where(turned, stack.count - jnp.where(full, 2.0, 0.0), -1.0)
     pushed = Stack(
-        stop_gradient(count),
+        stop_gradient(jnp.where(turned, place + 1.0, stack.count)),
         stop_gradient(jnp.where(full, 1.0, stack.lost)),
         stack.missed,
-        _pushed(stack.y, y, turned, full),
-        _pushed(stack.f, f, turned, full),
+        _replaced(_shortened(stack.y, full), lambda i: i == place, y),
+        _replaced(_shortened(stack.f, full), lambda i: i == place, f),
     )
     sense = jnp.where(dy == 0.0, sense, jnp.where(dy < 0.0, -1.0, 1.0))
     return stop_gradient(sense), pushed
 
 
-def _pushed(
-    entries: Entries, value: Scalar, turned: Bool[Array, "..."], full: Bool[Array, "..."]
-) -> Entries:
-    """Entries with one more in front.
-
-    A full register keeps its two oldest, by which the virgin curve is found again, and gives up
-    the pair before them.
-    """
-    if not isinstance(entries, tuple):
-        front, none = jnp.asarray(value)[None], jnp.zeros(1)
-        moved = jnp.concatenate([front, entries[:-1]])
-        shortened = jnp.concatenate([front, entries[:-4], entries[-2:], none])
-        return jnp.where(full, shortened, jnp.where(turned, moved, entries))
-    moved = (value, *entries[:-1])
-    shortened = (value, *entries[:-4], *entries[-2:], 0.0 * value)
-    return tuple(
-        jnp.where(full, b, jnp.where(turned, a, x))
-        for a, b, x in zip(moved, shortened, entries, strict=True)
-    )
-
-
 def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scalar]:
-    """Reversals after a move to y has passed its closures, how many that took, and the last place.
+    """Reversals after a move to y through its closures, how many that took, and the last place."""
+    fixed_sense, fixed, end = stop_gradient((sense, stack, y))
 
-    The entries that remain are the same, moved to the front.
-    """
-    popped, last, going = jnp.zeros_like(stack.count), stack.y[0], jnp.asarray(True)
-    for first in range(0, stack.size - 1, 2):
-        place, pair = _closing_place(stack, first), stack.count - first > 2.5
-        going = going & (stack.count - first > 1.5) & closes(sense, y, stack.y[first], place)
-        popped = popped + jnp.where(going, jnp.where(pair, 2.0, 1.0), 0.0)
-        last = jnp.where(going, place, last)
-    popped, last = kept((stop_gradient(popped), last))
-    count = stop_gradient(stack.count - popped)
+    def going_on(count: Scalar) -> tuple[Scalar, Bool[Array, "..."]]:
+        before = jnp.where(count > 2.5, _at(fixed.y, count - 2.0), _mirrored(fixed.y))
+        met = closes(fixed_sense, end, _at(fixed.y, count - 1.0), before)
+        return count, jnp.asarray(count > 1.5) & met
+
+    def forget(at: tuple) -> tuple:
+        count, going = at
+        return going_on(count - jnp.where(going, jnp.where(count > 2.5, 2.0, 1.0), 0.0))
+
+    shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in (sense, stack.count, y, *stack.y)))
+    begun = going_on(jnp.broadcast_to(fixed.count, shape))
+    count, _ = kept(jax.lax.while_loop(lambda at: jnp.any(at[1]), forget, begun))
+    popped = fixed.count - count
+    in_pairs = popped == 2.0 * jnp.floor(0.5 * popped)
+    place = jnp.where(in_pairs, _at(stack.y, count), _mirrored(stack.y))
     # With three entries left the place that closes the branch is given up, with two it is passed.
     edge = (stack.lost > 0.5) & (popped > 0.5) & (count < 3.5)
-    passed = edge & (count < 2.5)
     after = Stack(
         count,
-        stop_gradient(jnp.where(passed, 0.0, stack.lost)),
+        stop_gradient(jnp.where(edge & (count < 2.5), 0.0, stack.lost)),
         stop_gradient(stack.missed + jnp.where(edge, 1.0, 0.0)),
-        forward(stack.y, popped),
-        forward(stack.f, popped),
+        _replaced(stack.y, lambda i: i >= count, 0.0),
+        _replaced(stack.f, lambda i: i >= count, 0.0),
     )
-    return after, popped, last
+    return after, popped, place
 
 
-def forward(entries: Entries, places: Scalar) -> Entries:
-    """Entries moved to the front by a number of places, in steps of powers of two."""
+def _mirrored(entries: Entries) -> Scalar:
+    """Mirror image of the second about the first, where the first branch closes [m]."""
+    return 2.0 * entries[0] - entries[1]
+
+
+def _at(entries: Entries, place: Scalar) -> Scalar:
+    """Entry at a place; some entry where there is none."""
     if not isinstance(entries, tuple):
-        padded = jnp.concatenate([entries, jnp.zeros(len(entries))])
-        return dynamic_slice(padded, (jnp.asarray(places, int),), (len(entries),))
-    for step in (2**power for power in reversed(range(len(entries).bit_length()))):
-        far = places > step - 0.5
-        places = places - jnp.where(far, float(step), 0.0)
-        moved = (*entries[step:], *(0.0 * x for x in entries[:step]))
-        entries = tuple(jnp.where(far, a, b) for a, b in zip(moved, entries, strict=True))
-    return entries
+        place = jnp.asarray(place, jnp.int32)
+        return jax.lax.dynamic_index_in_dim(entries, place, keepdims=False)
+    found = entries[0]
+    for i, entry in enumerate(entries[1:], 1):
+        found = jnp.where(place > i - 0.5, entry, found)
+    return found
+
+
+def _replaced(entries: Entries, chosen: Callable[[Any], Any], value: Scalar) -> Entries:
+    """Entries with a value at the chosen places."""
+    if not isinstance(entries, tuple):
+        return jnp.where(chosen(jnp.arange(len(entries))), value, entries)
+    return tuple(jnp.where(chosen(i), value, entry) for i, entry in enumerate(entries))
+
+
+def _shortened(entries: Entries, full: Bool[Array, "..."]) -> Entries:
+    """Entries of a full register without two.
+
+    It keeps its two oldest, by which the virgin curve is found again, and gives up the next pair.
+    """
+    if not isinstance(entries, tuple):
+        shorter = jnp.concatenate([entries[:2], entries[4:], jnp.zeros(2)])
+        return jnp.where(full, shorter, entries)
+    shorter = (*entries[:2], *entries[4:], 0.0, 0.0)
+    return tuple(jnp.where(full, a, b) for a, b in zip(shorter, entries, strict=True))
