@@ -87,10 +87,9 @@ def with_room(memory: Branch, size: int) -> Branch:
 def branch_of(sense: Scalar, stack: Stack) -> Branch:
     """The branch that the reversals leave, before its force is known."""
     none, last = 0.0 * stack.count, stack.count - 1.0
-    before = jnp.where(stack.count > 2.5, _at(stack.y, last - 1.0), _mirrored(stack.y))
-    closure = jnp.where(stack.count > 1.5, before, sense * _OUT_OF_REACH)
-    virgin = stack.count < 1.5
-    stretch = stop_gradient(jnp.where(virgin, jnp.minimum(stack.count, 1.0), 2.0))
+    behind = _closing_place(stack.y, stack.count)
+    closure = jnp.where(stack.count > 1.5, behind, sense * _OUT_OF_REACH)
+    stretch = stop_gradient(jnp.where(stack.count < 1.5, jnp.minimum(stack.count, 1.0), 2.0))
     return Branch(
         sense, stretch, _at(stack.y, last), _at(stack.f, last), closure, none, none, stack
     )
@@ -123,9 +122,8 @@ def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scala
     fixed_sense, fixed, end = stop_gradient((sense, stack, y))
 
     def going_on(count: Scalar) -> tuple[Scalar, Bool[Array, "..."]]:
-        before = jnp.where(count > 2.5, _at(fixed.y, count - 2.0), _mirrored(fixed.y))
-        met = closes(fixed_sense, end, _at(fixed.y, count - 1.0), before)
-        return count, jnp.asarray(count > 1.5) & met
+        begin, place = _at(fixed.y, count - 1.0), _closing_place(fixed.y, count)
+        return count, jnp.asarray(count > 1.5) & closes(fixed_sense, end, begin, place)
 
     def forget(at: tuple) -> tuple:
         count, going = at
@@ -147,6 +145,11 @@ def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scala
         _replaced(stack.f, lambda i: i >= count, 0.0),
     )
     return after, popped, place
+
+
+def _closing_place(y: Entries, count: Scalar) -> Scalar:
+    """Displacement at which the last of so many branches closes, where one lies behind it [m]."""
+    return jnp.where(count > 2.5, _at(y, count - 2.0), _mirrored(y))
 
 
 def _mirrored(entries: Entries) -> Scalar:
