@@ -53,8 +53,8 @@ def steady_period(
     scale = units * jnp.max(jnp.abs(leaves), axis=1)
     change = units * jnp.abs(leaves[:, -1] - leaves[:, 0])
     # What a memory holds in places that it does not use is round-off, of which all may change.
-    scale = jnp.maximum(scale, _NOTHING * jnp.max(scale))
-    residual = jnp.max(change / jnp.where(scale > 0.0, scale, 1.0))
+    nothing = change <= _NOTHING * jnp.max(scale)
+    residual = jnp.max(jnp.where(nothing, 0.0, change / jnp.where(scale > 0.0, scale, 1.0)))
     return jax.tree.map(lambda x: x[:-1], trajectory), jax.lax.stop_gradient(residual)
 
 

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jbw.oscillator import periodic
 from jbw.oscillator.laws.iwan import Iwan4
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.periodic import steady_period
@@ -46,6 +47,24 @@ def test_a_period_that_keeps_its_start_is_not_marched():
     (x, _), count = count_of(settled, 0.99)
     np.testing.assert_allclose(x, 100.0, rtol=1e-9)
     assert count < 100
+
+
+def test_round_off_in_a_place_that_is_not_used_is_no_change():
+    # 1e-20 beside a state of 1 all vanishes; a hundred-thousandth beside it that does is a change.
+    def residual(beside):
+        def period(state):
+            after = (0.5 * state[0] + 0.5, 0.0 * state[1])
+            return jax.tree.map(lambda a, b: jnp.stack([jnp.asarray(a), b]), state, after)
+
+        def settle(gap, x):
+            return jnp.array([1.0, beside])
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(periodic, "_settle", settle)
+            return steady_period(period, (jnp.ones(()), jnp.zeros(())), (1.0, 1.0))[1]
+
+    assert residual(1e-20) == 0.0
+    assert residual(1e-5) == 1.0
 
 
 def test_a_period_that_is_not_a_number_is_given_up():
