@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln, logsumexp, softmax
 
 from jbw.inference.samplers.evidence import HEAVY
 
@@ -149,18 +149,18 @@ def _improved(
     size = x.shape[1]
     squares = _squares(mixture, x)
     parts = _log_components(mixture, squares)
-    belongs = weights[:, None] * np.exp(parts - logsumexp(parts, axis=1, keepdims=True))
+    belongs = weights[:, None] * softmax(parts, axis=1)
     shares = belongs.sum(axis=0)
     kept = shares * effective > min(size, 0.5 * effective)
     shares, belongs, squares = shares[kept], belongs[:, kept], squares[:, kept]
-    pull = belongs * (HEAVY + size) / (HEAVY + squares)
-    centres = (pull.T @ x) / pull.sum(axis=0)[:, None]
-    roots = []
-    for share, own, centre in zip(shares, pull.T, centres, strict=True):
-        points, lean = share * effective, PRIOR_POINTS * size
-        mine = _covariance(own / share, x, centre)
-        roots.append(np.linalg.cholesky((points * mine + lean * overall) / (points + lean)))
-    return Mixture(shares / shares.sum(), centres, np.stack(roots))
+    pull = (belongs * (HEAVY + size) / (HEAVY + squares)).T
+    centres = pull @ x / pull.sum(axis=1)[:, None]
+    away = x - centres[:, None]
+    own = np.swapaxes(pull[..., None] * away, 1, 2) @ away
+    lean = PRIOR_POINTS * size
+    points = (shares * effective)[:, None, None]
+    scales = (effective * own + lean * overall) / (points + lean)
+    return Mixture(shares / shares.sum(), centres, np.linalg.cholesky(scales))
 
 
 def _overall(weights: Weights, x: Points) -> NDArray[np.float64]:
