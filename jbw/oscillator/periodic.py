@@ -54,7 +54,7 @@ def steady_period(
     change = units * jnp.abs(leaves[:, -1] - leaves[:, 0])
     # What a memory holds in places that it does not use is round-off, of which all may change.
     nothing = change <= _NOTHING * jnp.max(scale)
-    residual = jnp.max(jnp.where(nothing, 0.0, change / jnp.where(scale > 0.0, scale, 1.0)))
+    residual = jnp.max(jnp.where(nothing, 0.0, change) / jnp.where(nothing, 1.0, scale))
     return jax.tree.map(lambda x: x[:-1], trajectory), jax.lax.stop_gradient(residual)
 
 

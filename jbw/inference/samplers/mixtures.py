@@ -165,14 +165,7 @@ def _improved(
 
 def _overall(weights: Weights, x: Points) -> NDArray[np.float64]:
     """Weighted covariance of all points, positive definite where they coincide."""
-    overall = _covariance(weights, x, weights @ x)
+    away = x - weights @ x
+    overall = (weights[:, None] * away).T @ away
     overall[np.diag_indices(x.shape[1])] *= 1 + NUGGET
     return overall
-
-
-def _covariance(
-    weights: Weights, x: Points, centre: Float[np.ndarray, " parameter"]
-) -> NDArray[np.float64]:
-    """Weighted second moments about a centre."""
-    away = x - centre
-    return (weights[:, None] * away).T @ away
