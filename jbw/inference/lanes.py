@@ -39,9 +39,8 @@ def at_points(
     def one(lot: Mapping[str, Array]) -> Any:
         return jax.tree.map(np.asarray, _values(function, lot, data))
 
-    found = [one(lots[0])]  # compiles, once for all threads
-    with ThreadPoolExecutor(_num_cores()) as threads:
-        found += threads.map(one, lots[1:])
+    with ThreadPoolExecutor(_num_cores()) as threads:  # of which JAX lets the first compile
+        found = list(threads.map(one, lots))
     return jax.tree.map(lambda *rows: np.concatenate(rows)[:count], *found)
 
 
