@@ -4,6 +4,7 @@ Compiled code is kept in the user's cache folder, one a machine, as the command 
 tests' time is compiling. `JAX_ENABLE_COMPILATION_CACHE=0` turns that off.
 """
 
+import gc
 import json
 import os
 import platform
@@ -19,6 +20,8 @@ from shapes import check_shapes
 if os.environ.get("JBW_CHECK_SHAPES") != "0":
     check_shapes()  # before any test file imports jbw
 jax.config.update("jax_enable_x64", True)
+# What JAX traces lives long, and looking through it for garbage takes a twentieth of the time.
+gc.set_threshold(100_000, 20, 20)
 from jbw.inference.compiled import forget_when_many  # noqa: E402
 from jbw.run.session import keep_compiled  # noqa: E402
 

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from jbw.cli.printing import duration
-from jbw.run.session import prepare_jax as prepare_jax
+from jbw.run.session import prepare_process as prepare_process
 
 LOOK_S = 1.0  # between two looks at the chains at least, on a terminal
 PLAIN_S = 10.0  # between two lines where there is none, and of silence at most
@@ -115,7 +115,7 @@ class Teller:
 @contextmanager
 def computing() -> Iterator[Teller]:
     """JAX set up, and a teller on stderr; warnings go to the same place. Import JAX within."""
-    prepare_jax()
+    prepare_process()
     say = Teller(Console(stderr=True, highlight=False))
 
     def show(message: Any, *_: Any) -> None:

@@ -71,11 +71,11 @@ def export(
     not. --draws writes what to simulate over the posterior with: a folder a draw and manifest.json.
     All begin with the verdict of the run.
     """
-    from jbw.cli.progress import prepare_jax
+    from jbw.cli.progress import prepare_process
     from jbw.report.result import read_result
     from jbw.study.store import claim
 
-    prepare_jax()
+    prepare_process()
     from jbw.study import export as exporting
     from jbw.study.export_files import chosen_programs, notes_on, write_export
     from jbw.study.exports import PROGRAMS, USUAL, programs_named

@@ -23,7 +23,7 @@ from jbw.report.result import read_result
 from jbw.run.files import hash_of
 from jbw.run.folder import HIDDEN, MANIFEST, begin, reopen, require_same
 from jbw.run.manifest import Manifest
-from jbw.run.session import prepare_jax
+from jbw.run.session import prepare_process
 from jbw.study.resumable import carried_out, digest_of
 from jbw.study.workers import Executor, in_processes, submitted
 
@@ -146,7 +146,7 @@ def run_task(task: Task) -> Outcome:
 def _run(task: Task) -> Outcome:
     started, began = time.perf_counter(), "new"
     try:
-        prepare_jax()
+        prepare_process()
         folder = Path(task.folder)
         if (folder / HIDDEN / MANIFEST).exists():
             began, run = "resumed", reopen(folder)

@@ -27,7 +27,7 @@ settle = 20.0
 
 @pytest.fixture(autouse=True)
 def _jax_as_it_is(monkeypatch):
-    monkeypatch.setattr(jbw.cli.progress, "prepare_jax", lambda: None)
+    monkeypatch.setattr(jbw.cli.progress, "prepare_process", lambda: None)
 
 
 @pytest.fixture

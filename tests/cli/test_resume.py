@@ -25,8 +25,8 @@ SETTINGS = 'num_samples = 1000\nsubsteps = 1\nsampler = "elliptical_slice"'
 # Chunks of moments instead of seconds, no figures, and a death at a checkpoint if one is asked for.
 DRIVER = """
 import os, signal, sys
-from jbw.cli.progress import prepare_jax
-prepare_jax()
+from jbw.cli.progress import prepare_process
+prepare_process()
 from jbw.inference.samplers import chunked_run as growing
 from jbw.run import checkpoints
 from jbw.study import store as storage

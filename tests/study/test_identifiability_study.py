@@ -150,7 +150,7 @@ def test_combinations_are_the_same_in_either_coordinates():
 @pytest.fixture
 def quiet_jax(monkeypatch):
     """The tests have set up JAX already."""
-    monkeypatch.setattr(jbw.cli.progress, "prepare_jax", lambda: None)
+    monkeypatch.setattr(jbw.cli.progress, "prepare_process", lambda: None)
 
 
 def test_the_command_prints_spectrum_and_words(tmp_path, capsys, quiet_jax):

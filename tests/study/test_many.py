@@ -63,7 +63,7 @@ def campaigns(tmp_path):
 
 @pytest.fixture
 def threads(monkeypatch):
-    monkeypatch.setattr(many, "prepare_jax", lambda: None)
+    monkeypatch.setattr(many, "prepare_process", lambda: None)
     with ThreadPoolExecutor(2) as pool:
         yield pool
 
