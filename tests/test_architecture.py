@@ -13,7 +13,6 @@ import jbw
 
 ROOT = Path(jbw.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
-LONGEST = 300  # lines of a file
 ANYWHERE = {"errors", "quantities", "units"}
 LEAVES = {"oscillator", "measurement", "inference"}
 MODEL = LEAVES | {"campaign", "observables"}
@@ -147,12 +146,6 @@ def test_no_circle_between_files():
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         pytest.fail(" -> ".join(error.args[1]))
-
-
-def test_no_file_is_too_long():
-    lengths = {name_of(p): len(p.read_text(encoding="utf-8").splitlines()) for p in FILES}
-    wrong = {name: length for name, length in lengths.items() if length > LONGEST}
-    assert not wrong
 
 
 def test_heavy_libraries_live_in_their_rooms():

@@ -1,9 +1,9 @@
-"""How often code outside their rooms names laws, kinds of data and samplers, and how long it is.
+"""How often code outside their rooms names laws, kinds of data and samplers.
 
 A law, a kind of test or a sampler should be one file and one registration; every other place that
 knows one by name is a rung of a ladder that the next one must climb. `LIMITS` is where the code
-stands and may only go down, towards `GOALS`; its lines and files leave room for what jbw learns to
-do beside what it did when the goals were set. The table by room:
+stands and may only go down, towards `GOALS`. Lines and files are counted in the table by room and
+have no limit here: a limit on lines once took the paper's mathematics out of the package.
 
     python tests/test_ladders.py
 """
@@ -36,8 +36,8 @@ SAMPLERS = {
     "quadrature",
 }
 KINDS = {"noise", "multisine", "tones", "stepped", "sweep", "decay", "frf", "loop"}
-GOALS = {"law": 40, "isinstance": 5, "kind": 15, "samplers": 1, "lines": 34_000, "files": 240}
-LIMITS = {"law": 32, "isinstance": 4, "kind": 10, "samplers": 1, "lines": 59_050, "files": 402}
+GOALS = {"law": 40, "isinstance": 5, "kind": 15, "samplers": 1}
+LIMITS = {"law": 32, "isinstance": 4, "kind": 10, "samplers": 1}
 
 
 def docstrings(tree):
@@ -203,6 +203,7 @@ if __name__ == "__main__":
         ROOT = Path(sys.argv[1])
     rooms = counted()
     total = sum(rooms.values(), Counter())
-    print(f"{'room':<16}" + "".join(f"{name:>12}" for name in GOALS))
+    columns = (*GOALS, "lines", "files")
+    print(f"{'room':<16}" + "".join(f"{name:>12}" for name in columns))
     for room, row in {**rooms, "total": total, "limit": LIMITS, "goal": GOALS}.items():
-        print(f"{room:<16}" + "".join(f"{row[name]:>12,}" for name in GOALS))
+        print(f"{room:<16}" + "".join(f"{row.get(name, 0):>12,}" for name in columns))
