@@ -24,6 +24,7 @@ from jbw.oscillator.law import Law, Memory
 from jbw.oscillator.linear import impulse_moments
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.rare import where_rare
 
 NUM_MOMENTS = 6
 State = tuple[Scalar, Scalar, tuple[Memory, ...]]
@@ -112,11 +113,8 @@ def advance(step: ExactStep, state: State, push: Push, *, kinks: Kinks) -> State
             memory_1, kinked = glided(laws, state, branches, y_1, v_1)
             smooth = end = end._replace(memory=memory_1)
             if kinks == "met":
-                end = jax.lax.cond(
-                    kinked,
-                    lambda: _through_kinks(step, state, branches, push[2], y_1, v_1),
-                    lambda: smooth,
-                )
+                operands = step, state, branches, push[2], y_1, v_1
+                end = where_rare(kinked, lambda at: _through_kinks(*at), operands, smooth)
     end = past_cusps(laws, step.dt, state, end)
     dv = 0.0
     # A damper's force follows v, whose prediction is an order worse than that of y: once more.

@@ -1,0 +1,60 @@
+"""A branch that few steps take, for many lanes side by side: taken where any lane asks for it.
+
+Under `jax.vmap` a condition becomes a selection, which works out both sides in every step. Here it
+stays a condition: lanes of like parameters turn within a few steps of each other, and between
+these none of them pays for the long side.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+
+def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, usual: Any) -> Any:
+    """What `rare` makes of the operands where a step has `met` a rare event, else the `usual`.
+
+    Args:
+        met: Whether it has.
+        rare: A pure function of the operands, not evaluated where no lane has met the event.
+        operands: A pytree of arrays: everything that `rare` depends on.
+        usual: The values of any other step, of the structure of what `rare` returns.
+    """
+    return _condition(rare, 0)(met, operands, usual)
+
+
+def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:
+    """The condition on any of all lanes, with so many axes of lanes; under vmap one axis more."""
+    rare_of_lanes = rare
+    for _ in range(depth):
+        rare_of_lanes = jax.vmap(rare_of_lanes)
+
+    @jax.custom_batching.custom_vmap
+    def condition(met: Array, operands: Any, usual: Any) -> Any:
+        def selected(operands: Any, usual: Any) -> Any:
+            return jax.tree.map(
+                lambda new, old: jnp.where(_spread(met, new.ndim), new, old),
+                rare_of_lanes(operands),
+                usual,
+            )
+
+        return jax.lax.cond(jnp.any(met), selected, lambda _, usual: usual, operands, usual)
+
+    @condition.def_vmap
+    def _of_lanes(size: int, batched: Any, *arguments: Any) -> tuple[Any, Any]:
+        arguments = jax.tree.map(
+            lambda x, is_batched: x if is_batched else jnp.broadcast_to(x, (size, *jnp.shape(x))),
+            arguments,
+            tuple(batched),
+        )
+        values = _condition(rare, depth + 1)(*arguments)
+        return values, jax.tree.map(lambda value: True, values)
+
+    return condition
+
+
+def _spread(met: Array, ndim: int) -> Array:
+    """A flag a lane with axes of length one for what a lane's value has of its own."""
+    return met.reshape(met.shape + (1,) * (ndim - met.ndim))
