@@ -23,7 +23,7 @@ from problem import FS, joint
 from timing import Table, options, show, take_turns
 
 import jbw
-from jbw.oscillator.hold import input_polynomials
+from jbw.oscillator.hold import held
 from jbw.oscillator.solver import HysteresisExact, stepping
 
 NUM = 4096
@@ -57,7 +57,7 @@ def gradient(joint, u):
 
 def control(joint, u):
     """The loop of `forward` around the spoiled step."""
-    steps = stepping(joint, input_polynomials(u, "first", periodic=False), FS, 1)
+    steps = stepping(joint, held(u, "first", periodic=False), FS, 1)
     rest = jnp.zeros(())
     return diffrax.diffeqsolve(
         diffrax.ODETerm(lambda tau, state, args: state),

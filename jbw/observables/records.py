@@ -18,10 +18,11 @@ from jbw.observables.modal_readings import band_peak, lines_of_motions, read_mod
 from jbw.observables.observable import OFFSETS, Laws, Rows, Theta, run_of
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, repeats
-from jbw.observables.residual_terms import own_columns
+from jbw.observables.residual_terms import own_columns, taken
 from jbw.observables.samples import (
     Lines,
     advance,
+    band_limited,
     in_band,
     lines_of,
     loudest_hz,
@@ -30,8 +31,12 @@ from jbw.observables.samples import (
     values_of,
 )
 from jbw.observables.spectra import Spectrum, of_lines, of_samples
+from jbw.oscillator.deepening import with_depth
+from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.laws.reversals import SIZE
+from jbw.oscillator.modes.parameters import has_further_modes
 from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.residual_sums import Compared, Sums, residual_sums
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the first values are read from
@@ -43,7 +48,8 @@ class Records(Repeated):
     """Repeats of several levels, each reduced to its sufficient statistics.
 
     Attributes:
-        source: Mean measured input of each level [V, N or N/kg].
+        held: Mean measured input of each level [V, N or N/kg], with its polynomials between the
+            samples; periodic where each record is one period of a steady motion.
         mean: Mean measured response of each level [m, m/s or m/s^2], a group each, from the first
             sample that is compared.
         origin: omega_n [rad/s] and zeta of each level's own run, where runs have offsets: where the
@@ -52,7 +58,6 @@ class Records(Repeated):
         fs: Sampling frequency [Hz], static as all below.
         response: displacement, velocity or acceleration.
         substeps: Steps of the solver between samples.
-        periodic: Whether each record is one period of a steady motion.
         lines: First and end of the spectrum's lines that are compared; None compares the samples.
         skipped: Samples at the start that are followed from rest but not compared, `settle`.
         depth: Reversals that laws of Masing's kind remember.
@@ -65,14 +70,13 @@ class Records(Repeated):
     dimension: ClassVar[str] = "level"
     stepped: ClassVar[bool] = True
 
-    source: Float[Array, "level time"]
+    held: HeldInput
     mean: Float[Array, "level compared"]
     repeats: Repeats
     origin: Float[Array, "level own"]
     fs: float = eqx.field(static=True)
     response: str = eqx.field(static=True, default="velocity")
     substeps: int = eqx.field(static=True, default=SUBSTEPS)
-    periodic: bool = eqx.field(static=True, default=False)
     lines: Lines | None = eqx.field(static=True, default=None)
     skipped: int = eqx.field(static=True, default=0)
     depth: int = eqx.field(static=True, default=SIZE)
@@ -117,7 +121,7 @@ class Records(Repeated):
         own = residuals == "own"
         return cls(
             laws=laws,
-            source=jnp.asarray(inputs),
+            held=band_limited(inputs, periodic=periodic),
             mean=jnp.asarray(means),
             repeats=repeats(
                 within=np.array(within),
@@ -133,13 +137,22 @@ class Records(Repeated):
             fs=fs,
             response=response,
             substeps=substeps or substeps_for(loudest_hz(means, fs), fs, SUBSTEPS),
-            periodic=periodic,
             lines=lines,
             skipped=skipped,
             residuals=residuals,
             points=tuple(test.point for test in tests),
             moved=tuple(first_alike(inputs)),
         )
+
+    @property
+    def source(self) -> Float[Array, "level time"]:
+        """Mean measured input of each level [V, N or N/kg]."""
+        return self.held.samples
+
+    @property
+    def periodic(self) -> bool:
+        """Whether each record is one period of a steady motion."""
+        return self.held.periodic
 
     @property
     def is_complex(self) -> bool:
@@ -154,14 +167,13 @@ class Records(Repeated):
     @property
     def solving(self) -> dict[str, Any]:
         """How the motion is found, as `motion_under` takes it."""
-        own = {"laws": self.laws, "substeps": self.substeps, "periodic": self.periodic}
-        return own | {"depth": self.depth}
+        return {"laws": self.laws, "substeps": self.substeps, "depth": self.depth}
 
     def predict(self, theta: Theta) -> Float[Array, "level compared"]:
         """Response of every level to its mean input, at its own origin where it has one."""
         several = any(self.points)
 
-        def one(level: tuple[Array, Array]) -> Float[Array, "*point compared"]:
+        def one(level: tuple[HeldInput, Array]) -> Float[Array, "*point compared"]:
             source, origin = level
             own = dict(zip(OFFSETS, origin, strict=False))  # none where runs have no offsets
             motion = response_to(
@@ -177,9 +189,10 @@ class Records(Repeated):
 
         # One level after another, not batched: alone, the solver skips the work of rare events.
         if not several:
-            return jax.lax.map(one, (self.source, self.origin))
+            return jax.lax.map(one, (self.held, self.origin))
         motions = sorted(set(self.moved))
-        rows = jax.lax.map(one, tuple(x[np.array(motions)] for x in (self.source, self.origin)))
+        first = jax.tree.map(lambda x: x[np.array(motions)], (self.held, self.origin))
+        rows = jax.lax.map(one, first)
         points = ("", *self.modes.points)
         where = [motions.index(m) for m in self.moved], [points.index(p) for p in self.points]
         return rows[tuple(map(np.array, where))]
@@ -197,9 +210,55 @@ class Records(Repeated):
         away = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
         return left - jnp.einsum("lo,lov->lv", away, self.repeats.directions)
 
+    def sums(self, theta: Theta, rows: Float[Array, "level row compared"]) -> Sums:
+        """Sums over the misfit of every level, and with rows of each, added up in the time loop."""
+        away = jnp.zeros((len(self.origin), 0))
+        if self.origin.shape[1]:
+            away = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
+
+        def summed(level: tuple[HeldInput, Array, Array, Array, Array, Array]) -> Sums:
+            source, origin, mean, directions, away, rows = level
+            own = dict(zip(OFFSETS, origin, strict=False))
+            joint = with_depth(oscillator_of({**theta, **own}, self.laws), self.depth)
+            compared = Compared(
+                mean,
+                directions,
+                away,
+                rows,
+                order=derivative_order(self.response),
+                first=self.skipped,
+            )
+            return residual_sums(
+                joint, source.times(theta["gain"]), self.fs, self.substeps, compared
+            )
+
+        levels = self.held, self.origin, self.mean, self.repeats.directions, away, rows
+        sums = jax.lax.map(summed, levels)
+        size = jnp.max(jnp.abs(self.mean), axis=1)
+        hidden = (size > 0) & (sums.peak > ABSURD * size)
+        return sums._replace(square=jnp.where(hidden, jnp.nan, sums.square))
+
     def measured_rows(self) -> Float[Array, "level value"]:
         """Means, or their spectra in a band."""
         return values_of(self.mean, self.lines)
+
+    def left_sums(self, theta: Theta) -> tuple[Float[Array, " level"], Float[Array, "level own"]]:
+        """Squares of the misfit, and its products with the directions, without the rows of it."""
+        if not self._summed(theta):
+            return super().left_sums(theta)
+        sums = self.sums(theta, self.repeats.directions)
+        return sums.square, sums.along
+
+    def _summed(self, theta: Theta) -> bool:
+        """Whether the misfit is added up in the time loop: of samples of one mode, from rest."""
+        plain = not (self.periodic or self.is_complex or any(self.points))
+        return (
+            plain
+            and not self.repeats.spanned.shape[1]
+            and not taken(theta, self.residuals)
+            and not has_further_modes(theta)
+            and not self._stacks(theta)
+        )
 
     def squares(self, theta: Theta) -> Float[Array, " level"]:
         r"""Squared residuals of all repeats, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from jbw.observables.samples import motion_under
 from jbw.oscillator.deepening import MOST
+from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.laws.reversals import SIZE
 
 Records = Any  # with a source, which calls these functions
@@ -19,10 +20,10 @@ Records = Any  # with a source, which calls these functions
 def guesses(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
     """How often the force of each level may have been a guess."""
 
-    def one(source: Array) -> Array:
+    def one(source: HeldInput) -> Array:
         return motion_under(theta, source, data.fs, **data.solving).guesses
 
-    return jax.lax.map(one, data.source)
+    return jax.lax.map(one, data.held)
 
 
 def room(theta: Mapping[str, Array], data: Records) -> int:

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from jbw.errors import DataError
 from jbw.observables.residual_terms import added_response, taken
 from jbw.oscillator.deepening import with_depth
+from jbw.oscillator.hold import HeldInput, held
 from jbw.oscillator.modes.apart import simulate_apart
 from jbw.oscillator.modes.parameters import (
     at_points,
@@ -87,14 +88,20 @@ def substeps_for(hz: float, fs: float, least: int) -> int:
     return 2 ** int(np.ceil(np.log2(wanted)))
 
 
+def band_limited(
+    source: Float[np.ndarray | Array, "*level time"], *, periodic: bool = False
+) -> HeldInput:
+    """A measured input, between its samples the band-limited one that the sampling saw."""
+    return held(source, "band_limited", periodic=periodic)
+
+
 def motion_under(
     theta: Mapping[str, Array],
-    source: Float[Array, " time"],
+    source: HeldInput,
     fs: float,
     *,
     laws: tuple[str, ...] = DEFAULT_LAWS,
     substeps: int = 2,
-    periodic: bool = False,
     depth: int | None = None,
     every_point: bool = False,
 ) -> Any:
@@ -103,33 +110,29 @@ def motion_under(
     Of a structure's output where theta has further modes (`jbw.oscillator.modes.parameters`), or
     of its outputs at every point, along a first axis.
 
-    The input between its samples is the band-limited one that the sampling saw; theta has the
-    `gain` [N/kg per unit of the input] besides. `substeps` are those of the solver between samples,
-    `depth` the reversals that laws of Masing's kind remember.
+    The `source` is that of `band_limited`; theta has the `gain` [N/kg per unit of the input]
+    besides. `substeps` are those of the solver between samples, `depth` the reversals that laws of
+    Masing's kind remember.
     """
-    force = theta["gain"] * source
-    solving: dict[str, Any] = {
-        "hold": "band_limited", "substeps": substeps, "periodic": periodic
-    }  # fmt: skip
+    force = source.times(theta["gain"])
     if (apart := modes_apart(theta, laws)) is not None:
         deep = [with_depth(one, depth) for one in apart]
         seen = seen_by_points(theta, len(deep))
         c = seen if every_point else seen[0]
-        return simulate_apart(deep, gain_ratios(theta), c, force, fs, **solving)
+        return simulate_apart(deep, gain_ratios(theta), c, force, fs, substeps=substeps)
     model = with_depth(model_of(theta, laws), depth)
     if every_point and isinstance(model, Structure):
         model = at_points(theta, model)
-    return simulate(model, force, fs, **solving)
+    return simulate(model, force, fs, substeps=substeps)
 
 
 def response_to(
     theta: Mapping[str, Array],
-    source: Float[Array, " time"],
+    source: HeldInput,
     fs: float,
     *,
     response: str = "velocity",
     residuals: str = "none",
-    periodic: bool = False,
     **options: Any,
 ) -> Float[Array, "*point time"]:
     """Displacement [m], velocity [m/s] or acceleration [m/s^2] of `motion_under`.
@@ -137,9 +140,9 @@ def response_to(
     With what the modes outside the band add to it, as far as theta has that and `residuals` say:
     theta has none where there are further points, to which a term of the first does not belong.
     """
-    motion = motion_under(theta, source, fs, periodic=periodic, **options)
+    motion = motion_under(theta, source, fs, **options)
     own = getattr(motion, LETTER_OF[response])
     if not (terms := taken(theta, residuals)):
         return own
-    force = theta["gain"] * source
-    return own + added_response(terms, force, fs, response=response, periodic=periodic)
+    added = added_response(terms, source.samples, fs, response=response, periodic=source.periodic)
+    return own + theta["gain"] * added

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from jbw.errors import ModelError
 from jbw.oscillator import adjoint_stack
 from jbw.oscillator.parameters import Scalar
-from jbw.oscillator.solver import HysteresisExact, Stepping
+from jbw.oscillator.solver import HysteresisExact, Pushed, Stepping
 from jbw.oscillator.step import ExactStep, Push, State, advance
 
 # A `State` with time as the axis of every leaf.
@@ -53,10 +53,10 @@ def _one_after_another(march: Callable[..., Trajectory]) -> Callable[..., Trajec
 
 def _march(substeps: int, every: int, stepping: Stepping, initial: State) -> Trajectory:
     """States after every so many of the substeps, as the time loop carries them."""
-    num_steps = stepping.push[0].shape[0]
-    carried = _packed(stepping, initial)
+    num_steps = stepping.num_steps
+    carried = packed(stepping, initial)
     solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(_unused_field),
+        diffrax.ODETerm(unused_field),
         HysteresisExact(),
         t0=0.0,
         t1=num_steps / substeps,
@@ -72,7 +72,7 @@ def _march(substeps: int, every: int, stepping: Stepping, initial: State) -> Tra
     return jax.tree.unflatten(jax.tree.structure(carried), leaves)
 
 
-def _packed(stepping: Stepping, state: State) -> State:
+def packed(stepping: Stepping, state: State) -> State:
     """A state as the time loop carries it."""
     y, v, memory = state
     laws = stepping.step.laws
@@ -86,7 +86,7 @@ def _unpacked(stepping: Stepping, trajectory: Trajectory) -> Trajectory:
     return y, v, tuple(law.unpacked(own) for law, own in zip(laws, memory, strict=True))
 
 
-def _unused_field(tau, state, stepping):
+def unused_field(tau, state, stepping):
     """Stands where diffrax wants a vector field; `HysteresisExact` steps by its `args` alone."""
     return state
 
@@ -104,7 +104,8 @@ def _solve_jvp(substeps, primals, tangents):
     stacks = any(law.stacks for law in stepping.step.laws)
     along = adjoint_stack.tangent if stacks else partial(in_chunks, _linearised, _recurrence)
     stepping_dot, initial_dot = tangents
-    found = along(stepping, trajectory, stepping_dot, initial_dot)
+    pushed, pushed_dot = jax.jvp(Stepping.pushed, (stepping,), (stepping_dot,))
+    found = along(pushed, trajectory, pushed_dot, initial_dot)
     sampled = jax.tree.map(lambda x: x[::substeps], (trajectory, found))
     return _unpacked(stepping, sampled[0]), _unpacked(stepping, sampled[1])
 
@@ -112,9 +113,9 @@ def _solve_jvp(substeps, primals, tangents):
 def in_chunks(
     linearised: Callable[..., Any],
     recurrence: Callable[..., Any],
-    stepping: Any,
+    stepping: Pushed,
     trajectory: Any,
-    stepping_dot: Any,
+    stepping_dot: Pushed,
     initial_dot: Any,
 ) -> Any:
     """Tangent of a trajectory: chunks of steps one after another.
@@ -123,7 +124,7 @@ def in_chunks(
         linearised: The derivative of a step at its constants, start and push, and the tangents of
             constants and push.
         recurrence: The scan of tangents of states over it.
-        stepping: Constants `step` and pushes `push` of all steps.
+        stepping: Constants and pushes of all steps.
         trajectory: States before and after them.
         stepping_dot: Tangents of the stepping.
         initial_dot: That of the first state.

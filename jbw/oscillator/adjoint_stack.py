@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jbw.oscillator.parameters import Scalar
-from jbw.oscillator.solver import Stepping
+from jbw.oscillator.solver import Pushed
 from jbw.oscillator.step import ExactStep, Kinks, Push, State, advance, meets_kink
 
 Laws = tuple[Any, ...]  # those that stack say more than a `Law`
@@ -56,9 +56,9 @@ class _Tangents(NamedTuple):
 
 
 def tangent(
-    stepping: Stepping, trajectory: Trajectory, stepping_dot: Stepping, initial_dot: State
+    stepping: Pushed, trajectory: Trajectory, stepping_dot: Pushed, initial_dot: State
 ) -> Trajectory:
-    """Tangent of the trajectory."""
+    """Tangent of the trajectory, by the constants and pushes of its steps."""
     laws: Laws = stepping.step.laws
     before, after = _but_last(trajectory), _but_first(trajectory)
     kinked = jax.vmap(partial(_kinked, stepping.step))(before, after, stepping.push)
@@ -91,7 +91,7 @@ def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Ar
 
 
 # -- the linear system -----------------------------------------------------------------------------
-def _right_hand_side(first: Carriers, stepping_dot: Stepping, num_states: int) -> _Tangents:
+def _right_hand_side(first: Carriers, stepping_dot: Pushed, num_states: int) -> _Tangents:
     """Tangents of the start, of the step's constants and of the pushes."""
     step, push = stepping_dot.step, stepping_dot.push
     # JAX transposes a linear solve where all of its right-hand side depends on what is transposed.

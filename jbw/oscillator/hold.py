@@ -5,11 +5,15 @@ integration scheme: a measured record is band-limited, not a polygon.
 """
 
 from math import comb
-from typing import Literal, get_args
+from typing import Any, Literal, Self, get_args
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+from jbw.oscillator.parameters import Scalar
 
 # One-sided second difference of order 4.
 _END_CURVATURE = (15 / 4, -77 / 6, 107 / 6, -13.0, 61 / 12, -5 / 6)
@@ -18,19 +22,71 @@ Hold = Literal["first", "zero", "band_limited"]
 HOLDS = get_args(Hold)
 
 
+class HeldInput(eqx.Module):
+    r"""A sampled input with its polynomials between the samples, times a gain g.
+
+    $$u_n(s) = g \sum_j c_{jn} s^j, \qquad 0 \le s < 1$$
+
+    The polynomials depend on the samples alone: they are made once for all gains and parameters.
+
+    Attributes:
+        samples: The input at the samples, without the gain [N/kg over the unit of g].
+        polynomials: Coefficients c_j of every interval.
+        gain: Gain g.
+        hold: Name of the hold; static.
+        periodic: Whether the samples are one period of a steady input; static.
+    """
+
+    samples: Float[Array, "*batch time"]
+    polynomials: Float[Array, "*batch power interval"]
+    gain: Float[Array, "*batch"]
+    hold: Hold = eqx.field(static=True)
+    periodic: bool = eqx.field(static=True)
+
+    @property
+    def u(self) -> Float[Array, "*batch time"]:
+        """The input at the samples [N/kg]."""
+        return self.gain[..., None] * self.samples
+
+    def times(self, factor: Scalar) -> Self:
+        """The input times a factor; the polynomials stay as they are."""
+        return eqx.tree_at(lambda held: held.gain, self, factor * self.gain)
+
+    def pieces(self, substeps: int) -> tuple[Float[Array, " substep"], ...]:
+        """Coefficients of every part of every interval, without the gain, one row a power."""
+        parts = substep_matrices(self.polynomials.shape[-2], substeps)
+        rows = jnp.einsum("ilj,jn->lni", parts, self.polynomials)
+        return tuple(rows.reshape(len(rows), -1))
+
+
+def held(
+    u: Float[np.ndarray | Array, "*batch time"] | HeldInput, hold: Hold, *, periodic: bool
+) -> HeldInput:
+    """A sampled input and its polynomials, by NumPy where the samples are NumPy's.
+
+    A `HeldInput` stays as it is.
+    """
+    if isinstance(u, HeldInput):
+        return u
+    polynomials = _namespace(u).moveaxis(input_polynomials(u, hold, periodic=periodic), -1, -2)
+    gain = jnp.ones(u.shape[:-1])
+    return HeldInput(jnp.asarray(u), jnp.asarray(polynomials), gain, hold, periodic)
+
+
 def input_polynomials(
-    u: Float[Array, "... time"], hold: str, *, periodic: bool
-) -> Float[Array, "... interval power"]:
-    """Polynomials of a sampled input under a named hold."""
+    u: Float[np.ndarray | Array, "... time"], hold: str, *, periodic: bool
+) -> Float[np.ndarray | Array, "... interval power"]:
+    """Polynomials of a sampled input under a named hold; NumPy's of an array of NumPy."""
+    xp = _namespace(u)
     if hold == "zero":
         return (u if periodic else u[..., :-1])[..., None]
     if hold == "first":
-        following = jnp.roll(u, -1, axis=-1) if periodic else u[..., 1:]
+        following = xp.roll(u, -1, axis=-1) if periodic else u[..., 1:]
         start = u if periodic else u[..., :-1]
-        return jnp.stack([start, following - start], axis=-1)
+        return xp.stack([start, following - start], axis=-1)
     slope, curvature = periodic_derivatives(u) if periodic else record_derivatives(u)
-    knots = jnp.stack([u, slope, curvature], axis=-1)
-    following = jnp.roll(knots, -1, axis=-2) if periodic else knots[..., 1:, :]
+    knots = xp.stack([u, slope, curvature], axis=-1)
+    following = xp.roll(knots, -1, axis=-2) if periodic else knots[..., 1:, :]
     start = knots if periodic else knots[..., :-1, :]
     return quintic(start, following)
 
@@ -40,12 +96,13 @@ def quintic(start: Float[Array, "... 3"], end: Float[Array, "... 3"]) -> Float[A
 
     For a sine of angular frequency omega its error is (omega h)^6 / 46080 of the amplitude.
     """
+    xp = _namespace(start)
     u, du, ddu = (start[..., i] for i in range(3))
     # What the end asks for beyond the parabola of the start.
     rise = end[..., 0] - (u + du + 0.5 * ddu)
     turn = end[..., 1] - (du + ddu)
     bend = end[..., 2] - ddu
-    return jnp.stack(
+    return xp.stack(
         [
             u,
             du,
@@ -59,7 +116,7 @@ def quintic(start: Float[Array, "... 3"], end: Float[Array, "... 3"]) -> Float[A
 
 
 def periodic_derivatives(
-    u: Float[Array, "... time"],
+    u: Float[np.ndarray | Array, "... time"],
 ) -> tuple[Float[Array, "... time"], Float[Array, "... time"]]:
     r"""Slope and curvature per sample of one period of a band-limited signal.
 
@@ -67,18 +124,19 @@ def periodic_derivatives(
 
     The slope of a component at the Nyquist frequency itself is zero at the samples.
     """
+    xp = _namespace(u)
     num = u.shape[-1]
     theta = 2.0 * np.pi * np.fft.rfftfreq(num)
     slope_gain = 1j * theta
     if num % 2 == 0:
         slope_gain[-1] = 0.0
-    spectrum = jnp.fft.rfft(u)
-    slope = jnp.fft.irfft(slope_gain * spectrum, n=num)
-    return slope, jnp.fft.irfft(-(theta**2) * spectrum, n=num)
+    spectrum = xp.fft.rfft(u)
+    slope = xp.fft.irfft(slope_gain * spectrum, n=num)
+    return slope, xp.fft.irfft(-(theta**2) * spectrum, n=num)
 
 
 def record_derivatives(
-    u: Float[Array, "... time"],
+    u: Float[np.ndarray | Array, "... time"],
 ) -> tuple[Float[Array, "... time"], Float[Array, "... time"]]:
     """Slope and curvature per sample of a record that is not periodic.
 
@@ -87,6 +145,7 @@ def record_derivatives(
     smooth up to its third derivative, so what the unknown outside does to the reconstruction stays
     small and fades within a few samples of the ends.
     """
+    xp = _namespace(u)
     num = u.shape[-1]
     n = np.arange(num)
     start, end = _bump(n), _bump(num - 1 - n)
@@ -96,7 +155,7 @@ def record_derivatives(
     rest = u - curvatures[0] * start[0] - curvatures[1] * end[0]
     slope = (rest[..., -1:] - rest[..., :1]) / (num - 1)
     rest = rest - (rest[..., :1] + slope * n)
-    odd = jnp.concatenate([rest, -rest[..., -2:0:-1]], axis=-1)
+    odd = xp.concatenate([rest, -rest[..., -2:0:-1]], axis=-1)
     first, second = periodic_derivatives(odd)
     return (
         first[..., :num] + slope + curvatures[0] * start[1] - curvatures[1] * end[1],
@@ -109,6 +168,11 @@ def _bump(n: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     s = (n / _BUMP_WIDTH) ** 2
     fall = np.exp(-s)
     return 0.5 * n**2 * fall, n * (1.0 - s) * fall, (1.0 - 5.0 * s + 2.0 * s**2) * fall
+
+
+def _namespace(x: Any) -> Any:
+    """The module of an array's functions: `numpy`, or `jax.numpy`."""
+    return jnp if isinstance(x, jax.Array) else np
 
 
 def substep_matrices(num_powers: int, substeps: int) -> Float[np.ndarray, "substep power power"]:

@@ -29,7 +29,7 @@ from jbw.oscillator.checks import (
     warn_of_unbounded_law,
 )
 from jbw.oscillator.deepening import deeper, forgot
-from jbw.oscillator.hold import Hold, input_polynomials
+from jbw.oscillator.hold import HeldInput, Hold, held
 from jbw.oscillator.law import Memory
 from jbw.oscillator.modes.response import ModalOptions, StructureResponse, simulate_structure
 from jbw.oscillator.modes.structure import Structure
@@ -39,8 +39,8 @@ from jbw.oscillator.periodic import steady_period
 from jbw.oscillator.solver import sampled_input, solve_stock, stepping
 from jbw.oscillator.step import State
 
-Input = Float[Array | np.ndarray, "... time"] | Callable[[Array], ArrayLike]
-_Input = Float[Array, "... time"] | Callable[[Array], ArrayLike]  # within, where all is JAX's
+Input = Float[Array | np.ndarray, "... time"] | HeldInput | Callable[[Array], ArrayLike]
+_Input = Float[Array, "... time"] | HeldInput | Callable[[Array], ArrayLike]  # within
 
 
 class SimulateOptions(TypedDict, total=False):
@@ -115,7 +115,8 @@ def simulate(
 
     Args:
         joint: A `BoucWen`, an `Oscillator` with any laws, or a `Structure` of several modes.
-        u: Input per unit mass at the samples [N/kg], or a function of time [s].
+        u: Input per unit mass at the samples [N/kg], or a function of time [s]; or samples with
+            their polynomials and a gain, a `HeldInput`, whose own `hold` and `periodic` count.
         fs: Sampling rate [Hz].
         hold: Input between the samples: "first" (lines), "zero" (u[n] on [n, n + 1)) or
             "band_limited" (local quintics through FFT slopes and curvatures).
@@ -150,7 +151,9 @@ def simulate(
     check_options(fs, hold, substeps, num_samples, callable(u))
     start = initial_state(oscillator, initial)
     warn_of_unbounded_law(oscillator)
-    if not callable(u):
+    if isinstance(u, HeldInput):
+        hold, periodic, num_samples = u.hold, u.periodic, u.samples.shape[-1]
+    elif not callable(u):
         u = jnp.asarray(u, float)
         check_input(u, num_samples)
         num_samples = u.shape[-1]
@@ -199,7 +202,8 @@ def _simulate_batch(
     options: _Options, joint: Oscillator, u: _Input, fs: Scalar, initial: State
 ) -> Response:
     """Response over the common batch shape of the joint, the input and the initial state."""
-    lead = () if callable(u) else u.shape[:-1]
+    source = u if callable(u) else held(u, options.hold, periodic=options.periodic)
+    lead = () if callable(source) else source.gain.shape
     # A memory may be an array, of `iwan5` one of sliders: its own axes are no batch.
     starts, tree = jax.tree.flatten(initial)
     own = [jnp.shape(leaf) for leaf in jax.tree.leaves((0.0, 0.0, joint.at_rest()))]
@@ -207,21 +211,21 @@ def _simulate_batch(
     shapes += [x.shape[: x.ndim - len(rest)] for x, rest in zip(starts, own, strict=True)]
     batch = jnp.broadcast_shapes(*shapes, lead)
     if not batch:
-        return _simulate(options, joint, u, fs, initial)
+        return _simulate(options, joint, source, fs, initial)
 
     def lanes(leaf, *rest):
         return jnp.broadcast_to(leaf, (*batch, *rest)).reshape(-1, *rest)
 
-    if not callable(u) and lead:
-        u = lanes(u, u.shape[-1])
+    if lead:
+        source = jax.tree.map(lambda x: lanes(x, *x.shape[len(lead) :]), source)
 
-    def one(joint, initial, own):
-        return _simulate(options, joint, own if lead else u, fs, initial)
+    def one(joint, initial, record):
+        return _simulate(options, joint, record if lead else source, fs, initial)
 
     joint = jax.tree.map(lanes, joint)
     starts = [lanes(x, *rest) for x, rest in zip(starts, own, strict=True)]
     initial = jax.tree.unflatten(tree, starts)
-    response = jax.vmap(one)(joint, initial, u if lead else joint.omega_n)
+    response = jax.vmap(one)(joint, initial, source if lead else joint.omega_n)
     unflat = jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), response)
     return eqx.tree_at(lambda r: r.t, unflat, response.t[0])
 
@@ -232,7 +236,7 @@ def _is_stepped(joint: Oscillator) -> bool:
 
 
 def _simulate(
-    options: _Options, joint: Oscillator, u: _Input, fs: Scalar, initial: State
+    options: _Options, joint: Oscillator, u: HeldInput | Callable, fs: Scalar, initial: State
 ) -> Response:
     """One oscillator under one input."""
     t = jnp.asarray(np.arange(options.num_samples) / fs)
@@ -240,14 +244,12 @@ def _simulate(
         u_sampled = jnp.asarray(jax.vmap(u)(t))
         trajectory_from = partial(_stock, options, joint, lambda tau: u(tau / fs), fs)
     else:
-        u_sampled = u
-        polynomials = input_polynomials(u, options.hold, periodic=options.periodic)
+        u_sampled = u.u
         if options.solver is None and _is_stepped(joint):
-            steps = stepping(joint, polynomials, fs, options.substeps)
+            steps = stepping(joint, u, fs, options.substeps)
             trajectory_from = partial(solve, options.substeps, steps)
         else:
-            held = partial(sampled_input, polynomials)
-            trajectory_from = partial(_stock, options, joint, held, fs)
+            trajectory_from = partial(_stock, options, joint, partial(sampled_input, u), fs)
     if options.periodic:
         own = tuple(law.memory_unit(joint.omega_n) for law in joint.laws)
         unit = joint.omega_n, jnp.ones_like(joint.omega_n), own

@@ -4,8 +4,8 @@ Time counts samples, $\tau = t f_s$, so that no rounding of 1/fs accumulates ove
 `HysteresisExact` steps with the laws' own moves; stock solvers integrate `oscillate`.
 """
 
-from collections.abc import Callable
-from typing import Any, ClassVar
+from collections.abc import Callable, Iterable
+from typing import Any, ClassVar, NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -14,56 +14,87 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jbw.oscillator.damper import Damper
-from jbw.oscillator.hold import substep_matrices
+from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.parameters import Scalar
-from jbw.oscillator.step import ExactStep, Push, State, advance, exact_step
+from jbw.oscillator.step import ExactStep, Push, State, added, advance, exact_step
 
 # An adaptive solver may take this many steps a sample on average before it gives up.
 _MAX_STEPS_PER_SAMPLE = 64
 
 
+class Pushed(NamedTuple):
+    """Constants of the step, and what the input adds in every substep."""
+
+    step: Any
+    push: Any
+
+
 class Stepping(eqx.Module):
-    """All that the hysteresis-exact stepping of a record needs.
+    r"""All that the hysteresis-exact stepping of a record needs.
+
+    $$p = g \sum_j W_j c_j$$
 
     Attributes:
         step: Constants of the step.
-        push: What the input adds to y [m] and to v [m/s] in each substep, in order of time, and
-            the input at its start [N/kg]; with a damper also that at its end.
+        on_y: What each power of the input's polynomial adds to y in a substep, g W_j [s^2].
+        on_v: What it adds to v [s].
+        gain: Gain g of the input.
+        pieces: Coefficients c_j of the input in every substep, a row a power.
     """
 
     step: ExactStep
-    push: tuple[Float[Array, " substep"], ...]
+    on_y: tuple[Scalar, ...]
+    on_v: tuple[Scalar, ...]
+    gain: Scalar
+    pieces: tuple[Float[Array, " substep"], ...]
+
+    @property
+    def num_steps(self) -> int:
+        """Number of substeps."""
+        return self.pieces[0].shape[0]
+
+    def push(self, substep: Array) -> Push:
+        """What the input adds to y [m] and v [m/s] in a substep, and the input there [N/kg]."""
+        return self._push(tuple(piece[substep] for piece in self.pieces))
+
+    def pushed(self) -> "Pushed":
+        """The same of all substeps at once, as derivatives take it."""
+        return Pushed(self.step, self._push(self.pieces))
+
+    def _push(self, powers: tuple[Any, ...]) -> Push:
+        start = self.gain * powers[0]
+        push = weighted(self.on_y, powers), weighted(self.on_v, powers), start
+        if any(isinstance(law, Damper) for law in self.step.laws):
+            return *push, self.gain * added(powers)
+        return push
 
 
-def stepping(
-    oscillator: Oscillator, polynomials: Float[Array, "interval power"], fs: Scalar, substeps: int
-) -> Stepping:
-    r"""Constants of the step, and the input's part of every substep, $p = \sum_j W_j c_j$."""
+def stepping(oscillator: Oscillator, held: HeldInput, fs: Scalar, substeps: int) -> Stepping:
+    """Constants of the step, the input's moments times its gain, and its coefficients."""
     step, moments_y, moments_v = exact_step(oscillator, 1.0 / (fs * substeps))
-    num_powers = polynomials.shape[-1]
-    parts = substep_matrices(num_powers, substeps)
-
-    def weighted(weights: Float[Array, " power"]) -> Float[Array, " substep"]:
-        weights = jnp.einsum("l,ilj->ij", weights, parts)
-        return jnp.einsum("nj,ij->ni", polynomials, weights).reshape(-1)
-
-    push_y, push_v = (weighted(moments[:num_powers]) for moments in (moments_y, moments_v))
-    start = weighted(jnp.zeros(num_powers).at[0].set(1.0))
-    push = push_y, push_v, start
-    if any(isinstance(law, Damper) for law in oscillator.laws):
-        push = *push, weighted(jnp.ones(num_powers))
-    return Stepping(step, push)
+    pieces = held.pieces(substeps)
+    on_y, on_v = (
+        tuple(held.gain * moments[j] for j in range(len(pieces)))
+        for moments in (moments_y, moments_v)
+    )
+    return Stepping(step, on_y, on_v, held.gain, pieces)
 
 
-def sampled_input(polynomials: Float[Array, "interval power"], tau: Scalar) -> Scalar:
+def weighted(weights: Iterable[Scalar], powers: Iterable[Any]) -> Any:
+    """Sum of products, written out: the time loop is one call as long as it has no small dots."""
+    return added(weight * power for weight, power in zip(weights, powers, strict=True))
+
+
+def sampled_input(held: HeldInput, tau: Scalar) -> Scalar:
     """Input at time tau [samples], its interval found by index [N/kg]."""
-    interval = jnp.clip(jnp.floor(tau).astype(jnp.int32), 0, polynomials.shape[0] - 1)
+    num_powers, num_intervals = held.polynomials.shape
+    interval = jnp.clip(jnp.floor(tau).astype(jnp.int32), 0, num_intervals - 1)
     s = tau - interval
-    value = polynomials[interval, -1]
-    for power in range(polynomials.shape[-1] - 2, -1, -1):
-        value = value * s + polynomials[interval, power]
-    return value
+    value = held.polynomials[-1, interval]
+    for power in range(num_powers - 2, -1, -1):
+        value = value * s + held.polynomials[power, interval]
+    return held.gain * value
 
 
 def oscillate(oscillator: Oscillator, u: Scalar, state: State) -> State:
@@ -103,7 +134,7 @@ class HysteresisExact(diffrax.AbstractSolver):
 
     def step(self, terms, t0, t1, y0, args: Stepping, solver_state, made_jump):
         """One substep."""
-        push: Push = tuple(part[solver_state] for part in args.push)
+        push = args.push(solver_state)
         # As a flat tuple: empty memories, of springs, have no place in the loop's buffers.
         memory = tuple(law.packed(law.at_rest()) for law in args.step.laws)
         state = jax.tree.unflatten(jax.tree.structure((0.0, 0.0, memory)), y0)

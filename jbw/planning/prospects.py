@@ -15,9 +15,10 @@ from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.harmonic_groups import NUM_HARMONICS
 from jbw.observables.records import Records
-from jbw.observables.samples import response_to
+from jbw.observables.samples import band_limited, response_to
 from jbw.observables.steady import Points
 from jbw.oscillator.excitation import sampled, sweep
+from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.cycle import steady_state
 from jbw.oscillator.steady.waveform import synthesis
@@ -116,7 +117,7 @@ def peak_displacements(
     candidate: Sweep, beliefs: Beliefs, longest: int = 0
 ) -> Float[np.ndarray, " joint"]:
     """Peak displacement of every joint under a sweep [m]; not finite where it diverges."""
-    source = jnp.asarray(_source(candidate, longest))
+    source = band_limited(_source(candidate, longest))
     each = [_displacement(theta, source, candidate.fs, beliefs.laws) for theta in beliefs.each()]
     return np.max(np.abs(np.array(each)), axis=1)
 
@@ -187,7 +188,7 @@ def fisher(
 
 @partial(jax.jit, static_argnames=("fs", "laws"))
 def _displacement(
-    theta: Mapping[str, Array], source: Float[Array, " time"], fs: float, laws: tuple[str, ...]
+    theta: Mapping[str, Array], source: HeldInput, fs: float, laws: tuple[str, ...]
 ) -> Float[Array, " time"]:
     return response_to(theta, source, fs, laws=laws, response="displacement", substeps=SUBSTEPS)
 

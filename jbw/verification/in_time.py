@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import frf
 from jbw.observables.residual_terms import added_response, taken
-from jbw.observables.samples import advance, in_band, lines_of, motion_under, noise_share
+from jbw.observables.samples import (
+    advance,
+    band_limited,
+    in_band,
+    lines_of,
+    motion_under,
+    noise_share,
+)
+from jbw.oscillator.hold import HeldInput
 from jbw.quantities import LETTER_OF, derivative_order, per
 from jbw.verification.bands import QUANTILE_AXIS, band, beside, error, errors, polar
 from jbw.verification.own_constants import completed
@@ -65,14 +73,14 @@ def predict_motion(
     The peak is of the joint's own mode, without what residual terms add to the response, at the
     first point of several, also where the response is at a further one.
     """
-    source = jnp.asarray(record.channels[record.source])
+    source = band_limited(record.channels[record.source])
     facts = source, record.fs, record.response, substeps, laws, residuals, point
     return carry(_response, draws, *facts)
 
 
 def _response(
     theta: Mapping[str, Array],
-    source: Float[Array, " time"],
+    source: HeldInput,
     fs: float,
     response: str,
     substeps: int,
@@ -85,7 +93,8 @@ def _response(
         return getattr(motion, LETTER_OF[response])[point], jnp.max(jnp.abs(motion.y[0]))
     own, peak = getattr(motion, LETTER_OF[response]), jnp.max(jnp.abs(motion.y))
     if terms := taken(theta, residuals):
-        own += added_response(terms, theta["gain"] * source, fs, response=response, periodic=False)
+        added = added_response(terms, source.samples, fs, response=response, periodic=False)
+        own += theta["gain"] * added
     return own, peak
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
@@ -15,7 +14,8 @@ from jbw.measurement.records import Record, Test, periods
 from jbw.observables.loops import Loops
 from jbw.observables.modes import Modes
 from jbw.observables.records import Records
-from jbw.observables.samples import advance, in_band, motion_under, noise_share
+from jbw.observables.samples import advance, band_limited, in_band, motion_under, noise_share
+from jbw.oscillator.hold import HeldInput
 from jbw.quantities import UNIT_OF, derivative_order
 from jbw.verification.bands import QUANTILE_AXIS, band, beside, errors, gaussian_band
 from jbw.verification.groups import groups_of
@@ -112,7 +112,7 @@ def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
     cycles = [_cycles(record, test, omega) for record in test.records]
     cycle = {name: np.mean([one[name] for one in cycles], axis=0) for name in cycles[0]}
     fs = NUM_POINTS * omega / (2 * np.pi)
-    y, v, a = carry(_steady_cycle, draws, jnp.asarray(cycle["u"]), fs, laws)
+    y, v, a = carry(_steady_cycle, draws, band_limited(cycle["u"], periodic=True), fs, laws)
     drive = draws["gain"][:, None] * cycle["u"]
     viscosity = (2 * draws["zeta"] * draws["omega_n"])[:, None]
     bands, energy = ("quantile", "phase"), {"units": "J/kg"}
@@ -174,7 +174,7 @@ def _kinematics(
 
 
 def _steady_cycle(
-    theta: Mapping[str, Array], source: Float[Array, " phase"], fs: float, laws: Laws
+    theta: Mapping[str, Array], source: HeldInput, fs: float, laws: Laws
 ) -> tuple[Float[Array, " phase"], ...]:
-    cycle = motion_under(theta, source, fs, laws=laws, substeps=1, periodic=True)
+    cycle = motion_under(theta, source, fs, laws=laws, substeps=1)
     return cycle.y, cycle.v, cycle.a

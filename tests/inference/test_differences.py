@@ -10,7 +10,7 @@ from jbw.inference.space.box import box
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.records import Records
-from jbw.observables.samples import response_to
+from jbw.observables.samples import band_limited, response_to
 
 # A difference's error is the step squared, 1e-10, times a third derivative of some hundred, and
 # rounding of 1e-16 over the step, 1e-11, times a residual of some thousand deviations.
@@ -109,7 +109,7 @@ def test_of_a_record_of_a_joint_that_is_solved_in_time():
     t = np.arange(256) / FS
     u = 0.1 * np.sin(2 * np.pi * 18 * t) * np.sin(np.pi * t) ** 2
     truth = {name: jnp.asarray(value) for name, value in TRUTH.items()}
-    clean = np.asarray(response_to(truth, jnp.asarray(u), FS))
+    clean = np.asarray(response_to(truth, band_limited(u), FS))
     records = tuple(
         Record(FS, {"input": u, "velocity": clean + 1e-3 * rng.normal(size=256)},
                {"input": "V", "velocity": "m/s"})

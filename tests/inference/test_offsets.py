@@ -40,8 +40,9 @@ def test_offset_and_noise_are_integrated_out():
     def ours(offset):
         r = offset * direction[0] + noise
         found = estimate(
-            jnp.asarray(r)[None], jnp.asarray([within]), jnp.asarray([float(count)]),
-            jnp.asarray([float(num * count)]), jnp.asarray(direction)[None],
+            jnp.sum(r**2)[None], jnp.asarray(direction @ r)[None], jnp.asarray([within]),
+            jnp.asarray([float(count)]), jnp.asarray([float(num * count)]),
+            jnp.asarray(direction)[None],
         )  # fmt: skip
         density = log_density_of_offsets(found, ((0,),), np.array([[scatter]]))
         return float(found.log_density[0] + density), r
@@ -56,7 +57,7 @@ def test_offset_and_noise_are_integrated_out():
 def test_without_offsets_only_the_noise_is_integrated_out():
     r = RNG.normal(size=(2, 50))
     found = estimate(
-        jnp.asarray(r), jnp.asarray([3.0, 4.0]), jnp.asarray([2.0, 3.0]),
+        jnp.sum(r**2, axis=1), jnp.zeros((2, 0)), jnp.asarray([3.0, 4.0]), jnp.asarray([2.0, 3.0]),
         jnp.asarray([100.0, 150.0]), jnp.zeros((2, 0, 50)),
     )  # fmt: skip
     squares = np.array([2.0, 3.0]) * np.sum(r**2, axis=1) + [3.0, 4.0]

@@ -18,7 +18,7 @@ from jbw.identification.stated_modes import modes_of, same_joint_sentences
 from jbw.inference.space.box import bounds_by_name
 from jbw.observables.drives import told_by
 from jbw.observables.modes import LABEL
-from jbw.observables.samples import motion_under
+from jbw.observables.samples import band_limited, motion_under
 from jbw.oscillator.modes.parameters import own_name, own_quantities
 from jbw.rig.integrator import GRID, respond
 
@@ -63,7 +63,7 @@ def test_outputs_are_the_sums_of_oscillators_with_laws_of_their_own():
     point |= {name: float(getattr(JOINT, name)) for name in OWN}
     point |= {own_name(name, 2): value for name, value in OWN.items()}
     point = {name: jnp.asarray(value) for name, value in point.items()}
-    source = jnp.asarray(force(0, GRID * num)[::GRID])
+    source = band_limited(force(0, GRID * num)[::GRID])
     found = motion_under(point, source, FS, substeps=16, every_point=True)
     expected = np.array([y1 + y2, c[0] * y1 + c[1] * y2])
     # Sixteen steps a sample leave less; the force ends flat, so that its samples tell all of it.

@@ -18,7 +18,7 @@ from jbw.observables.line_fit import LineReading
 from jbw.observables.loops import Loops
 from jbw.observables.pointwise import records_of, splits_of
 from jbw.observables.records import Records
-from jbw.observables.samples import response_to
+from jbw.observables.samples import band_limited, response_to
 from jbw.observables.steady import Points
 
 FS, NOISE = 256.0, 1e-3
@@ -55,7 +55,7 @@ def a_test(kind, channels, count, seed=1, name="test", noise=NOISE, **how):
 
 def swept(count, seed=1, name="test", **changes):
     theta = {key: jnp.asarray(value) for key, value in {**TRUTH, **changes}.items()}
-    clean = np.asarray(response_to(theta, jnp.asarray(U), FS))
+    clean = np.asarray(response_to(theta, band_limited(U), FS))
     return a_test("sweep", {"input": U, "velocity": clean}, count, seed, name)
 
 
@@ -80,7 +80,7 @@ def test_every_record_has_its_own_density_given_the_noise():
     assert part.repeat == [1, 2, 3]
     for d in range(2):
         point = {name: jnp.asarray(values[d]) for name, values in theta.items()}
-        model = np.asarray(response_to(point, jnp.asarray(U), FS, substeps=data.parts[0].substeps))
+        model = np.asarray(response_to(point, band_limited(U), FS, substeps=data.parts[0].substeps))
         for j, record in enumerate(test.records):
             exact = norm.logpdf(record.channels["velocity"], model, noise[d]).sum()
             # Of 512 squares over sigma squared: rounding.
@@ -151,7 +151,7 @@ def test_sizes_are_predicted_as_the_noise_makes_them():
     exact = np.sqrt(np.sum(rows**2, axis=1)) / size
     np.testing.assert_allclose(part.observed, exact, rtol=1e-12)
     point = {name: jnp.asarray(value) for name, value in TRUTH.items()}
-    model = np.asarray(response_to(point, jnp.asarray(U), FS, substeps=data.parts[0].substeps))
+    model = np.asarray(response_to(point, band_limited(U), FS, substeps=data.parts[0].substeps))
     rng = np.random.default_rng(0)
     made = model + loud * rng.normal(size=(4000, len(T)))
     expected = np.sqrt(np.sum(made**2, axis=1)) / size

@@ -193,14 +193,14 @@ def test_predicted_spread_is_that_of_fits_to_noisy_records():
     import jax.numpy as jnp
     from scipy.optimize import least_squares
 
-    from jbw.observables.samples import response_to
+    from jbw.observables.samples import band_limited, response_to
 
     test = Sweep(level=0.06, start_hz=12.0, stop_hz=26.0, rate=2.8, rest=3.0, fs=512.0)
     theta, noise = JOINT, Noise(5e-4, "velocity")
     names = tuple(theta)
     found = prospects([test], beliefs_at(theta, 15.0, names), noise)[0]
     predicted = np.sqrt(np.diag(np.linalg.inv(found.information[0])))
-    source = jnp.asarray(chirp(np.arange(test.num_samples) / test.fs, test))
+    source = band_limited(chirp(np.arange(test.num_samples) / test.fs, test))
 
     @jax.jit
     def velocity(x):

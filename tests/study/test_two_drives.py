@@ -100,7 +100,7 @@ def test_without_attachments_the_fit_is_far_off(ready):
     parts = []
     for part in ready.data.parts:
         scale = gain / GAIN if part.drive == "voltage" else 1.0
-        parts.append(replace(part, source=scale * part.source, drive=""))
+        parts.append(replace(part, held=part.held.times(scale), drive=""))
     common = Dataset.of(parts)
     best = prepare(jax.random.split(jax.random.key(0)), common, SETTINGS).fit
     z = strays(best, {**TRUTH, "gain": GAIN})

@@ -63,7 +63,8 @@ class Estimate(NamedTuple):
 
 
 def estimate(
-    residual: Float[Array, "group value"],
+    square: Float[Array, " group"],
+    along: Float[Array, "group own"],
     within: Float[Array, " group"],
     num_repeats: Float[Array, " group"],
     num_values: Float[Array, " group"],
@@ -76,16 +77,17 @@ def estimate(
       W = A\,\frac{n - q}{Q}, \quad \log p = -\frac{n - q}{2} \log Q + \frac12 \log |W|$$
 
     With q = 0 offsets this is the likelihood of (37) with sigma inferred. The residual r is the
-    mean of K repeats less the prediction, zero behind the last value; n counts the independent
-    values of all repeats, and J is the prediction's change by each offset, the `directions`.
+    mean of K repeats less the prediction, of which the `square` |r|^2 and J r, `along` the
+    directions, are asked alone; n counts the independent values of all repeats, and J is the
+    prediction's change by each offset, the `directions`.
     """
-    total = num_repeats * jnp.sum(residual**2, axis=-1) + within
+    total = num_repeats * square + within
     num_own = directions.shape[1]
     if num_own == 0:
         none = jnp.zeros((len(within), 0))
         return Estimate(-num_values / 2 * jnp.log(total), none, none[:, :, None])
     normal = num_repeats[:, None, None] * jnp.einsum("gin,gjn->gij", directions, directions)
-    slope = num_repeats[:, None] * jnp.einsum("gin,gn->gi", directions, residual)
+    slope = num_repeats[:, None] * along
     offset = solve(normal, slope)
     left = total - jnp.sum(offset * slope, axis=-1)
     degrees = num_values - num_own

@@ -50,12 +50,12 @@ def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
         q, v, memory = state
         return q, v, tuple(law.packed(own) for law, own in zip(laws, memory, strict=True))
 
-    def onward(state, push):
-        state = modal_advance(stepping.step, state, push, branch=True)
+    def onward(state, powers):
+        state = modal_advance(stepping.step, state, stepping.push(powers), branch=True)
         return state, state
 
     first = jax.tree.map(jnp.asarray, packed(initial))
-    _, following = jax.lax.scan(onward, first, stepping.push)
+    _, following = jax.lax.scan(onward, first, stepping.pieces)
     q, v, memory = _joined(first, following)
     return q, v, tuple(law.unpacked(own) for law, own in zip(laws, memory, strict=True))
 
@@ -67,9 +67,13 @@ def _joined(first: Any, following: Any) -> Any:
 @_solve.defjvp
 def _solve_jvp(primals, tangents):
     stepping, initial = primals
+    stepping_dot, initial_dot = tangents
     trajectory = _solve(stepping, initial)
     recurrence = partial(_recurrence, stepping.step)
-    return trajectory, in_chunks(_linearised, recurrence, stepping, trajectory, *tangents)
+    pushed, pushed_dot = jax.jvp(ModalStepping.pushed, (stepping,), (stepping_dot,))
+    return trajectory, in_chunks(
+        _linearised, recurrence, pushed, trajectory, pushed_dot, initial_dot
+    )
 
 
 def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, Any, Any, Any]:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.response import simulate
 
@@ -26,11 +27,12 @@ def simulate_apart(
     oscillators: Sequence[Oscillator],
     b: Sequence[Any],
     c: Float[Array, "*point mode"],
-    u: Float[Array, " time"],
+    u: HeldInput,
     fs: float,
     **options: Any,
 ) -> MotionApart:
     """Outputs c of modes that the input u moves by b each; options as `jbw.simulate` has them."""
-    each = [simulate(one, b_i * u, fs, **options) for one, b_i in zip(oscillators, b, strict=True)]
+    pairs = zip(oscillators, b, strict=True)
+    each = [simulate(one, u.times(b_i), fs, **options) for one, b_i in pairs]
     y, v, a = (c @ jnp.stack(rows) for rows in zip(*((q.y, q.v, q.a) for q in each), strict=True))
     return MotionApart(y, v, a, jnp.sum(jnp.stack([q.guesses for q in each])))

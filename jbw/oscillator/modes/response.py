@@ -23,7 +23,7 @@ from jbw.oscillator.checks import (
     warn_of_unbounded_law,
 )
 from jbw.oscillator.damper import Damper
-from jbw.oscillator.hold import Hold, input_polynomials
+from jbw.oscillator.hold import HeldInput, Hold, held
 from jbw.oscillator.modes.adjoint import Trajectory, modal_solve
 from jbw.oscillator.modes.step import ModalState, modal_stepping
 from jbw.oscillator.modes.structure import Structure, admitted, require_sampled
@@ -83,7 +83,10 @@ def simulate_structure(
     require_sampled(structure, fs, substeps)
     q, v, memory = initial_state(structure, initial)
     warn_of_unbounded_law(structure)
-    if not callable(u):
+    if isinstance(u, HeldInput):
+        options = options._replace(hold=u.hold, periodic=u.periodic)
+        num_samples = u.samples.shape[-1]
+    elif not callable(u):
         u = jnp.asarray(u, float)
         check_input(u, num_samples)
         num_samples = u.shape[-1]
@@ -108,11 +111,14 @@ def _simulate_lanes(
     options: ModalOptions, structure: Structure, u: Any, fs: Scalar, initial: ModalState
 ) -> StructureResponse:
     """Response to every record of a batch of inputs."""
-    if callable(u) or u.ndim == 1:
+    if not callable(u):
+        u = held(u, options.hold, periodic=options.periodic)
+    if callable(u) or not u.gain.shape:
         return _simulate(options, structure, u, fs, initial)
-    lead = u.shape[:-1]
+    lead = u.gain.shape
     one = partial(_simulate, options, structure)
-    lanes = jax.vmap(lambda own: one(own, fs, initial))(u.reshape(-1, u.shape[-1]))
+    records = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(lead) :]), u)
+    lanes = jax.vmap(lambda own: one(own, fs, initial))(records)
     unflat = jax.tree.map(lambda x: x.reshape(*lead, *x.shape[1:]), lanes)
     return eqx.tree_at(lambda r: r.t, unflat, lanes.t[0])
 
@@ -138,16 +144,14 @@ def _simulate(
         u_sampled = jnp.asarray(jax.vmap(u)(t))
         trajectory_from = partial(_stock, options, structure, lambda tau: u(tau / fs), fs)
     else:
-        u_sampled = u
-        polynomials = input_polynomials(u, options.hold, periodic=options.periodic)
+        u_sampled = u.u
         if options.own:
-            steps = modal_stepping(structure, polynomials, fs, options.substeps)
+            steps = modal_stepping(structure, u, fs, options.substeps)
 
             def trajectory_from(initial: ModalState) -> Trajectory:
                 return jax.tree.map(lambda x: x[:: options.substeps], modal_solve(steps, initial))
         else:
-            held = partial(sampled_input, polynomials)
-            trajectory_from = partial(_stock, options, structure, held, fs)
+            trajectory_from = partial(_stock, options, structure, partial(sampled_input, u), fs)
     residual = jnp.zeros(())
     if options.periodic:
         omega_n = tuple(structure.omega_n)  # pyright: ignore[reportArgumentType]

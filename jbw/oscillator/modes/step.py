@@ -13,12 +13,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jbw.oscillator.hold import substep_matrices
+from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.kinks import kept
 from jbw.oscillator.law import Law, Memory
 from jbw.oscillator.linear import impulse_moments
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.rare import where_rare
+from jbw.oscillator.solver import Pushed, weighted
 from jbw.oscillator.step import (
     NUM_MOMENTS,
     End,
@@ -100,30 +102,49 @@ class Given(NamedTuple):
 
 
 class ModalStepping(eqx.Module):
-    """All that the stepping of a record needs."""
+    """All that the stepping of a record needs, as `jbw.oscillator.solver.Stepping` of one mode.
+
+    Attributes:
+        step: Constants of the step.
+        on_q: What each power of the input's polynomial adds to every q_i in a substep [s^2].
+        on_v: What it adds to every q_i' [s].
+        gain: Gain of the input.
+        pieces: Coefficients of the input in every substep, a row a power.
+    """
 
     step: ModalStep
-    push: ModalPush
+    on_q: tuple[tuple[Scalar, ...], ...]
+    on_v: tuple[tuple[Scalar, ...], ...]
+    gain: Scalar
+    pieces: tuple[Float[Array, " substep"], ...]
+
+    def push(self, powers: tuple[Any, ...]) -> ModalPush:
+        """What the input's coefficients, of one substep or of all, add to every mode."""
+        on_q, on_v = (
+            tuple(weighted(weights, powers) for weights in modes)
+            for modes in (self.on_q, self.on_v)
+        )
+        return on_q, on_v, self.gain * powers[0]
+
+    def pushed(self) -> Pushed:
+        """Constants of the step, and what the input adds in every substep."""
+        return Pushed(self.step, self.push(self.pieces))
 
 
 def modal_stepping(
-    structure: Structure, polynomials: Float[Array, "interval power"], fs: Scalar, substeps: int
+    structure: Structure, held: HeldInput, fs: Scalar, substeps: int
 ) -> ModalStepping:
-    """Constants of the step, and what the input adds to every mode in every substep."""
+    """Constants of the step, every mode's moments times its gain, and the input's coefficients."""
     step, moments_y, moments_v = _constants(structure, 1.0 / (fs * substeps))
-    num_powers = polynomials.shape[-1]
-    parts = substep_matrices(num_powers, substeps)
-
-    def weighted(weights: Float[Array, " power"]) -> Float[Array, " substep"]:
-        weights = jnp.einsum("l,ilj->ij", weights, parts)
-        return jnp.einsum("nj,ij->ni", polynomials, weights).reshape(-1)
-
-    push_y, push_v = (
-        tuple(b * weighted(w[:num_powers]) for b, w in zip(structure.b, moments, strict=True))  # pyright: ignore[reportArgumentType]
+    pieces = held.pieces(substeps)
+    on_q, on_v = (
+        tuple(
+            tuple(held.gain * b * w[j] for j in range(len(pieces)))
+            for b, w in zip(structure.b, moments, strict=True)  # pyright: ignore[reportArgumentType]
+        )
         for moments in (moments_y, moments_v)
     )
-    start = weighted(jnp.zeros(num_powers).at[0].set(1.0))
-    return ModalStepping(step, (push_y, push_v, start))
+    return ModalStepping(step, on_q, on_v, held.gain, pieces)
 
 
 def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array], list[Array]]:
@@ -229,11 +250,8 @@ def kernel(
         if branch:
             memory_1, kinked = glided(laws, state, branches, x_1, v_1)
             smooth = end._replace(memory=memory_1), none
-            end, shift = jax.lax.cond(
-                kinked,
-                lambda: _through_kinks(joint, (state, branches, a), (x_1, v_1)),
-                lambda: smooth,
-            )
+            operands = joint, (state, branches, a), (x_1, v_1)
+            end, shift = where_rare(kinked, lambda at: _through_kinks(*at), operands, smooth)
         else:
             x_1, v_1, r, rate = kept((x_1, v_1, r, rate))
             end, shift = kept(_through_kinks(joint, (state, branches, a), (x_1, v_1)))

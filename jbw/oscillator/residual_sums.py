@@ -1,0 +1,183 @@
+r"""Sums over the residual of a record, added up in the time loop: no response is written to memory.
+
+$$r_n = d_n - x_n - \sum_k a_k J_{kn}, \qquad
+  Q = \sum_n r_n^2, \quad s_k = \sum_n R_{kn} r_n, \quad p = \max_n |x_n|$$
+
+A likelihood of white noise asks for these few numbers and not for the response x: writing 20,000
+samples for each of many parameter sets, and reading them again, costs as much as the steps do.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jbw.oscillator.adjoint import packed, solve, unused_field
+from jbw.oscillator.hold import HeldInput
+from jbw.oscillator.oscillator import Oscillator
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.solver import HysteresisExact, Stepping, stepping
+from jbw.oscillator.step import State
+
+
+class Compared(eqx.Module):
+    """What a response is compared with, sample by sample.
+
+    Rows begin at the first sample that counts.
+
+    Attributes:
+        measured: Measured response d [m, m/s or m/s^2].
+        directions: Rows J, of which a known part of each is no residual.
+        parts: Those parts a.
+        rows: Rows R that the residual is multiplied with.
+        order: Derivative that was measured: 0 of displacement, 1 velocity, 2 acceleration; static.
+        first: First sample that counts; static.
+    """
+
+    measured: Float[Array, " compared"]
+    directions: Float[Array, "direction compared"]
+    parts: Float[Array, " direction"]
+    rows: Float[Array, "row compared"]
+    order: int = eqx.field(static=True)
+    first: int = eqx.field(static=True, default=0)
+
+
+class Sums(NamedTuple):
+    """Sums over the samples that count: Q, s_k, and the largest response."""
+
+    square: Float[Array, "..."]
+    along: Float[Array, "... row"]
+    peak: Float[Array, "..."]
+
+
+class _Task(eqx.Module):
+    """Arguments of the time loop."""
+
+    stepping: Stepping
+    joint: Oscillator
+    force: Float[Array, " time"]
+    compared: Compared
+
+
+def residual_sums(
+    joint: Oscillator, source: HeldInput, fs: Scalar, substeps: int, compared: Compared
+) -> Sums:
+    """Sums over the residual of a record from rest, differentiable in the joint and the gain.
+
+    Args:
+        joint: The oscillator; all laws are stepped.
+        source: The input.
+        fs: Sampling rate [Hz].
+        substeps: Steps between samples.
+        compared: The measured response and its rows.
+
+    Returns:
+        The sums; of the response of `jbw.simulate` to rounding.
+    """
+    steps = stepping(joint, source, fs, substeps)
+    return _sums(substeps, _Task(steps, joint, source.u, compared))
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _sums(substeps: int, task: _Task) -> Sums:
+    """The sums by one loop that carries them."""
+    rest = _at_rest(task)
+    none = jnp.zeros(())
+    task = eqx.tree_at(  # rows by themselves: the loop would slice their array in every step
+        lambda task: (task.compared.directions, task.compared.rows, task.compared.parts),
+        task,
+        tuple(map(tuple, (task.compared.directions, task.compared.rows, task.compared.parts))),
+    )
+    square, along, peak = none, (none,) * len(task.compared.rows), none
+    totals = _added(task, rest, jnp.zeros((), jnp.int32), (square, along, peak))
+    state = packed(task.stepping, rest)
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(unused_field),
+        _Summing(substeps),
+        t0=0.0,
+        t1=task.stepping.num_steps / substeps,
+        dt0=1.0 / substeps,
+        y0=tuple(jax.tree.leaves((state, totals))),
+        args=task,
+        saveat=diffrax.SaveAt(t1=True),
+        adjoint=diffrax.ForwardMode(),
+        max_steps=task.stepping.num_steps,
+        throw=False,
+    )
+    tree = jax.tree.structure((state, totals))
+    _, (square, along, peak) = jax.tree.unflatten(tree, [x[-1] for x in solution.ys])  # pyright: ignore
+    return Sums(square, jnp.stack(along) if along else jnp.zeros(0), peak)
+
+
+@_sums.defjvp
+def _sums_jvp(substeps, primals, tangents):
+    return jax.jvp(partial(_of_trajectory, substeps), primals, tangents)
+
+
+def _of_trajectory(substeps: int, task: _Task) -> Sums:
+    """The same from the states at the samples, for derivatives."""
+    compared = task.compared
+    trajectory = solve(substeps, task.stepping, _at_rest(task))
+    response = _response(task.joint, compared.order, trajectory, task.force)[compared.first :]
+    residual = compared.measured - response - compared.parts @ compared.directions
+    peak = jnp.max(jnp.abs(response))
+    return Sums(jnp.sum(residual**2), compared.rows @ residual, peak)
+
+
+def _at_rest(task: _Task) -> State:
+    none = jnp.zeros(())
+    memory = jax.tree.map(lambda x: jnp.asarray(x, float), task.joint.at_rest())
+    return none, none, memory
+
+
+def _response(joint: Oscillator, order: int, state: Any, u: Any) -> Any:
+    """Displacement, velocity or acceleration of a state, or of many along an axis."""
+    y, v, memory = state
+    if order < 2:
+        return v if order else y
+    return u - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - joint.force(y, v, memory)
+
+
+def _added(task: _Task, state: State, substep: Array, totals: Any, every: int = 1) -> Any:
+    """Totals with the residual after so many substeps, where a sample that counts stands there."""
+    compared, (square, along, peak) = task.compared, totals
+    n = substep // every
+    counts = (substep % every == 0) & (n >= compared.first)
+    response = _response(task.joint, compared.order, state, task.force[n])
+    i = jnp.maximum(n - compared.first, 0)
+    residual = compared.measured[i] - response
+    for part, row in zip(compared.parts, compared.directions, strict=True):
+        residual = residual - part * row[i]
+    residual = jnp.where(counts, residual, 0.0)
+    return (
+        square + residual * residual,
+        tuple(total + row[i] * residual for total, row in zip(along, compared.rows, strict=True)),
+        jnp.maximum(peak, jnp.where(counts, jnp.abs(response), 0.0)),
+    )
+
+
+class _Summing(HysteresisExact):
+    """The step, and the sums behind it."""
+
+    substeps: int
+
+    def step(self, terms, t0, t1, y0, args: _Task, solver_state, made_jump):
+        """One substep."""
+        rest = packed(args.stepping, _at_rest(args))
+        count = len(jax.tree.leaves(rest))
+        state, totals = y0[:count], y0[count:]
+        ends, *_, following, result = super().step(
+            terms, t0, t1, state, args.stepping, solver_state, made_jump
+        )
+        size = len(args.compared.rows)
+        totals = totals[0], totals[1 : 1 + size], totals[1 + size]
+        laws = args.stepping.step.laws
+        y, v, memory = jax.tree.unflatten(jax.tree.structure(rest), ends)
+        memory = tuple(law.unpacked(own) for law, own in zip(laws, memory, strict=True))
+        totals = _added(args, (y, v, memory), following, totals, self.substeps)
+        y1 = (*ends, *jax.tree.leaves(totals))
+        return y1, None, dict(y0=y0, y1=y1), following, result
