@@ -137,6 +137,24 @@ class Observable(eqx.Module):
         """Every group's mean less its prediction, and this one's change by the run's offsets."""
         raise NotImplementedError
 
+    def left_sums(
+        self,
+        theta: Theta,
+        rows: Float[Array, "group row value"],
+        offset: Float[Array, "group own"] | None = None,
+    ) -> tuple[Float[Array, " group"], Float[Array, "group row"]]:
+        """Squares of the misfit of every group at the offsets of its run, and its products.
+
+        Args:
+            theta: The parameters.
+            rows: What the misfit of every group is multiplied with.
+            offset: Offsets of each group's run; None for none.
+        """
+        misfit, directions = self.left(theta)
+        if offset is not None and directions.shape[1]:
+            misfit = misfit - jnp.einsum("gi,gin->gn", offset, directions)
+        return jnp.sum(misfit**2, axis=-1), jnp.einsum("grn,gn->gr", rows, misfit)
+
     def measured_rows(self) -> Float[Array, "group value"] | None:
         """Every group's mean as `left` has it; None where it is none, but read off one before."""
         return None

@@ -85,7 +85,7 @@ def records_of(
         data: What the posterior was made from.
         splits: From `splits_of`.
     """
-    rows = tuple(None if s is None else (s.group, s.deviation, s.measured) for s in splits)
+    rows = tuple(None if split is None else _factors(split) for split in splits)
     count = len(next(iter(theta.values())))
     keys = jax.random.split(key)
     sums = at_points(_sums, {**theta, SEED: np.arange(float(count))}, (keys[0], data, rows))
@@ -162,6 +162,29 @@ def _single(
     return None
 
 
+class Factors(NamedTuple):
+    """What the misfits of a part's groups are multiplied with.
+
+    Attributes:
+        group: Number of each record's group.
+        place: Where the record's own deviation stands among the rows of its group.
+        rows: Of every group its mean, then the deviations of its records; zero behind the last.
+    """
+
+    group: Int[np.ndarray, " record"]
+    place: Int[np.ndarray, " record"]
+    rows: Float[np.ndarray, "group row value"]
+
+
+def _factors(split: Split) -> Factors:
+    """A split's rows, group by group."""
+    place = np.array([np.sum(split.group[:i] == g) + 1 for i, g in enumerate(split.group)])
+    rows = np.zeros((len(split.measured), 1 + int(np.max(place)), split.measured.shape[1]))
+    rows[:, 0] = split.measured
+    rows[split.group, place] = split.deviation
+    return Factors(split.group, place, rows)
+
+
 def _sums(theta: Theta, given: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -> dict[str, Any]:
     """What every part is asked at one draw, by one solve, each run's offsets drawn beside it."""
     key, data, rows = given
@@ -181,14 +204,9 @@ def _sums(theta: Theta, given: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) 
         if own is None:
             parts.append(_known(of_part(everything, part), part, b))
             continue
-        left, directions = part.left(of_part(everything, part))
-        if b is not None and directions.shape[1]:
-            left = left - jnp.einsum("gi,gin->gn", b, directions)
-        group, deviation, measured = own
-        square = jnp.sum(left**2, axis=1)
-        cross = jnp.einsum("rn,rn->r", deviation, left[group])
-        along = jnp.einsum("gn,gn->g", measured, left)
-        parts.append({"square": square[group], "cross": cross, "along": along[group]})
+        square, products = part.left_sums(of_part(everything, part), own.rows, b)
+        cross = products[own.group, own.place]
+        parts.append({"square": square[own.group], "cross": cross, "along": products[own.group, 0]})
     return {**found, "parts": parts}
 
 

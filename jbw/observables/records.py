@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jbw.measurement.records import Test, periods
 from jbw.observables import remembered
@@ -41,6 +41,7 @@ from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the first values are read from
 ABSURD = 1e6  # times the largest of what was measured: no prediction of it
+MOST_ROWS = 12  # that the time loop multiplies with: beyond, a written response costs less
 SUBSTEPS = 2  # of the solver between samples at least, unless stated
 
 
@@ -201,8 +202,7 @@ class Records(Repeated):
         r"""Mean response less its prediction, $d - m(o) - J^T (\theta - o)$ about an origin."""
         predicted = self.predict(theta)
         # Beside a motion that large rounding hides the data, and a band may not see it.
-        size = jnp.max(jnp.abs(self.mean), axis=1)  # zero of what is planned alone
-        hidden = (size > 0) & (jnp.max(jnp.abs(predicted), axis=1) > ABSURD * size)
+        hidden = self._hidden(jnp.max(jnp.abs(predicted), axis=1))
         left = values_of(self.mean - predicted, self.lines)
         left = jnp.where(hidden[:, None], jnp.nan, left)
         if not self.origin.shape[1]:
@@ -210,44 +210,43 @@ class Records(Repeated):
         away = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
         return left - jnp.einsum("lo,lov->lv", away, self.repeats.directions)
 
-    def sums(self, theta: Theta, rows: Float[Array, "level row compared"]) -> Sums:
-        """Sums over the misfit of every level, and with rows of each, added up in the time loop."""
-        away = jnp.zeros((len(self.origin), 0))
-        if self.origin.shape[1]:
-            away = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
-
-        def summed(level: tuple[HeldInput, Array, Array, Array, Array, Array]) -> Sums:
-            source, origin, mean, directions, away, rows = level
-            own = dict(zip(OFFSETS, origin, strict=False))
-            joint = with_depth(oscillator_of({**theta, **own}, self.laws), self.depth)
-            compared = Compared(
-                mean,
-                directions,
-                away,
-                rows,
-                order=derivative_order(self.response),
-                first=self.skipped,
-            )
-            return residual_sums(
-                joint, source.times(theta["gain"]), self.fs, self.substeps, compared
-            )
-
-        levels = self.held, self.origin, self.mean, self.repeats.directions, away, rows
-        sums = jax.lax.map(summed, levels)
-        size = jnp.max(jnp.abs(self.mean), axis=1)
-        hidden = (size > 0) & (sums.peak > ABSURD * size)
-        return sums._replace(square=jnp.where(hidden, jnp.nan, sums.square))
-
     def measured_rows(self) -> Float[Array, "level value"]:
         """Means, or their spectra in a band."""
         return values_of(self.mean, self.lines)
 
-    def left_sums(self, theta: Theta) -> tuple[Float[Array, " level"], Float[Array, "level own"]]:
-        """Squares of the misfit, and its products with the directions, without the rows of it."""
-        if not self._summed(theta):
-            return super().left_sums(theta)
-        sums = self.sums(theta, self.repeats.directions)
-        return sums.square, sums.along
+    def left_sums(
+        self,
+        theta: Theta,
+        rows: Float[Array, "level row value"],
+        offset: Float[Array, "level own"] | None = None,
+    ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
+        """The same, where it can be added up in the time loop, of which no response is written."""
+        if not self._summed(theta) or rows.shape[1] > MOST_ROWS:
+            return super().left_sums(theta, rows, offset)
+        known = jnp.zeros((len(self.origin), self.repeats.directions.shape[1]))
+        if self.origin.shape[1]:
+            known = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
+        if offset is not None and known.shape[1]:
+            known = known + offset
+
+        def summed(level: tuple[HeldInput, Array, tuple[Array, ...]]) -> Sums:
+            source, origin, rows = level
+            place = dict(zip(OFFSETS, origin, strict=False))  # none where runs have no offsets
+            joint = with_depth(oscillator_of({**theta, **place}, self.laws), self.depth)
+            order = derivative_order(self.response)
+            compared = Compared(*rows, order=order, first=self.skipped)
+            source = source.times(theta["gain"])
+            return residual_sums(joint, source, self.fs, self.substeps, compared)
+
+        arrays = self.mean, self.repeats.directions, known, rows
+        sums = jax.lax.map(summed, (self.held, self.origin, arrays))
+        # Beside a motion that large rounding hides the data.
+        return jnp.where(self._hidden(sums.peak), jnp.nan, sums.square), sums.along
+
+    def _hidden(self, peak: Float[Array, " level"]) -> Bool[Array, " level"]:
+        """Whether a prediction is absurdly larger than what was measured, if anything was."""
+        size = jnp.max(jnp.abs(self.mean), axis=1)  # zero of what is planned alone
+        return (size > 0) & (peak > ABSURD * size)
 
     def _summed(self, theta: Theta) -> bool:
         """Whether the misfit is added up in the time loop: of samples of one mode, from rest."""
@@ -262,8 +261,8 @@ class Records(Repeated):
 
     def squares(self, theta: Theta) -> Float[Array, " level"]:
         r"""Squared residuals of all repeats, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""
-        misfit = jnp.sum(self.beside_own(self.misfit(theta)) ** 2, axis=-1)
-        return self.repeats.num_repeats * misfit + self.repeats.within
+        square, _ = self.left_sums(theta, jnp.zeros((len(self.mean), 0, self.width)))
+        return self.repeats.num_repeats * square + self.repeats.within
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
         """Each level about the omega_n and zeta of its own run, where these are known."""

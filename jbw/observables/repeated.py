@@ -108,13 +108,8 @@ class Repeated(Observable):
         """What each group says of its offsets, its noise integrated out under 1/sigma."""
         own = self.repeats
         scatter = own.within + own.size * own.num_repeats * own.discrepancy
-        square, along = self.left_sums(theta)
+        square, along = self.left_sums(theta, own.directions)
         return estimate(square, along, scatter, own.num_repeats, own.num_values, own.directions)
-
-    def left_sums(self, theta: Theta) -> tuple[Float[Array, " group"], Float[Array, "group own"]]:
-        """Squares of every group's misfit, and its products with the directions."""
-        left, directions = self.left(theta)
-        return jnp.sum(left**2, axis=-1), jnp.einsum("gin,gn->gi", directions, left)
 
     def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
         """Rows of the residual in the unit of the values, complex where the values are."""
