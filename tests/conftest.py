@@ -15,6 +15,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import jax
 import pytest
+from durations import LONG, measured, pytest_addoption, pytest_configure, split  # noqa: F401
 from shapes import check_shapes
 
 if os.environ.get("JBW_CHECK_SHAPES") != "0":
@@ -29,17 +30,6 @@ KEPT = keep_compiled(f"tests of {platform.node()}")
 # Each test file compiles hundreds of small things anew, together as long as the few large ones.
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
-# Tests of more than two seconds alone on an idle core, which the slow tier runs: of those that
-# `pytest --durations=0` shows at that, all but the quickest case of each function.
-LONG = frozenset((Path(__file__).parent / "long_tests.txt").read_text().splitlines())
-# Files of minutes, longest first, so that no process works on one alone at the end.
-FIRST = (
-    "test_notebooks.py", "test_demo.py", "test_mixed_campaign.py", "test_resume.py",
-    "test_documentation.py", "test_calibration.py", "test_rank_calibration.py",
-    "test_sliders_campaign.py", "test_sequential.py", "test_amis.py", "test_outside_campaigns.py",
-    "test_mixed_campaign_scores.py", "test_campaign_scores.py", "test_fleet_of_the_rig.py",
-    "test_comparing.py", "test_linear_structure.py",
-)  # fmt: skip
 GOLDEN = json.loads((Path(__file__).parent / "golden.json").read_text())
 
 
@@ -69,9 +59,12 @@ def pytest_collection_modifyitems(items):
 
     Short chains and real records warn of what they are; what is asked of them is recovery.
     """
-    items.sort(key=lambda item: FIRST.index(n) if (n := item.path.name) in FIRST else len(FIRST))
+    table = measured()
+    items.sort(key=lambda item: -sum(table.get(split(item.nodeid)[0], {}).values()))
     for item in items:
-        if item.nodeid in LONG and not item.get_closest_marker("release"):
+        path, name = split(item.nodeid)
+        is_long = table.get(path, {}).get(name, 0.0) > LONG
+        if is_long and not item.get_closest_marker("release"):
             item.add_marker(pytest.mark.slow)
         if item.get_closest_marker("slow") or item.get_closest_marker("release"):
             # First in the list of marks, and so the first to give way to a test's own.

@@ -1,0 +1,150 @@
+"""CPU seconds of tests: `pytest --measure` writes them, the choice of tier and order reads them.
+
+`tests/durations.json` holds, by file, each test of at least `LEAST` seconds with nothing compiled
+before: its call, its own fixtures, its share of those that several tests of its file ask for, and
+the processes that it starts. What a session makes once, as the toy studies, counts for no test. A
+test above `LONG` belongs to the slow tier; one that is not in the table is taken for a quick one.
+"""
+
+import json
+import os
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+
+try:
+    from resource import RUSAGE_CHILDREN, getrusage
+except ImportError:  # Windows has no such count: processes that a test starts are free there
+    getrusage = None
+
+TABLE = Path(__file__).parent / "durations.json"
+LEAST, LONG = 0.5, 2.0  # [s]
+
+
+def spent():
+    """CPU seconds of this process and of those that it has waited for."""
+    children = getrusage(RUSAGE_CHILDREN) if getrusage else None
+    return time.process_time() + (children.ru_utime + children.ru_stime if children else 0.0)
+
+
+def measured():
+    """CPU seconds by file and test."""
+    return json.loads(TABLE.read_text(encoding="utf-8")) if TABLE.exists() else {}
+
+
+def split(nodeid):
+    """File and name of a test."""
+    path, _, name = nodeid.partition("::")
+    return path, name
+
+
+def merged(table, seconds, whole):
+    """The table with what was measured, and without the rest of files that ran as a `whole`."""
+    files = defaultdict(dict, {path: dict(r) for path, r in table.items() if path not in whole})
+    for nodeid, value in seconds.items():
+        path, name = split(nodeid)
+        files[path][name] = round(value, 1)
+    lasting = {
+        path: {name: value for name, value in sorted(rows.items()) if value >= LEAST}
+        for path, rows in sorted(files.items())
+    }
+    return {path: rows for path, rows in lasting.items() if rows}
+
+
+class Meter:
+    """Counts the CPU seconds of each test of a session, and tells those that are long."""
+
+    def __init__(self, config):
+        self.config, self.writes = config, config.getoption("measure")
+        self.seconds = {}  # by test
+        self.fixtures, self.users = {}, defaultdict(list)  # by file and name of a shared fixture
+        self.so_far = 0.0  # of all shared fixtures
+        self.collected = set()
+
+    @pytest.hookimpl(tryfirst=True)  # before -m selects
+    def pytest_collection_modifyitems(self, items):
+        """Know which tests there are."""
+        self.collected = {item.nodeid for item in items}
+
+    def own(self, began, before):
+        """CPU seconds since `began`, without those of shared fixtures made meanwhile."""
+        return spent() - began - (self.so_far - before)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_fixture_setup(self, fixturedef, request):
+        """Count what several tests share by itself, and not for the first that asks for it."""
+        began, before = spent(), self.so_far
+        try:
+            return (yield)
+        finally:
+            if fixturedef.scope != "function":
+                seconds = self.own(began, before)
+                self.so_far += seconds
+                self.fixtures[request.node.nodeid, fixturedef.argname] = seconds
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item):
+        """Count what a test does by itself, and which fixtures of its file it asks for."""
+        began, before = spent(), self.so_far
+        try:
+            return (yield)
+        finally:
+            self.seconds[item.nodeid] = self.own(began, before)
+            for name in item.fixturenames:
+                self.users[split(item.nodeid)[0], name].append(item.nodeid)
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_sessionfinish(self):
+        """Give each test its share; hand all to the process that shares out the tests."""
+        for key, seconds in self.fixtures.items():
+            for nodeid in self.users[key]:
+                self.seconds[nodeid] += seconds / len(self.users[key])
+        if hasattr(self.config, "workeroutput"):
+            self.config.workeroutput |= {"seconds": self.seconds, "tests": sorted(self.collected)}
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node):
+        """Take the seconds of a process that ends."""
+        found = getattr(node, "workeroutput", {})
+        self.seconds |= found.get("seconds", {})
+        self.collected |= set(found.get("tests", ()))
+
+    def pytest_terminal_summary(self, terminalreporter):
+        """Write the table, or tell which tests of the fast tier are long."""
+        table = measured()
+        if self.writes:
+            partly = {split(nodeid)[0] for nodeid in self.collected - set(self.seconds)}
+            whole = {split(nodeid)[0] for nodeid in self.seconds} - partly
+            text = json.dumps(merged(table, self.seconds, whole), indent=1, ensure_ascii=False)
+            TABLE.write_text(text + "\n", encoding="utf-8")
+            return
+        known = {f"{path}::{name}" for path, rows in table.items() for name in rows}
+        new = {n: s for n, s in self.seconds.items() if s > LONG and n not in known}
+        if new:
+            terminalreporter.section("tests above two CPU seconds that nobody has measured")
+            for nodeid, seconds in sorted(new.items(), key=lambda pair: -pair[1]):
+                terminalreporter.write_line(f"{seconds:7.1f} s  {nodeid}")
+            terminalreporter.write_line('pytest --measure -m "" FILE puts them into the table')
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--measure", action="store_true",
+        help="write the CPU seconds of the tests that run into tests/durations.json",
+    )  # fmt: skip
+
+
+def pytest_configure(config):
+    if config.option.markexpr == "slow":  # what waits for a release waits for it there too
+        config.option.markexpr = "slow and not release"
+    if config.getoption("measure"):
+        folder = tempfile.TemporaryDirectory()  # nothing is compiled before
+        config.add_cleanup(folder.cleanup)
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = folder.name  # of processes that tests start
+        if jax := sys.modules.get("jax"):  # which has read the environment
+            jax.config.update("jax_compilation_cache_dir", folder.name)
+    config.pluginmanager.register(Meter(config), "meter")
