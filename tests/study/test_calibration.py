@@ -13,6 +13,7 @@ import pytest
 import xarray as xr
 from guests import Bilinear
 from scipy.stats import binom
+from seeds import seeds
 
 from jbw.cli import run as command
 from jbw.errors import ConfigError, ModelError
@@ -153,7 +154,7 @@ def test_what_cannot_be_meant_is_refused(options, says):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", seeds(*SEEDS))
 def test_step_2_is_calibrated(seed):
     found = models.calibrate_linear(jax.random.key(seed), *designs.lines())
     assert least_p(found) > LEAST
@@ -161,25 +162,32 @@ def test_step_2_is_calibrated(seed):
 
 
 @pytest.mark.slow
-def test_step_3_is_calibrated_where_the_noise_is_known(third_order):
+@pytest.mark.parametrize(
+    ("of_seeds", "low", "high"),
+    [
+        # 99 % of 1000: four standard errors of 0.31 %. 99 % of 3000: a standard error of 0.18 %.
+        pytest.param(SEEDS[:1], 0.9774, 1.0, id="one seed"),
+        pytest.param(SEEDS, 0.98, 0.997, id="all seeds", marks=pytest.mark.release),
+    ],
+)
+def test_step_3_is_calibrated_where_the_noise_is_known(third_order, of_seeds, low, high):
     inside = []
-    for seed in SEEDS:
+    for seed in of_seeds:
         found = replicated(third_order, seed, 1000)
         assert least_p(found) > LEAST
         assert found.failed.mean() < 0.01
         inside.append(found.inside)
     share = dict(zip(found.names, np.mean(np.concatenate(inside), axis=0), strict=True))
-    # 99 % of 3000: a standard error of 0.18 %.
     for name in ("h3_5Hz", "h3_5.5Hz", "h3_6Hz", "h3_6.5Hz", "h3_6.75Hz"):
-        assert 0.98 < share[name] < 0.997
+        assert low < share[name] < high
 
 
 @pytest.mark.slow
-def test_step_3_is_calibrated_where_the_noise_is_learnt_from_the_repeats(unknown_noise):
-    for seed in SEEDS:
-        found = replicated(unknown_noise, seed, 1000)
-        assert least_p(found) > LEAST
-        assert found.failed.mean() < 0.01
+@pytest.mark.parametrize("seed", seeds(*SEEDS))
+def test_step_3_is_calibrated_where_the_noise_is_learnt_from_the_repeats(unknown_noise, seed):
+    found = replicated(unknown_noise, seed, 1000)
+    assert least_p(found) > LEAST
+    assert found.failed.mean() < 0.01
 
 
 @pytest.mark.slow
@@ -193,7 +201,7 @@ def test_eight_repeats_are_too_few_to_take_their_scatter_for_the_noise(unknown_n
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", seeds(*SEEDS))
 def test_step_4_is_calibrated(opening, seed):
     found = replicated(opening, seed, 1000)
     assert least_p(found) > LEAST
