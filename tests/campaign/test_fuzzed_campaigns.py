@@ -196,7 +196,7 @@ def test_any_bytes(folder, seed):
     bytes_are_taken_or_refused(folder, seed)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # the same with fewer examples stands above
 @pytest.mark.fault(52)
 @settings(max_examples=10_000, deadline=5000, suppress_health_check=list(HealthCheck))
 @given(seed=st.integers(0))

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from tiers import represented_by
 
 from jbw.errors import ConfigError, DataError
 from jbw.identification.line_method import LineFit, in_band, line_fit_start
@@ -85,7 +86,8 @@ def test_short_window_reads_damping_too_high_unless_smearing_is_modelled():
 
 # Sensor noise: none to speak of (leakage rules), between, and far above the leakage.
 @pytest.mark.parametrize(
-    ("order", "noise_std", "window_s"), [(1, 5e-5, 8), (1, 1e-3, 32), (0, 1e-3, 16), (2, 5e-2, 30)]
+    ("order", "noise_std", "window_s"),
+    represented_by((1, 1e-3, 32), (1, 5e-5, 8), (0, 1e-3, 16), (2, 5e-2, 30)),
 )
 @pytest.mark.slow
 def test_errors_are_calibrated(order, noise_std, window_s):
@@ -106,7 +108,9 @@ def test_errors_are_calibrated(order, noise_std, window_s):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("noise_std", "window_s"), [(5e-5, 16), (1e-3, 8), (1e-3, 16), (0.1, 16)])
+@pytest.mark.parametrize(
+    ("noise_std", "window_s"), represented_by((1e-3, 16), (5e-5, 16), (1e-3, 8), (0.1, 16))
+)
 def test_errors_are_calibrated_over_many_records(noise_std, window_s):
     rng = np.random.default_rng(4)
     z = []

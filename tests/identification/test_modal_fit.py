@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tiers import represented_by
 
 from jbw.errors import ConfigError, DataError
 from jbw.identification import stabilisation
@@ -101,7 +102,8 @@ def test_a_neighbour_no_longer_biases_the_damping():
 # Leakage alone, which both outputs share; sensor noise beside it; noise far above it.
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("noise_std", "window_s"), [((5e-5, 5e-3), 16), ((1e-3, 0.1), 32), ((2e-2, 2.0), 16)]
+    ("noise_std", "window_s"),
+    represented_by(((1e-3, 0.1), 32), ((5e-5, 5e-3), 16), ((2e-2, 2.0), 16)),
 )
 def test_one_covariance_is_that_of_many_records(noise_std, window_s):
     rng = np.random.default_rng(4)

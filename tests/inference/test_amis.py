@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal
-from seeds import seeds
 from shelf import Shelf, Stopped, points_of
+from tiers import represented_by
 
 from jbw.errors import ModelError
 from jbw.inference import lanes
@@ -66,7 +66,7 @@ START = dict(zip(NAMES, MEAN + OFF, strict=True))
 
 
 @pytest.mark.parametrize("factor", [0.25, 4.0])
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_a_correlated_normal_is_found_from_a_wrong_fit_beside_it(seed, factor):
     tree = draw(seed, normal, WIDE, START, factor * COVARIANCE)
     assert list(tree["posterior"].data_vars) == list(NAMES)
@@ -100,9 +100,7 @@ def biases(bend, start, covariance):
     return off / [tree.attrs["log_evidence_error"] for tree in trees]
 
 
-@pytest.mark.parametrize(
-    ("bend", "off"), [pytest.param(0.0, 1.0, marks=pytest.mark.release), (0.5, 0.0)]
-)
+@pytest.mark.parametrize(("bend", "off"), represented_by((0.5, 0.0), (0.0, 1.0)))
 def test_the_evidence_of_forty_seeds_has_no_bias_and_the_error_that_it_states(bend, off):
     z = biases(bend, dict.fromkeys("abcde", off), (0.25 if off else 1.0) * np.eye(5))
     # Without any bias, a mean of forty would be within 0.64 and their spread within 0.6 and 1.4;
@@ -123,7 +121,7 @@ def banana(theta, data):
 UNTIL = Until(enough, 60.0)
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_a_bent_posterior_in_four_parameters(seed):
     tree = draw(
         seed, banana, FOUR, dict.fromkeys("abcd", 0.0), np.diag([1, 0.25, 1, 1]), until=UNTIL
@@ -147,7 +145,7 @@ def cornered(theta, data):
     return jnp.stack([-8 * theta["a"], -3 * theta["b"], -0.5 * ((theta["c"] - 1.1) / 0.1) ** 2])
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_a_posterior_in_a_corner_of_the_box(seed):
     start = {"a": 0.0, "b": 0.0, "c": 1.0}  # the optimum itself
     tree = draw(seed, cornered, CORNER, start, np.diag([1 / 64, 1 / 9, 0.01]))
@@ -241,7 +239,7 @@ def unsolvable(theta, data):
     return jnp.stack([jnp.where(x > 1.0, jnp.nan, value), 0.0 * x])
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_failed_solves_are_left_out_and_take_their_share_of_the_evidence(seed):
     bounds = box({"x": (-9.0, 9.0), "y": (-9.0, 9.0)})
     tree = draw(seed, unsolvable, bounds, {"x": 0.0, "y": 0.0}, np.eye(2))
@@ -271,7 +269,7 @@ def hills(theta, data):
 
 
 @pytest.mark.fault(29)
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_a_second_mode_within_reach_of_the_first_gets_its_half(seed):
     bounds = box({"x": (-10.0, 10.0), "y": (-10.0, 10.0)})
     tree = draw(seed, hills, bounds, {"x": 1.5, "y": 0.0}, 0.25 * np.eye(2))

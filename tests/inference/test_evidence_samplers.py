@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad, quad
 from scipy.stats import multivariate_normal, norm, truncnorm
-from seeds import seeds
+from tiers import represented_by
 
 from jbw.errors import ConfigError, ModelError
 from jbw.inference.posterior.summary import diagnose
@@ -104,7 +104,7 @@ def test_every_sampler_leaves_the_same_tree(sampler, tmp_path):
     first.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 @pytest.mark.parametrize("sampler", EVIDENCE)
 def test_banana_and_its_evidence(sampler, seed, truth):
     log_evidence, moments = truth
@@ -141,7 +141,7 @@ def linear(theta, data):
     return jnp.append(-0.5 * r**2 - 0.5 * jnp.log(2 * jnp.pi), prior)
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 @pytest.mark.parametrize("sampler", ["importance", *WITHOUT_START])
 def test_evidence_of_a_conjugate_linear_model(sampler, seed):
     """The marginal of the data is normal in closed form; the box is 40 sd wide, its bounds far."""
@@ -171,7 +171,7 @@ def two_hills(theta, data):
 
 
 @pytest.mark.fault(29)
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 @pytest.mark.parametrize("sampler", WITHOUT_START)
 def test_two_modes_keep_their_weights(sampler, seed):
     bounds = box({"x": (-10.0, 10.0), "y": (-10.0, 10.0)})
@@ -191,7 +191,7 @@ def lopsided(theta, data):
     return -data * x + 3 * jnp.log1p(-x)
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 @pytest.mark.parametrize("sampler", WITHOUT_START)
 def test_an_asymmetric_density_on_a_bound(sampler, seed):
     """Wrong signs of a temperature or of a direction pass where a density is symmetric."""

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from seeds import seeds
+from tiers import represented_by
 
 from jbw.inference.posterior.verdict import verdict
 from jbw.inference.samplers.sampling import sample
@@ -27,7 +27,7 @@ def beyond_the_box(theta, data):
 
 
 @pytest.mark.fault(26)
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 @pytest.mark.parametrize("sampler", ["nuts", "random_walk"])
 def test_a_box_that_excludes_the_truth_fails_though_chains_agree(sampler, seed):
     tree = sample(jax.random.key(seed), beyond_the_box, NARROW, sampler=sampler, **DRAWN)
@@ -67,7 +67,7 @@ def funnel(theta, data):
 
 
 @pytest.mark.fault(38)
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_a_funnel_fails_item_by_item_with_what_to_do(seed):
     tree = sample(jax.random.key(seed), funnel, FUNNEL, num_warmup=300, num_samples=500)
     found = verdict(tree, FUNNEL)

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from seeds import seeds
 from shelf import points_of
+from tiers import represented_by
 
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.posterior.summary import summarise
@@ -57,7 +57,7 @@ def _thin_places():
     }
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_a_product_known_to_a_thousandth_is_drawn_in_coordinates_that_suit_it(seed, thin_places):
     tree = climbed(seed, thin, RIDGE, jnp.log(60.0), thin_places)
     assert tree.attrs["coordinates"] in ("ridge", "logarithms")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 from scipy.stats import t as student_t
-from seeds import seeds
+from tiers import represented_by
 
 from jbw.inference.posterior.finding import answers
 from jbw.inference.posterior.modes import deepest_split, modes_findings
@@ -26,7 +26,7 @@ def mixture(seed, weight=WEIGHT, shape=(4, 1000)):
     return np.where(first, *(rng.normal(place, WIDTH, shape) for place in PLACES))
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 @pytest.mark.parametrize(
     "draw",
     [
@@ -46,7 +46,7 @@ def test_one_mode_is_not_split(draw, seed):
 
 
 @pytest.mark.fault(29)
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_two_modes_are_weighed_within_their_error(seed):
     split = deepest_split(
         {"plain": np.random.default_rng(9).normal(size=(4, 1000)), "x": mixture(seed)}
@@ -88,7 +88,7 @@ def _two_normals(theta, data):
     return jnp.logaddexp(squares[0] + jnp.log(WEIGHT), squares[1] + jnp.log(1 - WEIGHT))
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_samplers_with_the_evidence_weigh_modes(seed):
     tree = sample(
         jax.random.key(seed), _two_normals, BOX, sampler="tempered_smc", num_samples=1000,

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.stats import kstest
-from seeds import seeds
+from tiers import represented_by
 
 from jbw.inference.posterior.summary import diagnose
 from jbw.inference.samplers.sampling import sample
@@ -19,7 +19,7 @@ def flat(theta, data):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", seeds(0, 1, 2))
+@pytest.mark.parametrize("seed", represented_by(0, 1, 2))
 @pytest.mark.parametrize("sampler", ["tempered_smc", "nested"])
 def test_without_data_the_prior_comes_back(sampler, seed):
     tree = sample(jax.random.key(seed), flat, BOX, jnp.zeros(1), sampler=sampler, num_samples=1000)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax.scipy.special import logit
 from scipy.stats import chi2, kstest
-from seeds import seeds
+from tiers import represented_by
 
 from jbw.inference.posterior.summary import diagnose
 from jbw.inference.samplers.random_walk import PAPER, Options, kernel
@@ -41,7 +41,7 @@ def walkers(step_size, seed, num_walkers, steps, x=None):
     return np.asarray(jax.vmap(walk.read)(state).theta["x"])
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_rejection_at_the_box_edges_leaves_no_bias(seed):
     x = walkers(0.3, seed, 4000, 60)
     assert kstest(x, exact_cdf).pvalue > 1e-4
@@ -50,7 +50,7 @@ def test_rejection_at_the_box_edges_leaves_no_bias(seed):
     assert abs(x.mean() - exact_mean) < 4 * x.std() / np.sqrt(len(x))
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_detailed_balance_between_three_states(seed):
     """From the stationary law, as many moves lead from state to state as back."""
     u = np.random.default_rng(seed).uniform(size=100_000)
@@ -73,7 +73,7 @@ def bell(theta, data):
 BELL_BOX = box({"p": (0.0, 1.0), "q": (0.0, 1.0)})
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 @pytest.mark.parametrize("width", [1e-4, 0.1])
 def test_tuning_reaches_half_and_stops_with_the_burn_in(seed, width):
     tree = sample(

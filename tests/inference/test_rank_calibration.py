@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.scipy.stats import norm
-from seeds import seeds
+from tiers import represented_by
 
 from jbw.errors import ConfigError
 from jbw.inference.calibration.replications import Model, calibrate, split_r_hat
@@ -87,7 +87,7 @@ def least_p(found):
     return min(*found.p_ecdf.values(), *found.p_chi_square.values())
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_the_closed_form_is_calibrated(seed):
     found = run(EXACT, seed, num_replications=1000)
     assert found.names == ("a", "log_likelihood")
@@ -182,11 +182,7 @@ ACROSS = {
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "sampler"),
-    [
-        (0, "amis"),
-        (0, "importance"),
-        *(pytest.param(seed, "importance", marks=pytest.mark.release) for seed in SEEDS[1:]),
-    ],
+    represented_by((0, "importance"), (0, "amis"), (1, "importance"), (2, "importance")),
 )
 def test_a_thin_ridge_through_the_box(seed, sampler):
     found = run(ACROSS[sampler], seed, RIDGE, num_replications=100 if sampler == "amis" else 300)

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from seeds import seeds
+from tiers import represented_by
 
 from jbw.inference.posterior.summary import summarise
 from jbw.inference.posterior.verdict import verdict
@@ -32,7 +32,7 @@ def drawn(rounds, seed=0, small=1e-6, seen=None):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", seeds(0, 1, 2))
+@pytest.mark.parametrize("seed", represented_by(0, 1, 2))
 def test_a_normal_posterior_is_found_from_a_fit_that_knows_nothing_of_its_width(seed):
     stuck = summarise(drawn(0, seed), BOX)
     assert max(row["r_hat"] for row in stuck.values()) > 1.05

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.stats import kstest, norm
-from seeds import seeds
+from tiers import represented_by
 
 from jbw.inference.fit.fitting import fit
 from jbw.inference.posterior.summary import summarise
@@ -49,7 +49,7 @@ def along(key, function, prior, data, best, **options):
     return sample(key, function, prior, data, coordinates=place, **options)
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_the_ridge_of_a_product_mixes_and_has_its_moments(best, seed):
     # Given a, b is narrow: the density of a is that of 1 / a, where b = 60 / a is in its box.
     weight = quad(lambda a: 1 / a, 2.0, 20.0)[0]
@@ -82,7 +82,7 @@ def test_a_factor_that_may_be_zero_by_its_prior_alone_follows_the_product_too():
     assert amis.look(jax.random.key(0), problem, 512) > 128
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_without_data_the_uniform_prior_comes_back(best, seed):
     tree = drawn(flat, best, seed, sampler="random_walk", num_samples=20_000)
     for name, row in summarise(tree, PRIOR).items():

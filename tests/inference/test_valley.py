@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from seeds import seeds
 from shelf import points_of
 from test_ladder import climbed
+from tiers import represented_by
 
 from jbw.identification import evidence
 from jbw.identification.evidence import Candidate
@@ -125,7 +125,7 @@ def test_a_law_whose_weights_are_rough_is_weighed_along_the_valley_too(fit, monk
     assert abs(tree.attrs["log_evidence"] - LOG_Z) < 4 * tree.attrs["log_evidence_error"]
 
 
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_a_winding_posterior_is_drawn_along_its_valley(seed, fit):
     tree = climbed(
         seed, winding, BOX, MIDDLE, {"box": lambda: straight(fit)},

@@ -240,7 +240,7 @@ def test_damage_is_refused_or_without_consequence(folder, name, damage):
     look(name, folder, damage)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # the same with fewer examples stands above
 @pytest.mark.fault(46, 54)
 @pytest.mark.parametrize("name", FORMATS)
 @settings(

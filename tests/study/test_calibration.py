@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 from guests import Bilinear
 from scipy.stats import binom
-from seeds import seeds
+from tiers import represented_by
 
 from jbw.cli import run as command
 from jbw.errors import ConfigError, ModelError
@@ -154,7 +154,7 @@ def test_what_cannot_be_meant_is_refused(options, says):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_step_2_is_calibrated(seed):
     found = models.calibrate_linear(jax.random.key(seed), *designs.lines())
     assert least_p(found) > LEAST
@@ -183,7 +183,7 @@ def test_step_3_is_calibrated_where_the_noise_is_known(third_order, of_seeds, lo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_step_3_is_calibrated_where_the_noise_is_learnt_from_the_repeats(unknown_noise, seed):
     found = replicated(unknown_noise, seed, 1000)
     assert least_p(found) > LEAST
@@ -201,7 +201,7 @@ def test_eight_repeats_are_too_few_to_take_their_scatter_for_the_noise(unknown_n
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", seeds(*SEEDS))
+@pytest.mark.parametrize("seed", represented_by(*SEEDS))
 def test_step_4_is_calibrated(opening, seed):
     found = replicated(opening, seed, 1000)
     assert least_p(found) > LEAST
@@ -241,7 +241,7 @@ def squared(theta, data: KernelData):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slip", [doubled, unconjugated, squared])
+@pytest.mark.parametrize("slip", represented_by(doubled, unconjugated, squared))
 def test_a_slip_in_the_likelihood_of_step_3_fails(third_order, slip):
     step, _ = third_order
     found = replicated(prepared(step), 0, 500, step.model._replace(log_likelihood=slip))
@@ -260,7 +260,7 @@ def scatterless(theta, curve):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slip", [halved, scatterless])
+@pytest.mark.parametrize("slip", represented_by(halved, scatterless))
 def test_a_slip_in_the_likelihood_of_step_4_fails(opening, slip):
     step, _ = opening
     found = replicated(opening, 0, 500, step.model._replace(log_likelihood=slip))

@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 import pytest
-from seeds import seeds
+from tiers import represented_by
 
 from jbw import rig
 from jbw.campaign.settings import Identify
@@ -50,7 +50,7 @@ def joint_of(data, settings, seed):
     return Weighed(tree), ready.data
 
 
-@pytest.mark.parametrize("seed", seeds(0, 1))
+@pytest.mark.parametrize("seed", represented_by(0, 1))
 def test_the_truth_lies_within_the_joint_posterior(seed):
     campaign = rig.measure("mixed", seed=seed, repeats=2, noise_ratio=0.02, force_noise_std=0.2)
     tests, settings = campaign.tests, Identify(**{**campaign.settings, "substeps": 2})
