@@ -11,7 +11,7 @@ import os
 import sys
 import tempfile
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from pathlib import Path
 
 import pytest
@@ -114,8 +114,13 @@ class Meter:
         self.collected |= set(found.get("tests", ()))
 
     def pytest_terminal_summary(self, terminalreporter):
-        """Write the table, or tell which tests of the fast tier are long."""
-        table = measured()
+        """Tell the files that take most; write the table, or tell which tests are long."""
+        table, files = measured(), Counter()
+        for nodeid, seconds in self.seconds.items():
+            files[split(nodeid)[0]] += seconds
+        terminalreporter.section(f"{sum(files.values()):.0f} CPU seconds, most of them in")
+        for path, seconds in files.most_common(10):
+            terminalreporter.write_line(f"{seconds:7.1f} s  {path}")
         if self.writes:
             partly = {split(nodeid)[0] for nodeid in self.collected - set(self.seconds)}
             whole = {split(nodeid)[0] for nodeid in self.seconds} - partly

@@ -70,9 +70,10 @@ def test_quick(shared, inner):
 """
 
 
-def test_shared_fixtures_are_shared_out_and_those_of_a_session_are_free(pytester):
+def test_shared_fixtures_are_shared_out_and_those_of_a_session_are_free(pytester, monkeypatch):
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # which import far more than it needs
     pytester.makepyfile(test_two=TWO, durations=Path(durations.__file__).read_text("utf-8"))
-    outcome = pytester.runpytest_subprocess("-p", "durations", "-n0", "--measure")
+    outcome = pytester.runpytest_subprocess("-p", "durations", "--measure")
     outcome.assert_outcomes(passed=2)
     found = json.loads((pytester.path / "durations.json").read_text())["test_two.py"]
     # 0.1 + 0.1 + 0.3 + (0.1 + 0.4) / 2, and 0.25: below what is written. Setting up takes the rest.

@@ -36,7 +36,10 @@ def shared(tmp_path_factory):
 
 
 # Minutes each: before a release. The others are the first hour of a user.
-LONG = {"7_one_joint_every_law", "8_joints_in_populations", "9_two_modes_and_a_shaker"}
+LONG = {
+    "5_real_bolted_joints", "6_samplers_compared", "7_one_joint_every_law",
+    "8_joints_in_populations", "9_two_modes_and_a_shaker",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(

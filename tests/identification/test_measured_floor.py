@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 from measured_data import DATA, ROOT
+from tiers import represented_by
 
 from jbw.campaign.load import load_campaign
 from jbw.campaign.settings import Identify
@@ -46,7 +47,9 @@ def floor(test, residuals):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("level", "with_term", "inertance", "without"),
-    [(5, 0.0100, 1.62, 0.0245), (20, 0.0070, 1.79, 0.0289), (30, 0.0078, 2.20, 0.0406)],
+    represented_by(
+        (5, 0.0100, 1.62, 0.0245), (20, 0.0070, 1.79, 0.0289), (30, 0.0078, 2.20, 0.0406)
+    ),
 )
 def test_one_real_constant_leaves_a_per_cent(levels, level, with_term, inertance, without):
     error, theta = floor(levels[level], "upper")

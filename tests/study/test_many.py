@@ -229,7 +229,7 @@ def require_same_fleets(*several):
     return first
 
 
-@pytest.mark.slow
+@pytest.mark.release  # the campaigns of the fleet above, by processes of another library
 def test_dasks_workers_draw_what_a_thread_of_this_process_draws(tmp_path, monkeypatch, units):
     distributed = pytest.importorskip("distributed")
     files = units(2)

@@ -15,8 +15,6 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from panel import CAMPAIGNS
 
-pytestmark = pytest.mark.slow
-
 
 def identified(name):
     campaign, truth = CAMPAIGNS[name].campaign()
@@ -28,6 +26,7 @@ def failed(summary):
     return {one["code"] for one in summary["verdict"]["findings"] if one["status"] == "failed"}
 
 
+@pytest.mark.slow
 def test_a_hardening_joint_lies_in_the_default_box():
     study, truth, summary = identified("hardening")
     assert failed(summary) == set()
@@ -39,6 +38,7 @@ def test_a_hardening_joint_lies_in_the_default_box():
     assert posterior.attrs.get("sampler", study.tree.attrs.get("sampler")) == "amis"
 
 
+@pytest.mark.release  # test_linear_structure.py and test_look.py stand for it
 def test_no_joint_is_seen_where_there_is_none_and_what_it_may_do_is_bounded():
     study, truth, summary = identified("linear")
     assert summary["verdict"]["answers"]["sampling"]["status"] == "ok"
@@ -52,6 +52,7 @@ def test_no_joint_is_seen_where_there_is_none_and_what_it_may_do_is_bounded():
         assert abs(z) < 4, name
 
 
+@pytest.mark.release
 def test_no_record_is_argued_away_where_no_law_follows():
     """The strongest sweep of fifty sliders was once left with 106 %, by a line with 41."""
     _, _, summary = identified("fifty sliders")

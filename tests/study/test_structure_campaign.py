@@ -54,7 +54,7 @@ def test_a_level_that_no_fit_saw_is_predicted_to_its_noise(study):
         assert attrs["nrmse"] < 0.5 * attrs["nrmse_linear"]
 
 
-@pytest.mark.slow
+@pytest.mark.release  # a second campaign of two modes
 def test_two_points_tell_the_shapes_there_and_of_a_test_that_was_held_out():
     taken = at_two_points(["low_0", "low_2", "high_0", "high_2"])
     own = {**SETTINGS, "hold_out": ("low_0 at wing", "high_0")}
