@@ -1,5 +1,6 @@
 """What holds for every law of the register, and for one that the tests define."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -51,6 +52,34 @@ def oscillator(law):
     return jax.tree.map(lambda x: jnp.asarray(x, float), Oscillator(118.0, 0.01, (law,)))
 
 
+# One program a law, where eager JAX compiles one for every operation.
+@eqx.filter_jit
+def stiffness_and_loop(law, y):
+    return law.stiffness(), law.loop(y)
+
+
+@eqx.filter_jit
+def along(law, y, memory, v):
+    """The memory behind a path, and the force at each of its points under v."""
+
+    def onward(memory, move):
+        start, end, v = move
+        memory = law.move(start, memory, end - start)
+        return memory, law.force(end, v, memory)
+
+    memory = jax.tree.map(lambda x: jnp.asarray(x, float), memory)
+    first = law.force(y[0], v[0], memory)
+    behind, force = jax.lax.scan(onward, memory, (y[:-1], y[1:], v[1:]))
+    return behind, jnp.append(first, force)
+
+
+@eqx.filter_jit
+def tip_and_fundamental(law, y_peak):
+    """The memory at the tip of a loop, and the first harmonic of its force over the amplitude."""
+    first = law.harmonics(jnp.array([y_peak, 0.0], complex), 2)[0]
+    return law.at_tip(y_peak), first / y_peak + law.stiffness()
+
+
 def test_every_law_of_the_register_stands_in_this_contract():
     assert {*LAWS} <= {*THETA}
 
@@ -91,11 +120,11 @@ def test_weak_motion_knows_the_products_alone(name, y):
     for product in law.products:
         assert product.of(other.parameters()) == pytest.approx(product.of(own), rel=1e-14)
     pair = law, other
-    loops = [one.loop(y) for one in pair]
+    stiffness, loops = zip(*(stiffness_and_loop(one, y) for one in pair), strict=True)
     # To the next order in the amplitude.
     assert float(loops[0].damping) == pytest.approx(float(loops[1].damping), rel=1e-3)
     if name != "gap_series":
-        lost = [float(a.stiffness() - b.stiffness) for a, b in zip(pair, loops, strict=True)]
+        lost = [float(a) - float(b.stiffness) for a, b in zip(stiffness, loops, strict=True)]
         assert lost[0] == pytest.approx(lost[1], rel=1e-3)
 
 
@@ -113,10 +142,10 @@ def test_the_prior_is_inside_the_limits(law):
 def test_a_batch_is_its_members(law):
     """As the draws of a posterior are: an array for every parameter."""
     pair = [law, jax.tree.map(lambda x: 1.1 * x, law)]
-    both = jax.tree.map(lambda *x: jnp.stack([jnp.asarray(one, float) for one in x]), *pair)
-    loops = [one.loop(3e-3) for one in pair]
-    np.testing.assert_allclose(both.stiffness(), [one.stiffness() for one in pair], rtol=1e-12)
-    loop = both.loop(3e-3)
+    both = jax.tree.map(lambda *x: np.array(x, float), *pair)
+    alone, loops = zip(*(stiffness_and_loop(one, 3e-3) for one in pair), strict=True)
+    stiffness, loop = stiffness_and_loop(both, 3e-3)
+    np.testing.assert_allclose(stiffness, alone, rtol=1e-12)
     np.testing.assert_allclose(loop.stiffness, [one.stiffness for one in loops], rtol=1e-10)
     damping = [one.damping for one in loops]
     np.testing.assert_allclose(loop.damping, damping, rtol=1e-10, atol=1e-9)
@@ -138,12 +167,9 @@ def test_stiffness_is_the_slope_at_rest(law):
 
 
 def test_a_move_is_the_sum_of_its_parts_and_the_force_is_continuous(law):
-    y, memory, step = 0.0, law.at_rest(), 7e-5
-    whole = law.move(y, memory, 50 * step)
-    force = [float(law.force(y, 1.0, memory))]
-    for index in range(50):
-        memory = law.move(index * step, memory, step)
-        force.append(float(law.force((index + 1) * step, 1.0, memory)))
+    step = 7e-5
+    whole, _ = along(law, np.array([0.0, 50 * step]), law.at_rest(), np.ones(2))
+    memory, force = along(law, step * np.arange(51), law.at_rest(), np.ones(51))
     np.testing.assert_allclose(jax.tree.leaves(memory), jax.tree.leaves(whole), rtol=1e-10)
     steepest = max(float(law.stiffness()), 3 * 2e7 * (50 * step) ** 2)
     assert np.max(np.abs(np.diff(force))) <= 1.001 * steepest * step
@@ -153,23 +179,16 @@ def test_the_loops_energy_is_the_area_of_the_path(law):
     y_peak, points = 3.5e-3, 4000
     theta = np.linspace(0.0, 2 * np.pi, points + 1)
     y = y_peak * np.cos(theta)
-    like = jax.tree.map(lambda x: jnp.asarray(x, float), law.at_tip(y_peak))
-
-    def onward(memory, pair):
-        memory = law.move(pair[0], memory, pair[1] - pair[0])
-        slow = 1e-6 * (pair[1] - pair[0])
-        return memory, law.force(pair[1], slow, memory)
-
-    closed, force = jax.lax.scan(onward, like, jnp.stack([y[:-1], y[1:]], 1))
+    like, first = tip_and_fundamental(law, y_peak)
+    slow = 1e-6 * np.append(1.0, np.diff(y))
+    closed, force = along(law, y, like, slow)
     np.testing.assert_allclose(
         jax.tree.leaves(closed), jax.tree.leaves(like), rtol=1e-9, atol=1e-12
     )
-    start = law.force(y_peak, 1e-6, like)
-    area = np.trapezoid(np.append(start, force), y)
-    loop = law.loop(y_peak)
+    area = np.trapezoid(force, y)
+    _, loop = stiffness_and_loop(law, y_peak)
     np.testing.assert_allclose(loop.energy(y_peak), area, rtol=1e-4, atol=1e-9)
     # The generic harmonics: a grid of 512 points, an error of its second power.
-    first = law.harmonics(jnp.array([y_peak, 0.0], complex), 2)[0] / y_peak + law.stiffness()
     expected = complex(loop.stiffness, loop.damping)
     assert abs(complex(first) - expected) <= 1e-4 * abs(expected)
 
