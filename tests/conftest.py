@@ -16,6 +16,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import jax
 import pytest
 from durations import LONG, measured, pytest_addoption, pytest_configure, split  # noqa: F401
+from finished import forget
 from shapes import check_shapes
 
 if os.environ.get("JBW_CHECK_SHAPES") != "0":
@@ -30,6 +31,7 @@ KEPT = keep_compiled(f"tests of {platform.node()}")
 # Each test file compiles hundreds of small things anew, together as long as the few large ones.
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
+FORTNIGHT = 14 * 86400  # [s]
 GOLDEN = json.loads((Path(__file__).parent / "golden.json").read_text())
 
 
@@ -46,11 +48,13 @@ def _compiled_code_does_not_pile_up():
 
 
 def pytest_sessionstart(session):
-    """Forget compiled code that a fortnight did not make anew."""
-    if not hasattr(session.config, "workerinput") and KEPT is not None:
-        for entry in KEPT.glob("*"):
-            if time.time() - entry.stat().st_mtime > 14 * 86400:
-                entry.unlink(missing_ok=True)
+    """Forget compiled code and finished runs that a fortnight did not make anew."""
+    if hasattr(session.config, "workerinput"):
+        return
+    forget(FORTNIGHT)
+    for entry in KEPT.glob("*") if KEPT is not None else ():
+        if time.time() - entry.stat().st_mtime > FORTNIGHT:
+            entry.unlink(missing_ok=True)
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m selects

@@ -4,8 +4,14 @@ The records are integrated by Runge and Kutta's fourth order on Eqs. (1) and (2)
 sixteen steps a sample, and written by h5py: nothing of jbw makes them.
 """
 
+import json
+
 import h5py
 import numpy as np
+
+import jbw
+from jbw.observables.dataset import log_likelihood
+from jbw.study.store import claim, save_result
 
 FS, SUBSTEPS = 256.0, 16
 GAIN = 15.0
@@ -129,3 +135,19 @@ def write_toy(folder, identify):
     path = folder / "campaign.toml"
     path.write_text(CAMPAIGN + "\n[identify]\n" + identify, encoding="utf-8")
     return path
+
+
+def identified(folder):
+    """The campaign as it stands, identified."""
+    path = write_toy(folder, PLAIN)
+    return jbw.identify(jbw.load_campaign(path), seed=1, report=lambda _: None)
+
+
+def write_run(folder):
+    """The campaign, its result, and what the run's data say of the truth."""
+    study = identified(folder)
+    save_result(claim(folder / "run"), study.tree, study.record)
+    theta = {name: np.asarray(value) for name, value in TRUTH.items()}
+    terms = log_likelihood(theta, study.identification.data)
+    text = json.dumps({"log_likelihood": float(terms.sum())})
+    (folder / "at_the_truth.json").write_text(text, encoding="utf-8")
