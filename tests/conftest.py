@@ -59,12 +59,11 @@ def pytest_sessionstart(session):
 
 @pytest.hookimpl(tryfirst=True)  # before -m selects
 def pytest_collection_modifyitems(items):
-    """Put long tests into the slow tier, whose warnings fail nothing, and long files first.
+    """Put long tests into the slow tier, whose warnings fail nothing.
 
     Short chains and real records warn of what they are; what is asked of them is recovery.
     """
     table = measured()
-    items.sort(key=lambda item: -sum(table.get(split(item.nodeid)[0], {}).values()))
     for item in items:
         path, name = split(item.nodeid)
         is_long = table.get(path, {}).get(name, 0.0) > LONG

@@ -1,9 +1,10 @@
 """CPU seconds of tests: `pytest --measure` writes them, the choice of tier and order reads them.
 
 `tests/durations.json` holds, by file, each test of at least `LEAST` seconds with nothing compiled
-before: its call, its own fixtures, its share of those that several tests of its file ask for, and
-the processes that it starts. What a session makes once, as the toy studies, counts for no test. A
-test above `LONG` belongs to the slow tier; one that is not in the table is taken for a quick one.
+before, and each that is marked: its call, its own fixtures, its share of those that several tests
+of its file ask for, and the processes that it starts. What a session makes once, as the toy run,
+counts for no test. A test above `LONG` belongs to the slow tier; one that is not in the table is
+taken for a quick one.
 """
 
 import json
@@ -42,6 +43,11 @@ def split(nodeid):
     return path, name
 
 
+def is_marked(item):
+    """Whether a test is slow by a mark of its own."""
+    return any(item.get_closest_marker(name) for name in ("slow", "release"))
+
+
 def merged(table, seconds, whole):
     """The table with what was measured, and without the rest of files that ran as a `whole`."""
     files = defaultdict(dict, {path: dict(r) for path, r in table.items() if path not in whole})
@@ -65,10 +71,17 @@ class Meter:
         self.so_far = 0.0  # of all shared fixtures
         self.collected = set()
 
-    @pytest.hookimpl(tryfirst=True)  # before -m selects
+    @pytest.hookimpl(wrapper=True)
     def pytest_collection_modifyitems(self, items):
-        """Know which tests there are."""
-        self.collected = {item.nodeid for item in items}
+        """Know which tests there are; run long files first, that none is alone at the end."""
+        self.collected, table = {item.nodeid for item in items}, measured()
+        result = yield  # -m selects
+        files = Counter()
+        for item in items:
+            path, name = split(item.nodeid)
+            files[path] += table.get(path, {}).get(name, LONG if is_marked(item) else 0.0)
+        items.sort(key=lambda item: -files[split(item.nodeid)[0]])
+        return result
 
     def own(self, began, before):
         """CPU seconds since `began`, without those of shared fixtures made meanwhile."""
@@ -93,7 +106,9 @@ class Meter:
         try:
             return (yield)
         finally:
-            self.seconds[item.nodeid] = self.own(began, before)
+            # A marked test stays in the table, however quick, and so is no unknown one.
+            least = LEAST if is_marked(item) else 0.0
+            self.seconds[item.nodeid] = max(self.own(began, before), least)
             for name in item.fixturenames:
                 self.users[split(item.nodeid)[0], name].append(item.nodeid)
 
