@@ -36,13 +36,12 @@ def law(request):
 AT_ONCE = {"bouc_wen", "cubic"}
 
 
-@pytest.fixture(
-    params=[
-        name if name in AT_ONCE else pytest.param(name, marks=pytest.mark.slow)
-        for name in THETA
-        if name != "jenkins"
-    ]
-)
+def in_tiers(names):
+    """Names of laws, of which those that are not quick to compile wait for the slow tier."""
+    return [n if n in AT_ONCE else pytest.param(n, marks=pytest.mark.slow) for n in names]
+
+
+@pytest.fixture(params=in_tiers(name for name in THETA if name != "jenkins"))
 def compiled_law(request):
     """One of every kind, where a test compiles long programs; one slider is one of three."""
     return law_of(request.param)
@@ -154,7 +153,12 @@ def test_a_batch_is_its_members(law):
 def test_no_motion_leaves_rest(law):
     after = law.move(1e-3, law.at_rest(), 0.0)
     assert all(x == 0.0 for x in jax.tree.leaves(after))
-    still = jbw.simulate(oscillator(law), np.zeros(64), FS)
+
+
+@pytest.mark.parametrize("name", in_tiers(THETA))
+def test_no_force_leaves_rest(name):
+    # Of the length and substeps of the gradients' record, whose program it is.
+    still = jbw.simulate(oscillator(law_of(name)), np.zeros(len(INPUT)), FS, substeps=2)
     assert np.all(np.asarray(still.y) == 0.0)
     assert np.all(np.asarray(still.z) == 0.0)
 
