@@ -22,6 +22,7 @@ from jbw.oscillator.laws import LAWS, register
 from jbw.report.charts import charts_of
 from jbw.study.export import export
 from jbw.study.export_files import write_export
+from jbw.study.store import claim, save_result
 from jbw.study.study import load_study
 
 FS, SIZE, GAIN = 256.0, 512, 15.0
@@ -113,7 +114,7 @@ def of_a_law(bilinear, tmp_path_factory):
     folder = tmp_path_factory.mktemp("bilinear")
     campaign = jbw.load_campaign(write_sweeps(folder, [bilinear.name]))
     study = jbw.identify(campaign, seed=1, truth=TRUTH, report=lambda _: None)
-    study.save(folder / "run")
+    save_result(claim(folder / "run"), study.tree, study.record)  # what an export reads
     return study, folder / "run"
 
 
