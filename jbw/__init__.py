@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from jbw import paper as paper
     from jbw import rig as rig
     from jbw.campaign.load import Campaign as Campaign
     from jbw.campaign.load import load_campaign as load_campaign
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from jbw.measurement.shaker import fit_attachment as fit_attachment
     from jbw.measurement.spectra import frf as frf
     from jbw.measurement.transients import record_frf as record_frf
+    from jbw.oscillator import conventions as conventions
+    from jbw.oscillator import excitation as excitation
     from jbw.oscillator import laws as laws
     from jbw.oscillator.attachment import Attachment as Attachment
     from jbw.oscillator.attachment import attached as attached
@@ -42,10 +45,6 @@ if TYPE_CHECKING:
     from jbw.oscillator.modes.structure import internal_resonances as internal_resonances
     from jbw.oscillator.oscillator import BoucWen as BoucWen
     from jbw.oscillator.oscillator import Oscillator as Oscillator
-    from jbw.oscillator.paper.kernels import h1 as h1
-    from jbw.oscillator.paper.kernels import h3 as h3
-    from jbw.oscillator.paper.kernels import third_harmonic as third_harmonic
-    from jbw.oscillator.paper.smoothing import smoothing as smoothing
     from jbw.oscillator.response import Response as Response
     from jbw.oscillator.response import simulate as simulate
     from jbw.oscillator.steady.backbone import backbone as backbone
@@ -53,6 +52,10 @@ if TYPE_CHECKING:
     from jbw.oscillator.steady.continuation import response_curve as response_curve
     from jbw.oscillator.steady.cycle import steady_cycle as steady_cycle
     from jbw.oscillator.steady.cycle import steady_state as steady_state
+    from jbw.paper.coefficients import smoothing as smoothing
+    from jbw.paper.kernels import h1 as h1
+    from jbw.paper.kernels import h3 as h3
+    from jbw.paper.kernels import third_harmonic as third_harmonic
     from jbw.planning.making import plan_tests as plan_tests
     from jbw.population.basis import new_prediction as new_prediction
     from jbw.population.fleet import fleet_of as fleet_of
@@ -106,8 +109,8 @@ _HOME = {
     "frequency_response": "oscillator.steady.backbone",
     "frf": "measurement.spectra",
     "from_sep005": "measurement.files.sep005",
-    "h1": "oscillator.paper.kernels",
-    "h3": "oscillator.paper.kernels",
+    "h1": "paper.kernels",
+    "h3": "paper.kernels",
     "harmonics": "measurement.harmonics",
     "hysteresis_map": "oscillator.laws.hysteresis",
     "hysteresis_rate": "oscillator.laws.hysteresis",
@@ -131,11 +134,11 @@ _HOME = {
     "response_curve": "oscillator.steady.continuation",
     "sbc": "study.calibration",
     "simulate": "oscillator.response",
-    "smoothing": "oscillator.paper.smoothing",
+    "smoothing": "paper.coefficients",
     "steady_cycle": "oscillator.steady.cycle",
     "steady_loop": "oscillator.laws.hysteresis",
     "steady_state": "oscillator.steady.cycle",
-    "third_harmonic": "oscillator.paper.kernels",
+    "third_harmonic": "paper.kernels",
     "third_order_kernel": "measurement.probing",
     "to_sep005": "measurement.files.sep005",
     "updated": "watch.sequential",
@@ -144,7 +147,13 @@ _HOME = {
 }
 
 # Rooms that are public as a whole.
-_ROOMS = {"laws": "jbw.oscillator.laws", "rig": "jbw.rig"}
+_ROOMS = {
+    "conventions": "jbw.oscillator.conventions",
+    "excitation": "jbw.oscillator.excitation",
+    "laws": "jbw.oscillator.laws",
+    "paper": "jbw.paper",
+    "rig": "jbw.rig",
+}
 
 __all__ = [*_HOME, *_ROOMS, "enable_x64"]  # pyright: ignore[reportUnsupportedDunderAll]
 

@@ -26,11 +26,12 @@ SEES = {
     "oscillator": set(),
     "measurement": set(),
     "inference": set(),
+    "paper": {"inference", "oscillator"},
     "campaign": {"inference", "measurement", "oscillator"},
     "rig": {"campaign", "measurement", "oscillator"},
     "report": {"inference", "measurement", "oscillator", "run"},
     "observables": LEAVES,
-    "identification": MODEL,
+    "identification": MODEL | {"paper"},
     "verification": MODEL | {"identification"},
     "planning": MODEL | {"verification"},
     "study": MODEL | {"identification", "verification", "report", "rig", "run"},
@@ -152,7 +153,8 @@ def test_heavy_libraries_live_in_their_rooms():
     light = {"measurement", "campaign", "run", *ANYWHERE, "__init__"}
     heavy = {"jax", "numpyro", "diffrax", "optimistix", "equinox", "arviz"}
     homes = {
-        "numpyro": {"inference", "population"}, "matplotlib": {"report"}, "diffrax": {"oscillator"},
+        "numpyro": {"inference", "population"}, "matplotlib": {"report"},
+        "diffrax": {"oscillator", "paper"},
     }  # fmt: skip
     wrong = {}
     for path in FILES:
@@ -204,6 +206,16 @@ def fresh(code):
 def test_importing_jbw_prints_nothing_and_loads_nothing_heavy():
     heavy = "{'jax', 'arviz', 'arviz_base', 'matplotlib', 'numpyro', 'scipy'}"
     assert fresh(f"import sys, jbw; print(sorted({heavy} & set(sys.modules)), end='')") == "[]"
+
+
+def test_importing_jbw_does_not_load_the_papers_mathematics():
+    code = "import sys, jbw; dir(jbw); print([n for n in sys.modules if n[:9] == 'jbw.paper'])"
+    assert fresh(code).strip() == "[]"
+
+
+def test_the_papers_module_is_loaded_without_its_files():
+    code = "import sys, jbw.paper; print('jax' in sys.modules, end='')"
+    assert fresh(code) == "False"
 
 
 def test_the_page_of_a_report_loads_no_jax():

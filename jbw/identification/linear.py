@@ -79,7 +79,7 @@ def line_fit(
         ConfigError: An option that cannot be meant.
 
     Reference:
-        Eqs. (23), (38), (39).
+        Step 2, with the receptance of Eq. (23).
     """
     smear = checked_smear(frf, residuals, smear)
     part = in_band(frf, band)

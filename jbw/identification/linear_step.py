@@ -12,7 +12,7 @@ from jbw.measurement.checks import told_together
 from jbw.measurement.records import Test, steady
 from jbw.measurement.spectra import FRF, frf
 from jbw.observables.samples import advance
-from jbw.oscillator.paper.kernels import h1
+from jbw.paper.kernels import h1
 from jbw.quantities import BY_NAME, derivative_order, gain_unit, per
 
 NAMES = ("omega_n", "zeta", "gain")

@@ -2,7 +2,11 @@
 
 import numpy as np
 import pytest
-from conventions import (
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jbw.errors import ModelError
+from jbw.oscillator.conventions import (
     BaberNoori,
     Benchmark,
     conversions,
@@ -11,10 +15,6 @@ from conventions import (
     to_baber_noori,
     to_benchmark,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
-from jbw.errors import ModelError
 from jbw.oscillator.laws.hysteresis import hysteresis_rate
 from jbw.oscillator.laws.springs import Cubic
 from jbw.oscillator.oscillator import BoucWen

@@ -10,18 +10,18 @@ import pytest
 from equivalent_system import equivalent_acceleration
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
-from shooting import shooting
 
 from jbw.errors import ModelError
 from jbw.oscillator.laws.springs import Cubic, Polynomial
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.paper.kernels import h3, third_harmonic
-from jbw.oscillator.paper.smoothing import smoothing
 from jbw.oscillator.response import simulate
+from jbw.oscillator.shooting import shooting
 from jbw.oscillator.steady.backbone import backbone, frequency_response
 from jbw.oscillator.steady.balance import imbalance, refined
 from jbw.oscillator.steady.continuation import response_curve
 from jbw.oscillator.steady.cycle import steady_state
+from jbw.paper.coefficients import smoothing
+from jbw.paper.kernels import h3, third_harmonic
 
 OMEGA_N = 2 * np.pi * 18.8
 PAPER = (OMEGA_N, 0.00444, 497.4, 340.21, 32.84)

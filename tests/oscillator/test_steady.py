@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shooting import shooting
 
 from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.paper.kernels import h1
+from jbw.oscillator.shooting import shooting
 from jbw.oscillator.steady.cycle import steady_cycle, steady_state
+from jbw.paper.kernels import h1
 
 OMEGA_N = 2 * np.pi * 18.8
 PAPER = BoucWen(OMEGA_N, 0.00444, 497.4, 340.21, 32.84)

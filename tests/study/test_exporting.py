@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
-from conventions import BaberNoori, Benchmark, from_baber_noori, from_benchmark
 from dialect import readable
 from exported import column, comments, rows
 from scipy.io import loadmat
 
 from jbw.cli import run
 from jbw.errors import ConfigError, DataError
+from jbw.oscillator.conventions import BaberNoori, Benchmark, from_baber_noori, from_benchmark
 from jbw.study.export import export
 from jbw.study.export_files import write_export
 

@@ -14,7 +14,7 @@ from jbw.inference.groups.offsets import (
     complex_gaussian_marginal_log_likelihood,
 )
 from jbw.measurement.probing import ThirdOrder
-from jbw.oscillator.paper.kernels import kernel_31
+from jbw.paper.kernels import cubic_kernel
 
 
 class KernelData(eqx.Module):
@@ -79,7 +79,7 @@ def predict(theta: Mapping[str, Array], data: KernelData) -> Complex[Array, " fr
     """
     delta = theta["delta"]
     lambda_3 = theta["alpha"] * (delta**2 / 6 - 35 * delta / (96 * data.y_peak))
-    return kernel_31(data.omega, data.omega_n, theta["zeta"], lambda_3)
+    return cubic_kernel(data.omega, data.omega_n, theta["zeta"], lambda_3)
 
 
 def log_likelihood(theta: Mapping[str, Array], data: KernelData) -> Float[Array, " freq"]:

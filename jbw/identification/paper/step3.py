@@ -25,7 +25,7 @@ from jbw.measurement.probing import ThirdOrder, third_order_kernel
 from jbw.measurement.records import Test
 from jbw.oscillator.law import Bounds, Scales
 from jbw.oscillator.oscillator import prior_of
-from jbw.oscillator.paper.kernels import h1
+from jbw.paper.kernels import h1
 
 NAMES = ("zeta", "alpha", "delta")
 # Half widths of the paper's boxes about the initial fit, read from the CVs of its priors.

@@ -1,4 +1,4 @@
-r"""Volterra kernels to third order of a polynomial oscillator.
+r"""The polynomial oscillator, and its Volterra kernels to third order written out.
 
 Peak complex amplitudes and $e^{+j\omega t}$ throughout. Kernels are symmetric in their
 frequencies, and the frequencies of one call broadcast.
@@ -8,12 +8,14 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float, Inexact
 
-from jbw.oscillator.checks import require_none
+from jbw.errors import ModelError
+from jbw.oscillator.checks import is_concrete, require_none
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.paper.smoothing import Smoothing
 from jbw.oscillator.parameters import Scalar
+from jbw.paper.coefficients import Smoothing
 
 Real = Float[ArrayLike, "..."]
 Kernel = Complex[Array, "..."]
@@ -34,7 +36,7 @@ class PolynomialOscillator(eqx.Module):
         lambda_3: Cubic stiffness [1/(m^2 s^2)].
 
     Reference:
-        Eqs. (14), (26).
+        Eqs. (14), (26), as printed.
     """
 
     damping: Scalar
@@ -43,7 +45,7 @@ class PolynomialOscillator(eqx.Module):
     lambda_3: Scalar
 
 
-def nearly_closed(joint: BoucWen, polynomial: Smoothing) -> PolynomialOscillator:
+def cubic_oscillator(joint: BoucWen, polynomial: Smoothing) -> PolynomialOscillator:
     r"""Cubic oscillator equivalent to a joint whose loop hardly opens.
 
     $$\ddot y + 2\zeta\omega_n\dot y + (k + \lambda_1)\,y + \lambda_3\,y^3 = u$$
@@ -59,9 +61,9 @@ def nearly_closed(joint: BoucWen, polynomial: Smoothing) -> PolynomialOscillator
         ModelError: The joint has a restoring force beside the hysteretic one.
 
     Reference:
-        Eq. (26).
+        Eq. (26), as printed.
     """
-    require_none(joint, "nearly_closed")
+    require_none(joint, "cubic_oscillator")
     return PolynomialOscillator(
         damping=2.0 * joint.zeta * joint.omega_n,
         stiffness=joint.k + polynomial.lambda_1,
@@ -87,7 +89,7 @@ def nonlinear_force(
         The force of order n [N/kg].
 
     Reference:
-        Eq. (17).
+        Eq. (17), corrected: the printed product sign is superfluous.
     """
     y, order = dict(enumerate(parts, start=1)), len(parts) + 1
     square = sum(y[i] * y[order - i] for i in y)
@@ -107,10 +109,31 @@ def kernel_1(system: PolynomialOscillator, omega: Real) -> Kernel:
     Returns:
         Receptance [s^2], complex.
 
+    Raises:
+        ModelError: The oscillator has no damping and a concrete `omega` is its natural frequency.
+
     Reference:
-        Eq. (23).
+        Eq. (23), corrected: with lambda_1 of (11) in full, omega_0 lies below omega_n.
     """
-    return 1.0 / (system.stiffness - jnp.square(omega) + 1j * system.damping * omega)
+    require_no_pole(system.stiffness, system.damping, omega)
+    omega = jnp.asarray(omega)
+    return jnp.asarray(1.0 / (system.stiffness - omega**2 + 1j * system.damping * omega))
+
+
+def require_no_pole(stiffness: Real, damping: Real, omega: Real) -> None:
+    """Raise where a concrete frequency is a pole of the undamped receptance."""
+    if not is_concrete(stiffness, damping, omega):
+        return
+    stiffness, damping, omega = (np.asarray(x) for x in (stiffness, damping, omega))
+    # A sum of frequencies that meets the pole does so to a few roundings.
+    close = np.abs(stiffness - omega**2) <= 1e-14 * np.abs(stiffness)
+    if np.any(pole := close & (damping == 0.0)):
+        value = float(np.broadcast_to(omega, pole.shape)[pole].ravel()[0])
+        raise ModelError(
+            f"The receptance is infinite at omega = {value:g} rad/s: that is the natural frequency "
+            "and the damping is zero.",
+            remedy="Give a damping above zero, or another frequency.",
+        )
 
 
 def kernel_2(system: PolynomialOscillator, omega_1: Real, omega_2: Real) -> Kernel:
@@ -127,10 +150,10 @@ def kernel_2(system: PolynomialOscillator, omega_1: Real, omega_2: Real) -> Kern
         Kernel [m^-1 s^4], complex.
 
     Reference:
-        Eq. (18), by harmonic probing.
+        Eq. (18), as printed.
     """
     h = [kernel_1(system, omega) for omega in (omega_1, omega_2, omega_1 + omega_2)]
-    return -system.rho * h[0] * h[1] * h[2]
+    return jnp.asarray(-system.rho * h[0] * h[1] * h[2])
 
 
 def kernel_3(system: PolynomialOscillator, omega_1: Real, omega_2: Real, omega_3: Real) -> Kernel:
@@ -150,7 +173,7 @@ def kernel_3(system: PolynomialOscillator, omega_1: Real, omega_2: Real, omega_3
         Kernel [m^-2 s^6], complex.
 
     Reference:
-        Eqs. (18), (27); the printed (27) is the case rho = 0.
+        Eqs. (18), (27), as printed; the printed (27) is the case rho = 0.
     """
 
     def h(omega: Real) -> Kernel:

@@ -1,5 +1,6 @@
-"""Cubic polynomials that bound the loop and replace the hysteretic force."""
+"""Cubic polynomials that bound the loop and replace the hysteretic force, Eqs. (7)-(13)."""
 
+import warnings
 from functools import partial
 from typing import Literal, get_args
 
@@ -7,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Real
+from jaxtyping import Array, ArrayLike, Float, Real
 
 from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.checks import (
@@ -24,6 +25,7 @@ from jbw.oscillator.steady.waveform import gauss_legendre_between
 
 Variant = Literal["least_squares", "chebyshev", "taylor_least_squares", "printed", "printed_closed"]
 _NUM_NODES = 48
+_STRONG = 1.0  # delta Y: from here on the loop is no small departure from a line
 
 
 class Smoothing(eqx.Module):
@@ -74,29 +76,60 @@ def smoothing(
     Returns:
         Coefficients of the smoothed force.
 
+    Warns:
+        UserWarning: delta Y is above 1, where no cubic follows the loop closely.
+
     Raises:
         ModelError: `nu` is not 1, a concrete argument is not finite, or `y_open` lies outside the
             loop.
         ConfigError: The variant is unknown, or a concrete `y_peak` is not positive.
 
     Reference:
-        Eqs. (7)-(13), (24), (25).
+        Eq. (10), corrected: lambda_0 = -c_0 as (7), (8) need it; the printed sign is opposite and
+        the terms in Y^3 are dropped.
+        Eq. (11), corrected: less 5 alpha delta Y/32, which the print drops.
+        Eq. (12), corrected: lambda_2 = +c_2; the printed sign is opposite, 5 alpha delta gamma Y/16
+        is dropped.
+        Eq. (13), corrected: with alpha gamma^2/6, and the plus sign that the print lost.
+        Eq. (24), corrected: less 5 alpha delta Y/32.
+        Eq. (25), corrected: with alpha gamma^2/6; lambda_3 stays negative where the force softens.
     """
     if variant not in get_args(Variant):
         known = ", ".join(f'"{name}"' for name in get_args(Variant))
         raise ConfigError(f'Argument `variant` must be one of {known}, but it is "{variant}".')
     require_closed_form(joint)
     require_finite(joint, y_peak=y_peak)
+    y_open = _threshold(joint, y_peak, y_open)
+    _warn_of_strong_motion(joint, y_peak)
+    return _smoothing(joint, y_peak, y_open, variant)
+
+
+def _threshold(joint: BoucWen, y_peak: ArrayLike, y_open: ArrayLike | None) -> ArrayLike:
+    """The threshold y_0 of a loop of peak Y: the given one, checked, or that of the steady loop."""
     require_at_least("y_peak", y_peak, 0.0, open_end=True)
     if y_open is None:
-        y_open = steady_loop(joint, y_peak).y_open
-    elif is_concrete(y_open, y_peak) and not np.all(np.abs(y_open) < np.asarray(y_peak)):
+        return steady_loop(joint, y_peak).y_open
+    if is_concrete(y_open, y_peak) and not np.all(np.abs(y_open) < np.asarray(y_peak)):
         raise ModelError(
             f"Argument `y_open` must lie between -y_peak and y_peak, but y_open = {y_open} with "
             f"y_peak = {y_peak}.",
             remedy="Leave `y_open` out to take the threshold of the steady loop.",
         )
-    return _smoothing(joint, y_peak, y_open, variant)
+    return y_open
+
+
+def _warn_of_strong_motion(joint: BoucWen, y_peak: ArrayLike) -> None:
+    """Warn where the loop is too open for a cubic."""
+    if not is_concrete(joint.delta, y_peak):
+        return
+    reach = float(np.max(np.abs(np.asarray(joint.delta)) * np.asarray(y_peak)))
+    if reach > _STRONG:
+        warnings.warn(
+            f"The smoothing holds for weak hysteresis, delta*y_peak well below 1, but delta*y_peak "
+            f"= {reach:.3g}: the cubic does not follow the loop there. Use `jbw.steady_state` or "
+            "`jbw.simulate` at this amplitude.",
+            stacklevel=3,
+        )
 
 
 @partial(jax.jit, static_argnames="variant")
@@ -118,6 +151,120 @@ def _smoothing(joint: BoucWen, y_peak: ArrayLike, y_open: ArrayLike, variant: Va
         lambda_2=alpha / y_peak * lambda_2,
         lambda_3=alpha / y_peak**2 * lambda_3,
     )
+
+
+def unloading_force(polynomial: Smoothing, y: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
+    r"""Smoothed force on unloading, dy/dt < 0.
+
+    $$F(y) = -\lambda_0 + \lambda_1 y + \lambda_2 y^2 + \lambda_3 y^3$$
+
+    Args:
+        polynomial: Coefficients of the smoothed force, with the sign rule of `smoothing`.
+        y: Displacement [m].
+
+    Returns:
+        Force [N/kg].
+
+    Reference:
+        Eq. (8), corrected: it holds where dy/dt < 0, printed du/dt < 0.
+    """
+    return smoothed_force(polynomial, y, -1.0)
+
+
+def loading_force(polynomial: Smoothing, y: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
+    r"""Smoothed force on loading, dy/dt > 0: the unloading one turned about the origin.
+
+    $$F(y) = \lambda_0 + \lambda_1 y - \lambda_2 y^2 + \lambda_3 y^3$$
+
+    Args:
+        polynomial: Coefficients of the smoothed force, with the sign rule of `smoothing`.
+        y: Displacement [m].
+
+    Returns:
+        Force [N/kg].
+
+    Reference:
+        Eq. (7), corrected: it holds where dy/dt > 0, printed du/dt > 0.
+    """
+    return smoothed_force(polynomial, y, 1.0)
+
+
+def smoothed_force(
+    polynomial: Smoothing,
+    y: Real[ArrayLike, "..."],
+    v: Real[ArrayLike, "..."],
+    *,
+    width: Scalar = 0.0,
+) -> Float[Array, "..."]:
+    r"""Polynomial restoring force that replaces Z, both branches.
+
+    $$F(y, v) = \lambda_1 y + \lambda_3 y^3 + s(v)\,(\lambda_0 - \lambda_2 y^2), \qquad
+      s(v) = \mathrm{sgn}(v) \;\text{ or }\; \tanh(v/w)$$
+
+    Args:
+        polynomial: Coefficients of the smoothed force, with the sign rule of `smoothing`.
+        y: Displacement [m].
+        v: Velocity, or what the branches are to switch with; at zero the two are averaged.
+        width: w, over which the branches pass into each other, in the unit of `v`; 0 for a jump.
+
+    Returns:
+        Force [N/kg].
+
+    Reference:
+        Eqs. (7), (8), corrected: the branches switch with the sign of dy/dt, printed du/dt; the
+        printed switching is that of v = du/dt.
+    """
+    y = jnp.asarray(y)
+    elastic = (polynomial.lambda_1 + polynomial.lambda_3 * y**2) * y
+    opening = polynomial.lambda_0 - polynomial.lambda_2 * y**2
+    return jnp.asarray(elastic + switch(v, width) * opening)
+
+
+def switch(v: Real[ArrayLike, "..."], width: Scalar = 0.0) -> Float[Array, "..."]:
+    """Sign of v, or tanh(v/width) where a width above zero is given."""
+    v, width = jnp.asarray(v, float), jnp.asarray(width, float)
+    safe = jnp.where(width > 0.0, width, 1.0)
+    return jnp.where(width > 0.0, jnp.tanh(v / safe), jnp.sign(v))
+
+
+def smoothing_error(
+    joint: BoucWen,
+    polynomial: Smoothing,
+    y_peak: Real[ArrayLike, "..."],
+    y_open: Real[ArrayLike, "..."] | None = None,
+) -> Float[Array, "..."]:
+    r"""Squared error of the unloading polynomial over the loop, which least squares minimise.
+
+    $$J = \int_{-Y}^{y_0} (Z_2 - F)^2\,dy + \int_{y_0}^{Y} (Z_1 - F)^2\,dy$$
+
+    Args:
+        joint: Bouc-Wen parameters with nu = 1.
+        polynomial: Coefficients of the smoothed force, with the sign rule of `smoothing`.
+        y_peak: Largest displacement Y of the loop [m].
+        y_open: Threshold y_0 of the loop [m], within (-Y, Y); that of `steady_loop` when None.
+
+    Returns:
+        Error J [N^2 m/kg^2].
+
+    Raises:
+        ModelError: `nu` is not 1, or `y_open` lies outside the loop.
+        ConfigError: A concrete `y_peak` is not positive.
+
+    Reference:
+        Eq. (9), corrected: the unloading polynomial stands in both integrals; the print has two
+        different functions.
+    """
+    require_closed_form(joint)
+    y_peak = jnp.asarray(y_peak, float)
+    y_open = _threshold(joint, y_peak, y_open)
+    s, weights = gauss_legendre_between(_NUM_NODES, -1.0, jnp.asarray(y_open / y_peak), 1.0)
+    whole = Smoothing(*(jnp.asarray(x)[..., None] for x in jax.tree.leaves(polynomial)))
+    alpha, delta, gamma, peak, y_0 = (
+        jnp.asarray(x)[..., None] for x in (joint.alpha, joint.delta, joint.gamma, y_peak, y_open)
+    )
+    y = s * peak
+    z = alpha * (y - y_0 - unloading_lag(y, y_0, delta, gamma))
+    return y_peak * jnp.sum(weights * (z - unloading_force(whole, y)) ** 2, axis=-1)
 
 
 # The fits are in units of Y and alpha Y: d = delta Y, g = gamma Y, eta = y_open/Y, s = y/Y. They

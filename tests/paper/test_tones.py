@@ -1,5 +1,6 @@
 """Responses to tones against integration of the polynomial system and harmonic balance."""
 
+from itertools import permutations
 from math import comb
 
 import jax
@@ -8,15 +9,21 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
-from volterra.kernels import PolynomialOscillator, kernel_2, kernel_3
-from volterra.probing import kernel
-from volterra.tones import Lines, merge_lines, synthesize, tone_response, tone_terms
 
-from jbw.errors import ConfigError
-from jbw.oscillator.paper.kernels import h1
-
-# Of references of the other tests; what they are held against is integrated at length.
-pytestmark = pytest.mark.slow
+from jbw.errors import ConfigError, ModelError
+from jbw.paper.kernels import h1
+from jbw.paper.multitone import (
+    Lines,
+    merge_lines,
+    multinomial,
+    repeated_kernel,
+    synthesize,
+    tone_response,
+    tone_terms,
+    tones,
+)
+from jbw.paper.polynomial import PolynomialOscillator, kernel_2, kernel_3
+from jbw.paper.probing import kernel
 
 SYSTEM = PolynomialOscillator(damping=0.25, stiffness=1.0, rho=0.4, lambda_3=-0.3)
 BASE = 0.05
@@ -200,10 +207,42 @@ def test_response_is_jittable_and_differentiable():
     assert float(jax.grad(mean)(0.4)) == pytest.approx(float(mean(0.4)) / 0.4, rel=1e-12)
 
 
+def test_input_of_three_tones_is_their_sum():
+    t = np.linspace(0.0, 20.0, 31)
+    by_hand = np.cos(0.25 * t) + np.cos(0.4 * t + 0.7) + 0.6 * np.cos(0.65 * t - 1.1)
+    np.testing.assert_allclose(tones(TONES, PHASORS, t), by_hand, rtol=0, atol=1e-14)
+
+
+def test_multinomial_counts_the_ways_to_order_factors():
+    powers = (2, 1, 0, 1, 1, 0)
+    ways = set(permutations("aabcd"))
+    assert multinomial(powers) == len(ways) == 60
+
+
+def test_kernel_at_repeated_frequencies():
+    a, b, c = TONES
+    found = repeated_kernel(SYSTEM, TONES, (2, 1, 0, 1, 1, 0))
+    np.testing.assert_allclose(found, kernel(SYSTEM, a, a, -a, -b, c), rtol=1e-13)
+
+
+def test_a_tone_on_a_pole_is_refused():
+    undamped = PolynomialOscillator(0.0, 4.0, 0.3, -0.5)
+    with pytest.raises(ModelError, match="infinite at omega = 2 rad/s"):
+        kernel_2(undamped, 0.7, 1.3)
+    with pytest.raises(ModelError, match="infinite at omega = 2 rad/s"):
+        tone_response(undamped, np.array([0.7, 1.3]), np.array([0.1, 0.1]))
+    with pytest.raises(ModelError, match="infinite at omega = 2 rad/s"):
+        h1(2.0, 2.0, 0.0)
+
+
 def test_bad_tones_are_refused():
     with pytest.raises(ConfigError, match="one value for each tone"):
         tone_response(SYSTEM, TONES, PHASORS[:2])
     with pytest.raises(ConfigError, match="`max_order` must be 1"):
         tone_response(SYSTEM, TONES, PHASORS, max_order=0)
+    with pytest.raises(ConfigError, match="`powers` must hold two numbers for each of the 3"):
+        repeated_kernel(SYSTEM, TONES, (1, 2))
+    with pytest.raises(ConfigError, match="`powers` must be 0 or more"):
+        multinomial((2, -1))
     with pytest.raises(ConfigError, match="`order` must be 1"):
         tone_terms(SYSTEM, TONES, PHASORS, 0)

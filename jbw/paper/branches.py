@@ -1,4 +1,4 @@
-r"""The four paths of the closed loop, exact and as Taylor polynomials (nu = 1)."""
+r"""Branches of the steady hysteresis loop: closed forms and Taylor polynomials, Eqs. (3)-(6)."""
 
 import math
 from typing import Literal
@@ -46,7 +46,7 @@ def branch(
         ConfigError: `path` is not 1 to 4, or `order` is below 1.
 
     Reference:
-        Eqs. (3)-(6).
+        Eqs. (3)-(6), as printed.
     """
     require_closed_form(joint)
     require_finite(joint, y=y, y_open=y_open)
@@ -59,7 +59,7 @@ def branch(
     sign = 1.0 if path in (1, 4) else -1.0
     distance = {1: y - y_open, 2: y_open - y, 3: -y_open - y, 4: y + y_open}[path]
     relaxed = phi(rate, distance) if order is None else _taylor(rate, distance, order)
-    return sign * joint.alpha * relaxed
+    return sign * jnp.asarray(joint.alpha) * relaxed
 
 
 def _taylor(c: Scalar, x: Array, order: int) -> Array:

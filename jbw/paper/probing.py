@@ -9,9 +9,9 @@ from math import factorial
 
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Complex, Float
-from volterra.kernels import PolynomialOscillator, kernel_1, nonlinear_force
 
 from jbw.errors import ConfigError
+from jbw.paper.polynomial import PolynomialOscillator, kernel_1, nonlinear_force
 
 
 def kernel(system: PolynomialOscillator, *omega: Float[ArrayLike, "..."]) -> Complex[Array, "..."]:
@@ -35,7 +35,7 @@ def kernel(system: PolynomialOscillator, *omega: Float[ArrayLike, "..."]) -> Com
         ConfigError: If there is no frequency.
 
     Reference:
-        Eqs. (18), (27).
+        Eqs. (18), (27), as printed; here to any order.
     """
     if not omega:
         raise ConfigError("A kernel needs at least one frequency `omega`, but none was given.")
@@ -83,7 +83,7 @@ def leading_diagonals(
         (H_1, ..., H_max_order) [m^(1-n) s^(2n)], complex.
 
     Reference:
-        Eqs. (18), (28).
+        Eq. (28), as printed; here with rho and to any order.
     """
     omega = jnp.asarray(omega)
     diagonals = [kernel_1(system, omega)]
@@ -116,7 +116,7 @@ def cross_kernel(
         ConfigError: If `inputs` does not name 0 or 1 for each frequency.
 
     Reference:
-        Eqs. (14), (15), (18).
+        Eq. (18), as printed; the sign of each input u_0 is that of (14).
     """
     if len(inputs) != len(omega) or not set(inputs) <= {0, 1}:
         raise ConfigError(

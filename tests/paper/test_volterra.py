@@ -2,13 +2,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from volterra.kernels import PolynomialOscillator, kernel_1, kernel_2, kernel_3, nearly_closed
 
 from jbw.errors import JbwError
 from jbw.oscillator.laws.hysteresis import steady_loop
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.paper.kernels import h1, h3, kernel_31, third_harmonic
-from jbw.oscillator.paper.smoothing import Smoothing, smoothing
+from jbw.paper.coefficients import Smoothing, smoothing
+from jbw.paper.kernels import cubic_kernel, h1, h3, third_harmonic
+from jbw.paper.polynomial import (
+    PolynomialOscillator,
+    cubic_oscillator,
+    kernel_1,
+    kernel_2,
+    kernel_3,
+)
 
 OMEGA_N = 2 * np.pi * 18.8
 JOINT = BoucWen(OMEGA_N, 0.00444, 497.40, 340.21, 32.84)
@@ -49,7 +55,7 @@ def test_leading_diagonal_of_the_paper_matches_golden(golden):
     joint = BoucWen(case["omega_n"], case["zeta"], case["alpha"], case["delta"], 32.84)
     omega = 2 * np.pi * np.array(case["f_hz"])
     expected = np.array([as_complex(pair) for pair in case["H3"]])
-    from_lambda = kernel_31(omega, joint.omega_n, joint.zeta, np.array(case["lambda3"]))
+    from_lambda = cubic_kernel(omega, joint.omega_n, joint.zeta, np.array(case["lambda3"]))
     np.testing.assert_allclose(from_lambda, expected, rtol=GOLDEN_RTOL)
     printed = h3(joint, omega, np.array(case["Y"]), variant="printed")
     np.testing.assert_allclose(printed, expected, rtol=1e-12)
@@ -86,9 +92,9 @@ def test_h3_defaults_to_least_squares_and_rejects_unknown_variants():
         h3(JOINT, FREQUENCIES, 0.0008, variant="quintic")
 
 
-def test_nearly_closed_oscillator_is_equation_26():
+def test_cubic_oscillator_is_equation_26():
     polynomial = Smoothing(*map(jnp.asarray, (0.1, 480.0, 7.0, -6.7e7)))
-    system = nearly_closed(JOINT, polynomial)
+    system = cubic_oscillator(JOINT, polynomial)
     assert system.damping == pytest.approx(2 * 0.00444 * OMEGA_N, rel=1e-15)
     assert system.stiffness == pytest.approx(OMEGA_N**2 - 497.40 + 480.0, rel=1e-15)
     assert system.rho == 0.0

@@ -1,7 +1,8 @@
-"""The equivalent system: the oscillator with its hysteresis smoothed to a polynomial."""
+"""The equivalent system, whose hysteresis is a switched polynomial, Eqs. (14), (15)."""
 
 from collections.abc import Callable
-from typing import Any, Literal
+from functools import partial
+from typing import Any, Literal, get_args
 
 import diffrax
 import equinox as eqx
@@ -12,40 +13,16 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Real
 from jbw.errors import ConfigError
 from jbw.oscillator.checks import require_at_least, require_finite
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.paper.smoothing import Smoothing
 from jbw.oscillator.parameters import Scalar
+from jbw.paper.coefficients import Smoothing, smoothed_force, switch
 
-
-def smoothed_force(
-    smoothing: Smoothing, y: Real[ArrayLike, "..."], v: Real[ArrayLike, "..."]
-) -> Scalar:
-    r"""Polynomial restoring force that replaces Z.
-
-    $$F(y, v) = \lambda_1 y + \lambda_3 y^3 + \mathrm{sgn}(v)\,(\lambda_0 - \lambda_2 y^2)$$
-
-    It switches on the sign of the velocity; the paper's sgn(du/dt) is the same below resonance
-    only. Meant for coefficients with the sign rule of `smoothing`, not for the printed ones.
-
-    Args:
-        smoothing: Coefficients.
-        y: Displacement [m].
-        v: Velocity [m/s]; only its sign counts, and at zero the two branches are averaged.
-
-    Returns:
-        Force [N/kg].
-
-    Reference:
-        Eqs. (7), (8).
-    """
-    y = jnp.asarray(y)
-    elastic = (smoothing.lambda_1 + smoothing.lambda_3 * y**2) * y
-    return elastic + jnp.sign(v) * (smoothing.lambda_0 - smoothing.lambda_2 * y**2)
+Variant = Literal["corrected", "printed"]
 
 
 def square_wave(
     lambda_0: Scalar,
     theta: Real[ArrayLike, "..."],
-    variant: Literal["corrected", "printed"] = "corrected",
+    variant: Variant = "corrected",
     num_terms: int = 2,
 ) -> Float[Array, "..."]:
     r"""Fourier series of the switched force u_0 = lambda_0 sgn(v) for y = Y cos(theta).
@@ -69,17 +46,22 @@ def square_wave(
         ConfigError: The variant is unknown or `num_terms` is below 1.
 
     Reference:
-        Eq. (15).
+        Eq. (15), corrected: the opposite sign, theta the phase of y, printed that of u.
     """
-    if variant not in ("corrected", "printed"):
-        raise ConfigError(
-            f'Argument `variant` must be "corrected" or "printed", but it is "{variant}".'
-        )
+    require_variant(variant)
     require_at_least("num_terms", num_terms, 1)
     sign = -1.0 if variant == "corrected" else 1.0
     m = 2.0 * jnp.arange(num_terms) + 1.0
     series = jnp.sum(jnp.sin(m * jnp.asarray(theta)[..., None]) / m, axis=-1)
     return sign * 4.0 / jnp.pi * jnp.asarray(lambda_0) * series
+
+
+def require_variant(variant: str) -> None:
+    """Raise unless the variant is "corrected" or "printed"."""
+    if variant not in get_args(Variant):
+        raise ConfigError(
+            f'Argument `variant` must be "corrected" or "printed", but it is "{variant}".'
+        )
 
 
 def smoothed_harmonics(
@@ -100,13 +82,14 @@ def smoothed_harmonics(
         Peak complex amplitudes Z_1 and Z_3 [N/kg].
 
     Reference:
-        Eqs. (7), (8), (14).
+        Eq. (14), corrected: its switched terms in steady motion, by the sign of dy/dt.
     """
     y = jnp.asarray(y_peak)
     cubic, opening = smoothing.lambda_3 * y**3, smoothing.lambda_2 * y**2
     sine_1 = 4.0 / jnp.pi * (smoothing.lambda_0 - opening / 3.0)
     sine_3 = 4.0 / (3.0 * jnp.pi) * (smoothing.lambda_0 - 7.0 / 5.0 * opening)
-    return smoothing.lambda_1 * y + 0.75 * cubic + 1j * sine_1, 0.25 * cubic + 1j * sine_3
+    first = smoothing.lambda_1 * y + 0.75 * cubic + 1j * sine_1
+    return jnp.asarray(first), jnp.asarray(0.25 * cubic + 1j * sine_3)
 
 
 def equivalent_force(
@@ -114,6 +97,8 @@ def equivalent_force(
     y: Real[ArrayLike, "..."],
     v: Real[ArrayLike, "..."],
     u_0: Real[ArrayLike, "..."] | None = None,
+    *,
+    width: Scalar = 0.0,
 ) -> Float[Array, "..."]:
     r"""Smoothed hysteretic force with its switched part given from outside.
 
@@ -122,17 +107,18 @@ def equivalent_force(
     Args:
         smoothing: Coefficients of the smoothed force.
         y: Displacement [m].
-        v: Velocity [m/s].
+        v: Velocity [m/s], or what the branches are to switch with.
         u_0: Switched force [N/kg]; lambda_0 sgn(v) when None.
+        width: Of the switching, as in `smoothed_force`; 0 for a jump.
 
     Returns:
         Force [N/kg].
 
     Reference:
-        Eq. (14).
+        Eq. (14), corrected: rho switches with the sign of dy/dt, printed du/dt.
     """
-    force = smoothed_force(smoothing, y, v)
-    return force if u_0 is None else force - smoothing.lambda_0 * jnp.sign(v) + u_0  # pyright: ignore[reportReturnType]
+    force = smoothed_force(smoothing, y, v, width=width)
+    return force if u_0 is None else force - smoothing.lambda_0 * switch(v, width) + u_0  # pyright: ignore[reportReturnType]
 
 
 def equivalent_acceleration(
@@ -142,6 +128,9 @@ def equivalent_acceleration(
     v: Real[ArrayLike, "..."],
     u: Real[ArrayLike, "..."],
     u_0: Real[ArrayLike, "..."] | None = None,
+    *,
+    direction: Real[ArrayLike, "..."] | None = None,
+    width: Scalar = 0.0,
 ) -> Float[Array, "..."]:
     r"""Acceleration of the equivalent system.
 
@@ -156,16 +145,19 @@ def equivalent_acceleration(
         v: Velocity [m/s].
         u: Input [N/kg].
         u_0: Switched force [N/kg]; lambda_0 sgn(v) when None.
+        direction: What the branches switch with the sign of; v when None. du/dt is as printed.
+        width: Of the switching, as in `smoothed_force`; 0 for a jump.
 
     Returns:
         Acceleration [m/s^2].
 
     Reference:
-        Eq. (14).
+        Eq. (14), corrected: the branches switch with the sign of dy/dt, printed du/dt.
     """
     y, v, u = jnp.asarray(y), jnp.asarray(v), jnp.asarray(u)
     viscous = 2.0 * joint.zeta * joint.omega_n * v
-    a = u - viscous - joint.k * y - equivalent_force(smoothing, y, v, u_0)
+    direction = v if direction is None else direction
+    a = u - viscous - joint.k * y - equivalent_force(smoothing, y, direction, u_0, width=width)
     return a if joint.restoring is None else a - joint.restoring(y)
 
 
@@ -197,6 +189,8 @@ def simulate_equivalent(
     fs: float,
     *,
     u_0: InputFunction | None = None,
+    variant: Variant = "corrected",
+    width: Scalar = 0.0,
     initial: tuple[Scalar, Scalar] = (0.0, 0.0),
     substeps: int = 4,
     num_samples: int | None = None,
@@ -215,6 +209,9 @@ def simulate_equivalent(
         fs: Sampling frequency [Hz].
         u_0: Switched force as a function of time [N/kg], say that of `square_wave`; lambda_0 sgn(v)
             when None.
+        variant: Branches switch with the sign of dy/dt when "corrected", of du/dt when "printed",
+            which dissipates nothing at resonance and feeds the motion above it.
+        width: Of the switching, as in `smoothed_force` [m/s; N/(kg s) when printed]; 0 for a jump.
         initial: Displacement [m] and velocity [m/s] at t = 0.
         substeps: Steps per sample.
         num_samples: Number of samples out; needed with a function, and the input's own otherwise.
@@ -228,8 +225,11 @@ def simulate_equivalent(
         ConfigError: An argument is out of range, or `num_samples` is missing or not that of `u`.
 
     Reference:
-        Eq. (14).
+        Eq. (14), corrected: the branches switch with the sign of dy/dt; printed by
+        variant="printed".
     """
+    require_variant(variant)
+    require_at_least("width", width, 0.0)
     require_at_least("fs", fs, 0.0, open_end=True)
     require_at_least("substeps", substeps, 1)
     require_finite(joint, fs=fs, y=initial[0], v=initial[1])
@@ -243,10 +243,11 @@ def simulate_equivalent(
     require_at_least("num_samples", num_samples, 2)
     adjoint = diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint
     # As arrays the numbers are traced: other values do not compile again.
-    joint, smoothing, rate, state = jax.tree.map(
-        lambda x: jnp.asarray(x, float), (joint, smoothing, fs, initial)
+    joint, smoothing, rate, state, breadth = jax.tree.map(
+        lambda x: jnp.asarray(x, float), (joint, smoothing, substeps * fs, initial, width)
     )
-    return _simulate(joint, smoothing, rate, state, u, u_0, substeps, num_samples, adjoint)
+    drive = _Drive(u, u_0, substeps, rate, variant == "printed")
+    return _simulate(joint, smoothing, drive, state, breadth, num_samples, adjoint)
 
 
 def _length(u: Array, num_samples: int | None) -> int:
@@ -264,33 +265,55 @@ def _length(u: Array, num_samples: int | None) -> int:
     return u.size
 
 
+class _Drive(eqx.Module):
+    """Input, switched force and switching of the equivalent system; time counts steps.
+
+    A step is a whole number then, so no rounding piles up over a long record.
+    """
+
+    u: Array | InputFunction
+    u_0: InputFunction | None
+    substeps: int = eqx.field(static=True)
+    rate: Array  # steps in a second [1/s]
+    by_input: bool = eqx.field(static=True)
+
+    def force(self, step: Array) -> Array:
+        """Input at a step [N/kg]."""
+        if callable(self.u):
+            return self.u(step / self.rate)
+        return _interpolate(self.u, step / self.substeps)
+
+    def switched(self, step: Array) -> Array | None:
+        """Switched force from outside [N/kg]."""
+        return None if self.u_0 is None else self.u_0(step / self.rate)
+
+    def direction(self, step: Array, v: Array) -> Array:
+        """What the branches switch with: the velocity, or as printed the rate of the input."""
+        if not self.by_input:
+            return v
+        _, slope = jax.jvp(self.force, (step,), (jnp.ones_like(step),))
+        return slope * self.rate
+
+
 @eqx.filter_jit
 def _simulate(
     joint: BoucWen,
     smoothing: Smoothing,
-    fs: Array,
+    drive: _Drive,
     initial: tuple[Array, Array],
-    u: Array | InputFunction,
-    u_0: InputFunction | None,
-    substeps: int,
+    width: Array,
     num_samples: int,
     adjoint: diffrax.AbstractAdjoint,
 ) -> EquivalentResponse:
-    # Time counts steps: it stays a whole number, so no rounding piles up over a long record.
-    rate = substeps * fs
-
-    def force(step: Array) -> Array:
-        return u(step / rate) if callable(u) else _interpolate(u, step / substeps)
-
-    def switched(step: Array) -> Array | None:
-        return None if u_0 is None else u_0(step / rate)
+    acceleration = partial(equivalent_acceleration, joint, smoothing, width=width)
 
     def field(step: Any, state: tuple[Array, Array], _: Any) -> tuple[Array, Array]:
         y, v = state
-        a = equivalent_acceleration(joint, smoothing, y, v, force(step), switched(step))
-        return v / rate, a / rate
+        direction = drive.direction(step, v)
+        a = acceleration(y, v, drive.force(step), drive.switched(step), direction=direction)
+        return v / drive.rate, a / drive.rate
 
-    num_steps = (num_samples - 1) * substeps
+    num_steps = (num_samples - 1) * drive.substeps
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(field),
         diffrax.Tsit5(),
@@ -303,12 +326,13 @@ def _simulate(
         adjoint=adjoint,
         throw=False,
     )
-    y, v = jax.tree.map(lambda x: x[::substeps], solution.ys)
-    step = jnp.arange(num_samples, dtype=y.dtype) * substeps
-    held = None if u_0 is None else jax.vmap(u_0)(step / rate)
-    a = equivalent_acceleration(joint, smoothing, y, v, jax.vmap(force)(step), held)
-    z = equivalent_force(smoothing, y, v, held)
-    return EquivalentResponse(t=step / rate, y=y, v=v, z=z, a=a)
+    y, v = jax.tree.map(lambda x: x[:: drive.substeps], solution.ys)
+    step = jnp.arange(num_samples, dtype=y.dtype) * drive.substeps
+    held = None if drive.u_0 is None else jax.vmap(drive.switched)(step)
+    direction = jax.vmap(drive.direction)(step, v)
+    a = acceleration(y, v, jax.vmap(drive.force)(step), held, direction=direction)
+    z = equivalent_force(smoothing, y, direction, held, width=width)
+    return EquivalentResponse(t=step / drive.rate, y=y, v=v, z=z, a=a)
 
 
 def _interpolate(u: Array, position: Array) -> Array:

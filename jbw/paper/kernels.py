@@ -1,4 +1,4 @@
-r"""Volterra kernels to third order: of a polynomial oscillator, and of the joint.
+r"""Receptance and third-order kernel of the joint, Eqs. (23)-(31).
 
 Peak complex amplitudes and $e^{+j\omega t}$ throughout. Kernels are symmetric in their
 frequencies, and the frequencies of one call broadcast.
@@ -10,7 +10,8 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Inexact
 from jbw.oscillator.checks import require_none
 from jbw.oscillator.laws.hysteresis import steady_loop
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.paper.smoothing import Variant, smoothing
+from jbw.paper.coefficients import Variant, smoothing
+from jbw.paper.polynomial import require_no_pole
 
 Real = Float[ArrayLike, "..."]
 Kernel = Complex[Array, "..."]
@@ -29,13 +30,17 @@ def h1(omega: Real, omega_n: Real, zeta: Real) -> Kernel:
     Returns:
         Receptance [s^2], complex.
 
+    Raises:
+        ModelError: `zeta` is zero and a concrete `omega` is the natural frequency.
+
     Reference:
-        Eq. (23).
+        Eq. (23), as printed: omega_n stands for omega_0, which lambda_1 lowers a little.
     """
+    require_no_pole(jnp.square(omega_n), zeta, omega)
     return 1.0 / (jnp.square(omega_n) - jnp.square(omega) + 2j * zeta * omega_n * omega)
 
 
-def kernel_31(omega: Real, omega_n: Real, zeta: Real, lambda_3: Real) -> Kernel:
+def cubic_kernel(omega: Real, omega_n: Real, zeta: Real, lambda_3: Real) -> Kernel:
     r"""Third-order kernel of a cubic oscillator on its leading diagonal.
 
     $$H_3(\omega) = -\lambda_3\,H_1(\omega)^3\,H_1(3\omega)$$
@@ -50,7 +55,7 @@ def kernel_31(omega: Real, omega_n: Real, zeta: Real, lambda_3: Real) -> Kernel:
         Kernel [m^-2 s^6], complex.
 
     Reference:
-        Eqs. (28), (31).
+        Eqs. (28), (31), as printed.
     """
     superharmonic = h1(3.0 * jnp.asarray(omega), omega_n, zeta)
     return -jnp.asarray(lambda_3) * h1(omega, omega_n, zeta) ** 3 * superharmonic
@@ -86,12 +91,13 @@ def h3(
             concrete argument is not finite.
 
     Reference:
-        Eqs. (25), (28), (31).
+        Eqs. (25), (31), corrected: lambda_3 keeps gamma; printed by variant="printed". For the
+        true joint the kernel is off by up to 14 % whichever lambda_3 it takes.
     """
     require_none(joint, "h3")
     closed: Variant = "printed_closed" if variant == "printed" else variant
     lambda_3 = smoothing(joint, y_peak, variant=closed).lambda_3
-    return kernel_31(omega, joint.omega_n, joint.zeta, lambda_3)
+    return cubic_kernel(omega, joint.omega_n, joint.zeta, lambda_3)
 
 
 def third_harmonic(
@@ -118,7 +124,7 @@ def third_harmonic(
         ModelError: The joint has a restoring force beside the hysteretic one, or as `steady_loop`.
 
     Reference:
-        In place of Eqs. (28)-(31).
+        Eq. (29), replaced: the third harmonic of the loop itself, which knows gamma.
     """
     require_none(joint, "third_harmonic")
     y_peak = jnp.abs(y_1)

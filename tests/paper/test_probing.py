@@ -6,10 +6,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from volterra.kernels import PolynomialOscillator, kernel_1, kernel_2, kernel_3, nonlinear_force
-from volterra.probing import cross_kernel, kernel, leading_diagonals
 
 from jbw.errors import ConfigError
+from jbw.paper.polynomial import (
+    PolynomialOscillator,
+    kernel_1,
+    kernel_2,
+    kernel_3,
+    nonlinear_force,
+)
+from jbw.paper.probing import cross_kernel, kernel, leading_diagonals
 
 SYSTEM = PolynomialOscillator(damping=0.21, stiffness=1.7, rho=0.9, lambda_3=-0.6)
 OMEGA = (0.31, -0.83, 1.27, 0.53, 2.11)

@@ -1,9 +1,10 @@
-r"""Response of the polynomial oscillator to several tones at once, line by line.
+r"""Response of the polynomial oscillator to several tones, line by line, Eqs. (19)-(22).
 
 The input is $u(t) = \mathrm{Re}\sum_i A_i e^{j\omega_i t}$ with complex peak amplitudes, so phases
 are free. A line is a combination of the tones' frequencies, $N\omega_a + M\omega_b + L\omega_c$.
 """
 
+from collections.abc import Sequence
 from itertools import combinations_with_replacement
 from math import factorial, prod
 
@@ -12,10 +13,89 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Complex, Float, Inexact, Int
-from volterra.kernels import PolynomialOscillator
-from volterra.probing import kernel
+from numpy.typing import NDArray
 
 from jbw.errors import ConfigError
+from jbw.paper.polynomial import PolynomialOscillator, require_no_pole
+from jbw.paper.probing import kernel
+
+
+def tones(
+    omega: Float[ArrayLike, " tone"],
+    amplitude: Inexact[ArrayLike, " _tone"],
+    t: Float[ArrayLike, "..."],
+) -> Float[Array, "..."]:
+    r"""Input of several tones, $u(t) = \mathrm{Re}\sum_i A_i e^{j\omega_i t}$.
+
+    Args:
+        omega: Angular frequencies of the tones [rad/s]; the paper has three.
+        amplitude: Complex peak amplitudes of the tones [N/kg].
+        t: Time [s].
+
+    Returns:
+        Input [N/kg].
+
+    Raises:
+        ConfigError: The tones are not two equal rows.
+
+    Reference:
+        Eq. (19), as printed; here for any number of tones.
+    """
+    omega, amplitude = _rows(omega, amplitude)
+    phase = jnp.asarray(t)[..., None] * omega
+    return jnp.sum(jnp.real(amplitude * jnp.exp(1j * phase)), axis=-1)
+
+
+def multinomial(powers: Sequence[int]) -> int:
+    r"""Number of ways to order the factors of a term, $\eta!/(p!\,q!\,r!\,s!\,v!\,w!)$.
+
+    Args:
+        powers: The powers p, q, r, s, v, w, of sum eta; any number of them.
+
+    Returns:
+        The multinomial coefficient [-].
+
+    Raises:
+        ConfigError: A power is negative.
+
+    Reference:
+        Eq. (21), as printed.
+    """
+    if min(powers, default=0) < 0:
+        raise ConfigError(f"`powers` must be 0 or more, but are {tuple(powers)}.")
+    return factorial(sum(powers)) // prod(map(factorial, powers))
+
+
+def repeated_kernel(
+    system: PolynomialOscillator, omega: Float[ArrayLike, " tone"], powers: Sequence[int]
+) -> Complex[Array, ""]:
+    r"""Kernel at repeated frequencies of a few tones, as the response to them needs it.
+
+    $$H_\eta(\underbrace{\omega_a, \dots}_{p}, \underbrace{-\omega_a, \dots}_{q},
+      \underbrace{\omega_b, \dots}_{r}, \dots)$$
+
+    Args:
+        system: Polynomial oscillator.
+        omega: Angular frequencies of the tones [rad/s].
+        powers: How often each frequency and its negative stand: (p, q, r, s, v, w) for three tones.
+
+    Returns:
+        Kernel [m^(1-n) s^(2n)] of order n, the sum of the powers.
+
+    Raises:
+        ConfigError: There are not two powers for each tone, or their sum is below 1.
+
+    Reference:
+        Eq. (22), as printed.
+    """
+    omega = jnp.asarray(omega)
+    if len(powers) != 2 * omega.size:
+        raise ConfigError(
+            f"`powers` must hold two numbers for each of the {omega.size} tones, "
+            f"but is {tuple(powers)}."
+        )
+    signed = jnp.stack([omega, -omega], axis=1).ravel()
+    return kernel(system, *jnp.repeat(signed, jnp.asarray(powers), total_repeat_length=sum(powers)))
 
 
 class Terms(eqx.Module):
@@ -62,7 +142,7 @@ def tone_terms(
       A^p \bar A^q B^r \bar B^s C^v \bar C^w\, H_\eta\, e^{j(N\omega_a+M\omega_b+L\omega_c)t}$$
 
     with N = p - q, M = r - s, L = v - w, and H_eta at p times omega_a, q times -omega_a, and so
-    on. The printed (20) uses N, M, L for the powers as well.
+    on.
 
     Args:
         system: Polynomial oscillator.
@@ -75,24 +155,41 @@ def tone_terms(
 
     Raises:
         ConfigError: If `order` is less than 1, or the tones are not two equal rows.
+        ModelError: The oscillator has no damping and a sum of tones meets its natural frequency.
 
     Reference:
-        Eqs. (19)-(22).
+        Eq. (20), corrected: N = p - q, M = r - s, L = v - w; the print uses N, M, L for the powers
+        as well.
     """
+    omega, amplitude = _rows(omega, amplitude)
+    if order < 1:
+        raise ConfigError(f"`order` must be 1 or more, but is {order}.")
+    slots, exponents = _slots(omega.size, order)
+    for lower in range(1, order + 1):  # a term has the receptance at every part of its sum
+        _, parts = _slots(omega.size, lower)
+        sums = (parts[:, 0::2] - parts[:, 1::2]) @ omega
+        require_no_pole(system.stiffness, system.damping, sums)
+    weight = np.array([multinomial(row) for row in exponents.tolist()])
+    combination = exponents[:, 0::2] - exponents[:, 1::2]
+    coefficient = _coefficients(system, omega, amplitude, slots, weight)
+    return Terms(exponents, weight, combination, jnp.asarray(combination) @ omega, coefficient)
+
+
+def _slots(num_tones: int, order: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Every choice of `order` factors of (A, A*, B, B*, ...), and their powers."""
+    slots = np.array(list(combinations_with_replacement(range(2 * num_tones), order)))
+    return slots, (slots[:, :, None] == np.arange(2 * num_tones)).sum(axis=1)
+
+
+def _rows(omega: ArrayLike, amplitude: ArrayLike) -> tuple[Array, Array]:
+    """Frequencies and amplitudes as arrays, one value of each for every tone."""
     omega, amplitude = jnp.asarray(omega), jnp.asarray(amplitude)
     if omega.ndim != 1 or omega.shape != amplitude.shape:
         raise ConfigError(
             "`omega` and `amplitude` must hold one value for each tone, but have shapes "
             f"{omega.shape} and {amplitude.shape}."
         )
-    if order < 1:
-        raise ConfigError(f"`order` must be 1 or more, but is {order}.")
-    slots = np.array(list(combinations_with_replacement(range(2 * omega.size), order)))
-    exponents = (slots[:, :, None] == np.arange(2 * omega.size)).sum(axis=1)
-    weight = np.array([factorial(order) // prod(map(factorial, row)) for row in exponents.tolist()])
-    combination = exponents[:, 0::2] - exponents[:, 1::2]
-    coefficient = _coefficients(system, omega, amplitude, slots, weight)
-    return Terms(exponents, weight, combination, jnp.asarray(combination) @ omega, coefficient)
+    return omega, amplitude
 
 
 @jax.jit
@@ -136,7 +233,7 @@ def tone_response(
         ConfigError: If `max_order` is less than 1, or the tones are not two equal rows.
 
     Reference:
-        Eqs. (19)-(22).
+        Eq. (16), as printed, for an input of tones; y_0 there is the mean, not the threshold.
     """
     if max_order < 1:
         raise ConfigError(f"`max_order` must be 1 or more, but is {max_order}.")
@@ -164,7 +261,7 @@ def merge_lines(lines: Lines, tolerance: float = 1e-9) -> Lines:
         Lines in rising frequency; each keeps the combination of least order.
 
     Reference:
-        Eqs. (19)-(22).
+        Eq. (20), as printed, where several combinations meet.
     """
     omega, amplitude = np.asarray(lines.omega), np.asarray(lines.amplitude)
     combination = np.asarray(lines.combination)
@@ -193,7 +290,7 @@ def synthesize(lines: Lines, t: Float[ArrayLike, "..."]) -> Float[Array, "..."]:
         Displacement [m].
 
     Reference:
-        Eqs. (19)-(22).
+        Eq. (16), as printed, from the lines.
     """
     phase = jnp.asarray(t)[..., None] * lines.omega
     return jnp.sum(jnp.real(lines.amplitude * jnp.exp(1j * phase)), axis=-1)

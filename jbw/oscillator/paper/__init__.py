@@ -1,1 +1,0 @@
-"""What is the paper's alone: the smoothed law, its kernels and what follows from them."""

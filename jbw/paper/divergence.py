@@ -1,0 +1,110 @@
+r"""What the data add to a uniform prior: variation and Kullback-Leibler divergence, section 3.2."""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import log_ndtr
+from jaxtyping import Array, ArrayLike, Float
+
+from jbw.errors import ConfigError, DataError
+from jbw.inference.posterior.summary import kl_from_uniform
+from jbw.oscillator.checks import is_concrete, require_at_least
+
+Real = Float[ArrayLike, "..."]
+
+
+def coefficient_of_variation(draws: Float[ArrayLike, "... draw"]) -> Float[Array, "..."]:
+    r"""Standard deviation of draws over the modulus of their mean.
+
+    Args:
+        draws: Draws of a parameter.
+
+    Returns:
+        CV [-].
+
+    Reference:
+        Section 3.2 and Table 1.
+    """
+    draws = jnp.asarray(draws, float)
+    return jnp.std(draws, axis=-1, ddof=1) / jnp.abs(jnp.mean(draws, axis=-1))
+
+
+def kl_normal(mean: Real, std: Real, lower: Real = 0.0, upper: Real = 1.0) -> Float[Array, "..."]:
+    r"""Divergence of a normal distribution, cut to the prior's box, from the uniform prior.
+
+    $$D = -\left[\ln(\sqrt{2\pi e}\,s\,C) + \frac{a\phi(a) - b\phi(b)}{2C}\right], \quad
+      a = -\mu/s, \quad b = (1 - \mu)/s, \quad C = \Phi(b) - \Phi(a)$$
+
+    with mu and s in the unit coordinate x = (theta - lower)/(upper - lower).
+
+    Args:
+        mean: Mean of the normal distribution before it is cut.
+        std: Its standard deviation.
+        lower: Lower bound of the prior.
+        upper: Upper bound of the prior.
+
+    Returns:
+        Divergence [nats].
+
+    Raises:
+        ConfigError: The prior has no width, or `std` is not positive.
+
+    Reference:
+        Section 3.2, corrected: a CV of 0.6 to 1 % needs at least 2.1 to 2.8 nats, printed 0.36.
+    """
+    mean, std, lower, upper = (jnp.asarray(x, float) for x in (mean, std, lower, upper))
+    _require_width(lower, upper)
+    require_at_least("std", std, 0.0, open_end=True)
+    mu, s = (mean - lower) / (upper - lower), std / (upper - lower)
+    # Mirrored where both ends lie in the upper tail, so that the difference keeps its digits.
+    mu = jnp.where(mu < 0.0, 1.0 - mu, mu)
+    a, b = -mu / s, (1.0 - mu) / s
+    log_c = log_ndtr(b) + jnp.log1p(-jnp.exp(log_ndtr(a) - log_ndtr(b)))
+    phi_a, phi_b = (jnp.exp(-0.5 * x**2 - log_c) / math.sqrt(2 * math.pi) for x in (a, b))
+    edge = (a * phi_a - b * phi_b) / 2
+    return -(0.5 * math.log(2 * math.pi * math.e) + jnp.log(s) + log_c + edge)
+
+
+def kl_draws(draws: Float[ArrayLike, " draw"], lower: float = 0.0, upper: float = 1.0) -> float:
+    r"""Divergence of draws from the uniform prior, by spacings of the ordered draws.
+
+    $$D = -h(x), \qquad x = \frac{\theta - \theta_{min}}{\theta_{max} - \theta_{min}}$$
+
+    In NumPy; infinite where one value repeats more often than a spacing spans.
+
+    Args:
+        draws: Draws of one parameter, repeated ones counted.
+        lower: Lower bound of the prior.
+        upper: Upper bound of the prior.
+
+    Returns:
+        Divergence [nats]; a little below zero at times for draws of the prior itself.
+
+    Raises:
+        ConfigError: The prior has no width.
+        DataError: A draw lies outside the prior, or there are fewer than two.
+
+    Reference:
+        Section 3.2, corrected: gamma, whose CV is the largest, gains the least and not the most.
+    """
+    _require_width(lower, upper)
+    values = np.asarray(draws, float).ravel()
+    if values.size < 2:
+        raise DataError(f"A divergence needs at least 2 draws, but has {values.size}.")
+    if not np.all((values >= lower) & (values <= upper)):
+        raise DataError(
+            f"Draws must lie in the prior [{lower:g}, {upper:g}], but reach from "
+            f"{np.min(values):g} to {np.max(values):g}."
+        )
+    return kl_from_uniform((values - lower) / (upper - lower))
+
+
+def _require_width(lower: Real, upper: Real) -> None:
+    """Raise where a prior has no width."""
+    if is_concrete(lower, upper) and not np.all(np.asarray(upper) > np.asarray(lower)):
+        raise ConfigError(
+            "The prior must have a width above zero for a divergence, but reaches from "
+            f"{np.asarray(lower)} to {np.asarray(upper)}.",
+            remedy="Give `lower` below `upper`.",
+        )
