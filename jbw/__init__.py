@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from jbw.oscillator import laws as laws
     from jbw.oscillator.attachment import Attachment as Attachment
     from jbw.oscillator.attachment import attached as attached
+    from jbw.oscillator.dimensionless import dimensionless as dimensionless
     from jbw.oscillator.laws.hysteresis import hysteresis_map as hysteresis_map
     from jbw.oscillator.laws.hysteresis import hysteresis_rate as hysteresis_rate
     from jbw.oscillator.laws.hysteresis import steady_loop as steady_loop
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from jbw.oscillator.oscillator import Oscillator as Oscillator
     from jbw.oscillator.response import Response as Response
     from jbw.oscillator.response import simulate as simulate
+    from jbw.oscillator.shooting import shooting as shooting
     from jbw.oscillator.steady.backbone import backbone as backbone
     from jbw.oscillator.steady.backbone import frequency_response as frequency_response
     from jbw.oscillator.steady.continuation import response_curve as response_curve
@@ -102,6 +104,7 @@ _HOME = {
     "citation": "report.citation",
     "compare": "study.compare",
     "compare_laws": "study.laws",
+    "dimensionless": "oscillator.dimensionless",
     "draw_backbones": "report.modal_backbones",
     "fleet_of": "population.fleet",
     "fit_attachment": "measurement.shaker",
@@ -133,6 +136,7 @@ _HOME = {
     "record_frf": "measurement.transients",
     "response_curve": "oscillator.steady.continuation",
     "sbc": "study.calibration",
+    "shooting": "oscillator.shooting",
     "simulate": "oscillator.response",
     "smoothing": "paper.coefficients",
     "steady_cycle": "oscillator.steady.cycle",

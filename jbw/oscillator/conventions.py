@@ -1,4 +1,7 @@
-"""Oscillators in the conventions of other programs, made into ours; `to_` the other way."""
+"""The joint in the parameters of Baber and Noori, of OpenSees and of the hysteretic benchmark.
+
+Public as `jbw.conventions`: `to_` makes theirs of ours, `from_` ours of theirs.
+"""
 
 from jbw.oscillator.laws.conversions import BaberNoori as BaberNoori
 from jbw.oscillator.laws.conversions import Benchmark as Benchmark
@@ -7,6 +10,16 @@ from jbw.oscillator.laws.conversions import require_positive
 from jbw.oscillator.laws.conversions import to_baber_noori as to_baber_noori
 from jbw.oscillator.laws.conversions import to_benchmark as to_benchmark
 from jbw.oscillator.oscillator import BoucWen
+
+__all__ = [
+    "BaberNoori",
+    "Benchmark",
+    "conversions",
+    "from_baber_noori",
+    "from_benchmark",
+    "to_baber_noori",
+    "to_benchmark",
+]
 
 
 def from_baber_noori(other: BaberNoori) -> BoucWen:

@@ -1,4 +1,8 @@
-"""The swept sine of the tests, as a function of time; `sampled` makes a record of it."""
+"""Inputs of tests: tone, multisine, swept sine and band noise, public as `jbw.excitation`.
+
+Functions of time come from `tone`, `multisine` and `sweep`; `sampled` makes a record of one. Random
+inputs take a key first and are one period of a periodic signal.
+"""
 
 from collections.abc import Callable
 
@@ -7,7 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jbw.errors import ConfigError
 from jbw.oscillator.parameters import Scalar
+
+__all__ = ["band_noise", "multisine", "sampled", "sweep", "tone"]
 
 Input = Callable[[Scalar], Scalar]
 
@@ -24,6 +31,36 @@ def sampled(u: Input, fs: float, num_samples: int) -> Float[Array, " time"]:
         Samples, in the unit of u.
     """
     return jnp.asarray(jax.vmap(u)(jnp.asarray(np.arange(num_samples) / fs)))
+
+
+def tone(amplitude: Scalar, omega: Scalar, phase: Scalar = 0.0) -> Input:
+    r"""Single tone, $u(t) = A\cos(\omega t + \varphi)$.
+
+    Args:
+        amplitude: Peak amplitude A [N/kg].
+        omega: Angular frequency [rad/s].
+        phase: Phase [rad].
+
+    Returns:
+        The input as a function of time [s].
+    """
+    return lambda t: amplitude * jnp.cos(omega * t + phase)
+
+
+def multisine(
+    amplitudes: Float[Array, " tone"], omegas: Float[Array, " tone"], phases: Float[Array, " tone"]
+) -> Input:
+    r"""Sum of tones, $u(t) = \sum_i A_i\cos(\omega_i t + \varphi_i)$.
+
+    Args:
+        amplitudes: Peak amplitudes A_i [N/kg].
+        omegas: Angular frequencies [rad/s].
+        phases: Phases [rad].
+
+    Returns:
+        The input as a function of time [s].
+    """
+    return lambda t: jnp.sum(amplitudes * jnp.cos(omegas * t + phases))
 
 
 def sweep(
@@ -60,3 +97,49 @@ def sweep(
         return amplitude * jnp.where(left > 0.0, gain * jnp.sin(2.0 * jnp.pi * cycles), 0.0)
 
     return u
+
+
+def band_noise(
+    key: Array,
+    rms: Scalar,
+    band_hz: tuple[float, float],
+    fs: float,
+    num_samples: int,
+    *,
+    gaussian: bool = True,
+) -> Float[Array, " time"]:
+    """One period of noise in a band, periodic in its length, with lines at multiples of fs / N.
+
+    Args:
+        key: Random key.
+        rms: Root mean square [N/kg]; of the ensemble for Gaussian noise, of each period otherwise.
+        band_hz: Lowest and highest frequency [Hz], the mean excluded, below fs / 2.
+        fs: Sampling rate [Hz].
+        num_samples: Number of samples N of the period.
+        gaussian: Whether the lines are complex Gaussian (noise) or have equal amplitudes and
+            random phases (a random-phase multisine).
+
+    Returns:
+        Samples [N/kg].
+
+    Raises:
+        ConfigError: No line of the record lies in the band.
+    """
+    frequencies = np.fft.rfftfreq(num_samples, 1.0 / fs)
+    inside = (frequencies >= band_hz[0]) & (frequencies <= band_hz[1])
+    inside &= (frequencies > 0.0) & (frequencies < 0.5 * fs * (1.0 - 1e-12))
+    num_lines = int(np.sum(inside))
+    if num_lines == 0:
+        raise ConfigError(
+            f"Argument `band_hz` must hold a line of the record, a multiple of fs/num_samples = "
+            f"{fs / num_samples:g} Hz below fs/2 = {fs / 2:g} Hz, but is {band_hz}.",
+            remedy="Widen the band or lengthen the record.",
+        )
+    # A line of spectrum X has mean square 2 |X|^2 / N^2.
+    size = num_samples * rms / jnp.sqrt(2.0 * num_lines)
+    if gaussian:
+        real, imag = jax.random.normal(key, (2, len(frequencies))) / jnp.sqrt(2.0)
+        lines = real + 1j * imag
+    else:
+        lines = jnp.exp(1j * jax.random.uniform(key, (len(frequencies),), maxval=2.0 * jnp.pi))
+    return jnp.fft.irfft(jnp.where(inside, size * lines, 0.0), n=num_samples)

@@ -1,4 +1,4 @@
-r"""Periodic response by half-period shooting in time: the check of the harmonic balance."""
+r"""Periodic response by shooting over half a period: a second route beside harmonic balance."""
 
 from functools import partial
 from typing import Any
@@ -8,7 +8,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optimistix
-from jax.tree_util import Partial
 from jaxtyping import Array, Complex, Float
 
 from jbw.errors import ModelError
@@ -19,6 +18,7 @@ from jbw.oscillator.checks import (
     require_float64,
     require_periodic,
 )
+from jbw.oscillator.dimensionless import dimensionless
 from jbw.oscillator.laws.hysteresis import hysteresis_rate
 from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.parameters import Scalar
@@ -71,7 +71,7 @@ def shooting(
         omega: Angular frequency of the tone [rad/s].
         amplitude: Amplitude A of the force [N/kg]; not zero.
         num_harmonics: Number of odd harmonics to report; has no influence on the orbit.
-        initial: (y, v, z) to start Newton's iteration from; the sticking joint's response if None.
+        initial: (y, v, z) to start Newton's iteration from; the linear response if None.
         rtol: Relative tolerance of the time integration.
 
     Returns:
@@ -83,7 +83,7 @@ def shooting(
         ConfigError: An argument is not positive, or JAX runs in float32.
 
     Reference:
-        Eqs. (1), (2).
+        Eqs. (1), (2), as printed.
     """
     require_periodic(joint)
     require_finite(joint, omega=omega, amplitude=amplitude)
@@ -111,15 +111,7 @@ def _shoot(
     joint, omega, amplitude = jax.tree.map(
         lambda x: jnp.asarray(x, float), (joint, omega, amplitude)
     )
-    ratio, length = omega / joint.omega_n, amplitude / joint.omega_n**2
-    unit = BoucWen(
-        1.0,
-        joint.zeta,
-        joint.alpha / joint.omega_n**2,
-        joint.delta * length,
-        joint.gamma * length,
-        restoring=joint.restoring and Partial(_scaled, joint.restoring, length, amplitude),
-    )
+    unit, ratio, length = dimensionless(joint, omega, amplitude)
     # y, y' and z/alpha over the length; the derivative is by theta = omega t.
     scale = length * jnp.stack([jnp.ones_like(omega), omega, joint.alpha])
     if initial is None:
@@ -148,11 +140,6 @@ def _shoot(
         harmonics=jnp.where(converged, length * harmonics, jnp.nan),
         multipliers=jnp.where(converged, jnp.linalg.eigvals(slope), jnp.nan),
     )
-
-
-def _scaled(force, length, amplitude, q):
-    """The restoring force in units of displacement and load."""
-    return force(length * q) / amplitude
 
 
 def _half_period(

@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from equivalent_system import equivalent_acceleration
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, root
 
@@ -21,6 +20,7 @@ from jbw.oscillator.steady.balance import imbalance, refined
 from jbw.oscillator.steady.continuation import response_curve
 from jbw.oscillator.steady.cycle import steady_state
 from jbw.paper.coefficients import smoothing
+from jbw.paper.equivalent import equivalent_acceleration
 from jbw.paper.kernels import h3, third_harmonic
 
 OMEGA_N = 2 * np.pi * 18.8

@@ -1,0 +1,93 @@
+r"""The joint in its own units: time in 1/omega_n, displacement in A/omega_n^2.
+
+The oscillator under u = A cos(omega t) is then the joint of omega_n = 1 under cos(Omega theta),
+its alpha over omega_n^2, its delta and gamma times A/omega_n^2. The amplitude A enters through
+these two alone (and through the restoring force beside them, where there is one), so A = 0 is the
+linear oscillator and an ordinary point.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from jbw.oscillator.checks import require_at_least, require_closed_form, require_finite
+from jbw.oscillator.oscillator import BoucWen
+from jbw.oscillator.parameters import Restoring, Scalar
+
+
+class Dimensionless(NamedTuple):
+    """A joint under a tone, in its own units.
+
+    Attributes:
+        joint: Joint of omega_n = 1 under a tone of amplitude 1.
+        frequency: Frequency of the tone over omega_n [-].
+        length: Unit of displacement, A/omega_n^2 [m].
+    """
+
+    joint: BoucWen
+    frequency: Array
+    length: Array
+
+
+class ScaledForce(eqx.Module):
+    r"""A restoring force in other units, $f(\ell q)/(\kappa\ell)$; $f'(0)\,q/\kappa$ at l = 0.
+
+    Attributes:
+        force: f, from the displacement to the force.
+        length: Unit l of displacement.
+        stiffness: Unit kappa of stiffness.
+    """
+
+    force: Restoring
+    length: Scalar
+    stiffness: Scalar
+
+    def __call__(self, q: Scalar) -> Scalar:
+        """Force at the displacement q."""
+        length = jnp.asarray(self.length)
+        at_rest = length == 0.0
+        safe = jnp.where(at_rest, 1.0, length)
+        _, linear = jax.jvp(self.force, (jnp.zeros_like(q),), (q,))
+        return jnp.where(at_rest, linear, self.force(safe * q) / safe) / self.stiffness
+
+
+def dimensionless(joint: BoucWen, omega: Scalar, amplitude: Scalar) -> Dimensionless:
+    r"""The joint under a tone in its own units: four numbers and a frequency.
+
+    $$\Omega = \omega/\omega_n, \quad \alpha/\omega_n^2, \quad \delta A/\omega_n^2, \quad
+      \gamma A/\omega_n^2, \quad f\!\left((A/\omega_n^2)\,q\right)/A, \quad y = (A/\omega_n^2)\, q$$
+
+    Args:
+        joint: Bouc-Wen parameters with nu = 1.
+        omega: Angular frequency of the tone [rad/s].
+        amplitude: Amplitude A of the force [N/kg]; 0 is the linear oscillator.
+
+    Returns:
+        Dimensionless joint, frequency and unit of displacement.
+
+    Raises:
+        ModelError: nu is not 1, or a concrete argument is not finite.
+        ConfigError: A concrete `omega` or `amplitude` is negative.
+
+    Reference:
+        Eq. (1), as printed, divided by its own scales.
+    """
+    require_closed_form(joint)
+    require_finite(joint, omega=omega, amplitude=amplitude)
+    require_at_least("omega", omega, 0.0)
+    require_at_least("amplitude", amplitude, 0.0)
+    stiffness = jnp.asarray(joint.omega_n) ** 2
+    length = jnp.asarray(amplitude / stiffness)
+    force = joint.restoring
+    unit = BoucWen(
+        jnp.ones_like(length),
+        joint.zeta,
+        joint.alpha / stiffness,
+        joint.delta * length,
+        joint.gamma * length,
+        restoring=None if force is None else ScaledForce(force, length, stiffness),
+    )
+    return Dimensionless(unit, jnp.asarray(omega / jnp.asarray(joint.omega_n)), length)
