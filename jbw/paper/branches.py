@@ -59,10 +59,11 @@ def branch(
     sign = 1.0 if path in (1, 4) else -1.0
     distance = {1: y - y_open, 2: y_open - y, 3: -y_open - y, 4: y + y_open}[path]
     relaxed = phi(rate, distance) if order is None else _taylor(rate, distance, order)
-    return sign * jnp.asarray(joint.alpha) * relaxed
+    return jnp.asarray(sign * joint.alpha * relaxed)
 
 
 def _taylor(c: Scalar, x: Array, order: int) -> Array:
     """Taylor polynomial of phi(c, x) about x = 0, the sum of (-c)^(n-1) x^n / n!."""
+    c = jnp.asarray(c)
     terms = ((-c) ** (n - 1) * x**n / math.factorial(n) for n in range(1, order + 1))
     return sum(terms, jnp.zeros_like(x))

@@ -108,10 +108,9 @@ def _walk(
     problem = problem_of(terms, bounds, None, in_box(bounds, None, None, 1))
     chain = kernel(problem, options)
 
-    def onward(state: Any, _: None) -> tuple[Any, Walk]:
+    def onward(state: Any, _: None) -> tuple[Any, tuple]:
         state = chain.step(state)
-        theta = chain.read(state).theta
-        return state, Walk(theta, state.log_density, state.accepted)
+        return state, (chain.read(state).theta, state.log_density, state.accepted)
 
     state = chain.init(key, jnp.log(x) - jnp.log1p(-x))
-    return jax.lax.scan(onward, state, length=options.num_samples)[1]
+    return Walk(*jax.lax.scan(onward, state, length=options.num_samples)[1])
