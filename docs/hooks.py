@@ -5,11 +5,13 @@ campaign file's keys, the laws, the figures, or a file of the repository. LaTeX 
 becomes MathML, which browsers draw without a script.
 """
 
+import ast
 import html
 import json
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from run_notebooks import NOTEBOOKS, OUTPUTS, cells_of
 
 ROOT = Path(__file__).parents[1]
 MARK = re.compile(r"^<!-- make (\w+)(?: (\S+))? -->$", re.MULTILINE)
-PUBLIC = re.compile(r"^::: jbw\.(\w+)$", re.MULTILINE)
+PUBLIC = re.compile(r"^::: jbw\.((?:paper\.)?\w+)$", re.MULTILINE)
 MATH = re.compile(r'<(div|span) class="arithmatex">\\[\[(](.*?)\\[\])]</\1>', re.DOTALL)
 # Of the theme, and of no use here: sources of its scripts, and search in other languages.
 UNUSED = ("assets/javascripts/lunr", "**/*.map", "assets/hooks.py", "assets/draw_result.py")
@@ -56,10 +58,12 @@ def formula(latex: str, displayed: bool) -> str:
 def public(name: str) -> str:
     """What mkdocstrings is asked for: a public name, at its home, with an anchor of its own."""
     import jbw
+    from jbw import paper
 
-    home = jbw._HOME.get(name)
-    whole = f"jbw.{home}.{name}" if home else jbw._ROOMS.get(name, f"jbw.{name}")
-    shown = f"    options:\n      heading: jbw.{name}\n      toc_label: {name}"
+    room, _, last = name.rpartition(".")
+    home = f"paper.{paper._HOME[last]}" if room else jbw._HOME.get(name)
+    whole = f"jbw.{home}.{last}" if home else jbw._ROOMS.get(name, f"jbw.{name}")
+    shown = f"    options:\n      heading: jbw.{name}\n      toc_label: {last}"
     return f"[](){{ #jbw.{name} }}\n\n::: {whole}\n{shown}"
 
 
@@ -201,6 +205,47 @@ def laws() -> str:
     return "\n\n".join(parts)
 
 
+def equations() -> str:
+    """The paper's equations: who computes them, what was wrong, and who uses them."""
+    from jbw.paper import equations
+
+    used = in_the_pipeline()
+    rows = []
+    for number, group in groupby(equations(), key=lambda row: row.number):
+        for i, row in enumerate(group):
+            said = f"{row.status}: {row.note}" if row.note else row.status
+            pipeline = ", ".join(code(name) for name in used.get(number, ())) if i == 0 else ""
+            link = f"[{code(row.function)}](reference/{page_of(row.function)}#{row.function})"
+            rows.append((f"({number})" if i == 0 else "", link, said, pipeline))
+    return table(("equation", "function", "status", "in the identification"), rows)
+
+
+def page_of(name: str) -> str:
+    """The page of the reference that holds a public name."""
+    for page in sorted((ROOT / "docs" / "reference").glob("*.md")):
+        if re.search(rf"^::: {re.escape(name)}$", page.read_text(encoding="utf-8"), re.MULTILINE):
+            return page.name
+    raise LookupError(f"No page of docs/reference holds {name}.")
+
+
+def in_the_pipeline() -> dict[int, list[str]]:
+    """Functions of Steps 2 to 4 and of the measurements, by the equations they refer to."""
+    from jbw.paper.table import numbers
+
+    used: dict[int, list[str]] = {}
+    for folder in ("identification", "measurement", "observables", "inference", "study"):
+        for path in sorted((ROOT / "jbw" / folder).rglob("*.py")):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            module = ".".join(path.relative_to(ROOT / "jbw").with_suffix("").parts)
+            for node in ast.walk(tree):
+                if not isinstance(node, ast.FunctionDef | ast.ClassDef):
+                    continue
+                _, mark, section = (ast.get_docstring(node) or "").partition("Reference:\n")
+                for number in dict.fromkeys(numbers(section) if mark else ()):
+                    used.setdefault(number, []).append(f"{module}.{node.name}")
+    return used
+
+
 def figure(name: str) -> str:
     """A figure of the report: what it answers, and what to look for."""
     from jbw.report.figures import FIGURE_LIST
@@ -270,6 +315,7 @@ MAKERS: dict[str, Callable[..., str]] = {
     "kinds": kinds,
     "roles": roles,
     "laws": laws,
+    "equations": equations,
     "figure": figure,
     "notebook": notebook,
     "plan": plan_file,

@@ -83,6 +83,17 @@ def test_every_mark_is_made_and_every_formula_drawn(site):
 def test_every_public_name_is_in_the_reference(site):
     text = "".join(article(site, page.relative_to(site)) for page in site.glob("reference/*.html"))
     assert [name for name in jbw.__all__ if f'id="jbw.{name}"' not in text] == []
+    assert [name for name in jbw.paper.__all__ if f'id="jbw.paper.{name}"' not in text] == []
+
+
+def test_every_equation_of_the_paper_has_its_row(site):
+    text = article(site, "equations.html")
+    rows = [unescape(re.sub("<[^>]+>", "", row)) for row in re.findall("<tr>.*?</tr>", text, re.S)]
+    numbered = {row.split()[0] for row in rows}
+    assert [n for n in range(1, 43) if f"({n})" not in numbered] == []
+    for row in jbw.paper.equations():
+        assert f"#{row.function}" in text
+        assert row.note in unescape(re.sub("<[^>]+>", "", text))
 
 
 def test_every_command_has_its_options_and_arguments(site):
@@ -154,6 +165,7 @@ def test_python_of_a_page_names_public_things(page):
     text = "".join(blocks(page, "python"))
     named = {name for name in re.findall(r"\bjbw\.(\w+)", text)}
     assert named <= {*jbw.__all__, "report"}
+    assert set(re.findall(r"\bpaper\.(\w+)\(", text)) <= set(jbw.paper.__all__)
 
 
 def test_the_page_of_a_wheel_comes_first_and_a_stranger_s_site_never(tmp_path):
