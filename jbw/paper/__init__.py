@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jbw.paper.branches import branch as branch
     from jbw.paper.coefficients import Smoothing as Smoothing
+    from jbw.paper.coefficients import closed_loop_stiffness as closed_loop_stiffness
     from jbw.paper.coefficients import loading_force as loading_force
     from jbw.paper.coefficients import smoothed_force as smoothed_force
     from jbw.paper.coefficients import smoothing as smoothing
@@ -40,8 +41,10 @@ if TYPE_CHECKING:
     from jbw.paper.impulse import impulse_2 as impulse_2
     from jbw.paper.impulse import impulse_3 as impulse_3
     from jbw.paper.kernels import cubic_kernel as cubic_kernel
+    from jbw.paper.kernels import cubic_stiffness as cubic_stiffness
     from jbw.paper.kernels import h1 as h1
     from jbw.paper.kernels import h3 as h3
+    from jbw.paper.kernels import softened_receptance as softened_receptance
     from jbw.paper.kernels import third_harmonic as third_harmonic
     from jbw.paper.likelihoods import Repeats as Repeats
     from jbw.paper.likelihoods import gaussian_log_likelihood as gaussian_log_likelihood
@@ -91,7 +94,7 @@ _NAMES = {
     "branches": ("branch",),
     "coefficients": (
         "Smoothing", "smoothing", "smoothing_error", "loading_force", "unloading_force",
-        "smoothed_force",
+        "smoothed_force", "closed_loop_stiffness",
     ),
     "equivalent": (
         "square_wave", "equivalent_force", "equivalent_acceleration", "smoothed_harmonics",
@@ -110,7 +113,9 @@ _NAMES = {
     "record_response": (
         "volterra_response", "volterra_sums", "periodic_response", "VolterraResponse",
     ),
-    "kernels": ("h1", "h3", "cubic_kernel", "third_harmonic"),
+    "kernels": (
+        "h1", "h3", "cubic_kernel", "cubic_stiffness", "third_harmonic", "softened_receptance",
+    ),
     "harmonic_filtering": ("harmonic_response", "harmonic_amplitudes", "estimated_kernel"),
     "likelihoods": (
         "log_posterior", "with_noise", "gaussian_log_likelihood", "map_estimate", "Repeats",

@@ -153,6 +153,29 @@ def _smoothing(joint: BoucWen, y_peak: ArrayLike, y_open: ArrayLike, variant: Va
     )
 
 
+def closed_loop_stiffness(
+    alpha: Scalar, delta: Scalar, y_peak: Scalar, gamma: Scalar = 0.0
+) -> Float[Array, "..."]:
+    r"""Cubic stiffness of a loop that hardly opens.
+
+    $$\lambda_3 = \alpha\left(\frac{\delta^2 + \gamma^2}{6} - \frac{35\,\delta}{96\,Y}\right)$$
+
+    Args:
+        alpha: Stiffness of the hysteretic part [1/s^2].
+        delta: Softening of the hysteresis [1/m].
+        y_peak: Largest displacement Y [m].
+        gamma: Opening of the loop [1/m]; 0, which the print takes, when left out.
+
+    Returns:
+        lambda_3 [1/(m^2 s^2)].
+
+    Reference:
+        Eq. (25), corrected: with gamma^2/6; as printed for gamma = 0.
+    """
+    squares = (jnp.asarray(delta) ** 2 + jnp.asarray(gamma) ** 2) / 6
+    return jnp.asarray(alpha * (squares - 35 * jnp.asarray(delta) / (96 * jnp.asarray(y_peak))))
+
+
 def unloading_force(polynomial: Smoothing, y: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
     r"""Smoothed force on unloading, dy/dt < 0.
 
@@ -331,5 +354,5 @@ def _printed(d: Array, g: Array, eta: Array) -> Coefficients:
 
 def _printed_closed(d: Array, g: Array, eta: Array) -> Coefficients:
     """Eqs. (24), (25): the closed loop, where only lambda_1 and lambda_3 remain."""
-    zero = jnp.zeros_like(d)
-    return zero, jnp.ones_like(d), zero, d**2 / 6 - 35 * d / 96
+    zero, one = jnp.zeros_like(d), jnp.ones_like(d)
+    return zero, one, zero, closed_loop_stiffness(one, d, one)

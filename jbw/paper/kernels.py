@@ -128,7 +128,53 @@ def third_harmonic(
     """
     require_none(joint, "third_harmonic")
     y_peak = jnp.abs(y_1)
-    ripple = 1.0 / h1(3.0 * jnp.asarray(omega), joint.omega_n, joint.zeta)
     softening = 2.0 * joint.alpha * joint.delta * y_peak / jnp.pi
     turn = (y_1 / y_peak) ** 3
-    return -steady_loop(joint, y_peak).z_3 * turn / (ripple - softening)
+    ripple = softened_receptance(3.0 * jnp.asarray(omega), joint.omega_n, joint.zeta, softening)
+    return -steady_loop(joint, y_peak).z_3 * turn * ripple
+
+
+def softened_receptance(omega: Real, omega_n: Real, zeta: Real, softening: Real) -> Kernel:
+    r"""Receptance that a small ripple sees while the joint moves under a tone.
+
+    $$H(\omega) = \frac{1}{1/H_1(\omega) - s}, \qquad s = \frac{2\,\alpha\delta\,|Y_1|}{\pi}$$
+
+    s is what the mean of alpha delta |y| over a period takes from the stiffness, by Eq. (2) to
+    first order.
+
+    Args:
+        omega: Angular frequency of the ripple, such as three times the tone's [rad/s].
+        omega_n: Natural frequency at small amplitude [rad/s].
+        zeta: Viscous damping ratio [-].
+        softening: s [1/s^2].
+
+    Returns:
+        Receptance [s^2], complex.
+
+    Reference:
+        Eq. (23), corrected: omega_0 falls with the motion; the print keeps omega_n.
+    """
+    return 1.0 / (1.0 / h1(omega, omega_n, zeta) - jnp.asarray(softening))
+
+
+def cubic_stiffness(
+    h_3: Inexact[ArrayLike, "..."], omega: Real, omega_n: Real, zeta: Real
+) -> Array:
+    r"""Cubic stiffness that gives a third-order kernel: the inverse of `cubic_kernel`.
+
+    $$\lambda_3 = -\mathrm{Re}\,\frac{H_3(\omega)}{H_1(\omega)^3\,H_1(3\omega)}$$
+
+    Args:
+        h_3: Kernel on its leading diagonal [m^-2 s^6].
+        omega: Angular frequency [rad/s].
+        omega_n: Natural frequency of the linear part [rad/s].
+        zeta: Viscous damping ratio [-].
+
+    Returns:
+        lambda_3 [1/(m^2 s^2)].
+
+    Reference:
+        Eq. (28), as printed, solved for lambda_3.
+    """
+    unit = cubic_kernel(omega, omega_n, zeta, 1.0)
+    return jnp.real(jnp.asarray(h_3) / unit)

@@ -6,8 +6,15 @@ import pytest
 from jbw.errors import JbwError
 from jbw.oscillator.laws.hysteresis import steady_loop
 from jbw.oscillator.oscillator import BoucWen
-from jbw.paper.coefficients import Smoothing, smoothing
-from jbw.paper.kernels import cubic_kernel, h1, h3, third_harmonic
+from jbw.paper.coefficients import Smoothing, closed_loop_stiffness, smoothing
+from jbw.paper.kernels import (
+    cubic_kernel,
+    cubic_stiffness,
+    h1,
+    h3,
+    softened_receptance,
+    third_harmonic,
+)
 from jbw.paper.polynomial import (
     PolynomialOscillator,
     cubic_oscillator,
@@ -116,6 +123,34 @@ def test_third_harmonic_matches_the_true_oscillator(golden):
         assert abs(np.angle(ratio, deg=True)) < 1.05 * degrees
         checked += 1
     assert checked >= 5
+
+
+def test_cubic_stiffness_inverts_the_kernel():
+    kernel = cubic_kernel(FREQUENCIES, OMEGA_N, 0.00444, -6.7e7)
+    # Four receptances in and out: their roundings, some of them near resonance.
+    np.testing.assert_allclose(
+        cubic_stiffness(kernel, FREQUENCIES, OMEGA_N, 0.00444), -6.7e7, rtol=1e-12
+    )
+
+
+def test_softened_receptance_is_that_of_less_stiffness():
+    omega, softening = 3 * FREQUENCIES, 86.0
+    by_hand = 1 / (OMEGA_N**2 - softening - omega**2 + 2j * 0.00444 * OMEGA_N * omega)
+    # 1/H1 is known to a rounding of omega_n^2, over 1e2 of it near resonance.
+    np.testing.assert_allclose(
+        softened_receptance(omega, OMEGA_N, 0.00444, softening), by_hand, rtol=1e-12
+    )
+
+
+def test_closed_loop_stiffness_golden(golden):
+    for case in golden["lambda"]["cases"]:
+        alpha, delta, gamma, y_peak = (case[n] for n in ("alpha", "delta", "gamma", "Y"))
+        printed = closed_loop_stiffness(alpha, delta, y_peak)
+        corrected = closed_loop_stiffness(alpha, delta, y_peak, gamma)
+        # A difference of two terms, each good to a rounding.
+        size = 1e-14 * alpha * (delta**2 + gamma**2 + abs(delta) / y_peak)
+        np.testing.assert_allclose(printed, case["paper_eq24_25"][3], rtol=0, atol=size)
+        np.testing.assert_allclose(corrected, case["taylor_L2_with_y0_zero"][3], rtol=0, atol=size)
 
 
 def test_kernels_are_differentiable_in_the_joint():

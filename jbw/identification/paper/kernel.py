@@ -3,18 +3,16 @@
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jbw.errors import DataError
-from jbw.inference.groups.offsets import (
-    complex_gaussian_log_likelihood,
-    complex_gaussian_marginal_log_likelihood,
-)
 from jbw.measurement.probing import ThirdOrder
+from jbw.paper.coefficients import closed_loop_stiffness
 from jbw.paper.kernels import cubic_kernel
+from jbw.paper.likelihoods import Repeats, kernel_log_likelihood
+from jbw.paper.objectives import kernel_residual
 
 
 class KernelData(eqx.Module):
@@ -27,6 +25,11 @@ class KernelData(eqx.Module):
     noise_std: Float[Array, " freq"]  # of one repeat, per real component [m^-2 s^6]
     y_peak: Float[Array, " freq"]  # largest displacement of each test [m]
     omega_n: Float[Array, ""]  # of Step 2 [rad/s], held
+
+    @property
+    def repeats(self) -> Repeats:
+        """Sufficient statistics of the repeats."""
+        return Repeats(self.mean, self.within, self.num_repeats)
 
 
 def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:
@@ -77,8 +80,7 @@ def predict(theta: Mapping[str, Array], data: KernelData) -> Complex[Array, " fr
     Reference:
         Eqs. (25), (31).
     """
-    delta = theta["delta"]
-    lambda_3 = theta["alpha"] * (delta**2 / 6 - 35 * delta / (96 * data.y_peak))
+    lambda_3 = closed_loop_stiffness(theta["alpha"], theta["delta"], data.y_peak)
     return cubic_kernel(data.omega, data.omega_n, theta["zeta"], lambda_3)
 
 
@@ -93,8 +95,7 @@ def log_likelihood(theta: Mapping[str, Array], data: KernelData) -> Float[Array,
     Reference:
         Eqs. (34), (36), under the Jeffreys prior 1/sigma of every frequency.
     """
-    each = jax.vmap(complex_gaussian_marginal_log_likelihood)
-    return each(data.mean, data.within, data.num_repeats, predict(theta, data))
+    return kernel_log_likelihood(data.repeats, predict(theta, data))
 
 
 def known_noise_log_likelihood(
@@ -105,9 +106,7 @@ def known_noise_log_likelihood(
     Reference:
         Eqs. (34), (36).
     """
-    return complex_gaussian_log_likelihood(
-        data.mean, data.within, data.num_repeats, predict(theta, data), data.noise_std
-    )
+    return kernel_log_likelihood(data.repeats, predict(theta, data), data.noise_std)
 
 
 def residual(theta: Mapping[str, Array], data: KernelData) -> Float[Array, " values"]:
@@ -116,5 +115,5 @@ def residual(theta: Mapping[str, Array], data: KernelData) -> Float[Array, " val
     Reference:
         Eq. (38), weighted by the noise of each frequency.
     """
-    scaled = (data.mean - predict(theta, data)) * jnp.sqrt(data.num_repeats) / data.noise_std
-    return jnp.concatenate([scaled.real, scaled.imag])
+    weight = jnp.sqrt(data.num_repeats) / data.noise_std
+    return kernel_residual(data.mean, predict(theta, data), weight)

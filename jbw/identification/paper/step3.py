@@ -25,7 +25,8 @@ from jbw.measurement.probing import ThirdOrder, third_order_kernel
 from jbw.measurement.records import Test
 from jbw.oscillator.law import Bounds, Scales
 from jbw.oscillator.oscillator import prior_of
-from jbw.paper.kernels import h1
+from jbw.paper.kernels import cubic_stiffness, softened_receptance
+from jbw.paper.objectives import kernel_energy
 
 NAMES = ("zeta", "alpha", "delta")
 # Half widths of the paper's boxes about the initial fit, read from the CVs of its priors.
@@ -83,8 +84,8 @@ def _product(found: ThirdOrder, linear: PooledFit) -> float:
     $$\lambda_3 \approx -\frac{35\,\alpha\delta}{96\,Y}, \qquad
       \lambda_3 = -\mathrm{Re}\frac{H_3}{H_1(\omega)^3 H_1(3\omega)}$$
     """
-    once, thrice = (h1(n * found.omega, linear.omega_n, linear.zeta) for n in (1, 3))
-    lambda_3 = -np.real(np.mean(found.h3) / (once**3 * thrice))
+    h_3 = np.mean(found.h3)
+    lambda_3 = cubic_stiffness(h_3, found.omega, linear.omega_n, linear.zeta)
     return float(-96 * np.mean(found.y_peak) * lambda_3 / 35)
 
 
@@ -101,7 +102,7 @@ def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder
     u = np.stack([linear.gain * record.channels[role] for record in test.records])
     response = test.records[0].response
     y = np.stack([record.channels[response] for record in test.records])
-    receptance = complex(1 / (1 / h1(3 * omega, linear.omega_n, linear.zeta) - softer))
+    receptance = complex(softened_receptance(3 * omega, linear.omega_n, linear.zeta, softer))
     return third_order_kernel(
         u, y, test.records[0].fs, omega,
         h1_3omega=receptance, response=response, delay=test.delay, start=test.settle,
@@ -199,6 +200,5 @@ def integrals(posterior: xr.Dataset, data: KernelData) -> np.ndarray:
     Reference:
         Eq. (40).
     """
-    magnitude = np.abs(predicted(posterior, data)) ** 2
-    integral = np.trapezoid(magnitude, np.asarray(data.omega), axis=-1)
+    integral = np.asarray(kernel_energy(predicted(posterior, data), np.asarray(data.omega)))
     return integral.reshape(posterior.sizes["chain"], posterior.sizes["draw"])

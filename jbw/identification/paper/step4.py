@@ -28,6 +28,7 @@ from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box, box
 from jbw.observables.records import Records
+from jbw.paper.likelihoods import gaussian_log_likelihood
 
 NAMES = ("gamma",)
 NODES = 48
@@ -105,7 +106,7 @@ def log_likelihood(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Arr
         Eq. (37), on the velocity as in (41).
     """
     squares = jnp.maximum(misfit(theta["gamma"], curve), 0.0) + curve.within
-    return -curve.num_values / 2 * jnp.log(squares)
+    return gaussian_log_likelihood(squares, curve.num_values)
 
 
 def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " level"]:
@@ -219,7 +220,9 @@ def _series_finding(
     gamma = jnp.asarray(np.quantile(posterior["gamma"].values, np.linspace(0.05, 0.95, 8)))
     exact = misfits(gamma, dict(held), records)
     series = jax.vmap(lambda value: misfit(value, curve))(gamma)
-    both = [-curve.num_values / 2 * jnp.log(part + curve.within) for part in (exact, series)]
+    both = [
+        gaussian_log_likelihood(part + curve.within, curve.num_values) for part in (exact, series)
+    ]
     error = np.asarray(jnp.sum(both[0] - both[1], axis=-1))
     worst = float(np.ptp(error))
     reason = (
