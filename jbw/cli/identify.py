@@ -81,11 +81,14 @@ def demo(out: Path | None, seed: int, preset: str, json_: bool, verbose: bool) -
 
     Three assemblies on three days, with noise as a laboratory has it. Writes the records with their
     campaign file to OUT/campaign, and the results beside them. With --paper the paper's programme,
-    and its route step by step; that its own Step 3 fails is expected, and the report says why. The
-    exit code is about the joint posterior.
+    and its route step by step, its Table 1 with the truth beside it; that its own Step 3 fails is
+    expected, and the report says why. The exit code is about the joint posterior.
     """
     asked = Manifest(command_line(), "campaign/campaign.toml", seed=seed, preset=preset)
-    return run_to_end(begin(out or Path("demo"), asked), json_=json_, verbose=verbose)
+    programme = preset != "everyday"
+    return run_to_end(
+        begin(out or Path("demo"), asked), json_=json_, verbose=verbose, steps=programme
+    )
 
 
 @click.command()
@@ -189,8 +192,10 @@ def resume(folder: Path, json_: bool, verbose: bool) -> int:
     return run_to_end(run, json_=json_, verbose=verbose)
 
 
-def run_to_end(run: Run, *, json_: bool = False, verbose: bool = False) -> int:
+def run_to_end(run: Run, *, json_: bool = False, verbose: bool = False, steps: bool = False) -> int:
     """Carry a run out; when interrupted, say how to go on.
+
+    `steps` prints the parameters of every step beside what is said shortly: the paper's Table 1.
 
     Returns:
         Exit code: 0, 4 when the verdict of the main posterior is not ok, 5 when interrupted.
@@ -214,6 +219,10 @@ def run_to_end(run: Run, *, json_: bool = False, verbose: bool = False) -> int:
     finally:
         run.close()
     told = _all_of(summary) if verbose else short_lines(summary, tree)
+    if steps and not verbose:
+        from jbw.report.tables import parameters_table
+
+        told = (parameters_table(summary, {}), *told)
     answer(json_, summary, *told, saved=f"Report: {run.folder / 'report.html'}")
     return ended(summary["verdict"], run.folder)
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from jbw.paper.coefficients import unloading_force as unloading_force
     from jbw.paper.divergence import coefficient_of_variation as coefficient_of_variation
     from jbw.paper.divergence import kl_draws as kl_draws
+    from jbw.paper.divergence import kl_joint as kl_joint
     from jbw.paper.divergence import kl_normal as kl_normal
     from jbw.paper.equivalent import EquivalentResponse as EquivalentResponse
     from jbw.paper.equivalent import equivalent_acceleration as equivalent_acceleration
@@ -126,7 +127,7 @@ _NAMES = {
         "convergence", "response_misfit", "opening_constraints",
     ),
     "walk": ("random_walk", "Walk", "STEP_SIZE"),
-    "divergence": ("coefficient_of_variation", "kl_normal", "kl_draws"),
+    "divergence": ("coefficient_of_variation", "kl_normal", "kl_draws", "kl_joint"),
     "table": ("equations", "Equation"),
 }  # fmt: skip
 _HOME = {name: file for file, names in _NAMES.items() for name in names}

@@ -6,6 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import log_ndtr
 from jaxtyping import Array, ArrayLike, Float
+from scipy.special import ndtri
+from scipy.stats import rankdata
 
 from jbw.errors import ConfigError, DataError
 from jbw.inference.posterior.summary import kl_from_uniform
@@ -98,6 +100,42 @@ def kl_draws(draws: Float[ArrayLike, " draw"], lower: float = 0.0, upper: float 
             f"{np.min(values):g} to {np.max(values):g}."
         )
     return kl_from_uniform((values - lower) / (upper - lower))
+
+
+def kl_joint(
+    draws: Float[ArrayLike, "draw parameter"],
+    lower: Float[ArrayLike, "..."] = 0.0,
+    upper: Float[ArrayLike, "..."] = 1.0,
+) -> float:
+    r"""Divergence of several parameters together from their uniform box, by a Gaussian copula.
+
+    $$D = \sum_i D_i - \tfrac12 \log\det R$$
+
+    R is the correlation of the normal scores of the ranks. Exact for a Gaussian posterior inside
+    the box and for independent parameters of any shape; in NumPy.
+
+    Args:
+        draws: Draws, one column a parameter.
+        lower: Lower bound of each prior, or of all.
+        upper: Upper bound of each prior, or of all.
+
+    Returns:
+        Divergence [nats], not below the sum of the marginal ones.
+
+    Raises:
+        ConfigError: A prior has no width.
+        DataError: A draw lies outside its prior, or there are fewer than two.
+
+    Reference:
+        Section 3.2, corrected: the marginal divergences alone leave out the correlation.
+    """
+    values = np.asarray(draws, float)
+    num_draws, num_parameters = values.shape
+    bounds = np.broadcast_arrays(lower, upper, np.empty(num_parameters))[:2]
+    alone = sum(kl_draws(x, float(a), float(b)) for x, a, b in zip(values.T, *bounds, strict=True))
+    scores = ndtri((rankdata(values, axis=0) - 0.5) / num_draws)
+    correlation = np.atleast_2d(np.corrcoef(scores, rowvar=False))
+    return alone - 0.5 * float(np.linalg.slogdet(correlation)[1])
 
 
 def _require_width(lower: Real, upper: Real) -> None:
