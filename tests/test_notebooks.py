@@ -9,7 +9,7 @@ jupytext = pytest.importorskip("jupytext")
 
 FOLDER = Path(__file__).parent.parent / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("[0-9]*_*.py"))
-NUMBERS = [int(path.stem.split("_")[0]) for path in NOTEBOOKS]
+NUMBERS = sorted(int(path.stem.split("_")[0]) for path in NOTEBOOKS)
 each = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
 
