@@ -11,6 +11,11 @@ from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals
 
 ATTENUATION = 80.0  # dB, of what lies outside the band
+WINDOW = 0.25  # of the time constant of a decay: a reading's window, over which it falls by a fifth
+LEAST_VALUES = 5  # of a window: a parabola has three
+FEWEST = 5  # readings of a decay so slow that its time constant would leave fewer
+MISSED = 0.5  # of the response in a window: noise alone leaves more
+DECADE = 10.0  # the part of a decay that its time constant is read from
 LEAST_PER_PERIOD = 11  # samples of the fastest motion in the band that a solver is given
 
 
@@ -79,15 +84,53 @@ class Reading:
 
 
 def read_decay(
-    envelope: Complex[np.ndarray, " time"], step_s: float, centre_hz: float, window_s: float
+    envelope: Complex[np.ndarray, " time"],
+    step_s: float,
+    centre_hz: float,
+    window_s: float | None = None,
 ) -> Reading:
-    """Frequency and damping from parabolas through the logarithm of a decay's envelope."""
-    # d/dt log X = -zeta omega + j (omega - omega_0), omega_0 of `centre_hz`; they do not overlap.
+    r"""Frequency and damping along a decay, from parabolas through the logarithm of its envelope.
+
+    $$\frac{d}{dt} \log X = -\zeta\omega + j (\omega - \omega_0)$$
+
+    in windows that do not overlap, of a quarter of the decay's own time constant unless stated:
+    decays that differ by their scale of time alone have the same readings. A window whose damping
+    is not positive, or in which the parabola misses half of the response, holds no reading.
+
+    Args:
+        envelope: X about the centre, values `step_s` apart.
+        step_s: Time between two values [s].
+        centre_hz: Frequency that became zero [Hz].
+        window_s: Length of a window [s].
+    """
     log = np.log(np.abs(envelope)) + 1j * np.unwrap(np.angle(envelope))
-    size = min(len(log), max(5, round(window_s / step_s)))
-    x = (np.arange(size) - (size - 1) / 2) * step_s
-    design = np.linalg.pinv(np.vander(x, 3, increasing=True))
+    steps = WINDOW * decay_steps(log.real) if window_s is None else window_s / step_s
+    # No window so long that fewer than FEWEST readings are left, where the record allows that.
+    longest = max(LEAST_VALUES, len(log) // FEWEST)
+    size = min(len(log), max(LEAST_VALUES, round(min(steps, longest))))
+    x = np.arange(size) - (size - 1) / 2
+    powers = np.vander(x, 3, increasing=True)
     pieces = log[: len(log) // size * size].reshape(-1, size)
-    level, slope, _ = design @ pieces.T
-    omega = 2 * np.pi * centre_hz + slope.imag
-    return Reading(np.exp(level.real), omega / (2 * np.pi), -slope.real / omega)
+    fitted = np.linalg.pinv(powers) @ pieces.T
+    level, slope, _ = fitted
+    omega = 2 * np.pi * centre_hz + slope.imag / step_s
+    damping = -slope.real / step_s / omega
+    missed = np.linalg.norm(np.exp(pieces) - np.exp((powers @ fitted).T), axis=1)
+    kept = (damping > 0) & (missed < MISSED * np.linalg.norm(np.exp(pieces), axis=1))
+    reading = np.exp(level.real), omega / (2 * np.pi), damping
+    return Reading(*(values[kept] for values in reading))
+
+
+def decay_steps(log_size: Float[np.ndarray, " time"]) -> float:
+    """Steps in which a decay falls by a factor of e, on average over its first decade.
+
+    By the straight line through the logarithm of its size from the largest value on; infinite
+    where it does not fall.
+    """
+    start = int(np.argmax(log_size))
+    low = np.flatnonzero(log_size[start:] < log_size[start] - np.log(DECADE))
+    fall = log_size[start : start + max(int(low[0]), LEAST_VALUES) if low.size else len(log_size)]
+    if len(fall) < 2:
+        return np.inf
+    rate = -np.polyfit(np.arange(len(fall)), fall, 1)[0]
+    return float(1 / rate) if rate > 0 else np.inf

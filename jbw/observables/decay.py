@@ -17,7 +17,7 @@ from jaxtyping import Array, Complex, Float, Key
 from jbw.inference.groups.offsets import Estimate
 from jbw.inference.groups.scatter import log_density_of_offsets
 from jbw.measurement.demodulation import read_decay
-from jbw.observables.decay_envelopes import WINDOW, Envelopes, Match, match
+from jbw.observables.decay_envelopes import Envelopes, Match, match, some_readings
 from jbw.observables.effective_values import correlated_fraction
 from jbw.observables.observable import (
     AmplitudeCurve,
@@ -196,7 +196,8 @@ class Decays(Envelopes):
     def amplitude_curve(self) -> AmplitudeCurve:
         """Frequency and damping along every record."""
         rows = np.asarray(self.envelope)
-        found = [read_decay(row, self.step_s, self.centre_hz, WINDOW) for row in rows]
+        read = [read_decay(row, self.step_s, self.centre_hz) for row in rows]
+        found = some_readings(", ".join(self.names), read)
         omega = 2 * np.pi * np.concatenate([one.frequency_hz for one in found])
         size = np.concatenate([one.amplitude for one in found])
         y = size / omega ** derivative_order(self.response)

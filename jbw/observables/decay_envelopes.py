@@ -24,7 +24,6 @@ from jbw.quantities import DEFAULT_LAWS, derivative_order
 LEAST_VALUES = 16  # of an envelope: a decay of five parameters and three of its own
 HEADROOM = 1.02  # of the strongest record, where the simulated decay begins
 SPARE = 1.3  # times the duration that the measured rates ask for
-WINDOW = 0.25  # s, of a reading of frequency and damping
 NUM_REFINEMENTS = 3  # Gauss-Newton steps to a record's place on the decay
 # Of Lagrange's cubics through -1, 0, 1 and 2, a column each: coefficients of 1, f, f^2 and f^3.
 CUBICS = np.array([[0, 6, 0, 0], [-2, -3, 6, -1], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
@@ -53,10 +52,23 @@ def envelopes(test: Test) -> list[np.ndarray]:
 def readings(test: Test) -> list[Reading]:
     """Frequency and damping along every record of a test."""
     chosen = filter_of(test)
-    return [
-        read_decay(one[:: chosen.step], chosen.step_s, chosen.centre_hz, WINDOW)
-        for one in envelopes(test)
+    found = [
+        read_decay(envelope[:: chosen.step], chosen.step_s, chosen.centre_hz)
+        for envelope in envelopes(test)
     ]
+    return some_readings(test.name, found)
+
+
+def some_readings(name: str, found: list[Reading]) -> list[Reading]:
+    """Readings of the records of a test, of which one at least must fall in the band."""
+    if any(len(reading.amplitude) for reading in found):
+        return found
+    raise DataError(
+        f"Test `{name}` must decay in its `band`, but no part of its records is the decay of one "
+        "mode there.",
+        why="Every piece grows, or is missed by half by an exponential with a slow change.",
+        remedy="Correct `band`, or let `settle` begin after the blow.",
+    )
 
 
 class Envelopes(Observable):
