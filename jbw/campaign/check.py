@@ -19,6 +19,7 @@ from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement import response_checks
 from jbw.measurement.checks import Fault, doubt, gathered, inspect, refusal, worst
 from jbw.measurement.curves import forced_loop, response_curve
+from jbw.measurement.decay_checks import not_free
 from jbw.measurement.drive_noise import noisy_drive
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
@@ -283,4 +284,4 @@ def _believable(record: Record, test: TestSpec, per_unit: float | None) -> Itera
     elif traits.is_prescribed:
         yield from response_checks.gives_energy(forced_loop(record))
     elif traits.is_free:
-        yield from response_checks.undecaying(record, test.settle)
+        yield from not_free(record, test.band, test.settle)

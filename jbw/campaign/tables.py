@@ -89,6 +89,12 @@ class TestSpec(Table):
     remove_mean: StrictBool = key(
         False, "take the mean out of input and response, for offsets", True
     )
+    window_s: values.Positive | None = key(
+        None,
+        "time constant of the exponential window that the analyser applied to a decay, which is "
+        "taken out; counted from the record's first sample [s]",
+        2.0,
+    )
     gaps: Literal["refuse", "mask"] = key(
         "refuse",
         "what to do with samples that are NaN; mask leaves out these lines of kind frf",
@@ -175,6 +181,9 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
         yield f"amplitudes: for kind {curves} only; the samples of a record are what they are."
     if is_curve and test.remove_mean:
         yield f"remove_mean: for records in time, not for kind {curves}."
+    if test.window_s and not test.traits.is_free:
+        free = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_free)
+        yield f"window_s: for kind {free} only; other records are not windowed from their start."
     # A transform spreads one bad sample over all frequencies, a simulation needs all of its input:
     # only a curve can leave lines out.
     if not is_curve and test.gaps == "mask":

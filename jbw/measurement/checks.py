@@ -67,11 +67,17 @@ def gathered(found: Iterable[tuple[str, Fault]], count: int) -> list[Fault]:
     """
     alike: dict[tuple[str, ...], list[tuple[str, Fault]]] = {}
     for name, fault in found:
-        # What cannot be used is named record by record, to be excluded.
-        own = name if fault.severity == "error" else ""
+        own = name if _of_one_record(fault) else ""
         key = fault.severity, fault.channel, NUMBER.sub("#", fault.what), own
         alike.setdefault(key, []).append((name, fault))
     return [_together(each, count) for each in alike.values()]
+
+
+def _of_one_record(fault: Fault) -> bool:
+    """Whether a fault is cured record by record, and not by a key of its whole test."""
+    if "exclude = [" in fault.remedy:
+        return True
+    return fault.severity == "error" and "Put under [[test]]" not in fault.remedy
 
 
 @contextmanager
@@ -92,7 +98,14 @@ def _together(alike: Sequence[tuple[str, Fault]], count: int) -> Fault:
     columns = zip(*(NUMBER.findall(fault.what) for _, fault in alike), strict=True)
     reach = iter([_reach(column) for column in columns])
     told = NUMBER.sub(lambda _: next(reach), first.what)
-    return replace(first, what=f"{min(len(alike), count)} of {count} records: {told}")
+    what = f"{min(len(alike), count)} of {count} records: {told}"
+    # Of a key that all records share the largest is told: a `settle` that serves every one.
+    remedy = max((fault.remedy for _, fault in alike), key=_numbers)
+    return replace(first, what=what, remedy=remedy)
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(number) for number in NUMBER.findall(text)]
 
 
 def _reach(numbers: Sequence[str]) -> str:

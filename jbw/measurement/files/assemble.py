@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from jbw.errors import ConfigError, DataError, naming
+from jbw.measurement.channels import Reals
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.sampling import Repeats, Wanted, cut, rows_of, sampling_of
 from jbw.measurement.files.tree import Contents, Leaf, names
 from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, Record, si_of
 from jbw.units import plain, si_unit
 
+LARGEST_GAIN = 30.0  # exponent: 1e13, beyond what any converter resolves
 CENTRED = (*INPUTS, *RESPONSES, "restoring_force")  # roles whose mean may be taken out
 
 
@@ -41,6 +43,9 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
             means = [float(row.mean()) for row in rows]
             rows = [row - mean for row, mean in zip(rows, means, strict=True)]
             provenance[f"mean of {role} removed"] = ", ".join(f"{mean:.6g}" for mean in means)
+        if wanted.window_s and role in RESPONSES:
+            rows = [unwindowed(row, wanted.window_s * fs, part.start or 0) for row in rows]
+            provenance[f"window of {role} removed"] = f"exp(-t / {wanted.window_s:g} s)"
         channels[role] = rows
         if is_curve and source:
             if any(role in sources for role in INPUTS):
@@ -65,6 +70,22 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
     if wanted.span:
         provenance["span"] = f"{wanted.span[0]:g}-{wanted.span[1]:g} s"
     return _repeats(channels, Record(fs, {}, units, path.name, provenance))
+
+
+def unwindowed(x: Reals, tau: float, first: int) -> Reals:
+    r"""Samples without the exponential window of an analyser, $x(t) e^{t / \tau}$.
+
+    The window counts from the record's first sample, of which `x` begins `first` samples later;
+    `tau` is its time constant in samples.
+    """
+    last = (first + len(x)) / tau
+    if last > LARGEST_GAIN:
+        raise DataError(
+            f"the window falls to exp(-{last:.3g}) at the end of the record, where nothing of the "
+            "response is left.",
+            remedy="Correct `window_s`, or let `span` end earlier.",
+        )
+    return x * np.exp((first + np.arange(len(x))) / tau)
 
 
 def _repeats(channels: Mapping[str, Repeats], record: Record) -> tuple[Record, ...]:

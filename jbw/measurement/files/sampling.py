@@ -32,6 +32,7 @@ class Wanted:
     span: tuple[float, float] | None = None
     amplitudes: str = "peak"
     remove_mean: bool = False
+    window_s: float | None = None
 
 
 def sampling_of(contents: Contents, sources: Sources, wanted: Wanted) -> tuple[float, str]:

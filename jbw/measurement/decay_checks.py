@@ -1,0 +1,362 @@
+r"""Whether a record is the free decay that its test says: the blow, the drive, lines, the window.
+
+All is read off the envelope X of the band, by values that white noise leaves almost independent,
+each compared with the noise that these leave: no finding depends on a scale of time or of length.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.signal import ShortTimeFFT
+from scipy.signal.windows import blackmanharris
+from scipy.stats import chi2
+
+from jbw.errors import DataError
+from jbw.measurement.channels import Reals
+from jbw.measurement.checks import Fault, doubt, refusal
+from jbw.measurement.demodulation import band_filter, decay_steps, demodulate
+from jbw.measurement.records import Record
+from jbw.measurement.response_checks import band_about_peak, undecaying
+
+FEWEST_VALUES = 24  # of an envelope, before anything is said of it
+QUIET, LOUD = 0.1, 0.5  # of the largest response, before a blow and within a period after it
+FLAT = 0.05  # change of log X while a shaker holds the motion
+FALLS = 0.3  # change of log X in the time after it, as long as the held one, at the least
+TIMES_FLAT = 12.0  # of that change over the held one; at the top of a beat it is 8
+SURE = 8.0  # standard deviations: of some thousand places at which a record is looked at
+JUMP = 0.15  # of log X [-] or phase [rad] across a blow: less matters to no fit
+SIDE = 7  # values on each side of a blow
+CUBIC = 4  # coefficients of log X on both sides of it together
+SMOOTH = 4.0  # a jump over what the cubic leaves on its sides
+CLEAN = 0.1  # of log X, left by the cubic: more is noise, whose phase turns anyhow
+SAME = 0.9  # of the largest jump, at neighbouring places
+MATTERS = 0.03  # of the largest response, on one side of a jump at the least
+PARTS = 6  # into which the last half, and quarter, of a record is cut, to see whether a line decays
+CHANCE = 1e-6  # that noise alone shows a line
+SLOWER = 0.15  # of the mode's own decay rate, for a line to be none of the structure's
+STEADY = 0.05  # of that rate: a line that decays faster belongs to another mode
+LINE = 2e-3  # of the largest response: a weaker line matters to no reading
+FRAMES, LINES_OF_NOISE = 10, 32  # in time and in frequency, at the least, for the noise's course
+APART = 3  # lines between two that a Blackman-Harris window leaves independent
+GROUPS = 4  # of frequencies, in which noise under a window falls alike
+SCATTERED = 0.67  # lower quartile of the noise's lines over their median, at the most
+ALIKE = 1e-3  # probability of the scatter between them and along time, at the least
+
+
+class Course(NamedTuple):
+    """The envelope of a record in its band.
+
+    Attributes:
+        log: Its logarithm, log |X| + j arg X without jumps, turned by `turn` a value.
+        time: Of its values since the record's start [s].
+        half_s: Time that the filter reaches to either side [s].
+        across: Values between which a sudden change is spread.
+        centre_hz: Frequency that became zero [Hz].
+        outside_hz: Below and above these the filter leaves nothing [Hz].
+        turn: Phase between two values that was taken out [rad].
+    """
+
+    log: Complex[np.ndarray, " value"]
+    time: Float[np.ndarray, " value"]
+    half_s: float
+    across: int
+    centre_hz: float
+    outside_hz: tuple[float, float]
+    turn: float
+
+    @property
+    def size(self) -> Reals:
+        """Logarithm of the modulus, log |X|."""
+        return np.real(self.log)
+
+    @property
+    def step_s(self) -> float:
+        """Time between two values [s]."""
+        return float(self.time[1] - self.time[0])
+
+
+def course_of(record: Record, band: Sequence[float] | None, settle: float) -> Course | None:
+    """The envelope of a record after `settle`; None where it is too short to be looked at."""
+    x = record.channels[record.response][round(settle * record.fs) :]
+    if len(x) < FEWEST_VALUES or not np.any(x):
+        return None
+    low, high = band or band_about_peak(record, settle)
+    if not 0 < low < high < record.fs / 2:
+        return None
+    chosen = band_filter((low, high), record.fs)
+    try:
+        time, envelope = demodulate(x - np.mean(x), chosen)
+    except DataError:
+        return None
+    time, envelope = time[:: chosen.step], envelope[:: chosen.step]
+    if len(time) < FEWEST_VALUES or not np.all(np.abs(envelope) > 0):
+        return None
+    steps = envelope[1:] * np.conj(envelope[:-1])
+    turn = float(np.angle(np.sum(steps)))
+    level = envelope * np.exp(-1j * turn * np.arange(len(envelope)))
+    log = np.log(np.abs(level)) + 1j * np.unwrap(np.angle(level))
+    across = -(-chosen.half // chosen.step)
+    half_s = chosen.half / record.fs
+    outside = (1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low)
+    return Course(log, settle + time, half_s, across, chosen.centre_hz, outside, turn)
+
+
+def not_free(record: Record, band: Sequence[float] | None, settle: float) -> Iterator[Fault]:
+    """What makes a record another than one free decay from its start, the first cause alone."""
+    course = course_of(record, band, settle)
+    if course is None:
+        yield from undecaying(record, settle)
+        return
+    for finding in (late_blow, still_driven):
+        if found := list(finding(record, course)):
+            yield from found
+            return
+    if found := list(undecaying(record, settle)):
+        yield from found
+        return
+    yield from second_blow(record, course)
+    yield from steady_line(record, course)
+    yield from windowed(record, course)
+
+
+def late_blow(record: Record, course: Course) -> Iterator[Fault]:
+    """The refusal of a record that begins before its blow."""
+    begins = course.time[0] - course.half_s
+    onset = _onset(record.channels[record.response], record.fs, begins, course.centre_hz)
+    if onset is None:
+        size = course.size
+        peak = int(np.argmax(size))
+        # A beat of two modes rises as well, but not within a filter's length out of quiet.
+        before = size[: max(peak - course.across, 0)]
+        if len(before) <= course.across or before.max() > size[peak] + np.log(QUIET):
+            return
+        onset = float(course.time[peak])
+    yield refusal(
+        record.response,
+        f"The blow comes {onset - begins:.3g} s after the start of the record"
+        + (f" and its `settle` of {begins:g} s." if begins > 0 else "."),
+        "What is before it is no free decay, and would be fitted as one.",
+        f"Put under [[test]]: `settle = {_rounded_up(onset + 1 / course.centre_hz)}`.",
+    )
+
+
+def _onset(x: Reals, fs: float, begins: float, centre_hz: float) -> float | None:
+    """Time at which a quiet record turns loud within a period of the mode [s]."""
+    first, period = round(begins * fs), int(np.ceil(fs / centre_hz))
+    size = np.abs(x[first:] - np.median(x[first:]))
+    size = size / size.max()
+    blow = int(np.argmax(size > QUIET))
+    if blow < period or size[blow : blow + period].max() < LOUD:
+        return None
+    return begins + blow / fs
+
+
+def still_driven(record: Record, course: Course) -> Iterator[Fault]:
+    """The refusal of a record that begins with steady motion and decays later."""
+    size = course.size
+    best = None
+    for held in range(course.across, (len(size) - course.across) // 2 + 1):
+        steady, after = size[:held], size[held + course.across : 2 * held + course.across]
+        flat = float(np.ptp(steady))
+        if flat > FLAT:
+            break
+        fall = float(after[0] - after[-1])
+        if fall > FALLS and fall > TIMES_FLAT * flat:
+            best = held
+    if best is None:
+        return
+    # The largest part that is flat ends where the drive does.
+    end = course.time[best - 1] + 2 * course.half_s
+    yield refusal(
+        record.response,
+        f"The motion is steady for the first {course.time[best - 1]:.3g} s and decays only then.",
+        "It was still driven; fitted as a free decay that is a joint without damping.",
+        f"Put under [[test]]: `settle = {_rounded_up(end)}`.",
+    )
+
+
+def second_blow(record: Record, course: Course) -> Iterator[Fault]:
+    """The doubt that a decay is interrupted: by a second blow, or because samples are missing."""
+    jumps = _jumps(course)
+    if not jumps:
+        return
+    jump = max((pair[1] for pair in jumps), key=abs)
+    # Places between the same sides see the same jump; it lies in their middle.
+    at = float(np.mean([time for time, other in jumps if abs(other) > SAME * abs(jump)]))
+    is_file = record.name == Path(record.provenance.get("path", "")).name
+    leave_out = "Drop the repeat with exclude"
+    if is_file and record.name:
+        leave_out = f'Put under [[test]]: `exclude = ["{record.name}"]`'
+    grows = jump.real > JUMP
+    yield doubt(
+        record.response,
+        f"At {at:.3g} s the motion jumps by {abs(jump):.2g} of its size"
+        + (": a second blow." if grows else ": samples are missing there, or it was hit again."),
+        "A decay has one initial state; this record has two.",
+        f"{leave_out}, or let `span` end before.",
+    )
+
+
+def _jumps(course: Course) -> list[tuple[float, complex]]:
+    """Times at which log X jumps between two smooth sides [s], and by how much."""
+    gap, found = course.across, []
+    width = 2 * SIDE + gap
+    x = np.arange(width) - (width - 1) / 2
+    sides = np.abs(x) > gap / 2
+    x = x[sides] / x.max()
+    design = np.column_stack([*(x**power for power in range(CUBIC)), np.sign(x) / 2])
+    solve = np.linalg.pinv(design)
+    # Standard error of the jump for residuals of unit variance.
+    error = float(np.linalg.norm(solve[-1]))
+    for first in range(len(course.log) - width + 1):
+        values = course.log[first : first + width][sides]
+        fitted = solve @ values
+        residual = values - design @ fitted
+        std = np.linalg.norm(residual) / np.sqrt(len(values) - CUBIC - 1)
+        # A phase is known up to whole turns.
+        jump = complex(fitted[-1].real, np.angle(np.exp(1j * fitted[-1].imag)))
+        matters = np.real(values).max() > course.size.max() + np.log(MATTERS)
+        if matters and std < CLEAN and abs(jump) > max(JUMP, SURE * error * std, SMOOTH * std):
+            found.append((float(course.time[first + width // 2]), jump))
+    return found
+
+
+class Line(NamedTuple):
+    """A line of an envelope: its turn a value [rad], its amplitude, decay a value, and errors."""
+
+    turn: float
+    amplitude: float
+    rate: float
+    rate_error: float
+
+
+def steady_line(record: Record, course: Course) -> Iterator[Fault]:
+    """The doubt that a line in the band does not decay: hum, or a machine nearby."""
+    envelope = np.exp(course.log)
+    half, quarter = (envelope[len(envelope) * part // 4 :] for part in (2, 3))
+    own, largest = 1 / decay_steps(course.size), float(np.abs(envelope).max())
+    for values in (half, quarter):
+        line = _line_of(values)
+        if line is None:
+            continue
+        share = line.amplitude / largest
+        steady = abs(line.rate) < STEADY * own + 3 * line.rate_error
+        slower = line.rate + 3 * line.rate_error < SLOWER * own
+        if not (steady and slower and share > LINE):
+            continue
+        hz = _frequency_of(line.turn + course.turn, record, course)
+        yield doubt(
+            record.response,
+            f"A line at {hz:.4g} Hz does not decay; it is {share:.2g} of the largest response.",
+            "Late in the decay it is taken for the mode, and changes frequency and damping.",
+            "Narrow `band` so that it lies outside, let `span` end where the decay is ten times "
+            "as large, or measure without it.",
+        )
+        return
+
+
+def _frequency_of(turn: float, record: Record, course: Course) -> float:
+    """Frequency of a line that turns so much a value [Hz], of those that do the one that is there.
+
+    Values are as far apart as the band is wide: at its edges they cannot tell one from the other.
+    """
+    apart = 1 / course.step_s
+    near = course.centre_hz + (turn / (2 * np.pi) + np.arange(-1, 2)) * apart
+    low, high = course.outside_hz
+    near = near[(near > low) & (near < high)]
+    x = record.channels[record.response]
+    x = x[len(x) // 2 :] * np.hanning(len(x) - len(x) // 2)
+    phase = 2j * np.pi / record.fs * np.arange(len(x))
+    return float(max(near, key=lambda hz: abs(np.sum(x * np.exp(-phase * hz)))))
+
+
+def _line_of(values: Complex[np.ndarray, " value"]) -> Line | None:
+    """The strongest line among values that noise leaves independent; None where noise has it."""
+    values = values[: len(values) // PARTS * PARTS]
+    if len(values) < 4 * PARTS:
+        return None
+    power = np.abs(np.fft.fft(values * np.hanning(len(values)), 4 * len(values))) ** 2
+    place = int(np.argmax(power))
+    # Of noise the median is ln 2 times the mean, and the largest of n lines log n times.
+    if power[place] < np.median(power) / np.log(2) * np.log(len(power) / CHANCE):
+        return None
+    turn = 2 * np.pi * float(np.fft.fftfreq(len(power))[place])
+    pieces = (values * np.exp(-1j * turn * np.arange(len(values)))).reshape(PARTS, -1)
+    lines, width = pieces.mean(axis=1), pieces.shape[1]
+    size = np.log(np.abs(lines))
+    around = float(np.sqrt(np.mean(np.abs(pieces - lines[:, None]) ** 2) / width))
+    amplitude, number = float(np.exp(size.mean())), np.arange(PARTS) - (PARTS - 1) / 2
+    rate = -float(number @ size / (number @ number)) / width
+    rate_error = around / amplitude / float(np.sqrt(number @ number)) / width
+    return Line(turn, amplitude, rate, rate_error)
+
+
+def windowed(record: Record, course: Course) -> Iterator[Fault]:
+    r"""The doubt that a record was multiplied by exp(-t/tau): its noise decays as well.
+
+    $$\log P(t, f) = c(f) - 2 t / \tau$$
+
+    of the noise outside the band, alike at all frequencies and to the record's end.
+    """
+    found = noise_time_constant(record, course)
+    if found is None:
+        return
+    tau, error = found
+    yield doubt(
+        record.response,
+        f"The noise decays too, with a time constant of {tau:.3g} s (standard error {error:.1g}).",
+        "An exponential window was applied to the record, and its damping is added to the mode's.",
+        f"Put under [[test]]: `window_s = {tau:.3g}`.",
+    )
+
+
+def noise_time_constant(record: Record, course: Course) -> tuple[float, float] | None:
+    """Time constant tau of the noise outside the band, and its error [s]; None where steady."""
+    start = round(float(course.time[0] - course.half_s) * record.fs)
+    x = record.channels[record.response][start:]
+    size = len(x) // (2 * FRAMES)
+    if size < LINES_OF_NOISE:
+        return None
+    window = blackmanharris(2 * size, sym=False)
+    transform = ShortTimeFFT(window, size, record.fs)
+    spectra = np.abs(transform.stft(x - np.mean(x))) ** 2
+    whole = slice(transform.lower_border_end[1], transform.upper_border_begin(len(x))[1])
+    spectra, time = spectra[:, whole], transform.t(len(x))[whole]
+    low, high = course.outside_hz
+    outside = (transform.f < low) | (transform.f > high)
+    spectra = spectra[outside][1:-1:APART]
+    if len(spectra) < LINES_OF_NOISE or spectra.shape[1] < FRAMES // 2 or not spectra.min() > 0:
+        return None
+    groups = np.array_split(spectra, GROUPS)
+    logs = np.array([np.log(np.median(group, axis=0)) for group in groups])
+    count = len(spectra) // GROUPS
+    # The median of n exponential variables has the relative variance 1 / (n ln^2 2).
+    variance = 1 / (count * np.log(2) ** 2)
+    # Noise scatters about its median; the skirt of a strong line is smooth. Low values tell:
+    # the lower quartile of an exponential variable is 0.415 of its median.
+    low = np.array([np.log(np.quantile(group, 0.25, axis=0)) for group in groups])
+    if np.mean(low - logs) > np.log(SCATTERED):
+        return None
+    # Frames overlap by half: every second is independent.
+    logs, time = logs[:, ::2], time[::2]
+    centred = time - time.mean()
+    spread = np.sum(centred**2)
+    slopes = logs @ centred / spread
+    slope = float(slopes.mean())
+    error = float(np.sqrt(variance / spread / GROUPS))
+    misfit = logs - logs.mean(axis=1, keepdims=True) - slope * centred
+    degrees = misfit.size - GROUPS - 1
+    unlike = chi2.sf(float(np.sum(misfit**2)) / variance, degrees)
+    mode = 2 / (decay_steps(course.size) * course.step_s)
+    if unlike < ALIKE or -slope < SURE * error or -slope > 0.95 * mode:
+        return None
+    return -2 / slope, 2 * error / slope**2
+
+
+def _rounded_up(seconds: float) -> str:
+    """A time to two digits, not below it."""
+    unit = 10.0 ** (np.floor(np.log10(seconds)) - 1)
+    return f"{np.ceil(seconds / unit * (1 - 1e-12)) * unit:.2g}"

@@ -1,0 +1,152 @@
+"""What a record of a decay may be instead: made in closed form, and named with its cause."""
+
+import numpy as np
+import pytest
+
+from jbw.campaign.check import findings
+from jbw.campaign.tables import TestSpec
+from jbw.measurement.decay_checks import course_of, noise_time_constant
+from jbw.measurement.files.assemble import unwindowed
+from jbw.measurement.records import Record
+
+FS, HZ, RATE = 600.0, 30.0, 1.1
+BAND = (20.0, 45.0)
+NOISE = 1e-3
+
+
+def free(seconds=10.0, rate=RATE, softening=0.01, phase=0.3):
+    """A decay exp(-rate t) whose frequency falls with its size."""
+    t = np.arange(round(seconds * FS)) / FS
+    size = np.exp(-rate * t)
+    return size * np.cos(2 * np.pi * HZ * (t - softening * (1 - size) / rate) + phase)
+
+
+def noisy(x, seed=0, noise=NOISE):
+    return x + noise * np.random.default_rng(seed).standard_normal(len(x))
+
+
+def found(x, fs=FS, band=BAND, settle=0.0):
+    """What a check says of a record of a decay."""
+    spec = TestSpec(
+        kind="decay", files=("decay_1.h5",), channels={"velocity": "v"}, units={"velocity": "m/s"},
+        band=band, settle=settle,
+    )  # fmt: skip
+    name = "decay_1.h5"
+    record = Record(fs, {"velocity": 1e-2 * x}, {"velocity": "m/s"}, name, {"path": name})
+    return findings(record, spec)
+
+
+def named(faults):
+    return [fault.what for fault in faults]
+
+
+SCALES = pytest.mark.parametrize("times", [1e-3, 1.0, 1e4])
+
+
+def scaled(x, times, settle=0.0):
+    """The same motion `times` as fast."""
+    return found(x, FS * times, tuple(times * edge for edge in BAND), settle / times)
+
+
+@SCALES
+@pytest.mark.parametrize("seed", range(8))
+def test_a_decay_is_not_doubted(times, seed):
+    assert named(scaled(noisy(free(phase=seed), seed), times)) == []
+
+
+def test_a_second_mode_outside_the_band_is_not_doubted():
+    t = np.arange(6000) / FS
+    other = 0.8 * np.exp(-0.4 * t) * np.cos(2 * np.pi * 97.0 * t)
+    assert named(found(noisy(free() + other))) == []
+
+
+@SCALES
+def test_a_late_blow_is_refused_and_settle_cures(times):
+    quiet = np.zeros(round(1.5 * FS))
+    x = noisy(np.concatenate([quiet, free()]))
+    (fault,) = scaled(x, times)
+    assert fault.severity == "error"
+    assert fault.what.startswith(f"The blow comes {1.5 / times:.3g} s after")
+    settle = float(fault.remedy.split("settle = ")[1].split("`")[0])
+    assert 1.5 / times < settle < 1.7 / times
+    assert named(scaled(x, times, settle * times)) == []
+
+
+@SCALES
+@pytest.mark.parametrize("driven_hz", [HZ, 29.6, 30.3])
+def test_a_drive_that_stops_late_is_refused_and_settle_cures(times, driven_hz):
+    t = np.arange(-round(2 * FS), 0) / FS
+    x = noisy(np.concatenate([np.cos(2 * np.pi * driven_hz * t + 0.3), free()]))
+    (fault,) = scaled(x, times)
+    assert fault.severity == "error"
+    assert fault.what.startswith("The motion is steady for")
+    settle = float(fault.remedy.split("settle = ")[1].split("`")[0])
+    assert 2.0 / times < settle < 2.6 / times
+    assert named(scaled(x, times, settle * times)) == []
+
+
+@SCALES
+@pytest.mark.parametrize("size", [0.15, 0.5, -0.6])
+def test_a_second_blow_is_named_with_its_time(times, size):
+    x, later = free(), round(1.3 * FS)
+    x[later:] += size * x[: len(x) - later]
+    (fault,) = scaled(noisy(x), times)
+    assert "the motion jumps" in fault.what
+    # To a value of the envelope, of which the band gives one in 40 ms.
+    assert float(fault.what.split()[1]) == pytest.approx(1.3 / times, abs=0.06 / times)
+    assert '`exclude = ["decay_1.h5"]`' in fault.remedy
+
+
+def test_lost_samples_are_named():
+    x = noisy(free())
+    (fault,) = found(np.concatenate([x[:800], x[830:]]))
+    assert "samples are missing there" in fault.what
+
+
+@SCALES
+@pytest.mark.parametrize("hz", [22.0, 24.0, 30.5, 41.0, 43.0])
+def test_hum_is_named_with_its_frequency_and_size(times, hz):
+    t = np.arange(6000) / FS
+    (fault,) = scaled(noisy(free() + 0.03 * np.sin(2 * np.pi * hz * t)), times)
+    assert fault.what.startswith("A line at")
+    assert "does not decay" in fault.what
+    assert float(fault.what.split()[3]) == pytest.approx(hz * times, rel=2e-3)
+    share = float(fault.what.split("it is ")[1].split()[0])
+    # The envelope begins half a filter of 80 dB after the record, 72 / (28.7 B/2) s of 25 Hz / 2.
+    if 24.0 <= hz <= 36.0:  # beyond, the filter takes some of it
+        assert share == pytest.approx(0.03 * np.exp(RATE * 0.2), rel=0.05)
+
+
+def test_a_line_outside_the_band_is_not_doubted():
+    t = np.arange(6000) / FS
+    assert named(found(noisy(free() + 0.05 * np.sin(2 * np.pi * 100.0 * t)))) == []
+
+
+@SCALES
+@pytest.mark.parametrize("tau", [0.8, 2.0, 4.0])
+def test_an_exponential_window_is_named_and_taken_out(times, tau):
+    t = np.arange(6000) / FS
+    x = noisy(free())
+    (fault,) = scaled(x * np.exp(-t / tau), times)
+    assert fault.what.startswith("The noise decays too")
+    read = float(fault.remedy.split("window_s = ")[1].split("`")[0])
+    error = float(fault.what.split("standard error ")[1].split(")")[0])
+    assert error <= 0.05 * tau / times
+    assert read == pytest.approx(tau / times, abs=5 * error)
+    without = unwindowed(x * np.exp(-t / tau), tau * FS, 0)
+    np.testing.assert_allclose(without, x, rtol=1e-12)
+    assert named(found(without)) == []
+
+
+def test_skirts_of_a_strong_line_are_no_noise():
+    record = Record(FS, {"velocity": noisy(free(), noise=1e-9)}, {"velocity": "m/s"})
+    course = course_of(record, BAND, 0.0)
+    assert course is not None
+    assert noise_time_constant(record, course) is None
+
+
+def test_a_beat_of_two_modes_is_neither_blow_nor_drive():
+    t = np.arange(6000) / FS
+    for phase in np.linspace(0, 2 * np.pi, 8, endpoint=False):
+        other = 0.9 * np.exp(-RATE * t) * np.cos(2 * np.pi * 31.1 * t + phase)
+        assert named(found(noisy(free(softening=0.0) + other))) == []
