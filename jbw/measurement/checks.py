@@ -14,6 +14,9 @@ from jbw.measurement.records import RESPONSES, Record
 
 LARGEST = 1e12  # beyond any SI value of a vibration test: what a flipped bit in a float makes
 CLIP_RUN = 3  # equal samples at the extreme, in a row
+HELD_RUN = 4  # equal samples in a row amid others that change: a recorder filled them in
+CHANCE = 1e-6  # that equal samples of a converter of few bits are taken for filled ones
+FALL = 8.0  # converter steps to a neighbour, beyond what a slow signal makes
 CLIPPED_SHARE = 1e-3  # of the samples: above it a sweep cannot be fitted
 FEWEST_LEVELS = 256  # distinct values: 8 bits
 FEW_SOURCE_LEVELS = 16  # a source of few levels is a pulse train, not a clipped signal
@@ -180,6 +183,8 @@ def _signal(role: str, x: Reals, fs: float) -> Iterator[Fault]:
             "Name the right channel, or drop the repeat with exclude.",
         )
         return
+    if role in RESPONSES:
+        yield from _filled(role, x, fs, float(np.diff(levels).min()))
     if role in RESPONSES or len(levels) > FEW_SOURCE_LEVELS:
         yield from _clipped(role, x, fs, float(np.diff(levels).min()))
     if len(levels) < FEWEST_LEVELS and len(x) >= 4 * FEWEST_LEVELS and role in RESPONSES:
@@ -222,3 +227,34 @@ def _clipped(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:
         "A clipped peak reads as softening and as harmonics.",
         "Drop the repeat with exclude, keep a clean part with span, or measure with more range.",
     )
+
+
+def _filled(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:
+    """Stretches of equal samples amid a response that moves: blocks that a recorder lost."""
+    changes = np.flatnonzero(np.diff(x)) + 1  # first samples of runs, but for the record's own
+    starts, stops = changes, np.append(changes[1:], len(x))
+    # Of n runs, chance makes n p^(length - 1) as long, p of which hold a second sample.
+    again = min(np.mean(stops - starts > 1), 1 - 1e-9)
+    by_chance = 1 + np.log(CHANCE / len(x)) / np.log(max(again, CHANCE))
+    long = stops - starts >= max(HELD_RUN, by_chance)
+    gaps = []
+    for start, stop in zip(starts[long].tolist(), stops[long].tolist(), strict=True):
+        if x[start] in (x.max(), x.min()):  # clipped, and told so
+            continue
+        before = abs(x[start] - x[start - 1])
+        after = abs(x[stop] - x[start]) if stop < len(x) else before
+        around = x[max(0, start - max(stop - start, 2 * HELD_RUN)) : start]
+        # A block of zeros falls out on both sides; one that holds the last value on one.
+        if min(before, after) > FALL * step or (
+            stop < len(x) and after > FALL * step and np.std(around) > FALL * step
+        ):
+            gaps.append((start, stop))
+    if gaps:
+        listed = ", ".join(f"{start / fs:.4g}-{stop / fs:.4g} s" for start, stop in gaps[:4])
+        more = f" and {len(gaps) - 4} more" if len(gaps) > 4 else ""
+        yield refusal(
+            role,
+            f"The response stands still at {listed}{more}, amid motion: {len(gaps)} gap(s).",
+            "A recorder that lost samples fills them in so.",
+            "Keep a part without gaps with span = [start, stop], or drop the repeat with exclude.",
+        )
