@@ -38,10 +38,10 @@ def driven(repeat=0, fs=1024.0, level=0.2):
 
 
 def hdf5(*names):
-    for name in names:
+    for number, name in enumerate(names):
         for i in range(3):
             with h5py.File(f"{name}_{i}.h5", "w") as file:
-                for channel, values in driven(i).items():
+                for channel, values in driven(3 * number + i).items():
                     file[channel] = values
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from jbw.campaign.duplicates import Source, held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import force_per_unit, gain_of
 from jbw.campaign.schema import CampaignSpec, read_spec
@@ -81,6 +82,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
         for fault in unread(spec)
     ]
     codes, seen = set(), []
+    sources: list[Source] = []
     for test in spec.tests:
         named: list[tuple[str, Fault]] = []
         failures: dict[tuple[str, ...], JbwError] = {}
@@ -97,6 +99,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
                 codes |= {DataError.exit_code} if spoilt else set()
                 codes |= {ConfigError.exit_code} if worst(stated) == "error" else set()
                 named += [(item.name, fault) for fault in (*faults, *stated)]
+                sources.append(source_of(item, test))
                 held += item.num_samples * len(item.channels)
                 kept = [*kept, item] if held <= MOST_SAMPLES else []
                 # Its head alone, so that a huge campaign is never held in memory.
@@ -119,7 +122,17 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
             unit = test.units.get(role, "")
             rows.append(Row(test.name, channel, role, unit, fs, repeats, worst(own), tuple(own)))
             failed = []
-    return Check(spec.name, tuple(rows), min(codes, default=0), tuple(seen))
+    twice = list(held_twice(sources))
+    codes |= {DataError.exit_code} if worst(fault for _, fault in twice) == "error" else set()
+    return Check(spec.name, tuple(_with(rows, twice)), min(codes, default=0), tuple(seen))
+
+
+def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[Row]:
+    """Rows with faults of whole tests, each in the row of its channel."""
+    for row in rows:
+        more = [fault for test, fault in faults if (test, fault.channel) == (row.test, row.role)]
+        found = (*more, *row.findings)
+        yield replace(row, findings=found, status=worst(found)) if more else row
 
 
 def as_json(check: Check) -> dict[str, Any]:

@@ -8,12 +8,13 @@ from pathlib import Path
 from textwrap import shorten
 
 from jbw.campaign.check import findings, unread
+from jbw.campaign.duplicates import held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import Gain, force_per_unit, gain_of
 from jbw.campaign.schema import read_spec
 from jbw.campaign.settings import Identify, Structured, laws_of
 from jbw.campaign.tables import Assembly, TestSpec
-from jbw.errors import JbwError
+from jbw.errors import DataError, JbwError
 from jbw.measurement.checks import Fault, gathered
 from jbw.measurement.files.read import report
 from jbw.measurement.records import Record, Test
@@ -100,6 +101,15 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
         load_test(test, folder, per_unit=per_unit, allow_outside=allow_outside)
         for test in spec.tests
     ]
+    sources = [
+        source_of(record, named)
+        for named, test in zip(spec.tests, tests, strict=True)
+        for record in test.records
+    ]
+    for name, fault in held_twice(sources):
+        if fault.severity == "error":
+            raise DataError(fault.what, why=fault.why, remedy=fault.remedy)
+        warnings.warn(f"Test {name}: {fault.what} {fault.remedy}", stacklevel=2)
     facts = (spec.gain, spec.modal_mass, spec.settings, path, spec.laws, spec.assembly)
     return Campaign(spec.name, folder, tuple(tests), *facts, structure=spec.structure)
 

@@ -1,5 +1,7 @@
 """Records with a fault: each function writes files and gives the keys of their [[test]] table."""
 
+from itertools import count
+
 import h5py
 import numpy as np
 import scipy.io
@@ -12,13 +14,17 @@ N = 2**14
 GAIN = 2.0  # N/kg/V, of the oscillator that answers here
 T = np.arange(N) / FS
 UNITS = {"input": "V", "velocity": "m/s"}
+SIZES = count(1)  # so that no two records of the folder are the same samples
 
 
 def respond(u, f_n=40.0, zeta=0.01, fs=FS, order=1):
-    """Steady response of one mode to a periodic input, in closed form; order 1 is the velocity."""
+    """Steady response of one mode to a periodic input, in closed form; order 1 is the velocity.
+
+    Each is larger than the one before by 1e-12 of itself.
+    """
     omega, omega_n = 2 * np.pi * np.fft.rfftfreq(len(u), 1 / fs), 2 * np.pi * f_n
     h = GAIN * (1j * omega) ** order / (omega_n**2 - omega**2 + 2j * zeta * omega_n * omega)
-    return np.fft.irfft(h * np.fft.rfft(u), len(u))
+    return np.fft.irfft(h * np.fft.rfft(u), len(u)) * (1 + 1e-12 * next(SIZES))
 
 
 def drive(seed=0, n=N):

@@ -70,8 +70,9 @@ def test_repeats_come_in_natural_order(folder):
 
 
 def test_equal_tests_get_numbered_names(folder):
-    path = campaign_file(folder)
-    path.write_text(path.read_text() + path.read_text())
+    first = campaign_file(folder, files='"noise_1.h5"').read_text()
+    path = campaign_file(folder, files='"noise_2.h5"')
+    path.write_text(first + path.read_text())
     assert [test.name for test in load_campaign(path).tests] == ["noise", "noise (2)"]
 
 

@@ -1,4 +1,4 @@
-"""Remedies that a check prints, pasted into the campaign that provoked them: accepted, and cured."""
+"""Remedies that a check prints, pasted into the campaign that provoked them: they cure."""
 
 import re
 

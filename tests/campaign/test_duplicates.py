@@ -1,0 +1,124 @@
+"""The same samples twice in a campaign: refused, with both places named."""
+
+import os
+import shutil
+
+import numpy as np
+import pytest
+
+from jbw.campaign.check import check_campaign
+from jbw.campaign.load import load_campaign
+from jbw.errors import DataError
+
+FS = 100.0
+# Noise that has nothing to do with its source is doubted, and is as good as any here.
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+
+def record(seed):
+    rng = np.random.default_rng(seed)
+    return {
+        "u": rng.standard_normal(2000),
+        "v": rng.standard_normal(2000),
+        "w": rng.standard_normal(2000),
+    }
+
+
+def table(files, name, more="", channel="v"):
+    return f"""[[test]]
+kind = "noise"
+name = "{name}"
+files = {files}
+channels = {{ force = "u", velocity = "{channel}" }}
+units = {{ force = "N", velocity = "m/s" }}
+fs = {FS}
+{more}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for seed in range(2):
+        np.savez(tmp_path / f"run_{seed}.npz", **record(seed))
+    return tmp_path
+
+
+def campaign(folder, *tables):
+    path = folder / "campaign.toml"
+    path.write_text('[campaign]\nname = "twice"\nmodal_mass = 1.0\n' + "\n".join(tables))
+    return path
+
+
+def refused(path):
+    """What a check refuses as the same; loading refuses the first of it as well."""
+    faults = [f.what for row in check_campaign(path).rows for f in row.findings
+              if f.severity == "error"]  # fmt: skip
+    if faults:
+        with pytest.raises(DataError) as caught:
+            load_campaign(path)
+        assert caught.value.what == faults[0]
+    return faults
+
+
+def test_one_file_under_two_tests(folder):
+    path = campaign(folder, table('"run_*.npz"', "a"), table('"run_1.npz"', "b"))
+    assert refused(path) == [
+        "`run_1.npz` of test `b` holds the same samples as `run_1.npz` of test `a`."
+    ]
+
+
+def test_two_files_under_two_tests_are_sound(folder):
+    path = campaign(folder, table('"run_0.npz"', "a"), table('"run_1.npz"', "b"))
+    assert refused(path) == []
+
+
+@pytest.mark.parametrize("how", ["copy", "symlink", "hard link", "written again"])
+def test_a_copy_within_a_test(folder, how):
+    source, other = folder / "run_1.npz", folder / "run_2.npz"
+    if how == "copy":
+        shutil.copy(source, other)
+    elif how == "symlink":
+        other.symlink_to(source)
+    elif how == "hard link":
+        os.link(source, other)
+    else:  # other bytes, the same samples
+        np.savez_compressed(other, **np.load(source))
+    path = campaign(folder, table('"run_*.npz"', "a"))
+    assert refused(path) == [
+        "`run_2.npz` of test `a` holds the same samples as `run_1.npz` of test `a`."
+    ]
+
+
+def test_a_file_by_two_paths(folder):
+    (folder / "sub").mkdir()
+    path = campaign(folder, table('["run_1.npz", "sub/../run_1.npz"]', "a"))
+    assert refused(path) == [
+        "`run_1.npz` of test `a` holds the same samples as `run_1.npz` of test `a`."
+    ]
+
+
+@pytest.mark.parametrize(
+    ("span", "severity"), [("[4.0, 14.0]", "error"), ("[7.0, 17.0]", "warning")]
+)
+def test_parts_that_overlap(folder, span, severity):
+    first = table('"run_1.npz"', "a", "span = [0.0, 10.0]")
+    path = campaign(folder, first, table('"run_1.npz"', "b", f"span = {span}"))
+    (fault,) = [f for row in check_campaign(path).rows for f in row.findings if "shares" in f.what]
+    assert fault.severity == severity
+    share = "60%" if severity == "error" else "30%"
+    assert fault.what == f"`run_1.npz` of test `b` shares {share} with `run_1.npz` of test `a`."
+
+
+@pytest.mark.parametrize("more", ["span = [10.0, 20.0]", ""])
+def test_other_parts_and_other_channels_are_sound(folder, more):
+    first = table('"run_1.npz"', "a", "span = [0.0, 10.0]")
+    second = table('"run_1.npz"', "b", more, channel="v" if more else "w")
+    assert refused(campaign(folder, first, second)) == []
+
+
+def test_other_bands_of_a_record_are_other_data(folder):
+    first = table('"run_1.npz"', "a", "band = [5.0, 12.0]")
+    second = table('"run_1.npz"', "b", "band = [20.0, 30.0]")
+    assert refused(campaign(folder, first, second)) == []
+    meeting = table('"run_1.npz"', "b", "band = [10.0, 30.0]")
+    assert len(refused(campaign(folder, first, meeting))) == 1
