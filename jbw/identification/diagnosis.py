@@ -27,6 +27,10 @@ FEWEST = 5  # readings that an exponent is read off
 EXPONENTS = (0.1, 4.0)
 RESAMPLED = 400  # times that the readings are drawn again, for the bands
 SEED = 0
+TURNS = 3.5  # standard deviations by which a frequency falls and then rises, or the other way
+LEAST_TURN = 1e-4  # of the frequency, to either side
+CURVES = 15  # readings that count one by one; more come along decays
+GROUPS, FEWEST_TURNING = 8, 6  # of many readings in the order of their amplitude; readings at least
 CLOSE = 0.1  # of the ratio: what the next order in the amplitude moves it by, near macroslip say
 
 
@@ -46,6 +50,8 @@ class Diagnosis(NamedTuple):
         opening: gamma/delta of the Bouc-Wen law with that exponent.
         spring: Smooth spring c y|y| of as much softening, c [1/(m s^2)].
         damper: Smooth damper c v|v| of as much damping, c [1/m].
+        turn: Where the frequency turns round: amplitude [m], frequency there and at the largest
+            amplitude [Hz]; None where it goes one way. No power of the amplitude turns.
     """
 
     num_readings: int
@@ -60,13 +66,18 @@ class Diagnosis(NamedTuple):
     opening: tuple[float, float, float]
     spring: tuple[float, float, float]
     damper: tuple[float, float, float]
+    turn: tuple[float, float, float] | None = None
 
 
 def readings_of(data: Dataset) -> AmplitudeCurve | None:
     """All readings of frequency and damping against amplitude, of decays and of held responses."""
     parts = parts_of("", data.parts)  # of one drive: another's begin at another damping
     found = [one for part in parts if (one := part.amplitude_readings()) is not None]
-    return AmplitudeCurve(*map(np.concatenate, zip(*found, strict=True))) if found else None
+    if not found:
+        return None
+    curve = AmplitudeCurve(*map(np.concatenate, zip(*found, strict=True)))
+    takes_in = curve.zeta > 0  # a joint cannot give energy out: such a reading is none
+    return AmplitudeCurve(*(values[takes_in] for values in curve)) if takes_in.any() else None
 
 
 def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
@@ -82,7 +93,47 @@ def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
     rows = [_read(AmplitudeCurve(*(x[pick] for x in curve)), curve.y.max()) for pick in picks
             if len(np.unique(curve.y[pick])) >= FEWEST - 1]  # fmt: skip
     bands = [tuple(np.quantile(column, QUANTILES).tolist()) for column in np.array(rows).T]
-    return Diagnosis(len(curve.y), (float(curve.y.min()), float(curve.y.max())), *bands)
+    reach = float(curve.y.min()), float(curve.y.max())
+    return Diagnosis(len(curve.y), reach, *bands, turning_point(curve))
+
+
+def turning_point(curve: AmplitudeCurve) -> tuple[float, float, float] | None:
+    """Where the frequency turns round, as `Diagnosis.turn`; None where it goes one way.
+
+    It falls and rises, or rises and falls, by more than 3.5 standard deviations each, as
+    neighbours in the order of the amplitude show them. Many readings are taken together in groups.
+    """
+    if len(curve.y) < FEWEST_TURNING:
+        return None
+    order = np.argsort(curve.y)
+    y, omega = curve.y[order], curve.omega[order]
+    # What a reading differs by from the line through its neighbours has 3/2 of its variance; the
+    # median keeps clear of the bend itself.
+    bend = omega[1:-1] - 0.5 * (omega[:-2] + omega[2:])
+    std = np.full(len(y), 1.4826 * np.median(np.abs(bend)) / np.sqrt(1.5))
+    if len(y) > CURVES:
+        pieces = np.array_split(np.arange(len(y)), min(GROUPS, len(y) // 4))
+        # The noise falls as the motion grows: each group has its own.
+        inside = [np.clip(piece - 1, 0, len(bend) - 1) for piece in pieces]
+        scatter = [1.4826 * np.median(np.abs(bend[at])) / np.sqrt(1.5) for at in inside]
+        std = np.array(scatter) / np.sqrt([len(piece) for piece in pieces])
+        y, omega = (np.array([x[piece].mean() for piece in pieces]) for x in (y, omega))
+    for at in (int(np.argmin(omega)), int(np.argmax(omega))):
+        ends = np.abs(omega[[0, -1]] - omega[at])
+        least = np.maximum(TURNS * np.hypot(std[[0, -1]], std[at]), LEAST_TURN * omega[at])
+        if np.all(ends > least):
+            return float(y[at]), *(float(x / (2 * np.pi)) for x in omega[[at, -1]])
+    return None
+
+
+def turning_sentence(turn: tuple[float, float, float]) -> str:
+    """Which way the frequency goes first, where it turns, and what it reaches."""
+    y, hz, last = turn
+    first, then = ("falls", "rises") if last > hz else ("rises", "falls")
+    return (
+        f"the frequency {first} to {hz:.4g} Hz at {1e6 * y:.3g} um, then {then} to {last:.4g} Hz: "
+        "no power of the amplitude does"
+    )
 
 
 def _read(curve: AmplitudeCurve, y_max: float) -> Sequence[float]:
@@ -138,6 +189,13 @@ def diagnosis_sentences(found: Diagnosis) -> list[str]:
         f"{_number(found.softening_exponent)} of the amplitude; the damping ratio grows by "
         f"{_percent(found.damping)}, by the power {_number(found.damping_exponent)}."
     )
+    if found.turn is not None:
+        words = turning_sentence(found.turn)
+        return [
+            f"{found.num_readings} readings between {1e3 * found.y[0]:.2g} and "
+            f"{1e3 * found.y[1]:.2g} mm: {words}; the damping ratio grows by "
+            f"{_percent(found.damping)}, by the power {_number(found.damping_exponent)}."
+        ]
     (low, _, high), p = found.softening, found.damping_exponent
     if low <= 0.0 <= high:
         grows = found.damping[0] > 0.0

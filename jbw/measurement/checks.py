@@ -249,6 +249,14 @@ def _filled(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:
             stop < len(x) and after > FALL * step and np.std(around) > FALL * step
         ):
             gaps.append((start, stop))
+    if gaps and gaps[-1][1] == len(x):
+        end = gaps.pop()[0] / fs
+        yield doubt(
+            role,
+            f"The response stands still from {end:.4g} s to the end of the record.",
+            "A recorder that was stopped fills up its file so; a structure rings on.",
+            f"Put under [[test]]: `span = [0.0, {np.floor(100 * end) / 100:g}]`.",
+        )
     if gaps:
         listed = ", ".join(f"{start / fs:.4g}-{stop / fs:.4g} s" for start, stop in gaps[:4])
         more = f" and {len(gaps) - 4} more" if len(gaps) > 4 else ""

@@ -12,7 +12,7 @@ none. What a joint does shows as readings that change with the amplitude.
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 
 from jbw.errors import DataError
 from jbw.measurement.records import Record
@@ -23,6 +23,8 @@ HALF_WIDTHS = 6.0  # zeta omega_n to either side: lines of those that follow
 LEAST_LINES, LEAST_POINTS = 12, 6  # of a fit, of a record in time and of a curve
 ROUNDS = 3  # of narrowing down on the resonance
 DRIVEN = 1e-2  # of the largest line of the source: less is not driven
+SWEPT = 5e-3  # of the source's energy, that lies beyond either end of what is swept
+MISSED = 0.5  # of the response near its resonance: what is missed by more is no oscillator's
 NEAR_LINES = 9  # whose mean tells whether they are driven, for single lines of noise scatter
 
 
@@ -34,6 +36,11 @@ class Reading(NamedTuple):
     damping: float
     left: float = np.nan  # of the response near resonance, by the linear oscillator, over its rms
     third: float = np.nan  # third harmonic of the displacement over the first, at the largest
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is that of an oscillator, which takes in energy and is what was measured."""
+        return self.damping > 0.0 and not self.left > MISSED and bool(np.isfinite(self.y))
 
 
 class Lines(NamedTuple):
@@ -56,13 +63,19 @@ def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> 
     y = response / (2j * np.pi * freq) ** derivative_order(record.response)
     near = np.ones(NEAR_LINES) / NEAR_LINES
     size = np.sqrt(np.convolve(np.abs(source) ** 2, near, "same"))
-    kept = size > DRIVEN * np.max(size)
+    kept = (size > DRIVEN * np.max(size)) & swept(np.abs(source) ** 2)
     if band_hz is not None:
         kept &= (freq >= band_hz[0]) & (freq <= band_hz[1])
     if np.count_nonzero(kept) < LEAST_LINES:
         raise DataError(f"{_named(record)} drives fewer than {LEAST_LINES} lines in its band.")
     place = 1 + np.flatnonzero(kept)
     return Lines(2 * np.pi * freq[kept], source[kept], y[kept], place, len(u))
+
+
+def swept(power: Float[np.ndarray, " line"]) -> Bool[np.ndarray, " line"]:
+    """The lines between the ends of what a source sweeps, which hold all of its energy but 1 %."""
+    share = np.cumsum(power) / np.sum(power)
+    return (share >= SWEPT) & (share <= 1 - SWEPT)
 
 
 def _named(record: Record) -> str:

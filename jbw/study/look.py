@@ -37,6 +37,10 @@ logger = logging.getLogger("jbw")
 CHANGED = 0.5  # scatter of repeats over their mean from where on they are no repeats
 # What a record that shows nothing ends a reading with: it is named, and the others are read.
 UNREADABLE = (DataError, ValueError, np.linalg.LinAlgError)
+NO_READING = (
+    "An oscillator there would have no damping, or misses more than half of the response: `band` may "
+    "hold several modes, or none."
+)
 NUM_SHOWN = 2000  # lines of a response that are drawn
 UNITS = {"y": "m", "frequency_hz": "Hz", "damping": "1"}
 MEANING = {"y": "motion", "frequency_hz": "natural frequency", "damping": "damping ratio"}
@@ -73,7 +77,13 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
     for name, tests in _curves(campaign.tests).items():
         report(f"Reading {name}")
         try:
-            each, response = _read(tests)
+            read, response = _read(tests)
+            each = [one for one in read if one.holds]
+            if len(each) < len(read):
+                left_out = f"{len(read) - len(each)} of {len(read)} readings of {name}"
+                unread[left_out] = NO_READING
+            if not each:
+                continue
             rows.append(_row(name, tests[0], each))
         except UNREADABLE as why:
             unread[name] = str(why).splitlines()[0]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jbw.identification.diagnosis import diagnose
+from jbw.identification.diagnosis import diagnose, turning_sentence
 from jbw.identification.floors import rms
 from jbw.measurement.resonances import Reading
 from jbw.observables.observable import AmplitudeCurve
@@ -59,6 +59,9 @@ def nonlinear(each: Sequence[Reading]) -> str:
     told = []
     for what, (band, least, power, verbs) in zip(("frequency", "damping ratio"), ways, strict=True):
         low, middle, high = sorted(band)
+        if what == "frequency" and known.turn is not None:
+            told.append(turning_sentence(known.turn))
+            continue
         if low <= 0.0 <= high or abs(middle) < least:
             told.append(f"no change of the {what} is seen")
             continue

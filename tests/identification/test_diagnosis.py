@@ -1,9 +1,17 @@
 """Softening and damping against amplitude: closed forms of textbook joints."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from jbw.identification.diagnosis import diagnose, diagnosis_sentences, masing_ratio
+from jbw.identification.diagnosis import (
+    diagnose,
+    diagnosis_sentences,
+    masing_ratio,
+    readings_of,
+    turning_point,
+)
 from jbw.observables.observable import AmplitudeCurve
 
 Y = np.linspace(2e-5, 1e-3, 60)
@@ -86,3 +94,46 @@ def test_damping_without_softening_is_told():
 
 def test_few_readings_say_nothing():
     assert diagnose(AmplitudeCurve(*(x[:4] for x in readings(1.0, 0.3)))) is None
+
+
+def turned(y, noise, seed):
+    """Readings whose frequency falls to 98.75 % of 100 Hz where 3 y^2 = 0.01 y^0.5, then rises."""
+    rng = np.random.default_rng(seed)
+    hz = 100 * (1 - 0.02 * y**0.5 + 0.03 * y**2) + noise * rng.standard_normal(len(y))
+    return AmplitudeCurve(1e-3 * y, 2 * np.pi * hz, 0.01 + 0.002 * y)
+
+
+@pytest.mark.parametrize("count", [8, 12, 60])
+def test_a_frequency_that_turns_is_said_to_turn(count):
+    y = np.linspace(0.02, 1.0, count)
+    found = diagnose(turned(y, 0.01, 3))
+    at, hz, last = found.turn
+    # d/dy (-0.02 y^0.5 + 0.03 y^2) = 0 at y = (1/6)^(2/3) = 0.303; the bottom is flat: it is found
+    # to a few readings, or a group.
+    assert at == pytest.approx(0.303e-3, abs=0.16e-3)
+    assert hz == pytest.approx(100 * (1 - 0.02 * 0.303**0.5 + 0.03 * 0.303**2), abs=0.05)
+    assert last == pytest.approx(101.0, abs=0.3 if count > 12 else 0.03)  # of a group, or itself
+    (said,) = diagnosis_sentences(found)
+    assert f"the frequency falls to {hz:.4g} Hz at {1e6 * at:.3g} um, then rises" in said
+
+
+def test_one_way_is_no_turn():
+    y = np.linspace(0.02, 1.0, 40)
+    wrong = 0
+    for seed in range(50):
+        noise = 0.02 * np.random.default_rng(seed).standard_normal(len(y))
+        for power, change in ((0.5, -1.0), (1.0, 1.0), (2.0, -1.0), (1.0, 0.0)):
+            hz = 100 + change * y**power + noise
+            wrong += turning_point(AmplitudeCurve(y, 2 * np.pi * hz, y)) is not None
+    assert wrong <= 4  # 2 % of 200
+
+
+def test_a_damping_that_is_not_positive_is_no_reading():
+    class Part:
+        drive = ""
+
+        def amplitude_readings(self):
+            return AmplitudeCurve(np.ones(3), np.ones(3), np.array([0.01, -0.02, 0.03]))
+
+    data = SimpleNamespace(parts=(Part(), Part()))
+    np.testing.assert_array_equal(readings_of(data).zeta, [0.01, 0.03, 0.01, 0.03])

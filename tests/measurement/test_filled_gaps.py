@@ -42,10 +42,14 @@ def test_a_held_value_is_named():
     assert len(found(x)) == 1
 
 
-def test_zeros_to_the_end_are_named():
+def test_zeros_to_the_end_are_doubted_and_a_span_leaves_them_out():
     x = ring()
-    x[3000:] = 0.0
-    assert len(found(x)) == 1
+    x[3005:] = 0.0
+    (fault,) = inspect(Record(FS, {"velocity": x}, {"velocity": "m/s"}))
+    assert fault.severity == "warning"
+    assert fault.what == "The response stands still from 3.005 s to the end of the record."
+    assert fault.remedy == "Put under [[test]]: `span = [0.0, 3]`."
+    assert found(x[:3000]) == []
 
 
 @pytest.mark.parametrize("bits", [None, 24, 16, 12, 10, 9])
