@@ -95,7 +95,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
                 per_unit = gain_of(force_per_unit(spec), test.driven_by)
                 faults = findings(item, test, first, per_unit=per_unit)
                 spoilt = worst(faults) == "error"
-                stated = () if first or spoilt else tuple(_stated(item, test))
+                stated = () if first or spoilt else tuple(_stated(item, test, spec))
                 codes |= {DataError.exit_code} if spoilt else set()
                 codes |= {ConfigError.exit_code} if worst(stated) == "error" else set()
                 named += [(item.name, fault) for fault in (*faults, *stated)]
@@ -268,13 +268,16 @@ def _fits_curve(record: Record, test: TestSpec) -> Iterator[tuple[str, ...]]:
         )
 
 
-def _stated(record: Record, test: TestSpec) -> Iterator[Fault]:
+def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Fault]:
     """What the campaign file states, or not, beside a test's first record; asked by a check alone.
 
     A look reads decays without a band, and an identification leaves them out.
     """
     if test.traits.is_free and test.band is None:
         yield from response_checks.bandless(record, test.settle)
+    driven = test.traits.is_transient and test.traits.is_driven
+    if driven and test.band is None and spec.structure is None:
+        yield from response_checks.several_resonances(record)
     if not test.traits.is_free:
         yield from response_checks.level_unlike(record, test.level)
 

@@ -102,8 +102,9 @@ def _together(alike: Sequence[tuple[str, Fault]], count: int) -> Fault:
     reach = iter([_reach(column) for column in columns])
     told = NUMBER.sub(lambda _: next(reach), first.what)
     what = f"{min(len(alike), count)} of {count} records: {told}"
-    # Of a key that all records share the largest is told: a `settle` that serves every one.
-    remedy = max((fault.remedy for _, fault in alike), key=_numbers)
+    # Of a key that all records share the value is told that serves every one.
+    strictest = min if "span = [" in first.remedy else max
+    remedy = strictest((fault.remedy for _, fault in alike), key=_numbers)
     return replace(first, what=what, remedy=remedy)
 
 

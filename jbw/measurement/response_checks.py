@@ -11,6 +11,7 @@ from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.measurement.curves import ForcedLoop, ResponseCurve, displacement_of
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.measurement.records import INPUTS, Record
+from jbw.measurement.resonances import driven_lines
 from jbw.quantities import derivative_order
 
 THIRD = 3  # the highest order looked at
@@ -22,6 +23,7 @@ COHERENT = 0.8  # of the power of a first period that one tone explains; wide-ba
 LIKE = 2.0  # times peak or rms of a channel: a level beyond that is of none
 NO_LEVEL = ("frequency", "phase", "time")
 ABOUT = 0.2  # of the strongest line, to either side: a band to begin with
+ELSEWHERE = 0.3  # of the power of a displacement: more is no flank of one resonance
 PERIODS = 8  # of a record at least, where a line is taken for a mode
 DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
 
@@ -227,6 +229,31 @@ def bandless(record: Record, settle: float) -> Iterator[Fault]:
     )
 
 
+def several_resonances(record: Record) -> Iterator[Fault]:
+    """The doubt that a driven record without a band holds other modes than the strongest."""
+    try:
+        lines = driven_lines(record)
+    except JbwError:
+        return
+    hz, power = lines.omega / (2 * np.pi), np.abs(lines.y) ** 2
+    peak = float(hz[np.argmax(power * lines.omega**2)])
+    low, high = _about(peak)
+    elsewhere = float(np.sum(power[(hz < low) | (hz > high)]) / np.sum(power))
+    if elsewhere > ELSEWHERE:
+        yield doubt(
+            record.response,
+            f"{elsewhere:.0%} of the displacement's power lies outside {low:g} to {high:g} Hz, "
+            "about the strongest resonance.",
+            "One mode with a joint cannot follow several.",
+            f"Put under [[test]]: `band = [{low:g}, {high:g}]`, or state the modes by [structure].",
+        )
+
+
+def _about(peak_hz: float) -> tuple[float, float]:
+    """Frequencies about a line [Hz], to two digits."""
+    return float(f"{(1 - ABOUT) * peak_hz:.2g}"), float(f"{(1 + ABOUT) * peak_hz:.2g}")
+
+
 def band_about_peak(record: Record, settle: float = 0.0) -> tuple[float, float]:
     """Frequencies about the strongest line of a displacement [Hz], to two digits."""
     x = record.channels[record.response][round(settle * record.fs) :]
@@ -239,4 +266,4 @@ def band_about_peak(record: Record, settle: float = 0.0) -> tuple[float, float]:
     # Beyond what a mean that drifts adds.
     lowest = min(int(np.searchsorted(freq, PERIODS * record.fs / len(x))), len(size) - 1)
     peak = float(freq[lowest + np.argmax(size[lowest:])])
-    return float(f"{(1 - ABOUT) * peak:.2g}"), float(f"{(1 + ABOUT) * peak:.2g}")
+    return _about(peak)

@@ -38,8 +38,8 @@ CHANGED = 0.5  # scatter of repeats over their mean from where on they are no re
 # What a record that shows nothing ends a reading with: it is named, and the others are read.
 UNREADABLE = (DataError, ValueError, np.linalg.LinAlgError)
 NO_READING = (
-    "An oscillator there would have no damping, or misses more than half of the response: `band` may "
-    "hold several modes, or none."
+    "An oscillator there would have no damping, or misses more than half of the response: `band` "
+    "may hold several modes, or none."
 )
 NUM_SHOWN = 2000  # lines of a response that are drawn
 UNITS = {"y": "m", "frequency_hz": "Hz", "damping": "1"}

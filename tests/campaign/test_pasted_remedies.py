@@ -120,3 +120,38 @@ def test_a_window_is_for_decays_alone(tmp_path):
     path.write_text(text.replace("units = {", 'units = { force = "N",') + "window_s = 0.2\n")
     with pytest.raises(ConfigError, match="window_s: for kind `decay` only"):
         check_campaign(path)
+
+
+def of_two_modes(path, second):
+    """A sweep from rest over two modes of unit modal mass, in closed form by their spectra."""
+    t = np.arange(1 << 14) / 512.0
+    u = np.sin(2 * np.pi * (5 + 0.6 * t) * t) * np.sin(np.pi * t / t[-1]) ** 2
+    omega = 2 * np.pi * np.fft.rfftfreq(2 * len(t), 1 / 512.0)
+    h = sum(
+        size / (w**2 - omega**2 + 2j * 0.01 * w * omega)
+        for size, w in ((1.0, 2 * np.pi * 12.0), (second, 2 * np.pi * 31.0))
+    )
+    x = np.fft.irfft(h * np.fft.rfft(u, 2 * len(t)))[: len(t)]
+    x = x + 1e-3 * np.std(x) * np.random.default_rng(0).standard_normal(len(x))
+    np.savez(path.parent / "sweep.npz", u=u, x=x)
+    path.write_text("""[campaign]
+name = "sweep"
+modal_mass = 1.0
+[[test]]
+kind = "sweep"
+files = "sweep.npz"
+channels = { force = "u", displacement = "x" }
+units = { force = "N", displacement = "m" }
+fs = 512.0
+""")
+
+
+def test_the_band_of_one_mode_is_proposed_for_a_sweep_over_two(tmp_path):
+    path = tmp_path / "campaign.toml"
+    of_two_modes(path, 0.0)
+    assert faults(path) == []
+    of_two_modes(path, 2.5)
+    (fault,) = faults(path)
+    assert "outside 9.6 to 14 Hz" in fault.what or "outside 25 to 37 Hz" in fault.what
+    pasted(path, [fault.remedy])
+    assert faults(path) == []

@@ -182,6 +182,38 @@ def test_what_cannot_be_read_is_said_once_and_stops_nothing():
     assert found.record["statements"][-1] == "Not read: gap. A record has samples missing."
 
 
+def test_an_offset_that_drifts_is_not_taken_for_the_resonance():
+    """Slow drift of source and accelerometer, whose displacement is huge: it is not swept."""
+    plain = linear(0.3).records[0]
+    t = np.arange(plain.num_samples) / FS
+    drift = np.cos(2 * np.pi * t / t[-1])
+    u = plain.channels["input"] + 0.02 * plain.channels["input"].std() * drift
+    v = plain.channels["velocity"]
+    drifting = v + 0.05 * np.abs(v).max() * drift
+    read = read_lines(driven_lines(Record(FS, {"input": u, "velocity": drifting}, {})))
+    assert read.frequency_hz == pytest.approx(HERTZ, rel=1e-4)
+    assert read.damping == pytest.approx(ZETA, rel=0.02)
+
+
+def test_what_no_oscillator_fits_is_no_reading():
+    """Noise that has nothing to do with its source, beside a sound test."""
+    good, alien = linear(0.3, name="good"), linear(0.3, name="alien")
+    size = alien.records[0].num_samples
+    noise = np.random.default_rng(0).standard_normal(size)
+    alien.records[0].channels["velocity"][:] = noise
+    found = look(Campaign("two", None, (good, alien)))
+    assert [row["test"] for row in found.record["tests"]] == ["good"]
+    assert "alien" in found.record["statements"][-1]
+    assert found.record["statements"][-1].startswith("Not read: ")
+
+
+def test_a_reading_holds_where_it_takes_energy_in_and_explains_the_response():
+    assert Reading(1e-3, 20.0, 0.01, 0.4).holds
+    assert Reading(1e-3, 20.0, 0.01).holds  # of a decay, that has been looked at already
+    assert not Reading(1e-3, 20.0, -0.004, 0.1).holds
+    assert not Reading(1e-3, 20.0, 0.01, 2.7).holds
+
+
 def test_what_stands_beside_the_readings_stops_nothing_either(monkeypatch):
     """Coherence of a record that drives nothing, a loop held still: told, and the rest is read."""
     still = np.full(64, 1e-3)
