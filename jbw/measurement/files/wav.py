@@ -56,6 +56,17 @@ def _require_whole(path: Path) -> None:
             ):
                 raise ValueError(f"at byte {where} {name!r} declares {length} bytes")
             begin = stream.tell()
-            if name == b"fmt " and length >= 14:
-                frame = max(struct.unpack(f"{order}12xH", stream.read(14))[0], 1)
+            if name == b"fmt " and length >= 16:
+                frame = max(_frame_of(struct.unpack(f"{order}2xHIIHH", stream.read(16))), 1)
             stream.seek(begin + length + length % 2)
+
+
+def _frame_of(head: tuple[int, ...]) -> int:
+    """Bytes of a sample of all channels, on which the numbers of a header agree."""
+    channels, rate, bytes_a_second, frame, bits = head
+    if bytes_a_second != rate * frame or frame != channels * -(-bits // 8):
+        raise ValueError(
+            f"the header contradicts itself: {rate} samples a second of {channels} channel(s) of "
+            f"{bits} bits are not {bytes_a_second} bytes a second by {frame}"
+        )
+    return frame
