@@ -19,6 +19,7 @@ from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement import response_checks
 from jbw.measurement.checks import Fault, doubt, gathered, inspect, refusal, worst
+from jbw.measurement.clocks import untimely
 from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.decay_checks import not_free
 from jbw.measurement.drive_noise import noisy_drive
@@ -200,11 +201,32 @@ def findings(
         found.append(refusal(record.response, what, *why, remedy=remedy))
     if not first:
         found += _of_two_sources(record, test)
+    found += _started_apart(record, test)
     if worst(found) != "error":
         found += _believable(record, test, per_unit)
         if first and test.traits.is_transient and test.traits.is_driven:
             found += noisy_drive(first[0], record)
     return tuple(found)
+
+
+def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:
+    """The refusal of channels that the file says were started one after the other."""
+    if not any(role in record.channels for role in INPUTS) or test.traits.is_curve:
+        return
+    told = [record.provenance.get(f"start of {role}") for role in (record.source, record.response)]
+    if None in told:
+        return
+    drive, response = (float(str(text).split()[0]) for text in told)
+    # Samples of a channel that was started later show what comes later: it leads.
+    delay = drive - response
+    if abs(delay - test.delay) > 0.5 / record.fs:
+        yield refusal(
+            record.response,
+            f"By the file the response was started {abs(delay):.6g} s "
+            f"{'after' if delay < 0 else 'before'} the drive.",
+            "Samples of one number are then of two instants.",
+            f"Put under [[test]]: `delay = {delay:.9g}`, or export both from one instant on.",
+        )
 
 
 def _of_two_sources(record: Record, test: TestSpec) -> Iterator[Fault]:
@@ -288,9 +310,11 @@ def _believable(record: Record, test: TestSpec, per_unit: float | None) -> Itera
     traits = test.traits
     if traits.is_broadband:
         yield from doubts(record, test.band, test.delay, per_unit)
+        yield from untimely(record, test.delay, is_sweep=False) if driven else ()
     elif traits.is_transient and driven:
         yield from swapped(record)
         yield from response_checks.already_moving(record, test.band, test.settle)
+        yield from untimely(record, test.delay, is_sweep=True)
     elif traits.is_steady:
         dwell = test.dwell if traits.is_stepped else None
         yield from response_checks.unsteady(record, test.tones, test.settle, dwell)

@@ -5,6 +5,7 @@ import pytest
 import scipy.io.wavfile
 from uff_files import write_uff
 
+from jbw.campaign.check import check_campaign
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.curves import displacement_of, response_curve
 from jbw.measurement.files.read import read
@@ -144,6 +145,44 @@ def test_damaged_tdms_is_refused(tdms, how):
     assert "again" in error.remedy
 
 
+@pytest.mark.parametrize("kept", [1, 4, 27])
+def test_a_tdms_cut_within_a_lead_in_is_refused(tdms, kept):
+    data = tdms.read_bytes()
+    last = data.rindex(b"TDSm")  # the third segment, a third of the samples
+    tdms.write_bytes(data[: last + kept])
+    assert f"segment at byte {last} is cut within its lead-in" in refused(tdms, TDMS_ROLES).what
+
+
+@pytest.mark.parametrize(("late", "delay"), [(250_000, -0.25), (-1_500, 0.0015)])
+def test_channels_that_started_apart_are_refused_and_delay_cures(tmp_path, late, delay):
+    nptdms = pytest.importorskip("nptdms")
+    first = np.datetime64("2026-03-01T10:00:00.000000")
+    with nptdms.TdmsWriter(tmp_path / "a.tdms") as writer:
+        writer.write_segment(
+            [
+                nptdms.ChannelObject(
+                    "Log", name, samples,
+                    {"wf_increment": 1 / FS, "unit_string": unit,
+                     "wf_start_time": first + np.timedelta64(later, "us"), "wf_start_offset": 0.0},
+                )
+                for name, samples, unit, later in (
+                    ("force", DRIVE, "N", 0), ("velocity", LASER, "m/s", late),
+                )
+            ]
+        )  # fmt: skip
+    path = tmp_path / "campaign.toml"
+    path.write_text(
+        '[[test]]\nkind = "sweep"\nfiles = "a.tdms"\n'
+        'channels = { force = "Log.force", velocity = "Log.velocity" }\n'
+    )
+    apart = [f for row in check_campaign(path).rows for f in row.findings if "started" in f.what]
+    assert [f.severity for f in apart] == ["error"]
+    assert f"`delay = {delay:g}`" in apart[0].remedy
+    path.write_text(path.read_text() + f"delay = {delay:g}\n")
+    found = [f.what for row in check_campaign(path).rows for f in row.findings]
+    assert not [what for what in found if "started" in what]
+
+
 # --- SEP-005 ---
 
 
@@ -189,6 +228,20 @@ def test_sep005_series_need_different_names():
 
 
 # --- WAV ---
+
+
+@pytest.mark.parametrize(("at", "value"), [(24, 2048), (28, 1024), (32, 4), (34, 24)])
+def test_a_wav_whose_header_contradicts_itself_is_refused(tmp_path, at, value):
+    """Rate, bytes a second, bytes a sample and bits, each changed alone."""
+    path = tmp_path / "a.wav"
+    scipy.io.wavfile.write(
+        path, 1024, np.round(LASER / 2 * 2**15 / np.abs(LASER).max()).astype(np.int16)
+    )
+    read(path, {"velocity": "channel[0]"}, {"velocity": "m/s"}, scale={"velocity": 1.0})
+    data = bytearray(path.read_bytes())
+    data[at : at + 2] = value.to_bytes(2, "little")
+    path.write_bytes(bytes(data))
+    assert "the header contradicts itself" in refused(path, {"velocity": "channel[0]"}).what
 
 
 def test_part_of_a_wav(tmp_path):

@@ -37,6 +37,8 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
         rows = [row for item in items for row in rows_of(item, role, wanted, part, curve=is_curve)]
         # Most files are in SI already: no copy of a long record then.
         rows = rows if factor == 1.0 else [row * factor for row in rows]
+        if items[0].start_s is not None:
+            provenance[f"start of {role}"] = f"{items[0].start_s:.9g} s"
         provenance[f"channel of {role}"] = (wanted.channels or {}).get(role, role)
         provenance[f"unit of {role}"] = unit if factor == 1.0 else f"{unit}, times {factor:.10g}"
         if wanted.remove_mean and role in CENTRED:

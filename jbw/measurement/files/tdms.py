@@ -19,6 +19,8 @@ from jbw.measurement.files.tree import Contents, Node, OnDemand, Opaque, leaf, o
 
 UNITS = ("unit_string", "NI_UnitDescription", "unit")  # properties that hold a channel's unit
 INTERVAL = "wf_increment"  # property that holds the sampling interval [s]
+START, OFFSET = "wf_start_time", "wf_start_offset"  # of a channel: a date, and seconds after it
+SECOND = np.timedelta64(1, "s")
 LEAD_IN = 28  # bytes that begin a segment
 METADATA, BIG_ENDIAN = 0x2, 0x40  # of the flags in them
 
@@ -67,8 +69,12 @@ def _require_consistent_segments(stream: Bounded) -> None:
     while True:
         stream.seek(begin)
         lead_in = stream.read(LEAD_IN)
-        if len(lead_in) < LEAD_IN or lead_in[:4] != b"TDSm":
+        if begin and not lead_in:
             break
+        if begin and (len(lead_in) < LEAD_IN or lead_in[:4] != b"TDSm"):
+            raise ValueError(f"The segment at byte {begin} is cut within its lead-in.")
+        if len(lead_in) < LEAD_IN or lead_in[:4] != b"TDSm":
+            break  # no such file: the library says what it lacks
         flags = int.from_bytes(lead_in[4:8], "little")
         order = ">" if flags & BIG_ENDIAN else "<"
         length, samples_at = struct.unpack(f"{order}QQ", lead_in[12:])
@@ -91,17 +97,31 @@ def _checked(file: Any, logged: Sequence[logging.LogRecord], path: Path) -> Cont
     for record in logged:
         if "not a multiple" in record.getMessage():
             raise ValueError(record.getMessage())
+    starts = {
+        channel.path: channel.properties[START]
+        for group in groups
+        for channel in group.channels()
+        if START in channel.properties
+    }
+    first = min(starts.values(), default=None)
+    # A date is no number of seconds that keeps microseconds: times count from the first start.
+    seconds = {path: float((time - first) / SECOND) for path, time in starts.items()}
     root: dict[str, Node] = {
-        group.name: {channel.name: _node(channel) for channel in group.channels()}
+        group.name: {
+            channel.name: _node(channel, seconds.get(channel.path)) for channel in group.channels()
+        }
         for group in groups
     }
     return Contents(root, "TDMS")
 
 
-def _node(channel: Any) -> Node:
+def _node(channel: Any, start_s: float | None) -> Node:
     if not np.issubdtype(channel.dtype, np.number):
         return Opaque("text" if channel.dtype == object else "not numeric")
     interval = float(channel.properties.get(INTERVAL) or 0.0)
     unit = next((str(channel.properties[key]) for key in UNITS if channel.properties.get(key)), "")
     array = OnDemand((len(channel),), np.dtype(channel.dtype), lambda index: channel[index[0]])
-    return leaf(array, fs=1 / interval if interval > 0 else None, unit=unit.strip())
+    if start_s is not None:
+        start_s += float(channel.properties.get(OFFSET) or 0.0)
+    fs = 1 / interval if interval > 0 else None
+    return leaf(array, fs=fs, unit=unit.strip(), start_s=start_s)

@@ -25,6 +25,7 @@ class Leaf:
     fixed: Mapping[int, int] = field(default_factory=dict)
     fs: float | None = None  # sampling frequency that the file gives for it [Hz], if any
     unit: str = ""  # unit that the file gives for it, if any
+    start_s: float | None = None  # when it was started, as the file says, since some instant [s]
     minus: "Leaf | None" = None  # what to subtract from it, if it is a difference of two channels
 
     @property
@@ -72,9 +73,11 @@ class Contents:
 Node = Mapping[str, Any] | NDArray[Any] | Leaf | Opaque
 
 
-def leaf(array: Any, *, fs: float | None = None, unit: str = "") -> Leaf:
+def leaf(
+    array: Any, *, fs: float | None = None, unit: str = "", start_s: float | None = None
+) -> Leaf:
     """Leaf of a whole array, its axes in stored order."""
-    return Leaf(array, tuple(range(len(array.shape))), fs=fs, unit=unit)
+    return Leaf(array, tuple(range(len(array.shape))), fs=fs, unit=unit, start_s=start_s)
 
 
 def numeric(array: NDArray[Any]) -> Leaf | Opaque:

@@ -1,0 +1,287 @@
+r"""Whether drive and response keep one time: a lag that stays, that grows, or that jumps.
+
+A constant lag is a delay, one that grows along the record two clocks that run apart, and one that
+jumps a block of samples that one channel lost. Along a sweep the lag shows away from the resonance,
+where a structure's phase is known whatever its joint does,
+
+$$\arg \frac{Y}{U} = -\omega\,\tau(t) - \frac{2\zeta\,r}{1 - r^2} - k\pi, \quad
+  r = \omega / \omega_n$$
+
+and in noise between parts of the record, whose FRFs are the same but for it.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.signal import hilbert
+from scipy.stats import f as f_distribution
+
+from jbw.errors import DataError
+from jbw.measurement.channels import Reals
+from jbw.measurement.checks import Fault, doubt, refusal
+from jbw.measurement.records import Record
+from jbw.measurement.resonances import driven_lines
+
+TOGETHER = 3  # lines of a sweep's transform that one value of its phase is read over
+PIECE = 16  # samples at least between two values of a sweep's frequency
+ONE_WAY = 0.9  # of these that follow the direction of the sweep
+AWAY = 0.08  # |1 - r^2| from where on the damping alone bends the phase
+LOUD = 0.3  # of the drive's largest amplitude, where a phase is read
+FEWEST = 12  # values of a phase, or of a lag
+CERTAIN = 6.0  # standard errors of a lag along a sweep
+RIPPLED = 4.0  # a jump of the phase over what is left about it
+ROUGH = 0.15  # [rad]; a phase that scatters by more is not that of one mode under a sweep
+PARTS, AVERAGES = 8, 8  # of a record of noise, and of each of them
+COHERENT = 0.5  # between response and drive in the mean, for a lag to be read
+ODDS = 1e-6  # that a lag of chance is called one
+TURNED = 0.05  # [rad] at the end of the record: a smaller error moves no damping
+
+
+class Lag(NamedTuple):
+    """How a response lags behind its drive along a record.
+
+    Attributes:
+        constant_s: At the start of the record [s], and its standard error.
+        slope: Growth along it [s/s], and its standard error.
+        step: Time at which it jumps and by how much [s]; None where it does not.
+        scatter_s: What is left about these [s].
+    """
+
+    constant_s: tuple[float, float]
+    slope: tuple[float, float]
+    step: tuple[float, float] | None
+    scatter_s: float
+
+
+def untimely(record: Record, delay: float, *, is_sweep: bool) -> Iterator[Fault]:
+    """The doubt that drive and response of a record do not keep one time."""
+    fs, hz = record.fs, 0.0
+    u, x = (record.channels[role] for role in (record.source, record.response))
+    if is_sweep:
+        course = _phase_of_sweep(record)
+        if course is None:
+            return
+        lag = _lag_of_sweep(*course)
+        hz = float(np.max(course[1])) / (2 * np.pi)
+    else:
+        found = _lags_of_noise(u, x, fs)
+        if found is None:
+            return
+        time, lags, hz = found
+        lag = _course(time, lags)
+    if lag is None:
+        return
+    length = record.num_samples / fs
+    least = TURNED / (2 * np.pi * hz)
+    if lag.step is not None and abs(lag.step[1]) > least:
+        at, jump = lag.step
+        ahead = "ahead of" if jump < 0 else "behind"
+        yield refusal(
+            record.response,
+            f"At {at:.3g} s the response jumps by {abs(jump):.3g} s {ahead} the drive: one of them "
+            "lost a block of samples.",
+            "What comes after it is the response to another time of the drive.",
+            f"Put under [[test]]: `span = [0.0, {np.floor(98 * at) / 100:g}]`, drop the repeat "
+            "with exclude, or export it again.",
+        )
+    elif abs(lag.slope[0]) * length > least:
+        fast = "fast" if lag.slope[0] < 0 else "slow"
+        yield doubt(
+            record.response,
+            f"The response's clock runs {1e6 * abs(lag.slope[0]):.2g} ppm {fast} against the "
+            f"drive's: their lag changes by {abs(lag.slope[0]) * length:.2g} s along the record.",
+            "The phase then turns along the record, which reads as damping and as stiffness.",
+            "Record both by one clock, or resample the response to that of the drive.",
+        )
+    elif is_sweep:
+        yield from _delayed(record, lag, delay, least)
+
+
+def _delayed(record: Record, lag: Lag, delay: float, least: float) -> Iterator[Fault]:
+    """The doubt that a lag along the whole record is another than the campaign states."""
+    seconds, error = lag.constant_s
+    # What is fed in volts is held from sample to sample, which is half a sample of lag.
+    held = 1 / record.fs if record.source == "input" else 0.0
+    if abs(seconds - delay) > max(least, CERTAIN * error, held):
+        way = "lags behind" if seconds > 0 else "leads"
+        yield doubt(
+            record.response,
+            f"The response {way} the drive by {abs(seconds):.2g} s; the campaign states a delay "
+            f"of {delay:g} s.",
+            "A lag reads as damping, a lead takes damping away; a sensor coupled to alternating "
+            "current leads.",
+            f"Put under [[test]]: `delay = {seconds:.3g}`, or correct the phase of the channels.",
+        )
+
+
+def _phase_of_sweep(record: Record) -> tuple[Reals, Reals, Reals, Reals] | None:
+    """Time, frequency, phase of Y/U and bend of it by damping, away from the resonance.
+
+    Of the transform of the whole record, in which what rings on after the resonance lies there; a
+    line belongs to the time at which the drive passes it.
+    """
+    try:
+        lines = driven_lines(record)
+    except DataError:
+        return None
+    count = len(lines.omega) // TOGETHER * TOGETHER
+    if count < FEWEST * TOGETHER:
+        return None
+    omega, source, y = (
+        values[:count].reshape(-1, TOGETHER) for values in (lines.omega, lines.source, lines.y)
+    )
+    time = _time_of(record, omega.mean(axis=1))
+    if time is None:
+        return None
+    receptance = np.sum(y * np.conj(source), axis=1) / np.sum(np.abs(source) ** 2, axis=1)
+    omega = omega.mean(axis=1)
+    natural = float(omega[np.argmax(np.abs(omega * receptance))])
+    r = omega / natural
+    kept = np.flatnonzero(np.abs(1 - r**2) > AWAY)
+    kept = kept[np.argsort(time[kept])]
+    if len(kept) < FEWEST:
+        return None
+    r = r[kept]
+    phase = np.angle(receptance[kept] * np.where(r < 1, 1.0, -1.0))
+    return time[kept], omega[kept], np.unwrap(phase), 2 * r / (1 - r**2)
+
+
+def _time_of(record: Record, omega: Reals) -> Reals | None:
+    """Times at which a sweep passes frequencies [s]; None of a drive that is no sweep."""
+    u = record.channels[record.source]
+    source = np.asarray(hilbert(u - np.mean(u)))
+    loud = np.flatnonzero(np.abs(source) > LOUD * np.abs(source).max())
+    # The transform takes the record for periodic: beyond its ends the amplitude is none.
+    first, last = np.quantile(loud, (0.02, 0.98))
+    if last - first < FEWEST * PIECE:
+        return None
+    # Straight lines between few values of the phase: the mean frequency between them.
+    knots = np.linspace(first, last, len(omega) // 2 + FEWEST).astype(int)
+    rates = np.diff(np.unwrap(np.angle(source))[knots]) / np.diff(knots) * record.fs
+    middles = 0.5 * (knots[1:] + knots[:-1]) / record.fs
+    steps = np.sign(rates[-1] - rates[0]) * np.diff(rates)
+    if np.mean(steps > 0) < ONE_WAY:
+        return None
+    order = np.argsort(rates)
+    return np.interp(omega, rates[order], middles[order])
+
+
+def _lag_of_sweep(time: Reals, omega: Reals, phase: Reals, bend: Reals) -> Lag | None:
+    """The lag by least squares: constant, growing or with a step, the simplest that serves."""
+    # The phase is known up to half turns: the polarity of a channel.
+    phase = phase - np.pi * np.round(np.median(phase) / np.pi)
+    plain = _squares(np.column_stack([-omega, -bend]), phase)
+    growing = _squares(np.column_stack([-omega, -bend, -omega * time]), phase)
+    count = len(time)
+    edge = FEWEST // 3
+    stepped = [
+        (at, _squares(np.column_stack([-omega, -bend, -omega * (np.arange(count) >= at)]), phase))
+        for at in range(edge, count - edge)
+    ]
+    at, jump = min(stepped, key=lambda pair: pair[1].squares)
+    chosen, extra = plain, 2
+    if _better(plain, growing, count, 3):
+        chosen, extra = growing, 3
+    if jump.squares < chosen.squares and _better(plain, jump, count, 4):
+        chosen, extra = jump, 4
+    scatter = float(np.sqrt(chosen.squares / (count - extra)))
+    # Where a block was cut out the two ends do not meet, and ripple the phase around.
+    rough = ROUGH
+    if chosen is jump:
+        rough = max(ROUGH, abs(float(jump.values[2])) * float(np.mean(omega)) / RIPPLED)
+    if scatter > rough:
+        return None
+    values, errors = chosen.values, chosen.errors * scatter
+    zero = (0.0, np.inf)
+    slope = (float(values[2]), float(errors[2])) if chosen is growing else zero
+    step = (float(time[at]), float(values[2])) if chosen is jump else None
+    return Lag((float(values[0]), float(errors[0])), slope, step, scatter / float(np.mean(omega)))
+
+
+class _Fit(NamedTuple):
+    values: Reals
+    errors: Reals  # for residuals of unit variance
+    squares: float
+
+
+def _squares(design: Float[np.ndarray, "value unknown"], target: Reals) -> _Fit:
+    scale = np.linalg.norm(design, axis=0)
+    inverse = np.linalg.pinv(design / scale)
+    values = (inverse @ target) / scale
+    left = target - design @ values
+    return _Fit(values, np.linalg.norm(inverse, axis=1) / scale, float(left @ left))
+
+
+def _better(simple: _Fit, further: _Fit, count: int, unknowns: int) -> bool:
+    """Whether a further unknown takes away more squares than noise would give it."""
+    degrees = (count - unknowns) / 2  # neighbouring values overlap by half
+    ratio = (simple.squares - further.squares) / max(further.squares, 1e-300) * degrees
+    return bool(f_distribution.sf(ratio, 1, degrees) < ODDS)
+
+
+def _lags_of_noise(u: Reals, x: Reals, fs: float) -> tuple[Reals, Reals, float] | None:
+    """Time of the parts of a record, their lags against the first [s], and the frequency there."""
+    size = len(u) // PARTS
+    short = 2 * size // (AVERAGES + 1)
+    if short < 64:
+        return None
+    cross = np.array(
+        [_cross(u[i * size :][:size], x[i * size :][:size], short) for i in range(PARTS)]
+    )
+    power, coherence = np.abs(cross[:, 0]), np.abs(cross[:, 1])
+    weight = np.prod(coherence, axis=0) ** (1 / PARTS) * np.prod(power, axis=0) ** (1 / PARTS)
+    if np.sum(weight) < COHERENT * np.sum(np.prod(power, axis=0) ** (1 / PARTS)):
+        return None
+    ratios = cross[:, 0] / np.maximum(power, 1e-300)
+    fine = 16
+    lags = []
+    for part in ratios:
+        correlation = np.fft.irfft(part * np.conj(ratios[0]) * weight, fine * short)
+        place = int(np.argmax(correlation))
+        place -= fine * short if place > fine * short / 2 else 0
+        around = correlation[[place - 1, place, (place + 1) % len(correlation)]]
+        curve = around[0] - 2 * around[1] + around[2]
+        lags.append((place + (0.5 * (around[0] - around[2]) / curve if curve else 0.0)) / fine / fs)
+    freq = np.fft.rfftfreq(short, 1 / fs)
+    hz = float(np.sqrt(np.sum(weight * freq**2) / np.sum(weight)))
+    time: Reals = np.asarray((np.arange(PARTS) + 0.5) * size / fs, np.float64)
+    return time, np.array(lags, np.float64), hz
+
+
+def _cross(u: Reals, x: Reals, short: int) -> Complex[np.ndarray, "two line"]:
+    """Cross spectrum of a part, and its coherence."""
+    window = np.hanning(short)
+    starts = range(0, len(u) - short + 1, short // 2)
+    spectra = np.array(
+        [[np.fft.rfft(window * (y[i : i + short] - y[i : i + short].mean())) for i in starts]
+         for y in (u, x)]
+    )  # fmt: skip
+    cross = np.mean(np.conj(spectra[0]) * spectra[1], axis=0)
+    power = np.mean(np.abs(spectra) ** 2, axis=1)
+    return np.stack([cross, np.abs(cross) ** 2 / np.maximum(np.prod(power, axis=0), 1e-300)])
+
+
+def _course(time: Reals, lags: Reals) -> Lag | None:
+    """Which of slope and step lags of noise follow; of neither, a constant."""
+    ones = np.ones_like(time)
+    plain = _squares(ones[:, None], lags)
+    growing = _squares(np.column_stack([ones, time - time[0]]), lags)
+    stepped = [
+        (at, _squares(np.column_stack([ones, np.arange(len(time)) >= at]), lags))
+        for at in range(1, len(time))
+    ]
+    at, jump = min(stepped, key=lambda pair: pair[1].squares)
+    chosen = plain
+    # Two or three of eight parts are left for the scatter: the odds say what that is worth.
+    if _better(plain, growing, 2 * len(time), 2):
+        chosen = growing
+    if jump.squares < chosen.squares and _better(plain, jump, 2 * len(time), 3):
+        chosen = jump
+    scatter = float(np.sqrt(chosen.squares / (len(time) - 2)))
+    zero = (0.0, np.inf)
+    slope = (float(chosen.values[1]), scatter) if chosen is growing else zero
+    half = 0.5 * (time[1] - time[0])
+    step = (float(time[at] - half), float(chosen.values[1])) if chosen is jump else None
+    return Lag((float(chosen.values[0]), scatter), slope, step, scatter)

@@ -1,0 +1,101 @@
+"""Drive and response on one clock or not: linear oscillators by their spectra, mistimed."""
+
+import numpy as np
+import pytest
+
+from jbw.campaign.check import findings
+from jbw.campaign.tables import TestSpec
+from jbw.measurement.records import Record
+
+FS, HZ, ZETA = 512.0, 20.0, 0.005
+
+
+def response(u, fs=FS, lag=None, zeta=ZETA, other=0.0):
+    """Displacement under a force per kg, from rest; `lag` [s] late at a time."""
+    size = 4 * len(u)
+    omega = 2 * np.pi * np.fft.rfftfreq(size, 1 / fs)
+    spectrum = sum(
+        share * np.fft.rfft(u, size) / (w**2 - omega**2 + 2j * zeta * w * omega)
+        for share, w in ((1.0, 2 * np.pi * HZ), (other, 2 * np.pi * 3.1 * HZ))
+    )
+    fine = 8  # by zero-padding: exact between samples
+    x = np.fft.irfft(spectrum, fine * size) * fine
+    t = np.arange(len(u)) / fs
+    return np.interp(t - (0.0 if lag is None else lag(t)), np.arange(len(x)) / fs / fine, x)
+
+
+def sweep(seconds=40.0, down=False):
+    t = np.arange(int(seconds * FS)) / FS
+    f0, f1 = (24.0, 16.0) if down else (16.0, 24.0)
+    u = np.sin(2 * np.pi * (f0 + (f1 - f0) / 2 / seconds * t) * t)
+    return u * np.minimum(1, np.minimum(t, seconds - t) / 0.3)
+
+
+def noise(seconds=100.0, seed=0):
+    return np.random.default_rng(seed).standard_normal(int(seconds * FS))
+
+
+def found(u, x, kind, delay=0.0, seed=1, source="force"):
+    x = x + 1e-3 * np.std(x) * np.random.default_rng(seed).standard_normal(len(x))
+    units = {source: "N" if source == "force" else "V", "displacement": "m"}
+    spec = TestSpec(
+        kind=kind, files=("a.h5",), channels={source: "u", "displacement": "x"}, units=units,
+        delay=delay, band=(15.0, 25.0),
+    )  # fmt: skip
+    return findings(Record(FS, {source: u, "displacement": x}, units, name="a.h5"), spec)
+
+
+@pytest.mark.parametrize("down", [False, True])
+@pytest.mark.parametrize("zeta", [0.001, 0.005, 0.02])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_sound_sweep_is_not_doubted(down, zeta, sign):
+    u = sweep(down=down)
+    for seed in range(3):
+        assert not found(u, sign * response(u, zeta=zeta, other=0.3), "sweep", seed=seed)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_sound_noise_is_not_doubted(seed):
+    u = noise(seed=seed)
+    assert not found(u, response(u), "noise", seed=seed)
+
+
+@pytest.mark.parametrize(("kind", "drive"), [("sweep", sweep()), ("noise", noise())])
+@pytest.mark.parametrize("ppm", [80.0, -150.0])
+def test_a_clock_that_runs_apart_is_named_with_its_rate(kind, drive, ppm):
+    x = response(drive, lag=lambda t: 1e-6 * ppm * t)
+    (fault,) = found(drive, x, kind)
+    assert f"ppm {'slow' if ppm > 0 else 'fast'}" in fault.what
+    read = float(fault.what.split("runs ")[1].split()[0])
+    assert read == pytest.approx(abs(ppm), rel=0.06)  # two digits, and what noise leaves
+
+
+@pytest.mark.parametrize(("kind", "drive"), [("sweep", sweep()), ("noise", noise())])
+@pytest.mark.parametrize("lost", [4, 9])
+def test_a_lost_block_is_refused_with_its_time(kind, drive, lost):
+    at = round(0.4 * len(drive) / 8) * 8
+    x = response(np.append(drive, np.zeros(lost)))
+    x = np.concatenate([x[:at], x[at + lost :]])
+    fault = next(f for f in found(drive, x, kind) if "lost a block" in f.what)
+    assert fault.severity == "error"
+    length = len(drive) / FS
+    assert float(fault.what.split()[1]) == pytest.approx(at / FS, abs=length / 8)
+    # Of a sweep the two ends that do not meet ripple the phase, by a tenth of a radian of one.
+    jump = float(fault.what.split("jumps by ")[1].split()[0])
+    assert jump == pytest.approx(lost / FS, rel=0.25 if kind == "sweep" else 0.05)
+
+
+@pytest.mark.parametrize("tau", [4e-3, -3e-3])
+def test_a_delay_of_a_sweep_is_named_and_its_key_cures(tau):
+    u = sweep()
+    x = response(np.append(np.zeros(100), u), lag=lambda t: tau)[100:]
+    (fault,) = found(u, x, "sweep")
+    assert ("lags behind" if tau > 0 else "leads") in fault.what
+    read = float(fault.remedy.split("delay = ")[1].split("`")[0])
+    assert read == pytest.approx(tau, rel=0.05)
+    assert not found(u, x, "sweep", delay=read)
+
+
+def test_half_a_sample_of_a_converter_that_holds_is_not_doubted():
+    u = sweep()
+    assert not found(u, response(u, lag=lambda t: 0.5 / FS), "sweep", source="input")
