@@ -1,5 +1,6 @@
 """Units at the border: a small fixed table to SI, by quantity. Inside jbw everything is SI."""
 
+import re
 from math import pi
 
 import numpy as np
@@ -33,6 +34,7 @@ FACTORS: dict[str, dict[str, float]] = {
     "angle": {"rad": 1.0, "deg": pi / 180},
 }
 
+TIME = r"^t$|\btime\b|\bzeit\b"  # in the name of a column of times
 # One spelling for the ways in which files write micro, powers and inverse seconds.
 _SPELLING = str.maketrans({"µ": "u", "μ": "u", "²": "^2", "°": "deg", " ": None})
 
@@ -45,6 +47,19 @@ def si_unit(quantity: str) -> str:
 def plain(unit: str) -> str:
     """Spelling of a unit as the table has it: `µm/s²` is `um/s^2`, `m/s**2` is `m/s^2`."""
     return unit.translate(_SPELLING).replace("**", "^").replace("/s2", "/s^2")
+
+
+def titled(title: str) -> tuple[str, str]:
+    """Name and unit of a title such as `force [kN]` or `Time (ms)`; the unit is empty without one.
+
+    What stands behind a time is its unit whatever it says: a wrong one would be a wrong rate.
+    """
+    found = re.fullmatch(r"\s*(.*\S)\s*(?:\[([^\[\]]+)\]|\(([^()]+)\))\s*", title)
+    if not found:
+        return title, ""
+    name, unit = found[1], found[2] or found[3]
+    known = any(plain(unit) in factors for factors in FACTORS.values())
+    return (name, unit) if known or re.search(TIME, name.lower()) else (title, "")
 
 
 def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:

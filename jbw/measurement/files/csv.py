@@ -11,7 +11,7 @@ import numpy as np
 
 from jbw.errors import DataError
 from jbw.measurement.files.tree import Contents, Node, leaf
-from jbw.units import FACTORS, plain
+from jbw.units import FACTORS, plain, titled
 
 WORDS = {None: "spaces", "\t": "tab", ";": "semicolon", ",": "comma"}
 LOOKED_AT = 400  # lines, to find the dialect
@@ -145,6 +145,15 @@ def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
     last = len(rows) - 1
     if wide and wide[0] < last and len(rows[-1]) >= dialect.columns and words[-1] <= 1:
         values += [last] if dialect.has_decimals(rows[-1]) else []
+    share = rows[-1] if rows else []
+    tail = share[1 - dialect.columns :]
+    if len(share) - 2 * dialect.columns in (-1, 0) and all(map(dialect.is_number, tail)):
+        raise DataError(
+            f"File `{path}` cannot be read by the csv reader: its header and its first row share "
+            f"line {len(rows)}: {header[-1][:60]!r}.",
+            why="The first sample would be lost, and with it the beginning of the record.",
+            remedy="Break the line behind the names of the columns, or export the file again.",
+        )
     if values:
         broken = next(i for i in (*range(values[0], last), last) if words[i] or i not in wide)
         raise DataError(
@@ -176,10 +185,15 @@ def _named(header: Sequence[str], dialect: Dialect) -> Iterator[tuple[int, str, 
     known = {unit for factors in FACTORS.values() for unit in factors}
     has_units = len(rows) == 2 and all(plain(text.strip("[]()")) in known for text in rows[1])
     titles = (rows[0] if has_units else rows[-1]) if rows else []
-    for i, title in enumerate(titles):
+    units = [text.strip("[]()") for text in rows[1]] if has_units else [""] * len(titles)
+    if not has_units and titles:
+        parts = [titled(title) for title in titles]
+        alone = len({name for name, _ in parts}) == len(parts)
+        titles, units = zip(*parts, strict=True) if alone else (titles, units)
+    for i, (title, unit) in enumerate(zip(titles, units, strict=True)):
         # A name that is given twice would be a guess; its columns keep their numbers only.
         if title and titles.count(title) == 1:
-            yield i, title, rows[1][i].strip("[]()") if has_units else ""
+            yield i, title, unit
 
 
 def _decode(data: bytes) -> str:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from jbw.errors import DataError, did_you_mean
 from jbw.measurement.files.tree import Leaf, Node, Opaque, names
+from jbw.units import titled
 
 INDICES = re.compile(r"\s*(:|-?\d+)(\s*,\s*(:|-?\d+))*\s*")
 CLOSING = {"[": "]", "(": ")", "{": "}"}
@@ -37,9 +38,13 @@ def select(root: Node, path: str) -> Leaf | list[Leaf]:
 
 def _follow(root: Node, path: str) -> Leaf | list[Leaf]:
     """What one path points at; a refusal lists what was found, with the closest match."""
+    path = path.strip("/")
     try:
-        return _walk(root, [], path.strip("/"))
+        return _walk(root, [], path)
     except DataError as error:
+        name, unit = titled(path)
+        if unit and isinstance(root, Mapping) and name in root:  # a title with its unit behind
+            return _walk(root[name], [], "")
         found = [name for name, item in names(root) if isinstance(item, Leaf)]
         more = f" and {len(found) - 20} more" if len(found) > 20 else ""
         listed = f"Found: {', '.join(found[:20]) or 'nothing'}{more}."

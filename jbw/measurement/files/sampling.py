@@ -1,5 +1,6 @@
 """Sampling frequency of a file's channels, from all that states it, and the rows of a channel."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -8,13 +9,15 @@ from numpy.typing import NDArray
 
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.paths import select
-from jbw.measurement.files.tree import WHOLE, Contents, Leaf, load
+from jbw.measurement.files.tree import WHOLE, Contents, Leaf, load, names
 from jbw.measurement.records import si_of
+from jbw.units import TIME, plain
 
 REGULARITY = 1e-3  # of a sampling interval: the largest deviation of a sample from the even grid
 LOOSEST_SNAP = 2e-5  # relative: however coarse the times are printed
 SNAP = 5e-6  # relative: what six printed digits of a sampling interval lose
 
+ADRIFT = 1.0  # intervals at most between a sample's time and its place
 EVEN = "Spectra and sampled inputs need even samples."
 Repeats = list[NDArray[np.float64]]
 Sources = Mapping[str, list[Leaf]]  # role to the arrays that its path selects
@@ -64,9 +67,40 @@ def sampling_of(contents: Contents, sources: Sources, wanted: Wanted) -> tuple[f
                 f"and {other} is {value:.7g} Hz.",
                 remedy="Name channels of one rate, or resample them where they were measured.",
             )
+    if "time" not in sources:
+        _agree_with_unused_time(contents, sources, wanted, fs)
     kept = snapped(fs) if wanted.fs is None else fs
     rounded = "" if kept == fs else f", snapped from {fs:.10g} Hz"
     return kept, f"{kept:.10g} Hz from {said}{rounded}"
+
+
+def _agree_with_unused_time(
+    contents: Contents, sources: Sources, wanted: Wanted, fs: float
+) -> None:
+    """Refuse a rate against which a column of times in the file speaks that nobody named."""
+    lengths = {max(item.shape, default=0) for items in sources.values() for item in items}
+    for name, item in names(contents.root):
+        if not (isinstance(item, Leaf) and re.search(TIME, name.rpartition(".")[2].lower())):
+            continue
+        # In the unit that it states, or in seconds as a column of times without one is.
+        if len(item.shape) != 1 or max(item.shape) not in lengths:
+            continue
+        try:
+            seconds = load(item) * si_of("time", item.unit or "s")[0]
+            steps = np.diff(seconds) * fs
+        except ConfigError:  # a unit that nobody knows tells nothing
+            continue
+        off = np.abs((seconds - seconds[0]) * fs - np.arange(len(seconds)))
+        if len(steps) < 2 or not np.all(np.isfinite(steps)) or np.median(steps) <= 0:
+            continue
+        # A clock in another unit, or a number of samples, is some power of ten away.
+        if 0.5 < np.median(steps) < 2.0 and off.max() > ADRIFT:
+            raise DataError(
+                f"the file's `{name}` speaks against {fs:g} Hz: by it sample {int(off.argmax())} "
+                f"is {off.max():.3g} intervals off.",
+                why="The rate is wrong, or samples are not even.",
+                remedy=f'Name it, channels = {{ time = "{name}" }}, in the place of `fs`.',
+            )
 
 
 def _given(contents: Contents, fs: float | str) -> tuple[float, str]:
@@ -87,7 +121,14 @@ def _timed(sources: Sources, wanted: Wanted) -> dict[str, float]:
     """Sampling frequency of each time channel, all of which must be even."""
     timed = {}
     for item in sources.get("time", ()):
-        factor = si_of("time", wanted.units.get("time") or item.unit or "s")[0]
+        given = wanted.units.get("time", "")
+        if given and item.unit and plain(given) != plain(item.unit):
+            raise DataError(
+                f"role `time` is in `{given}` by the campaign but in `{item.unit}` by the file.",
+                why="The sampling frequency hangs on it.",
+                remedy="Correct whichever is wrong; the file's own unit needs no mention.",
+            )
+        factor = si_of("time", given or item.unit or "s")[0]
         for row in rows_of(item, "time", wanted, exact=False):
             name = (wanted.channels or {}).get("time", "time")
             fs, before = sampling_frequency(row if factor == 1.0 else row * factor, name)
@@ -164,7 +205,7 @@ def sampling_frequency(time: NDArray[np.floating], name: str = "time") -> tuple[
             f"Time channel `{name}` must be even within {REGULARITY:g} of an interval at "
             f"{fs:.6g} Hz, but sample {i} is {off[i]:.3g} off and the worst {off.max():.3g}.",
             why=EVEN,
-            remedy="Resample to an even grid where it was measured, or give fs instead of time.",
+            remedy="Resample it to an even grid; a sampling frequency beside it would be wrong.",
         )
     return fs, found
 
