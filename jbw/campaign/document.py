@@ -13,6 +13,8 @@ from pydantic_core import ErrorDetails
 
 from jbw.errors import ConfigError
 
+MOST_BYTES = 2**20  # of a file that somebody wrote: some thousand tests
+LISTED = 20  # keys or errors that are told one by one
 # What pydantic refuses itself, in our words; a check of ours brings its own.
 SENTENCES = {
     "bool_type": "must be true or false, but is {value!r}.",
@@ -61,6 +63,12 @@ def text_of(path: Path, what: str, remedy: str) -> str:
     """
     if not path.is_file():
         raise ConfigError(f"{what} `{path}` does not exist.", remedy=remedy)
+    if (size := path.stat().st_size) > MOST_BYTES:
+        raise ConfigError(
+            f"{what} `{path}` must be of {MOST_BYTES // 2**20} MiB at most, but has {size} bytes.",
+            why="It names files of samples, and holds none.",
+            remedy='Name the files by patterns such as files = "run_*.h5".',
+        )
     try:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
@@ -88,7 +96,8 @@ def document_of(source: str, file: str) -> dict[str, Any]:
 def unknown_tables(document: Mapping[str, Any], tables: Collection[str]) -> list[str]:
     """What to say of tables that nobody knows."""
     unknown = [name for name in document if name not in tables]
-    return [f"[{name}]: unknown table{unlike(name, tables)}." for name in unknown]
+    told = [f"[{name}]: unknown table{unlike(name, tables)}." for name in unknown[:LISTED]]
+    return told + ([f"{len(unknown) - LISTED} more unknown tables."] if unknown[LISTED:] else [])
 
 
 def checked[Found: Table](
@@ -100,6 +109,11 @@ def checked[Found: Table](
     """
     if not isinstance(table, Mapping):
         errors.append(f"{where}: must be a table, but is {table!r}.")
+        return None
+    unknown = [name for name in table if name not in model.model_fields]
+    if len(unknown) > LISTED:
+        shown = ", ".join(unknown[:3])
+        errors.append(f"{where}: {len(unknown)} unknown keys: {shown[:60]}, ...")
         return None
     try:
         return model.model_validate(table)
@@ -143,7 +157,9 @@ def refuse(file: str, errors: Sequence[str]) -> None:
     """Raise a ConfigError of all errors of a file; nothing where there are none."""
     if errors:
         count = "an error" if len(errors) == 1 else f"{len(errors)} errors"
-        raise ConfigError("\n  ".join([f"{file} has {count}:", *errors]))
+        told = errors[: 5 * LISTED]
+        more = [f"and {len(errors) - len(told)} more."] if len(errors) > len(told) else []
+        raise ConfigError("\n  ".join([f"{file} has {count}:", *told, *more]))
 
 
 def json_schema(model: type[Table]) -> dict[str, Any]:

@@ -1,10 +1,12 @@
 """The campaign file: strict, all errors at once, each with its key and remedy."""
 
+import time
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jbw.campaign.schema import parse
+from jbw.campaign.schema import parse, read_spec
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 
@@ -212,3 +214,32 @@ def test_one_torque_is_not_for_several_assemblies():
     assert "[assembly]: speaks of one assembly, but the campaign has 2: a, b" in refused(
         two + "[assembly]\ntorque = 8.0\n"
     )
+
+
+TEST = '[[test]]\nkind = "decay"\nfiles = "a.h5"\nchannels = { velocity = "v" }\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (TEST + "\n".join(f"k{i} = 1" for i in range(60_000)), "60000 unknown keys: k0, k1, k2"),
+        (TEST + "\n".join(f"[t{i}]" for i in range(60_000)), "59980 more unknown tables"),
+        ((TEST + "bad = 1\n") * 10_000, "has 10000 errors"),
+    ],
+)
+def test_many_unknown_keys_take_bounded_time_and_words(text, says):
+    begin = time.process_time()
+    with pytest.raises(ConfigError) as caught:
+        parse(text)
+    assert says in caught.value.what
+    assert len(str(caught.value)) < 100_000
+    assert time.process_time() - begin < 20.0  # 70 us a key, where it took 2 ms and a word each
+
+
+def test_a_campaign_file_that_holds_samples_is_refused_by_its_size(tmp_path):
+    path = tmp_path / "campaign.toml"
+    path.write_text(TEST + "\n".join(f"key_{i} = 1" for i in range(1_000_000)))
+    begin = time.process_time()
+    with pytest.raises(ConfigError, match="must be of 1 MiB at most"):
+        read_spec(path)
+    assert time.process_time() - begin < 1.0

@@ -144,6 +144,17 @@ def test_decompression_bomb_is_refused_by_its_declared_size(tmp_path, monkeypatc
     assert "GiB" in refused(path, {"velocity": "laser"}, UNITS_V, fs=FS).what
 
 
+def test_bytes_that_unpack_to_eight_times_as_many_are_refused(tmp_path):
+    """4 GiB of uint8 may be stored, but are 32 GiB as the numbers that jbw computes with."""
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        laser = file.create_dataset("laser", (2**32 - 8,), dtype="u1", chunks=(2**20,))
+        laser.attrs.update(fs=FS, unit="m/s")
+    assert "takes 32.0 GiB" in refused(path, {"velocity": "laser"}).what
+    (record,) = read(path, {"velocity": "laser"}, span=(0.0, 1.0), exclude=[0]) or (None,)
+    assert record is None
+
+
 @pytest.mark.fault(50)
 def test_huge_file_is_read_in_part(tmp_path):
     """A day at 51.2 kHz, 35 GB: sparse on disk, only the asked second in memory."""

@@ -118,7 +118,9 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
     if axes:
         index[axes[-1]] = part
     lengths = [len(range(*index[axis].indices(array.shape[axis]))) for axis in axes]
-    size = int(np.prod(lengths, dtype=np.float64)) * array.dtype.itemsize
+    # As it will be held: bytes that a file packs may unpack to eight times as many.
+    width = max(array.dtype.itemsize, np.dtype(dtype or array.dtype).itemsize)
+    size = int(np.prod(lengths, dtype=np.float64)) * width
     if size > MAX_BYTES:
         raise DataError(
             f"A channel of shape {source.shape} takes {size / 2**30:.1f} GiB, "
