@@ -13,6 +13,7 @@ import numpy as np
 from jbw.campaign.duplicates import Source, held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import force_per_unit, gain_of
+from jbw.campaign.levels import Level, against_levels, level_of
 from jbw.campaign.schema import CampaignSpec, read_spec
 from jbw.campaign.tables import TestSpec
 from jbw.errors import ConfigError, DataError, JbwError
@@ -84,6 +85,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
     ]
     codes, seen = set(), []
     sources: list[Source] = []
+    levels: list[Level] = []
     for test in spec.tests:
         named: list[tuple[str, Fault]] = []
         failures: dict[tuple[str, ...], JbwError] = {}
@@ -101,6 +103,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
                 codes |= {ConfigError.exit_code} if worst(stated) == "error" else set()
                 named += [(item.name, fault) for fault in (*faults, *stated)]
                 sources.append(source_of(item, test))
+                levels += [] if first else level_of(item, test)
                 held += item.num_samples * len(item.channels)
                 kept = [*kept, item] if held <= MOST_SAMPLES else []
                 # Its head alone, so that a huge campaign is never held in memory.
@@ -123,9 +126,9 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
             unit = test.units.get(role, "")
             rows.append(Row(test.name, channel, role, unit, fs, repeats, worst(own), tuple(own)))
             failed = []
-    twice = list(held_twice(sources))
-    codes |= {DataError.exit_code} if worst(fault for _, fault in twice) == "error" else set()
-    return Check(spec.name, tuple(_with(rows, twice)), min(codes, default=0), tuple(seen))
+    compared = [*held_twice(sources), *against_levels(levels)]
+    codes |= {DataError.exit_code} if worst(fault for _, fault in compared) == "error" else set()
+    return Check(spec.name, tuple(_with(rows, compared)), min(codes, default=0), tuple(seen))
 
 
 def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[Row]:

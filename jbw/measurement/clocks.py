@@ -31,6 +31,8 @@ AWAY = 0.08  # |1 - r^2| from where on the damping alone bends the phase
 LOUD = 0.3  # of the drive's largest amplitude, where a phase is read
 FEWEST = 12  # values of a phase, or of a lag
 CERTAIN = 6.0  # standard errors of a lag along a sweep
+ONE_MODE = 0.3  # scatter of log |Y/U| about that of one mode: more is of several
+NEAR_HALF = 0.6  # [rad] about half a turn, which another mode makes
 RIPPLED = 4.0  # a jump of the phase over what is left about it
 ROUGH = 0.15  # [rad]; a phase that scatters by more is not that of one mode under a sweep
 PARTS, AVERAGES = 8, 8  # of a record of noise, and of each of them
@@ -144,6 +146,9 @@ def _phase_of_sweep(record: Record) -> tuple[Reals, Reals, Reals, Reals] | None:
     if len(kept) < FEWEST:
         return None
     r = r[kept]
+    # Of one mode the size falls off as 1 / (1 - r^2); of several the phase tells no lag.
+    if np.std(np.log(np.abs(receptance[kept] * (1 - r**2)))) > ONE_MODE:
+        return None
     phase = np.angle(receptance[kept] * np.where(r < 1, 1.0, -1.0))
     return time[kept], omega[kept], np.unwrap(phase), 2 * r / (1 - r**2)
 
@@ -187,6 +192,12 @@ def _lag_of_sweep(time: Reals, omega: Reals, phase: Reals, bend: Reals) -> Lag |
     if jump.squares < chosen.squares and _better(plain, jump, count, 4):
         chosen, extra = jump, 4
     scatter = float(np.sqrt(chosen.squares / (count - extra)))
+    if chosen is jump:
+        # Another mode turns the phase by half a turn, whatever the frequency.
+        after = np.arange(count) >= at
+        turned = _squares(np.column_stack([-omega, -bend, after]), phase).values[2]
+        if abs(abs(np.angle(np.exp(1j * turned))) - np.pi) < NEAR_HALF:
+            return None
     # Where a block was cut out the two ends do not meet, and ripple the phase around.
     rough = ROUGH
     if chosen is jump:
