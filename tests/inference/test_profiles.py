@@ -129,3 +129,50 @@ def test_a_profile_that_finds_a_better_fit_says_so():
     assert found["slope"].better > 1
     assert np.min([np.min(one.chi_square) for one in found.values()]) == 0.0
     assert "stopped short" in profile_statements(found)[-1]
+
+
+def cliff(theta, data):
+    """A line through data, which cannot be solved for an offset above 0.35."""
+    return jnp.where(theta["offset"] > 0.35, jnp.nan, 1.0) * line(theta, data)
+
+
+def sharp(theta, data):
+    """The same up to the edge, whose differences there are of numbers that overflow."""
+    return line(theta, data) * jnp.where(theta["offset"] > 0.35, 1e308, 1.0)
+
+
+@pytest.mark.parametrize("residual", [cliff, sharp])
+def test_a_profile_ends_where_the_model_cannot_be_solved(residual):
+    data = measured(0.3 + 0.8 * X, 0.1)
+    bounds = box({"offset": (-2.0, 2.0), "slope": (-3.0, 3.0)})
+    best = costly_fit(residual, bounds, data, starts={"offset": 0.0, "slope": 0.0})
+    found = profiles(residual, bounds, data, best)
+    design = np.column_stack([np.ones(30), X]) / 0.1
+    mean = np.linalg.lstsq(design, np.asarray(data) / 0.1)[0]
+    std = np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+    # Below, the straight line's own interval; above, the edge at 0.35 lies within it and ends it,
+    # up to the halvings of the gap to the first point beyond, a quarter of three deviations.
+    assert mean[0] < 0.35 < mean[0] + REACH * std[0]
+    low, high = found["offset"].interval
+    assert low == pytest.approx(mean[0] - REACH * std[0], rel=1e-4)
+    assert 0.35 <= high <= 0.35 + 0.75 * std[0]
+    for one in found.values():
+        assert np.all(np.isfinite(one.chi_square))
+    if residual is cliff:
+        assert found["offset"].num_refused > 0
+        assert "cannot be solved" in " ".join(profile_statements(found))
+
+
+def test_a_fit_refuses_and_counts_points_that_cannot_be_solved():
+    def walled(theta, data):
+        beyond = theta["slope"] > 0.9
+        return jnp.where(beyond, jnp.nan, 1.0) * line(theta, data) * (1 + theta["slope"] ** 4)
+
+    data = measured(0.3 + 0.8 * X, 0.1)
+    bounds = box({"offset": (-2.0, 2.0), "slope": (-3.0, 3.0)})
+    starts = {"offset": np.array([0.0, 0.5]), "slope": np.array([-2.5, 2.0])}
+    found = costly_fit(walled, bounds, data, starts=starts)
+    assert np.isfinite(found.cost)
+    assert found.theta["slope"] < 0.9
+    assert found.num_refused >= 1  # the second start, at least
+    assert found.waterfall[-1] == np.inf

@@ -1,6 +1,7 @@
 """Least squares for residuals that cost a simulation: few evaluations, all derivatives at once."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -33,6 +34,7 @@ WIDEST = 0.02
 SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12  # ratios of standard errors
 UNIFORM = 12.0  # precision of a uniform prior over the unit cube
 LANES = 8
+OUT_OF_REACH = 1e100  # of every residual at a point that is refused
 NEAR_ZERO = 0.01  # of the upper bound: where a parameter that may be zero is told from zero
 LOPSIDED = 0.5  # of the upper bound, which the lower one stays within
 
@@ -59,16 +61,12 @@ def costly_fit(
     require_float64()
     part = evaluator(residual, box, data)
 
-    def one(s: NDArray[np.float64]) -> OptimizeResult | None:
-        if not np.all(np.isfinite(part(s, 0))):
-            return None
-        return trust_region(part, s, max_evaluations, tolerance)
-
     inside = jax.vmap(lambda x: to_search(x, box))(named_starts(starts, box))
-    ends = [one(s) for s in np.clip(inside, START_MARGIN, 1 - START_MARGIN)]
-    costs = np.array([np.inf if end is None else end.cost for end in ends])
+    starting = np.clip(inside, START_MARGIN, 1 - START_MARGIN)
+    ends = [trust_region(part, s, max_evaluations, tolerance) for s in starting]
+    costs = np.array([end.cost for end in ends])
     best = ends[int(np.argmin(costs))]
-    if best is None:
+    if not np.isfinite(best.cost):
         raise ModelError(
             f"The residual is finite at none of the {len(costs)} starts.",
             remedy="Look at the data with `jbw check`, for swapped channels, units or NaN, and at "
@@ -81,7 +79,8 @@ def costly_fit(
         jacobian = wide_enough(
             jacobian, lambda steps: _with_differences(residual, box, data, s, steps)[1], s
         )
-    return describe_optimum(x, part(best.x, 0), jacobian / slope, box, costs)
+    found = describe_optimum(x, part(best.x, 0), jacobian / slope, box, costs)
+    return replace(found, num_refused=sum(end.num_refused for end in ends))
 
 
 def wide_enough(
@@ -124,9 +123,26 @@ def precision(
 def trust_region(
     part: Part, start: NDArray[np.float64], max_evaluations: int, tolerance: float
 ) -> OptimizeResult:
-    """Scipy's trust region in the unit cube; a residual that is not a number is out of reach."""
-    return least_squares(
-        lambda s: np.nan_to_num(part(s, 0), nan=1e100, posinf=1e100, neginf=-1e100),
+    """Scipy's trust region in the unit cube, which refuses points that cannot be solved.
+
+    A point is refused where its residual or its Jacobian is not finite: the region shrinks there,
+    and `num_refused` counts it. Where the start itself is refused, that is the end, at an infinite
+    `cost`.
+    """
+    refused: set[bytes] = set()
+
+    def residual(s: NDArray[np.float64]) -> NDArray[np.float64]:
+        value = part(s, 0)
+        if np.all(np.isfinite(value)) and np.all(np.isfinite(part(s, 1))):
+            return value
+        refused.add(s.tobytes())
+        return np.full_like(value, OUT_OF_REACH)
+
+    residual(start)
+    if refused:
+        return OptimizeResult(x=start, cost=np.inf, num_refused=1)
+    end = least_squares(
+        residual,
         start,
         lambda s: part(s, 1),  # pyright: ignore[reportArgumentType]
         bounds=(0.0, 1.0),
@@ -136,6 +152,8 @@ def trust_region(
         xtol=tolerance,
         gtol=1e-15,
     )
+    end.num_refused = len(refused)
+    return end
 
 
 def residual_at(

@@ -1,7 +1,7 @@
 """Least squares in the box, from many starts: the optimum, its covariance, what is weak."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import equinox as eqx
@@ -38,6 +38,7 @@ class Fit:
         waterfall: Costs reached from all starts, lowest first; infinite where a start failed.
         residual: At the optimum, in units of the standard deviation.
         jacobian: Its derivatives by the parameters, in the order of the box.
+        num_refused: Points of the search whose residual or Jacobian was not finite.
     """
 
     theta: dict[str, float]
@@ -49,6 +50,7 @@ class Fit:
     waterfall: NDArray[np.float64]
     residual: Float[np.ndarray, " residual"]
     jacobian: Float[np.ndarray, "residual parameter"]
+    num_refused: int = 0
 
     @property
     def chi_square(self) -> tuple[float, int]:
@@ -77,14 +79,20 @@ def fit(
     require_float64()
     ends, reached = _solve(residual, box, data, _starts(starts, box, key))
     costs = np.where(np.isfinite(reached), reached, np.inf)
-    best = int(np.argmin(costs))
-    if not np.isfinite(costs[best]):
-        raise ModelError(
-            f"The residual is finite at none of the {len(costs)} fits' ends.",
-            remedy="Check the data for NaN, and the bounds for parameters that cannot be solved.",
-        )
-    jacobian, r = map(np.asarray, linearise(residual, ends[best], box, data))
-    return describe_optimum(np.asarray(ends[best]), r, jacobian, box, costs)
+    num_refused = 0
+    for best in np.argsort(costs, kind="stable"):
+        if not np.isfinite(costs[best]):
+            break
+        jacobian, r = map(np.asarray, linearise(residual, ends[best], box, data))
+        if np.all(np.isfinite(jacobian)):
+            found = describe_optimum(np.asarray(ends[best]), r, jacobian, box, costs)
+            return replace(found, num_refused=num_refused)
+        num_refused += 1
+        costs[best] = np.inf
+    raise ModelError(
+        f"The residual and its derivatives are finite at none of the {len(costs)} fits' ends.",
+        remedy="Check the data for NaN, and the bounds for parameters that cannot be solved.",
+    )
 
 
 def describe_optimum(

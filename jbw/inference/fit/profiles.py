@@ -35,7 +35,8 @@ class Profile:
     """Chi-square of one parameter less the least of all, the others at their best along a `path`.
 
     Where it stays below the threshold is the `interval`, which ends at the box's bound where a
-    side, below or above, is `open`; `better` is how far its least lies below that of the fit.
+    side, below or above, is `open`; `better` is how far its least lies below that of the fit, and
+    `num_refused` counts points that are left out since the model cannot be solved there.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Profile:
     interval: tuple[float, float]
     open: tuple[bool, bool]
     better: float
+    num_refused: int = 0
 
 
 def profiles(
@@ -99,7 +101,13 @@ def _profile(
     low = _value(0.0 if below is None else below, held, box)
     high = _value(1.0 if above is None else above, held, box)
     is_open = below is None, above is None
-    return Profile(name, path[name], chi_square, path, (low, high), is_open, better)
+    solved = np.isfinite(chi_square)
+    path = {key: values[solved] for key, values in path.items()}
+    num_refused = int(np.count_nonzero(~solved))
+    chi_square = chi_square[solved]
+    return Profile(
+        name, path[name], chi_square, path, (low, high), is_open, better, num_refused=num_refused
+    )
 
 
 def _crossing(s: NDArray[np.float64], root: NDArray[np.float64]) -> float | None:
@@ -111,6 +119,8 @@ def _crossing(s: NDArray[np.float64], root: NDArray[np.float64]) -> float | None
     j = beyond[0]
     if j == 0:  # another profile found a better fit, and this one none as good
         return float(s[0])
+    if not np.isfinite(root[j]):  # refused: how fast it rises towards there is not known
+        return float(s[j])
     share = (level - root[j - 1]) / (root[j] - root[j - 1])
     return float(s[j - 1] + share * (s[j] - s[j - 1]))
 
@@ -183,7 +193,10 @@ def _places(centre: float, side: float, sd: float) -> list[float]:
 
 
 def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> Point:
-    """Optimum of the other coordinates, from a neighbour's, and its chi-square."""
+    """Optimum of the other coordinates, from a neighbour's, and its chi-square.
+
+    The neighbour's place at an infinite chi-square where the model cannot be solved there.
+    """
     free = np.arange(len(s)) != held
 
     def whole(rest: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -193,7 +206,8 @@ def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> 
 
     if not np.any(free):
         alone = whole(np.empty(0))
-        return alone, float(np.sum(part(alone, 0) ** 2))
+        chi_square = float(np.sum(part(alone, 0) ** 2))
+        return alone, chi_square if np.isfinite(chi_square) else np.inf
 
     def of_rest(rest: NDArray[np.float64], which: int) -> NDArray[np.float64]:
         value = part(whole(rest), which)
@@ -206,6 +220,12 @@ def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> 
 def profile_statements(of_all: Mapping[str, Profile]) -> list[str]:
     """Every one of `profiles` in a sentence."""
     said = [_sentence(each) for each in of_all.values()]
+    said += [
+        f"The model cannot be solved at {each.num_refused} of the points of the profile of "
+        f"{each.name}: they are left out."
+        for each in of_all.values()
+        if each.num_refused
+    ]
     better = max((each.better for each in of_all.values()), default=0.0)
     if better > FLAT:
         said.append(
