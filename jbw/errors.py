@@ -1,8 +1,12 @@
 """The errors that jbw raises on purpose: what is wrong, why it matters, what to do."""
 
-from collections.abc import Iterable, Iterator
+import logging
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
+from typing import Any
+
+logger = logging.getLogger("jbw")
 
 
 class JbwError(Exception):
@@ -72,3 +76,37 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     lowered = {other.lower(): other for other in known}
     nearest = get_close_matches(name.lower(), list(lowered), n=1, cutoff=0.4)
     return f"Did you mean `{lowered[nearest[0]]}`? " if nearest else ""
+
+
+def reason_of(error: Exception) -> str:
+    """Why something failed, as one sentence: jbw's own errors say it, others give their name."""
+    text = error.what if isinstance(error, JbwError) else f"{type(error).__name__}: {error}"
+    return printable(" ".join(text.split())).rstrip(".: ") + "."
+
+
+class Attempts:
+    """Parts of a result that may fail: a failure is said and costs nothing else.
+
+    Attributes:
+        said: One sentence for every part that could not be made.
+
+    Args:
+        report: Called with each sentence at once.
+    """
+
+    def __init__(self, report: Callable[[str], Any] = logger.info) -> None:
+        self.said: list[str] = []
+        self._report = report
+
+    def make[Made, Otherwise](
+        self, what: str, build: Callable[[], Made], otherwise: Otherwise
+    ) -> Made | Otherwise:
+        """What `build` returns; where it raises, `otherwise`, and a sentence that begins `what`."""
+        try:
+            return build()
+        except Exception as error:
+            sentence = f"{what} could not be made and is left out: {reason_of(error)}"
+            logger.debug(sentence, exc_info=error)
+            self.said.append(sentence)
+            self._report(sentence)
+            return otherwise

@@ -4,7 +4,7 @@ Prepared and fitted, drawn by the sampler that suits what was measured, complete
 from the draws, and checked.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
@@ -16,6 +16,7 @@ import xarray as xr
 from jaxtyping import Array, Float, Key
 
 from jbw.campaign.settings import Identify
+from jbw.errors import Attempts
 from jbw.identification import accuracy
 from jbw.identification.attachments import drive_sentences
 from jbw.identification.causes import cause_finding, causes, causes_sentence
@@ -265,35 +266,86 @@ def posterior_checks(
     left = dataset.left_by_label(best.residual, data)
     error = dataset.error_by_label(left, data)
     y_peak = ready.y_peak
-    findings = [
-        accuracy.residual_finding(left, dataset.fractions_counted(data), error, data.laws),
-        accuracy.shape_finding(error, data),
-        accuracy.repeatability_finding(error, data),
-        accuracy.solver_finding(posterior[list(prior.names)], data),
-        response_finding(posterior, data.held, y_peak, data.laws),
-    ]
-    if any(one is not None and one.status != "ok" for one in findings[:3]):
+    theta = dataset.as_arrays(best.theta, data)
+    attempts = Attempts()
+
+    def checked(checks: Mapping[str, Callable[[], Finding | None]]) -> list[Finding | None]:
+        return [attempts.make(f"The check of {what}", one, None) for what, one in checks.items()]
+
+    def lack_of_fit() -> Finding | None:
         why = causes(best, data)
-        findings.append(cause_finding(why))
-        words += [causes_sentence(why)] if why else []
-    if (runs := runs_dataset(key, posterior, prior.names, data)) is not None:
+        words.extend([causes_sentence(why)] if why else [])
+        return cause_finding(why)
+
+    findings = checked(
+        {
+            "the residual of the fit": lambda: accuracy.residual_finding(
+                left, dataset.fractions_counted(data), error, data.laws
+            ),
+            "the shape of the residual": lambda: accuracy.shape_finding(error, data),
+            "the scatter of repeats": lambda: accuracy.repeatability_finding(error, data),
+        }
+    )
+    misses = any(one is not None and one.status != "ok" for one in findings)
+    findings += checked(
+        {
+            "the steps of the solver": lambda: accuracy.solver_finding(
+                posterior[list(prior.names)], data
+            ),
+            "the response bands": lambda: response_finding(posterior, data.held, y_peak, data.laws),
+        }
+    )
+    if misses:
+        findings += checked({"the causes of the residual": lack_of_fit})
+    runs = attempts.make(
+        "The offsets of the runs", lambda: runs_dataset(key, posterior, prior.names, data), None
+    )
+    if runs is not None:
         groups["runs"] = runs
         words.append(runs_sentence(runs))
-    theta = dataset.as_arrays(best.theta, data)
-    for part in data.parts:
-        words += part.statements(of_part(theta, part))
-    words += drive_sentences(theta, data)
-    words += participation_sentences(posterior, data.modes)
-    words += one_joint_sentences(best, prior, data)
-    words += same_joint_sentences(posterior, data)
-    words += own_joint_sentences(key, best, data)
-    if (added := effects(posterior, data.held, y_peak, data.laws)) is not None:
+    sentences: dict[str, Callable[[], Iterable[str]]] = {
+        "tests": lambda: [x for part in data.parts for x in part.statements(of_part(theta, part))],
+        "drives": lambda: drive_sentences(theta, data),
+        "participation of the modes": lambda: participation_sentences(posterior, data.modes),
+        "one joint in all modes": lambda: one_joint_sentences(best, prior, data),
+        "difference of the joints of the modes": lambda: same_joint_sentences(posterior, data),
+        "joint of each mode": lambda: own_joint_sentences(key, best, data),
+    }
+    for what, build in sentences.items():
+        words += attempts.make(f"The statement on the {what}", build, ())
+
+    def effect_of_joint() -> Finding | None:
+        if (added := effects(posterior, data.held, y_peak, data.laws)) is None:
+            return None
         words.append(effects_sentence(added, y_peak))
-        if may_be_absent(added):
-            findings.append(joint_finding(without_joint(best, prior, data), added, y_peak))
-    words += threshold_sentences(every_parameter(posterior, data), y_peak, data.laws)
-    if (left_out := leave_one_out(best, prior, data)) is not None:
+        if not may_be_absent(added):
+            return None
+        return joint_finding(without_joint(best, prior, data), added, y_peak)
+
+    findings += checked({"the effect of the joint": effect_of_joint})
+    words += attempts.make(
+        "The statement on the thresholds of the laws",
+        lambda: threshold_sentences(every_parameter(posterior, data), y_peak, data.laws),
+        (),
+    )
+
+    def each_test_left_out() -> Finding | None:
+        if (left_out := leave_one_out(best, prior, data)) is None:
+            return None
         groups["leave_one_out"] = left_out
-        findings.append(consistency_finding(left_out, data.laws))
         words.append(left_out_sentence(left_out))
+        return consistency_finding(left_out, data.laws)
+
+    findings += checked({"the fit without each test": each_test_left_out})
+    if attempts.said:
+        findings.append(
+            Finding(
+                "incomplete_checks",
+                "not assessed",
+                " ".join(attempts.said),
+                float(len(attempts.said)),
+                "The posterior is complete; look at the tests that the sentence names, or leave "
+                "them out of the fit by `hold_out`.",
+            )
+        )
     return groups, [finding for finding in findings if finding is not None], words

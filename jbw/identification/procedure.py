@@ -4,14 +4,14 @@ All of it, or as far as one posterior before anything is drawn: density, prior, 
 """
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Key, PyTree
 
-from jbw.errors import ConfigError, DataError
+from jbw.errors import Attempts, ConfigError, DataError
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.joint import joint_step
 from jbw.identification.linear import PooledFit
@@ -21,6 +21,7 @@ from jbw.identification.prepare import Fitted, fit_joint, refit
 from jbw.identification.selection import DecaySplit, Sweeps
 from jbw.identification.step import Step, means_of
 from jbw.inference.fit.fitting import Fit
+from jbw.inference.posterior.finding import Finding, judge
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import LogLikelihood
@@ -103,10 +104,29 @@ def run_procedure(
         report("Free decays: the joint from them alone")
         key = jax.random.fold_in(jax.random.key(seed), DECAY_KEY)
         free = replace(seen, chosen=tuple(test for test in seen.chosen if test.traits.is_free))
-        step, data = joint_step(key, assemble(free), {}, seen.settings, name="decay", keep=keep)
-        found = replace(found, steps={**found.steps, "decay": step})
+        attempts = Attempts(report)
+        alone = attempts.make(
+            "The posterior of the free decays alone",
+            lambda: joint_step(key, assemble(free), {}, seen.settings, name="decay", keep=keep),
+            None,
+        )
+        if alone is None:
+            found = replace(found, steps=_compared_with_nothing(found.steps, attempts.said))
+        else:
+            step, data = alone
+            found = replace(found, steps={**found.steps, "decay": step})
     decays = next((part for part in data.parts if isinstance(part, Decays)), None)
     return replace(found, decay_data=decays)
+
+
+def _compared_with_nothing(steps: Mapping[str, Step], said: Sequence[str]) -> dict[str, Step]:
+    """Steps whose joint posterior says that there is no second one to compare it with."""
+    joint, reason = steps["joint"], " ".join(said)
+    missing = Finding(
+        "second_posterior", "usable", f"{reason} The joint posterior does not depend on it.",
+        float("nan"), "Identify the free decays in a campaign of their own to see why.",
+    )  # fmt: skip
+    return {**steps, "joint": replace(joint, verdict=judge([*joint.verdict.findings, missing]))}
 
 
 def _told(words: tuple[str, ...], steps: Mapping[str, Step]) -> dict[str, Step]:

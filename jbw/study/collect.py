@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from jbw.campaign.settings import Identify
+from jbw.errors import Attempts
 from jbw.identification.assemble import Measured
 from jbw.identification.linear_step import LinearStep, linear_dataset, modes_dataset
 from jbw.identification.paper import step3, step4
@@ -35,8 +36,12 @@ def collect(
     truth: Mapping[str, float] | None,
     report: Report,
     settings: Identify,
+    attempts: Attempts,
 ) -> xr.DataTree:
-    """Posteriors, verification and validation as the tree that is saved as `posterior.nc`."""
+    """Posteriors, verification and validation as the tree that is saved as `posterior.nc`.
+
+    What stands beside the posteriors and cannot be made is left out, and `attempts` says so.
+    """
     tests = seen.tests
     facts = xr.Dataset(attrs=found.main.posterior.attrs | run_attrs(tests, found))
     groups: Groups = {"/": facts}
@@ -47,18 +52,38 @@ def collect(
     for name, step in found.steps.items():
         place = "" if name == found.main.name else f"/steps/{name}"
         groups |= {f"{place}/{part}": ds for part, ds in _groups(step, truth or {}).items()}
-    if found.linear is not None and found.kernel is not None:
-        groups |= _kernel_groups(tests, found.linear, found.kernel, found.steps)
-    if found.sweeps is not None:
-        groups |= _conv_of_velocity(found.steps, found.sweeps)
+    linear, kernel, sweeps = found.linear, found.kernel, found.sweeps
+    if linear is not None and kernel is not None:
+        groups |= attempts.make(
+            "The comparison of the third-order kernel with the model",
+            lambda: _kernel_groups(tests, linear, kernel, found.steps),
+            {},
+        )
+    if sweeps is not None:
+        groups |= attempts.make(
+            "The running mean of the energy of the sweeps",
+            lambda: _conv_of_velocity(found.steps, sweeps),
+            {},
+        )
     basis = basis_of(xr.DataTree.from_dict(groups))
-    groups |= verify(tests, found, basis, settings, seed, report)
-    curve = backbone_group(basis.thinned(NUM_DRAWS), basis.y_peak, basis.laws)
+    groups |= attempts.make(
+        "The comparison of the tests with the model",
+        lambda: verify(tests, found, basis, settings, seed, attempts, report),
+        {},
+    )
+    curve = attempts.make(
+        "The backbone",
+        lambda: backbone_group(basis.thinned(NUM_DRAWS), basis.y_peak, basis.laws),
+        None,
+    )
     if curve is not None:
         groups["/verification/backbone"] = curve
     report("Every record by itself, and what the prior predicts of it")
     drawn = {name: created(groups[name]) for name in ("/posterior", "/sample_stats")}
-    return xr.DataTree.from_dict(groups | drawn | arviz_groups(seen, found, seed))
+    by_record = attempts.make(
+        "The likelihood of single records", lambda: arviz_groups(seen, found, seed), {}
+    )
+    return xr.DataTree.from_dict(groups | drawn | by_record)
 
 
 def run_attrs(tests: Sequence[Test], found: Identification) -> dict[str, Any]:

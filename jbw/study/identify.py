@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
+from jbw.errors import Attempts
 from jbw.identification.assemble import entered, measured_in
 from jbw.identification.linear_step import NAMES, LinearStep, units_of
 from jbw.identification.modal import ModalFit
@@ -86,12 +87,21 @@ def identify(
     seen = measured_in(campaign, report, tests)
     found = run_procedure(seen, seed=seed, report=report, keep=keep)
     source = _name_gain_unit(tests, found)
-    known = look_again(found, campaign.settings, report)
-    tree = collect(seen, found, seed, truth, report, campaign.settings)
+    # From here on the posterior is drawn: what cannot be made of it is left out and said.
+    attempts = Attempts(report)
+    known = attempts.make(
+        "The study of identifiability", lambda: look_again(found, campaign.settings, report), None
+    )
+    tree = collect(seen, found, seed, truth, report, campaign.settings, attempts)
     main = found.main
     verdict = judge([*main.verdict.findings, *prediction_findings(tree)])
-    outside = constants_sentence(main.posterior["posterior"].to_dataset(), main.held, source)
-    said = (*left_out, *main.statements, *([outside] if outside else []))
+    outside = attempts.make(
+        "The constant of the modes outside the band",
+        lambda: constants_sentence(main.posterior["posterior"].to_dataset(), main.held, source),
+        None,
+    )
+    compared = attempts.make("The comparison of the routes", lambda: compare_routes(found), {})
+    said = (*left_out, *main.statements, *([outside] if outside else []), *attempts.said)
     main = replace(main, verdict=verdict, statements=said)
     found = replace(found, steps={**found.steps, main.name: main})
     steps = {} if found.linear is None else {"linear": _linear(found.linear, truth or {})}
@@ -101,7 +111,7 @@ def identify(
         "verdict": _verdict(verdict),
         "main": main.name,
         "steps": steps,
-        "comparison": compare_routes(found),
+        "comparison": compared,
         "predictions": _predictions(tree),
         "loops": _loops(tree),
         "versions": {package: version(package) for package in VERSIONED},

@@ -23,15 +23,24 @@ from jbw.verification.modal_decays import (
     modes_of_draws,
 )
 from jbw.verification.places import repeats_named
-from jbw.verification.predicted import ALIKE, NOT_KNOWN, Noise, Predicted, Source
+from jbw.verification.predicted import (
+    ALIKE,
+    NOT_KNOWN,
+    Noise,
+    Predicted,
+    Source,
+    noise_by_label,
+)
+from jbw.verification.predictive_basis import Draws
 
-SEEN = 0.5  # s of a held-out record from which its initial state is read
+SEEN = 0.3  # 1 / (zeta omega_n): of a held-out record, from which its initial state is read
+LEAST_SEEN = 8  # values of the envelope for that
 NO_SHIFT = 1e-6  # of omega_n: scatter of the records' frequencies where no decay was fitted
 SILENT = 1e-6  # of a record: a noise that leaves its initial state sharp
 
 
 def predict_decay(source: Source, test: Test) -> Predicted:
-    """Free decays from their first half second on, which gives the initial state."""
+    """Free decays from where their amplitude has fallen by a quarter, which gives the start."""
     data = _reduced(source, test)
     noise, stored = NOT_KNOWN, source.basis.decay.get("noise_std")
     if stored is not None and "record" in stored.dims:
@@ -65,10 +74,20 @@ def predict_decay(source: Source, test: Test) -> Predicted:
 def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Dataset]:
     """Every record of all decays beside the model's, the fitted ones first, a dataset each."""
     # The initial state of a fitted record comes from the whole of it, that of a held-out record
-    # from its first half second: the rest is predicted, and its errors are of what comes after.
-    noise_std = source.basis.decay["noise_std"].mean(("chain", "draw")).values
+    # from its beginning alone: the rest is predicted, and its errors are of what comes after.
+    data = _reduced(source, test)
+    known = noise_by_label(source.basis.decay)
+    noise_std = np.array([known[label] for label in data.labels[:num_fitted]])
     every = np.append(noise_std, np.full(len(test.records) - num_fitted, noise_std.mean()))
-    return _compared(source, test, _reduced(source, test), every, num_fitted)
+    return _compared(source, test, data, every, num_fitted)
+
+
+def num_seen(draws: Draws, data: Decays) -> int:
+    r"""Values of an envelope that tell its start: $0.3 / (\zeta \omega_n)$, half at most."""
+    rate = float(np.mean(draws["zeta"] * draws["omega_n"]))
+    half = data.envelope.shape[1] // 2
+    wanted = SEEN / (rate * data.step_s) if rate > 0 else half
+    return int(min(max(wanted, LEAST_SEEN), half))
 
 
 def _reduced(source: Source, test: Test) -> Decays:
@@ -99,7 +118,7 @@ def _compared(
     for i, (every, noise) in enumerate(zip(envelopes(test), noise_std, strict=True)):
         whole = every[::stride]
         held_out = i >= num_fitted
-        size = max(8, round(SEEN / data.step_s)) if held_out else data.envelope.shape[1]
+        size = num_seen(source.draws, data) if held_out else data.envelope.shape[1]
         seen_s = float(size * data.step_s) if held_out else 0.0
         seen = replace(data.only(i, size), noise_std=jnp.asarray([noise]), counted=jnp.ones(1))
         time = np.arange(len(whole)) * stride / chosen.fs

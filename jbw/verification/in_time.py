@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.measurement.records import Record, Test
-from jbw.measurement.spectra import frf
+from jbw.measurement.spectra import DEFAULT_SEGMENTS, frf
 from jbw.observables.residual_terms import added_response, taken
 from jbw.observables.samples import (
     advance,
@@ -39,11 +39,11 @@ from jbw.verification.predicted import (
 )
 from jbw.verification.predictive_basis import Draws, Laws, natural_hz
 
-SETTLING = 8.0  # s of a noise record during which the unknown start of the motion dies out
 NEAR = (0.75, 1.25)  # of the natural frequency: the band around the mode
 OUTSIDE = 0.005  # of the power of an input: left out below its band, and above it
 FORGOTTEN = 7.0  # times 1 / (zeta omega_n): an unknown start has died out to a thousandth
 LEAST_LINES = 8  # of a frequency response
+SEGMENTS = (DEFAULT_SEGMENTS + 1) / 2  # of which half overlaps the next: their lengths in a record
 
 
 class Motion(NamedTuple):
@@ -57,6 +57,7 @@ class Motion(NamedTuple):
     noise: Noise  # of one repeat
     start: int = 0  # samples that are not compared
     repeats: tuple[str, ...] = ("1",)  # names of the measured
+    settled: int = 0  # samples until an unknown start has died out, half of the record at most
 
 
 def predict_motion(
@@ -117,11 +118,13 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
         )
     )
     alone = {name: response for name, (response, _) in others.items()}
+    start = round(_settling(test, source.draws) * record.fs)
     if not is_measured(test):
         stand_in = {**record.channels, record.response: np.median(model, axis=0)}
         test = replace(test, records=(replace(record, channels=stand_in),))
         measured = stand_in[record.response][None]
-        return Motion(test, measured, model, peak, alone, noise_of(source.basis, test))
+        noise = noise_of(source.basis, test)
+        return Motion(test, measured, model, peak, alone, noise, settled=start)
     # Repeats of the first record's input; noise of the input channel is far below a tenth of it.
     u = record.channels[record.source]
     repeated = {
@@ -131,14 +134,13 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
         and np.linalg.norm(one.channels[one.source] - u) <= 0.1 * np.linalg.norm(u)
     }
     measured = np.stack(list(repeated.values()))
-    start = round(_settling(test, source.draws) * record.fs)
     lines = lines_of(test.band_hz or (), measured.shape[1], record.fs)
     size = measured.shape[1] if lines is None else 2 * (lines[1] - lines[0])
     model, alone = completed(source.basis, test, measured.mean(axis=0), model, alone, start)
     compared = in_band(measured, lines)
     within = float(np.sum((compared - compared.mean(axis=0)) ** 2))
     noise = noise_of(source.basis, test, of_scatter(within, size, len(measured)))
-    return Motion(test, measured, model, peak, alone, noise, start, tuple(repeated))
+    return Motion(test, measured, model, peak, alone, noise, start, tuple(repeated), start)
 
 
 def predict_records(source: Source, test: Test) -> Predicted:
@@ -149,8 +151,7 @@ def predict_records(source: Source, test: Test) -> Predicted:
     record = motion.test.records[0]
     share, band_hz = _around_mode(record, source.draws)
     dataset.attrs["input_near_mode"] = share
-    long_enough = test.traits.is_broadband and record.num_samples > 2 * SETTLING * record.fs
-    if band_hz is not None and (test.traits.is_transient or long_enough):
+    if band_hz is not None and (test.traits.is_transient or _resolves(motion, band_hz)):
         in_frequency = compare_frfs(motion, band_hz)
         dataset = dataset.merge(in_frequency, join="outer").assign_attrs(
             in_frequency.attrs | dataset.attrs
@@ -192,11 +193,19 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
     )
 
 
+def _resolves(motion: Motion, band_hz: tuple[float, float]) -> bool:
+    """Whether the segments of a settled broadband record have enough lines in a band."""
+    record = motion.test.records[0]
+    segment_s = (record.num_samples - motion.settled) / (SEGMENTS * record.fs)
+    lines = (band_hz[1] - band_hz[0]) * segment_s
+    return motion.test.traits.is_broadband and lines >= LEAST_LINES
+
+
 def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
     """FRF of every repeat, and of every draw under the first one's input, by the same estimator."""
     test, record = motion.test, motion.test.records[0]
     from_rest = test.traits.is_transient and not test.settle
-    estimate = partial(_frf, band_hz=band_hz, whole=from_rest)
+    estimate = partial(_frf, band_hz=band_hz, skip=None if from_rest else motion.settled)
     unit = record.units[record.source]
     measured = [estimate(r, r.channels[r.response]) for r in test.records]
     h = np.stack([one for _, one in measured])
@@ -218,12 +227,14 @@ def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
 
 
 def _frf(
-    record: Record, y: NDArray[np.float64], band_hz: tuple[float, float], *, whole: bool
+    record: Record, y: NDArray[np.float64], band_hz: tuple[float, float], *, skip: int | None
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    r"""Receptance in a band; of a whole sweep the ratio of spectra, $H = Y(\omega) / U(\omega)$."""
+    r"""Receptance in a band; of a whole sweep the ratio of spectra, $H = Y(\omega) / U(\omega)$.
+
+    `skip` are samples that are left out at the start of other records; None of a whole sweep.
+    """
     u = record.channels[record.source]
-    if not whole:
-        skip = round(SETTLING * record.fs)
+    if skip is not None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the window does the same to both sides
             found = frf(u[skip:], y[skip:], record.fs, response=record.response, band=band_hz)

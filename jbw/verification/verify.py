@@ -5,17 +5,19 @@ oscillator predicts better, or where tests that no fit saw leave its bands.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from jbw.campaign.settings import Identify
+from jbw.errors import Attempts
 from jbw.identification.accuracy import CLOSE, another_law
 from jbw.identification.procedure import Identification, Report
-from jbw.identification.selection import Sweeps, fitted, loop_tests
+from jbw.identification.selection import DecaySplit, Sweeps, fitted, loop_tests
 from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.posterior.remedies import put
 from jbw.measurement.records import Test, drive_of
@@ -58,9 +60,13 @@ def verify(
     basis: Basis,
     settings: Identify,
     seed: int,
+    attempts: Attempts,
     report: Report,
 ) -> Groups:
-    """Every test beside the model and the oscillators without hysteresis, by path in the tree."""
+    """Every test beside the model and the oscillators without hysteresis, by path in the tree.
+
+    A comparison that cannot be made is left out, and `attempts` says so.
+    """
 
     def simpler(draws: Draws, data: Dataset, *names: str) -> dict[str, Reference]:
         mean = {name: float(np.mean(draws[name])) for name in names or draws}
@@ -72,25 +78,49 @@ def verify(
         names = {test.name for test in fitted(tests, settings)}
         draws = basis.draws(NUM_DRAWS, seed=seed)
         source = Source(basis, draws, seed=seed)
-        groups |= _verify_forced(source, simpler(draws, found.data), tests, names, found)
+        others = attempts.make(
+            "The fit of the oscillators without hysteresis", partial(simpler, draws, found.data), {}
+        )
+        groups |= _verify_forced(source, others, tests, names, found, attempts)
     if found.decays is not None and found.decay_data is not None:
         report("Verification: free decays, frequency and damping against amplitude")
-        drive = drive_of(found.decays.together)
-        draws = dict(of_drive(basis.thinned(NUM_DRAWS, basis.decay), drive))
-        others = simpler(draws, *_freely(draws, found.decay_data))
-        free = Source(basis, draws, of_run(others, None), seed=seed)
-        together, num_fitted = found.decays.together, len(found.decays.fitted.records)
-        order = derivative_order(together.records[0].response)
-        unit = float(np.mean(draws["omega_n"])) ** order * basis.y_peak
-        compared = verify_decays(free, together, num_fitted)
-        for name, one in zip(found.decays.names, compared, strict=True):
-            if not one.attrs["fitted"] and unit > 0:
-                one.attrs["extrapolation"] = one.attrs["level"] / unit
-            groups[place("verification/decay", name)] = one
-        alone = first_mode_alone(together, modes_of_draws(draws))
-        curves = amplitude_verification(alone, num_fitted, draws, basis.laws)
-        groups["/verification/amplitude"] = curves
+        groups |= _verify_free(found.decays, found.decay_data, basis, simpler, seed, attempts)
     return groups
+
+
+def _verify_free(
+    decays: DecaySplit,
+    reduced: Decays,
+    basis: Basis,
+    simpler: Callable[..., dict[str, Reference]],
+    seed: int,
+    attempts: Attempts,
+) -> Groups:
+    """Every free decay beside the model's, and frequency and damping against amplitude."""
+    groups: Groups = {}
+    together, num_fitted = decays.together, len(decays.fitted.records)
+    draws = dict(of_drive(basis.thinned(NUM_DRAWS, basis.decay), drive_of(together)))
+
+    def compared() -> list[xr.Dataset]:
+        others = simpler(draws, *_freely(draws, reduced))
+        free = Source(basis, draws, of_run(others, None), seed=seed)
+        return verify_decays(free, together, num_fitted)
+
+    def against_amplitude() -> xr.Dataset:
+        alone = first_mode_alone(together, modes_of_draws(draws))
+        return amplitude_verification(alone, num_fitted, draws, basis.laws)
+
+    order = derivative_order(together.records[0].response)
+    unit = float(np.mean(draws["omega_n"])) ** order * basis.y_peak
+    every = attempts.make("The comparison of the free decays with the model", compared, ())
+    for name, one in zip(decays.names, every, strict=False):
+        if not one.attrs["fitted"] and unit > 0:
+            one.attrs["extrapolation"] = one.attrs["level"] / unit
+        groups[place("verification/decay", name)] = one
+    curves = attempts.make(
+        "The frequency and damping of the free decays against amplitude", against_amplitude, None
+    )
+    return groups if curves is None else {**groups, "/verification/amplitude": curves}
 
 
 def _freely(draws: Draws, decays: Decays) -> tuple[Any, ...]:
@@ -106,6 +136,7 @@ def _verify_forced(
     tests: Sequence[Test],
     names: set[str],
     found: Identification,
+    attempts: Attempts,
 ) -> Groups:
     """Verification and validation on every test but free decays; `names` are those fitted."""
     natural_hz = float(np.mean(source.draws["omega_n"])) / (2 * np.pi)
@@ -143,14 +174,39 @@ def _verify_forced(
         known = {"fitted": int(test.name in names), "offsets": int(len(basis.scatter) > 0)}
         return {**known, "scatter": int(basis.scatters(test))}
 
-    for test in sweeps:
-        motion = motion_of(own := beside(test), test)
-        add_frf(motion)
+    def add_sweep(test: Test) -> None:
+        own = beside(test)
+        motion = motion_of(own, test)
+        attempt(test, partial(add_frf, motion), "frequency response of ")
         one = Predicted(compare_records(own, motion), motion.peak, motion.noise)
         add("sweep", test.name, test, one)
+
+    def add_response(test: Test) -> None:
+        add_frf(motion_of(replace(beside(test, NUM_FEW), references={}), test, substeps=1))
+
+    def add_curves(same: Sequence[str]) -> None:
+        alike = [curves[name] for name in same]
+        compared = predict_curves(beside(alike[0].test), alike)
+        for name, curve, one in zip(same, alike, compared, strict=True):
+            add("curve", name, curve.test, one)
+
+    def add_test(test: Test) -> None:
+        one = route_of(test)(beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS), test)
+        add(test.kind, test.name, test, one)
+
+    def add_validation(test: Test) -> None:
+        validated = loop_validation(test, beside(test).draws, basis.laws)
+        marked = validated.assign_attrs(scatter=int(basis.scatters(test)))
+        groups[place("validation/loops", test.name)] = marked
+
+    def attempt(test: Test, build: Callable[[], None], what: str = "") -> None:
+        attempts.make(f"The comparison of the {what}test `{test.name}` with the model", build, None)
+
+    for test in sweeps:
+        attempt(test, partial(add_sweep, test))
     for test in tests:
         if test.traits.is_broadband and not test.is_cyclic:
-            add_frf(motion_of(replace(beside(test, NUM_FEW), references={}), test, substeps=1))
+            attempt(test, partial(add_response, test), "frequency response of ")
     # Fitted tones of a level make a curve apart from the others.
     validating = {test.name for test in loops}
     rest = [test for test in tests if test.name not in validating]
@@ -160,18 +216,12 @@ def _verify_forced(
     for name, curve in curves.items():
         by_run.setdefault((basis.run_of(curve.test), drive_of(curve.test)), []).append(name)
     for same in by_run.values():
-        alike = [curves[name] for name in same]
-        compared = predict_curves(beside(alike[0].test), alike)
-        for name, curve, one in zip(same, alike, compared, strict=True):
-            add("curve", name, curve.test, one)
+        attempt(curves[same[0]].test, partial(add_curves, same), "curve of ")
     for test in tests:
         if test.traits.is_prescribed or test.is_cyclic or has_groups_alone(test):
-            one = route_of(test)(beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS), test)
-            add(test.kind, test.name, test, one)
+            attempt(test, partial(add_test, test))
     for test in loops:
-        validated = loop_validation(test, beside(test).draws, basis.laws)
-        marked = validated.assign_attrs(scatter=int(basis.scatters(test)))
-        groups[place("validation/loops", test.name)] = marked
+        attempt(test, partial(add_validation, test), "loop of ")
     return groups
 
 
