@@ -16,7 +16,6 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from jbw.errors import DataError
 from jbw.report import (
     diagrams,
     identifiability,
@@ -94,12 +93,15 @@ def save_figures(tree: xr.DataTree, folder: Path, dpi: int = 130) -> None:
     """Write every figure that the result allows as PNG into a folder, made when absent."""
     folder.mkdir(parents=True, exist_ok=True)
     for entry in FIGURE_LIST:
+        path = folder / f"{entry.slug}.png"
         try:
-            figure = figure_of(entry.draw(tree))
-        except DataError:
-            # A run that left out a step has no such figure; the page says why.
-            continue
-        figure.savefig(folder / f"{entry.slug}.png", dpi=dpi, facecolor="white")
+            figure_of(entry.draw(tree)).savefig(path, dpi=dpi, facecolor="white")
+        except OSError:
+            raise
+        except Exception:
+            # A run that left out a step has no such figure, and one that fails costs no other: the
+            # page says why.
+            path.unlink(missing_ok=True)
 
 
 def svg(figure: Figure, name: str) -> str:

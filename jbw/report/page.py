@@ -10,7 +10,7 @@ import jinja2
 import xarray as xr
 from markupsafe import Markup
 
-from jbw.errors import ConfigError, DataError, printable
+from jbw.errors import ConfigError, DataError, printable, reason_of
 from jbw.report import tables
 from jbw.report.charts import charts_of, shown_text
 from jbw.report.figures import FIGURE_LIST, Entry, figure_of, svg
@@ -138,6 +138,8 @@ def _draw(entry: Entry, tree: xr.DataTree) -> dict[str, Any]:
         return drawn | {"svg": Markup(svg(figure_of(entry.draw(tree)), entry.name))}
     except DataError as cause:
         return drawn | {"missing": cause.what}
+    except Exception as cause:  # a figure that fails costs neither the others nor the tables
+        return drawn | {"missing": f"This figure could not be drawn: {reason_of(cause)}"}
 
 
 def _provenance(summary: Mapping[str, Any]) -> dict[str, str]:

@@ -23,6 +23,7 @@ from jbw.identification.procedure import Identification
 from jbw.inference.space.box import Box, bounds_by_name
 from jbw.observables.dataset import Dataset
 from jbw.observables.pointwise import Records, records_of, splits_of
+from jbw.verification.places import safe
 
 NUM_PRIOR = 500  # draws of the prior
 NUM_PREDICTED = 100  # of them carried through the model
@@ -143,7 +144,7 @@ def log_prior(posterior: xr.Dataset, box: Box, records: Records, data: Dataset) 
         if str(name).startswith("noise_std"):
             found[str(name)] = (values.dims, -np.log(values.values), one)
     for label, density in records.known.items():
-        found[label] = (SAMPLES, density.reshape(shape), one)
+        found[safe(label)] = (SAMPLES, density.reshape(shape), one)
     if records.offsets is not None:
         runs = list(dict.fromkeys(data.runs))
         rows = records.offsets.reshape(*shape, len(runs))

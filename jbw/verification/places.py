@@ -11,8 +11,12 @@ def place(group: str, name: str) -> str:
 
 
 def safe(name: str) -> str:
-    """A test's name as one level of the tree: a slash would open another."""
-    return name.replace("/", "\N{DIVISION SLASH}")
+    """A name of a campaign as a group or variable of the tree: a slash would open another group.
+
+    HDF5 reads a name of dots alone as this group or the one above.
+    """
+    name = name.replace("/", "\N{DIVISION SLASH}")
+    return name if name.strip(".") else name.replace(".", "\N{ONE DOT LEADER}")
 
 
 def repeats_named(records: Sequence[Record]) -> list[str]:

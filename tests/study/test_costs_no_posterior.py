@@ -1,0 +1,112 @@
+"""What stands beside the main posterior and fails is left out and said: the posterior stays."""
+
+import h5py
+import numpy as np
+import pytest
+from toy_campaign import FS, PLAIN, integrated, write_toy
+
+import jbw
+from jbw.errors import Attempts, DataError
+from jbw.identification import joint, procedure
+from jbw.report import figures
+from jbw.study import collect, identify
+from jbw.verification import verify
+
+DECAY = """
+[[test]]
+kind = "decay"
+name = "ring/down"
+files = "ring_*.h5"
+band = [12.0, 26.0]
+channels = {{ velocity = "velocity" }}
+units = {{ velocity = "m/s" }}
+fs = {fs}
+"""
+
+
+def failing(*_, **__):
+    raise ValueError("array must not contain infs or NaNs")
+
+
+def test_an_attempt_says_what_failed_and_why():
+    said = []
+    attempts = Attempts(said.append)
+    assert attempts.make("The sum", lambda: 2 + 2, None) == 4
+    assert attempts.make("The figure", failing, "nothing") == "nothing"
+
+    def refused():
+        raise DataError("The record is short.", remedy="Measure longer.")
+
+    assert attempts.make("The table", refused, None) is None
+    assert (
+        attempts.said
+        == said
+        == [
+            "The figure could not be made and is left out: "
+            "ValueError: array must not contain infs or NaNs.",
+            "The table could not be made and is left out: The record is short.",
+        ]
+    )
+    with pytest.raises(KeyboardInterrupt):
+        attempts.make("The figure", lambda: (_ for _ in ()).throw(KeyboardInterrupt), None)
+
+
+def test_comparisons_that_fail_leave_the_posterior_and_are_named(tmp_path, monkeypatch):
+    path = write_toy(tmp_path, PLAIN)
+    whole = jbw.identify(jbw.load_campaign(path), seed=1, report=lambda _: None)
+    for place, name in (
+        (verify, "compare_records"),
+        (verify, "compare_frfs"),
+        (verify, "references"),
+        (collect, "backbone_group"),
+        (collect, "arviz_groups"),
+        (identify, "look_again"),
+        (joint, "leave_one_out"),
+        (joint, "response_finding"),
+    ):
+        monkeypatch.setattr(place, name, failing)
+    found = jbw.identify(jbw.load_campaign(path), seed=1, report=lambda _: None)
+    for name in ("omega_n", "gamma"):
+        draws, same = (each.tree["posterior"][name].values for each in (found, whole))
+        np.testing.assert_array_equal(draws, same)
+    said = " ".join(found.record["steps"]["joint"]["statements"])
+    for what in (
+        "test `weak` with the model", "oscillators without hysteresis", "The backbone",
+        "likelihood of single records", "study of identifiability",
+    ):  # fmt: skip
+        assert what in said
+    codes = {one.code: one for one in found.verdict.findings}
+    assert "incomplete_checks" not in {one.code for one in whole.verdict.findings}
+    assert codes["incomplete_checks"].status == "not assessed"
+    assert "the fit without each test" in codes["incomplete_checks"].reason
+    monkeypatch.setattr(figures.FIGURE_LIST[0].__class__, "draw", property(lambda _: failing))
+    found.save(tmp_path / "run")
+    assert (tmp_path / "run" / "posterior.nc").is_file()
+    assert "This figure could not be drawn" in (tmp_path / "run" / "report.html").read_text()
+
+
+@pytest.mark.slow
+def test_a_second_posterior_that_fails_costs_the_first_one_nothing(tmp_path, monkeypatch):
+    path = write_toy(tmp_path, PLAIN)
+    rng = np.random.default_rng(0)
+    for i in range(2):
+        _, v = integrated(np.zeros_like, 512, y=2e-3 * (1 + 0.2 * i))
+        with h5py.File(tmp_path / f"ring_{i}.h5", "w") as file:
+            file["velocity"] = v + 1e-4 * rng.standard_normal(len(v))
+    text = path.read_text().replace("\n[identify]", DECAY.format(fs=FS) + "\n[identify]")
+    path.write_text(text)
+    drawn = procedure.joint_step
+
+    def step(*args, name="joint", **options):
+        return failing() if name == "decay" else drawn(*args, name=name, **options)
+
+    monkeypatch.setattr(procedure, "joint_step", step)
+    found = jbw.identify(jbw.load_campaign(path), seed=1, report=lambda _: None)
+    codes = {one.code: one for one in found.verdict.findings}
+    assert "infs or NaNs" in codes["second_posterior"].reason
+    assert "free decays alone" in codes["second_posterior"].reason
+    assert found.record["main"] == "joint"
+    assert abs(float(found.tree["posterior"]["omega_n"].mean()) - 118.0) < 0.5
+    # Its decays are compared by the joint posterior, which knows the noise of every record.
+    assert any(name.startswith("ring") for name in found.record["predictions"])
+    found.save(tmp_path / "run")
