@@ -23,7 +23,10 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 # Gauss and Legendre's rule on [0, 1]; NumPy's, for JAX may be switched to float64 after this.
 UNIT_RULE = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 _UNIT, _UNIT_WEIGHTS = UNIT_RULE
-_HALVINGS, _FAR = 60, 16.0  # of the search for the tip's stretch, up to so many amplitudes
+_HALVINGS = 60  # of the search for a stretch
+_FAR = 16.0  # times the move: what a spring that hardens may be stretched by
+_POLE = 0.5  # of the limit, from which on its pole is taken out of the integral
+_DEEP = 40.0  # e-folds towards the limit, beyond which nothing is left of a loop's integral
 
 
 class StretchLaw(Protocol):
@@ -35,16 +38,41 @@ class StretchLaw(Protocol):
     nu: Scalar
 
 
-def _way(c: Scalar, w: Scalar, nu: Scalar, weight: int = 0) -> Scalar:
-    r"""$\int_0^w t^m / (1 - c|t/\mathrm{1\,mm}|^\nu)\,dt$ for w >= 0, m the `weight`.
+def _way(c: Scalar, w: Scalar, nu: Scalar, gap: Scalar | None = None) -> Scalar:
+    r"""$\int_0^w dt / (1 - c|t/\mathrm{1\,mm}|^\nu)$ for w >= 0."""
+    return w + _lag(c, w, nu, 0, gap)
 
-    With t = w s^p, p such that the broken power is at least of second order at s = 0.
+
+def _lag(c: Scalar, w: Scalar, nu: Scalar, m: int = 0, gap: Scalar | None = None) -> Scalar:
+    r"""$\int_0^w t^m f/(1 - f)\,dt$ with $f = c|t/\mathrm{1\,mm}|^\nu$, for w >= 0.
+
+    By Gauss's rule. Near the limit L of w, with z = t/L, its pole is taken out and known:
+
+    $$\frac{z^\nu}{1 - z^\nu} = \Bigl[\frac{z^\nu}{1 - z^\nu} - \frac{z}{\nu (1 - z)}\Bigr]
+      + \frac{z}{\nu (1 - z)}, \qquad
+      \int_0^x \frac{z^{m+1}}{1 - z}\,dz = -\ln(1 - x) - x - \frac{m x^2}{2}$$
+
+    `gap` is 1 - w/L where it is known better than from w. The rule is along s of t = w s^p, p whole
+    and such that the broken power is at least of third order at s = 0.
     """
-    p = jnp.maximum(1.0, 2.0 / nu)
-    unit = jnp.asarray(_UNIT)
-    t = w * power(unit, p)
-    bracket = 1.0 - c * power(t / REFERENCE, nu)
-    return jnp.sum(_UNIT_WEIGHTS * p * power(unit, p - 1.0) * w * t**weight / bracket)
+    limit = _limit(c, nu)
+    near = w > _POLE * limit
+    x = jnp.where(near, w / jnp.where(near, limit, 1.0), 0.5)
+    gap = jnp.where(near, 1.0 - x if gap is None else gap, 0.5)
+    gap = jnp.maximum(gap, 1e-300)
+    p = stop_gradient(jnp.ceil(3.0 / nu))
+    unit, log_unit = jnp.asarray(_UNIT), jnp.log(_UNIT)
+    s = power(unit, p)
+    # Beside the pole 1 - z and 1 - z^nu as small numbers of their own.
+    log_z = jnp.log1p(-gap) + p * log_unit
+    lost = c * power(w * s / REFERENCE, nu)
+    lost = jnp.where(near, jnp.exp(nu * log_z), lost)
+    rest = jnp.where(near, -jnp.expm1(nu * log_z), 1.0 - lost)
+    pole = jnp.where(near, x * s / nu / -jnp.expm1(log_z), 0.0)
+    weights = jnp.asarray(_UNIT_WEIGHTS) * p * power(unit, p - 1.0) * s**m
+    found = jnp.sum(weights * (lost / rest - pole))
+    known = (-jnp.log(gap) - x - 0.5 * m * x**2) / (nu * x ** (m + 1))
+    return w ** (m + 1) * (found + jnp.where(near, known, 0.0))
 
 
 def _limit(c: Scalar, nu: Scalar) -> Scalar:
@@ -52,6 +80,31 @@ def _limit(c: Scalar, nu: Scalar) -> Scalar:
     bounded = c > 0.0
     most = power(1.0 / jnp.where(bounded, c, 1.0), 1.0 / nu)
     return jnp.where(bounded, REFERENCE * most, jnp.inf)
+
+
+def _gap(q: Scalar, c: Scalar, nu: Scalar, most: Scalar) -> Scalar:
+    r"""How far a stretch $w = L_m (1 - e^{-q})$ is from the limit L of c, over L.
+
+    $$1 - w/L = (1 - L_m/L) + e^{-q} L_m/L$$
+
+    `most` is the factor of the limit L_m, which is the nearer one.
+    """
+    bounded = (c > 0.0) & (most > 0.0)
+    log_ratio = jnp.log(jnp.where(bounded, c, 1.0) / jnp.where(bounded, most, 1.0)) / nu
+    return jnp.where(bounded, -jnp.expm1(log_ratio) + jnp.exp(log_ratio - q), 1.0)
+
+
+def _scale(most: Scalar, nu: Scalar, way: Scalar) -> tuple[Scalar, Scalar]:
+    r"""L of $w = L (1 - e^{-q})$, and the largest q that a way may lead to.
+
+    The way is L q or more for an exponent below one, $L q / \nu$ or more above: near the limit its
+    e-folds tell two stretches apart. Where there is no limit, that of the search takes its place.
+    """
+    limit = _limit(most, nu)
+    bounded = most > 0.0
+    scale = jnp.where(bounded, limit, 2.0 * _FAR * way)
+    largest = jnp.where(bounded, way * jnp.maximum(nu, 1.0) / scale, jnp.log(2.0))
+    return scale, largest
 
 
 def _root(
@@ -82,27 +135,47 @@ def moved(law: StretchLaw, memory: Scalar, dy: Scalar) -> Scalar:
     c = jnp.where(falls, less, more)
     begun = jnp.where(against, 0.0, _way(more, size, nu))
     target = jnp.where(falls, to_zero - way, jnp.where(against, way - to_zero, begun + way))
-    high = jnp.minimum(_FAR * target, _limit(c, nu) * (1.0 - 1e-15))
-    found = _root(
-        lambda one: _way(c, one, nu) - target,
-        high,
-        lambda one: 1.0 / (1.0 - c * power(one / REFERENCE, nu)),
-    )
+    scale, largest = _scale(c, nu, target)
+
+    def left(q: Scalar) -> Scalar:
+        return _way(c, -scale * jnp.expm1(-q), nu, _gap(q, c, nu, c)) - target
+
+    q = _root(left, largest, lambda q: _slope(q, c, nu, c, scale))
     sense = jnp.where(falls, signed(1.0, w), signed(1.0, dy))
-    return jnp.where(dy == 0.0, w, sense * found)
+    return jnp.where(dy == 0.0, w, -sense * scale * jnp.expm1(-q))
+
+
+def _slope(q: Scalar, c: Scalar, nu: Scalar, most: Scalar, scale: Scalar) -> Scalar:
+    """Derivative of the way by q, finite however near the limit."""
+    gap = jnp.maximum(_gap(q, c, nu, most), 1e-300)
+    lost = c * power(-scale * jnp.expm1(-q) / REFERENCE, nu)
+    near = gap < _POLE
+    rest = jnp.where(near, -jnp.expm1(nu * jnp.log1p(-jnp.where(near, gap, 0.5))), 1.0 - lost)
+    return scale * jnp.exp(-jnp.minimum(q, 690.0)) / jnp.maximum(rest, 1e-300)
+
+
+def _tip(law: StretchLaw, peak: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+    """Of the stretch at the tip its e-folds q, its scale, and the factor of the nearer limit."""
+    less, more = law.nu_softening - law.nu_opening, law.nu_softening + law.nu_opening
+    most, nu = jnp.maximum(less, more), law.nu
+    scale, largest = _scale(most, nu, 2.0 * peak)
+
+    def left(q: Scalar) -> Scalar:
+        w = -scale * jnp.expm1(-q)
+        ways = (_way(c, w, nu, _gap(q, c, nu, most)) for c in (less, more))
+        return sum(ways) - 2.0 * peak
+
+    def slope(q: Scalar) -> Scalar:
+        return sum(_slope(q, c, nu, most, scale) for c in (less, more))
+
+    return _root(left, largest, slope), scale, most
 
 
 def tip(law: StretchLaw, y_peak: Scalar) -> Scalar:
     r"""Stretch at the tip, $D_{d-g}(w) + D_{d+g}(w) = 2Y$, with D the way from w = 0."""
     peak = jnp.abs(jnp.asarray(y_peak, float))
-    less, more = law.nu_softening - law.nu_opening, law.nu_softening + law.nu_opening
-    high = jnp.minimum(_FAR * peak, _limit(more, law.nu) * (1.0 - 1e-12))
-    found = _root(
-        lambda w: _way(less, w, law.nu) + _way(more, w, law.nu) - 2.0 * peak,
-        high,
-        lambda w: sum(1.0 / (1.0 - c * power(w / REFERENCE, law.nu)) for c in (less, more)),
-    )
-    return signed(found, jnp.asarray(y_peak, float))
+    q, scale, _ = _tip(law, peak)
+    return signed(-scale * jnp.expm1(-q), jnp.asarray(y_peak, float))
 
 
 def loop(law: StretchLaw, y_peak: Scalar) -> tuple[Scalar, Scalar]:
@@ -113,22 +186,32 @@ def loop(law: StretchLaw, y_peak: Scalar) -> tuple[Scalar, Scalar]:
       \mathrm{Im}\,\kappa = \frac{2\alpha}{\pi Y^2} \left(\int_0^{w_m} \frac{t\,dt}{1 - b\,t^\nu}
       - \int_0^{w_m} \frac{t\,dt}{1 - a\,t^\nu}\right)$$
 
-    along the way down from the tip, a = d - g above w = 0 and b = d + g below.
+    along the way down from the tip, a = d - g above w = 0 and b = d + g below. The first integral
+    is over q of $w = L (1 - e^{-q})$: near the limit most of the motion passes in little of w.
     """
     at_zero = y_peak == 0.0
     peak = jnp.where(at_zero, REFERENCE, y_peak)
-    w, own = tip(law, peak), law.nu_stiffness
+    own, nu = law.nu_stiffness, law.nu
     less, more = law.nu_softening - law.nu_opening, law.nu_softening + law.nu_opening
-    zero = peak - _way(less, w, law.nu)
-    # w_m sin t, with t graded towards the zero of w, where y has a broken power of it.
+    end, scale, most = _tip(law, peak)
+
+    def way(c: Scalar, q: Scalar) -> Scalar:
+        return _way(c, -scale * jnp.expm1(-q), nu, _gap(q, c, nu, most))
+
+    def moment(c: Scalar) -> Scalar:
+        return _lag(c, -scale * jnp.expm1(-end), nu, 1, _gap(end, c, nu, most))
+
+    zero = peak - way(less, end)
+    # q_m sin t: no root at the end; t is graded towards the zero of w, where y has a broken power.
     t, weights = 0.5 * jnp.pi * _UNIT**3, 1.5 * jnp.pi * _UNIT**2 * _UNIT_WEIGHTS
-    stretch = w * jnp.sin(t)
+    reach = jnp.minimum(end, _DEEP)
+    q = reach * jnp.sin(t)
     y = jnp.stack([
-        zero + jax.vmap(lambda one: _way(less, one, law.nu))(stretch),
-        zero - jax.vmap(lambda one: _way(more, one, law.nu))(stretch),
+        zero + jax.vmap(lambda one: way(less, one))(q),
+        zero - jax.vmap(lambda one: way(more, one))(q),
     ])  # fmt: skip
     height = jnp.sqrt(jnp.maximum(1.0 - (y / peak) ** 2, 1e-300))
-    real = 2.0 * own / (jnp.pi * peak) * jnp.sum(weights * w * jnp.cos(t) * height)
-    lost = _way(more, w, law.nu, 1) - _way(less, w, law.nu, 1)
-    imaginary = 2.0 * own / (jnp.pi * peak**2) * lost
+    weights = weights * reach * jnp.cos(t) * scale * jnp.exp(-q)
+    real = 2.0 * own / (jnp.pi * peak) * jnp.sum(weights * height)
+    imaginary = 2.0 * own / (jnp.pi * peak**2) * (moment(more) - moment(less))
     return jnp.where(at_zero, own, real), jnp.where(at_zero, 0.0, imaginary)
