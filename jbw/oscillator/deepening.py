@@ -1,7 +1,10 @@
 """More room for the reversals that Masing's laws remember, where a motion asks for it."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any, Protocol
 
+import jax.numpy as jnp
 import numpy as np
 
 from jbw.oscillator.checks import is_concrete
@@ -9,27 +12,58 @@ from jbw.oscillator.laws.masing import Masing
 from jbw.oscillator.laws.reversals import with_room
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator
-from jbw.oscillator.step import State
 
 MOST = 160  # reversals: noise of a thousand turns holds some twenty at once
+OF_SEVERAL_MODES = 24  # where loops are nested deeper from the start
 
 
-def forgot(joint: Oscillator, guesses: object) -> bool:
+class Guessing(Protocol):
+    """A response that counts how often a law's memory was too short."""
+
+    @property
+    def guesses(self) -> Any:
+        """Of every record; see `Response`."""
+        ...
+
+
+def deep_enough[Model: Oscillator | Structure, Solved: Guessing](
+    solve: Callable[[Model, Any], Solved], joint: Model, initial: Any
+) -> Solved:
+    """The response, solved again with twice the memory as long as that was too short and helps.
+
+    `solve` takes the model and its state at the start, whose last part are the laws' memories.
+    """
+    if isinstance(joint, Structure) and jnp.size(joint.omega_n) > 1:
+        joint, initial = with_places(joint, initial, OF_SEVERAL_MODES)
+    response = solve(joint, initial)
+    while forgot(joint, response.guesses):
+        depth = 2 * max(law.depth for law in joint.laws if isinstance(law, Masing))
+        joint, initial = with_places(joint, initial, depth)
+        deeper = solve(joint, initial)
+        if not np.sum(deeper.guesses) < np.sum(response.guesses):
+            break
+        response = deeper
+    return response
+
+
+def forgot(joint: Oscillator | Structure, guesses: object) -> bool:
     """Whether a law gave up reversals that the motion came back to, and more room is to be had."""
     if not (is_concrete(guesses) and np.any(np.asarray(guesses))):
         return False
     return any(isinstance(law, Masing) and law.depth < MOST for law in joint.laws)
 
 
-def deeper(joint: Oscillator, start: State) -> tuple[Oscillator, State]:
-    """The same oscillator and its state with twice the room."""
-    depth = 2 * max(law.depth for law in joint.laws if isinstance(law, Masing))
-    y, v, memory = start
-    memory = tuple(
-        with_room(own, depth) if isinstance(law, Masing) else own
-        for law, own in zip(joint.laws, memory, strict=True)
-    )
-    return with_depth(joint, depth), (y, v, memory)
+def with_places[Model: Oscillator | Structure](
+    joint: Model, start: Any, depth: int
+) -> tuple[Model, Any]:
+    """The same model and its state with room for so many reversals at least."""
+    *motion, memory = start
+    laws, memories = [], []
+    for law, own in zip(joint.laws, memory, strict=True):
+        short = isinstance(law, Masing) and law.depth < depth
+        laws.append(replace(law, depth=depth) if short else law)
+        memories.append(with_room(own, depth) if short else own)
+    return replace(joint, laws=tuple(laws)), (*motion, tuple(memories))
 
 
 def with_depth[Model: Oscillator | Structure](joint: Model, depth: int | None) -> Model:

@@ -28,7 +28,7 @@ from jbw.oscillator.checks import (
     warn_of_long_steps,
     warn_of_unbounded_law,
 )
-from jbw.oscillator.deepening import deeper, forgot
+from jbw.oscillator.deepening import deep_enough
 from jbw.oscillator.hold import HeldInput, Hold, held
 from jbw.oscillator.law import Memory
 from jbw.oscillator.modes.response import ModalOptions, StructureResponse, simulate_structure
@@ -158,7 +158,12 @@ def simulate(
         check_input(u, num_samples)
         num_samples = u.shape[-1]
     options = _Options(hold, substeps, periodic, num_samples or 0, solver, controller)
-    response = _deep_enough(options, oscillator, u, fs, start)
+
+    def solved(oscillator: Oscillator, start: State) -> Response:
+        args = jax.tree.map(lambda x: jnp.asarray(x, float), (oscillator, fs, start))
+        return _simulate_batch(options, args[0], u, *args[1:])
+
+    response = deep_enough(solved, oscillator, start)
     check_settled(response.residual)
     check_bounded(joint, response.y)
     warn_of_guesses(response.guesses)
@@ -176,25 +181,6 @@ class _Options(NamedTuple):
     num_samples: int
     solver: AbstractSolver | None
     controller: AbstractStepSizeController | None
-
-
-def _deep_enough(
-    options: _Options, joint: Oscillator, u: _Input, fs: Scalar, initial: State
-) -> Response:
-    """The response, solved again with twice the memory as long as that was too short and helps."""
-
-    def solved(joint: Oscillator, initial: State) -> Response:
-        args = jax.tree.map(lambda x: jnp.asarray(x, float), (joint, fs, initial))
-        return _simulate_batch(options, args[0], u, *args[1:])
-
-    response = solved(joint, initial)
-    while forgot(joint, response.guesses):
-        joint, initial = deeper(joint, initial)
-        again = solved(joint, initial)
-        if not np.sum(again.guesses) < np.sum(response.guesses):
-            break
-        response = again
-    return response
 
 
 @eqx.filter_jit

@@ -23,6 +23,7 @@ from jbw.oscillator.checks import (
     warn_of_unbounded_law,
 )
 from jbw.oscillator.damper import Damper
+from jbw.oscillator.deepening import deep_enough
 from jbw.oscillator.hold import HeldInput, Hold, held
 from jbw.oscillator.modes.adjoint import Trajectory, modal_solve
 from jbw.oscillator.modes.step import ModalState, modal_stepping
@@ -95,13 +96,17 @@ def simulate_structure(
     own = own and all(law.stepped and not isinstance(law, Damper) for law in structure.laws)
     options = options._replace(num_samples=num_samples, own=own)
     start = _per_mode(q, structure), _per_mode(v, structure), memory
-    args = jax.tree.map(lambda x: jnp.asarray(x, float), (structure, fs, start))
-    response = _simulate_lanes(options, args[0], u, *args[1:])
+
+    def solved(structure: Structure, start: Any) -> StructureResponse:
+        args = jax.tree.map(lambda x: jnp.asarray(x, float), (structure, fs, start))
+        return _simulate_lanes(options, args[0], u, *args[1:])
+
+    response = deep_enough(solved, structure, start)
     check_settled(response.residual)
     check_bounded(given, response.x)
     warn_of_guesses(response.guesses)
     if own:
-        speed = jnp.einsum("i,...it->...t", args[0].h, response.dq)
+        speed = jnp.einsum("i,...it->...t", jnp.asarray(structure.h, float), response.dq)
         warn_of_long_steps(fs, substeps, response.x, speed)
     return response
 
