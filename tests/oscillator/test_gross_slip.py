@@ -11,7 +11,6 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-import jbw
 from jbw.oscillator.laws.bouc_wen_nu import BoucWenNu
 
 MULTIPLES = (1e-6, 1e-3, 0.1, 1.0, 3.0, 7.0, 10.0, 30.0, 100.0)
