@@ -24,6 +24,8 @@ from jbw.quantities import DEFAULT_LAWS, derivative_order
 LEAST_VALUES = 16  # of an envelope: a decay of five parameters and three of its own
 HEADROOM = 1.02  # of the strongest record, where the simulated decay begins
 SPARE = 1.3  # times the duration that the measured rates ask for
+LEAST_RATE = 0.1  # of the mean rate of decay: what noise may leave of the rate at an edge
+MOST_WAIT = 20.0  # times a record: how long the strongest decay may take to the weakest record
 NUM_REFINEMENTS = 3  # Gauss-Newton steps to a record's place on the decay
 # Of Lagrange's cubics through -1, 0, 1 and 2, a column each: coefficients of 1, f, f^2 and f^3.
 CUBICS = np.array([[0, 6, 0, 0], [-2, -3, 6, -1], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
@@ -128,7 +130,7 @@ class Envelopes(Observable):
             )
         envelope = np.stack([one[:length] for one in found])
         order = derivative_order(test.records[0].response)
-        y_start, duration = _course(envelope, chosen, order)
+        y_start, duration = _course(test.name, envelope, chosen, order)
         turn = 2 * np.pi * chosen.centre_hz / chosen.fs
         taps = chosen.taps[:: chosen.stride]
         n = np.arange(len(taps)) * chosen.stride
@@ -153,13 +155,23 @@ class Envelopes(Observable):
         )
 
 
-def _course(envelope: np.ndarray, chosen: BandFilter, order: int) -> tuple[float, float]:
+def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> tuple[float, float]:
     """Where the simulated decay begins, and how long it lasts, so that every record lies on it."""
     size = np.log(np.abs(envelope))
     strongest = int(np.argmax(size[:, 0]))
     edge = min(8, envelope.shape[1] // 2)
+    duration = size.shape[1] * chosen.step_s
+    fall = float(size[strongest, 0] - size[strongest, -1])
+    if not fall > 0.0:
+        raise DataError(
+            f"Test `{name}` must decay, but its strongest record grows by a factor of "
+            f"{np.exp(-fall):.3g} from its beginning to its end.",
+            why="A decay that is simulated from the strongest amplitude on has to reach others.",
+            remedy="Let `settle` begin after the blow, or correct `band`.",
+        )
+    # A rate at an edge is of a few values: noise may leave nothing of it.
     first, last = (
-        max(float(row[0] - row[-1]) / ((edge - 1) * chosen.step_s), 1e-6)
+        max(float(row[0] - row[-1]) / ((edge - 1) * chosen.step_s), LEAST_RATE * fall / duration)
         for row in (size[strongest, :edge], size[strongest, -edge:])
     )
     # The filter eats the first of the simulated decay, at a rate that may be twice the measured.
@@ -170,10 +182,19 @@ def _course(envelope: np.ndarray, chosen: BandFilter, order: int) -> tuple[float
     wait = (
         reached[0] * chosen.step_s
         if reached.size
-        else size.shape[1] * chosen.step_s + (size[strongest, -1] - weakest) / last
+        else duration + (size[strongest, -1] - weakest) / last
     )
+    if wait > MOST_WAIT * duration:
+        raise DataError(
+            f"Test `{name}` must hold records whose amplitudes one decay joins, but its strongest "
+            f"record falls by a factor of {np.exp(fall):.3g} in {duration:.3g} s and would reach "
+            f"the beginning of the weakest, {np.exp(size[strongest, 0] - weakest):.3g} times "
+            f"smaller, after {wait:.3g} s.",
+            why=f"A decay {MOST_WAIT:g} times as long as a record is more than a test needs.",
+            remedy="Make a test of the weak records by themselves, or drop them with `exclude`.",
+        )
     omega = 2 * np.pi * chosen.centre_hz
-    return float(start) / omega**order, SPARE * (wait + size.shape[1] * chosen.step_s)
+    return float(start) / omega**order, SPARE * (wait + duration)
 
 
 class Entry(NamedTuple):
