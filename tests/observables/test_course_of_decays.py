@@ -23,7 +23,7 @@ def ring(size=1.0, seconds=8.0, rate=RATE):
 def hidden():
     """A decay whose last values lie on a floor that rises: no rate is left at that edge."""
     t = np.arange(4096) / FS
-    return ring(seconds=8.0) + 0.02 * (1 + 0.1 * t) * np.sin(2 * np.pi * HZ * t)
+    return ring(seconds=8.0) + 0.02 * (1 + 0.5 * t) * np.sin(2 * np.pi * HZ * t)
 
 
 def decays(*velocities, scale=1.0):
