@@ -161,6 +161,36 @@ def warn_of_unbounded_law(joint: Any) -> None:
             warnings.warn(doubt, stacklevel=3)
 
 
+def warn_of_negative_stiffness(joint: Any) -> None:
+    r"""Warn where the joint is stiffer than all of the structure.
+
+    $$\alpha \sum_i h_i p_i / \omega_i^2 > 1$$
+
+    of the laws' stiffness alpha, of one mode $\alpha > \omega_n^2$: once the joint slips, nothing
+    holds the structure.
+    """
+    if not joint.laws or not is_concrete(joint):
+        return
+    alpha = sum(np.asarray(law.stiffness()) for law in joint.laws)
+    omega = np.asarray(joint.omega_n)
+    lever = np.asarray(getattr(joint, "h", 1.0)) * np.asarray(getattr(joint, "p", 1.0))
+    if hasattr(joint, "p"):
+        share, held = alpha * np.sum(lever / omega**2), "1 / sum(h p / omega_n^2)"
+        limit = 1.0 / np.sum(lever / omega**2)
+    else:
+        share, held, limit = alpha / omega**2, "omega_n^2", omega**2
+    if np.any(share > 1.0):
+        worst = np.unravel_index(np.argmax(share), np.shape(share))
+        most, least = (np.broadcast_to(x, np.shape(share))[worst] for x in (alpha, limit))
+        warnings.warn(
+            f"The joint is stiffer than the structure: its stiffness must not exceed {held}, but "
+            f"{most:.4g} > {least:.4g} 1/s^2. Once it slips, nothing holds the structure, and the "
+            "motion runs away. Lower the stiffness of the laws, or raise omega_n, which includes "
+            "that of the joint in full stick.",
+            stacklevel=3,
+        )
+
+
 def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:
     """Warn where the motion turns twice within a step, as the cubic through its ends shows.
 

@@ -26,6 +26,7 @@ from jbw.oscillator.checks import (
     initial_state,
     warn_of_guesses,
     warn_of_long_steps,
+    warn_of_negative_stiffness,
     warn_of_unbounded_law,
 )
 from jbw.oscillator.deepening import deep_enough
@@ -151,6 +152,7 @@ def simulate(
     check_options(fs, hold, substeps, num_samples, callable(u))
     start = initial_state(oscillator, initial)
     warn_of_unbounded_law(oscillator)
+    warn_of_negative_stiffness(oscillator)
     if isinstance(u, HeldInput):
         hold, periodic, num_samples = u.hold, u.periodic, u.samples.shape[-1]
     elif not callable(u):

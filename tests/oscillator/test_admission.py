@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 
+import jbw
 from jbw.errors import ModelError
 from jbw.oscillator.checks import warn_of_unbounded_law
 from jbw.oscillator.laws.iwan import Iwan4, MasingPower
@@ -93,3 +94,17 @@ def test_a_steady_state_that_newton_does_not_find_is_reported(monkeypatch):
     u = 20.0 * np.cos(2 * np.pi * np.arange(61) / 61)
     with pytest.raises(ModelError, match=r"(?s)No steady state.*Give a nearer `initial`"):
         simulate(BoucWen(**PAPER), u, 61 * 18.8, hold="band_limited", periodic=True)
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_a_joint_stiffer_than_the_structure_is_named_with_the_inequality(several):
+    """Of one mode alpha = 1.21 omega_n^2; of two, 1 / sum(h p / omega^2) = 1 / (1/1e4 + 1/4e4)."""
+    law = jbw.laws.BoucWenLaw(12100.0, 300.0, 100.0)
+    if several:
+        omega, ones = np.array([100.0, 200.0]), np.ones(2)
+        joint, limit = jbw.Structure(omega, 0.01 * ones, ones, ones, ones, ones, (law,)), "8000"
+    else:
+        joint, limit = jbw.Oscillator(100.0, 0.01, (law,)), "1e+04"
+    with pytest.warns(UserWarning, match="stiffer than the structure") as said:
+        jbw.simulate(joint, np.zeros(64), 1000.0)
+    assert f"1.21e+04 > {limit} 1/s^2" in str(said[0].message)

@@ -20,6 +20,7 @@ from jbw.oscillator.checks import (
     initial_state,
     warn_of_guesses,
     warn_of_long_steps,
+    warn_of_negative_stiffness,
     warn_of_unbounded_law,
 )
 from jbw.oscillator.damper import Damper
@@ -84,6 +85,7 @@ def simulate_structure(
     require_sampled(structure, fs, substeps)
     q, v, memory = initial_state(structure, initial)
     warn_of_unbounded_law(structure)
+    warn_of_negative_stiffness(structure)
     if isinstance(u, HeldInput):
         options = options._replace(hold=u.hold, periodic=u.periodic)
         num_samples = u.samples.shape[-1]
