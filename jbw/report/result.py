@@ -9,10 +9,11 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Float
 
-from jbw.errors import DataError
+from jbw.errors import DataError, reason_of
 from jbw.quantities import BY_NAME, GAINS, Quantity, in_dialect
 from jbw.report.style import plain
 from jbw.report.text import quantity, symbol, unit_text
+from jbw.run.integrity import MARK, SEAL, damaged, unsealed
 
 TURN = 360.0  # degrees
 BACKBONE = "verification/backbone"
@@ -40,11 +41,19 @@ def read_result(folder: Path) -> tuple[dict[str, Any], xr.DataTree]:
             )
     try:
         summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        if not isinstance(summary, Mapping):
+            raise ValueError("summary.json holds no table")
+        has_hashes = SEAL in summary
+        summary = unsealed(summary, folder / "posterior.nc")
         with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as stored:
             tree = stored.load()
-    except (OSError, ValueError) as cause:
+        if tree.attrs.pop(MARK, None) is not None and not has_hashes:
+            raise damaged(folder / "summary.json")
+    except DataError:
+        raise
+    except Exception as cause:  # HDF5 raises what it likes where a file is damaged
         raise DataError(
-            f"The result in {folder} cannot be read: {cause}",
+            f"The result in {folder} cannot be read, it is damaged: {reason_of(cause)}",
             remedy="Run the identification again, or restore the folder from a copy.",
         ) from cause
     return summary, tree

@@ -17,6 +17,7 @@ from jbw.report.figures import figure_of, save_figures
 from jbw.report.page import write_page
 from jbw.report.prediction import prediction
 from jbw.report.style import Panels
+from jbw.run.integrity import MARK, sealed
 from jbw.verification.places import safe
 
 
@@ -45,8 +46,11 @@ def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> 
     """Write posterior.nc, and summary.json last: where that stands, the result is whole."""
     try:
         with writing(folder, "posterior.nc", "summary.json") as part:
-            tree.to_netcdf(part / "posterior.nc", engine="h5netcdf")
-            write_json(part / "summary.json", summary)
+            marked = tree.copy()
+            marked.attrs = {**tree.attrs, MARK: 1}
+            marked.to_netcdf(part / "posterior.nc", engine="h5netcdf")
+            plain = json.loads(json.dumps(summary, allow_nan=False))
+            write_json(part / "summary.json", sealed(plain, part / "posterior.nc"))
     except OSError as error:
         raise RunError(
             f"The result cannot be written to {folder}: {error.strerror or error}.",
