@@ -1,6 +1,7 @@
 """What the verdict needs beside the chains: the solver's error, coloured residuals."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from jbw.campaign.settings import SPRING
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.lanes import at_points
-from jbw.inference.posterior.finding import Finding, Verdict, checked, qualified
+from jbw.inference.posterior.finding import Finding, Verdict, checked, judge, qualified
 from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.observables.dataset import Dataset, by_label, halved, log_likelihood
@@ -20,6 +21,8 @@ SHIFT = 0.1  # of a posterior standard deviation: what the solver may move a pos
 NUM_DRAWS = 32
 CLOSE = 0.05  # of every test: a law that leaves no more may be used within it
 OF_MISFIT = ("coloured_residual", "repeatability", "chi_square")  # findings that this may qualify
+OF_USE = (*OF_MISFIT, "held_out_coverage")  # findings that may say: usable within an error
+MOST_BEYOND = 1.5  # times the fitted error: what tests that were not fitted may be missed by
 TINY = np.finfo(float).tiny
 
 
@@ -146,6 +149,49 @@ def within_misfit(found: Verdict, error: Mapping[str, float]) -> Verdict:
         "the law may be used, for motions as large as those that were fitted."
     )
     return qualified(found, OF_MISFIT, said)
+
+
+def within_unseen(
+    found: Verdict, fitted: Sequence[float], unseen: Sequence[float], which: str
+) -> Verdict:
+    """A verdict whose statements of use quote the errors of tests that a fit did not see.
+
+    Errors are relative to the rms of their tests. Where the unseen ones exceed the fitted ones by a
+    factor of 1.5 in rms, what was usable within the fitted error is not.
+
+    Args:
+        found: The verdict.
+        fitted: Errors of the tests as they were fitted.
+        unseen: Errors of tests as predicted by a fit without them; nothing changes where there are
+            none.
+        which: What these tests are, for the sentence: "tests that no fit saw".
+    """
+    if not len(fitted) or not len(unseen):
+        return found
+    known, beyond = rms(fitted), rms(unseen)
+    holds = beyond <= MOST_BEYOND * known
+    said = f"Error of {which}: {beyond:.2g} of the rms, against {known:.2g} of the fitted ones"
+    said += "." if holds else (
+        f", more than {MOST_BEYOND:g} times as much: what was not fitted is not predicted to the "
+        "error of what was."
+    )  # fmt: skip
+    action = "Fit the tests that are missed too, or look for what differs between them: jbw look."
+    return judge(
+        replace(
+            one,
+            status="usable" if holds else "failed",
+            reason=f"{one.reason} {said}",
+            action=one.action if holds else f"{one.action} {action}".strip(),
+        )
+        if one.status == "usable" and one.code in OF_USE
+        else one
+        for one in found.findings
+    )
+
+
+def rms(values: Sequence[float]) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def repeatability_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:

@@ -100,6 +100,9 @@ def joint_step(
     )  # fmt: skip
     left = dataset.left_by_label(ready.fit.residual, ready.data)
     judged = accuracy.within_misfit(step.verdict, dataset.error_by_label(left, ready.data))
+    if (left_out := groups.get("leave_one_out")) is not None:
+        errors = left_out["fitted"].values.tolist(), left_out["error"].values.tolist()
+        judged = accuracy.within_unseen(judged, *errors, "each test predicted from the others")
     draws, y_peak = posterior["posterior"].to_dataset(), ready.y_peak
     judged = within_response(judged, draws, ready.data.held, y_peak, ready.data.laws)
     advice = stuck(step.posterior, judged)

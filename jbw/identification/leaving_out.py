@@ -56,12 +56,14 @@ def leave_one_out(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
     most = np.sqrt(growth)[:, None] * std
     z = np.clip(change, -most, most) / np.sqrt(np.where(known, gained, np.nan))
     error = [_error(run, one, prior, data) for run, one in zip(runs, fits, strict=True)]
+    fitted = [_error(run, best, prior, data) for run in runs]
     dims = ("run", "parameter")
     return xr.Dataset(
         {
             "estimate": (dims, estimate, {"long_name": "optimum without the run"}),
             "std": (dims, std, {"long_name": "its standard deviation"}),
             "error": ("run", error, {"units": "1", "long_name": "error without the run"}),
+            "fitted": ("run", fitted, {"units": "1", "long_name": "error with it"}),
             "z": (dims, z, {"units": "1", "long_name": "change over its sd by chance"}),
         },
         {"run": list(runs), "parameter": list(best.theta)},

@@ -24,7 +24,7 @@ from jbw.identification.procedure import Identification, Report, run_procedure
 from jbw.identification.run_effects import runs_summary
 from jbw.identification.step import Step
 from jbw.identification.usable import usable
-from jbw.inference.posterior.finding import Verdict, answers, judge
+from jbw.inference.posterior.finding import Verdict, answers
 from jbw.inference.posterior.summary import as_plain, correlations, summarise
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import require_float64
@@ -38,7 +38,7 @@ from jbw.study.identifiability import as_group, look_again, plain
 from jbw.study.look import Look, look, look_groups
 from jbw.study.study import Study, input_hashes
 from jbw.study.surroundings import constants_sentence
-from jbw.verification.verify import prediction_findings
+from jbw.verification.verify import with_predictions
 
 logger = logging.getLogger("jbw")
 VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy", "scipy")
@@ -94,7 +94,7 @@ def identify(
     )
     tree = collect(seen, found, seed, truth, report, campaign.settings, attempts)
     main = found.main
-    verdict = judge([*main.verdict.findings, *prediction_findings(tree)])
+    verdict = with_predictions(main.verdict, tree)
     outside = attempts.make(
         "The constant of the modes outside the band",
         lambda: constants_sentence(main.posterior["posterior"].to_dataset(), main.held, source),

@@ -15,17 +15,17 @@ import xarray as xr
 
 from jbw.campaign.settings import Identify
 from jbw.errors import Attempts
-from jbw.identification.accuracy import CLOSE, another_law
+from jbw.identification.accuracy import CLOSE, another_law, within_unseen
 from jbw.identification.procedure import Identification, Report
 from jbw.identification.selection import DecaySplit, Sweeps, fitted, loop_tests
-from jbw.inference.posterior.finding import Finding, checked
+from jbw.inference.posterior.finding import Finding, Verdict, checked, judge
 from jbw.inference.posterior.remedies import put
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
 from jbw.observables.drives import of_drive
 from jbw.quantities import MODES, derivative_order
-from jbw.verification.backbone import amplitude_verification
+from jbw.verification.backbone import CARRIED_ON, amplitude_verification
 from jbw.verification.curves import curves_of, predict_curves
 from jbw.verification.decays import verify_decays
 from jbw.verification.groups import has_groups_alone
@@ -235,15 +235,40 @@ def _compared_sweeps(names: set[str], sweeps: Sweeps | None) -> tuple[set[str], 
     return names, [*sweeps.held_out, *rest]
 
 
-def prediction_findings(tree: xr.DataTree) -> list[Finding]:
-    """The largest error beside a simpler oscillator's, and the least coverage of held-out tests."""
+def with_predictions(found: Verdict, tree: xr.DataTree) -> Verdict:
+    """A verdict with what the predictions of tests say, which its statements of use quote.
+
+    Of held-out tests those count whose errors the bands do not hold, for motions up to a little
+    more than those that were fitted: the others are an extrapolation, or told by the bands.
+    """
+    found = judge([*found.findings, *prediction_findings(tree)])
+    tests = _predicted(tree).values()
+    fitted = [one["nrmse"] for one in tests if one.get("fitted")]
+    unseen = [
+        one["nrmse"]
+        for one in tests
+        if not one.get("fitted")
+        and one.get("coverage", 1.0) < LEAST_COVERAGE
+        and one.get("extrapolation", 1.0) <= CARRIED_ON
+    ]
+    fitted, unseen = ([x for x in some if np.isfinite(x)] for some in (fitted, unseen))
+    return within_unseen(found, fitted, unseen, "tests that no fit saw")
+
+
+def _predicted(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
+    """Attributes of every test beside its prediction, by name."""
     parents = tree["verification"].children if "verification" in tree.children else {}
-    tests = {
-        name: {"group": group, **one.attrs}
+    return {
+        name: {"group": group, **{str(key): value for key, value in one.attrs.items()}}
         for group, parent in parents.items()
         for name, one in parent.children.items()
         if "nrmse" in one.attrs
     }
+
+
+def prediction_findings(tree: xr.DataTree) -> list[Finding]:
+    """The largest error beside a simpler oscillator's, and the least coverage of held-out tests."""
+    tests = _predicted(tree)
     laws = json.loads(str(tree.attrs.get("laws", "[]")))
     return [*_simpler(tests, laws), *_coverage(tests)]
 

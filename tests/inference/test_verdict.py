@@ -7,8 +7,8 @@ from pasted import lines_of, pasted
 from scipy.stats import truncnorm
 
 from jbw.cli.about import pages
-from jbw.identification.accuracy import within_misfit
-from jbw.inference.posterior.finding import ASKED_BY, answers, qualified
+from jbw.identification.accuracy import within_misfit, within_unseen
+from jbw.inference.posterior.finding import ASKED_BY, answers, checked, qualified
 from jbw.inference.posterior.remedies import more_draws, put_bounds, wider
 from jbw.inference.posterior.verdict import Finding, judge, verdict
 from jbw.inference.space.box import box
@@ -305,3 +305,26 @@ def test_no_other_failure_becomes_usable():
     assert [one.status for one in judged.findings] == ["usable", "failed", "failed"]
     assert within_misfit(found, {"sweep": np.nan}) == found
     assert qualified(found, ("r_hat",), "Yet.").findings[2].reason == "Seen r_hat. Yet."
+
+
+@pytest.mark.parametrize(
+    ("fitted", "unseen", "status"),
+    [
+        ([0.018, 0.018], [0.24, 0.02], "failed"),  # rms 0.17: a clock that is off in one run
+        ([0.018, 0.018], [0.026, 0.02], "usable"),  # rms 0.0232, 1.29 times as much
+        ([0.03, 0.04], [], "usable"),
+    ],
+)
+def test_a_statement_of_use_quotes_what_no_fit_saw(fitted, unseen, status):
+    found = judge([checked("coloured_residual", False, "Coloured.", 0.4, "Another law.")])
+    usable = within_misfit(found, {"sweep": 0.018})
+    judged = within_unseen(usable, fitted, unseen, "tests that no fit saw")
+    assert judged.status == status
+    (finding,) = judged.findings
+    if unseen:
+        assert "tests that no fit saw: " in finding.reason
+        assert "0.17 of the rms" in finding.reason or status == "usable"
+    if status == "failed":
+        assert "Another law." in finding.action
+    untouched = judge([checked("r_hat", True, "Mixed.", 1.0, "")])
+    assert within_unseen(untouched, fitted, unseen, "tests") == untouched
