@@ -94,7 +94,7 @@ def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
             if len(np.unique(curve.y[pick])) >= FEWEST - 1]  # fmt: skip
     bands = [tuple(np.quantile(column, QUANTILES).tolist()) for column in np.array(rows).T]
     reach = float(curve.y.min()), float(curve.y.max())
-    return Diagnosis(len(curve.y), reach, *bands, turning_point(curve))
+    return Diagnosis(len(curve.y), reach, *bands, turn=turning_point(curve))
 
 
 def turning_point(curve: AmplitudeCurve) -> tuple[float, float, float] | None:
@@ -122,7 +122,8 @@ def turning_point(curve: AmplitudeCurve) -> tuple[float, float, float] | None:
         ends = np.abs(omega[[0, -1]] - omega[at])
         least = np.maximum(TURNS * np.hypot(std[[0, -1]], std[at]), LEAST_TURN * omega[at])
         if np.all(ends > least):
-            return float(y[at]), *(float(x / (2 * np.pi)) for x in omega[[at, -1]])
+            turn_hz, end_hz = (omega[[at, -1]] / (2 * np.pi)).tolist()
+            return float(y[at]), turn_hz, end_hz
     return None
 
 
