@@ -256,7 +256,7 @@ def _filled(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:
             role,
             f"The response stands still from {end:.4g} s to the end of the record.",
             "A recorder that was stopped fills up its file so; a structure rings on.",
-            f"Put under [[test]]: `span = [0.0, {np.floor(100 * end) / 100:g}]`.",
+            f"Put under [[test]]: `span = [0.0, {_rounded_down(end)}]`.",
         )
     if gaps:
         listed = ", ".join(f"{start / fs:.4g}-{stop / fs:.4g} s" for start, stop in gaps[:4])
@@ -267,3 +267,9 @@ def _filled(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:
             "A recorder that lost samples fills them in so.",
             "Keep a part without gaps with span = [start, stop], or drop the repeat with exclude.",
         )
+
+
+def _rounded_down(seconds: float) -> str:
+    """A time to four digits, not above it."""
+    unit = 10.0 ** (np.floor(np.log10(seconds)) - 3)
+    return f"{np.floor(seconds / unit) * unit:.4g}"

@@ -11,18 +11,20 @@ and in noise between parts of the record, whose FRFs are the same but for it.
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float
-from scipy.signal import hilbert
+from jaxtyping import Complex, Float, Int
+from scipy.signal import coherence as coherence_of
+from scipy.signal import csd, hilbert, welch
 from scipy.stats import f as f_distribution
 
 from jbw.errors import DataError
 from jbw.measurement.channels import Reals
 from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.measurement.records import Record
-from jbw.measurement.resonances import driven_lines
+from jbw.measurement.resonances import driven_lines, swept
+from jbw.quantities import derivative_order
 
 TOGETHER = 3  # lines of a sweep's transform that one value of its phase is read over
 PIECE = 16  # samples at least between two values of a sweep's frequency
@@ -47,13 +49,13 @@ class Lag(NamedTuple):
     Attributes:
         constant_s: At the start of the record [s], and its standard error.
         slope: Growth along it [s/s], and its standard error.
-        step: Time at which it jumps and by how much [s]; None where it does not.
+        step: Times between which it jumps, and by how much [s]; None where it does not.
         scatter_s: What is left about these [s].
     """
 
     constant_s: tuple[float, float]
     slope: tuple[float, float]
-    step: tuple[float, float] | None
+    step: tuple[float, float, float] | None
     scatter_s: float
 
 
@@ -77,15 +79,16 @@ def untimely(record: Record, delay: float, *, is_sweep: bool) -> Iterator[Fault]
         return
     length = record.num_samples / fs
     least = TURNED / (2 * np.pi * hz)
-    if lag.step is not None and abs(lag.step[1]) > least:
-        at, jump = lag.step
+    if lag.step is not None and abs(lag.step[2]) > least:
+        before, after, jump = lag.step
+        at = 0.5 * (before + after)
         ahead = "ahead of" if jump < 0 else "behind"
         yield refusal(
             record.response,
             f"At {at:.3g} s the response jumps by {abs(jump):.3g} s {ahead} the drive: one of them "
             "lost a block of samples.",
             "What comes after it is the response to another time of the drive.",
-            f"Put under [[test]]: `span = [0.0, {np.floor(98 * at) / 100:g}]`, drop the repeat "
+            f"Put under [[test]]: `span = [0.0, {_rounded_down(before)}]`, drop the repeat "
             "with exclude, or export it again.",
         )
     elif abs(lag.slope[0]) * length > least:
@@ -97,8 +100,15 @@ def untimely(record: Record, delay: float, *, is_sweep: bool) -> Iterator[Fault]
             "The phase then turns along the record, which reads as damping and as stiffness.",
             "Record both by one clock, or resample the response to that of the drive.",
         )
-    elif is_sweep:
-        yield from _delayed(record, lag, delay, least)
+    else:
+        constant = lag if is_sweep else _constant_of_noise(record)
+        yield from _delayed(record, constant, delay, least) if constant else ()
+
+
+def _rounded_down(seconds: float) -> str:
+    """A time to three digits, not above it."""
+    unit = 10.0 ** (np.floor(np.log10(seconds)) - 2)
+    return f"{np.floor(seconds / unit) * unit:.3g}"
 
 
 def _delayed(record: Record, lag: Lag, delay: float, least: float) -> Iterator[Fault]:
@@ -139,10 +149,21 @@ def _phase_of_sweep(record: Record) -> tuple[Reals, Reals, Reals, Reals] | None:
         return None
     receptance = np.sum(y * np.conj(source), axis=1) / np.sum(np.abs(source) ** 2, axis=1)
     omega = omega.mean(axis=1)
+    found = _away(omega, receptance)
+    if found is None:
+        return None
+    kept, phase, bend = found
+    order = np.argsort(time[kept])
+    return time[kept][order], omega[kept][order], np.unwrap(phase[order]), bend[order]
+
+
+def _away(
+    omega: Reals, receptance: Complex[np.ndarray, " line"]
+) -> tuple[Int[np.ndarray, " kept"], Reals, Reals] | None:
+    """Lines away from the one resonance, their phase, and its bend by damping; None of several."""
     natural = float(omega[np.argmax(np.abs(omega * receptance))])
     r = omega / natural
     kept = np.flatnonzero(np.abs(1 - r**2) > AWAY)
-    kept = kept[np.argsort(time[kept])]
     if len(kept) < FEWEST:
         return None
     r = r[kept]
@@ -150,7 +171,42 @@ def _phase_of_sweep(record: Record) -> tuple[Reals, Reals, Reals, Reals] | None:
     if np.std(np.log(np.abs(receptance[kept] * (1 - r**2)))) > ONE_MODE:
         return None
     phase = np.angle(receptance[kept] * np.where(r < 1, 1.0, -1.0))
-    return time[kept], omega[kept], np.unwrap(phase), 2 * r / (1 - r**2)
+    return kept, phase, 2 * r / (1 - r**2)
+
+
+def _upright(phase: Reals, bend: Reals) -> Reals:
+    """A phase without half turns, which are the polarity of a channel, by those next to resonance.
+
+    There a lag turns it less than at higher frequencies.
+    """
+    near = np.argsort(-np.abs(bend))[: 2 * FEWEST]
+    return phase - np.pi * np.round(np.median(phase[near]) / np.pi)
+
+
+def _constant_of_noise(record: Record) -> Lag | None:
+    """The lag of a whole record of noise, by its averaged FRF away from the resonance."""
+    u, x = (record.channels[role] for role in (record.source, record.response))
+    short = 2 * len(u) // (PARTS * (AVERAGES + 1))
+    options: dict[str, Any] = {"fs": record.fs, "nperseg": short}
+    freq, power = welch(u, **options)
+    cross, coherence = csd(u, x, **options)[1], coherence_of(u, x, **options)[1]
+    lines = (freq > 0) & (coherence > COHERENT) & (power > LOUD * np.median(power[power > 0]))
+    lines &= swept(power)
+    omega = 2 * np.pi * freq[lines]
+    order = derivative_order(record.response)
+    found = (
+        _away(omega, cross[lines] / power[lines] / (1j * omega) ** order) if lines.any() else None
+    )
+    if found is None:
+        return None
+    kept, phase, bend = found
+    phase = _upright(np.unwrap(phase), bend)
+    fitted = _squares(np.column_stack([-omega[kept], -bend]), phase)
+    scatter = float(np.sqrt(fitted.squares / (len(kept) - 2)))
+    if scatter > ROUGH:
+        return None
+    constant = (float(fitted.values[0]), float(fitted.errors[0]) * scatter)
+    return Lag(constant, (0.0, np.inf), None, scatter / float(np.mean(omega)))
 
 
 def _time_of(record: Record, omega: Reals) -> Reals | None:
@@ -175,8 +231,7 @@ def _time_of(record: Record, omega: Reals) -> Reals | None:
 
 def _lag_of_sweep(time: Reals, omega: Reals, phase: Reals, bend: Reals) -> Lag | None:
     """The lag by least squares: constant, growing or with a step, the simplest that serves."""
-    # The phase is known up to half turns: the polarity of a channel.
-    phase = phase - np.pi * np.round(np.median(phase) / np.pi)
+    phase = _upright(phase, bend)
     plain = _squares(np.column_stack([-omega, -bend]), phase)
     growing = _squares(np.column_stack([-omega, -bend, -omega * time]), phase)
     count = len(time)
@@ -207,7 +262,7 @@ def _lag_of_sweep(time: Reals, omega: Reals, phase: Reals, bend: Reals) -> Lag |
     values, errors = chosen.values, chosen.errors * scatter
     zero = (0.0, np.inf)
     slope = (float(values[2]), float(errors[2])) if chosen is growing else zero
-    step = (float(time[at]), float(values[2])) if chosen is jump else None
+    step = (float(time[at - 1]), float(time[at]), float(values[2])) if chosen is jump else None
     return Lag((float(values[0]), float(errors[0])), slope, step, scatter / float(np.mean(omega)))
 
 
@@ -293,6 +348,6 @@ def _course(time: Reals, lags: Reals) -> Lag | None:
     scatter = float(np.sqrt(chosen.squares / (len(time) - 2)))
     zero = (0.0, np.inf)
     slope = (float(chosen.values[1]), scatter) if chosen is growing else zero
-    half = 0.5 * (time[1] - time[0])
-    step = (float(time[at] - half), float(chosen.values[1])) if chosen is jump else None
+    between = float(time[at - 1]), float(time[at])
+    step = (*between, float(chosen.values[1])) if chosen is jump else None
     return Lag((float(chosen.values[0]), scatter), slope, step, scatter)

@@ -85,15 +85,16 @@ def test_a_lost_block_is_refused_with_its_time(kind, drive, lost):
     assert jump == pytest.approx(lost / FS, rel=0.25 if kind == "sweep" else 0.05)
 
 
+@pytest.mark.parametrize(("kind", "drive"), [("sweep", sweep()), ("noise", noise())])
 @pytest.mark.parametrize("tau", [4e-3, -3e-3])
-def test_a_delay_of_a_sweep_is_named_and_its_key_cures(tau):
-    u = sweep()
+def test_a_delay_is_named_and_its_key_cures(kind, drive, tau):
+    u = drive
     x = response(np.append(np.zeros(100), u), lag=lambda t: tau)[100:]
-    (fault,) = found(u, x, "sweep")
+    (fault,) = found(u, x, kind)
     assert ("lags behind" if tau > 0 else "leads") in fault.what
     read = float(fault.remedy.split("delay = ")[1].split("`")[0])
     assert read == pytest.approx(tau, rel=0.05)
-    assert not found(u, x, "sweep", delay=read)
+    assert not found(u, x, kind, delay=read)
 
 
 def test_half_a_sample_of_a_converter_that_holds_is_not_doubted():

@@ -48,7 +48,7 @@ def test_zeros_to_the_end_are_doubted_and_a_span_leaves_them_out():
     (fault,) = inspect(Record(FS, {"velocity": x}, {"velocity": "m/s"}))
     assert fault.severity == "warning"
     assert fault.what == "The response stands still from 3.005 s to the end of the record."
-    assert fault.remedy == "Put under [[test]]: `span = [0.0, 3]`."
+    assert fault.remedy == "Put under [[test]]: `span = [0.0, 3.005]`."
     assert found(x[:3000]) == []
 
 
