@@ -231,7 +231,8 @@ def _time_of(record: Record, omega: Reals) -> Reals | None:
 
 def _lag_of_sweep(time: Reals, omega: Reals, phase: Reals, bend: Reals) -> Lag | None:
     """The lag by least squares: constant, growing or with a step, the simplest that serves."""
-    phase = _upright(phase, bend)
+    # Half turns are the polarity of a channel; what turns the phase later is a lag that grew.
+    phase = phase - np.pi * np.round(np.median(phase[: len(phase) // 4]) / np.pi)
     plain = _squares(np.column_stack([-omega, -bend]), phase)
     growing = _squares(np.column_stack([-omega, -bend, -omega * time]), phase)
     count = len(time)
