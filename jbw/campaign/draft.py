@@ -8,15 +8,18 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
+import numpy as np
+
 from jbw.campaign.document import commented, toml
 from jbw.campaign.settings import Identify
 from jbw.campaign.tables import Head, TestSpec
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.measurement.files.assemble import Wanted
-from jbw.measurement.files.read import READERS, channels_of, records
-from jbw.measurement.files.tree import Leaf
+from jbw.measurement.files.paths import select
+from jbw.measurement.files.read import READERS, channels_of, opened, records
+from jbw.measurement.files.tree import Leaf, load
 from jbw.measurement.kinds import KINDS
-from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES
+from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, si_of
 from jbw.measurement.response_checks import band_about_peak
 from jbw.units import quantity_of, si_unit
 
@@ -44,10 +47,12 @@ HINTS = (
     (r"force|load|^f$", "force"),
     (r"input|shaker|volt|drive|source|amp|^u$|^v1$", "input"),
 )
+RATES = ("fs", "fs_hz", "sampling_frequency", "sampling_rate", "sample_rate", "samplerate")
 KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", msine="multisine",
                   sinesw="sweep")  # fmt: skip
 Assume = Callable[[str], None]
 Leaves = Mapping[str, Leaf]
+Reach = tuple[float, float]  # lowest and highest frequency [Hz]
 FEW_COLUMNS = 16  # a table of more is no record of a few channels
 
 
@@ -74,8 +79,10 @@ def start_campaign(folder: str | Path) -> Draft:
     visible = sorted((p for p in files if not p.name.startswith(".")), key=_stem)
     assumed: list[str] = []
     blocks = []
-    for _, repeats in groupby(visible, key=_stem):
-        blocks += _blocks(sorted(repeats), assumed)
+    groups = [sorted(repeats) for _, repeats in groupby(visible, key=_stem)]
+    curves = _frequencies_of_curves(groups)
+    for repeats in groups:
+        blocks += _blocks(repeats, assumed, curves)
     if not any("[[test]]" in block for block in blocks):
         raise DataError(
             f"Folder `{folder}` has no measurement file that can be read.",
@@ -106,7 +113,24 @@ def _stem(path: Path) -> tuple[str, str]:
     return re.sub(r"\d+$", "", path.stem), path.suffix.lower()
 
 
-def _blocks(files: Sequence[Path], assumed: list[str]) -> list[str]:
+def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
+    """Lowest and highest frequency of response curves [Hz], among which the joint's mode lies."""
+    found: list[float] = []
+    for files in groups:
+        with suppress(JbwError):
+            series = _series_in(channels_of(files[0]))
+            roles = _roles_of(series)
+            if not {"frequency", "phase"} <= set(roles):
+                continue
+            with opened(files[0]) as contents:
+                leaf = select(contents.root, roles["frequency"])
+                if isinstance(leaf, Leaf):
+                    hz = load(leaf) * si_of("frequency", leaf.unit or "Hz")[0]
+                    found += [float(np.nanmin(hz)), float(np.nanmax(hz))]
+    return (min(found), max(found)) if found else None
+
+
+def _blocks(files: Sequence[Path], assumed: list[str], curves: Reach | None) -> list[str]:
     """The [[test]] tables of some files, or a comment where they cannot be a test."""
     try:
         leaves = channels_of(files[0])
@@ -114,13 +138,19 @@ def _blocks(files: Sequence[Path], assumed: list[str]) -> list[str]:
         assumed.append(error.what)
         return ["".join(f"# {line}\n" for line in error.what.splitlines())]
     found = _records_in(_series_in(leaves))
-    blocks = [_block(files, series, leaves, assumed) for series in found[:MOST_BLOCKS]]
+    blocks = [_block(files, series, leaves, assumed, curves) for series in found[:MOST_BLOCKS]]
     if len(found) > MOST_BLOCKS:
         blocks.append(f"# {len(found) - MOST_BLOCKS} more groups like these are in the file.\n")
     return blocks
 
 
-def _block(files: Sequence[Path], series: Leaves, leaves: Leaves, assumed: list[str]) -> str:
+def _block(
+    files: Sequence[Path],
+    series: Leaves,
+    leaves: Leaves,
+    assumed: list[str],
+    curves: Reach | None,
+) -> str:
     """One [[test]] table; as a comment where no channel is named like a response."""
 
     def assume(what: str) -> None:
@@ -149,7 +179,7 @@ def _block(files: Sequence[Path], series: Leaves, leaves: Leaves, assumed: list[
     if not traits.is_curve and not timed:
         lines.append(_sampling(leaves, assume))
     if traits.is_free:
-        lines.append(_band(files[0], roles, lines, assume))
+        lines.append(_band(files[0], roles, lines, assume, curves))
     if traits.is_steady:
         lines.append("tones = [1.0]  # CHECK: frequencies [Hz]")
         assume("tones must be given.")
@@ -174,12 +204,22 @@ def _units(channels: Leaves, assume: Assume) -> str:
     return f"units = {toml(units)}{mark}"
 
 
-def _band(path: Path, roles: Mapping[str, str], lines: Sequence[str], assume: Assume) -> str:
-    """The band of a free decay, about the strongest line of its first record."""
+def _band(
+    path: Path,
+    roles: Mapping[str, str],
+    lines: Sequence[str],
+    assume: Assume,
+    curves: Reach | None,
+) -> str:
+    """The band of a free decay, about the strongest line of its first record.
+
+    Where response curves lie beside it, of those among their frequencies: a hammer excites the
+    suspension as well, which moves further than the joint's mode.
+    """
     try:
         stated = tomllib.loads("\n".join(lines[1:]))
         wanted = Wanted(roles, stated["units"], stated.get("fs"))
-        low, high = band_about_peak(records(path, wanted)[0])
+        low, high = band_about_peak(records(path, wanted)[0], within=curves)
     except (JbwError, ValueError, IndexError):  # for `jbw check` to say
         assume("band must be given.")
         return "# band = [5.0, 40.0]  # CHECK: frequencies around the one mode [Hz]"
@@ -190,7 +230,7 @@ def _band(path: Path, roles: Mapping[str, str], lines: Sequence[str], assume: As
 def _sampling(leaves: Leaves, assume: Assume) -> str:
     for name, leaf in leaves.items():
         is_scalar = all(length == 1 for length in leaf.shape)
-        if is_scalar and name.lower().strip("_") in ("fs", "fs_hz"):
+        if is_scalar and _last_name(name).strip("_") in RATES:
             return f"fs = {toml(name)}  # the scalar of that name in the file"
     assume("the sampling frequency fs must be given.")
     return "# fs = 1024.0  # CHECK: sampling frequency [Hz], not in the file"

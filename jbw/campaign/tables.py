@@ -95,6 +95,9 @@ class TestSpec(Table):
         "taken out; counted from the record's first sample [s]",
         2.0,
     )
+    conjugate: StrictBool = key(
+        False, "turn the phase of kind frf: its file counts it as exp(-j omega t) does", True
+    )
     gaps: Literal["refuse", "mask"] = key(
         "refuse",
         "what to do with samples that are NaN; mask leaves out these lines of kind frf",
@@ -181,6 +184,8 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
         yield f"amplitudes: for kind {curves} only; the samples of a record are what they are."
     if is_curve and test.remove_mean:
         yield f"remove_mean: for records in time, not for kind {curves}."
+    if test.conjugate and not is_curve:
+        yield f"conjugate: for kind {curves}; the samples of a record have no phase."
     if test.window_s and not test.traits.is_free:
         free = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_free)
         yield f"window_s: for kind {free} only; other records are not windowed from their start."

@@ -17,7 +17,7 @@ from typing import Any
 import click
 
 from jbw import __version__
-from jbw.errors import JbwError
+from jbw.errors import JbwError, RunError
 
 INTERRUPTED = 5
 
@@ -128,6 +128,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
 def _tell(error: JbwError, arguments: Sequence[str]) -> None:
     """An error for people on stderr, and for programs on stdout where they asked for JSON."""
     following = next_command(arguments, str(error))
+    if following and isinstance(error, RunError) and arguments[0] in OF_CAMPAIGNS:
+        # The place is at fault, and not the campaign: the same again, when there is room.
+        following = f"jbw {shlex.join(arguments)}, after the change"
     click.echo(f"Error: {error}", err=True)
     if following:
         click.echo(f"Next: {following}", err=True)

@@ -19,6 +19,8 @@ LISTED = 6  # tones named in a message
 DEGREES = 20.0  # [rad]; a phase beyond three turns was written in degrees
 FEWEST_LINES = 4
 MOVING = 0.3  # of its usual amplitude: a record from rest does not begin so
+LOCKED = 0.2  # [rad]; a phase that a controller holds changes by less
+OFFSET = 1.0  # mean of a response over its standard deviation: more is a channel's offset
 COHERENT = 0.8  # of the power of a first period that one tone explains; wide-band noise has none
 LIKE = 2.0  # times peak or rms of a channel: a level beyond that is of none
 NO_LEVEL = ("frequency", "phase", "time")
@@ -106,19 +108,29 @@ def impassive(curve: ResponseCurve) -> Iterator[Fault]:
             "response.",
         )
     phase = np.unwrap(np.angle(curve.response[np.argsort(curve.freq_hz)]))
+    if np.ptp(phase) < LOCKED:
+        yield doubt(
+            role,
+            f"The phase stays at {np.degrees(phase.mean()):.3g} degrees at every line: points of a "
+            "backbone, each at a force of its own.",
+            "A response curve passes through the resonance at one force or one amplitude.",
+            "Leave this test out: such points are not fitted yet.",
+        )
+        return
     falls = phase[-1] < phase[0]
     upright = curve if falls else curve._replace(response=np.conj(curve.response))
     # Summed over the lines; the resonance decides the sign.
     takes_in = np.sum(-np.imag(displacement_of(upright)) * curve.source) > 0
-    wrong = [] if falls else [("its phase rises with frequency", "phase = -1.0")]
-    wrong += [] if takes_in else [("the force takes energy out", f"{role} = -1.0")]
+    turn = f"scale = {{ {role} = -1.0 }}"
+    wrong = [] if falls else [("its phase rises with frequency", "`conjugate = true`")]
+    wrong += [] if takes_in else [("the force takes energy out", f"`{turn}`")]
     if wrong:
-        doubts, scales = zip(*wrong, strict=True)
+        doubts, keys = zip(*wrong, strict=True)
         yield doubt(
             role,
             f"The response cannot be that of a passive structure: {' and '.join(doubts)}.",
             "A wrong sign gives a joint with negative damping or stiffness.",
-            f"Turn the sign: scale = {{ {', '.join(scales)} }}.",
+            " ".join(f"Put under [[test]]: {key}." for key in keys),
         )
 
 
@@ -143,7 +155,7 @@ def gives_energy(loop: ForcedLoop) -> Iterator[Fault]:
             "displacement",
             f"The joint gives out {-work:.3g} J over the record.",
             "Force or displacement has its sign turned: a joint takes energy in.",
-            "Turn one: scale = { displacement = -1.0 }.",
+            "Put under [[test]]: `scale = { displacement = -1.0 }`.",
         )
 
 
@@ -167,6 +179,14 @@ def undecaying(record: Record, settle: float) -> Iterator[Fault]:
 def already_moving(record: Record, band: Sequence[float] | None, settle: float) -> Iterator[Fault]:
     """The doubt that a record followed from rest begins in motion, by its first period."""
     x, fs = record.channels[record.response], record.fs
+    if abs(np.mean(x)) > OFFSET * np.std(x):
+        yield doubt(
+            record.response,
+            f"The response has a mean of {abs(np.mean(x)) / np.std(x):.2g} times its motion.",
+            "An offset of the channel is no motion, but would be fitted as one.",
+            "Put under [[test]]: `remove_mean = true`.",
+        )
+        return
     x = np.concatenate([x, np.zeros_like(x)])  # so that the end does not reach round to the start
     freq, spectrum = np.fft.rfftfreq(len(x), 1 / fs), np.fft.rfft(x)
     low, high = band or (0.0, fs)
@@ -254,8 +274,13 @@ def _about(peak_hz: float) -> tuple[float, float]:
     return float(f"{(1 - ABOUT) * peak_hz:.2g}"), float(f"{(1 + ABOUT) * peak_hz:.2g}")
 
 
-def band_about_peak(record: Record, settle: float = 0.0) -> tuple[float, float]:
-    """Frequencies about the strongest line of a displacement [Hz], to two digits."""
+def band_about_peak(
+    record: Record, settle: float = 0.0, *, within: tuple[float, float] | None = None
+) -> tuple[float, float]:
+    """Frequencies about the strongest line of a displacement [Hz], to two digits.
+
+    Of the lines `within` some frequencies [Hz] where these are given and the record has any.
+    """
     x = record.channels[record.response][round(settle * record.fs) :]
     x = np.where(np.isfinite(x), x, 0.0) - np.nanmean(x)
     freq = np.fft.rfftfreq(len(x), 1 / record.fs)[1:]
@@ -263,6 +288,8 @@ def band_about_peak(record: Record, settle: float = 0.0) -> tuple[float, float]:
     size = np.abs(np.fft.rfft(x * np.hanning(len(x)))[1:]) / freq ** derivative_order(
         record.response
     )
+    if within is not None and np.any(inside := (freq >= within[0]) & (freq <= within[1])):
+        size = np.where(inside, size, 0.0)
     # Beyond what a mean that drifts adds.
     lowest = min(int(np.searchsorted(freq, PERIODS * record.fs / len(x))), len(size) - 1)
     peak = float(freq[lowest + np.argmax(size[lowest:])])

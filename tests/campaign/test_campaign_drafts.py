@@ -80,3 +80,27 @@ def test_a_draft_explains_indices_and_marks_kinds_as_guesses(tmp_path):
     assert "counted from zero" in text
     assert "as in MATLAB" in text
     assert 'kind = "decay"  # CHECK: a guess' in text
+
+
+def test_a_hammer_s_band_lies_where_the_curves_beside_it_do(tmp_path):
+    """The suspension moves further than the mode, but no curve was measured there."""
+    t = np.arange(20_000) / 1000.0
+    suspension = 5e-2 * np.exp(-0.2 * t) * np.cos(2 * np.pi * 1.4 * t)
+    mode = 1e-4 * np.exp(-1.5 * t) * np.cos(2 * np.pi * 80.0 * t)
+    acceleration = np.gradient(np.gradient(suspension + mode, t), t)
+    np.savez(tmp_path / "hammer_1.npz", acceleration=acceleration, fs=1000.0)
+    alone = start_campaign(tmp_path).text
+    assert "band = [1.1, 1.7]" in alone
+    f = np.linspace(70.0, 90.0, 41)
+    h = 1 / ((2 * np.pi * 80.0) ** 2 - (2 * np.pi * f) ** 2 + 2j * 0.003 * (2 * np.pi * f) ** 2)
+    np.savez(tmp_path / "curve.npz", frequency=f, force=np.ones_like(f), displacement=np.abs(h),
+             phase=np.angle(h))  # fmt: skip
+    assert "band = [64.0, 96.0]" in start_campaign(tmp_path).text
+
+
+@pytest.mark.parametrize("name", ["fs", "Fs", "_fs_hz", "sample_rate", "SamplingRate"])
+def test_the_rate_is_found_under_its_usual_names(tmp_path, name):
+    velocity = np.sin(np.arange(2000) * 0.01)
+    np.savez(tmp_path / "run.npz", velocity=velocity, **{name: 1024.0})
+    found = f'fs = "{name}"' in start_campaign(tmp_path).text
+    assert found == (name != "SamplingRate")  # of one word with others it is not known

@@ -142,9 +142,37 @@ def test_signs_are_told_apart(order, conjugate, sign):
     found = findings(np.abs(x), np.angle(x))
     assert bool(found) == (conjugate or sign < 0)
     if found:
-        phase = -1 if "phase = -1.0" in found[0].remedy else 1
+        phase = -1 if "`conjugate = true`" in found[0].remedy else 1
         turned = -1 if f"{role} = -1.0" in found[0].remedy else 1
         assert not findings(turned * np.abs(x), phase * np.angle(x))
+
+
+def test_a_phase_locked_backbone_is_called_one(tmp_path):
+    """The phase is held at -90 degrees, and the force goes with the amplitude: no wrong sign."""
+    held = arrays()["phi"] * 0 - np.pi / 2 + 0.01 * np.cos(np.arange(81))
+    with pytest.warns(UserWarning, match="points of a backbone") as caught:
+        load_campaign(campaign(tmp_path, arrays() | {"phi": held}))
+    assert not any("passive" in str(told.message) for told in caught)
+
+
+@pytest.mark.parametrize("complex_response", [False, True])
+def test_conjugate_turns_the_phase_of_a_curve(tmp_path, complex_response):
+    """As a lock-in amplifier counts it: a phase of its own, or that of a complex response."""
+    plain = load_campaign(campaign(tmp_path, arrays())).tests[0].records[0]
+    turned = arrays() | {"phi": -arrays()["phi"]}
+    channels, units = CHANNELS, UNITS
+    if complex_response:
+        (response,) = {"displacement", "velocity", "acceleration"} & CHANNELS.keys()
+        name = CHANNELS[response]
+        turned[name] = turned[name] * np.exp(1j * turned["phi"])
+        channels = {role: where for role, where in CHANNELS.items() if role != "phase"}
+        units = {role: unit for role, unit in UNITS.items() if role != "phase"}
+    path = campaign(tmp_path, turned, channels, units)
+    with pytest.warns(UserWarning, match="`conjugate = true`"):
+        load_campaign(path)
+    path = campaign(tmp_path, turned, channels, units, conjugate=True)
+    (record,) = load_campaign(path).tests[0].records
+    np.testing.assert_allclose(record.channels["phase"], plain.channels["phase"], atol=1e-12)
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -59,6 +59,19 @@ def test_help_and_version(capsys):
     assert capsys.readouterr().out == f"jbw, version {jbw.__version__}\n"
 
 
+def test_after_a_full_disk_the_same_command_comes_again(monkeypatch, capsys):
+    """The place is at fault: `jbw check` of the campaign would lead astray."""
+
+    def full(*_, **__):
+        raise RunError("The disk of `run` is full.", remedy="Free some space.")
+
+    monkeypatch.setattr("jbw.cli.cli.main", full)
+    assert run(["identify", "my beam.toml", "--out", "run"]) == RunError.exit_code
+    told = capsys.readouterr().err
+    assert "Next: jbw identify 'my beam.toml' --out run, after the change" in told
+    assert "jbw check" not in told
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

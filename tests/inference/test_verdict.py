@@ -127,7 +127,8 @@ def test_every_pathology_fails_with_what_to_do(code):
     assert finding.reason.endswith(".")
 
 
-NO_LINE = ("non_finite", "chi_square", "modes")  # what no key of a campaign mends
+# What no key of a campaign mends, and bounds that only the person can know.
+NO_LINE = ("non_finite", "chi_square", "modes", "unidentified")
 
 
 @pytest.mark.parametrize("code", [code for code in PATHOLOGIES if code not in NO_LINE])
@@ -237,6 +238,9 @@ def test_the_ridge_is_named():
     _ridge(draws, stats)
     finding = next(f for f in judged(draws, stats).findings if f.code == "unidentified")
     assert "nly the product alpha*delta is determined" in finding.reason
+    # The posterior's own interval as a prior would count the data twice: no line to paste.
+    assert "Put under" not in finding.action
+    assert "in the place of the present bounds" in finding.action
 
 
 @pytest.mark.fault(37)

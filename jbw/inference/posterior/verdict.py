@@ -161,11 +161,12 @@ def _identified(draws: Draws, box: Box) -> Finding:
         f"the posterior has {weak.ratio:.2f} of the prior's standard deviation."
     )
     name = weak.names[0]
-    known = np.quantile(draws[name], (0.005, 0.995)).tolist()
+    low, high = bounds_by_name(box)[name]
+    # Never the posterior's own interval: as a prior it would count the data twice.
     action = (
-        "Report the combination, or add tests at higher amplitude (jbw plan). Where "
-        f"{name} is known from elsewhere, state that instead of these bounds. "
-        f"{put_bounds(name, (known[0], known[1]))}"
+        "Report the combination, or add tests at higher amplitude (jbw plan). If you know "
+        f"{name} from another source, put its range in the place of the present bounds, "
+        f"{low:.3g} to {high:.3g}, under [identify.prior]."
     )
     return checked("unidentified", False, reason, weak.ratio, action)
 

@@ -69,6 +69,9 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
             channels["phase"] = [np.angle(row) for row in rows]
             channels[role] = [np.abs(row) for row in rows]
             units["phase"], provenance["phase"] = "rad", f"angle of the complex {role}"
+    if wanted.conjugate and "phase" in channels:
+        channels["phase"] = [-row for row in channels["phase"]]
+        provenance["conjugate"] = "phase turned, from exp(-j omega t) to exp(j omega t)"
     if wanted.span:
         provenance["span"] = f"{wanted.span[0]:g}-{wanted.span[1]:g} s"
     return _repeats(channels, Record(fs, {}, units, path.name, provenance))

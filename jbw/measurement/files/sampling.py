@@ -36,6 +36,7 @@ class Wanted:
     amplitudes: str = "peak"
     remove_mean: bool = False
     window_s: float | None = None
+    conjugate: bool = False
 
 
 def sampling_of(contents: Contents, sources: Sources, wanted: Wanted) -> tuple[float, str]:
