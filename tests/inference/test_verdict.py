@@ -10,7 +10,7 @@ from jbw.cli.about import pages
 from jbw.identification.accuracy import within_misfit, within_unseen
 from jbw.inference.posterior.finding import ASKED_BY, answers, checked, qualified
 from jbw.inference.posterior.remedies import more_draws, put_bounds, wider
-from jbw.inference.posterior.verdict import Finding, judge, verdict
+from jbw.inference.posterior.verdict import Finding, judge, leaning, verdict
 from jbw.inference.space.box import box
 
 BOX = box({"alpha": (1.0, 2.0), "delta": (1.0, 2.0)})
@@ -332,3 +332,29 @@ def test_a_statement_of_use_quotes_what_no_fit_saw(fitted, unseen, status):
         assert "Another law." in finding.action
     untouched = judge([checked("r_hat", True, "Mixed.", 1.0, "")])
     assert within_unseen(untouched, fitted, unseen, "tests") == untouched
+
+
+def test_a_pile_at_a_negative_lower_bound_is_found():
+    """A joint that stiffens: delta ends at -2/Y, which is a bound and no end of the quantity."""
+    rng = np.random.default_rng(5)
+    draws = {"delta": -500.0 + rng.exponential(30.0, (4, 1000))}
+    around = {"delta": rng.normal(0.0, 50.0, (4, 1000))}
+    bounds = box({"delta": (-500.0, 5000.0)})
+    ((name, side, share),) = leaning(draws, bounds)
+    assert (name, side) == ("delta", "lower")
+    # Within 1 % of the 99 % span, 30 ln(200): 1 - exp(-0.053) of an exponential law.
+    assert share == pytest.approx(1 - np.exp(-0.01 * np.log(0.995 / 0.005)), abs=0.015)
+    assert list(leaning(around, bounds)) == []
+    ended = {"gamma": rng.exponential(30.0, (4, 1000))}
+    assert list(leaning(ended, box({"gamma": (0.0, 5000.0)}))) == []
+
+
+def test_one_chain_of_bad_energy_among_good_ones_is_found():
+    """E-BFMI of white noise is 2; of a random walk of 1000 steps it is next to 0."""
+    draws, stats = healthy()
+    assert status_of(judged(draws, stats), "e_bfmi") == "ok"
+    stats["energy"][2] = np.cumsum(stats["energy"][2])
+    found = {one.code: one for one in judged(draws, stats).findings}["e_bfmi"]
+    assert found.status == "failed"
+    energy = stats["energy"][2]
+    assert found.number == pytest.approx(np.mean(np.diff(energy) ** 2) / np.var(energy), rel=0.01)

@@ -19,7 +19,7 @@ from jbw.population.basis import new_unit
 from jbw.population.coordinates import pooled
 from jbw.population.fleet import fleet_of
 from jbw.population.population import Population
-from jbw.population.prediction import new_backbone, new_units
+from jbw.population.prediction import new_backbone, new_coordinates, new_units
 from jbw.population.prior import design_of, prior_of
 from jbw.population.terms import new_terms, terms_of
 from jbw.report.result import read_result
@@ -150,6 +150,28 @@ def test_gains_are_those_of_the_measured_units(tmp_path):
     with pytest.raises(DataError, match="lacks gain") as caught:
         jbw.new_prediction(found, lacking, test)
     assert "State `gain`" in caught.value.remedy
+
+
+def test_the_gain_of_a_new_unit_is_that_of_the_draw_that_was_moved(tmp_path):
+    """Draws are marked by their gain: 10 + k of the first unit's k-th, 110 + k of the second's."""
+    marks = np.arange(100.0).reshape(2, 50)
+    folders = []
+    for i, name in enumerate("AB"):
+        draws = {n: np.full((2, 50), m) for n, m in {**MEANS, "gain": 0.0}.items()}
+        draws["gain"] = 10.0 + marks + 100.0 * i
+        draws["zeta"] = draws["zeta"] * (1.0 + 1e-3 * draws["gain"])
+        folders.append(a_run(tmp_path / name, draws=draws, inputs={"a": name}, box=False,
+                             units={**UNITS, "gain": "N/(kg V)"})[0])  # fmt: skip
+    fleet = fleet_of(folders)
+    rng = np.random.default_rng(7)
+    found = population(fleet, 1e-3)
+    drawn = new_units(found, fleet, seed=7, num=400)
+    # The draws that were moved, as their own random numbers choose them.
+    new_coordinates(found, None, rng, 400)
+    which = rng.integers(2, size=400)
+    place = rng.integers(np.full(400, 100))
+    np.testing.assert_array_equal(drawn["gain"], 10.0 + place + 100.0 * which)
+    assert len(set(drawn["gain"])) > 100
 
 
 def test_noise_and_run_scatter_of_the_units_go_with_a_new_one(tmp_path):

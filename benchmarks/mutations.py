@@ -1,0 +1,180 @@
+"""Small changes of physics, statistics, verdict and results, and the tests that must notice each.
+
+    python benchmarks/mutations.py [WORD ...]
+
+Every mutation is made alone in a copy of the package, and the tests beside it run against the copy.
+Ends with 1 where one survives, or where the code that it changes is no longer there. Words choose
+mutations by what they say.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+LIMIT_S = 900  # of a mutation: a test that does not end has noticed nothing
+
+
+class Mutation(NamedTuple):
+    """One change, and what must notice it."""
+
+    path: str  # below jbw
+    old: str  # occurs once
+    new: str
+    tests: str  # files or test ids, below tests
+
+
+FEW = "watch/test_few_readings.py"
+SLIP = "oscillator/test_gross_slip.py"
+SCALE = "study/test_time_scale.py"
+VERDICT = "inference/test_verdict.py"
+PROFILES = "inference/test_profiles.py"
+COURSE = "observables/test_course_of_decays.py"
+SEAL = "run/test_integrity.py"
+PATH = "oscillator/laws/stretch_path.py"
+MUTATIONS = (
+    Mutation("watch/torque.py", "(1 / num + 1 / reference.num)", "(1 / num)", FEW),
+    Mutation("watch/torque.py", "left.min() * (1 + 1 / reference.num)", "left.min()", FEW),
+    Mutation("watch/torque.py", "** (-(freedom + 1) / 2)", "** (-freedom / 2)", FEW),
+    Mutation("watch/torque.py", "slopes, reference.num - 1", "slopes, reference.num", FEW),
+    Mutation(
+        "watch/change_point.py",
+        "both = np.array([np.log(hazard), np.log1p(-hazard)])",
+        "both = np.array([np.log(hazard), 0.0])",
+        FEW,
+    ),
+    Mutation(
+        "watch/change_point.py",
+        "np.concatenate([change, np.log1p(-hazard) + joint], axis=-1)",
+        "np.concatenate([change, joint], axis=-1)",
+        FEW,
+    ),
+    Mutation(
+        "watch/change_point.py",
+        "kappa / (kappa + 1))[..., None, None] * square",
+        "(kappa + 1) / kappa)[..., None, None] * square",
+        FEW,
+    ),  # fmt: skip
+    Mutation("inference/posterior/verdict.py", "if lower != 0.0:", "if lower > 0.0:", VERDICT),
+    Mutation(
+        "inference/posterior/verdict.py",
+        "float(np.min(array_stats.bfmi(",
+        "float(np.mean(array_stats.bfmi(",
+        VERDICT,
+    ),  # fmt: skip
+    Mutation(
+        "inference/posterior/verdict.py",
+        "draws[name] > upper - edge",
+        "draws[name] > upper + edge",
+        VERDICT,
+    ),  # fmt: skip
+    Mutation(
+        "verification/bands.py",
+        "/ (2 * np.linalg.norm(measured))",
+        "/ np.linalg.norm(measured)",
+        "study/test_band_widths.py",
+    ),  # fmt: skip
+    Mutation(
+        "population/prediction.py",
+        "gains[k][s] for k, s in zip(which, place, strict=True)",
+        "gains[k][s] for k, s in zip(which, place[::-1], strict=True)",
+        "population/test_new_units.py",
+    ),  # fmt: skip
+    Mutation("identification/accuracy.py", "MOST_BEYOND = 1.5", "MOST_BEYOND = 15.0", VERDICT),
+    Mutation(
+        "identification/accuracy.py",
+        "np.sqrt(np.mean(np.square(values)))",
+        "np.mean(np.square(values))",
+        VERDICT,
+    ),  # fmt: skip
+    Mutation("identification/accuracy.py", "CLOSE = 0.05", "CLOSE = 0.5", VERDICT),
+    Mutation("inference/fit/costly_fit.py", "np.all(np.isfinite(value)) and", "True and", PROFILES),
+    Mutation(
+        "inference/fit/costly_fit.py",
+        "end.num_refused = len(refused)",
+        "end.num_refused = 0",
+        PROFILES,
+    ),  # fmt: skip
+    Mutation(
+        "inference/fit/profiles.py",
+        "return float(s[j])\n    share",
+        "return float(s[j - 1])\n    share",
+        PROFILES,
+    ),  # fmt: skip
+    Mutation("inference/thresholds.py", "0.99", "0.95", PROFILES),
+    Mutation("verification/in_time.py", "FORGOTTEN = 7.0", "FORGOTTEN = 3.0", SCALE),
+    Mutation(
+        "verification/in_time.py", "forgotten = FORGOTTEN / rate", "forgotten = FORGOTTEN", SCALE
+    ),  # fmt: skip
+    Mutation("verification/decays.py", "SEEN / (rate * data.step_s)", "SEEN / data.step_s", SCALE),
+    Mutation(
+        "verification/places.py",
+        'name.replace("/", "\\N{DIVISION SLASH}")',
+        "name",
+        "study/test_any_name.py",
+    ),  # fmt: skip
+    Mutation("observables/decay_envelopes.py", "LEAST_RATE = 0.1", "LEAST_RATE = 1e-9", COURSE),
+    Mutation("observables/decay_envelopes.py", "SPARE = 1.3", "SPARE = 0.9", COURSE),
+    Mutation("run/integrity.py", "hashes.get(name) != digest", "not hashes.get(name)", SEAL),
+    Mutation(PATH, "_POLE = 0.5", "_POLE = 2.0", SLIP),
+    Mutation(PATH, "_DEEP = 40.0", "_DEEP = 4.0", SLIP),
+    Mutation(PATH, "- 0.5 * m * x**2", "", SLIP),
+    Mutation(PATH, "moment(more) - moment(less)", "moment(more) + moment(less)", SLIP),
+    Mutation(PATH, "zero - jax.vmap", "zero + jax.vmap", SLIP),
+    Mutation(
+        "oscillator/deepening.py",
+        "OF_SEVERAL_MODES = 24",
+        "OF_SEVERAL_MODES = 6",
+        "oscillator/test_nested_loops.py::test_a_memory_that_is_too_short_is_counted_under_jit",
+    ),  # fmt: skip
+    Mutation(
+        "oscillator/checks.py",
+        "if np.any(share > 1.0):",
+        "if np.any(share > 2.0):",
+        "oscillator/test_admission.py",
+    ),  # fmt: skip
+)
+
+
+def survives(mutation: Mutation) -> str:
+    """Why a mutation was not noticed; empty where it was."""
+    with tempfile.TemporaryDirectory() as name:
+        copy = Path(name)
+        shutil.copytree(ROOT / "jbw", copy / "jbw", ignore=shutil.ignore_patterns("__pycache__"))
+        changed = copy / "jbw" / mutation.path
+        text = changed.read_text(encoding="utf-8")
+        if text.count(mutation.old) != 1:
+            return f"the code occurs {text.count(mutation.old)} times"
+        changed.write_text(text.replace(mutation.old, mutation.new), encoding="utf-8")
+        known = os.environ | {"PYTHONPATH": str(copy)}
+        tests = [str(ROOT / "tests" / each) for each in mutation.tests.split()]
+        command = [sys.executable, "-m", "pytest", "-n0", "-x", "-q", "-p", "no:cacheprovider"]
+        try:
+            ended = subprocess.run(
+                [*command, *tests], cwd=ROOT, env=known, timeout=LIMIT_S, capture_output=True
+            )
+        except subprocess.TimeoutExpired:
+            return f"its tests did not end in {LIMIT_S} s"
+        return "" if ended.returncode == 1 else f"its tests ended with {ended.returncode}"
+
+
+def main(words: list[str]) -> int:
+    """Try every mutation that the words choose; 1 where one survives."""
+    chosen = [one for one in MUTATIONS if not words or any(word in " ".join(one) for word in words)]
+    left = 0
+    for one in chosen:
+        reason = survives(one)
+        left += bool(reason)
+        print(
+            f"{'SURVIVES' if reason else 'noticed ':9}{one.path}: {one.old} -> {one.new} {reason}"
+        )
+    print(f"{len(chosen) - left} of {len(chosen)} mutations are noticed.")
+    return int(left > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
