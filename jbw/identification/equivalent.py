@@ -4,7 +4,7 @@ Whether an interval of alpha or gamma contains zero says little: a joint may be 
 and to do nothing that matters.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -15,6 +15,7 @@ import xarray as xr
 from jaxtyping import Array, Float
 
 from jbw.inference.posterior.finding import Finding, Verdict, qualified
+from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import QUANTILES, evenly_spaced
 from jbw.inference.posterior.verdict import bands_finding
 from jbw.oscillator.laws import quantities_of
@@ -22,6 +23,7 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS, OSCILLATOR
 
 NUM_DRAWS = 200
+DAMPING = "quadratic_damping"  # the law of damping that stands for none of hysteresis
 KNOWN = 0.2  # of an effect, either way: then it is known, whatever its parameters
 SHARES = (0.1, 0.3, 1.0)  # of the largest amplitude: where the response is looked at
 
@@ -57,6 +59,33 @@ def effects(
     some = {name: values[keep] for name, values in theta.items()}
     shift, added = _effects(some, y_peak, laws)
     return Effects(shift, added / some["zeta"])
+
+
+def only_damps(found: Effects) -> bool:
+    """Whether a joint adds damping and leaves the frequency alone, by 99 % intervals."""
+    low, _, high = np.quantile(found.frequency, QUANTILES)
+    return bool(low <= 0.0 <= high and np.quantile(found.damping, QUANTILES[0]) > 0.0)
+
+
+def hysteresis_finding(
+    found: Effects, y_peak: float, laws: Sequence[str], *, misses: bool
+) -> Finding | None:
+    """No hysteresis where only damping is added; failed where the fit misses the tests, too.
+
+    Hysteresis that adds damping loses stiffness. None where it is seen, or damping by the square of
+    the velocity is among the laws.
+    """
+    if DAMPING in laws or not only_damps(found):
+        return None
+    reason = (
+        f"No hysteresis is seen: at {y_peak:.2g} m the joint adds "
+        f"{_share(np.quantile(found.damping, QUANTILES))} of zeta to the damping, but its change "
+        f"of the natural frequency, {_share(np.quantile(found.frequency, QUANTILES))}, includes "
+        "zero. Damping by the square of the velocity does the same."
+    )
+    action = f"Try damping without hysteresis. {put('joint', 'laws', [DAMPING])}"
+    change = float(np.median(found.frequency))
+    return Finding("no_hysteresis", "failed" if misses else "usable", reason, change, action)
 
 
 def response_finding(

@@ -19,10 +19,12 @@ from jbw.campaign.settings import Identify
 from jbw.errors import Attempts
 from jbw.identification import accuracy
 from jbw.identification.attachments import drive_sentences
+from jbw.identification.calibration import calibration_sentences
 from jbw.identification.causes import cause_finding, causes, causes_sentence
 from jbw.identification.equivalent import (
     effects,
     effects_sentence,
+    hysteresis_finding,
     response_finding,
     within_response,
 )
@@ -317,15 +319,21 @@ def posterior_checks(
     for what, build in sentences.items():
         words += attempts.make(f"The statement on the {what}", build, ())
 
-    def effect_of_joint() -> Finding | None:
-        if (added := effects(posterior, data.held, y_peak, data.laws)) is None:
-            return None
+    added = attempts.make(
+        "The effect of the joint", lambda: effects(posterior, data.held, y_peak, data.laws), None
+    )
+    if added is not None:
         words.append(effects_sentence(added, y_peak))
-        if not may_be_absent(added):
-            return None
-        return joint_finding(without_joint(best, prior, data), added, y_peak)
-
-    findings += checked({"the effect of the joint": effect_of_joint})
+        findings.append(hysteresis_finding(added, y_peak, data.laws, misses=misses))
+        if may_be_absent(added):
+            findings += checked(
+                {
+                    "whether a joint is seen": lambda: joint_finding(
+                        without_joint(best, prior, data), added, y_peak
+                    )
+                }
+            )
+    words += calibration_sentences(posterior)
     words += attempts.make(
         "The statement on the thresholds of the laws",
         lambda: threshold_sentences(every_parameter(posterior, data), y_peak, data.laws),

@@ -19,8 +19,8 @@ QUESTIONS = {
 ASKED = {
     "sampling": ("ess_bulk", "r_hat"),
     "law": (
-        "cause", "level_trend", "repeatability", "held_out_coverage", "simpler_model", "misfit",
-        "coloured_residual", "chi_square", "leave_one_out",
+        "no_hysteresis", "cause", "level_trend", "repeatability", "held_out_coverage",
+        "simpler_model", "misfit", "coloured_residual", "chi_square", "leave_one_out",
     ),
     "knowledge": ("no_joint", "unidentified", "modes", "at_bound"),
 }  # fmt: skip
