@@ -220,6 +220,22 @@ def equations() -> str:
     return table(("equation", "function", "status", "in the identification"), rows)
 
 
+def equation(span: str) -> str:
+    """The functions of a few equations, as 7-9 or 40, and what was wrong in print."""
+    from jbw.paper import equations
+
+    first, _, last = span.partition("-")
+    rows = [row for row in equations() if int(first) <= row.number <= int(last or first)]
+    numbers: dict[tuple[str, str, str], list[str]] = {}
+    for row in rows:
+        numbers.setdefault(row[1:], []).append(f"({row.number})")
+    cells = (
+        (", ".join(which), f"[{code(name)}](../reference/{page_of(name)}#{name})", status, note)
+        for (name, status, note), which in numbers.items()
+    )
+    return table(("equation", "function", "print", "note"), cells)
+
+
 def page_of(name: str) -> str:
     """The page of the reference that holds a public name."""
     for page in sorted((ROOT / "docs" / "reference").glob("*.md")):
@@ -315,6 +331,7 @@ MAKERS: dict[str, Callable[..., str]] = {
     "kinds": kinds,
     "roles": roles,
     "laws": laws,
+    "equation": equation,
     "equations": equations,
     "figure": figure,
     "notebook": notebook,

@@ -96,6 +96,15 @@ def test_every_equation_of_the_paper_has_its_row(site):
         assert row.note in unescape(re.sub("<[^>]+>", "", text))
 
 
+def test_every_equation_of_the_paper_stands_on_a_page_of_the_theory(site):
+    text = "".join(article(site, f"theory/{page}.html") for page in ("loop", "kernels", "bayes"))
+    cells = re.findall(r"<tr>\s*<td>([^<]*)</td>", text)
+    named = {number for cell in cells for number in cell.split(", ")}
+    assert [n for n in range(1, 43) if f"({n})" not in named] == []
+    for name in ("loop", "square_wave", "kernels", "describing_function"):
+        assert f'src="{name}.png"' in text
+
+
 def test_every_command_has_its_options_and_arguments(site):
     text = article(site, "reference/commands.html")
     for name in COMMANDS:

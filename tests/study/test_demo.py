@@ -40,9 +40,13 @@ def test_demo_of_three_days_finds_the_truth_with_bands_that_are_seen(home):
 
 
 @pytest.mark.release
-def test_demo_of_the_paper_from_the_first_record_to_the_report(tmp_path):
+def test_demo_of_the_paper_from_the_first_record_to_the_report(tmp_path, capsys):
     folder = tmp_path / "paper"
     assert run(["demo", "--paper", "--out", str(folder)]) == 0
+    # Table 1, the paper's steps among its rows and the truth in a column.
+    told = capsys.readouterr().out
+    assert "truth" in told
+    assert all(step in told for step in ("linear", "third_order_paper", "opening_paper"))
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["verdict"]["status"] == "ok"
     joint = summary["steps"]["joint"]["parameters"]
