@@ -137,8 +137,9 @@ def test_record_of_a_tone_settles_on_its_lines():
 
 @pytest.mark.parametrize("size", [24, 25])
 def test_periodic_response_is_the_sum_over_tones(size):
-    # Three tones with a whole number of periods, and the kernels at them, line by line.
-    fs, lines, phasors = 6.0, np.array([1, 3, 4]), np.array([0.3, 0.2j, -0.1 + 0.1j])
+    # Three tones with a whole number of periods, and the kernels at them, line by line; of 24
+    # samples the last tone is at the Nyquist frequency.
+    fs, lines, phasors = 6.0, np.array([1, 4, 12]), np.array([0.3, 0.2j, -0.1])
     omega, t = 2 * np.pi * fs * lines / size, np.arange(size) / fs
     u = np.real(phasors @ np.exp(1j * np.outer(omega, t)))
     response = periodic_response(SYSTEM, u, fs, max_order=3)
