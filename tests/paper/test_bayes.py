@@ -110,6 +110,14 @@ def test_map_estimate_is_scipys_minimum():
     np.testing.assert_allclose(exact, [0.4, 1.66], rtol=1e-5)
 
 
+def test_map_estimate_moves_with_its_data():
+    # By hand: the maximum of -(x - d)^2 is at d.
+    def place(d):
+        return map_estimate(lambda t: -((t["x"] - d) ** 2), {"x": (0.0, 1.0)}, {"x": 0.5})["x"]
+
+    assert float(jax.grad(place)(0.3)) == pytest.approx(1.0, rel=1e-8)
+
+
 def test_objective_of_step_3_is_the_weighted_sum_of_squares():
     weight = np.array([1.0, 2.0, 3.0])
     residual = KERNELS[0] - MODEL

@@ -41,6 +41,16 @@ def test_published_walk_cannot_leave_its_start():
     assert float(jnp.mean(walk.accepted)) == 1.0
 
 
+def test_chains_run_side_by_side():
+    def chain(key):
+        return random_walk(key, exponential, PRIOR, {"x": 0.3}, num_steps=200).theta["x"]
+
+    keys = jax.random.split(jax.random.key(0), 4)
+    together = jax.vmap(chain)(keys)
+    assert together.shape == (4, 180)
+    np.testing.assert_allclose(together[2], chain(keys[2]), rtol=1e-12)
+
+
 def test_golden_divergences_of_normals(golden):
     for case in golden["bayes"]["kl_truncated_normal_vs_uniform01"]["cases"]:
         found = kl_normal(case["mean_x"], case["sd_x"])
