@@ -133,6 +133,8 @@ class Meter:
         table, files = measured(), Counter()
         for nodeid, seconds in self.seconds.items():
             files[split(nodeid)[0]] += seconds
+        if not files:  # nothing ran
+            return
         terminalreporter.section(f"{sum(files.values()):.0f} CPU seconds, most of them in")
         for path, seconds in files.most_common(10):
             terminalreporter.write_line(f"{seconds:7.1f} s  {path}")
