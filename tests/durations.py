@@ -69,7 +69,7 @@ class Meter:
         self.seconds = {}  # by test
         self.fixtures, self.users = {}, defaultdict(list)  # by file and name of a shared fixture
         self.so_far = 0.0  # of all shared fixtures
-        self.collected = set()
+        self.collected, self.fast = set(), set()  # tests, and those of the fast tier that ran
 
     @pytest.hookimpl(wrapper=True)
     def pytest_collection_modifyitems(self, items):
@@ -107,8 +107,10 @@ class Meter:
             return (yield)
         finally:
             # A marked test stays in the table, however quick, and so is no unknown one.
-            least = LEAST if is_marked(item) else 0.0
-            self.seconds[item.nodeid] = max(self.own(began, before), least)
+            marked = is_marked(item)
+            self.seconds[item.nodeid] = max(self.own(began, before), LEAST if marked else 0.0)
+            if not marked:
+                self.fast.add(item.nodeid)
             for name in item.fixturenames:
                 self.users[split(item.nodeid)[0], name].append(item.nodeid)
 
@@ -119,7 +121,9 @@ class Meter:
             for nodeid in self.users[key]:
                 self.seconds[nodeid] += seconds / len(self.users[key])
         if hasattr(self.config, "workeroutput"):
-            self.config.workeroutput |= {"seconds": self.seconds, "tests": sorted(self.collected)}
+            self.config.workeroutput |= {
+                "seconds": self.seconds, "tests": [*self.collected], "fast": [*self.fast],
+            }  # fmt: skip
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_testnodedown(self, node):
@@ -127,6 +131,7 @@ class Meter:
         found = getattr(node, "workeroutput", {})
         self.seconds |= found.get("seconds", {})
         self.collected |= set(found.get("tests", ()))
+        self.fast |= set(found.get("fast", ()))
 
     def pytest_terminal_summary(self, terminalreporter):
         """Tell the files that take most; write the table, or tell which tests are long."""
@@ -145,9 +150,9 @@ class Meter:
             TABLE.write_text(text + "\n", encoding="utf-8")
             return
         known = {f"{path}::{name}" for path, rows in table.items() for name in rows}
-        new = {n: s for n, s in self.seconds.items() if s > LONG and n not in known}
+        new = {n: self.seconds[n] for n in self.fast - known if self.seconds[n] > LONG}
         if new:
-            terminalreporter.section("tests above two CPU seconds that nobody has measured")
+            terminalreporter.section("tests of the fast tier above two CPU seconds, not measured")
             for nodeid, seconds in sorted(new.items(), key=lambda pair: -pair[1]):
                 terminalreporter.write_line(f"{seconds:7.1f} s  {nodeid}")
             terminalreporter.write_line('pytest --measure -m "" FILE puts them into the table')
