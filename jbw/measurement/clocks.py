@@ -21,7 +21,7 @@ from scipy.stats import f as f_distribution
 
 from jbw.errors import DataError
 from jbw.measurement.channels import Reals
-from jbw.measurement.checks import Fault, doubt, refusal
+from jbw.measurement.checks import Fault, doubt
 from jbw.measurement.records import Record
 from jbw.measurement.resonances import driven_lines, swept
 from jbw.quantities import derivative_order
@@ -83,7 +83,7 @@ def untimely(record: Record, delay: float, *, is_sweep: bool) -> Iterator[Fault]
         before, after, jump = lag.step
         at = 0.5 * (before + after)
         ahead = "ahead of" if jump < 0 else "behind"
-        yield refusal(
+        yield doubt(
             record.response,
             f"At {at:.3g} s the response jumps by {abs(jump):.3g} s {ahead} the drive: one of them "
             "lost a block of samples.",
@@ -236,7 +236,8 @@ def _lag_of_sweep(time: Reals, omega: Reals, phase: Reals, bend: Reals) -> Lag |
     plain = _squares(np.column_stack([-omega, -bend]), phase)
     growing = _squares(np.column_stack([-omega, -bend, -omega * time]), phase)
     count = len(time)
-    edge = FEWEST // 3
+    # At the ends of a sweep few lines tell two lags apart, and those are driven least.
+    edge = max(FEWEST // 3, count // 6)
     stepped = [
         (at, _squares(np.column_stack([-omega, -bend, -omega * (np.arange(count) >= at)]), phase))
         for at in range(edge, count - edge)
