@@ -24,6 +24,8 @@ from timing import Table, options, show, take_turns
 
 import jbw
 from jbw.oscillator.hold import held
+from jbw.oscillator.oscillator import as_oscillator
+from jbw.oscillator.residual_sums import Compared, residual_sums
 from jbw.oscillator.solver import HysteresisExact, stepping
 
 NUM = 4096
@@ -49,6 +51,20 @@ class Spoiled(HysteresisExact):
 
 def forward(joint, u):
     return jbw.simulate(joint, u, FS).v
+
+
+def summed(joint, u):
+    """Sums over a residual, of which the loop writes no response."""
+    empty = jnp.zeros((0, NUM))
+    compared = Compared(u, empty, jnp.zeros(0), empty, order=1)
+    source = held(u, "first", periodic=False)
+    return residual_sums(as_oscillator(joint), source, FS, 1, compared).square
+
+
+def batched(joint, u):
+    """The same of eight joints side by side."""
+    joints = jax.tree.map(lambda x: x * jnp.linspace(0.99, 1.01, 8), joint)
+    return jax.vmap(lambda joint: summed(joint, u))(joints)
 
 
 def gradient(joint, u):
@@ -104,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--control", action="store_true", help="put a custom call into the loop")
     chosen = parser.parse_args(arguments)
     jbw.enable_x64()
-    loops = {"forward": forward, "gradient": gradient}
+    loops = {"forward": forward, "sums": summed, "sums of 8": batched, "gradient": gradient}
     if chosen.control:
         loops |= {"forward with a custom call": control}
     table = measure(loops, chosen.calls)

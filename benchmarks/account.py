@@ -1,0 +1,168 @@
+"""Where does a command's time go: tracing, lowering, compiling or the rest, stage by stage?
+
+Every trace, lowering and compilation is recorded with its program, and the processor time of every
+stage that the command names. Seconds of tracing, lowering and compiling are those of the thread
+that does them: on a busy machine they are too long. Nothing that was compiled before is used.
+
+    python benchmarks/account.py [--calls 7] [--json FILE] [--kept] [COMMAND ...]
+
+The command is `demo` unless another is given. With --kept, compiled code is kept and used as the
+command does it. Behind the stages stand the programs that took longest, and the processor time of
+one evaluation of the log likelihood, in batches as the sampler asks for it.
+"""
+
+import os
+import sys
+import tempfile
+import time
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from typing import Any
+
+EVENTS = {
+    "/jax/core/compile/jaxpr_trace_duration": "trace",
+    "/jax/core/compile/jaxpr_to_mlir_module_duration": "lower",
+    "/jax/core/compile/backend_compile_duration": "compile",
+}
+STAGES = {
+    "stage": "", "trace, s": ".1f", "lower, s": ".1f", "compile, s": ".1f", "CPU, s": ".1f",
+    "programs": "d",
+}  # fmt: skip
+PROGRAMS = {"program": "", "number": "d", "compile, s": ".1f"}
+EVALUATION = {"evaluation": "", "min, CPU ms": ".2f", "median, CPU ms": ".2f"}
+LONGEST = 12  # programs that are shown
+POINTS = 64  # of the log likelihood that is timed
+
+
+class Account:
+    """What was recorded so far: a stage begins where the command names it."""
+
+    def __init__(self) -> None:
+        self.stage = "imports"
+        self.order = [self.stage]
+        self.seconds: dict[str, Counter[str]] = defaultdict(Counter)
+        self.compiled: Counter[str] = Counter()
+        self.spent: Counter[str] = Counter()
+        self.evaluation: tuple[Any, ...] | None = None
+        self._since = 0.0
+
+    def begin(self, stage: str) -> None:
+        """End the stage under way, and begin another."""
+        now = time.process_time()
+        self.seconds[self.stage]["CPU"] += now - self._since
+        self.stage, self._since = stage, now
+        if stage not in self.order:
+            self.order.append(stage)
+
+    def record(self, event: str, duration: float, **about: Any) -> None:
+        """One event of JAX."""
+        if (kind := EVENTS.get(event)) is None:
+            return
+        self.seconds[self.stage][kind] += duration
+        if kind == "compile":
+            name = str(about.get("fun_name", "unnamed"))
+            self.compiled[name] += 1
+            self.spent[name] += duration
+            self.seconds[self.stage]["programs"] += 1
+
+    def stages(self) -> list[tuple[Any, ...]]:
+        """A row a stage, and their sum."""
+        rows = [(stage[:60], self.seconds[stage]) for stage in self.order]
+        whole = sum((counts for _, counts in rows), Counter())
+        kinds = "trace", "lower", "compile", "CPU"
+        return [
+            (name, *(float(counts[kind]) for kind in kinds), int(counts["programs"]))
+            for name, counts in [*rows, ("all", whole)]
+        ]
+
+    def programs(self) -> list[tuple[Any, ...]]:
+        """The programs that took longest to compile."""
+        return [(name, self.compiled[name], s) for name, s in self.spent.most_common(LONGEST)]
+
+
+def listen(account: Account) -> None:
+    """Follow the stages of a command, what JAX compiles, and the first batch of a likelihood."""
+    import jax
+
+    from jbw.cli import progress
+    from jbw.inference import lanes
+
+    jax.monitoring.register_event_duration_secs_listener(account.record)
+    tell, values = progress.Teller.__call__, lanes._values
+
+    def told(teller: Any, stage: str) -> None:
+        account.begin(str(stage))
+        tell(teller, stage)
+
+    def followed(function: Any, theta: Any, data: Any) -> Any:
+        if getattr(function, "__name__", "") == "log_likelihood":
+            account.evaluation = function, theta, data
+        return values(function, theta, data)
+
+    progress.Teller.__call__ = told
+    lanes._values = followed
+
+
+def evaluation(account: Account, calls: int) -> list[tuple[Any, ...]]:
+    """Processor time of one evaluation of the last log likelihood that was asked for."""
+    import numpy as np
+
+    from jbw.inference.lanes import at_points
+
+    if account.evaluation is None:
+        return []
+    function, theta, data = account.evaluation
+    points = {name: np.resize(np.asarray(x), POINTS) for name, x in theta.items()}
+    at_points(function, points, data)  # compiled and warm
+    spent = []
+    for _ in range(calls):
+        start = time.process_time()
+        at_points(function, points, data)
+        spent.append(1e3 * (time.process_time() - start) / POINTS)
+    groups = len(data.labels)
+    return [(f"log likelihood of {groups} groups", min(spent), float(np.median(spent)))]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    from timing import Table, options, show
+
+    parser = options(__doc__, calls=7)
+    parser.add_argument("--kept", action="store_true", help="use compiled code that was kept")
+    parser.add_argument("command", nargs="*", default=["demo"], help="of jbw, with its arguments")
+    chosen = parser.parse_args(arguments)
+    file = chosen.json.absolute() if chosen.json else None
+    account = Account()
+    with tempfile.TemporaryDirectory() as folder:
+        if not chosen.kept:
+            os.environ["JAX_COMPILATION_CACHE_DIR"] = os.path.join(folder, "compiled")
+        if chosen.command == ["demo"]:  # which writes into the folder where it runs
+            os.chdir(folder)
+        run(account, chosen.command)
+        tables = [
+            Table(f"jbw {' '.join(chosen.command)}", STAGES, account.stages()),
+            Table("Programs", PROGRAMS, account.programs()),
+            Table("Evaluation", EVALUATION, evaluation(account, chosen.calls)),
+        ]
+        os.chdir("/")  # out of a folder that is about to go
+    show(tables, file=file)
+
+
+def run(account: Account, command: Sequence[str]) -> None:
+    """Run a command in this process, its own words on standard error."""
+    from contextlib import redirect_stdout
+
+    from jbw.cli import main as jbw
+
+    listen(account)
+    sys.argv = ["jbw", *command]
+    try:
+        with redirect_stdout(sys.stderr):
+            jbw()
+    except SystemExit as end:
+        if end.code:
+            sys.exit(f"jbw {' '.join(command)} ended with {end.code}.")
+    account.begin("end")
+
+
+if __name__ == "__main__":
+    main()
