@@ -17,6 +17,7 @@ from jbw.measurement.records import Record
 # Of a record, in common with another: a fifth makes intervals too narrow by a tenth; beyond one
 # half it is the same record.
 DOUBTED, MOST_SHARED = 0.2, 0.5
+FORCES = ("restoring_force", "force")
 
 
 class Source(NamedTuple):
@@ -24,7 +25,7 @@ class Source(NamedTuple):
 
     test: str
     record: str
-    role: str  # of the response
+    role: str  # of what was measured: the response, along a prescribed displacement the force
     digest: str  # of its samples
     channel: tuple[str, str, str]  # checksum of the file, its channel, the repeat in the file
     span_s: tuple[float, float]  # first and last second of it
@@ -34,7 +35,11 @@ class Source(NamedTuple):
 
 def source_of(record: Record, test: TestSpec) -> Source:
     """Where a record of a test comes from."""
-    role, is_curve = record.response, test.traits.is_curve
+    is_curve, role = test.traits.is_curve, record.response
+    if (
+        test.traits.is_prescribed
+    ):  # whose displacement may well be commanded twice, sample by sample
+        role = next((each for each in FORCES if each in record.channels), role)
     roles = sorted(record.channels) if is_curve else [role]
     samples = (np.ascontiguousarray(record.channels[each]).data for each in roles)
     digest = hashlib.sha256()

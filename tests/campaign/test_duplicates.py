@@ -122,3 +122,24 @@ def test_other_bands_of_a_record_are_other_data(folder):
     assert refused(campaign(folder, first, second)) == []
     meeting = table('"run_1.npz"', "b", "band = [10.0, 30.0]")
     assert len(refused(campaign(folder, first, meeting))) == 1
+
+
+def test_a_displacement_that_is_commanded_twice_is_sound(tmp_path):
+    phase = np.arange(4000) * 2 * np.pi / 1000
+    for i in range(2):
+        noise = 1e-3 * np.random.default_rng(i).standard_normal(4000)
+        force = np.sin(phase) + 0.3 * np.cos(phase) + noise
+        np.savez(tmp_path / f"loop_{i}.npz", y=np.sin(phase), F=force)
+    text = f"""[[test]]
+kind = "loop"
+files = "loop_*.npz"
+channels = {{ displacement = "y", restoring_force = "F" }}
+units = {{ displacement = "mm", restoring_force = "N" }}
+fs = {FS}
+"""
+    path = campaign(tmp_path, text.replace("modal_mass = 1.0", ""))
+    assert refused(path) == []
+    shutil.copy(tmp_path / "loop_0.npz", tmp_path / "loop_2.npz")
+    assert refused(path) == [
+        "`loop_2.npz` of test `loop` holds the same samples as `loop_0.npz` of test `loop`."
+    ]
