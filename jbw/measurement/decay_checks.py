@@ -237,7 +237,10 @@ def steady_line(record: Record, course: Course) -> Iterator[Fault]:
     """The doubt that a line in the band does not decay: hum, or a machine nearby."""
     envelope = np.exp(course.log)
     half, quarter = (envelope[len(envelope) * part // 4 :] for part in (2, 3))
-    own, largest = 1 / decay_steps(course.size), float(np.abs(envelope).max())
+    largest, middle = float(np.abs(envelope).max()), len(envelope) // 2
+    # Two modes beat, and fall steeply at times: the fall to the middle of the record counts too.
+    fallen = np.log(largest / np.median(np.abs(envelope[middle - 2 : middle + 3]))) / middle
+    own = min(1 / decay_steps(course.size), float(fallen))
     for values in (half, quarter):
         line = _line_of(values)
         if line is None:
