@@ -29,7 +29,7 @@ from jbw.identification.equivalent import (
     within_response,
 )
 from jbw.identification.leaving_out import consistency_finding, leave_one_out, left_out_sentence
-from jbw.identification.no_joint import joint_finding, may_be_absent, without_joint
+from jbw.identification.no_joint import joint_finding, likely, may_be_absent, without_joint
 from jbw.identification.own_joints import own_joint_sentences
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.reached import threshold_sentences
@@ -48,6 +48,7 @@ from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.samplers.ladder import ROUNDS, Places, climb
 from jbw.inference.samplers.register import sampler_named
 from jbw.inference.samplers.rewhitening import sample_until
+from jbw.inference.space.box import box
 from jbw.inference.space.reparametrisation import along_logarithms, in_box, never_zero
 from jbw.inference.space.ridge import along_ridge
 from jbw.observables import dataset
@@ -84,6 +85,7 @@ def joint_step(
         if step in earlier:
             known |= _of_reading(means_of(earlier[step].posterior), data)
     ready = prepare(keys[:2], data, settings, known)
+    ready = without_absent_joint(keys[0], ready, settings) or ready
     chains = sample_joint(keys[2], ready, settings, keep, name)
     if (wider := widened(chains, ready, settings.prior)) is not None:
         ready = wider
@@ -109,6 +111,46 @@ def joint_step(
     judged = within_response(judged, draws, ready.data.held, y_peak, ready.data.laws)
     advice = stuck(step.posterior, judged)
     return replace(step, verdict=judged, statements=(*step.statements, *advice)), ready.data
+
+
+def without_absent_joint(key: Key[Array, ""], ready: Fitted, settings: Identify) -> Fitted | None:
+    """The structure without its joint, where the fit sees none; None where it may see one.
+
+    Along the ridge of a joint that the data do not see there is nothing to draw: what a joint may
+    do at most is told by the points about the fit that the data do not rule out.
+    """
+    prior, best, data = ready.box, ready.fit, ready.data
+    if not data.laws or data.modes is not None or "omega_n" not in prior.names:
+        return None
+    theta = likely(key, best, prior, data)
+    draws = xr.Dataset({name: (("chain", "draw"), x[None]) for name, x in theta.items()})
+    every = draws.assign(law_variables(draws, data))
+    added = effects(every, data.held, ready.y_peak, data.laws)
+    if added is None or not may_be_absent(added):
+        return None
+    nested = without_joint(best, prior, data)
+    finding = joint_finding(nested, added, ready.y_peak)
+    if finding.status == "ok":
+        return None
+    said = f"{effects_sentence(added, ready.y_peak)} The posterior is of the structure without it."
+    bare = replace(data, parts=tuple(replace(part, laws=()) for part in data.parts))
+    bare = replace(bare, held={k: v for k, v in data.held.items() if k not in names_of_laws(data)})
+    alone = box(nested.bounds)
+    return replace(
+        ready,
+        fit=nested.fit,
+        box=alone,
+        data=bare,
+        statements=(*ready.statements, said),
+        findings=(*ready.findings, finding),
+    )
+
+
+def names_of_laws(data: Dataset) -> set[str]:
+    """Names of the parameters of the laws and their products."""
+    laws = laws_named(data.laws)
+    own = {quantity.name for law in laws for quantity in law.table}
+    return own | {product.quantity.name for law in laws for product in law.products}
 
 
 def _of_reading(means: Mapping[str, float], data: Dataset) -> dict[str, float]:

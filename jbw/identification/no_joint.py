@@ -1,22 +1,28 @@
 """Is a joint seen at all? The fit beside that of the same structure without one."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
+import jax
 import numpy as np
+from jaxtyping import Array, Float, Key
 from scipy import stats
 
 from jbw.identification.equivalent import Effects
+from jbw.identification.first_fit import inside
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.fitting import Fit
+from jbw.inference.lanes import at_points
 from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.inference.space.box import Box, bounds_by_name, box
-from jbw.observables.dataset import Dataset, stacked
+from jbw.observables.dataset import Dataset, log_likelihood, stacked
 from jbw.quantities import RESIDUAL_TERMS, STUCK
 
 FAR = 5.0  # standard deviations from zero: beyond, a joint is seen without a further fit
+NUM_DRAWS = 256
 BY_CHANCE = 0.01  # probability of as much better a fit, of data of a structure without a joint
 
 
@@ -25,6 +31,8 @@ class Nested(NamedTuple):
 
     growth: float
     num_parameters: int
+    fit: Fit  # of the oscillator alone
+    bounds: Mapping[str, tuple[float, float]]  # its prior
 
 
 def without_joint(best: Fit, prior: Box, data: Dataset) -> Nested:
@@ -34,7 +42,27 @@ def without_joint(best: Fit, prior: Box, data: Dataset) -> Nested:
     bare = replace(data, parts=tuple(replace(part, laws=()) for part in data.parts))
     start = {name: best.theta[name] for name in bounds}
     found = costly_fit(stacked, box(bounds), bare, starts=start)
-    return Nested(2 * (found.cost - best.cost), len(best.theta) - len(bounds))
+    growth = 2 * (found.cost - best.cost)
+    return Nested(growth, len(best.theta) - len(bounds), found, bounds)
+
+
+def likely(
+    key: Key[Array, ""], best: Fit, prior: Box, data: Dataset
+) -> dict[str, Float[np.ndarray, " draw"]]:
+    r"""Points about a fit that the data do not rule out at 99 %, by name.
+
+    Of those drawn by its covariance, within the prior, that lose no more than half of the quantile
+    of $\chi^2_k$ in log likelihood; the fit itself first.
+    """
+    white = np.asarray(jax.random.normal(key, (NUM_DRAWS, len(best.theta))))
+    apart = white @ np.linalg.cholesky(best.covariance).T
+    apart[0] = 0.0
+    theta = dict(zip(best.theta, (list(best.theta.values()) + apart).T, strict=True))
+    theta = inside(theta, prior)
+    values = at_points(log_likelihood, theta, data).sum(axis=1)
+    least = float(stats.chi2.isf(BY_CHANCE, len(best.theta))) / 2
+    keep = values >= values[0] - least
+    return {name: x[keep] for name, x in theta.items()}
 
 
 def joint_finding(nested: Nested, added: Effects, y_peak: float) -> Finding:

@@ -100,7 +100,8 @@ def run_procedure(
     found = replace(found, data=data, steps=found.steps | _told(said, {"joint": step}))
     if seen.decays is None:
         return found
-    if not all(test.traits.is_free for test in seen.tests):
+    unseen = any(one.code == "no_joint" and one.status != "ok" for one in step.verdict.findings)
+    if not unseen and not all(test.traits.is_free for test in seen.tests):
         report("Free decays: the joint from them alone")
         key = jax.random.fold_in(jax.random.key(seed), DECAY_KEY)
         free = replace(seen, chosen=tuple(test for test in seen.chosen if test.traits.is_free))

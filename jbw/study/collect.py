@@ -15,6 +15,7 @@ from jbw.identification.paper.step3 import KernelFit
 from jbw.identification.procedure import Identification, Report
 from jbw.identification.selection import Sweeps, probing_tests
 from jbw.identification.step import Step
+from jbw.inference.posterior.finding import Verdict
 from jbw.inference.posterior.summary import running_mean
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
@@ -78,12 +79,19 @@ def collect(
     )
     if curve is not None:
         groups["/verification/backbone"] = curve
-    report("Every record by itself, and what the prior predicts of it")
     drawn = {name: created(groups[name]) for name in ("/posterior", "/sample_stats")}
-    by_record = attempts.make(
-        "The likelihood of single records", lambda: arviz_groups(seen, found, seed), {}
-    )
+    by_record: Groups = {}
+    if not sees_no_joint(found.main.verdict):  # of a linear structure single records say nothing
+        report("Every record by itself, and what the prior predicts of it")
+        by_record = attempts.make(
+            "The likelihood of single records", lambda: arviz_groups(seen, found, seed), {}
+        )
     return xr.DataTree.from_dict(groups | drawn | by_record)
+
+
+def sees_no_joint(verdict: Verdict) -> bool:
+    """Whether a posterior is of a structure in which no joint is seen."""
+    return any(one.code == "no_joint" and one.status != "ok" for one in verdict.findings)
 
 
 def run_attrs(tests: Sequence[Test], found: Identification) -> dict[str, Any]:
