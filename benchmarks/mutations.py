@@ -93,7 +93,7 @@ MUTATIONS = (
         VERDICT,
     ),
     Mutation("identification/accuracy.py", "CLOSE = 0.05", "CLOSE = 0.5", VERDICT),
-    Mutation("inference/fit/costly_fit.py", "np.all(np.isfinite(value)) and", "True and", PROFILES),
+    Mutation("inference/fit/costly_fit.py", "and np.all(np.isfinite(part(s, 1)))", "", PROFILES),
     Mutation(
         "inference/fit/costly_fit.py",
         "end.num_refused = len(refused)",

@@ -6,7 +6,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import chi2
 
-from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.fit.costly_fit import costly_fit, trust_region
 from jbw.inference.fit.profiles import profile_statements, profiles
 from jbw.inference.space.box import box
 
@@ -176,3 +176,31 @@ def test_a_fit_refuses_and_counts_points_that_cannot_be_solved():
     assert found.theta["slope"] < 0.9
     assert found.num_refused >= 1  # the second start, at least
     assert found.waterfall[-1] == np.inf
+
+
+def test_steps_beyond_what_can_be_solved_are_counted():
+    """The optimum, at a slope of 0.8, lies beyond the wall at 0.5: the first step leads there."""
+
+    def walled(theta, data):
+        return jnp.where(theta["slope"] > 0.5, jnp.nan, 1.0) * line(theta, data)
+
+    data = measured(0.3 + 0.8 * X, 0.1)
+    bounds = box({"offset": (-2.0, 2.0), "slope": (-3.0, 3.0)})
+    found = costly_fit(walled, bounds, data, starts={"offset": 0.0, "slope": -1.0})
+    assert np.isfinite(found.cost)
+    assert found.num_refused >= 1
+    assert -1.0 < found.theta["slope"] <= 0.5
+
+
+def test_a_point_whose_slope_cannot_be_had_is_refused():
+    """Of (s - 0.8, 1): beyond 0.5 the residual is a number, and its derivative is none."""
+
+    def part(s, which):
+        slope = np.array([[np.nan if s[0] > 0.5 else 1.0], [0.0]])
+        return slope if which else np.array([s[0] - 0.8, 1.0])
+
+    end = trust_region(part, np.array([0.1]), 60, 1e-10)
+    assert 0.1 < end.x[0] <= 0.5
+    assert end.num_refused >= 1
+    refused = trust_region(part, np.array([0.6]), 60, 1e-10)
+    assert (refused.cost, refused.num_refused) == (np.inf, 1)
