@@ -1,17 +1,20 @@
-"""Small changes of physics, statistics, verdict and results, and the tests that must notice each.
+"""Does a test notice each of these small changes of physics, statistics, verdict and results?
 
-    python benchmarks/mutations.py [WORD ...]
+    python benchmarks/mutations.py [WORD ...] [--calls 99] [--json FILE]
 
 Every mutation is made alone in a copy of the package, and the tests beside it run against the copy.
 Ends with 1 where one survives, or where the code that it changes is no longer there. Words choose
-mutations by what they say.
+mutations by what they say, `--calls` the first so many of them.
 """
 
+import argparse
+import json
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -165,19 +168,28 @@ def survives(mutation: Mutation) -> str:
         return "" if ended.returncode == 1 else f"its tests ended with {ended.returncode}"
 
 
-def main(words: list[str]) -> int:
-    """Try every mutation that the words choose; 1 where one survives."""
-    chosen = [one for one in MUTATIONS if not words or any(word in " ".join(one) for word in words)]
-    left = 0
-    for one in chosen:
-        reason = survives(one)
-        left += bool(reason)
-        print(
-            f"{'SURVIVES' if reason else 'noticed ':9}{one.path}: {one.old} -> {one.new} {reason}"
-        )
-    print(f"{len(chosen) - left} of {len(chosen)} mutations are noticed.")
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Try every mutation that is chosen; 1 where one survives."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("words", nargs="*", help="parts of what a mutation says")
+    parser.add_argument("--calls", type=int, default=len(MUTATIONS), help="mutations at most")
+    parser.add_argument("--json", type=Path, help="file to write the results to")
+    chosen = parser.parse_args(arguments)
+    tried = {}
+    for one in MUTATIONS:
+        if len(tried) < chosen.calls and (
+            not chosen.words or any(word in " ".join(one) for word in chosen.words)
+        ):
+            tried[f"{one.path}: {one.old} -> {one.new}"] = reason = survives(one)
+            print(list(tried)[-1], f"SURVIVES, {reason}" if reason else "noticed", flush=True)
+    left = sum(map(bool, tried.values()))
+    print(f"{len(tried) - left} of {len(tried)} mutations are noticed.")
+    if chosen.json is not None:
+        chosen.json.write_text(json.dumps(tried, indent=1), encoding="utf-8")
     return int(left > 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())
