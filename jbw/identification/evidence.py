@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Key
@@ -30,6 +31,7 @@ from jbw.identification.step import attrs
 from jbw.inference.compiled import forget_when_many
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.fit.valley import about_valley
+from jbw.inference.generator import generator
 from jbw.inference.lanes import at_points
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers.ladder import about_draws, choose
@@ -247,7 +249,7 @@ def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
     best, prior, data = one.fitted.fit, one.fitted.box, one.fitted.data
     problem = problem_of(dataset.log_likelihood, prior, data, place_of(best, one))
     dims, shape, units = ("chain", "draw"), (4, FEW_DRAWS), attrs(one.laws)
-    w = jax.random.normal(key, (4 * FEW_DRAWS, len(prior.names)))
+    w = jnp.asarray(generator(key).standard_normal((4 * FEW_DRAWS, len(prior.names))))
     theta = {n: np.append(x, best.theta[n]) for n, x in jax.vmap(problem.theta)(w).items()}
     terms = at_points(dataset.log_likelihood, theta, data)
     chosen = np.where(np.isfinite(terms[:-1].sum(axis=1)), np.arange(len(w)), -1).reshape(shape)

@@ -35,6 +35,7 @@ from jbw.identification.run_effects import (
 from jbw.identification.thresholds_crossed import fitted_displacement
 from jbw.inference.fit.costly_fit import TOLERANCE, costly_fit
 from jbw.inference.fit.fitting import Fit
+from jbw.inference.generator import generator
 from jbw.inference.lanes import at_points
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.space.box import Box
@@ -187,7 +188,7 @@ def _about(
     Where the posterior bends they have left it: their log likelihood lies farther below the fit's
     than twice the half that a Gaussian's does a parameter. Close to the fit all is straight.
     """
-    white = np.asarray(jax.random.normal(key, (NUM_DRAWS, len(best.theta))))
+    white = generator(key).standard_normal((NUM_DRAWS, len(best.theta)))
     apart = white @ np.linalg.cholesky(best.covariance).T
     apart[0] = 0.0  # the fit itself
 

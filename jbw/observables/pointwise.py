@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Key
 from numpy.typing import NDArray
 
+from jbw.inference.generator import generator
 from jbw.inference.groups.scatter import draw_offsets
 from jbw.inference.lanes import at_points
 from jbw.observables.dataset import Dataset, as_arrays, estimates
@@ -260,9 +261,9 @@ def _of_part(
     observed = np.sqrt(own_norm / norm[group])
     # Noise along the prediction and across it: N - 1 directions more.
     model = np.maximum(norm[group] - 2 * sums["along"] + sums["square"], 0.0)
-    keys, mean_std = jax.random.split(key), std / np.sqrt(count)
-    ahead = np.sqrt(model) + mean_std * np.asarray(jax.random.normal(keys[0], model.shape))
-    across = np.asarray(jax.random.chisquare(keys[1], np.maximum(size - 1, 1), shape=model.shape))
+    rng, mean_std = generator(key), std / np.sqrt(count)
+    ahead = np.sqrt(model) + mean_std * rng.standard_normal(model.shape)
+    across = rng.chisquare(np.maximum(size - 1, 1), model.shape)
     predicted = np.sqrt((ahead**2 + mean_std**2 * across) / norm[group])
     labels = [part.labels[g] for g in group]
     repeat = split.repeat.tolist()

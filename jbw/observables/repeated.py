@@ -5,11 +5,11 @@ from dataclasses import replace
 from typing import Self
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
 
+from jbw.inference.generator import generator
 from jbw.inference.groups.offsets import Estimate, estimate
 from jbw.observables.misfit import independent_fractions, shared_misfit
 from jbw.observables.observable import (
@@ -218,7 +218,7 @@ class Repeated(Observable):
         own = self.repeats
         rows = np.stack([terms[label] for label in self.labels], axis=-1)
         count = np.asarray(own.num_values)
-        chi_square = np.asarray(jax.random.chisquare(key, count - num_offsets, shape=rows.shape))
+        chi_square = generator(key).chisquare(count - num_offsets, rows.shape)
         fraction = count / np.asarray(own.num_counted)
         noise = np.sqrt(fraction * np.exp(-2 * rows / count) / chi_square)
         return {label: noise[..., i] for i, label in enumerate(self.labels)}

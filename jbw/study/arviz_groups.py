@@ -20,6 +20,7 @@ from jaxtyping import Array, Float, Key
 from jbw.identification.assemble import Measured, single_records
 from jbw.identification.joint import law_variables
 from jbw.identification.procedure import Identification
+from jbw.inference.generator import generator
 from jbw.inference.space.box import Box, bounds_by_name
 from jbw.observables.dataset import Dataset
 from jbw.observables.pointwise import Records, records_of, splits_of
@@ -103,14 +104,10 @@ def prior_draws(
     key: Key[Array, ""], box: Box, data: Dataset, attrs: Mapping[str, Mapping[str, Any]]
 ) -> xr.Dataset:
     """One chain of draws of the prior, with what follows from them; noise has none to draw from."""
-    keys = jax.random.split(key, len(box.names))
+    rng = generator(key)
     drawn = {
-        name: (
-            SAMPLES,
-            np.asarray(jax.random.uniform(k, (1, NUM_PRIOR), float, low, high)),
-            attrs[name],
-        )
-        for k, (name, (low, high)) in zip(keys, bounds_by_name(box).items(), strict=True)
+        name: (SAMPLES, rng.uniform(low, high, (1, NUM_PRIOR)), attrs[name])
+        for name, (low, high) in bounds_by_name(box).items()
     }
     coords = {"chain": [0], "draw": np.arange(NUM_PRIOR)}
     sampled = xr.Dataset(drawn, coords)

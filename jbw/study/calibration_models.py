@@ -29,6 +29,7 @@ from jbw.identification.windowed import receptance
 from jbw.inference.calibration.record import Calibration, judged
 from jbw.inference.calibration.replications import LOG_LIKELIHOOD, Model, Quantity, ranked
 from jbw.inference.fit.locate import Search
+from jbw.inference.generator import generator
 from jbw.inference.space.box import Box, Product, from_unit, value_of
 from jbw.inference.space.problem import Theta
 from jbw.measurement.spectra import FRF
@@ -145,7 +146,7 @@ def _line_replication(
     key: Key[Array, ""], design: FRF, prior: Box
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
     """Quantities at the truth, at the draws, and whether there was a fit."""
-    rng = np.random.default_rng(np.asarray(jax.random.key_data(key)))
+    rng = generator(key)
     point = from_unit(jnp.asarray(rng.uniform(size=3)), prior)
     theta = np.array([float(point[name]) for name in NAMES])
     # Written out once more: the likelihood's own formula would hide its slips.

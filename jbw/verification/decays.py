@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Complex, Float, Key
 
+from jbw.inference.generator import generator
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, decay_of
 from jbw.observables.decay_envelopes import Entry, envelopes, filter_of, follow, match
@@ -128,7 +129,7 @@ def _compared(
         model = np.real(envelope * carrier)
         measured, later = np.real(whole * carrier), time >= seen_s
         model_band = band(model)
-        predictive = band(model + noise * np.asarray(jax.random.normal(key_noise, model.shape)))
+        predictive = band(model + noise * generator(key_noise).standard_normal(model.shape))
         edges = (predictive if source.noise else model_band)[:, later]
         inside = within(measured[later], edges)
         variables = {

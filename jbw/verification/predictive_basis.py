@@ -12,6 +12,7 @@ from jaxtyping import Array, Key
 from numpy.typing import ArrayLike, NDArray
 
 from jbw.errors import ConfigError, DataError
+from jbw.inference.generator import generator
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.measurement.curves import response_curve
 from jbw.measurement.records import INPUTS, RESPONSES, Test, drive_of
@@ -168,7 +169,7 @@ def scattered(key: Key[Array, ""], draws: Draws, scatter: ArrayLike) -> Draws:
     std = np.asarray(scatter)
     if not std.size:
         return draws
-    b = std * np.asarray(jax.random.normal(key, (count_of(draws), len(OFFSETS))))
+    b = std * generator(key).standard_normal((count_of(draws), len(OFFSETS)))
     moved = {name: draws[name] + b[:, i] for i, name in enumerate(OFFSETS)}
     # Damping cannot leave the law: an offset beyond it stops at a hundredth of the draw.
     return {**draws, **moved, "zeta": np.maximum(moved["zeta"], 0.01 * draws["zeta"])}

@@ -30,6 +30,7 @@ from jaxtyping import Array, Float, Key
 from scipy.optimize import bisect
 from scipy.special import logsumexp, softmax
 
+from jbw.inference.generator import generator, words_of
 from jbw.inference.lanes import at_points
 from jbw.inference.posterior.verdict import ESS, GOOD_KHAT
 from jbw.inference.samplers import mixtures
@@ -97,7 +98,7 @@ def gather(
     Rounds follow until the weights can be trusted and their draws are enough, or it is seen that
     they will not be, or rounds or time are spent. Rounds that were kept are gone on from.
     """
-    began, seed = perf_counter(), np.ravel(jax.random.key_data(key)).tolist()
+    began, seed = perf_counter(), words_of(key)
     mark = "" if kept is None else fingerprint((key, problem), problem, gather, options)
     past, before = resumed(kept_arrays(kept, mark))
     watching = [one for one in (progress, None if kept is None else kept.grown) if one is not None]
@@ -120,8 +121,7 @@ def gather(
 
 def look(key: Key[Any, ""], problem: Problem, num_points: int) -> float:
     """What so many points about the fit are worth, in effective draws."""
-    rng = np.random.default_rng(np.ravel(jax.random.key_data(key)).tolist())
-    return weighed(_grown(rng, None, problem, num_points)).effective
+    return weighed(_grown(generator(key), None, problem, num_points)).effective
 
 
 class WeighedPoints(NamedTuple):
@@ -146,7 +146,7 @@ def points(
     key: Key[Any, ""], problem: Problem, *, size: int, least: float, most_rounds: int
 ) -> WeighedPoints:
     """Points for the mean of something: rounds of `size` until they are worth `least` draws."""
-    seed = np.ravel(jax.random.key_data(key)).tolist()
+    seed = words_of(key)
     past = _grown(np.random.default_rng([*seed, 0]), None, problem, size)
     found = weighed(past)
     for count in range(1, most_rounds):
