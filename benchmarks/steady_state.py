@@ -7,9 +7,7 @@ cold.
     python benchmarks/steady_state.py [--calls 93] [--json FILE]
 """
 
-import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -20,10 +18,6 @@ from problem import PAPER, joint
 from timing import Table, Target, options, show, take_turns, targets
 
 import jbw
-
-# The tests' own check of the balance.
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "oscillator"))
-from shooting import shooting
 
 TONES = 2 * np.pi * np.array([5.0, 5.5, 6.0, 6.5, 6.75])
 AMPLITUDE = 9.0
@@ -61,7 +55,7 @@ def c_integration() -> list[np.ndarray]:
 def routes() -> dict[str, Route]:
     one = joint()
     u = jnp.asarray(AMPLITUDE * np.cos(TONES[:, None] * np.arange(NUM_SAMPLES) / FS))
-    shoot = jax.jit(jax.vmap(lambda omega: shooting(one, omega, AMPLITUDE).harmonics))
+    shoot = jax.jit(jax.vmap(lambda omega: jbw.shooting(one, omega, AMPLITUDE).harmonics))
 
     def balance(num_harmonics):
         return lambda: jbw.steady_state(one, TONES, AMPLITUDE, num_harmonics)

@@ -80,6 +80,8 @@ CASES = {
         lambda j, w, a: jbw.frequency_response(slipping(j), w, a, 2),
         np.array([110.0, 117.0]), np.array([0.02, 0.05]),
     ),
+    "shooting": (lambda j, w, a: jbw.shooting(slipping(j), w, a, 2), 90.0, 5.0),
+    "dimensionless": (lambda j, w, a: jbw.dimensionless(slipping(j), w, a), 117.0, 0.05),
     "simulate": (simulated, FS, INPUT),
     "Structure": (lambda j, m, fs, u: jbw.simulate(structure(j, m), u, fs), SECOND, FS, INPUT),
     "Structure, steady_state": (
@@ -102,7 +104,7 @@ CASES = {
 ELSEWHERE = {
     "Attachment", "Campaign", "ConfigError", "DataError", "JbwError", "ModelError", "Record",
     "Response", "RunError", "Study", "Test", "attached", "citation", "compare", "compare_laws",
-    "draw_backbones", "enable_x64",
+    "conventions", "draw_backbones", "enable_x64", "excitation", "paper",
     "fit_attachment", "fit_modes", "fleet_of", "frf", "from_sep005", "harmonics",
     "identifiability", "identify", "identify_many", "laws", "line_fit", "load_campaign",
     "load_study", "new_backbone", "new_prediction", "new_units", "one_stage", "plan_tests", "pool",
@@ -134,7 +136,7 @@ def compared(found, expected):
 
 # What takes long to compile: the quickest of each kind in every run of the tests.
 LONG = {
-    "Structure", "Structure, backbone", "Structure, steady_state", "frequency_response",
+    "Structure", "Structure, backbone", "Structure, steady_state", "frequency_response", "shooting",
     "simulate, function", "simulate, initial", "simulate, periodic",
     "steady_state, laws", "steady_state, restoring",
 }  # fmt: skip
