@@ -256,7 +256,6 @@ class Records(Repeated):
             and not self.repeats.spanned.shape[1]
             and not taken(theta, self.residuals)
             and not has_further_modes(theta)
-            and not self._stacks(theta)
         )
 
     def squares(self, theta: Theta) -> Float[Array, " level"]:

@@ -38,21 +38,6 @@ def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
 
 def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Trajectory:
     """States after every so many of the substeps, as the time loop carries them."""
-    march = partial(_march, substeps, every)
-    stacks = any(law.stacks for law in stepping.step.laws)
-    return (_one_after_another(march) if stacks else march)(stepping, initial)
-
-
-def _one_after_another(march: Callable[..., Trajectory]) -> Callable[..., Trajectory]:
-    """The same, its lanes under vmap one after another.
-
-    Lanes side by side take the rare step's branch always, which for stacks is a long one.
-    """
-    return jax.custom_batching.sequential_vmap(march)
-
-
-def _march(substeps: int, every: int, stepping: Stepping, initial: State) -> Trajectory:
-    """States after every so many of the substeps, as the time loop carries them."""
     num_steps = stepping.num_steps
     carried = packed(stepping, initial)
     solution = diffrax.diffeqsolve(

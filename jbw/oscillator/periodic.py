@@ -61,8 +61,7 @@ def steady_period(
 def _settle_alone(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
     """The same, under vmap one point after another.
 
-    Side by side all are solved again until the last has settled, which costs more than lanes spare
-    where these are solved one after another anyway.
+    Side by side all are solved again until the last has settled.
     """
     of_all, hidden = jax.closure_convert(gap, x)  # vmap has to see all that differs by lane
 
