@@ -266,7 +266,7 @@ def test_runs_scatter_draws_and_leave_damping_positive():
 
 
 def test_amplitude_curves_are_those_of_a_cubic_oscillator():
-    test, cubic = decay_test(states=((2.0e-3, 0.0),)), 3e8
+    test, cubic = decay_test(states=((2.4e-3, 0.0),)), 3e8
     omega_n = DECAY_OMEGA_N
     draws = {**DRAWS, "omega_n": np.full(3, omega_n), "cubic": np.full(3, cubic)}
     found = amplitude_verification(test, 1, draws, ("bouc_wen", "cubic"))

@@ -148,7 +148,7 @@ class Records(Repeated):
     @property
     def source(self) -> Float[Array, "level time"]:
         """Mean measured input of each level [V, N or N/kg]."""
-        return self.held.samples
+        return self.held.u
 
     @property
     def periodic(self) -> bool:

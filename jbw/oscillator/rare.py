@@ -22,7 +22,31 @@ def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, 
         operands: A pytree of arrays: everything that `rare` depends on.
         usual: The values of any other step, of the structure of what `rare` returns.
     """
-    return _condition(rare, 0)(met, operands, usual)
+    if not _on_one_device():
+        return jax.lax.cond(met, rare, lambda _: usual, operands)
+
+    # Derivatives go through the plain condition: a rule for lanes has none of its own.
+    @jax.custom_jvp
+    def condition(met: Array, operands: Any, usual: Any) -> Any:
+        return _condition(rare, 0)(met, operands, usual)
+
+    @condition.defjvp
+    def _derivative(primals: Any, tangents: Any) -> Any:
+        def plain(met: Array, operands: Any, usual: Any) -> Any:
+            return jax.lax.cond(met, lambda: rare(operands), lambda: usual)
+
+        return jax.jvp(plain, primals, tangents)
+
+    return condition(met, operands, usual)
+
+
+def _on_one_device() -> bool:
+    """Whether all lanes of a program lie on one device.
+
+    Where JAX shares lanes among devices by itself, any of all lanes is a sum over the devices in
+    every step, which costs the time loop its native call. Within `jax.shard_map` it is not.
+    """
+    return jax.device_count() == 1 or bool(jax.sharding.get_abstract_mesh().manual_axes)
 
 
 def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:

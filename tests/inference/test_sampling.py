@@ -253,7 +253,7 @@ def test_parallel_without_devices_warns_and_runs_in_turn():
 
 
 TWO_DEVICES = """
-import sys; sys.path.insert(0, sys.argv[1])
+import sys; sys.path[:0] = sys.argv[1:]
 import jax; jax.config.update("jax_enable_x64", True)
 import numpy as np
 from test_sampling import draw
@@ -268,7 +268,7 @@ np.testing.assert_allclose(*values, rtol=1e-9)
 @pytest.mark.slow
 def test_chains_on_two_devices_are_the_chains_on_one():
     flags = {"XLA_FLAGS": "--xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
-    command = [sys.executable, "-c", TWO_DEVICES, str(Path(__file__).parent)]
+    command = [sys.executable, "-c", TWO_DEVICES, *map(str, Path(__file__).parents[:2])]
     done = subprocess.run(
         command, env=os.environ | flags, capture_output=True, text=True, check=False
     )

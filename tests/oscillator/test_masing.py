@@ -307,7 +307,7 @@ def test_loops_within_loops_are_remembered_by_a_stack_that_deepens(monkeypatch):
     deep = jbw.Oscillator(RULES["omega_n"], RULES["zeta"], (replace(law, depth=40),))
     exact = jbw.simulate(deep, push, RULES["fs"], substeps=2)
     assert found.guesses == exact.guesses == 0.0
-    monkeypatch.setattr("jbw.oscillator.response.forgot", lambda *of: False)
+    monkeypatch.setattr("jbw.oscillator.deepening.forgot", lambda *of: False)
     with pytest.warns(UserWarning, match="deeper than a law remembers"):
         assert jbw.simulate(own, push, RULES["fs"], substeps=2).guesses > 0.0
     for name in ("y", "v", "z"):

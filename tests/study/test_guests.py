@@ -215,7 +215,8 @@ def write_rings(folder):
     for i in range(3):
         for name, of_ring in amplitude.items():
             frequency = ringing(of_ring) + 0.02 * rng.standard_normal(len(of_ring))
-            columns = np.c_[1e3 * of_ring, frequency]
+            # Amplitudes differ in their sixth digit: the same samples twice are refused.
+            columns = np.c_[1e3 * of_ring * (1 + 1e-6 * i), frequency]
             file = folder / f"{name}_{i}.csv"
             np.savetxt(file, columns, delimiter=",", header="y,f", comments="")
         force = pulled(y) + 0.3 * rng.standard_normal(SIZE)
