@@ -11,6 +11,7 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.oscillator.damper import Damper
@@ -56,18 +57,24 @@ class Stepping(eqx.Module):
 
     def push(self, substep: Array) -> Push:
         """What the input adds to y [m] and v [m/s] in a substep, and the input there [N/kg]."""
-        return self._push(tuple(piece[substep] for piece in self.pieces))
-
-    def pushed(self) -> "Pushed":
-        """The same of all substeps at once, as derivatives take it."""
-        return Pushed(self.step, self._push(self.pieces))
-
-    def _push(self, powers: tuple[Any, ...]) -> Push:
+        powers = tuple(piece[substep] for piece in self.pieces)
         start = self.gain * powers[0]
         push = weighted(self.on_y, powers), weighted(self.on_v, powers), start
-        if any(isinstance(law, Damper) for law in self.step.laws):
-            return *push, self.gain * added(powers)
-        return push
+        return (*push, self.gain * added(powers)) if self._is_damped else push
+
+    def pushed(self) -> "Pushed":
+        """The same of all substeps at once, by one product, as derivatives take it."""
+        count = len(self.pieces)
+        weights = [
+            jnp.stack(self.on_y), jnp.stack(self.on_v), self.gain * np.eye(1, count)[0],
+            *([self.gain * np.ones(count)] if self._is_damped else []),
+        ]  # fmt: skip
+        return Pushed(self.step, tuple(jnp.stack(weights) @ jnp.stack(self.pieces)))
+
+    @property
+    def _is_damped(self) -> bool:
+        """Whether a law asks for the input at the end of a substep too."""
+        return any(isinstance(law, Damper) for law in self.step.laws)
 
 
 def stepping(oscillator: Oscillator, held: HeldInput, fs: Scalar, substeps: int) -> Stepping:
