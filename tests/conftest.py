@@ -13,6 +13,7 @@ from pathlib import Path
 
 # Read when a worker imports NumPy: each has a core, and threads that wait for others turn idly.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+import hypothesis
 import jax
 import pytest
 from durations import LONG, measured, pytest_addoption, pytest_configure, split  # noqa: F401
@@ -22,6 +23,11 @@ from shapes import check_shapes
 if os.environ.get("JBW_CHECK_SHAPES") != "0":
     check_shapes()  # before any test file imports jbw
 jax.config.update("jax_enable_x64", True)
+# The same examples in every run, so that a commit is judged by what it changes; the release tier
+# draws new ones (`pytest --hypothesis-profile=new`).
+hypothesis.settings.register_profile("repeated", derandomize=True, database=None)
+hypothesis.settings.register_profile("new", derandomize=False)
+hypothesis.settings.load_profile("repeated")
 # What JAX traces lives long, and looking through it for garbage takes a twentieth of the time.
 gc.set_threshold(100_000, 20, 20)
 from jbw.inference.compiled import forget_when_many  # noqa: E402

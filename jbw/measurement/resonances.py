@@ -59,6 +59,9 @@ def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> 
         raise DataError(f"{_named(record)} has samples missing.")
     u, x = (record.channels[role] for role in (record.source, record.response))
     freq = np.fft.rfftfreq(len(u), 1 / record.fs)[1:]
+    too_few = f"{_named(record)} drives fewer than {LEAST_LINES} lines in its band."
+    if len(freq) < LEAST_LINES:
+        raise DataError(too_few)
     source, response = (np.fft.rfft(samples - np.mean(samples))[1:] for samples in (u, x))
     y = response / (2j * np.pi * freq) ** derivative_order(record.response)
     near = np.ones(NEAR_LINES) / NEAR_LINES
@@ -67,7 +70,7 @@ def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> 
     if band_hz is not None:
         kept &= (freq >= band_hz[0]) & (freq <= band_hz[1])
     if np.count_nonzero(kept) < LEAST_LINES:
-        raise DataError(f"{_named(record)} drives fewer than {LEAST_LINES} lines in its band.")
+        raise DataError(too_few)
     place = 1 + np.flatnonzero(kept)
     return Lines(2 * np.pi * freq[kept], source[kept], y[kept], place, len(u))
 

@@ -49,6 +49,13 @@ def test_a_record_that_ends_in_motion_is_read_as_well():
     assert read.damping == pytest.approx(ZETA, rel=2e-3)
 
 
+@pytest.mark.parametrize("num_samples", [1, 2, 7, 20])
+def test_a_record_of_few_samples_drives_too_few_lines(num_samples):
+    noise = np.random.default_rng(0).normal(size=num_samples)
+    with pytest.raises(DataError, match="drives fewer than 12 lines"):
+        driven_lines(Record(FS, {"input": noise, "displacement": noise}, {}))
+
+
 def test_the_amplitude_of_a_steady_tone_is_its_own():
     t = np.arange(2560) / FS
     y = 3e-3 * np.cos(2 * np.pi * 18.5 * t)
