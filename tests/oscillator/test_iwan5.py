@@ -6,6 +6,7 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+import mpmath as mp
 import numpy as np
 import pytest
 
@@ -61,10 +62,81 @@ def test_steady_loops_are_the_golden_ones(row):
         there = law.move(y_peak, tip, y - y_peak)  # by sliders
         assert float(law.force(y, 0.0, there)) == pytest.approx(force, abs=2e-4 * size)
     loop = law.loop(jnp.array([y_peak, 2 * y_peak]))
-    # The trapezium over 512 points of half a loop with a kink or two.
     found = np.pi * y_peak**2 * loop.damping[0]
-    assert float(found) == pytest.approx(row["energy"], rel=1e-4)
-    assert float(loop.stiffness[0]) == pytest.approx(row["kappa"][0], rel=1e-4)
+    assert float(found) == pytest.approx(row["energy"], rel=1e-12)
+    assert float(loop.stiffness[0]) == pytest.approx(row["kappa"][0], rel=1e-12)
+
+
+def mp_loop(theta, chi, beta, y_peak):
+    """Stiffness and damping over K_T at Y in units of phi_max, by the force on the way back."""
+    theta, chi, beta, y_peak = (mp.mpf(x) for x in (theta, chi, beta, y_peak))
+    spread, lump = 1 / (1 + beta), beta / (1 + beta)
+    q = min(y_peak, mp.mpf(1))
+
+    def moments(x):
+        zeroth = spread * x ** (chi + 1)
+        return zeroth, (chi + 1) / (chi + 2) * x * zeroth
+
+    (zeroth_q, first_q), slip = moments(q), (1 + theta) * q
+
+    def force(angle):
+        d = y_peak * (1 - mp.cos(angle))
+        zeroth_p, first_p = moments(min(d / (1 + theta), q))
+        gone = -theta * first_p + theta * (first_q - first_p) - d * (zeroth_q - zeroth_p)
+        last = y_peak - d if y_peak < 1 else theta - d if d < slip else -theta
+        return gone + (y_peak - d) * (spread - zeroth_q) + lump * last
+
+    with mp.workdps(30):
+        edges = [0, mp.acos(max(1 - slip / y_peak, -1)), mp.pi]
+        real, imaginary = (
+            2 / (mp.pi * y_peak) * mp.quad(lambda a, f=f: force(a) * f(a), edges)
+            for f in (mp.cos, lambda a: -mp.sin(a))
+        )
+    return float(real), float(imaginary)
+
+
+@pytest.mark.parametrize("y_peak", [1e-6, 1e-3, 0.1, 0.9, 1.0, 1.1, 3.0, 100.0])
+@pytest.mark.parametrize(
+    ("theta", "chi", "beta"), [(0.8, -0.5, 0.6), (0.4, 0.7, 2.0), (1.0, -0.9, 0.0)]
+)
+def test_the_loop_is_that_of_mpmath(theta, chi, beta, y_peak):
+    secant = 1e4 / ((1.0 + beta) * (2.0 + chi))
+    law = Iwan5(1e4, secant * 0.5 ** (1.0 + chi), chi, beta, theta)
+    assert float(law.sticking.phi_max) == pytest.approx(2e-3, rel=1e-13)
+    loop = law.loop(float(law.sticking.phi_max) * y_peak)
+    real, imaginary = mp_loop(theta, chi, beta, y_peak)
+    # Rounding; far beyond macroslip the stiffness is a difference, 1e-3 of its parts.
+    np.testing.assert_allclose(loop.stiffness, 1e4 * real, rtol=1e-12 if y_peak < 10 else 1e-11)
+    np.testing.assert_allclose(loop.damping, 1e4 * imaginary, rtol=1e-12)
+
+
+def test_the_loop_has_its_derivatives_where_friction_is_equal():
+    parameters = {"iwan_stiffness": 1e4, "iwan_loss": 900.0, "iwan_chi": -0.4, "iwan_beta": 0.3}
+    y_peak = 1e-3
+
+    def loops(values):
+        five = Iwan5(**values, iwan_theta=1.0).loop(y_peak)
+        return five.stiffness, five.damping
+
+    def of_four(values):
+        four = Iwan4(**values).loop(y_peak)
+        return four.stiffness, four.damping
+
+    found, known = jax.jacfwd(loops)(parameters), jax.jacfwd(of_four)(parameters)
+    for mine, theirs in zip(found, known, strict=True):
+        for name, slope in theirs.items():
+            scale = 1e4 / abs(parameters[name])
+            np.testing.assert_allclose(mine[name], slope, rtol=1e-9, atol=1e-9 * scale)
+    # By theta from the side on which it is defined, against mpmath.
+    phi_max = float(Iwan4(**parameters).phi_max)
+    h, ratio = 1e-7, y_peak / phi_max
+    values = [mp_loop(1 - k * h, -0.4, 0.3, ratio) for k in (0, 1, 2)]
+    slope = jax.jacfwd(lambda theta: Iwan5(**parameters, iwan_theta=theta).loop(y_peak))(1.0)
+    for mine, (at, one, two) in zip(
+        (slope.stiffness, slope.damping), zip(*values, strict=True), strict=True
+    ):
+        by_difference = 1e4 * (3 * at - 4 * one + two) / (2 * h)
+        assert float(mine) == pytest.approx(by_difference, rel=1e-4)  # of the difference
 
 
 def test_at_equal_friction_it_is_iwan_4():
@@ -95,8 +167,8 @@ def test_it_has_the_backbone_of_iwan_4_at_equal_friction():
         jbw.backbone(jbw.Oscillator(OMEGA_N, ZETA, (law,)), amplitude)
         for law in (law_of(theta=1.0), STICKING)
     )
-    np.testing.assert_allclose(same.omega, other.omega, rtol=1e-6)
-    np.testing.assert_allclose(same.zeta, other.zeta, rtol=1e-4)
+    np.testing.assert_allclose(same.omega, other.omega, rtol=1e-12)
+    np.testing.assert_allclose(same.zeta, other.zeta, rtol=1e-12)
 
 
 # Twice to three times what was found; sliders of one stack say 1e-5, 2e-6 of y.

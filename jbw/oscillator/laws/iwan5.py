@@ -22,13 +22,15 @@ from jbw.errors import ModelError
 from jbw.oscillator.kinks import Ends, StepPath, kink_impulse
 from jbw.oscillator.law import Branch, Law, Loop
 from jbw.oscillator.laws.iwan import Iwan4
-from jbw.oscillator.laws.powers import power
+from jbw.oscillator.laws.powers import REFERENCE, power
+from jbw.oscillator.laws.stretch_path import UNIT_RULE
 from jbw.oscillator.parameters import Scalar
 from jbw.quantities import Quantity
 
 COUNT = 1000
 GRADING = 2  # edges of the sliders' limits are this power of even ones
-_POINTS = 512  # of half a loop
+_GRADED = 3  # power of a loop's nodes
+_WITHIN = 1.0 - 1e-14  # of the largest drop, at which its angle has no derivative
 
 
 class Sliders(NamedTuple):
@@ -131,21 +133,43 @@ class Iwan5(Law):
         return gone - stuck + never + self._lump * jnp.where(y_peak < most, y_peak - by, slid)
 
     def loop(self, y_peak: Scalar) -> Loop:
-        """Equivalent stiffness and damping of the steady loop, by the trapezium on half of it."""
+        r"""Equivalent stiffness and damping of the steady loop, from each slider's own.
+
+        With r = phi/Y, and the angle of its drop $\cos c = 1 - (1 + \vartheta)\,r$, a slider of
+        unit stiffness that slides has
+
+        $$\mathrm{Re}\,\kappa = \frac{2}{\pi}\Bigl[(2\vartheta r - 1)\sin c
+          + \frac{c + \sin c\cos c}{2}\Bigr], \qquad
+          E = 4\vartheta\varphi Y - (1 + \vartheta)(3\vartheta - 1)\,\varphi^2$$
+
+        The sum of E over the density is closed. That of the stiffness is by Gauss's rule in c,
+        graded towards 0, where it has a broken power.
+        """
         y_peak = jnp.asarray(y_peak, float)
         at_zero = y_peak == 0.0
-        peak = jnp.where(at_zero, 1.0, y_peak)
-        angle = jnp.linspace(0.0, jnp.pi, _POINTS + 1)
-        weight = jnp.ones(_POINTS + 1).at[jnp.array([0, -1])].set(0.5) * 2.0 / _POINTS
+        peak = jnp.where(at_zero, REFERENCE, y_peak)
+        most, theta, chi = self.sticking.phi_max, self.iwan_theta, self.iwan_chi
+        reach = jnp.minimum(peak, most)
+        last = jnp.where(peak < most, 0.0, self._lump)  # of the sliders that slip last
+        end = _drop(theta, reach / peak)
 
-        def part(angle: Scalar, weight: Scalar) -> tuple[Scalar, Scalar]:
-            left = self.unloading(peak, peak * (1.0 - jnp.cos(angle))) / peak
-            left = weight * (left - self.iwan_stiffness * jnp.cos(angle))
-            return left * jnp.cos(angle), -left * jnp.sin(angle)
+        def part(node: Scalar, weight: Scalar) -> Scalar:
+            c, ratio = end * node**_GRADED, 2.0 * jnp.sin(0.5 * end * node**_GRADED) ** 2
+            phi = peak * ratio / (1.0 + theta)
+            density = (chi + 1.0) * self._zeroth(phi) / ratio
+            by_node = _GRADED * end * node ** (_GRADED - 1) * jnp.sin(c)
+            return weight * by_node * density * _slider_stiffness(theta, c)
 
-        sums = (jnp.sum(each, axis=0) for each in jax.vmap(part)(angle, weight))
-        real, imaginary = (jnp.where(at_zero, 0.0, one) for one in sums)
-        return Loop(jnp.asarray(self.iwan_stiffness + real), imaginary)
+        slides = jnp.sum(jax.vmap(part)(*map(jnp.asarray, UNIT_RULE)), axis=0)
+        slides = slides + last * _slider_stiffness(theta, end)
+        sticks = self._spread - self._zeroth(reach) + self._lump - last
+        first = self._first(reach) + last * most
+        second = (chi + 1.0) / (chi + 3.0) * reach**2 * self._zeroth(reach) + last * most**2
+        energy = 4.0 * theta * peak * first - (1.0 + theta) * (3.0 * theta - 1.0) * second
+        return Loop(
+            jnp.where(at_zero, self.iwan_stiffness, sticks + slides),
+            jnp.where(at_zero, 0.0, energy / (jnp.pi * peak**2)),
+        )
 
     def rate(self, y: Scalar, v: Scalar, memory: Sliders) -> Sliders:
         """Rate of the sliders that stick [m/s]; their drops, one by one, are left to `move`."""
@@ -198,3 +222,15 @@ class Iwan5(Law):
     def _first(self, x: Scalar) -> Scalar:
         """M_1 up to x <= phi_max [N/kg]."""
         return (self.iwan_chi + 1.0) / (self.iwan_chi + 2.0) * x * self._zeroth(x)
+
+
+def _drop(theta: Scalar, ratio: Scalar) -> Scalar:
+    """Angle of the loop at which sliders of the limit `ratio` times the peak let go [rad]."""
+    return 2.0 * jnp.arcsin(jnp.sqrt(0.5 * (1.0 + theta) * ratio * _WITHIN))
+
+
+def _slider_stiffness(theta: Scalar, c: Scalar) -> Scalar:
+    """Equivalent stiffness of a slider of unit stiffness that lets go at the angle c [-]."""
+    ratio = 2.0 * jnp.sin(0.5 * c) ** 2 / (1.0 + theta)
+    sine = jnp.sin(c)
+    return 2.0 / jnp.pi * ((2.0 * theta * ratio - 1.0) * sine + 0.5 * (c + sine * jnp.cos(c)))
