@@ -86,6 +86,8 @@ def _horner(s: Float[Array, "..."], coefficients: tuple[float, ...]) -> Float[Ar
 _NUM_NODES = 64
 _NUM_NODES_HARMONICS = 48
 _NUM_NEWTON = 8
+_LONG = 20.0  # relaxations of one sign, from which on the loop's integrals are closed
+_OPEN = 0.01  # of the half-width: so much of it must be opening for a closed form to keep digits
 
 
 def opening_and_area(
@@ -95,12 +97,39 @@ def opening_and_area(
 
     $$\frac{|y_0|}{Y} = g \int_0^x \frac{\phi(b,t)}{e^{-bt} + 2 g \phi(b,t)}\,dt, \qquad
       \frac{|E|}{\alpha Y^2} = 4 g \int_0^x \frac{\phi(b,t)^2}{e^{-bt} + 2 g \phi(b,t)}\,dt$$
+
+    Where x holds many relaxations, rule and integrand part: there $\psi(a, \phi(b, x))$, the
+    way that unloads the tip, and its moment are taken in closed form, with a = b - 2g,
+
+    $$\frac{|y_0|}{Y} = \frac{x - \psi(a, w)}{2}, \qquad
+      \frac{|E|}{\alpha Y^2} = 2\Bigl[\frac{x - w}{b} - \frac{\psi(a, w) - w}{a}\Bigr],
+      \qquad w = \phi(b, x)$$
     """
     nodes, weights = gauss_legendre(_NUM_NODES, 0.0, x)
-    b, g = b[..., None], g[..., None]
-    relaxed = phi(b, nodes)
-    density = g * relaxed / (jnp.exp(-b * nodes) + 2.0 * g * relaxed)
-    return jnp.sum(weights * density, -1), 4.0 * jnp.sum(weights * density * relaxed, -1)
+    relaxed = phi(b[..., None], nodes)
+    rest = jnp.exp(-b[..., None] * nodes) + 2.0 * g[..., None] * relaxed
+    density = g[..., None] * relaxed / rest
+    opening = jnp.sum(weights * density, -1)
+    area = 4.0 * jnp.sum(weights * density * relaxed, -1)
+    long = (b * x > _LONG) & (opening > _OPEN * x)
+    closed = _long_opening_and_area(*(jnp.where(long, value, 1.0) for value in (x, b, g)))
+    return jnp.where(long, closed[0], opening), jnp.where(long, closed[1], area)
+
+
+def _long_opening_and_area(
+    x: Float[Array, "..."], b: Float[Array, "..."], g: Float[Array, "..."]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """`opening_and_area` in closed form, for b x far above one."""
+    w, a = phi(b, x), b - 2.0 * g
+    rest = jnp.exp(-b * x) + 2.0 * g * w  # 1 - a w
+    near = jnp.abs(a * w) < 0.5
+    far_a = jnp.where(near, 1.0, a)
+    near_a = jnp.where(near, a, 0.0)
+    back = jnp.where(near, psi(near_a, w), -jnp.log(rest) / far_a)
+    nodes, weights = gauss_legendre(_NUM_NODES, 0.0, w)
+    moment = jnp.sum(weights * nodes / (1.0 - near_a[..., None] * nodes), -1)
+    moment = jnp.where(near, moment, (back - w) / far_a)
+    return 0.5 * (x - back), 2.0 * ((x - w) / b - moment)
 
 
 @jax.custom_jvp
