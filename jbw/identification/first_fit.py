@@ -15,6 +15,7 @@ from jbw.identification.stated_modes import unknown_signs, with_signs
 from jbw.identification.thresholds_crossed import log_evidence, other_sides
 from jbw.inference.fit.costly_fit import costly_fit, from_search
 from jbw.inference.fit.fitting import Fit, fit
+from jbw.inference.generator import generator
 from jbw.inference.lanes import at_points
 from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
 from jbw.observables import dataset
@@ -181,3 +182,21 @@ def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
         name: np.clip(starts[name], prior.lower[i], prior.upper[i])
         for i, name in enumerate(prior.names)
     }
+
+
+def steps_about(
+    key: Key[Array, ""], best: Fit, num_draws: int
+) -> Float[np.ndarray, "draw parameter"]:
+    """Steps from a fit, drawn by its covariance; the first is zero, the fit itself."""
+    white = generator(key).standard_normal((num_draws, len(best.theta)))
+    steps = white @ np.linalg.cholesky(best.covariance).T
+    steps[0] = 0.0
+    return steps
+
+
+def points_at(
+    steps: Float[np.ndarray, "draw parameter"], best: Fit, prior: Box
+) -> dict[str, np.ndarray]:
+    """Points by name at some steps from a fit, moved into the box."""
+    columns = (list(best.theta.values()) + steps).T
+    return inside(dict(zip(best.theta, columns, strict=True)), prior)

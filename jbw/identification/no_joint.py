@@ -4,13 +4,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Array, Float, Key
 from scipy import stats
 
 from jbw.identification.equivalent import Effects
-from jbw.identification.first_fit import inside
+from jbw.identification.first_fit import points_at, steps_about
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.lanes import at_points
@@ -54,11 +53,7 @@ def likely(
     Of those drawn by its covariance, within the prior, that lose no more than half of the quantile
     of $\chi^2_k$ in log likelihood; the fit itself first.
     """
-    white = np.asarray(jax.random.normal(key, (NUM_DRAWS, len(best.theta))))
-    apart = white @ np.linalg.cholesky(best.covariance).T
-    apart[0] = 0.0
-    theta = dict(zip(best.theta, (list(best.theta.values()) + apart).T, strict=True))
-    theta = inside(theta, prior)
+    theta = points_at(steps_about(key, best, NUM_DRAWS), best, prior)
     values = at_points(log_likelihood, theta, data).sum(axis=1)
     least = float(stats.chi2.isf(BY_CHANCE, len(best.theta))) / 2
     keep = values >= values[0] - least

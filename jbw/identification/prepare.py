@@ -22,7 +22,7 @@ from jbw.identification.coordinates import (
     coordinate_box,
     coordinates_sentence,
 )
-from jbw.identification.first_fit import ROUGH, first_fit, inside
+from jbw.identification.first_fit import ROUGH, first_fit, inside, points_at, steps_about
 from jbw.identification.level_trend import trend_finding
 from jbw.identification.residual_terms import shown_terms
 from jbw.identification.run_effects import (
@@ -35,7 +35,6 @@ from jbw.identification.run_effects import (
 from jbw.identification.thresholds_crossed import fitted_displacement
 from jbw.inference.fit.costly_fit import TOLERANCE, costly_fit
 from jbw.inference.fit.fitting import Fit
-from jbw.inference.generator import generator
 from jbw.inference.lanes import at_points
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.space.box import Box
@@ -188,14 +187,8 @@ def _about(
     Where the posterior bends they have left it: their log likelihood lies farther below the fit's
     than twice the half that a Gaussian's does a parameter. Close to the fit all is straight.
     """
-    white = generator(key).standard_normal((NUM_DRAWS, len(best.theta)))
-    apart = white @ np.linalg.cholesky(best.covariance).T
-    apart[0] = 0.0  # the fit itself
-
-    def drawn(near: float) -> dict[str, np.ndarray]:
-        columns = (list(best.theta.values()) + near * apart).T
-        return inside(dict(zip(best.theta, columns, strict=True)), prior)
-
-    values = at_points(dataset.log_likelihood, drawn(1.0), data).sum(axis=1)
+    steps = steps_about(key, best, NUM_DRAWS)
+    drawn = points_at(steps, best, prior)
+    values = at_points(dataset.log_likelihood, drawn, data).sum(axis=1)
     near = 1.0 if values[0] - np.median(values) <= len(best.theta) else NEAR
-    return drawn(near), near
+    return points_at(near * steps, best, prior), near

@@ -141,6 +141,19 @@ def response_to(
     theta has none where there are further points, to which a term of the first does not belong.
     """
     motion = motion_under(theta, source, fs, **options)
+    return response_of(motion, theta, source, fs, response=response, residuals=residuals)
+
+
+def response_of(
+    motion: Any,
+    theta: Mapping[str, Array],
+    source: HeldInput,
+    fs: float,
+    *,
+    response: str,
+    residuals: str,
+) -> Float[Array, "*point time"]:
+    """What a sensor sees of a motion under an input, as `response_to` says."""
     own = getattr(motion, LETTER_OF[response])
     if not (terms := taken(theta, residuals)):
         return own

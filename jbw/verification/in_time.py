@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import DEFAULT_SEGMENTS, frf
-from jbw.observables.residual_terms import added_response, taken
 from jbw.observables.samples import (
     advance,
     band_limited,
@@ -22,9 +21,10 @@ from jbw.observables.samples import (
     lines_of,
     motion_under,
     noise_share,
+    response_of,
 )
 from jbw.oscillator.hold import HeldInput
-from jbw.quantities import LETTER_OF, derivative_order, per
+from jbw.quantities import derivative_order, per
 from jbw.verification.bands import QUANTILE_AXIS, band, beside, error, errors, polar
 from jbw.verification.own_constants import completed
 from jbw.verification.places import repeats_named
@@ -90,13 +90,10 @@ def _response(
     point: int,
 ) -> tuple[Float[Array, " time"], Float[Array, ""]]:
     motion = motion_under(theta, source, fs, laws=laws, substeps=substeps, every_point=point > 0)
+    seen = response_of(motion, theta, source, fs, response=response, residuals=residuals)
     if point:
-        return getattr(motion, LETTER_OF[response])[point], jnp.max(jnp.abs(motion.y[0]))
-    own, peak = getattr(motion, LETTER_OF[response]), jnp.max(jnp.abs(motion.y))
-    if terms := taken(theta, residuals):
-        added = added_response(terms, source.samples, fs, response=response, periodic=False)
-        own += theta["gain"] * added
-    return own, peak
+        return seen[point], jnp.max(jnp.abs(motion.y[0]))
+    return seen, jnp.max(jnp.abs(motion.y))
 
 
 def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Motion:
