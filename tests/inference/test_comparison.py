@@ -7,6 +7,7 @@ from scipy.stats import norm
 
 from jbw.inference.posterior.compare import (
     QUANTITIES,
+    distance,
     distances,
     exact_numbers,
     furthest,
@@ -69,3 +70,17 @@ def test_the_reference_is_the_most_effective_whose_chains_agree():
     assert reference_of(rows) == "many"
     assert reference_of({"stuck": rows["stuck"]}) == "stuck"
     assert set(QUANTITIES) <= set(rows["many"]["a"])
+
+
+def test_errors_of_both_add_up_by_their_squares():
+    """3 and 4 make 5."""
+    own, other = {"mean": 12.0, "mcse_mean": 3.0}, {"mean": 2.0, "mcse_mean": 4.0}
+    assert distance(own, other, "mean", "mcse_mean") == pytest.approx(2.0, rel=1e-15)
+    assert distance(other, own, "mean", "mcse_mean") == pytest.approx(-2.0, rel=1e-15)
+
+
+def test_chains_that_are_a_little_apart_are_no_reference():
+    """Means by +-0.3: R-hat is about sqrt(1 + 0.12), however many effective draws there are."""
+    agreed = {"r_hat": 1.005, "ess_bulk": 500.0, "ess_tail": 500.0}
+    apart = {"r_hat": 1.06, "ess_bulk": 5000.0, "ess_tail": 5000.0}
+    assert reference_of({"apart": {"a": apart}, "agreed": {"a": agreed}}) == "agreed"

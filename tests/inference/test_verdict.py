@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from pasted import lines_of, pasted
+from scipy.signal import lfilter
 from scipy.stats import truncnorm
 
 from jbw.cli.about import pages
@@ -358,3 +359,54 @@ def test_one_chain_of_bad_energy_among_good_ones_is_found():
     assert found.status == "failed"
     energy = stats["energy"][2]
     assert found.number == pytest.approx(np.mean(np.diff(energy) ** 2) / np.var(energy), rel=0.01)
+
+
+def correlated(coefficient, rng, shape):
+    """Unit normal numbers along the last axis, each the last one times a coefficient and noise."""
+    noise = rng.standard_normal(shape)
+    return lfilter([np.sqrt(1 - coefficient**2)], [1, -coefficient], noise)
+
+
+@pytest.mark.parametrize(("shift", "status"), [(0.0, "ok"), (0.3, "failed")])
+def test_chains_a_little_apart_fail(shift, status):
+    """Means by +-0.3 of their deviation: R-hat of Gelman and Rubin is about 1.06."""
+    draws, stats = healthy()
+    draws["alpha"] += shift * 0.05 * np.array([1, -1, 1, -1])[:, None]
+    between, within = np.var(draws["alpha"].mean(axis=1), ddof=1), draws["alpha"].var(axis=1).mean()
+    by_hand = np.sqrt(1 + between / within)
+    assert 1.03 < by_hand < 1.09 or by_hand < 1.005
+    found = {finding.code: finding for finding in judged(draws, stats).findings}["r_hat"]
+    assert found.status == status
+    assert found.number == pytest.approx(by_hand, abs=0.02)  # of ranks, and of halves of chains
+
+
+@pytest.mark.parametrize(("coefficient", "status"), [(0.5, "ok"), (0.9, "failed")])
+def test_draws_worth_some_hundreds_fail(coefficient, status):
+    """4000 draws of correlation c are worth 4000 (1 - c) / (1 + c): 1333 and 211."""
+    draws, stats = healthy()
+    draws["alpha"] = 1.5 + 0.05 * correlated(coefficient, np.random.default_rng(1), (4, 1000))
+    found = {finding.code: finding for finding in judged(draws, stats).findings}["ess_bulk"]
+    assert found.status == status
+    worth = 4000 * (1 - coefficient) / (1 + coefficient)
+    assert found.number == pytest.approx(worth, rel=0.35)  # of halves of 26 correlation times
+
+
+@pytest.mark.parametrize(("coefficient", "status"), [(0.7, "ok"), (0.9, "failed")])
+def test_energies_that_creep_fail(coefficient, status):
+    """E-BFMI of energies of correlation c is 2 (1 - c): 0.6 and 0.2."""
+    draws, stats = healthy()
+    stats["energy"] = correlated(coefficient, np.random.default_rng(1), (4, 1000))
+    found = {finding.code: finding for finding in judged(draws, stats).findings}["e_bfmi"]
+    assert found.status == status
+    assert found.number == pytest.approx(2 * (1 - coefficient), rel=0.25)
+
+
+@pytest.mark.parametrize(("khat", "status"), [(0.65, "ok"), (0.75, "failed"), (2.0, "failed")])
+def test_weights_of_a_heavy_tail_fail(khat, status):
+    """0.7 is where Vehtari et al. (2024) say that weighted means no longer settle."""
+    assert status_of(judged(*healthy(), {"khat": khat}), "khat") == status
+
+
+@pytest.mark.parametrize(("ratio", "status"), [(0.15, "failed"), (4.5, "ok"), (5.5, "failed")])
+def test_a_fit_of_five_times_the_noise_fails(ratio, status):
+    assert status_of(judged(*healthy(), chi_square=(100.0 * ratio, 100)), "chi_square") == status
