@@ -15,7 +15,7 @@ from jaxtyping import Complex, Float
 
 from jbw.campaign.load import Campaign
 from jbw.errors import DataError
-from jbw.measurement.curves import forced_loop
+from jbw.measurement.curves import ForcedLoop, forced_loop
 from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
 from jbw.measurement.records import INPUTS, Test, drive_of
 from jbw.measurement.resonances import (
@@ -190,13 +190,13 @@ def _of_harmonics(tests: Sequence[Test]) -> tuple[list[Reading], Response]:
         raise DataError(f"Test {tests[0].name} has no response to a tone of its own.")
     found = []
     for one in groups:
-        y = one.motion[:, 0]
+        y = one.motion[:, 0].astype(complex)  # of a response that is held it is real
         top = int(np.argmax(np.abs(y)))
         third = abs(one.motion[top, 1] / y[top]) if one.motion.shape[1] > 1 else 0.0
-        read = read_curve(one.omega, one.load[:, 0], y)
+        read = read_curve(one.omega, one.load[:, 0].astype(complex), y)
         found.append(read._replace(third=float(third) or np.nan))
     first = groups[0]
-    load, motion = first.load[:, 0], first.motion[:, 0]
+    load, motion = (x[:, 0].astype(complex) for x in (first.load, first.motion))
     return found, _shown(first.omega, load, motion, found[0], tests[0])
 
 
@@ -250,14 +250,18 @@ def _coherence(test: Test) -> float | None:
 
 
 def _loop_row(test: Test) -> dict[str, Any]:
-    """The secant stiffness of a force loop at its largest displacement."""
-    loop = forced_loop(test.records[0])
-    top, bottom = int(np.nanargmax(loop.displacement)), int(np.nanargmin(loop.displacement))
-    y, force = loop.displacement[[bottom, top]], loop.force[[bottom, top]]
-    if y[1] == y[0]:
+    """The secant stiffness of force loops at their largest displacement, the mean of repeats."""
+    y, stiffness = np.mean([_secant(test, forced_loop(one)) for one in test.records], axis=0)
+    return {"test": test.name, "y": float(y), "stiffness": float(stiffness)}
+
+
+def _secant(test: Test, loop: ForcedLoop) -> tuple[float, float]:
+    """Half of the displacement between a loop's ends [m], and the stiffness between them [N/m]."""
+    ends = [int(np.nanargmin(loop.displacement)), int(np.nanargmax(loop.displacement))]
+    (bottom, top), force = loop.displacement[ends], loop.force[ends]
+    if top == bottom:
         raise DataError(f"Test {test.name} holds its displacement still.")
-    stiffness = float((force[1] - force[0]) / (y[1] - y[0]))
-    return {"test": test.name, "y": float(0.5 * (y[1] - y[0])), "stiffness": stiffness}
+    return 0.5 * (top - bottom), (force[1] - force[0]) / (top - bottom)
 
 
 def _shown(
