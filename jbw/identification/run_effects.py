@@ -27,6 +27,7 @@ from jbw.observables.drives import plain
 from jbw.observables.observable import OFFSETS, assemblies_of
 from jbw.quantities import BY_NAME
 
+MOST_ALIKE = 1e12  # condition of a run's offsets as correlations: beyond, they are one direction
 BY_CHANCE = 1e-3  # probability below which shifts are taken for real
 LEAST, MOST = (1e-7, 1e-4), (1e-2, 0.5)  # scatter of omega_n and zeta, relative
 NUM_DRAWS = 200
@@ -66,7 +67,7 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
                 slope, number = slopes[label], labels.index(run)
                 precision[number] += slope.T @ slope
                 pull[number] += slope.T @ left[label]
-    known = np.array([np.linalg.cond(one) < 1e12 if one.any() else False for one in precision])
+    known = np.array([tells_apart(one) for one in precision])
     if known.sum() < 2:
         return None
     precision, pull = precision[known], pull[known]
@@ -83,6 +84,12 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
         std=std,
         p=float(stats.chi2.sf(chi_square, dof)),
     )
+
+
+def tells_apart(precision: Float[np.ndarray, "own own"]) -> bool:
+    """Whether a run knows each of its offsets, in whichever units frequency and damping are."""
+    size = np.sqrt(np.diag(precision))
+    return bool(np.all(size > 0) and np.linalg.cond(precision / np.outer(size, size)) < MOST_ALIKE)
 
 
 def wanted(shifts: Shifts, settings: Identify) -> bool:
