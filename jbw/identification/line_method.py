@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import DataError
-from jbw.measurement.channels import passband
+from jbw.measurement.channels import ROUNDING, passband
 from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
@@ -91,7 +91,7 @@ def in_band(frf: FRF, band: tuple[float, float] | None) -> FRF:
         low, high = band
     else:
         low, high = passband(band, frf.fs / 2)
-    first, last = np.searchsorted(frf.freq, [low, high * (1 + 1e-12)])
+    first, last = np.searchsorted(frf.freq, [low * (1 - ROUNDING), high * (1 + ROUNDING)])
     if last - first < 4:
         raise DataError(
             f"The band {low:.4g} to {high:.4g} Hz must hold at least 4 lines, "

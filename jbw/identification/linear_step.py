@@ -8,6 +8,7 @@ import xarray as xr
 
 from jbw.identification.linear import LineFit, PooledFit, Residuals, line_fit, pool
 from jbw.identification.modal import ModalFit, fit_modes, in_order, line_of, model_lines
+from jbw.measurement.channels import lines_within
 from jbw.measurement.checks import told_together
 from jbw.measurement.records import Test, steady
 from jbw.measurement.spectra import FRF, frf
@@ -112,8 +113,7 @@ def units_of(step: LinearStep) -> dict[str, str]:
 def linear_dataset(step: LinearStep) -> xr.Dataset:
     """The step as labelled arrays: fits by repeat, and the FRF in the fitted band."""
     pooled = step.pooled
-    low, high = step.fits[0].band_hz
-    keep = (step.frf.freq >= low) & (step.frf.freq <= high)
+    keep = lines_within(step.frf.freq, step.fits[0].band_hz)
     freq, h = step.frf.freq[keep], step.frf.h[keep]
     if step.modal is None:
         model = pooled.gain * np.asarray(h1(2 * np.pi * freq, pooled.omega_n, pooled.zeta))
@@ -154,7 +154,7 @@ def modes_dataset(step: LinearStep) -> xr.Dataset | None:
         "residue_sd": ("mode", std[2 * num :], {"units": unit}),
         "covariance": (("value", "other"), fit.covariance, {"units": "1"}),
     }
-    keep = (step.frf.freq >= fit.band_hz[0]) & (step.frf.freq <= fit.band_hz[1])
+    keep = lines_within(step.frf.freq, fit.band_hz)
     freq = step.frf.freq[keep]
     model = model_lines(fit, 2 * np.pi * freq)[0]
     receptance = {"units": per("m", step.source_unit)}

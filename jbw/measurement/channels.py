@@ -7,6 +7,8 @@ from jbw.errors import ConfigError, DataError
 
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
+# Relative: a line on the edge of a band, or a whole number of samples, is so in every unit of time.
+ROUNDING = 1e-9
 
 
 def channel(x: ArrayLike, name: str) -> Reals:
@@ -54,6 +56,22 @@ def sampling(fs: float) -> float:
     if not (np.isfinite(fs) and fs > 0):
         raise ConfigError(f"Argument `fs` must be positive [Hz], but it is {fs}.")
     return float(fs)
+
+
+def lines_within(freq: Reals, band: tuple[float, float]) -> NDArray[np.bool_]:
+    """Which lines lie in a band, its edges included, in the unit of both."""
+    low, high = band
+    return (freq >= low * (1 - ROUNDING)) & (freq <= high * (1 + ROUNDING))
+
+
+def whole_down(number: float) -> int:
+    """The whole number at or below one, which may have been rounded to just below it."""
+    return int(np.floor(number + ROUNDING * abs(number)))
+
+
+def whole_up(number: float) -> int:
+    """The whole number at or above one, which may have been rounded to just above it."""
+    return int(np.ceil(number - ROUNDING * abs(number)))
 
 
 def passband(band: tuple[float, float], nyquist: float) -> tuple[float, float]:

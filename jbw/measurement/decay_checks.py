@@ -15,11 +15,11 @@ from scipy.signal.windows import blackmanharris
 from scipy.stats import chi2
 
 from jbw.errors import DataError
-from jbw.measurement.channels import Reals
+from jbw.measurement.channels import Reals, whole_up
 from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.measurement.demodulation import band_filter, decay_steps, demodulate
 from jbw.measurement.records import Record
-from jbw.measurement.response_checks import band_about_peak, undecaying
+from jbw.measurement.response_checks import about_peak, undecaying
 
 FEWEST_VALUES = 24  # of an envelope, before anything is said of it
 QUIET, LOUD = 0.1, 0.5  # of the largest response, before a blow and within a period after it
@@ -83,7 +83,7 @@ def course_of(record: Record, band: Sequence[float] | None, settle: float) -> Co
     x = record.channels[record.response][round(settle * record.fs) :]
     if len(x) < FEWEST_VALUES or not np.any(x):
         return None
-    low, high = band or band_about_peak(record, settle)
+    low, high = band or about_peak(record, settle)
     if not 0 < low < high < record.fs / 2:
         return None
     chosen = band_filter((low, high), record.fs)
@@ -145,7 +145,7 @@ def late_blow(record: Record, course: Course) -> Iterator[Fault]:
 
 def _onset(x: Reals, fs: float, begins: float, centre_hz: float) -> float | None:
     """Time at which a quiet record turns loud within a period of the mode [s]."""
-    first, period = round(begins * fs), int(np.ceil(fs / centre_hz))
+    first, period = round(begins * fs), whole_up(fs / centre_hz)
     size = np.abs(x[first:] - np.median(x[first:]))
     size = size / size.max()
     blow = int(np.argmax(size > QUIET))

@@ -8,7 +8,7 @@ from jaxtyping import Complex, Float
 from scipy.signal import fftconvolve, firwin, kaiser_beta, kaiserord
 
 from jbw.errors import DataError
-from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.channels import Complexes, Reals, whole_down
 
 ATTENUATION = 80.0  # dB, of what lies outside the band
 WINDOW = 0.25  # of the time constant of a decay: a reading's window, over which it falls by a fifth
@@ -50,7 +50,7 @@ def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
     # Values are taken apart by 1 / B_eq, B_eq = f_s sum h^2 / (sum h)^2, the equivalent noise
     # bandwidth: there are as many of them as white noise has degrees of freedom in the band.
     half_band = (band_hz[1] - band_hz[0]) / 2
-    stride = max(1, int(fs / (LEAST_PER_PERIOD * band_hz[1])))
+    stride = max(1, whole_down(fs / (LEAST_PER_PERIOD * band_hz[1])))
     length, _ = kaiserord(ATTENUATION, half_band / (fs / 2))
     half = -(-length // (2 * stride)) * stride
     window: Any = ("kaiser", kaiser_beta(ATTENUATION))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import DataError
-from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.channels import Complexes, Reals, lines_within
 from jbw.measurement.checks import Fault, doubt
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.spectra import FRF, frf, half_power_bandwidth, stands_out
@@ -41,8 +41,7 @@ def doubts(
         yield broken[0]
         return
     yield from _outside_band(record.response, coarse, band_hz)
-    low, high = band_hz or (0.0, np.inf)
-    lines = _carried(fine) & (fine.freq >= low) & (fine.freq <= high)
+    lines = _carried(fine) & lines_within(fine.freq, band_hz or (0.0, np.inf))
     freq, h = fine.freq[lines], fine.h[lines]
     if len(freq) >= SEGMENTS and stands_out(h):
         yield from _unresolved(record, fine.resolution_hz, freq, h)
@@ -103,9 +102,9 @@ def _incoherent(role: str, estimate: FRF) -> Iterator[Fault]:
 def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None) -> Iterator[Fault]:
     freq, density = estimate.freq, estimate.output_spectrum
     peak = float(freq[density.argmax()])
-    if band_hz is None or band_hz[0] <= peak <= band_hz[1]:
+    if band_hz is None or lines_within(np.array(peak), band_hz):
         return
-    inside = density[(freq >= band_hz[0]) & (freq <= band_hz[1])]
+    inside = density[lines_within(freq, band_hz)]
     # A structure may have a stronger mode elsewhere, beside a clear one in the band.
     if len(inside) > SEGMENTS and inside[1:-1].max() > max(
         CLEAR * np.median(inside), *inside[[0, -1]]

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from jbw.errors import DataError
+from jbw.measurement.channels import lines_within
 from jbw.measurement.records import Record
 from jbw.quantities import derivative_order
 
@@ -68,7 +69,7 @@ def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> 
     size = np.sqrt(np.convolve(np.abs(source) ** 2, near, "same"))
     kept = (size > DRIVEN * np.max(size)) & swept(np.abs(source) ** 2)
     if band_hz is not None:
-        kept &= (freq >= band_hz[0]) & (freq <= band_hz[1])
+        kept &= lines_within(freq, band_hz)
     if np.count_nonzero(kept) < LEAST_LINES:
         raise DataError(too_few)
     place = 1 + np.flatnonzero(kept)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from jbw.errors import JbwError
-from jbw.measurement.channels import Reals
+from jbw.measurement.channels import Reals, lines_within
 from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.measurement.curves import ForcedLoop, ResponseCurve, displacement_of
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
@@ -189,8 +189,7 @@ def already_moving(record: Record, band: Sequence[float] | None, settle: float) 
         return
     x = np.concatenate([x, np.zeros_like(x)])  # so that the end does not reach round to the start
     freq, spectrum = np.fft.rfftfreq(len(x), 1 / fs), np.fft.rfft(x)
-    low, high = band or (0.0, fs)
-    spectrum[(freq < low) | (freq > high) | (freq == 0)] = 0
+    spectrum[~lines_within(freq, band or (0.0, fs)) | (freq == 0)] = 0
     x = np.fft.irfft(spectrum, len(x))[: len(x) // 2]
     phase = 2 * np.pi * freq[np.argmax(np.abs(spectrum))] / fs * np.arange(len(x))
     first = max(int(np.searchsorted(phase, 2 * np.pi)), 8)
@@ -257,9 +256,9 @@ def several_resonances(record: Record) -> Iterator[Fault]:
         return
     hz, power = lines.omega / (2 * np.pi), np.abs(lines.y) ** 2
     peak = float(hz[np.argmax(power * lines.omega**2)])
-    low, high = _about(peak)
-    elsewhere = float(np.sum(power[(hz < low) | (hz > high)]) / np.sum(power))
+    elsewhere = float(np.sum(power[~lines_within(hz, _about(peak))]) / np.sum(power))
     if elsewhere > ELSEWHERE:
+        low, high = _in_two_digits(_about(peak))
         yield doubt(
             record.response,
             f"{elsewhere:.0%} of the displacement's power lies outside {low:g} to {high:g} Hz, "
@@ -270,14 +269,26 @@ def several_resonances(record: Record) -> Iterator[Fault]:
 
 
 def _about(peak_hz: float) -> tuple[float, float]:
-    """Frequencies about a line [Hz], to two digits."""
-    return float(f"{(1 - ABOUT) * peak_hz:.2g}"), float(f"{(1 + ABOUT) * peak_hz:.2g}")
+    """Frequencies about a line [Hz]."""
+    return (1 - ABOUT) * peak_hz, (1 + ABOUT) * peak_hz
+
+
+def _in_two_digits(band_hz: tuple[float, float]) -> tuple[float, float]:
+    """Frequencies as a person writes them [Hz]: to be proposed, never to be computed with."""
+    return float(f"{band_hz[0]:.2g}"), float(f"{band_hz[1]:.2g}")
 
 
 def band_about_peak(
     record: Record, settle: float = 0.0, *, within: tuple[float, float] | None = None
 ) -> tuple[float, float]:
-    """Frequencies about the strongest line of a displacement [Hz], to two digits.
+    """The band to propose for a record, `about_peak`, to two digits [Hz]."""
+    return _in_two_digits(about_peak(record, settle, within=within))
+
+
+def about_peak(
+    record: Record, settle: float = 0.0, *, within: tuple[float, float] | None = None
+) -> tuple[float, float]:
+    """Frequencies about the strongest line of a displacement [Hz].
 
     Of the lines `within` some frequencies [Hz] where these are given and the record has any.
     """
@@ -288,9 +299,9 @@ def band_about_peak(
     size = np.abs(np.fft.rfft(x * np.hanning(len(x)))[1:]) / freq ** derivative_order(
         record.response
     )
-    if within is not None and np.any(inside := (freq >= within[0]) & (freq <= within[1])):
+    if within is not None and np.any(inside := lines_within(freq, within)):
         size = np.where(inside, size, 0.0)
     # Beyond what a mean that drifts adds.
-    lowest = min(int(np.searchsorted(freq, PERIODS * record.fs / len(x))), len(size) - 1)
+    lowest = min(PERIODS - 1, len(size) - 1)
     peak = float(freq[lowest + np.argmax(size[lowest:])])
     return _about(peak)

@@ -19,6 +19,7 @@ from jbw.measurement.channels import (
     Complexes,
     Reals,
     channel,
+    lines_within,
     passband,
     same_length,
     sampling,
@@ -78,7 +79,7 @@ def fit_attachment(
         raise DataError(f"Channel `{dead}` is constant: it tells nothing of the attachment.")
     freq = np.fft.rfftfreq(len(v), 1 / sampling(fs))
     low, high = passband(band, fs / 2)
-    keep = (freq > 0) & (freq >= low) & (freq <= high)
+    keep = (freq > 0) & lines_within(freq, (low, high))
     if 2 * keep.sum() <= len(NAMES):
         raise DataError(
             f"The band {low:g} to {high:g} Hz must hold {len(NAMES) // 2 + 1} lines or more for "

@@ -9,7 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft, signal
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.channels import Complexes, Reals, channel, passband, same_length, sampling
+from jbw.measurement.channels import (
+    Complexes,
+    Reals,
+    channel,
+    lines_within,
+    passband,
+    same_length,
+    sampling,
+)
 from jbw.quantities import Motion, derivative_order
 
 Window = Literal["hann", "boxcar"]
@@ -198,7 +206,7 @@ def _spectra(
     s_uy = signal.csd(u, y, detrend="constant", **how)[1]  # a lagging y has negative phase
     nyquist = how["fs"] / 2
     low, high = passband(band or (0.0, nyquist), nyquist)
-    keep = (freq > 0) & (freq >= low) & (freq <= high)
+    keep = (freq > 0) & lines_within(freq, (low, high))
     if not keep.any():
         raise ConfigError(
             f"Argument `band` = ({low:g}, {high:g}) Hz holds no line of the "

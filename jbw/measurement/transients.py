@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.channels import channel, passband, same_length, sampling
+from jbw.measurement.channels import channel, lines_within, passband, same_length, sampling
 from jbw.measurement.spectra import FRF
 from jbw.quantities import Motion, derivative_order
 
@@ -46,7 +46,7 @@ def record_frf(
         raise DataError(f"Channel `u` must be one record, but its shape is {u.shape}.")
     freq = np.fft.rfftfreq(len(u), 1 / fs)
     low, high = passband(band, fs / 2)
-    keep = (freq > 0) & (freq >= low) & (freq <= high)
+    keep = (freq > 0) & lines_within(freq, (low, high))
     if not keep.any():
         raise ConfigError(f"Argument `band` = ({low:g}, {high:g}) Hz holds no line of the record.")
     spectra: Any = [np.fft.rfft(x - x.mean()) for x in (u, y)]

@@ -27,6 +27,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jbw.errors import ConfigError
+from jbw.measurement.channels import lines_within, whole_up
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, matched
 from jbw.observables.modal_starts import bands_of, starts_of
@@ -116,7 +117,7 @@ class ModalDecays(Decays):
         known |= {
             "y_start": jnp.asarray(np.abs(starts).sum(axis=1).max()),
             "num_samples": (alike.envelope.shape[1] - 1) * alike.stride + len(alike.taps),
-            "substeps": substeps or int(np.ceil(STEPS_A_PERIOD * highest / alike.fs)),
+            "substeps": substeps or whole_up(STEPS_A_PERIOD * highest / alike.fs),
             "modes": modes,
         }
         return cls(
@@ -276,5 +277,5 @@ def errors_by_mode(left: Complex[np.ndarray, "record step"], data: ModalDecays) 
     """What is left over what was measured, in the band of each mode, by lines of the envelopes."""
     hz = data.centre_hz + np.fft.fftfreq(left.shape[1], data.step_s)
     lines, whole = (np.fft.fft(np.asarray(rows)) for rows in (left, data.envelope))
-    about = [(hz >= low) & (hz <= high) for low, high in data.bands_hz]
+    about = [lines_within(hz, band) for band in data.bands_hz]
     return [float(np.linalg.norm(lines[:, k]) / np.linalg.norm(whole[:, k])) for k in about]

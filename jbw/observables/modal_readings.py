@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 from scipy.optimize import least_squares
 
+from jbw.measurement.channels import lines_within
 from jbw.observables.modes import FIRST, Modes, Reals
 
 DRIVEN = 0.1  # of the largest: lines that first values are read from
@@ -57,9 +58,9 @@ def _near(
     """Lines that drive a mode, by its number, where they span such a part of its window."""
     loud, found = np.abs(motion.source) > DRIVEN * np.abs(motion.source).max(), {}
     for i, window in enumerate(windows_hz):
-        low, high = 2 * np.pi * np.array(window)
-        own = loud & (motion.omega >= low) & (motion.omega <= high)
-        if np.sum(own) >= FEWEST and np.ptp(motion.omega[own]) >= spanned * (high - low):
+        own = loud & lines_within(motion.omega / (2 * np.pi), window)
+        width = 2 * np.pi * (window[1] - window[0])
+        if np.sum(own) >= FEWEST and np.ptp(motion.omega[own]) >= spanned * width:
             found[i] = own
     return found
 
@@ -108,7 +109,7 @@ def band_peak(
 ) -> float:
     """Largest displacement [m] in a band of responses of this order."""
     freq = np.fft.rfftfreq(x.shape[1], 1 / fs)
-    kept = (freq > band_hz[0]) & (freq < band_hz[1])
+    kept = (freq > 0) & lines_within(freq, band_hz)
     factor = np.where(kept, (2j * np.pi * np.where(kept, freq, 1.0)) ** -order, 0.0)
     return float(np.max(np.abs(np.fft.irfft(factor * np.fft.rfft(x), x.shape[1]))))
 

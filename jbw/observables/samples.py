@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.errors import DataError
+from jbw.measurement.channels import whole_down, whole_up
 from jbw.observables.residual_terms import added_response, taken
 from jbw.oscillator.deepening import with_depth
 from jbw.oscillator.hold import HeldInput, held
@@ -39,8 +40,8 @@ def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:
     """First line of a spectrum in a band, which must hold one, and the one after the last."""
     if not band_hz:
         return None
-    first, last = np.ceil(band_hz[0] * length / fs), np.floor(band_hz[1] * length / fs)
-    lines = max(int(first), 1), min(int(last), (length - 1) // 2) + 1
+    first, last = whole_up(band_hz[0] * length / fs), whole_down(band_hz[1] * length / fs)
+    lines = max(first, 1), min(last, (length - 1) // 2) + 1
     if lines[1] <= lines[0]:
         raise DataError(
             f"Key `band` must hold a line of the records' spectra, which lie {fs / length:.3g} Hz "
@@ -85,7 +86,7 @@ def loudest_hz(means: Float[np.ndarray, "level time"], fs: float) -> float:
 def substeps_for(hz: float, fs: float, least: int) -> int:
     """Steps of the solver between samples, a power of two, for 50 in a period of a motion."""
     wanted = max(STEPS_A_PERIOD * hz / fs, least)
-    return 2 ** int(np.ceil(np.log2(wanted)))
+    return 2 ** whole_up(float(np.log2(wanted)))
 
 
 def band_limited(

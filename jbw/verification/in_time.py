@@ -12,6 +12,7 @@ import xarray as xr
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
+from jbw.measurement.channels import lines_within
 from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import DEFAULT_SEGMENTS, frf
 from jbw.observables.samples import (
@@ -237,7 +238,7 @@ def _frf(
             found = frf(u[skip:], y[skip:], record.fs, response=record.response, band=band_hz)
         return found.freq, found.h
     freq = np.fft.rfftfreq(len(u), 1 / record.fs)
-    keep = (freq >= band_hz[0]) & (freq <= band_hz[1])
+    keep = lines_within(freq, band_hz)
     ratio = np.fft.rfft(y)[keep] / np.fft.rfft(u)[keep]
     return freq[keep], ratio / (2j * np.pi * freq[keep]) ** derivative_order(record.response)
 
@@ -258,8 +259,7 @@ def _share(
     power: NDArray[np.float64], freq: NDArray[np.float64], edges: tuple[float, float]
 ) -> float:
     """Share of the power in a band."""
-    low, high = edges
-    return float(np.sum(power[(freq >= low) & (freq <= high)]) / np.sum(power))
+    return float(np.sum(power[lines_within(freq, edges)]) / np.sum(power))
 
 
 def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, float] | None]:
@@ -273,7 +273,7 @@ def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, floa
     share = shares[low, high]
     low = max(low, freq[np.searchsorted(grown, OUTSIDE)])
     high = min(high, freq[np.searchsorted(grown, 1 - OUTSIDE)])
-    enough = np.count_nonzero((freq >= low) & (freq <= high)) >= LEAST_LINES
+    enough = np.count_nonzero(lines_within(freq, (low, high))) >= LEAST_LINES
     return share, (float(low), float(high)) if enough else None
 
 

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
+from jbw.measurement.channels import lines_within
 from jbw.measurement.loops import differentiate, enclosed_area, integrate, mean_cycles
 from jbw.measurement.records import Record, Test, periods
 from jbw.observables.loops import Loops
@@ -72,8 +73,7 @@ def predict_periods(source: Source, test: Test) -> Predicted:
     unit = {"units": UNIT_OF[data.response], "long_name": data.response}
     variables = beside("time", measured, model, noise_std, unit)
     freq = np.fft.rfftfreq(size, 1 / data.fs)
-    low, high = cut.band_hz or (freq[1], freq[-1])
-    keep = (freq >= low) & (freq <= high)
+    keep = lines_within(freq, cut.band_hz or (freq[1], freq[-1]))
     median = np.median(model, axis=0)
     spectra = {"measured": measured, "model": median, "error": measured - median}
     spectra |= {f"{name}_error": measured - one for name, one in others.items()}

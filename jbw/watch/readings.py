@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from jbw.errors import DataError
+from jbw.measurement.channels import lines_within
 from jbw.measurement.demodulation import BandFilter, demodulate
 from jbw.measurement.records import Record, Test
 from jbw.observables.decay_envelopes import filter_of
@@ -165,7 +166,7 @@ def _other_modes(
     freq = np.fft.rfftfreq(len(x), 1 / record.fs)
     spectrum[1:] /= freq[1:] ** derivative_order(test.records[0].response)
     (low, high), half = chosen.band_hz, (chosen.band_hz[1] - chosen.band_hz[0]) / 2
-    within = (freq >= low) & (freq <= high)
+    within = lines_within(freq, (low, high))
     # A Hann window smears a line, and a mean that is taken out, over four lines.
     smear = 4 * record.fs / len(x)
     outside = ((freq < low - half) | (freq > high + half)) & (freq > smear)
