@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from jbw.identification.run_effects import tells_apart
+from jbw.measurement.channels import lines_within, whole_down, whole_up
 from jbw.measurement.records import Record, Test
 from jbw.observables.decay import Decays
 from jbw.verification.decays import SEEN, num_seen
@@ -82,3 +84,27 @@ def test_the_start_of_a_held_out_decay_is_read_over_the_same_part_of_it(scale):
     assert seen_s * scale == pytest.approx(SEEN / rate, abs=data.step_s * scale)
     silent = {"omega_n": np.full(3, OMEGA * scale), "zeta": np.zeros(3)}
     assert num_seen(silent, data) == data.envelope.shape[1] // 2
+
+
+@pytest.mark.parametrize("scale", [*SCALES, 2.0**40])
+def test_a_run_knows_its_offsets_in_any_unit_of_time(scale):
+    """A frequency to 1e-6 and a damping ratio to 1e-4 of theirs, with a correlation of 0.5."""
+    std = np.array([1e-6 * OMEGA * scale, 1e-4 * ZETA])
+    correlation = np.array([[1.0, 0.5], [0.5, 1.0]])
+    assert tells_apart(np.linalg.inv(correlation * np.outer(std, std)))
+    assert not tells_apart(np.outer(1 / std, 1 / std))  # one direction alone
+    assert not tells_apart(np.diag([1 / std[0] ** 2, 0.0]))  # a loop, which knows no damping
+
+
+@pytest.mark.parametrize("number", [4.0, 4096.0])
+def test_a_whole_number_stays_one_in_every_unit_of_time(number):
+    """17 Hz are the 1632nd line of 96 s, of 96 s told in units of 50 s too."""
+    for factor in (1.0, 3.0, 50.0, 1e-3, 1e5, 1 / 7):
+        rounded = (number * 256.0 / factor) / (256.0 / factor)
+        for off in (rounded, np.nextafter(rounded, 0), np.nextafter(rounded, np.inf)):
+            assert whole_down(off) == whole_up(off) == number
+    assert (whole_down(number + 0.5), whole_up(number + 0.5)) == (number, number + 1)
+    freq = np.fft.rfftfreq(24576, 1 / (256.0 / 50.0))
+    for band in ((17.0, 20.5), (16.5, 21.0)):
+        kept = lines_within(freq, (band[0] / 50, band[1] / 50))
+        assert np.count_nonzero(kept) == 96 * (band[1] - band[0]) + 1
