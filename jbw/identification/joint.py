@@ -31,7 +31,7 @@ from jbw.identification.equivalent import (
 from jbw.identification.leaving_out import consistency_finding, leave_one_out, left_out_sentence
 from jbw.identification.no_joint import joint_finding, likely, may_be_absent, without_joint
 from jbw.identification.own_joints import own_joint_sentences
-from jbw.identification.prepare import Fitted, prepare
+from jbw.identification.prepare import Fitted, completed, weighed
 from jbw.identification.reached import threshold_sentences
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.stated_modes import (
@@ -84,8 +84,8 @@ def joint_step(
     for step in ("third_order_nuts", "opening_nuts"):
         if step in earlier:
             known |= _of_reading(means_of(earlier[step].posterior), data)
-    ready = prepare(keys[:2], data, settings, known)
-    ready = without_absent_joint(keys[0], ready, settings) or ready
+    ready = weighed(keys[:2], data, settings, known)
+    ready = completed(keys[1], without_absent_joint(keys[0], ready) or ready, settings)
     chains = sample_joint(keys[2], ready, settings, keep, name)
     if (wider := widened(chains, ready, settings.prior)) is not None:
         ready = wider
@@ -113,8 +113,11 @@ def joint_step(
     return replace(step, verdict=judged, statements=(*step.statements, *advice)), ready.data
 
 
-def without_absent_joint(key: Key[Array, ""], ready: Fitted, settings: Identify) -> Fitted | None:
+def without_absent_joint(key: Key[Array, ""], ready: Fitted) -> Fitted | None:
     """The structure without its joint, where the fit sees none; None where it may see one.
+
+    Asked as soon as noise, run effects and residual terms are settled: coordinates and solver steps
+    of a joint that is not there are not looked for.
 
     Along the ridge of a joint that the data do not see there is nothing to draw: what a joint may
     do at most is told by the points about the fit that the data do not rule out.

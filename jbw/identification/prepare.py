@@ -80,8 +80,18 @@ def prepare(
     known: Mapping[str, float] | None = None,
 ) -> Fitted:
     """First values, the box, the fit from them and from `known` ones, and what the fit settles."""
+    return completed(keys[1], weighed(keys, data, settings, known), settings)
+
+
+def weighed(
+    keys: Key[Array, " two"],
+    data: Dataset,
+    settings: Identify,
+    known: Mapping[str, float] | None = None,
+) -> Fitted:
+    """The first fit and what it settles of the weights, before coordinates and solver steps."""
     prior, first, data = first_fit(keys[0], data, settings, known)
-    ready = reweight(keys[1], data, prior, first, settings)
+    ready = with_effects(keys[1], data, prior, first, settings)
     best = replace(ready.fit, waterfall=first.waterfall)  # the later fits have one start
     return replace(ready, fit=best, chi_square=explained(first, data))
 
@@ -90,6 +100,13 @@ def reweight(
     key: Key[Array, ""], data: Dataset, prior: Box, first: Fit, settings: Identify
 ) -> Fitted:
     """Noise, effective values and run effects as fits show them; coordinates and solver steps."""
+    return completed(key, with_effects(key, data, prior, first, settings), settings)
+
+
+def with_effects(
+    key: Key[Array, ""], data: Dataset, prior: Box, first: Fit, settings: Identify
+) -> Fitted:
+    """The fit with noise, effective values, run effects and residual terms as fits show them."""
     words: list[str] = []
     findings: tuple[Finding, ...] = ()
     best, data = settled(first, prior, data, settings)
@@ -109,6 +126,13 @@ def reweight(
         prior, best = shown.box, shown.fit
         words += shown.words
         best, data = settled(best, prior, data, settings)
+    return Fitted(best, prior, data, tuple(words), findings=findings)
+
+
+def completed(key: Key[Array, ""], weighted: Fitted, settings: Identify) -> Fitted:
+    """A weighted fit in the coordinates to sample in, by as many solver steps as it takes."""
+    best, prior, data = weighted.fit, weighted.box, weighted.data
+    words = list(weighted.statements)
     for law, coordinates in chosen_coordinates(best, settings, data.laws):
         prior = coordinate_box(prior, best.theta, settings, law, coordinates)
         best = refit(best, prior, data, theta=coordinates.from_parameters(best.theta))
@@ -120,7 +144,8 @@ def reweight(
             if finer is data:
                 break
             data, best = finer, refit(best, prior, finer)
-    return Fitted(best, prior, data, tuple(words), findings=findings)
+    best = replace(best, waterfall=weighted.fit.waterfall)
+    return replace(weighted, fit=best, box=prior, data=data, statements=tuple(words))
 
 
 def settled(best: Fit, prior: Box, data: Dataset, settings: Identify) -> tuple[Fit, Dataset]:
@@ -168,7 +193,7 @@ def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Datase
     And with as much memory of loops within loops as the motion of the fit asks for.
     """
     data = dataset.remembering(best.theta, data)
-    if not data.stepped:
+    if dataset.halved(data) is None:
         return data
     theta, near = _about(key, data, prior, best)
     for _ in range(int(np.log2(MOST_SUBSTEPS)) - 1):

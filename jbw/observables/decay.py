@@ -218,9 +218,9 @@ class Decays(Envelopes):
             names=self.names[kept],
         )
 
-    def halved(self) -> Self:
-        """The decays with twice as many steps of the solver."""
-        return replace(self, substeps=2 * self.substeps)
+    def halved(self) -> Self | None:
+        """The decays with twice as many steps of the solver; None without a law: steps are exact."""
+        return replace(self, substeps=2 * self.substeps) if self.laws else None
 
     def statements(self, theta: Theta) -> list[str]:
         """How far the records' frequencies scatter, and how many values were counted."""

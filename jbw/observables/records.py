@@ -322,9 +322,9 @@ class Records(Repeated):
         order = derivative_order(self.response)
         return tuple(band_peak(own, self.fs, order, edges) for edges in self.modes.windows_hz)
 
-    def halved(self) -> Self:
-        """The records with twice as many steps of the solver."""
-        return replace(self, substeps=2 * self.substeps)
+    def halved(self) -> Self | None:
+        """The records with twice as many steps of the solver; None without a law: steps are exact."""
+        return replace(self, substeps=2 * self.substeps) if self.laws else None
 
     def statements(self, theta: Theta) -> list[str]:
         """Where the motion comes back to reversals that a law has given up."""

@@ -121,7 +121,9 @@ def _compared(
         held_out = i >= num_fitted
         size = num_seen(source.draws, data) if held_out else data.envelope.shape[1]
         seen_s = float(size * data.step_s) if held_out else 0.0
-        seen = replace(data.only(i, size), noise_std=jnp.asarray([noise]), counted=jnp.ones(1))
+        # Names are compiled in: one for every record, so that all run through one program.
+        only = replace(data.only(i, size), names=("record",))
+        seen = replace(only, noise_std=jnp.asarray([noise]), counted=jnp.ones(1))
         time = np.arange(len(whole)) * stride / chosen.fs
         key_entry, key_noise = jax.random.split(jax.random.fold_in(key, i))
         carrier = np.exp(2j * np.pi * chosen.centre_hz * time)

@@ -70,7 +70,9 @@ def verify(
 
     def simpler(draws: Draws, data: Dataset, *names: str) -> dict[str, Reference]:
         mean = {name: float(np.mean(draws[name])) for name in names or draws}
-        return references(data, mean, settings.compare_with)
+        # Without a joint the model is the linear oscillator already.
+        kinds = [kind for kind in settings.compare_with if data.laws or kind != "linear"]
+        return references(data, mean, kinds) if kinds else {}
 
     groups: Groups = {}
     if found.data is not None:
