@@ -29,7 +29,7 @@ from jbw.observables.observable import (
     Theta,
     Weighted,
 )
-from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate
 from jbw.quantities import LETTER_OF, UNIT_OF, derivative_order
 
@@ -253,13 +253,38 @@ def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:
     greatest displacement, its memory on the steady loop of that amplitude.
     """
     joint = oscillator_of(theta, data.laws)
+    if not data.laws:
+        return _logarithm(_exponential(joint, data), data)
     start = (data.y_start, jnp.zeros(()), joint.at_tip(data.y_start))
     silence = jnp.zeros(data.num_samples)
     free = simulate(joint, silence, data.fs, hold="zero", initial=start, substeps=data.substeps)
     kernel = jnp.stack([data.taps.real, data.taps.imag])[:, None, :]
     x = getattr(free, LETTER_OF[data.response])[None, None, :]
     parts = jax.lax.conv_general_dilated(x, kernel, (data.stride,), "VALID")[0]
-    envelope = jax.lax.complex(parts[0], parts[1])
+    return _logarithm(jax.lax.complex(parts[0], parts[1]), data)
+
+
+def _exponential(joint: Oscillator, data: Envelopes) -> Complex[Array, " step"]:
+    r"""The filtered decay of a structure without a joint, in closed form.
+
+    $$X_k = \sum_{\pm} a_\pm s_\pm^d H(\lambda_\pm) \lambda_\pm^{k S}, \qquad
+      s_\pm = \omega_n (-\zeta \pm \sqrt{\zeta^2 - 1}), \quad \lambda = e^{s / f_s}, \quad
+      H(\lambda) = \sum_m h_m \lambda^m$$
+
+    with the taps h, the stride S, the order d of the response's derivative, and $a_\pm$ of a motion
+    that begins at rest at `y_start`.
+    """
+    root = jnp.sqrt(jax.lax.complex(joint.zeta**2 - 1.0, jnp.zeros(())))
+    s = joint.omega_n * (jnp.stack([root, -root]) - joint.zeta)
+    begun = data.y_start * s[::-1] / (s[::-1] - s) * s ** derivative_order(data.response)
+    filtered = jnp.exp(jnp.outer(s, jnp.arange(len(data.taps))) / data.fs) @ data.taps
+    steps = (data.num_samples - len(data.taps)) // data.stride + 1
+    course = jnp.exp(jnp.outer(jnp.arange(steps) * data.stride, s) / data.fs)
+    return course @ (begun * filtered)
+
+
+def _logarithm(envelope: Complex[Array, " step"], data: Envelopes) -> Complex[Array, " step"]:
+    """Its logarithm, the phase without jumps."""
     turns = jnp.angle(envelope[1:] * jnp.conj(envelope[:-1]) * data.rotation)
     phase = jnp.concatenate([jnp.zeros(1), jnp.cumsum(turns)])
     return jax.lax.complex(jnp.log(jnp.abs(envelope)), phase)

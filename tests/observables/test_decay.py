@@ -16,6 +16,7 @@ from decays import (
     decay_test,
     free_velocity,
 )
+from scipy.linalg import expm
 
 from jbw.errors import DataError
 from jbw.measurement.demodulation import band_filter, demodulate, read_decay
@@ -97,6 +98,38 @@ def test_one_decay_holds_every_record_whatever_its_initial_state():
     decay = decay_of(THETA, data)
     amplitude = np.exp(np.asarray(along(decay, found.entry.place)[0].real))
     np.testing.assert_allclose(amplitude, np.abs(np.asarray(data.envelope[:, 0])), rtol=1e-3)
+
+
+@pytest.mark.parametrize("response", ["displacement", "velocity", "acceleration"])
+@pytest.mark.parametrize("zeta", [0.004, 1.3])
+def test_the_decay_of_a_structure_without_a_joint_is_exact(response, zeta):
+    data = Decays.of(decay_test(noise=0.0, second=0.0), laws=())
+    data = replace(data, response=response)
+    theta = {"omega_n": jnp.asarray(OMEGA_N), "zeta": jnp.asarray(zeta)}
+    # Its motion by the exponential of the state matrix, through the filter as it stands.
+    system = np.array([[0.0, 1.0], [-(OMEGA_N**2), -2 * zeta * OMEGA_N]])
+    count = 40 * data.stride + len(data.taps)
+    step, state = expm(system / data.fs), np.array([float(data.y_start), 0.0])
+    motion = []
+    for _ in range(count):
+        motion.append([*state, (system @ state)[1]])
+        state = step @ state
+    x = np.array(motion)[:, ["displacement", "velocity", "acceleration"].index(response)]
+    every = np.convolve(x, np.asarray(data.taps)[::-1], "valid")[:: data.stride]
+    found = np.asarray(decay_of(theta, replace(data, num_samples=count)))
+    turn = np.exp(1j * np.arange(len(every)) * np.angle(complex(data.rotation)))
+    expected = every * turn / every[0] * np.abs(every[0])
+    # Round-off of sums over the filter, of a motion that has fallen far where it is overdamped.
+    np.testing.assert_allclose(np.exp(found), expected, rtol=1e-8)
+
+
+def test_steps_of_a_structure_without_a_joint_are_exact_and_not_halved():
+    test = decay_test(noise=0.0, second=0.0)
+    assert Decays.of(test, laws=()).halved() is None
+    bare = Decays.of(test)
+    finer = bare.halved()
+    assert finer is not None
+    assert finer.substeps == 2 * bare.substeps
 
 
 def test_entry_is_the_initial_state():

@@ -1,17 +1,60 @@
 """Three levels of sweeps and free decays of a linear oscillator: no joint, and no ridge to draw."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from linear_campaign import write_linear
 from toy_campaign import TRUTH
 
 import jbw
+from jbw.identification import joint
+from jbw.inference import lanes
+from jbw.observables.dataset import Dataset, log_likelihood
+from jbw.verification import decays
+
+pytestmark = pytest.mark.slow
 
 
-@pytest.mark.slow
-def test_a_structure_without_a_joint_is_answered_by_its_fit(tmp_path):
-    said = []
-    study = jbw.identify(jbw.load_campaign(write_linear(tmp_path)), seed=1, report=said.append)
+def asked_of(function, data):
+    """What is evaluated, by which laws, with how many steps a sample."""
+    for each in data if isinstance(data, tuple) else (data,):
+        if isinstance(each, Dataset):
+            what = data[0] if isinstance(data, tuple) else function
+            return what, each.laws, max(part.substeps for part in each.parts)
+    return None
+
+
+@pytest.fixture(scope="module")
+def answered(tmp_path_factory):
+    """The study, what was said, lots of evaluations, and how often a joint was asked for."""
+    said, lots, asked, entered = [], Counter(), [], []
+    evaluated, ask, enter = lanes._values, joint.without_joint, decays._entered
+
+    def counted(function, theta, data):
+        if (what := asked_of(function, data)) is not None:
+            lots[what] += 1
+        return evaluated(function, theta, data)
+
+    def counted_question(*arguments):
+        asked.append(arguments)
+        return ask(*arguments)
+
+    def counted_entry(key, motion, seen, steps):
+        entered.append((motion.shape, seen.names, seen.envelope.shape, steps.shape))
+        return enter(key, motion, seen, steps)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lanes, "_values", counted)
+        patch.setattr(joint, "without_joint", counted_question)
+        patch.setattr(decays, "_entered", counted_entry)
+        path = write_linear(tmp_path_factory.mktemp("linear"))
+        study = jbw.identify(jbw.load_campaign(path), seed=1, report=said.append)
+    return study, said, lots, asked, entered
+
+
+def test_a_structure_without_a_joint_is_answered_by_its_fit(answered):
+    study, said, *_ = answered
     posterior = study.tree["posterior"].to_dataset()
     assert not {"alpha", "delta", "gamma"} & {*posterior.data_vars}
     for name in ("omega_n", "zeta"):
@@ -24,3 +67,20 @@ def test_a_structure_without_a_joint_is_answered_by_its_fit(tmp_path):
     # No second posterior, and no record by itself.
     assert not [line for line in said if "alone" in line or "by itself" in line]
     assert "decay" not in study.record["steps"]
+    # The model is the linear oscillator: none is fitted again to be compared with it.
+    assert all(one["nrmse_linear"] is None for one in study.record["predictions"].values())
+
+
+def test_what_is_not_there_costs_two_programs_and_one_question(answered):
+    *_, lots, asked, entered = answered
+    with_joint = {key: count for key, count in lots.items() if key[1]}
+    # Its residual and its likelihood, and neither at finer steps of the solver.
+    assert sorted(what.__name__ for what, *_ in with_joint) == ["log_likelihood", "stacked"]
+    # The likelihood: 256 points of the box, and 256 about the fit, 32 a lot.
+    assert sum(n for (what, *_), n in with_joint.items() if what is log_likelihood) == 16
+    # Of a structure without a joint the steps are exact: none is halved.
+    assert len({steps for _, laws, steps in lots if not laws}) == 1
+    assert len(asked) == 1
+    # Fitted and held-out records: a program for each of both lengths.
+    assert len(entered) == 4
+    assert len(set(entered)) == 2
