@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Float
+from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.signal import ShortTimeFFT
 from scipy.signal.windows import blackmanharris
 from scipy.stats import chi2
@@ -34,8 +35,14 @@ SMOOTH = 4.0  # a jump over what the cubic leaves on its sides
 CLEAN = 0.1  # of log X, left by the cubic: more is noise, whose phase turns anyhow
 SAME = 0.9  # of the largest jump, at neighbouring places
 MATTERS = 0.03  # of the largest response, on one side of a jump at the least
-PARTS = 6  # into which the last half, and quarter, of a record is cut, to see whether a line decays
-CHANCE = 1e-6  # that noise alone shows a line
+FORERUNNERS, MOST_A_PERIOD = 8, 8  # samples that predict the next one, and those of a period
+REACH = 2.0  # periods on either side, whose median error is that of noise and of nonlinearity
+BREAK, BROKEN = 0.1, 12.0  # error over the rms of the motion there, and over the median error
+LOUD_OVER = 5.0  # times that error: a motion below it is lost in noise
+MOST_LINES = 4  # of a late part of an envelope: hum, the mode and what it becomes as it stiffens
+LEAST_OF_LINES = 16  # values, before lines are looked for
+WORTH_A_LINE = 0.7  # of the variance that is left: what a further line must come below
+SHORTEST = 0.1  # modulus of a pole: what decays faster in a value is none
 SLOWER = 0.15  # of the mode's own decay rate, for a line to be none of the structure's
 STEADY = 0.05  # of that rate: a line that decays faster belongs to another mode
 LINE = 2e-3  # of the largest response: a weaker line matters to no reading
@@ -182,6 +189,7 @@ def second_blow(record: Record, course: Course) -> Iterator[Fault]:
     """The doubt that a decay is interrupted: by a second blow, or because samples are missing."""
     jumps = _jumps(course)
     if not jumps:
+        yield from interrupted(record, course)
         return
     jump = max((pair[1] for pair in jumps), key=abs)
     # Places between the same sides see the same jump; it lies in their middle.
@@ -198,6 +206,50 @@ def second_blow(record: Record, course: Course) -> Iterator[Fault]:
         "A decay has one initial state; this record has two.",
         f"{leave_out}, or let `span` end before.",
     )
+
+
+def interrupted(record: Record, course: Course) -> Iterator[Fault]:
+    """The doubt that a sample does not follow from those before it, as of any sum of modes it does.
+
+    It sees what an envelope smears: a fifth of a period that is missing, a blow next to another.
+    """
+    start = round(float(course.time[0] - course.half_s) * record.fs)
+    x = record.channels[record.response][start:]
+    period = record.fs / course.centre_hz
+    at = _break_of(x - np.mean(x), period)
+    if at is None:
+        return
+    yield doubt(
+        record.response,
+        f"At {(start + at) / record.fs:.3g} s a sample does not follow from those before it: "
+        "samples are missing there, or it was hit again.",
+        "A decay has one initial state; this record has two.",
+        "Drop the repeat with exclude, or let `span` end before.",
+    )
+
+
+def _break_of(x: Reals, period: float) -> int | None:
+    """The sample that its forerunners predict worst, where that is no noise; else None."""
+    every = max(int(period / MOST_A_PERIOD), 1)
+    if every > 1:  # of samples that are close noise is what differs
+        x = x[: len(x) // every * every].reshape(-1, every).mean(axis=1)
+        period /= every
+    reach = int(np.ceil(REACH * period))
+    if len(x) < 6 * reach:
+        return None
+    past = np.lib.stride_tricks.sliding_window_view(x, FORERUNNERS + 1)
+    # What lies around it tells how large a motion, and an error, is there.
+    size = np.sqrt(uniform_filter1d(past[:, -1] ** 2, 2 * reach)) + np.finfo(float).tiny
+    loud = size > MATTERS * size.max()
+    told = (past / size[:, None])[loud]
+    weights = np.linalg.lstsq(told[:, :-1], told[:, -1])[0]
+    error = np.abs(past[:, -1] - past[:, :-1] @ weights)
+    around = median_filter(error, 4 * reach + 1, mode="nearest") / 0.6745
+    loud &= size > LOUD_OVER * around
+    loud[: 2 * reach] = loud[-2 * reach :] = False
+    breaks = np.where(loud & (error > BREAK * size), error / np.maximum(around, 1e-300), 0.0)
+    worst = int(np.argmax(breaks))
+    return (worst + FORERUNNERS) * every if breaks[worst] > BROKEN else None
 
 
 def _jumps(course: Course) -> list[tuple[float, complex]]:
@@ -230,6 +282,7 @@ class Line(NamedTuple):
     turn: float
     amplitude: float
     rate: float
+    amplitude_error: float
     rate_error: float
 
 
@@ -240,25 +293,32 @@ def steady_line(record: Record, course: Course) -> Iterator[Fault]:
     largest, middle = float(np.abs(envelope).max()), len(envelope) // 2
     # Two modes beat, and fall steeply at times: the fall to the middle of the record counts too.
     fallen = np.log(largest / np.median(np.abs(envelope[middle - 2 : middle + 3]))) / middle
-    own = min(1 / decay_steps(course.size), float(fallen))
+    own = min(_first_fall(course.size), float(fallen))
     for values in (half, quarter):
-        line = _line_of(values)
-        if line is None:
-            continue
-        share = line.amplitude / largest
-        steady = abs(line.rate) < STEADY * own + 3 * line.rate_error
-        slower = line.rate + 3 * line.rate_error < SLOWER * own
-        if not (steady and slower and share > LINE):
-            continue
-        hz = _frequency_of(line.turn + course.turn, record, course)
-        yield doubt(
-            record.response,
-            f"A line at {hz:.4g} Hz does not decay; it is {share:.2g} of the largest response.",
-            "Late in the decay it is taken for the mode, and changes frequency and damping.",
-            "Narrow `band` so that it lies outside, let `span` end where the decay is ten times "
-            "as large, or measure without it.",
-        )
-        return
+        for line in _lines_of(values):
+            share = line.amplitude / largest
+            steady = abs(line.rate) < STEADY * own + 3 * line.rate_error
+            slower = line.rate + 3 * line.rate_error < SLOWER * own
+            sure = line.amplitude > SURE * line.amplitude_error
+            if not (steady and slower and sure and share > LINE):
+                continue
+            hz = _frequency_of(line.turn + course.turn, record, course)
+            yield doubt(
+                record.response,
+                f"A line at {hz:.4g} Hz does not decay; it is {share:.2g} of the largest response.",
+                "Late in the decay it is taken for the mode, and changes frequency and damping.",
+                "Narrow `band` so that it lies outside, let `span` end where the decay is ten "
+                "times as large, or measure without it.",
+            )
+            return
+
+
+def _first_fall(log_size: Reals) -> float:
+    """Rate of the fall to 1/e, a value: what lies under a decay has not come out of it by then."""
+    start = int(np.argmax(log_size))
+    low = np.flatnonzero(log_size[start:] < log_size[start] - 1.0)
+    fall = log_size[start : start + max(int(low[0]) + 1, SIDE) if low.size else len(log_size)]
+    return max(-float(np.polyfit(np.arange(len(fall)), fall, 1)[0]), 0.0) if len(fall) > 1 else 0.0
 
 
 def _frequency_of(turn: float, record: Record, course: Course) -> float:
@@ -276,25 +336,46 @@ def _frequency_of(turn: float, record: Record, course: Course) -> float:
     return float(max(near, key=lambda hz: abs(np.sum(x * np.exp(-phase * hz)))))
 
 
-def _line_of(values: Complex[np.ndarray, " value"]) -> Line | None:
-    """The strongest line among values that noise leaves independent; None where noise has it."""
-    values = values[: len(values) // PARTS * PARTS]
-    if len(values) < 4 * PARTS:
-        return None
-    power = np.abs(np.fft.fft(values * np.hanning(len(values)), 4 * len(values))) ** 2
-    place = int(np.argmax(power))
-    # Of noise the median is ln 2 times the mean, and the largest of n lines log n times.
-    if power[place] < np.median(power) / np.log(2) * np.log(len(power) / CHANCE):
-        return None
-    turn = 2 * np.pi * float(np.fft.fftfreq(len(power))[place])
-    pieces = (values * np.exp(-1j * turn * np.arange(len(values)))).reshape(PARTS, -1)
-    lines, width = pieces.mean(axis=1), pieces.shape[1]
-    size = np.log(np.abs(lines))
-    around = float(np.sqrt(np.mean(np.abs(pieces - lines[:, None]) ** 2) / width))
-    amplitude, number = float(np.exp(size.mean())), np.arange(PARTS) - (PARTS - 1) / 2
-    rate = -float(number @ size / (number @ number)) / width
-    rate_error = around / amplitude / float(np.sqrt(number @ number)) / width
-    return Line(turn, amplitude, rate, rate_error)
+def _lines_of(values: Complex[np.ndarray, " value"]) -> list[Line]:
+    r"""Lines among values that noise leaves independent, the strongest at their end first.
+
+    $$v_k = \sum_j c_j z_j^k$$
+
+    by the matrix pencil, of as many lines as improve it: the mode has not gone where hum shows.
+    """
+    count = len(values)
+    if count < LEAST_OF_LINES:
+        return []
+    pencil = count // 3
+    hankel = np.lib.stride_tricks.sliding_window_view(values, count - pencil).T
+    scale = np.abs(values).max()
+    basis = np.linalg.svd(hankel / scale, full_matrices=False)[0]
+    best: tuple[float, list[Line]] = (np.inf, [])
+    for number in range(1, MOST_LINES + 1):
+        shifted = np.linalg.lstsq(basis[:-1, :number], basis[1:, :number])[0]
+        poles = np.linalg.eigvals(shifted)
+        if not np.all((np.abs(poles) > SHORTEST) & (np.abs(poles) < 1 / SHORTEST)):
+            break
+        k = np.arange(count)
+        modes = poles[None, :] ** k[:, None]
+        sizes = np.linalg.lstsq(modes, values)[0]
+        left = values - modes @ sizes
+        variance = float(np.sum(np.abs(left) ** 2)) / (count - 2 * number)
+        # Of sizes and of logarithms of poles, complex and linear about the fit.
+        slopes = np.concatenate([modes, k[:, None] * modes * sizes], axis=1)
+        errors = np.sqrt(variance * np.abs(np.diag(np.linalg.pinv(slopes.conj().T @ slopes))) / 2)
+        logs = np.log(poles)
+        middle = np.exp(logs.real * (count - 1) / 2)
+        lines = [
+            Line(float(log.imag), float(abs(size) * part), float(-log.real), float(error * part),
+                 float(off))
+            for log, size, part, error, off in zip(
+                logs, sizes, middle, errors[:number], errors[number:], strict=True)
+        ]  # fmt: skip
+        lines.sort(key=lambda line: -line.amplitude * np.exp(-line.rate * count / 2))
+        if variance < WORTH_A_LINE * best[0]:
+            best = variance, lines
+    return best[1]
 
 
 def windowed(record: Record, course: Course) -> Iterator[Fault]:

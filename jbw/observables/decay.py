@@ -219,7 +219,7 @@ class Decays(Envelopes):
         )
 
     def halved(self) -> Self | None:
-        """The decays with twice as many steps of the solver; None without a law: steps are exact."""
+        """The decays with twice as many steps of the solver; None without a law, exact by any."""
         return replace(self, substeps=2 * self.substeps) if self.laws else None
 
     def statements(self, theta: Theta) -> list[str]:

@@ -323,7 +323,7 @@ class Records(Repeated):
         return tuple(band_peak(own, self.fs, order, edges) for edges in self.modes.windows_hz)
 
     def halved(self) -> Self | None:
-        """The records with twice as many steps of the solver; None without a law: steps are exact."""
+        """The records with twice as many steps of the solver; None without a law, exact by any."""
         return replace(self, substeps=2 * self.substeps) if self.laws else None
 
     def statements(self, theta: Theta) -> list[str]:
