@@ -14,6 +14,10 @@ from jbw.measurement.records import RESPONSES, Record
 
 LARGEST = 1e12  # beyond any SI value of a vibration test: what a flipped bit in a float makes
 CLIP_RUN = 3  # equal samples at the extreme, in a row
+NEAR_TOP = 8.0  # converter steps below an extreme, in which unclipped peaks would lie too
+SAME = 1e-9  # of the range: values that round-off alone tells apart
+MORE_OFTEN = 2.0  # samples at both extremes over those at any two levels
+PILED = 3  # samples at the extremes beyond one each and those next to them
 HELD_RUN = 4  # equal samples in a row amid others that change: a recorder filled them in
 CHANCE = 1e-6  # that equal samples of a converter of few bits are taken for filled ones
 FALL = 8.0  # converter steps to a neighbour, beyond what a slow signal makes
@@ -187,7 +191,7 @@ def _signal(role: str, x: Reals, fs: float) -> Iterator[Fault]:
     if role in RESPONSES:
         yield from _filled(role, x, fs, float(np.diff(levels).min()))
     if role in RESPONSES or len(levels) > FEW_SOURCE_LEVELS:
-        yield from _clipped(role, x, fs, float(np.diff(levels).min()))
+        yield from _clipped(role, x, fs, levels)
     if len(levels) < FEWEST_LEVELS and len(x) >= 4 * FEWEST_LEVELS and role in RESPONSES:
         yield doubt(
             role,
@@ -203,18 +207,19 @@ def _signal(role: str, x: Reals, fs: float) -> Iterator[Fault]:
         )
 
 
-def _clipped(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:
-    """Stretches of three or more samples cut off flat at an extreme."""
+def _clipped(role: str, x: Reals, fs: float, levels: Reals) -> Iterator[Fault]:
+    """Stretches of three or more samples cut off flat at an extreme, or peaks that pile up."""
     # A smooth peak of few bits is flat too, but falls off it by about one step of the converter;
     # a clipped one falls faster.
-    runs = []
+    step, runs = float(np.diff(levels).min()), []
+    shortest = 1 if role in RESPONSES and _piles_up(x, step) else CLIP_RUN
     for extreme in (x.max(), x.min()):
         at = np.flatnonzero(x == extreme)
         for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
             start, stop = int(run[0]), int(run[-1]) + 1
             outside = [x[i] for i in (start - 1, stop) if 0 <= i < len(x)]
             fall = max((abs(value - extreme) for value in outside), default=0.0)
-            if stop - start >= CLIP_RUN and fall > 2 * step:
+            if stop - start >= shortest and fall > 2 * step:
                 runs.append((start, stop))
     if not runs:
         return
@@ -228,6 +233,25 @@ def _clipped(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:
         "A clipped peak reads as softening and as harmonics.",
         "Drop the repeat with exclude, keep a clean part with span, or measure with more range.",
     )
+
+
+def _piles_up(x: Reals, step: float) -> bool:
+    """Whether single peaks end at one value more often than chance lets them.
+
+    A steady sine comes near its crest more often than to it, and a record that repeats itself does
+    so at every level.
+    """
+    ends = beyond = 0
+    for depth in (x.max() - x, x - x.min()):
+        count = np.count_nonzero(depth == 0)
+        near = np.count_nonzero(depth < NEAR_TOP * step) - count
+        ends, beyond = ends + count, beyond + max(count - 1 - near, 0)
+    if beyond < PILED:
+        return False
+    span, middle = np.ptp(x), (x.max() + x.min()) / 2
+    some = x[np.abs(x - middle) > span / 4][:LEVELS_FROM]  # of a quiet end few levels are many
+    levels = np.unique(np.round(some / (SAME * span)))  # but for round-off
+    return ends > 2 * MORE_OFTEN * len(some) / len(levels)
 
 
 def _filled(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:

@@ -215,3 +215,30 @@ def test_a_kind_of_one_s_own_is_one_registration(monkeypatch):
     assert test.traits.is_driven
     assert not test.is_single_tone
     assert not test.is_cyclic
+
+
+def decaying(samples_a_period, bits=None, clip=None, turns=200.0):
+    """A decay whose peaks are met by few samples each, of a converter of so many bits."""
+    t = np.arange(int(turns * samples_a_period)) / samples_a_period
+    x = np.exp(-t / 60) * np.sin(2 * np.pi * t + 0.3)
+    x += 1e-4 * np.random.default_rng(5).standard_normal(len(t))
+    x = x if clip is None else np.clip(x, -clip, clip)
+    return x if bits is None else np.round(x * 2 ** (bits - 1)) / 2 ** (bits - 1)
+
+
+@pytest.mark.parametrize("bits", [None, 16])
+def test_peaks_of_one_or_two_samples_that_end_at_one_value_are_clipped(tmp_path, bits):
+    np.savez(tmp_path / "a.npz", laser=decaying(9.3, bits, clip=0.92, turns=2000.0))
+    with pytest.warns(UserWarning, match="of the samples are clipped, at "):
+        read(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V, fs=FS)
+
+
+@pytest.mark.parametrize("bits", [None, 16, 12])
+def test_unclipped_peaks_are_not_called_clipped(tmp_path, recwarn, bits):
+    # A decay; a steady sine, whose samples come near its crest; a record that repeats itself.
+    steady = 0.4 * np.sin(2 * np.pi * 0.1037 * np.arange(40_000))
+    steady = steady if bits is None else np.round(steady * 2 ** (bits - 1)) / 2 ** (bits - 1)
+    for x in (decaying(9.3, bits), steady, np.tile(decaying(9.3, bits), 12)):
+        np.savez(tmp_path / "a.npz", laser=x)
+        read(tmp_path / "a.npz", {"velocity": "laser"}, UNITS_V, fs=FS)
+    assert not [one for one in recwarn.list if "clipped" in str(one.message)]
