@@ -22,7 +22,7 @@ from jbw.measurement.demodulation import band_filter, decay_steps, demodulate
 from jbw.measurement.records import Record
 from jbw.measurement.response_checks import about_peak, undecaying
 
-FEWEST_VALUES = 24  # of an envelope, before anything is said of it
+FEWEST_VALUES = 16  # of an envelope, before anything is said of it
 QUIET, LOUD = 0.1, 0.5  # of the largest response, before a blow and within a period after it
 FLAT = 0.05  # change of log X while a shaker holds the motion
 FALLS = 0.3  # change of log X in the time after it, as long as the held one, at the least
@@ -40,13 +40,13 @@ REACH = 2.0  # periods on either side, whose median error is that of noise and o
 BREAK, BROKEN = 0.1, 12.0  # error over the rms of the motion there, and over the median error
 LOUD_OVER = 5.0  # times that error: a motion below it is lost in noise
 MOST_LINES = 4  # of a late part of an envelope: hum, the mode and what it becomes as it stiffens
-LEAST_OF_LINES = 16  # values, before lines are looked for
+LEAST_OF_LINES = 10  # values, before lines are looked for
 WORTH_A_LINE = 0.7  # of the variance that is left: what a further line must come below
 SHORTEST = 0.1  # modulus of a pole: what decays faster in a value is none
 SLOWER = 0.15  # of the mode's own decay rate, for a line to be none of the structure's
 STEADY = 0.05  # of that rate: a line that decays faster belongs to another mode
 LINE = 2e-3  # of the largest response: a weaker line matters to no reading
-FRAMES, LINES_OF_NOISE = 10, 32  # in time and in frequency, at the least, for the noise's course
+FRAMES, LINES_OF_NOISE = 10, 20  # in time and in frequency, at the least, for the noise's course
 APART = 3  # lines between two that a Blackman-Harris window leaves independent
 GROUPS = 4  # of frequencies, in which noise under a window falls alike
 SCATTERED = 0.67  # lower quartile of the noise's lines over their median, at the most
@@ -351,7 +351,7 @@ def _lines_of(values: Complex[np.ndarray, " value"]) -> list[Line]:
     scale = np.abs(values).max()
     basis = np.linalg.svd(hankel / scale, full_matrices=False)[0]
     best: tuple[float, list[Line]] = (np.inf, [])
-    for number in range(1, MOST_LINES + 1):
+    for number in range(1, min(MOST_LINES, count // 4) + 1):
         shifted = np.linalg.lstsq(basis[:-1, :number], basis[1:, :number])[0]
         poles = np.linalg.eigvals(shifted)
         if not np.all((np.abs(poles) > SHORTEST) & (np.abs(poles) < 1 / SHORTEST)):
