@@ -39,6 +39,7 @@ RIPPLED = 4.0  # a jump of the phase over what is left about it
 ROUGH = 0.15  # [rad]; a phase that scatters by more is not that of one mode under a sweep
 PARTS, AVERAGES = 8, 8  # of a record of noise, and of each of them
 COHERENT = 0.5  # between response and drive in the mean, for a lag to be read
+MOST_TURNS = 3  # half turns of the phase that are tried about its middle
 ODDS = 1e-6  # that a lag of chance is called one
 TURNED = 0.05  # [rad] at the end of the record: a smaller error moves no damping
 
@@ -174,15 +175,6 @@ def _away(
     return kept, phase, 2 * r / (1 - r**2)
 
 
-def _upright(phase: Reals, bend: Reals) -> Reals:
-    """A phase without half turns, which are the polarity of a channel, by those next to resonance.
-
-    There a lag turns it less than at higher frequencies.
-    """
-    near = np.argsort(-np.abs(bend))[: 2 * FEWEST]
-    return phase - np.pi * np.round(np.median(phase[near]) / np.pi)
-
-
 def _constant_of_noise(record: Record) -> Lag | None:
     """The lag of a whole record of noise, by its averaged FRF away from the resonance."""
     u, x = (record.channels[role] for role in (record.source, record.response))
@@ -200,8 +192,11 @@ def _constant_of_noise(record: Record) -> Lag | None:
     if found is None:
         return None
     kept, phase, bend = found
-    phase = _upright(np.unwrap(phase), bend)
-    fitted = _squares(np.column_stack([-omega[kept], -bend]), phase)
+    phase, design = np.unwrap(phase), np.column_stack([-omega[kept], -bend])
+    # Half turns are the polarity of a channel: a lag turns the phase by as much as the frequency.
+    nearest = np.round(np.median(phase) / np.pi)
+    turns = np.pi * (nearest + np.arange(-MOST_TURNS, MOST_TURNS + 1))
+    fitted = min((_squares(design, phase - turn) for turn in turns), key=lambda fit: fit.squares)
     scatter = float(np.sqrt(fitted.squares / (len(kept) - 2)))
     if scatter > ROUGH:
         return None
