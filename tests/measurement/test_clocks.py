@@ -96,6 +96,19 @@ def test_a_delay_is_named_and_its_key_cures(kind, drive, tau):
     assert not found(u, x, kind, delay=read)
 
 
+@pytest.mark.parametrize("turned", [1.0, -1.0])
+@pytest.mark.parametrize("lag", [-0.0125, 0.0125])
+def test_a_quarter_of_a_period_of_noise_is_no_half_turn(lag, turned):
+    # The mode is at 20 Hz: the phase of the lag lies midway between both polarities.
+    u = noise()
+    faults = found(u, turned * response(u, lag=lambda t: lag), "noise")
+    (said,) = [one for one in faults if "the drive by" in one.what]
+    way = "lags behind" if lag > 0 else "leads"
+    assert f"The response {way} the drive" in said.what
+    read = float(said.remedy.split("delay = ")[1].split("`")[0])
+    assert read == pytest.approx(lag, rel=0.02)
+
+
 def test_half_a_sample_of_a_converter_that_holds_is_not_doubted():
     u = sweep()
     assert not found(u, response(u, lag=lambda t: 0.5 / FS), "sweep", source="input")

@@ -104,6 +104,27 @@ def test_lost_samples_are_named():
 
 
 @SCALES
+@pytest.mark.parametrize("later", [0.5, 1.4])
+@pytest.mark.parametrize("lost", [3, 5])
+def test_a_part_of_a_period_that_is_missing_is_named(times, later, lost):
+    # A tenth to a quarter of a period, of 20 samples: an envelope hardly shows it.
+    x, at = noisy(free()), round(later * FS)
+    (fault,) = scaled(np.concatenate([x[:at], x[at + lost :]]), times)
+    assert "samples are missing there" in fault.what
+    # Within half a filter of the envelope, 0.1 s, where it is this that shows it.
+    assert float(fault.what.split()[1]) == pytest.approx(later / times, abs=0.12 / times)
+
+
+@pytest.mark.parametrize("hz", [27.0, 29.4, 31.0])
+def test_hum_is_named_where_the_mode_has_not_gone(hz):
+    # Four time constants, of which the mode is still as large as the hum in the last.
+    x = free(seconds=4 / RATE)
+    (fault,) = found(noisy(x + 0.03 * np.sin(2 * np.pi * hz * np.arange(len(x)) / FS)))
+    assert "does not decay" in fault.what
+    assert float(fault.what.split()[3]) == pytest.approx(hz, rel=5e-3)
+
+
+@SCALES
 @pytest.mark.parametrize("hz", [22.0, 24.0, 30.5, 41.0, 43.0])
 def test_hum_is_named_with_its_frequency_and_size(times, hz):
     t = np.arange(6000) / FS
