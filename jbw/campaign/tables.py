@@ -95,6 +95,12 @@ class TestSpec(Table):
         "taken out; counted from the record's first sample [s]",
         2.0,
     )
+    lines_hz: values.Frequencies = key(
+        (),
+        "frequencies of steady lines in a decay, hum or a machine nearby, which are fitted to its "
+        "last half and taken out [Hz]",
+        [50.0],
+    )
     conjugate: StrictBool = key(
         False, "turn the phase of kind frf: its file counts it as exp(-j omega t) does", True
     )
@@ -186,9 +192,11 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
         yield f"remove_mean: for records in time, not for kind {curves}."
     if test.conjugate and not is_curve:
         yield f"conjugate: for kind {curves}; the samples of a record have no phase."
+    free = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_free)
     if test.window_s and not test.traits.is_free:
-        free = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_free)
         yield f"window_s: for kind {free} only; other records are not windowed from their start."
+    if test.lines_hz and not test.traits.is_free:
+        yield f"lines_hz: for kind {free} only; what drives other records is steady itself."
     # A transform spreads one bad sample over all frequencies, a simulation needs all of its input:
     # only a curve can leave lines out.
     if not is_curve and test.gaps == "mask":

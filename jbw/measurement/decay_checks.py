@@ -45,6 +45,7 @@ WORTH_A_LINE = 0.7  # of the variance that is left: what a further line must com
 SHORTEST = 0.1  # modulus of a pole: what decays faster in a value is none
 SLOWER = 0.15  # of the mode's own decay rate, for a line to be none of the structure's
 STEADY = 0.05  # of that rate: a line that decays faster belongs to another mode
+SPOILS = 0.01  # of the largest response: a line by which readings a decade below it are off by 10 %
 LINE = 2e-3  # of the largest response: a weaker line matters to no reading
 FRAMES, LINES_OF_NOISE = 10, 20  # in time and in frequency, at the least, for the noise's course
 APART = 3  # lines between two that a Blackman-Harris window leaves independent
@@ -287,7 +288,7 @@ class Line(NamedTuple):
 
 
 def steady_line(record: Record, course: Course) -> Iterator[Fault]:
-    """The doubt that a line in the band does not decay: hum, or a machine nearby."""
+    """The doubt, or refusal where it is strong, of a line in the band that does not decay."""
     envelope = np.exp(course.log)
     half, quarter = (envelope[len(envelope) * part // 4 :] for part in (2, 3))
     largest, middle = float(np.abs(envelope).max()), len(envelope) // 2
@@ -303,12 +304,15 @@ def steady_line(record: Record, course: Course) -> Iterator[Fault]:
             if not (steady and slower and sure and share > LINE):
                 continue
             hz = _frequency_of(line.turn + course.turn, record, course)
-            yield doubt(
+            # As many digits as tell its place among the lines of the record's spectrum.
+            digits = max(4, 1 + int(np.ceil(np.log10(hz * record.num_samples / record.fs))))
+            named = f"{hz:.{digits}g}"
+            yield (refusal if share > SPOILS else doubt)(
                 record.response,
-                f"A line at {hz:.4g} Hz does not decay; it is {share:.2g} of the largest response.",
+                f"A line at {named} Hz does not decay; it is {share:.2g} of the largest response.",
                 "Late in the decay it is taken for the mode, and changes frequency and damping.",
-                "Narrow `band` so that it lies outside, let `span` end where the decay is ten "
-                "times as large, or measure without it.",
+                f"Put under [[test]]: `lines_hz = [{named}]`, which takes it out, or measure "
+                "without it.",
             )
             return
 

@@ -34,6 +34,10 @@ def hit_twice(x, i):
     return x
 
 
+def hummed(x, i):
+    return x + 0.03 * np.sin(2 * np.pi * 25.0 * np.arange(len(x)) / FS + i)
+
+
 def windowed(x, i):
     return x  # of the record with its noise
 
@@ -75,7 +79,13 @@ def pasted(path, remedies):
 
 @pytest.mark.parametrize(
     ("edit", "key"),
-    [(late, "settle"), (driven, "settle"), (hit_twice, "exclude"), (windowed, "window_s")],
+    [
+        (late, "settle"),
+        (driven, "settle"),
+        (hit_twice, "exclude"),
+        (windowed, "window_s"),
+        (hummed, "lines_hz"),
+    ],
 )
 def test_a_pasted_remedy_of_a_decay_cures(tmp_path, edit, key):
     path = written(tmp_path, edit)

@@ -130,6 +130,8 @@ def test_hum_is_named_with_its_frequency_and_size(times, hz):
     t = np.arange(6000) / FS
     (fault,) = scaled(noisy(free() + 0.03 * np.sin(2 * np.pi * hz * t)), times)
     assert fault.what.startswith("A line at")
+    # Of a tenth of the largest response, a decade above it, it makes 10 %: no reading.
+    assert fault.severity == "error"
     assert "does not decay" in fault.what
     assert float(fault.what.split()[3]) == pytest.approx(hz * times, rel=2e-3)
     share = float(fault.what.split("it is ")[1].split()[0])

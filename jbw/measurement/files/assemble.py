@@ -12,6 +12,7 @@ from jbw.measurement.files.paths import select
 from jbw.measurement.files.sampling import Repeats, Wanted, cut, rows_of, sampling_of
 from jbw.measurement.files.tree import Contents, Leaf, names
 from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, Record, si_of
+from jbw.measurement.steady_lines import lines_removed, without_lines
 from jbw.units import plain, si_unit
 
 LARGEST_GAIN = 30.0  # exponent: 1e13, beyond what any converter resolves
@@ -48,6 +49,12 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
         if wanted.window_s and role in RESPONSES:
             rows = [unwindowed(row, wanted.window_s * fs, part.start or 0) for row in rows]
             provenance[f"window of {role} removed"] = f"exp(-t / {wanted.window_s:g} s)"
+        if wanted.lines_hz and role in RESPONSES:
+            parts = [without_lines(row, fs, wanted.lines_hz) for row in rows]
+            rows = [row for row, _ in parts]
+            provenance[f"lines of {role} removed"] = "; ".join(
+                lines_removed(lines) for _, lines in parts
+            )
         channels[role] = rows
         if is_curve and source:
             if any(role in sources for role in INPUTS):

@@ -36,6 +36,7 @@ class Wanted:
     amplitudes: str = "peak"
     remove_mean: bool = False
     window_s: float | None = None
+    lines_hz: tuple[float, ...] = ()
     conjugate: bool = False
 
 

@@ -1,0 +1,160 @@
+r"""Lines that do not decay taken out of a free decay: hum, or a machine that runs nearby.
+
+$$x(t) = \sum_i A_i \cos(2\pi f_i t + \varphi_i)
+  + B\,e^{-\sigma t} \cos(2\pi f_0 t + \beta) + e(t)$$
+
+by least squares over the last half of a record, where the decay is weakest, under a Hann window,
+which keeps other modes out; amplitudes and phases by linear algebra for every f_i, f_0 and sigma.
+What was found of the lines is taken out of the whole record.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import least_squares
+
+from jbw.errors import DataError
+from jbw.measurement.channels import Reals
+
+PERIODS = 8.0  # of a line in half a record at least: fewer are a drift
+STATED = 1.0  # lines of the half record's spectrum that a stated frequency may be off by
+KNOWN = 0.3  # of a line's amplitude: its error where it is extrapolated to, at the most
+FINER = 8  # values of the spectrum a line, for the mode's start
+
+
+class SteadyLine(NamedTuple):
+    """A line as it was taken out: its frequency and amplitude, and the error of what was taken.
+
+    Attributes:
+        hz: Frequency [Hz].
+        amplitude: Peak, in the unit of the samples.
+        error: Standard error of the line at that end of the record where it is known least.
+    """
+
+    hz: float
+    amplitude: float
+    error: float
+
+
+def without_lines(
+    x: Float[np.ndarray, " time"], fs: float, lines_hz: Sequence[float]
+) -> tuple[Reals, tuple[SteadyLine, ...]]:
+    """Samples without steady lines about stated frequencies, and these lines as they were found.
+
+    Args:
+        x: The response of a free decay.
+        fs: Sampling frequency [Hz].
+        lines_hz: Frequencies [Hz], each to a line 2 fs / len(x) of the half record's spectrum.
+
+    Raises:
+        DataError: A line that the record cannot tell: too slow, beyond fs / 2, or no larger than
+            its error.
+    """
+    first = len(x) // 2
+    part = x[first:] - np.mean(x[first:])
+    resolution = fs / max(len(part), 1)
+    for hz in lines_hz:
+        if not PERIODS * resolution <= hz < fs / 2:
+            raise DataError(
+                f"a line of `lines_hz` must lie between {PERIODS * resolution:.4g} and "
+                f"{fs / 2:.4g} Hz in a record of {len(x) / fs:.4g} s, but is {hz:g} Hz.",
+                remedy="Leave it out of `lines_hz`, or give a longer record.",
+            )
+    time: Reals = np.asarray((np.arange(len(part)) - (len(part) - 1) / 2) / fs, np.float64)
+    weight = np.hanning(len(part) + 2)[1:-1]
+    start = [*lines_hz, *_mode_of(x[:first], fs, lines_hz, resolution)]
+
+    def design(values: Reals) -> Float[np.ndarray, "time column"]:
+        *lines, mode, rate = values
+        columns = [wave(2 * np.pi * hz * time) for hz in lines for wave in (np.cos, np.sin)]
+        # From the first of the samples on, so that no rate makes it large.
+        decay = np.exp(-rate * (time - time[0]))
+        columns += [decay * wave(2 * np.pi * mode * time) for wave in (np.cos, np.sin)]
+        return np.stack(columns, axis=1)
+
+    def residual(steps: Reals) -> Reals:
+        columns = weight[:, None] * design(start + resolution * steps)
+        amplitudes = np.linalg.lstsq(columns, weight * part)[0]
+        return weight * part - columns @ amplitudes
+
+    num = len(lines_hz)
+    limits = np.array([STATED] * num + [STATED, np.inf])
+    lowest = np.array([-STATED] * (num + 1) + [-start[-1] / resolution])
+    found = least_squares(residual, np.zeros(num + 2), bounds=(lowest, limits), x_scale=0.1)
+    values = np.array(start + resolution * found.x)
+    columns = design(values)
+    amplitudes = np.linalg.lstsq(weight[:, None] * columns, weight * part)[0]
+    lines = _with_errors(values[:num], amplitudes, columns, part, weight, time, len(x) / fs)
+    whole = (np.arange(len(x)) - first - (len(part) - 1) / 2) / fs
+    removed = np.zeros(len(x))
+    for line, (a, b) in zip(lines, amplitudes.reshape(-1, 2), strict=False):
+        if line.error > KNOWN * line.amplitude:
+            raise DataError(
+                f"the line of `lines_hz` at {line.hz:.5g} Hz is not seen: its amplitude is "
+                f"{line.amplitude:.3g}, with a standard error of {line.error:.2g} over the record.",
+                remedy="Leave it out of `lines_hz`, or correct its frequency.",
+            )
+        turn = 2 * np.pi * line.hz * whole
+        removed += a * np.cos(turn) + b * np.sin(turn)
+    return x - removed, lines
+
+
+def lines_removed(lines: Sequence[SteadyLine]) -> str:
+    """What was taken out, in words: frequency, amplitude and error of every line."""
+    return ", ".join(
+        f"{line.hz:.6g} Hz of {line.amplitude:.4g} with an error of {line.error:.2g}"
+        for line in lines
+    )
+
+
+def _mode_of(x: Reals, fs: float, lines_hz: Sequence[float], resolution: float) -> list[float]:
+    """Frequency [Hz] and rate [1/s] of the strongest decay before, to begin with."""
+    size = np.abs(np.fft.rfft((x - np.mean(x)) * np.hanning(len(x)), FINER * len(x)))
+    freq = np.fft.rfftfreq(FINER * len(x), 1 / fs)
+    size[freq < PERIODS * resolution] = 0
+    for hz in lines_hz:
+        size[np.abs(freq - hz) < resolution] = 0
+    # Between a record's first and second quarter.
+    quarter = len(x) // 2
+    fall = np.std(x[:quarter]) / max(float(np.std(x[quarter:])), 1e-300)
+    rate = max(np.log(max(fall, 1.0)) * fs / max(quarter, 1), resolution)
+    return [float(freq[np.argmax(size)]), float(rate)]
+
+
+def _with_errors(
+    lines_hz: Reals,
+    amplitudes: Reals,
+    columns: Float[np.ndarray, "time column"],
+    part: Reals,
+    weight: Reals,
+    time: Reals,
+    length_s: float,
+) -> tuple[SteadyLine, ...]:
+    """Lines with the errors of what is taken out, by the samples' scatter about the fit."""
+    scatter = part - columns @ amplitudes
+    variance = float(np.sum((weight * scatter) ** 2) / np.sum(weight**2))
+    slopes = [
+        2 * np.pi * time * (b * columns[:, 2 * i] - a * columns[:, 2 * i + 1])
+        for i, (a, b) in enumerate(amplitudes[: 2 * len(lines_hz)].reshape(-1, 2))
+    ]
+    jacobian = np.column_stack([columns, *slopes])
+    size = np.linalg.norm(jacobian, axis=0)
+    weighed = (weight**2)[:, None] * jacobian / size
+    normal = np.linalg.pinv(weighed.T @ jacobian / size)
+    # White noise under weights that are not its own: the sandwich.
+    covariance = variance * normal @ (weighed.T @ weighed) @ normal / np.outer(size, size)
+    furthest = length_s - time[-1]  # from the middle of the part to the record's start
+    lines = []
+    for i, (a, b) in enumerate(amplitudes[: 2 * len(lines_hz)].reshape(-1, 2)):
+        chosen = [2 * i, 2 * i + 1, len(amplitudes) + i]
+        # The worst phase: as far as amplitude and turn at the furthest end go.
+        peak = float(np.hypot(a, b))
+        along = np.array([a, b, 0.0]) / max(peak, 1e-300)
+        across = np.array([-b, a, 0.0]) / max(peak, 1e-300)
+        across[2] = 2 * np.pi * furthest * peak
+        own = covariance[np.ix_(chosen, chosen)]
+        error = float(np.sqrt(max(along @ own @ along, across @ own @ across)))
+        lines.append(SteadyLine(float(lines_hz[i]), peak, error))
+    return tuple(lines)
