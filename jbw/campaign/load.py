@@ -13,7 +13,7 @@ from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import Gain, force_per_unit, gain_of
 from jbw.campaign.schema import read_spec
 from jbw.campaign.settings import Identify, Structured, laws_of
-from jbw.campaign.tables import Assembly, TestSpec
+from jbw.campaign.tables import NOT_STATED, Assembly, Instruments, TestSpec
 from jbw.errors import DataError, JbwError
 from jbw.measurement.checks import Fault, gathered
 from jbw.measurement.files.read import report
@@ -52,6 +52,7 @@ class Campaign:
     laws: tuple[str, ...] = DEFAULT_LAWS  # that stand beside each other across the joint
     assembly: Assembly = field(default_factory=Assembly)  # torque and the like, as far as stated
     structure: Structured | None = None  # modes that meet in the joint; None of one
+    instruments: Instruments = NOT_STATED  # what is known of clock and calibration
 
     def __repr__(self) -> str:
         lines = [f"  {_line(test)}" for test in self.tests[:SHOWN]]
@@ -111,7 +112,7 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
             raise DataError(fault.what, why=fault.why, remedy=fault.remedy)
         warnings.warn(f"Test {name}: {fault.what} {fault.remedy}", stacklevel=2)
     facts = (spec.gain, spec.modal_mass, spec.settings, path, spec.laws, spec.assembly)
-    return Campaign(spec.name, folder, tuple(tests), *facts, structure=spec.structure)
+    return Campaign(spec.name, folder, tuple(tests), *facts, spec.structure, spec.instruments)
 
 
 def load_test(test: TestSpec, folder: Path, *, per_unit: Gain, allow_outside: bool = False) -> Test:

@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field
 from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
 from jbw.campaign.gains import differ
 from jbw.campaign.settings import Identify, Joint, Structured, law_errors, laws_of, structure_errors
-from jbw.campaign.tables import Assembly, Head, TestSpec
+from jbw.campaign.tables import NOT_STATED, Assembly, Head, Instruments, TestSpec
 from jbw.campaign.together import among, at_every_point, named, of_others
 from jbw.quantities import DEFAULT_LAWS
 
@@ -41,6 +41,7 @@ class CampaignSpec:
     laws: tuple[str, ...] = DEFAULT_LAWS
     assembly: Assembly = field(default_factory=Assembly)
     structure: Structured | None = None
+    instruments: Instruments = NOT_STATED  # what is known of clock and calibration
 
 
 def read_spec(path: Path) -> CampaignSpec:
@@ -73,6 +74,12 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     if len(tests) == len(tables):
         errors += [*among(tests, settings), *of_others(tests, assembly)]
         errors += structure_errors(structure, tests)
+        roles = {role for test in tests for role in test.channels}
+        errors += [
+            f"[campaign] gain_std: names role `{role}`, which no test has in its channels."
+            for role in head.gain_std
+            if role not in roles
+        ]
     # Laws that are stated are all there are, so that a prior on any other is refused.
     stated = "laws" in joint.model_fields_set
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
@@ -81,5 +88,5 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     tests = [*named(tests)]
     held = (f"{t.name} at {p}" for t in tests if t.name in settings.hold_out for p in t.points)
     settings = settings.model_copy(update={"hold_out": (*settings.hold_out, *held)})
-    facts = (head.gain, head.modal_mass, settings, laws, assembly, structure)
+    facts = (head.gain, head.modal_mass, settings, laws, assembly, structure, head.instruments)
     return CampaignSpec(head.name, tuple(at_every_point(tests)), *facts)

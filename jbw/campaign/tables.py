@@ -1,7 +1,8 @@
 """The tables of a campaign file that say what was measured, each checked by itself."""
 
 from collections.abc import Iterator, Mapping
-from typing import ClassVar, Literal, Self
+from types import MappingProxyType
+from typing import ClassVar, Literal, NamedTuple, Self
 
 from pydantic import StrictBool, model_validator
 
@@ -15,6 +16,21 @@ from jbw.quantities import FED
 NAN = float("nan")  # where nothing is stated of a number
 
 
+class Instruments(NamedTuple):
+    """Relative standard deviations of clock and calibration, as far as they are stated."""
+
+    fs_std: float = 0.0
+    gain_std: Mapping[str, float] = MappingProxyType({})  # by role
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether anything is."""
+        return self.fs_std > 0 or bool(self.gain_std)
+
+
+NOT_STATED = Instruments()
+
+
 class Head(Table):
     """The [campaign] table."""
 
@@ -23,6 +39,23 @@ class Head(Table):
     modal_mass: values.Positive | None = key(
         None, "[kg], for a measured force; beside gain where some tests have either source", 1.93
     )
+    fs_std: values.Spread | None = key(
+        None,
+        "relative standard deviation of the recorder's clock, which no record shows; intervals "
+        "include it",
+        5e-5,
+    )
+    gain_std: values.Spreads = key(
+        dict,
+        "role = relative standard deviation of the calibration of that channel, which intervals "
+        "include",
+        {"velocity": 0.01, "force": 0.005},
+    )
+
+    @property
+    def instruments(self) -> "Instruments":
+        """What is stated of clock and calibration."""
+        return Instruments(self.fs_std or 0.0, dict(self.gain_std))
 
 
 class Assembly(Table):

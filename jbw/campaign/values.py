@@ -187,6 +187,15 @@ def _factor(role: str, item: Any) -> float:
     return item
 
 
+def _spread(role: str, item: Any) -> float:
+    if not 0 < number(item) < 1:
+        raise ValueError(
+            f"the relative standard deviation of role `{role}` must lie between 0 and 1, "
+            f"but is {item!r}."
+        )
+    return item
+
+
 def _files(value: Any) -> tuple[str, ...] | dict[str, tuple[str, ...]]:
     """Patterns, or role to patterns where the channels of a record lie in several files."""
     if isinstance(value, Mapping):
@@ -241,6 +250,10 @@ Units = Annotated[
 ]
 Factors = Annotated[
     dict[str, float], BeforeValidator(_by_role(_factor), json_schema_input_type=dict[Role, float])
+]
+Spread = Annotated[float, Field(gt=0, lt=1), BeforeValidator(number)]
+Spreads = Annotated[
+    dict[str, float], BeforeValidator(_by_role(_spread), json_schema_input_type=dict[Role, Spread])
 ]
 Files = Annotated[
     tuple[str, ...] | dict[str, tuple[str, ...]],

@@ -19,7 +19,6 @@ from jbw.campaign.settings import Identify
 from jbw.errors import Attempts
 from jbw.identification import accuracy
 from jbw.identification.attachments import drive_sentences
-from jbw.identification.calibration import calibration_sentences
 from jbw.identification.causes import cause_finding, causes, causes_sentence
 from jbw.identification.equivalent import (
     effects,
@@ -378,7 +377,6 @@ def posterior_checks(
                     )
                 }
             )
-    words += calibration_sentences(posterior)
     words += attempts.make(
         "The statement on the thresholds of the laws",
         lambda: threshold_sentences(every_parameter(posterior, data), y_peak, data.laws),

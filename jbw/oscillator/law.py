@@ -139,6 +139,14 @@ class Law(eqx.Module):
         """
         return Loop(*generic.loop_by_moves(self, y_peak))
 
+    def powers_of_length(self) -> dict[str, Scalar]:
+        """Powers of length that parameters and products have beside their units, by name.
+
+        Of what is stated at a fixed displacement: a stiffness lost at 1 mm by the power q of the
+        displacement has the power -q of the unit of length.
+        """
+        return {}
+
     def thresholds(self) -> tuple[Threshold, ...]:
         """Displacements that a motion must reach for the law to be known beyond them."""
         return ()

@@ -17,6 +17,14 @@ from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
 from jbw.errors import Attempts
 from jbw.identification.assemble import entered, measured_in
+from jbw.identification.instruments import (
+    Sensors,
+    as_recorded,
+    instruments_sentence,
+    sensors_of,
+    spread_of,
+    with_instruments,
+)
 from jbw.identification.linear_step import NAMES, LinearStep, units_of
 from jbw.identification.modal import ModalFit
 from jbw.identification.paper.sequential_vs_joint import compare_routes
@@ -38,6 +46,7 @@ from jbw.study.identifiability import as_group, look_again, plain
 from jbw.study.look import Look, look, look_groups
 from jbw.study.study import Study, input_hashes
 from jbw.study.surroundings import constants_sentence
+from jbw.verification.predictive_basis import AS_RECORDED
 from jbw.verification.verify import with_predictions
 
 logger = logging.getLogger("jbw")
@@ -102,10 +111,23 @@ def identify(
     )
     compared = attempts.make("The comparison of the routes", lambda: compare_routes(found), {})
     said = (*left_out, *main.statements, *([outside] if outside else []), *attempts.said)
+    fitted = [test for test in seen.chosen if len(test.records)]
+    sensors = sensors_of(fitted)
+    said = (*said, instruments_sentence(campaign.instruments, sensors))
     main = replace(main, verdict=verdict, statements=said)
     found = replace(found, steps={**found.steps, main.name: main})
     steps = {} if found.linear is None else {"linear": _linear(found.linear, truth or {})}
-    steps |= {name: _step(step, truth or {}) for name, step in found.steps.items()}
+    wide = _with_instruments(campaign, sensors, found, seed)
+    steps |= {
+        name: _step(step, truth or {}, wide if name == main.name else None)
+        for name, step in found.steps.items()
+    }
+    if wide is not None:
+        recorded = tree["posterior"].to_dataset()
+        attrs = {name: values.attrs for name, values in recorded.data_vars.items()}
+        tree[AS_RECORDED] = xr.DataTree(as_recorded(recorded, wide))
+        widened = {name: wide[name].assign_attrs(attrs[name]) for name in recorded.data_vars}
+        tree["posterior"] = xr.DataTree(recorded.assign(widened))
     record = {
         "campaign": campaign.name,
         "verdict": _verdict(verdict),
@@ -247,8 +269,28 @@ def _modes_sentence(fit: ModalFit) -> str:
     )
 
 
-def _step(step: Step, truth: Mapping[str, float]) -> dict[str, Any]:
-    rows = as_plain(summarise(step.posterior, step.box))
+def _with_instruments(
+    campaign: Campaign, sensors: Sensors | None, found: Identification, seed: int
+) -> xr.Dataset | None:
+    """The main posterior with the stated errors of the instruments; None where none are."""
+    if sensors is None or not campaign.instruments.is_stated:
+        return None
+    main = found.main
+    best = main.fit if main.name == "joint" else None
+    posterior = main.posterior["posterior"].to_dataset()
+    return with_instruments(
+        posterior, campaign.instruments, sensors, seed=seed, best=best, data=found.data
+    )
+
+
+def _step(step: Step, truth: Mapping[str, float], wide: xr.Dataset | None = None) -> dict[str, Any]:
+    """A posterior in numbers; `wide` is it with the errors of the instruments, where stated."""
+    rows = summarise(step.posterior, step.box)
+    drawn = step.posterior
+    if wide is not None:
+        drawn = step.posterior.assign(posterior=xr.DataTree(wide))
+        rows = spread_of(rows, summarise(drawn, step.box))
+    rows = as_plain(rows)
     posterior = step.posterior["posterior"].to_dataset()
     for name, row in rows.items():
         row["unit"] = posterior[name].attrs.get("units", "1")
@@ -259,7 +301,7 @@ def _step(step: Step, truth: Mapping[str, float]) -> dict[str, Any]:
         "verdict": _verdict(step.verdict),
         "parameters": rows,
         "statements": list(step.statements),
-        "correlation": correlations(step.posterior),
+        "correlation": correlations(drawn),
     }
     if "runs" in step.posterior.children:
         found["runs"] = runs_summary(step.posterior["runs"].to_dataset())

@@ -25,6 +25,7 @@ from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import own_quantities
 from jbw.quantities import ATTACHED, DEFAULT_LAWS, MODAL, MODES, RESIDUAL_TERMS
 
+AS_RECORDED = "as_recorded"  # draws as the records know them, where stated errors widened them
 NUM_DRAWS = 100  # outer quantiles of 99 % bands need about as many
 SUBSTEPS = 2  # of the solver a sample, for a run that does not say how many its data took
 SCATTER_KEY = 200  # of the seed
@@ -216,6 +217,8 @@ def basis_of(tree: xr.DataTree) -> Basis:
     """What a run's result predicts with."""
     laws, attrs = laws_of_run(tree), tree.attrs
     posterior = tree["posterior"].to_dataset()
+    if AS_RECORDED in tree.children:  # a prediction is what the same instruments would read
+        posterior = posterior.assign(tree[AS_RECORDED].to_dataset().data_vars)
     decay = "/steps/decay/posterior"
     seen = json.loads(str(attrs.get("tests", "{}")))
     return Basis(

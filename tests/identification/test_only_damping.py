@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-import xarray as xr
 
-from jbw.identification.calibration import calibration_sentences
 from jbw.identification.equivalent import Effects, hysteresis_finding
 
 RNG = np.random.default_rng(0)
@@ -32,19 +30,3 @@ def test_damping_that_leaves_the_frequency_alone_is_no_hysteresis(misses, status
 )
 def test_hysteresis_no_joint_and_drag_itself_are_not_doubted(added, laws):
     assert hysteresis_finding(added, 1e-3, laws, misses=True) is None
-
-
-def test_intervals_narrower_than_a_clock_or_a_sensor_say_what_they_leave_out():
-    white = RNG.standard_normal((4, 500))
-
-    def posterior(omega, gain):
-        values = {"omega_n": 120.0 * (1 + omega * white), "gain": 15.0 * (1 + gain * white)}
-        return xr.Dataset({name: (("chain", "draw"), x) for name, x in values.items()})
-
-    # 99 % of a normal lie within 2.576 standard deviations; of 2000 draws to 5 %.
-    frequency, gain = calibration_sentences(posterior(1e-6, 1e-4))
-    half = float(frequency.split(", ")[1].split(" ppm")[0])
-    assert half == pytest.approx(2.576, rel=0.08)
-    assert "sampling rate" in frequency
-    assert "calibration of the sensors" in gain
-    assert calibration_sentences(posterior(1e-3, 0.1)) == []

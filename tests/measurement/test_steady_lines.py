@@ -48,11 +48,11 @@ def test_several_lines_are_taken_out_together():
 
 @pytest.mark.parametrize("lines_hz", [[0.5], [300.0]])
 def test_a_line_that_a_record_cannot_hold_is_refused(lines_hz):
-    with pytest.raises(DataError, match="must lie between 1.6 and 300 Hz"):
+    with pytest.raises(DataError, match=r"must lie between 1\.6 and 300 Hz"):
         without_lines(free(), FS, lines_hz)
 
 
 def test_a_line_that_is_not_there_is_refused():
     x = free() + NOISE * np.random.default_rng(0).standard_normal(len(TIME))
-    with pytest.raises(DataError, match="at 4[0-2][.0-9]* Hz is not seen"):
+    with pytest.raises(DataError, match=r"at 4[0-2][.0-9]* Hz is not seen"):
         without_lines(x, FS, [41.0])

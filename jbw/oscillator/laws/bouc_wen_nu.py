@@ -130,6 +130,11 @@ class BoucWenNu(Law):
         """W = 0 [m]."""
         return 0.0
 
+    def powers_of_length(self) -> dict[str, Scalar]:
+        """Of softening and opening at 1 mm, and of their products with alpha."""
+        names = ("nu_softening", "nu_opening", "nu_alpha_d", "nu_alpha_g")
+        return dict.fromkeys(names, -self.nu)
+
     def memory_unit(self, omega_n: Scalar) -> Scalar:
         """A displacement times omega_n is a velocity."""
         return omega_n

@@ -53,6 +53,10 @@ class MasingPower(Masing):
         """None."""
         return 0.0 * self.power_loss
 
+    def powers_of_length(self) -> dict[str, Scalar]:
+        """Of the loss at 1 mm."""
+        return {"power_loss": -self.power_exponent}
+
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
         """Lag by the power, and its slope."""
         secant = self.power_loss * power(x * PER_REFERENCE, self.power_exponent)
@@ -186,6 +190,10 @@ class Iwan4(Masing):
         phi_max = self.phi_max
         spread = self.iwan_stiffness / (1.0 + self.iwan_beta)
         return Kink(phi_max, -self.s, spread * (1.0 + self.iwan_chi) / phi_max)
+
+    def powers_of_length(self) -> dict[str, Scalar]:
+        """Of the loss at 1 mm."""
+        return {"iwan_loss": -1.0 - self.iwan_chi}
 
     def thresholds(self) -> tuple[Threshold, ...]:
         """Macroslip; below it only the loss and chi act."""

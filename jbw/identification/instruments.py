@@ -1,0 +1,222 @@
+r"""What a recorder's clock and its sensors' calibration add to a posterior, beside the records.
+
+No record shows them. A clock that is off stretches time by $\lambda$, a sensor of the p-th
+derivative of the displacement that reads a part s too little stretches lengths by
+
+$$\ell = s\,\lambda^p,$$
+
+and a joint in these units explains the same records: a parameter of unit $m^a s^b$ becomes
+$\ell^a \lambda^b$ times as large, a gain $\ell\,\lambda^{-2}$ times, over the factor of the
+source's own sensor. Along a prescribed displacement forces alone tell time,
+$\lambda^2 = \ell / s_F$. Factors are drawn log-normally, one of each a draw of the posterior. A
+gain that is stated cannot follow; what it leaves of its factor $e^\eta$ moves the parameters by
+the Gauss-Newton step
+
+$$\Delta\theta = J^+\,\frac{\partial r}{\partial \log g}\,\eta.$$
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+
+from jbw.campaign.tables import Instruments
+from jbw.identification.joint import law_variables
+from jbw.inference.fit.fitting import Fit
+from jbw.measurement.records import INPUTS, RESPONSES, Test
+from jbw.observables.dataset import Dataset, stacked
+from jbw.observables.drives import plain
+from jbw.oscillator.laws import laws_named
+from jbw.quantities import GAINS, derivative_order
+
+POWER = {"m": (1, 0), "s": (0, 1), "rad": (0, 0), "1": (0, 0)}  # of length and time, by factor
+STEP = 1e-4  # relative, of a stated gain in a difference quotient
+LEFT_OUT = (
+    "Intervals leave out the errors of the recorder's clock and of its sensors' calibration, "
+    "which no record shows: state them under [campaign] by `fs_std` and `gain_std`, and they are "
+    "included."
+)
+
+
+class Factors(NamedTuple):
+    """True over recorded, one a draw: time, length, and force per mass over the source."""
+
+    time: Float[np.ndarray, "..."]
+    length: Float[np.ndarray, "..."]
+    gain: Float[np.ndarray, "..."]
+
+
+class Sensors(NamedTuple):
+    """Roles of the channels that the fitted tests have in common; empty where there is none."""
+
+    response: str
+    source: str
+    is_prescribed: bool
+
+
+def sensors_of(tests: Sequence[Test]) -> Sensors | None:
+    """The sensors of a campaign's tests; None where tests of several make no common scale."""
+    prescribed = {test.traits.is_prescribed for test in tests}
+    if prescribed == {True}:
+        return Sensors("displacement", "restoring_force", is_prescribed=True)
+    responses = {
+        role
+        for test in tests
+        for role in RESPONSES
+        if not test.traits.is_prescribed and role in test.records[0].channels
+    }
+    driven = [
+        test.records[0]
+        for test in tests
+        if test.traits.is_driven and not set(INPUTS).isdisjoint(test.records[0].channels)
+    ]
+    sources = {record.source for record in driven}
+    if True in prescribed or len(responses) != 1 or len(sources) > 1:
+        return None
+    (response,) = responses
+    return Sensors(response, next(iter(sources), ""), is_prescribed=False)
+
+
+def factors_of(
+    rng: np.random.Generator, shape: tuple[int, ...], stated: Instruments, sensors: Sensors
+) -> Factors:
+    """Factors of every draw."""
+
+    def drawn(spread: float) -> Float[np.ndarray, "..."]:
+        return np.exp(spread * rng.standard_normal(shape))
+
+    clock = drawn(stated.fs_std)
+    response, source = (
+        drawn(stated.gain_std.get(role, 0.0)) for role in (sensors.response, sensors.source)
+    )
+    if sensors.is_prescribed:
+        return Factors(np.sqrt(response / source), response, np.ones(shape))
+    length = response * clock ** derivative_order(sensors.response)
+    return Factors(clock, length, length / clock**2 / source)
+
+
+def powers(unit: str) -> tuple[int, int] | None:
+    """Powers of length and time in a unit such as `1/(m s^2)`; None of one with others in it."""
+    above, _, below = unit.partition("/")
+    found = np.zeros(2, int)
+    for part, sign in ((above, 1), (below.strip("()"), -1)):
+        for factor in part.split():
+            name, _, power = factor.partition("^")
+            if name not in POWER or not re.fullmatch(r"\d*", power):
+                return None
+            found += sign * int(power or 1) * np.array(POWER[name])
+    return int(found[0]), int(found[1])
+
+
+def with_factors(posterior: xr.Dataset, factors: Factors, laws: Sequence[str] = ()) -> xr.Dataset:
+    """A posterior in which every draw is of the joint in its own true units."""
+    theta = {str(name): values.values for name, values in posterior.data_vars.items()}
+    beside = [law.of(theta).powers_of_length() for law in laws_named(laws)]
+    lengths = {name: power for known in beside for name, power in known.items()}
+    scaled = {}
+    for name, values in posterior.data_vars.items():
+        known = powers(str(values.attrs.get("units", "")))
+        if plain(str(name)) in GAINS:
+            factor = factors.gain
+        elif known is None or (known == (0, 0) and name not in lengths):
+            continue
+        else:
+            power = known[0] + np.asarray(lengths.get(str(name), 0.0))
+            factor = factors.length**power * factors.time ** known[1]
+        extra = (1,) * (values.ndim - factor.ndim)
+        scaled[name] = (values.dims, values.values * factor.reshape(*factor.shape, *extra))
+    return posterior.assign({name: (*pair, posterior[name].attrs) for name, pair in scaled.items()})
+
+
+def by_stated_gain(best: Fit, data: Dataset) -> dict[str, float]:
+    """Change of every parameter by the logarithm of a gain that is stated; none where none is."""
+    gains = [name for name in data.held if plain(name) in GAINS]
+    if not gains:
+        return {}
+
+    def rows(factor: float) -> Float[np.ndarray, " values"]:
+        moved = {name: data.held[name] * factor for name in gains}
+        theta = {name: jnp.asarray(value) for name, value in best.theta.items()}
+        return np.asarray(stacked({**theta, **moved}, data))
+
+    slope = (rows(np.exp(STEP)) - rows(np.exp(-STEP))) / (2 * STEP)
+    size = np.linalg.norm(best.jacobian, axis=0)
+    size[size == 0] = 1.0
+    change = np.linalg.lstsq(best.jacobian / size, slope)[0] / size
+    return dict(zip(best.theta, change.tolist(), strict=True))
+
+
+def with_instruments(
+    posterior: xr.Dataset,
+    stated: Instruments,
+    sensors: Sensors,
+    *,
+    seed: int,
+    best: Fit | None = None,
+    data: Dataset | None = None,
+) -> xr.Dataset:
+    """A posterior that includes the errors of clock and calibration, as far as these are stated.
+
+    Args:
+        posterior: Draws by name, with their units.
+        stated: Relative standard deviations.
+        sensors: What was measured.
+        seed: Of the factors.
+        best: The fit, and `data` what it was made of, for a gain that is stated; None of neither.
+        data: See `best`.
+    """
+    shape = posterior.sizes["chain"], posterior.sizes["draw"]
+    factors = factors_of(np.random.default_rng((seed, 36)), shape, stated, sensors)
+    scaled = with_factors(posterior, factors, () if data is None else data.laws)
+    moved = by_stated_gain(best, data) if best is not None and data is not None else {}
+    if not moved or data is None or sensors.is_prescribed or not sensors.source:
+        return scaled
+    changed = {
+        name: (scaled[name].dims, scaled[name].values + change * np.log(factors.gain))
+        for name, change in moved.items()
+        if name in scaled
+    }
+    own = scaled.assign({name: (*pair, posterior[name].attrs) for name, pair in changed.items()})
+    derived = law_variables(own[list(moved)], data)
+    return own.assign({name: values for name, values in derived.items() if name in scaled})
+
+
+def instruments_sentence(stated: Instruments, sensors: Sensors | None) -> str:
+    """What intervals include of clock and calibration, and what they leave out."""
+    if not stated.is_stated:
+        return LEFT_OUT
+    if sensors is None:
+        return (
+            "`fs_std` and `gain_std` are not included: the tests have responses or sources of "
+            "several kinds, whose calibrations scale no parameter alone. Identify tests of one "
+            "kind each in campaigns of their own."
+        )
+    taken = [f"the clock ({stated.fs_std:.2g})"] if _clocked(stated, sensors) else []
+    roles = (sensors.response, sensors.source)
+    taken += [f"{role} ({stated.gain_std[role]:.2g})" for role in roles if role in stated.gain_std]
+    lacking = [] if stated.fs_std or sensors.is_prescribed else ["`fs_std`"]
+    lacking += [f"`gain_std` of {role}" for role in roles if role and role not in stated.gain_std]
+    said = f"Intervals include the stated errors of {', '.join(taken) or 'nothing that is read'}"
+    said += f"; not stated: {', '.join(lacking)}" if lacking else ""
+    return f"{said}. Bands of predictions are as the same instruments would read them."
+
+
+def _clocked(stated: Instruments, sensors: Sensors) -> bool:
+    return stated.fs_std > 0 and not sensors.is_prescribed
+
+
+def as_recorded(before: xr.Dataset, after: xr.Dataset) -> xr.Dataset:
+    """The draws that instruments changed, as the records alone know them."""
+    return before[[name for name in before.data_vars if not before[name].equals(after[name])]]
+
+
+def spread_of(
+    rows: Mapping[str, Mapping[str, float]], wide: Mapping[str, Mapping[str, float]]
+) -> dict[str, dict[str, float]]:
+    """Rows of a summary whose mean, spread and interval are those of wider draws."""
+    keys = ("mean", "sd", "cv", "q005", "q995")
+    return {name: {**row, **{key: wide[name][key] for key in keys}} for name, row in rows.items()}
