@@ -13,6 +13,7 @@ from jbw.measurement.files.assemble import joined
 from jbw.measurement.files.read import records
 from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.records import Record
+from jbw.measurement.resampled import on_one_clock
 
 DATA_FOLDER = "$JBW_DATA"
 Part = tuple[Path, Wanted]  # a file, and what to take from it
@@ -50,7 +51,7 @@ def repeats_of(
                 unused.remove(number)
             else:
                 kept += 1
-                yield replace(item, drive=test.drive or "") if isinstance(item, Record) else item
+                yield _as_stated(item, test) if isinstance(item, Record) else item
             number += 1
     if unused:
         listed = ", ".join(repr(item) for item in sorted(unused, key=str))
@@ -60,6 +61,11 @@ def repeats_of(
         )
     elif not kept:
         yield DataError(f"Test {test.name!r} has no repeats left.", remedy="Shorten `exclude`.")
+
+
+def _as_stated(record: Record, test: TestSpec) -> Record:
+    """A record with its drive, on one clock."""
+    return on_one_clock(replace(record, drive=test.drive or ""), test.clock_ppm)
 
 
 def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[Part]]:

@@ -13,6 +13,7 @@ from jbw.measurement.kinds import Kind as Traits
 from jbw.measurement.records import BY_UNIT, INPUTS, RESPONSES, si_of
 from jbw.quantities import FED
 
+MOST_PPM = 1e4  # that a clock may be off by: more is another sampling rate
 NAN = float("nan")  # where nothing is stated of a number
 
 
@@ -113,6 +114,12 @@ class TestSpec(Table):
     dwell: values.Positive = key(NAN, "duration of each step of a stepped test [s]")
     settle: values.NonNegative = key(0.0, "time at the start that is not compared [s]")
     delay: values.Number = key(0.0, "lag of the response channel behind the input [s]", 0.0)
+    clock_ppm: values.Number = key(
+        0.0,
+        "by how many millionths the clock of the response runs fast against that of the drive, on "
+        "which it is resampled; negative where it runs slow",
+        80.0,
+    )
     assembly: values.Text = key("", "which assembly of the joint", "first")
     run: values.Text = key("", "which day or run", "monday")
     repeats: Literal["files", "rows"] = key("files", "one repeat a file, or one a row")
@@ -228,6 +235,11 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     free = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_free)
     if test.window_s and not test.traits.is_free:
         yield f"window_s: for kind {free} only; other records are not windowed from their start."
+    timed = test.traits.is_driven and not is_curve
+    if test.clock_ppm and not timed:
+        yield "clock_ppm: for records in time of a driven test; others have no second clock."
+    if abs(test.clock_ppm) > MOST_PPM:
+        yield f"clock_ppm: must be at most {MOST_PPM:g} to either side, but is {test.clock_ppm:g}."
     if test.lines_hz and not test.traits.is_free:
         yield f"lines_hz: for kind {free} only; what drives other records is steady itself."
     # A transform spreads one bad sample over all frequencies, a simulation needs all of its input:

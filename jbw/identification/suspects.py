@@ -1,7 +1,8 @@
 """What usually goes wrong with a test, each as columns by which it would change the data.
 
-About a fit, by the groups' labels: a delay, a sign or a unit, an offset, clipping, the response of
-modes beyond the band or of one more mode within it, runs that have a frequency each.
+About a fit, by the groups' labels: a delay, another clock, a sign or a unit, an offset, clipping,
+the response of modes beyond the band or of one more mode within it, runs that have a frequency
+each.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -58,6 +59,7 @@ def as_columns(*rows: Row) -> NDArray[np.float64]:
 def suspects(spectra: Spectra, slopes: Slopes, omega_n: float) -> Iterator[Suspect]:
     """All that is tried of groups."""
     yield _delay(spectra)
+    yield from _clock(spectra)
     yield from (_factor(label, one) for label, one in spectra.items())
     yield from _in_time(spectra)
     yield _residual_term(spectra)
@@ -79,6 +81,23 @@ def _delay(spectra: Spectra) -> Suspect:
 
     columns = {n: as_columns(s.row(-1j * s.omega * s.predicted)) for n, s in spectra.items()}
     return Suspect("delay", columns, words)
+
+
+def _clock(spectra: Spectra) -> Iterator[Suspect]:
+    r"""All responses by a clock that is fast by a part: $-t\,\dot x$ for each unit of it."""
+    columns = {n: as_columns(-s.stretched) for n, s in spectra.items() if s.stretched is not None}
+
+    def words(found: NDArray[np.float64]) -> Words:
+        (fast,) = 1e6 * found
+        way = "fast" if fast > 0 else "slow"
+        return (
+            f"a clock of the response that runs {abs(fast):.3g} ppm {way} against the drive's",
+            "Record both by one clock, or resample the response. "
+            f"{put(TEST, 'clock_ppm', three(fast))}",
+        )
+
+    if columns:
+        yield Suspect("clock", columns, words)
 
 
 def _factor(label: str, one: Spectrum) -> Suspect:

@@ -93,13 +93,15 @@ def untimely(record: Record, delay: float, *, is_sweep: bool) -> Iterator[Fault]
             "with exclude, or export it again.",
         )
     elif abs(lag.slope[0]) * length > least:
-        fast = "fast" if lag.slope[0] < 0 else "slow"
+        # A fast clock takes its samples early, so that they show what was before: a lag that grows.
+        fast = "fast" if lag.slope[0] > 0 else "slow"
         yield doubt(
             record.response,
             f"The response's clock runs {1e6 * abs(lag.slope[0]):.2g} ppm {fast} against the "
             f"drive's: their lag changes by {abs(lag.slope[0]) * length:.2g} s along the record.",
             "The phase then turns along the record, which reads as damping and as stiffness.",
-            "Record both by one clock, or resample the response to that of the drive.",
+            f"Put under [[test]]: `clock_ppm = {1e6 * lag.slope[0]:.3g}`, which resamples the "
+            "response, or record both by one clock.",
         )
     else:
         constant = lag if is_sweep else _constant_of_noise(record)

@@ -282,8 +282,15 @@ class Records(Repeated):
                 )
                 continue
             kept = slice(*self.lines)
-            x, u = (np.sqrt(2 / length) * np.fft.rfft(row)[kept] for row in (mean, source))
-            found[label] = of_lines(x, left[label], omega[kept], u, (1j * omega[kept]) ** order)
+            # Of a band the samples in time are those measured, noise outside it with them.
+            rate = np.fft.irfft(1j * omega * np.fft.rfft(mean), length)
+            late = None if self.periodic else np.arange(length) / self.fs * rate
+            rows = (mean, source, 0.0 * mean if late is None else late)
+            x, u, turned = (np.sqrt(2 / length) * np.fft.rfft(row)[kept] for row in rows)
+            found[label] = of_lines(
+                x, left[label], omega[kept], u, (1j * omega[kept]) ** order,
+                None if late is None else turned,
+            )  # fmt: skip
         return found
 
     def first_values(self) -> dict[str, float]:

@@ -26,6 +26,8 @@ class Spectrum(NamedTuple):
         source: Of the input; zero where it has no such harmonic.
         factor: From displacement to the response: one, j omega or its square.
         row: From a spectrum to what is compared.
+        stretched: Time times the rate of the response: what a clock that is fast by a part takes
+            from it for each unit of that part; None of what has no time.
     """
 
     values: Row
@@ -36,6 +38,7 @@ class Spectrum(NamedTuple):
     source: Spectral
     factor: Spectral
     row: Callable[[Spectral], Row]
+    stretched: Row | None = None
 
 
 def of_samples(
@@ -57,7 +60,9 @@ def of_samples(
         return np.fft.irfft(spectrum, padded)[:length]
 
     factor = (1j * omega) ** order
-    return Spectrum(mean, left, omega, measured, predicted, driven, factor, row)
+    time = np.arange(length) / fs
+    stretched = None if periodic else time * row(1j * omega * predicted)
+    return Spectrum(mean, left, omega, measured, predicted, driven, factor, row, stretched)
 
 
 def of_lines(
@@ -66,8 +71,10 @@ def of_lines(
     omega: Float[np.ndarray, " line"],
     source: Spectral,
     factor: Spectral,
+    stretched: Row | None = None,
 ) -> Spectrum:
     """Lines of a spectrum, or harmonics at some frequencies."""
     return Spectrum(
-        values, left, omega, values, values - left, source, factor, lambda spectrum: spectrum
-    )
+        values, left, omega, values, values - left, source, factor, lambda spectrum: spectrum,
+        stretched,
+    )  # fmt: skip

@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 
 from jbw.campaign.check import check_campaign
 from jbw.campaign.load import load_campaign
@@ -163,5 +164,20 @@ def test_the_band_of_one_mode_is_proposed_for_a_sweep_over_two(tmp_path):
     of_two_modes(path, 2.5)
     (fault,) = faults(path)
     assert "outside 9.6 to 14 Hz" in fault.what or "outside 25 to 37 Hz" in fault.what
+    pasted(path, [fault.remedy])
+    assert faults(path) == []
+
+
+@pytest.mark.parametrize("ppm", [150.0, -150.0])
+def test_a_pasted_clock_cures(tmp_path, ppm):
+    """A linear sweep from rest, its response at n / (1 + ppm) by quintic splines."""
+    path = tmp_path / "campaign.toml"
+    of_two_modes(path, 0.0)
+    stored = dict(np.load(tmp_path / "sweep.npz"))
+    t = np.arange(len(stored["u"])) / 512.0
+    at = np.clip(t / (1 + 1e-6 * ppm), 0, t[-1])
+    np.savez(tmp_path / "sweep.npz", u=stored["u"], x=make_interp_spline(t, stored["x"], 5)(at))
+    (fault,) = faults(path)
+    assert f"ppm {'fast' if ppm > 0 else 'slow'}" in fault.what
     pasted(path, [fault.remedy])
     assert faults(path) == []

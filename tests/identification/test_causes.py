@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 from pasted import lines_of, pasted
+from scipy.interpolate import make_interp_spline
 from scipy.signal import chirp, lsim
 
 from jbw import Record, Test
@@ -68,6 +69,11 @@ def late(name, u, v):
     return u, np.fft.irfft(spectrum, LENGTH)
 
 
+def by_another_clock(name, u, v):
+    """Samples at n / (1 + 1e-3) of the drive's clock, by SciPy's quintic splines."""
+    return u, make_interp_spline(T, v, 5)(np.minimum(T / (1 + 1e-3), T[-1]))
+
+
 def turned(name, u, v):
     return u, -v if name == "high" else v
 
@@ -105,6 +111,7 @@ def of_its_day(name, u, v):
     ("change", "words"),
     [
         (late, "s behind the input"),
+        (by_another_clock, "ppm fast against the drive's"),
         (turned, "sign turned"),
         (thousandths, "as thousand"),
         (amplified, "times as large as by the others"),
@@ -137,6 +144,13 @@ def test_a_delay_is_told_by_its_size():
         1e-3, rel=0.03
     )
     assert pasted(found(late)[0].action).tests[0].delay == pytest.approx(1e-3, rel=0.03)
+
+
+def test_a_clock_is_told_by_its_size():
+    first, *_ = found(by_another_clock)
+    # The step is linear in t times the part, 0.1 rad at most, and noise adds a hundredth.
+    assert float(first.text.split("runs ")[1].split()[0]) == pytest.approx(1000, rel=0.05)
+    assert pasted(first.action).tests[0].clock_ppm == pytest.approx(1000, rel=0.05)
 
 
 def test_nothing_is_named_where_noise_alone_is_left():
